@@ -1,0 +1,231 @@
+//! Commands on `control/world`: JSON both ways, so that any language can ask without a code generator.
+//!
+//! A request is `{"v":1,"commands":[…]}`, its answer `{"v":1,"epoch":"…","tick":…,"replies":[…]}` with one reply per command, in order.
+//! Commands run between ticks, in the order given. A refused command changes nothing and does not stop those after it.
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+use crate::control::VehicleControl;
+use crate::document::{PoseText, StepMode, Weather};
+
+/// Version of the command codec.
+pub const COMMAND_VERSION: u32 = 1;
+
+/// User header of a request on `control/world`: type name `GantryRequestHeader`, 64 bytes.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct RequestHeader {
+    /// [`REQUEST_MAGIC`].
+    pub magic: u32,
+    /// [`COMMAND_VERSION`].
+    pub codec_version: u32,
+    /// Client's own count, from 1.
+    pub seq: u64,
+    /// Bytes of JSON.
+    pub payload_bytes: u64,
+    /// Client's name, UTF-8, padded with zeros; requests that meet at one tick edge run by (name, seq).
+    pub client: [u8; 40],
+}
+const _: () = assert!(size_of::<RequestHeader>() == 64);
+
+/// "GREQ" read as a little-endian `u32`.
+pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"GREQ");
+
+/// One thing to do.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Command {
+    /// Answers with `pong`; changes nothing.
+    Ping,
+    /// Cues `n` ticks in stepped mode. Cues add up.
+    Step {
+        /// 1 or more.
+        n: u64,
+    },
+    /// Changes mode or period; what is absent stays.
+    Configure {
+        /// New mode.
+        #[serde(default)]
+        mode: Option<StepMode>,
+        /// New tick length.
+        #[serde(default)]
+        period_nanos: Option<u64>,
+    },
+    /// Makes an actor.
+    Spawn {
+        /// Catalogue id.
+        type_id: String,
+        /// World pose, or pose on the parent if there is one.
+        pose: PoseText,
+        /// Actor to attach to.
+        #[serde(default)]
+        parent_id: Option<u32>,
+        /// Role, e.g. `ego_vehicle`.
+        #[serde(default)]
+        role: String,
+        /// Attributes to set; unknown names are refused.
+        #[serde(default)]
+        attributes: BTreeMap<String, String>,
+    },
+    /// Removes an actor.
+    Destroy {
+        /// The actor.
+        actor_id: u32,
+    },
+    /// Puts an actor somewhere; its velocity stays.
+    SetPose {
+        /// The actor.
+        actor_id: u32,
+        /// World pose.
+        pose: PoseText,
+    },
+    /// Sets a vehicle's velocity.
+    SetVelocity {
+        /// The actor.
+        actor_id: u32,
+        /// m/s, world.
+        velocity_in_world_mps: [f64; 3],
+    },
+    /// Holds a vehicle's control until it is replaced.
+    ControlVehicle {
+        /// The actor.
+        actor_id: u32,
+        /// Pedals and wheel.
+        control: VehicleControl,
+    },
+    /// Sets a vehicle's lamps.
+    SetLamps {
+        /// The actor.
+        actor_id: u32,
+        /// Bits as in `VehiclePart::lamps`.
+        lamps: u32,
+    },
+    /// Gives a traffic light a state; its timers run on.
+    SetTrafficLight {
+        /// The actor.
+        actor_id: u32,
+        /// `red`, `yellow`, `green` or `off`.
+        state: String,
+    },
+    /// Stops or starts the timers of all traffic lights.
+    FreezeTrafficLights {
+        /// Whether they stand still.
+        frozen: bool,
+    },
+    /// Changes the weather.
+    SetWeather {
+        /// All of it.
+        weather: Weather,
+    },
+    /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and rigs are made anew.
+    LoadMap {
+        /// Map name or path.
+        map: String,
+    },
+    /// Joins the lockstep gate.
+    JoinLockstep {
+        /// Name for messages.
+        name: String,
+    },
+    /// Leaves it.
+    LeaveLockstep {
+        /// Number from the reply to `join_lockstep`.
+        participant: u32,
+    },
+    /// Answers with counters of the daemon.
+    Counters,
+}
+
+/// A request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommandBatch {
+    /// [`COMMAND_VERSION`].
+    pub v: u32,
+    /// What to do, in order.
+    pub commands: Vec<Command>,
+}
+
+impl CommandBatch {
+    /// A request in the current version.
+    pub fn new(commands: Vec<Command>) -> Self {
+        CommandBatch { v: COMMAND_VERSION, commands }
+    }
+}
+
+/// Answer to one command.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "is", rename_all = "snake_case")]
+pub enum CommandReply {
+    /// Done; nothing to say.
+    Done,
+    /// Answer to `ping`.
+    Pong {
+        /// Version of the daemon.
+        version: String,
+    },
+    /// Answer to `step`.
+    Stepping {
+        /// The last tick the cues given so far will cause.
+        last_tick: u64,
+    },
+    /// Answer to `spawn`.
+    Spawned {
+        /// The new actor.
+        actor_id: u32,
+        /// Topics, if it is a sensor.
+        topics: Vec<String>,
+    },
+    /// Answer to `join_lockstep`.
+    Joined {
+        /// Number to acknowledge with.
+        participant: u32,
+        /// First tick to acknowledge.
+        first_tick: u64,
+    },
+    /// Answer to `counters`.
+    Counters {
+        /// Values by name.
+        counters: BTreeMap<String, u64>,
+    },
+    /// Not done.
+    Refused {
+        /// Why, in a sentence.
+        error: String,
+    },
+}
+
+/// Answer to a request.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ReplyBatch {
+    /// [`COMMAND_VERSION`].
+    pub v: u32,
+    /// The daemon's epoch, decimal text.
+    pub epoch: String,
+    /// Last finished tick.
+    pub tick: u64,
+    /// One reply per command, in order.
+    pub replies: Vec<CommandReply>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_reads_as_documented() {
+        let text = r#"{"v":1,"commands":[{"do":"step","n":3},{"do":"spawn","type_id":"vehicle.tesla.model3",
+            "pose":{"translation_m":[1,2,3],"rotation_xyzw":[0,0,0,1]}}]}"#;
+        let batch: CommandBatch = serde_json::from_str(text).unwrap();
+        assert_eq!(batch.commands[0], Command::Step { n: 3 });
+        let again: CommandBatch = serde_json::from_str(&serde_json::to_string(&batch).unwrap()).unwrap();
+        assert_eq!(batch, again);
+    }
+
+    #[test]
+    fn unknown_keys_are_refused_by_name() {
+        let error = serde_json::from_str::<CommandBatch>(r#"{"v":1,"commands":[{"do":"step","n":1,"m":2}]}"#).unwrap_err();
+        assert!(error.to_string().contains('m'), "{error}");
+    }
+}

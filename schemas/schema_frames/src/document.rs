@@ -1,0 +1,211 @@
+//! Documents on the bus: texts that change rarely and greet a late reader (`world/info`, `map`, `actors`, `catalogue`).
+//!
+//! A document is a `[u8]` sample with a [`DocumentHeader`]; its payload is UTF-8: JSON, or OpenDRIVE for `world/map`.
+
+use bytemuck::{Pod, Zeroable};
+use schema_types::Pose;
+use serde::{Deserialize, Serialize};
+
+/// "GDOC" read as a little-endian `u32`.
+pub const DOCUMENT_MAGIC: u32 = u32::from_le_bytes(*b"GDOC");
+
+/// User header of a document: iceoryx2 type name `GantryDocumentHeader`, 64 bytes.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub struct DocumentHeader {
+    /// [`DOCUMENT_MAGIC`].
+    pub magic: u32,
+    /// [`crate::SCHEMA_VERSION`].
+    pub schema_version: u16,
+    /// Zero.
+    pub reserved0: u16,
+    /// Random number of the daemon's start.
+    pub epoch: u64,
+    /// Counts changes of this document within the epoch, from 1.
+    pub revision: u64,
+    /// Bytes of text.
+    pub payload_bytes: u64,
+    /// Tick after which the text holds; 0 before the first.
+    pub tick: u64,
+    /// Zero.
+    pub reserved1: [u8; 24],
+}
+const _: () = assert!(size_of::<DocumentHeader>() == 64);
+
+/// How ticks are started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StepMode {
+    /// Paced by the clock.
+    #[default]
+    FreeRunning,
+    /// One tick per cue.
+    Stepped,
+}
+
+/// Weather and time of day; percentages are 0..=100 with CARLA's meaning.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Weather {
+    /// Overcast share, percent.
+    pub cloudiness: f32,
+    /// Rain, percent.
+    pub precipitation: f32,
+    /// Puddles, percent.
+    pub precipitation_deposits: f32,
+    /// Wind, percent.
+    pub wind_intensity: f32,
+    /// Sun azimuth, degrees counter-clockwise from world x.
+    pub sun_azimuth_deg: f32,
+    /// Sun altitude, degrees; below 0 is night.
+    pub sun_altitude_deg: f32,
+    /// Fog, percent.
+    pub fog_density: f32,
+    /// Distance at which fog starts, metres.
+    pub fog_distance_m: f32,
+    /// Fall-off of fog with height.
+    pub fog_falloff: f32,
+    /// Wetness of surfaces, percent.
+    pub wetness: f32,
+}
+
+impl Default for Weather {
+    /// A clear afternoon.
+    fn default() -> Self {
+        Weather {
+            cloudiness: 15.0,
+            precipitation: 0.0,
+            precipitation_deposits: 0.0,
+            wind_intensity: 10.0,
+            sun_azimuth_deg: 130.0,
+            sun_altitude_deg: 42.0,
+            fog_density: 0.0,
+            fog_distance_m: 0.0,
+            fog_falloff: 0.2,
+            wetness: 0.0,
+        }
+    }
+}
+
+/// `world/info`: who publishes, and what a reader must know before the first frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct WorldInfo {
+    /// `live` or `replay`.
+    pub source: String,
+    /// Version of the program that publishes.
+    pub version: String,
+    /// Random number of the daemon's start, as decimal text (JSON numbers end at 2⁵³).
+    pub epoch: String,
+    /// Count of map loads, from 1.
+    pub episode: u32,
+    /// Name of the map.
+    pub map: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// How ticks are started.
+    pub mode: StepMode,
+    /// Length of a tick.
+    pub period_nanos: u64,
+    /// Simulated time at which the episode began.
+    pub episode_start_nanos: u64,
+    /// Names of the lockstep participants.
+    pub lockstep: Vec<String>,
+    /// Weather in force.
+    pub weather: Weather,
+    /// GPU adapter that renders, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`.
+    pub adapter: String,
+    /// Copies per frame on the way to shared memory: 0 imported, 1 staged.
+    pub cpu_copies: u32,
+}
+
+/// Box around a body, in the actor's space.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BodyBox {
+    /// Centre in the actor's space, metres.
+    pub centre_m: [f32; 3],
+    /// Half extents, metres.
+    pub half_m: [f32; 3],
+}
+
+/// One topic of a sensor.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TopicInfo {
+    /// Topic without the domain: `ego/front/rgb`.
+    pub topic: String,
+    /// Modality name: `rgb`.
+    pub modality: String,
+}
+
+/// What is constant about an actor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ActorInfo {
+    /// Actor id.
+    pub id: u32,
+    /// Catalogue id, e.g. `vehicle.tesla.model3`.
+    pub type_id: String,
+    /// `vehicle`, `walker`, `traffic_light`, `traffic_sign`, `prop`, `sensor`, `spectator`.
+    pub kind: String,
+    /// `ego_vehicle`, `autopilot`, a sensor's name, or empty.
+    pub role: String,
+    /// Actor it is attached to; 0 if none.
+    pub parent_id: u32,
+    /// Pose relative to the parent (sensors), `parent_from_actor`.
+    pub mount: Option<PoseText>,
+    /// Body box; all zero if it has no body.
+    pub body_box: BodyBox,
+    /// Attributes by name.
+    pub attributes: std::collections::BTreeMap<String, String>,
+    /// Topics of a sensor.
+    pub topics: Vec<TopicInfo>,
+}
+
+/// A pose in JSON.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseText {
+    /// Metres.
+    pub translation_m: [f64; 3],
+    /// Unit quaternion `[x, y, z, w]`.
+    pub rotation_xyzw: [f64; 4],
+}
+
+impl From<Pose> for PoseText {
+    fn from(pose: Pose) -> Self {
+        PoseText { translation_m: pose.translation_m, rotation_xyzw: pose.rotation_xyzw }
+    }
+}
+
+impl From<PoseText> for Pose {
+    fn from(pose: PoseText) -> Self {
+        Pose { translation_m: pose.translation_m, rotation_xyzw: pose.rotation_xyzw }
+    }
+}
+
+/// `world/actors`: everyone who is there, by rising id.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ActorList {
+    /// Actors by rising id.
+    pub actors: Vec<ActorInfo>,
+}
+
+/// What can be spawned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CatalogueEntry {
+    /// Catalogue id.
+    pub type_id: String,
+    /// Kind, as in [`ActorInfo::kind`].
+    pub kind: String,
+    /// Semantic class of its body.
+    pub class: u8,
+    /// Body box; all zero if it has none.
+    pub body_box: BodyBox,
+    /// Attributes with their default values.
+    pub attributes: std::collections::BTreeMap<String, String>,
+}
+
+/// `world/catalogue`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Catalogue {
+    /// Entries; `catalogue_idx` of a snapshot record points here.
+    pub entries: Vec<CatalogueEntry>,
+}

@@ -1,0 +1,255 @@
+//! The 256 bytes in front of every sensor frame.
+
+use bytemuck::{Pod, Zeroable};
+use schema_types::Pose;
+
+use crate::{Modality, SCHEMA_VERSION, SensorKind};
+
+/// "GFRM" read as a little-endian `u32`.
+pub const FRAME_MAGIC: u32 = u32::from_le_bytes(*b"GFRM");
+
+/// Bytes of the header that take part in hashes; clocks and the epoch lie behind them.
+pub const HASHED_HEADER_BYTES: usize = 192;
+
+/// Header of one sensor frame: iceoryx2 user header `GantryFrameHeader`, 256 bytes, aligned to 64, little-endian.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct FrameHeader {
+    /// [`FRAME_MAGIC`].
+    pub magic: u32,
+    /// [`SCHEMA_VERSION`].
+    pub schema_version: u16,
+    /// 256.
+    pub header_bytes: u16,
+    /// Actor id of the sensor.
+    pub sensor_id: u32,
+    /// [`SensorKind`] number.
+    pub kind: u16,
+    /// [`Modality`] number.
+    pub encoding: u16,
+    /// Simulation step this frame shows.
+    pub tick: u64,
+    /// Simulated time this frame shows, nanoseconds since the daemon started.
+    pub sim_nanos: u64,
+    /// Count of the sensor's scheduled firings, from 1, read or not: a gap is a loss.
+    pub seq: u64,
+    /// Count of map loads in this epoch, from 1.
+    pub episode: u32,
+    /// Bit 0 [`FrameHeader::FIRST`], bit 1 [`FrameHeader::REPLAYED`].
+    pub flags: u32,
+    /// Payload bytes in use; the sample may be longer.
+    pub payload_bytes: u64,
+    /// Pixels per row, or elements of a list.
+    pub width: u32,
+    /// Rows; 1 for a list.
+    pub height: u32,
+    /// Bytes from one row to the next.
+    pub row_stride: u32,
+    /// Bytes of one pixel or list element.
+    pub element_bytes: u32,
+    /// The time this frame covers, ending at `sim_nanos`: flow, DVS, lidar sweep, events.
+    pub window_nanos: u64,
+    /// Pose of the sensor in the world (`sensor` axes: x forward, y left, z up).
+    pub world_from_sensor: Pose,
+    /// Focal length and principal point `[fx, fy, cx, cy]`, pixels; 0 where it has no meaning.
+    pub intrinsics_px: [f64; 4],
+    /// Farthest distance the sensor reports, metres; 0 if unbounded.
+    pub range_limit_m: f32,
+    /// Azimuth of a lidar's head at the end of the frame, radians, counter-clockwise from x.
+    pub azimuth_rad: f32,
+    /// Actor the sensor is mounted on; 0 if free.
+    pub parent_id: u32,
+    /// Channels of a lidar; 0 otherwise.
+    pub n_channels: u32,
+    /// Zero.
+    pub reserved0: u64,
+    /// Random number of the daemon's start. From here on nothing takes part in hashes.
+    pub epoch: u64,
+    /// `CLOCK_MONOTONIC` when the bytes were complete (fence signalled, or sensor done).
+    pub rendered_mono_nanos: u64,
+    /// `CLOCK_MONOTONIC` just before the sample was sent.
+    pub published_mono_nanos: u64,
+    /// CPU copies on the way into this sample: 0 on the imported path.
+    pub cpu_copies: u32,
+    /// Ticks this frame is late in free-running mode.
+    pub ticks_in_flight: u32,
+    /// 0: the payload is in this sample.
+    pub payload_place: u32,
+    /// Zero.
+    pub reserved1: [u8; 28],
+}
+const _: () = assert!(size_of::<FrameHeader>() == 256 && align_of::<FrameHeader>() == 64);
+const _: () = assert!(std::mem::offset_of!(FrameHeader, world_from_sensor) == 80);
+const _: () = assert!(std::mem::offset_of!(FrameHeader, epoch) == HASHED_HEADER_BYTES);
+
+impl FrameHeader {
+    /// Flag: first frame since the sensor's state began.
+    pub const FIRST: u32 = 1;
+    /// Flag: published by a replay.
+    pub const REPLAYED: u32 = 2;
+
+    /// A header with magic, version, kind, encoding and element size filled in and everything else zero.
+    pub fn new(modality: Modality) -> Self {
+        FrameHeader {
+            magic: FRAME_MAGIC,
+            schema_version: SCHEMA_VERSION,
+            header_bytes: size_of::<FrameHeader>() as u16,
+            kind: modality.sensor_kind() as u16,
+            encoding: modality as u16,
+            element_bytes: modality.element_bytes() as u32,
+            world_from_sensor: Pose::IDENTITY,
+            ..Zeroable::zeroed()
+        }
+    }
+
+    /// Sets the shape of a tightly packed image and its payload size.
+    pub fn set_image(&mut self, width_px: u32, height_px: u32) {
+        self.width = width_px;
+        self.height = height_px;
+        self.row_stride = width_px * self.element_bytes;
+        self.payload_bytes = self.row_stride as u64 * height_px as u64;
+    }
+
+    /// Sets the shape of a list of `n_elements` and its payload size.
+    pub fn set_list(&mut self, n_elements: u32) {
+        self.set_image(n_elements, 1);
+    }
+
+    /// The modality; `None` for a number this version does not know.
+    pub fn modality(&self) -> Option<Modality> {
+        Modality::from_code(self.encoding)
+    }
+
+    /// The sensor kind; `None` for a number this version does not know.
+    pub fn sensor_kind(&self) -> Option<SensorKind> {
+        SensorKind::from_code(self.kind)
+    }
+
+    /// Checks what a reader relies on before it touches the payload of `sample_bytes` bytes.
+    ///
+    /// # Errors
+    /// [`FrameError`] names the first rule the header breaks. Any bit pattern is safe to pass.
+    pub fn check(&self, sample_bytes: usize) -> Result<Modality, FrameError> {
+        if self.magic != FRAME_MAGIC {
+            return Err(FrameError::Magic { found: self.magic });
+        }
+        if self.schema_version != SCHEMA_VERSION || self.header_bytes as usize != size_of::<FrameHeader>() {
+            return Err(FrameError::Version { found: self.schema_version });
+        }
+        let modality = self.modality().ok_or(FrameError::Encoding { found: self.encoding })?;
+        if self.payload_bytes > sample_bytes as u64 {
+            return Err(FrameError::Length { claimed: self.payload_bytes, sample: sample_bytes as u64 });
+        }
+        let row_bytes = self.width as u64 * self.element_bytes as u64;
+        let last_row = (self.height as u64).saturating_sub(1).saturating_mul(self.row_stride as u64);
+        let shape_bytes = if self.height == 0 { 0 } else { last_row.saturating_add(row_bytes) };
+        if self.element_bytes as usize != modality.element_bytes()
+            || (self.height > 1 && (self.row_stride as u64) < row_bytes)
+            || shape_bytes > self.payload_bytes
+        {
+            return Err(FrameError::Shape {
+                width: self.width,
+                height: self.height,
+                row_stride: self.row_stride,
+                element_bytes: self.element_bytes,
+                payload: self.payload_bytes,
+            });
+        }
+        Ok(modality)
+    }
+
+    /// The first [`HASHED_HEADER_BYTES`] bytes: what determinism promises.
+    pub fn hashed_bytes(&self) -> &[u8] {
+        &bytemuck::bytes_of(self)[..HASHED_HEADER_BYTES]
+    }
+}
+
+/// Why a frame cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// Not a Gantry frame.
+    #[error("frame starts with {found:#010x}, not with the magic \"GFRM\"; the publisher is not Gantry's")]
+    Magic {
+        /// What stood there.
+        found: u32,
+    },
+    /// Another version of this contract.
+    #[error("frame carries schema {found}, this reader understands {SCHEMA_VERSION}; rebuild the reader or the publisher")]
+    Version {
+        /// The frame's version.
+        found: u16,
+    },
+    /// An encoding this version does not know.
+    #[error("frame has encoding {found}, known are 1 to 15; rebuild the reader")]
+    Encoding {
+        /// The frame's encoding.
+        found: u16,
+    },
+    /// More payload claimed than the sample holds.
+    #[error("frame claims {claimed} payload bytes, its sample holds {sample}; the publisher is broken")]
+    Length {
+        /// Claimed bytes.
+        claimed: u64,
+        /// Bytes of the sample.
+        sample: u64,
+    },
+    /// Shape and payload contradict one another.
+    #[error(
+        "frame of {width} × {height} elements of {element_bytes} bytes, {row_stride} bytes a row, does not fit its {payload} payload bytes"
+    )]
+    Shape {
+        /// Elements per row.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Bytes per row.
+        row_stride: u32,
+        /// Bytes per element.
+        element_bytes: u32,
+        /// Payload bytes.
+        payload: u64,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fresh_image_header_passes_its_own_check() {
+        let mut header = FrameHeader::new(Modality::Rgb);
+        header.set_image(800, 600);
+        assert_eq!(header.check(800 * 600 * 4), Ok(Modality::Rgb));
+        assert_eq!(
+            header.check(800 * 600 * 4 - 1),
+            Err(FrameError::Length { claimed: 1_920_000, sample: 1_919_999 })
+        );
+    }
+
+    #[test]
+    fn random_bytes_never_panic_and_are_refused() {
+        let mut rng = fastrand::Rng::with_seed(1);
+        for _ in 0..20_000 {
+            let mut bytes = [0u8; 256];
+            bytes.iter_mut().for_each(|b| *b = rng.u8(..));
+            let mut header: FrameHeader = bytemuck::pod_read_unaligned(&bytes);
+            assert!(header.check(1 << 20).is_err());
+            header.magic = FRAME_MAGIC;
+            header.schema_version = SCHEMA_VERSION;
+            header.header_bytes = 256;
+            header.encoding = rng.u16(0..20);
+            let _ = header.check(rng.usize(0..1 << 30));
+        }
+    }
+
+    #[test]
+    fn a_padded_row_is_accepted_and_a_short_one_is_not() {
+        let mut header = FrameHeader::new(Modality::Depth);
+        header.set_image(10, 2);
+        header.row_stride = 64;
+        header.payload_bytes = 104;
+        assert!(header.check(104).is_ok());
+        header.row_stride = 39;
+        assert!(matches!(header.check(104), Err(FrameError::Shape { .. })));
+    }
+}

@@ -1,0 +1,12 @@
+//! What every sensor shares: the scene it looks at, when it fires, its noise, IMU and GNSS models.
+//!
+//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, GPU or shared memory.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod mesh;
+pub mod scene;
+
+pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
+pub use scene::{DynamicInstance, MeshId, Scene, SceneAssets, StaticInstance, Sun};

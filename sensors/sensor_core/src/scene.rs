@@ -1,0 +1,106 @@
+//! The read-only picture of the world that sensors look at in one tick.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Vector3};
+use schema_frames::document::Weather;
+use schema_types::{ActorId, ObjectId, SimTime, Tick};
+
+use crate::mesh::Mesh;
+
+/// Index into [`SceneAssets::meshes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct MeshId(pub u32);
+
+/// A mesh that stands still for the whole episode. Its triangles carry their own object ids where they differ.
+#[derive(Clone, Debug)]
+pub struct StaticInstance {
+    /// Mesh.
+    pub mesh: MeshId,
+    /// Pose; world positions are `f64`, the mesh's own coordinates stay small.
+    pub world_from_mesh: Isometry3<f64>,
+    /// Id for triangles whose own is 0.
+    pub object: ObjectId,
+}
+
+/// Everything that does not change within an episode: uploaded to the GPU and put into BVHs once.
+#[derive(Clone, Debug, Default)]
+pub struct SceneAssets {
+    /// Count of map loads; renderers rebuild when it changes.
+    pub episode: u32,
+    /// Meshes of scenery and of every actor that may appear.
+    pub meshes: Vec<Arc<Mesh>>,
+    /// Scenery.
+    pub statics: Vec<StaticInstance>,
+}
+
+impl SceneAssets {
+    /// Adds a mesh and returns its id.
+    pub fn add_mesh(&mut self, mesh: Mesh) -> MeshId {
+        self.meshes.push(Arc::new(mesh));
+        MeshId(self.meshes.len() as u32 - 1)
+    }
+
+    /// The mesh with this id.
+    pub fn mesh(&self, id: MeshId) -> &Mesh {
+        &self.meshes[id.0 as usize]
+    }
+}
+
+/// A rigid part of an actor in this tick: body, wheel, lamp head, limb.
+#[derive(Clone, Debug)]
+pub struct DynamicInstance {
+    /// Actor it belongs to; its id is what pixels show.
+    pub actor: ActorId,
+    /// Part of that actor: (actor, part) is the same thing from tick to tick, which flow relies on.
+    pub part: u16,
+    /// Mesh.
+    pub mesh: MeshId,
+    /// Pose.
+    pub world_from_mesh: Isometry3<f64>,
+    /// Tint of `CarPaint` triangles, sRGB.
+    pub tint_rgb: [u8; 3],
+    /// Lamp bits that shine.
+    pub lamps: u32,
+    /// Velocity of the mesh origin, m/s, for radar and motion-distorted lidar.
+    pub velocity_in_world_mps: Vector3<f64>,
+}
+
+impl DynamicInstance {
+    /// What identifies it from tick to tick.
+    pub fn key(&self) -> (u32, u16) {
+        (self.actor.0, self.part)
+    }
+}
+
+/// Direction towards the sun.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sun {
+    /// Unit vector from the ground to the sun, world.
+    pub towards: Vector3<f64>,
+}
+
+impl Sun {
+    /// The sun of a weather.
+    pub fn of(weather: &Weather) -> Sun {
+        let (azimuth, altitude) = ((weather.sun_azimuth_deg as f64).to_radians(), (weather.sun_altitude_deg as f64).to_radians());
+        Sun { towards: Vector3::new(altitude.cos() * azimuth.cos(), altitude.cos() * azimuth.sin(), altitude.sin()) }
+    }
+}
+
+/// The world at the end of one tick, as sensors see it.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Step.
+    pub tick: Tick,
+    /// Simulated time.
+    pub sim_time: SimTime,
+    /// Length of this step.
+    pub period_nanos: u64,
+    /// What does not move.
+    pub assets: Arc<SceneAssets>,
+    /// What moves, by rising (actor, part).
+    pub dynamics: Vec<DynamicInstance>,
+    /// Weather.
+    pub weather: Weather,
+}

@@ -1,0 +1,153 @@
+//! Cameras: resolution, lens, modalities, event camera.
+
+use schema_frames::Modality;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::{MountSpec, SpecError, check_range};
+
+/// Smallest and largest image side, pixels.
+pub const SIDE_PX: (u32, u32) = (16, 4096);
+
+/// A view: one pose and lens, any of the camera modalities.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraSpec {
+    /// Firings per second.
+    pub rate_hz: f64,
+    /// Place on the vehicle.
+    pub mount: MountSpec,
+    /// Image width.
+    pub width_px: u32,
+    /// Image height.
+    pub height_px: u32,
+    /// Horizontal field of view.
+    pub fov_deg: f64,
+    /// What to publish.
+    #[serde(serialize_with = "names", deserialize_with = "from_names")]
+    pub modalities: Vec<Modality>,
+    /// Event camera, used if `modalities` has `dvs`.
+    pub dvs: DvsSpec,
+}
+
+impl Default for CameraSpec {
+    fn default() -> Self {
+        CameraSpec {
+            rate_hz: 20.0,
+            mount: MountSpec::default(),
+            width_px: 800,
+            height_px: 600,
+            fov_deg: 90.0,
+            modalities: vec![Modality::Rgb],
+            dvs: DvsSpec::default(),
+        }
+    }
+}
+
+impl CameraSpec {
+    /// Pinhole parameters.
+    pub fn intrinsics(&self) -> Intrinsics {
+        Intrinsics::from_fov(self.width_px, self.height_px, self.fov_deg.to_radians())
+    }
+
+    pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
+        check_range("width_px", self.width_px, SIDE_PX.0, SIDE_PX.1, errors);
+        check_range("height_px", self.height_px, SIDE_PX.0, SIDE_PX.1, errors);
+        check_range("fov_deg", self.fov_deg, 1.0, 170.0, errors);
+        for (i, modality) in self.modalities.iter().enumerate() {
+            if self.modalities[..i].contains(modality) {
+                errors.push(SpecError { key: "modalities", value: format!("{:?} twice", modality.name()), allowed: "each may be named once".into() });
+            }
+        }
+        if self.modalities.is_empty() {
+            errors.push(SpecError { key: "modalities", value: "empty".into(), allowed: "must name at least one of rgb, depth, semantic, instance, flow, normals, dvs".into() });
+        }
+        self.dvs.check(errors);
+    }
+}
+
+/// Pinhole camera: pixels, no distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Intrinsics {
+    /// Image width.
+    pub width_px: u32,
+    /// Image height.
+    pub height_px: u32,
+    /// Focal length, pixels, both axes.
+    pub focal_px: f64,
+}
+
+impl Intrinsics {
+    /// From the horizontal field of view: f = W / (2 tan(fov/2)).
+    pub fn from_fov(width_px: u32, height_px: u32, fov_rad: f64) -> Self {
+        Intrinsics { width_px, height_px, focal_px: width_px as f64 / (2.0 * (0.5 * fov_rad).tan()) }
+    }
+
+    /// `[fx, fy, cx, cy]`, principal point from the image's outer corner.
+    pub fn as_array(&self) -> [f64; 4] {
+        [self.focal_px, self.focal_px, 0.5 * self.width_px as f64, 0.5 * self.height_px as f64]
+    }
+}
+
+/// Event camera: a contrast threshold crossed makes an event.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DvsSpec {
+    /// Rise of ln(luminance) per event.
+    pub positive_threshold: f32,
+    /// Fall of ln(luminance) per event.
+    pub negative_threshold: f32,
+    /// Standard deviation of the thresholds from pixel to pixel.
+    pub threshold_mismatch_stddev: f32,
+    /// Time a pixel stays silent after an event.
+    pub refractory_nanos: u32,
+    /// Added to luminance (0..=1) before the logarithm.
+    pub log_eps: f32,
+    /// Longest path of a point over the image between two samples of its brightness.
+    pub substep_px: f32,
+    /// Most events one frame can carry; what is beyond is dropped from its end and counted.
+    pub max_events: u32,
+}
+
+impl Default for DvsSpec {
+    fn default() -> Self {
+        DvsSpec {
+            positive_threshold: 0.3,
+            negative_threshold: 0.3,
+            threshold_mismatch_stddev: 0.0,
+            refractory_nanos: 0,
+            log_eps: 0.001,
+            substep_px: 1.0,
+            max_events: 500_000,
+        }
+    }
+}
+
+impl DvsSpec {
+    fn check(&self, errors: &mut Vec<SpecError>) {
+        check_range("dvs.positive_threshold", self.positive_threshold, 0.01, 10.0, errors);
+        check_range("dvs.negative_threshold", self.negative_threshold, 0.01, 10.0, errors);
+        check_range("dvs.threshold_mismatch_stddev", self.threshold_mismatch_stddev, 0.0, 1.0, errors);
+        check_range("dvs.refractory_nanos", self.refractory_nanos, 0, 1_000_000_000, errors);
+        check_range("dvs.log_eps", self.log_eps, 1e-6, 1.0, errors);
+        check_range("dvs.substep_px", self.substep_px, 0.1, 64.0, errors);
+        check_range("dvs.max_events", self.max_events, 1000, 50_000_000, errors);
+    }
+}
+
+fn names<S: Serializer>(modalities: &[Modality], out: S) -> Result<S::Ok, S::Error> {
+    out.collect_seq(modalities.iter().map(|m| m.name()))
+}
+
+fn from_names<'de, D: Deserializer<'de>>(input: D) -> Result<Vec<Modality>, D::Error> {
+    let camera = |m: &Modality| m.sensor_kind() == schema_frames::SensorKind::Camera;
+    let names = Vec::<String>::deserialize(input)?;
+    names
+        .into_iter()
+        .map(|name| {
+            Modality::from_name(&name).filter(camera).ok_or_else(|| {
+                let known: Vec<_> = Modality::ALL.iter().filter(|m| camera(m)).map(|m| m.name()).collect();
+                serde::de::Error::custom(format!("unknown modality {name:?}, a camera has {}", known.join(", ")))
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,54 @@
+//! Where a sensor sits on its parent.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use schema_types::Pose;
+use serde::{Deserialize, Serialize};
+
+use crate::{SpecError, check_range};
+
+/// How the sensor follows its parent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attachment {
+    /// Exactly, every tick.
+    #[default]
+    Rigid,
+    /// On a boom that lags and shortens before obstacles.
+    SpringArm,
+    /// On a boom that lags and passes through everything.
+    SpringArmGhost,
+}
+
+/// Pose on the vehicle: x forward, y left, z up; roll, then pitch, then yaw, degrees in files.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MountSpec {
+    /// Metres.
+    pub position_m: [f64; 3],
+    /// Roll, pitch, yaw about x, y, z of the vehicle, degrees; positive pitch looks down, positive yaw turns left.
+    pub rpy_deg: [f64; 3],
+    /// How it follows.
+    pub attachment: Attachment,
+}
+
+impl MountSpec {
+    /// As a transform.
+    pub fn vehicle_from_sensor(&self) -> Isometry3<f64> {
+        let [roll, pitch, yaw] = self.rpy_deg.map(f64::to_radians);
+        Isometry3::from_parts(Translation3::from(self.position_m), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+    }
+
+    /// As plain bytes.
+    pub fn pose(&self) -> Pose {
+        self.vehicle_from_sensor().into()
+    }
+
+    pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
+        for value in self.position_m {
+            check_range("mount.position_m", value, -100.0, 100.0, errors);
+        }
+        for value in self.rpy_deg {
+            check_range("mount.rpy_deg", value, -360.0, 360.0, errors);
+        }
+    }
+}
