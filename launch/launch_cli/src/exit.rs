@@ -1,0 +1,111 @@
+//! How a process ends: exit codes as a type, errors printed once, broken pipes forgiven.
+
+use std::io::ErrorKind;
+use std::process::ExitCode;
+
+/// Outcome of a program that did not fail with an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exit {
+    /// Done, also after Ctrl-C: 0.
+    Done,
+    /// Failed, and the reason has been printed: 1.
+    Failed,
+    /// Wrong usage or launch file, and the reason has been printed: 2.
+    WrongUsage,
+    /// Finished, but data was lost: 3.
+    DataLost,
+    /// A child's own code, passed on.
+    Code(u8),
+}
+
+impl Exit {
+    /// The number the shell sees.
+    pub fn code(self) -> u8 {
+        match self {
+            Exit::Done => 0,
+            Exit::Failed => 1,
+            Exit::WrongUsage => 2,
+            Exit::DataLost => 3,
+            Exit::Code(code) => code,
+        }
+    }
+}
+
+/// An error of the caller's making: ends the program with 2 instead of 1.
+#[derive(Debug)]
+pub struct WrongUsage(pub String);
+
+impl std::fmt::Display for WrongUsage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for WrongUsage {}
+
+/// An error that ends the program with 2: wrong usage, a wrong launch file, or a machine that cannot run it.
+pub fn wrong_usage(sentence: impl std::fmt::Display) -> anyhow::Error {
+    anyhow::Error::new(WrongUsage(sentence.to_string()))
+}
+
+/// Parses the command line ([`crate::parse`]) and runs `body` under [`run_main`].
+pub fn run<T: clap::Parser>(body: impl FnOnce(T) -> anyhow::Result<Exit>) -> ExitCode {
+    run_main(|| body(crate::parse()))
+}
+
+/// Runs `body` and turns its outcome into an exit code; an error is printed once, as one line, with its whole chain.
+pub fn run_main(body: impl FnOnce() -> anyhow::Result<Exit>) -> ExitCode {
+    forgive_broken_pipes_of_println();
+    match body() {
+        Ok(exit) => exit.code().into(),
+        Err(error) => {
+            let exit = exit_of(&error);
+            if exit != Exit::Done {
+                eprintln!("error: {error:#}");
+            }
+            exit.code().into()
+        }
+    }
+}
+
+fn exit_of(error: &anyhow::Error) -> Exit {
+    let is_broken_pipe = |cause: &(dyn std::error::Error + 'static)| {
+        cause.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+    };
+    if error.chain().any(is_broken_pipe) {
+        Exit::Done
+    } else if error.chain().any(|cause| cause.is::<WrongUsage>()) {
+        Exit::WrongUsage
+    } else {
+        Exit::Failed
+    }
+}
+
+/// `println!` panics when its reader has gone (`| head`); that is a wish, not a failure.
+fn forgive_broken_pipes_of_println() {
+    let report = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
+        if text.starts_with("failed printing to stdout") && text.contains("Broken pipe") {
+            std::process::exit(Exit::Done.code().into());
+        }
+        report(panic);
+    }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context as _;
+
+    #[test]
+    fn the_kind_of_error_decides_the_exit_code() {
+        let failed = anyhow::anyhow!("no such thing").context("cannot do it");
+        assert_eq!(exit_of(&failed).code(), 1);
+        let usage = Err::<(), _>(wrong_usage("no such key")).context("launch file").unwrap_err();
+        assert_eq!(exit_of(&usage).code(), 2);
+        assert_eq!(format!("{usage:#}"), "launch file: no such key");
+        let pipe = anyhow::Error::from(std::io::Error::from(ErrorKind::BrokenPipe)).context("cannot print");
+        assert_eq!(exit_of(&pipe).code(), 0);
+    }
+}
