@@ -1,0 +1,161 @@
+//! One child process with its output, signals and end.
+
+use std::io::{BufRead as _, BufReader, Read};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+use crate::{PATIENCE, eventually};
+
+/// A running child; killed when dropped.
+#[derive(Debug)]
+pub struct Process {
+    name: String,
+    child: Child,
+    lines: Arc<Mutex<Vec<String>>>,
+    readers: Vec<std::thread::JoinHandle<()>>,
+}
+
+/// How a process ended, and all it printed.
+#[derive(Debug)]
+pub struct Ended {
+    /// Exit status.
+    pub status: ExitStatus,
+    /// Lines of stdout and stderr in the order they came.
+    pub lines: Vec<String>,
+}
+
+impl Ended {
+    /// Exit code; panics with the output if a signal ended it.
+    pub fn code(&self) -> i32 {
+        self.status.code().unwrap_or_else(|| panic!("ended by a signal: {:?}\n{}", self.status, self.lines.join("\n")))
+    }
+
+    /// Asserts an exit code; the output is in the message.
+    pub fn expect_code(self, code: i32) -> Self {
+        assert_eq!(self.status.code(), Some(code), "output:\n{}", self.lines.join("\n"));
+        self
+    }
+
+    /// Whether a line contains `text`.
+    pub fn says(&self, text: &str) -> bool {
+        self.lines.iter().any(|line| line.contains(text))
+    }
+}
+
+impl Process {
+    pub(crate) fn start(name: &str, program: &Path, args: &[&str], dir: &Path, env: &[(&str, &str)]) -> Self {
+        let mut child = Command::new(program)
+            .args(args)
+            .current_dir(dir)
+            .env("NO_COLOR", "1")
+            .envs(env.iter().copied())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("cannot start {name}: {error}"));
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let out = child.stdout.take().expect("stdout is piped");
+        let err = child.stderr.take().expect("stderr is piped");
+        let readers = vec![collect(out, lines.clone()), collect(err, lines.clone())];
+        Process { name: name.to_owned(), child, lines, readers }
+    }
+
+    /// Process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Lines so far.
+    pub fn lines(&self) -> Vec<String> {
+        self.lines.lock().expect("reader threads do not panic").clone()
+    }
+
+    /// Waits until a line contains `text` and returns it.
+    ///
+    /// # Panics
+    /// If the process ends first or [`PATIENCE`] runs out; the message holds its output.
+    pub fn wait_line(&mut self, text: &str) -> String {
+        let start = Instant::now();
+        loop {
+            let found = self.lines().into_iter().find(|line| line.contains(text));
+            if let Some(line) = found {
+                return line;
+            }
+            let ended = !self.is_running();
+            if ended || start.elapsed() > PATIENCE {
+                std::thread::sleep(std::time::Duration::from_millis(50));
+                let lines = self.lines();
+                if let Some(line) = lines.iter().find(|line| line.contains(text)) {
+                    return line.clone();
+                }
+                panic!("{} {} without saying {text:?}; output:\n{}", self.name, if ended { "ended" } else { "hangs" }, lines.join("\n"));
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+
+    /// Whether it still runs.
+    pub fn is_running(&mut self) -> bool {
+        self.child.try_wait().expect("child can be waited for").is_none()
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill(Pid::from_raw(self.child.id() as i32), signal).unwrap_or_else(|error| panic!("cannot signal {}: {error}", self.name));
+    }
+
+    /// `kill -9`, and waits until it is gone.
+    pub fn kill9(mut self) -> Ended {
+        self.signal(Signal::SIGKILL);
+        self.wait_end()
+    }
+
+    /// SIGTERM, and waits for its end.
+    pub fn stop(mut self) -> Ended {
+        self.signal(Signal::SIGTERM);
+        self.wait_end()
+    }
+
+    /// Waits for its own end.
+    pub fn wait(mut self) -> Ended {
+        self.wait_end()
+    }
+
+    /// Resident memory, bytes.
+    pub fn resident_bytes(&self) -> u64 {
+        let statm = std::fs::read_to_string(format!("/proc/{}/statm", self.child.id())).unwrap_or_default();
+        statm.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
+    }
+
+    fn wait_end(&mut self) -> Ended {
+        let name = self.name.clone();
+        let status = eventually(&format!("{name} ends"), || self.child.try_wait().expect("child can be waited for"));
+        for reader in self.readers.drain(..) {
+            let _ = reader.join();
+        }
+        Ended { status, lines: self.lines() }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+}
+
+fn collect(pipe: impl Read + Send + 'static, lines: Arc<Mutex<Vec<String>>>) -> std::thread::JoinHandle<()> {
+    std::thread::spawn(move || {
+        for line in BufReader::new(pipe).split(b'\n').map_while(Result::ok) {
+            lines.lock().expect("reader threads do not panic").push(String::from_utf8_lossy(&line).into_owned());
+        }
+    })
+}
