@@ -5,8 +5,14 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod gnss;
+pub mod imu;
 pub mod mesh;
 pub mod scene;
+pub mod schedule;
 
+pub use gnss::GeoReference;
+pub use imu::{BodyMotion, BodyState, ImuInput};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
 pub use scene::{DynamicInstance, MeshId, Scene, SceneAssets, StaticInstance, Sun};
+pub use schedule::{Firing, Schedule};
