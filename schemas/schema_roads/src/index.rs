@@ -1,0 +1,147 @@
+//! Nearest lane: a hash-free grid over short chords of all lane middles.
+
+/// Side of a cell, metres.
+const CELL_M: f64 = 8.0;
+/// Most cells; a sparser map gets larger cells.
+const MAX_CELLS: f64 = 4.0e6;
+
+/// A chord of one lane's middle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Chord {
+    pub from_m: [f64; 3],
+    pub to_m: [f64; 3],
+    pub lane: u32,
+    /// Lane s at both ends.
+    pub s_m: [f64; 2],
+}
+
+impl Chord {
+    /// Squared distance of `p` and the share of the chord at its foot.
+    pub fn foot(&self, p: [f64; 3]) -> (f64, f64) {
+        let d: [f64; 3] = std::array::from_fn(|i| self.to_m[i] - self.from_m[i]);
+        let r: [f64; 3] = std::array::from_fn(|i| p[i] - self.from_m[i]);
+        let length2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+        let share = if length2 > 0.0 { ((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) / length2).clamp(0.0, 1.0) } else { 0.0 };
+        let e: [f64; 3] = std::array::from_fn(|i| r[i] - share * d[i]);
+        (e[0] * e[0] + e[1] * e[1] + e[2] * e[2], share)
+    }
+}
+
+/// Grid of chords.
+#[derive(Clone, Debug)]
+pub(crate) struct Grid {
+    chords: Vec<Chord>,
+    origin_m: [f64; 2],
+    cell_m: f64,
+    columns: i64,
+    rows: i64,
+    /// Start of each cell's list in `entries`, and the end of the last.
+    starts: Vec<u32>,
+    entries: Vec<u32>,
+}
+
+impl Grid {
+    /// The grid over these chords. All coordinates must be finite.
+    pub fn new(chords: Vec<Chord>) -> Grid {
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for chord in &chords {
+            for p in [chord.from_m, chord.to_m] {
+                for axis in 0..2 {
+                    low[axis] = low[axis].min(p[axis]);
+                    high[axis] = high[axis].max(p[axis]);
+                }
+            }
+        }
+        if chords.is_empty() {
+            (low, high) = ([0.0; 2], [0.0; 2]);
+        }
+        let area = (high[0] - low[0] + CELL_M) * (high[1] - low[1] + CELL_M);
+        let longest = (high[0] - low[0]).max(high[1] - low[1]);
+        let cell_m = CELL_M.max((area / MAX_CELLS).sqrt()).max(longest / (MAX_CELLS / 4.0));
+        let columns = ((high[0] - low[0]) / cell_m) as i64 + 1;
+        let rows = ((high[1] - low[1]) / cell_m) as i64 + 1;
+        let mut grid = Grid { chords, origin_m: low, cell_m, columns, rows, starts: Vec::new(), entries: Vec::new() };
+        grid.fill();
+        grid
+    }
+
+    fn cell(&self, x_m: f64, y_m: f64) -> (i64, i64) {
+        (((x_m - self.origin_m[0]) / self.cell_m).floor() as i64, ((y_m - self.origin_m[1]) / self.cell_m).floor() as i64)
+    }
+
+    /// Counting sort of the chords by the cell of their middle.
+    fn fill(&mut self) {
+        let cell_of = |chord: &Chord| {
+            let (column, row) = self.cell(0.5 * (chord.from_m[0] + chord.to_m[0]), 0.5 * (chord.from_m[1] + chord.to_m[1]));
+            (row.clamp(0, self.rows - 1) * self.columns + column.clamp(0, self.columns - 1)) as usize
+        };
+        let cells: Vec<usize> = self.chords.iter().map(cell_of).collect();
+        let mut starts = vec![0u32; (self.columns * self.rows) as usize + 1];
+        for cell in &cells {
+            starts[cell + 1] += 1;
+        }
+        for i in 1..starts.len() {
+            starts[i] += starts[i - 1];
+        }
+        let mut next = starts.clone();
+        let mut entries = vec![0u32; cells.len()];
+        for (idx, cell) in cells.iter().enumerate() {
+            entries[next[*cell] as usize] = idx as u32;
+            next[*cell] += 1;
+        }
+        (self.starts, self.entries) = (starts, entries);
+    }
+
+    /// The nearest chord among lanes that pass, and the share of it at the foot.
+    /// Chords are shorter than `reach_m`, so one listed in a cell reaches at most half of that out of it.
+    pub fn nearest(&self, p: [f64; 3], reach_m: f64, mut passes: impl FnMut(u32) -> bool) -> Option<(Chord, f64)> {
+        let (column, row) = self.cell(p[0], p[1]);
+        // Rings count from the nearest cell inside the grid.
+        let (column, row) = (column.clamp(0, self.columns - 1), row.clamp(0, self.rows - 1));
+        let mut best: Option<(f64, Chord, f64)> = None;
+        for ring in 0..=self.columns.max(self.rows) {
+            if let Some((distance2, ..)) = best {
+                let clear = self.ring_distance(p, column, row, ring) - 0.5 * reach_m;
+                if clear > 0.0 && clear * clear > distance2 {
+                    break;
+                }
+            }
+            self.visit_ring(column, row, ring, |chord| {
+                let (distance2, share) = chord.foot(p);
+                if best.is_none_or(|(b, ..)| distance2 < b) && passes(chord.lane) {
+                    best = Some((distance2, *chord, share));
+                }
+            });
+        }
+        best.map(|(_, chord, share)| (chord, share))
+    }
+
+    /// Least horizontal distance from `p` to the cells of the ring or beyond; sides beyond which the grid has none do not count.
+    fn ring_distance(&self, p: [f64; 3], column: i64, row: i64, ring: i64) -> f64 {
+        let side = |x: f64, origin: f64, cell: i64, cells: i64| {
+            let low = if cell - ring < 0 { f64::INFINITY } else { x - (origin + (cell - ring + 1) as f64 * self.cell_m) };
+            let high = if cell + ring >= cells { f64::INFINITY } else { origin + (cell + ring) as f64 * self.cell_m - x };
+            low.min(high)
+        };
+        side(p[0], self.origin_m[0], column, self.columns).min(side(p[1], self.origin_m[1], row, self.rows))
+    }
+
+    fn visit_ring(&self, column: i64, row: i64, ring: i64, mut visit: impl FnMut(&Chord)) {
+        let rows = (row - ring).max(0)..=(row + ring).min(self.rows - 1);
+        for r in rows {
+            let whole = r == row - ring || r == row + ring;
+            let step = if whole || ring == 0 { 1 } else { 2 * ring };
+            let mut c = column - ring;
+            while c <= column + ring {
+                if (0..self.columns).contains(&c) {
+                    let cell = (r * self.columns + c) as usize;
+                    for entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
+                        visit(&self.chords[*entry as usize]);
+                    }
+                }
+                c += step;
+            }
+        }
+    }
+}

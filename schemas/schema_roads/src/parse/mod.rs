@@ -1,0 +1,164 @@
+//! OpenDRIVE text to records. Tolerant: what cannot be used is left out with a warning.
+
+mod lane;
+mod road;
+mod signal;
+pub(crate) mod xml;
+
+use std::collections::{HashMap, HashSet};
+
+use roxmltree::Node;
+
+use crate::MapError;
+use crate::raw::{Connection, End, Junction, RawController, RawMap};
+pub(crate) use signal::is_valid_for;
+use xml::{Reader, child, children, text};
+
+/// Total length of all reference lines that is read, metres.
+const MAX_TOTAL_LENGTH_M: f64 = 5.0e6;
+
+/// Reads the text.
+pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
+    let doc = xml::document(source)?;
+    let root = doc.root_element();
+    if xml::tag(root) != "OpenDRIVE" {
+        return Err(MapError::NotOpenDrive(xml::tag(root).chars().take(60).collect()));
+    }
+    let mut reader = Reader::new(&doc);
+    let header = child(root, "header");
+    let mut map = RawMap {
+        name: header.map_or("", |h| text(h, "name")).to_owned(),
+        geo_reference: header.and_then(|h| child(h, "geoReference")).and_then(|node| geo_reference(&mut reader, node)),
+        roads: Vec::new(),
+        junctions: Vec::new(),
+        signals: Vec::new(),
+        references: Vec::new(),
+        controllers: children(root, "controller").map(controller).collect(),
+        crosswalks: Vec::new(),
+        warnings: Vec::new(),
+    };
+    read_roads(&mut reader, root, &mut map)?;
+    read_junctions(&mut reader, root, &mut map);
+    map.warnings = reader.into_warnings();
+    Ok(map)
+}
+
+fn read_roads(reader: &mut Reader, root: Node, map: &mut RawMap) -> Result<(), MapError> {
+    let mut numbers = Numbers::new(children(root, "road").map(|node| text(node, "id")));
+    let mut seen = HashSet::new();
+    let mut total_m = 0.0;
+    for node in children(root, "road") {
+        let id = text(node, "id");
+        if !seen.insert(id) {
+            reader.warn(node, format!("a second road has the id \"{id}\"; it is left out"));
+            continue;
+        }
+        let Some(road) = road::read(reader, node, numbers.of(id)) else { continue };
+        total_m += road.length_m;
+        if total_m > MAX_TOTAL_LENGTH_M {
+            return Err(MapError::TooLarge(format!("the roads are longer than {} km altogether", MAX_TOTAL_LENGTH_M / 1000.0)));
+        }
+        let idx = map.roads.len();
+        signal::read(reader, node, idx, road.length_m, map);
+        map.roads.push(road);
+    }
+    if map.roads.is_empty() { Err(MapError::Empty) } else { Ok(()) }
+}
+
+fn read_junctions(reader: &mut Reader, root: Node, map: &mut RawMap) {
+    let mut numbers = Numbers::new(children(root, "junction").map(|node| text(node, "id")));
+    let mut seen = HashSet::new();
+    for node in children(root, "junction") {
+        let id = text(node, "id");
+        if !seen.insert(id) {
+            reader.warn(node, format!("a second junction has the id \"{id}\"; it is left out"));
+            continue;
+        }
+        map.junctions.push(Junction {
+            id: id.to_owned(),
+            number: numbers.of(id),
+            connections: children(node, "connection").filter_map(|c| connection(reader, c)).collect(),
+            controllers: children(node, "controller")
+                .map(|c| (text(c, "id").to_owned(), text(c, "sequence").parse().unwrap_or(u32::MAX)))
+                .collect(),
+        });
+    }
+}
+
+fn connection(reader: &mut Reader, node: Node) -> Option<Connection> {
+    let incoming = text(node, "incomingRoad");
+    let connecting = Some(text(node, "connectingRoad")).filter(|id| !id.is_empty()).unwrap_or_else(|| text(node, "linkedRoad"));
+    if incoming.is_empty() || connecting.is_empty() {
+        reader.warn(node, "a <connection> names no incoming or no connecting road; it is left out");
+        return None;
+    }
+    let lane_links = children(node, "laneLink").filter_map(|link| lane_id(link, "from").zip(lane_id(link, "to"))).collect();
+    let contact = contact_point(node).unwrap_or(End::Start);
+    Some(Connection { incoming: incoming.to_owned(), connecting: connecting.to_owned(), contact, lane_links })
+}
+
+/// A lane id other than 0 that fits.
+fn lane_id(node: Node, name: &str) -> Option<i8> {
+    text(node, name).parse().ok().filter(|id| *id != 0 && *id != i8::MIN)
+}
+
+fn contact_point(node: Node) -> Option<End> {
+    match text(node, "contactPoint") {
+        "start" => Some(End::Start),
+        "end" => Some(End::Finish),
+        _ => None,
+    }
+}
+
+fn controller(node: Node) -> RawController {
+    RawController {
+        id: text(node, "id").to_owned(),
+        name: text(node, "name").to_owned(),
+        signals: children(node, "control").map(|c| text(c, "signalId").to_owned()).collect(),
+    }
+}
+
+/// Latitude and longitude of the origin in a PROJ string, degrees.
+fn geo_reference(reader: &mut Reader, node: Node) -> Option<(f64, f64)> {
+    let text: String = node.children().filter_map(|c| c.text()).collect();
+    let value = |key: &str| {
+        let word = text.split_whitespace().find_map(|word| word.strip_prefix(key)?.strip_prefix('='))?;
+        word.parse::<f64>().ok().filter(|x| x.is_finite())
+    };
+    match (value("+lat_0"), value("+lon_0")) {
+        (Some(lat), Some(lon)) if lat.abs() <= 90.0 && lon.abs() <= 360.0 => Some((lat, lon)),
+        _ => {
+            reader.warn(node, "<geoReference> has no usable +lat_0 and +lon_0; latitude 42° and longitude 2° are taken");
+            None
+        }
+    }
+}
+
+/// Numbers for ids: the id itself where it is a number, otherwise one above all of those.
+struct Numbers {
+    next: u32,
+    given: HashMap<String, u32>,
+}
+
+impl Numbers {
+    fn new<'a>(ids: impl Iterator<Item = &'a str>) -> Self {
+        let largest = ids.filter_map(plain_number).max();
+        Numbers { next: largest.map_or(0, |n| n.saturating_add(1)), given: HashMap::new() }
+    }
+
+    fn of(&mut self, id: &str) -> u32 {
+        if let Some(number) = plain_number(id) {
+            return number;
+        }
+        *self.given.entry(id.to_owned()).or_insert_with(|| {
+            let number = self.next;
+            self.next = self.next.saturating_add(1);
+            number
+        })
+    }
+}
+
+/// The number an id spells, if it is its canonical spelling and leaves room above it.
+fn plain_number(id: &str) -> Option<u32> {
+    id.parse::<u32>().ok().filter(|n| *n < 1 << 31 && n.to_string() == id)
+}

@@ -1,0 +1,167 @@
+//! What an OpenDRIVE text says, before links are resolved.
+
+use crate::curve::Geometry;
+use crate::marks::MarkRecord;
+use crate::profile::Profile;
+use crate::{LaneKind, Warning};
+
+/// Which end of a road or section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum End {
+    Start,
+    Finish,
+}
+
+/// What a road's end is joined to.
+#[derive(Clone, Debug)]
+pub(crate) enum RoadLink {
+    Road { id: String, contact: Option<End> },
+    Junction { id: String },
+}
+
+/// Extent of a lane across the road.
+#[derive(Clone, Debug)]
+pub(crate) enum Extent {
+    Width(Profile),
+    /// Absolute lateral position of the outer edge before the lane offset.
+    Border(Profile),
+}
+
+/// One lane of one section.
+#[derive(Clone, Debug)]
+pub(crate) struct RawLane {
+    pub id: i8,
+    pub kind: LaneKind,
+    pub extent: Extent,
+    /// 1.8's `direction="reversed"`.
+    pub reversed: bool,
+    pub predecessors: Vec<i8>,
+    pub successors: Vec<i8>,
+    /// (sOffset, m/s or no limit).
+    pub speeds: Vec<(f64, Option<f64>)>,
+    /// Marks on the outer edge, by rising sOffset.
+    pub marks: Vec<MarkRecord>,
+}
+
+/// A lane section.
+#[derive(Clone, Debug)]
+pub(crate) struct Section {
+    pub start_m: f64,
+    pub end_m: f64,
+    /// Lanes 1, 2, … outwards.
+    pub left: Vec<RawLane>,
+    /// Lanes −1, −2, … outwards.
+    pub right: Vec<RawLane>,
+    pub centre_marks: Vec<MarkRecord>,
+}
+
+/// A road.
+#[derive(Clone, Debug)]
+pub(crate) struct Road {
+    pub id: String,
+    pub number: u32,
+    pub length_m: f64,
+    pub junction: Option<String>,
+    pub left_hand_traffic: bool,
+    pub predecessor: Option<RoadLink>,
+    pub successor: Option<RoadLink>,
+    pub plan: Vec<Geometry>,
+    pub elevation: Profile,
+    pub superelevation: Profile,
+    pub lane_offset: Profile,
+    pub sections: Vec<Section>,
+    /// (s, m/s or no limit) by road type.
+    pub speeds: Vec<(f64, Option<f64>)>,
+}
+
+/// A connection in a junction.
+#[derive(Clone, Debug)]
+pub(crate) struct Connection {
+    pub incoming: String,
+    pub connecting: String,
+    pub contact: End,
+    pub lane_links: Vec<(i8, i8)>,
+}
+
+/// A junction.
+#[derive(Clone, Debug)]
+pub(crate) struct Junction {
+    pub id: String,
+    pub number: u32,
+    pub connections: Vec<Connection>,
+    /// Controller ids and their place in the junction's sequence.
+    pub controllers: Vec<(String, u32)>,
+}
+
+/// One place at which a signal applies.
+#[derive(Clone, Debug)]
+pub(crate) struct Placement {
+    pub road: usize,
+    pub s_m: f64,
+    pub t_m: f64,
+    /// `Some(true)` for traffic along rising s, `Some(false)` against, `None` for both.
+    pub along: Option<bool>,
+    /// Lane ranges; empty means every lane of that direction.
+    pub validity: Vec<(i8, i8)>,
+}
+
+/// A signal.
+#[derive(Clone, Debug)]
+pub(crate) struct RawSignal {
+    pub id: String,
+    pub name: String,
+    pub dynamic: bool,
+    pub kind: String,
+    pub subtype: String,
+    pub country: String,
+    pub value: Option<f64>,
+    pub unit: String,
+    pub text: String,
+    pub z_offset_m: f64,
+    pub heading_offset_rad: f64,
+    pub width_m: f64,
+    pub height_m: f64,
+    pub placement: Placement,
+}
+
+/// A controller.
+#[derive(Clone, Debug)]
+pub(crate) struct RawController {
+    pub id: String,
+    pub name: String,
+    pub signals: Vec<String>,
+}
+
+/// Corner of an object's outline.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Corner {
+    Road { s_m: f64, t_m: f64, dz_m: f64 },
+    Local { u_m: f64, v_m: f64, z_m: f64 },
+}
+
+/// A crosswalk object.
+#[derive(Clone, Debug)]
+pub(crate) struct RawCrosswalk {
+    pub id: String,
+    pub road: usize,
+    pub s_m: f64,
+    pub t_m: f64,
+    pub z_offset_m: f64,
+    pub heading_rad: f64,
+    pub corners: Vec<Corner>,
+}
+
+/// The whole text.
+#[derive(Clone, Debug)]
+pub(crate) struct RawMap {
+    pub name: String,
+    pub geo_reference: Option<(f64, f64)>,
+    pub roads: Vec<Road>,
+    pub junctions: Vec<Junction>,
+    pub signals: Vec<RawSignal>,
+    /// Signal id and a further place at which it applies.
+    pub references: Vec<(String, Placement)>,
+    pub controllers: Vec<RawController>,
+    pub crosswalks: Vec<RawCrosswalk>,
+    pub warnings: Vec<Warning>,
+}

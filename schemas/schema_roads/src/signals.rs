@@ -1,0 +1,239 @@
+//! Signals, controllers and crosswalks in the world.
+
+use std::collections::HashMap;
+
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use crate::graph;
+use crate::lane::{Lane, LaneKey, LanePosition};
+use crate::parse::is_valid_for;
+use crate::raw::{Corner, End, Placement, RawCrosswalk, RawMap, RawSignal};
+
+/// What a signal shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SignalKind {
+    /// A traffic light for vehicles.
+    TrafficLight,
+    /// Stop sign.
+    Stop,
+    /// Give way.
+    Yield,
+    /// Speed limit.
+    SpeedLimit,
+    /// Anything else.
+    Other,
+}
+
+/// Where vehicles on one lane stop for a signal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalStop {
+    /// Lane that is controlled: who takes it must obey.
+    pub lane: LaneKey,
+    /// Where to stop. On the controlled lane itself, or at the end of the lane before it if that one crosses a junction.
+    pub stop: LanePosition,
+}
+
+/// A signal.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signal {
+    /// OpenDRIVE id.
+    pub id: String,
+    /// Its name.
+    pub name: String,
+    /// What it shows.
+    pub kind: SignalKind,
+    /// OpenDRIVE's type, e.g. `1000001`.
+    pub type_code: String,
+    /// OpenDRIVE's subtype.
+    pub subtype: String,
+    /// Country code.
+    pub country: String,
+    /// Value, e.g. of a speed limit.
+    pub value: Option<f64>,
+    /// Unit of the value.
+    pub unit: String,
+    /// Text on it.
+    pub text: String,
+    /// Whether it changes.
+    pub dynamic: bool,
+    /// Pose in the world: x points the way its face looks, that is against the traffic it is for.
+    pub pose: Isometry3<f64>,
+    /// Width, metres; 0 if not stated.
+    pub width_m: f64,
+    /// Height, metres; 0 if not stated.
+    pub height_m: f64,
+    /// Lanes for traffic it is valid for, and where to stop on each.
+    pub stops: Vec<SignalStop>,
+    /// Junction it belongs to: that of its road, or the one its traffic drives towards.
+    pub junction: Option<u32>,
+}
+
+impl Signal {
+    /// Lanes it is valid for.
+    pub fn lanes(&self) -> impl Iterator<Item = LaneKey> + '_ {
+        self.stops.iter().map(|stop| stop.lane)
+    }
+}
+
+/// Signals that switch together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Controller {
+    /// OpenDRIVE id.
+    pub id: String,
+    /// Its name.
+    pub name: String,
+    /// Ids of its signals.
+    pub signals: Vec<String>,
+    /// Junction it belongs to.
+    pub junction: Option<u32>,
+    /// Place in the junction's turn.
+    pub sequence: u32,
+}
+
+/// A crosswalk's outline in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Crosswalk {
+    /// OpenDRIVE id of the object.
+    pub id: String,
+    /// Corners in order, metres; not closed.
+    pub corners: Vec<[f64; 3]>,
+}
+
+/// Kind by type code: CARLA's and Germany's numbers.
+fn kind(signal: &RawSignal) -> SignalKind {
+    match signal.kind.as_str() {
+        "1000001" | "1000009" | "1000010" | "1000011" | "1000012" => SignalKind::TrafficLight,
+        "206" => SignalKind::Stop,
+        "205" => SignalKind::Yield,
+        "274" => SignalKind::SpeedLimit,
+        _ => SignalKind::Other,
+    }
+}
+
+pub(crate) fn signals(map: &RawMap, lanes: &[Lane]) -> Vec<Signal> {
+    let mut references: HashMap<&str, Vec<&Placement>> = HashMap::new();
+    for (id, placement) in &map.references {
+        references.entry(id).or_default().push(placement);
+    }
+    map.signals
+        .iter()
+        .map(|raw| {
+            let further = references.get(raw.id.as_str()).into_iter().flatten().copied();
+            let mut stops = Vec::new();
+            for placement in std::iter::once(&raw.placement).chain(further) {
+                placed_stops(map, lanes, placement, &mut stops);
+            }
+            let junction =
+                junction(map, &raw.placement).or_else(|| stops.iter().find_map(|stop| lanes[graph::find(lanes, stop.lane)?].junction));
+            signal(map, raw, stops, junction)
+        })
+        .collect()
+}
+
+fn signal(map: &RawMap, raw: &RawSignal, stops: Vec<SignalStop>, junction: Option<u32>) -> Signal {
+    Signal {
+        id: raw.id.clone(),
+        name: raw.name.clone(),
+        kind: kind(raw),
+        type_code: raw.kind.clone(),
+        subtype: raw.subtype.clone(),
+        country: raw.country.clone(),
+        value: raw.value,
+        unit: raw.unit.clone(),
+        text: raw.text.clone(),
+        dynamic: raw.dynamic,
+        pose: pose(map, raw),
+        width_m: raw.width_m,
+        height_m: raw.height_m,
+        stops,
+        junction,
+    }
+}
+
+fn pose(map: &RawMap, raw: &RawSignal) -> Isometry3<f64> {
+    let Placement { road, s_m, t_m, along, .. } = raw.placement;
+    let station = map.roads[road].station(s_m);
+    let [x, y, z] = station.point(t_m);
+    let against = if along == Some(false) { 0.0 } else { std::f64::consts::PI };
+    let yaw = station.plan.heading_rad + against + raw.heading_offset_rad;
+    Isometry3::new(Vector3::new(x, y, z + raw.z_offset_m), Vector3::z() * yaw)
+}
+
+/// The stops of one placement.
+fn placed_stops(map: &RawMap, lanes: &[Lane], placement: &Placement, stops: &mut Vec<SignalStop>) {
+    let road = &map.roads[placement.road];
+    let section = road.section_at(placement.s_m);
+    for raw in road.sections[section].left.iter().chain(&road.sections[section].right) {
+        let key = LaneKey { road: road.number, section: section as u16, lane: raw.id };
+        let Some(lane) = graph::find(lanes, key).map(|idx| &lanes[idx]) else { continue };
+        let right_way = placement.along.is_none_or(|along| along == lane.forward);
+        if !right_way || !lane.kind.is_drivable() || !is_valid_for(&placement.validity, raw.id) {
+            continue;
+        }
+        if lane.junction.is_some() && !lane.predecessors.is_empty() {
+            for before in &lane.predecessors {
+                let Some(idx) = graph::find(lanes, *before) else { continue };
+                stops.push(SignalStop { lane: key, stop: LanePosition::new(*before, lanes[idx].length_m) });
+            }
+        } else {
+            let s_m = lane.s_at_station_m(placement.s_m).clamp(0.0, lane.length_m);
+            stops.push(SignalStop { lane: key, stop: LanePosition::new(key, s_m) });
+        }
+    }
+}
+
+fn junction(map: &RawMap, placement: &Placement) -> Option<u32> {
+    let road = &map.roads[placement.road];
+    if let Some(id) = &road.junction {
+        return map.junctions.iter().find(|j| j.id == *id).map(|j| j.number);
+    }
+    let ends = match placement.along {
+        Some(true) => [End::Finish, End::Finish],
+        Some(false) => [End::Start, End::Start],
+        None if placement.s_m < 0.5 * road.length_m => [End::Start, End::Finish],
+        None => [End::Finish, End::Start],
+    };
+    ends.into_iter().find_map(|end| graph::junction_at(map, road, end))
+}
+
+pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
+    let mut homes: HashMap<&str, (u32, u32)> = HashMap::new();
+    for junction in &map.junctions {
+        for (id, sequence) in &junction.controllers {
+            homes.insert(id, (junction.number, *sequence));
+        }
+    }
+    let junction_of: HashMap<&str, u32> = signals.iter().filter_map(|s| Some((s.id.as_str(), s.junction?))).collect();
+    map.controllers
+        .iter()
+        .enumerate()
+        .map(|(idx, raw)| {
+            let home = homes.get(raw.id.as_str());
+            Controller {
+                id: raw.id.clone(),
+                name: raw.name.clone(),
+                signals: raw.signals.clone(),
+                junction: home.map(|h| h.0).or_else(|| raw.signals.iter().find_map(|id| junction_of.get(id.as_str()).copied())),
+                sequence: home.map(|h| h.1).filter(|s| *s != u32::MAX).unwrap_or(idx as u32),
+            }
+        })
+        .collect()
+}
+
+pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
+    let road = &map.roads[raw.road];
+    let station = road.station(raw.s_m);
+    let frame = station.frame(raw.t_m, 0.0)
+        * Isometry3::from_parts(
+            Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
+            UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
+        );
+    let corner = |corner: &Corner| match *corner {
+        Corner::Local { u_m, v_m, z_m } => (frame * Point3::new(u_m, v_m, z_m)).coords.into(),
+        Corner::Road { s_m, t_m, dz_m } => {
+            let [x, y, z] = road.station(s_m).point(t_m);
+            [x, y, z + dz_m]
+        }
+    };
+    Crosswalk { id: raw.id.clone(), corners: raw.corners.iter().map(corner).collect() }
+}
