@@ -146,7 +146,7 @@ fn from_names<'de, D: Deserializer<'de>>(input: D) -> Result<Vec<Modality>, D::E
         .map(|name| {
             Modality::from_name(&name).filter(camera).ok_or_else(|| {
                 let known: Vec<_> = Modality::ALL.iter().filter(|m| camera(m)).map(|m| m.name()).collect();
-                serde::de::Error::custom(format!("unknown modality {name:?}, a camera has {}", known.join(", ")))
+                serde::de::Error::custom(format!("must name only {}; {name:?} is none of them", known.join(", ")))
             })
         })
         .collect()

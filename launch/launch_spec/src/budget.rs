@@ -1,0 +1,30 @@
+//! What a launch file will ask of shared memory, per topic. The number of slots is `schema_bus`'s business.
+
+use schema_frames::Modality;
+
+use crate::model::Launch;
+
+/// One topic of a sensor.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TopicBudget {
+    /// Topic without the domain: `ego/front/rgb`.
+    pub topic: String,
+    /// What it carries.
+    pub modality: Modality,
+    /// Most payload bytes of one frame.
+    pub max_payload_bytes: usize,
+}
+
+impl Launch {
+    /// Every topic the sensors of this file will have, in id order.
+    pub fn memory_budget(&self) -> Vec<TopicBudget> {
+        let topics = self.placed_sensors().into_iter().flat_map(|sensor| {
+            sensor.spec.modalities().into_iter().map(move |modality| TopicBudget {
+                topic: format!("{}/{}/{}", sensor.rig, sensor.name, modality.name()),
+                modality,
+                max_payload_bytes: sensor.spec.max_payload_bytes(modality),
+            })
+        });
+        topics.collect()
+    }
+}

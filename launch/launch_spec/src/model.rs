@@ -1,0 +1,142 @@
+//! What a launch file says, with every default filled in.
+
+use std::collections::BTreeMap;
+
+use schema_frames::StepMode;
+use schema_frames::document::Weather;
+use sensor_spec::SensorSpec;
+use serde::{Deserialize, Serialize};
+
+use crate::process::Process;
+
+/// Name of the rig on the ego vehicle; it exists in every launch file.
+pub const EGO_RIG: &str = "ego";
+
+/// A checked launch file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Launch {
+    /// `[scenario]`: what is simulated.
+    pub scenario: Scenario,
+    /// `[ego]`: the vehicle most people look at.
+    pub ego: Ego,
+    /// `[rig.NAME]`: what sensors are mounted on. [`EGO_RIG`] is always among them.
+    pub rigs: BTreeMap<String, Rig>,
+    /// `[sensor.NAME]`, each on one or more rigs.
+    pub sensors: BTreeMap<String, Sensor>,
+    /// `[process.NAME]` in the order of the file.
+    pub processes: Vec<Process>,
+}
+
+/// `[scenario]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Scenario {
+    /// Map name (`Town10HD`) or path of an `.xodr` file.
+    pub map: String,
+    /// Seed of everything random; 0 to 2⁶³ − 1.
+    pub seed: u64,
+    /// Ticks per second of simulated time.
+    pub tick_hz: f64,
+    /// `free_running`: paced by the clock; `stepped`: one tick per cue.
+    pub mode: StepMode,
+    /// Vehicles besides the ego, role `autopilot`.
+    pub vehicles: u32,
+    /// Weather at the start.
+    pub weather: Weather,
+}
+
+impl Default for Scenario {
+    fn default() -> Self {
+        Scenario { map: "Town10HD".into(), seed: 1, tick_hz: 20.0, mode: StepMode::FreeRunning, vehicles: 0, weather: Weather::default() }
+    }
+}
+
+impl Scenario {
+    /// Length of a tick, nanoseconds.
+    pub fn period_nanos(&self) -> u64 {
+        (1e9 / self.tick_hz).round() as u64
+    }
+}
+
+/// `[ego]`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ego {
+    /// Catalogue id of the vehicle.
+    pub type_id: String,
+    /// Index into the map's spawn points, modulo their number.
+    pub spawn_point: u32,
+}
+
+impl Default for Ego {
+    fn default() -> Self {
+        Ego { type_id: "vehicle.tesla.model3".into(), spawn_point: 0 }
+    }
+}
+
+/// What the sensors of a rig are mounted on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rig {
+    /// The ego vehicle.
+    Ego,
+    /// One of the other vehicles, by index from 0, below [`Scenario::vehicles`].
+    Other(u32),
+    /// A fixed place in the world.
+    Free(FreePose),
+}
+
+/// A fixed place in the world: x forward, y left, z up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FreePose {
+    /// Metres, world.
+    pub position_m: [f64; 3],
+    /// Roll, pitch, yaw, degrees; positive pitch looks down, positive yaw turns left.
+    pub rpy_deg: [f64; 3],
+}
+
+impl FreePose {
+    /// As plain bytes.
+    pub fn pose(&self) -> schema_types::Pose {
+        let mount = sensor_spec::MountSpec { position_m: self.position_m, rpy_deg: self.rpy_deg, ..Default::default() };
+        mount.pose()
+    }
+}
+
+/// One sensor as the file has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sensor {
+    /// Rigs that carry it; at least one.
+    pub rigs: Vec<String>,
+    /// What it measures.
+    pub spec: SensorSpec,
+}
+
+/// One sensor on one rig: its topics are `<domain>/<rig>/<name>/<modality>`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlacedSensor<'a> {
+    /// Rig, a key of [`Launch::rigs`].
+    pub rig: &'a str,
+    /// Sensor, a key of [`Launch::sensors`].
+    pub name: &'a str,
+    /// What it measures.
+    pub spec: &'a SensorSpec,
+}
+
+impl Launch {
+    /// Every sensor on every rig, by rig (the ego's first, then by name), then by sensor name. Ids are given in this order.
+    pub fn placed_sensors(&self) -> Vec<PlacedSensor<'_>> {
+        let mut placed: Vec<_> = self
+            .sensors
+            .iter()
+            .flat_map(|(name, sensor)| sensor.rigs.iter().map(move |rig| PlacedSensor { rig, name, spec: &sensor.spec }))
+            .collect();
+        placed.sort_by_key(|sensor| (sensor.rig != EGO_RIG, sensor.rig, sensor.name));
+        placed
+    }
+
+    /// The process of this name.
+    pub fn process(&self, name: &str) -> Option<&Process> {
+        self.processes.iter().find(|process| process.name == name)
+    }
+}

@@ -1,0 +1,127 @@
+//! `[process.NAME]`: what the launcher starts, when it counts as ready, and what happens when it ends.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::period::Period;
+
+/// One process.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Process {
+    /// Its name in the file, its log prefix and its log file.
+    pub name: String,
+    /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}` and `${launch}` are replaced.
+    pub cmd: Vec<String>,
+    /// Its end ends the pipeline, with its exit code.
+    pub required: bool,
+    /// When those that come after it may start; `None`: at once.
+    pub ready: Option<Ready>,
+    /// Processes that must be ready before it starts.
+    pub after: Vec<String>,
+    /// What happens when it ends by itself.
+    pub restart: Restart,
+    /// How it is asked to end.
+    pub stop: Stop,
+    /// Environment on top of the launcher's.
+    pub env: BTreeMap<String, String>,
+    /// CPUs it may run on; empty: all.
+    pub cpus: Vec<u32>,
+}
+
+/// When a process counts as ready.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ready {
+    /// The sign to wait for.
+    pub when: ReadyWhen,
+    /// Longest wait; then the pipeline fails.
+    pub within: Period,
+}
+
+/// A sign of readiness.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ReadyWhen {
+    /// This topic of the domain (without its first segment) has a living publisher.
+    Service(String),
+    /// A line of its output matches this regular expression.
+    Line(String),
+    /// This `host:port` accepts a connection.
+    Tcp(String),
+}
+
+/// What happens when a process ends by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Restart {
+    /// When to start it again.
+    pub policy: RestartPolicy,
+    /// Pause before the first restart.
+    pub delay: Period,
+    /// Every further pause is this many times as long.
+    pub factor: f64,
+    /// Longest pause.
+    pub max_delay: Period,
+    /// Most restarts within `window`; one more ends the pipeline.
+    pub max: u32,
+    /// See `max`; a process that ran longer than this starts again with `delay`.
+    pub window: Period,
+}
+
+impl Default for Restart {
+    fn default() -> Self {
+        Restart {
+            policy: RestartPolicy::Never,
+            delay: Period::from_millis(500),
+            factor: 2.0,
+            max_delay: Period::from_millis(10_000),
+            max: 5,
+            window: Period::from_millis(60_000),
+        }
+    }
+}
+
+/// When a process is started again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RestartPolicy {
+    /// Its end is its end.
+    #[default]
+    Never,
+    /// After a signal or an exit code other than 0.
+    OnFailure,
+    /// Whenever it ends.
+    Always,
+}
+
+/// How a process is asked to end: `signal`, after `grace` TERM, two seconds later KILL, each to its whole process group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Stop {
+    /// First signal.
+    pub signal: StopSignal,
+    /// Time to end by itself.
+    pub grace: Period,
+}
+
+impl Default for Stop {
+    fn default() -> Self {
+        Stop { signal: StopSignal::Int, grace: Period::from_millis(5_000) }
+    }
+}
+
+/// A signal that asks a process to end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+pub enum StopSignal {
+    /// As Ctrl-C.
+    #[default]
+    Int,
+    /// SIGTERM.
+    Term,
+    /// SIGHUP.
+    Hup,
+    /// SIGQUIT.
+    Quit,
+    /// No asking.
+    Kill,
+}

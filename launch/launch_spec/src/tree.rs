@@ -1,0 +1,141 @@
+//! A TOML text as a tree that knows where every key and value stands, with `--set` laid over it.
+
+use std::collections::BTreeMap;
+
+use toml::de::{DeTable, DeValue};
+
+use crate::error::{Errors, Place};
+
+/// Keys of a table by name.
+pub(crate) type Table = BTreeMap<String, Entry>;
+
+/// A key and what it says.
+#[derive(Clone, Debug)]
+pub(crate) struct Entry {
+    pub key_at: Place,
+    pub node: Node,
+}
+
+/// A value and its place.
+#[derive(Clone, Debug)]
+pub(crate) struct Node {
+    pub at: Place,
+    pub value: Value,
+}
+
+#[derive(Clone, Debug)]
+pub(crate) enum Value {
+    Table(Table),
+    Leaf(toml::Value),
+}
+
+impl Node {
+    pub fn table(&self) -> Option<&Table> {
+        match &self.value {
+            Value::Table(table) => Some(table),
+            Value::Leaf(_) => None,
+        }
+    }
+
+    /// The value without places.
+    pub fn plain(&self) -> toml::Value {
+        match &self.value {
+            Value::Leaf(leaf) => leaf.clone(),
+            Value::Table(table) => toml::Value::Table(table.iter().map(|(key, entry)| (key.clone(), entry.node.plain())).collect()),
+        }
+    }
+}
+
+/// Place of the value at a dotted path, if the text has one.
+pub(crate) fn place_of(table: &Table, path: &str) -> Option<Place> {
+    let (head, rest) = path.split_once('.').map_or((path, None), |(head, rest)| (head, Some(rest)));
+    let entry = table.get(head)?;
+    match rest {
+        None => Some(entry.node.at),
+        Some(rest) => place_of(entry.node.table()?, rest),
+    }
+}
+
+/// Reads a whole text; `None` after a syntax error.
+pub(crate) fn read(text: &str, source: usize, errors: &mut Errors) -> Option<Table> {
+    let (document, wrong) = DeTable::parse_recoverable(text);
+    for error in &wrong {
+        let byte = error.span().map_or(text.len(), |span| span.start);
+        errors.push(Place { source, byte }, error.message().replace('\n', ", "));
+    }
+    wrong.is_empty().then(|| table(document.get_ref(), source, errors))
+}
+
+fn table(read: &DeTable<'_>, source: usize, errors: &mut Errors) -> Table {
+    let entries = read.iter().map(|(key, value)| {
+        let key_at = Place { source, byte: key.span().start };
+        let at = Place { source, byte: value.span().start };
+        let value = match value.get_ref() {
+            DeValue::Table(inner) => Value::Table(table(inner, source, errors)),
+            leaf => Value::Leaf(plain(leaf, at, errors)),
+        };
+        (key.get_ref().to_string(), Entry { key_at, node: Node { at, value } })
+    });
+    entries.collect()
+}
+
+fn plain(value: &DeValue<'_>, at: Place, errors: &mut Errors) -> toml::Value {
+    match value {
+        DeValue::String(text) => toml::Value::String(text.to_string()),
+        DeValue::Boolean(flag) => toml::Value::Boolean(*flag),
+        DeValue::Datetime(time) => toml::Value::Datetime(*time),
+        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).map_or_else(
+            |_| {
+                errors.push(at, format!("{number} is beyond what 64 bits hold"));
+                toml::Value::Integer(0)
+            },
+            toml::Value::Integer,
+        ),
+        DeValue::Float(number) => toml::Value::Float(number.as_str().parse().unwrap_or(f64::NAN)),
+        DeValue::Array(list) => {
+            let elements = list.iter().map(|element| plain(element.get_ref(), Place { byte: element.span().start, ..at }, errors));
+            toml::Value::Array(elements.collect())
+        }
+        DeValue::Table(inner) => {
+            let entries = inner.iter().map(|(key, value)| {
+                let value_at = Place { byte: value.span().start, ..at };
+                (key.get_ref().to_string(), plain(value.get_ref(), value_at, errors))
+            });
+            toml::Value::Table(entries.collect())
+        }
+    }
+}
+
+/// The text of one `--set key=value` as TOML: a value that is no TOML (`Town02`) counts as text.
+pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
+    let Some((key, value)) = set.split_once('=') else {
+        return Err(format!("--set {set:?} has no \"=\"; write --set key=value, e.g. --set scenario.seed=7"));
+    };
+    let (key, value) = (key.trim(), value.trim());
+    let typed = format!("{key} = {value}\n");
+    if DeTable::parse(&typed).is_ok_and(|table| table.get_ref().len() == 1) {
+        return Ok(typed);
+    }
+    let text = format!("{key} = {}\n", toml::Value::String(value.into()));
+    match DeTable::parse(&text) {
+        Ok(table) if table.get_ref().len() == 1 => Ok(text),
+        _ => Err(format!("--set {set:?} has a key that is no dotted name; write --set key=value, e.g. --set scenario.seed=7")),
+    }
+}
+
+/// Lays `over` on `base`: tables merge, everything else is replaced.
+pub(crate) fn merge(base: &mut Table, over: Table) {
+    for (key, entry) in over {
+        match (base.get_mut(&key), entry) {
+            (
+                Some(Entry { node: Node { value: Value::Table(below), .. }, .. }),
+                Entry { node: Node { value: Value::Table(above), .. }, .. },
+            ) => {
+                merge(below, above);
+            }
+            (_, entry) => {
+                base.insert(key, entry);
+            }
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! Launch files as users write them, rightly and wrongly.
+
+use launch_spec::{Launch, Rig};
+use sensor_spec::SensorSpec;
+
+/// The messages for `body` below a version line, which is line 1.
+fn errors(body: &str) -> Vec<String> {
+    let text = format!("version = 1\n{body}");
+    match Launch::parse(&text, "launch/town.toml") {
+        Ok(_) => Vec::new(),
+        Err(errors) => errors.0.iter().map(ToString::to_string).collect(),
+    }
+}
+
+fn check(body: &str, expected: &[&str]) {
+    assert_eq!(errors(body), expected, "for {body:?}");
+}
+
+#[test]
+fn a_misspelt_key_is_named_with_its_place_and_the_right_word() {
+    let body = "\n".repeat(10) + "[sensor.roof]\nkind = \"lidar\"\nchanels = 64\n";
+    check(&body, &["unknown key \"chanels\" in [sensor.roof], did you mean \"channels\"? at launch/town.toml:14:1"]);
+}
+
+#[test]
+fn all_errors_of_a_file_are_reported_together_in_its_order() {
+    let body = r#"
+[scenario]
+tick_hz = 20
+vehicels = 3
+mode = "steped"
+[sensor.roof]
+kind = "lidar"
+channels = 400
+rate_hz = 15
+mount.position = [0, 0, 2]
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "dept"]
+width_px = "wide"
+height_px = -5
+[process.drive]
+cmd = "gantry-drive"
+after = ["simd"]
+"#;
+    check(
+        body,
+        &[
+            "unknown key \"vehicels\" in [scenario], did you mean \"vehicles\"? at launch/town.toml:5:1",
+            "scenario.mode is \"steped\", but must be one of free_running, stepped, did you mean \"stepped\"? at launch/town.toml:6:8",
+            "sensor.roof.channels is 400, but must be 1 to 256 at launch/town.toml:9:12",
+            "sensor.roof.rate_hz is 15, but must divide the tick rate 20; try 20 or 10 at launch/town.toml:10:11",
+            "unknown key \"position\" in [sensor.roof.mount], did you mean \"position_m\"? at launch/town.toml:11:7",
+            "sensor.front.modalities is [\"rgb\", \"dept\"], but must name only rgb, depth, semantic, instance, flow, normals, dvs; \"dept\" is none of them at launch/town.toml:14:14",
+            "sensor.front.width_px is \"wide\", but must be a whole number at launch/town.toml:15:12",
+            "sensor.front.height_px is -5, but must be a whole number from 0 to 4294967295 at launch/town.toml:16:13",
+            "process.drive.after is \"simd\", but there is no [process.simd] at launch/town.toml:17:10",
+            "process.drive.cmd is \"gantry-drive\", but must be a list in brackets at launch/town.toml:18:7",
+        ],
+    );
+}
+
+#[test]
+fn syntax_errors_have_a_place() {
+    let messages = errors("[scenario\nmap = \"Town\n");
+    assert!(!messages.is_empty() && messages.iter().all(|message| message.contains("launch/town.toml:")), "{messages:?}");
+    check("[scenario]\nseed = 1\nseed = 2\n", &["duplicate key at launch/town.toml:4:1"]);
+}
+
+#[test]
+fn the_version_is_asked_for() {
+    let error = Launch::parse("", "x.toml").unwrap_err().to_string();
+    assert_eq!(error, "version is missing; begin the file with version = 1 at x.toml:1:1");
+    let error = Launch::parse("version = 2", "x.toml").unwrap_err().to_string();
+    assert_eq!(error, "version is 2, but this program reads 1 at x.toml:1:11");
+}
+
+#[test]
+fn sensors_need_a_known_kind_and_a_rig_that_exists() {
+    check("[sensor.a]\n", &["[sensor.a] has no kind; give kind = \"camera\", \"lidar\", \"imu\" or \"gnss\" at launch/town.toml:2:9"]);
+    check(
+        "[sensor.a]\nkind = \"lider\"\n",
+        &["sensor.a.kind is \"lider\", but must be a kind of sensor, did you mean \"lidar\"? at launch/town.toml:3:8"],
+    );
+    check(
+        "[sensor.a]\nkind = \"imu\"\nrig = \"eggo\"\n",
+        &["sensor.a.rig is \"eggo\", but there is no [rig.eggo], did you mean \"ego\"? at launch/town.toml:4:7"],
+    );
+    check(
+        "[sensor.Front]\nkind = \"imu\"\n",
+        &["[sensor.Front] has a name that is not 1 to 32 lower-case letters, digits or '_', a letter first at launch/town.toml:2:9"],
+    );
+}
+
+#[test]
+fn rigs_ride_on_vehicles_that_exist() {
+    check(
+        "[scenario]\nvehicles = 2\n[rig.a]\nvehicle = 2\n[rig.world]\nvehicle = 0\n[rig.b]\n",
+        &[
+            "rig.a.vehicle is 2, but must be \"ego\" or 0 to 1 (scenario.vehicles is 2) at launch/town.toml:5:11",
+            "[rig.world] has a name that the simulator uses itself; choose another at launch/town.toml:6:6",
+            "[rig.b] says not where it is; give vehicle = \"ego\", vehicle = 0 (another vehicle) or pose at launch/town.toml:8:6",
+        ],
+    );
+}
+
+#[test]
+fn processes_that_wait_for_one_another_are_refused() {
+    check(
+        "[process.a]\ncmd = [\"a\"]\nafter = [\"b\"]\n[process.b]\ncmd = [\"b\"]\nafter = [\"a\"]\n",
+        &["processes a, b wait for one another through \"after\"; break the circle at launch/town.toml:2:10"],
+    );
+}
+
+#[test]
+fn process_details_are_checked() {
+    check(
+        "[process.a]\ncmd = [\"a\", \"${runs}\"]\nstop = { grace = \"5 parsecs\", signal = \"STOP\" }\nready = { line = \"(\", tcp = \"2000\" }\nrestart.policy = \"onfailure\"\n",
+        &[
+            "process.a.cmd has \"${runs}\", which is nothing the launcher replaces, known: run_dir, name, domain, launch at launch/town.toml:3:7",
+            "process.a.stop.grace is \"5 parsecs\", but must be a time such as 500ms, 2.5s, 1m or 1h, at most a week at launch/town.toml:4:18",
+            "process.a.stop.signal is \"STOP\", but must be one of INT, TERM, HUP, QUIT, KILL at launch/town.toml:4:40",
+            "process.a.ready has 2 signs, but must have one of service, line, tcp at launch/town.toml:5:1",
+            "process.a.ready.line is \"(\", which is no regular expression: unclosed group at launch/town.toml:5:9",
+            "process.a.ready.tcp is \"2000\", but must be host:port, e.g. \"127.0.0.1:2000\" at launch/town.toml:5:9",
+            "process.a.restart.policy is \"onfailure\", but must be one of never, on-failure, always, did you mean \"on-failure\"? at launch/town.toml:6:18",
+        ],
+    );
+}
+
+#[test]
+fn settings_are_typed_laid_over_and_blamed() {
+    let text = "version = 1\n[scenario]\nseed = 1\n[sensor.front]\nkind = \"camera\"\n";
+    let sets = ["scenario.seed=9", "scenario.map=Town02", "sensor.front.width_px = 640", "process.a.cmd=[\"a\"]"].map(String::from);
+    let launch = Launch::parse_with(text, "x.toml", &sets).unwrap();
+    assert_eq!((launch.scenario.seed, launch.scenario.map.as_str()), (9, "Town02"));
+    assert!(matches!(&launch.sensors["front"].spec, SensorSpec::Camera(camera) if camera.width_px == 640 && camera.height_px == 600));
+    assert_eq!(launch.processes[0].cmd, ["a"]);
+
+    let sets = ["scenario.sead=9", "scenario.tick_hz=fast", "nonsense"].map(String::from);
+    let messages: Vec<_> = Launch::parse_with(text, "x.toml", &sets).unwrap_err().0.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        messages,
+        [
+            "unknown key \"sead\" in [scenario], did you mean \"seed\"? at --set scenario.sead=9",
+            "scenario.tick_hz is \"fast\", but must be a number at --set scenario.tick_hz=fast",
+            "--set \"nonsense\" has no \"=\"; write --set key=value, e.g. --set scenario.seed=7 at the command line",
+        ]
+    );
+}
+
+#[test]
+fn a_sensor_on_two_rigs_has_topics_on_both() {
+    let text = include_str!("../../two_rigs.toml");
+    let launch = Launch::parse(text, "launch/two_rigs.toml").unwrap();
+    let topics: Vec<_> = launch.memory_budget().into_iter().map(|topic| topic.topic).collect();
+    assert!(topics.contains(&"ego/front/depth".into()) && topics.contains(&"chaser/front/depth".into()), "{topics:?}");
+    assert_eq!(launch.placed_sensors()[0].rig, "ego");
+    assert_eq!(launch.rigs["chaser"], Rig::Other(0));
+    let depth = launch.memory_budget().into_iter().find(|topic| topic.topic == "ego/front/depth").unwrap();
+    assert_eq!(depth.max_payload_bytes, 640 * 480 * 4);
+}
+
+#[test]
+fn defaults_reach_processes_that_say_nothing_else() {
+    let text = "version = 1\n[defaults]\nenv = { A = \"1\", B = \"1\" }\nrestart = { policy = \"always\", max = 2 }\n\
+        [process.p]\ncmd = [\"p\"]\nenv = { B = \"2\" }\nrestart = { max = 3 }\n";
+    let launch = Launch::parse(text, "x.toml").unwrap();
+    let process = launch.process("p").unwrap();
+    assert_eq!(process.env.clone().into_iter().collect::<Vec<_>>(), [("A".into(), "1".into()), ("B".into(), "2".into())]);
+    assert_eq!((process.restart.policy, process.restart.max), (launch_spec::RestartPolicy::Always, 3));
+}
+
+#[test]
+fn every_launch_file_we_ship_parses_and_survives_being_written_out() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+    let mut n_files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        let launch = Launch::parse(&text, &path.display().to_string()).unwrap_or_else(|errors| panic!("{errors}"));
+        let written = launch.to_toml_with_defaults();
+        let again = Launch::parse(&written, "written").unwrap_or_else(|errors| panic!("{errors}\n{written}"));
+        assert_eq!(again, launch, "{written}");
+        n_files += 1;
+    }
+    assert!(n_files >= 3, "{n_files} launch files in {folder}");
+}
+
+/// Goal: no text makes the reader panic. Method: a seeded mutator cuts, repeats and replaces pieces of a good file.
+#[test]
+fn mutated_files_never_panic() {
+    let good = [include_str!("../../quickstart.toml"), include_str!("../../two_rigs.toml")];
+    let pieces = [
+        "=",
+        "[",
+        "]]",
+        "\"",
+        "{ }",
+        "nan",
+        "-1",
+        "1e999",
+        "99999999999999999999",
+        "true",
+        "\u{0}",
+        "ü",
+        "${",
+        ".",
+        "1979-05-27",
+        "[[process]]",
+    ];
+    let mut rng = fastrand::Rng::with_seed(2);
+    let mut n_accepted = 0;
+    for _ in 0..3_000 {
+        let lines = good[rng.usize(0..2)].lines();
+        let mut chosen: Vec<String> = lines.filter(|_| rng.u8(..) > 2).map(str::to_owned).collect();
+        for _ in 0..rng.usize(0..4) {
+            let line = rng.usize(0..chosen.len());
+            let text = chosen[line].clone();
+            let cut = text.floor_char_boundary(rng.usize(0..=text.len()));
+            let piece = pieces[rng.usize(0..pieces.len())];
+            chosen[line] = match rng.u8(0..4) {
+                0 => format!("{}{piece}{}", &text[..cut], &text[cut..]),
+                1 => text[..cut].to_owned(),
+                2 => text.split('=').next().unwrap_or_default().to_owned() + "= " + piece,
+                _ => chosen[rng.usize(0..chosen.len())].clone(),
+            };
+        }
+        let text = chosen.join("\n");
+        let sets: Vec<_> =
+            (rng.u8(0..4) == 0).then(|| format!("scenario.seed={}", pieces[rng.usize(0..pieces.len())])).into_iter().collect();
+        match Launch::parse_with(&text, "fuzz.toml", &sets) {
+            Err(errors) => assert!(!errors.to_string().is_empty()),
+            Ok(launch) => {
+                n_accepted += 1;
+                Launch::parse(&launch.to_toml_with_defaults(), "written").unwrap_or_else(|errors| panic!("{errors}\n{text}"));
+            }
+        }
+    }
+    assert!(n_accepted > 0, "the mutator breaks every file; it tests nothing behind the syntax");
+}
