@@ -1,0 +1,16 @@
+//! Ray sensors on the CPU: lidar and semantic lidar against the same triangles that cameras draw.
+//!
+//! Two levels: bounding-volume hierarchies over the scenery (built once per episode) and over each moving mesh (shared by its
+//! instances), and a small hierarchy over the instances of the tick. Rays travel in packets of neighbours.
+//! Hits are found in `f32` about a near origin and then made exact in `f64`, so that distances hold to well under a millimetre.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod bvh;
+pub mod lidar;
+mod packet;
+pub mod scene;
+
+pub use lidar::{Lidar, SensorPath};
+pub use scene::{Hit, RayScene};

@@ -1,0 +1,166 @@
+//! Hierarchies of boxes: built by obvhs (PLOC with reinsertion), walked here by whole packets.
+
+use std::time::Duration;
+
+use glam::Vec3A;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::triangle::Triangle;
+use obvhs::{BvhBuildParams, bvh2::node::Bvh2Node};
+
+use crate::packet::Packet;
+
+/// A box with two children at `first` and `first + 1`, or, if `count > 0`, with the leaf's items `first..first + count`.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+struct Node {
+    low: [f32; 3],
+    count: u32,
+    high: [f32; 3],
+    first: u32,
+}
+
+impl From<&Bvh2Node> for Node {
+    fn from(node: &Bvh2Node) -> Self {
+        let aabb = node.aabb();
+        Node { low: aabb.min.to_array(), count: node.prim_count, high: aabb.max.to_array(), first: node.first_index }
+    }
+}
+
+/// A hierarchy without its items.
+#[derive(Debug, Default)]
+struct Tree {
+    nodes: Vec<Node>,
+}
+
+impl Tree {
+    fn new(bvh: &Bvh2) -> Self {
+        Tree { nodes: bvh.nodes.iter().map(Node::from).collect() }
+    }
+
+    /// Calls `leaf` with every range of items whose box some lane enters before its limit, nearer ones first where that is known.
+    #[inline(always)]
+    fn walk<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, mut leaf: impl FnMut(&mut Packet<N>, u32, u32)) {
+        let Some(root) = self.nodes.first() else { return };
+        if packet.enter(&root.low, &root.high) == f32::INFINITY {
+            return;
+        }
+        stack.clear();
+        let mut current = *root;
+        loop {
+            if current.count > 0 {
+                leaf(packet, current.first, current.count);
+            } else {
+                let (a, b) = (&self.nodes[current.first as usize], &self.nodes[current.first as usize + 1]);
+                let (near_a, near_b) = (packet.enter(&a.low, &a.high), packet.enter(&b.low, &b.high));
+                let a_first = near_a <= near_b;
+                let (near, far_idx) = if a_first { (near_a, current.first + 1) } else { (near_b, current.first) };
+                let behind = if a_first { near_b } else { near_a };
+                if behind < f32::INFINITY {
+                    stack.push((far_idx, behind));
+                }
+                if near < f32::INFINITY {
+                    current = if a_first { *a } else { *b };
+                    continue;
+                }
+            }
+            let limit = packet.farthest();
+            loop {
+                let Some((idx, near)) = stack.pop() else { return };
+                if near <= limit {
+                    current = self.nodes[idx as usize];
+                    break;
+                }
+            }
+        }
+    }
+}
+
+/// A triangle as the packet test wants it.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    corner: [f32; 3],
+    edge1: [f32; 3],
+    edge2: [f32; 3],
+    /// Number in the order the triangles were given.
+    number: u32,
+}
+
+/// Triangles under a hierarchy.
+#[derive(Debug, Default)]
+pub(crate) struct TriangleTree {
+    tree: Tree,
+    faces: Vec<Face>,
+}
+
+impl TriangleTree {
+    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not finite are left out.
+    pub fn new(corners: &[[[f32; 3]; 3]]) -> Self {
+        let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
+        let numbers: Vec<u32> = (0..corners.len() as u32).filter(|i| finite(&corners[*i as usize])).collect();
+        let triangles: Vec<Triangle> = numbers
+            .iter()
+            .map(|i| {
+                let [v0, v1, v2] = corners[*i as usize].map(Vec3A::from);
+                Triangle { v0, v1, v2 }
+            })
+            .collect();
+        if triangles.is_empty() {
+            return TriangleTree::default();
+        }
+        let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let face = |i: &u32| {
+            let t = &triangles[*i as usize];
+            let (edge1, edge2) = (t.v1 - t.v0, t.v2 - t.v0);
+            Face { corner: t.v0.to_array(), edge1: edge1.to_array(), edge2: edge2.to_array(), number: numbers[*i as usize] }
+        };
+        TriangleTree { tree: Tree::new(&bvh), faces: bvh.primitive_indices.iter().map(face).collect() }
+    }
+
+    /// Lower and upper corner of the box around everything; `None` without triangles.
+    pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
+        self.tree.nodes.first().map(|root| (root.low, root.high))
+    }
+
+    /// Nearest hits of all lanes before their limits; hits are marked with `place`.
+    #[inline(always)]
+    pub fn intersect<const N: usize>(&self, packet: &mut Packet<N>, place: u32, stack: &mut Vec<(u32, f32)>) {
+        self.tree.walk(packet, stack, |packet, first, count| {
+            for face in &self.faces[first as usize..(first + count) as usize] {
+                packet.triangle(&face.corner, &face.edge1, &face.edge2, face.number, place);
+            }
+        });
+    }
+}
+
+/// Boxes under a hierarchy: what the moving instances of a tick hang in.
+#[derive(Debug, Default)]
+pub(crate) struct BoxTree {
+    tree: Tree,
+    items: Vec<u32>,
+}
+
+impl BoxTree {
+    /// Builds over (lower, upper) corners; items are indices into `boxes`.
+    pub fn new(boxes: &[([f32; 3], [f32; 3])]) -> Self {
+        if boxes.is_empty() {
+            return BoxTree::default();
+        }
+        let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
+        let indices = (0..boxes.len() as u32).collect();
+        let bvh = PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0);
+        BoxTree { tree: Tree::new(&bvh), items: bvh.primitive_indices.clone() }
+    }
+
+    /// Calls `item` for every box that some lane enters before its limit.
+    #[inline(always)]
+    pub fn visit<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, mut item: impl FnMut(&mut Packet<N>, u32)) {
+        self.tree.walk(packet, stack, |packet, first, count| {
+            for idx in &self.items[first as usize..(first + count) as usize] {
+                item(packet, *idx);
+            }
+        });
+    }
+}
