@@ -1,0 +1,123 @@
+//! CPU time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving boxes.
+//!
+//! `cargo run --release -p sensor_ray --example turn_bench [turns]` prints the best and the median turn on one thread.
+
+use nalgebra::{Isometry3, Vector3};
+use nix::sys::resource::{UsageWho, getrusage};
+use schema_types::noise::Noise;
+use schema_types::{ActorId, Class, ObjectId};
+use sensor_core::mesh::Surface;
+use sensor_core::{DynamicInstance, Material, MeshBuilder, SceneAssets, StaticInstance};
+use sensor_ray::RayScene;
+use sensor_ray::lidar::{Lidar, SensorPath};
+use sensor_spec::LidarSpec;
+
+fn main() {
+    let turns: usize = std::env::args().nth(1).and_then(|n| n.parse().ok()).unwrap_or(15);
+    let assets = street();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread can be started");
+    pool.install(|| {
+        let started = cpu_nanos();
+        let mut scene = RayScene::load(&assets);
+        println!("sensor_ray/load: {} triangles in {:.0} ms", scene.n_static_triangles(), (cpu_nanos() - started) as f64 * 1e-6);
+        let instances = traffic(&assets);
+        let millis = measure(turns, || scene.update(&instances));
+        println!("sensor_ray/update/{}: best {:.3} ms, median {:.3} ms", instances.len(), millis.0, millis.1);
+        for (name, semantic, motion_distortion) in [("plain", false, false), ("semantic", true, false), ("distorted", false, true)] {
+            let mut lidar = Lidar::new(LidarSpec { semantic, motion_distortion, ..Default::default() });
+            let path = SensorPath {
+                world_from_sensor_start: Isometry3::translation(-1.0, 0.0, 2.0),
+                world_from_sensor: Isometry3::translation(0.0, 0.0, 2.0),
+            };
+            let mut n_points = 0;
+            let millis = measure(turns, || n_points = lidar.scan(&scene, &path, Noise::new(1, 2, 3), None));
+            assert!(n_points > 100_000, "the street returns most rays");
+            println!("sensor_ray/turn/{name}/64x2000: best {:.1} ms, median {:.1} ms, {n_points} points", millis.0, millis.1);
+        }
+    });
+}
+
+/// CPU time of this process, nanoseconds.
+fn cpu_nanos() -> i64 {
+    let usage = getrusage(UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
+    let nanos = |t: nix::sys::time::TimeVal| t.tv_sec() * 1_000_000_000 + t.tv_usec() * 1_000;
+    nanos(usage.user_time()) + nanos(usage.system_time())
+}
+
+/// Best and median CPU milliseconds.
+fn measure(turns: usize, mut work: impl FnMut()) -> (f64, f64) {
+    let mut millis: Vec<f64> = (0..turns)
+        .map(|_| {
+            let started = cpu_nanos();
+            work();
+            (cpu_nanos() - started) as f64 * 1e-6
+        })
+        .collect();
+    millis.sort_by(f64::total_cmp);
+    (millis[0], millis[turns / 2])
+}
+
+/// A straight street: road and pavement grid, houses with window boxes, trees of leaves, lamp posts.
+fn street() -> SceneAssets {
+    let mut assets = SceneAssets::default();
+    let mut rng = fastrand::Rng::with_seed(1);
+    for chunk in -10..10 {
+        let mut builder = MeshBuilder::new("chunk");
+        let surface = |class: Class| Surface::new(class, Material::Matte, [128; 3]);
+        for i in 0..20 {
+            for j in 0..24 {
+                let (x, y) = (i as f32 * 2.0, j as f32 - 12.0);
+                let class = if y.abs() < 7.0 { Class::ROADS } else { Class::SIDEWALKS };
+                builder.quad(surface(class), [[x, y, 0.], [x + 2., y, 0.], [x + 2., y + 1., 0.], [x, y + 1., 0.]], [[0.0; 2]; 4]);
+            }
+        }
+        for side in [-1.0f32, 1.0] {
+            for house in 0..2 {
+                let x = house as f32 * 20.0 + 10.0;
+                builder.cuboid(surface(Class::BUILDINGS), [x, side * 20.0, 8.0], [9.0, 8.0, 8.0]);
+                for window in 0..160 {
+                    let (column, floor) = (window % 20, window / 20);
+                    let at = [x - 8.5 + column as f32 * 0.9, side * 12.0, 1.5 + floor as f32 * 1.9];
+                    builder.cuboid(surface(Class::BUILDINGS), at, [0.3, 0.1, 0.6]);
+                }
+            }
+            for tree in 0..4 {
+                let x = tree as f32 * 10.0 + 5.0;
+                builder.cuboid(surface(Class::VEGETATION), [x, side * 9.0, 1.5], [0.15, 0.15, 1.5]);
+                for _ in 0..500 {
+                    let mut at = |scale: f32| (rng.f32() - 0.5) * scale;
+                    let leaf = [x + at(4.0), side * 9.0 + at(4.0), 4.5 + at(3.0)];
+                    let corners = std::array::from_fn(|_| [leaf[0] + at(0.5), leaf[1] + at(0.5), leaf[2] + at(0.5)]);
+                    builder.triangle(surface(Class::VEGETATION), corners);
+                }
+            }
+        }
+        let mesh = assets.add_mesh(builder.finish());
+        let world_from_mesh = Isometry3::translation(chunk as f64 * 40.0, 0.0, 0.0);
+        assets.statics.push(StaticInstance { mesh, world_from_mesh, object: ObjectId::scenery((chunk + 10) as u32) });
+    }
+    let mut builder = MeshBuilder::new("car");
+    for i in 0..150 {
+        let at = [(i % 15) as f32 * 0.3 - 2.1, (i / 15 % 5) as f32 * 0.4 - 0.8, 0.4 + (i / 75) as f32 * 0.6];
+        builder.cuboid(Surface::new(Class::CAR, Material::CarPaint, [200; 3]), at, [0.15, 0.2, 0.3]);
+    }
+    assets.add_mesh(builder.finish());
+    assets
+}
+
+/// Two hundred cars in four lanes.
+fn traffic(assets: &SceneAssets) -> Vec<DynamicInstance> {
+    let mesh = sensor_core::MeshId(assets.meshes.len() as u32 - 1);
+    let place = |k: u32| Isometry3::translation(-390.0 + k as f64 * 3.9 + 2.5, [-5.2, -1.8, 1.8, 5.2][k as usize % 4], 0.0);
+    (0..200)
+        .map(|k| DynamicInstance {
+            actor: ActorId(k + 1),
+            part: 0,
+            mesh,
+            world_from_mesh: place(k),
+            tint_rgb: [0; 3],
+            lamps: 0,
+            velocity_in_world_mps: Vector3::zeros(),
+        })
+        .collect()
+}
