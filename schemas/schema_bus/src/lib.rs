@@ -1,0 +1,47 @@
+//! The bus: the one crate that knows iceoryx2. Frames, snapshots, documents, controls, commands and wake-ups by name.
+//!
+//! A program opens one [`Bus`] and asks it for ports. Names are given without the domain (`ego/front/rgb`); the bus puts the domain in
+//! front. Nothing here waits unless its name or a `timeout` says so, nothing handles signals, and every error is a sentence.
+//!
+//! ```no_run
+//! let bus = schema_bus::Bus::open("gantry", "my-consumer")?;
+//! let mut camera = bus.frame_reader("ego/front/rgb")?;
+//! let tick = bus.listener("ego/tick")?;
+//! while tick.wait(std::time::Duration::from_secs(1))? {
+//!     if let Some(frame) = camera.latest()? {
+//!         println!("tick {}: {} bytes", frame.header().tick, frame.len());
+//!     }
+//! }
+//! # Ok::<(), schema_bus::BusError>(())
+//! ```
+
+#![warn(missing_docs)]
+#![deny(unsafe_op_in_unsafe_fn)]
+#![expect(unsafe_code, reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself")]
+
+mod bus;
+mod command;
+mod control;
+mod document;
+mod error;
+mod event;
+mod frame;
+pub mod names;
+pub mod qos;
+mod reader;
+mod segment;
+mod snapshot;
+mod topics;
+mod wire;
+
+pub use bus::{Bus, BusOptions, mono_now, write_private_config};
+pub use command::{CommandClient, CommandError, CommandServer, Request};
+pub use control::{AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
+pub use document::{Document, DocumentPublisher, DocumentReader};
+pub use error::{BusError, LoanError};
+pub use event::{Listener, Notifier, Token, WaitSet};
+pub use frame::{FrameLoan, FramePublisher, FrameService, FrameTopic};
+pub use reader::{Frame, FrameReader, ReaderCounts};
+pub use segment::{Segment, shared_memory_free, shared_memory_needed};
+pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
+pub use topics::{TopicDetails, TopicKind};

@@ -1,0 +1,271 @@
+//! `control/world`: requests as JSON, answered between ticks.
+//!
+//! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server `control/replied`.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::server::Server;
+use iceoryx2::prelude::*;
+use iceoryx2::service::port_factory::PortFactory as _;
+use iceoryx2::service::port_factory::request_response::PortFactory;
+
+use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
+use schema_frames::{CommandBatch, ReplyBatch};
+
+use crate::bus::{Service, schema_attribute};
+use crate::control::{name_bytes, name_text};
+use crate::error::service_error;
+use crate::names::{CONTROL_REPLIED, CONTROL_WAKE, CONTROL_WORLD};
+use crate::wire::Wire;
+use crate::{Bus, BusError, Listener, Notifier, qos};
+
+/// Bytes of a slot before the segment grows for the first time.
+const FIRST_SLOT_BYTES: usize = 4096;
+/// A missed wake-up costs at most this.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+type Commands = PortFactory<Service, [u8], Wire<RequestHeader>, [u8], ()>;
+
+/// Why a request got no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum CommandError {
+    /// Nobody serves commands.
+    #[error("no simulator answers on domain {domain:?}; start one with `gantry up`, or name its --domain")]
+    NoServer {
+        /// The domain.
+        domain: String,
+    },
+    /// No answer in time.
+    #[error("the simulator did not answer within {} ms; it may be loading a map or have stopped", .waited.as_millis())]
+    Timeout {
+        /// How long was waited.
+        waited: Duration,
+    },
+    /// The answer is not one.
+    #[error("the simulator's answer cannot be read ({cause}); rebuild the older of the two")]
+    Answer {
+        /// What serde says.
+        cause: String,
+    },
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+}
+
+impl Bus {
+    /// Opens `control/world` as a client; requests that meet at one tick edge run by (name, seq).
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn command_client(&self, name: &str) -> Result<CommandClient, BusError> {
+        let service = self.command_service()?;
+        let port = service
+            .client_builder()
+            .initial_max_slice_len(FIRST_SLOT_BYTES)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| service_error("ask", service.name().as_str(), &e))?;
+        Ok(CommandClient {
+            port,
+            name: name_bytes(name),
+            seq: 0,
+            wake: self.notifier(CONTROL_WAKE)?,
+            replied: self.listener(CONTROL_REPLIED)?,
+            domain: self.domain().into(),
+            service,
+        })
+    }
+
+    /// Opens `control/world` as the server.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn command_server(&self) -> Result<CommandServer, BusError> {
+        let service = self.command_service()?;
+        let port = service
+            .server_builder()
+            .initial_max_slice_len(FIRST_SLOT_BYTES)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| service_error("serve", service.name().as_str(), &e))?;
+        Ok(CommandServer { port, replied: self.notifier(CONTROL_REPLIED)?, service })
+    }
+
+    fn command_service(&self) -> Result<Commands, BusError> {
+        let (full, name) = self.service_name(CONTROL_WORLD)?;
+        self.check_schema(&full, &name, MessagingPattern::RequestResponse, "rebuild the older of the two")?;
+        self.node()
+            .service_builder(&name)
+            .request_response::<[u8], [u8]>()
+            .request_user_header::<Wire<RequestHeader>>()
+            .max_clients(qos::COMMAND_CLIENTS)
+            .max_servers(qos::COMMAND_SERVERS)
+            .max_nodes(qos::MAX_NODES)
+            .max_active_requests_per_client(qos::COMMAND_ACTIVE)
+            .enable_safe_overflow_for_requests(true)
+            .enable_safe_overflow_for_responses(true)
+            .open_or_create_with_attributes(&schema_attribute())
+            .map_err(|e| service_error("open", &full, &e))
+    }
+}
+
+/// Asks the daemon.
+#[derive(Debug)]
+pub struct CommandClient {
+    port: Client<Service, [u8], Wire<RequestHeader>, [u8], ()>,
+    name: [u8; 40],
+    seq: u64,
+    wake: Notifier,
+    replied: Listener,
+    domain: String,
+    service: Commands,
+}
+
+impl CommandClient {
+    /// Sends the commands and waits for their replies.
+    ///
+    /// # Errors
+    /// [`CommandError::NoServer`] at once if nobody serves, [`CommandError::Timeout`]. A refused command is a reply, not an error.
+    pub fn request(&mut self, batch: &CommandBatch, timeout: Duration) -> Result<ReplyBatch, CommandError> {
+        let text = serde_json::to_vec(batch).map_err(|e| CommandError::Answer { cause: e.to_string() })?;
+        let start = Instant::now();
+        if self.service.dynamic_config().number_of_servers() == 0 {
+            return Err(CommandError::NoServer { domain: self.domain.clone() });
+        }
+        let full = self.service.name().as_str();
+        let loan = self.port.loan_slice_uninit(text.len()).map_err(|e| service_error("ask", full, &e))?;
+        let mut request = loan.write_from_slice(&text);
+        self.seq += 1;
+        request.user_header_mut().0 = RequestHeader {
+            magic: REQUEST_MAGIC,
+            codec_version: COMMAND_VERSION,
+            seq: self.seq,
+            payload_bytes: text.len() as u64,
+            client: self.name,
+        };
+        // Answers to earlier requests that timed out must not count as this one's wake-up.
+        self.replied.drain()?;
+        let pending = request.send().map_err(|e| service_error("ask", full, &e))?;
+        self.wake.notify();
+        loop {
+            if let Some(answer) = pending.receive().map_err(|e| service_error("ask", full, &e))? {
+                return serde_json::from_slice(answer.payload()).map_err(|e| CommandError::Answer { cause: e.to_string() });
+            }
+            let waited = start.elapsed();
+            if waited >= timeout {
+                return Err(CommandError::Timeout { waited });
+            }
+            self.replied.wait(LOOK_AGAIN.min(timeout - waited))?;
+        }
+    }
+}
+
+/// Answers for the daemon.
+#[derive(Debug)]
+pub struct CommandServer {
+    port: Server<Service, [u8], Wire<RequestHeader>, [u8], ()>,
+    replied: Notifier,
+    service: Commands,
+}
+
+/// A request that waits for its answer. Dropped unanswered, its client times out.
+#[derive(Debug)]
+pub struct Request {
+    /// Name of the client.
+    pub client: String,
+    /// The client's count.
+    pub seq: u64,
+    /// The commands, or why they cannot be read (answer with one refusal that says so).
+    pub batch: Result<CommandBatch, String>,
+    active: ActiveRequest<Service, [u8], Wire<RequestHeader>, [u8], ()>,
+}
+
+impl CommandServer {
+    /// The next request that waits, if any.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn take(&mut self) -> Result<Option<Request>, BusError> {
+        let full = self.service.name().as_str();
+        let Some(active) = self.port.receive().map_err(|e| service_error("serve", full, &e))? else { return Ok(None) };
+        let header = active.user_header().0;
+        Ok(Some(Request { client: name_text(&header.client), seq: header.seq, batch: parse(&header, active.payload()), active }))
+    }
+
+    /// All requests that wait, by (client, seq): the order in which they run at a tick edge.
+    ///
+    /// # Errors
+    /// As [`CommandServer::take`].
+    pub fn take_all(&mut self) -> Result<Vec<Request>, BusError> {
+        let mut requests = Vec::new();
+        while let Some(request) = self.take()? {
+            requests.push(request);
+        }
+        requests.sort_by(|a, b| (&a.client, a.seq).cmp(&(&b.client, b.seq)));
+        Ok(requests)
+    }
+
+    /// Answers. A client that has gone meanwhile is no error.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn reply(&self, request: Request, answer: &ReplyBatch) -> Result<(), BusError> {
+        let full = self.service.name().as_str();
+        let failed = |cause: String| BusError::Service { action: "answer on", service: full.into(), cause };
+        let text = serde_json::to_vec(answer).map_err(|e| failed(e.to_string()))?;
+        let loan = request.active.loan_slice_uninit(text.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let sent = loan.write_from_slice(&text).send();
+        if sent.is_err() && request.active.is_connected() {
+            return Err(failed(format!("{:?}", sent.err())));
+        }
+        self.replied.notify();
+        Ok(())
+    }
+
+    /// Clients that are there now.
+    pub fn n_clients(&self) -> usize {
+        self.service.dynamic_config().number_of_clients()
+    }
+}
+
+/// Reads a request; any bytes are safe to pass.
+fn parse(header: &RequestHeader, payload: &[u8]) -> Result<CommandBatch, String> {
+    if header.magic != REQUEST_MAGIC || header.codec_version != COMMAND_VERSION {
+        return Err(format!(
+            "request speaks command version {}, the simulator {COMMAND_VERSION}; rebuild the older of the two",
+            header.codec_version
+        ));
+    }
+    let bytes = usize::try_from(header.payload_bytes).ok().and_then(|n| payload.get(..n));
+    let bytes = bytes.ok_or_else(|| format!("request claims {} bytes and has {}", header.payload_bytes, payload.len()))?;
+    if bytes.len() > qos::MAX_COMMAND_BYTES {
+        return Err(format!("request has {} bytes, at most {} are read; split it", bytes.len(), qos::MAX_COMMAND_BYTES));
+    }
+    let batch: CommandBatch = serde_json::from_slice(bytes).map_err(|e| format!("request is not valid: {e}"))?;
+    if batch.v != COMMAND_VERSION {
+        return Err(format!("\"v\" is {}, the simulator speaks {COMMAND_VERSION}", batch.v));
+    }
+    Ok(batch)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn broken_requests_are_told_apart() {
+        let mut header: RequestHeader = bytemuck::Zeroable::zeroed();
+        assert!(parse(&header, b"{}").unwrap_err().contains("version 0"));
+        header.magic = REQUEST_MAGIC;
+        header.codec_version = COMMAND_VERSION;
+        header.payload_bytes = 9;
+        assert!(parse(&header, b"{}").unwrap_err().contains("claims 9 bytes"));
+        header.payload_bytes = 2;
+        assert!(parse(&header, b"{}").unwrap_err().contains("not valid"));
+        let text = br#"{"v":2,"commands":[]}"#;
+        header.payload_bytes = text.len() as u64;
+        assert!(parse(&header, text).unwrap_err().contains("\"v\" is 2"));
+    }
+}

@@ -1,0 +1,151 @@
+//! Documents: texts that change rarely and greet a late reader.
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+
+use schema_frames::document::DOCUMENT_MAGIC;
+use schema_frames::{DocumentHeader, SCHEMA_VERSION};
+
+use crate::bus::{Service, Slices};
+use crate::frame::writer_error;
+use crate::reader::{receive, subscribe};
+use crate::wire::Wire;
+use crate::{Bus, BusError, qos};
+
+/// Bytes of a slot before the segment grows for the first time.
+const FIRST_SLOT_BYTES: usize = 16 << 10;
+
+impl Bus {
+    /// Opens a document for writing, e.g. [`crate::names::WORLD_INFO`].
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn document_publisher(&self, name: &str) -> Result<DocumentPublisher, BusError> {
+        let service = self.make::<DocumentHeader>(name, &qos::DOCUMENT)?;
+        let full = service.name().as_str().to_string();
+        let port = service
+            .publisher_builder()
+            .initial_max_slice_len(FIRST_SLOT_BYTES)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| writer_error(&full, qos::DOCUMENT.publishers, (qos::DOCUMENT.slots(2) * FIRST_SLOT_BYTES) as u64, &e))?;
+        Ok(DocumentPublisher { port, service, revision: 0 })
+    }
+
+    /// Opens a document for reading; the newest text greets.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if nobody wrote it yet.
+    pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
+        let service = self.join::<DocumentHeader>(name)?;
+        let port = subscribe(&service)?;
+        Ok(DocumentReader { port, service })
+    }
+}
+
+/// Writes a document.
+#[derive(Debug)]
+pub struct DocumentPublisher {
+    port: Publisher<Service, [u8], Wire<DocumentHeader>>,
+    service: Slices<DocumentHeader>,
+    revision: u64,
+}
+
+impl DocumentPublisher {
+    /// Sends a new text that holds after `tick`. Returns its revision, counted from 1.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn send(&mut self, text: &str, epoch: u64, tick: u64) -> Result<u64, BusError> {
+        let failed = |cause: String| BusError::Service { action: "write to", service: self.service.name().as_str().into(), cause };
+        let loan = self.port.loan_slice_uninit(text.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let mut sample = loan.write_from_slice(text.as_bytes());
+        let revision = self.revision + 1;
+        sample.user_header_mut().0 = DocumentHeader {
+            magic: DOCUMENT_MAGIC,
+            schema_version: SCHEMA_VERSION,
+            epoch,
+            revision,
+            payload_bytes: text.len() as u64,
+            tick,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        sample.send().map_err(|e| failed(format!("{e:?}")))?;
+        self.revision = revision;
+        Ok(revision)
+    }
+
+    /// Sends `value` as JSON; as [`DocumentPublisher::send`].
+    ///
+    /// # Errors
+    /// [`BusError::Service`], also for a value that JSON cannot hold.
+    pub fn send_json<T: serde::Serialize>(&mut self, value: &T, epoch: u64, tick: u64) -> Result<u64, BusError> {
+        let text = serde_json::to_string(value).map_err(|e| BusError::Service {
+            action: "write JSON to",
+            service: self.service.name().as_str().into(),
+            cause: e.to_string(),
+        })?;
+        self.send(&text, epoch, tick)
+    }
+
+    /// Revision of the last text sent; 0 before the first.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+}
+
+/// Reads a document.
+#[derive(Debug)]
+pub struct DocumentReader {
+    port: Subscriber<Service, [u8], Wire<DocumentHeader>>,
+    service: Slices<DocumentHeader>,
+}
+
+/// A document's text.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Document {
+    /// Revision, epoch, tick.
+    pub header: DocumentHeader,
+    /// The text: JSON, or OpenDRIVE.
+    pub text: String,
+}
+
+impl DocumentReader {
+    /// The newest text if it changed since the last call.
+    ///
+    /// # Errors
+    /// [`BusError::BadSample`] for one that breaks the contract.
+    pub fn latest(&mut self) -> Result<Option<Document>, BusError> {
+        let mut newest = None;
+        while let Some(sample) = receive(&self.service, &self.port)? {
+            newest = Some(sample);
+        }
+        let Some(sample) = newest else { return Ok(None) };
+        let header = sample.user_header().0;
+        let bad = |fault: String| BusError::BadSample { service: self.service.name().as_str().into(), fault };
+        if header.magic != DOCUMENT_MAGIC {
+            return Err(bad(format!("starts with {:#010x}, not with \"GDOC\"", header.magic)));
+        }
+        if header.schema_version != SCHEMA_VERSION {
+            return Err(bad(format!("carries schema {}, this reader understands {SCHEMA_VERSION}", header.schema_version)));
+        }
+        let bytes = usize::try_from(header.payload_bytes).ok().and_then(|n| sample.payload().get(..n));
+        let bytes = bytes.ok_or_else(|| bad(format!("claims {} bytes and has {}", header.payload_bytes, sample.payload().len())))?;
+        let text = std::str::from_utf8(bytes).map_err(|e| bad(format!("is not UTF-8 ({e})")))?;
+        Ok(Some(Document { header, text: text.to_string() }))
+    }
+}
+
+impl Document {
+    /// The text as a value, e.g. `document.json::<WorldInfo>()`.
+    ///
+    /// # Errors
+    /// [`BusError::BadSample`] with what serde says.
+    pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, BusError> {
+        serde_json::from_str(&self.text).map_err(|e| BusError::BadSample {
+            service: std::any::type_name::<T>().into(),
+            fault: format!("is not the JSON expected ({e})"),
+        })
+    }
+}

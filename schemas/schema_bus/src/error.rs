@@ -1,0 +1,221 @@
+//! What can go wrong on the bus, as sentences. iceoryx2's own errors are bare names of a variant.
+
+use std::path::PathBuf;
+
+use schema_frames::{FrameError, SCHEMA_VERSION};
+
+/// Why an operation on the bus failed.
+#[derive(Debug, thiserror::Error)]
+pub enum BusError {
+    /// Unusable domain.
+    #[error("domain {domain:?} is not usable: it must be 1 to 32 characters of a-z, A-Z, 0-9, '_' and '-'; choose another with --domain")]
+    Domain {
+        /// What was given.
+        domain: String,
+    },
+    /// Unusable topic name.
+    #[error("topic {topic:?} is not usable: it must be 1 to 200 characters of a-z, A-Z, 0-9, '_', '-' and '.', in segments joined by '/'")]
+    Name {
+        /// What was given.
+        topic: String,
+    },
+    /// No node could be made.
+    #[error("cannot join the shared-memory bus as {program:?} ({cause}); check that /dev/shm and /tmp/iceoryx2 exist and are writable")]
+    Node {
+        /// Name of this program.
+        program: String,
+        /// iceoryx2's word for it.
+        cause: String,
+    },
+    /// Unusable private root or prefix.
+    #[error("cannot use {value:?} as iceoryx2 {what}; it must be a short path or file name without special characters")]
+    Option {
+        /// `root` or `prefix`.
+        what: &'static str,
+        /// What was given.
+        value: String,
+    },
+    /// Nobody made the topic.
+    #[error("there is no topic {topic:?}{hint}")]
+    NoSuchTopic {
+        /// Service that was looked for.
+        topic: String,
+        /// What there is instead, as a continuation of the sentence.
+        hint: String,
+    },
+    /// The other side speaks another version of the layouts.
+    #[error("cannot join service {service:?}: it carries schema {theirs}, this binary reads {SCHEMA_VERSION}; {advice}")]
+    SchemaSkew {
+        /// The service.
+        service: String,
+        /// Its version; `none` for a foreign service.
+        theirs: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// All reader places are taken.
+    #[error(
+        "service {service:?} already has {limit} readers (limit {limit}); stop one, or raise max_readers in the launch file and restart all"
+    )]
+    TooManyReaders {
+        /// The service.
+        service: String,
+        /// Places.
+        limit: usize,
+    },
+    /// All writer places are taken.
+    #[error("service {service:?} already has {limit} writers (limit {limit}); stop the other simulator, or give this one another --domain")]
+    TooManyWriters {
+        /// The service.
+        service: String,
+        /// Places.
+        limit: usize,
+    },
+    /// All places of processes are taken.
+    #[error("service {service:?} is already open in {limit} processes (limit {limit}); stop one")]
+    TooManyProcesses {
+        /// The service.
+        service: String,
+        /// Places.
+        limit: usize,
+    },
+    /// The service lives on with other capacities.
+    #[error(
+        "service {service:?} exists with another capacity ({cause}); a reader keeps it alive: stop all readers of this domain and start again"
+    )]
+    Capacity {
+        /// The service.
+        service: String,
+        /// iceoryx2's word for it.
+        cause: String,
+    },
+    /// Another user owns it.
+    #[error("not allowed to open service {service:?}: it belongs to another user; run as that user, or use another --domain")]
+    Permission {
+        /// The service.
+        service: String,
+    },
+    /// Shared memory is full.
+    #[error("cannot reserve {need} of shared memory for {service}: /dev/shm has {free} free; free space or lower max_readers", need = mebibytes(*.need_bytes), free = mebibytes(*.free_bytes))]
+    Memory {
+        /// The service.
+        service: String,
+        /// Bytes of the segment.
+        need_bytes: u64,
+        /// Bytes that are free.
+        free_bytes: u64,
+    },
+    /// The reader holds all the frames it may.
+    #[error(
+        "cannot take another sample of {service:?}: this reader already holds {limit} (limit {limit}); drop one, or copy what has to be kept"
+    )]
+    BorrowLimit {
+        /// The service.
+        service: String,
+        /// Most that may be held.
+        limit: usize,
+    },
+    /// A frame breaks the contract.
+    #[error("{service}: {source}")]
+    BadFrame {
+        /// The service.
+        service: String,
+        /// The broken rule.
+        source: FrameError,
+    },
+    /// Another sample breaks the contract.
+    #[error("sample of {service:?} {fault}; the writer is broken or of another version")]
+    BadSample {
+        /// The service.
+        service: String,
+        /// The broken rule, as a predicate.
+        fault: String,
+    },
+    /// A sample does not fit.
+    #[error("cannot send {len} bytes on {service:?}: its slots have {limit}")]
+    TooLong {
+        /// The service.
+        service: String,
+        /// Bytes asked for.
+        len: usize,
+        /// Bytes of a slot.
+        limit: usize,
+    },
+    /// The segment's mapping was not found.
+    #[error("cannot find the segment of {service:?} in /proc/self/maps; GPU import is not possible, use the staged path")]
+    Segment {
+        /// The service.
+        service: String,
+    },
+    /// A file could not be written.
+    #[error("cannot write iceoryx2's configuration: {source} at {path}", path = .path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Anything else of iceoryx2.
+    #[error("cannot {action} {service:?} ({cause}); if a process was killed a moment ago, try again, else restart this domain")]
+    Service {
+        /// What was tried: `open`, `write to`, …
+        action: &'static str,
+        /// The service.
+        service: String,
+        /// iceoryx2's word for it.
+        cause: String,
+    },
+}
+
+/// Why a frame could not be loaned.
+#[derive(Debug, thiserror::Error)]
+pub enum LoanError {
+    /// All slots are loaned or held. The sensor skips this firing and its readers see a gap.
+    #[error("no free slot on {topic:?}: all {loans} loans are in use; raise frames_in_flight")]
+    NoFreeSlot {
+        /// The topic.
+        topic: String,
+        /// Loans at a time.
+        loans: usize,
+    },
+    /// Longer than a slot.
+    #[error("cannot loan {len} bytes on {topic:?}: its slots have {limit}")]
+    TooLong {
+        /// The topic.
+        topic: String,
+        /// Bytes asked for.
+        len: usize,
+        /// Bytes of a slot.
+        limit: usize,
+    },
+    /// Anything else.
+    #[error("cannot loan a slot of {topic:?} ({cause})")]
+    Failed {
+        /// The topic.
+        topic: String,
+        /// iceoryx2's word for it.
+        cause: String,
+    },
+}
+
+/// `n` bytes as MiB, rounded up.
+pub(crate) fn mebibytes(n: u64) -> String {
+    format!("{} MiB", n.div_ceil(1 << 20))
+}
+
+/// A failed open or create, told by its variant: the same names occur in all of iceoryx2's error enums.
+pub(crate) fn service_error(action: &'static str, service: &str, cause: &dyn std::fmt::Debug) -> BusError {
+    let cause = format!("{cause:?}");
+    let service = service.to_string();
+    if cause.contains("InsufficientPermissions") {
+        BusError::Permission { service }
+    } else if cause.contains("IncompatibleAttributes") || cause.contains("IncompatibleTypes") {
+        BusError::SchemaSkew { service, theirs: "another version".into(), advice: "stop all processes of this domain and start again" }
+    } else if cause.contains("ExceedsMaxNumberOfNodes") {
+        BusError::TooManyProcesses { service, limit: crate::qos::MAX_NODES }
+    } else if cause.contains("DoesNotSupport") || cause.contains("IncompatibleOverflow") {
+        BusError::Capacity { service, cause }
+    } else {
+        BusError::Service { action, service, cause }
+    }
+}

@@ -1,0 +1,153 @@
+//! Wake-ups. An event says "look", never "how many": several may arrive as one.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::*;
+
+use crate::bus::{Events, Service};
+use crate::{Bus, BusError};
+
+impl Bus {
+    /// Opens an event for notifying; made if it does not exist.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn notifier(&self, name: &str) -> Result<Notifier, BusError> {
+        let (full, service) = self.make_event(name)?;
+        let port = service.notifier_builder().create().map_err(|e| port_error("notify", &full, &e))?;
+        Ok(Notifier { port, service })
+    }
+
+    /// Opens an event for waiting; made if it does not exist.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn listener(&self, name: &str) -> Result<Listener, BusError> {
+        let (full, service) = self.make_event(name)?;
+        let port = service.listener_builder().create().map_err(|e| port_error("listen to", &full, &e))?;
+        Ok(Listener { port, name: full, _service: service })
+    }
+}
+
+fn port_error(action: &'static str, full: &str, cause: &dyn std::fmt::Debug) -> BusError {
+    BusError::Service { action, service: full.into(), cause: format!("{cause:?}") }
+}
+
+/// Wakes whoever listens.
+#[derive(Debug)]
+pub struct Notifier {
+    port: iceoryx2::port::notifier::Notifier<Service>,
+    service: Events,
+}
+
+impl Notifier {
+    /// Wakes all listeners; costs a system call for each. Returns how many were woken.
+    ///
+    /// A listener whose queue is full has been woken already, so this cannot fail in a way that loses a wake-up.
+    pub fn notify(&self) -> usize {
+        self.port.notify().unwrap_or(0)
+    }
+
+    /// Listeners that are there now; 0 makes a notification pointless.
+    pub fn n_listeners(&self) -> usize {
+        self.service.dynamic_config().number_of_listeners()
+    }
+}
+
+/// Waits for an event.
+#[derive(Debug)]
+pub struct Listener {
+    port: iceoryx2::port::listener::Listener<Service>,
+    name: String,
+    _service: Events,
+}
+
+impl Listener {
+    /// Waits until somebody notifies or `timeout` is over. Returns whether somebody did; a signal ends the wait early with `false`.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn wait(&self, timeout: Duration) -> Result<bool, BusError> {
+        if poll(&mut [self.pollfd()], timeout) {
+            return self.drain();
+        }
+        Ok(false)
+    }
+
+    /// Takes what is pending without waiting. Returns whether there was anything.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn drain(&self) -> Result<bool, BusError> {
+        self.port.try_wait(|_| {}).map(|n| n > 0).map_err(|e| port_error("wait for", &self.name, &e))
+    }
+
+    fn pollfd(&self) -> libc::pollfd {
+        // SAFETY: the descriptor is only polled, never closed, and lives as long as the port.
+        let fd = unsafe { self.port.file_descriptor().native_handle() };
+        libc::pollfd { fd, events: libc::POLLIN, revents: 0 }
+    }
+}
+
+/// Waits for any of `fds`. `false`: time is over, or a signal came.
+fn poll(fds: &mut [libc::pollfd], timeout: Duration) -> bool {
+    let wait = libc::timespec { tv_sec: timeout.as_secs().min(1 << 30) as libc::time_t, tv_nsec: timeout.subsec_nanos() as libc::c_long };
+    // SAFETY: pointer and length are those of one slice; the kernel writes only `revents`; no signal mask is given.
+    unsafe { libc::ppoll(fds.as_mut_ptr(), fds.len() as libc::nfds_t, &wait, std::ptr::null()) > 0 }
+}
+
+/// Number of a listener in a [`WaitSet`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Token(usize);
+
+/// Waits for several listeners at once.
+#[derive(Debug, Default)]
+pub struct WaitSet {
+    listeners: Vec<Listener>,
+    fds: Vec<libc::pollfd>,
+}
+
+impl WaitSet {
+    /// An empty set.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes a listener in.
+    pub fn add(&mut self, listener: Listener) -> Token {
+        self.fds.push(listener.pollfd());
+        self.listeners.push(listener);
+        Token(self.listeners.len() - 1)
+    }
+
+    /// Waits until one of them is notified or `timeout` is over. Returns whether any was; [`WaitSet::woken`] says which.
+    /// With an empty set it sleeps.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn wait(&mut self, timeout: Duration) -> Result<bool, BusError> {
+        self.fds.iter_mut().for_each(|fd| fd.revents = 0);
+        if !poll(&mut self.fds, timeout) {
+            return Ok(false);
+        }
+        for (listener, fd) in self.listeners.iter().zip(&self.fds) {
+            if fd.revents != 0 {
+                listener.drain()?;
+            }
+        }
+        Ok(true)
+    }
+
+    /// Waits as [`WaitSet::wait`] until `deadline`; at once if that is past.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn wait_until(&mut self, deadline: Instant) -> Result<bool, BusError> {
+        self.wait(deadline.saturating_duration_since(Instant::now()))
+    }
+
+    /// Whether this listener was notified by the last wait.
+    pub fn woken(&self, token: Token) -> bool {
+        self.fds.get(token.0).is_some_and(|fd| fd.revents != 0)
+    }
+}

@@ -1,0 +1,269 @@
+//! The writing side of frames: a service without memory, a publisher with a segment, and loans that are filled in place.
+
+use std::sync::OnceLock;
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::prelude::*;
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
+
+use schema_frames::{FrameHeader, Modality};
+
+use crate::bus::{Service, Slices, mono_now};
+use crate::qos::{Qos, SPARE_LOANS};
+use crate::segment::{mapping_of, prefault};
+use crate::wire::Wire;
+use crate::{Bus, BusError, LoanError, Segment, shared_memory_free, shared_memory_needed};
+
+/// Size of a frame topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameTopic {
+    /// Longest payload, bytes.
+    pub max_payload_bytes: usize,
+    /// Frames the writer has under way at a time, 1 or more.
+    pub frames_in_flight: usize,
+    /// Readers at a time; `qos::FRAME.readers` unless a launch file says otherwise.
+    pub max_readers: usize,
+}
+
+impl FrameTopic {
+    /// A topic with the usual number of readers for its modality and two frames in flight.
+    pub fn new(modality: Modality, max_payload_bytes: usize) -> Self {
+        FrameTopic { max_payload_bytes, frames_in_flight: 2, max_readers: Qos::of(modality).readers }
+    }
+}
+
+impl Bus {
+    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory: readers can find and open it.
+    ///
+    /// # Errors
+    /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or [`BusError::SchemaSkew`] if readers keep an older
+    /// service alive that does not fit.
+    pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
+        let modality = topic.rsplit('/').next().and_then(Modality::from_name).ok_or_else(|| BusError::Name { topic: topic.into() })?;
+        let qos = Qos { readers: spec.max_readers, ..Qos::of(modality) };
+        let service = self.make::<FrameHeader>(topic, &qos)?;
+        Ok(FrameService { service, topic: topic.into(), modality, qos, spec })
+    }
+
+    /// Makes the service of `topic` and its memory.
+    ///
+    /// # Errors
+    /// As [`Bus::frame_service`] and [`FrameService::publisher`].
+    pub fn frame_publisher(&self, topic: &str, spec: FrameTopic) -> Result<FramePublisher, BusError> {
+        self.frame_service(topic, spec)?.publisher()
+    }
+}
+
+/// A frame topic that can be found; it has no memory.
+#[derive(Debug)]
+pub struct FrameService {
+    service: Slices<FrameHeader>,
+    topic: String,
+    modality: Modality,
+    qos: Qos,
+    spec: FrameTopic,
+}
+
+impl FrameService {
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Readers that are there now.
+    pub fn n_readers(&self) -> usize {
+        self.service.dynamic_config().number_of_subscribers()
+    }
+
+    /// Modality, from the name.
+    pub fn modality(&self) -> Modality {
+        self.modality
+    }
+
+    /// Bytes of the segment that a publisher makes.
+    pub fn segment_bytes(&self) -> u64 {
+        shared_memory_needed(&self.qos, &self.spec)
+    }
+
+    /// Makes a publisher with its segment. The service lives on when publisher and `self` are dropped, as long as a reader has it open.
+    ///
+    /// # Errors
+    /// [`BusError::Memory`] if `/dev/shm` has less free than the segment could use, [`BusError::TooManyWriters`].
+    pub fn publisher(self) -> Result<FramePublisher, BusError> {
+        let full = self.service.name().as_str().to_string();
+        let (need_bytes, free_bytes) = (self.segment_bytes(), shared_memory_free().unwrap_or(u64::MAX));
+        if need_bytes > free_bytes {
+            return Err(BusError::Memory { service: full, need_bytes, free_bytes });
+        }
+        let publisher = self
+            .service
+            .publisher_builder()
+            .initial_max_slice_len(self.spec.max_payload_bytes.max(1))
+            .max_loaned_samples(self.spec.frames_in_flight + SPARE_LOANS)
+            .allocation_strategy(AllocationStrategy::Static)
+            .create()
+            .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, &e))?;
+        Ok(FramePublisher { service: self, publisher, segment: OnceLock::new() })
+    }
+}
+
+/// Tells why a writing port was refused.
+pub(crate) fn writer_error(full: &str, limit: usize, need_bytes: u64, cause: &dyn std::fmt::Debug) -> BusError {
+    let cause = format!("{cause:?}");
+    let service = full.to_string();
+    if cause.contains("ExceedsMaxSupported") {
+        BusError::TooManyWriters { service, limit }
+    } else if cause.contains("DataSegment") {
+        BusError::Memory { service, need_bytes, free_bytes: shared_memory_free().unwrap_or(0) }
+    } else {
+        BusError::Service { action: "write to", service, cause }
+    }
+}
+
+/// A frame topic with its memory.
+#[derive(Debug)]
+pub struct FramePublisher {
+    publisher: Publisher<Service, [u8], Wire<FrameHeader>>,
+    service: FrameService,
+    segment: OnceLock<Segment>,
+}
+
+impl FramePublisher {
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.service.topic
+    }
+
+    /// Readers that are there now. 0: do not render.
+    pub fn n_readers(&self) -> usize {
+        self.service.n_readers()
+    }
+
+    /// Modality, from the name.
+    pub fn modality(&self) -> Modality {
+        self.service.modality
+    }
+
+    /// Longest payload of a loan, bytes.
+    pub fn max_payload_bytes(&self) -> usize {
+        self.service.spec.max_payload_bytes
+    }
+
+    /// Loans at a time.
+    pub fn max_loans(&self) -> usize {
+        self.service.spec.frames_in_flight + SPARE_LOANS
+    }
+
+    /// The whole data segment, for importing it into a GPU. It never moves and lives as long as this publisher; drop the import first.
+    ///
+    /// # Errors
+    /// [`BusError::Segment`] if the mapping is not found, for example because every slot is loaned.
+    pub fn segment(&self) -> Result<Segment, BusError> {
+        if let Some(segment) = self.segment.get() {
+            return Ok(*segment);
+        }
+        let missing = || BusError::Segment { service: self.service.topic.clone() };
+        let mut loan = self.publisher.loan_slice_uninit(1).map_err(|_| missing())?;
+        let segment = mapping_of(loan.payload_mut().as_ptr().cast()).ok_or_else(missing)?;
+        Ok(*self.segment.get_or_init(|| segment))
+    }
+
+    /// Faults in the slots that the first reader and the writer will use. The free list is last in, first out, so these stay the ones in use.
+    ///
+    /// # Errors
+    /// As [`FramePublisher::segment`].
+    pub fn touch(&self) -> Result<(), BusError> {
+        let qos = Qos { readers: 1, ..self.service.qos };
+        let spec = FrameTopic { max_readers: 1, ..self.service.spec };
+        prefault(self.segment()?, shared_memory_needed(&qos, &spec) as usize);
+        Ok(())
+    }
+
+    /// Loans a slot for a payload of up to `len` bytes. Dropped unsent, it goes back. The header is set up for this topic's modality.
+    ///
+    /// A list whose length is known only when it is filled loans its maximum; `header.payload_bytes` says what is used.
+    ///
+    /// # Errors
+    /// [`LoanError::NoFreeSlot`] if all loans are out.
+    pub fn loan(&self, len: usize) -> Result<FrameLoan, LoanError> {
+        use iceoryx2::port::LoanError as Cause;
+        let topic = || self.service.topic.clone();
+        let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| match e {
+            Cause::ExceedsMaxLoans | Cause::OutOfMemory => LoanError::NoFreeSlot { topic: topic(), loans: self.max_loans() },
+            Cause::ExceedsMaxLoanSize => LoanError::TooLong { topic: topic(), len, limit: self.max_payload_bytes() },
+            Cause::InternalFailure => LoanError::Failed { topic: topic(), cause: format!("{e:?}") },
+        })?;
+        sample.user_header_mut().0 = FrameHeader::new(self.service.modality);
+        Ok(FrameLoan { sample, segment: self.segment.get().copied() })
+    }
+}
+
+/// A slot of shared memory that nobody reads yet. Send it, or drop it to give it back.
+pub struct FrameLoan {
+    sample: SampleMutUninit<Service, [std::mem::MaybeUninit<u8>], Wire<FrameHeader>>,
+    segment: Option<Segment>,
+}
+
+impl std::fmt::Debug for FrameLoan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FrameLoan").field("len", &self.len()).field("header", self.header()).finish_non_exhaustive()
+    }
+}
+
+impl FrameLoan {
+    /// The header so far.
+    pub fn header(&self) -> &FrameHeader {
+        &self.sample.user_header().0
+    }
+
+    /// The header, to be filled before sending.
+    pub fn header_mut(&mut self) -> &mut FrameHeader {
+        &mut self.sample.user_header_mut().0
+    }
+
+    /// Bytes of the loan.
+    pub fn len(&self) -> usize {
+        self.sample.payload().len()
+    }
+
+    /// Whether the loan has no bytes.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// First byte of the payload; 64-aligned. For a device that writes there: no reference may be alive meanwhile.
+    pub fn payload_ptr(&mut self) -> *mut u8 {
+        self.sample.payload_mut().as_mut_ptr().cast()
+    }
+
+    /// Distance of the payload from the segment's first byte; `None` before the first [`FramePublisher::segment`].
+    pub fn offset_in_segment(&self) -> Option<usize> {
+        let payload = self.sample.payload().as_ptr() as usize;
+        self.segment.map(|segment| payload - segment.base as usize)
+    }
+
+    /// The payload, to be filled in place. It holds what an earlier frame left there.
+    pub fn payload_mut(&mut self) -> &mut [u8] {
+        let payload = self.sample.payload_mut();
+        // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and since then only bytes were stored, so every
+        // byte has a value: `MaybeUninit<u8>` here is iceoryx2's caution, not a fact. `u8` has no invalid values, and the exclusive borrow
+        // of the loan, which no reader has seen, makes the access unique.
+        unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
+    }
+
+    /// Stamps `published_mono_nanos` and hands the frame to all readers. Returns how many got it.
+    ///
+    /// Bytes behind `header.payload_bytes` are whatever the slot held. Wake the readers afterwards (rig event).
+    ///
+    /// # Errors
+    /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2 fails.
+    pub fn send(mut self) -> Result<usize, BusError> {
+        let topic = "frame being sent";
+        let checked = self.header().check(self.len());
+        checked.map_err(|source| BusError::BadFrame { service: topic.into(), source })?;
+        self.header_mut().published_mono_nanos = mono_now().0;
+        // SAFETY: every byte of the slot has a value, see `payload_mut`.
+        let sample = unsafe { self.sample.assume_init() };
+        sample.send().map_err(|e| BusError::Service { action: "send", service: topic.into(), cause: format!("{e:?}") })
+    }
+}

@@ -1,0 +1,57 @@
+//! Names of the services that every domain has, without the domain.
+
+/// Snapshot after every tick.
+pub const WORLD_SNAPSHOT: &str = "world/snapshot";
+/// Who publishes.
+pub const WORLD_INFO: &str = "world/info";
+/// OpenDRIVE text of the map.
+pub const WORLD_MAP: &str = "world/map";
+/// Who is there.
+pub const WORLD_ACTORS: &str = "world/actors";
+/// What can be spawned.
+pub const WORLD_CATALOGUE: &str = "world/catalogue";
+/// Commands.
+pub const CONTROL_WORLD: &str = "control/world";
+/// Vehicle controls.
+pub const CONTROL_VEHICLES: &str = "control/vehicles";
+/// Lockstep acknowledgements.
+pub const CONTROL_ACK: &str = "control/ack";
+/// Event to the daemon: something waits for it.
+pub const CONTROL_WAKE: &str = "control/wake";
+/// Event from the daemon: replies were sent.
+pub const CONTROL_REPLIED: &str = "control/replied";
+
+/// Event after a rig's last frame of a tick.
+pub fn rig_tick(rig: &str) -> String {
+    format!("{rig}/tick")
+}
+
+/// Rig of a frame topic: `ego` of `ego/front/rgb`.
+pub fn rig_of(topic: &str) -> &str {
+    topic.split('/').next().unwrap_or(topic)
+}
+
+/// Whether `topic` is a valid name without a domain.
+pub(crate) fn valid_topic(topic: &str) -> bool {
+    topic.len() <= 200
+        && topic.split('/').all(|segment| !segment.is_empty() && segment.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-.".contains(&b)))
+}
+
+/// Whether `domain` is a valid first segment.
+pub(crate) fn valid_domain(domain: &str) -> bool {
+    (1..=32).contains(&domain.len()) && domain.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-".contains(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_with_empty_segments_or_odd_characters_are_refused() {
+        assert!(valid_topic("ego/front/rgb") && valid_topic("a"));
+        for bad in ["", "/ego", "ego/", "ego//rgb", "ego front", "ego/\u{e9}", &"a".repeat(201)] {
+            assert!(!valid_topic(bad), "{bad:?}");
+        }
+        assert!(valid_domain("gantry") && !valid_domain("") && !valid_domain("a/b") && !valid_domain(&"x".repeat(33)));
+    }
+}

@@ -1,0 +1,76 @@
+//! Quality of service of every kind of topic: constants per schema version, never per run.
+//!
+//! Readers keep a service alive across a daemon's restart, and a daemon that came back with other numbers could not join it.
+//! `max_readers` of frames is the one number that a launch file may change, and then everything has to be restarted.
+
+/// Capacity of one kind of publish-subscribe topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Qos {
+    /// Readers at a time.
+    pub readers: usize,
+    /// Writers at a time. 2 although only one writes: iceoryx2's network tunnel takes the other place.
+    pub publishers: usize,
+    /// Samples that wait for a reader; the oldest gives way (safe overflow), and a writer never waits.
+    pub buffer: usize,
+    /// Samples a reader may hold.
+    pub borrowed: usize,
+    /// Samples a late reader is greeted with.
+    pub history: usize,
+}
+
+/// Images and point clouds. History 0: a topic nobody read for a minute would greet its next reader with a minute-old frame.
+pub const FRAME: Qos = Qos { readers: 8, publishers: 2, buffer: 2, borrowed: 3, history: 0 };
+/// Readers of frames of sensors that were spawned at run time.
+pub const RUN_TIME_FRAME_READERS: usize = 4;
+/// IMU, GNSS and the event sensors: small and frequent.
+pub const SMALL_FRAME: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 0 };
+/// `world/snapshot`.
+pub const SNAPSHOT: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 1 };
+/// `world/info`, `world/map`, `world/actors`, `world/catalogue`.
+pub const DOCUMENT: Qos = Qos { readers: 16, publishers: 2, buffer: 2, borrowed: 2, history: 1 };
+/// `control/vehicles` and `control/ack`.
+pub const CONTROL: Qos = Qos { readers: 4, publishers: 32, buffer: 64, borrowed: 4, history: 0 };
+
+/// Processes that may open one service.
+pub const MAX_NODES: usize = 64;
+/// Listeners of one event service.
+pub const EVENT_LISTENERS: usize = 32;
+/// Notifiers of one event service.
+pub const EVENT_NOTIFIERS: usize = 32;
+/// Clients of `control/world`.
+pub const COMMAND_CLIENTS: usize = 32;
+/// Servers of `control/world`; 2 for the same reason as [`Qos::publishers`].
+pub const COMMAND_SERVERS: usize = 2;
+/// Requests one client may have under way.
+pub const COMMAND_ACTIVE: usize = 4;
+/// Loans beyond the frames in flight: one may be filled while the last of the others is being sent.
+pub const SPARE_LOANS: usize = 1;
+
+/// Longest text of a request or an answer that is parsed.
+pub const MAX_COMMAND_BYTES: usize = 16 << 20;
+
+impl Qos {
+    /// The capacity for frames of `modality`.
+    pub const fn of(modality: schema_frames::Modality) -> Qos {
+        use schema_frames::SensorKind::*;
+        match modality.sensor_kind() {
+            Imu | Gnss | Event => SMALL_FRAME,
+            Camera | Lidar | Radar => FRAME,
+        }
+    }
+
+    /// Slots in a writer's segment: what all readers may hold, wait for or be greeted with, and what the writer has loaned.
+    pub const fn slots(&self, loaned: usize) -> usize {
+        self.readers * (self.buffer + self.borrowed) + self.history + loaned
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_topic_with_two_frames_in_flight_has_43_slots() {
+        assert_eq!(FRAME.slots(2 + SPARE_LOANS), 43);
+    }
+}

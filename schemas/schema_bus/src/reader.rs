@@ -1,0 +1,208 @@
+//! The reading side of frames: newest or next, checked, counted, held in place.
+
+use std::ops::Deref;
+
+use iceoryx2::port::ReceiveError;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+
+use schema_frames::{FrameHeader, Modality};
+
+use crate::bus::{Service, Slices};
+use crate::wire::{OnBus, Wire};
+use crate::{Bus, BusError};
+
+/// Opens the reading port of a service.
+pub(crate) fn subscribe<H: OnBus>(service: &Slices<H>) -> Result<Subscriber<Service, [u8], Wire<H>>, BusError> {
+    use iceoryx2::port::subscriber::SubscriberCreateError as Cause;
+    service.subscriber_builder().create().map_err(|e| {
+        let full = service.name().as_str().to_string();
+        match e {
+            Cause::ExceedsMaxSupportedSubscribers => {
+                BusError::TooManyReaders { service: full, limit: service.static_config().max_subscribers() }
+            }
+            other => BusError::Service { action: "read", service: full, cause: format!("{other:?}") },
+        }
+    })
+}
+
+/// Takes one sample, with a sentence on failure.
+pub(crate) fn receive<H: OnBus>(
+    service: &Slices<H>,
+    port: &Subscriber<Service, [u8], Wire<H>>,
+) -> Result<Option<Sample<Service, [u8], Wire<H>>>, BusError> {
+    port.receive().map_err(|e| {
+        let full = service.name().as_str().to_string();
+        match e {
+            ReceiveError::ExceedsMaxBorrows => {
+                BusError::BorrowLimit { service: full, limit: service.static_config().subscriber_max_borrowed_samples() }
+            }
+            other => BusError::Service { action: "read", service: full, cause: format!("{other:?}") },
+        }
+    })
+}
+
+impl Bus {
+    /// Opens a frame topic for reading. The writer starts to render for this reader within one tick.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if nobody made it, [`BusError::SchemaSkew`], [`BusError::TooManyReaders`].
+    pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
+        let service = self.join::<FrameHeader>(topic)?;
+        let port = subscribe(&service)?;
+        Ok(FrameReader { port, service, topic: topic.into(), place: None, counts: ReaderCounts::default() })
+    }
+}
+
+/// What a reader has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReaderCounts {
+    /// Frames handed out.
+    pub taken: u64,
+    /// Frames that [`FrameReader::latest`] passed over.
+    pub skipped: u64,
+    /// Frames that never came: gaps in `seq`.
+    pub lost: u64,
+    /// Frames that broke the contract.
+    pub refused: u64,
+    /// Times the writer was another than before (a new epoch).
+    pub restarts: u64,
+}
+
+/// A frame topic, read. Survives its writer: when the writer comes back the frames go on under a new epoch.
+#[derive(Debug)]
+pub struct FrameReader {
+    port: Subscriber<Service, [u8], Wire<FrameHeader>>,
+    service: Slices<FrameHeader>,
+    topic: String,
+    /// Epoch and `seq` of the newest frame.
+    place: Option<(u64, u64)>,
+    counts: ReaderCounts,
+}
+
+impl FrameReader {
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// The oldest frame that waits, if any.
+    ///
+    /// # Errors
+    /// [`BusError::BadFrame`] for a frame that breaks the contract (it is dropped; the next call goes on), [`BusError::BorrowLimit`].
+    #[expect(clippy::should_implement_trait, reason = "an iterator would end at the first gap; this is polled")]
+    pub fn next(&mut self) -> Result<Option<Frame>, BusError> {
+        let frame = self.pull()?;
+        self.counts.taken += frame.is_some() as u64;
+        Ok(frame)
+    }
+
+    /// The newest frame that waits, if any; older ones are dropped and counted as skipped.
+    ///
+    /// # Errors
+    /// As [`FrameReader::next`].
+    pub fn latest(&mut self) -> Result<Option<Frame>, BusError> {
+        let mut newest = None;
+        while self.waiting()? {
+            // Given back first: a caller that holds all it may but one can still drain.
+            if newest.take().is_some() {
+                self.counts.skipped += 1;
+            }
+            newest = self.pull()?;
+            if newest.is_none() {
+                break;
+            }
+        }
+        self.counts.taken += newest.is_some() as u64;
+        Ok(newest)
+    }
+
+    /// Counters since this reader was opened.
+    pub fn counts(&self) -> ReaderCounts {
+        self.counts
+    }
+
+    /// Epoch of the newest frame.
+    pub fn epoch(&self) -> Option<u64> {
+        self.place.map(|(epoch, _)| epoch)
+    }
+
+    /// Whether a writer has the topic open. A killed one counts until somebody cleans up after it.
+    pub fn has_writer(&self) -> bool {
+        self.service.dynamic_config().number_of_publishers() > 0
+    }
+
+    fn waiting(&self) -> Result<bool, BusError> {
+        self.port.has_samples().map_err(|e| BusError::Service {
+            action: "read",
+            service: self.service.name().as_str().into(),
+            cause: format!("{e:?}"),
+        })
+    }
+
+    fn pull(&mut self) -> Result<Option<Frame>, BusError> {
+        let Some(sample) = receive(&self.service, &self.port)? else { return Ok(None) };
+        // Copied before it is checked: whoever can write the segment could change it between check and use.
+        let header = sample.user_header().0;
+        match header.check(sample.payload().len()) {
+            Ok(modality) => {
+                self.count_gap(&header);
+                Ok(Some(Frame { modality, used: header.payload_bytes as usize, header, sample }))
+            }
+            Err(source) => {
+                self.counts.refused += 1;
+                Err(BusError::BadFrame { service: self.service.name().as_str().into(), source })
+            }
+        }
+    }
+
+    fn count_gap(&mut self, header: &FrameHeader) {
+        match self.place {
+            Some((epoch, seq)) if epoch == header.epoch => self.counts.lost += header.seq.saturating_sub(seq.saturating_add(1)),
+            Some(_) => self.counts.restarts += 1,
+            None => {}
+        }
+        self.place = Some((header.epoch, header.seq));
+    }
+}
+
+/// A frame in shared memory: derefs to its payload bytes. A reader may hold three (small topics: four); drop it soon.
+#[derive(Debug)]
+pub struct Frame {
+    sample: Sample<Service, [u8], Wire<FrameHeader>>,
+    header: FrameHeader,
+    modality: Modality,
+    used: usize,
+}
+
+impl Frame {
+    /// The header, checked.
+    pub fn header(&self) -> &FrameHeader {
+        &self.header
+    }
+
+    /// What the payload is.
+    pub fn modality(&self) -> Modality {
+        self.modality
+    }
+
+    /// The payload in use as elements, e.g. `frame.elements::<DvsEvent>()` or `::<f32>()` for depth. `None` if `T`'s size does not divide it.
+    pub fn elements<T: bytemuck::Pod>(&self) -> Option<&[T]> {
+        bytemuck::try_cast_slice(self).ok()
+    }
+
+    /// Row `y` of an image, without padding; `None` behind the last.
+    pub fn row(&self, y: u32) -> Option<&[u8]> {
+        let header = &self.header;
+        let start = y as usize * header.row_stride as usize;
+        (y < header.height).then(|| &self[start..start + header.width as usize * header.element_bytes as usize])
+    }
+}
+
+impl Deref for Frame {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        &self.sample.payload()[..self.used]
+    }
+}

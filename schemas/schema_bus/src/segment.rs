@@ -1,0 +1,88 @@
+//! The memory behind a publisher: where its segment is mapped, how much is needed, how much is there.
+
+use crate::error::mebibytes;
+use crate::frame::FrameTopic;
+use crate::qos::{Qos, SPARE_LOANS};
+
+/// iceoryx2's own header before our user header, and the rounding of both, bytes per slot (measured: the payload begins at 384).
+const SLOT_OVERHEAD_BYTES: u64 = 384;
+
+/// The whole data segment of a publisher, as mapped into this process. Valid as long as the publisher.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Segment {
+    /// First byte; a multiple of the page size.
+    pub base: *mut u8,
+    /// Bytes; a multiple of the page size.
+    pub len: usize,
+}
+
+// SAFETY: `Segment` is an address range; using it is unsafe anyway and its memory is shared between processes by design.
+unsafe impl Send for Segment {}
+// SAFETY: as above.
+unsafe impl Sync for Segment {}
+
+/// Shared memory a frame topic takes once it has a reader, bytes. Sparse until used, but a GPU that imports it may pin all of it.
+pub fn shared_memory_needed(qos: &Qos, topic: &FrameTopic) -> u64 {
+    let qos = Qos { readers: topic.max_readers, ..*qos };
+    let slot_bytes = (topic.max_payload_bytes as u64 + SLOT_OVERHEAD_BYTES).next_multiple_of(64);
+    qos.slots(topic.frames_in_flight + SPARE_LOANS) as u64 * slot_bytes + (1 << 16)
+}
+
+/// Free bytes in `/dev/shm`; `None` if it cannot be asked.
+pub fn shared_memory_free() -> Option<u64> {
+    let stat = nix::sys::statvfs::statvfs("/dev/shm").ok()?;
+    Some(stat.blocks_available() as u64 * stat.fragment_size() as u64)
+}
+
+/// The mapping that `ptr` lies in.
+pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
+    let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
+    let (base, end) = maps.lines().filter_map(parse_range).find(|(base, end)| (*base..*end).contains(&(ptr as usize)))?;
+    Some(Segment { base: base as *mut u8, len: end - base })
+}
+
+/// `7f00-7f10 rw-s …` as numbers.
+fn parse_range(line: &str) -> Option<(usize, usize)> {
+    let (base, end) = line.split_whitespace().next()?.split_once('-')?;
+    Some((usize::from_str_radix(base, 16).ok()?, usize::from_str_radix(end, 16).ok()?))
+}
+
+/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs milliseconds per frame.
+pub(crate) fn prefault(segment: Segment, bytes: usize) {
+    let len = bytes.min(segment.len);
+    // SAFETY: the range lies in a mapping that the publisher keeps; `MADV_POPULATE_WRITE` faults pages in and changes no byte of them.
+    let done = unsafe { libc::madvise(segment.base.cast(), len, libc::MADV_POPULATE_WRITE) };
+    if done != 0 {
+        // A kernel before 5.14: a read of a hole in a shared tmpfs mapping allocates its page as well.
+        for offset in (0..len).step_by(4096) {
+            // SAFETY: within the mapping, readable; volatile because another process may write there.
+            unsafe { segment.base.add(offset).read_volatile() };
+        }
+        tracing::debug!(bytes = %mebibytes(len as u64), "segment touched page by page");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_maps_is_read() {
+        assert_eq!(parse_range("7f1200000000-7f1200004000 rw-s 00000000 00:19 5 /dev/shm/x"), Some((0x7f1200000000, 0x7f1200004000)));
+        assert_eq!(parse_range("nonsense"), None);
+    }
+
+    #[test]
+    fn a_value_on_the_heap_lies_in_a_mapping() {
+        let value = Box::new(7u8);
+        let found = mapping_of(&*value).expect("the heap is mapped");
+        assert!(found.base as usize <= &*value as *const u8 as usize);
+    }
+
+    #[test]
+    fn eight_readers_of_800_by_600_need_86_mib_at_most() {
+        let topic = FrameTopic { max_payload_bytes: 800 * 600 * 4, frames_in_flight: 2, max_readers: 8 };
+        let need = shared_memory_needed(&crate::qos::FRAME, &topic);
+        assert!((82_560_000..83_000_000).contains(&need), "{need}");
+    }
+}

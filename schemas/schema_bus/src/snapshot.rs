@@ -1,0 +1,149 @@
+//! `world/snapshot`: one record per actor after every tick.
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+
+use schema_frames::snapshot::SNAPSHOT_MAGIC;
+use schema_frames::{ActorRecord, SCHEMA_VERSION, SnapshotHeader};
+
+use crate::bus::{Service, Slices, mono_now};
+use crate::frame::writer_error;
+use crate::names::WORLD_SNAPSHOT;
+use crate::reader::{receive, subscribe};
+use crate::wire::Wire;
+use crate::{Bus, BusError, qos};
+
+impl Bus {
+    /// Opens `world/snapshot` for writing, for up to `max_actors` records.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn snapshot_publisher(&self, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
+        let service = self.make::<SnapshotHeader>(WORLD_SNAPSHOT, &qos::SNAPSHOT)?;
+        let len = max_actors.max(1) * size_of::<ActorRecord>();
+        let full = service.name().as_str().to_string();
+        let port = service
+            .publisher_builder()
+            .initial_max_slice_len(len)
+            .allocation_strategy(AllocationStrategy::Static)
+            .create()
+            .map_err(|e| writer_error(&full, qos::SNAPSHOT.publishers, (qos::SNAPSHOT.slots(2) * len) as u64, &e))?;
+        Ok(SnapshotPublisher { port, max_actors, _service: service })
+    }
+
+    /// Opens `world/snapshot` for reading; the newest snapshot greets.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if no daemon ran yet.
+    pub fn snapshot_reader(&self) -> Result<SnapshotReader, BusError> {
+        let service = self.join::<SnapshotHeader>(WORLD_SNAPSHOT)?;
+        let port = subscribe(&service)?;
+        Ok(SnapshotReader { port, service })
+    }
+}
+
+/// Writes snapshots.
+#[derive(Debug)]
+pub struct SnapshotPublisher {
+    port: Publisher<Service, [u8], Wire<SnapshotHeader>>,
+    max_actors: usize,
+    _service: Slices<SnapshotHeader>,
+}
+
+impl SnapshotPublisher {
+    /// Sends the records, which must come by rising id. Magic, version, sizes, count and the stamp of the header are set here.
+    ///
+    /// # Errors
+    /// [`BusError::TooLong`] if there are more than `max_actors`.
+    pub fn send(&self, mut header: SnapshotHeader, records: &[ActorRecord]) -> Result<(), BusError> {
+        assert!(records.is_sorted_by_key(|record| record.id), "snapshot records come by rising id");
+        let bytes: &[u8] = bytemuck::cast_slice(records);
+        if records.len() > self.max_actors {
+            let limit = self.max_actors * size_of::<ActorRecord>();
+            return Err(BusError::TooLong { service: WORLD_SNAPSHOT.into(), len: bytes.len(), limit });
+        }
+        header.magic = SNAPSHOT_MAGIC;
+        header.schema_version = SCHEMA_VERSION;
+        header.header_bytes = size_of::<SnapshotHeader>() as u16;
+        header.n_actors = records.len() as u32;
+        let failed = |cause: String| BusError::Service { action: "write to", service: WORLD_SNAPSHOT.into(), cause };
+        let loan = self.port.loan_slice_uninit(bytes.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let mut sample = loan.write_from_slice(bytes);
+        header.published_mono_nanos = mono_now().0;
+        sample.user_header_mut().0 = header;
+        sample.send().map(drop).map_err(|e| failed(format!("{e:?}")))
+    }
+}
+
+/// Reads snapshots.
+#[derive(Debug)]
+pub struct SnapshotReader {
+    port: Subscriber<Service, [u8], Wire<SnapshotHeader>>,
+    service: Slices<SnapshotHeader>,
+}
+
+impl SnapshotReader {
+    /// The oldest snapshot that waits, if any.
+    ///
+    /// # Errors
+    /// [`BusError::BadSample`] for one that breaks the contract; the next call goes on.
+    #[expect(clippy::should_implement_trait, reason = "polled, like `FrameReader::next`")]
+    pub fn next(&mut self) -> Result<Option<Snapshot>, BusError> {
+        let Some(sample) = receive(&self.service, &self.port)? else { return Ok(None) };
+        let header = sample.user_header().0;
+        let fault = if header.magic != SNAPSHOT_MAGIC {
+            Some(format!("starts with {:#010x}, not with \"GSNP\"", header.magic))
+        } else if header.schema_version != SCHEMA_VERSION {
+            Some(format!("carries schema {}, this reader understands {SCHEMA_VERSION}", header.schema_version))
+        } else if header.n_actors as usize * size_of::<ActorRecord>() != sample.payload().len() {
+            Some(format!("claims {} actors in {} bytes", header.n_actors, sample.payload().len()))
+        } else if bytemuck::try_cast_slice::<u8, ActorRecord>(sample.payload()).is_err() {
+            Some("is not aligned".to_string())
+        } else {
+            None
+        };
+        match fault {
+            Some(fault) => Err(BusError::BadSample { service: self.service.name().as_str().into(), fault }),
+            None => Ok(Some(Snapshot { sample, header })),
+        }
+    }
+
+    /// The newest snapshot that waits, if any.
+    ///
+    /// # Errors
+    /// As [`SnapshotReader::next`].
+    pub fn latest(&mut self) -> Result<Option<Snapshot>, BusError> {
+        let mut newest = None;
+        while let Some(snapshot) = self.next()? {
+            newest = Some(snapshot);
+        }
+        Ok(newest)
+    }
+}
+
+/// A snapshot in shared memory; a reader may hold four.
+#[derive(Debug)]
+pub struct Snapshot {
+    sample: Sample<Service, [u8], Wire<SnapshotHeader>>,
+    header: SnapshotHeader,
+}
+
+impl Snapshot {
+    /// The header, checked.
+    pub fn header(&self) -> &SnapshotHeader {
+        &self.header
+    }
+
+    /// Actors by rising id.
+    pub fn records(&self) -> &[ActorRecord] {
+        bytemuck::cast_slice(self.sample.payload())
+    }
+
+    /// The actor with this id.
+    pub fn actor(&self, id: u32) -> Option<&ActorRecord> {
+        let records = self.records();
+        records.binary_search_by_key(&id, |record| record.id).ok().map(|idx| &records[idx])
+    }
+}
