@@ -1,1 +1,2 @@
+//! `gantry-record`
 fn main() {}

@@ -1,1 +1,2 @@
+//! `gantry-view`
 fn main() {}

@@ -1,0 +1,17 @@
+//! Recording of a domain into MCAP: conversion, bounded queue, writer thread, reading back and recovery.
+//!
+//! The binary `gantry-record` is a thin shell around this library, so that every part is tested on plain memory.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod convert;
+pub mod info;
+pub mod messages;
+pub mod queue;
+pub mod reader;
+pub mod recover;
+pub mod scene;
+pub mod session;
+pub mod wire;
+pub mod writer;

@@ -1,0 +1,147 @@
+//! What a channel of a recording can carry: Foxglove's messages and our own lossless ones, with their schemas.
+//!
+//! `docs/recording.md` describes the same for readers of files.
+
+use foxglove::Encode;
+use foxglove::messages as fox;
+
+use crate::wire::{FieldType, descriptor_set};
+
+/// Message type of a channel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Content {
+    /// `foxglove.RawImage`.
+    RawImage,
+    /// `foxglove.PointCloud`.
+    PointCloud,
+    /// `foxglove.LocationFix`.
+    LocationFix,
+    /// `foxglove.Odometry`.
+    Odometry,
+    /// `foxglove.FrameTransforms`.
+    FrameTransforms,
+    /// `foxglove.SceneUpdate`.
+    SceneUpdate,
+    /// `foxglove.CameraCalibration`.
+    CameraCalibration,
+    /// `gantry.Frame`: the 256 header bytes, and the payload unless the topic's Foxglove message holds it.
+    Frame,
+    /// `gantry.Imu`.
+    Imu,
+    /// `gantry.Snapshot`: header bytes and actor records.
+    Snapshot,
+    /// `gantry.Document`: header bytes and text.
+    Document,
+}
+
+/// Name, encoding and data of a schema as MCAP wants them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SchemaText {
+    /// Full name of the message, e.g. `foxglove.RawImage`.
+    pub name: String,
+    /// Serialised `FileDescriptorSet`.
+    pub data: Vec<u8>,
+}
+
+/// Encoding of every schema and every message of a recording.
+pub const PROTOBUF: &str = "protobuf";
+
+impl Content {
+    /// The schema.
+    pub fn schema(self) -> SchemaText {
+        use FieldType::{Bytes, Double, Fixed64, String};
+        match self {
+            Content::RawImage => foxglove_schema::<fox::RawImage>(),
+            Content::PointCloud => foxglove_schema::<fox::PointCloud>(),
+            Content::LocationFix => foxglove_schema::<fox::LocationFix>(),
+            Content::Odometry => foxglove_schema::<fox::Odometry>(),
+            Content::FrameTransforms => foxglove_schema::<fox::FrameTransforms>(),
+            Content::SceneUpdate => foxglove_schema::<fox::SceneUpdate>(),
+            Content::CameraCalibration => foxglove_schema::<fox::CameraCalibration>(),
+            Content::Frame => own_schema(
+                "Frame",
+                &[
+                    ("tick", Fixed64),
+                    ("sim_nanos", Fixed64),
+                    ("seq", Fixed64),
+                    ("header", Bytes),
+                    ("payload", Bytes),
+                    ("payload_topic", String),
+                ],
+            ),
+            Content::Imu => own_schema(
+                "Imu",
+                &[
+                    ("sim_nanos", Fixed64),
+                    ("frame_id", String),
+                    ("specific_force_x_mps2", Double),
+                    ("specific_force_y_mps2", Double),
+                    ("specific_force_z_mps2", Double),
+                    ("angular_velocity_x_radps", Double),
+                    ("angular_velocity_y_radps", Double),
+                    ("angular_velocity_z_radps", Double),
+                    ("compass_rad", Double),
+                ],
+            ),
+            Content::Snapshot => {
+                own_schema("Snapshot", &[("tick", Fixed64), ("sim_nanos", Fixed64), ("header", Bytes), ("records", Bytes)])
+            }
+            Content::Document => own_schema("Document", &[("revision", Fixed64), ("tick", Fixed64), ("header", Bytes), ("text", String)]),
+        }
+    }
+}
+
+fn foxglove_schema<M: Encode>() -> SchemaText {
+    let schema = M::get_schema().expect("every message type of the foxglove crate has a schema");
+    SchemaText { name: schema.name, data: schema.data.into_owned() }
+}
+
+fn own_schema(name: &str, fields: &[crate::wire::Field]) -> SchemaText {
+    SchemaText { name: format!("gantry.{name}"), data: descriptor_set(name, fields) }
+}
+
+/// One message, encoded.
+#[derive(Debug)]
+pub struct Entry {
+    /// Channel's topic, e.g. `/ego/front/rgb`.
+    pub topic: String,
+    /// Its message type.
+    pub content: Content,
+    /// The protobuf bytes.
+    pub bytes: Vec<u8>,
+}
+
+impl Entry {
+    /// Encodes a Foxglove message.
+    pub fn foxglove<M: Encode>(topic: String, content: Content, message: &M) -> Entry {
+        Entry { topic, content, bytes: encoded(message, Vec::new()) }
+    }
+}
+
+/// Appends `message` to `bytes`.
+pub(crate) fn encoded<M: Encode>(message: &M, mut bytes: Vec<u8>) -> Vec<u8> {
+    message.encode(&mut bytes).expect("a Vec grows, so encoding into it cannot run out of room");
+    bytes
+}
+
+/// Everything that one frame, snapshot or document becomes; kept or dropped as a whole.
+#[derive(Debug)]
+pub struct Batch {
+    /// Where it came from, for counting: `ego/front/rgb`, `world/snapshot`.
+    pub source: std::sync::Arc<str>,
+    /// Sequence number of every message in it.
+    pub sequence: u32,
+    /// Simulated time, nanoseconds since the daemon started.
+    pub log_nanos: u64,
+    /// Publisher's clock, nanoseconds since 1970.
+    pub publish_nanos: u64,
+    /// The messages.
+    pub entries: Vec<Entry>,
+}
+
+impl Batch {
+    /// Bytes it occupies in the queue.
+    pub fn queued_bytes(&self) -> usize {
+        self.entries.iter().map(|entry| entry.bytes.len()).sum::<usize>() + 64
+    }
+}

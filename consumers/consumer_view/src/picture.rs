@@ -1,0 +1,220 @@
+//! Frames as pictures for people. Pure: header and payload in, pixels out. Any payload that passed the header's check is safe.
+
+use bytemuck::pod_read_unaligned;
+use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
+use schema_types::noise::mix;
+
+/// The rows of an image without their padding, as one contiguous piece.
+pub fn tight(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
+    let row_bytes = header.width as usize * header.element_bytes as usize;
+    if header.row_stride as usize == row_bytes || header.height <= 1 {
+        return payload[..row_bytes * header.height as usize].to_vec();
+    }
+    (0..header.height as usize).flat_map(|row| payload[row * header.row_stride as usize..][..row_bytes].iter().copied()).collect()
+}
+
+/// A colour that differs between neighbouring ids; the background is black.
+pub fn id_colour(id: u32) -> [u8; 3] {
+    if id == 0 {
+        return [0; 3];
+    }
+    let bits = mix(id as u64);
+    let hue = (bits & 0xffff) as f32 / 65_536.0;
+    let saturation = 0.55 + 0.45 * ((bits >> 16) & 0xff) as f32 / 255.0;
+    let value = 0.60 + 0.40 * ((bits >> 24) & 0xff) as f32 / 255.0;
+    hsv(hue, saturation, value)
+}
+
+/// Hue, saturation and value, each 0..=1, as sRGB bytes.
+fn hsv(hue: f32, saturation: f32, value: f32) -> [u8; 3] {
+    let channel = |shift: f32| {
+        let k = (shift + hue * 6.0) % 6.0;
+        let share = k.min(4.0 - k).clamp(0.0, 1.0);
+        ((value - value * saturation * share) * 255.0).round() as u8
+    };
+    [channel(5.0), channel(3.0), channel(1.0)]
+}
+
+/// Instance ids as RGB.
+pub fn instance_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
+    let ids = tight(header, payload);
+    let mut last = (0u32, [0u8; 3]);
+    let mut pixels = Vec::with_capacity(ids.len() / 4 * 3);
+    for bytes in ids.chunks_exact(4) {
+        let id = u32::from_le_bytes(bytes.try_into().expect("chunks of four"));
+        if id != last.0 {
+            last = (id, id_colour(id));
+        }
+        pixels.extend_from_slice(&last.1);
+    }
+    pixels
+}
+
+/// Colours of the wheel: direction is hue.
+const WHEEL_STEPS: usize = 512;
+
+/// Optical flow as RGB: hue is the direction (red right, then through yellow-green down), white is standing still, full colour is `full_px` or more.
+pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
+    let wheel: Vec<[f32; 3]> = (0..WHEEL_STEPS).map(|step| hsv(step as f32 / WHEEL_STEPS as f32, 1.0, 1.0).map(f32::from)).collect();
+    let flow = tight(header, payload);
+    let mut pixels = Vec::with_capacity(flow.len() / 8 * 3);
+    for bytes in flow.chunks_exact(8) {
+        let [u, v]: [f32; 2] = pod_read_unaligned(bytes);
+        let length = u.hypot(v);
+        if !length.is_finite() {
+            pixels.extend_from_slice(&[0; 3]);
+            continue;
+        }
+        let share = (length / full_px).min(1.0);
+        let turn = v.atan2(u) / std::f32::consts::TAU;
+        let at = (turn.rem_euclid(1.0) * WHEEL_STEPS as f32) as usize % WHEEL_STEPS;
+        pixels.extend(wheel[at].map(|full| (255.0 + (full - 255.0) * share) as u8));
+    }
+    pixels
+}
+
+/// Length that gets full colour: the 95th percentile of a sample of the lengths, at least one pixel.
+pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
+    let n_pixels = header.width as usize * header.height as usize;
+    let step = (n_pixels / 2000).max(1);
+    let mut lengths: Vec<f32> = payload
+        .chunks_exact(8)
+        .step_by(step)
+        .map(|bytes| pod_read_unaligned::<[f32; 2]>(bytes))
+        .map(|[u, v]| u.hypot(v))
+        .filter(|length| length.is_finite())
+        .collect();
+    lengths.sort_by(f32::total_cmp);
+    lengths.get(lengths.len() * 95 / 100).copied().unwrap_or(1.0).max(1.0)
+}
+
+/// Size of the picture a camera's list of events belongs to: the principal point is its middle.
+pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
+    if header.modality().is_some_and(Modality::is_image) {
+        return (header.width > 0 && header.height > 0).then_some([header.width, header.height]);
+    }
+    let size = [header.intrinsics_px[2], header.intrinsics_px[3]].map(|middle| (2.0 * middle).round());
+    let usable = |px: f64| (1.0..=16_384.0).contains(&px);
+    (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
+}
+
+/// Events of a window as RGB on dark grey: red where the last change was brighter, blue where it was darker.
+pub fn events_rgb(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
+    let [width, height] = size_px.map(|px| px as usize);
+    let mut pixels = vec![24u8; width * height * 3];
+    for bytes in payload.chunks_exact(size_of::<DvsEvent>()) {
+        let event: DvsEvent = pod_read_unaligned(bytes);
+        let (x, y) = (event.x_px as usize, event.y_px as usize);
+        if x < width && y < height {
+            let at = (y * width + x) * 3;
+            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 { &[255, 70, 60] } else { &[70, 130, 255] });
+        }
+    }
+    pixels
+}
+
+/// Most points a cloud is shown with; more are thinned evenly.
+pub const MAX_POINTS: usize = 60_000;
+
+/// A lidar's points, metres in the sensor's axes, and their colours.
+pub fn cloud(header: &FrameHeader, payload: &[u8]) -> (Vec<[f32; 3]>, Vec<[u8; 3]>) {
+    let point_bytes = header.element_bytes as usize;
+    if point_bytes < 12 {
+        return (Vec::new(), Vec::new());
+    }
+    let step = (payload.len() / point_bytes).div_ceil(MAX_POINTS).max(1);
+    let semantic = header.modality() == Some(Modality::SemanticLidar);
+    let coloured = |bytes: &[u8]| {
+        if semantic {
+            let point: SemanticLidarPoint = pod_read_unaligned(bytes);
+            let rgb = schema_types::Class(point.class).info().map_or([255; 3], |info| info.rgb);
+            (point.hit_in_sensor_m, rgb)
+        } else {
+            let point: LidarPoint = pod_read_unaligned(bytes);
+            (point.hit_in_sensor_m, height_colour(point.hit_in_sensor_m[2]))
+        }
+    };
+    payload.chunks_exact(point_bytes).step_by(step).map(coloured).filter(|(hit, _)| hit.iter().all(|x| x.is_finite())).unzip()
+}
+
+/// Colour of a height in the sensor's axes: turbo from 2.5 m below the sensor to 5 m above it.
+fn height_colour(z_m: f32) -> [u8; 3] {
+    turbo((z_m + 2.5) / 7.5)
+}
+
+/// The turbo colour map (A. Mikhailov, *Turbo, an improved rainbow colormap*, 2019), by its published polynomial fit of degree five.
+pub fn turbo(share: f32) -> [u8; 3] {
+    let x = share.clamp(0.0, 1.0);
+    let powers = [1.0, x, x * x, x.powi(3), x.powi(4), x.powi(5)];
+    TURBO.map(|coefficients| {
+        let value: f32 = coefficients.iter().zip(powers).map(|(c, p)| c * p).sum();
+        (value.clamp(0.0, 1.0) * 255.0).round() as u8
+    })
+}
+
+/// Coefficients of x⁰…x⁵ for red, green, blue.
+const TURBO: [[f32; 6]; 3] = [
+    [0.135_721_4, 4.615_393, -42.660_32, 132.131_08, -152.942_4, 59.286_38],
+    [0.091_402_61, 2.194_188_4, 4.842_966_6, -14.185_033, 4.277_298_6, 2.829_566],
+    [0.106_673_3, 12.641_946, -60.582_05, 110.362_77, -89.903_11, 27.348_25],
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(modality: Modality, width_px: u32, height_px: u32) -> FrameHeader {
+        let mut header = FrameHeader::new(modality);
+        header.set_image(width_px, height_px);
+        header
+    }
+
+    #[test]
+    fn padding_is_cut_from_rows() {
+        let mut header = image(Modality::Semantic, 3, 2);
+        header.row_stride = 5;
+        header.payload_bytes = 8;
+        assert_eq!(tight(&header, &[1, 2, 3, 9, 9, 4, 5, 6]), [1, 2, 3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn standing_still_is_white_and_right_is_red() {
+        let header = image(Modality::Flow, 3, 1);
+        let flow: Vec<u8> = [0.0f32, 0.0, 5.0, 0.0, f32::NAN, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        assert_eq!(flow_rgb(&header, &flow, 5.0), [255, 255, 255, 255, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn neighbouring_ids_look_different_and_the_background_is_black() {
+        assert_eq!(id_colour(0), [0; 3]);
+        let distance = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).map(|(a, b)| a.abs_diff(b) as u32).sum::<u32>();
+        let close = (1..1000).filter(|id| distance(id_colour(*id), id_colour(id + 1)) < 40).count();
+        assert!(close < 60, "{close} of 999 neighbours are hard to tell apart");
+    }
+
+    #[test]
+    fn the_last_event_of_a_pixel_wins_and_strays_are_ignored() {
+        let event = |x_px, polarity| DvsEvent { nanos_in_window: 0, x_px, y_px: 0, object_id: 0, polarity, class: 0, reserved: 0 };
+        let events = [event(1, 1), event(1, 0), event(0, 1), event(7, 1)];
+        assert_eq!(events_rgb([2, 1], bytemuck::cast_slice(&events)), [255, 70, 60, 70, 130, 255]);
+    }
+
+    #[test]
+    fn turbo_runs_from_dark_blue_over_green_to_dark_red() {
+        let [low, middle, high] = [0.0, 0.5, 1.0].map(turbo);
+        assert!(low[2] > low[1] && low.iter().all(|c| *c < 100), "{low:?}");
+        assert!(middle[1] > 220, "{middle:?}");
+        assert!(high[0] > 100 && high[1] < 40 && high[2] < 40, "{high:?}");
+    }
+
+    #[test]
+    fn large_clouds_are_thinned_and_points_without_number_left_out() {
+        let mut header = FrameHeader::new(Modality::Lidar);
+        header.set_list(150_000);
+        let mut points = vec![LidarPoint { hit_in_sensor_m: [1.0, 2.0, 0.0], intensity: 0, channel: 0 }; 150_000];
+        points[0].hit_in_sensor_m[0] = f32::NAN;
+        let (positions, colours) = cloud(&header, bytemuck::cast_slice(&points));
+        assert_eq!(positions.len(), 49_999);
+        assert_eq!(colours.len(), positions.len());
+    }
+}

@@ -1,0 +1,335 @@
+//! Everything that is shown, put into one rerun recording: map, actors, sensors, plots.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rerun::blueprint::{BlueprintActivation};
+use rerun::components::{Colormap, ViewCoordinates};
+use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
+use schema_frames::{ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SnapshotHeader};
+use schema_roads::RoadMap;
+use schema_roads::MarkColour;
+use schema_types::{Pose, class::CLASSES};
+
+use crate::layout::{self, Place};
+use crate::picture;
+
+/// Depth that gets the last colour, metres.
+const DEPTH_RANGE_M: f64 = 60.0;
+/// Distance between points of a lane line, metres.
+const MAP_STEP_M: f64 = 2.0;
+/// Snapshots kept for frames in flight.
+const KEPT_SNAPSHOTS: usize = 32;
+/// Class number that boxes without a named class get.
+const NO_CLASS: u16 = 0;
+
+/// One recording and what it already contains.
+pub struct Stage {
+    rec: RecordingStream,
+    places: BTreeSet<Place>,
+    bodies: BTreeMap<u32, BodyBox>,
+    labels: BTreeMap<u32, String>,
+    rigs: BTreeMap<u32, String>,
+    poses: Vec<(u64, BTreeMap<u32, Pose>)>,
+    cameras: BTreeMap<String, [u64; 6]>,
+    mounts: BTreeMap<String, Pose>,
+}
+
+impl Stage {
+    /// Puts what never changes into a fresh recording.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn new(rec: RecordingStream) -> anyhow::Result<Stage> {
+        let classes = CLASSES.iter().enumerate().map(|(number, info)| {
+            let [r, g, b] = info.rgb;
+            rerun::ClassDescription::from((number as u16, info.name, Rgba32::from_rgb(r, g, b)))
+        });
+        rec.log_static("/", &rerun::AnnotationContext::new(classes))?;
+        rec.log_static(layout::WORLD, &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        for (path, name, colour) in SERIES {
+            let path = format!("{}/{path}", layout::PLOTS);
+            rec.log_static(path, &rerun::SeriesLines::new().with_names([*name]).with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]))?;
+        }
+        let stage = Stage {
+            rec,
+            places: BTreeSet::new(),
+            bodies: BTreeMap::new(),
+            labels: BTreeMap::new(),
+            rigs: BTreeMap::new(),
+            poses: Vec::new(),
+            cameras: BTreeMap::new(),
+            mounts: BTreeMap::new(),
+        };
+        stage.arrange()?;
+        Ok(stage)
+    }
+
+    /// The recording.
+    pub fn recording(&self) -> &RecordingStream {
+        &self.rec
+    }
+
+    fn arrange(&self) -> anyhow::Result<()> {
+        let activation = BlueprintActivation { make_active: true, make_default: true };
+        Ok(layout::blueprint(&self.places).send(&self.rec, activation)?)
+    }
+
+    /// Which sensor topics there are; the window is divided anew if that changed.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn set_topics<'a>(&mut self, topics: impl IntoIterator<Item = &'a str>) -> anyhow::Result<()> {
+        let places: BTreeSet<Place> = topics.into_iter().filter_map(Place::new).collect();
+        if places != self.places {
+            self.places = places;
+            self.arrange()?;
+        }
+        Ok(())
+    }
+
+    /// Shows the map's lane lines; a map that cannot be read is said so in the log.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn set_map(&mut self, open_drive: &str) -> anyhow::Result<()> {
+        let map = match RoadMap::parse(open_drive) {
+            Ok(map) => map,
+            Err(error) => return self.say(rerun::TextLogLevel::WARN, &format!("the map cannot be drawn: {error}")),
+        };
+        let marks = map.mark_lines(MAP_STEP_M);
+        let strips = marks.iter().map(|mark| strip(&mark.points));
+        let colours = marks.iter().map(|mark| match mark.colour {
+            MarkColour::Yellow => Rgba32::from_rgb(230, 190, 60),
+            _ => Rgba32::from_rgb(200, 200, 205),
+        });
+        self.rec.log_static(format!("{}/marks", layout::MAP), &rerun::LineStrips3D::new(strips).with_colors(colours).with_radii([0.06]))?;
+        let mut edges = Vec::new();
+        for lane in map.lanes().iter().filter(|lane| lane.kind.is_drivable()) {
+            let (left, right) = map.boundaries(lane.key, MAP_STEP_M);
+            edges.push(strip(&left));
+            edges.push(strip(&right));
+        }
+        let grey = Rgba32::from_rgb(95, 100, 110);
+        self.rec.log_static(format!("{}/lanes", layout::MAP), &rerun::LineStrips3D::new(edges).with_colors([grey]).with_radii([0.03]))?;
+        Ok(())
+    }
+
+    /// Takes over who is there.
+    pub fn set_actors(&mut self, list: &ActorList) {
+        self.bodies = list.actors.iter().map(|actor| (actor.id, actor.body_box)).collect();
+        let name = |actor: &schema_frames::ActorInfo| if actor.role == "ego_vehicle" { "ego".to_string() } else { format!("{} {}", actor.type_id.trim_start_matches("vehicle."), actor.id) };
+        self.labels = list.actors.iter().map(|actor| (actor.id, name(actor))).collect();
+    }
+
+    /// Writes a line into the log view.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn say(&self, level: &str, sentence: &str) -> anyhow::Result<()> {
+        Ok(self.rec.log(layout::LOG, &rerun::TextLog::new(sentence).with_level(level))?)
+    }
+
+    fn set_clock(&self, tick: u64, sim_nanos: u64) {
+        self.rec.set_time_sequence(layout::TICK, tick as i64);
+        self.rec.set_time(layout::SIM_TIME, std::time::Duration::from_nanos(sim_nanos));
+    }
+
+    /// Remembers where everyone is, for frames of that tick; shows nothing.
+    pub fn remember(&mut self, header: &SnapshotHeader, records: &[ActorRecord]) {
+        self.poses.push((header.tick, records.iter().map(|record| (record.id, record.world_from_actor)).collect()));
+        if self.poses.len() > KEPT_SNAPSHOTS {
+            self.poses.remove(0);
+        }
+    }
+
+    /// Shows the actors, the rigs and the curves of the rigs' vehicles.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn show_snapshot(&mut self, header: &SnapshotHeader, records: &[ActorRecord]) -> anyhow::Result<()> {
+        self.set_clock(header.tick, header.sim_nanos);
+        let bodies: Vec<&ActorRecord> = records.iter().filter(|record| has_body(record)).collect();
+        let centre = |record: &ActorRecord| {
+            let body = self.bodies.get(&record.id).map_or([0.0, 0.0, record.half_box_m[2]], |body| body.centre_m);
+            vec3((record.world_from_actor.isometry() * nalgebra::Point3::from(body.map(f64::from))).coords.into())
+        };
+        let boxes = rerun::Boxes3D::from_centers_and_half_sizes(bodies.iter().map(|r| centre(r)), bodies.iter().map(|r| r.half_box_m))
+            .with_quaternions(bodies.iter().map(|r| rerun::Quaternion::from_xyzw(r.world_from_actor.rotation_xyzw.map(|x| x as f32))))
+            .with_class_ids(bodies.iter().map(|r| if (r.class as usize) < CLASSES.len() { r.class as u16 } else { NO_CLASS }))
+            .with_labels(bodies.iter().map(|r| self.labels.get(&r.id).cloned().unwrap_or_else(|| r.id.to_string())))
+            .with_show_labels(false)
+            .with_colors(bodies.iter().map(|r| self.box_colour(r)));
+        self.rec.log(layout::ACTORS, &boxes)?;
+        for record in records {
+            if let Some(rig) = self.rigs.get(&record.id) {
+                self.rec.log(format!("{}/{rig}", layout::WORLD), &transform(&record.world_from_actor))?;
+                self.plot_vehicle(rig, record)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn box_colour(&self, record: &ActorRecord) -> Rgba32 {
+        let [r, g, b] = if self.rigs.contains_key(&record.id) { [255, 170, 40] } else { picture::id_colour(record.id) };
+        Rgba32::from_rgb(r, g, b)
+    }
+
+    fn plot_vehicle(&self, rig: &str, record: &ActorRecord) -> anyhow::Result<()> {
+        let first = self.rigs.values().next().is_some_and(|name| name == rig);
+        let path = |curve: &str| if first { format!("{}/{curve}", layout::PLOTS) } else { format!("{}/{curve}/{rig}", layout::PLOTS) };
+        self.scalar(&path("speed/speed_mps"), record.speed_mps())?;
+        if let Some(vehicle) = record.vehicle() {
+            self.scalar(&path("speed/limit_mps"), vehicle.speed_limit_mps as f64)?;
+            self.scalar(&path("control/steer"), vehicle.steer_ratio as f64)?;
+            self.scalar(&path("control/throttle"), vehicle.throttle_ratio as f64)?;
+            self.scalar(&path("control/brake"), vehicle.brake_ratio as f64)?;
+        }
+        Ok(())
+    }
+
+    fn scalar(&self, path: &str, value: f64) -> anyhow::Result<()> {
+        Ok(self.rec.log(path, &rerun::Scalars::single(value))?)
+    }
+
+    /// Shows one frame. `header` must have passed its check; `latency_nanos` is the time from its publication to us.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn show_frame(&mut self, topic: &str, header: &FrameHeader, payload: &[u8], latency_nanos: u64) -> anyhow::Result<()> {
+        let Some(place) = Place::new(topic) else { return Ok(()) };
+        self.set_clock(header.tick, header.sim_nanos);
+        self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
+        self.place_sensor(&place, header)?;
+        let path = place.frame_path();
+        let size = [header.width, header.height];
+        match place.modality {
+            Modality::Rgb => {
+                let pixels = picture::tight(header, payload);
+                self.rec.log(path, &rerun::Image::from_color_model_and_bytes(pixels, size, ColorModel::BGRA, ChannelDatatype::U8))?;
+            }
+            Modality::Depth => {
+                let image = rerun::DepthImage::from_data_type_and_bytes(picture::tight(header, payload), size, ChannelDatatype::F32);
+                self.rec.log(path, &image.with_meter(1.0).with_colormap(Colormap::Turbo).with_depth_range([0.0, DEPTH_RANGE_M]))?;
+            }
+            Modality::Semantic => {
+                let format = rerun::components::ImageFormat::segmentation(size, ChannelDatatype::U8);
+                self.rec.log(path, &rerun::SegmentationImage::new(picture::tight(header, payload), format))?;
+            }
+            Modality::Instance => self.rec.log(path, &rerun::Image::from_rgb24(picture::instance_rgb(header, payload), size))?,
+            Modality::Flow => {
+                let full_px = picture::flow_full_px(header, payload);
+                self.rec.log(path, &rerun::Image::from_rgb24(picture::flow_rgb(header, payload, full_px), size))?;
+            }
+            Modality::Dvs => {
+                if let Some(size) = picture::picture_size_px(header) {
+                    self.rec.log(path, &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size))?;
+                }
+            }
+            Modality::Lidar | Modality::SemanticLidar => {
+                let (positions, colours) = picture::cloud(header, payload);
+                let colours = colours.into_iter().map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
+                self.rec.log(path, &rerun::Points3D::new(positions).with_colors(colours).with_radii([0.05]))?;
+            }
+            Modality::Imu => self.plot_imu(&place, payload)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn plot_imu(&self, place: &Place, payload: &[u8]) -> anyhow::Result<()> {
+        let Some(bytes) = payload.get(..size_of::<ImuSample>()) else { return Ok(()) };
+        let sample: ImuSample = bytemuck::pod_read_unaligned(bytes);
+        for (axis, force) in ["x", "y", "z"].iter().zip(sample.specific_force_mps2) {
+            self.scalar(&format!("{}/imu/{}/{}/force_{axis}", layout::PLOTS, place.rig, place.sensor), force)?;
+        }
+        Ok(())
+    }
+
+    /// Hangs the sensor into the tree: on its rig where the parent's pose at that tick is known, else into the world.
+    fn place_sensor(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
+        let parent = self.pose_at(header.tick, header.parent_id).filter(|_| header.parent_id != 0);
+        if let Some(parent) = parent {
+            if !self.rigs.contains_key(&header.parent_id) {
+                self.rigs.insert(header.parent_id, place.rig.clone());
+                self.rec.log(place.rig_path(), &transform(&parent))?;
+            }
+            let mount = Pose::from(parent.isometry().inverse() * header.world_from_sensor.isometry());
+            self.mount(place, mount)?;
+        } else if header.parent_id == 0 {
+            self.mount(place, header.world_from_sensor)?;
+        }
+        self.lens(place, header)
+    }
+
+    fn pose_at(&self, tick: u64, actor: u32) -> Option<Pose> {
+        let (_, poses) = self.poses.iter().rev().find(|(at, _)| *at == tick)?;
+        poses.get(&actor).copied()
+    }
+
+    /// Logs a mount when it moved by more than rounding.
+    fn mount(&mut self, place: &Place, pose: Pose) -> anyhow::Result<()> {
+        let path = place.sensor_path();
+        let same = |old: &Pose| {
+            let moved = old.isometry().inverse() * pose.isometry();
+            moved.translation.vector.norm() < 1e-4 && moved.rotation.angle() < 1e-4
+        };
+        if !self.mounts.get(&path).is_some_and(same) {
+            self.rec.log(path.clone(), &transform(&pose))?;
+            self.mounts.insert(path, pose);
+        }
+        Ok(())
+    }
+
+    /// Logs a camera's lens when it is new or changed.
+    fn lens(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
+        let Some(size) = picture::picture_size_px(header) else { return Ok(()) };
+        let [fx, fy, cx, cy] = header.intrinsics_px;
+        if place.modality.sensor_kind() != schema_frames::SensorKind::Camera || !(fx > 0.0 && fy > 0.0) {
+            return Ok(());
+        }
+        let path = place.sensor_path();
+        let key = [fx.to_bits(), fy.to_bits(), cx.to_bits(), cy.to_bits(), size[0] as u64, size[1] as u64];
+        if self.cameras.insert(path.clone(), key) != Some(key) {
+            let lens = rerun::Pinhole::from_focal_length_and_resolution([fx as f32, fy as f32], [size[0] as f32, size[1] as f32])
+                .with_principal_point([cx as f32, cy as f32])
+                .with_camera_xyz(ViewCoordinates::FLU)
+                .with_image_plane_distance(4.0);
+            self.rec.log(path, &lens)?;
+        }
+        Ok(())
+    }
+
+    /// Waits until everything has left this process.
+    ///
+    /// # Errors
+    /// If it does not within `timeout`.
+    pub fn flush(&self, timeout: std::time::Duration) -> anyhow::Result<()> {
+        Ok(self.rec.flush_with_timeout(timeout)?)
+    }
+}
+
+/// Curve, name, colour.
+const SERIES: &[(&str, &str, [u8; 3])] = &[
+    ("speed/speed_mps", "speed, m/s", [255, 170, 40]),
+    ("speed/limit_mps", "limit, m/s", [130, 130, 140]),
+    ("control/steer", "steer (left is up)", [90, 160, 255]),
+    ("control/throttle", "throttle", [90, 200, 110]),
+    ("control/brake", "brake", [240, 80, 70]),
+];
+
+fn has_body(record: &ActorRecord) -> bool {
+    let kind = matches!(record.kind(), Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop));
+    kind && record.half_box_m.iter().all(|half| *half > 0.0)
+}
+
+fn vec3(v: [f64; 3]) -> [f32; 3] {
+    v.map(|x| x as f32)
+}
+
+fn strip(points: &[[f64; 3]]) -> rerun::LineStrip3D {
+    rerun::LineStrip3D::from_iter(points.iter().map(|point| vec3(*point)))
+}
+
+fn transform(pose: &Pose) -> rerun::Transform3D {
+    rerun::Transform3D::from_translation_rotation(vec3(pose.translation_m), rerun::Quaternion::from_xyzw(pose.rotation_xyzw.map(|x| x as f32)))
+}
