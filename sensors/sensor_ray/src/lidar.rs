@@ -19,10 +19,11 @@ use crate::scene::{Hit, RayScene, Rays, Stacks};
 /// Azimuth of the head at the end of a frame, radians counter-clockwise from x: straight back.
 pub const END_AZIMUTH_RAD: f64 = std::f64::consts::PI;
 
-/// Channels of a packet: neighbours above one another.
-const PACKET_CHANNELS: usize = 4;
-/// Columns of a packet. 4 × 4 lanes were fastest of 1×8, 2×4, 4×2, 4×4 and 8×4 (bench of this crate).
-const PACKET_COLUMNS: usize = 4;
+/// Channels of a packet.
+const PACKET_CHANNELS: usize = 1;
+/// Columns of a packet: neighbours side by side. CPU ms per turn in `examples/turn_bench.rs` (channels × columns):
+/// 1×1 92, 1×8 43, 2×4 44, 2×8 43, 4×4 48, 4×8 47, 8×4 53.
+const PACKET_COLUMNS: usize = 8;
 const LANES: usize = PACKET_CHANNELS * PACKET_COLUMNS;
 
 /// Channel number of a ray without a return; real ones are below 256.
