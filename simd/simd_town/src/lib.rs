@@ -1,0 +1,23 @@
+//! Generated towns: a street network written as OpenDRIVE, the scenery that belongs to it, and vehicle bodies.
+//!
+//! Everything is a function of (name, seed): the same pair gives the same bytes. No GPU, no physics, no I/O.
+//!
+//! ```text
+//!   plan (nodes, streets) ─► network (roads, junctions, lanes, signals) ─► OpenDRIVE text, spawn points
+//!                                     └─► ground, buildings, greenery, furniture ─► meshes, collision
+//! ```
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod geometry;
+mod network;
+mod open_drive;
+mod plan;
+mod random;
+mod spawn;
+mod town;
+pub mod vehicle;
+
+pub use town::{CollisionMesh, LightSite, SceneryObject, Town, TownError};
+pub use vehicle::{BodyStyle, VehicleMeshes, VehicleShape, WheelSite, vehicle_meshes};

@@ -1,0 +1,273 @@
+//! The network as OpenDRIVE 1.6 text, elements in the order that strict readers want.
+
+use std::f64::consts::PI;
+use std::fmt::Write;
+
+use crate::geometry::Path;
+use crate::network::{CROSSWALK_M, Junction, Link, Network, Road, Signal, SignalKind};
+use crate::plan::{Edge, Plan, Profile};
+
+/// Height of the pavement over the road.
+pub const KERB_HEIGHT_M: f64 = 0.15;
+
+macro_rules! line {
+    ($out:expr, $($arg:tt)*) => {
+        writeln!($out, $($arg)*).expect("writing to a string does not fail")
+    };
+}
+
+/// The whole text.
+pub fn write(plan: &Plan, network: &Network) -> String {
+    let mut out = String::with_capacity(1 << 20);
+    line!(out, r#"<?xml version="1.0" encoding="UTF-8"?>"#);
+    line!(out, "<OpenDRIVE>");
+    header(&mut out, plan);
+    for (i, road) in network.roads.iter().enumerate() {
+        street(&mut out, network, i, road);
+    }
+    for link in &network.links {
+        connecting_road(&mut out, network, link);
+    }
+    for stage in &network.stages {
+        line!(out, r#"  <controller name="ctrl{0}" id="{0}" sequence="0">"#, stage.id);
+        for &signal in &stage.signals {
+            line!(out, r#"    <control signalId="{}" type="0"/>"#, network.signals[signal].id);
+        }
+        line!(out, "  </controller>");
+    }
+    for (i, each) in network.junctions.iter().enumerate() {
+        junction(&mut out, network, i, each);
+    }
+    line!(out, "</OpenDRIVE>");
+    out
+}
+
+fn header(out: &mut String, plan: &Plan) {
+    let xs = plan.nodes_m.iter().map(|p| p.x);
+    let ys = plan.nodes_m.iter().map(|p| p.y);
+    line!(
+        out,
+        r#"  <header revMajor="1" revMinor="6" name="{}" version="1" date="2026-01-01T00:00:00" north="{}" south="{}" east="{}" west="{}" vendor="Gantry">"#,
+        plan.name,
+        ys.clone().fold(f64::MIN, f64::max) + 20.0,
+        ys.fold(f64::MAX, f64::min) - 20.0,
+        xs.clone().fold(f64::MIN, f64::max) + 20.0,
+        xs.fold(f64::MAX, f64::min) - 20.0,
+    );
+    let (lat, lon) = plan.lat_lon_deg;
+    line!(
+        out,
+        "    <geoReference><![CDATA[+proj=tmerc +lat_0={lat} +lon_0={lon} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +vunits=m +no_defs]]></geoReference>"
+    );
+    line!(out, "  </header>");
+}
+
+fn plan_view(out: &mut String, path: &Path) {
+    line!(out, "    <planView>");
+    let mut s = 0.0;
+    for segment in &path.segments {
+        let (p, h) = (segment.start_m, segment.heading_rad);
+        let shape = if segment.curvature_per_m == 0.0 {
+            "<line/>".to_owned()
+        } else {
+            format!(r#"<arc curvature="{}"/>"#, segment.curvature_per_m)
+        };
+        line!(out, r#"      <geometry s="{s}" x="{}" y="{}" hdg="{h}" length="{}">{shape}</geometry>"#, p.x, p.y, segment.length_m);
+        s += segment.length_m;
+    }
+    line!(out, "    </planView>");
+    line!(out, r#"    <elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/></elevationProfile>"#);
+    line!(out, "    <lateralProfile/>");
+}
+
+fn street(out: &mut String, network: &Network, idx: usize, road: &Road) {
+    line!(out, r#"  <road name="Street {0}" length="{1}" id="{0}" junction="-1" rule="RHT">"#, road.id, road.path.length_m());
+    let junction_id = |end: usize| network.junctions[road.ends[end]].id;
+    line!(out, "    <link>");
+    line!(out, r#"      <predecessor elementType="junction" elementId="{}"/>"#, junction_id(0));
+    line!(out, r#"      <successor elementType="junction" elementId="{}"/>"#, junction_id(1));
+    line!(out, "    </link>");
+    line!(out, r#"    <type s="0" type="town"><speed max="{}" unit="km/h"/></type>"#, road.profile.speed_kmh);
+    plan_view(out, &road.path);
+    lanes(out, &road.profile);
+    crosswalks(out, network, idx, road);
+    let signals: Vec<&Signal> = network.signals.iter().filter(|signal| signal.road == idx).collect();
+    line!(out, "    <signals>");
+    for each in signals {
+        signal(out, each, &road.profile);
+    }
+    line!(out, "    </signals>");
+    line!(out, "  </road>");
+}
+
+/// Kind, width and outer mark (type, colour, lane change) of the lanes of one side, from the middle outwards.
+fn side(profile: &Profile) -> Vec<(&'static str, f64, &'static str, &'static str)> {
+    let mut lanes = Vec::new();
+    for k in 1..=profile.n_lanes {
+        let (mark, change) = if k < profile.n_lanes { ("broken", "both") } else { ("solid", "none") };
+        lanes.push(("driving", profile.lane_m, mark, change));
+    }
+    let edge = match profile.edge {
+        Edge::Gutter => "shoulder",
+        Edge::Parking => "parking",
+    };
+    lanes.push((edge, profile.edge_m, "curb", "none"));
+    lanes.push(("sidewalk", profile.pavement_m, "none", "none"));
+    lanes
+}
+
+fn lane(out: &mut String, id: i32, (kind, width, mark, change): (&str, f64, &str, &str), speed_kmh: u32) {
+    line!(out, r#"          <lane id="{id}" type="{kind}" level="false">"#);
+    line!(out, r#"            <width sOffset="0" a="{width}" b="0" c="0" d="0"/>"#);
+    line!(
+        out,
+        r#"            <roadMark sOffset="0" type="{mark}" weight="standard" color="white" material="standard" width="0.12" laneChange="{change}"/>"#
+    );
+    if kind == "driving" {
+        line!(out, r#"            <speed sOffset="0" max="{speed_kmh}" unit="km/h"/>"#);
+    }
+    if kind == "sidewalk" {
+        line!(out, r#"            <height sOffset="0" inner="{KERB_HEIGHT_M}" outer="{KERB_HEIGHT_M}"/>"#);
+    }
+    line!(out, "          </lane>");
+}
+
+fn lanes(out: &mut String, profile: &Profile) {
+    let side = side(profile);
+    line!(out, r#"    <lanes>"#);
+    line!(out, r#"      <laneSection s="0">"#);
+    line!(out, "        <left>");
+    for (i, &each) in side.iter().enumerate().rev() {
+        lane(out, i as i32 + 1, each, profile.speed_kmh);
+    }
+    line!(out, "        </left>");
+    let (mark, change) = if profile.main { ("solid solid", "none") } else { ("broken", "both") };
+    line!(out, r#"        <center><lane id="0" type="none" level="false">"#);
+    line!(
+        out,
+        r#"            <roadMark sOffset="0" type="{mark}" weight="standard" color="yellow" material="standard" width="0.12" laneChange="{change}"/>"#
+    );
+    line!(out, "        </lane></center>");
+    line!(out, "        <right>");
+    for (i, &each) in side.iter().enumerate() {
+        lane(out, -(i as i32) - 1, each, profile.speed_kmh);
+    }
+    line!(out, "        </right>");
+    line!(out, "      </laneSection>");
+    line!(out, "    </lanes>");
+}
+
+fn crosswalks(out: &mut String, network: &Network, idx: usize, road: &Road) {
+    line!(out, "    <objects>");
+    for end in [0, 1] {
+        let junction = &network.junctions[road.ends[end]];
+        let Some(arm) = junction.arms.iter().find(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk) else { continue };
+        let (length, half_width) = (CROSSWALK_M.1 - CROSSWALK_M.0, road.profile.kerb_m());
+        let s = network.arm_station(arm, 0.5 * (CROSSWALK_M.0 + CROSSWALK_M.1));
+        line!(
+            out,
+            r#"      <object id="{}" name="Crosswalk" type="crosswalk" s="{s}" t="0" zOffset="0" hdg="0" pitch="0" roll="0" orientation="none" length="{length}" width="{}">"#,
+            10 * road.id as usize + end,
+            2.0 * half_width
+        );
+        line!(out, "        <outline>");
+        let (u, v) = (0.5 * length, half_width);
+        for (u, v) in [(-u, -v), (u, -v), (u, v), (-u, v), (-u, -v)] {
+            line!(out, r#"          <cornerLocal u="{u}" v="{v}" z="0"/>"#);
+        }
+        line!(out, "        </outline>");
+        line!(out, "      </object>");
+    }
+    line!(out, "    </objects>");
+}
+
+fn signal(out: &mut String, signal: &Signal, profile: &Profile) {
+    let limit;
+    let (name, dynamic, kind, value, height, z) = match signal.kind {
+        SignalKind::Light => ("TrafficLight", "yes", "1000001", "-1", 1.0, 2.6),
+        SignalKind::Stop => ("Stop", "no", "206", "-1", 0.8, 2.2),
+        SignalKind::Yield => ("Yield", "no", "205", "-1", 0.8, 2.2),
+        SignalKind::Limit(kmh) => {
+            limit = kmh.to_string();
+            ("SpeedLimit", "no", "274", limit.as_str(), 0.7, 2.2)
+        }
+    };
+    let unit = if matches!(signal.kind, SignalKind::Limit(_)) { r#" unit="km/h""# } else { "" };
+    line!(
+        out,
+        r#"      <signal s="{}" t="{}" id="{}" name="{name}_{}" dynamic="{dynamic}" orientation="{}" zOffset="{z}" country="OpenDRIVE" type="{kind}" subtype="-1" value="{value}"{unit} height="{height}" width="0.4" hOffset="0" pitch="0" roll="0" text="">"#,
+        signal.s_m,
+        signal.t_m,
+        signal.id,
+        signal.id,
+        if signal.against { "-" } else { "+" },
+    );
+    let outermost = profile.n_lanes as i32;
+    let (from, to) = if signal.against { (1, outermost) } else { (-outermost, -1) };
+    line!(out, r#"        <validity fromLane="{from}" toLane="{to}"/>"#);
+    line!(out, "      </signal>");
+}
+
+fn connecting_road(out: &mut String, network: &Network, link: &Link) {
+    let junction = &network.junctions[link.junction];
+    let length = link.path.length_m();
+    line!(out, r#"  <road name="" length="{length}" id="{}" junction="{}" rule="RHT">"#, link.id, junction.id);
+    let (from, to) = (&junction.arms[link.from.0], &junction.arms[link.to.0]);
+    let contact = |at_start: bool| if at_start { "start" } else { "end" };
+    line!(out, "    <link>");
+    for (which, arm) in [("predecessor", from), ("successor", to)] {
+        let road = &network.roads[arm.road];
+        line!(out, r#"      <{which} elementType="road" elementId="{}" contactPoint="{}"/>"#, road.id, contact(arm.at_start));
+    }
+    line!(out, "    </link>");
+    let speed = network.roads[from.road].profile.speed_kmh.min(network.roads[to.road].profile.speed_kmh);
+    line!(out, r#"    <type s="0" type="town"><speed max="{speed}" unit="km/h"/></type>"#);
+    plan_view(out, &link.path);
+    let (a, change) = (link.width_m.0, link.width_m.1 - link.width_m.0);
+    let (c, d) = (3.0 * change / length.powi(2), -2.0 * change / length.powi(3));
+    line!(out, r#"    <lanes>"#);
+    line!(out, r#"      <laneSection s="0">"#);
+    line!(out, r#"        <center><lane id="0" type="none" level="false">"#);
+    let mark = r#"<roadMark sOffset="0" type="none" weight="standard" color="standard" material="standard" width="0" laneChange="none"/>"#;
+    line!(out, "            {mark}");
+    line!(out, "        </lane></center>");
+    line!(out, "        <right>");
+    line!(out, r#"          <lane id="-1" type="driving" level="false">"#);
+    line!(out, r#"            <link><predecessor id="{}"/><successor id="{}"/></link>"#, link.from.1, link.to.1);
+    line!(out, r#"            <width sOffset="0" a="{a}" b="0" c="{c}" d="{d}"/>"#);
+    line!(out, "            {mark}");
+    line!(out, r#"            <speed sOffset="0" max="{speed}" unit="km/h"/>"#);
+    line!(out, "          </lane>");
+    line!(out, "        </right>");
+    line!(out, "      </laneSection>");
+    line!(out, "    </lanes>");
+    line!(out, "    <objects/>");
+    line!(out, "    <signals>");
+    let guards = network.signals.iter().filter(|s| s.junction == Some(link.junction) && s.road == from.road && s.against == from.at_start);
+    for signal in guards.filter(|s| s.kind == SignalKind::Light) {
+        line!(out, r#"      <signalReference s="0" t="{}" id="{}" orientation="+">"#, -signal.t_m.abs(), signal.id);
+        line!(out, r#"        <validity fromLane="-1" toLane="-1"/>"#);
+        line!(out, "      </signalReference>");
+    }
+    line!(out, "    </signals>");
+    line!(out, "  </road>");
+}
+
+fn junction(out: &mut String, network: &Network, idx: usize, junction: &Junction) {
+    line!(out, r#"  <junction id="{}" name="junction{}">"#, junction.id, junction.id);
+    for (i, link) in network.links.iter().filter(|link| link.junction == idx).enumerate() {
+        let incoming = network.roads[junction.arms[link.from.0].road].id;
+        line!(out, r#"    <connection id="{i}" incomingRoad="{incoming}" connectingRoad="{}" contactPoint="start">"#, link.id);
+        line!(out, r#"      <laneLink from="{}" to="-1"/>"#, link.from.1);
+        line!(out, "    </connection>");
+    }
+    for (sequence, stage) in network.stages.iter().filter(|stage| stage.junction == idx).enumerate() {
+        line!(out, r#"    <controller id="{}" type="0" sequence="{sequence}"/>"#, stage.id);
+    }
+    line!(out, "  </junction>");
+}
+
+/// Heading of a signal's face: against the traffic that must obey.
+pub fn facing(road_heading_rad: f64, against: bool) -> f64 {
+    if against { road_heading_rad } else { road_heading_rad + PI }
+}

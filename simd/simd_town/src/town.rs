@@ -1,0 +1,102 @@
+//! A generated town and how to ask for one.
+
+use nalgebra::Isometry3;
+use schema_types::{Class, ObjectId, Pose};
+use sensor_core::{Mesh, SceneAssets};
+
+use crate::network::Network;
+use crate::{open_drive, plan, spawn};
+
+/// Why there is no such town.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TownError {
+    /// Unknown name.
+    #[error("map {name:?} not found; generated towns are {}", Town::NAMES.join(", "))]
+    Unknown {
+        /// What was asked for.
+        name: String,
+    },
+}
+
+/// The lamps of one OpenDRIVE signal.
+#[derive(Clone, Debug)]
+pub struct LightSite {
+    /// Id of the signal in the OpenDRIVE text.
+    pub signal_id: String,
+    /// Foot of its pole, yaw facing the traffic that must obey (x points against the traffic's direction).
+    pub pole: Pose,
+    /// Where to draw [`Town::light_head`]: x points towards the traffic that must obey.
+    pub heads: Vec<Isometry3<f64>>,
+}
+
+/// Triangles for collision, `f32` about [`Town::origin_m`].
+#[derive(Clone, Debug, Default)]
+pub struct CollisionMesh {
+    /// What it is, for messages.
+    pub name: String,
+    /// Corners.
+    pub vertices_m: Vec<[f32; 3]>,
+    /// Three corners per triangle, counter-clockwise from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// One object of the scenery.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneryObject {
+    /// Stable id.
+    pub id: ObjectId,
+    /// Main class of its triangles.
+    pub class: Class,
+    /// What it is.
+    pub name: String,
+}
+
+/// A town: map, scenery, collision.
+#[derive(Clone, Debug)]
+pub struct Town {
+    /// Name, as asked for.
+    pub name: String,
+    /// OpenDRIVE 1.6 text.
+    pub open_drive: String,
+    /// Where vehicles may be put: 0.3 m above the ground, x along the lane.
+    pub spawn_points: Vec<Pose>,
+    /// Meshes and where they stand. Add actors' meshes behind them.
+    pub assets: SceneAssets,
+    /// Every object with an id of its own.
+    pub objects: Vec<SceneryObject>,
+    /// Traffic lights: one per light signal of the map.
+    pub lights: Vec<LightSite>,
+    /// A head with three lamps facing +x: bit 0 red, 1 yellow, 2 green.
+    pub light_head: Mesh,
+    /// What vehicles can drive on and run into.
+    pub collision: Vec<CollisionMesh>,
+    /// Origin of the collision coordinates in the world, metres.
+    pub origin_m: [f64; 3],
+}
+
+impl Town {
+    /// Names that [`Town::generate`] knows. `_Opt` behind a name is the same town.
+    pub const NAMES: [&'static str; 1] = ["Town10HD"];
+
+    /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change nothing.
+    pub fn generate(name: &str, seed: u64) -> Result<Town, TownError> {
+        let short = name.rsplit('/').next().unwrap_or(name);
+        let short = short.strip_suffix("_Opt").unwrap_or(short);
+        let plan = match short {
+            "Town10HD" => plan::dense_centre(short, seed),
+            _ => return Err(TownError::Unknown { name: name.to_owned() }),
+        };
+        let network = Network::build(&plan);
+        Ok(Town {
+            name: short.to_owned(),
+            open_drive: open_drive::write(&plan, &network),
+            spawn_points: spawn::spawn_points(&network),
+            assets: SceneAssets::default(),
+            objects: Vec::new(),
+            lights: Vec::new(),
+            light_head: Mesh::default(),
+            collision: Vec::new(),
+            origin_m: [0.0; 3],
+        })
+    }
+}
