@@ -2,6 +2,7 @@
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::*;
 
 use schema_frames::document::DOCUMENT_MAGIC;
@@ -9,6 +10,7 @@ use schema_frames::{DocumentHeader, SCHEMA_VERSION};
 
 use crate::bus::{Service, Slices};
 use crate::frame::writer_error;
+use crate::names::CONTROL_WAKE;
 use crate::reader::{receive, subscribe};
 use crate::wire::Wire;
 use crate::{Bus, BusError, qos};
@@ -33,13 +35,14 @@ impl Bus {
         Ok(DocumentPublisher { port, service, revision: 0 })
     }
 
-    /// Opens a document for reading; the newest text greets.
+    /// Opens a document for reading; the newest text greets within one turn of the daemon's loop.
     ///
     /// # Errors
     /// [`BusError::NoSuchTopic`] if nobody wrote it yet.
     pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
         let service = self.join::<DocumentHeader>(name)?;
         let port = subscribe(&service)?;
+        self.notifier(CONTROL_WAKE)?.notify();
         Ok(DocumentReader { port, service })
     }
 }
@@ -87,6 +90,14 @@ impl DocumentPublisher {
             cause: e.to_string(),
         })?;
         self.send(&text, epoch, tick)
+    }
+
+    /// Hands the newest text to readers that came since the last call. iceoryx2 does this only in the writer's own calls, so a daemon
+    /// calls it once per turn of its loop, also while it waits for a cue (a new reader notifies `control/wake`). Cheap if nobody came.
+    pub fn greet(&self) {
+        if let Err(e) = self.port.update_connections() {
+            tracing::warn!(service = self.service.name().as_str(), cause = ?e, "cannot greet a new reader");
+        }
     }
 
     /// Revision of the last text sent; 0 before the first.

@@ -2,6 +2,7 @@
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 
@@ -10,7 +11,7 @@ use schema_frames::{ActorRecord, SCHEMA_VERSION, SnapshotHeader};
 
 use crate::bus::{Service, Slices, mono_now};
 use crate::frame::writer_error;
-use crate::names::WORLD_SNAPSHOT;
+use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::reader::{receive, subscribe};
 use crate::wire::Wire;
 use crate::{Bus, BusError, qos};
@@ -33,13 +34,14 @@ impl Bus {
         Ok(SnapshotPublisher { port, max_actors, _service: service })
     }
 
-    /// Opens `world/snapshot` for reading; the newest snapshot greets.
+    /// Opens `world/snapshot` for reading; the newest snapshot greets within one turn of the daemon's loop.
     ///
     /// # Errors
     /// [`BusError::NoSuchTopic`] if no daemon ran yet.
     pub fn snapshot_reader(&self) -> Result<SnapshotReader, BusError> {
         let service = self.join::<SnapshotHeader>(WORLD_SNAPSHOT)?;
         let port = subscribe(&service)?;
+        self.notifier(CONTROL_WAKE)?.notify();
         Ok(SnapshotReader { port, service })
     }
 }
@@ -74,6 +76,13 @@ impl SnapshotPublisher {
         header.published_mono_nanos = mono_now().0;
         sample.user_header_mut().0 = header;
         sample.send().map(drop).map_err(|e| failed(format!("{e:?}")))
+    }
+
+    /// Hands the newest snapshot to readers that came since the last call; see [`crate::DocumentPublisher::greet`].
+    pub fn greet(&self) {
+        if let Err(e) = self.port.update_connections() {
+            tracing::warn!(service = WORLD_SNAPSHOT, cause = ?e, "cannot greet a new reader");
+        }
     }
 }
 

@@ -1,0 +1,433 @@
+//! The bus on real shared memory, each test in a private root with a private prefix, so that "nothing left" can be asserted.
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use schema_bus::{Bus, BusError, BusOptions, CommandError, FrameTopic, LoanError, TopicKind, WaitSet, names};
+use schema_frames::command::CommandReply;
+use schema_frames::{
+    ActorRecord, Command as Order, CommandBatch, FrameHeader, Modality, ReplyBatch, SnapshotHeader, VehicleControl, VehicleControlRecord,
+};
+
+const RGB: FrameTopic = FrameTopic { max_payload_bytes: 16 * 8 * 4, frames_in_flight: 2, max_readers: 4 };
+
+/// A private place; dropped, it asserts that no file of its prefix is left in /dev/shm.
+struct Place {
+    folder: tempfile::TempDir,
+    prefix: String,
+}
+
+impl Place {
+    fn new(name: &str) -> Place {
+        Place { folder: tempfile::tempdir().unwrap(), prefix: format!("gt{}_{name}_", std::process::id()) }
+    }
+
+    fn options(&self) -> BusOptions {
+        BusOptions { iceoryx_root: Some(self.folder.path().join("iceoryx2")), prefix: Some(self.prefix.clone()) }
+    }
+
+    fn bus(&self, program: &str) -> Bus {
+        Bus::open_with("d", program, &self.options()).unwrap()
+    }
+
+    /// Files of this place in shared memory, but for the one that iceoryx2 keeps for ever by design.
+    fn left_over(&self) -> Vec<String> {
+        let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names.filter(|name| name.starts_with(&self.prefix) && !name.ends_with(".global_mgmt")).collect()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            assert_eq!(self.left_over(), Vec::<String>::new(), "left in /dev/shm");
+        }
+        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
+fn send(publisher: &schema_bus::FramePublisher, epoch: u64, seq: u64, fill: u8) -> usize {
+    let mut loan = publisher.loan(16 * 8 * 4).unwrap();
+    loan.payload_mut().fill(fill);
+    let header = loan.header_mut();
+    header.set_image(16, 8);
+    (header.epoch, header.seq, header.tick) = (epoch, seq, seq);
+    loan.send().unwrap()
+}
+
+#[test]
+fn a_frame_arrives_unchanged_aligned_and_in_place() {
+    let place = Place::new("round");
+    let (daemon, consumer) = (place.bus("simd"), place.bus("reader"));
+    let publisher = daemon.frame_publisher("ego/front/rgb", RGB).unwrap();
+    publisher.touch().unwrap();
+    assert_eq!(publisher.n_readers(), 0);
+    let mut reader = consumer.frame_reader("ego/front/rgb").unwrap();
+    assert_eq!(publisher.n_readers(), 1);
+
+    let segment = publisher.segment().unwrap();
+    assert_eq!((segment.base as usize % 4096, segment.len % 4096), (0, 0));
+    let mut loan = publisher.loan(512).unwrap();
+    let offset = loan.offset_in_segment().expect("the segment is known");
+    assert_eq!(loan.payload_ptr() as usize, segment.base as usize + offset);
+    assert_eq!(offset % 64, 0);
+    for (i, byte) in loan.payload_mut().iter_mut().enumerate() {
+        *byte = i as u8;
+    }
+    let header = loan.header_mut();
+    header.set_image(16, 8);
+    (header.epoch, header.seq) = (5, 1);
+    assert_eq!(loan.send().unwrap(), 1);
+
+    let frame = reader.next().unwrap().expect("a frame");
+    assert_eq!(frame.modality(), Modality::Rgb);
+    assert_eq!(frame.len(), 512);
+    assert!(frame.iter().enumerate().all(|(i, byte)| *byte == i as u8));
+    assert_eq!(frame.row(7).unwrap().len(), 64);
+    assert!(frame.row(8).is_none());
+    assert_eq!(frame.as_ptr() as usize % 64, 0);
+    assert!(frame.header().published_mono_nanos > 0);
+    assert!(reader.next().unwrap().is_none());
+}
+
+#[test]
+fn a_list_shorter_than_its_loan_shows_only_what_is_used() {
+    let place = Place::new("list");
+    let bus = place.bus("simd");
+    let publisher = bus.frame_publisher("ego/front/dvs", FrameTopic::new(Modality::Dvs, 1600)).unwrap();
+    let mut reader = bus.frame_reader("ego/front/dvs").unwrap();
+    let mut loan = publisher.loan(1600).unwrap();
+    loan.header_mut().set_list(3);
+    loan.send().unwrap();
+    let frame = reader.latest().unwrap().unwrap();
+    assert_eq!(frame.elements::<schema_frames::DvsEvent>().unwrap().len(), 3);
+
+    let mut loan = publisher.loan(32).unwrap();
+    loan.header_mut().set_list(3);
+    assert!(matches!(loan.send(), Err(BusError::BadFrame { .. })), "48 bytes do not fit a loan of 32");
+}
+
+#[test]
+fn a_late_joiner_gets_the_next_frame_and_never_an_old_one() {
+    let place = Place::new("late");
+    let bus = place.bus("simd");
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    send(&publisher, 1, 1, 1);
+    let mut reader = bus.frame_reader("ego/front/rgb").unwrap();
+    assert!(reader.latest().unwrap().is_none());
+    send(&publisher, 1, 2, 2);
+    assert_eq!(reader.latest().unwrap().unwrap().header().seq, 2);
+    assert_eq!(reader.counts().lost, 0);
+}
+
+#[test]
+fn a_slow_reader_loses_the_oldest_and_counts_the_gap() {
+    let place = Place::new("slow");
+    let bus = place.bus("simd");
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let mut reader = bus.frame_reader("ego/front/rgb").unwrap();
+    send(&publisher, 1, 1, 1);
+    assert_eq!(reader.next().unwrap().unwrap().header().seq, 1);
+    for seq in 2..=6 {
+        send(&publisher, 1, seq, seq as u8);
+    }
+    let seen: Vec<u64> = std::iter::from_fn(|| reader.next().unwrap()).map(|frame| frame.header().seq).collect();
+    assert_eq!(seen, [5, 6], "two wait, the rest gave way");
+    assert_eq!((reader.counts().lost, reader.counts().taken), (3, 3));
+}
+
+#[test]
+fn a_reader_that_hoards_is_told_and_can_go_on() {
+    let place = Place::new("hoard");
+    let bus = place.bus("simd");
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let mut reader = bus.frame_reader("ego/front/rgb").unwrap();
+    let mut held = Vec::new();
+    for seq in 1..=3 {
+        send(&publisher, 1, seq, seq as u8);
+        held.push(reader.next().unwrap().unwrap());
+    }
+    send(&publisher, 1, 4, 4);
+    let error = reader.next().unwrap_err().to_string();
+    assert!(error.contains("already holds 3 (limit 3)"), "{error}");
+    assert!(held.iter().zip(1..).all(|(frame, fill)| frame.iter().all(|byte| *byte == fill)), "held frames stay as they were");
+    held.pop();
+    assert_eq!(reader.latest().unwrap().unwrap().header().seq, 4);
+}
+
+#[test]
+fn loans_run_out_with_a_sentence_and_come_back() {
+    let place = Place::new("loans");
+    let bus = place.bus("simd");
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let loans: Vec<_> = (0..publisher.max_loans()).map(|_| publisher.loan(512).unwrap()).collect();
+    assert!(matches!(publisher.loan(512), Err(LoanError::NoFreeSlot { loans: 3, .. })));
+    drop(loans);
+    assert!(matches!(publisher.loan(513), Err(LoanError::TooLong { limit: 512, .. })));
+    assert_eq!(send(&publisher, 1, 1, 1), 0);
+}
+
+#[test]
+fn a_restarted_writer_is_noticed_by_a_reader_that_stayed() {
+    let place = Place::new("again");
+    let (first, consumer) = (place.bus("simd"), place.bus("reader"));
+    let publisher = first.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let mut reader = consumer.frame_reader("ego/front/rgb").unwrap();
+    send(&publisher, 1, 7, 1);
+    assert_eq!(reader.next().unwrap().unwrap().header().epoch, 1);
+    drop(publisher);
+    drop(first);
+    assert!(!reader.has_writer());
+    let second = place.bus("simd");
+    let publisher = second.frame_publisher("ego/front/rgb", RGB).unwrap();
+    send(&publisher, 2, 1, 2);
+    assert_eq!(reader.next().unwrap().unwrap().header().epoch, 2);
+    assert_eq!((reader.counts().restarts, reader.counts().lost), (1, 0));
+}
+
+#[test]
+fn another_schema_is_refused_with_a_sentence_before_opening() {
+    let place = Place::new("skew");
+    let options = place.options();
+    // A publisher of another version, made with iceoryx2 itself.
+    use iceoryx2::prelude::*;
+    let mut config = iceoryx2::config::Config::global_config().clone();
+    config.global.set_root_path(&Path::new(options.iceoryx_root.unwrap().to_str().unwrap().as_bytes()).unwrap());
+    config.global.prefix = FileName::new(options.prefix.unwrap().as_bytes()).unwrap();
+    let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
+    let attributes = AttributeSpecifier::new().define(&"gantry.schema".try_into().unwrap(), &"4".try_into().unwrap()).unwrap();
+    let service = node.service_builder(&"d/ego/roof/lidar".try_into().unwrap()).publish_subscribe::<[u8]>();
+    let _service = service.create_with_attributes(&attributes).unwrap();
+    let foreign = node.service_builder(&"d/ego/roof/depth".try_into().unwrap()).publish_subscribe::<[u8]>().create().unwrap();
+
+    let bus = place.bus("reader");
+    let error = bus.frame_reader("ego/roof/lidar").unwrap_err().to_string();
+    assert_eq!(error, "cannot join service \"d/ego/roof/lidar\": it carries schema 4, this binary reads 1; rebuild the consumer");
+    let error = bus.frame_reader("ego/roof/depth").unwrap_err().to_string();
+    assert!(error.contains("it carries schema none"), "{error}");
+    let error = bus.frame_publisher("ego/roof/lidar", FrameTopic::new(Modality::Lidar, 160)).unwrap_err();
+    assert!(matches!(error, BusError::SchemaSkew { .. }), "{error}");
+    drop(foreign);
+}
+
+#[test]
+fn a_missing_topic_names_what_there_is() {
+    let place = Place::new("missing");
+    let bus = place.bus("reader");
+    let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
+    assert!(error.contains("nothing runs on domain \"d\""), "{error}");
+    let _publisher = bus.frame_service("ego/rear/rgb", RGB).unwrap();
+    let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
+    assert_eq!(error, "there is no topic \"d/ego/front/rgb\"; there is ego/rear/rgb");
+    assert!(matches!(bus.frame_service("ego/front/rbg", RGB), Err(BusError::Name { .. })));
+    assert!(matches!(Bus::open("a/b", "x"), Err(BusError::Domain { .. })));
+}
+
+#[test]
+fn readers_beyond_the_limit_are_refused_with_the_limit() {
+    let place = Place::new("crowd");
+    let bus = place.bus("simd");
+    let spec = FrameTopic { max_readers: 1, ..RGB };
+    let _publisher = bus.frame_publisher("ego/front/rgb", spec).unwrap();
+    let _first = bus.frame_reader("ego/front/rgb").unwrap();
+    let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
+    assert!(error.starts_with("service \"d/ego/front/rgb\" already has 1 readers (limit 1)"), "{error}");
+}
+
+#[test]
+fn documents_greet_a_late_reader_and_grow() {
+    let place = Place::new("docs");
+    let bus = place.bus("simd");
+    assert!(!bus.daemon_alive().unwrap());
+    let mut publisher = bus.document_publisher(names::WORLD_INFO).unwrap();
+    assert!(bus.daemon_alive().unwrap());
+    publisher.send("old", 9, 0).unwrap();
+    let long = "map ".repeat(100_000);
+    assert_eq!(publisher.send(&long, 9, 3).unwrap(), 2);
+    let wake = bus.listener(names::CONTROL_WAKE).unwrap();
+    let consumer = place.bus("reader");
+    let mut reader = consumer.document_reader(names::WORLD_INFO).unwrap();
+    assert!(wake.wait(Duration::from_secs(5)).unwrap(), "a new reader wakes the daemon, which greets it");
+    publisher.greet();
+    let document = reader.latest().unwrap().expect("a greeting");
+    assert_eq!((document.header.revision, document.header.tick, document.text.len()), (2, 3, long.len()));
+    assert!(reader.latest().unwrap().is_none(), "only news");
+    publisher.send_json(&schema_frames::ActorList::default(), 9, 4).unwrap();
+    let list: schema_frames::ActorList = reader.latest().unwrap().unwrap().json().unwrap();
+    assert!(list.actors.is_empty());
+}
+
+#[test]
+fn snapshots_come_whole_and_the_newest_greets() {
+    let place = Place::new("snap");
+    let bus = place.bus("simd");
+    let publisher = bus.snapshot_publisher(8).unwrap();
+    let record = |id| ActorRecord { id, ..bytemuck::Zeroable::zeroed() };
+    let header = |tick| SnapshotHeader { tick, ..bytemuck::Zeroable::zeroed() };
+    publisher.send(header(1), &[record(1)]).unwrap();
+    publisher.send(header(2), &[record(1), record(5)]).unwrap();
+    let mut reader = bus.snapshot_reader().unwrap();
+    publisher.greet();
+    let snapshot = reader.latest().unwrap().unwrap();
+    assert_eq!((snapshot.header().tick, snapshot.header().n_actors), (2, 2));
+    assert_eq!(snapshot.actor(5).map(|actor| actor.id), Some(5));
+    assert!(snapshot.actor(4).is_none());
+    let many: Vec<_> = (1..=9).map(record).collect();
+    assert!(matches!(publisher.send(header(3), &many), Err(BusError::TooLong { .. })));
+}
+
+#[test]
+fn controls_arrive_in_the_order_in_which_they_count() {
+    let place = Place::new("controls");
+    let bus = place.bus("simd");
+    let mut reader = bus.control_reader().unwrap();
+    let (mut zoe, mut adam) = (bus.control_writer("zoe").unwrap(), bus.control_writer("adam").unwrap());
+    let record = VehicleControlRecord::new(3, VehicleControl { throttle_ratio: 0.5, ..Default::default() });
+    zoe.send(1, &[record]).unwrap();
+    adam.send(1, &[record, record]).unwrap();
+    adam.send(2, &[]).unwrap();
+    let order: Vec<_> = reader.drain().unwrap().into_iter().map(|batch| (batch.writer, batch.seq, batch.records.len())).collect();
+    assert_eq!(order, [("adam".to_string(), 1, 2), ("adam".to_string(), 2, 0), ("zoe".to_string(), 1, 1)]);
+}
+
+#[test]
+fn acknowledgements_wake_the_daemon_and_name_their_writers() {
+    let place = Place::new("acks");
+    let bus = place.bus("simd");
+    let mut reader = bus.ack_reader().unwrap();
+    let mut set = WaitSet::new();
+    let wake = set.add(bus.listener(names::CONTROL_WAKE).unwrap());
+    let other = set.add(bus.listener("ego/tick").unwrap());
+    assert!(!set.wait(Duration::from_millis(5)).unwrap());
+    let writer = bus.ack_writer("recorder").unwrap();
+    writer.send(2, 9, 77).unwrap();
+    assert!(set.wait(Duration::from_secs(5)).unwrap());
+    assert!(set.woken(wake) && !set.woken(other));
+    assert!(!set.wait(Duration::ZERO).unwrap(), "drained");
+    let acks = reader.drain().unwrap();
+    assert_eq!((acks.len(), acks[0].participant, acks[0].epoch, acks[0].tick), (1, 2, 9, 77));
+    assert_eq!(reader.writers(), ["recorder"]);
+}
+
+#[test]
+fn a_command_goes_there_and_back_and_nobody_home_is_said_at_once() {
+    let place = Place::new("cmd");
+    let bus = place.bus("simd");
+    let mut client = place.bus("cli").command_client("cli").unwrap();
+    let batch = CommandBatch::new(vec![Order::Step { n: 3 }]);
+    assert!(matches!(client.request(&batch, Duration::from_secs(5)), Err(CommandError::NoServer { .. })));
+
+    let mut server = bus.command_server().unwrap();
+    assert!(matches!(client.request(&batch, Duration::from_millis(60)), Err(CommandError::Timeout { .. })));
+    let wake = bus.listener(names::CONTROL_WAKE).unwrap();
+    let asked = batch.clone();
+    let thread = std::thread::spawn(move || client.request(&asked, Duration::from_secs(10)));
+    assert!(wake.wait(Duration::from_secs(10)).unwrap());
+    let deadline = Instant::now() + Duration::from_secs(10);
+    let request = loop {
+        // The one that timed out may still wait; its client has gone on.
+        match server.take_all().unwrap().into_iter().find(|request| request.seq == 2) {
+            Some(request) => break request,
+            None => assert!(Instant::now() < deadline),
+        }
+    };
+    assert_eq!((request.client.as_str(), request.batch.as_ref()), ("cli", Ok(&batch)));
+    let answer = ReplyBatch { v: 1, epoch: "9".into(), tick: 4, replies: vec![CommandReply::Stepping { last_tick: 7 }] };
+    server.reply(request, &answer).unwrap();
+    assert_eq!(thread.join().unwrap().unwrap(), answer);
+}
+
+#[test]
+fn topics_are_listed_with_their_ports() {
+    let place = Place::new("topics");
+    let bus = place.bus("simd");
+    let _publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let _reader = bus.frame_reader("ego/front/rgb").unwrap();
+    let _info = bus.document_publisher(names::WORLD_INFO).unwrap();
+    let _acks = bus.ack_reader().unwrap();
+    let topics = bus.topics().unwrap();
+    let kinds: Vec<_> = topics.iter().map(|topic| (topic.name.as_str(), topic.kind)).collect();
+    assert_eq!(kinds, [("control/ack", TopicKind::Other), ("ego/front/rgb", TopicKind::Frames), ("world/info", TopicKind::Document)]);
+    let rgb = &topics[1];
+    assert_eq!((rgb.modality, rgb.publishers, rgb.subscribers, rgb.max_subscribers), (Some(Modality::Rgb), 1, 1, 4));
+    assert_eq!((rgb.payload_bytes, rgb.schema.as_str()), (512, "1"));
+    assert_eq!(bus.programs(), ["simd"]);
+}
+
+#[test]
+fn a_private_config_file_is_what_iceoryx2_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = schema_bus::write_private_config(folder.path(), &folder.path().join("root"), "gtx_").unwrap();
+    use iceoryx2::prelude::SemanticString as _;
+    let name = iceoryx2::prelude::FilePath::new(path.to_str().unwrap().as_bytes()).unwrap();
+    let config = iceoryx2::config::Config::from_file(&name).unwrap();
+    assert_eq!(config.global.prefix.to_string(), "gtx_");
+    assert!(config.global.root_path().to_string().ends_with("/root"));
+}
+
+/// The child of the test below: publishes, holds a loan, and waits to be killed.
+#[test]
+fn child_that_publishes_until_it_is_killed() {
+    let Ok(text) = std::env::var("GANTRY_TEST_PLACE") else { return };
+    let (root, prefix) = text.split_once('|').unwrap();
+    let options = BusOptions { iceoryx_root: Some(root.into()), prefix: Some(prefix.into()) };
+    let bus = Bus::open_with("d", "child", &options).unwrap();
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    let _loan = publisher.loan(512).unwrap();
+    for seq in 1.. {
+        send(&publisher, 1, seq, seq as u8);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_publisher_killed_with_9_leaves_held_frames_valid_and_its_memory_is_reclaimed() {
+    let place = Place::new("kill");
+    let options = place.options();
+    let text = format!("{}|{}", options.iceoryx_root.unwrap().display(), place.prefix);
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args(["child_that_publishes_until_it_is_killed", "--exact"])
+        .env("GANTRY_TEST_PLACE", text)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let bus = place.bus("reader");
+    let deadline = Instant::now() + Duration::from_secs(20);
+    let mut reader = loop {
+        match bus.frame_reader("ego/front/rgb") {
+            Ok(reader) => break reader,
+            Err(error) => assert!(Instant::now() < deadline, "{error}"),
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let held = loop {
+        assert!(Instant::now() < deadline);
+        if let Some(frame) = reader.latest().unwrap() {
+            break frame;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    };
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!place.left_over().is_empty(), "the dead left its segment");
+    assert!(bus.clean_dead_nodes() >= 1);
+    assert!(!reader.has_writer());
+    let fill = held.header().seq as u8;
+    assert!(held.iter().all(|byte| *byte == fill), "a held frame outlives its writer");
+
+    let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
+    send(&publisher, 2, 1, 99);
+    let frame = loop {
+        let frame = reader.next().unwrap().expect("the new writer's frame is there");
+        if frame.header().epoch == 2 {
+            break frame;
+        }
+    };
+    assert!(frame.iter().all(|byte| *byte == 99));
+    assert_eq!(frame.header(), &FrameHeader { published_mono_nanos: frame.header().published_mono_nanos, ..*frame.header() });
+    assert_eq!(reader.counts().restarts, 1);
+}
