@@ -1,0 +1,35 @@
+//! Views: cameras that give colour, depth, classes, instances, flow, normals and events from one drawing of the scene.
+//!
+//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views of a tick in one submission.
+//! - Geometry is drawn once per view into exactly the targets that have readers; without readers nothing is drawn at all.
+//! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only colour differs.
+//! - Positions reach the GPU relative to the camera as `f32`, computed in `f64`: far from the origin is as sharp as at it.
+//!
+//! Nothing here publishes: bytes go to a [`Place`] that the caller gives.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod assets;
+mod draw;
+mod dvs;
+mod light;
+mod pass;
+mod renderer;
+mod shadow;
+mod sky;
+mod submission;
+mod targets;
+mod uniform;
+mod view;
+
+pub use renderer::{CameraRenderer, Quality, RenderError};
+pub use sensor_gpu::Place;
+pub use submission::{OutputResult, Submission, ViewResult};
+pub use uniform::{InstanceData, LightData, ViewData};
+pub use view::{Output, View, ViewJob, ViewSpec};
+
+/// Text of every shader, by name, as it is given to the GPU; for validation without one.
+pub fn shader_sources() -> Vec<(&'static str, String)> {
+    vec![("geometry", pass::geometry_wgsl()), ("shadow", shadow::SHADOW_WGSL.to_owned())]
+}

@@ -1,0 +1,21 @@
+//! The one crate that opens GPU devices, imports shared memory into them and copies results to where readers are.
+//!
+//! A frame is born in its reader's memory: [`ShmTarget::import`] wraps a whole shared-memory segment as a GPU buffer
+//! (`VK_EXT_external_memory_host`), and [`CopyBatch`] records copies from textures and buffers to offsets in it, with tight rows.
+//! Where the driver cannot do that, the same calls go through a staging buffer and one CPU copy; `cpu_copies` tells which.
+//! Vulkan only. Sensors describe their passes; this crate owns the device, the submission and the wait.
+
+#![expect(unsafe_code, reason = "importing host memory and raw copies are Vulkan calls; each block carries its proof")]
+#![warn(missing_docs)]
+
+pub mod copy;
+pub mod counters;
+pub mod device;
+mod import;
+pub mod resource;
+pub mod target;
+
+pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, Place};
+pub use counters::{Counters, Counts};
+pub use device::{Gpu, GpuError, GpuOptions};
+pub use target::ShmTarget;

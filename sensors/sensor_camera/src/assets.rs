@@ -1,0 +1,96 @@
+//! The episode's meshes on the GPU: one vertex buffer, one index buffer, and what culling needs of each instance.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3};
+use sensor_core::{Lod, Mesh, MeshId, SceneAssets};
+use sensor_gpu::Gpu;
+
+/// Where a mesh lies in the shared buffers.
+#[derive(Clone, Copy, Debug)]
+struct MeshRange {
+    base_vertex: i32,
+    first_idx: u32,
+    casts_shadow: bool,
+}
+
+/// A draw call's range.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MeshDraw {
+    pub first_idx: u32,
+    pub n_indices: u32,
+    pub base_vertex: i32,
+}
+
+/// Bounding sphere of a static instance in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sphere {
+    pub centre_m: Point3<f64>,
+    pub radius_m: f64,
+}
+
+impl Sphere {
+    pub fn of(mesh: &Mesh, world_from_mesh: &Isometry3<f64>) -> Self {
+        let centre = Point3::from(mesh.centre_m.map(f64::from));
+        Sphere { centre_m: world_from_mesh * centre, radius_m: mesh.radius_m as f64 }
+    }
+}
+
+/// Uploaded meshes of one episode.
+#[derive(Debug)]
+pub(crate) struct GpuAssets {
+    pub scene_assets: Arc<SceneAssets>,
+    pub vertices: wgpu::Buffer,
+    pub indices: wgpu::Buffer,
+    /// One per static instance.
+    pub spheres: Vec<Sphere>,
+    ranges: Vec<MeshRange>,
+}
+
+/// Flatter meshes (roads, ground) receive shadows but cast none.
+const MIN_CASTER_HEIGHT_M: f32 = 0.3;
+
+impl GpuAssets {
+    pub fn upload(gpu: &Gpu, scene_assets: &Arc<SceneAssets>) -> Self {
+        let n_vertices: usize = scene_assets.meshes.iter().map(|mesh| mesh.vertices.len()).sum();
+        let n_indices: usize = scene_assets.meshes.iter().map(|mesh| mesh.indices.len()).sum();
+        let (mut vertices, mut indices) = (Vec::with_capacity(n_vertices), Vec::with_capacity(n_indices));
+        let mut ranges = Vec::with_capacity(scene_assets.meshes.len());
+        for mesh in &scene_assets.meshes {
+            ranges.push(MeshRange {
+                base_vertex: vertices.len() as i32,
+                first_idx: indices.len() as u32,
+                casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
+            });
+            vertices.extend_from_slice(&mesh.vertices);
+            indices.extend_from_slice(&mesh.indices);
+        }
+        let spheres =
+            scene_assets.statics.iter().map(|instance| Sphere::of(scene_assets.mesh(instance.mesh), &instance.world_from_mesh)).collect();
+        GpuAssets {
+            scene_assets: scene_assets.clone(),
+            vertices: gpu.buffer_with("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
+            indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
+            spheres,
+            ranges,
+        }
+    }
+
+    /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the last.
+    pub fn level(&self, mesh: MeshId, distance_m: f64) -> Option<MeshDraw> {
+        let lods: &[Lod] = &self.scene_assets.mesh(mesh).lods;
+        let lod = lods.iter().find(|lod| distance_m < lod.until_m as f64 && lod.n_indices > 0)?;
+        let range = &self.ranges[mesh.0 as usize];
+        Some(MeshDraw { first_idx: range.first_idx + lod.first_idx, n_indices: lod.n_indices, base_vertex: range.base_vertex })
+    }
+
+    pub fn casts_shadow(&self, mesh: MeshId) -> bool {
+        self.ranges[mesh.0 as usize].casts_shadow
+    }
+}
+
+fn height_m(mesh: &Mesh) -> f32 {
+    let heights = mesh.vertices.iter().map(|vertex| vertex.position_m[2]);
+    let (low, high) = heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+    high - low
+}

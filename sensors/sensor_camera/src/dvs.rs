@@ -1,0 +1,247 @@
+//! The event camera: brightness of every pixel followed through the time between two firings.
+//!
+//! Nothing is drawn in between. What lies at a pixel at a time of the window is found by moving the two rendered pictures along their
+//! motion field, in steps of at most `substep_px`; between steps the logarithm of the brightness is a straight line, and each crossing
+//! of the pixel's threshold is an event. Model: Rebecq, Gehrig, Scaramuzza, *ESIM: an Open Event Camera Simulator* (2018), section 3,
+//! with warped pictures in place of extra renders.
+//!
+//! An edge is known to half a pixel of the rendered pictures, so an event's time is known to half a pixel of motion.
+
+mod field;
+
+use rayon::prelude::*;
+use schema_frames::DvsEvent;
+use schema_types::noise::Noise;
+use sensor_gpu::Mapped;
+use sensor_spec::DvsSpec;
+
+use crate::view::ViewSpec;
+use field::{Bounds, Motion, Picture};
+
+/// Images of this firing, as the GPU left them.
+pub(crate) struct DvsImages {
+    pub luminance: Mapped,
+    pub flow: Mapped,
+    pub depth: Mapped,
+    pub instance: Mapped,
+    pub class: Mapped,
+}
+
+/// What a frame of events came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Made {
+    pub n_events: usize,
+    pub n_dropped: u64,
+    pub first: bool,
+}
+
+/// Memory of an event camera.
+#[derive(Debug)]
+pub(crate) struct DvsState {
+    spec: DvsSpec,
+    size_px: [usize; 2],
+    /// Factor of both thresholds, per pixel; empty without mismatch.
+    mismatch: Vec<f32>,
+    pixels: Vec<PixelState>,
+    previous: Option<Picture>,
+    previous_window_nanos: u64,
+}
+
+/// Memory of a pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct PixelState {
+    /// Logarithm of the brightness at the last event.
+    reference: f32,
+    /// Rest of the refractory period when the window began, nanoseconds.
+    silent_nanos: u32,
+}
+
+/// Stream of the thresholds' noise, apart from a sensor's other noise.
+const MISMATCH_STREAM: u64 = 0x6476_735f_7468_7265;
+/// Thresholds do not fall below this share of their nominal value, however unlucky the pixel.
+const MIN_MISMATCH: f64 = 0.1;
+/// Most steps of a pixel in one window: beyond, motion per step exceeds `substep_px`.
+const MAX_STEPS: usize = 256;
+
+impl DvsState {
+    pub fn new(spec: &ViewSpec) -> Self {
+        let size_px = [spec.intrinsics.width_px as usize, spec.intrinsics.height_px as usize];
+        let n_pixels = size_px[0] * size_px[1];
+        let noise = Noise::new(spec.seed, spec.sensor_id as u64 ^ MISMATCH_STREAM, 0);
+        let relative =
+            spec.dvs.threshold_mismatch_stddev as f64 / (0.5 * (spec.dvs.positive_threshold + spec.dvs.negative_threshold)) as f64;
+        let factor = |pixel: usize| (1.0 + relative * noise.gaussian(pixel as u64)).max(MIN_MISMATCH) as f32;
+        let mismatch = if relative > 0.0 { (0..n_pixels).into_par_iter().map(factor).collect() } else { Vec::new() };
+        DvsState {
+            spec: spec.dvs.clone(),
+            size_px,
+            mismatch,
+            pixels: vec![PixelState::default(); n_pixels],
+            previous: None,
+            previous_window_nanos: 0,
+        }
+    }
+
+    /// Follows the window that ends now and writes its events to `out`, sorted by time, y, x.
+    pub fn advance(&mut self, images: &DvsImages, window_nanos: u64, out: &mut [u8]) -> Made {
+        let now = Picture::read(images, self.size_px, self.spec.log_eps);
+        let previous = self.previous.take();
+        let Some(previous) = previous.filter(|_| window_nanos > 0) else {
+            for (pixel, log) in self.pixels.iter_mut().zip(&now.log) {
+                *pixel = PixelState { reference: *log, silent_nanos: 0 };
+            }
+            self.previous = Some(now);
+            self.previous_window_nanos = 0;
+            return Made { n_events: 0, n_dropped: 0, first: true };
+        };
+        let ratio = if self.previous_window_nanos > 0 { window_nanos as f32 / self.previous_window_nanos as f32 } else { 0.0 };
+        let events = self.follow(&previous, &now, ratio, window_nanos, images);
+        self.previous = Some(now);
+        self.previous_window_nanos = window_nanos;
+        let n_events = write(&events, self.spec.max_events as usize, out);
+        Made { n_events, n_dropped: (events.len() - n_events) as u64, first: false }
+    }
+
+    fn follow(&mut self, previous: &Picture, now: &Picture, ratio: f32, window_nanos: u64, images: &DvsImages) -> Vec<DvsEvent> {
+        let width = self.size_px[0];
+        let motion = Motion::between(previous, now, ratio);
+        let bounds = [Bounds::of(previous), Bounds::of(now)];
+        let window =
+            Window { previous, now, motion: &motion, bounds: &bounds, spec: &self.spec, nanos: window_nanos.min(u32::MAX as u64) as u32 };
+        let mismatch = &self.mismatch;
+        let rows: Vec<Vec<DvsEvent>> = self
+            .pixels
+            .par_chunks_mut(width)
+            .enumerate()
+            .map(|(y, pixels)| {
+                let (ids, classes) = (images.instance.row(y), images.class.row(y));
+                let mut events = Vec::new();
+                for (x, pixel) in pixels.iter_mut().enumerate() {
+                    let factor = mismatch.get(y * width + x).copied().unwrap_or(1.0);
+                    window.follow_pixel(x, y, pixel, factor, &mut |nanos_in_window, polarity| {
+                        let id = [ids[4 * x], ids[4 * x + 1], ids[4 * x + 2], ids[4 * x + 3]];
+                        events.push(DvsEvent {
+                            nanos_in_window,
+                            x_px: x as u16,
+                            y_px: y as u16,
+                            object_id: u32::from_le_bytes(id),
+                            polarity,
+                            class: classes[x],
+                            reserved: 0,
+                        });
+                    });
+                }
+                events
+            })
+            .collect();
+        let mut events = rows.concat();
+        events.par_sort_by_key(|event| (event.nanos_in_window, event.y_px, event.x_px));
+        events
+    }
+}
+
+/// Copies events to the front of `out`, as many as it and the limit take; returns how many.
+fn write(events: &[DvsEvent], max_events: usize, out: &mut [u8]) -> usize {
+    let n_events = events.len().min(max_events).min(out.len() / size_of::<DvsEvent>());
+    let bytes: &[u8] = bytemuck::cast_slice(&events[..n_events]);
+    out[..bytes.len()].copy_from_slice(bytes);
+    n_events
+}
+
+/// The time between two firings.
+struct Window<'w> {
+    previous: &'w Picture,
+    now: &'w Picture,
+    motion: &'w Motion,
+    bounds: &'w [Bounds; 2],
+    spec: &'w DvsSpec,
+    nanos: u32,
+}
+
+impl Window<'_> {
+    /// Follows one pixel and calls `event(nanos_in_window, polarity)` for each crossing.
+    fn follow_pixel(&self, x: usize, y: usize, pixel: &mut PixelState, factor: f32, event: &mut impl FnMut(u32, u8)) {
+        let i = y * self.now.size_px[0] + x;
+        let (up, down) = (self.spec.positive_threshold * factor, self.spec.negative_threshold * factor);
+        let (begin, end) = (self.previous.log[i], self.now.log[i]);
+        let candidates = self.motion.candidates(x, y);
+        let reference = pixel.reference;
+        let quiet = |low: f32, high: f32| high - reference < up && reference - low < down;
+        let fastest_px = candidates.fastest_px();
+        let is_quiet = if fastest_px == 0.0 {
+            quiet(begin.min(end), begin.max(end))
+        } else {
+            candidates.span(self.bounds, x, y).is_some_and(|(low, high)| quiet(low, high))
+        };
+        if is_quiet {
+            pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
+            return;
+        }
+        let n_steps = ((fastest_px / self.spec.substep_px).ceil() as usize).clamp(1, MAX_STEPS);
+        let mut crossing = Crossing { up, down, pixel, refractory_nanos: self.spec.refractory_nanos };
+        let mut before = begin;
+        for step in 1..=n_steps {
+            let share = step as f32 / n_steps as f32;
+            let level = if step == n_steps { end } else { self.motion.level(self.previous, self.now, &candidates, x, y, share) };
+            let nanos = |step: usize| (self.nanos as u64 * step as u64 / n_steps as u64) as u32;
+            crossing.follow(before, level, nanos(step - 1), nanos(step), event);
+            before = level;
+        }
+        pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
+    }
+}
+
+/// Threshold crossings of one pixel.
+struct Crossing<'p> {
+    up: f32,
+    down: f32,
+    pixel: &'p mut PixelState,
+    refractory_nanos: u32,
+}
+
+impl Crossing<'_> {
+    /// The level goes in a straight line from `before` to `after`.
+    fn follow(&mut self, before: f32, after: f32, begin_nanos: u32, end_nanos: u32, event: &mut impl FnMut(u32, u8)) {
+        let (step, polarity) = if after > before { (self.up, 1) } else { (-self.down, 0) };
+        loop {
+            let target = self.pixel.reference + step;
+            let crosses = if step > 0.0 { after >= target } else { after <= target };
+            if !crosses {
+                return;
+            }
+            // A level that is beyond already (a step where pictures do not meet) crosses at once.
+            let share = if after == before { 1.0 } else { ((target - before) / (after - before)).clamp(0.0, 1.0) };
+            let nanos = begin_nanos + (share as f64 * (end_nanos - begin_nanos) as f64).round() as u32;
+            self.pixel.reference = target;
+            // In the refractory period the change is lost, as in the real pixel.
+            if nanos >= self.pixel.silent_nanos {
+                event(nanos, polarity);
+                self.pixel.silent_nanos = nanos.saturating_add(self.refractory_nanos);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ramp_crosses_at_equal_times_and_remembers_the_rest() {
+        let mut pixel = PixelState { reference: 0.0, silent_nanos: 0 };
+        let mut events = Vec::new();
+        let mut crossing = Crossing { up: 0.25, down: 0.25, pixel: &mut pixel, refractory_nanos: 0 };
+        crossing.follow(0.0, 1.1, 0, 1_100, &mut |nanos, polarity| events.push((nanos, polarity)));
+        assert_eq!(events, [(250, 1), (500, 1), (750, 1), (1000, 1)]);
+        assert_eq!(pixel.reference, 1.0);
+    }
+
+    #[test]
+    fn refractory_period_swallows_events() {
+        let mut pixel = PixelState { reference: 0.0, silent_nanos: 0 };
+        let mut events = Vec::new();
+        let mut crossing = Crossing { up: 0.25, down: 0.25, pixel: &mut pixel, refractory_nanos: 400 };
+        crossing.follow(0.0, -1.0, 0, 1_000, &mut |nanos, polarity| events.push((nanos, polarity)));
+        assert_eq!(events, [(250, 0), (750, 0)]);
+    }
+}

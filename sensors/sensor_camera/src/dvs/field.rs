@@ -1,0 +1,263 @@
+//! Two pictures and how their points move from one to the other.
+
+use rayon::prelude::*;
+
+use super::DvsImages;
+
+/// A rendered picture with its motion.
+#[derive(Debug)]
+pub(super) struct Picture {
+    pub size_px: [usize; 2],
+    /// ln(luminance + eps).
+    pub log: Vec<f32>,
+    /// Motion since the previous firing, pixels.
+    pub flow: Vec<[f32; 2]>,
+    /// Metres; +∞ is the sky.
+    pub depth: Vec<f32>,
+}
+
+impl Picture {
+    pub fn read(images: &DvsImages, size_px: [usize; 2], log_eps: f32) -> Picture {
+        let [width, height] = size_px;
+        let mut picture =
+            Picture { size_px, log: vec![0.0; width * height], flow: vec![[0.0; 2]; width * height], depth: vec![0.0; width * height] };
+        let rows = picture.log.par_chunks_mut(width).zip(picture.flow.par_chunks_mut(width)).zip(picture.depth.par_chunks_mut(width));
+        rows.enumerate().for_each(|(y, ((log, flow), depth))| {
+            for (log, bytes) in log.iter_mut().zip(images.luminance.row(y).chunks_exact(4)) {
+                *log = (float(bytes) + log_eps).ln();
+            }
+            for (flow, bytes) in flow.iter_mut().zip(images.flow.row(y).chunks_exact(8)) {
+                *flow = [float(&bytes[..4]), float(&bytes[4..])];
+            }
+            for (depth, bytes) in depth.iter_mut().zip(images.depth.row(y).chunks_exact(4)) {
+                *depth = float(bytes);
+            }
+        });
+        picture
+    }
+
+    /// Bilinear brightness at a position (pixel centres at halves); `None` outside.
+    fn log_at(&self, x_px: f32, y_px: f32) -> Option<f32> {
+        let [width, height] = self.size_px;
+        if !(x_px >= 0.0 && y_px >= 0.0 && x_px <= width as f32 && y_px <= height as f32) {
+            return None;
+        }
+        let (x, y) = ((x_px - 0.5).clamp(0.0, (width - 1) as f32), (y_px - 0.5).clamp(0.0, (height - 1) as f32));
+        let (x0, y0) = (x as usize, y as usize);
+        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
+        let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let row = |y: usize| {
+            let (a, b) = (self.log[y * width + x0], self.log[y * width + x1]);
+            a + (b - a) * fx
+        };
+        let (low, high) = (row(y0), row(y1));
+        Some(low + (high - low) * fy)
+    }
+
+    /// Index of the pixel at a position; `None` outside.
+    fn index_at(&self, x_px: f32, y_px: f32) -> Option<usize> {
+        let [width, height] = self.size_px;
+        let inside = x_px >= 0.0 && y_px >= 0.0 && x_px < width as f32 && y_px < height as f32;
+        inside.then(|| y_px as usize * width + x_px as usize)
+    }
+}
+
+fn float(bytes: &[u8]) -> f32 {
+    f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+}
+
+/// Side of the tiles over which motion and brightness are bounded.
+const TILE_PX: usize = 8;
+
+/// Darkest and brightest level of each tile and its neighbouring pixels.
+#[derive(Debug)]
+pub(super) struct Bounds {
+    tiles: [usize; 2],
+    range: Vec<(f32, f32)>,
+}
+
+impl Bounds {
+    pub fn of(picture: &Picture) -> Bounds {
+        let [width, height] = picture.size_px;
+        let tiles = [width.div_ceil(TILE_PX), height.div_ceil(TILE_PX)];
+        let range_of = |tile: usize| {
+            let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
+            // One pixel more on each side: bilinear samples reach over the rim.
+            let (x0, x1) = (tx.saturating_sub(1), (tx + TILE_PX + 1).min(width));
+            let (y0, y1) = (ty.saturating_sub(1), (ty + TILE_PX + 1).min(height));
+            let pixels = (y0..y1).flat_map(|y| &picture.log[y * width + x0..y * width + x1]);
+            pixels.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), log| (low.min(*log), high.max(*log)))
+        };
+        Bounds { tiles, range: (0..tiles[0] * tiles[1]).into_par_iter().map(range_of).collect() }
+    }
+
+    /// Bounds over the tiles between two positions (clamped to the image); `None` if they are too many to be worth it.
+    fn between(&self, a: [f32; 2], b: [f32; 2]) -> Option<(f32, f32)> {
+        let tile = |position: f32, axis: usize| ((position / TILE_PX as f32).max(0.0) as usize).min(self.tiles[axis] - 1);
+        let (x0, x1) = (tile(a[0].min(b[0]), 0), tile(a[0].max(b[0]), 0));
+        let (y0, y1) = (tile(a[1].min(b[1]), 1), tile(a[1].max(b[1]), 1));
+        if (x1 - x0 + 1) * (y1 - y0 + 1) > MAX_TILES {
+            return None;
+        }
+        let tiles = (y0..=y1).flat_map(|y| &self.range[y * self.tiles[0] + x0..=y * self.tiles[0] + x1]);
+        Some(tiles.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), (l, h)| (low.min(*l), high.max(*h))))
+    }
+}
+
+/// Looking at more tiles costs as much as following the pixel.
+const MAX_TILES: usize = 32;
+
+/// Motions of what may pass a pixel during the window, pixels per window.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidates {
+    motions: [[f32; 2]; 3],
+    n: usize,
+}
+
+impl Candidates {
+    pub fn fastest_px(&self) -> f32 {
+        self.motions[..self.n].iter().map(|m| norm2(*m)).fold(0.0, f32::max).sqrt()
+    }
+
+    /// Bounds of the brightness that any of them can bring here.
+    pub fn span(&self, bounds: &[Bounds; 2], x: usize, y: usize) -> Option<(f32, f32)> {
+        let at = [x as f32 + 0.5, y as f32 + 0.5];
+        self.motions[..self.n].iter().try_fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), m| {
+            let before = bounds[0].between(at, [at[0] - m[0], at[1] - m[1]])?;
+            let after = bounds[1].between(at, [at[0] + m[0], at[1] + m[1]])?;
+            Some((low.min(before.0).min(after.0), high.max(before.1).max(after.1)))
+        })
+    }
+}
+
+fn norm2(m: [f32; 2]) -> f32 {
+    m[0] * m[0] + m[1] * m[1]
+}
+
+/// Whether two motions are the same surface's: half a pixel and a tenth of the speed apart at most.
+fn alike(a: [f32; 2], b: [f32; 2]) -> bool {
+    let tolerance = 0.5 + 0.1 * norm2(b).sqrt();
+    norm2([a[0] - b[0], a[1] - b[1]]) <= tolerance * tolerance
+}
+
+/// Motion field of a window.
+#[derive(Debug)]
+pub(super) struct Motion {
+    size_px: [usize; 2],
+    tiles: [usize; 2],
+    /// Of what is at a pixel at the end.
+    now: Vec<[f32; 2]>,
+    /// Of what was at a pixel at the beginning.
+    before: Vec<[f32; 2]>,
+    /// Fastest of what passes a tile.
+    passing: Vec<[f32; 2]>,
+}
+
+impl Motion {
+    /// From the flow at the end; `ratio` is this window's length over the previous one's, for what is hidden at the end.
+    pub fn between(previous: &Picture, now: &Picture, ratio: f32) -> Motion {
+        let [width, height] = now.size_px;
+        let tiles = [width.div_ceil(TILE_PX), height.div_ceil(TILE_PX)];
+        let moves = now.flow.par_iter().any(|flow| *flow != [0.0; 2]);
+        let mut before: Vec<[f32; 2]> = previous.flow.par_iter().map(|flow| flow.map(|f| f * ratio)).collect();
+        let mut passing = vec![[0.0; 2]; tiles[0] * tiles[1]];
+        if moves {
+            scatter(now, &mut before);
+            spread(now, tiles, &mut passing);
+        } else {
+            before.copy_from_slice(&now.flow);
+        }
+        Motion { size_px: now.size_px, tiles, now: now.flow.clone(), before, passing }
+    }
+
+    pub fn candidates(&self, x: usize, y: usize) -> Candidates {
+        let i = y * self.size_px[0] + x;
+        let mut candidates = Candidates { motions: [self.now[i]; 3], n: 1 };
+        for other in [self.before[i], self.passing[y / TILE_PX * self.tiles[0] + x / TILE_PX]] {
+            if !candidates.motions[..candidates.n].iter().any(|known| alike(other, *known)) {
+                candidates.motions[candidates.n] = other;
+                candidates.n += 1;
+            }
+        }
+        candidates
+    }
+
+    /// Brightness at a pixel when `share` of the window has passed.
+    pub fn level(&self, previous: &Picture, now: &Picture, candidates: &Candidates, x: usize, y: usize, share: f32) -> f32 {
+        let at = [x as f32 + 0.5, y as f32 + 0.5];
+        let ahead = |m: [f32; 2]| [at[0] + m[0] * (1.0 - share), at[1] + m[1] * (1.0 - share)];
+        let behind = |m: [f32; 2]| [at[0] - m[0] * share, at[1] - m[1] * share];
+        let mut chosen = candidates.motions[0];
+        let mut seen_after = candidates.n == 1;
+        if candidates.n > 1 {
+            // The nearest surface that really moves like this and is here now hides the others.
+            let mut nearest_m = f32::INFINITY;
+            for m in &candidates.motions[..candidates.n] {
+                let [px, py] = ahead(*m);
+                if let Some(i) = now.index_at(px, py).filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m)) {
+                    (nearest_m, chosen, seen_after) = (now.depth[i], *m, true);
+                }
+            }
+            if !seen_after {
+                // Hidden at the end: what was here at the beginning, moving on as it did.
+                chosen = self.before[y * self.size_px[0] + x];
+            }
+        }
+        let ([ax, ay], [bx, by]) = (ahead(chosen), behind(chosen));
+        let seen_before = candidates.n == 1 || previous.index_at(bx, by).is_some_and(|i| alike(self.before[i], chosen));
+        let after = if seen_after { now.log_at(ax, ay) } else { None };
+        let before = if seen_before || !seen_after { previous.log_at(bx, by) } else { None };
+        let i = y * self.size_px[0] + x;
+        match (before, after) {
+            (Some(before), Some(after)) => before + (after - before) * share,
+            (Some(level), None) | (None, Some(level)) => level,
+            (None, None) => previous.log[i] + (now.log[i] - previous.log[i]) * share,
+        }
+    }
+}
+
+/// Gives each pixel of the beginning the motion of what left it, nearest first.
+fn scatter(now: &Picture, before: &mut [[f32; 2]]) {
+    let width = now.size_px[0];
+    let mut nearest_m = vec![f32::INFINITY; before.len()];
+    for (i, (flow, depth)) in now.flow.iter().zip(&now.depth).enumerate() {
+        let (x, y) = ((i % width) as f32 + 0.5 - flow[0], (i / width) as f32 + 0.5 - flow[1]);
+        if let Some(from) = now.index_at(x, y).filter(|from| *depth <= nearest_m[*from]) {
+            nearest_m[from] = *depth;
+            before[from] = *flow;
+        }
+    }
+}
+
+/// Gives each tile the fastest motion among those that pass it on their way.
+fn spread(now: &Picture, tiles: [usize; 2], passing: &mut [[f32; 2]]) {
+    let [width, height] = now.size_px;
+    let fastest_of = |tile: usize| {
+        let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
+        let mut fastest = [0.0; 2];
+        for y in ty..(ty + TILE_PX).min(height) {
+            for flow in &now.flow[y * width + tx..y * width + (tx + TILE_PX).min(width)] {
+                if norm2(*flow) > norm2(fastest) {
+                    fastest = *flow;
+                }
+            }
+        }
+        fastest
+    };
+    let fastest: Vec<[f32; 2]> = (0..tiles[0] * tiles[1]).into_par_iter().map(fastest_of).collect();
+    for (tile, m) in fastest.iter().enumerate().filter(|(_, m)| norm2(**m) > 0.0) {
+        let (tx, ty) = (tile % tiles[0], tile / tiles[0]);
+        let back = m.map(|m| (m / TILE_PX as f32).clamp(-1e4, 1e4));
+        let n_steps = back[0].abs().max(back[1].abs()).ceil() as i32 + 1;
+        for step in 0..=n_steps {
+            let share = step as f32 / n_steps as f32;
+            let (x, y) = ((tx as f32 - back[0] * share).round(), (ty as f32 - back[1] * share).round());
+            if x >= 0.0 && y >= 0.0 && x < tiles[0] as f32 && y < tiles[1] as f32 {
+                let passed = &mut passing[y as usize * tiles[0] + x as usize];
+                if norm2(*m) > norm2(*passed) {
+                    *passed = *m;
+                }
+            }
+        }
+    }
+}

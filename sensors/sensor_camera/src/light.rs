@@ -1,0 +1,148 @@
+//! Weather to light: sun, sky, ambient, air, lamps and exposure, as the shaders want them.
+
+use nalgebra::Vector3;
+use schema_frames::document::Weather;
+use sensor_core::Sun;
+use sensor_gpu::Gpu;
+
+use crate::renderer::Quality;
+use crate::sky::{SkyLook, SkyMap, luminance};
+use crate::uniform::LightData;
+
+/// Light of one weather, with the sky on the GPU.
+#[derive(Debug)]
+pub(crate) struct Light {
+    weather: Weather,
+    pub data: LightData,
+    pub sky: wgpu::TextureView,
+    /// Direction to the sun.
+    pub sun_towards: Vector3<f64>,
+    /// Whether the sun throws shadows worth drawing.
+    pub has_shadows: bool,
+}
+
+/// Lowest sun that throws shadows: below, they are longer than the map.
+const MIN_SHADOW_SUN_Z: f64 = 0.05;
+
+/// Radiance of the sun's disc over its irradiance, far below the true 15 000: enough to be white in any picture.
+const DISC_GAIN: f32 = 40.0;
+
+/// Cosine of the disc's radius of 0.35°, a little more than the sun's 0.27° so that it does not vanish between pixels.
+const DISC_COSINE: f32 = 0.999_981;
+
+impl Light {
+    /// Makes the light of `weather`.
+    pub fn new(gpu: &Gpu, quality: Quality, weather: &Weather) -> Light {
+        let side_px = match quality {
+            Quality::Low => 512,
+            Quality::High => 1024,
+        };
+        let (look, exposed) = balance(weather);
+        let map = SkyMap::paint(&look, side_px).scaled(exposed.exposure);
+        let data = light_data(weather, &look, &exposed, &map);
+        let sun_towards = Sun::of(weather).towards;
+        let has_shadows = sun_towards.z > MIN_SHADOW_SUN_Z && exposed.sun_share > 0.05;
+        Light { weather: *weather, data, sky: upload(gpu, map), sun_towards, has_shadows }
+    }
+
+    /// Whether this is the light of `weather`.
+    pub fn is_of(&self, weather: &Weather) -> bool {
+        self.weather == *weather
+    }
+}
+
+struct Exposed {
+    /// Kilolux to display: 1 is white.
+    exposure: f32,
+    /// Share of the sun that passes the clouds.
+    sun_share: f32,
+    /// 0 by day, 1 at night.
+    night_ratio: f32,
+}
+
+fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
+    let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
+    t * t * (3.0 - 2.0 * t)
+}
+
+/// Illuminances by sun altitude and clouds.
+///
+/// Sun: 128 klx outside the air, extinction 0.21 per air mass (Kasten and Young 1989 for the mass). Clear sky: 0.8 + 15.5 √sin h
+/// (IES, clear day). Twilight falls by 2.5 per degree.
+fn balance(weather: &Weather) -> (SkyLook, Exposed) {
+    let towards = Sun::of(weather).towards.map(|x| x as f32);
+    let altitude_deg = weather.sun_altitude_deg.clamp(-90.0, 90.0);
+    let clouds_ratio = (weather.cloudiness / 100.0).clamp(0.0, 1.0);
+    let air_mass = 1.0 / (towards.z.max(0.0) + 0.50572 * (altitude_deg.max(0.0) + 6.07995).powf(-1.6364));
+    let rise = smoothstep(-0.8, 0.6, altitude_deg);
+    let sun_klx = [0.15, 0.21, 0.34].map(|extinction: f32| 128.0 * (-extinction * air_mass).exp() * rise);
+    let twilight = (altitude_deg.min(0.0) * 0.9).exp();
+    let clear_klx = (0.8 + 15.5 * towards.z.max(0.0).sqrt()) * twilight;
+    let night_ratio = smoothstep(5.0, -4.0, altitude_deg);
+    let night_klx = [0.000_30, 0.000_42, 0.000_80].map(|x| x * night_ratio);
+    let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio));
+    let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx };
+    let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share + clear_klx * (1.0 + 0.6 * clouds_ratio) + luminance(night_klx);
+    // The eye and a camera's programme give dim scenes a darker picture: white falls with the eighth root or so.
+    let white = 1.25 * (total_klx / 80.0).powf(0.09);
+    (look, Exposed { exposure: white * std::f32::consts::PI / total_klx, sun_share, night_ratio })
+}
+
+fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap) -> LightData {
+    let mut coarse = map.clone();
+    while coarse.side_px > 32 {
+        coarse = coarse.halved();
+    }
+    let sun_rgb = look.sun_klx.map(|x| x * exposed.exposure * exposed.sun_share / std::f32::consts::PI * std::f32::consts::PI);
+    let up = coarse.irradiance(Vector3::z());
+    // Light thrown back by the ground, seen by everything that faces down.
+    let ground: [f32; 3] = std::array::from_fn(|c| 0.16 * (up[c] + sun_rgb[c] * look.sun_towards.z.max(0.0)));
+    let facing = |axis: Vector3<f32>| {
+        let sky = coarse.irradiance(axis);
+        let below = 0.5 * (1.0 - axis.z);
+        std::array::from_fn::<f32, 3, _>(|c| sky[c] + ground[c] * below)
+    };
+    let pairs = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| (facing(axis), facing(-axis)));
+    let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0);
+    let slopes = pairs.map(|(a, b)| pad(std::array::from_fn(|c| 0.5 * (a[c] - b[c])), 0.0));
+    let horizon = coarse.horizon();
+    let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
+    let rain_ratio = (weather.precipitation / 100.0).clamp(0.0, 1.0);
+    let extinction_per_m = 1.0 / 4500.0 + 0.045 * fog_ratio * fog_ratio + 0.002 * rain_ratio;
+    let grey = luminance(horizon);
+    let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
+    let wet = (weather.wetness.max(0.6 * weather.precipitation) / 100.0).clamp(0.0, 1.0);
+    let towards = look.sun_towards;
+    LightData {
+        sun_towards: [towards.x, towards.y, towards.z, DISC_COSINE],
+        sun_rgb: pad(sun_rgb, DISC_GAIN),
+        ambient_rgb: pad(constant, 0.0),
+        ambient_slope_rgb: slopes,
+        fog_rgb: pad(fog_rgb, extinction_per_m),
+        air: [exposed.night_ratio, weather.fog_distance_m.max(0.0), wet, exposed.night_ratio],
+        lamps: [2.2 + 1.5 * exposed.night_ratio, 0.9, 0.0, 0.0],
+    }
+}
+
+fn pad(rgb: [f32; 3], w: f32) -> [f32; 4] {
+    [rgb[0], rgb[1], rgb[2], w]
+}
+
+/// The map with all its mip levels down to 8 × 8.
+fn upload(gpu: &Gpu, mut map: SkyMap) -> wgpu::TextureView {
+    let n_mips = map.side_px.ilog2() - 2;
+    let side_px = map.side_px as u32;
+    let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
+    let texture = gpu.texture("sky", [side_px, side_px], n_mips, wgpu::TextureFormat::Rgba16Float, usage);
+    for mip_level in 0..n_mips {
+        let side_px = map.side_px as u32;
+        gpu.queue().write_texture(
+            wgpu::TexelCopyTextureInfo { texture: &texture, mip_level, origin: wgpu::Origin3d::ZERO, aspect: wgpu::TextureAspect::All },
+            bytemuck::cast_slice(&map.texels()),
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(8 * side_px), rows_per_image: None },
+            wgpu::Extent3d { width: side_px, height: side_px, depth_or_array_layers: 1 },
+        );
+        map = map.halved();
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor::default())
+}

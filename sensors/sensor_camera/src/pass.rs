@@ -1,0 +1,311 @@
+//! The geometry pass: pipelines per set of targets, bind groups, recording.
+
+use std::collections::BTreeMap;
+
+use sensor_gpu::Gpu;
+
+use crate::assets::GpuAssets;
+use crate::draw::DrawCall;
+use crate::targets::{Target, TargetSet, Targets};
+use crate::uniform::{InstanceData, LightData, ViewData};
+
+/// Text of the geometry shader.
+pub(crate) fn geometry_wgsl() -> String {
+    [include_str!("shader/scene.wgsl"), include_str!("shader/material.wgsl"), include_str!("shader/geometry.wgsl")].concat()
+}
+
+/// Attributes of [`sensor_core::Vertex`].
+pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] = [
+    attribute(0, 0, wgpu::VertexFormat::Float32x3),
+    attribute(1, 12, wgpu::VertexFormat::Snorm8x4),
+    attribute(2, 16, wgpu::VertexFormat::Unorm8x4),
+    attribute(3, 20, wgpu::VertexFormat::Uint8x4),
+    attribute(4, 24, wgpu::VertexFormat::Uint32),
+    attribute(5, 28, wgpu::VertexFormat::Float32x2),
+];
+
+const fn attribute(shader_location: u32, offset: u64, format: wgpu::VertexFormat) -> wgpu::VertexAttribute {
+    wgpu::VertexAttribute { format, offset, shader_location }
+}
+
+pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
+
+/// Pipelines and layouts of the geometry pass.
+#[derive(Debug)]
+pub(crate) struct GeometryPass {
+    shader: wgpu::ShaderModule,
+    layout: wgpu::PipelineLayout,
+    scene_layout: wgpu::BindGroupLayout,
+    view_layout: wgpu::BindGroupLayout,
+    sky_sampler: wgpu::Sampler,
+    shadow_sampler: wgpu::Sampler,
+    pipelines: BTreeMap<u8, Pipelines>,
+    light: wgpu::Buffer,
+    views: wgpu::Buffer,
+    instances: wgpu::Buffer,
+}
+
+#[derive(Clone, Debug)]
+struct Pipelines {
+    meshes: wgpu::RenderPipeline,
+    sky: wgpu::RenderPipeline,
+}
+
+/// Distance between two views' uniforms: Vulkan's largest required alignment is 256.
+const VIEW_STRIDE_BYTES: u64 = (size_of::<ViewData>() as u64).next_multiple_of(256);
+
+/// One view to draw.
+pub(crate) struct ViewPass<'p> {
+    pub targets: &'p Targets,
+    pub set: TargetSet,
+    pub calls: &'p [DrawCall],
+    pub view_idx: usize,
+    pub shadow: &'p wgpu::TextureView,
+}
+
+impl GeometryPass {
+    pub fn new(gpu: &Gpu) -> Self {
+        let device = gpu.device();
+        let scene_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("scene"),
+            entries: &[
+                uniform(0, size_of::<LightData>() as u64, false),
+                storage(1),
+                texture(2, wgpu::TextureSampleType::Float { filterable: true }),
+                sampler(3, wgpu::SamplerBindingType::Filtering),
+            ],
+        });
+        let view_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("view"),
+            entries: &[
+                uniform(0, size_of::<ViewData>() as u64, true),
+                texture(1, wgpu::TextureSampleType::Depth),
+                sampler(2, wgpu::SamplerBindingType::Comparison),
+            ],
+        });
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("geometry"),
+            bind_group_layouts: &[Some(&scene_layout), Some(&view_layout)],
+            immediate_size: 0,
+        });
+        let linear = wgpu::SamplerDescriptor {
+            label: Some("sky"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        };
+        let compare = wgpu::SamplerDescriptor {
+            label: Some("shadow"),
+            compare: Some(wgpu::CompareFunction::LessEqual),
+            mipmap_filter: wgpu::MipmapFilterMode::Nearest,
+            ..linear.clone()
+        };
+        GeometryPass {
+            shader: gpu.shader("geometry", &geometry_wgsl()),
+            sky_sampler: device.create_sampler(&linear),
+            shadow_sampler: device.create_sampler(&compare),
+            layout,
+            scene_layout,
+            view_layout,
+            pipelines: BTreeMap::new(),
+            light: gpu.buffer("light", size_of::<LightData>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            views: gpu.buffer("views", VIEW_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            instances: gpu.buffer("instances", INSTANCE_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
+        }
+    }
+
+    /// Makes the pipelines for a set of targets, once.
+    pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
+        if !self.pipelines.contains_key(&set.0) {
+            let pipelines = Pipelines { meshes: self.pipeline(gpu, set, Kind::Meshes), sky: self.pipeline(gpu, set, Kind::Sky) };
+            self.pipelines.insert(set.0, pipelines);
+        }
+    }
+
+    fn pipeline(&self, gpu: &Gpu, set: TargetSet, kind: Kind) -> wgpu::RenderPipeline {
+        let state = |target: Target| {
+            set.contains(target).then(|| wgpu::ColorTargetState {
+                format: target.format(),
+                blend: None,
+                write_mask: wgpu::ColorWrites::ALL,
+            })
+        };
+        let targets = Target::ALL.map(state);
+        let constants = [
+            ("WITH_LIGHT", set.is_lit() as u32 as f64),
+            ("WITH_COLOR", set.contains(Target::Color) as u32 as f64),
+            ("WITH_FLOW", set.contains(Target::Flow) as u32 as f64),
+        ];
+        let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let buffers = [Some(wgpu::VertexBufferLayout {
+            array_stride: VERTEX_BYTES,
+            step_mode: wgpu::VertexStepMode::Vertex,
+            attributes: &VERTEX_ATTRIBUTES,
+        })];
+        let (vertex, fragment) = kind.entry_points();
+        gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(fragment),
+            layout: Some(&self.layout),
+            vertex: wgpu::VertexState {
+                module: &self.shader,
+                entry_point: Some(vertex),
+                compilation_options: options.clone(),
+                buffers: if kind == Kind::Meshes { &buffers } else { &[] },
+            },
+            primitive: wgpu::PrimitiveState { cull_mode: (kind == Kind::Meshes).then_some(wgpu::Face::Back), ..Default::default() },
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: wgpu::TextureFormat::Depth32Float,
+                depth_write_enabled: Some(kind == Kind::Meshes),
+                // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what nothing was drawn to.
+                depth_compare: Some(if kind == Kind::Meshes {
+                    wgpu::CompareFunction::Greater
+                } else {
+                    wgpu::CompareFunction::GreaterEqual
+                }),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &self.shader,
+                entry_point: Some(fragment),
+                compilation_options: options,
+                targets: &targets,
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+
+    /// Uploads what changes from tick to tick.
+    pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], instances: &[InstanceData]) {
+        grow(gpu, &mut self.views, VIEW_STRIDE_BYTES * views.len() as u64);
+        grow(gpu, &mut self.instances, INSTANCE_BYTES * instances.len() as u64);
+        gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
+        for (i, view) in views.iter().enumerate() {
+            gpu.queue().write_buffer(&self.views, i as u64 * VIEW_STRIDE_BYTES, bytemuck::bytes_of(view));
+        }
+        gpu.queue().write_buffer(&self.instances, 0, bytemuck::cast_slice(instances));
+    }
+
+    /// Bind group of what all views share.
+    pub fn bind_scene(&self, gpu: &Gpu, sky: &wgpu::TextureView) -> wgpu::BindGroup {
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("scene"),
+            layout: &self.scene_layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: self.light.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: self.instances.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(sky) },
+                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sky_sampler) },
+            ],
+        })
+    }
+
+    fn bind_view(&self, gpu: &Gpu, shadow: &wgpu::TextureView) -> wgpu::BindGroup {
+        let size = std::num::NonZeroU64::new(size_of::<ViewData>() as u64);
+        let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size };
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("view"),
+            layout: &self.view_layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(view) },
+                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(shadow) },
+                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.shadow_sampler) },
+            ],
+        })
+    }
+
+    /// Records one view.
+    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, scene: &wgpu::BindGroup, view: &ViewPass<'_>) {
+        let attachment = |target: Target| {
+            view.set.contains(target).then(|| wgpu::RenderPassColorAttachment {
+                view: &view.targets.get(target).view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store },
+            })
+        };
+        let bound = self.bind_view(gpu, view.shadow);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("geometry"),
+            color_attachments: &Target::ALL.map(attachment),
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &view.targets.z_buffer().view,
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                stencil_ops: None,
+            }),
+            timestamp_writes: None,
+            occlusion_query_set: None,
+            multiview_mask: None,
+        });
+        gpu.counters().add_pass();
+        let pipelines = &self.pipelines[&view.set.0];
+        pass.set_bind_group(0, scene, &[]);
+        pass.set_bind_group(1, &bound, &[(view.view_idx as u64 * VIEW_STRIDE_BYTES) as u32]);
+        pass.set_pipeline(&pipelines.meshes);
+        pass.set_vertex_buffer(0, assets.vertices.slice(..));
+        pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
+        for call in view.calls {
+            let mesh = &call.mesh;
+            pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, call.instance_idx..call.instance_idx + 1);
+            gpu.counters().add_draw(mesh.n_indices as u64 / 3);
+        }
+        pass.set_pipeline(&pipelines.sky);
+        pass.draw(0..3, 0..1);
+        gpu.counters().add_draw(1);
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Meshes,
+    Sky,
+}
+
+impl Kind {
+    fn entry_points(self) -> (&'static str, &'static str) {
+        match self {
+            Kind::Meshes => ("vs_main", "fs_main"),
+            Kind::Sky => ("vs_sky", "fs_sky"),
+        }
+    }
+}
+
+const INSTANCE_BYTES: u64 = size_of::<InstanceData>() as u64;
+
+/// Replaces `buffer` by one of twice the need if it is too small.
+pub(crate) fn grow(gpu: &Gpu, buffer: &mut wgpu::Buffer, n_bytes: u64) {
+    if buffer.size() < n_bytes {
+        *buffer = gpu.buffer("grown", 2 * n_bytes, buffer.usage());
+    }
+}
+
+fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::VERTEX_FRAGMENT, ty, count: None }
+}
+
+fn uniform(binding: u32, n_bytes: u64, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
+    let min_binding_size = std::num::NonZeroU64::new(n_bytes);
+    entry(binding, wgpu::BindingType::Buffer { ty: wgpu::BufferBindingType::Uniform, has_dynamic_offset, min_binding_size })
+}
+
+pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
+    entry(
+        binding,
+        wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only: true },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+    )
+}
+
+fn texture(binding: u32, sample_type: wgpu::TextureSampleType) -> wgpu::BindGroupLayoutEntry {
+    entry(binding, wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false })
+}
+
+fn sampler(binding: u32, kind: wgpu::SamplerBindingType) -> wgpu::BindGroupLayoutEntry {
+    entry(binding, wgpu::BindingType::Sampler(kind))
+}

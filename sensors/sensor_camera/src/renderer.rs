@@ -1,0 +1,295 @@
+//! Draws every view of a tick in one submission.
+
+use std::sync::{Arc, Mutex};
+
+use nalgebra::Isometry3;
+use schema_frames::Modality;
+use schema_types::space::sensor_from_camera;
+use sensor_core::{Scene, SceneAssets};
+use sensor_gpu::{CopyBatch, Gpu};
+
+use crate::assets::GpuAssets;
+use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
+use crate::dvs::DvsState;
+use crate::light::Light;
+use crate::pass::{GeometryPass, ViewPass};
+use crate::shadow::{ShadowLookup, Shadows};
+use crate::submission::{DvsMaps, Plan, Submission};
+use crate::targets::{Target, TargetSet};
+use crate::uniform::{InstanceData, ViewData};
+use crate::view::{Firing, InstancePoses, Output, View, ViewJob};
+
+/// How much work colour gets. Everything else is the same in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// For software adapters.
+    Low,
+    /// For GPUs.
+    High,
+}
+
+impl Quality {
+    /// `Low` on software adapters, else `High`.
+    pub fn default_for(gpu: &Gpu) -> Self {
+        if gpu.is_software() { Quality::Low } else { Quality::High }
+    }
+}
+
+/// Why nothing was drawn.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RenderError {
+    /// Not made by a camera.
+    #[error("a camera was asked for {:?}, which another kind of sensor makes", modality.name())]
+    NotACamera {
+        /// What was asked for.
+        modality: Modality,
+    },
+    /// Asked twice.
+    #[error("{:?} was asked twice of one view in one tick", modality.name())]
+    Twice {
+        /// What was asked for.
+        modality: Modality,
+    },
+    /// No room.
+    #[error("{:?} needs {needed} bytes, but its place has {room}", modality.name())]
+    TooSmall {
+        /// What was asked for.
+        modality: Modality,
+        /// Bytes of a frame.
+        needed: usize,
+        /// Bytes there.
+        room: usize,
+    },
+}
+
+/// Renders views. One per daemon.
+#[derive(Debug)]
+pub struct CameraRenderer {
+    gpu: Gpu,
+    quality: Quality,
+    assets: Option<GpuAssets>,
+    light: Option<Light>,
+    pass: GeometryPass,
+    shadows: Shadows,
+}
+
+/// A job with something to draw.
+struct Active {
+    job_idx: usize,
+    set: TargetSet,
+    motion: CameraMotion,
+    calls: Vec<DrawCall>,
+}
+
+impl CameraRenderer {
+    /// A renderer without a scene.
+    pub fn new(gpu: &Gpu, quality: Quality) -> Self {
+        CameraRenderer {
+            gpu: gpu.clone(),
+            quality,
+            assets: None,
+            light: None,
+            pass: GeometryPass::new(gpu),
+            shadows: Shadows::new(gpu, quality),
+        }
+    }
+
+    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's assets are others than before.
+    pub fn load(&mut self, assets: &Arc<SceneAssets>) {
+        self.assets = Some(GpuAssets::upload(&self.gpu, assets));
+        self.shadows.clear();
+    }
+
+    /// Draws what is read of all `jobs` and remembers every job's firing. One submission; none at all if nobody reads.
+    ///
+    /// # Errors
+    /// A job asks for what a camera does not make, asks twice, or its place is too small; nothing was drawn or remembered then.
+    pub fn render<'a>(&mut self, scene: &Scene, mut jobs: Vec<ViewJob<'_, 'a>>) -> Result<Submission<'a>, RenderError> {
+        for job in &jobs {
+            check(job)?;
+        }
+        if self.assets.as_ref().is_none_or(|loaded| !Arc::ptr_eq(&loaded.scene_assets, &scene.assets)) {
+            self.load(&scene.assets);
+        }
+        for job in &mut jobs {
+            begin_firing(job, scene);
+        }
+        let submission = self.draw(scene, &mut jobs);
+        let poses = Arc::new(InstancePoses::of(scene));
+        for job in jobs {
+            let world_from_camera = world_from_camera(&job.world_from_sensor);
+            job.view.previous =
+                Some(Firing { world_from_camera, sim_time: scene.sim_time, episode: scene.assets.episode, poses: poses.clone() });
+        }
+        Ok(submission)
+    }
+
+    fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
+        let assets = self.assets.as_ref().expect("render() loaded the assets");
+        let mut instances = Vec::new();
+        let mut active = Vec::new();
+        for (job_idx, job) in jobs.iter_mut().enumerate() {
+            let set = job.outputs.iter().fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
+            if set == TargetSet::default() {
+                continue;
+            }
+            let lens = job.view.spec.intrinsics;
+            job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set);
+            self.pass.prepare(&self.gpu, set);
+            let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
+            let calls = draw::visible(scene, assets, &lens, &motion, job.view.previous.as_ref(), &mut instances);
+            active.push(Active { job_idx, set, motion, calls });
+        }
+        if active.is_empty() {
+            return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
+        }
+        let mut encoder = self.gpu.encoder("views");
+        self.record(scene, &active, jobs, &instances, &mut encoder);
+        let mut batch = CopyBatch::new();
+        let plans = jobs.iter_mut().map(|job| plan_outputs(job, scene, &mut batch)).collect();
+        Submission { in_flight: Some(batch.submit(&self.gpu, encoder)), plans }
+    }
+
+    fn record(
+        &mut self,
+        scene: &Scene,
+        active: &[Active],
+        jobs: &[ViewJob<'_, '_>],
+        instances: &[InstanceData],
+        encoder: &mut wgpu::CommandEncoder,
+    ) {
+        let assets = self.assets.as_ref().expect("render() loaded the assets");
+        if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
+            self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
+        }
+        let light = self.light.as_ref().expect("just made");
+        let shadowed = |active: &&Active| active.set.is_lit() && light.has_shadows;
+        let eyes: Vec<Isometry3<f64>> = active.iter().filter(shadowed).map(|active| active.motion.world_from_camera).collect();
+        let mut lookups =
+            if eyes.is_empty() { Vec::new() } else { self.shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
+                .into_iter();
+        let lookups: Vec<ShadowLookup> = active
+            .iter()
+            .map(|active| if shadowed(&active) { lookups.next().expect("one per shadowed view") } else { self.shadows.none() })
+            .collect();
+        let views: Vec<ViewData> =
+            active.iter().zip(&lookups).map(|(active, shadow)| view_data(jobs[active.job_idx].view, &active.motion, shadow)).collect();
+        self.pass.upload(&self.gpu, &light.data, &views, instances);
+        let scene_group = self.pass.bind_scene(&self.gpu, &light.sky);
+        for (view_idx, (active, shadow)) in active.iter().zip(&lookups).enumerate() {
+            let targets = &jobs[active.job_idx].view.targets;
+            let view = ViewPass { targets, set: active.set, calls: &active.calls, view_idx, shadow: &shadow.view };
+            self.pass.record(&self.gpu, encoder, assets, &scene_group, &view);
+        }
+    }
+}
+
+fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
+    world_from_sensor * sensor_from_camera()
+}
+
+/// Targets that a modality is made from.
+fn targets_of(modality: Modality) -> TargetSet {
+    match modality {
+        Modality::Rgb => Target::Color.bit(),
+        Modality::Depth => Target::Depth.bit(),
+        Modality::Semantic => Target::Class.bit(),
+        Modality::Instance => Target::Instance.bit(),
+        Modality::Flow => Target::Flow.bit(),
+        Modality::Normals => Target::Normals.bit(),
+        Modality::Dvs => [Target::Luminance, Target::Flow, Target::Depth, Target::Instance, Target::Class]
+            .into_iter()
+            .fold(TargetSet::default(), |set, target| set.union(target.bit())),
+        _ => TargetSet::default(),
+    }
+}
+
+/// The target that is the modality's image.
+fn image_of(modality: Modality) -> Option<Target> {
+    match modality {
+        Modality::Rgb => Some(Target::Color),
+        Modality::Depth => Some(Target::Depth),
+        Modality::Semantic => Some(Target::Class),
+        Modality::Instance => Some(Target::Instance),
+        Modality::Flow => Some(Target::Flow),
+        Modality::Normals => Some(Target::Normals),
+        _ => None,
+    }
+}
+
+fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
+    for (i, Output { modality, place }) in job.outputs.iter().enumerate() {
+        let modality = *modality;
+        if targets_of(modality) == TargetSet::default() {
+            return Err(RenderError::NotACamera { modality });
+        }
+        if job.outputs[..i].iter().any(|other| other.modality == modality) {
+            return Err(RenderError::Twice { modality });
+        }
+        let (needed, room) = (job.view.payload_bytes(modality), place.capacity_bytes());
+        if modality != Modality::Dvs && room < needed {
+            return Err(RenderError::TooSmall { modality, needed, room });
+        }
+    }
+    Ok(())
+}
+
+/// Drops what does not outlive an episode or the last reader.
+fn begin_firing(job: &mut ViewJob<'_, '_>, scene: &Scene) {
+    let view: &mut View = job.view;
+    if view.previous.as_ref().is_some_and(|firing| firing.episode != scene.assets.episode) {
+        view.reset();
+    }
+    if !job.outputs.iter().any(|output| output.modality == Modality::Dvs) {
+        view.dvs = None;
+    }
+}
+
+/// Records the copies of a job and says what to do with them after the fence.
+fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, scene: &Scene, batch: &mut CopyBatch<'a>) -> Vec<Plan<'a>> {
+    let view: &mut View = job.view;
+    let window_nanos = view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0));
+    let mut plans = Vec::with_capacity(job.outputs.len());
+    for Output { modality, place } in job.outputs.drain(..) {
+        let texture = |target: Target| &view.targets.get(target).texture;
+        match image_of(modality) {
+            Some(target) => {
+                let is_flow = modality == Modality::Flow;
+                let first = is_flow && view.previous.is_none();
+                let copy = batch.texture(texture(target), target.element_bytes(), place);
+                plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
+            }
+            None => {
+                let mut map = |target: Target| batch.map_texture(texture(target), target.element_bytes());
+                let maps = DvsMaps {
+                    luminance: map(Target::Luminance),
+                    flow: map(Target::Flow),
+                    depth: map(Target::Depth),
+                    instance: map(Target::Instance),
+                    class: map(Target::Class),
+                };
+                let state = view.dvs.get_or_insert_with(|| Arc::new(Mutex::new(DvsState::new(&view.spec)))).clone();
+                plans.push(Plan::Events { place, maps, state, window_nanos });
+            }
+        }
+    }
+    plans
+}
+
+fn view_data(view: &View, motion: &CameraMotion, shadow: &ShadowLookup) -> ViewData {
+    let lens = view.spec.intrinsics;
+    let mut world_from_camera = draw::rows(&motion.world_from_camera);
+    let eye = motion.world_from_camera.translation.vector;
+    // Patterns repeat every 1024 m, so that they stay sharp far from the origin.
+    world_from_camera[0][3] = eye.x.rem_euclid(1024.0) as f32;
+    world_from_camera[1][3] = eye.y.rem_euclid(1024.0) as f32;
+    let turn = motion.previous_camera_from_world.rotation * motion.world_from_camera.rotation;
+    ViewData {
+        lens_px: lens.as_array().map(|x| x as f32),
+        frame: [lens.width_px as f32, lens.height_px as f32, NEAR_M as f32, f32::INFINITY],
+        world_from_camera,
+        previous_from_camera: draw::rows(&Isometry3::from_parts(Default::default(), turn)),
+        shadow_from_camera: shadow.shadow_from_camera,
+        options: [motion.moved() as u32 as f32, shadow.on as u32 as f32, 0.0, shadow.texel_depth],
+    }
+}

@@ -1,0 +1,70 @@
+// What every view knows: mirrors of the structs in uniform.rs, and the bindings.
+
+// Mirror of InstanceData.
+struct Instance {
+    camera_from_mesh: array<vec4<f32>, 3>,
+    previous_from_camera: array<vec4<f32>, 3>,
+    world_from_mesh_xyzw: vec4<f32>,
+    object_id: u32,
+    tint: u32,
+    lamps: u32,
+    moved: u32,
+}
+
+// Mirror of ViewData.
+struct ViewUniform {
+    lens_px: vec4<f32>,
+    frame: vec4<f32>,
+    world_from_camera: array<vec4<f32>, 3>,
+    previous_from_camera: array<vec4<f32>, 3>,
+    shadow_from_camera: array<vec4<f32>, 3>,
+    options: vec4<f32>,
+}
+
+// Mirror of LightData.
+struct LightUniform {
+    sun_towards: vec4<f32>,
+    sun_rgb: vec4<f32>,
+    ambient_rgb: vec4<f32>,
+    ambient_slope_rgb: array<vec4<f32>, 3>,
+    fog_rgb: vec4<f32>,
+    air: vec4<f32>,
+    lamps: vec4<f32>,
+}
+
+@group(0) @binding(0) var<uniform> light: LightUniform;
+@group(0) @binding(1) var<storage, read> instances: array<Instance>;
+@group(0) @binding(2) var sky_map: texture_2d<f32>;
+@group(0) @binding(3) var sky_sampler: sampler;
+@group(1) @binding(0) var<uniform> view: ViewUniform;
+@group(1) @binding(1) var shadow_map: texture_depth_2d;
+@group(1) @binding(2) var shadow_sampler: sampler_comparison;
+
+// Targets are attached only if somebody reads them; these switch off the work behind the others.
+override WITH_LIGHT: bool = true;
+override WITH_COLOR: bool = true;
+override WITH_FLOW: bool = true;
+
+// Rows of [rotation | translation] applied to a point.
+fn transform(m: array<vec4<f32>, 3>, point: vec3<f32>) -> vec3<f32> {
+    let p = vec4(point, 1.0);
+    return vec3(dot(m[0], p), dot(m[1], p), dot(m[2], p));
+}
+
+fn rotate_rows(m: array<vec4<f32>, 3>, v: vec3<f32>) -> vec3<f32> {
+    return vec3(dot(m[0].xyz, v), dot(m[1].xyz, v), dot(m[2].xyz, v));
+}
+
+// Rotates by a unit quaternion xyzw.
+fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
+    return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
+}
+
+// Direction through a pixel with camera z = 1: times the depth it is the point.
+fn ray_in_camera(pixel: vec2<f32>) -> vec3<f32> {
+    return vec3((pixel - view.lens_px.zw) / view.lens_px.xy, 1.0);
+}
+
+fn pixel_of(point_in_camera: vec3<f32>) -> vec2<f32> {
+    return point_in_camera.xy / point_in_camera.z * view.lens_px.xy + view.lens_px.zw;
+}

@@ -1,0 +1,108 @@
+//! A submission on its way, and what came of it.
+
+use std::sync::{Arc, Mutex};
+
+use schema_frames::Modality;
+use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
+
+use crate::dvs::{DvsImages, DvsState};
+
+/// What became of one [`crate::Output`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OutputResult {
+    /// What it shows.
+    pub modality: Modality,
+    /// Payload bytes in use.
+    pub n_bytes: usize,
+    /// Copies by the CPU on the way: 0 or 1 (`dvs` is written in place: 0).
+    pub cpu_copies: u32,
+    /// First frame since the state began (flow without a previous firing, event camera that starts anew).
+    pub first: bool,
+    /// Events that did not fit.
+    pub n_dropped: u64,
+    /// Time the frame covers (flow, dvs), nanoseconds; 0 for the others and for the first frame.
+    pub window_nanos: u64,
+}
+
+/// Results of one [`crate::ViewJob`], outputs in the order they were asked for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ViewResult {
+    /// One per output.
+    pub outputs: Vec<OutputResult>,
+}
+
+/// What to do for an output after the fence.
+#[derive(Debug)]
+pub(crate) enum Plan<'a> {
+    /// A copy that was recorded under this number.
+    Copied { modality: Modality, copy: usize, first: bool, window_nanos: u64 },
+    /// Events to be made from mapped images.
+    Events { place: Place<'a>, maps: DvsMaps, state: Arc<Mutex<DvsState>>, window_nanos: u64 },
+}
+
+/// Numbers of the mapped copies that events are made from.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DvsMaps {
+    pub luminance: usize,
+    pub flow: usize,
+    pub depth: usize,
+    pub instance: usize,
+    pub class: usize,
+}
+
+/// Frames being made. Nothing may be sent before [`Submission::wait`] returned.
+#[derive(Debug)]
+#[must_use = "the bytes are there only after wait()"]
+pub struct Submission<'a> {
+    pub(crate) in_flight: Option<InFlight<'a>>,
+    pub(crate) plans: Vec<Vec<Plan<'a>>>,
+}
+
+impl Submission<'_> {
+    /// Whether nothing was submitted because nobody reads.
+    pub fn is_empty(&self) -> bool {
+        self.in_flight.is_none()
+    }
+
+    /// Waits for the GPU, makes the events, and says what was written: one result per job, in order.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait(self) -> Result<Vec<ViewResult>, GpuError> {
+        let mut copies = match self.in_flight {
+            Some(in_flight) => in_flight.wait()?,
+            None => Vec::new(),
+        };
+        let mut finish = |plan| finish_output(plan, &mut copies);
+        Ok(self.plans.into_iter().map(|plans| ViewResult { outputs: plans.into_iter().map(&mut finish).collect() }).collect())
+    }
+}
+
+fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
+    match plan {
+        Plan::Copied { modality, copy, first, window_nanos } => {
+            let CopyOutcome { n_bytes, cpu_copies, .. } = copies[copy];
+            OutputResult { modality, n_bytes, cpu_copies, first, n_dropped: 0, window_nanos }
+        }
+        Plan::Events { mut place, maps, state, window_nanos } => {
+            let mut mapped = |copy: usize| copies[copy].mapped.take().expect("recorded as mapped, taken once");
+            let images = DvsImages {
+                luminance: mapped(maps.luminance),
+                flow: mapped(maps.flow),
+                depth: mapped(maps.depth),
+                instance: mapped(maps.instance),
+                class: mapped(maps.class),
+            };
+            let mut state = state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let made = state.advance(&images, window_nanos, place.bytes_mut());
+            OutputResult {
+                modality: Modality::Dvs,
+                n_bytes: made.n_events * Modality::Dvs.element_bytes(),
+                cpu_copies: 0,
+                first: made.first,
+                n_dropped: made.n_dropped,
+                window_nanos: if made.first { 0 } else { window_nanos },
+            }
+        }
+    }
+}

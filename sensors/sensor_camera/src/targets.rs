@@ -1,0 +1,104 @@
+//! Render targets of a view, made when first needed.
+
+use sensor_gpu::Gpu;
+
+/// One attachment of the geometry pass; the number is its location in `geometry.wgsl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Target {
+    Color = 0,
+    Depth = 1,
+    Class = 2,
+    Instance = 3,
+    Flow = 4,
+    Normals = 5,
+    Luminance = 6,
+}
+
+impl Target {
+    pub const ALL: [Target; 7] =
+        [Target::Color, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals, Target::Luminance];
+
+    pub fn format(self) -> wgpu::TextureFormat {
+        match self {
+            Target::Color => wgpu::TextureFormat::Bgra8Unorm,
+            Target::Depth | Target::Luminance => wgpu::TextureFormat::R32Float,
+            Target::Class => wgpu::TextureFormat::R8Uint,
+            Target::Instance => wgpu::TextureFormat::R32Uint,
+            Target::Flow => wgpu::TextureFormat::Rg32Float,
+            Target::Normals => wgpu::TextureFormat::Rgba16Float,
+        }
+    }
+
+    pub fn element_bytes(self) -> usize {
+        match self {
+            Target::Class => 1,
+            Target::Color | Target::Depth | Target::Luminance | Target::Instance => 4,
+            Target::Flow | Target::Normals => 8,
+        }
+    }
+
+    pub fn bit(self) -> TargetSet {
+        TargetSet(1 << self as u8)
+    }
+}
+
+/// A set of [`Target`]s.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(crate) struct TargetSet(pub u8);
+
+impl TargetSet {
+    pub fn contains(self, target: Target) -> bool {
+        self.0 & target.bit().0 != 0
+    }
+
+    pub fn union(self, other: TargetSet) -> TargetSet {
+        TargetSet(self.0 | other.0)
+    }
+
+    /// Whether any of them needs light.
+    pub fn is_lit(self) -> bool {
+        self.contains(Target::Color) || self.contains(Target::Luminance)
+    }
+}
+
+/// A texture and its view.
+#[derive(Debug)]
+pub(crate) struct Image {
+    pub texture: wgpu::Texture,
+    pub view: wgpu::TextureView,
+}
+
+/// The textures of one view.
+#[derive(Debug, Default)]
+pub(crate) struct Targets {
+    images: [Option<Image>; 7],
+    z_buffer: Option<Image>,
+}
+
+impl Targets {
+    /// Makes what `set` lacks.
+    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet) {
+        for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
+            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::TEXTURE_BINDING;
+            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), usage));
+        }
+        self.z_buffer.get_or_insert_with(|| {
+            image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)
+        });
+    }
+
+    /// A target that [`Targets::ensure`] made.
+    pub fn get(&self, target: Target) -> &Image {
+        self.images[target as usize].as_ref().expect("ensure() made every target of the set")
+    }
+
+    pub fn z_buffer(&self) -> &Image {
+        self.z_buffer.as_ref().expect("ensure() made the z buffer")
+    }
+}
+
+pub(crate) fn image(gpu: &Gpu, label: &str, size_px: [u32; 2], format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> Image {
+    let texture = gpu.texture(label, size_px, 1, format, usage);
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    Image { texture, view }
+}

@@ -1,0 +1,61 @@
+//! Rust mirrors of the WGSL structs in `shader/geometry.wgsl`; a test compares every offset.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Mirror of `Instance`: one visible mesh in one view. Matrices are three rows of `[rotation | translation]`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct InstanceData {
+    /// Mesh space to camera space, metres.
+    pub camera_from_mesh: [[f32; 4]; 3],
+    /// Camera space now to camera space at the previous firing, moving with the instance.
+    pub previous_from_camera: [[f32; 4]; 3],
+    /// Rotation of mesh space to world, quaternion xyzw.
+    pub world_from_mesh_xyzw: [f32; 4],
+    /// Object id.
+    pub object_id: u32,
+    /// Tint of car paint: R, G, B, and 255 if there is one.
+    pub tint: [u8; 4],
+    /// Lamp bits that shine.
+    pub lamps: u32,
+    /// 1 if `previous_from_camera` is not the identity.
+    pub moved: u32,
+}
+
+/// Mirror of `ViewUniform`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct ViewData {
+    /// Focal length x, y, principal point x, y, pixels.
+    pub lens_px: [f32; 4],
+    /// Width, height in pixels, near plane in metres, +∞.
+    pub frame: [f32; 4],
+    /// Camera space to world, rows; the last column is the eye's position modulo 1024 m (z: not wrapped).
+    pub world_from_camera: [[f32; 4]; 3],
+    /// Rotation of camera space now to camera space at the previous firing, rows; last column 0.
+    pub previous_from_camera: [[f32; 4]; 3],
+    /// Camera space to the shadow map: u, v, depth rows.
+    pub shadow_from_camera: [[f32; 4]; 3],
+    /// 1 if the camera turned, 1 if there is a shadow map, its texel's size in metres, 0.
+    pub options: [f32; 4],
+}
+
+/// Mirror of `LightUniform`: sun, sky, air, exposure. Radiometric values are multiplied by the exposure already: 1 is white.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct LightData {
+    /// Direction to the sun (or moon), world; w is the cosine of the disc's radius.
+    pub sun_towards: [f32; 4],
+    /// Irradiance of a surface facing the sun, R G B; w is the disc's radiance divided by it.
+    pub sun_rgb: [f32; 4],
+    /// Irradiance from sky and ground, constant term; w unused.
+    pub ambient_rgb: [f32; 4],
+    /// Its change along world x, y, z.
+    pub ambient_slope_rgb: [[f32; 4]; 3],
+    /// Colour of the air far away; w is the extinction per metre.
+    pub fog_rgb: [f32; 4],
+    /// Height fall-off per metre, start distance m, wetness 0..=1, share of windows and lamps lit 0..=1.
+    pub air: [f32; 4],
+    /// Radiance of lamps, radiance of lit windows, 0, 0.
+    pub lamps: [f32; 4],
+}

@@ -1,0 +1,113 @@
+//! A view: a lens, what it remembers from firing to firing, and what is asked of it in one tick.
+
+use std::sync::{Arc, Mutex};
+
+use nalgebra::Isometry3;
+use schema_frames::Modality;
+use schema_types::SimTime;
+use sensor_core::Scene;
+use sensor_gpu::{Gpu, Place};
+use sensor_spec::{DvsSpec, Intrinsics};
+
+use crate::dvs::DvsState;
+use crate::targets::Targets;
+
+/// What a view is for as long as it lives.
+#[derive(Clone, Debug)]
+pub struct ViewSpec {
+    /// Lens and resolution.
+    pub intrinsics: Intrinsics,
+    /// Event camera; matters only if `dvs` is ever asked for.
+    pub dvs: DvsSpec,
+    /// Seed of the run, for the mismatch of the event camera's thresholds.
+    pub seed: u64,
+    /// Sensor id: keeps the noise of sensors apart.
+    pub sensor_id: u32,
+}
+
+/// Persistent state of one camera. Render targets are made when they are first needed.
+pub struct View {
+    pub(crate) spec: ViewSpec,
+    pub(crate) targets: Targets,
+    pub(crate) previous: Option<Firing>,
+    pub(crate) dvs: Option<Arc<Mutex<DvsState>>>,
+}
+
+impl std::fmt::Debug for View {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("View").field("spec", &self.spec).finish_non_exhaustive()
+    }
+}
+
+/// What flow and events need to know about the previous scheduled firing.
+#[derive(Clone, Debug)]
+pub(crate) struct Firing {
+    pub world_from_camera: Isometry3<f64>,
+    pub sim_time: SimTime,
+    pub episode: u32,
+    pub poses: Arc<InstancePoses>,
+}
+
+/// Poses of everything that moves at one tick, by rising (actor, part).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct InstancePoses(Vec<((u32, u16), Isometry3<f64>)>);
+
+impl InstancePoses {
+    pub fn of(scene: &Scene) -> Self {
+        let mut poses: Vec<_> = scene.dynamics.iter().map(|instance| (instance.key(), instance.world_from_mesh)).collect();
+        poses.sort_by_key(|(key, _)| *key);
+        InstancePoses(poses)
+    }
+
+    pub fn get(&self, key: (u32, u16)) -> Option<&Isometry3<f64>> {
+        self.0.binary_search_by_key(&key, |(known, _)| *known).ok().map(|i| &self.0[i].1)
+    }
+}
+
+impl View {
+    /// A view that has not fired. Allocates nothing on the GPU yet.
+    pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
+        View { spec, targets: Targets::default(), previous: None, dvs: None }
+    }
+
+    /// Its lens.
+    pub fn intrinsics(&self) -> Intrinsics {
+        self.spec.intrinsics
+    }
+
+    /// Bytes one frame of `modality` has; for `dvs` the most it can have.
+    pub fn payload_bytes(&self, modality: Modality) -> usize {
+        let n_elements = if modality == Modality::Dvs {
+            self.spec.dvs.max_events as usize
+        } else {
+            self.spec.intrinsics.width_px as usize * self.spec.intrinsics.height_px as usize
+        };
+        n_elements * modality.element_bytes()
+    }
+
+    /// Forgets the previous firing and the event camera's state, as if the sensor had just been made.
+    pub fn reset(&mut self) {
+        self.previous = None;
+        self.dvs = None;
+    }
+}
+
+/// One frame that somebody reads.
+#[derive(Debug)]
+pub struct Output<'a> {
+    /// What it shows.
+    pub modality: Modality,
+    /// Where its bytes go; at least [`View::payload_bytes`] long (`dvs`: any length, it bounds the number of events).
+    pub place: Place<'a>,
+}
+
+/// One scheduled firing of a view. Pass it even when nobody reads (`outputs` empty): flow refers to the previous *scheduled* firing.
+#[derive(Debug)]
+pub struct ViewJob<'v, 'a> {
+    /// The view.
+    pub view: &'v mut View,
+    /// Pose of the sensor (x forward, y left, z up).
+    pub world_from_sensor: Isometry3<f64>,
+    /// What somebody reads, each modality at most once.
+    pub outputs: Vec<Output<'a>>,
+}

@@ -1,0 +1,363 @@
+//! Copies out of textures and buffers: one batch per submission, two ways to the reader, one interface.
+//!
+//! Imported targets get a raw `vkCmdCopyImageToBuffer` with tight rows, because wgpu's own copy pads rows to 256 bytes.
+//! The order is: the caller's passes and the transitions to COPY_SRC/COPY_DST (first encoder), the raw copies (second; wgpu does not
+//! allow raw and ordinary calls in one encoder), the transition that makes the bytes visible to the host (third), all in one submit.
+
+use std::sync::Arc;
+
+use ash::vk;
+use wgpu::hal::api::Vulkan;
+use wgpu::wgt;
+
+use crate::device::{Gpu, GpuError};
+use crate::target::ShmTarget;
+
+/// Where bytes go.
+#[derive(Debug)]
+pub enum Place<'a> {
+    /// A range of a target that begins at this offset; the caller holds it alone (see [`ShmTarget::import`]).
+    Shm {
+        /// The segment.
+        target: Arc<ShmTarget>,
+        /// Where the payload begins, bytes from the segment's base; a multiple of 4 and of the element size.
+        offset_bytes: usize,
+        /// Length of the payload's memory.
+        capacity_bytes: usize,
+    },
+    /// Ordinary memory.
+    Memory(&'a mut [u8]),
+}
+
+impl Place<'_> {
+    /// Room there, bytes.
+    pub fn capacity_bytes(&self) -> usize {
+        match self {
+            Place::Shm { capacity_bytes, .. } => *capacity_bytes,
+            Place::Memory(memory) => memory.len(),
+        }
+    }
+
+    /// Copies by the CPU if a texture or buffer is copied there: 0 imported, 1 otherwise.
+    pub fn cpu_copies(&self) -> u32 {
+        match self {
+            Place::Shm { target, .. } => target.cpu_copies(),
+            Place::Memory(_) => 1,
+        }
+    }
+
+    /// The memory itself, for what the CPU makes in place.
+    pub fn bytes_mut(&mut self) -> &mut [u8] {
+        match self {
+            // SAFETY: the constructors of `ShmTarget` make the caller promise that the range of a place is nobody else's; `&mut self`
+            // keeps the slice single.
+            Place::Shm { target, offset_bytes, capacity_bytes } => unsafe { target.range_mut(*offset_bytes, *capacity_bytes) },
+            Place::Memory(memory) => memory,
+        }
+    }
+}
+
+/// Where a copy comes from.
+#[derive(Clone, Debug)]
+enum Source {
+    Texture { texture: wgpu::Texture, row_bytes: usize, n_rows: usize },
+    Buffer { buffer: wgpu::Buffer, offset_bytes: u64, n_bytes: usize },
+}
+
+impl Source {
+    /// Bytes without padding.
+    fn n_bytes(&self) -> usize {
+        match self {
+            Source::Texture { row_bytes, n_rows, .. } => row_bytes * n_rows,
+            Source::Buffer { n_bytes, .. } => *n_bytes,
+        }
+    }
+
+    /// Row length and distance between rows in a staging buffer.
+    fn staged_rows(&self) -> (usize, usize) {
+        match self {
+            Source::Texture { row_bytes, .. } => (*row_bytes, row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize)),
+            Source::Buffer { n_bytes, .. } => (*n_bytes, n_bytes.next_multiple_of(4)),
+        }
+    }
+}
+
+#[derive(Debug)]
+enum Sink<'a> {
+    Place(Place<'a>),
+    /// Left mapped for the CPU to look at.
+    Mapped,
+}
+
+#[derive(Debug)]
+struct Item<'a> {
+    source: Source,
+    sink: Sink<'a>,
+    staging: Option<wgpu::Buffer>,
+}
+
+/// Copies that go out with one submission. The number a method returns names the copy afterwards.
+#[derive(Debug, Default)]
+pub struct CopyBatch<'a> {
+    items: Vec<Item<'a>>,
+}
+
+impl<'a> CopyBatch<'a> {
+    /// No copies.
+    pub fn new() -> Self {
+        CopyBatch { items: Vec::new() }
+    }
+
+    /// Copies a whole colour texture, rows tight. Its usage must contain `COPY_SRC`; `element_bytes` is the size of a texel.
+    pub fn texture(&mut self, texture: &wgpu::Texture, element_bytes: usize, place: Place<'a>) -> usize {
+        let source = texture_source(texture, element_bytes);
+        self.push(source, place)
+    }
+
+    /// Copies part of a buffer; `offset_bytes` and `n_bytes` are multiples of 4 and its usage contains `COPY_SRC`.
+    pub fn buffer(&mut self, buffer: &wgpu::Buffer, offset_bytes: u64, n_bytes: usize, place: Place<'a>) -> usize {
+        self.push(Source::Buffer { buffer: buffer.clone(), offset_bytes, n_bytes }, place)
+    }
+
+    /// Copies a whole colour texture to where [`InFlight::wait`] leaves it mapped for the CPU.
+    pub fn map_texture(&mut self, texture: &wgpu::Texture, element_bytes: usize) -> usize {
+        self.items.push(Item { source: texture_source(texture, element_bytes), sink: Sink::Mapped, staging: None });
+        self.items.len() - 1
+    }
+
+    fn push(&mut self, source: Source, place: Place<'a>) -> usize {
+        let (needed, room) = (source.n_bytes(), place.capacity_bytes());
+        assert!(needed <= room, "a copy of {needed} bytes does not fit {room} bytes");
+        if let Place::Shm { target, offset_bytes, capacity_bytes } = &place {
+            assert!(offset_bytes.is_multiple_of(4), "offset {offset_bytes} is not a multiple of 4");
+            assert!(offset_bytes + capacity_bytes <= target.n_bytes(), "the place leaves its segment");
+        }
+        self.items.push(Item { source, sink: Sink::Place(place), staging: None });
+        self.items.len() - 1
+    }
+
+    /// Whether there is nothing to copy.
+    pub fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+
+    /// Submits `encoder` with these copies behind it.
+    pub fn submit(mut self, gpu: &Gpu, mut encoder: wgpu::CommandEncoder) -> InFlight<'a> {
+        let direct: Vec<usize> = (0..self.items.len()).filter(|i| direct_target(&self.items[*i]).is_some()).collect();
+        for item in &mut self.items {
+            if direct_target(item).is_none() {
+                item.staging = Some(record_staged(gpu, &mut encoder, &item.source));
+            }
+        }
+        let submission = if direct.is_empty() {
+            gpu.queue().submit([encoder.finish()])
+        } else {
+            let direct: Vec<&Item<'_>> = direct.iter().map(|i| &self.items[*i]).collect();
+            record_transitions(&mut encoder, &direct);
+            let raw = record_direct(gpu, &direct);
+            let mut visible = gpu.encoder("visible to the host");
+            let host = |item: &&Item<'_>| wgt::BufferTransition { buffer: imported(item).clone(), state: wgt::BufferUses::MAP_READ };
+            let transitions: Vec<_> = unique_buffers(&direct).iter().map(host).collect();
+            visible.transition_resources(
+                transitions.iter().map(|t| wgt::BufferTransition { buffer: &t.buffer, state: t.state }),
+                std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>(),
+            );
+            gpu.queue().submit([encoder.finish(), raw, visible.finish()])
+        };
+        gpu.counters().add_submission(self.items.len() as u64);
+        for staging in self.items.iter().filter_map(|item| item.staging.as_ref()) {
+            staging.map_async(wgpu::MapMode::Read, .., |_| {});
+        }
+        InFlight { gpu: gpu.clone(), items: self.items, submission }
+    }
+}
+
+fn texture_source(texture: &wgpu::Texture, element_bytes: usize) -> Source {
+    Source::Texture { texture: texture.clone(), row_bytes: texture.width() as usize * element_bytes, n_rows: texture.height() as usize }
+}
+
+fn direct_target<'i>(item: &'i Item<'_>) -> Option<&'i wgpu::Buffer> {
+    match &item.sink {
+        Sink::Place(Place::Shm { target, .. }) => target.imported(),
+        _ => None,
+    }
+}
+
+fn imported<'i>(item: &'i Item<'_>) -> &'i wgpu::Buffer {
+    direct_target(item).expect("only items with an imported target are recorded directly")
+}
+
+/// One item per imported buffer: several frames may go to one segment, and a barrier names a buffer once.
+fn unique_buffers<'i, 'a>(direct: &[&'i Item<'a>]) -> Vec<&'i Item<'a>> {
+    let mut unique: Vec<&Item<'_>> = Vec::with_capacity(direct.len());
+    for item in direct {
+        if !unique.iter().any(|known| imported(known) == imported(item)) {
+            unique.push(item);
+        }
+    }
+    unique
+}
+
+/// Padded copy into a mappable buffer from the pool.
+fn record_staged(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, source: &Source) -> wgpu::Buffer {
+    let (_, stride) = source.staged_rows();
+    match source {
+        Source::Texture { texture, n_rows, .. } => {
+            let staging = gpu.take_staging((stride * n_rows) as u64);
+            let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride as u32), rows_per_image: None };
+            encoder.copy_texture_to_buffer(texture.as_image_copy(), wgpu::TexelCopyBufferInfo { buffer: &staging, layout }, texture.size());
+            staging
+        }
+        Source::Buffer { buffer, offset_bytes, .. } => {
+            let staging = gpu.take_staging(stride as u64);
+            encoder.copy_buffer_to_buffer(buffer, *offset_bytes, &staging, 0, stride as u64);
+            staging
+        }
+    }
+}
+
+/// Puts sources and imported buffers into the states the raw copies expect.
+fn record_transitions(encoder: &mut wgpu::CommandEncoder, direct: &[&Item<'_>]) {
+    let mut buffers: Vec<wgt::BufferTransition<&wgpu::Buffer>> = unique_buffers(direct)
+        .iter()
+        .map(|item| wgt::BufferTransition { buffer: imported(item), state: wgt::BufferUses::COPY_DST })
+        .collect();
+    let mut textures: Vec<wgt::TextureTransition<&wgpu::Texture>> = Vec::new();
+    for item in direct {
+        match &item.source {
+            Source::Texture { texture, .. } if !textures.iter().any(|t| t.texture == texture) => {
+                textures.push(wgt::TextureTransition { texture, selector: None, state: wgt::TextureUses::COPY_SRC });
+            }
+            Source::Buffer { buffer, .. } if !buffers.iter().any(|b| b.buffer == buffer) => {
+                buffers.push(wgt::BufferTransition { buffer, state: wgt::BufferUses::COPY_SRC });
+            }
+            _ => {}
+        }
+    }
+    encoder.transition_resources(buffers.into_iter(), textures.into_iter());
+}
+
+/// Raw copies with tight rows into imported buffers.
+fn record_direct(gpu: &Gpu, direct: &[&Item<'_>]) -> wgpu::CommandBuffer {
+    let mut encoder = gpu.encoder("copies to shared memory");
+    // SAFETY: the guard only lends the device for recording.
+    let device = unsafe { gpu.device().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan").raw_device().clone();
+    for item in direct {
+        let Sink::Place(Place::Shm { offset_bytes, .. }) = &item.sink else { continue };
+        // SAFETY: the handles are used while their wgpu objects live: the items own them until the submission is done.
+        let to = unsafe { imported(item).as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
+        match &item.source {
+            Source::Texture { texture, .. } => {
+                // SAFETY: as for `to`.
+                let from = unsafe { texture.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
+                let region = image_region(texture, *offset_bytes as u64);
+                let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
+                // SAFETY: the first encoder left the image in this layout and the buffer writable for transfers; the region lies inside
+                // both (checked in `push`), row length 0 means tight rows, and the offset is a multiple of 4 and of the texel size.
+                unsafe {
+                    encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
+                        let commands = hal.expect("made by Vulkan").raw_handle();
+                        device.cmd_copy_image_to_buffer(commands, from, layout, to, &[region]);
+                    });
+                }
+            }
+            Source::Buffer { buffer, offset_bytes: from_bytes, n_bytes } => {
+                // SAFETY: as for `to`.
+                let from = unsafe { buffer.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
+                let region = vk::BufferCopy { src_offset: *from_bytes, dst_offset: *offset_bytes as u64, size: *n_bytes as u64 };
+                // SAFETY: both ranges lie inside their buffers (checked in `push` for the target, by the caller's contract for the
+                // source), and the first encoder made them readable and writable for transfers.
+                unsafe {
+                    encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
+                        let commands = hal.expect("made by Vulkan").raw_handle();
+                        device.cmd_copy_buffer(commands, from, to, &[region]);
+                    });
+                }
+            }
+        }
+    }
+    encoder.finish()
+}
+
+fn image_region(texture: &wgpu::Texture, offset_bytes: u64) -> vk::BufferImageCopy {
+    let layers = vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: 0, layer_count: 1 };
+    let extent = vk::Extent3D { width: texture.width(), height: texture.height(), depth: 1 };
+    vk::BufferImageCopy::default().buffer_offset(offset_bytes).image_subresource(layers).image_extent(extent)
+}
+
+/// A submission on its way. Dropping it without waiting is allowed only when the device is being torn down.
+#[derive(Debug)]
+#[must_use = "the copies are done only after wait()"]
+pub struct InFlight<'a> {
+    gpu: Gpu,
+    items: Vec<Item<'a>>,
+    submission: wgpu::SubmissionIndex,
+}
+
+/// Bytes left mapped for the CPU.
+#[derive(Debug)]
+pub struct Mapped {
+    view: Option<wgpu::BufferView>,
+    buffer: wgpu::Buffer,
+    gpu: Gpu,
+    row_bytes: usize,
+    stride_bytes: usize,
+}
+
+impl Mapped {
+    /// Row `y` without padding.
+    pub fn row(&self, y: usize) -> &[u8] {
+        let begin = y * self.stride_bytes;
+        &self.view.as_ref().expect("the view lives as long as self")[begin..begin + self.row_bytes]
+    }
+}
+
+impl Drop for Mapped {
+    fn drop(&mut self) {
+        self.view = None;
+        self.buffer.unmap();
+        self.gpu.give_staging(self.buffer.clone());
+    }
+}
+
+/// What became of one copy.
+#[derive(Debug)]
+pub struct CopyOutcome {
+    /// Bytes written; 0 for a mapped one.
+    pub n_bytes: usize,
+    /// Copies by the CPU: 0 or 1.
+    pub cpu_copies: u32,
+    /// The bytes, if they were asked to be left mapped.
+    pub mapped: Option<Mapped>,
+}
+
+impl InFlight<'_> {
+    /// Waits until the bytes are where they belong; one outcome per copy, in order of recording.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait(self) -> Result<Vec<CopyOutcome>, GpuError> {
+        let gpu = self.gpu;
+        gpu.device()
+            .poll(wgpu::PollType::Wait { submission_index: Some(self.submission), timeout: None })
+            .map_err(|error| gpu.lost(error))?;
+        self.items.into_iter().map(|item| finish(&gpu, item)).collect()
+    }
+}
+
+fn finish(gpu: &Gpu, item: Item<'_>) -> Result<CopyOutcome, GpuError> {
+    let n_bytes = item.source.n_bytes();
+    let Some(buffer) = item.staging else {
+        return Ok(CopyOutcome { n_bytes, cpu_copies: 0, mapped: None });
+    };
+    let (row_bytes, stride_bytes) = item.source.staged_rows();
+    let view = buffer.get_mapped_range(..).map_err(|error| gpu.lost(error))?;
+    let mapped = Mapped { view: Some(view), buffer, gpu: gpu.clone(), row_bytes, stride_bytes };
+    let Sink::Place(mut place) = item.sink else {
+        return Ok(CopyOutcome { n_bytes: 0, cpu_copies: 0, mapped: Some(mapped) });
+    };
+    for (y, row) in place.bytes_mut()[..n_bytes].chunks_exact_mut(row_bytes).enumerate() {
+        row.copy_from_slice(mapped.row(y));
+    }
+    Ok(CopyOutcome { n_bytes, cpu_copies: 1, mapped: None })
+}

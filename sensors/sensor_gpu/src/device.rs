@@ -1,0 +1,181 @@
+//! Opening a Vulkan device: which adapter, which extensions, which limits.
+
+use std::sync::{Arc, Mutex};
+
+use crate::counters::Counters;
+use crate::import::{self, ImportCaps};
+
+/// What to open.
+#[derive(Clone, Debug)]
+pub struct GpuOptions {
+    /// Part of the adapter's name, any case; `None` takes a hardware GPU if there is one, else a software adapter.
+    pub adapter: Option<String>,
+    /// Import shared memory where the driver can; `false` forces the staged path.
+    pub allow_import: bool,
+}
+
+impl Default for GpuOptions {
+    fn default() -> Self {
+        GpuOptions { adapter: None, allow_import: true }
+    }
+}
+
+/// Why no device was opened, or why a submission did not come back.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// The Vulkan loader found nothing.
+    #[error("no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)")]
+    NoAdapter,
+    /// None has the name asked for.
+    #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
+    UnknownAdapter {
+        /// What was asked for.
+        asked: String,
+        /// Names of all adapters.
+        found: Vec<String>,
+    },
+    /// The driver refused to open the device.
+    #[error("cannot open Vulkan adapter {name:?}: {reason}")]
+    Open {
+        /// Adapter.
+        name: String,
+        /// The driver's words.
+        reason: String,
+    },
+    /// The device was lost or reported an error while a submission ran.
+    #[error("GPU {name:?} failed while working on a frame: {reason}; restart the daemon")]
+    Lost {
+        /// Adapter.
+        name: String,
+        /// The driver's words.
+        reason: String,
+    },
+}
+
+/// An open device with its queue. Cheap to clone; all clones are the same device.
+#[derive(Clone, Debug)]
+pub struct Gpu(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    name: String,
+    software: bool,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    import: Option<ImportCaps>,
+    counters: Counters,
+    staging: Mutex<Vec<wgpu::Buffer>>,
+}
+
+impl Gpu {
+    /// Opens an adapter.
+    ///
+    /// # Errors
+    /// No adapter, none of that name (the message lists all), or the driver refuses.
+    pub fn open(options: &GpuOptions) -> Result<Gpu, GpuError> {
+        let descriptor =
+            wgpu::InstanceDescriptor { backends: wgpu::Backends::VULKAN, ..wgpu::InstanceDescriptor::new_without_display_handle() };
+        let instance = wgpu::Instance::new(descriptor);
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
+        let adapter = choose(adapters, options.adapter.as_deref())?;
+        let info = adapter.get_info();
+        let (device, queue, caps) = import::open_device(&adapter).map_err(|reason| GpuError::Open { name: info.name.clone(), reason })?;
+        let import = if options.allow_import { caps } else { None };
+        let software = info.device_type == wgpu::DeviceType::Cpu;
+        tracing::info!(adapter = info.name, driver = info.driver_info, software, can_import = import.is_some(), "opened GPU");
+        Ok(Gpu(Arc::new(Inner {
+            name: info.name,
+            software,
+            device,
+            queue,
+            import,
+            counters: Counters::default(),
+            staging: Mutex::default(),
+        })))
+    }
+
+    /// Adapter name, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Whether the CPU does the work.
+    pub fn is_software(&self) -> bool {
+        self.0.software
+    }
+
+    /// Whether host memory can be imported (allowed, and the driver has the extension).
+    pub fn can_import(&self) -> bool {
+        self.0.import.is_some()
+    }
+
+    /// Largest buffer, and so the largest segment that can be imported, bytes.
+    pub fn max_buffer_bytes(&self) -> u64 {
+        self.0.device.limits().max_buffer_size
+    }
+
+    /// The device, for pipelines and bind groups.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.0.device
+    }
+
+    /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`].
+    pub fn queue(&self) -> &wgpu::Queue {
+        &self.0.queue
+    }
+
+    /// Counts of passes, draws, copies and submissions.
+    pub fn counters(&self) -> &Counters {
+        &self.0.counters
+    }
+
+    pub(crate) fn import_caps(&self) -> Option<ImportCaps> {
+        self.0.import
+    }
+
+    /// A mappable buffer of at least `n_bytes` from the pool of those that came back.
+    pub(crate) fn take_staging(&self, n_bytes: u64) -> wgpu::Buffer {
+        let mut pool = self.0.staging.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(i) = pool.iter().position(|buffer| buffer.size() == n_bytes) {
+            return pool.swap_remove(i);
+        }
+        drop(pool);
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        self.buffer("staging", n_bytes, usage)
+    }
+
+    pub(crate) fn give_staging(&self, buffer: wgpu::Buffer) {
+        let mut pool = self.0.staging.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // Sizes change when resolutions do: old ones fall out at the front.
+        if pool.len() >= MAX_POOLED_STAGING {
+            pool.remove(0);
+        }
+        pool.push(buffer);
+    }
+
+    pub(crate) fn lost(&self, reason: impl ToString) -> GpuError {
+        GpuError::Lost { name: self.0.name.clone(), reason: reason.to_string() }
+    }
+}
+
+/// Staging buffers kept for reuse; eight cameras with six modalities in two frames in flight use 96.
+const MAX_POOLED_STAGING: usize = 128;
+
+fn choose(adapters: Vec<wgpu::Adapter>, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
+    let found: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    if adapters.is_empty() {
+        return Err(GpuError::NoAdapter);
+    }
+    let named = |adapter: &wgpu::Adapter| asked.is_none_or(|part| adapter.get_info().name.to_lowercase().contains(&part.to_lowercase()));
+    adapters
+        .into_iter()
+        .filter(named)
+        .min_by_key(|adapter| match adapter.get_info().device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu => 2,
+            wgpu::DeviceType::Other => 3,
+            wgpu::DeviceType::Cpu => 4,
+        })
+        .ok_or_else(|| GpuError::UnknownAdapter { asked: asked.unwrap_or_default().to_owned(), found })
+}

@@ -1,0 +1,57 @@
+//! Short forms for the GPU resources that sensors ask for.
+
+use crate::device::Gpu;
+
+impl Gpu {
+    /// A buffer, contents undefined.
+    pub fn buffer(&self, label: &str, n_bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        // Vulkan has no empty buffers, and wgpu copies in units of 4.
+        let size = n_bytes.next_multiple_of(4).max(4);
+        self.device().create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+    }
+
+    /// A buffer with these contents.
+    pub fn buffer_with(&self, label: &str, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let buffer = self.buffer(label, contents.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
+        let whole = contents.len() & !3;
+        self.queue().write_buffer(&buffer, 0, &contents[..whole]);
+        if whole < contents.len() {
+            let mut last = [0; 4];
+            last[..contents.len() - whole].copy_from_slice(&contents[whole..]);
+            self.queue().write_buffer(&buffer, whole as u64, &last);
+        }
+        buffer
+    }
+
+    /// A two-dimensional texture with `n_mips` levels.
+    pub fn texture(
+        &self,
+        label: &str,
+        size_px: [u32; 2],
+        n_mips: u32,
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        self.device().create_texture(&wgpu::TextureDescriptor {
+            label: Some(label),
+            size: wgpu::Extent3d { width: size_px[0], height: size_px[1], depth_or_array_layers: 1 },
+            mip_level_count: n_mips,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage,
+            view_formats: &[],
+        })
+    }
+
+    /// A shader from WGSL text.
+    pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
+        self.device()
+            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) })
+    }
+
+    /// An encoder for one submission.
+    pub fn encoder(&self, label: &str) -> wgpu::CommandEncoder {
+        self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
+    }
+}

@@ -1,0 +1,88 @@
+//! Memory of readers that frames are copied to: imported into the GPU, or reached through staging.
+
+use crate::device::Gpu;
+use crate::import;
+
+/// One shared-memory segment (or any host memory) that frames go to.
+///
+/// Drop it, and poll the device or wait for a later submission, before the memory is unmapped.
+#[derive(Debug)]
+pub struct ShmTarget {
+    base: *mut u8,
+    len: usize,
+    imported: Option<wgpu::Buffer>,
+    reason: Option<String>,
+}
+
+// SAFETY: `base` is only written through, in ranges which whoever renders holds alone (contract of the constructors);
+// no method gives out a reference to the memory.
+unsafe impl Send for ShmTarget {}
+// SAFETY: as above; the wgpu buffer is `Sync` itself.
+unsafe impl Sync for ShmTarget {}
+
+impl ShmTarget {
+    /// Imports a whole data segment, once; if that cannot be, the target is staged and [`ShmTarget::staged_reason`] says why.
+    ///
+    /// # Safety
+    /// - `base..base + len` stays mapped and writable until the target is dropped *and* the device has finished every submission
+    ///   that used it.
+    /// - While a submission that copies to a range of it is in flight (until `InFlight::wait` returned), nobody else in this process
+    ///   reads, writes or holds a reference to that range.
+    pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
+        // SAFETY: the caller promises what the callee asks.
+        match unsafe { import::import_host_memory(gpu, base, len) } {
+            Ok(buffer) => ShmTarget { base, len, imported: Some(buffer), reason: None },
+            Err(reason) => {
+                tracing::warn!(reason, len, "shared memory is not imported; frames cost one CPU copy");
+                ShmTarget { base, len, imported: None, reason: Some(reason) }
+            }
+        }
+    }
+
+    /// A target that is always reached through staging and one CPU copy.
+    ///
+    /// # Safety
+    /// As [`ShmTarget::import`].
+    pub unsafe fn staged(base: *mut u8, len: usize) -> ShmTarget {
+        ShmTarget { base, len, imported: None, reason: Some("asked for".to_owned()) }
+    }
+
+    /// Copies per frame by the CPU on the way there: 0 imported, 1 staged.
+    pub fn cpu_copies(&self) -> u32 {
+        self.imported.is_none() as u32
+    }
+
+    /// Why the target is not imported; `None` if it is.
+    pub fn staged_reason(&self) -> Option<&str> {
+        self.reason.as_deref()
+    }
+
+    /// Length of the memory, bytes.
+    pub fn n_bytes(&self) -> usize {
+        self.len
+    }
+
+    /// First address of the memory, to compute offsets of loans from.
+    pub fn base_address(&self) -> usize {
+        self.base as usize
+    }
+
+    pub(crate) fn imported(&self) -> Option<&wgpu::Buffer> {
+        self.imported.as_ref()
+    }
+
+    /// The range as a writable slice.
+    ///
+    /// # Safety
+    /// Nobody else accesses the range while the slice lives.
+    #[expect(clippy::mut_from_ref, reason = "the range belongs to whoever renders, by the constructors' contract")]
+    pub(crate) unsafe fn range_mut(&self, offset_bytes: usize, n_bytes: usize) -> &mut [u8] {
+        assert!(
+            offset_bytes.checked_add(n_bytes).is_some_and(|end| end <= self.len),
+            "range {offset_bytes}+{n_bytes} exceeds {} bytes",
+            self.len
+        );
+        // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes have no invalid values.
+        unsafe { std::slice::from_raw_parts_mut(self.base.add(offset_bytes), n_bytes) }
+    }
+}
