@@ -1,1 +1,58 @@
-fn main() {}
+//! `gantry-bench`: how long a frame takes from its writer to its reader, what a running simulator delivers, and who grows.
+//!
+//! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum; what was lost stands beside it.
+
+#![forbid(unsafe_code)]
+
+mod latency;
+mod machine;
+mod memory;
+mod report;
+mod spread;
+mod topics;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use launch_cli::CommonArgs;
+
+const EXAMPLES: &str = "Examples:
+  gantry-bench latency                                    all sizes, 1 and 8 readers, beside TCP and memcpy
+  gantry-bench latency --sizes 1920000 --readers 1 --rate 200 --count 5000 --json latency.json
+  gantry-bench topics --for 30s                           what the running simulator delivers
+  gantry-bench memory --pids 1200,1204 --for 10m --every 5s";
+
+/// Measures latency, topics and memory with real processes
+#[derive(Debug, Parser)]
+#[command(name = "gantry-bench", version, about, after_help = EXAMPLES)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    #[command(subcommand)]
+    command: Bench,
+}
+
+#[derive(Debug, Subcommand)]
+enum Bench {
+    /// Publish → another process holds the frame, through shared memory, beside loopback TCP and a memcpy
+    Latency(latency::LatencyArgs),
+    /// Rate, losses, age and complete sets of every frame topic of a running simulator
+    Topics(topics::TopicsArgs),
+    /// Memory of processes over time
+    Memory(memory::MemoryArgs),
+    /// One reader of `latency`, started by it
+    #[command(hide = true)]
+    LatencyReader(latency::reader::ReaderArgs),
+}
+
+fn main() -> ExitCode {
+    launch_cli::run(|args: Args| {
+        args.common.init_logging();
+        match &args.command {
+            Bench::Latency(latency) => latency::run(latency),
+            Bench::Topics(topics) => topics::run(topics, &args.common.domain),
+            Bench::Memory(memory) => memory::run(memory),
+            Bench::LatencyReader(reader) => latency::reader::run(reader, &args.common.domain),
+        }
+    })
+}

@@ -5,8 +5,6 @@
 //! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
 //! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
 
-use std::mem::MaybeUninit;
-
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use schema_frames::{LidarPoint, SemanticLidarPoint};
@@ -129,16 +127,6 @@ impl Lidar {
         let mut at = 0;
         for bytes in self.channel_bytes() {
             payload[at..at + bytes.len()].copy_from_slice(bytes);
-            at += bytes.len();
-        }
-        at
-    }
-
-    /// As [`Lidar::write`] into memory that was never written, such as a fresh loan.
-    pub fn write_uninit(&self, payload: &mut [MaybeUninit<u8>]) -> usize {
-        let mut at = 0;
-        for bytes in self.channel_bytes() {
-            payload[at..at + bytes.len()].write_copy_of_slice(bytes);
             at += bytes.len();
         }
         at
