@@ -1,0 +1,35 @@
+//! What every consumer repeats: find topics and wait for them, survive the daemon's restarts, drain, count what was lost, pair frames with
+//! the snapshot of their tick, take part in lockstep.
+//!
+//! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so that a shutdown flag is seen in time.
+//! Nothing here renders, stores or drives.
+//!
+//! ```no_run
+//! use consumer_kit::{Follower, Take};
+//! let mut follower = Follower::open("gantry", "my-consumer")?;
+//! let camera = follower.follow("ego/front/rgb", Take::Newest);
+//! loop {
+//!     follower.wait(consumer_kit::MAX_WAIT)?;
+//!     while let Some(frame) = follower.take(camera)? {
+//!         let world = follower.world_at(frame.header().tick)?;
+//!         println!("{} bytes, {} actors", frame.len(), world.map_or(0, |world| world.records.len()));
+//!     }
+//! }
+//! # #[allow(unreachable_code)]
+//! # Ok::<(), schema_bus::BusError>(())
+//! ```
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod document;
+mod follower;
+mod lockstep;
+mod topic;
+mod world;
+
+pub use document::FollowedDocument;
+pub use follower::{Follower, MAX_WAIT, TopicId};
+pub use lockstep::{Lockstep, LockstepError};
+pub use topic::{FollowedTopic, Take, TopicReport};
+pub use world::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};

@@ -3,7 +3,9 @@
 //! A flat road, a box ahead, every modality; for checking layout and colours by eye.
 
 use consumer_view::stage::Stage;
-use schema_frames::{ActorInfo, ActorKind, ActorList, ActorRecord, BodyBox, DvsEvent, FrameHeader, LidarPoint, Modality, SnapshotHeader, VehiclePart};
+use schema_frames::{
+    ActorInfo, ActorKind, ActorList, ActorRecord, BodyBox, DvsEvent, FrameHeader, LidarPoint, Modality, SnapshotHeader, VehiclePart,
+};
 use schema_types::Pose;
 
 const W: u32 = 320;
@@ -30,7 +32,14 @@ fn cast(u: u32, v: u32, ahead_m: f64) -> (f32, u8, u32) {
 fn payload(modality: Modality, tick: u64, ahead_m: f64, closing_m: f64) -> Vec<u8> {
     let pixels = || (0..H).flat_map(|v| (0..W).map(move |u| (u, v)));
     match modality {
-        Modality::Rgb => pixels().flat_map(|(u, v)| match cast(u, v, ahead_m).1 { 14 => [40, 40, 200, 255], 1 => [90, 90, 90, 255], 10 => [60, 140, 70, 255], _ => [235, 190, 130, 255] }).collect(),
+        Modality::Rgb => pixels()
+            .flat_map(|(u, v)| match cast(u, v, ahead_m).1 {
+                14 => [40, 40, 200, 255],
+                1 => [90, 90, 90, 255],
+                10 => [60, 140, 70, 255],
+                _ => [235, 190, 130, 255],
+            })
+            .collect(),
         Modality::Depth => pixels().flat_map(|(u, v)| cast(u, v, ahead_m).0.to_le_bytes()).collect(),
         Modality::Semantic => pixels().map(|(u, v)| cast(u, v, ahead_m).1).collect(),
         Modality::Instance => pixels().flat_map(|(u, v)| cast(u, v, ahead_m).2.to_le_bytes()).collect(),
@@ -46,7 +55,15 @@ fn payload(modality: Modality, tick: u64, ahead_m: f64, closing_m: f64) -> Vec<u
             let edge = |u: u32, v: u32| u > 0 && cast(u, v, ahead_m).1 != cast(u - 1, v, ahead_m).1;
             let events: Vec<DvsEvent> = pixels()
                 .filter(|(u, v)| edge(*u, *v))
-                .map(|(u, v)| DvsEvent { nanos_in_window: 0, x_px: u as u16, y_px: v as u16, object_id: 0, polarity: (u < W / 2) as u8, class: 0, reserved: 0 })
+                .map(|(u, v)| DvsEvent {
+                    nanos_in_window: 0,
+                    x_px: u as u16,
+                    y_px: v as u16,
+                    object_id: 0,
+                    polarity: (u < W / 2) as u8,
+                    class: 0,
+                    reserved: 0,
+                })
                 .collect();
             bytemuck::cast_slice(&events).to_vec()
         }
@@ -57,7 +74,11 @@ fn payload(modality: Modality, tick: u64, ahead_m: f64, closing_m: f64) -> Vec<u
                 .map(|(channel, azimuth)| {
                     let range_m = 4.0 + channel as f64 * 1.5 + (tick as f64 * 0.1).sin();
                     let z = -1.9 + 0.25 * channel as f64 * (azimuth * 3.0).sin().max(0.0);
-                    LidarPoint { hit_in_sensor_m: [range_m * azimuth.cos(), range_m * azimuth.sin(), z].map(|x| x as f32), intensity: 30_000, channel }
+                    LidarPoint {
+                        hit_in_sensor_m: [range_m * azimuth.cos(), range_m * azimuth.sin(), z].map(|x| x as f32),
+                        intensity: 30_000,
+                        channel,
+                    }
                 })
                 .collect();
             bytemuck::cast_slice(&points).to_vec()
@@ -94,21 +115,46 @@ fn main() -> anyhow::Result<()> {
         stage.set_map(&std::fs::read_to_string(map)?)?;
     }
     let body = BodyBox { centre_m: [0.0, 0.0, 0.75], half_m: [2.2, 0.95, 0.75] };
-    let actor = |id: u32, role: &str| ActorInfo { id, type_id: "vehicle.sample".into(), kind: "vehicle".into(), role: role.into(), parent_id: 0, mount: None, body_box: body, attributes: Default::default(), topics: vec![] };
+    let actor = |id: u32, role: &str| ActorInfo {
+        id,
+        type_id: "vehicle.sample".into(),
+        kind: "vehicle".into(),
+        role: role.into(),
+        parent_id: 0,
+        mount: None,
+        body_box: body,
+        attributes: Default::default(),
+        topics: vec![],
+    };
     stage.set_actors(&ActorList { actors: vec![actor(7, "ego_vehicle"), actor(8, "autopilot")] });
     for tick in 1..=40u64 {
         let (x, ahead_m) = (tick as f64 * 0.5, 14.0 - tick as f64 * 0.1);
         let ego = Pose::from_xyz_yaw(x, 0.0, 0.0, 0.0);
         let other = Pose::from_xyz_yaw(x + MOUNT[0] + ahead_m + body.half_m[0] as f64, 0.0, 0.0, 0.0);
         let record = |id: u32, pose: Pose| {
-            let mut record = ActorRecord { id, kind: ActorKind::Vehicle as u16, class: 14, world_from_actor: pose, velocity_in_world_mps: [10.0 + (tick as f64 * 0.2).sin(), 0.0, 0.0], half_box_m: body.half_m, ..bytemuck::Zeroable::zeroed() };
-            record.set_part(&VehiclePart { throttle_ratio: 0.4, steer_ratio: (tick as f32 * 0.2).sin() * 0.3, brake_ratio: 0.0, speed_limit_mps: 13.9, ..bytemuck::Zeroable::zeroed() });
+            let mut record = ActorRecord {
+                id,
+                kind: ActorKind::Vehicle as u16,
+                class: 14,
+                world_from_actor: pose,
+                velocity_in_world_mps: [10.0 + (tick as f64 * 0.2).sin(), 0.0, 0.0],
+                half_box_m: body.half_m,
+                ..bytemuck::Zeroable::zeroed()
+            };
+            record.set_part(&VehiclePart {
+                throttle_ratio: 0.4,
+                steer_ratio: (tick as f32 * 0.2).sin() * 0.3,
+                brake_ratio: 0.0,
+                speed_limit_mps: 13.9,
+                ..bytemuck::Zeroable::zeroed()
+            });
             record
         };
         let records = [record(7, ego), record(8, other)];
         let header = SnapshotHeader { tick, sim_nanos: tick * 50_000_000, ..bytemuck::Zeroable::zeroed() };
         stage.remember(&header, &records);
         stage.show_snapshot(&header, &records)?;
+        stage.hurry()?;
         for modality in &all {
             let sensor = if *modality == Modality::Lidar { [0.0, 0.0, 1.9] } else { MOUNT };
             let (header, payload) = frame(*modality, sensor, &ego, tick, ahead_m);

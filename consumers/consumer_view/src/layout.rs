@@ -2,10 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rerun::blueprint::components::PanelState;
+use rerun::blueprint::components::{BackgroundKind, PanelState};
 use rerun::blueprint::{
-    Blueprint, BlueprintPanel, ContainerLike, Grid, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TimePanel, TimeSeriesView, Vertical,
+    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
+    TimePanel, TimeSeriesView, Vertical,
 };
+use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D};
+use rerun::log::LogMsg;
+use rerun::{RecordingStream, RecordingStreamBuilder, Rgba32};
 use schema_frames::{Modality, SensorKind};
 
 /// Everything that stands in the world.
@@ -70,31 +74,81 @@ impl Place {
 const CAMERA_ORDER: [Modality; 7] =
     [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs, Modality::Normals];
 
-/// The window for the topics that are there: the world on the left, one view per camera and modality on the right, plots below.
-pub fn blueprint(places: &BTreeSet<Place>) -> Blueprint {
-    let mut right: Vec<ContainerLike> = Vec::new();
-    let cameras = camera_grids(places);
-    if !cameras.is_empty() {
-        right.push(if cameras.len() == 1 { cameras.into_iter().next().expect("length is one") } else { Tabs::new(cameras).into() });
+/// Where the eye stands and looks, in the axes of the followed rig, metres: behind and above, as one plays a driving game.
+const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
+const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
+
+/// Divides the window among the topics that are there: one view per camera and modality on the left, curves below them, the world on
+/// the right, seen from behind the first rig and following it.
+///
+/// # Errors
+/// If the recording's other end refuses.
+pub fn arrange(rec: &RecordingStream, places: &BTreeSet<Place>) -> anyhow::Result<()> {
+    let mut left: Vec<ContainerLike> = Vec::new();
+    let mut cameras = camera_grids(places);
+    match cameras.len() {
+        0 => {}
+        1 => left.extend(cameras.pop()),
+        _ => left.push(Tabs::new(cameras).into()),
     }
-    right.push(plots());
-    let n = right.len();
-    let shares = if n == 2 { vec![3.0, 1.3] } else { vec![1.0] };
-    let root = Horizontal::new([world(places), Vertical::new(right).with_row_shares(shares).into()]).with_column_shares(vec![1.0, 1.25]);
-    Blueprint::new(root)
+    left.push(plots());
+    let shares = if left.len() == 2 { vec![3.0, 1.3] } else { vec![1.0] };
+    let followed = places.iter().map(Place::rig_path).min();
+    let world = world(places, followed.as_deref());
+    let ContainerLike::View(view) = &world else { unreachable!("a Spatial3DView is a view") };
+    let world_path = view.blueprint_path().to_string();
+    let root = Horizontal::new([Vertical::new(left).with_row_shares(shares).into(), world]).with_column_shares(vec![1.35, 1.0]);
+    let blueprint = Blueprint::new(root)
         .with_auto_views(false)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(TimePanel::new().with_timeline(SIM_TIME).with_state(PanelState::Collapsed))
+        .with_time_panel(TimePanel::new().with_timeline(SIM_TIME).with_state(PanelState::Collapsed));
+    send(rec, &blueprint, &world_path, followed.is_some())
 }
 
-/// The 3D view. Depth stays out of it: its clouds hide the world and cost the most.
-fn world(places: &BTreeSet<Place>) -> ContainerLike {
+/// Sends the blueprint together with the 3D view's eye and background, which its Rust types of this version cannot carry: they are
+/// logged into the same blueprint store under the view's path.
+fn send(rec: &RecordingStream, blueprint: &Blueprint, world_path: &str, follow: bool) -> anyhow::Result<()> {
+    let scratch = match rec.store_info() {
+        Some(info) => RecordingStreamBuilder::new(info.application_id().clone()),
+        None => RecordingStreamBuilder::new(APPLICATION),
+    };
+    let (scratch, storage) = scratch.memory()?;
+    blueprint.send(&scratch, BlueprintActivation { make_active: true, make_default: true })?;
+    scratch.flush_blocking()?;
+    let messages = storage.take();
+    let activation = messages.iter().find_map(|message| match message {
+        LogMsg::BlueprintActivationCommand(command) => Some(command.clone()),
+        _ => None,
+    });
+    let Some(activation) = activation else { return Ok(()) };
+    let mut messages: Vec<LogMsg> = messages
+        .into_iter()
+        .filter(|message| *message.store_id() == activation.blueprint_id && !matches!(message, LogMsg::BlueprintActivationCommand(_)))
+        .collect();
+    let (extra, storage) = RecordingStreamBuilder::from_store_id(&activation.blueprint_id).memory()?;
+    extra.set_time_sequence("blueprint", 0);
+    extra.log(format!("{world_path}/Background"), &Background::new(BackgroundKind::SolidColor).with_color(Rgba32::from_rgb(22, 25, 30)))?;
+    if follow {
+        let eye = EyeControls3D::new().with_position(EYE_M).with_look_target(LOOK_M).with_eye_up([0.0, 0.0, 1.0]);
+        extra.log(format!("{world_path}/EyeControls3D"), &eye)?;
+    }
+    extra.flush_blocking()?;
+    messages.extend(storage.take().into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))));
+    rec.send_blueprint(messages, activation);
+    Ok(())
+}
+
+/// Name of the application in rerun.
+pub const APPLICATION: &str = "gantry";
+
+/// The 3D view. Of the pictures only the colour one stands in it: depth would become a cloud that hides the world.
+fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> ContainerLike {
     let mut contents = vec![format!("+ {WORLD}/**")];
     for place in places.iter().filter(|place| place.modality.sensor_kind() == SensorKind::Camera && place.modality != Modality::Rgb) {
         contents.push(format!("- {}", place.frame_path()));
     }
-    Spatial3DView::new("world").with_origin(WORLD).with_contents(contents).into()
+    Spatial3DView::new("world").with_origin(followed.unwrap_or(WORLD)).with_contents(contents).into()
 }
 
 /// One grid per camera.

@@ -2,12 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use rerun::blueprint::{BlueprintActivation};
 use rerun::components::{Colormap, ViewCoordinates};
 use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
 use schema_frames::{ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SnapshotHeader};
-use schema_roads::RoadMap;
 use schema_roads::MarkColour;
+use schema_roads::RoadMap;
 use schema_types::{Pose, class::CLASSES};
 
 use crate::layout::{self, Place};
@@ -48,7 +47,10 @@ impl Stage {
         rec.log_static(layout::WORLD, &rerun::ViewCoordinates::RIGHT_HAND_Z_UP())?;
         for (path, name, colour) in SERIES {
             let path = format!("{}/{path}", layout::PLOTS);
-            rec.log_static(path, &rerun::SeriesLines::new().with_names([*name]).with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]))?;
+            rec.log_static(
+                path,
+                &rerun::SeriesLines::new().with_names([*name]).with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]),
+            )?;
         }
         let stage = Stage {
             rec,
@@ -70,8 +72,7 @@ impl Stage {
     }
 
     fn arrange(&self) -> anyhow::Result<()> {
-        let activation = BlueprintActivation { make_active: true, make_default: true };
-        Ok(layout::blueprint(&self.places).send(&self.rec, activation)?)
+        layout::arrange(&self.rec, &self.places)
     }
 
     /// Which sensor topics there are; the window is divided anew if that changed.
@@ -117,7 +118,13 @@ impl Stage {
     /// Takes over who is there.
     pub fn set_actors(&mut self, list: &ActorList) {
         self.bodies = list.actors.iter().map(|actor| (actor.id, actor.body_box)).collect();
-        let name = |actor: &schema_frames::ActorInfo| if actor.role == "ego_vehicle" { "ego".to_string() } else { format!("{} {}", actor.type_id.trim_start_matches("vehicle."), actor.id) };
+        let name = |actor: &schema_frames::ActorInfo| {
+            if actor.role == "ego_vehicle" {
+                "ego".to_string()
+            } else {
+                format!("{} {}", actor.type_id.trim_start_matches("vehicle."), actor.id)
+            }
+        };
         self.labels = list.actors.iter().map(|actor| (actor.id, name(actor))).collect();
     }
 
@@ -293,10 +300,18 @@ impl Stage {
             let lens = rerun::Pinhole::from_focal_length_and_resolution([fx as f32, fy as f32], [size[0] as f32, size[1] as f32])
                 .with_principal_point([cx as f32, cy as f32])
                 .with_camera_xyz(ViewCoordinates::FLU)
-                .with_image_plane_distance(4.0);
+                .with_image_plane_distance(1.5);
             self.rec.log(path, &lens)?;
         }
         Ok(())
+    }
+
+    /// Sends what small things wait for company, so that curves and boxes are not long behind the pictures. Does not wait.
+    ///
+    /// # Errors
+    /// If the recording's other end refuses.
+    pub fn hurry(&self) -> anyhow::Result<()> {
+        Ok(self.rec.flush_async()?)
     }
 
     /// Waits until everything has left this process.
@@ -331,5 +346,8 @@ fn strip(points: &[[f64; 3]]) -> rerun::LineStrip3D {
 }
 
 fn transform(pose: &Pose) -> rerun::Transform3D {
-    rerun::Transform3D::from_translation_rotation(vec3(pose.translation_m), rerun::Quaternion::from_xyzw(pose.rotation_xyzw.map(|x| x as f32)))
+    rerun::Transform3D::from_translation_rotation(
+        vec3(pose.translation_m),
+        rerun::Quaternion::from_xyzw(pose.rotation_xyzw.map(|x| x as f32)),
+    )
 }

@@ -42,7 +42,12 @@ pub struct Viewer {
 /// A sentence that says how to install it.
 pub fn find_rerun(search_path: Option<&std::ffi::OsStr>) -> anyhow::Result<PathBuf> {
     let mut places = vec![PathBuf::from(".venv/bin")];
-    places.extend(std::env::current_exe().ok().iter().flat_map(|exe| exe.ancestors().skip(1).take(4).map(|folder| folder.join(".venv/bin")).collect::<Vec<_>>()));
+    places.extend(
+        std::env::current_exe()
+            .ok()
+            .iter()
+            .flat_map(|exe| exe.ancestors().skip(1).take(4).map(|folder| folder.join(".venv/bin")).collect::<Vec<_>>()),
+    );
     places.extend(search_path.iter().flat_map(|paths| std::env::split_paths(paths)));
     places.into_iter().map(|folder| folder.join("rerun")).find(|program| program.is_file()).with_context(|| {
         format!(
@@ -68,7 +73,8 @@ impl Viewer {
         command.env("DO_NOT_TRACK", "1").stdin(Stdio::null()).process_group(0);
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
         let data_url = format!("rerun+http://127.0.0.1:{port}/proxy");
-        let page_url = page_port.map(|page| format!("http://127.0.0.1:{page}/?url={}", data_url.replace(':', "%3A").replace('/', "%2F").replace('+', "%2B")));
+        let page_url = page_port
+            .map(|page| format!("http://127.0.0.1:{page}/?url={}", data_url.replace(':', "%3A").replace('/', "%2F").replace('+', "%2B")));
         let mut viewer = Viewer { child, data_url, page_url };
         viewer.wait_until_it_listens(port)?;
         Ok(viewer)
@@ -79,7 +85,9 @@ impl Viewer {
         let address = SocketAddr::from(([127, 0, 0, 1], port));
         while TcpStream::connect_timeout(&address, Duration::from_millis(200)).is_err() {
             if let Some(status) = self.child.try_wait()? {
-                bail!("the rerun viewer ended at once ({status}); it needs a display and a GPU or lavapipe. Without a display use --web or --save FILE.rrd");
+                bail!(
+                    "the rerun viewer ended at once ({status}); it needs a display and a GPU or lavapipe. Without a display use --web or --save FILE.rrd"
+                );
             }
             if start.elapsed() > START_TIMEOUT {
                 bail!("the rerun viewer does not listen on 127.0.0.1:{port} after {} s", START_TIMEOUT.as_secs());
@@ -148,7 +156,10 @@ mod tests {
         std::thread::sleep(Duration::from_millis(50));
         let pid: i32 = std::fs::read_to_string(folder.join("pid")).unwrap().parse().unwrap();
         drop(viewer);
-        let gone = || nix::sys::signal::kill(Pid::from_raw(pid), None).is_err() || std::fs::read_to_string(format!("/proc/{pid}/stat")).map_or(true, |stat| stat.contains(") Z "));
+        let gone = || {
+            nix::sys::signal::kill(Pid::from_raw(pid), None).is_err()
+                || std::fs::read_to_string(format!("/proc/{pid}/stat")).map_or(true, |stat| stat.contains(") Z "))
+        };
         assert!(gone(), "the program below the wrapper still runs");
         std::fs::remove_dir_all(&folder).unwrap();
     }

@@ -1,0 +1,44 @@
+//! A document, followed: opened when it appears, handed out when it changes.
+
+use schema_bus::{Bus, BusError, Document, DocumentReader};
+
+use crate::topic::Search;
+
+/// `world/info`, `world/map`, `world/actors` or `world/catalogue`, followed across restarts.
+#[derive(Debug)]
+pub struct FollowedDocument {
+    name: String,
+    reader: Option<DocumentReader>,
+    search: Search,
+    newest: Option<Document>,
+}
+
+impl FollowedDocument {
+    /// Follows the document of this name; it need not exist yet.
+    pub fn new(name: impl Into<String>) -> Self {
+        FollowedDocument { name: name.into(), reader: None, search: Search::default(), newest: None }
+    }
+
+    /// The newest text if it changed since the last call.
+    ///
+    /// # Errors
+    /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the contract.
+    pub fn changed(&mut self, bus: &Bus) -> Result<Option<&Document>, BusError> {
+        if self.reader.is_none() && self.search.due() {
+            match bus.document_reader(&self.name) {
+                Ok(reader) => self.reader = Some(reader),
+                Err(error) => self.search.failed(&self.name, error)?,
+            }
+        }
+        let Some(reader) = &mut self.reader else { return Ok(None) };
+        match reader.latest()? {
+            Some(document) => Ok(Some(self.newest.insert(document))),
+            None => Ok(None),
+        }
+    }
+
+    /// The newest text seen so far.
+    pub fn newest(&self) -> Option<&Document> {
+        self.newest.as_ref()
+    }
+}

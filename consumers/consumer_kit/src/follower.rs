@@ -1,0 +1,124 @@
+//! Several topics followed at once, with one wake-up per rig and tick.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use schema_bus::{Bus, BusError, Frame, WaitSet, names};
+
+use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WorldAt};
+
+/// Longest wait, so that a shutdown flag is looked at ten times a second.
+pub const MAX_WAIT: Duration = Duration::from_millis(100);
+
+/// Number of a topic in a [`Follower`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct TopicId(usize);
+
+/// A consumer's place on the bus with the topics it follows.
+#[derive(Debug)]
+pub struct Follower {
+    // Before `bus`: ports go before their node.
+    topics: Vec<FollowedTopic>,
+    trail: SnapshotTrail,
+    rigs: Vec<String>,
+    wake: WaitSet,
+    bus: Bus,
+}
+
+impl Follower {
+    /// Joins `domain` as `program`. The simulator need not run yet.
+    ///
+    /// # Errors
+    /// As [`Bus::open`].
+    pub fn open(domain: &str, program: &str) -> Result<Follower, BusError> {
+        Ok(Follower::on(Bus::open(domain, program)?))
+    }
+
+    /// As [`Follower::open`] on a bus that is already open.
+    pub fn on(bus: Bus) -> Follower {
+        Follower { topics: Vec::new(), trail: SnapshotTrail::new(), rigs: Vec::new(), wake: WaitSet::new(), bus }
+    }
+
+    /// The bus, for other ports.
+    pub fn bus(&self) -> &Bus {
+        &self.bus
+    }
+
+    /// Follows `topic` (without the domain, `ego/front/rgb`).
+    pub fn follow(&mut self, topic: &str, take: Take) -> TopicId {
+        self.topics.push(FollowedTopic::new(topic, take));
+        TopicId(self.topics.len() - 1)
+    }
+
+    /// Follows every frame topic that is there now and not followed yet, and returns the new ones. Call it now and then to meet new sensors.
+    ///
+    /// # Errors
+    /// As [`Bus::topics`].
+    pub fn follow_all(&mut self, take: Take) -> Result<Vec<TopicId>, BusError> {
+        let mut new = Vec::new();
+        for topic in self.bus.topics()? {
+            if topic.modality.is_some() && !self.topics.iter().any(|followed| followed.topic() == topic.name) {
+                new.push(self.follow(&topic.name, take));
+            }
+        }
+        Ok(new)
+    }
+
+    /// The topic with this number.
+    pub fn topic(&self, id: TopicId) -> &FollowedTopic {
+        &self.topics[id.0]
+    }
+
+    /// Numbers of all topics, in the order of `follow`.
+    pub fn ids(&self) -> impl Iterator<Item = TopicId> + use<> {
+        (0..self.topics.len()).map(TopicId)
+    }
+
+    /// Looks for topics that are missing, then waits for a rig's tick, at most `timeout` and never longer than [`MAX_WAIT`].
+    /// Returns whether there was a wake-up; drain the topics in any case.
+    ///
+    /// # Errors
+    /// What waiting cannot heal, see [`FollowedTopic::look`].
+    pub fn wait(&mut self, timeout: Duration) -> Result<bool, BusError> {
+        for topic in &mut self.topics {
+            if !topic.look(&self.bus)? {
+                continue;
+            }
+            let rig = names::rig_of(topic.topic());
+            if !self.rigs.iter().any(|known| known == rig) {
+                self.wake.add(self.bus.listener(&names::rig_tick(rig))?);
+                self.rigs.push(rig.to_string());
+            }
+        }
+        self.wake.wait(timeout.min(MAX_WAIT))
+    }
+
+    /// The next frame of `id` to handle, if one waits.
+    ///
+    /// # Errors
+    /// As [`FollowedTopic::take`].
+    pub fn take(&mut self, id: TopicId) -> Result<Option<Frame>, BusError> {
+        self.topics[id.0].take()
+    }
+
+    /// The world of `tick`, the one a frame of that tick shows. `None` if this consumer came after it or fell more than 32 ticks behind.
+    ///
+    /// # Errors
+    /// As [`SnapshotTrail::at`].
+    pub fn world_at(&mut self, tick: u64) -> Result<Option<Arc<WorldAt>>, BusError> {
+        self.trail.at(&self.bus, tick)
+    }
+
+    /// The newest world, if there is one.
+    ///
+    /// # Errors
+    /// As [`SnapshotTrail::at`].
+    pub fn newest_world(&mut self) -> Result<Option<Arc<WorldAt>>, BusError> {
+        self.trail.newest(&self.bus)
+    }
+
+    /// What became of every topic, for the last words of a consumer.
+    pub fn reports(&self) -> Vec<TopicReport> {
+        self.topics.iter().map(FollowedTopic::report).collect()
+    }
+}

@@ -1,0 +1,94 @@
+//! Taking part in lockstep: the daemon begins tick N + 1 only when every participant has acknowledged tick N.
+
+use std::time::Duration;
+
+use schema_bus::{AckWriter, Bus, BusError, CommandClient, CommandError};
+use schema_frames::{Command, CommandBatch, CommandReply, ReplyBatch};
+
+/// How long leaving may take; a daemon that is gone has forgotten this participant anyway.
+const LEAVE_TIMEOUT: Duration = Duration::from_millis(200);
+
+/// Why lockstep could not be joined.
+#[derive(Debug, thiserror::Error)]
+pub enum LockstepError {
+    /// No answer.
+    #[error("cannot join lockstep: {0}")]
+    Command(#[from] CommandError),
+    /// The daemon said no.
+    #[error("cannot join lockstep as {name:?}: {reason}")]
+    Refused {
+        /// Name asked for.
+        name: String,
+        /// The daemon's sentence.
+        reason: String,
+    },
+    /// The bus failed.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+}
+
+/// A place in the lockstep gate. Dropped, it leaves.
+#[derive(Debug)]
+pub struct Lockstep {
+    client: CommandClient,
+    acks: AckWriter,
+    participant: u32,
+    epoch: u64,
+    first_tick: u64,
+}
+
+impl Lockstep {
+    /// Joins as `name`, which must be this process's alone.
+    ///
+    /// # Errors
+    /// [`LockstepError`].
+    pub fn join(bus: &Bus, name: &str, timeout: Duration) -> Result<Lockstep, LockstepError> {
+        // The writer first: the daemon tells living participants by their writers' names.
+        let acks = bus.ack_writer(name)?;
+        let mut client = bus.command_client(name)?;
+        let batch = CommandBatch::new(vec![Command::JoinLockstep { name: name.into() }]);
+        let answer = client.request(&batch, timeout)?;
+        let (participant, first_tick) = joined(name, &answer)?;
+        let epoch = answer.epoch.parse().map_err(|_| CommandError::Answer { cause: format!("epoch is {:?}", answer.epoch) })?;
+        tracing::debug!(name, participant, first_tick, "joined lockstep");
+        Ok(Lockstep { client, acks, participant, epoch, first_tick })
+    }
+
+    /// Says that everything wanted of `tick` is here and this consumer's controls are out. Ticks before the first are ignored.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn ack(&self, tick: u64) -> Result<(), BusError> {
+        if tick < self.first_tick {
+            return Ok(());
+        }
+        self.acks.send(self.participant, self.epoch, tick)
+    }
+
+    /// First tick that waits for this participant.
+    pub fn first_tick(&self) -> u64 {
+        self.first_tick
+    }
+
+    /// Epoch joined: when frames carry another one the simulator was restarted, and this place is gone; join again.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
+    }
+}
+
+impl Drop for Lockstep {
+    fn drop(&mut self) {
+        let batch = CommandBatch::new(vec![Command::LeaveLockstep { participant: self.participant }]);
+        if let Err(error) = self.client.request(&batch, LEAVE_TIMEOUT) {
+            tracing::debug!(%error, "left lockstep without an answer");
+        }
+    }
+}
+
+fn joined(name: &str, answer: &ReplyBatch) -> Result<(u32, u64), LockstepError> {
+    match answer.replies.first() {
+        Some(CommandReply::Joined { participant, first_tick }) => Ok((*participant, *first_tick)),
+        Some(CommandReply::Refused { error }) => Err(LockstepError::Refused { name: name.into(), reason: error.clone() }),
+        other => Err(CommandError::Answer { cause: format!("{other:?} is no answer to join_lockstep") }.into()),
+    }
+}

@@ -1,0 +1,184 @@
+//! One topic, followed: opened when it appears, read to the newest or in full, its losses counted.
+
+use std::time::{Duration, Instant};
+
+use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts};
+
+/// How often a missing topic is looked for.
+pub(crate) const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// What to do with frames that queue up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Take {
+    /// Only the newest counts: viewers, drivers.
+    Newest,
+    /// Every one, in order: recorders.
+    All,
+}
+
+/// What became of one topic.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TopicReport {
+    /// Name without the domain.
+    pub topic: String,
+    /// Whether it was ever there.
+    pub found: bool,
+    /// Counters of its reader.
+    pub counts: ReaderCounts,
+}
+
+impl std::fmt::Display for TopicReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if !self.found {
+            return write!(f, "{}: never appeared", self.topic);
+        }
+        let ReaderCounts { taken, skipped, lost, refused, restarts } = self.counts;
+        write!(f, "{}: {taken} frames, {lost} lost", self.topic)?;
+        for (n, what) in [(skipped, "skipped"), (refused, "refused"), (restarts, "restarts of the simulator")] {
+            if n > 0 {
+                write!(f, ", {n} {what}")?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// When to look for something again that was not there, and what was already said about it.
+#[derive(Debug, Default)]
+pub(crate) struct Search {
+    next_look: Option<Instant>,
+    said: bool,
+}
+
+impl Search {
+    /// Whether it is time to look.
+    pub fn due(&mut self) -> bool {
+        let now = Instant::now();
+        let due = self.next_look.is_none_or(|at| now >= at);
+        if due {
+            self.next_look = Some(now + LOOK_EVERY);
+        }
+        due
+    }
+
+    /// Sorts a failed opening: what time can heal is said once and swallowed, the rest is returned.
+    pub fn failed(&mut self, topic: &str, error: BusError) -> Result<(), BusError> {
+        match error {
+            BusError::NoSuchTopic { .. } => {
+                if !std::mem::replace(&mut self.said, true) {
+                    tracing::info!(topic, "waiting for the topic to appear");
+                }
+                Ok(())
+            }
+            // A service in the making, or on its way out.
+            BusError::Service { .. } => {
+                if !std::mem::replace(&mut self.said, true) {
+                    tracing::warn!(topic, error = %error, "cannot open the topic yet, trying again");
+                }
+                Ok(())
+            }
+            other => Err(other),
+        }
+    }
+}
+
+/// One topic, followed across restarts of its writer.
+#[derive(Debug)]
+pub struct FollowedTopic {
+    topic: String,
+    take: Take,
+    reader: Option<FrameReader>,
+    search: Search,
+    epoch: Option<u64>,
+    refusal_said: bool,
+    loss_said: u64,
+}
+
+impl FollowedTopic {
+    /// Follows `topic` (without the domain); it need not exist yet.
+    pub fn new(topic: impl Into<String>, take: Take) -> Self {
+        FollowedTopic { topic: topic.into(), take, reader: None, search: Search::default(), epoch: None, refusal_said: false, loss_said: 0 }
+    }
+
+    /// Name without the domain.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Opens the topic if it is there by now. Returns whether it is open. Looks at most five times a second.
+    ///
+    /// # Errors
+    /// What waiting cannot heal: another schema, no place left, another user's topic.
+    pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
+        if self.reader.is_none() && self.search.due() {
+            match bus.frame_reader(&self.topic) {
+                Ok(reader) => {
+                    tracing::debug!(topic = self.topic, "topic opened");
+                    self.reader = Some(reader);
+                }
+                Err(error) => self.search.failed(&self.topic, error)?,
+            }
+        }
+        Ok(self.reader.is_some())
+    }
+
+    /// The next frame to handle, if one waits. A frame that breaks the contract is counted, said once, and passed over.
+    ///
+    /// # Errors
+    /// [`BusError::BorrowLimit`] if the caller holds too many frames, [`BusError::Service`].
+    pub fn take(&mut self) -> Result<Option<Frame>, BusError> {
+        let Some(reader) = &mut self.reader else { return Ok(None) };
+        loop {
+            let taken = match self.take {
+                Take::Newest => reader.latest(),
+                Take::All => reader.next(),
+            };
+            match taken {
+                Ok(Some(frame)) => {
+                    self.notice(&frame);
+                    return Ok(Some(frame));
+                }
+                Ok(None) => return Ok(None),
+                Err(error @ BusError::BadFrame { .. }) => {
+                    if !std::mem::replace(&mut self.refusal_said, true) {
+                        tracing::warn!(topic = self.topic, error = %error, "refused a frame; further ones are only counted");
+                    }
+                }
+                Err(other) => return Err(other),
+            }
+        }
+    }
+
+    /// Whether the topic was found.
+    pub fn found(&self) -> bool {
+        self.reader.is_some()
+    }
+
+    /// Epoch of the newest frame: another number than before means that the simulator was restarted.
+    pub fn epoch(&self) -> Option<u64> {
+        self.epoch
+    }
+
+    /// Counters so far.
+    pub fn counts(&self) -> ReaderCounts {
+        self.reader.as_ref().map(FrameReader::counts).unwrap_or_default()
+    }
+
+    /// What became of it.
+    pub fn report(&self) -> TopicReport {
+        TopicReport { topic: self.topic.clone(), found: self.found(), counts: self.counts() }
+    }
+
+    /// Says restarts, and losses when their number has doubled since it was last said.
+    fn notice(&mut self, frame: &Frame) {
+        let epoch = frame.header().epoch;
+        if self.epoch.replace(epoch).is_some_and(|before| before != epoch) {
+            tracing::info!(topic = self.topic, "the simulator was restarted; following its new run");
+        }
+        let lost = self.counts().lost;
+        if lost > 0 && lost >= self.loss_said.saturating_mul(2) {
+            tracing::warn!(topic = self.topic, lost, "this reader is too slow: frames were lost");
+            self.loss_said = lost.max(1);
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Snapshots paired with frames.
+//!
+//! Two services have no common order at a reader, but the snapshot of tick N is sent before any frame of tick N. So on a frame of tick N this
+//! drains snapshots until one of tick ≥ N is there, and keeps the last 32 for frames that were in flight meanwhile.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use schema_bus::{Bus, BusError, SnapshotReader};
+use schema_frames::{ActorRecord, SnapshotHeader};
+
+use crate::topic::Search;
+
+/// Snapshots kept: more than any frame is in flight.
+pub const KEPT_SNAPSHOTS: usize = 32;
+
+/// The world after one tick, copied out of shared memory (a reader may hold only four samples).
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldAt {
+    /// Tick, times, episode, epoch.
+    pub header: SnapshotHeader,
+    /// Actors by rising id.
+    pub records: Vec<ActorRecord>,
+}
+
+impl WorldAt {
+    /// The actor with this id.
+    pub fn actor(&self, id: u32) -> Option<&ActorRecord> {
+        self.records.binary_search_by_key(&id, |record| record.id).ok().map(|idx| &self.records[idx])
+    }
+}
+
+/// The last snapshots.
+#[derive(Debug, Default)]
+pub struct SnapshotTrail {
+    reader: Option<SnapshotReader>,
+    search: Search,
+    kept: VecDeque<Arc<WorldAt>>,
+    refusal_said: bool,
+}
+
+impl SnapshotTrail {
+    /// An empty trail; `world/snapshot` need not exist yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The world of exactly `tick`.
+    ///
+    /// # Errors
+    /// What waiting cannot heal, as [`crate::FollowedTopic::look`].
+    pub fn at(&mut self, bus: &Bus, tick: u64) -> Result<Option<Arc<WorldAt>>, BusError> {
+        if !self.kept.back().is_some_and(|world| world.header.tick >= tick) {
+            self.drain(bus)?;
+        }
+        Ok(self.kept.iter().rev().find(|world| world.header.tick == tick).cloned())
+    }
+
+    /// The newest world.
+    ///
+    /// # Errors
+    /// As [`SnapshotTrail::at`].
+    pub fn newest(&mut self, bus: &Bus) -> Result<Option<Arc<WorldAt>>, BusError> {
+        self.drain(bus)?;
+        Ok(self.kept.back().cloned())
+    }
+
+    fn drain(&mut self, bus: &Bus) -> Result<(), BusError> {
+        if self.reader.is_none() && self.search.due() {
+            match bus.snapshot_reader() {
+                Ok(reader) => self.reader = Some(reader),
+                Err(error) => self.search.failed(schema_bus::names::WORLD_SNAPSHOT, error)?,
+            }
+        }
+        let Some(reader) = &mut self.reader else { return Ok(()) };
+        loop {
+            match reader.next() {
+                Ok(Some(snapshot)) => {
+                    let world = WorldAt { header: *snapshot.header(), records: snapshot.records().to_vec() };
+                    keep(&mut self.kept, world);
+                }
+                Ok(None) => return Ok(()),
+                Err(error @ BusError::BadSample { .. }) => {
+                    if !std::mem::replace(&mut self.refusal_said, true) {
+                        tracing::warn!(error = %error, "refused a snapshot; further ones are dropped silently");
+                    }
+                }
+                Err(other) => return Err(other),
+            }
+        }
+    }
+}
+
+/// Adds a world; those of an earlier epoch are forgotten, because ticks begin anew.
+fn keep(kept: &mut VecDeque<Arc<WorldAt>>, world: WorldAt) {
+    if kept.back().is_some_and(|last| last.header.epoch != world.header.epoch) {
+        kept.clear();
+    }
+    if kept.len() == KEPT_SNAPSHOTS {
+        kept.pop_front();
+    }
+    kept.push_back(Arc::new(world));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn world(epoch: u64, tick: u64) -> WorldAt {
+        WorldAt { header: SnapshotHeader { epoch, tick, ..bytemuck::Zeroable::zeroed() }, records: Vec::new() }
+    }
+
+    #[test]
+    fn the_last_32_of_one_epoch_are_kept() {
+        let mut kept = VecDeque::new();
+        (1..=40).for_each(|tick| keep(&mut kept, world(1, tick)));
+        assert_eq!((kept.len(), kept[0].header.tick), (32, 9));
+        keep(&mut kept, world(2, 1));
+        assert_eq!(kept.len(), 1);
+    }
+}
