@@ -12,7 +12,7 @@ struct Corner {
 struct Pixel {
     @location(0) color: vec4<f32>,
     @location(1) depth_m: f32,
-    @location(2) class: u32,
+    @location(2) class_code: u32,
     @location(3) instance: u32,
     @location(4) flow_px: vec2<f32>,
     @location(5) normal: vec4<f32>,
@@ -60,7 +60,7 @@ fn fs_main(in: Corner) -> Pixel {
     let point = ray_in_camera(in.clip.xy) * depth_m;
     let normal = normalize(in.normal_in_world);
     out.depth_m = depth_m;
-    out.class = in.labels.y & 0xffu;
+    out.class_code = in.labels.y & 0xffu;
     out.instance = in.labels.x;
     out.normal = vec4(normal, 0.0);
     if WITH_FLOW && instances[in.labels.w].moved != 0u {
@@ -94,7 +94,7 @@ fn fs_sky(@builtin(position) at: vec4<f32>) -> Pixel {
     var out: Pixel;
     let ray = ray_in_camera(at.xy);
     out.depth_m = view.frame.w;
-    out.class = CLASS_SKY;
+    out.class_code = CLASS_SKY;
     out.instance = 0u;
     out.normal = vec4(0.0);
     if WITH_FLOW && view.options.x != 0.0 {

@@ -1,0 +1,100 @@
+//! What nobody reads costs nothing, what is read together is drawn once, and the same input gives the same bytes.
+
+#[path = "kit/mod.rs"]
+mod kit;
+
+use std::collections::BTreeMap;
+
+use schema_frames::Modality;
+use sensor_camera::{CameraRenderer, Output, Place, Quality, RenderError, ViewJob};
+use sensor_gpu::Counts;
+
+const ALL: [Modality; 7] =
+    [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Dvs];
+
+#[test]
+fn view_without_readers_draws_nothing() {
+    let gpu = kit::gpu();
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let (assets, _) = kit::street();
+    let mut view = kit::view(&gpu, 64, 48);
+    let before = gpu.counters().counts();
+    for nanos in [50_000_000, 100_000_000] {
+        let scene = kit::scene(&assets, vec![], nanos);
+        let job = ViewJob { view: &mut view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs: vec![] };
+        let submission = renderer.render(&scene, vec![job]).unwrap();
+        assert!(submission.is_empty());
+        assert!(submission.wait().unwrap()[0].outputs.is_empty());
+    }
+    assert_eq!(gpu.counters().counts().since(before), Counts::default());
+}
+
+#[test]
+fn all_views_of_a_tick_are_one_pass_each_in_one_submission() {
+    let gpu = kit::gpu();
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let (assets, _) = kit::street();
+    let scene = kit::scene(&assets, vec![], 50_000_000);
+    let mut views = [kit::view(&gpu, 64, 48), kit::view(&gpu, 80, 60), kit::view(&gpu, 32, 32)];
+    let mut memory: Vec<Vec<Vec<u8>>> =
+        views.iter().map(|v| [Modality::Depth, Modality::Semantic].iter().map(|m| vec![0; v.payload_bytes(*m)]).collect()).collect();
+    let before = gpu.counters().counts();
+    let jobs = views
+        .iter_mut()
+        .zip(&mut memory)
+        .map(|(view, memory)| {
+            let outputs = [Modality::Depth, Modality::Semantic]
+                .into_iter()
+                .zip(memory)
+                .map(|(modality, bytes)| Output { modality, place: Place::Memory(bytes) });
+            ViewJob { view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs: outputs.collect() }
+        })
+        .collect();
+    let results = renderer.render(&scene, jobs).unwrap().wait().unwrap();
+    assert_eq!(results.len(), 3);
+    let counts = gpu.counters().counts().since(before);
+    assert_eq!((counts.passes, counts.copies, counts.submissions), (3, 6, 1));
+}
+
+#[test]
+fn readers_change_no_ones_bytes_and_runs_repeat() {
+    let gpu = kit::gpu();
+    let (assets, car) = kit::street();
+    let run = |modalities: &[Modality]| {
+        let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+        let mut view = kit::view(&gpu, 96, 64);
+        let mut frames = BTreeMap::new();
+        for step in 1..5u64 {
+            let scene =
+                kit::scene(&assets, vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))], step * 50_000_000);
+            let pose = kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0, 1.0, step as f64]);
+            frames = kit::render(&mut renderer, &scene, &mut view, pose, modalities);
+        }
+        frames
+    };
+    let (first, second) = (run(&ALL), run(&ALL));
+    assert_eq!(first, second);
+    assert!(first[&Modality::Dvs].1.n_bytes > 0);
+    for modality in ALL {
+        assert!(run(&[modality])[&modality].0 == first[&modality].0, "{modality:?} depends on other readers");
+    }
+}
+
+#[test]
+fn wrong_requests_are_refused_with_a_sentence() {
+    let gpu = kit::gpu();
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let (assets, _) = kit::street();
+    let scene = kit::scene(&assets, vec![], 50_000_000);
+    let mut view = kit::view(&gpu, 64, 48);
+    let mut ask = |modalities: &[Modality], n_bytes: usize| {
+        let mut memory = vec![vec![0u8; n_bytes]; modalities.len()];
+        let outputs = modalities.iter().zip(&mut memory).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
+        let job = ViewJob { view: &mut view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs };
+        renderer.render(&scene, vec![job]).map(|submission| submission.wait().unwrap()).unwrap_err()
+    };
+    assert_eq!(ask(&[Modality::Lidar], 100_000), RenderError::NotACamera { modality: Modality::Lidar });
+    assert_eq!(ask(&[Modality::Rgb, Modality::Rgb], 100_000), RenderError::Twice { modality: Modality::Rgb });
+    let error = ask(&[Modality::Depth], 100);
+    assert_eq!(error.to_string(), "\"depth\" needs 12288 bytes, but its place has 100");
+}

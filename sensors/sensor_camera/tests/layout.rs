@@ -1,0 +1,68 @@
+//! Shaders validate without a GPU, and WGSL structs lie where their Rust mirrors do.
+
+use std::mem::offset_of;
+
+use sensor_camera::{InstanceData, LightData, ViewData, shader_sources};
+
+fn module(name: &str) -> naga::Module {
+    let (_, text) = shader_sources().into_iter().find(|(known, _)| *known == name).unwrap();
+    naga::front::wgsl::parse_str(&text).unwrap_or_else(|error| panic!("{}", error.emit_to_string(&text)))
+}
+
+#[test]
+fn every_shader_validates() {
+    for (name, _) in shader_sources() {
+        let module = module(name);
+        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default());
+        validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+    }
+}
+
+#[test]
+fn wgsl_structs_lie_where_rust_has_them() {
+    let module = module("geometry");
+    let check = |name: &str, size: usize, offsets: &[usize]| {
+        let (_, found) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
+        let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is not a struct") };
+        let found: Vec<usize> = members.iter().map(|member| member.offset as usize).collect();
+        assert_eq!((found.as_slice(), *span as usize), (offsets, size), "{name}");
+    };
+    check(
+        "Instance",
+        size_of::<InstanceData>(),
+        &[
+            offset_of!(InstanceData, camera_from_mesh),
+            offset_of!(InstanceData, previous_from_camera),
+            offset_of!(InstanceData, world_from_mesh_xyzw),
+            offset_of!(InstanceData, object_id),
+            offset_of!(InstanceData, tint),
+            offset_of!(InstanceData, lamps),
+            offset_of!(InstanceData, moved),
+        ],
+    );
+    check(
+        "ViewUniform",
+        size_of::<ViewData>(),
+        &[
+            offset_of!(ViewData, lens_px),
+            offset_of!(ViewData, frame),
+            offset_of!(ViewData, world_from_camera),
+            offset_of!(ViewData, previous_from_camera),
+            offset_of!(ViewData, shadow_from_camera),
+            offset_of!(ViewData, options),
+        ],
+    );
+    check(
+        "LightUniform",
+        size_of::<LightData>(),
+        &[
+            offset_of!(LightData, sun_towards),
+            offset_of!(LightData, sun_rgb),
+            offset_of!(LightData, ambient_rgb),
+            offset_of!(LightData, ambient_slope_rgb),
+            offset_of!(LightData, fog_rgb),
+            offset_of!(LightData, air),
+            offset_of!(LightData, lamps),
+        ],
+    );
+}
