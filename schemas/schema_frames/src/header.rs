@@ -220,10 +220,7 @@ mod tests {
         let mut header = FrameHeader::new(Modality::Rgb);
         header.set_image(800, 600);
         assert_eq!(header.check(800 * 600 * 4), Ok(Modality::Rgb));
-        assert_eq!(
-            header.check(800 * 600 * 4 - 1),
-            Err(FrameError::Length { claimed: 1_920_000, sample: 1_919_999 })
-        );
+        assert_eq!(header.check(800 * 600 * 4 - 1), Err(FrameError::Length { claimed: 1_920_000, sample: 1_919_999 }));
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod control;
 pub mod document;
 pub mod dvs;
 pub mod header;
+pub mod layout;
 pub mod lidar;
 pub mod modality;
 pub mod motion;

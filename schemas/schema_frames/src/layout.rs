@@ -1,0 +1,127 @@
+//! The layouts as data: name, offset and type of every field, for the golden test, `SPEC.md` and readers in other languages.
+//!
+//! The list repeats field names and types; the compiler checks both, and a test that the fields leave no byte of a struct out.
+
+use schema_types::Pose;
+
+use crate::control::{ControlHeader, VehicleControlRecord};
+use crate::{
+    AckRecord, ActorRecord, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LidarPoint, SemanticLidarPoint, SnapshotHeader,
+    TrafficLightPart, VehiclePart, WalkerPart, command::RequestHeader,
+};
+
+/// One field of a struct.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Name in Rust.
+    pub name: &'static str,
+    /// Type in Rust: `u32`, `[f32; 3]`, `Pose`, …
+    pub kind: &'static str,
+    /// Offset, bytes.
+    pub offset: usize,
+    /// Size, bytes.
+    pub size: usize,
+}
+
+/// One struct of the contract.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Name in Rust.
+    pub name: &'static str,
+    /// Type name that iceoryx2 compares; `None` for elements of a byte payload.
+    pub on_bus: Option<&'static str>,
+    /// Size, bytes.
+    pub size: usize,
+    /// Alignment in Rust, bytes.
+    pub align: usize,
+    /// Fields by rising offset.
+    pub fields: Vec<Field>,
+}
+
+macro_rules! layouts {
+    ($($name:ident $(as $on_bus:literal)? { $($field:ident: $kind:ty),* $(,)? })*) => {
+        /// Every struct of the contract.
+        pub fn all() -> Vec<Layout> {
+            vec![$(Layout {
+                name: stringify!($name),
+                on_bus: [$($on_bus,)?].first().copied(),
+                size: size_of::<$name>(),
+                align: align_of::<$name>(),
+                fields: vec![$({
+                    // Fails to compile if the type listed is not the field's.
+                    let _: fn(&$name) -> &$kind = |it| &it.$field;
+                    Field {
+                        name: stringify!($field),
+                        kind: stringify!($kind),
+                        offset: std::mem::offset_of!($name, $field),
+                        size: size_of::<$kind>(),
+                    }
+                }),*],
+            }),*]
+        }
+    };
+}
+
+layouts! {
+    FrameHeader as "GantryFrameHeader" {
+        magic: u32, schema_version: u16, header_bytes: u16, sensor_id: u32, kind: u16, encoding: u16, tick: u64, sim_nanos: u64, seq: u64,
+        episode: u32, flags: u32, payload_bytes: u64, width: u32, height: u32, row_stride: u32, element_bytes: u32, window_nanos: u64,
+        world_from_sensor: Pose, intrinsics_px: [f64; 4], range_limit_m: f32, azimuth_rad: f32, parent_id: u32, n_channels: u32,
+        reserved0: u64, epoch: u64, rendered_mono_nanos: u64, published_mono_nanos: u64, cpu_copies: u32, ticks_in_flight: u32,
+        payload_place: u32, reserved1: [u8; 28],
+    }
+    DvsEvent { nanos_in_window: u32, x_px: u16, y_px: u16, object_id: u32, polarity: u8, class: u8, reserved: u16 }
+    LidarPoint { hit_in_sensor_m: [f32; 3], intensity: u16, channel: u16 }
+    SemanticLidarPoint { hit_in_sensor_m: [f32; 3], cos_incidence: f32, object_id: u32, class: u8, reserved: u8, channel: u16 }
+    ImuSample { specific_force_mps2: [f64; 3], angular_velocity_radps: [f64; 3], compass_rad: f64, reserved: [u64; 2] }
+    GnssSample { latitude_deg: f64, longitude_deg: f64, altitude_m: f64, reserved: [u64; 2] }
+    SnapshotHeader as "GantrySnapshotHeader" {
+        magic: u32, schema_version: u16, header_bytes: u16, tick: u64, sim_nanos: u64, episode_start_nanos: u64, period_nanos: u64,
+        episode: u32, n_actors: u32, actors_revision: u64, flags: u32, reserved0: u32, epoch: u64, published_mono_nanos: u64,
+        reserved1: [u8; 48],
+    }
+    ActorRecord {
+        id: u32, parent_id: u32, catalogue_idx: u32, kind: u16, class: u8, reserved: u8, world_from_actor: Pose,
+        velocity_in_world_mps: [f64; 3], angular_velocity_in_world_radps: [f64; 3], acceleration_in_world_mps2: [f64; 3],
+        half_box_m: [f32; 3], flags: u32, part: [u8; 96],
+    }
+    VehiclePart {
+        throttle_ratio: f32, steer_ratio: f32, brake_ratio: f32, control_flags: u32, gear: i32, engine_radps: f32, speed_limit_mps: f32,
+        lamps: u32, light_actor_id: u32, light_state: u32, wheel_steer_rad: f32, wheels_on_ground: u32, wheel_spin_rad: [f32; 6],
+        wheel_travel_m: [f32; 6],
+    }
+    TrafficLightPart {
+        state: u32, flags: u32, elapsed_secs: f32, green_secs: f32, yellow_secs: f32, red_secs: f32, group: u32, pole_idx: u32,
+        opendrive_id: [u8; 32], reserved: [u8; 32],
+    }
+    WalkerPart { direction: [f32; 3], speed_mps: f32, gait_rad: f32, flags: u32, reserved: [u8; 72] }
+    DocumentHeader as "GantryDocumentHeader" {
+        magic: u32, schema_version: u16, reserved0: u16, epoch: u64, revision: u64, payload_bytes: u64, tick: u64, reserved1: [u8; 24],
+    }
+    ControlHeader as "GantryControlHeader" {
+        magic: u32, schema_version: u16, reserved0: u16, tick: u64, seq: u64, writer: [u8; 40],
+    }
+    VehicleControlRecord {
+        actor_id: u32, throttle_ratio: f32, steer_ratio: f32, brake_ratio: f32, flags: u32, gear: i32, lamps: u32, reserved: u32,
+    }
+    AckRecord as "GantryAck" { participant: u32, reserved: u32, epoch: u64, tick: u64, reserved1: u64 }
+    RequestHeader as "GantryRequestHeader" { magic: u32, codec_version: u32, seq: u64, payload_bytes: u64, client: [u8; 40] }
+    Pose { translation_m: [f64; 3], rotation_xyzw: [f64; 4] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fields_follow_one_another_and_fill_their_struct() {
+        for layout in all() {
+            let mut end = 0;
+            for field in &layout.fields {
+                assert_eq!(field.offset, end, "{}.{} leaves a gap", layout.name, field.name);
+                end += field.size;
+            }
+            assert_eq!(end, layout.size, "{} has bytes without a field", layout.name);
+        }
+    }
+}

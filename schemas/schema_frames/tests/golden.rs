@@ -1,0 +1,182 @@
+//! The contract outside Rust agrees with the types: the golden layout, the tables of `SPEC.md`, the constants of the Python package.
+//!
+//! Each file is made anew here and compared. If one differs, the new one lies in target/ and the message has the command that takes it over.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use schema_frames::layout::{Layout, all};
+use schema_frames::{
+    ActorKind, LightState, Modality, SCHEMA_ATTRIBUTE, SCHEMA_VERSION, SensorKind, command, control, document, header, snapshot,
+};
+use schema_types::class::CLASSES;
+
+fn check(path: &str, made: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+    let found = std::fs::read_to_string(&path).unwrap_or_default();
+    if found == made {
+        return;
+    }
+    let new = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(path.file_name().unwrap());
+    std::fs::write(&new, made).unwrap();
+    let line = 1 + found.lines().zip(made.lines()).take_while(|(a, b)| a == b).count();
+    panic!(
+        "{} does not agree with the Rust types from line {line} on. If the change is meant (and SCHEMA_VERSION was raised for a changed layout):\n  cp {} {}",
+        path.display(),
+        new.display(),
+        path.display()
+    );
+}
+
+#[test]
+fn layouts_are_the_golden_ones() {
+    let mut text = String::from("# struct size align / field offset size type\n");
+    for layout in all() {
+        writeln!(text, "\n{} {} {}", layout.name, layout.size, layout.align).unwrap();
+        for field in &layout.fields {
+            writeln!(text, "  {} {} {} {}", field.name, field.offset, field.size, field.kind).unwrap();
+        }
+    }
+    check("tests/golden/layout.txt", &text);
+}
+
+/// Doc comment of a field, from the source: the table's last column.
+fn meaning(source: &str, name: &str, field: &str) -> String {
+    let body = source.split(&format!("pub struct {name} {{")).nth(1).and_then(|rest| rest.split("\n}").next()).unwrap_or("");
+    let mut doc = Vec::new();
+    for line in body.lines().map(str::trim) {
+        if let Some(text) = line.strip_prefix("///") {
+            doc.push(text.trim());
+        } else if line.starts_with(&format!("pub {field}:")) {
+            return plain(&doc.join(" "));
+        } else {
+            doc.clear();
+        }
+    }
+    String::new()
+}
+
+/// Rust's links as code: "[`Modality`]" becomes "`Modality`", paths lose their front.
+fn plain(doc: &str) -> String {
+    doc.replace("[`", "`").replace("`]", "`").replace("crate::", "").replace('|', "\\|")
+}
+
+fn table(layout: &Layout, source: &str) -> String {
+    let mut text = String::from("| offset | type | field | meaning |\n|---|---|---|---|\n");
+    for field in &layout.fields {
+        let meaning = meaning(source, layout.name, field.name);
+        writeln!(text, "| {} | {} | `{}` | {meaning} |", field.offset, field.kind, field.name).unwrap();
+    }
+    text
+}
+
+#[test]
+fn tables_of_the_specification_agree_with_the_types() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: PathBuf| std::fs::read_to_string(path).unwrap();
+    let mut source = String::new();
+    for entry in std::fs::read_dir(folder.join("src")).unwrap() {
+        source += &read(entry.unwrap().path());
+    }
+    source += &read(folder.join("../schema_types/src/pose.rs"));
+    let spec = read(folder.join("SPEC.md"));
+    let layouts = all();
+    let mut made = String::new();
+    let mut rest = spec.as_str();
+    let mut shown = Vec::new();
+    while let Some((before, after)) = rest.split_once("<!-- layout ") {
+        let (name, after) = after.split_once(" -->\n").expect("a marker ends its line");
+        let (_, after) = after.split_once("<!-- end -->").expect("a table ends with its marker");
+        let layout =
+            layouts.iter().find(|layout| layout.name == name).unwrap_or_else(|| panic!("SPEC.md shows {name}, which is no layout"));
+        write!(made, "{before}<!-- layout {name} -->\n{}<!-- end -->", table(layout, &source)).unwrap();
+        shown.push(name.to_string());
+        rest = after;
+    }
+    made += rest;
+    let hidden: Vec<_> = layouts.iter().map(|layout| layout.name).filter(|name| !shown.iter().any(|s| s == name)).collect();
+    assert!(hidden.is_empty(), "SPEC.md lacks a table of {hidden:?}");
+    check("SPEC.md", &made);
+}
+
+/// `f64` as numpy writes it.
+fn numpy_type(kind: &str) -> String {
+    let (element, shape) = match kind.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).and_then(|rest| rest.split_once("; ")) {
+        Some((element, n)) => (element, format!("({n},)")),
+        None => (kind, "()".to_string()),
+    };
+    let code = match element {
+        "u8" => "u1",
+        "u16" => "<u2",
+        "u32" => "<u4",
+        "u64" => "<u8",
+        "i32" => "<i4",
+        "f32" => "<f4",
+        "f64" => "<f8",
+        "Pose" => "Pose",
+        other => panic!("{other} has no numpy type"),
+    };
+    format!("\"{code}\", {shape}")
+}
+
+fn snake(name: &str) -> String {
+    let mut text = String::new();
+    for (i, c) in name.chars().enumerate() {
+        if c.is_uppercase() && i > 0 {
+            text.push('_');
+        }
+        text.extend(c.to_lowercase());
+    }
+    text
+}
+
+#[test]
+fn constants_of_the_python_package_agree_with_the_types() {
+    let mut py = String::from(
+        "\"\"\"Layouts and numbers of the frame contract, made from the Rust types by `cargo test -p schema_frames`. Do not edit.\"\"\"\n\nfrom __future__ import annotations\n\n",
+    );
+    writeln!(py, "SCHEMA_VERSION = {SCHEMA_VERSION}\nSCHEMA_ATTRIBUTE = \"{SCHEMA_ATTRIBUTE}\"").unwrap();
+    for (name, value) in [
+        ("FRAME_MAGIC", header::FRAME_MAGIC),
+        ("SNAPSHOT_MAGIC", snapshot::SNAPSHOT_MAGIC),
+        ("DOCUMENT_MAGIC", document::DOCUMENT_MAGIC),
+        ("CONTROL_MAGIC", control::CONTROL_MAGIC),
+        ("REQUEST_MAGIC", command::REQUEST_MAGIC),
+        ("COMMAND_VERSION", command::COMMAND_VERSION),
+    ] {
+        writeln!(py, "{name} = {value}").unwrap();
+    }
+    py += "\n# name: (type name on the bus or None, size, [(field, numpy type, shape, offset), ...])\nSTRUCTS: dict[str, tuple] = {\n";
+    for layout in all() {
+        let on_bus = layout.on_bus.map_or("None".to_string(), |name| format!("\"{name}\""));
+        writeln!(py, "    \"{}\": ({on_bus}, {}, [", layout.name, layout.size).unwrap();
+        for field in &layout.fields {
+            writeln!(py, "        (\"{}\", {}, {}),", field.name, numpy_type(field.kind), field.offset).unwrap();
+        }
+        py += "    ]),\n";
+    }
+    py += "}\n\n# number: (name, bytes of an element, kind of sensor)\nMODALITIES: dict[int, tuple[str, int, str]] = {\n";
+    for modality in Modality::ALL {
+        let kind = snake(&format!("{:?}", modality.sensor_kind()));
+        writeln!(py, "    {}: (\"{}\", {}, \"{kind}\"),", *modality as u16, modality.name(), modality.element_bytes()).unwrap();
+    }
+    py += "}\n\nSENSOR_KINDS: dict[int, str] = {\n";
+    for kind in (0..100).filter_map(SensorKind::from_code) {
+        writeln!(py, "    {}: \"{}\",", kind as u16, snake(&format!("{kind:?}"))).unwrap();
+    }
+    py += "}\n\nACTOR_KINDS: dict[int, str] = {\n";
+    for kind in (0..100).filter_map(ActorKind::from_code) {
+        writeln!(py, "    {}: \"{}\",", kind as u16, snake(&format!("{kind:?}"))).unwrap();
+    }
+    py += "}\n\nLIGHT_STATES: dict[int, str] = {\n";
+    for code in 0..5 {
+        writeln!(py, "    {code}: \"{}\",", LightState::from_code(code).name()).unwrap();
+    }
+    py += "}\n\n# Semantic classes; the index is the number. (name, sRGB colour)\nCLASSES: list[tuple[str, tuple[int, int, int]]] = [\n";
+    for class in CLASSES {
+        let [r, g, b] = class.rgb;
+        writeln!(py, "    (\"{}\", ({r}, {g}, {b})),", class.name).unwrap();
+    }
+    py += "]\n";
+    check("../python/src/gantry/_layout.py", &py);
+}
