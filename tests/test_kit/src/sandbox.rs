@@ -43,6 +43,16 @@ impl Sandbox {
         &self.domain
     }
 
+    /// Start of the names of this sandbox's files in `/dev/shm`, for ports opened by the test itself.
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    /// iceoryx2 root, for the same.
+    pub fn iceoryx_root(&self) -> PathBuf {
+        self.path("iox")
+    }
+
     /// iceoryx2 file for programs that take one: relative to the working directory it is `config/iceoryx2.toml`.
     pub fn iceoryx_config(&self) -> PathBuf {
         self.path("config/iceoryx2.toml")
