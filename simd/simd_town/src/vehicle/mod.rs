@@ -1,6 +1,14 @@
 //! Vehicle bodies made from a few numbers.
 
-use sensor_core::Mesh;
+use schema_types::Class;
+use sensor_core::mesh::Surface;
+use sensor_core::{Material, Mesh, MeshBuilder};
+
+mod car;
+mod heavy;
+pub(crate) mod loft;
+mod two_wheeler;
+mod wheel;
 
 /// Kind of body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -60,27 +68,136 @@ pub struct VehicleMeshes {
     pub wheels: Vec<WheelSite>,
 }
 
-/// Builds the meshes for a shape; fits its box to 1 cm.
+/// Distances up to which the three levels of a body are drawn, metres.
+const LEVELS_M: [f32; 3] = [16.0, 45.0, f32::INFINITY];
+
+/// What the builders of bodies share.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Frame {
+    class: Class,
+    half: [f32; 3],
+    /// Half width without mirrors.
+    body_half_m: f32,
+    /// Height of the floor.
+    sill_m: f32,
+    wheel_radius_m: f32,
+    wheelbase_m: f32,
+}
+
+impl Frame {
+    fn new(shape: &VehicleShape) -> Frame {
+        let half = shape.half_m.map(|x| x as f32);
+        let two_wheels = matches!(shape.style, BodyStyle::Motorcycle | BodyStyle::Bicycle);
+        Frame {
+            class: car::class_of(shape.style),
+            half,
+            body_half_m: if two_wheels { half[1] } else { (half[1] - 0.09).min(1.275) },
+            sill_m: 0.62 * shape.wheel_radius_m as f32,
+            wheel_radius_m: shape.wheel_radius_m as f32,
+            wheelbase_m: shape.wheelbase_m as f32,
+        }
+    }
+
+    fn height(&self) -> f32 {
+        2.0 * self.half[2]
+    }
+
+    /// x of the place `u`, 0 at the front and 1 at the rear.
+    fn x(&self, u: f32) -> f32 {
+        self.half[0] * (1.0 - 2.0 * u)
+    }
+
+    fn arch_radius_m(&self) -> f32 {
+        self.wheel_radius_m * 1.16
+    }
+
+    /// Places at these shares of the arch's radius about both axles.
+    fn arch_places(&self, shares: &[f32]) -> Vec<f32> {
+        let reach = self.arch_radius_m();
+        let place = |x: f32| 0.5 * (1.0 - x / self.half[0]);
+        let mut places = Vec::new();
+        for axle in [0.5 * self.wheelbase_m, -0.5 * self.wheelbase_m] {
+            places.extend(shares.iter().map(|share| place(axle - share * reach)));
+        }
+        places.retain(|u| (0.004..0.996).contains(u));
+        places
+    }
+
+    /// Height of the lower edge inside a wheel arch at the place `u`.
+    fn arch(&self, u: f32, detail: usize) -> Option<f32> {
+        if detail == 2 {
+            return None;
+        }
+        let (x, reach) = (self.x(u), self.arch_radius_m());
+        let away = (x.abs() - 0.5 * self.wheelbase_m).abs() / reach;
+        (away < 0.985).then(|| self.wheel_radius_m + reach * (1.0 - away * away).sqrt())
+    }
+
+    fn paint(&self) -> Surface {
+        Surface::new(self.class, Material::CarPaint, [255, 255, 255])
+    }
+
+    fn glass(&self) -> Surface {
+        Surface::new(self.class, Material::Glass, [28, 34, 40])
+    }
+
+    fn dark(&self) -> Surface {
+        Surface::new(self.class, Material::Rubber, [22, 22, 24])
+    }
+
+    fn trim(&self) -> Surface {
+        Surface::new(self.class, Material::Rubber, [40, 41, 44])
+    }
+
+    fn lamp(&self, rgb: [u8; 3], bit: u8) -> Surface {
+        Surface::lamp(self.class, rgb, bit)
+    }
+}
+
+/// Builds the meshes for a shape. Body and wheels together fit its box to 1 cm. `CarPaint` is white: the instance's tint colours it.
 pub fn vehicle_meshes(shape: &VehicleShape) -> VehicleMeshes {
-    let wheels = wheel_sites(shape);
-    VehicleMeshes { body: Mesh::default(), wheel: Mesh::default(), wheels }
+    let frame = Frame::new(shape);
+    let mut builder = MeshBuilder::new(format!("{:?} body", shape.style).to_lowercase());
+    for (detail, until_m) in LEVELS_M.into_iter().enumerate() {
+        match shape.style {
+            BodyStyle::Bus => heavy::bus(&mut builder, &frame, detail),
+            BodyStyle::Lorry => heavy::lorry(&mut builder, &frame, detail),
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => two_wheeler::body(&mut builder, &frame, shape.style, detail),
+            _ => car::body(&mut builder, &frame, shape.style, detail),
+        }
+        builder.end_level(until_m);
+    }
+    let (width_m, spokes) = tyre(shape.style);
+    VehicleMeshes {
+        body: builder.finish(),
+        wheel: wheel::wheel(frame.class, frame.wheel_radius_m, width_m, spokes),
+        wheels: wheel_sites(shape),
+    }
+}
+
+/// Width of the tyre and number of spokes.
+fn tyre(style: BodyStyle) -> (f32, usize) {
+    match style {
+        BodyStyle::Bus | BodyStyle::Lorry => (0.30, 8),
+        BodyStyle::Motorcycle => (0.14, 6),
+        BodyStyle::Bicycle => (0.045, 12),
+        BodyStyle::Suv | BodyStyle::Van => (0.24, 6),
+        _ => (0.215, 5),
+    }
 }
 
 fn wheel_sites(shape: &VehicleShape) -> Vec<WheelSite> {
     let axle = 0.5 * shape.wheelbase_m;
     let radius_m = shape.wheel_radius_m;
-    match shape.style {
-        BodyStyle::Motorcycle | BodyStyle::Bicycle => [(axle, true), (-axle, false)]
-            .map(|(x, steered)| WheelSite { centre_m: [x, 0.0, radius_m], radius_m, steered, left: false })
-            .to_vec(),
-        _ => {
-            let aside = shape.half_m[1] - 0.17;
-            [(axle, true), (-axle, false)]
-                .iter()
-                .flat_map(|&(x, steered)| {
-                    [(aside, true), (-aside, false)].map(|(y, left)| WheelSite { centre_m: [x, y, radius_m], radius_m, steered, left })
-                })
-                .collect()
-        }
+    let axles = [(axle, true), (-axle, false)];
+    if matches!(shape.style, BodyStyle::Motorcycle | BodyStyle::Bicycle) {
+        return axles.map(|(x, steered)| WheelSite { centre_m: [x, 0.0, radius_m], radius_m, steered, left: false }).to_vec();
     }
+    let aside = f64::from(Frame::new(shape).body_half_m - 0.5 * tyre(shape.style).0 - 0.012);
+    axles
+        .iter()
+        .flat_map(|&(x, steered)| {
+            [(aside, true), (-aside, false)].map(|(y, left)| WheelSite { centre_m: [x, y, radius_m], radius_m, steered, left })
+        })
+        .collect()
 }

@@ -1,0 +1,162 @@
+//! Bus and lorry.
+
+use sensor_core::Material;
+use sensor_core::MeshBuilder;
+use sensor_core::mesh::Surface;
+
+use super::Frame;
+use super::car::plate;
+use super::loft::{Section, loft};
+
+/// A rounded box section: floor, skirt, window line, window top, roof.
+fn box_section(frame: &Frame, u: f32, detail: usize, (width, low, high, top): (f32, f32, f32, f32)) -> Section {
+    let w = frame.body_half_m * width;
+    let floor = frame.arch(u, detail).unwrap_or(frame.sill_m);
+    let ring_m = vec![
+        [0.0, floor],
+        [w * 0.98, floor],
+        [w, (frame.sill_m + 0.12).max(floor + 0.02)],
+        [w, low.max(floor + 0.04)],
+        [w * 0.985, high],
+        [w * 0.95, top - 0.10],
+        [w * 0.80, top - 0.02],
+        [0.0, top],
+    ];
+    Section { x_m: frame.x(u), ring_m }
+}
+
+/// One level of a city bus.
+pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
+    let h = frame.height();
+    let (low, high) = (0.36 * h, 0.84 * h);
+    let mut places = vec![0.0, 0.008, 0.03, 0.97, 0.992, 1.0];
+    if detail < 2 {
+        places.extend((1..9).flat_map(|k| [0.03 + 0.94 * k as f32 / 9.0, 0.03 + 0.94 * k as f32 / 9.0 + 0.006]));
+        let arch: &[f32] = if detail == 0 { &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0] } else { &[-1.0, -0.7, 0.7, 1.0] };
+        places.extend(frame.arch_places(arch));
+    }
+    places.sort_by(f32::total_cmp);
+    places.dedup_by(|a, b| (*a - *b).abs() < 0.0008);
+    let width = |u: f32| 1.0 - 0.07 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2);
+    let top = |u: f32| h - 0.06 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2) * h * 0.4;
+    let sections: Vec<Section> = places.iter().map(|&u| box_section(frame, u, detail, (width(u), low, high, top(u)))).collect();
+    let is_pillar = |u: f32| (1..9).any(|k| (u - 0.03 - 0.94 * k as f32 / 9.0).abs() < 0.001);
+    let surface = |segment: usize, strip: usize| match strip {
+        0 => frame.dark(),
+        1 => frame.trim(),
+        3 if places[segment] > 0.02 && places[segment] < 0.96 && !is_pillar(places[segment]) => frame.glass(),
+        3 if is_pillar(places[segment]) => frame.dark(),
+        _ => frame.paint(),
+    };
+    loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
+    let (x, w) = (frame.half[0], frame.body_half_m);
+    builder.cuboid(frame.glass(), [x - 0.012, 0.0, 0.56 * h], [0.011, 0.86 * w, 0.20 * h]);
+    builder.cuboid(frame.glass(), [-x + 0.012, 0.0, 0.66 * h], [0.011, 0.80 * w, 0.13 * h]);
+    if detail < 2 {
+        let board = frame.lamp([255, 176, 40], 0);
+        builder.cuboid(board, [x - 0.011, 0.0, 0.83 * h], [0.011, 0.6 * w, 0.035 * h]);
+        for u in [0.075, 0.5] {
+            let depth = 0.004;
+            builder.cuboid(frame.glass(), [frame.x(u + 0.04), -w - depth, 0.48 * h], [0.62, 0.006, 0.33 * h]);
+            builder.cuboid(frame.dark(), [frame.x(u + 0.04), -w - depth - 0.004, 0.48 * h], [0.02, 0.006, 0.33 * h]);
+        }
+        builder.cuboid(frame.dark(), [-0.2 * x, 0.0, h - 0.03], [0.25 * x, 0.5 * w, 0.028]);
+    }
+    lamps(builder, frame, 0.24 * h, detail);
+    long_mirrors(builder, frame, x - 0.25, 0.70 * h);
+}
+
+/// One level of a lorry: cab, chassis, box.
+pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
+    let h = frame.height();
+    let cab_end = 0.26;
+    let cab_top = 0.80 * h;
+    let table = [
+        (0.0, 0.93, 0.42, 0.90),
+        (0.008, 0.97, 0.43, 0.93),
+        (0.03, 1.0, 0.44, 0.97),
+        (0.12, 1.0, 0.44, 1.0),
+        (0.135, 1.0, 0.44, 1.0),
+        (0.235, 1.0, 0.44, 1.0),
+        (cab_end, 0.98, 0.44, 0.99),
+    ];
+    let mut places: Vec<f32> = table.iter().map(|t| t.0).collect();
+    if detail < 2 {
+        let arch: &[f32] = if detail == 0 { &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0] } else { &[-1.0, -0.7, 0.7, 1.0] };
+        places.extend(frame.arch_places(arch).into_iter().filter(|&u| u < cab_end - 0.002));
+    }
+    places.sort_by(f32::total_cmp);
+    places.dedup_by(|a, b| (*a - *b).abs() < 0.0015);
+    let sections: Vec<Section> = places
+        .iter()
+        .map(|&u| {
+            let next = table.iter().position(|t| t.0 > u + 1e-6).unwrap_or(table.len() - 1).max(1);
+            let (a, b) = (table[next - 1], table[next]);
+            let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
+            let mix = |p: f32, q: f32| p + (q - p) * k;
+            box_section(frame, u, detail, (mix(a.1, b.1), mix(a.2, b.2) * h, 0.70 * h, mix(a.3, b.3) * cab_top))
+        })
+        .collect();
+    let surface = |segment: usize, strip: usize| match strip {
+        0 => frame.dark(),
+        1 => frame.trim(),
+        3 if places[segment] > 0.02 && places[segment] < 0.13 => frame.glass(),
+        _ => frame.paint(),
+    };
+    loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
+    let (x, w) = (frame.half[0], frame.body_half_m);
+    builder.cuboid(frame.glass(), [x - 0.012, 0.0, 0.57 * h], [0.011, 0.84 * w, 0.11 * h]);
+    builder.cuboid(frame.dark(), [x - 0.011, 0.0, 0.33 * h], [0.011, 0.55 * w, 0.05 * h]);
+    cargo(builder, frame, cab_end, detail);
+    lamps(builder, frame, 0.20 * h, detail);
+    long_mirrors(builder, frame, x - 0.25, 0.56 * h);
+}
+
+fn cargo(builder: &mut MeshBuilder, frame: &Frame, cab_end: f32, detail: usize) {
+    let (h, w) = (frame.height(), frame.body_half_m);
+    let front = frame.x(cab_end) - 0.12;
+    let rear = -frame.half[0] + 0.03;
+    let (middle, half) = (0.5 * (front + rear), 0.5 * (front - rear));
+    let floor = 2.0 * frame.wheel_radius_m + 0.12;
+    let white = Surface::new(frame.class, Material::CarPaint, [232, 232, 228]);
+    builder.cuboid(white, [middle, 0.0, 0.5 * (floor + h)], [half, w, 0.5 * (h - floor)]);
+    builder.cuboid(frame.dark(), [middle + 0.4, 0.0, floor - 0.16], [half + 0.3, 0.45 * w, 0.15]);
+    if detail < 2 {
+        for side in [1.0, -1.0] {
+            builder.cuboid(frame.trim(), [middle + 0.15 * half, side * (w - 0.05), floor - 0.3], [0.42 * half, 0.03, 0.2]);
+            builder.cuboid(frame.dark(), [rear - 0.004, side * 0.03, 0.5 * (floor + h)], [0.006, 0.008, 0.47 * (h - floor)]);
+        }
+    }
+}
+
+fn lamps(builder: &mut MeshBuilder, frame: &Frame, z: f32, detail: usize) {
+    let (x, w) = (frame.half[0], frame.body_half_m);
+    for side in [1.0f32, -1.0] {
+        let blinker = if side > 0.0 { 5 } else { 4 };
+        let mut lamp = |rgb: [u8; 3], bit: u8, at: [f32; 2], half_y: f32, x: f32| {
+            builder.cuboid(frame.lamp(rgb, bit), [x, side * at[0] * w, z + at[1]], [0.018, half_y, 0.07]);
+        };
+        lamp([255, 246, 224], 1, [0.74, 0.0], 0.13, x - 0.018);
+        lamp([255, 24, 18], 3, [0.78, 0.0], 0.12, -x + 0.018);
+        if detail < 2 {
+            lamp([255, 250, 235], 2, [0.56, 0.0], 0.07, x - 0.018);
+            lamp([255, 160, 30], blinker, [0.88, 0.0], 0.04, x - 0.018);
+            lamp([255, 150, 25], blinker, [0.78, 0.15], 0.12, -x + 0.018);
+            lamp([235, 20, 16], 0, [0.78, -0.15], 0.12, -x + 0.018);
+            lamp([245, 245, 245], 6, [0.60, 0.0], 0.06, -x + 0.018);
+        }
+    }
+    if detail < 2 {
+        plate(builder, frame, [x - 0.006, 0.0, z - 0.05]);
+        plate(builder, frame, [-x + 0.006, 0.0, z - 0.1]);
+    }
+}
+
+fn long_mirrors(builder: &mut MeshBuilder, frame: &Frame, x: f32, z: f32) {
+    let (outer, inner) = (frame.half[1], frame.body_half_m);
+    let half_y = (0.5 * (outer - inner)).min(0.12);
+    for side in [1.0f32, -1.0] {
+        builder.cuboid(frame.dark(), [x, side * 0.5 * (outer + inner), z + 0.24], [0.03, 0.5 * (outer - inner), 0.02]);
+        builder.cuboid(frame.dark(), [x, side * (outer - half_y), z], [0.06, half_y, 0.22]);
+    }
+}

@@ -1,0 +1,66 @@
+//! A wheel: tyre, rim and spokes, turned about y.
+
+use schema_types::Class;
+use sensor_core::mesh::Surface;
+use sensor_core::{Material, Mesh, MeshBuilder};
+
+/// A wheel about its own centre, axle along y, outer side towards −y.
+pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
+    let mut builder = MeshBuilder::new("wheel");
+    for (n, until_m, detailed) in [(20, 14.0, true), (12, 45.0, false), (7, f32::INFINITY, false)] {
+        level(&mut builder, class, radius_m, width_m, n, if detailed { spokes } else { 0 });
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize, spokes: usize) {
+    let half = 0.5 * width_m;
+    let tyre = Surface::new(class, Material::Rubber, [26, 26, 28]);
+    let rim = Surface::new(class, Material::Metal, [176, 178, 182]);
+    let hole = Surface::new(class, Material::Rubber, [34, 34, 38]);
+    // (radius, y) of the turned profile from the inner side over the tread to the hub outside.
+    let profile: [([f32; 2], Surface); 6] = [
+        ([0.0, half * 0.8], hole),
+        ([r * 0.66, half], tyre),
+        ([r, half * 0.72], tyre),
+        ([r, -half * 0.72], tyre),
+        ([r * 0.68, -half], rim),
+        ([r * 0.60, -half * 0.82], if spokes > 0 { hole } else { rim }),
+    ];
+    let end = [0.0, -half * if spokes > 0 { 0.35 } else { 0.8 }];
+    for k in 0..n {
+        let angle = |k: usize| std::f32::consts::TAU * k as f32 / n as f32;
+        let (a0, a1) = (angle(k), angle(k + 1));
+        let at = |p: [f32; 2], a: f32| [p[0] * a.cos(), p[1], p[0] * a.sin()];
+        for (i, &(p, surface)) in profile.iter().enumerate() {
+            let q = profile.get(i + 1).map_or(end, |next| next.0);
+            let corners = [at(p, a0), at(q, a0), at(q, a1), at(p, a1)];
+            let kept: Vec<[f32; 3]> = if p[0] == 0.0 {
+                vec![corners[0], corners[1], corners[2]]
+            } else if q[0] == 0.0 {
+                vec![corners[0], corners[1], corners[3]]
+            } else {
+                corners.to_vec()
+            };
+            builder.polygon(surface, &kept, &vec![[0.0; 2]; kept.len()]);
+        }
+    }
+    for k in 0..spokes {
+        let a = std::f32::consts::TAU * k as f32 / spokes as f32;
+        let (c, s) = (a.cos(), a.sin());
+        let at = |along: f32, aside: f32, y: f32| [along * c - aside * s, y, along * s + aside * c];
+        let (y0, y1) = (-half * 0.94, -half * 0.86);
+        let quad = [at(r * 0.08, -r * 0.09, y0), at(r * 0.64, -r * 0.05, y1), at(r * 0.64, r * 0.05, y1), at(r * 0.08, r * 0.09, y0)];
+        builder.polygon(rim, &quad, &[[0.0; 2]; 4]);
+    }
+    if spokes > 0 {
+        let hub: Vec<[f32; 3]> = (0..8)
+            .map(|k| {
+                let a = std::f32::consts::TAU * k as f32 / 8.0;
+                [r * 0.14 * a.cos(), -half * 0.95, r * 0.14 * a.sin()]
+            })
+            .collect();
+        builder.polygon(rim, &hub, &[[0.0; 2]; 8]);
+    }
+}
