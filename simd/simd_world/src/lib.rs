@@ -1,0 +1,32 @@
+//! The world: actors, vehicle physics, traffic lights, commands that change them, and what the snapshot says about them.
+//!
+//! Knows no sensors and no bus: a sensor is a passive actor that rides on another one. Time comes in as whole nanoseconds per step.
+//! Everything is a function of (map, seed, commands, steps): nothing reads a clock and nothing iterates over a hash map.
+//!
+//! ```text
+//!   commands ─► World ─► step: drive train ─► wheels ─► rapier ─► lights ─► records ─► snapshot, scene
+//! ```
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+mod catalogue;
+mod command;
+mod drive;
+mod lights;
+mod map;
+mod physics;
+mod records;
+mod scenario;
+mod scene;
+mod spawn;
+mod vehicle;
+mod world;
+
+pub use catalogue::{VehicleModel, vehicle_models};
+pub use drive::{DriveInput, DriveOutput, DriveTrain, EngineSpec};
+pub use map::{CollisionMesh, LightHeads, LoadError, MapData};
+pub use physics::Collision;
+pub use scenario::Scenario;
+pub use spawn::{DestroyError, SpawnError};
+pub use world::{ActorError, World, WorldOptions};

@@ -1,0 +1,128 @@
+//! Commands that change the world. Stepping, configuration, map loads and lockstep are the daemon's.
+
+use nalgebra::Vector3;
+use schema_frames::document::Weather;
+use schema_frames::{Command, CommandReply, LightState};
+use schema_types::{ActorId, Pose};
+
+use crate::spawn::unit_pose;
+use crate::world::{ActorError, World};
+
+impl World {
+    /// Carries out a command; a refused one changes nothing.
+    pub fn apply(&mut self, command: &Command) -> CommandReply {
+        let done = |result: Result<(), String>| match result {
+            Ok(()) => CommandReply::Done,
+            Err(error) => CommandReply::Refused { error },
+        };
+        match command {
+            Command::Spawn { type_id, pose, parent_id, role, attributes } => {
+                match self.spawn(type_id, Pose::from(*pose), parent_id.map(ActorId), role, attributes) {
+                    Ok(actor) => CommandReply::Spawned { actor_id: actor.0, topics: Vec::new() },
+                    Err(error) => CommandReply::Refused { error: error.to_string() },
+                }
+            }
+            Command::Destroy { actor_id } => done(self.destroy(ActorId(*actor_id)).map(drop).map_err(|error| error.to_string())),
+            Command::SetPose { actor_id, pose } => done(self.set_pose(ActorId(*actor_id), (*pose).into()).map_err(text)),
+            Command::SetVelocity { actor_id, velocity_in_world_mps } => {
+                done(self.set_velocity(ActorId(*actor_id), *velocity_in_world_mps).map_err(text))
+            }
+            Command::ControlVehicle { actor_id, control } => {
+                let result = self.set_control(ActorId(*actor_id), *control);
+                self.refresh_records(None);
+                done(result.map_err(text))
+            }
+            Command::SetLamps { actor_id, lamps } => {
+                let result = self.set_lamps(ActorId(*actor_id), *lamps);
+                self.refresh_records(None);
+                done(result.map_err(text))
+            }
+            Command::SetTrafficLight { actor_id, state } => done(self.set_traffic_light(ActorId(*actor_id), state)),
+            Command::FreezeTrafficLights { frozen } => {
+                self.lights.frozen = *frozen;
+                self.refresh_records(None);
+                CommandReply::Done
+            }
+            Command::SetWeather { weather } => done(self.set_weather(*weather)),
+            Command::Ping
+            | Command::Step { .. }
+            | Command::Configure { .. }
+            | Command::LoadMap { .. }
+            | Command::JoinLockstep { .. }
+            | Command::LeaveLockstep { .. }
+            | Command::Counters => CommandReply::Refused { error: "this command is for the daemon, not for the world".to_owned() },
+        }
+    }
+
+    /// Puts an actor somewhere in the world; a vehicle keeps its velocity, an attached sensor rides on from there.
+    pub fn set_pose(&mut self, actor: ActorId, pose: Pose) -> Result<(), ActorError> {
+        let pose = unit_pose(pose).map_err(|problem| ActorError::Value { actor, what: "pose", problem })?;
+        let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
+        let type_id = &self.catalogue.entries[known.catalogue_idx as usize].type_id;
+        if type_id.starts_with("traffic.") {
+            return Err(ActorError::WrongKind { actor, type_id: type_id.clone(), needed: "vehicle, sensor or the spectator" });
+        }
+        if let Some(vehicle) = self.vehicles.get_mut(&actor) {
+            vehicle.set_pose(&mut self.physics, &pose.isometry());
+        }
+        let parent = known.parent.and_then(|parent| self.sensor_pose(parent));
+        let local = parent.map_or(pose, |world_from_parent| world_from_parent.inv_mul(&pose.isometry()).into());
+        if let Some(known) = self.actors.get_mut(&actor) {
+            known.pose = local;
+        }
+        self.changed();
+        Ok(())
+    }
+
+    /// Gives a vehicle's origin a velocity; at most 300 m/s.
+    pub fn set_velocity(&mut self, actor: ActorId, velocity_in_world_mps: [f64; 3]) -> Result<(), ActorError> {
+        let velocity = Vector3::from(velocity_in_world_mps);
+        // Written so that NaN is refused too.
+        if !(velocity.norm() <= 300.0) {
+            return Err(ActorError::Value { actor, what: "velocity", problem: "must be finite and at most 300 m/s" });
+        }
+        self.vehicle_mut(actor)?;
+        self.vehicles[&actor].set_velocity(&mut self.physics, &velocity);
+        self.refresh_records(None);
+        Ok(())
+    }
+
+    fn set_traffic_light(&mut self, actor: ActorId, state: &str) -> Result<(), String> {
+        let state = LightState::from_name(state).ok_or_else(|| format!("state is {state:?}, but must be red, yellow, green or off"))?;
+        if !self.lights.set_state(actor, state) {
+            return Err(match self.actors.contains_key(&actor) {
+                true => format!("actor {actor} is not a traffic light"),
+                false => ActorError::Unknown(actor).to_string(),
+            });
+        }
+        self.refresh_records(None);
+        Ok(())
+    }
+
+    /// Changes the weather.
+    pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
+        let values = [
+            ("cloudiness", weather.cloudiness, 0.0, 100.0),
+            ("precipitation", weather.precipitation, 0.0, 100.0),
+            ("precipitation_deposits", weather.precipitation_deposits, 0.0, 100.0),
+            ("wind_intensity", weather.wind_intensity, 0.0, 100.0),
+            ("sun_azimuth_deg", weather.sun_azimuth_deg, -360.0, 360.0),
+            ("sun_altitude_deg", weather.sun_altitude_deg, -90.0, 90.0),
+            ("fog_density", weather.fog_density, 0.0, 100.0),
+            ("fog_distance_m", weather.fog_distance_m, 0.0, 1e5),
+            ("fog_falloff", weather.fog_falloff, 0.0, 100.0),
+            ("wetness", weather.wetness, 0.0, 100.0),
+        ];
+        match values.iter().find(|(_, value, low, high)| !(value >= low && value <= high)) {
+            Some((name, value, low, high)) => Err(format!("{name} is {value}, but must be {low} to {high}")),
+            None => {
+                self.weather = weather;
+                Ok(())
+            }
+        }
+    }
+}
+
+fn text(error: ActorError) -> String {
+    error.to_string()
+}

@@ -1,0 +1,99 @@
+//! What the world needs of a map: roads, solid ground, places to start, traffic lights.
+
+use nalgebra::Isometry3;
+use schema_types::Pose;
+use sensor_core::Mesh;
+
+/// Solid triangles, `f32` about [`MapData::origin_m`].
+#[derive(Clone, Debug, Default)]
+pub struct CollisionMesh {
+    /// Corners, metres about the origin.
+    pub vertices_m: Vec<[f32; 3]>,
+    /// Three corners per triangle, counter-clockwise from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Where the lamp heads of one OpenDRIVE signal hang.
+#[derive(Clone, Debug)]
+pub struct LightHeads {
+    /// Id of the signal in the OpenDRIVE text.
+    pub signal_id: String,
+    /// World poses of the heads; x points towards the traffic that must obey.
+    pub heads: Vec<Isometry3<f64>>,
+}
+
+/// A map as the world loads it.
+#[derive(Clone, Debug, Default)]
+pub struct MapData {
+    /// Name, e.g. `Town10HD`.
+    pub name: String,
+    /// OpenDRIVE text; empty for a ground without roads.
+    pub open_drive: String,
+    /// Origin of the collision meshes and of the physics engine's `f32` coordinates, world, metres.
+    pub origin_m: [f64; 3],
+    /// What vehicles drive on and run into.
+    pub collision: Vec<CollisionMesh>,
+    /// Where vehicles may be put, x along the lane.
+    pub spawn_points: Vec<Pose>,
+    /// Lamp heads per signal; a light without an entry has none to see.
+    pub lights: Vec<LightHeads>,
+    /// A head with lamps 0 red, 1 yellow, 2 green.
+    pub light_head: Mesh,
+}
+
+/// Why a map could not be loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// The OpenDRIVE text cannot be used.
+    #[error("cannot load map {map:?}: {source}")]
+    Roads {
+        /// Map name.
+        map: String,
+        /// What is wrong with the text.
+        source: schema_roads::MapError,
+    },
+    /// A collision mesh cannot be used.
+    #[error("cannot load map {map:?}: collision mesh {mesh_idx} {reason}")]
+    Collision {
+        /// Map name.
+        map: String,
+        /// Which mesh.
+        mesh_idx: usize,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl MapData {
+    /// A level square at height 0 without roads, `half_m` in each direction, with spawn points 12 m apart along x.
+    pub fn flat(half_m: f32) -> MapData {
+        let corner = |x: f32, y: f32| [x * half_m, y * half_m, 0.0];
+        let spawn_points = (0..200).map(|i| Pose::from_xyz_yaw(-100.0 + 12.0 * (i % 20) as f64, 12.0 * (i / 20) as f64, 0.3, 0.0));
+        MapData {
+            name: "flat".to_owned(),
+            collision: vec![CollisionMesh {
+                vertices_m: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+                triangles: vec![[0, 1, 2], [0, 2, 3]],
+            }],
+            spawn_points: spawn_points.collect(),
+            ..MapData::default()
+        }
+    }
+}
+
+impl From<&simd_town::Town> for MapData {
+    fn from(town: &simd_town::Town) -> MapData {
+        let solid =
+            |mesh: &simd_town::CollisionMesh| CollisionMesh { vertices_m: mesh.vertices_m.clone(), triangles: mesh.triangles.clone() };
+        let heads = |site: &simd_town::LightSite| LightHeads { signal_id: site.signal_id.clone(), heads: site.heads.clone() };
+        MapData {
+            name: town.name.clone(),
+            open_drive: town.open_drive.clone(),
+            origin_m: town.origin_m,
+            collision: town.collision.iter().map(solid).collect(),
+            spawn_points: town.spawn_points.clone(),
+            lights: town.lights.iter().map(heads).collect(),
+            light_head: town.light_head.clone(),
+        }
+    }
+}

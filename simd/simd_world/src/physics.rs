@@ -1,0 +1,148 @@
+//! The rapier world: solid ground about an `f64` origin, gravity, contacts.
+//!
+//! The one place where `f32` engine coordinates meet `f64` world coordinates. A body's frame is the actor's own: no offset is kept anywhere.
+
+use std::sync::Mutex;
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rapier3d::glamx::Quat;
+use rapier3d::math::{Pose as EnginePose, Vector};
+use rapier3d::prelude::*;
+use schema_types::ActorId;
+
+use crate::map::MapData;
+
+/// Standard gravity, m/s², along world −z.
+pub(crate) const GRAVITY_MPS2: f64 = 9.81;
+
+/// Two things pushed each other during a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Collision {
+    /// The vehicle.
+    pub actor: ActorId,
+    /// What it touched; `None` is scenery.
+    pub other: Option<ActorId>,
+    /// Impulse on `actor` summed over the tick, N·s, world.
+    pub impulse_in_world_ns: [f64; 3],
+}
+
+/// Engine, solid ground and the contacts of the current tick.
+pub(crate) struct Physics {
+    pub engine: PhysicsWorld,
+    origin_m: Vector3<f64>,
+    contacts: ContactLog,
+}
+
+impl Physics {
+    /// An empty world about `origin_m`.
+    pub fn new(origin_m: [f64; 3]) -> Self {
+        let mut engine = PhysicsWorld::new();
+        engine.gravity = Vector::new(0.0, 0.0, -GRAVITY_MPS2 as f32);
+        Physics { engine, origin_m: origin_m.into(), contacts: ContactLog::default() }
+    }
+
+    /// A world with the map's solid ground.
+    ///
+    /// # Errors
+    /// Index of the mesh that cannot be used, and why.
+    pub fn with_map(map: &MapData) -> Result<Self, (usize, String)> {
+        let mut physics = Physics::new(map.origin_m);
+        for (mesh_idx, mesh) in map.collision.iter().enumerate() {
+            if mesh.triangles.is_empty() {
+                continue;
+            }
+            if mesh.vertices_m.iter().flatten().any(|x| !x.is_finite()) {
+                return Err((mesh_idx, "has a corner that is not finite".to_owned()));
+            }
+            let n_vertices = mesh.vertices_m.len() as u32;
+            if let Some(corner) = mesh.triangles.iter().flatten().find(|corner| **corner >= n_vertices) {
+                return Err((mesh_idx, format!("names corner {corner} but has only {n_vertices}")));
+            }
+            let vertices = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
+            let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone()).map_err(|error| (mesh_idx, error.to_string()))?;
+            physics.engine.insert(RigidBodyBuilder::fixed(), collider.friction(0.6));
+        }
+        // The query pipeline sees colliders only after a step.
+        physics.engine.step();
+        Ok(physics)
+    }
+
+    /// World pose as the engine's.
+    pub fn engine_pose(&self, pose: &Isometry3<f64>) -> EnginePose {
+        let t = pose.translation.vector - self.origin_m;
+        let q = pose.rotation.quaternion();
+        EnginePose::from_parts(narrow(&t), Quat::from_xyzw(q.i as f32, q.j as f32, q.k as f32, q.w as f32))
+    }
+
+    /// Engine pose in the world; the quaternion is brought back to unit length in `f64`.
+    pub fn world_pose(&self, pose: &EnginePose) -> Isometry3<f64> {
+        let q = pose.rotation;
+        let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w as f64, q.x as f64, q.y as f64, q.z as f64));
+        Isometry3::from_parts(Translation3::from(self.origin_m + widen(pose.translation)), rotation)
+    }
+
+    /// One sub-step; contacts go to the log.
+    pub fn step(&mut self, dt_secs: f32) {
+        self.engine.integration_parameters.dt = dt_secs;
+        self.contacts.dt_secs = dt_secs;
+        self.engine.step_with_events(&(), &self.contacts);
+    }
+
+    /// Contacts since the last call, one entry per (vehicle, other), sorted.
+    pub fn take_collisions(&mut self) -> Vec<Collision> {
+        let mut raw = std::mem::take(self.contacts.entries.get_mut().expect("nobody panics while logging a contact"));
+        raw.sort_by_key(|entry| (entry.actor, entry.other));
+        let mut merged: Vec<Collision> = Vec::new();
+        for entry in raw {
+            match merged.last_mut().filter(|last| (last.actor, last.other) == (entry.actor, entry.other)) {
+                Some(last) => (0..3).for_each(|axis| last.impulse_in_world_ns[axis] += entry.impulse_in_world_ns[axis]),
+                None => merged.push(entry),
+            }
+        }
+        merged
+    }
+
+    /// Whether `shape` at `pose` overlaps solid ground or scenery.
+    pub fn touches_scenery(&self, pose: &EnginePose, shape: &dyn Shape) -> bool {
+        let pipeline = self.engine.query_pipeline_with_filter(QueryFilter::only_fixed());
+        pipeline.intersect_shape(*pose, shape).next().is_some()
+    }
+}
+
+/// `f32` engine vector as `f64`.
+pub(crate) fn widen(v: Vector) -> Vector3<f64> {
+    Vector3::new(v.x as f64, v.y as f64, v.z as f64)
+}
+
+/// `f64` vector as the engine's.
+pub(crate) fn narrow(v: &Vector3<f64>) -> Vector {
+    Vector::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+/// Collects contact forces; the engine hands them out behind a shared reference.
+#[derive(Default)]
+struct ContactLog {
+    entries: Mutex<Vec<Collision>>,
+    dt_secs: f32,
+}
+
+impl EventHandler for ContactLog {
+    fn handle_collision_event(&self, _: &RigidBodySet, _: &ColliderSet, _: CollisionEvent, _: Option<&ContactPair>) {}
+
+    fn handle_contact_force_event(&self, _dt: f32, _: &RigidBodySet, colliders: &ColliderSet, pair: &ContactPair, total_force_n: f32) {
+        let actor = |handle: ColliderHandle| colliders.get(handle).map_or(0, |collider| collider.user_data as u32);
+        let (first, second) = (actor(pair.collider1), actor(pair.collider2));
+        let direction = widen(pair.total_impulse());
+        // The normal points from the first to the second collider; the second is pushed along it.
+        let impulse = direction.try_normalize(0.0).unwrap_or_default() * (total_force_n * self.dt_secs) as f64;
+        let mut entries = self.entries.lock().expect("nobody panics while logging a contact");
+        for (this, that, impulse) in [(first, second, -impulse), (second, first, impulse)] {
+            if this != 0 {
+                let other = (that != 0).then_some(ActorId(that));
+                entries.push(Collision { actor: ActorId(this), other, impulse_in_world_ns: impulse.into() });
+            }
+        }
+    }
+
+    fn handle_soft_body_tear_event(&self, _: &SoftBodySet, _: &SoftBodyTearEvent) {}
+}

@@ -1,0 +1,168 @@
+//! The snapshot: one record per actor, made anew after every step and every change.
+
+use nalgebra::{Isometry3, Vector3};
+use schema_frames::document::BodyBox;
+use schema_frames::{ActorKind, ActorRecord, LightState, TrafficLightPart, VehiclePart};
+use schema_types::{ActorId, Pose};
+
+use crate::vehicle::{MAX_WHEELS, Vehicle};
+use crate::world::{Actor, World};
+
+/// A speed limit is looked up again after this way, metres.
+const LIMIT_EVERY_M: f64 = 1.0;
+
+/// Pose and motion of an actor's origin.
+struct Motion {
+    pose: Pose,
+    velocity: Vector3<f64>,
+    spin: Vector3<f64>,
+}
+
+impl World {
+    /// `dt_secs` is the length of the step that led here; without one (a change between steps) accelerations and contact flags stay.
+    pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
+        let previous = std::mem::take(&mut self.records);
+        let before = |id: ActorId| previous.binary_search_by_key(&id.0, |record| record.id).ok().map(|idx| &previous[idx]);
+        let mut records: Vec<ActorRecord> = Vec::with_capacity(self.actors.len());
+        let mut limits = std::mem::take(&mut self.speed_limits);
+        for actor in self.actors.values() {
+            let motion = self.motion(actor, &records);
+            let mut record = self.record_of(actor, &motion);
+            self.fill_changes(&mut record, before(actor.id), dt_secs);
+            match actor.kind {
+                ActorKind::Vehicle => {
+                    let vehicle = &self.vehicles[&actor.id];
+                    let limit = limits.entry(actor.id).or_insert(([f64::INFINITY; 3], 0.0));
+                    self.look_up_limit(motion.pose.translation_m, limit);
+                    record.flags |= if vehicle.quarantined { ActorRecord::QUARANTINED } else { ActorRecord::PHYSICS };
+                    record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
+                }
+                ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
+                _ => {}
+            }
+            records.push(record);
+        }
+        self.speed_limits = limits;
+        self.records = records;
+    }
+
+    /// Parents have smaller ids than what is attached to them, so their records are made already.
+    fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> Motion {
+        if let Some(vehicle) = self.vehicles.get(&actor.id) {
+            let (velocity, spin) = vehicle.velocity(&self.physics);
+            return Motion { pose: vehicle.pose(&self.physics).into(), velocity, spin };
+        }
+        let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
+        let Some(parent) = parent else {
+            return Motion { pose: actor.pose, velocity: Vector3::zeros(), spin: Vector3::zeros() };
+        };
+        let world_from_parent = parent.world_from_actor.isometry();
+        let lever = world_from_parent.rotation * Vector3::from(actor.pose.translation_m);
+        let spin = Vector3::from(parent.angular_velocity_in_world_radps);
+        let velocity = Vector3::from(parent.velocity_in_world_mps) + spin.cross(&lever);
+        Motion { pose: (world_from_parent * actor.pose.isometry()).into(), velocity, spin }
+    }
+
+    fn record_of(&self, actor: &Actor, motion: &Motion) -> ActorRecord {
+        let entry = &self.catalogue.entries[actor.catalogue_idx as usize];
+        let BodyBox { half_m, .. } = entry.body_box;
+        ActorRecord {
+            id: actor.id.0,
+            parent_id: actor.parent.map_or(0, |parent| parent.0),
+            catalogue_idx: actor.catalogue_idx,
+            kind: actor.kind as u16,
+            class: entry.class,
+            reserved: 0,
+            world_from_actor: motion.pose,
+            velocity_in_world_mps: motion.velocity.into(),
+            angular_velocity_in_world_radps: motion.spin.into(),
+            acceleration_in_world_mps2: [0.0; 3],
+            half_box_m: half_m,
+            flags: 0,
+            part: [0; 96],
+        }
+    }
+
+    /// Acceleration as a finite difference over the tick, and the contact flag.
+    fn fill_changes(&self, record: &mut ActorRecord, before: Option<&ActorRecord>, dt_secs: Option<f64>) {
+        let Some(dt_secs) = dt_secs else {
+            if let Some(before) = before {
+                record.acceleration_in_world_mps2 = before.acceleration_in_world_mps2;
+                record.flags |= before.flags & ActorRecord::TOUCHED;
+            }
+            return;
+        };
+        if let Some(before) = before {
+            let change = |axis: usize| (record.velocity_in_world_mps[axis] - before.velocity_in_world_mps[axis]) / dt_secs;
+            record.acceleration_in_world_mps2 = [change(0), change(1), change(2)];
+        }
+        let collisions = self.collisions();
+        let first = collisions.partition_point(|collision| collision.actor.0 < record.id);
+        if collisions.get(first).is_some_and(|collision| collision.actor.0 == record.id) {
+            record.flags |= ActorRecord::TOUCHED;
+        }
+    }
+
+    fn look_up_limit(&self, at_m: [f64; 3], (looked_up_at_m, limit_mps): &mut ([f64; 3], f32)) {
+        let moved = (Vector3::from(at_m) - Vector3::from(*looked_up_at_m)).norm();
+        if moved < LIMIT_EVERY_M {
+            return;
+        }
+        *looked_up_at_m = at_m;
+        if let Some(roads) = &self.roads {
+            let lane = roads.nearest(at_m, |lane| lane.kind.is_drivable());
+            *limit_mps = lane.and_then(|at| roads.speed_limit_mps(at)).unwrap_or(0.0) as f32;
+        }
+    }
+
+    fn vehicle_part(&self, vehicle: &Vehicle, motion: &Motion, speed_limit_mps: f32) -> VehiclePart {
+        let control = vehicle.control;
+        let world_from_vehicle: Isometry3<f64> = motion.pose.isometry();
+        let light = self.lights.light_at(&world_from_vehicle, vehicle.model.half_m);
+        let mut part = VehiclePart {
+            throttle_ratio: control.throttle_ratio,
+            steer_ratio: control.steer_ratio,
+            brake_ratio: control.brake_ratio,
+            control_flags: control.hand_brake as u32 | (control.reverse as u32) << 1 | (control.manual_gear_shift as u32) << 2,
+            gear: vehicle.train.gear,
+            engine_radps: vehicle.train.engine_radps,
+            speed_limit_mps,
+            lamps: vehicle.shining_lamps(),
+            light_actor_id: light.map_or(0, |light| light.actor.0),
+            light_state: light.map_or(LightState::Green, |light| light.state) as u32,
+            wheel_steer_rad: vehicle.steer_rad,
+            wheels_on_ground: 0,
+            wheel_spin_rad: [0.0; MAX_WHEELS],
+            wheel_travel_m: [0.0; MAX_WHEELS],
+        };
+        for (i, wheel) in vehicle.visible_wheels().enumerate() {
+            part.wheels_on_ground |= (wheel.on_ground as u32) << i;
+            part.wheel_spin_rad[i] = wheel.spin_rad;
+            part.wheel_travel_m[i] = wheel.travel_m;
+        }
+        part
+    }
+
+    fn light_part(&self, actor: ActorId) -> TrafficLightPart {
+        let light = self.lights.get(actor).expect("every traffic light actor has a light");
+        let [green_secs, yellow_secs, red_secs] = self.lights.stage_secs();
+        let mut opendrive_id = [0u8; 32];
+        let mut n_bytes = light.signal_id.len().min(32);
+        while !light.signal_id.is_char_boundary(n_bytes) {
+            n_bytes -= 1;
+        }
+        opendrive_id[..n_bytes].copy_from_slice(&light.signal_id.as_bytes()[..n_bytes]);
+        TrafficLightPart {
+            state: light.state as u32,
+            flags: self.lights.frozen as u32,
+            elapsed_secs: (light.in_state_nanos as f64 * 1e-9) as f32,
+            green_secs,
+            yellow_secs,
+            red_secs,
+            group: light.group as u32 + 1,
+            pole_idx: light.pole_idx,
+            opendrive_id,
+            reserved: [0; 32],
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! Filling a map with traffic: the ego and others at spawn points drawn by lot.
+
+use std::collections::BTreeMap;
+
+use schema_types::ActorId;
+use schema_types::noise::Noise;
+
+use crate::catalogue::{VehicleModel, color_text, vehicle_models};
+use crate::spawn::SpawnError;
+use crate::world::World;
+
+/// Keeps this lottery apart from every other use of the seed.
+const STREAM: u64 = 0x5ce7_a210;
+
+/// Who was put on the map.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Scenario {
+    /// The vehicle with role `ego_vehicle`.
+    pub ego: ActorId,
+    /// Vehicles with role `autopilot`; fewer than asked for if the map has too few free spawn points.
+    pub others: Vec<ActorId>,
+}
+
+impl World {
+    /// Puts the ego at a spawn point and `n_vehicles` others at points, of kinds and in colours that follow from the seed.
+    ///
+    /// # Errors
+    /// If the ego cannot be put there. A place that is taken only makes the others move on to the next one.
+    pub fn spawn_scenario(&mut self, ego_type: &str, ego_spawn_idx: usize, n_vehicles: usize) -> Result<Scenario, SpawnError> {
+        let points = self.map.spawn_points.clone();
+        let pose = points.get(ego_spawn_idx).ok_or_else(|| SpawnError::SpawnPoint {
+            idx: ego_spawn_idx,
+            map: self.map.name.clone(),
+            n_points: points.len(),
+        })?;
+        let ego = self.spawn(ego_type, *pose, None, "ego_vehicle", &BTreeMap::new())?;
+        let noise = Noise::new(self.options.seed, STREAM, 0);
+        let mut order: Vec<usize> = (0..points.len()).filter(|idx| *idx != ego_spawn_idx).collect();
+        order.sort_by_key(|idx| (noise.bits(*idx as u64), *idx));
+        let mut others = Vec::new();
+        for idx in order {
+            if others.len() == n_vehicles {
+                break;
+            }
+            let draw = Noise::new(self.options.seed, STREAM, 1 + others.len() as u64);
+            let model = pick_model(draw);
+            let color = model.colors[(draw.bits(2) % model.colors.len() as u64) as usize];
+            let attributes = BTreeMap::from([("color".to_owned(), color_text(color))]);
+            match self.spawn(model.type_id, points[idx], None, "autopilot", &attributes) {
+                Ok(actor) => others.push(actor),
+                Err(error) => tracing::debug!(spawn_point = idx, %error, "spawn point is not free"),
+            }
+        }
+        if others.len() < n_vehicles {
+            tracing::warn!(
+                asked = n_vehicles,
+                placed = others.len(),
+                "fewer vehicles than asked for: the map has too few free spawn points"
+            );
+        }
+        Ok(Scenario { ego, others })
+    }
+}
+
+/// Mostly cars, some vans, now and then a lorry or a bus, a motorcycle.
+fn pick_model(draw: Noise) -> &'static VehicleModel {
+    let base_type = match draw.bits(0) % 100 {
+        0..74 => "car",
+        74..86 => "van",
+        86..92 => "truck",
+        92..95 => "bus",
+        _ => "motorcycle",
+    };
+    let of_type: Vec<&VehicleModel> = vehicle_models().iter().filter(|model| model.base_type == base_type).collect();
+    of_type[(draw.bits(1) % of_type.len() as u64) as usize]
+}

@@ -1,0 +1,104 @@
+//! What sensors see of the actors: bodies, wheels, lamp heads.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use schema_frames::LightState;
+use schema_types::ActorId;
+use sensor_core::{DynamicInstance, MeshId, SceneAssets};
+use simd_town::vehicle_meshes;
+
+use crate::catalogue::vehicle_models;
+use crate::vehicle::{Vehicle, WheelState};
+use crate::world::World;
+
+/// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0.
+const BODY_PART: u16 = 0;
+
+/// Meshes of this episode's actors.
+#[derive(Default)]
+pub(crate) struct ActorMeshes {
+    /// Body and wheel per vehicle model, by its index.
+    vehicles: Vec<(MeshId, MeshId)>,
+    light_head: Option<MeshId>,
+    /// Lamp heads per light actor.
+    heads: BTreeMap<ActorId, Vec<Isometry3<f64>>>,
+}
+
+impl World {
+    /// Adds the meshes of every actor that may appear; once per episode, after the map's own meshes.
+    pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
+        let vehicles = vehicle_models().iter().map(|model| {
+            let meshes = vehicle_meshes(&model.shape());
+            (assets.add_mesh(meshes.body), assets.add_mesh(meshes.wheel))
+        });
+        let vehicles = vehicles.collect();
+        let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
+        let heads_of = |signal_id: &str| self.map.lights.iter().find(|site| site.signal_id == signal_id).map(|site| site.heads.clone());
+        let heads = self.lights.lights.iter().filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?))).collect();
+        self.meshes = ActorMeshes { vehicles, light_head, heads };
+    }
+
+    /// Fills `out` with every part of every actor, by rising (actor, part). Empty before [`World::register_meshes`].
+    pub fn dynamic_instances(&self, out: &mut Vec<DynamicInstance>) {
+        out.clear();
+        for record in &self.records {
+            let actor = ActorId(record.id);
+            if let Some(vehicle) = self.vehicles.get(&actor) {
+                if let Some((body, wheel)) = self.meshes.vehicles.get(record.catalogue_idx as usize) {
+                    let world_from_vehicle = record.world_from_actor.isometry();
+                    self.add_vehicle(out, actor, vehicle, &world_from_vehicle, (*body, *wheel));
+                }
+            } else if let (Some(heads), Some(mesh)) = (self.meshes.heads.get(&actor), self.meshes.light_head) {
+                let lamps = self.lights.get(actor).map_or(0, |light| lamp_bits(light.state));
+                out.extend(heads.iter().enumerate().map(|(part, head)| still(actor, part as u16, mesh, *head, lamps)));
+            }
+        }
+    }
+
+    fn add_vehicle(
+        &self,
+        out: &mut Vec<DynamicInstance>,
+        actor: ActorId,
+        vehicle: &Vehicle,
+        world_from_vehicle: &Isometry3<f64>,
+        (body, wheel_mesh): (MeshId, MeshId),
+    ) {
+        let (velocity, spin) = vehicle.velocity(&self.physics);
+        let lamps = vehicle.shining_lamps();
+        let part = |part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>| {
+            let lever = world_from_mesh.translation.vector - world_from_vehicle.translation.vector;
+            let velocity_in_world_mps = velocity + spin.cross(&lever);
+            DynamicInstance { actor, part, mesh, world_from_mesh, tint_rgb: vehicle.tint_rgb, lamps, velocity_in_world_mps }
+        };
+        out.push(part(BODY_PART, body, *world_from_vehicle));
+        let radius_m = vehicle.model.wheel_radius_m;
+        for (i, wheel) in vehicle.visible_wheels().enumerate() {
+            out.push(part(1 + i as u16, wheel_mesh, world_from_vehicle * vehicle_from_wheel(&wheel, radius_m)));
+        }
+    }
+}
+
+/// Steering about z, then roll about the axle, then half a turn for wheels on the left, whose outside would else look inwards.
+fn vehicle_from_wheel(wheel: &WheelState, radius_m: f64) -> Isometry3<f64> {
+    let place = Translation3::new(wheel.x_m as f64, wheel.y_m as f64, radius_m + wheel.travel_m as f64);
+    let about = |axis, angle: f64| UnitQuaternion::from_axis_angle(&axis, angle);
+    let half_turn = if wheel.y_m > 0.0 { std::f64::consts::PI } else { 0.0 };
+    let rotation = about(Vector3::z_axis(), wheel.steer_rad as f64)
+        * about(Vector3::y_axis(), wheel.spin_rad as f64)
+        * about(Vector3::z_axis(), half_turn);
+    Isometry3::from_parts(place, rotation)
+}
+
+fn lamp_bits(state: LightState) -> u32 {
+    match state {
+        LightState::Red => 1,
+        LightState::Yellow => 2,
+        LightState::Green => 4,
+        LightState::Off | LightState::Unknown => 0,
+    }
+}
+
+fn still(actor: ActorId, part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>, lamps: u32) -> DynamicInstance {
+    DynamicInstance { actor, part, mesh, world_from_mesh, tint_rgb: [255; 3], lamps, velocity_in_world_mps: Vector3::zeros() }
+}

@@ -1,0 +1,239 @@
+//! Making and removing actors.
+
+use std::collections::BTreeMap;
+
+use rapier3d::parry::query::intersection_test;
+use rapier3d::parry::shape::Cuboid;
+use schema_frames::{ActorKind, VehicleControl};
+use schema_types::{ActorId, Pose};
+
+use crate::catalogue::{self, FIXED_ATTRIBUTES, VehicleModel, vehicle_models};
+use crate::physics::Physics;
+use crate::vehicle::{Vehicle, chassis_box};
+use crate::world::{Actor, World};
+
+/// Why an actor was not made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SpawnError {
+    /// Unknown type.
+    #[error("unknown type {0:?}; world/catalogue lists what can be spawned")]
+    UnknownType(String),
+    /// The map brings these.
+    #[error("{0:?} belongs to the map and cannot be spawned")]
+    OfTheMap(String),
+    /// The pose is not a pose.
+    #[error("cannot spawn {type_id:?}: its pose {problem}")]
+    Pose {
+        /// Catalogue id.
+        type_id: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// No such parent.
+    #[error("cannot attach {type_id:?}: there is no actor {parent}")]
+    Parent {
+        /// Catalogue id.
+        type_id: String,
+        /// The id asked for.
+        parent: ActorId,
+    },
+    /// Only sensors ride on others.
+    #[error("cannot attach {0:?} to an actor: only sensors can be attached; leave parent_id out")]
+    Attached(String),
+    /// Something is there already.
+    #[error("spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}")]
+    Occupied {
+        /// Catalogue id.
+        type_id: String,
+        /// What it would touch.
+        obstacle: String,
+    },
+    /// Unknown or unusable attribute.
+    #[error("cannot spawn {type_id:?}: attribute {name:?} is {value:?}, but {allowed}")]
+    Attribute {
+        /// Catalogue id.
+        type_id: String,
+        /// Attribute.
+        name: String,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// A spawn point that the map does not have.
+    #[error("spawn point {idx} does not exist: map {map:?} has {n_points}, counted from 0")]
+    SpawnPoint {
+        /// Index asked for.
+        idx: usize,
+        /// Map.
+        map: String,
+        /// How many there are.
+        n_points: usize,
+    },
+}
+
+/// Why an actor was not removed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DestroyError {
+    /// No such actor.
+    #[error("unable to destroy actor {0}: not found")]
+    Unknown(ActorId),
+    /// The map brings these.
+    #[error("unable to destroy actor {actor}: {type_id:?} belongs to the map")]
+    OfTheMap {
+        /// The actor.
+        actor: ActorId,
+        /// Catalogue id.
+        type_id: String,
+    },
+}
+
+impl World {
+    /// Makes an actor. `pose` is in the world, or on `parent` for a sensor that rides on it.
+    ///
+    /// Vehicles take the attribute `color` (`r,g,b`, each 0–255); sensors keep whatever attributes they are given.
+    /// The pose is used as it is: a vehicle above the ground falls onto it.
+    pub fn spawn(
+        &mut self,
+        type_id: &str,
+        pose: Pose,
+        parent: Option<ActorId>,
+        role: &str,
+        attributes: &BTreeMap<String, String>,
+    ) -> Result<ActorId, SpawnError> {
+        let catalogue_idx = self.catalogue_idx(type_id).ok_or_else(|| SpawnError::UnknownType(type_id.to_owned()))?;
+        let pose = unit_pose(pose).map_err(|problem| SpawnError::Pose { type_id: type_id.to_owned(), problem })?;
+        if let Some(parent) = parent.filter(|parent| !self.actors.contains_key(parent)) {
+            return Err(SpawnError::Parent { type_id: type_id.to_owned(), parent });
+        }
+        let id = match vehicle_models().get(catalogue_idx as usize) {
+            Some(_) if parent.is_some() => return Err(SpawnError::Attached(type_id.to_owned())),
+            Some(model) => self.spawn_vehicle(model, catalogue_idx, pose, role, attributes)?,
+            None if type_id.starts_with("sensor.") => {
+                let id = self.new_id();
+                let role = role.to_owned();
+                let attributes = attributes.clone();
+                self.actors
+                    .insert(id, Actor { id, kind: ActorKind::Sensor, catalogue_idx, role, parent, pose, attributes, topics: Vec::new() });
+                id
+            }
+            None => return Err(SpawnError::OfTheMap(type_id.to_owned())),
+        };
+        self.changed();
+        Ok(id)
+    }
+
+    fn spawn_vehicle(
+        &mut self,
+        model: &'static VehicleModel,
+        catalogue_idx: u32,
+        pose: Pose,
+        role: &str,
+        given: &BTreeMap<String, String>,
+    ) -> Result<ActorId, SpawnError> {
+        let mut attributes = self.catalogue.entries[catalogue_idx as usize].attributes.clone();
+        for (name, value) in given {
+            check_attribute(model, name, value, &attributes)?;
+            attributes.insert(name.clone(), value.clone());
+        }
+        let tint_rgb = attributes.get("color").and_then(|text| catalogue::parse_color(text)).unwrap_or(model.colors[0]);
+        if let Some(obstacle) = self.obstacle(model, &pose) {
+            return Err(SpawnError::Occupied { type_id: model.type_id.to_owned(), obstacle });
+        }
+        let id = self.new_id();
+        let mut vehicle = Vehicle::new(&mut self.physics, model, id.0, &pose.isometry());
+        vehicle.tint_rgb = tint_rgb;
+        vehicle.control = VehicleControl::default();
+        self.vehicles.insert(id, vehicle);
+        let role = role.to_owned();
+        self.actors
+            .insert(id, Actor { id, kind: ActorKind::Vehicle, catalogue_idx, role, parent: None, pose, attributes, topics: Vec::new() });
+        Ok(id)
+    }
+
+    /// What a body of this model would touch at `pose`.
+    fn obstacle(&self, model: &VehicleModel, pose: &Pose) -> Option<String> {
+        let physics: &Physics = &self.physics;
+        let (centre, half) = chassis_box(model);
+        let shape = Cuboid::new(half);
+        let mut at = physics.engine_pose(&pose.isometry());
+        at.translation += at.rotation * centre;
+        for (id, other) in &self.vehicles {
+            // A collider made since the last step has its pose only from the next step on; the body's is always current.
+            let (other_centre, other_half) = chassis_box(other.model);
+            let mut other_at = physics.engine_pose(&other.pose(physics));
+            other_at.translation += other_at.rotation * other_centre;
+            // An error would mean that two boxes cannot be tested against each other.
+            if intersection_test(&at, &shape, &other_at, &Cuboid::new(other_half)).is_ok_and(|hit| hit.intersecting) {
+                return Some(format!("{} (actor {id})", other.model.type_id));
+            }
+        }
+        physics.touches_scenery(&at, &shape).then(|| "scenery".to_owned())
+    }
+
+    /// Removes an actor and what is attached to it; returns everything that went, by rising id.
+    pub fn destroy(&mut self, actor: ActorId) -> Result<Vec<ActorId>, DestroyError> {
+        let target = self.actors.get(&actor).ok_or(DestroyError::Unknown(actor))?;
+        if !matches!(target.kind, ActorKind::Vehicle | ActorKind::Sensor) {
+            let type_id = self.catalogue.entries[target.catalogue_idx as usize].type_id.clone();
+            return Err(DestroyError::OfTheMap { actor, type_id });
+        }
+        let mut gone = vec![actor];
+        // Parents have smaller ids, so one pass finds whole chains.
+        for other in self.actors.values() {
+            if other.parent.is_some_and(|parent| gone.contains(&parent)) {
+                gone.push(other.id);
+            }
+        }
+        for id in &gone {
+            self.actors.remove(id);
+            self.speed_limits.remove(id);
+            if let Some(vehicle) = self.vehicles.remove(id) {
+                self.physics.engine.remove_body(vehicle.body);
+            }
+        }
+        self.changed();
+        Ok(gone)
+    }
+}
+
+/// Only attributes the model has, and of those only the ones that may differ.
+fn check_attribute(model: &VehicleModel, name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<(), SpawnError> {
+    let refuse = |allowed: String| SpawnError::Attribute {
+        type_id: model.type_id.to_owned(),
+        name: name.to_owned(),
+        value: value.to_owned(),
+        allowed,
+    };
+    if FIXED_ATTRIBUTES.contains(&name) {
+        return if known.get(name).is_some_and(|is| is == value) {
+            Ok(())
+        } else {
+            Err(refuse(format!("it is fixed at {:?}", known[name])))
+        };
+    }
+    match name {
+        "color" if catalogue::parse_color(value).is_none() => Err(refuse("it must be \"r,g,b\" with each 0 to 255".to_owned())),
+        "sticky_control" if value != "true" => Err(refuse("only \"true\" is supported: a control stays until it is replaced".to_owned())),
+        "color" | "sticky_control" => Ok(()),
+        _ => Err(refuse(format!("a vehicle has only {}", known.keys().cloned().collect::<Vec<_>>().join(", ")))),
+    }
+}
+
+/// The pose with a quaternion of unit length; one that already is keeps its bits.
+pub(crate) fn unit_pose(pose: Pose) -> Result<Pose, &'static str> {
+    if !pose.translation_m.iter().chain(&pose.rotation_xyzw).all(|x| x.is_finite()) {
+        return Err("has a value that is not finite");
+    }
+    if pose.translation_m.iter().any(|x| x.abs() > 1e5) {
+        return Err("lies more than 100 km from the origin");
+    }
+    let norm = pose.rotation_xyzw.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if !(0.5..=2.0).contains(&norm) {
+        return Err("has a rotation that is not a unit quaternion");
+    }
+    if (norm - 1.0).abs() < 1e-12 {
+        return Ok(pose);
+    }
+    Ok(Pose { rotation_xyzw: pose.rotation_xyzw.map(|x| x / norm), ..pose })
+}

@@ -1,0 +1,338 @@
+//! The world and its step.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo, Weather};
+use schema_frames::{ActorKind, ActorRecord, VehicleControl};
+use schema_roads::RoadMap;
+use schema_types::{ActorId, Pose};
+
+use crate::catalogue;
+use crate::lights::Lights;
+use crate::map::{LoadError, MapData};
+use crate::physics::{Collision, Physics};
+use crate::scene::ActorMeshes;
+use crate::vehicle::Vehicle;
+
+/// What does not change while a world lives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldOptions {
+    /// Seed of everything that is drawn by lot.
+    pub seed: u64,
+    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this.
+    pub physics_substep_secs: f64,
+}
+
+impl Default for WorldOptions {
+    fn default() -> Self {
+        WorldOptions { seed: 1, physics_substep_secs: 0.01 }
+    }
+}
+
+/// Why something could not be done to an actor.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ActorError {
+    /// No such actor.
+    #[error("actor {0} not found; it may have been destroyed")]
+    Unknown(ActorId),
+    /// The actor is of another kind.
+    #[error("actor {actor} is a {type_id}, but this needs a {needed}")]
+    WrongKind {
+        /// The actor.
+        actor: ActorId,
+        /// What it is.
+        type_id: String,
+        /// What would do.
+        needed: &'static str,
+    },
+    /// A number cannot be used.
+    #[error("{what} of actor {actor} {problem}")]
+    Value {
+        /// The actor.
+        actor: ActorId,
+        /// Which quantity.
+        what: &'static str,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+}
+
+/// Everything constant about an actor, and its place on its parent.
+#[derive(Clone, Debug)]
+pub(crate) struct Actor {
+    pub id: ActorId,
+    pub kind: ActorKind,
+    pub catalogue_idx: u32,
+    pub role: String,
+    pub parent: Option<ActorId>,
+    /// World pose of what does not move by itself; pose on the parent for what is attached.
+    pub pose: Pose,
+    pub attributes: BTreeMap<String, String>,
+    pub topics: Vec<TopicInfo>,
+}
+
+/// Actors, physics, traffic lights, weather: all that changes from tick to tick.
+pub struct World {
+    pub(crate) options: WorldOptions,
+    pub(crate) map: Arc<MapData>,
+    pub(crate) roads: Option<Arc<RoadMap>>,
+    pub(crate) physics: Physics,
+    pub(crate) lights: Lights,
+    pub(crate) catalogue: Catalogue,
+    pub(crate) actors: BTreeMap<ActorId, Actor>,
+    pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
+    pub(crate) records: Vec<ActorRecord>,
+    pub(crate) speed_limits: BTreeMap<ActorId, ([f64; 3], f32)>,
+    pub(crate) meshes: ActorMeshes,
+    pub(crate) weather: Weather,
+    collisions: Vec<Collision>,
+    next_actor: u32,
+    actors_revision: u64,
+    episode: u32,
+    spectator: ActorId,
+}
+
+impl World {
+    /// A world on an empty plane of nothing: load a map before spawning vehicles.
+    pub fn new(options: WorldOptions) -> World {
+        let mut world = World {
+            options,
+            map: Arc::default(),
+            roads: None,
+            physics: Physics::new([0.0; 3]),
+            lights: Lights::default(),
+            catalogue: catalogue::catalogue(),
+            actors: BTreeMap::new(),
+            vehicles: BTreeMap::new(),
+            records: Vec::new(),
+            speed_limits: BTreeMap::new(),
+            meshes: ActorMeshes::default(),
+            weather: Weather::default(),
+            collisions: Vec::new(),
+            next_actor: 1,
+            actors_revision: 0,
+            episode: 0,
+            spectator: ActorId(0),
+        };
+        world.populate();
+        world
+    }
+
+    /// Loads a map: a new episode without the old one's actors. Ids go on counting. On an error the old map stays.
+    pub fn load(&mut self, map: &MapData) -> Result<(), LoadError> {
+        let roads = match map.open_drive.as_str() {
+            "" => None,
+            text => Some(Arc::new(RoadMap::parse(text).map_err(|source| LoadError::Roads { map: map.name.clone(), source })?)),
+        };
+        let physics =
+            Physics::with_map(map).map_err(|(mesh_idx, reason)| LoadError::Collision { map: map.name.clone(), mesh_idx, reason })?;
+        self.map = Arc::new(map.clone());
+        self.roads = roads;
+        self.physics = physics;
+        self.actors.clear();
+        self.vehicles.clear();
+        self.speed_limits.clear();
+        self.collisions.clear();
+        self.meshes = ActorMeshes::default();
+        self.episode += 1;
+        self.populate();
+        Ok(())
+    }
+
+    /// The actors that every episode has: spectator, traffic lights, signs.
+    fn populate(&mut self) {
+        let pose = self.map.spawn_points.first().copied().unwrap_or_default();
+        let above = Pose { translation_m: [pose.translation_m[0], pose.translation_m[1], pose.translation_m[2] + 20.0], ..pose };
+        self.spectator = self.add_fixed("spectator", ActorKind::Spectator, above, BTreeMap::new());
+        self.lights = Lights::default();
+        if let Some(roads) = self.roads.clone() {
+            let mut ids = Vec::new();
+            for signal in roads.signals() {
+                let (type_id, kind) = self.signal_type(signal);
+                let attributes = BTreeMap::from([("opendrive_id".to_owned(), signal.id.clone())]);
+                let id = self.add_fixed(&type_id, kind, signal.pose.into(), attributes);
+                if kind == ActorKind::TrafficLight {
+                    ids.push(id);
+                }
+            }
+            let mut ids = ids.into_iter();
+            self.lights = Lights::new(&roads, || ids.next().expect("one actor was made for each light signal, in the same order"));
+        }
+        self.changed();
+    }
+
+    fn add_fixed(&mut self, type_id: &str, kind: ActorKind, pose: Pose, attributes: BTreeMap<String, String>) -> ActorId {
+        let catalogue_idx = self.catalogue_idx(type_id).expect("the catalogue has every type the map can bring");
+        let id = self.new_id();
+        self.actors.insert(id, Actor { id, kind, catalogue_idx, role: String::new(), parent: None, pose, attributes, topics: Vec::new() });
+        id
+    }
+
+    /// Advances by `dt_nanos`: vehicles in equal sub-steps, then lights, then the records.
+    pub fn step(&mut self, dt_nanos: u64) {
+        let dt_secs = dt_nanos as f64 * 1e-9;
+        let n_sub_steps = (dt_secs / self.options.physics_substep_secs.max(1e-4) - 1e-9).ceil().max(1.0) as u32;
+        let sub_step_secs = (dt_secs / n_sub_steps as f64) as f32;
+        for _ in 0..n_sub_steps {
+            self.vehicles.values_mut().for_each(|vehicle| vehicle.pre_step(&mut self.physics, sub_step_secs));
+            self.physics.step(sub_step_secs);
+            for (id, vehicle) in &mut self.vehicles {
+                if vehicle.finish_step(&mut self.physics) {
+                    tracing::error!(
+                        actor = id.0,
+                        type_id = vehicle.model.type_id,
+                        "vehicle left every sensible state and was taken out of the physics; destroy it or set its pose"
+                    );
+                }
+            }
+        }
+        self.collisions = self.physics.take_collisions();
+        self.lights.step(dt_nanos);
+        self.refresh_records(Some(dt_secs));
+    }
+
+    /// What the vehicles touched in the last step, by (vehicle, other).
+    pub fn collisions(&self) -> &[Collision] {
+        &self.collisions
+    }
+
+    /// Every actor after the last step or change, by rising id.
+    pub fn snapshot_records(&self) -> &[ActorRecord] {
+        &self.records
+    }
+
+    /// One actor's record.
+    pub fn record(&self, actor: ActorId) -> Option<&ActorRecord> {
+        self.records.binary_search_by_key(&actor.0, |record| record.id).ok().map(|idx| &self.records[idx])
+    }
+
+    /// Pose of an actor, the very bits of its record; `None` if there is no such actor.
+    pub fn sensor_pose(&self, actor: ActorId) -> Option<Isometry3<f64>> {
+        self.record(actor).map(|record| record.world_from_actor.isometry())
+    }
+
+    /// What is constant about every actor.
+    pub fn actor_list(&self) -> ActorList {
+        let info = |actor: &Actor| {
+            let entry = &self.catalogue.entries[actor.catalogue_idx as usize];
+            ActorInfo {
+                id: actor.id.0,
+                type_id: entry.type_id.clone(),
+                kind: entry.kind.clone(),
+                role: actor.role.clone(),
+                parent_id: actor.parent.map_or(0, |parent| parent.0),
+                mount: actor.parent.map(|_| actor.pose.into()),
+                body_box: BodyBox { ..entry.body_box },
+                attributes: actor.attributes.clone(),
+                topics: actor.topics.clone(),
+            }
+        };
+        ActorList { actors: self.actors.values().map(info).collect() }
+    }
+
+    /// Grows whenever [`World::actor_list`] changes.
+    pub fn actors_revision(&self) -> u64 {
+        self.actors_revision
+    }
+
+    /// What can be spawned; `catalogue_idx` of a record is an index into it.
+    pub fn catalogue(&self) -> &Catalogue {
+        &self.catalogue
+    }
+
+    /// The map as loaded.
+    pub fn map(&self) -> &MapData {
+        &self.map
+    }
+
+    /// Roads of the map; `None` for a ground without roads.
+    pub fn roads(&self) -> Option<&Arc<RoadMap>> {
+        self.roads.as_ref()
+    }
+
+    /// Count of map loads.
+    pub fn episode(&self) -> u32 {
+        self.episode
+    }
+
+    /// The spectator of this episode.
+    pub fn spectator(&self) -> ActorId {
+        self.spectator
+    }
+
+    /// Weather in force.
+    pub fn weather(&self) -> &Weather {
+        &self.weather
+    }
+
+    /// First actor with this role.
+    pub fn actor_with_role(&self, role: &str) -> Option<ActorId> {
+        self.actors.values().find(|actor| actor.role == role).map(|actor| actor.id)
+    }
+
+    /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not finite counts as 0.
+    pub fn set_control(&mut self, actor: ActorId, control: VehicleControl) -> Result<(), ActorError> {
+        self.vehicle_mut(actor)?.control = control.clamped();
+        Ok(())
+    }
+
+    /// Sets a vehicle's lamps, bits as in `VehiclePart::lamps`.
+    pub fn set_lamps(&mut self, actor: ActorId, lamps: u32) -> Result<(), ActorError> {
+        self.vehicle_mut(actor)?.lamps = lamps & 0x7ff;
+        Ok(())
+    }
+
+    /// Names a sensor's topics for `world/actors`.
+    pub fn set_topics(&mut self, actor: ActorId, topics: Vec<TopicInfo>) -> Result<(), ActorError> {
+        self.actors.get_mut(&actor).ok_or(ActorError::Unknown(actor))?.topics = topics;
+        self.actors_revision += 1;
+        Ok(())
+    }
+
+    pub(crate) fn vehicle_mut(&mut self, actor: ActorId) -> Result<&mut Vehicle, ActorError> {
+        match self.vehicles.get_mut(&actor) {
+            Some(vehicle) => Ok(vehicle),
+            None => Err(match self.actors.get(&actor) {
+                None => ActorError::Unknown(actor),
+                Some(other) => {
+                    let type_id = self.catalogue.entries[other.catalogue_idx as usize].type_id.clone();
+                    ActorError::WrongKind { actor, type_id, needed: "vehicle" }
+                }
+            }),
+        }
+    }
+
+    pub(crate) fn catalogue_idx(&self, type_id: &str) -> Option<u32> {
+        self.catalogue.entries.iter().position(|entry| entry.type_id == type_id).map(|idx| idx as u32)
+    }
+
+    pub(crate) fn new_id(&mut self) -> ActorId {
+        let id = ActorId(self.next_actor);
+        self.next_actor += 1;
+        id
+    }
+
+    /// After actors came or went.
+    pub(crate) fn changed(&mut self) {
+        self.actors_revision += 1;
+        self.refresh_records(None);
+    }
+
+    fn signal_type(&self, signal: &schema_roads::Signal) -> (String, ActorKind) {
+        use schema_roads::SignalKind;
+        let limit = || {
+            let kmh = signal.value.or_else(|| signal.subtype.parse().ok())?;
+            let type_id = format!("traffic.speed_limit.{}", kmh.round());
+            self.catalogue_idx(&type_id).map(|_| type_id)
+        };
+        match signal.kind {
+            SignalKind::TrafficLight => ("traffic.traffic_light".to_owned(), ActorKind::TrafficLight),
+            SignalKind::Stop => ("traffic.stop".to_owned(), ActorKind::TrafficSign),
+            SignalKind::Yield => ("traffic.yield".to_owned(), ActorKind::TrafficSign),
+            SignalKind::SpeedLimit => (limit().unwrap_or_else(|| "traffic.unknown".to_owned()), ActorKind::TrafficSign),
+            SignalKind::Other => ("traffic.unknown".to_owned(), ActorKind::TrafficSign),
+        }
+    }
+}
