@@ -1,1 +1,474 @@
-//! Placeholder
+//! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a tick when all of it is queued.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
+use schema_bus::{Bus, BusError, BusOptions, CommandClient, Listener, SnapshotReader, mono_now, names};
+use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
+use schema_types::class::CLASSES;
+
+use crate::convert::{TopicName, frame_entries};
+use crate::messages::{Batch, Entry};
+use crate::queue::{Job, Queue, Refused, queue};
+use crate::scene::{SceneState, document};
+use crate::writer::{ChunkCompression, Recording, Written, run};
+
+/// How often new topics are looked for.
+const DISCOVER_EVERY: Duration = Duration::from_millis(500);
+/// Longest wait for a wake-up; documents and a shutdown are looked at this often.
+const MAX_WAIT: Duration = Duration::from_millis(20);
+/// How long the daemon may take to answer.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// How often joining lockstep is tried.
+const JOIN_EVERY: Duration = Duration::from_millis(250);
+
+/// What to record.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// First segment of the service names.
+    pub domain: String,
+    /// Where iceoryx2 keeps its files.
+    pub bus: BusOptions,
+    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are always recorded.
+    pub topics: Vec<String>,
+    /// File to write.
+    pub out: PathBuf,
+    /// Compression of its chunks.
+    pub compression: ChunkCompression,
+    /// Most bytes that wait for the writer.
+    pub queue_bytes: usize,
+    /// Whether the simulator waits for this recorder.
+    pub lockstep: bool,
+}
+
+/// What became of a recording.
+#[derive(Clone, Debug, Default)]
+pub struct Report {
+    /// What is in the file.
+    pub written: Written,
+    /// Frames recorded per source.
+    pub recorded: BTreeMap<String, u64>,
+    /// Frames that are missing per source, and why.
+    pub lost: BTreeMap<String, Loss>,
+}
+
+/// Frames of one topic that are not in the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Loss {
+    /// Overwritten on the bus before this process took them.
+    pub on_the_bus: u64,
+    /// Taken, but the queue was full.
+    pub queue_full: u64,
+    /// Refused because they broke the contract.
+    pub refused: u64,
+}
+
+impl Loss {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.on_the_bus + self.queue_full + self.refused
+    }
+}
+
+/// Records until `stop` says so.
+///
+/// # Errors
+/// If the file cannot be made or written, or the bus cannot be joined.
+pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Report> {
+    let recording = Recording::create(&options.out, options.compression)?;
+    let (queue, outlet) = queue(options.queue_bytes);
+    let writer = std::thread::Builder::new().name("writer".to_string()).spawn(move || run(recording, outlet));
+    let writer = writer.context("cannot start the writer thread")?;
+    let session = Session::open(options, queue);
+    finish(session.and_then(|session| session.run(stop)), writer)
+}
+
+/// The writer's own error says more than "it has ended".
+fn finish(session: anyhow::Result<Report>, writer: JoinHandle<anyhow::Result<Written>>) -> anyhow::Result<Report> {
+    let written = writer.join().map_err(|_| anyhow!("the writer thread panicked; the part file holds what was flushed before"))?;
+    let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
+    Ok(Report { written, ..session? })
+}
+
+/// `*` stands for any characters, `?` for one.
+pub fn matches(pattern: &str, text: &str) -> bool {
+    let (pattern, text): (Vec<char>, Vec<char>) = (pattern.chars().collect(), text.chars().collect());
+    let mut reachable = vec![false; text.len() + 1];
+    reachable[0] = true;
+    for symbol in pattern {
+        let mut next = vec![false; text.len() + 1];
+        for at in 0..=text.len() {
+            next[at] = match symbol {
+                '*' => reachable[at] || (at > 0 && next[at - 1]),
+                '?' => at > 0 && reachable[at - 1],
+                _ => at > 0 && reachable[at - 1] && text[at - 1] == symbol,
+            };
+        }
+        reachable = next;
+    }
+    reachable[text.len()]
+}
+
+struct Session {
+    // Ports before the node that made them.
+    lockstep: Option<InStep>,
+    snapshots: Option<SnapshotReader>,
+    documents: Vec<(&'static str, FollowedDocument)>,
+    follower: Follower,
+    /// The name of every followed topic in the file, by its place in the follower; kept so that nothing is built per frame.
+    names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
+    full: BTreeSet<String>,
+    patterns: Vec<String>,
+    discovered: Option<Instant>,
+    scene: SceneState,
+    sink: Sink,
+    sim_nanos: u64,
+    newest_tick: u64,
+    epoch: u64,
+    map: String,
+    wants_lockstep: bool,
+    last_try: Option<Instant>,
+    name: String,
+}
+
+/// A place in the gate, and what tells that a tick is complete.
+struct InStep {
+    gate: Lockstep,
+    barrier: CommandClient,
+    wake: Listener,
+    acked: u64,
+}
+
+/// Where batches go, and what did not fit.
+struct Sink {
+    queue: Queue,
+    wait: bool,
+    wall_minus_mono_nanos: i128,
+    recorded: BTreeMap<String, u64>,
+    full: BTreeMap<String, u64>,
+    full_said: bool,
+}
+
+impl Sink {
+    /// Queues what one sample became; in lockstep waits for room, else counts what does not fit.
+    fn put(
+        &mut self,
+        source: &std::sync::Arc<str>,
+        sequence: u64,
+        log_nanos: u64,
+        mono_nanos: u64,
+        entries: Vec<Entry>,
+    ) -> anyhow::Result<()> {
+        let batch =
+            Batch { source: source.clone(), sequence: sequence as u32, log_nanos, publish_nanos: self.wall_nanos(mono_nanos), entries };
+        let outcome = if self.wait { self.queue.push(Job::Batch(batch)) } else { self.queue.offer(Job::Batch(batch)) };
+        match outcome {
+            Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
+            Err(Refused::Full(_)) => {
+                *self.full.entry(source.to_string()).or_insert(0) += 1;
+                if !std::mem::replace(&mut self.full_said, true) {
+                    let waiting_mb = self.queue.waiting_bytes() >> 20;
+                    tracing::warn!(
+                        source = &**source,
+                        waiting_mb,
+                        "the disk is too slow: frames are dropped; try --compression none, fewer --topics or a larger --queue-mb"
+                    );
+                }
+            }
+            Err(Refused::Closed) => return Err(writer_ended()),
+        }
+        Ok(())
+    }
+
+    fn push(&self, job: Job) -> anyhow::Result<()> {
+        self.queue.push(job).map_err(|_| writer_ended())
+    }
+
+    fn wall_nanos(&self, mono_nanos: u64) -> u64 {
+        u64::try_from(mono_nanos as i128 + self.wall_minus_mono_nanos).unwrap_or(0)
+    }
+}
+
+fn writer_ended() -> anyhow::Error {
+    anyhow!("the writer has ended")
+}
+
+fn wall_minus_mono_nanos() -> anyhow::Result<i128> {
+    let wall = nix::time::clock_gettime(nix::time::ClockId::CLOCK_REALTIME).context("cannot read the wall clock")?;
+    Ok(wall.tv_sec() as i128 * 1_000_000_000 + wall.tv_nsec() as i128 - mono_now().0 as i128)
+}
+
+const DOCUMENTS: [&str; 4] = [names::WORLD_INFO, names::WORLD_ACTORS, names::WORLD_CATALOGUE, names::WORLD_MAP];
+
+impl Session {
+    fn open(options: &Options, queue: Queue) -> anyhow::Result<Session> {
+        let name = format!("gantry-record-{}", std::process::id());
+        let bus = Bus::open_with(&options.domain, &name, &options.bus)?;
+        let sink = Sink {
+            queue,
+            wait: options.lockstep,
+            wall_minus_mono_nanos: wall_minus_mono_nanos()?,
+            recorded: BTreeMap::new(),
+            full: BTreeMap::new(),
+            full_said: false,
+        };
+        sink.push(file_metadata(&options.domain))?;
+        sink.push(class_metadata())?;
+        Ok(Session {
+            lockstep: None,
+            snapshots: None,
+            documents: DOCUMENTS.map(|name| (name, FollowedDocument::new(name))).into(),
+            follower: Follower::on(bus),
+            names: BTreeMap::new(),
+            full: BTreeSet::new(),
+            patterns: options.topics.clone(),
+            discovered: None,
+            scene: SceneState::default(),
+            sink,
+            sim_nanos: 0,
+            newest_tick: 0,
+            epoch: 0,
+            map: "map".to_string(),
+            wants_lockstep: options.lockstep,
+            last_try: None,
+            name,
+        })
+    }
+
+    fn run(mut self, stop: &dyn Fn() -> bool) -> anyhow::Result<Report> {
+        while !stop() {
+            self.discover()?;
+            self.wait()?;
+            self.drain()?;
+            self.acknowledge()?;
+        }
+        // Leaving the gate first lets the simulator go on while the file is finished.
+        self.lockstep = None;
+        self.drain()?;
+        self.close()
+    }
+
+    /// Follows topics that are new.
+    fn discover(&mut self) -> anyhow::Result<()> {
+        if self.discovered.is_some_and(|at| at.elapsed() < DISCOVER_EVERY) {
+            return Ok(());
+        }
+        self.discovered = Some(Instant::now());
+        for topic in self.follower.bus().topics()? {
+            let wanted = self.patterns.is_empty() || self.patterns.iter().any(|pattern| matches(pattern, &topic.name));
+            if topic.modality.is_none() || !wanted || self.names.contains_key(&topic.name) {
+                continue;
+            }
+            if topic.subscribers >= topic.max_subscribers {
+                if self.full.insert(topic.name.clone()) {
+                    tracing::error!(
+                        topic = topic.name,
+                        limit = topic.max_subscribers,
+                        "cannot record the topic: all its reader places are taken; stop another reader"
+                    );
+                }
+                continue;
+            }
+            if let Some(name) = TopicName::new(&topic.name) {
+                self.full.remove(&topic.name);
+                self.follower.follow(&topic.name, Take::All);
+                self.names.insert(topic.name.clone(), (name, topic.name.as_str().into()));
+            }
+        }
+        if self.snapshots.is_none() {
+            self.snapshots = absent_is_none(self.follower.bus().snapshot_reader())?;
+        }
+        self.join_lockstep()
+    }
+
+    fn join_lockstep(&mut self) -> anyhow::Result<()> {
+        let lost = self.lockstep.as_ref().is_some_and(|step| self.epoch != 0 && step.gate.epoch() != self.epoch);
+        let wait = self.last_try.is_some_and(|at| at.elapsed() < JOIN_EVERY);
+        if !self.wants_lockstep || (self.lockstep.is_some() && !lost) || wait || self.names.is_empty() {
+            return Ok(());
+        }
+        self.last_try = Some(Instant::now());
+        self.lockstep = None;
+        // Everything must be open before the gate waits for us, else the first tick would be missed.
+        self.follower.wait(Duration::ZERO)?;
+        let bus = self.follower.bus();
+        match Lockstep::join(bus, &self.name, ANSWER_TIMEOUT) {
+            Ok(gate) => {
+                tracing::info!(first_tick = gate.first_tick(), "in lockstep: the simulator waits for this recorder");
+                let acked = gate.first_tick().saturating_sub(1);
+                self.lockstep = Some(InStep {
+                    gate,
+                    barrier: bus.command_client(&format!("{}-end", self.name))?,
+                    wake: bus.listener(names::WORLD_SNAPSHOT)?,
+                    acked,
+                });
+            }
+            Err(error) => tracing::warn!(%error, "not in lockstep yet, trying again"),
+        }
+        Ok(())
+    }
+
+    fn wait(&mut self) -> anyhow::Result<()> {
+        match &self.lockstep {
+            // In lockstep the snapshot is what begins a tick; the follower only looks for topics.
+            Some(step) => {
+                self.follower.wait(Duration::ZERO)?;
+                step.wake.wait(MAX_WAIT)?;
+            }
+            None => drop(self.follower.wait(MAX_WAIT)?),
+        }
+        Ok(())
+    }
+
+    fn drain(&mut self) -> anyhow::Result<()> {
+        self.drain_documents()?;
+        self.drain_snapshots()?;
+        for id in self.follower.ids() {
+            while let Some(frame) = self.follower.take(id)? {
+                if frame.header().tick > self.newest_tick {
+                    // Its snapshot was sent before it.
+                    self.drain_snapshots()?;
+                }
+                let topic = self.follower.topic(id).topic();
+                let Some((name, source)) = self.names.get(topic) else { continue };
+                let header = frame.header();
+                let queue = &self.sink.queue;
+                let mut entries = frame_entries(name, header, &frame, &mut |n_bytes| queue.buffer(n_bytes));
+                entries.extend(self.scene.frame_extras(name, header));
+                self.sink.put(source, header.seq, header.sim_nanos, header.published_mono_nanos, entries)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn drain_snapshots(&mut self) -> anyhow::Result<()> {
+        let Some(reader) = &mut self.snapshots else { return Ok(()) };
+        let source: std::sync::Arc<str> = names::WORLD_SNAPSHOT.into();
+        loop {
+            match reader.next() {
+                Ok(Some(snapshot)) => {
+                    let header = snapshot.header();
+                    (self.sim_nanos, self.newest_tick, self.epoch) = (header.sim_nanos, header.tick, header.epoch);
+                    let entries = self.scene.snapshot_entries(header, snapshot.records());
+                    self.sink.put(&source, header.tick, header.sim_nanos, header.published_mono_nanos, entries)?;
+                }
+                Ok(None) => return Ok(()),
+                Err(error @ BusError::BadSample { .. }) => tracing::warn!(%error, "a snapshot is left out"),
+                Err(other) => return Err(other.into()),
+            }
+        }
+    }
+
+    fn drain_documents(&mut self) -> anyhow::Result<()> {
+        for (name, followed) in &mut self.documents {
+            let Some(found) = followed.changed(self.follower.bus())? else { continue };
+            match *name {
+                names::WORLD_INFO => {
+                    let info = found.json::<WorldInfo>()?;
+                    self.map = info.map.rsplit('/').next().unwrap_or("map").to_string();
+                    self.sink.push(world_metadata(&found.text))?;
+                }
+                names::WORLD_ACTORS => self.scene.set_actors(&found.json::<ActorList>()?),
+                names::WORLD_MAP => self.sink.push(Job::Attach {
+                    name: format!("{}.xodr", self.map.trim_end_matches(".xodr")),
+                    media_type: "application/xml",
+                    data: found.text.clone().into_bytes(),
+                    log_nanos: self.sim_nanos,
+                })?,
+                _ => {}
+            }
+            let entries = vec![document(name, &found.header, &found.text)];
+            self.sink.put(&(*name).into(), found.header.revision, self.sim_nanos, mono_now().0, entries)?;
+        }
+        Ok(())
+    }
+
+    /// In lockstep: once the daemon answers from after tick N, all frames of tick N were sent; take them, then acknowledge.
+    fn acknowledge(&mut self) -> anyhow::Result<()> {
+        let Some(step) = &mut self.lockstep else { return Ok(()) };
+        let tick = self.newest_tick;
+        if tick <= step.acked || self.epoch != step.gate.epoch() {
+            return Ok(());
+        }
+        match step.barrier.request(&CommandBatch::new(vec![Command::Ping]), ANSWER_TIMEOUT) {
+            Ok(reply) if reply.tick < tick => return Ok(()),
+            Ok(_) => {}
+            Err(error) => {
+                tracing::warn!(%error, tick, "cannot learn whether the tick is complete, asking again");
+                return Ok(());
+            }
+        }
+        self.drain()?;
+        if let Some(step) = &mut self.lockstep {
+            step.gate.ack(tick)?;
+            step.acked = tick;
+        }
+        Ok(())
+    }
+
+    fn close(self) -> anyhow::Result<Report> {
+        let mut lost: BTreeMap<String, Loss> = BTreeMap::new();
+        for report in self.follower.reports() {
+            let loss = lost.entry(report.topic).or_default();
+            (loss.on_the_bus, loss.refused) = (report.counts.lost, report.counts.refused);
+        }
+        for (topic, n) in &self.sink.full {
+            lost.entry(topic.clone()).or_default().queue_full = *n;
+        }
+        lost.retain(|_, loss| loss.total() > 0);
+        let pairs = lost.iter().map(|(topic, loss)| (topic.clone(), loss.total().to_string())).collect();
+        self.sink.push(Job::Metadata { name: "losses".to_string(), pairs })?;
+        Ok(Report { written: Written::default(), recorded: self.sink.recorded, lost })
+    }
+}
+
+/// Nobody made it yet: not an error.
+fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> {
+    match outcome {
+        Ok(port) => Ok(Some(port)),
+        Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => Ok(None),
+        Err(other) => Err(other.into()),
+    }
+}
+
+fn file_metadata(domain: &str) -> Job {
+    let pairs = [
+        ("domain", domain.to_string()),
+        ("recorder", concat!("gantry-record ", env!("CARGO_PKG_VERSION")).to_string()),
+        ("schema_version", schema_frames::SCHEMA_VERSION.to_string()),
+        ("log_time", "simulated nanoseconds since the simulator started".to_string()),
+        ("publish_time", "the publisher's wall clock, nanoseconds since 1970".to_string()),
+    ];
+    Job::Metadata { name: "gantry".to_string(), pairs: pairs.map(|(key, value)| (key.to_string(), value)).into() }
+}
+
+fn class_metadata() -> Job {
+    let pairs = CLASSES.iter().enumerate().map(|(number, info)| (number.to_string(), info.name.to_string())).collect();
+    Job::Metadata { name: "classes".to_string(), pairs }
+}
+
+/// The members of `world/info`, each as text.
+fn world_metadata(json: &str) -> Job {
+    let members: serde_json::Map<String, serde_json::Value> = serde_json::from_str(json).unwrap_or_default();
+    let text = |value: serde_json::Value| match value {
+        serde_json::Value::String(text) => text,
+        other => other.to_string(),
+    };
+    Job::Metadata { name: names::WORLD_INFO.to_string(), pairs: members.into_iter().map(|(key, value)| (key, text(value))).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_match_as_in_a_shell() {
+        assert!(matches("ego/*", "ego/front/rgb") && matches("*/rgb", "ego/front/rgb") && matches("ego/f?ont/*", "ego/front/rgb"));
+        assert!(matches("*", "") && matches("ego/front/rgb", "ego/front/rgb"));
+        assert!(!matches("*/rgb", "ego/front/rgbx") && !matches("ego/?/rgb", "ego/front/rgb") && !matches("", "a"));
+    }
+}

@@ -1,5 +1,7 @@
 //! Made-up frames of every modality; each byte follows from the tick.
 
+#![allow(dead_code, reason = "every test and the example use their part of it")]
+
 use std::path::Path;
 
 use consumer_record::convert::{TopicName, frame_entries};
