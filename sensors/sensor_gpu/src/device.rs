@@ -67,17 +67,47 @@ struct Inner {
     staging: Mutex<Vec<wgpu::Buffer>>,
 }
 
+/// A GPU that could be opened.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AdapterInfo {
+    /// Name, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`.
+    pub name: String,
+    /// Driver and its version.
+    pub driver: String,
+    /// Whether the CPU does the work.
+    pub is_software: bool,
+    /// Whether the driver has the extension that frames without a copy need.
+    pub can_import: bool,
+}
+
 impl Gpu {
+    /// Every Vulkan adapter of the machine.
+    pub fn adapters() -> Vec<AdapterInfo> {
+        let describe = |adapter: &wgpu::Adapter| {
+            let info = adapter.get_info();
+            AdapterInfo {
+                is_software: info.device_type == wgpu::DeviceType::Cpu,
+                can_import: import::has_import(adapter),
+                driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+                name: info.name,
+            }
+        };
+        enumerate().iter().map(describe).collect()
+    }
+
+    /// Waits until the device has finished everything that was submitted and freed what was dropped.
+    pub fn wait_idle(&self) {
+        if let Err(error) = self.device().poll(wgpu::PollType::wait_indefinitely()) {
+            tracing::warn!(%error, "the GPU did not become idle");
+        }
+    }
+
     /// Opens an adapter.
     ///
     /// # Errors
     /// No adapter, none of that name (the message lists all), or the driver refuses.
     pub fn open(options: &GpuOptions) -> Result<Gpu, GpuError> {
-        let descriptor =
-            wgpu::InstanceDescriptor { backends: wgpu::Backends::VULKAN, ..wgpu::InstanceDescriptor::new_without_display_handle() };
-        let instance = wgpu::Instance::new(descriptor);
-        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
-        let adapter = choose(adapters, options.adapter.as_deref())?;
+        let adapter = choose(enumerate(), options.adapter.as_deref())?;
         let info = adapter.get_info();
         let (device, queue, caps) = import::open_device(&adapter).map_err(|reason| GpuError::Open { name: info.name.clone(), reason })?;
         let import = if options.allow_import { caps } else { None };
@@ -160,6 +190,12 @@ impl Gpu {
 
 /// Staging buffers kept for reuse; eight cameras with six modalities in two frames in flight use 96.
 const MAX_POOLED_STAGING: usize = 128;
+
+fn enumerate() -> Vec<wgpu::Adapter> {
+    let descriptor =
+        wgpu::InstanceDescriptor { backends: wgpu::Backends::VULKAN, ..wgpu::InstanceDescriptor::new_without_display_handle() };
+    pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(wgpu::Backends::VULKAN))
+}
 
 fn choose(adapters: Vec<wgpu::Adapter>, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
     let found: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();

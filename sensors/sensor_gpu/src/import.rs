@@ -12,6 +12,13 @@ pub(crate) struct ImportCaps {
     pub alignment_bytes: u64,
 }
 
+/// Whether the driver of `adapter` has the import extension.
+pub(crate) fn has_import(adapter: &wgpu::Adapter) -> bool {
+    // SAFETY: the hal adapter is only read, and lives as long as this guard.
+    let hal_adapter = unsafe { adapter.as_hal::<Vulkan>() };
+    hal_adapter.is_some_and(|hal| hal.physical_device_capabilities().supports_extension(ash::ext::external_memory_host::NAME))
+}
+
 /// Opens `adapter` with the import extension if it has it.
 ///
 /// Errors are the driver's words.

@@ -17,5 +17,5 @@ pub mod target;
 
 pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, Place};
 pub use counters::{Counters, Counts};
-pub use device::{Gpu, GpuError, GpuOptions};
+pub use device::{AdapterInfo, Gpu, GpuError, GpuOptions};
 pub use target::ShmTarget;

@@ -7,10 +7,8 @@ use schema_frames::StepMode;
 pub struct Participant {
     /// Number it acknowledges with.
     pub number: u32,
-    /// Name for messages.
+    /// Name it joined under and writes its acknowledgements as; the gate opens without it when that writer is gone.
     pub name: String,
-    /// Bus client that joined; the gate opens without it when its process is gone.
-    pub client: String,
     /// Last tick it is done with.
     pub acked_tick: u64,
 }
@@ -48,10 +46,10 @@ impl Gate {
     }
 
     /// Lets a consumer join; its first tick to acknowledge is `last_tick + 1`.
-    pub fn join(&mut self, name: String, client: String, last_tick: u64) -> u32 {
+    pub fn join(&mut self, name: String, last_tick: u64) -> u32 {
         let number = self.next_number;
         self.next_number += 1;
-        self.participants.push(Participant { number, name, client, acked_tick: last_tick });
+        self.participants.push(Participant { number, name, acked_tick: last_tick });
         number
     }
 
@@ -109,7 +107,7 @@ mod tests {
     #[test]
     fn a_participant_holds_the_next_tick_until_it_acknowledges() {
         let mut gate = Gate::new(StepMode::FreeRunning);
-        let number = gate.join("recorder".into(), "c".into(), 7);
+        let number = gate.join("recorder".into(), 7);
         assert!(gate.is_open(7), "tick 8 is the first it acknowledges");
         assert!(!gate.is_open(8));
         gate.ack(number + 1, 8);

@@ -1,1 +1,51 @@
-fn main() {}
+//! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared memory.
+
+mod cli;
+mod commands;
+mod daemon;
+mod documents;
+mod frames;
+mod gate;
+mod hash;
+mod import;
+mod pace;
+mod rig;
+mod scene;
+mod setup;
+
+use std::process::ExitCode;
+
+use launch_cli::{Exit, Shutdown};
+use sensor_gpu::Gpu;
+
+fn main() -> ExitCode {
+    launch_cli::run(|args: cli::Args| {
+        args.common.init_logging();
+        if args.adapters {
+            return list_adapters(args.json);
+        }
+        let shutdown = Shutdown::install()?;
+        if let Err(error) = launch_cli::raise_file_limit() {
+            tracing::warn!(%error, "the limit of open files stays as it is; many sensors may not fit");
+        }
+        setup::start(args, shutdown)?.run()?;
+        Ok(Exit::Done)
+    })
+}
+
+/// `--adapters`: one line, or one JSON object, per GPU.
+fn list_adapters(json: bool) -> anyhow::Result<Exit> {
+    let adapters = Gpu::adapters();
+    for adapter in &adapters {
+        if json {
+            println!(
+                "{}",
+                serde_json::json!({ "name": adapter.name, "software": adapter.is_software, "driver": adapter.driver, "import": adapter.can_import })
+            );
+        } else {
+            let import = if adapter.can_import { "writes into shared memory" } else { "needs one copy per frame" };
+            println!("{} ({}): {import}", adapter.name, adapter.driver);
+        }
+    }
+    Ok(if adapters.is_empty() { Exit::Failed } else { Exit::Done })
+}

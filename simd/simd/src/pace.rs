@@ -11,6 +11,7 @@ const GIVE_UP_PERIODS: u64 = 10;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pace {
     next_nanos: u64,
+    last_start_nanos: u64,
     period_nanos: u64,
     n_late: u64,
     n_given_up: u64,
@@ -19,7 +20,7 @@ pub struct Pace {
 impl Pace {
     /// The first tick is due at once.
     pub fn new(now_nanos: u64, period_nanos: u64) -> Self {
-        Pace { next_nanos: now_nanos, period_nanos, n_late: 0, n_given_up: 0 }
+        Pace { next_nanos: now_nanos, last_start_nanos: now_nanos, period_nanos, n_late: 0, n_given_up: 0 }
     }
 
     /// Nanoseconds until the next tick is due; 0 if it is due or late.
@@ -29,6 +30,7 @@ impl Pace {
 
     /// Notes that a tick starts now and moves the deadline on by one period.
     pub fn start_tick(&mut self, now_nanos: u64) {
+        self.last_start_nanos = now_nanos;
         let late_nanos = now_nanos.saturating_sub(self.next_nanos);
         if late_nanos >= self.period_nanos {
             self.n_late += 1;
@@ -38,6 +40,11 @@ impl Pace {
             self.next_nanos = now_nanos;
         }
         self.next_nanos += self.period_nanos;
+    }
+
+    /// When the last tick started, or the schedule if none has.
+    pub fn last_start_nanos(&self) -> u64 {
+        self.last_start_nanos
     }
 
     /// Ticks that started a period or more too late.

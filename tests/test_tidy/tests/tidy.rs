@@ -122,7 +122,14 @@ fn every_unsafe_block_has_its_proof() {
 #[test]
 fn nothing_is_left_to_do_or_switched_off() {
     // Spelled in parts so that this file does not accuse itself.
-    let words = [concat!("TO", "DO"), concat!("FIX", "ME"), concat!("#[ig", "nore"), concat!("todo", "!("), concat!("unimple", "mented!"), concat!("dbg", "!(")];
+    let words = [
+        concat!("TO", "DO"),
+        concat!("FIX", "ME"),
+        concat!("#[ig", "nore"),
+        concat!("todo", "!("),
+        concat!("unimple", "mented!"),
+        concat!("dbg", "!("),
+    ];
     let mut wrong = Vec::new();
     for path in files(&["rs", "py", "wgsl", "sh"]) {
         for (i, line) in read(&path).lines().enumerate() {
@@ -169,7 +176,10 @@ fn the_architecture_page_names_things_that_exist() {
         if is_crate_name && !crates.contains(head) {
             wrong.push(format!("`{word}`: there is no crate {head}"));
         }
-        let is_path = word.contains('/') && !word.contains(['<', '*', ' ', '{', ':', '…']) && !word.starts_with("world/") && !word.starts_with("control/");
+        let is_path = word.contains('/')
+            && !word.contains(['<', '*', ' ', '{', ':', '…'])
+            && !word.starts_with("world/")
+            && !word.starts_with("control/");
         if is_path && !repository().join(word).exists() {
             wrong.push(format!("`{word}`: there is no such file or folder"));
         }

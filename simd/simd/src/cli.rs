@@ -1,0 +1,93 @@
+//! Command line of `simd`. Flags override the launch file.
+
+use std::path::PathBuf;
+
+use clap::{Parser, ValueEnum};
+use launch_cli::CommonArgs;
+
+/// Simulation daemon: owns the world and the clock, renders the sensors and writes their frames straight into shared memory.
+#[derive(Parser, Clone, Debug)]
+#[command(name = "simd", version, after_help = EXAMPLES)]
+pub struct Args {
+    /// Launch file whose scenario and sensors to run [default: a town with one car, 20 others and no sensors]
+    #[arg(long, value_name = "FILE")]
+    pub launch: Option<PathBuf>,
+
+    /// Override a value of the launch file, in TOML syntax; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+
+    /// GPU whose name contains this text, e.g. "llvmpipe" or "H200" [default: a real GPU if there is one]
+    #[arg(long, value_name = "TEXT")]
+    pub adapter: Option<String>,
+
+    /// List the GPUs that can render and stop
+    #[arg(long)]
+    pub adapters: bool,
+
+    /// Print lists as JSON
+    #[arg(long)]
+    pub json: bool,
+
+    /// Picture quality: changes colour only, never depth, labels, flow or rays [default: low on software adapters, else high]
+    #[arg(long, value_enum)]
+    pub quality: Option<QualityArg>,
+
+    /// Copy frames once on the CPU instead of letting the GPU write into shared memory
+    #[arg(long)]
+    pub staged: bool,
+
+    /// Frames of one sensor that may be on the GPU at once in free-running mode, 1 to 4
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=4))]
+    pub frames_in_flight: u32,
+
+    /// Render every sensor, read or not, and print one line "TICK TOPIC HASH" per frame to stdout
+    #[arg(long)]
+    pub hash: bool,
+
+    /// Stop after this many ticks
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub ticks: Option<u64>,
+
+    /// Run as fast as possible instead of in real time (free-running mode only)
+    #[arg(long)]
+    pub unpaced: bool,
+
+    /// What to do in stepped mode when no client is left for 10 seconds
+    #[arg(long, value_enum, default_value_t = OnLostClient::Resume)]
+    pub on_lost_client: OnLostClient,
+
+    /// Remove a lockstep participant that has been idle for this many seconds although it lives [default: wait for ever]
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub lockstep_timeout: Option<u32>,
+
+    /// Wait for this many lockstep participants before the first tick
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub await_lockstep: u32,
+
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// Choice for `--quality`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum QualityArg {
+    /// For software adapters.
+    Low,
+    /// For GPUs.
+    High,
+}
+
+/// Choice for `--on-lost-client`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OnLostClient {
+    /// Tick in real time until the next cue; settings stay.
+    Resume,
+    /// Wait for ever, as CARLA does.
+    Wait,
+}
+
+const EXAMPLES: &str = "Examples:
+  simd --launch launch/quickstart.toml
+  simd --launch launch/quickstart.toml --ticks 200 --unpaced --hash > hashes.txt
+  simd --adapters";

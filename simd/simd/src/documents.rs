@@ -1,0 +1,111 @@
+//! `world/info`, `world/map`, `world/actors` and `world/catalogue`: sent when they change.
+
+use anyhow::Context as _;
+use launch_spec::Launch;
+use schema_bus::{Bus, DocumentPublisher, names};
+use schema_frames::WorldInfo;
+use simd_world::World;
+
+use crate::daemon::Episode;
+use crate::frames::Sensors;
+use crate::gate::Gate;
+
+/// The four documents and what was last sent.
+pub struct Documents {
+    info: DocumentPublisher,
+    map: DocumentPublisher,
+    actors: DocumentPublisher,
+    catalogue: DocumentPublisher,
+    info_changed: bool,
+    sent_info: Option<WorldInfo>,
+    sent_actors: Option<u64>,
+    sent_episode: u32,
+}
+
+/// What the documents tell about.
+pub struct State<'a> {
+    /// Actors, weather, catalogue.
+    pub world: &'a World,
+    /// Seed.
+    pub launch: &'a Launch,
+    /// Mode and participants.
+    pub gate: &'a Gate,
+    /// Map and epoch.
+    pub episode: &'a Episode,
+    /// Length of a tick.
+    pub period_nanos: u64,
+    /// Tick after which the texts hold.
+    pub tick: u64,
+    /// Topics of the sensors.
+    pub sensors: &'a Sensors,
+}
+
+impl Documents {
+    /// Opens the four services; `world/info` last, because its publisher says "a daemon is here".
+    pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
+        let open = |name| bus.document_publisher(name).with_context(|| format!("cannot publish {name:?}"));
+        Ok(Documents {
+            map: open(names::WORLD_MAP)?,
+            actors: open(names::WORLD_ACTORS)?,
+            catalogue: open(names::WORLD_CATALOGUE)?,
+            info: open(names::WORLD_INFO)?,
+            info_changed: true,
+            sent_info: None,
+            sent_actors: None,
+            sent_episode: 0,
+        })
+    }
+
+    /// Hands the newest texts to readers that came since the last call.
+    pub fn greet(&self) {
+        [&self.info, &self.map, &self.actors, &self.catalogue].into_iter().for_each(DocumentPublisher::greet);
+    }
+
+    /// Makes the next [`Documents::publish`] look at `world/info` again.
+    pub fn touch_info(&mut self) {
+        self.info_changed = true;
+    }
+
+    /// Sends what changed.
+    pub fn publish(&mut self, state: &State<'_>) -> anyhow::Result<()> {
+        let epoch = state.episode.stamp.epoch;
+        let new_episode = self.sent_episode != state.episode.stamp.episode;
+        if new_episode {
+            self.map.send(&state.world.map().open_drive, epoch, state.tick)?;
+            self.catalogue.send_json(state.world.catalogue(), epoch, state.tick)?;
+            self.sent_episode = state.episode.stamp.episode;
+        }
+        if self.sent_actors != Some(state.world.actors_revision()) {
+            self.actors.send_json(&state.world.actor_list(), epoch, state.tick)?;
+            self.sent_actors = Some(state.world.actors_revision());
+        }
+        if self.info_changed || new_episode {
+            let info = info(state);
+            if self.sent_info.as_ref() != Some(&info) {
+                self.info.send_json(&info, epoch, state.tick)?;
+                self.sent_info = Some(info);
+            }
+            self.info_changed = false;
+        }
+        Ok(())
+    }
+}
+
+fn info(state: &State<'_>) -> WorldInfo {
+    let targets = state.sensors.sensors.iter().flat_map(|sensor| &sensor.topics).filter_map(|topic| topic.target.as_ref());
+    WorldInfo {
+        source: "live".into(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        epoch: state.episode.stamp.epoch.to_string(),
+        episode: state.episode.stamp.episode,
+        map: state.world.map().name.clone(),
+        seed: state.launch.scenario.seed,
+        mode: state.gate.mode(),
+        period_nanos: state.period_nanos,
+        episode_start_nanos: state.episode.start.0,
+        lockstep: state.gate.participants().iter().map(|participant| participant.name.clone()).collect(),
+        weather: *state.world.weather(),
+        adapter: state.sensors.gpu().name().to_owned(),
+        cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),
+    }
+}

@@ -1,0 +1,342 @@
+//! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send, wake-ups.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use schema_bus::{FrameLoan, mono_now};
+use schema_frames::{FrameHeader, Modality};
+use schema_types::noise::Noise;
+use schema_types::{ActorId, Pose};
+use sensor_camera::{CameraRenderer, Output, Place, Submission, ViewJob};
+use sensor_core::gnss::GeoReference;
+use sensor_core::imu::{BodyState, STANDARD_GRAVITY_MPS2};
+use sensor_core::scene::{Scene, SceneAssets};
+use sensor_core::schedule::Firing;
+use sensor_core::{gnss, imu};
+use sensor_gpu::Gpu;
+use sensor_ray::{RayScene, SensorPath};
+use sensor_spec::SensorSpec;
+
+use crate::hash::BytesHash;
+use crate::rig::{Model, Rig, Sensor, Topic};
+
+/// State of an actor that sensors need: its own and that of the body that carries it.
+#[derive(Clone, Copy, Debug)]
+pub struct Carrier {
+    /// Body the sensor sits on; 0 if free.
+    pub parent: ActorId,
+    /// Pose of the sensor in the world, the very value of the snapshot.
+    pub world_from_sensor: Pose,
+    /// State of the body.
+    pub body: BodyState,
+}
+
+/// What is the same in every header of one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Stamp {
+    /// Random number of the daemon's start.
+    pub epoch: u64,
+    /// Count of map loads.
+    pub episode: u32,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Geographic place of the map's origin.
+    pub geo_reference: GeoReference,
+}
+
+/// All sensors of the daemon and what makes their frames.
+pub struct Sensors {
+    /// Rigs, in the order of their first sensor.
+    pub rigs: Vec<Rig>,
+    /// Sensors by rising actor id.
+    pub sensors: Vec<Sensor>,
+    gpu: Gpu,
+    renderer: CameraRenderer,
+    rays: Option<RayScene>,
+    in_flight: VecDeque<PendingTick>,
+    max_in_flight: usize,
+    read_everything: bool,
+    n_lidar_turns: u64,
+}
+
+struct PendingTick {
+    submission: Submission<'static>,
+    frames: Vec<PendingFrame>,
+    tick: u64,
+}
+
+struct PendingFrame {
+    sensor_idx: usize,
+    topic_idx: usize,
+    view_idx: usize,
+    output_idx: usize,
+    loan: FrameLoan,
+    header: FrameHeader,
+}
+
+impl Sensors {
+    /// Sensors that render on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
+    pub fn new(
+        gpu: Gpu,
+        renderer: CameraRenderer,
+        rigs: Vec<Rig>,
+        sensors: Vec<Sensor>,
+        max_in_flight: u32,
+        read_everything: bool,
+    ) -> Self {
+        let max_in_flight = if read_everything { 1 } else { max_in_flight as usize };
+        Sensors { rigs, sensors, gpu, renderer, rays: None, in_flight: VecDeque::new(), max_in_flight, read_everything, n_lidar_turns: 0 }
+    }
+
+    /// Turns that were cast.
+    pub fn n_lidar_turns(&self) -> u64 {
+        self.n_lidar_turns
+    }
+
+    /// The GPU they render on.
+    pub fn gpu(&self) -> &Gpu {
+        &self.gpu
+    }
+
+    /// Takes over a new episode's static world.
+    pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
+        self.finish_all()?;
+        self.renderer.load(assets);
+        self.rays = None;
+        Ok(())
+    }
+
+    /// Fires what is due at the scene's tick. Frames of the GPU may still be on their way when this returns, CPU-made ones are sent.
+    pub fn fire(&mut self, scene: &Scene, stamp: &Stamp, carrier: impl Fn(ActorId) -> Option<Carrier>) -> anyhow::Result<()> {
+        while self.in_flight.len() >= self.max_in_flight {
+            self.finish_oldest(scene.tick.0)?;
+        }
+        let mut due = Vec::with_capacity(self.sensors.len());
+        for (idx, sensor) in self.sensors.iter_mut().enumerate() {
+            let Some(carrier) = carrier(sensor.actor) else { continue };
+            if let Model::Imu(motion) = &mut sensor.model {
+                motion.push(carrier.body);
+            }
+            if let Some(firing) = sensor.schedule.due(scene.sim_time) {
+                due.push((idx, firing, carrier));
+            }
+        }
+        let pending = self.submit_views(scene, stamp, &due)?;
+        let waking = self.fire_on_cpu(scene, stamp, &due)?;
+        match pending {
+            Some(pending) => self.in_flight.push_back(pending),
+            None => self.wake(&waking),
+        }
+        if self.read_everything {
+            self.finish_all()?;
+        }
+        Ok(())
+    }
+
+    fn wake(&self, rig_idxs: &[usize]) {
+        for rig_idx in rig_idxs {
+            self.rigs[*rig_idx].wake.notify();
+        }
+    }
+
+    /// Whether frames are on their way.
+    pub fn is_busy(&self) -> bool {
+        !self.in_flight.is_empty()
+    }
+
+    /// Waits for everything on its way and sends it.
+    pub fn finish_all(&mut self) -> anyhow::Result<()> {
+        while !self.in_flight.is_empty() {
+            let newest = self.in_flight.back().map_or(0, |pending| pending.tick);
+            self.finish_oldest(newest)?;
+        }
+        Ok(())
+    }
+
+    fn submit_views(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Option<PendingTick>> {
+        let mut jobs = Vec::new();
+        let mut frames = Vec::new();
+        let mut due = due.iter().peekable();
+        for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
+            let Some((_, firing, carrier)) = due.next_if(|(idx, ..)| *idx == sensor_idx) else { continue };
+            let Model::View(view) = &mut sensor.model else { continue };
+            let mut outputs = Vec::new();
+            for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
+                let Some(loan) = topic.loan(self.read_everything) else { continue };
+                let target = topic.target.clone().expect("topics of views have a target");
+                let place = Place::Shm {
+                    target,
+                    offset_bytes: loan.offset_in_segment().expect("the segment was asked for when the topic was opened"),
+                    capacity_bytes: topic.max_payload_bytes,
+                };
+                let mut header = base_header(topic.modality, scene, stamp, sensor.actor, firing, carrier);
+                header.intrinsics_px = view.intrinsics().as_array();
+                header.set_image(view.intrinsics().width_px, view.intrinsics().height_px);
+                frames.push(PendingFrame { sensor_idx, topic_idx, view_idx: jobs.len(), output_idx: outputs.len(), loan, header });
+                outputs.push(Output { modality: topic.modality, place });
+            }
+            jobs.push(ViewJob { view, world_from_sensor: carrier.world_from_sensor.isometry(), outputs });
+        }
+        if jobs.is_empty() {
+            return Ok(None);
+        }
+        let submission = self.renderer.render(scene, jobs).context("cannot render")?;
+        Ok((!frames.is_empty()).then_some(PendingTick { submission, frames, tick: scene.tick.0 }))
+    }
+
+    fn finish_oldest(&mut self, current_tick: u64) -> anyhow::Result<()> {
+        let Some(pending) = self.in_flight.pop_front() else { return Ok(()) };
+        let results = pending.submission.wait().context("the GPU did not finish its frames")?;
+        let rendered_mono_nanos = mono_now().0;
+        let mut waking = Vec::new();
+        for frame in pending.frames {
+            let sensor = &mut self.sensors[frame.sensor_idx];
+            let topic = &mut sensor.topics[frame.topic_idx];
+            let result = &results[frame.view_idx].outputs[frame.output_idx];
+            let mut header = frame.header;
+            if topic.modality == Modality::Dvs {
+                header.set_list((result.n_bytes / topic.modality.element_bytes()) as u32);
+                topic.n_overflowed += result.n_dropped;
+            }
+            if result.first {
+                header.flags |= FrameHeader::FIRST;
+            }
+            if matches!(topic.modality, Modality::Dvs | Modality::Flow) && result.window_nanos != 0 {
+                header.window_nanos = result.window_nanos;
+            }
+            header.cpu_copies = result.cpu_copies;
+            header.rendered_mono_nanos = rendered_mono_nanos;
+            header.ticks_in_flight = (current_tick - pending.tick) as u32;
+            topic.send(frame.loan, header, self.read_everything);
+            if !waking.contains(&sensor.rig_idx) {
+                waking.push(sensor.rig_idx);
+            }
+        }
+        self.wake(&waking);
+        Ok(())
+    }
+
+    fn fire_on_cpu(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Vec<usize>> {
+        let mut waking = Vec::new();
+        let mut rays_are_current = false;
+        for (sensor_idx, firing, carrier) in due {
+            let sensor = &mut self.sensors[*sensor_idx];
+            if matches!(sensor.model, Model::View(_)) {
+                continue;
+            }
+            let world_from_sensor = carrier.world_from_sensor.isometry();
+            for topic_idx in 0..sensor.topics.len() {
+                let Some(mut loan) = sensor.topics[topic_idx].loan(self.read_everything) else { continue };
+                let modality = sensor.topics[topic_idx].modality;
+                let mut header = base_header(modality, scene, stamp, sensor.actor, firing, carrier);
+                let noise = Noise::new(stamp.seed, sensor.actor.0 as u64, scene.tick.0);
+                match (&mut sensor.model, &sensor.spec) {
+                    (Model::Lidar { lidar, previous }, _) => {
+                        let rays = self.rays.get_or_insert_with(|| RayScene::load(&scene.assets));
+                        if !rays_are_current {
+                            rays.update(&scene.dynamics);
+                            rays_are_current = true;
+                        }
+                        let path = SensorPath { world_from_sensor_start: previous.unwrap_or(world_from_sensor), world_from_sensor };
+                        header.set_list(lidar.scan(rays, &path, noise, None));
+                        lidar.write(loan.payload_mut());
+                        self.n_lidar_turns += 1;
+                        header.range_limit_m = lidar.spec().range_m as f32;
+                        header.n_channels = lidar.spec().channels;
+                    }
+                    (Model::Imu(motion), SensorSpec::Imu(spec)) => {
+                        let mount = sensor.spec.mount().vehicle_from_sensor();
+                        let input = motion.at(&mount, STANDARD_GRAVITY_MPS2).expect("a state was pushed in this tick");
+                        put(&mut loan, &imu::sample(spec, &input, noise));
+                        header.set_list(1);
+                    }
+                    (Model::Gnss, SensorSpec::Gnss(spec)) => {
+                        let place = world_from_sensor.translation.vector.into();
+                        put(&mut loan, &gnss::sample(spec, &stamp.geo_reference, &place, noise));
+                        header.set_list(1);
+                    }
+                    _ => unreachable!("a sensor's model is made from its spec"),
+                }
+                header.rendered_mono_nanos = mono_now().0;
+                sensor.topics[topic_idx].send(loan, header, self.read_everything);
+                if !waking.contains(&sensor.rig_idx) {
+                    waking.push(sensor.rig_idx);
+                }
+            }
+            if let Model::Lidar { previous, .. } = &mut sensor.model {
+                *previous = Some(world_from_sensor);
+            }
+        }
+        Ok(waking)
+    }
+
+    /// Drops what the GPU imported, waits for the device, and only then the publishers and their memory.
+    pub fn close(mut self) -> anyhow::Result<()> {
+        let finished = self.finish_all();
+        self.in_flight.clear();
+        for topic in self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics) {
+            topic.target = None;
+        }
+        drop(self.renderer);
+        self.gpu.wait_idle();
+        drop(self.gpu);
+        drop(self.sensors);
+        finished
+    }
+}
+
+impl Topic {
+    /// A slot if somebody reads and one is free. No slot: the frame is dropped and counted, and its `seq` is spent.
+    fn loan(&mut self, read_everything: bool) -> Option<FrameLoan> {
+        if !read_everything && self.publisher.n_readers() == 0 {
+            return None;
+        }
+        match self.publisher.loan(self.max_payload_bytes) {
+            Ok(loan) => Some(loan),
+            Err(error) => {
+                if self.n_dropped == 0 {
+                    tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
+                }
+                self.n_dropped += 1;
+                None
+            }
+        }
+    }
+
+    fn send(&mut self, mut loan: FrameLoan, header: FrameHeader, print_hash: bool) {
+        *loan.header_mut() = header;
+        if print_hash {
+            let payload = &loan.payload_mut()[..header.payload_bytes as usize];
+            let hash = BytesHash::new().chunk(header.hashed_bytes()).chunk(payload).finish();
+            println!("{} {} {hash:016x}", header.tick, self.name);
+        }
+        match loan.send() {
+            Ok(_) => self.n_sent += 1,
+            Err(error) => {
+                tracing::warn!(topic = self.name, %error, "frame could not be sent");
+                self.n_dropped += 1;
+            }
+        }
+    }
+}
+
+fn base_header(modality: Modality, scene: &Scene, stamp: &Stamp, actor: ActorId, firing: &Firing, carrier: &Carrier) -> FrameHeader {
+    FrameHeader {
+        sensor_id: actor.0,
+        tick: scene.tick.0,
+        sim_nanos: scene.sim_time.0,
+        seq: firing.seq,
+        episode: stamp.episode,
+        window_nanos: firing.window_nanos,
+        world_from_sensor: carrier.world_from_sensor,
+        parent_id: carrier.parent.0,
+        epoch: stamp.epoch,
+        ..FrameHeader::new(modality)
+    }
+}
+
+/// Writes one record to the front of a loan.
+fn put<T: bytemuck::Pod>(loan: &mut FrameLoan, record: &T) {
+    loan.payload_mut()[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(record));
+}

@@ -1,0 +1,21 @@
+//! The one place of the daemon that hands shared memory to the GPU.
+
+#![expect(unsafe_code, reason = "importing memory is a promise about its lifetime that only the daemon can keep")]
+
+use schema_bus::Segment;
+use sensor_gpu::{Gpu, ShmTarget};
+
+/// The publisher's whole data segment as a target of copies: imported once, or staged if asked for or if the driver refuses.
+///
+/// The daemon drops targets, and waits for the device, before it drops publishers (`Sensors::close`).
+pub fn target(gpu: &Gpu, segment: &Segment, staged: bool) -> ShmTarget {
+    if staged {
+        // SAFETY: as below.
+        unsafe { ShmTarget::staged(segment.base, segment.len) }
+    } else {
+        // SAFETY: the segment stays mapped while the publisher lives, and `Daemon::close` drops every target after the last
+        // submission was waited for and before any publisher. Ranges that are copied to are loans which the daemon holds
+        // alone and does not touch until the submission's `wait` has returned.
+        unsafe { ShmTarget::import(gpu, segment.base, segment.len) }
+    }
+}

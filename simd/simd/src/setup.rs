@@ -1,0 +1,262 @@
+//! From a launch file to a running daemon, and from a map name to an episode.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use launch_cli::{Shutdown, wrong_usage};
+use launch_spec::{Launch, Rig as RigSpec};
+use schema_bus::{Bus, mono_now, names};
+use schema_types::time::TickClock;
+use schema_types::{ActorId, Pose, SimTime, Tick};
+use sensor_camera::{CameraRenderer, Quality};
+use sensor_core::gnss::GeoReference;
+use sensor_core::scene::SceneAssets;
+use sensor_gpu::{Gpu, GpuOptions};
+use simd_town::Town;
+use simd_world::{LightHeads, MapData, Scenario, World, WorldOptions};
+
+use crate::cli::{Args, QualityArg};
+use crate::daemon::{Daemon, Episode, Ports};
+use crate::documents::Documents;
+use crate::frames::{Sensors, Stamp};
+use crate::gate::Gate;
+use crate::pace::Pace;
+use crate::rig::{Rig, Sensor, SensorPlace, TopicOptions};
+
+/// Most actors a snapshot can carry: 4096 records of 256 bytes are 1 MiB a slot.
+const MAX_ACTORS: usize = 4096;
+
+/// Reads and checks the launch file; without one, the built-in defaults.
+pub fn read_launch(args: &Args) -> anyhow::Result<Launch> {
+    let (text, name) = match &args.launch {
+        Some(path) => (
+            std::fs::read_to_string(path).map_err(|error| wrong_usage(format!("cannot read launch file: {error}: {}", path.display())))?,
+            path.display().to_string(),
+        ),
+        None => ("version = 1\n[scenario]\nvehicles = 20\n".to_owned(), "built-in defaults".to_owned()),
+    };
+    Launch::parse_with(&text, &name, &args.set).map_err(wrong_usage)
+}
+
+/// Brings everything up. Fails before anything is published if the domain is taken or memory is short.
+pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
+    let launch = read_launch(&args)?;
+    let bus = Bus::open(&args.common.domain, "simd")?;
+    if bus.daemon_alive()? {
+        return Err(wrong_usage(format!(
+            "domain {0:?} already has a daemon; stop it, or choose another name with --domain",
+            args.common.domain
+        )));
+    }
+    check_memory(&launch, &args)?;
+    let gpu = Gpu::open(&GpuOptions { adapter: args.adapter.clone(), allow_import: !args.staged })?;
+    let quality = match args.quality {
+        Some(QualityArg::Low) => Quality::Low,
+        Some(QualityArg::High) => Quality::High,
+        None => Quality::default_for(&gpu),
+    };
+    tracing::info!(adapter = gpu.name(), ?quality, import = gpu.can_import() && !args.staged, "rendering");
+    let renderer = CameraRenderer::new(&gpu, quality);
+    let period_nanos = launch.scenario.period_nanos();
+    let mut world = World::new(WorldOptions { seed: launch.scenario.seed, ..Default::default() });
+    let epoch = new_epoch();
+    let episode = begin_episode(&mut world, &launch, &launch.scenario.map, epoch, 1, SimTime(0))?;
+    let (rigs, sensors) = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
+    let mut sensors = Sensors::new(gpu, renderer, rigs, sensors, args.frames_in_flight, args.hash);
+    sensors.load(&episode.assets)?;
+    let ports = open_ports(&bus)?;
+    let now = mono_now().0;
+    let mut daemon = Daemon {
+        gate: Gate::new(launch.scenario.mode),
+        pace: Pace::new(now, period_nanos),
+        clock: TickClock::new(period_nanos),
+        tick: Tick(0),
+        last_client_nanos: now,
+        last_cleaned_nanos: now,
+        running_alone: false,
+        n_controls_refused: 0,
+        args,
+        launch,
+        sensors,
+        ports,
+        bus,
+        world,
+        episode,
+        shutdown,
+    };
+    daemon.publish_documents()?;
+    tracing::info!(map = daemon.world.map().name, actors = daemon.world.snapshot_records().len(), "ready");
+    Ok(daemon)
+}
+
+/// The segments of all topics are summed before the first is made: half a rig is worse than none.
+fn check_memory(launch: &Launch, args: &Args) -> anyhow::Result<()> {
+    let Some(free_bytes) = schema_bus::shared_memory_free() else { return Ok(()) };
+    let need = |topic: &launch_spec::TopicBudget| {
+        let spec = schema_bus::FrameTopic {
+            max_payload_bytes: topic.max_payload_bytes,
+            frames_in_flight: args.frames_in_flight as usize,
+            max_readers: crate::rig::MAX_READERS,
+        };
+        schema_bus::shared_memory_needed(&schema_bus::qos::Qos::of(topic.modality), &spec)
+    };
+    let need_bytes: u64 = launch.memory_budget().iter().map(need).sum();
+    if need_bytes > free_bytes {
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        return Err(wrong_usage(format!(
+            "the sensors need {} MiB of shared memory, but /dev/shm has {} MiB free; free space, make it larger (Docker: --shm-size={}m) or ask for fewer or smaller images",
+            mib(need_bytes),
+            mib(free_bytes),
+            mib(need_bytes) + 64
+        )));
+    }
+    Ok(())
+}
+
+fn open_ports(bus: &Bus) -> anyhow::Result<Ports> {
+    Ok(Ports {
+        snapshot: bus.snapshot_publisher(MAX_ACTORS)?,
+        snapshot_wake: bus.notifier(names::WORLD_SNAPSHOT)?,
+        commands: bus.command_server()?,
+        controls: bus.control_reader()?,
+        acks: bus.ack_reader()?,
+        wake: bus.listener(names::CONTROL_WAKE)?,
+        documents: Documents::open(bus)?,
+    })
+}
+
+/// Loads a map and populates it as the launch file says. On an error the running episode stays as it is.
+pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, episode: u32, start: SimTime) -> anyhow::Result<Episode> {
+    let (map_data, mut assets) = load_map(map, launch.scenario.seed)?;
+    assets.episode = episode;
+    world.load(&map_data)?;
+    world.register_meshes(&mut assets);
+    world.set_weather(launch.scenario.weather).map_err(wrong_usage)?;
+    let scenario = world.spawn_scenario(
+        &launch.ego.type_id,
+        launch.ego.spawn_point as usize % map_data.spawn_points.len().max(1),
+        launch.scenario.vehicles as usize,
+    )?;
+    if scenario.others.len() < launch.scenario.vehicles as usize {
+        tracing::warn!(
+            asked = launch.scenario.vehicles,
+            placed = scenario.others.len(),
+            "the map has no free spawn point for more vehicles"
+        );
+    }
+    let (latitude_deg, longitude_deg) = world.roads().map_or((42.0, 2.0), |roads| roads.geo_reference());
+    let stamp = Stamp { epoch, episode, seed: launch.scenario.seed, geo_reference: GeoReference { latitude_deg, longitude_deg } };
+    Ok(Episode { assets: Arc::new(assets), stamp, start, scenario })
+}
+
+/// A town of ours by name.
+fn load_map(map: &str, seed: u64) -> anyhow::Result<(MapData, SceneAssets)> {
+    if map.ends_with(".xodr") {
+        return Err(wrong_usage(format!("map {map:?} is a file; only generated towns can be loaded: {}", Town::NAMES.join(", "))));
+    }
+    let town = Town::generate(map, seed).map_err(wrong_usage)?;
+    let collision = |mesh: simd_town::CollisionMesh| simd_world::CollisionMesh { vertices_m: mesh.vertices_m, triangles: mesh.triangles };
+    let light = |site: simd_town::LightSite| LightHeads { signal_id: site.signal_id, heads: site.heads };
+    let data = MapData {
+        name: town.name,
+        open_drive: town.open_drive,
+        origin_m: town.origin_m,
+        collision: town.collision.into_iter().map(collision).collect(),
+        spawn_points: town.spawn_points,
+        lights: town.lights.into_iter().map(light).collect(),
+        light_head: town.light_head,
+    };
+    Ok((data, town.assets))
+}
+
+fn open_sensors(
+    bus: &Bus,
+    gpu: &Gpu,
+    world: &mut World,
+    scenario: &Scenario,
+    launch: &Launch,
+    args: &Args,
+    period_nanos: u64,
+) -> anyhow::Result<(Vec<Rig>, Vec<Sensor>)> {
+    let options = TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed };
+    let (mut rigs, mut sensors): (Vec<Rig>, Vec<Sensor>) = (Vec::new(), Vec::new());
+    for placed in launch.placed_sensors() {
+        let rig_idx = match rigs.iter().position(|rig| rig.name == placed.rig) {
+            Some(idx) => idx,
+            None => {
+                let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");
+                let wake = bus.notifier(&names::rig_tick(placed.rig))?;
+                rigs.push(Rig { name: placed.rig.to_owned(), wake, place: *spec });
+                rigs.len() - 1
+            }
+        };
+        let actor = spawn_sensor(world, scenario, &rigs[rig_idx].place, placed.spec, placed.name)?;
+        let place = SensorPlace { rig: placed.rig, rig_idx, name: placed.name, actor };
+        let sensor = Sensor::open(bus, gpu, place, placed.spec, SimTime(0), period_nanos, &options)?;
+        world.set_topics(actor, sensor.topic_infos())?;
+        sensors.push(sensor);
+    }
+    Ok((rigs, sensors))
+}
+
+/// Makes a sensor's passive actor on its rig's vehicle or place.
+fn spawn_sensor(
+    world: &mut World,
+    scenario: &Scenario,
+    rig: &RigSpec,
+    spec: &sensor_spec::SensorSpec,
+    name: &str,
+) -> anyhow::Result<ActorId> {
+    let mount = spec.mount().vehicle_from_sensor();
+    let (parent, pose): (_, Pose) = match rig {
+        RigSpec::Ego => (Some(scenario.ego), mount.into()),
+        RigSpec::Other(idx) => {
+            let other = scenario.others.get(*idx as usize);
+            (Some(*other.with_context(|| format!("other vehicle {idx} could not be placed on the map"))?), mount.into())
+        }
+        RigSpec::Free(place) => (None, (place.pose().isometry() * mount).into()),
+    };
+    Ok(world.spawn(sensor_type(spec), pose, parent, name, &BTreeMap::new())?)
+}
+
+/// Catalogue id of a sensor's actor.
+fn sensor_type(spec: &sensor_spec::SensorSpec) -> &'static str {
+    use sensor_spec::SensorSpec;
+    match spec {
+        SensorSpec::Camera(_) => "sensor.camera.rgb",
+        SensorSpec::Lidar(lidar) if lidar.semantic => "sensor.lidar.ray_cast_semantic",
+        SensorSpec::Lidar(_) => "sensor.lidar.ray_cast",
+        SensorSpec::Imu(_) => "sensor.other.imu",
+        SensorSpec::Gnss(_) => "sensor.other.gnss",
+    }
+}
+
+impl Daemon {
+    /// A new episode on another map (or the same one): actors are made anew, topics stay.
+    pub(crate) fn load_map(&mut self, map: &str) -> anyhow::Result<()> {
+        self.sensors.finish_all()?;
+        let sim_time = self.clock.time_of(self.tick);
+        let stamp = self.episode.stamp;
+        // A map that cannot be read must leave the running episode alone.
+        load_map(map, self.launch.scenario.seed)?;
+        self.episode = begin_episode(&mut self.world, &self.launch, map, stamp.epoch, stamp.episode + 1, sim_time)?;
+        for sensor in &mut self.sensors.sensors {
+            let name = sensor.topics.first().and_then(|topic| topic.name.split('/').nth(1)).unwrap_or_default().to_owned();
+            let rig = &self.sensors.rigs[sensor.rig_idx].place;
+            let actor = spawn_sensor(&mut self.world, &self.episode.scenario, rig, &sensor.spec, &name)?;
+            self.world.set_topics(actor, sensor.topic_infos())?;
+            sensor.begin_episode(actor, sim_time, self.clock.period_nanos());
+        }
+        self.sensors.load(&self.episode.assets)?;
+        self.ports.documents.touch_info();
+        tracing::info!(map, episode = self.episode.stamp.episode, "map loaded");
+        Ok(())
+    }
+}
+
+/// Tells one start of the daemon from another.
+fn new_epoch() -> u64 {
+    let wall = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+    schema_types::noise::mix(wall ^ schema_types::noise::mix(std::process::id() as u64))
+}

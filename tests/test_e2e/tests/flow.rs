@@ -1,0 +1,138 @@
+//! Frames from the daemon to a reader in another process: every topic, in order, with the promises of the header.
+
+use schema_frames::{Command, CommandReply, FrameHeader, Modality, StepMode};
+use test_e2e::{SMALL_RIG, SMALL_RIG_TOPICS, ask, counter, join_bus, reader, start_daemon, step};
+use test_kit::{Sandbox, eventually};
+
+fn stepped(text: &str) -> String {
+    text.replace("tick_hz = 20", "tick_hz = 20\nmode = \"stepped\"")
+}
+
+/// Steps a daemon tick by tick with a reader on every topic; each frame must be the one its schedule promises.
+#[test]
+fn every_topic_delivers_each_scheduled_frame_with_a_true_header() {
+    let sandbox = Sandbox::new("flow");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut readers: Vec<_> = SMALL_RIG_TOPICS.iter().map(|topic| reader(&bus, topic)).collect();
+    let mut snapshots = eventually("snapshots", || bus.snapshot_reader().ok());
+    for tick in 1..=6u64 {
+        assert_eq!(step(&mut client, 1), tick);
+        let snapshot = eventually("snapshot", || snapshots.latest().unwrap());
+        assert_eq!(snapshot.header().tick, tick);
+        assert_eq!(snapshot.header().sim_nanos, tick * 50_000_000);
+        for frames in &mut readers {
+            let every =
+                if frames.topic().contains("roof") || frames.topic().contains("labels") || frames.topic().contains("gnss") { 2 } else { 1 };
+            let due = (tick - 1).is_multiple_of(every);
+            let frame = frames.next().unwrap();
+            assert_eq!(frame.is_some(), due, "{} at tick {tick}", frames.topic());
+            let Some(frame) = frame else { continue };
+            let header = frame.header();
+            assert_eq!((header.tick, header.seq), (tick, (tick - 1) / every + 1), "{}", frames.topic());
+            assert_eq!(header.cpu_copies, 0, "{}: lavapipe imports shared memory", frames.topic());
+            assert!(header.rendered_mono_nanos <= header.published_mono_nanos && header.rendered_mono_nanos > 0);
+            let record = snapshot.actor(header.sensor_id).expect("every sensor is an actor");
+            assert_eq!(record.world_from_actor, header.world_from_sensor, "pose equals the snapshot's bit for bit");
+            assert_eq!(record.parent_id, header.parent_id);
+            let is_first = header.flags & FrameHeader::FIRST != 0;
+            assert_eq!(is_first, tick == 1 && matches!(frame.modality(), Modality::Flow | Modality::Dvs), "{}", frames.topic());
+        }
+    }
+}
+
+/// The pictures show something: a road in front of the car, the sky above, and depth and classes that agree.
+#[test]
+fn one_view_shows_the_same_world_in_every_modality() {
+    let sandbox = Sandbox::new("view");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let topics = ["depth", "semantic", "instance"].map(|modality| format!("ego/front/{modality}"));
+    let [mut depth, mut semantic, mut instance] = topics.map(|topic| reader(&bus, &topic));
+    step(&mut client, 1);
+    let (depth, semantic, instance) =
+        (depth.next().unwrap().unwrap(), semantic.next().unwrap().unwrap(), instance.next().unwrap().unwrap());
+    let depth_m: &[f32] = depth.elements().unwrap();
+    let ids: &[u32] = instance.elements().unwrap();
+    let n_sky = semantic.iter().filter(|class| **class == schema_types::Class::SKY.0).count();
+    let n_road = semantic.iter().filter(|class| **class == schema_types::Class::ROADS.0).count();
+    assert!(n_sky > 100 && n_road > 500, "{n_sky} sky and {n_road} road pixels of {}", semantic.len());
+    for ((class, depth_m), id) in semantic.iter().zip(depth_m).zip(ids) {
+        assert_eq!(*class == schema_types::Class::SKY.0, depth_m.is_infinite(), "sky is what has no depth");
+        assert_eq!(*id == 0, depth_m.is_infinite(), "whatever was hit has an id");
+        assert!(*depth_m > 0.09, "nothing is nearer than the near plane");
+    }
+}
+
+#[test]
+fn a_late_reader_gets_the_next_frame_and_never_an_old_one() {
+    let sandbox = Sandbox::new("late");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut early = reader(&bus, "ego/imu/imu");
+    step(&mut client, 3);
+    let mut late = reader(&bus, "ego/imu/imu");
+    assert!(late.next().unwrap().is_none(), "nothing old greets a reader of frames");
+    step(&mut client, 1);
+    assert_eq!(late.next().unwrap().map(|frame| frame.header().seq), Some(4));
+    assert_eq!(early.latest().unwrap().map(|frame| frame.header().seq), Some(4));
+}
+
+#[test]
+fn what_nobody_reads_is_not_rendered_and_starts_within_a_tick() {
+    let sandbox = Sandbox::new("idle");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    step(&mut client, 5);
+    for name in ["gpu_passes", "gpu_copies", "gpu_submissions", "lidar_turns"] {
+        assert_eq!(counter(&mut client, name), 0, "{name}");
+    }
+    let mut depth = reader(&bus, "ego/front/depth");
+    step(&mut client, 1);
+    assert_eq!(depth.next().unwrap().map(|frame| frame.header().tick), Some(6));
+    assert_eq!(counter(&mut client, "gpu_copies"), 1, "one modality is read, one is copied");
+    drop(depth);
+    let passes = counter(&mut client, "gpu_passes");
+    step(&mut client, 3);
+    assert_eq!(counter(&mut client, "gpu_passes"), passes);
+}
+
+#[test]
+fn a_reader_that_does_not_read_loses_the_oldest_and_sees_the_gap() {
+    let sandbox = Sandbox::new("slow");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut slow = reader(&bus, "ego/front/semantic");
+    step(&mut client, 10);
+    let first = slow.next().unwrap().expect("a frame waits");
+    assert_eq!(first.header().seq, 9, "the buffer holds two");
+    assert_eq!(slow.counts().lost, 8);
+}
+
+#[test]
+fn commands_change_the_world_between_ticks() {
+    let sandbox = Sandbox::new("commands");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    assert!(matches!(ask(&mut client, Command::Ping), CommandReply::Pong { .. }));
+    let CommandReply::Refused { error } = ask(&mut client, Command::Destroy { actor_id: 999_999 }) else { panic!("must be refused") };
+    assert!(error.contains("999999"), "{error}");
+    let CommandReply::Refused { error } = ask(&mut client, Command::Configure { mode: None, period_nanos: Some(1) }) else {
+        panic!("must be refused")
+    };
+    assert!(error.contains("period_nanos is 1"), "{error}");
+    step(&mut client, 2);
+    assert_eq!(ask(&mut client, Command::Configure { mode: None, period_nanos: Some(10_000_000) }), CommandReply::Done);
+    let mut snapshots = bus.snapshot_reader().unwrap();
+    step(&mut client, 1);
+    let snapshot = eventually("snapshot", || snapshots.latest().unwrap().filter(|s| s.header().tick == 3));
+    assert_eq!(snapshot.header().sim_nanos, 110_000_000, "two ticks of 50 ms and one of 10");
+    assert_eq!(ask(&mut client, Command::Configure { mode: Some(StepMode::FreeRunning), period_nanos: None }), CommandReply::Done);
+    eventually("it runs by itself", || (counter(&mut client, "ticks") > 10).then_some(()));
+}
