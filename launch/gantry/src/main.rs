@@ -1,1 +1,31 @@
-fn main() {}
+//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`), examines the machine (`doctor`).
+//!
+//! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
+//! Nothing here touches the world: it reads topics like any consumer, and asks nothing of the daemon but to start and to end.
+
+mod bus;
+mod cli;
+mod doctor;
+mod external;
+mod programs;
+mod topic;
+mod up;
+
+use std::process::ExitCode;
+
+use cli::{Args, Word};
+
+fn main() -> ExitCode {
+    launch_cli::run(|args: Args| match &args.word {
+        Word::Up(up) => up::run(up, &args.common),
+        Word::Topic(topic) => {
+            args.common.init_logging();
+            topic::run(topic, &args.common)
+        }
+        Word::Doctor(doctor) => {
+            args.common.init_logging();
+            doctor::run(doctor, &args.common)
+        }
+        Word::External(words) => external::run(words, &args.common),
+    })
+}

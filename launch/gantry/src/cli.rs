@@ -1,0 +1,235 @@
+//! The command line of `gantry`.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::{Parser, Subcommand};
+use launch_cli::CommonArgs;
+use launch_spec::Period;
+
+const EXAMPLES: &str = "\
+Examples:
+  gantry up                                              the quickstart: town, car, sensors, traffic, viewer
+  gantry up launch/two_rigs.toml --for 20s --view none --record drive.mcap
+  gantry topic hz ego/front/rgb";
+
+/// Headless driving simulator: run it, look at what it publishes, find out why it does not run
+#[derive(Parser, Debug)]
+#[command(name = "gantry", version, after_help = EXAMPLES, arg_required_else_help = true)]
+pub struct Args {
+    #[command(subcommand)]
+    pub word: Word,
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// First word after `gantry`.
+#[derive(Subcommand, Debug)]
+pub enum Word {
+    /// Start the processes of a launch file and watch them until Ctrl-C
+    Up(UpArgs),
+    /// List and measure what is published
+    Topic(TopicArgs),
+    /// Examine graphics driver, shared memory, ports and limits, and say what to repair
+    Doctor(DoctorArgs),
+    /// Any other word runs the program gantry-WORD
+    #[command(external_subcommand)]
+    External(Vec<OsString>),
+}
+
+const UP_EXAMPLES: &str = "\
+Ctrl-C stops the processes in order, readers first; a second Ctrl-C kills them at once.
+The exit code of a required process is passed on.
+
+Examples:
+  gantry up
+  gantry up --for 30s --record drive.mcap --view save:drive.rrd
+  gantry up launch/two_rigs.toml --set scenario.seed=9 --set sensor.front.width_px=640 --dry-run";
+
+/// `gantry up`.
+#[derive(clap::Args, Debug, Clone)]
+#[command(after_help = UP_EXAMPLES)]
+pub struct UpArgs {
+    /// Launch file [default: launch/quickstart.toml, which is also built in]
+    #[arg(value_name = "FILE")]
+    pub file: Option<PathBuf>,
+
+    /// Stop after this time, e.g. 20s or 2m, counted from when all processes are ready [default: run until Ctrl-C]
+    #[arg(long = "for", value_name = "TIME", value_parser = Period::from_str)]
+    pub for_period: Option<Period>,
+
+    /// Record every topic into this MCAP file with gantry-record [default: only if the launch file has a recorder]
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+
+    /// Show it: auto, native, web, none or save:FILE.rrd; auto is native on a desktop, else web [default: what the launch file has]
+    #[arg(long, value_name = "HOW")]
+    pub view: Option<ViewMode>,
+
+    /// Override a value of the launch file, in TOML syntax; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+
+    /// Print the launch file with every default filled in and the shared memory it needs, and start nothing
+    #[arg(long)]
+    pub dry_run: bool,
+
+    /// Folder for logs and runs [default: gantry in the XDG data folder]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+}
+
+/// How to show a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ViewMode {
+    /// A window if there is a display, else the browser page.
+    Auto,
+    /// rerun's window.
+    Native,
+    /// A page for the browser.
+    Web,
+    /// Not at all.
+    None,
+    /// Into a file.
+    Save(PathBuf),
+}
+
+impl FromStr for ViewMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(ViewMode::Auto),
+            "native" => Ok(ViewMode::Native),
+            "web" => Ok(ViewMode::Web),
+            "none" => Ok(ViewMode::None),
+            _ => match text.strip_prefix("save:") {
+                Some(file) if !file.is_empty() => Ok(ViewMode::Save(file.into())),
+                _ => Err("must be auto, native, web, none or save:FILE.rrd".into()),
+            },
+        }
+    }
+}
+
+const TOPIC_EXAMPLES: &str = "\
+A topic may be written with or without the domain: gantry/ego/front/rgb or ego/front/rgb.
+
+Examples:
+  gantry topic list
+  gantry topic hz ego/front/rgb --window 5s
+  gantry topic echo world/snapshot --count 1 --json";
+
+/// `gantry topic`.
+#[derive(clap::Args, Debug, Clone)]
+#[command(after_help = TOPIC_EXAMPLES)]
+pub struct TopicArgs {
+    #[command(subcommand)]
+    pub word: TopicWord,
+}
+
+/// What to find out about topics.
+#[derive(Subcommand, Debug, Clone)]
+pub enum TopicWord {
+    /// All topics of the domain, with how many publish and read
+    List(ListArgs),
+    /// One topic: schema version, sizes, limits, who is there
+    Info(OneTopic),
+    /// Rate, jitter and losses of a topic over a window
+    Hz(WindowArgs),
+    /// Age of frames when they arrive here: publisher's clock to ours, same machine
+    Delay(WindowArgs),
+    /// Headers and records as text, or one JSON object per line
+    Echo(EchoArgs),
+}
+
+/// `gantry topic list`.
+#[derive(clap::Args, Debug, Clone)]
+pub struct ListArgs {
+    /// Print one JSON object per line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A topic.
+#[derive(clap::Args, Debug, Clone)]
+pub struct OneTopic {
+    /// Topic, e.g. ego/front/rgb
+    pub topic: String,
+    /// Print a JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A topic and how long to watch it.
+#[derive(clap::Args, Debug, Clone)]
+pub struct WindowArgs {
+    /// Topic, e.g. ego/front/rgb
+    pub topic: String,
+    /// Length of a measurement
+    #[arg(long, value_name = "TIME", value_parser = Period::from_str, default_value = "3s")]
+    pub window: Period,
+    /// Number of measurements [default: until Ctrl-C]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// Print one JSON object per measurement
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `gantry topic echo`.
+#[derive(clap::Args, Debug, Clone)]
+pub struct EchoArgs {
+    /// Topic, e.g. ego/front/rgb
+    pub topic: String,
+    /// Stop after this many [default: until Ctrl-C]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// List elements to print of each frame, at most
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub elements: usize,
+    /// Print one JSON object per frame
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `gantry doctor`.
+#[derive(clap::Args, Debug, Clone)]
+#[command(after_help = "Examples:\n  gantry doctor\n  gantry doctor --json\n  gantry doctor --domain lab2")]
+pub struct DoctorArgs {
+    /// Print one JSON object per finding
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl UpArgs {
+    /// `--for` as the standard library has it.
+    pub fn run_for(&self) -> Option<Duration> {
+        self.for_period.map(Period::duration)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        launch_cli::command::<Args>().debug_assert();
+    }
+
+    #[test]
+    fn view_modes_read_as_documented() {
+        assert_eq!("save:a.rrd".parse(), Ok(ViewMode::Save("a.rrd".into())));
+        assert_eq!("auto".parse(), Ok(ViewMode::Auto));
+        assert!("save:".parse::<ViewMode>().is_err() && "window".parse::<ViewMode>().is_err());
+    }
+
+    #[test]
+    fn a_foreign_word_is_handed_on_with_its_flags() {
+        let args = <Args as Parser>::try_parse_from(["gantry", "view", "--web", "x"]).unwrap();
+        let Word::External(words) = args.word else { panic!("{:?}", args.word) };
+        assert_eq!(words, ["view", "--web", "x"]);
+    }
+}

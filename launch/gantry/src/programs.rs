@@ -1,0 +1,54 @@
+//! Where a program is: beside this one, then on `PATH`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+
+/// Whether `program` is one of Gantry's: it understands the shared flags.
+pub fn is_ours(program: &str) -> bool {
+    let name = Path::new(program).file_name().map_or(program.into(), |name| name.to_string_lossy());
+    name == "simd" || name.starts_with("gantry-")
+}
+
+/// The file that `program` means: a path as it is, a name beside this binary or on `PATH`.
+///
+/// # Errors
+/// When there is none, with what to do.
+pub fn find(program: &str) -> anyhow::Result<PathBuf> {
+    if program.contains('/') {
+        let path = PathBuf::from(program);
+        anyhow::ensure!(is_program(&path), "there is no program {program:?}");
+        return Ok(path);
+    }
+    let own = std::env::current_exe().context("cannot tell where this program is")?;
+    let beside = own.parent().map(|folder| folder.join(program));
+    let on_path = std::env::var_os("PATH").unwrap_or_default();
+    let found = beside.into_iter().chain(std::env::split_paths(&on_path).map(|folder| folder.join(program))).find(|path| is_program(path));
+    found.with_context(|| {
+        let hint = if is_ours(program) { "; build it with `cargo build --release --workspace`" } else { "; install it or give its path" };
+        format!("there is no program {program:?} beside {} or on PATH{hint}", own.display())
+    })
+}
+
+fn is_program(path: &Path) -> bool {
+    use std::os::unix::fs::PermissionsExt as _;
+    path.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_are_found_on_the_path_and_missing_ones_are_named() {
+        assert!(find("sh").unwrap().ends_with("sh"));
+        let message = find("gantry-nothing").unwrap_err().to_string();
+        assert!(message.contains("\"gantry-nothing\"") && message.contains("cargo build"), "{message}");
+        assert!(find("/etc/passwd").is_err(), "not executable");
+    }
+
+    #[test]
+    fn our_programs_are_known_by_name() {
+        assert!(is_ours("simd") && is_ours("/opt/gantry-view") && !is_ours("sleep"));
+    }
+}

@@ -1,0 +1,81 @@
+//! Shared memory: what a launch file needs, against what `/dev/shm` has, before anything starts.
+
+use std::fmt::Write as _;
+
+use launch_spec::{Launch, TopicBudget};
+use schema_bus::qos::Qos;
+use schema_bus::{FrameTopic, shared_memory_free, shared_memory_needed};
+
+/// Snapshots, documents, controls and iceoryx2's own bookkeeping.
+const OTHER_BYTES: u64 = 24 << 20;
+
+fn topic_bytes(topic: &TopicBudget) -> u64 {
+    shared_memory_needed(&Qos::of(topic.modality), &FrameTopic::new(topic.modality, topic.max_payload_bytes))
+}
+
+fn total_bytes(launch: &Launch) -> u64 {
+    launch.memory_budget().iter().map(topic_bytes).sum::<u64>() + OTHER_BYTES
+}
+
+/// Refuses a launch file that cannot fit.
+pub fn check(launch: &Launch) -> Result<(), String> {
+    match shared_memory_free() {
+        Some(free) => compare(total_bytes(launch), free),
+        None => Err("cannot look at /dev/shm, where all frames live; mount it with `mount -t tmpfs tmpfs /dev/shm`".into()),
+    }
+}
+
+fn compare(need: u64, free: u64) -> Result<(), String> {
+    if need <= free {
+        return Ok(());
+    }
+    let size = need.div_ceil(1 << 30);
+    Err(format!(
+        "this launch file needs {} MiB of shared memory, but /dev/shm has {} MiB free; enlarge it (Docker: --shm-size={size}g, else \
+         `mount -o remount,size={size}G /dev/shm` as root), or take fewer or smaller sensors (`gantry up --dry-run` lists each)",
+        mebibytes(need),
+        mebibytes(free),
+    ))
+}
+
+/// For `--dry-run`: what each topic takes, as comments.
+pub fn table(launch: &Launch, domain: &str) -> String {
+    let mut text = String::from("\n# Shared memory, reserved when a topic gets its first reader:\n");
+    for topic in launch.memory_budget() {
+        let name = format!("{domain}/{}", topic.topic);
+        let _ = writeln!(text, "# {:>6} MiB  {name} (frames of up to {} bytes)", mebibytes(topic_bytes(&topic)), topic.max_payload_bytes);
+    }
+    let free = shared_memory_free().map_or("unknown".to_owned(), |free| format!("{} MiB", mebibytes(free)));
+    let _ = write!(
+        text,
+        "# {:>6} MiB  in all, with {} MiB for everything else; free in /dev/shm: {free}",
+        mebibytes(total_bytes(launch)),
+        mebibytes(OTHER_BYTES)
+    );
+    text
+}
+
+fn mebibytes(bytes: u64) -> u64 {
+    bytes.div_ceil(1 << 20)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn too_little_is_one_sentence_with_both_figures_and_a_remedy() {
+        assert!(compare(10, 10).is_ok());
+        let message = compare(900 << 20, 64 << 20).unwrap_err();
+        assert!(message.contains("900 MiB") && message.contains("64 MiB free") && message.contains("--shm-size=1g"), "{message}");
+        assert_eq!(message.lines().count(), 1);
+    }
+
+    #[test]
+    fn the_quickstart_needs_less_than_a_gibibyte() {
+        let launch = Launch::parse(include_str!("../../../quickstart.toml"), "quickstart").unwrap();
+        let need = total_bytes(&launch);
+        assert!((500 << 20..1 << 30).contains(&need), "{need}");
+        assert!(table(&launch, "gantry").contains("gantry/ego/front/rgb"));
+    }
+}

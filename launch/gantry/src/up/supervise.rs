@@ -1,0 +1,484 @@
+//! The life of a set of processes: start in order, watch, restart, stop in order, leave nothing.
+//!
+//! One thread decides everything; the threads around a process only report. A process starts when all it comes `after` are ready, and is
+//! asked to end when all that come after it have ended, so readers go before what they read. Every wait has an end: grace, then TERM,
+//! then KILL, always to the whole process group.
+
+use std::collections::VecDeque;
+use std::os::unix::process::ExitStatusExt as _;
+use std::process::ExitStatus;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use launch_cli::Exit;
+use launch_spec::{RestartPolicy, StopSignal};
+use nix::sys::signal::Signal;
+
+use super::child::{self, Event, Running};
+use super::output::{Output, Sink};
+use super::plan::{Plan, ReadySign};
+use super::ready;
+use crate::bus::Bus;
+
+/// Between two looks for a sign of readiness.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Between TERM and KILL.
+const TERM_GRACE: Duration = Duration::from_secs(2);
+/// How long the last words of the dead may take to arrive.
+const LAST_WORDS: Duration = Duration::from_secs(1);
+
+/// Signals to this process as events. Installed before the first child, so that none is missed.
+pub struct Signals {
+    events: Sender<Event>,
+    inbox: Receiver<Event>,
+}
+
+impl Signals {
+    pub fn install() -> anyhow::Result<Self> {
+        let (events, inbox) = channel();
+        let wanted = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
+        let mut signals = signal_hook::iterator::Signals::new(wanted).context("cannot listen for signals")?;
+        let sender = events.clone();
+        std::thread::spawn(move || signals.forever().take_while(|_| sender.send(Event::Signal).is_ok()).for_each(drop));
+        Ok(Signals { events, inbox })
+    }
+}
+
+/// One process of the launch file through all its starts.
+struct Slot {
+    plan: Plan,
+    sink: Sink,
+    state: State,
+    starts: u64,
+    restarts: VecDeque<Instant>,
+    delay: Duration,
+}
+
+enum State {
+    /// For those it comes after.
+    Waiting,
+    Up {
+        run: Running,
+        ready: bool,
+        asked: Option<Asked>,
+    },
+    /// Until its next start.
+    Pausing {
+        until: Instant,
+    },
+    Over(Outcome),
+}
+
+/// It was asked to end: by which signal first and last, and when patience ends.
+#[derive(Clone, Copy)]
+struct Asked {
+    first: Signal,
+    last: Signal,
+    until: Instant,
+}
+
+/// How a process ended for good, the worst last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Outcome {
+    Fine,
+    DataLost,
+    Failed,
+}
+
+/// Why the pipeline ends.
+enum Reason {
+    /// Ctrl-C, or `--for` is over.
+    Wished,
+    /// A required process ended.
+    Required(ExitStatus),
+    /// Something went wrong, and it was said.
+    Failed,
+}
+
+pub struct Supervisor {
+    slots: Vec<Slot>,
+    output: Output,
+    bus: Bus,
+    events: Sender<Event>,
+    inbox: Receiver<Event>,
+    run_for: Option<Duration>,
+    all_ready_at: Option<Instant>,
+    next_look: Instant,
+    ending: Option<Reason>,
+    killed: bool,
+    open_pipes: usize,
+}
+
+impl Supervisor {
+    /// # Errors
+    /// When a log file cannot be made.
+    pub fn new(plans: Vec<Plan>, output: Output, bus: Bus, run_for: Option<Duration>, signals: Signals) -> anyhow::Result<Self> {
+        let slots = plans.into_iter().enumerate().map(|(idx, plan)| {
+            let sink = output.sink(idx, &plan.name, &plan.run_dir)?;
+            let delay = plan.restart.delay.duration();
+            Ok(Slot { plan, sink, state: State::Waiting, starts: 0, restarts: VecDeque::new(), delay })
+        });
+        Ok(Supervisor {
+            slots: slots.collect::<anyhow::Result<_>>()?,
+            output,
+            bus,
+            events: signals.events,
+            inbox: signals.inbox,
+            run_for,
+            all_ready_at: None,
+            next_look: Instant::now(),
+            ending: None,
+            killed: false,
+            open_pipes: 0,
+        })
+    }
+
+    /// Runs until everything has ended.
+    pub fn run(mut self) -> Exit {
+        loop {
+            if self.ending.is_none() {
+                self.look_for_readiness();
+                // Again while something started: a process without a sign is ready at once, and others may have waited for it.
+                while self.start_those_that_may() {}
+                self.note_all_ready();
+            }
+            if self.ending.is_some() {
+                self.ask_to_end();
+            }
+            if self.slots.iter().all(|slot| matches!(slot.state, State::Over(_))) {
+                break;
+            }
+            let nap = self.next_deadline().saturating_duration_since(Instant::now());
+            if let Ok(event) = self.inbox.recv_timeout(nap) {
+                self.handle(event);
+            }
+        }
+        self.wait_for_last_words();
+        self.bus.clean();
+        self.verdict()
+    }
+
+    /// Returns whether any was started.
+    fn start_those_that_may(&mut self) -> bool {
+        let now = Instant::now();
+        let mut started = false;
+        for idx in 0..self.slots.len() {
+            let due = match self.slots[idx].state {
+                State::Waiting => self.slots[idx].plan.after.iter().all(|before| self.is_ready_or_done(*before)),
+                State::Pausing { until } => until <= now,
+                _ => false,
+            };
+            if due && self.ending.is_none() {
+                self.start(idx);
+                started = true;
+            }
+        }
+        started
+    }
+
+    fn is_ready_or_done(&self, idx: usize) -> bool {
+        match &self.slots[idx].state {
+            State::Up { ready, .. } => *ready,
+            State::Over(outcome) => *outcome == Outcome::Fine,
+            // It was ready once; those that came after it go on without it.
+            State::Pausing { .. } => true,
+            State::Waiting => false,
+        }
+    }
+
+    fn start(&mut self, idx: usize) {
+        let slot = &mut self.slots[idx];
+        slot.starts += 1;
+        match child::start(idx, slot.starts, &slot.plan, &slot.sink, &self.events) {
+            Ok(run) => {
+                self.open_pipes += 2;
+                self.output.say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
+                slot.state = State::Up { run, ready: slot.plan.ready.is_none(), asked: None };
+            }
+            Err(error) => {
+                self.output.warn(&format!("process {}: {error:#}", slot.plan.name));
+                slot.state = State::Over(Outcome::Failed);
+                self.end(Reason::Failed);
+            }
+        }
+    }
+
+    fn look_for_readiness(&mut self) {
+        let now = Instant::now();
+        let look = self.next_look <= now;
+        if look {
+            self.next_look = now + LOOK_EVERY;
+        }
+        for idx in 0..self.slots.len() {
+            let slot = &self.slots[idx];
+            let (State::Up { run, ready: false, .. }, Some(sign)) = (&slot.state, &slot.plan.ready) else { continue };
+            if look && ready::look(sign, &self.bus) {
+                self.mark_ready(idx);
+            } else if now >= run.since + slot.plan.ready_within {
+                let waited = slot.plan.ready_within.as_secs_f64();
+                let sign = ready::describe(sign);
+                self.output.warn(&format!("process {} was not ready within {waited} s: there was no sign of {sign}", slot.plan.name));
+                self.end(Reason::Failed);
+            }
+        }
+    }
+
+    fn mark_ready(&mut self, idx: usize) {
+        let slot = &mut self.slots[idx];
+        if let State::Up { run, ready, .. } = &mut slot.state {
+            *ready = true;
+            self.output.say(&format!("{} is ready after {:.1} s", slot.plan.name, run.since.elapsed().as_secs_f64()));
+        }
+    }
+
+    /// `--for` counts from the moment nothing is waited for any more.
+    fn note_all_ready(&mut self) {
+        let now = Instant::now();
+        let at_rest = |slot: &Slot| matches!(slot.state, State::Up { ready: true, .. } | State::Over(_) | State::Pausing { .. });
+        if self.all_ready_at.is_none() && self.ending.is_none() && self.slots.iter().all(at_rest) {
+            self.all_ready_at = Some(now);
+            let until = self.run_for.map_or("Ctrl-C stops them".to_owned(), |time| format!("they run for {} s", time.as_secs_f64()));
+            self.output.say(&format!("all {} processes are up; {until}", self.slots.len()));
+        }
+        if let (Some(since), Some(time)) = (self.all_ready_at, self.run_for)
+            && now >= since + time
+        {
+            self.output.say(&format!("{} s are over; stopping", time.as_secs_f64()));
+            self.end(Reason::Wished);
+        }
+    }
+
+    /// The first reason counts.
+    fn end(&mut self, reason: Reason) {
+        self.ending.get_or_insert(reason);
+    }
+
+    /// Asks those whose readers have all ended, and loses patience with those who were asked long ago.
+    fn ask_to_end(&mut self) {
+        let now = Instant::now();
+        for idx in 0..self.slots.len() {
+            let has_readers = self.slots.iter().any(|slot| slot.plan.after.contains(&idx) && matches!(slot.state, State::Up { .. }));
+            let slot = &mut self.slots[idx];
+            let grace = slot.plan.stop.grace.duration();
+            match &mut slot.state {
+                State::Waiting | State::Pausing { .. } => slot.state = State::Over(Outcome::Fine),
+                State::Up { run, asked: asked @ None, .. } if !has_readers => {
+                    let signal = signal_of(slot.plan.stop.signal);
+                    run.signal(signal);
+                    *asked = Some(Asked { first: signal, last: signal, until: now + grace });
+                }
+                State::Up { run, asked: Some(asked), .. } if now >= asked.until && asked.last != Signal::SIGKILL => {
+                    let harder = if asked.last == Signal::SIGTERM { Signal::SIGKILL } else { Signal::SIGTERM };
+                    self.output.warn(&format!("{} did not end after {}; sending {harder}", slot.plan.name, asked.last));
+                    run.signal(harder);
+                    *asked = Asked { last: harder, until: now + TERM_GRACE, ..*asked };
+                }
+                _ => {}
+            }
+        }
+    }
+
+    fn next_deadline(&self) -> Instant {
+        let idle = Instant::now() + Duration::from_secs(3600);
+        let of_slot = |slot: &Slot| match &slot.state {
+            State::Pausing { until } => *until,
+            State::Up { asked: Some(asked), .. } if asked.last != Signal::SIGKILL => asked.until,
+            State::Up { run, ready: false, .. } if self.ending.is_none() => match slot.plan.ready {
+                Some(ReadySign::Line(_)) | None => run.since + slot.plan.ready_within,
+                Some(_) => self.next_look.min(run.since + slot.plan.ready_within),
+            },
+            _ => idle,
+        };
+        let time_is_over = match (self.all_ready_at, self.run_for) {
+            (Some(since), Some(time)) if self.ending.is_none() => since + time,
+            _ => idle,
+        };
+        self.slots.iter().map(of_slot).fold(time_is_over.min(idle), Instant::min)
+    }
+
+    fn handle(&mut self, event: Event) {
+        match event {
+            Event::PipeClosed => self.open_pipes -= 1,
+            Event::SaidReady { idx, start } => {
+                if matches!(&self.slots[idx].state, State::Up { run, ready: false, .. } if run.start == start) {
+                    self.mark_ready(idx);
+                }
+            }
+            Event::Signal if self.ending.is_none() => {
+                self.output.say("stopping; once more kills at once");
+                self.end(Reason::Wished);
+            }
+            Event::Signal => self.kill_all(),
+            Event::Ended { idx, start } => {
+                if matches!(&self.slots[idx].state, State::Up { run, .. } if run.start == start) {
+                    self.ended(idx);
+                }
+            }
+        }
+    }
+
+    fn kill_all(&mut self) {
+        self.killed = true;
+        self.output.warn("killing what still runs");
+        for slot in &mut self.slots {
+            if let State::Up { run, asked, .. } = &mut slot.state {
+                run.signal(Signal::SIGKILL);
+                *asked = Some(Asked { first: Signal::SIGINT, last: Signal::SIGKILL, until: Instant::now() });
+            }
+        }
+    }
+
+    fn ended(&mut self, idx: usize) {
+        let slot = &mut self.slots[idx];
+        let State::Up { run, asked, .. } = std::mem::replace(&mut slot.state, State::Waiting) else { return };
+        let ran_for = run.since.elapsed();
+        let status = match run.reap() {
+            Ok(status) => status,
+            Err(error) => {
+                self.output.warn(&format!("process {}: {error:#}", slot.plan.name));
+                ExitStatus::from_raw(1 << 8)
+            }
+        };
+        // What it held in shared memory is free again before anybody restarts.
+        self.bus.clean();
+        let text = format!("{} ended with {} after {:.1} s", slot.plan.name, child::describe(status), ran_for.as_secs_f64());
+        slot.sink.note(&format!("--- {text}"));
+        let outcome = outcome_of(status, asked);
+        if outcome == Outcome::Fine {
+            self.output.say(&text)
+        } else {
+            self.output.warn(&text)
+        }
+        self.slots[idx].state = State::Over(outcome);
+        if self.ending.is_none() {
+            self.after_its_own_end(idx, status, ran_for);
+        }
+    }
+
+    /// Restart, end the pipeline, or go on without it.
+    fn after_its_own_end(&mut self, idx: usize, status: ExitStatus, ran_for: Duration) {
+        let slot = &mut self.slots[idx];
+        let restart = slot.plan.restart;
+        let again = match restart.policy {
+            RestartPolicy::Never => false,
+            RestartPolicy::OnFailure => !status.success(),
+            RestartPolicy::Always => true,
+        };
+        if again {
+            let now = Instant::now();
+            let window = restart.window.duration();
+            slot.restarts.retain(|at| now.duration_since(*at) < window);
+            if slot.restarts.len() < restart.max as usize {
+                if ran_for > window {
+                    slot.delay = restart.delay.duration();
+                }
+                slot.restarts.push_back(now);
+                let (n, pause) = (slot.restarts.len(), slot.delay);
+                self.output.say(&format!("restarting {} in {} ms ({n} of {})", slot.plan.name, pause.as_millis(), restart.max));
+                slot.state = State::Pausing { until: now + pause };
+                slot.delay = slot.delay.mul_f64(restart.factor).min(restart.max_delay.duration());
+                return;
+            }
+            let (name, max) = (&slot.plan.name, restart.max);
+            let log = slot.plan.run_dir.join(format!("{name}.log"));
+            self.output.warn(&format!(
+                "{name} was restarted {max} times within {}; giving up, its log is {}",
+                restart.window,
+                log.display()
+            ));
+            slot.state = State::Over(Outcome::Failed);
+            return self.end(Reason::Failed);
+        }
+        if slot.plan.required {
+            self.output.say(&format!("{} is required; stopping", slot.plan.name));
+            return self.end(Reason::Required(status));
+        }
+        let is_waited_for = self.slots.iter().any(|other| other.plan.after.contains(&idx) && matches!(other.state, State::Waiting));
+        if is_waited_for && !status.success() {
+            self.output.warn(&format!("others wait for {}; stopping", self.slots[idx].plan.name));
+            self.end(Reason::Failed);
+        }
+    }
+
+    /// Pipes close when the last process of a group is gone; one that escaped its group is not waited for.
+    fn wait_for_last_words(&mut self) {
+        let until = Instant::now() + LAST_WORDS;
+        while self.open_pipes > 0 {
+            match self.inbox.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                Ok(event) => self.handle(event),
+                Err(_) => return,
+            }
+        }
+    }
+
+    fn verdict(&self) -> Exit {
+        let outcomes = self.slots.iter().filter_map(|slot| if let State::Over(outcome) = slot.state { Some(outcome) } else { None });
+        let worst = outcomes.max().unwrap_or(Outcome::Fine);
+        let exit = match (&self.ending, worst) {
+            (_, _) if self.killed => Exit::Failed,
+            (Some(Reason::Failed), _) => Exit::Failed,
+            (Some(Reason::Required(status)), _) if !status.success() => Exit::Code(code_of(*status)),
+            (_, Outcome::Failed) => Exit::Failed,
+            (_, Outcome::DataLost) => Exit::DataLost,
+            (_, Outcome::Fine) => Exit::Done,
+        };
+        self.output.say(&format!("everything has ended: exit code {}", exit.code()));
+        exit
+    }
+}
+
+fn signal_of(signal: StopSignal) -> Signal {
+    match signal {
+        StopSignal::Int => Signal::SIGINT,
+        StopSignal::Term => Signal::SIGTERM,
+        StopSignal::Hup => Signal::SIGHUP,
+        StopSignal::Quit => Signal::SIGQUIT,
+        StopSignal::Kill => Signal::SIGKILL,
+    }
+}
+
+/// As a shell reports it: the code, or 128 + the signal.
+fn code_of(status: ExitStatus) -> u8 {
+    let code = status.code().unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
+    u8::try_from(code).unwrap_or(1)
+}
+
+/// To end by the signal one was sent is to obey, except for KILL, which the launch file must ask for.
+fn outcome_of(status: ExitStatus, asked: Option<Asked>) -> Outcome {
+    let obeyed = asked.is_some_and(|asked| {
+        let polite = [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGQUIT, asked.first];
+        polite.iter().any(|signal| code_of(status) == 128 + *signal as u8)
+    });
+    match status.code() {
+        Some(0) => Outcome::Fine,
+        _ if obeyed => Outcome::Fine,
+        Some(3) => Outcome::DataLost,
+        _ => Outcome::Failed,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asked(first: Signal) -> Option<Asked> {
+        Some(Asked { first, last: first, until: Instant::now() })
+    }
+
+    #[test]
+    fn obeying_a_signal_is_fine_and_dying_of_another_is_not() {
+        let code = |code: i32| ExitStatus::from_raw(code << 8);
+        let by = |signal: Signal| ExitStatus::from_raw(signal as i32);
+        assert_eq!(outcome_of(code(0), None), Outcome::Fine);
+        assert_eq!(outcome_of(code(3), asked(Signal::SIGINT)), Outcome::DataLost);
+        assert_eq!(outcome_of(code(1), asked(Signal::SIGINT)), Outcome::Failed);
+        assert_eq!(outcome_of(by(Signal::SIGINT), asked(Signal::SIGINT)), Outcome::Fine);
+        assert_eq!(outcome_of(code(130), asked(Signal::SIGTERM)), Outcome::Fine);
+        assert_eq!(outcome_of(by(Signal::SIGINT), None), Outcome::Failed);
+        assert_eq!(outcome_of(by(Signal::SIGKILL), asked(Signal::SIGINT)), Outcome::Failed);
+        assert_eq!(outcome_of(by(Signal::SIGKILL), asked(Signal::SIGKILL)), Outcome::Fine);
+        assert_eq!(outcome_of(by(Signal::SIGSEGV), asked(Signal::SIGINT)), Outcome::Failed);
+        assert_eq!(code_of(by(Signal::SIGKILL)), 137);
+    }
+}
