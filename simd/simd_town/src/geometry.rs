@@ -162,6 +162,20 @@ impl Path {
         two_arcs(from, to)
     }
 
+    /// A single rounded corner of this radius where the directions meet; two arcs where they do not.
+    pub fn corner(from: (P2, f64), to: (P2, f64), radius_m: f64) -> Path {
+        let (u, v, d) = (unit(from.1), unit(to.1), to.0 - from.0);
+        let (turn, sine) = (wrap(to.1 - from.1), cross(u, v));
+        if sine.abs() > 1e-6 {
+            let reach = (cross(d, v) / sine, cross(u, d) / sine);
+            let tangent = reach.0.min(reach.1).min(radius_m * (0.5 * turn.abs()).tan());
+            if tangent > 0.05 {
+                return line_arc_line(from, to, turn, reach, tangent);
+            }
+        }
+        Path::connect(from, to, f64::INFINITY)
+    }
+
     /// Stations such that chords deviate little from the curve and no step exceeds `max_step_m`; both ends included.
     pub fn stations(&self, max_step_m: f64) -> Vec<f64> {
         let mut stations = vec![0.0];

@@ -10,11 +10,18 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod building;
+mod chunk;
+mod furniture;
 mod geometry;
+mod greenery;
+mod ground;
 mod network;
 mod open_drive;
 mod plan;
 mod random;
+mod ring;
+mod scenery;
 mod spawn;
 mod town;
 pub mod vehicle;

@@ -72,15 +72,6 @@ pub struct Street {
     pub profile: Profile,
 }
 
-/// Use of a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockUse {
-    /// Houses round a yard.
-    Houses,
-    /// Grass, trees, paths.
-    Park,
-}
-
 /// The streets of a town.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {

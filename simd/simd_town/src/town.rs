@@ -5,7 +5,7 @@ use schema_types::{Class, ObjectId, Pose};
 use sensor_core::{Mesh, SceneAssets};
 
 use crate::network::Network;
-use crate::{open_drive, plan, spawn};
+use crate::{furniture, open_drive, plan, scenery, spawn};
 
 /// Why there is no such town.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -87,15 +87,16 @@ impl Town {
             _ => return Err(TownError::Unknown { name: name.to_owned() }),
         };
         let network = Network::build(&plan);
+        let scenery = scenery::build(&plan, &network, seed);
         Ok(Town {
             name: short.to_owned(),
             open_drive: open_drive::write(&plan, &network),
             spawn_points: spawn::spawn_points(&network),
-            assets: SceneAssets::default(),
-            objects: Vec::new(),
-            lights: Vec::new(),
-            light_head: Mesh::default(),
-            collision: Vec::new(),
+            assets: scenery.assets,
+            objects: scenery.objects,
+            lights: scenery.lights,
+            light_head: furniture::light_head(),
+            collision: scenery.collision,
             origin_m: [0.0; 3],
         })
     }

@@ -1,0 +1,217 @@
+//! Lamps, lights, signs, benches, bins, bollards.
+
+use schema_types::Class;
+use sensor_core::mesh::Surface;
+use sensor_core::{Material, Mesh, MeshBuilder};
+
+use crate::network::SignalKind;
+use crate::vehicle::loft::{ellipsoid, tube};
+
+/// Height of a traffic light's head over the pavement: the one on the pole and the one on the arm.
+pub const HEADS_M: (f64, f64) = (2.75, 5.4);
+
+fn steel() -> Surface {
+    Surface::new(Class::POLES, Material::Metal, [74, 78, 82])
+}
+
+/// A street lamp: pole, arm along +x, lamp (bit 0).
+pub fn street_lamp() -> Mesh {
+    let mut builder = MeshBuilder::new("street lamp");
+    for (n, until_m) in [(8, 40.0), (4, 130.0), (3, 350.0)] {
+        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.10), ([0.0, 0.0, 7.6], 0.055), n);
+        tube(&mut builder, steel(), ([0.0, 0.0, 7.5], 0.045), ([1.5, 0.0, 8.0], 0.035), n);
+        builder.cuboid(steel(), [1.75, 0.0, 8.03], [0.36, 0.13, 0.05]);
+        builder.cuboid(Surface::lamp(Class::POLES, [255, 226, 178], 0), [1.75, 0.0, 7.97], [0.30, 0.10, 0.02]);
+        if n == 8 {
+            tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.15), ([0.0, 0.0, 0.8], 0.13), n);
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// A traffic light's pole: +x faces the traffic, the arm reaches `arm_m` to its right-hand side seen from there (−y... the carriageway at +y).
+pub fn light_pole(arm_m: f32) -> Mesh {
+    let mut builder = MeshBuilder::new("traffic light pole");
+    for (n, until_m) in [(8, 40.0), (4, 350.0)] {
+        let top = if arm_m > 0.0 { HEADS_M.1 as f32 + 0.2 } else { HEADS_M.0 as f32 + 0.75 };
+        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.09), ([0.0, 0.0, top], 0.07), n);
+        if arm_m > 0.0 {
+            tube(&mut builder, steel(), ([0.0, 0.0, top - 0.15], 0.065), ([0.0, -arm_m, top], 0.04), n);
+        }
+        if n == 8 {
+            let button = Surface::new(Class::POLES, Material::Matte, [210, 170, 40]);
+            builder.cuboid(button, [0.0, 0.11, 1.1], [0.06, 0.05, 0.1]);
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// A head with three lamps facing +x, centred on its origin: bit 0 red, 1 yellow, 2 green.
+pub fn light_head() -> Mesh {
+    let mut builder = MeshBuilder::new("traffic light head");
+    let class = Class::TRAFFIC_LIGHT;
+    let black = Surface::new(class, Material::Matte, [26, 28, 28]);
+    for (n, until_m) in [(14, 35.0), (6, f32::INFINITY)] {
+        builder.cuboid(black, [0.0, 0.0, 0.0], [0.10, 0.16, 0.46]);
+        builder.cuboid(black, [-0.09, 0.0, 0.0], [0.012, 0.27, 0.58]);
+        for (bit, (rgb, z)) in [([255, 38, 28], 0.29), ([255, 190, 30], 0.0), ([40, 255, 120], -0.29f32)].into_iter().enumerate() {
+            let disc: Vec<[f32; 3]> = (0..n)
+                .map(|k| {
+                    let a = std::f32::consts::TAU * k as f32 / n as f32;
+                    [0.106, 0.105 * a.cos(), z + 0.105 * a.sin()]
+                })
+                .collect();
+            builder.polygon(Surface::lamp(class, rgb, bit as u8), &disc, &vec![[0.0; 2]; n]);
+            if n == 14 {
+                visor(&mut builder, black, z);
+            }
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// A half tube over a lamp, seen from both sides.
+fn visor(builder: &mut MeshBuilder, surface: Surface, z: f32) {
+    let at = |k: usize, x: f32| {
+        let a = std::f32::consts::PI * (k as f32 / 6.0 * 1.2 - 0.1);
+        [x, 0.118 * a.cos(), z + 0.118 * a.sin()]
+    };
+    for k in 0..6 {
+        let quad = [at(k, 0.10), at(k, 0.26), at(k + 1, 0.26), at(k + 1, 0.10)];
+        builder.polygon(surface, &quad, &[[0.0; 2]; 4]);
+        let mut back = quad;
+        back.reverse();
+        builder.polygon(surface, &back, &[[0.0; 2]; 4]);
+    }
+}
+
+/// A sign on a pole; its face looks to +x.
+pub fn sign(kind: SignalKind) -> Mesh {
+    let mut builder = MeshBuilder::new(format!("sign {kind:?}").to_lowercase());
+    let class = Class::TRAFFIC_SIGNS;
+    let paint = |rgb| Surface::new(class, Material::Matte, rgb);
+    let (red, white, black, grey) = (paint([190, 22, 26]), paint([240, 240, 236]), paint([24, 24, 24]), paint([130, 132, 134]));
+    for (n, until_m) in [(20usize, 40.0), (8, 250.0)] {
+        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), if n == 20 { 6 } else { 3 });
+        let (sides, turn, radius) = match kind {
+            SignalKind::Stop => (8, 0.5, 0.40),
+            SignalKind::Yield => (3, 0.75, 0.46),
+            _ => (n, 0.0, 0.36),
+        };
+        let face = |r: f32, x: f32| -> Vec<[f32; 3]> {
+            (0..sides)
+                .map(|k| {
+                    let a = std::f32::consts::TAU * ((k as f32 + turn) / sides as f32 + if sides == 3 { 0.0 } else { 0.0 });
+                    [x, r * a.cos(), 2.4 + r * a.sin()]
+                })
+                .collect()
+        };
+        let uv = vec![[0.0; 2]; sides];
+        let mut back = face(radius, 0.036);
+        back.reverse();
+        builder.polygon(grey, &back, &uv);
+        builder.polygon(if kind == SignalKind::Stop { white } else { red }, &face(radius, 0.040), &uv);
+        let inner = if kind == SignalKind::Stop { (red, 0.93) } else { (white, if kind == SignalKind::Yield { 0.66 } else { 0.78 }) };
+        builder.polygon(inner.0, &face(radius * inner.1, 0.046), &uv);
+        match kind {
+            SignalKind::Limit(kmh) => digits(&mut builder, black, kmh),
+            SignalKind::Stop => builder.cuboid(white, [0.05, 0.0, 2.4], [0.004, 0.24, 0.06]),
+            _ => {}
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// Two digits of seven bars each, on a face that looks to +x: its left is +y... seen from the front the first digit stands at the left.
+fn digits(builder: &mut MeshBuilder, surface: Surface, number: u32) {
+    const BARS: [u8; 10] = [0x3f, 0x06, 0x5b, 0x4f, 0x66, 0x6d, 0x7d, 0x07, 0x7f, 0x6f];
+    for (place, digit) in [(-0.1f32, number / 10 % 10), (0.1, number % 10)] {
+        // Bars a to g: (across, up, half across, half up).
+        let bars = [
+            (0.0, 0.14, 0.06, 0.016),
+            (0.06, 0.07, 0.016, 0.07),
+            (0.06, -0.07, 0.016, 0.07),
+            (0.0, -0.14, 0.06, 0.016),
+            (-0.06, -0.07, 0.016, 0.07),
+            (-0.06, 0.07, 0.016, 0.07),
+            (0.0, 0.0, 0.06, 0.016),
+        ];
+        for (i, (across, up, half_across, half_up)) in bars.into_iter().enumerate() {
+            if BARS[digit as usize] >> i & 1 == 1 {
+                builder.cuboid(surface, [0.05, place + across, 2.4 + up], [0.003, half_across, half_up]);
+            }
+        }
+    }
+}
+
+/// A bench 1.8 m long; people on it look to +x.
+pub fn bench() -> Mesh {
+    let mut builder = MeshBuilder::new("bench");
+    let (wood, iron) =
+        (Surface::new(Class::STATIC, Material::Matte, [128, 88, 56]), Surface::new(Class::STATIC, Material::Metal, [52, 54, 56]));
+    for k in 0..4 {
+        builder.cuboid(wood, [-0.15 + 0.12 * k as f32, 0.0, 0.45], [0.05, 0.9, 0.02]);
+    }
+    for k in 0..3 {
+        builder.cuboid(wood, [-0.24 - 0.03 * k as f32, 0.0, 0.58 + 0.13 * k as f32], [0.02, 0.9, 0.05]);
+    }
+    for y in [-0.7, 0.7] {
+        builder.cuboid(iron, [0.03, y, 0.21], [0.24, 0.03, 0.22]);
+        builder.cuboid(iron, [-0.28, y, 0.66], [0.02, 0.03, 0.24]);
+    }
+    builder.end_level(45.0);
+    builder.cuboid(wood, [0.03, 0.0, 0.45], [0.23, 0.9, 0.02]);
+    builder.cuboid(wood, [-0.27, 0.0, 0.71], [0.03, 0.9, 0.19]);
+    builder.end_level(110.0);
+    builder.finish()
+}
+
+/// A litter bin.
+pub fn bin() -> Mesh {
+    let mut builder = MeshBuilder::new("bin");
+    let green = Surface::new(Class::DYNAMIC, Material::Metal, [46, 84, 60]);
+    let dark = Surface::new(Class::DYNAMIC, Material::Rubber, [24, 26, 26]);
+    for (n, until_m) in [(10, 35.0), (5, 100.0)] {
+        tube(&mut builder, green, ([0.0, 0.0, 0.0], 0.21), ([0.0, 0.0, 0.82], 0.25), n);
+        tube(&mut builder, dark, ([0.0, 0.0, 0.82], 0.26), ([0.0, 0.0, 0.95], 0.18), n);
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// A bollard.
+pub fn bollard() -> Mesh {
+    let mut builder = MeshBuilder::new("bollard");
+    let iron = Surface::new(Class::STATIC, Material::Metal, [56, 58, 62]);
+    let ring = Surface::new(Class::STATIC, Material::Paint, [224, 224, 220]);
+    tube(&mut builder, iron, ([0.0, 0.0, 0.0], 0.065), ([0.0, 0.0, 0.86], 0.055), 8);
+    tube(&mut builder, ring, ([0.0, 0.0, 0.68], 0.066), ([0.0, 0.0, 0.76], 0.065), 8);
+    ellipsoid(&mut builder, iron, [0.0, 0.0, 0.86], [0.06, 0.06, 0.05], 8);
+    builder.end_level(30.0);
+    tube(&mut builder, iron, ([0.0, 0.0, 0.0], 0.065), ([0.0, 0.0, 0.9], 0.05), 4);
+    builder.end_level(90.0);
+    builder.finish()
+}
+
+/// A bus shelter-like kiosk, 3 m wide, open to +x.
+pub fn shelter() -> Mesh {
+    let mut builder = MeshBuilder::new("shelter");
+    let frame = Surface::new(Class::STATIC, Material::Metal, [70, 74, 78]);
+    let glass = Surface::new(Class::STATIC, Material::Glass, [120, 140, 146]);
+    let poster = Surface::new(Class::STATIC, Material::Matte, [206, 120, 52]);
+    for until_m in [140.0] {
+        builder.cuboid(frame, [0.0, 0.0, 2.45], [0.75, 1.65, 0.05]);
+        for (x, y) in [(-0.65, -1.55), (-0.65, 1.55), (0.55, -1.55), (0.55, 1.55)] {
+            builder.cuboid(frame, [x, y, 1.2], [0.035, 0.035, 1.2]);
+        }
+        builder.cuboid(glass, [-0.65, 0.0, 1.25], [0.01, 1.5, 0.95]);
+        builder.cuboid(poster, [-0.05, 1.55, 1.2], [0.5, 0.02, 0.85]);
+        builder.cuboid(frame, [-0.35, -0.3, 0.46], [0.18, 0.9, 0.03]);
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}

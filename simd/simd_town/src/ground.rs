@@ -1,0 +1,232 @@
+//! Road surface, paint, kerbs, pavements and what lies inside the blocks.
+
+use schema_types::{Class, ObjectId};
+use sensor_core::Material;
+use sensor_core::mesh::Surface;
+
+use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
+use crate::geometry::P2;
+use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
+use crate::open_drive::KERB_HEIGHT_M;
+use crate::plan::Edge;
+use crate::ring::{Ring, corner, triangulate};
+use crate::town::CollisionMesh;
+
+/// Height of paint over the road: far enough for depth buffers, too thin to notice.
+const PAINT_M: f64 = 0.004;
+/// Width of the kerb stone's top.
+const STONE_M: f64 = 0.16;
+
+/// Triangles of the ground that vehicles feel.
+#[derive(Default)]
+pub struct Floor {
+    /// Road.
+    pub road: CollisionMesh,
+    /// Pavement, kerbs, yards.
+    pub raised: CollisionMesh,
+}
+
+impl CollisionMesh {
+    /// Adds a convex polygon.
+    pub fn polygon(&mut self, corners_m: &[[f64; 3]]) {
+        let base = self.vertices_m.len() as u32;
+        self.vertices_m.extend(corners_m.iter().map(|c| c.map(|x| x as f32)));
+        self.triangles.extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
+    }
+
+    fn flat(&mut self, corners_m: &[P2], z_m: f64) {
+        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m]).collect();
+        self.polygon(&corners);
+    }
+}
+
+fn asphalt(object: ObjectId) -> Surface {
+    Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77]).of(object)
+}
+
+fn white(object: ObjectId) -> Surface {
+    Surface::new(Class::ROAD_LINES, Material::Paint, [226, 226, 220]).of(object)
+}
+
+fn yellow(object: ObjectId) -> Surface {
+    Surface::new(Class::ROAD_LINES, Material::Paint, [222, 172, 52]).of(object)
+}
+
+/// Surface and paint of a road.
+pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Road, object: ObjectId) {
+    let kerb = road.profile.kerb_m();
+    let stations = road.path.stations(16.0);
+    for pair in stations.windows(2) {
+        let at = |s: f64, t: f64| road.path.beside(s, t);
+        let corners = [at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)];
+        chunks.flat(Layer::Ground, ALL, asphalt(object), &corners, 0.0);
+        floor.road.flat(&corners, 0.0);
+    }
+    let idx = road.id as usize - 1;
+    let arm_at = |end: usize| {
+        let arms = &network.junctions[road.ends[end]].arms;
+        *arms.iter().find(|arm| arm.road == idx && arm.at_start == (end == 0)).expect("a road ends at the junction it names")
+    };
+    let arms = [arm_at(0), arm_at(1)];
+    long_lines(chunks, road, &arms, object);
+    for arm in &arms {
+        across(chunks, network, arm, road, object);
+    }
+    if road.profile.edge == Edge::Parking {
+        bays(chunks, road, object);
+    }
+}
+
+/// A painted stripe along the road.
+fn stripe(chunks: &mut Chunks, levels: Levels, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64, width_m: f64) {
+    let mut stations = vec![from_m];
+    stations.extend(road.path.stations(16.0).into_iter().filter(|&s| s > from_m + 0.01 && s < to_m - 0.01));
+    stations.push(to_m);
+    for pair in stations.windows(2) {
+        let at = |s: f64, side: f64| road.path.beside(s, t_m + 0.5 * side * width_m);
+        let corners = [at(pair[0], -1.0), at(pair[1], -1.0), at(pair[1], 1.0), at(pair[0], 1.0)];
+        chunks.flat(Layer::Ground, levels.clone(), surface, &corners, PAINT_M);
+    }
+}
+
+fn dashes(chunks: &mut Chunks, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64) {
+    let (dash, period) = (3.0, 7.5);
+    let n = ((to_m - from_m + period - dash) / period) as usize;
+    for k in 0..n {
+        let s = from_m + k as f64 * period;
+        stripe(chunks, 0..=1, road, surface, (s, (s + dash).min(to_m)), t_m, 0.12);
+    }
+}
+
+fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectId) {
+    let margin = |arm: &Arm| if arm.crosswalk { STOP_M + 0.2 } else { 0.0 };
+    let span = (margin(&arms[0]), road.path.length_m() - margin(&arms[1]));
+    let profile = &road.profile;
+    if profile.main {
+        for t in [-0.12, 0.12] {
+            stripe(chunks, 0..=1, road, yellow(object), span, t, 0.12);
+        }
+    } else {
+        dashes(chunks, road, yellow(object), span, 0.0);
+    }
+    for side in [1.0, -1.0] {
+        for k in 1..profile.n_lanes {
+            dashes(chunks, road, white(object), span, side * k as f64 * profile.lane_m);
+        }
+        stripe(chunks, 0..=1, road, white(object), span, side * profile.driving_m(), 0.12);
+    }
+}
+
+/// Stop line and zebra of one end.
+fn across(chunks: &mut Chunks, network: &Network, arm: &Arm, road: &Road, object: ObjectId) {
+    let span = |a: f64, b: f64| {
+        let (a, b) = (network.arm_station(arm, a), network.arm_station(arm, b));
+        (a.min(b), a.max(b))
+    };
+    if arm.waits {
+        // Traffic towards the junction: right of the line at a road's end, left of it at its start.
+        let side = if arm.at_start { 1.0 } else { -1.0 };
+        let (inner, outer) = (0.2, road.profile.driving_m() - 0.08);
+        stripe(chunks, 0..=1, road, white(object), span(STOP_M - 0.2, STOP_M + 0.2), side * 0.5 * (inner + outer), outer - inner);
+    }
+    if arm.crosswalk {
+        let half = road.profile.kerb_m() - 0.3;
+        let n = (2.0 * half / 1.0).floor();
+        for k in 0..n as usize {
+            let t = (k as f64 - 0.5 * (n - 1.0)) * 1.0;
+            stripe(chunks, 0..=0, road, white(object), span(CROSSWALK_M.0, CROSSWALK_M.1), t, 0.5);
+        }
+    }
+}
+
+/// Station of the first parking bay's start, and length of a bay.
+pub const BAYS_M: (f64, f64) = (13.0, 6.0);
+
+/// Number of parking bays on one side.
+pub fn n_bays(road: &Road) -> usize {
+    ((road.path.length_m() - 2.0 * BAYS_M.0) / BAYS_M.1).max(0.0) as usize
+}
+
+fn bays(chunks: &mut Chunks, road: &Road, object: ObjectId) {
+    let n = n_bays(road);
+    for side in [1.0, -1.0] {
+        for k in 0..=n {
+            let s = BAYS_M.0 + k as f64 * BAYS_M.1;
+            let t = side * (road.profile.driving_m() + 0.5 * road.profile.edge_m);
+            stripe(chunks, 0..=0, road, white(object), (s - 0.05, s + 0.05), t, road.profile.edge_m - 0.25);
+        }
+    }
+}
+
+/// The area between the roads' ends.
+pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: usize, object: ObjectId) {
+    let junction = &network.junctions[idx];
+    let mut border: Vec<P2> = Vec::new();
+    for i in 0..junction.arms.len() {
+        border.extend(corner(network, idx, i).kerb_m);
+    }
+    border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
+    let middle = border.iter().sum::<P2>() / border.len() as f64;
+    for i in 0..border.len() {
+        let triangle = [middle, border[i], border[(i + 1) % border.len()]];
+        chunks.flat(Layer::Ground, ALL, asphalt(object), &triangle, 0.0);
+        floor.road.flat(&triangle, 0.0);
+    }
+}
+
+/// Kerb and pavement round a block.
+pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: ObjectId) {
+    let slabs = Surface::new(Class::SIDEWALKS, Material::Concrete, [158, 154, 147]).of(object);
+    let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
+    let n = ring.kerb_m.len();
+    for i in 0..n {
+        let k = (i + 1) % n;
+        let (a, b) = (ring.kerb_m[i], ring.kerb_m[k]);
+        if (a - b).norm() < 1e-6 && (ring.back_m[i] - ring.back_m[k]).norm() < 1e-6 {
+            continue;
+        }
+        let inner = |i: usize| ring.kerb_m[i] + (ring.back_m[i] - ring.kerb_m[i]).normalize() * STONE_M;
+        let whole = [a, b, ring.back_m[k], ring.back_m[i]];
+        chunks.flat(Layer::Ground, 0..=0, stone, &[a, b, inner(k), inner(i)], KERB_HEIGHT_M);
+        chunks.flat(Layer::Ground, 0..=0, slabs, &[inner(i), inner(k), ring.back_m[k], ring.back_m[i]], KERB_HEIGHT_M);
+        chunks.flat(Layer::Ground, 1..=2, slabs, &whole, KERB_HEIGHT_M);
+        floor.raised.flat(&whole, KERB_HEIGHT_M);
+        if (a - b).norm() > 1e-6 {
+            let key = Key::at(Layer::Ground, 0.5 * (a + b));
+            chunks.wall(key, 0..=1, stone, (a, b), (-0.08, KERB_HEIGHT_M), 0.0);
+            floor.raised.polygon(&[[a.x, a.y, -0.08], [b.x, b.y, -0.08], [b.x, b.y, KERB_HEIGHT_M], [a.x, a.y, KERB_HEIGHT_M]]);
+        }
+    }
+}
+
+/// Yard or lawn inside a block.
+pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, park: bool, object: ObjectId) {
+    let surface = if park {
+        Surface::new(Class::TERRAIN, Material::Grass, [96, 124, 62])
+    } else {
+        Surface::new(Class::GROUND, Material::Concrete, [128, 124, 116])
+    };
+    for triangle in triangulate(&ring.back_m) {
+        let corners = triangle.map(|i| ring.back_m[i]);
+        chunks.flat(Layer::Ground, ALL, surface.of(object), &corners, KERB_HEIGHT_M);
+        floor.raised.flat(&corners, KERB_HEIGHT_M);
+    }
+}
+
+/// Grass from the town's edge to the horizon.
+pub fn outside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: ObjectId) {
+    let grass = Surface::new(Class::TERRAIN, Material::Grass, [104, 126, 70]).of(object);
+    let n = ring.back_m.len();
+    let out = |p: P2, share: f64| p + p.normalize() * (share * (900.0 - p.norm()));
+    for i in 0..n {
+        let (a, b) = (ring.back_m[i], ring.back_m[(i + 1) % n]);
+        if (a - b).norm() < 1e-6 {
+            continue;
+        }
+        for shares in [[0.0, 0.06], [0.06, 0.2], [0.2, 1.0]] {
+            let corners = [out(a, shares[0]), out(b, shares[0]), out(b, shares[1]), out(a, shares[1])];
+            chunks.flat(Layer::Ground, ALL, grass, &corners, KERB_HEIGHT_M);
+            floor.raised.flat(&corners, KERB_HEIGHT_M);
+        }
+    }
+}
