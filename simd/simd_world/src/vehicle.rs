@@ -27,8 +27,6 @@ pub(crate) const AIR_KGPM3: f32 = 1.2;
 const STEER_RATE_RADPS: f32 = 1.5;
 /// Share of full lock over speed, m/s: what tyres could use anyway.
 const STEER_LIMIT: [(f32, f32); 4] = [(0.0, 1.0), (6.0, 1.0), (16.0, 0.55), (33.0, 0.3)];
-/// Static compression of the suspension, metres: 1.5 Hz in heave.
-const SAG_M: f32 = 0.11;
 /// Length of the unloaded spring, metres.
 const SPRING_M: f32 = 0.30;
 /// Share of critical damping.
@@ -58,8 +56,11 @@ pub(crate) struct Vehicle {
 impl Vehicle {
     /// Adds the body of `model` at a world pose; `actor` is what contacts report.
     pub fn new(physics: &mut Physics, model: &'static VehicleModel, actor: u32, pose: &Isometry3<f64>) -> Self {
-        let body =
-            RigidBodyBuilder::dynamic().pose(physics.engine_pose(pose)).additional_mass_properties(mass_properties(model)).can_sleep(false);
+        let body = RigidBodyBuilder::dynamic()
+            .pose(physics.engine_pose(pose))
+            .additional_mass_properties(mass_properties(model))
+            .can_sleep(false)
+            .gravity_scale(0.0);
         let (centre, half) = chassis_box(model);
         let collider = ColliderBuilder::cuboid(half.x, half.y, half.z)
             .translation(centre)
@@ -70,13 +71,16 @@ impl Vehicle {
             .active_events(ActiveEvents::CONTACT_FORCE_EVENTS)
             .contact_force_event_threshold(0.0);
         let (body, _) = physics.engine.insert(body, collider);
+        // The engine would do this in its next step, but the wheels push already before that.
+        let engine = &mut physics.engine;
+        engine.bodies[body].recompute_mass_properties_from_colliders(&engine.colliders);
         let mut controller = DynamicRayCastVehicleController::new(body);
         controller.index_up_axis = 2;
         controller.index_forward_axis = 0;
         for site in contact_sites(model) {
             let tuning = tuning(model, site.load_ratio);
             let radius = model.wheel_radius_m as f32;
-            let hard_point = Vector::new(site.x_m, site.y_m, radius + SPRING_M - SAG_M);
+            let hard_point = Vector::new(site.x_m, site.y_m, radius + SPRING_M - sag_m(model));
             controller.add_wheel(hard_point, -Vector::Z, -Vector::Y, SPRING_M, radius, &tuning);
         }
         Vehicle {
@@ -124,7 +128,9 @@ impl Vehicle {
             return false;
         }
         let body = &physics.engine.bodies[self.body];
-        let sane = body.translation().is_finite()
+        // The engine switches a body off by itself when its state is not finite.
+        let sane = body.is_enabled()
+            && body.translation().is_finite()
             && body.rotation().is_finite()
             && body.linvel().is_finite()
             && body.angvel().is_finite()
@@ -188,28 +194,34 @@ impl Vehicle {
         }
     }
 
-    /// Air drag; and on a slope the static friction of a vehicle at rest, which velocity-based friction cannot give.
+    /// Gravity and air drag, and on a slope the static friction of a vehicle at rest, which velocity-based friction cannot give.
+    ///
+    /// Gravity comes from here and not from the engine: the engine spreads it over its solver's iterations, the suspension's answer comes at
+    /// once, and at rest the difference would show as a constant vertical velocity.
     fn push_body(&self, physics: &mut Physics, coasting: bool, dt_secs: f32) {
         let body = &mut physics.engine.bodies[self.body];
         let velocity = body.linvel();
-        let speed_mps = velocity.length();
-        let drag_n = velocity * (-0.5 * AIR_KGPM3 * self.model.drag_area_m2 as f32 * speed_mps);
-        body.apply_impulse(drag_n * dt_secs, true);
-        if !coasting || speed_mps > HOLD_MPS {
-            return;
-        }
+        let mass_kg = self.model.mass_kg as f32;
+        let gravity = Vector::new(0.0, 0.0, -GRAVITY_MPS2 as f32);
+        let drag_n = velocity * (-0.5 * AIR_KGPM3 * self.model.drag_area_m2 as f32 * velocity.length());
+        let held = if coasting && velocity.length() < HOLD_MPS {
+            self.held_mps2(*body.rotation() * Vector::X, gravity, dt_secs)
+        } else {
+            Vector::ZERO
+        };
+        body.apply_impulse((drag_n + (gravity - held) * mass_kg) * dt_secs, true);
+    }
+
+    /// The part of gravity along the ground that standing tyres hold: sideways always, along the wheels as far as the brakes go.
+    fn held_mps2(&self, forward: Vector, gravity: Vector, dt_secs: f32) -> Vector {
         let wheels = self.controller.wheels();
         let normal: Vector = wheels.iter().filter(|w| w.raycast_info().is_in_contact).map(|w| w.raycast_info().contact_normal_ws).sum();
-        let Some(normal) = normal.try_normalize() else { return };
-        let gravity = Vector::new(0.0, 0.0, -GRAVITY_MPS2 as f32);
+        let Some(normal) = normal.try_normalize() else { return Vector::ZERO };
         let along_slope = gravity - normal * normal.dot(gravity);
-        let forward = body.rotation() * Vector::X;
         let brakes_n: f32 = wheels.iter().map(|w| w.brake / dt_secs).sum();
-        let mass_kg = self.model.mass_kg as f32;
         let roll = forward * forward.dot(along_slope);
-        let rolls_away = roll.length() * mass_kg > brakes_n;
-        let held = if rolls_away { along_slope - roll } else { along_slope };
-        body.apply_impulse(-held * (mass_kg * dt_secs), true);
+        let rolls_away = roll.length() * self.model.mass_kg as f32 > brakes_n;
+        if rolls_away { along_slope - roll } else { along_slope }
     }
 
     /// World pose of the origin.
@@ -248,7 +260,7 @@ impl Vehicle {
             WheelState {
                 x_m: wheel.chassis_connection_point_cs.x,
                 y_m: wheel.chassis_connection_point_cs.y,
-                travel_m: SPRING_M - SAG_M - info.suspension_length,
+                travel_m: SPRING_M - sag_m(self.model) - info.suspension_length,
                 steer_rad: wheel.steering,
                 spin_rad: *spin_rad,
                 on_ground: info.is_in_contact,
@@ -296,10 +308,15 @@ struct ContactSite {
     load_ratio: f32,
 }
 
+/// Static compression of the suspension, metres: 1.5 Hz in heave. The narrow stance of a two-wheeler needs hard springs to stay upright.
+fn sag_m(model: &VehicleModel) -> f32 {
+    if model.is_two_wheeler() { 0.04 } else { 0.11 }
+}
+
 /// Front left, front right, rear left, rear right, with their share of the weight.
 fn contact_sites(model: &VehicleModel) -> [ContactSite; 4] {
     let x_m = 0.5 * model.wheelbase_m as f32;
-    let y_m = if model.is_two_wheeler() { 0.14 } else { model.half_m[1] as f32 - 0.17 };
+    let y_m = if model.is_two_wheeler() { 0.20 } else { model.half_m[1] as f32 - 0.17 };
     let front = 0.5 * model.front_load_ratio() as f32;
     let rear = 0.5 - front;
     [(x_m, y_m, front), (x_m, -y_m, front), (-x_m, y_m, rear), (-x_m, -y_m, rear)].map(|(x_m, y_m, load_ratio)| ContactSite {
@@ -312,9 +329,9 @@ fn contact_sites(model: &VehicleModel) -> [ContactSite; 4] {
 /// Stiffness and damping are per kg of the whole body; by load share, so that every spring sags alike and the body rests level.
 fn tuning(model: &VehicleModel, load_ratio: f32) -> WheelTuning {
     let gravity = GRAVITY_MPS2 as f32;
-    let damping = 2.0 * DAMPING_RATIO * (gravity / SAG_M).sqrt() * load_ratio;
+    let damping = 2.0 * DAMPING_RATIO * (gravity / sag_m(model)).sqrt() * load_ratio;
     WheelTuning {
-        suspension_stiffness: gravity / SAG_M * load_ratio,
+        suspension_stiffness: gravity / sag_m(model) * load_ratio,
         suspension_compression: 0.8 * damping,
         suspension_damping: 1.2 * damping,
         max_suspension_travel: 0.22,
