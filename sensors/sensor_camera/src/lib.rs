@@ -14,6 +14,7 @@ mod assets;
 mod draw;
 mod dvs;
 mod light;
+mod material;
 mod pass;
 mod renderer;
 mod shadow;

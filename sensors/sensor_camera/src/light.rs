@@ -5,6 +5,7 @@ use schema_frames::document::Weather;
 use sensor_core::Sun;
 use sensor_gpu::Gpu;
 
+use crate::material;
 use crate::renderer::Quality;
 use crate::sky::{SkyLook, SkyMap, luminance};
 use crate::uniform::LightData;
@@ -80,11 +81,12 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     let clear_klx = (0.8 + 15.5 * towards.z.max(0.0).sqrt()) * twilight;
     let night_ratio = smoothstep(5.0, -4.0, altitude_deg);
     let night_klx = [0.000_30, 0.000_42, 0.000_80].map(|x| x * night_ratio);
-    let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio));
+    let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
+    let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio)) * (-4.0 * fog_ratio * fog_ratio).exp();
     let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx };
     let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share + clear_klx * (1.0 + 0.6 * clouds_ratio) + luminance(night_klx);
-    // The eye and a camera's programme give dim scenes a darker picture: white falls with the eighth root or so.
-    let white = 1.25 * (total_klx / 80.0).powf(0.09);
+    // The eye and a camera's programme give dim scenes a darker picture; below a kilolux twice as much so.
+    let white = 1.25 * (total_klx / 80.0).powf(0.09) * total_klx.min(1.0).powf(0.16);
     (look, Exposed { exposure: white * std::f32::consts::PI / total_klx, sun_share, night_ratio })
 }
 
@@ -93,14 +95,16 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     while coarse.side_px > 32 {
         coarse = coarse.halved();
     }
-    let sun_rgb = look.sun_klx.map(|x| x * exposed.exposure * exposed.sun_share / std::f32::consts::PI * std::f32::consts::PI);
+    let sun_rgb = look.sun_klx.map(|x| x * exposed.exposure * exposed.sun_share);
     let up = coarse.irradiance(Vector3::z());
     // Light thrown back by the ground, seen by everything that faces down.
     let ground: [f32; 3] = std::array::from_fn(|c| 0.16 * (up[c] + sun_rgb[c] * look.sun_towards.z.max(0.0)));
     let facing = |axis: Vector3<f32>| {
         let sky = coarse.irradiance(axis);
         let below = 0.5 * (1.0 - axis.z);
-        std::array::from_fn::<f32, 3, _>(|c| sky[c] + ground[c] * below)
+        let grey = luminance(sky);
+        // Houses and trees throw back light of every colour: streets are less blue than the sky, and less dark.
+        std::array::from_fn::<f32, 3, _>(|c| 1.3 * (sky[c] + 0.5 * (grey - sky[c])) + ground[c] * below)
     };
     let pairs = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| (facing(axis), facing(-axis)));
     let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0);
@@ -108,7 +112,8 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     let horizon = coarse.horizon();
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let rain_ratio = (weather.precipitation / 100.0).clamp(0.0, 1.0);
-    let extinction_per_m = 1.0 / 4500.0 + 0.045 * fog_ratio * fog_ratio + 0.002 * rain_ratio;
+    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.002 * rain_ratio;
+    let extinction_per_m = 1.0 / 4500.0 + fog_per_m;
     let grey = luminance(horizon);
     let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
     let wet = (weather.wetness.max(0.6 * weather.precipitation) / 100.0).clamp(0.0, 1.0);
@@ -120,7 +125,9 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         ambient_slope_rgb: slopes,
         fog_rgb: pad(fog_rgb, extinction_per_m),
         air: [exposed.night_ratio, weather.fog_distance_m.max(0.0), wet, exposed.night_ratio],
-        lamps: [2.2 + 1.5 * exposed.night_ratio, 0.9, 0.0, 0.0],
+        lamps: [2.2 + 1.5 * exposed.night_ratio, 0.6, fog_per_m, 0.0],
+        materials: std::array::from_fn(|i| material::LOOKS[i].0),
+        mirrors: std::array::from_fn(|i| material::LOOKS[i].1),
     }
 }
 

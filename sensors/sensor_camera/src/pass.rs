@@ -6,6 +6,7 @@ use sensor_gpu::Gpu;
 
 use crate::assets::GpuAssets;
 use crate::draw::DrawCall;
+use crate::material;
 use crate::targets::{Target, TargetSet, Targets};
 use crate::uniform::{InstanceData, LightData, ViewData};
 
@@ -38,6 +39,8 @@ pub(crate) struct GeometryPass {
     scene_layout: wgpu::BindGroupLayout,
     view_layout: wgpu::BindGroupLayout,
     sky_sampler: wgpu::Sampler,
+    noise: wgpu::TextureView,
+    noise_sampler: wgpu::Sampler,
     shadow_sampler: wgpu::Sampler,
     pipelines: BTreeMap<u8, Pipelines>,
     light: wgpu::Buffer,
@@ -73,6 +76,8 @@ impl GeometryPass {
                 storage(1),
                 texture(2, wgpu::TextureSampleType::Float { filterable: true }),
                 sampler(3, wgpu::SamplerBindingType::Filtering),
+                texture(4, wgpu::TextureSampleType::Float { filterable: true }),
+                sampler(5, wgpu::SamplerBindingType::Filtering),
             ],
         });
         let view_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -92,7 +97,7 @@ impl GeometryPass {
             label: Some("sky"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
-            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Nearest,
             ..Default::default()
         };
         let compare = wgpu::SamplerDescriptor {
@@ -101,9 +106,17 @@ impl GeometryPass {
             mipmap_filter: wgpu::MipmapFilterMode::Nearest,
             ..linear.clone()
         };
+        let repeat = wgpu::SamplerDescriptor {
+            label: Some("noise"),
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            ..linear.clone()
+        };
         GeometryPass {
             shader: gpu.shader("geometry", &geometry_wgsl()),
             sky_sampler: device.create_sampler(&linear),
+            noise: material::noise_texture(gpu),
+            noise_sampler: device.create_sampler(&repeat),
             shadow_sampler: device.create_sampler(&compare),
             layout,
             scene_layout,
@@ -199,6 +212,8 @@ impl GeometryPass {
                 wgpu::BindGroupEntry { binding: 1, resource: self.instances.as_entire_binding() },
                 wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(sky) },
                 wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sky_sampler) },
+                wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(&self.noise) },
+                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::Sampler(&self.noise_sampler) },
             ],
         })
     }

@@ -152,8 +152,8 @@ fn radiance(look: &SkyLook, clear: &ClearSky, direction: Vector3<f32>) -> [f32; 
     let towards = direction.dot(&look.sun_towards).max(0.0);
     let rim = towards.powi(6) * (1.0 - cover) * 1.2;
     let overcast = (1.0 + 2.0 * direction.z) / 3.0;
-    let body = 0.34 - 0.16 * cover * look.clouds_ratio.max(0.35) + rim * 0.5;
-    let tint: [f32; 3] = std::array::from_fn(|c| 0.6 + 0.4 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
+    let body = 0.55 - 0.3 * cover * cover * look.clouds_ratio.max(0.45) + rim * 0.4;
+    let tint: [f32; 3] = std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
     std::array::from_fn(|c| {
         let white = day_klx * body / PI * tint[c] * (1.0 + (overcast - 1.0) * look.clouds_ratio);
         blue[c] + (white - blue[c]) * cover + look.night_klx[c] / PI * (1.3 - direction.z)
@@ -167,8 +167,8 @@ fn cloud_cover(direction: Vector3<f32>, clouds_ratio: f32) -> f32 {
     let (x, y) = (direction.x * reach, direction.y * reach);
     let warp = fbm(x * 0.6 + 19.0, y * 0.6 + 7.0, 2) - 0.5;
     let field = fbm(x + 1.3 * warp + 31.0, y - 0.9 * warp + 57.0, 5);
-    let threshold = 0.78 - 0.62 * clouds_ratio;
-    let cover = smoothstep(threshold, threshold + 0.22, field);
+    let threshold = 0.63 - 0.5 * clouds_ratio;
+    let cover = smoothstep(threshold, threshold + 0.2, field);
     let overcast = smoothstep(0.7, 1.0, clouds_ratio);
     let horizon = smoothstep(0.0, 0.10, direction.z);
     (cover * (0.25 + 0.75 * horizon)).max(overcast * 0.96)

@@ -54,8 +54,12 @@ pub struct LightData {
     pub ambient_slope_rgb: [[f32; 4]; 3],
     /// Colour of the air far away; w is the extinction per metre.
     pub fog_rgb: [f32; 4],
-    /// Height fall-off per metre, start distance m, wetness 0..=1, share of windows and lamps lit 0..=1.
+    /// Share of scenery's lamps that shine, start of the fog m, wetness, share of windows lit; ratios 0..=1.
     pub air: [f32; 4],
-    /// Radiance of lamps, radiance of lit windows, 0, 0.
+    /// Radiance of lamps, radiance of lit windows, extinction by fog alone per metre, 0.
     pub lamps: [f32; 4],
+    /// Per material: texels of grain per metre, its strength, texels of clouds per metre, their strength.
+    pub materials: [[f32; 4]; 17],
+    /// Per material: share mirrored at normal incidence, level of the sky map it mirrors, light let through, 1 for lamps.
+    pub mirrors: [[f32; 4]; 17],
 }

@@ -63,6 +63,8 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(LightData, fog_rgb),
             offset_of!(LightData, air),
             offset_of!(LightData, lamps),
+            offset_of!(LightData, materials),
+            offset_of!(LightData, mirrors),
         ],
     );
 }

@@ -30,12 +30,16 @@ struct LightUniform {
     fog_rgb: vec4<f32>,
     air: vec4<f32>,
     lamps: vec4<f32>,
+    materials: array<vec4<f32>, 17>,
+    mirrors: array<vec4<f32>, 17>,
 }
 
 @group(0) @binding(0) var<uniform> light: LightUniform;
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var sky_map: texture_2d<f32>;
 @group(0) @binding(3) var sky_sampler: sampler;
+@group(0) @binding(4) var noise_map: texture_2d<f32>;
+@group(0) @binding(5) var noise_sampler: sampler;
 @group(1) @binding(0) var<uniform> view: ViewUniform;
 @group(1) @binding(1) var shadow_map: texture_depth_2d;
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;

@@ -1,0 +1,84 @@
+//! Measures one view with six modalities against six views with one each, and the event camera, on the test street.
+//!
+//! `cargo run --release --example measure_views -- [WIDTH HEIGHT FRAMES]`; prints wall time per frame as min / median, and what was drawn.
+
+#[path = "../tests/kit/mod.rs"]
+mod kit;
+
+use std::time::Instant;
+
+use schema_frames::Modality;
+use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob};
+use sensor_gpu::Gpu;
+
+const SIX: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+
+fn main() {
+    let numbers: Vec<u32> = std::env::args().skip(1).map(|text| text.parse().expect("arguments are whole numbers")).collect();
+    let (width_px, height_px, n_frames) = match numbers[..] {
+        [width_px, height_px, n_frames] => (width_px, height_px, n_frames),
+        _ => (800, 600, 40),
+    };
+    let gpu = kit::gpu();
+    println!("{} at {width_px}x{height_px}, {n_frames} frames", gpu.name());
+    let bench = Bench { gpu: &gpu, size_px: [width_px, height_px], n_frames };
+    let together = bench.measure("one view, six modalities", &[&SIX]);
+    let apart = bench.measure("six views, one modality each", &SIX.each_ref().map(std::slice::from_ref));
+    println!("six views cost {:.1} times one", apart / together);
+    bench.measure("rgb alone", &[&[Modality::Rgb]]);
+    bench.measure("depth alone", &[&[Modality::Depth]]);
+    bench.measure("events alone", &[&[Modality::Dvs]]);
+    bench.measure("no reader", &[&[]]);
+}
+
+struct Bench<'g> {
+    gpu: &'g Gpu,
+    size_px: [u32; 2],
+    n_frames: u32,
+}
+
+impl Bench<'_> {
+    /// Renders a drive along the street; returns the median milliseconds per frame.
+    fn measure(&self, name: &str, asked: &[&[Modality]]) -> f64 {
+        let (assets, car) = kit::street();
+        let mut renderer = CameraRenderer::new(self.gpu, Quality::default_for(self.gpu));
+        let mut views: Vec<View> = asked.iter().map(|_| kit::view(self.gpu, self.size_px[0], self.size_px[1])).collect();
+        let mut memory: Vec<Vec<Vec<u8>>> =
+            asked.iter().map(|list| list.iter().map(|m| vec![0; views[0].payload_bytes(*m)]).collect()).collect();
+        let mut millis = Vec::new();
+        let mut counts = self.gpu.counters().counts();
+        for step in 0..self.n_frames + WARM_UP {
+            if step == WARM_UP {
+                counts = self.gpu.counters().counts();
+            }
+            let x_m = step as f64 * 0.4;
+            let cars = (0..8).map(|i| kit::moving(20 + i, car, kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]))).collect();
+            let scene = kit::scene(&assets, cars, (step as u64 + 1) * 50_000_000);
+            let jobs = views.iter_mut().zip(&mut memory).zip(asked).map(|((view, memory), list)| {
+                let outputs = list.iter().zip(memory).map(|(modality, bytes)| Output { modality: *modality, place: Place::Memory(bytes) });
+                ViewJob { view, world_from_sensor: kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 2.0, 0.0]), outputs: outputs.collect() }
+            });
+            let begin = Instant::now();
+            let submission = renderer.render(&scene, jobs.collect()).expect("the request is in order");
+            submission.wait().expect("the device works");
+            millis.push(begin.elapsed().as_secs_f64() * 1e3);
+        }
+        let counts = self.gpu.counters().counts().since(counts);
+        let mut millis = millis.split_off(WARM_UP as usize);
+        millis.sort_by(f64::total_cmp);
+        let median = millis[millis.len() / 2];
+        let per_frame = |n: u64| n / self.n_frames as u64;
+        println!(
+            "{name}: {:.1} / {median:.1} ms; {} passes, {} draws, {} triangles, {} copies",
+            millis[0],
+            per_frame(counts.passes),
+            per_frame(counts.draws),
+            per_frame(counts.triangles),
+            per_frame(counts.copies)
+        );
+        median
+    }
+}
+
+/// Frames before counting: pipelines compile, the shadow map is drawn.
+const WARM_UP: u32 = 3;
