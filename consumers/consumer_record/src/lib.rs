@@ -6,6 +6,7 @@
 #![warn(missing_docs)]
 
 pub mod convert;
+pub mod discover;
 pub mod info;
 pub mod messages;
 pub mod queue;

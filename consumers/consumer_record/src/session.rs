@@ -12,13 +12,12 @@ use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
 use schema_types::class::CLASSES;
 
 use crate::convert::{TopicName, frame_entries};
+use crate::discover::Discovery;
 use crate::messages::{Batch, Entry};
 use crate::queue::{Job, Queue, Refused, queue};
 use crate::scene::{SceneState, document};
 use crate::writer::{ChunkCompression, Recording, Written, run};
 
-/// How often new topics are looked for.
-const DISCOVER_EVERY: Duration = Duration::from_millis(500);
 /// Longest wait for a wake-up; documents and a shutdown are looked at this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
 /// How long the daemon may take to answer.
@@ -123,7 +122,7 @@ struct Session {
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
     full: BTreeSet<String>,
     patterns: Vec<String>,
-    discovered: Option<Instant>,
+    discovery: Discovery,
     scene: SceneState,
     sink: Sink,
     sim_nanos: u64,
@@ -226,7 +225,7 @@ impl Session {
             names: BTreeMap::new(),
             full: BTreeSet::new(),
             patterns: options.topics.clone(),
-            discovered: None,
+            discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
             scene: SceneState::default(),
             sink,
             sim_nanos: 0,
@@ -254,11 +253,8 @@ impl Session {
 
     /// Follows topics that are new.
     fn discover(&mut self) -> anyhow::Result<()> {
-        if self.discovered.is_some_and(|at| at.elapsed() < DISCOVER_EVERY) {
-            return Ok(());
-        }
-        self.discovered = Some(Instant::now());
-        for topic in self.follower.bus().topics()? {
+        let Some(topics) = self.discovery.newest()? else { return self.join_lockstep() };
+        for topic in topics {
             let wanted = self.patterns.is_empty() || self.patterns.iter().any(|pattern| matches(pattern, &topic.name));
             if topic.modality.is_none() || !wanted || self.names.contains_key(&topic.name) {
                 continue;

@@ -8,5 +8,6 @@
 pub mod layout;
 pub mod pace;
 pub mod picture;
+pub mod session;
 pub mod stage;
 pub mod viewer;

@@ -1,2 +1,107 @@
-//! `gantry-view`
-fn main() {}
+//! `gantry-view`: shows a domain in rerun: in a window, in the browser, or into a file.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{ArgGroup, Parser};
+use consumer_view::session::{Options, Target, show};
+use consumer_view::viewer::{Viewer, ViewerKind, find_rerun};
+use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
+
+/// Shows every sensor, the map and all actors in rerun. Without a choice: a window if there is a display, else a page for the browser.
+#[derive(Debug, Parser)]
+#[command(
+    name = "gantry-view",
+    version,
+    group = ArgGroup::new("where").args(["native", "web", "save", "connect"]),
+    after_help = "Examples:\n  gantry-view --native\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd"
+)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+
+    /// Show a window (the rerun viewer, started and ended with this program)
+    #[arg(long)]
+    native: bool,
+
+    /// Show a page for the browser on 127.0.0.1
+    #[arg(long)]
+    web: bool,
+
+    /// Write a new file that `rerun FILE` opens; never overwrites
+    #[arg(long, value_name = "FILE.rrd")]
+    save: Option<PathBuf>,
+
+    /// Send to a viewer that already runs, e.g. rerun+http://127.0.0.1:9876/proxy
+    #[arg(long, value_name = "URL")]
+    connect: Option<String>,
+
+    /// Most frames per second and topic that are shown
+    #[arg(long, value_name = "HZ", default_value_t = 10.0, value_parser = rate)]
+    max_hz: f64,
+
+    /// Most memory the viewer keeps for its past, e.g. 2GB; the oldest goes first
+    #[arg(long, value_name = "SIZE", default_value = "2GB", value_parser = memory)]
+    memory_limit: String,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let hz: f64 = text.parse().map_err(|_| "not a number".to_string())?;
+    if (0.01..=1000.0).contains(&hz) { Ok(hz) } else { Err(format!("{hz} is outside 0.01 to 1000")) }
+}
+
+fn memory(text: &str) -> Result<String, String> {
+    let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let known = ["MB", "GB", "MiB", "GiB"].contains(&&text[digits.len()..]);
+    if known && digits.parse::<u32>().is_ok_and(|n| n > 0) {
+        Ok(text.to_string())
+    } else {
+        Err("must be a whole number and MB or GB, e.g. 2GB".to_string())
+    }
+}
+
+fn main() -> ExitCode {
+    run(|args: Args| {
+        args.common.init_logging();
+        start(&args)
+    })
+}
+
+fn start(args: &Args) -> anyhow::Result<Exit> {
+    let shutdown = Shutdown::install()?;
+    launch_cli::raise_file_limit()?;
+    let mut viewer = None;
+    let target = match (&args.save, &args.connect) {
+        (Some(file), _) if file.exists() => {
+            return Err(wrong_usage(format!("{} exists already; choose another name or remove it first", file.display())));
+        }
+        (Some(file), _) => Target::Save(file.clone()),
+        (_, Some(url)) => Target::Connect(url.clone()),
+        _ => {
+            let program = find_rerun(std::env::var_os("PATH").as_deref())?;
+            let started = Viewer::start(&program, viewer_kind(args), &args.memory_limit)?;
+            let target = Target::Connect(started.data_url.clone());
+            viewer = Some(started);
+            target
+        }
+    };
+    let mut stdout = std::io::stdout();
+    if let Some(page) = viewer.as_ref().and_then(|viewer| viewer.page_url.as_ref()) {
+        writeln!(stdout, "open {page}")?;
+    }
+    tracing::info!(domain = args.common.domain, "viewing");
+    let options = Options { domain: args.common.domain.clone(), bus: Default::default(), max_hz: args.max_hz, target };
+    let mut stop = || shutdown.requested() || viewer.as_mut().is_some_and(|viewer| !viewer.is_running());
+    let shown = show(&options, &mut stop)?;
+    if let Some(file) = &args.save {
+        let n_frames: u64 = shown.frames.values().sum();
+        writeln!(stdout, "{}: {n_frames} frames of {} topics", file.display(), shown.frames.len())?;
+    }
+    Ok(Exit::Done)
+}
+
+fn viewer_kind(args: &Args) -> ViewerKind {
+    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
+    if args.native || (!args.web && has_display) { ViewerKind::Native } else { ViewerKind::Web }
+}

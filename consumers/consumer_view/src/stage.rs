@@ -143,6 +143,9 @@ impl Stage {
 
     /// Remembers where everyone is, for frames of that tick; shows nothing.
     pub fn remember(&mut self, header: &SnapshotHeader, records: &[ActorRecord]) {
+        if self.poses.iter().any(|(tick, _)| *tick == header.tick) {
+            return;
+        }
         self.poses.push((header.tick, records.iter().map(|record| (record.id, record.world_from_actor)).collect()));
         if self.poses.len() > KEPT_SNAPSHOTS {
             self.poses.remove(0);
