@@ -1,0 +1,407 @@
+//! One driver: follows its path, keeps clear of the others, obeys lights, gets out of jams.
+
+use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
+use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
+use schema_types::noise::Noise;
+
+use crate::path::{Foot, Path, wrap};
+use crate::speed::{self, Pedals};
+use crate::steer::Steering;
+use crate::world::{Mover, World};
+
+/// Brake lamp, `VehiclePart::lamps`.
+pub const LAMP_BRAKE: u32 = 8;
+/// Right blinker.
+pub const LAMP_RIGHT: u32 = 16;
+/// Left blinker.
+pub const LAMP_LEFT: u32 = 32;
+/// Reversing lamp.
+pub const LAMP_REVERSE: u32 = 64;
+
+/// How far ahead a path is planned at least, metres.
+const HORIZON_M: f64 = 90.0;
+/// Gap between the front and a stop line, metres.
+const LINE_GAP_M: f64 = 1.0;
+/// A vehicle counts as standing below this, m/s.
+pub(crate) const STANDING_MPS: f64 = 0.3;
+/// Standing this long without a reason, a driver helps itself, seconds.
+const STUCK_SECS: f64 = 6.0;
+/// How long a driver reverses, seconds.
+const REVERSE_SECS: f64 = 2.5;
+
+/// What is in the way.
+#[derive(Clone, Copy, Debug)]
+struct Obstacle {
+    id: u32,
+    gap_m: f64,
+    along_mps: f64,
+}
+
+/// Why a driver does not go on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Wait {
+    /// It goes.
+    #[default]
+    No,
+    /// A light.
+    Light,
+    /// Somebody else's turn at a junction.
+    Turn,
+    /// Somebody ahead.
+    Ahead,
+    /// The road ends.
+    End,
+}
+
+/// Entry to the next junction on the path.
+#[derive(Clone, Copy, Debug)]
+pub struct Entry {
+    /// The junction.
+    pub junction: u32,
+    /// Path length at which it begins and at which it is left, metres.
+    pub arc_m: [f64; 2],
+    /// Turn within, radians, positive to the left.
+    pub turn_rad: f64,
+    /// Whether a traffic light guards this way.
+    pub has_light: bool,
+}
+
+/// State of one driver.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    id: u32,
+    speed_factor: f64,
+    path: Path,
+    foot: Foot,
+    steering: Steering,
+    pedals: Pedals,
+    stuck_secs: f64,
+    reverse_left_secs: f64,
+    n_rescues: u32,
+    wait: Wait,
+    entry: Option<Entry>,
+    /// Decided by the fleet: the next junction may be entered.
+    pub(crate) may_enter: bool,
+}
+
+impl Driver {
+    /// A driver for `me` on the lane it stands on; `None` if no lane is near.
+    pub fn new(map: &RoadMap, me: &Mover, seed: u64, speed_factor: f64) -> Option<Driver> {
+        let at = locate(map, me)?;
+        let path = Path::new(map, at, Noise::new(seed, u64::from(me.id), 0x64_72_69_76_65), 0)?;
+        let wheelbase_m = if me.half_m[0] < 1.3 { 1.2 * me.half_m[0] } else { 1.16 * me.half_m[0] };
+        Some(Driver {
+            id: me.id,
+            speed_factor,
+            path,
+            foot: Foot::default(),
+            steering: Steering::new(wheelbase_m, 0.6),
+            pedals: Pedals::default(),
+            stuck_secs: 0.0,
+            reverse_left_secs: 0.0,
+            n_rescues: 0,
+            wait: Wait::No,
+            entry: None,
+            may_enter: true,
+        })
+    }
+
+    /// Gives the true distance between the axles and the largest steering angle, where they are known.
+    pub fn set_geometry(&mut self, wheelbase_m: f64, max_steer_rad: f64) {
+        self.steering = Steering::new(wheelbase_m, max_steer_rad);
+    }
+
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where it is on its path.
+    pub fn foot(&self) -> Foot {
+        self.foot
+    }
+
+    /// Why it does not go on.
+    pub fn wait(&self) -> Wait {
+        self.wait
+    }
+
+    /// The next junction, or the one it is in.
+    pub fn entry(&self) -> Option<Entry> {
+        self.entry
+    }
+
+    /// The lane it is on.
+    pub fn lane(&self) -> Option<LaneKey> {
+        self.path.legs().get(self.path.leg_at(self.foot.arc_m)).map(|leg| leg.lane)
+    }
+
+    /// Finds its place on the path; plans anew if it is not on it.
+    pub fn localise(&mut self, map: &RoadMap, me: &Mover, seed: u64) {
+        let point = [me.position_m[0], me.position_m[1]];
+        self.foot = self.path.project(point, self.foot.arc_m - 10.0, self.foot.arc_m + 20.0);
+        let lost = self.foot.offset_m.abs() > 3.5 || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
+        if lost && let Some(at) = locate(map, me) {
+            let n = self.path.n_choices() + 1;
+            if let Some(path) = Path::new(map, at, Noise::new(seed, u64::from(self.id), 0x64_72_69_76_65), n) {
+                self.path = path;
+                self.steering.reset();
+                self.foot = self.path.project(point, 0.0, 40.0);
+            }
+        }
+        let until = self.foot.arc_m + HORIZON_M.max(6.0 * me.speed_mps);
+        self.path.extend(map, self.foot.arc_m, until);
+        self.entry = self.find_entry(map, me);
+    }
+
+    fn find_entry(&self, map: &RoadMap, me: &Mover) -> Option<Entry> {
+        let legs = self.path.legs();
+        let rear = self.foot.arc_m - me.rear_m();
+        let first = legs.iter().position(|leg| leg.arc_m[1] > rear && leg.junction.is_some())?;
+        let junction = legs[first].junction?;
+        let n = legs[first..].iter().take_while(|leg| leg.junction == Some(junction)).count();
+        let arc_m = [legs[first].arc_m[0], legs[first + n - 1].arc_m[1]];
+        let turn_rad = wrap(self.path.at(arc_m[1] - 0.1).heading_rad - self.path.at(arc_m[0] + 0.1).heading_rad);
+        let before = first.checked_sub(1).map(|idx| &legs[idx]);
+        let guarded = |lane: LaneKey| map.signal_stops(lane).any(|(signal, _)| signal.kind == SignalKind::TrafficLight);
+        let has_light = guarded(legs[first].lane) || before.is_some_and(|leg| guarded(leg.lane));
+        Some(Entry { junction, arc_m, turn_rad, has_light })
+    }
+
+    /// What to do in this tick.
+    pub fn control(&mut self, map: &RoadMap, me: &Mover, world: &World) -> VehicleControlRecord {
+        let dt = world.period_secs;
+        if self.reverse_left_secs > 0.0 {
+            return self.reverse(me, world);
+        }
+        let creeping = self.stuck_secs > STUCK_SECS;
+        let front = self.foot.arc_m + me.front_m();
+        let obstacle = self.obstacle(me, world, if creeping { 0.0 } else { 0.3 });
+        let mut wanted = self.road_speed(me, front);
+        let mut wait = Wait::No;
+        let mut consider = |accel: f64, why: Wait| {
+            if accel < wanted {
+                wanted = accel;
+                wait = why;
+            }
+        };
+        let (end, ends) = self.path.end();
+        if ends {
+            consider(stop_at(me.speed_mps, end - front), Wait::End);
+        }
+        if let Some(line) = self.light_line(map, world, me, front) {
+            consider(stop_at(me.speed_mps, line - front), Wait::Light);
+        }
+        if let Some(entry) = self.entry
+            && !self.may_enter
+            && front < entry.arc_m[0] + 1.0
+        {
+            consider(stop_at(me.speed_mps, entry.arc_m[0] - front), Wait::Turn);
+        }
+        if let Some(obstacle) = obstacle {
+            let gap = if creeping { 0.8 } else { 2.2 };
+            consider(speed::follow(me.speed_mps, obstacle.along_mps, obstacle.gap_m, gap), Wait::Ahead);
+        }
+        if creeping {
+            wanted = wanted.min(speed::towards(me.speed_mps, 1.5));
+        }
+        self.wait = wait;
+        self.watch(me, world, wanted, obstacle, dt);
+        let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
+        let steer = self.steering.ratio(me, &self.path, self.foot, 0.0, dt);
+        let control = VehicleControl {
+            throttle_ratio: throttle as f32,
+            steer_ratio: steer as f32,
+            brake_ratio: brake as f32,
+            ..VehicleControl::default()
+        };
+        let mut record = VehicleControlRecord::new(self.id, control);
+        record.lamps = self.blinkers(front) | if brake > 0.02 { LAMP_BRAKE } else { 0 };
+        record
+    }
+
+    /// Limits and bends, here and as far as braking reaches.
+    fn road_speed(&self, me: &Mover, front: f64) -> f64 {
+        let v = me.speed_mps;
+        let reach = front + 10.0 + v * v / 2.5;
+        let mut wanted = f64::INFINITY;
+        let rear = self.foot.arc_m - 0.5 * me.rear_m();
+        for point in self.path.points() {
+            if point.arc_m < rear {
+                continue;
+            }
+            if point.arc_m > reach {
+                break;
+            }
+            let limit = (self.speed_factor * point.limit_mps).min(speed::on_bend(point.curvature_per_m));
+            let accel =
+                if point.arc_m <= front { speed::towards(v, limit) } else { speed::ahead(v, limit, point.arc_m - front).max(-4.0) };
+            wanted = wanted.min(accel);
+        }
+        if wanted.is_finite() { wanted } else { speed::towards(v, 5.0) }
+    }
+
+    /// Path length of the stop line of a light that says stop.
+    fn light_line(&self, map: &RoadMap, world: &World, me: &Mover, front: f64) -> Option<f64> {
+        let legs = self.path.legs();
+        let here = self.path.leg_at(self.foot.arc_m);
+        // Who is inside a junction clears it.
+        if legs[here].junction.is_some() {
+            return None;
+        }
+        let mut line: Option<f64> = None;
+        for (idx, leg) in legs.iter().enumerate().skip(here) {
+            if leg.arc_m[0] > front + 80.0 {
+                break;
+            }
+            for (signal, stop) in map.signal_stops(leg.lane) {
+                if signal.kind != SignalKind::TrafficLight {
+                    continue;
+                }
+                let state = world.lights.get(&signal.id).copied().unwrap_or(LightState::Off);
+                if !matches!(state, LightState::Red | LightState::Yellow) {
+                    continue;
+                }
+                let on = [Some(leg), idx.checked_sub(1).map(|i| &legs[i])].into_iter().flatten().find(|l| l.lane == stop.stop.lane);
+                let Some(arc) = on.map(|l| l.arc_at_m(stop.stop.s_m)) else { continue };
+                let distance = arc - front;
+                let needed = speed::to_stop(me.speed_mps, distance.max(0.0));
+                let too_late = if state == LightState::Yellow { -3.0 } else { -7.0 };
+                if distance > -3.0 && needed > too_late {
+                    line = Some(line.map_or(arc, |l| l.min(arc)));
+                }
+            }
+        }
+        line
+    }
+
+    /// The first other that is on the path or about to be.
+    fn obstacle(&self, me: &Mover, world: &World, margin_m: f64) -> Option<Obstacle> {
+        let front = self.foot.arc_m + me.front_m();
+        let reach = 20.0 + me.speed_mps * me.speed_mps / 4.0 + 2.0 * me.speed_mps;
+        let mut nearest: Option<Obstacle> = None;
+        for other in &world.movers {
+            if other.id == me.id || (other.position_m[2] - me.position_m[2]).abs() > 3.5 {
+                continue;
+            }
+            let apart = crate::path::distance(other.middle(), me.middle());
+            if apart > reach + other.half_m[0] + me.half_m[0] {
+                continue;
+            }
+            let lateral = me.half_m[1] + if other.is_vehicle { margin_m } else { margin_m + 0.4 };
+            let from = self.foot.arc_m + 0.5 * me.front_m();
+            let hit = other
+                .outline()
+                .into_iter()
+                .filter_map(|p| self.path.first_within(p, from, front + reach, lateral))
+                .min_by(f64::total_cmp);
+            let Some(arc) = hit else { continue };
+            let heading = self.path.at(arc).heading_rad;
+            // Somebody alongside whose middle is behind ours is not ahead of us.
+            if arc < front && forward_share(me, other) < 0.0 {
+                continue;
+            }
+            let along_mps = other.velocity_mps[0] * heading.cos() + other.velocity_mps[1] * heading.sin();
+            let gap_m = (arc - front).max(0.05);
+            let candidate = Obstacle { id: other.id, gap_m, along_mps: along_mps.max(0.0) };
+            let need = |o: &Obstacle| speed::follow(me.speed_mps, o.along_mps, o.gap_m, 2.2);
+            if nearest.is_none_or(|n| need(&candidate) < need(&n)) {
+                nearest = Some(candidate);
+            }
+        }
+        nearest
+    }
+
+    /// Notices that nothing moves although it should.
+    fn watch(&mut self, me: &Mover, world: &World, wanted: f64, obstacle: Option<Obstacle>, dt: f64) {
+        if me.speed_mps.abs() > 0.5 {
+            self.stuck_secs = (self.stuck_secs - 2.0 * dt).max(0.0);
+            if me.speed_mps > 2.0 {
+                (self.stuck_secs, self.n_rescues) = (0.0, 0);
+            }
+            return;
+        }
+        let pushing = wanted > 0.3;
+        // A queue has a reason of its own; who blocks us across or head-on has not.
+        let blocked = self.wait == Wait::Ahead
+            && obstacle.and_then(|o| world.mover(o.id)).is_some_and(|o| wrap(o.yaw_rad - self.path.at(self.foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6);
+        if !pushing && !blocked {
+            if self.wait != Wait::Ahead {
+                self.stuck_secs = 0.0;
+            }
+            return;
+        }
+        self.stuck_secs += dt;
+        // Ids differ, so two that block each other do not back off at once.
+        let patience = 2.0 * STUCK_SECS + f64::from(self.id % 7) + if pushing { 0.0 } else { 6.0 };
+        if self.stuck_secs > patience && self.room_behind(me, world) {
+            self.reverse_left_secs = REVERSE_SECS;
+            self.n_rescues += 1;
+            self.stuck_secs = 0.0;
+        }
+    }
+
+    fn room_behind(&self, me: &Mover, world: &World) -> bool {
+        let mut ghost = me.clone();
+        ghost.half_m[0] += 1.5;
+        ghost.centre_m[0] -= 1.5;
+        !world.movers.iter().any(|other| other.id != me.id && ghost.overlaps(other, 0.2) && forward_share(me, other) < 0.0)
+    }
+
+    /// Backs off, steering the other way, then plans anew.
+    fn reverse(&mut self, me: &Mover, world: &World) -> VehicleControlRecord {
+        let dt = world.period_secs;
+        self.reverse_left_secs -= dt;
+        let clear = self.room_behind(me, world) && me.speed_mps > -2.0;
+        let steer = self.steering.hold(if self.foot.offset_m > 0.0 { 0.4 } else { -0.4 }, dt);
+        let control = VehicleControl {
+            throttle_ratio: if clear { 0.35 } else { 0.0 },
+            brake_ratio: if clear && self.reverse_left_secs > 0.4 { 0.0 } else { 0.5 },
+            steer_ratio: steer as f32,
+            reverse: true,
+            ..VehicleControl::default()
+        };
+        let mut record = VehicleControlRecord::new(self.id, control);
+        record.lamps = LAMP_REVERSE;
+        record
+    }
+
+    fn blinkers(&self, front: f64) -> u32 {
+        match self.entry {
+            Some(entry) if entry.arc_m[0] - front < 30.0 && entry.turn_rad > 0.45 => LAMP_LEFT,
+            Some(entry) if entry.arc_m[0] - front < 30.0 && entry.turn_rad < -0.45 => LAMP_RIGHT,
+            _ => 0,
+        }
+    }
+}
+
+/// Braking that stands in front of a line; holds once it is reached.
+fn stop_at(speed_mps: f64, distance_m: f64) -> f64 {
+    let left = distance_m - LINE_GAP_M;
+    if left < 0.4 && speed_mps < 1.0 {
+        return speed::to_stop(speed_mps, left.max(0.2)).min(-0.5);
+    }
+    speed::ahead(speed_mps, 0.0, left)
+}
+
+/// How far ahead of our middle the other's middle is, along our heading, metres.
+fn forward_share(me: &Mover, other: &Mover) -> f64 {
+    let (a, b) = (me.middle(), other.middle());
+    (b[0] - a[0]) * me.yaw_rad.cos() + (b[1] - a[1]) * me.yaw_rad.sin()
+}
+
+/// The lane a vehicle drives on: the nearest one that runs its way.
+pub fn locate(map: &RoadMap, me: &Mover) -> Option<LanePosition> {
+    let mut wrong: Vec<LaneKey> = Vec::new();
+    let mut fallback = None;
+    for _ in 0..8 {
+        let at = map.nearest(me.position_m, |lane| lane.kind.is_drivable() && !wrong.contains(&lane.key))?;
+        let heading = map.pose(at)?.rotation.euler_angles().2;
+        if wrap(heading - me.yaw_rad).abs() < 0.8 {
+            return Some(at);
+        }
+        fallback = fallback.or(Some(at));
+        wrong.push(at.lane);
+    }
+    fallback
+}

@@ -1,0 +1,267 @@
+//! All drivers of one process, and whose turn it is at junctions.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use schema_frames::{LightState, VehicleControlRecord};
+use schema_roads::{LaneKey, RoadMap, SignalKind};
+
+use crate::driver::{Driver, STANDING_MPS, locate};
+use crate::path::{distance, wrap};
+use crate::world::{Mover, World};
+
+/// Two ways through a junction conflict where they come this near, metres.
+const CONFLICT_M: f64 = 2.6;
+/// From this distance on, an arrival at a junction counts, metres.
+const ARRIVAL_M: f64 = 12.0;
+/// Somebody whose turn it is and who does not go loses it after this long, seconds.
+const PATIENCE_SECS: f64 = 6.0;
+
+/// Where another vehicle is and may go: for those we do not drive, every way its lane leads.
+#[derive(Clone, Debug)]
+struct Claim {
+    id: u32,
+    junction: u32,
+    inside: bool,
+    /// Distance to the junction's entry, metres; negative inside.
+    distance_m: f64,
+    speed_mps: f64,
+    /// Points it may still pass, a metre apart.
+    way: Vec<[f64; 2]>,
+    turn_rad: f64,
+    /// Lane it enters by.
+    from: Option<LaneKey>,
+    /// Held by a red light.
+    held: bool,
+}
+
+/// When somebody came to a junction, and since when it stands there.
+#[derive(Clone, Copy, Debug)]
+struct Arrival {
+    junction: u32,
+    at_secs: f64,
+    waiting_secs: f64,
+}
+
+/// The drivers.
+#[derive(Clone, Debug)]
+pub struct Fleet {
+    map: Arc<RoadMap>,
+    seed: u64,
+    speed_factor: f64,
+    drivers: BTreeMap<u32, Driver>,
+    arrivals: BTreeMap<u32, Arrival>,
+}
+
+impl Fleet {
+    /// Nobody yet. `speed_factor` scales every speed limit.
+    pub fn new(map: Arc<RoadMap>, seed: u64, speed_factor: f64) -> Fleet {
+        Fleet { map, seed, speed_factor, drivers: BTreeMap::new(), arrivals: BTreeMap::new() }
+    }
+
+    /// The drivers by vehicle.
+    pub fn drivers(&self) -> &BTreeMap<u32, Driver> {
+        &self.drivers
+    }
+
+    /// Number of vehicles that are driven.
+    pub fn len(&self) -> usize {
+        self.drivers.len()
+    }
+
+    /// Whether nobody is driven.
+    pub fn is_empty(&self) -> bool {
+        self.drivers.is_empty()
+    }
+
+    /// Drives exactly these vehicles from now on. `geometry` knows wheelbase (m) and largest steering angle (rad) of some.
+    pub fn assign(&mut self, ids: &[u32], world: &World, geometry: impl Fn(u32) -> Option<(f64, f64)>) {
+        self.drivers.retain(|id, _| ids.contains(id));
+        for id in ids {
+            if self.drivers.contains_key(id) {
+                continue;
+            }
+            let Some(me) = world.mover(*id) else { continue };
+            if let Some(mut driver) = Driver::new(&self.map, me, self.seed, self.speed_factor) {
+                if let Some((wheelbase_m, max_steer_rad)) = geometry(*id) {
+                    driver.set_geometry(wheelbase_m, max_steer_rad);
+                }
+                self.drivers.insert(*id, driver);
+            }
+        }
+    }
+
+    /// One record per driven vehicle that is in the world, by rising id.
+    pub fn step(&mut self, world: &World) -> Vec<VehicleControlRecord> {
+        for (id, driver) in &mut self.drivers {
+            if let Some(me) = world.mover(*id) {
+                driver.localise(&self.map, me, self.seed);
+            }
+        }
+        let claims: Vec<Claim> = world.movers.iter().filter(|m| m.is_vehicle).flat_map(|m| self.claims(m, world)).collect();
+        self.note_arrivals(&claims, world);
+        let turns: Vec<(u32, bool)> = self.drivers.keys().map(|id| (*id, self.may_enter(*id, world, &claims))).collect();
+        let mut records = Vec::with_capacity(self.drivers.len());
+        for (id, may_enter) in turns {
+            let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else { continue };
+            driver.may_enter = may_enter;
+            records.push(driver.control(&self.map, me, world));
+        }
+        records
+    }
+
+    /// What a vehicle may still use of junctions near it.
+    fn claims(&self, mover: &Mover, world: &World) -> Vec<Claim> {
+        match self.drivers.get(&mover.id) {
+            Some(driver) => self.own_claim(driver, mover, world).into_iter().collect(),
+            None => self.foreign_claims(mover, world),
+        }
+    }
+
+    fn own_claim(&self, driver: &Driver, mover: &Mover, world: &World) -> Option<Claim> {
+        let entry = driver.entry()?;
+        let foot = driver.foot();
+        let front = foot.arc_m + mover.front_m();
+        let distance_m = entry.arc_m[0] - front;
+        if distance_m > 40.0 {
+            return None;
+        }
+        let legs = driver.path().legs();
+        let first = legs.iter().position(|leg| (leg.arc_m[0] - entry.arc_m[0]).abs() < 1e-6)?;
+        let start = entry.arc_m[0].max(foot.arc_m - mover.rear_m());
+        let end = entry.arc_m[1] + 2.0;
+        let n = (end - start).max(0.0).ceil() as usize;
+        Some(Claim {
+            id: mover.id,
+            junction: entry.junction,
+            inside: distance_m < -1.0,
+            distance_m,
+            speed_mps: mover.speed_mps,
+            way: (0..=n).map(|i| driver.path().at(start + i as f64).position_m).collect(),
+            turn_rad: entry.turn_rad,
+            from: first.checked_sub(1).map(|idx| legs[idx].lane),
+            held: self.is_held(legs[first].lane, first.checked_sub(1).map(|idx| legs[idx].lane), world),
+        })
+    }
+
+    /// Whether a light says stop to who goes from one lane into another.
+    fn is_held(&self, lane: LaneKey, before: Option<LaneKey>, world: &World) -> bool {
+        let red = |lane: LaneKey| {
+            self.map.signal_stops(lane).any(|(signal, _)| {
+                let state = world.lights.get(&signal.id).copied().unwrap_or(LightState::Off);
+                signal.kind == SignalKind::TrafficLight && matches!(state, LightState::Red | LightState::Yellow)
+            })
+        };
+        red(lane) || before.is_some_and(red)
+    }
+
+    fn foreign_claims(&self, mover: &Mover, world: &World) -> Vec<Claim> {
+        let Some(at) = locate(&self.map, mover) else { return Vec::new() };
+        let Some(lane) = self.map.lane(at.lane) else { return Vec::new() };
+        let left_m = lane.length_m - at.s_m;
+        let claim = |lane: LaneKey, from: Option<LaneKey>, from_s: f64, distance_m: f64| {
+            let l = self.map.lane(lane)?;
+            let way = self.map.centreline(lane, 1.0);
+            let skip = (from_s.max(0.0) as usize).min(way.len().saturating_sub(1));
+            let heading = |s: f64| Some(self.map.pose(schema_roads::LanePosition::new(lane, s))?.rotation.euler_angles().2);
+            Some(Claim {
+                id: mover.id,
+                junction: l.junction?,
+                inside: distance_m < -1.0,
+                distance_m,
+                speed_mps: mover.speed_mps,
+                way: way[skip..].iter().map(|p| [p[0], p[1]]).collect(),
+                turn_rad: wrap(heading(l.length_m)? - heading(0.0)?),
+                from,
+                held: distance_m > -1.0 && self.is_held(lane, from, world),
+            })
+        };
+        if lane.junction.is_some() {
+            return claim(at.lane, None, at.s_m - mover.rear_m(), -at.s_m - mover.front_m()).into_iter().collect();
+        }
+        if left_m > 40.0 {
+            return Vec::new();
+        }
+        let next = self.map.successors(at.lane);
+        next.iter().filter_map(|key| claim(*key, Some(at.lane), 0.0, left_m - mover.front_m())).collect()
+    }
+
+    fn note_arrivals(&mut self, claims: &[Claim], world: &World) {
+        self.arrivals.retain(|id, arrival| claims.iter().any(|c| c.id == *id && c.junction == arrival.junction));
+        for claim in claims.iter().filter(|c| c.distance_m < ARRIVAL_M) {
+            let fresh = Arrival { junction: claim.junction, at_secs: world.time_secs, waiting_secs: 0.0 };
+            let arrival = self.arrivals.entry(claim.id).or_insert(fresh);
+            arrival.waiting_secs = if claim.speed_mps.abs() < STANDING_MPS && !claim.held && !claim.inside {
+                arrival.waiting_secs + world.period_secs
+            } else {
+                0.0
+            };
+            if claim.held {
+                arrival.at_secs = world.time_secs;
+            }
+        }
+    }
+
+    /// Whether a driver may enter the junction ahead of it now.
+    fn may_enter(&self, id: u32, world: &World, claims: &[Claim]) -> bool {
+        let (Some(driver), Some(me)) = (self.drivers.get(&id), world.mover(id)) else { return true };
+        let Some(mine) = claims.iter().find(|c| c.id == id) else { return true };
+        let Some(entry) = driver.entry() else { return true };
+        // Inside, or too fast to stop before it: go and clear it.
+        if mine.inside || mine.distance_m < 0.3 && me.speed_mps > 1.0 {
+            return true;
+        }
+        if mine.distance_m - 1.0 < me.speed_mps * me.speed_mps / 10.0 && me.speed_mps > 2.0 {
+            return true;
+        }
+        if !self.room_behind_junction(driver, me, world, entry.arc_m[1]) {
+            return false;
+        }
+        let my_wait = self.arrivals.get(&id).map_or(0.0, |a| a.waiting_secs);
+        let lost_patience = my_wait > PATIENCE_SECS + f64::from(id % 5) * 1.5;
+        claims.iter().filter(|c| c.id != id && c.junction == mine.junction).all(|other| {
+            if other.from.is_some() && other.from == mine.from || !conflict(&mine.way, &other.way) {
+                return true;
+            }
+            if other.inside {
+                return false;
+            }
+            other.held || lost_patience || self.goes_first(mine, other, entry.has_light)
+        })
+    }
+
+    /// Whether `mine` goes before `other`, who is on its way to the same junction.
+    fn goes_first(&self, mine: &Claim, other: &Claim, has_light: bool) -> bool {
+        if has_light {
+            // Both have green: who turns left gives way to who does not.
+            let (my_left, their_left) = (mine.turn_rad > 0.5, other.turn_rad > 0.5);
+            let arrives_secs = other.distance_m.max(0.0) / other.speed_mps.max(2.5);
+            if my_left != their_left {
+                return !my_left || arrives_secs > 4.0;
+            }
+        }
+        if other.distance_m > ARRIVAL_M {
+            // Far away: only a fast one would be in the way.
+            return other.distance_m / other.speed_mps.max(0.1) > 4.0 || mine.distance_m < 3.0;
+        }
+        let order = |c: &Claim| self.arrivals.get(&c.id).map_or(f64::INFINITY, |a| a.at_secs);
+        (order(mine), mine.id) < (order(other), other.id)
+    }
+
+    /// Whether the exit has room for the whole vehicle, as far as standing traffic goes.
+    fn room_behind_junction(&self, driver: &Driver, me: &Mover, world: &World, exit_m: f64) -> bool {
+        let needed = 2.0 * me.half_m[0] + 3.0;
+        !world.movers.iter().any(|other| {
+            other.id != me.id
+                && other.is_vehicle
+                && other.speed_mps.abs() < 1.0
+                && distance(other.middle(), driver.path().at(exit_m + 0.5 * needed).position_m) < needed + other.half_m[0]
+                && other.outline().into_iter().any(|p| driver.path().first_within(p, exit_m - 1.0, exit_m + needed, me.half_m[1]).is_some())
+        })
+    }
+}
+
+/// Whether two ways come near each other.
+fn conflict(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
+    a.iter().any(|p| b.iter().any(|q| distance(*p, *q) < CONFLICT_M))
+}

@@ -1,0 +1,79 @@
+//! Lateral control: the path's curvature ahead plus feedback on offset and direction, as a second-order system in distance.
+//!
+//! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per metre driven.
+//! κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the speed.
+
+use crate::path::{Foot, Path, wrap};
+use crate::world::Mover;
+
+/// Damping of the return to the path.
+const DAMPING: f64 = 0.9;
+/// Delay between a command and the turning it causes that is made up for by looking ahead, seconds.
+const PREVIEW_SECS: f64 = 0.15;
+/// Share of a stationary offset that is integrated away per metre.
+const INTEGRAL_PER_M: f64 = 0.004;
+
+/// Steering of one vehicle.
+#[derive(Clone, Debug)]
+pub struct Steering {
+    wheelbase_m: f64,
+    max_steer_rad: f64,
+    integral: f64,
+    last_ratio: f64,
+}
+
+impl Steering {
+    /// For a vehicle with this distance between the axles; `max_steer_rad` is a first guess and is learnt.
+    pub fn new(wheelbase_m: f64, max_steer_rad: f64) -> Self {
+        Steering { wheelbase_m: wheelbase_m.clamp(0.8, 12.0), max_steer_rad: max_steer_rad.clamp(0.15, 1.4), integral: 0.0, last_ratio: 0.0 }
+    }
+
+    /// Distance between the axles, metres.
+    pub fn wheelbase_m(&self) -> f64 {
+        self.wheelbase_m
+    }
+
+    /// Forgets what was integrated.
+    pub fn reset(&mut self) {
+        self.integral = 0.0;
+    }
+
+    /// Steering ratio, positive to the left. `offset_m` is where to drive beside the path.
+    pub fn ratio(&mut self, me: &Mover, path: &Path, foot: Foot, offset_m: f64, period_secs: f64) -> f64 {
+        self.learn(me);
+        let speed = me.speed_mps.max(0.0);
+        let here = path.at(foot.arc_m).curvature_per_m;
+        let ahead = path.at(foot.arc_m + speed * PREVIEW_SECS).curvature_per_m;
+        // The point between the axles moves at half the steering angle to the body.
+        let slip = (0.5 * self.wheelbase_m * here).clamp(-0.7, 0.7).asin();
+        let course = wrap(me.yaw_rad + slip - foot.heading_rad).clamp(-1.2, 1.2);
+        let length = 2.5 + 0.45 * speed;
+        let error = (foot.offset_m - offset_m).clamp(-3.0, 3.0);
+        if error.abs() < 1.0 {
+            self.integral = (self.integral + error * INTEGRAL_PER_M * speed * period_secs).clamp(-0.05, 0.05);
+        }
+        let feedback = -2.0 * DAMPING / length * course.sin() - error / (length * length) - self.integral;
+        let wanted = (self.wheelbase_m * (ahead + feedback)).atan();
+        let ratio = (wanted / self.max_steer_rad).clamp(-1.0, 1.0);
+        // A wheel takes about half a second from the middle to the stop.
+        let most = 3.0 * period_secs;
+        self.last_ratio += (ratio - self.last_ratio).clamp(-most, most);
+        self.last_ratio
+    }
+
+    /// Steering ratio held by hand, e.g. while reversing.
+    pub fn hold(&mut self, ratio: f64, period_secs: f64) -> f64 {
+        let most = 3.0 * period_secs;
+        self.last_ratio += (ratio - self.last_ratio).clamp(-most, most);
+        self.last_ratio
+    }
+
+    /// The largest angle follows from what the wheels do for the ratio that was applied.
+    fn learn(&mut self, me: &Mover) {
+        // Only while the ratio is steady does the wheel stand where the ratio says.
+        if me.steer_ratio.abs() > 0.05 && (me.steer_ratio - self.last_ratio).abs() < 0.03 && me.wheel_steer_rad.abs() > 0.01 {
+            let seen = (me.wheel_steer_rad / me.steer_ratio).clamp(0.15, 1.4);
+            self.max_steer_rad += 0.05 * (seen - self.max_steer_rad);
+        }
+    }
+}
