@@ -234,8 +234,7 @@ impl Driver {
                 break;
             }
             let limit = (self.speed_factor * point.limit_mps).min(speed::on_bend(point.curvature_per_m));
-            let accel =
-                if point.arc_m <= front { speed::towards(v, limit) } else { speed::ahead(v, limit, point.arc_m - front).max(-4.0) };
+            let accel = if point.arc_m <= front { speed::towards(v, limit) } else { speed::ahead(v, limit, point.arc_m - front).max(-4.0) };
             wanted = wanted.min(accel);
         }
         if wanted.is_finite() { wanted } else { speed::towards(v, 5.0) }
@@ -290,11 +289,8 @@ impl Driver {
             }
             let lateral = me.half_m[1] + if other.is_vehicle { margin_m } else { margin_m + 0.4 };
             let from = self.foot.arc_m + 0.5 * me.front_m();
-            let hit = other
-                .outline()
-                .into_iter()
-                .filter_map(|p| self.path.first_within(p, from, front + reach, lateral))
-                .min_by(f64::total_cmp);
+            let hit =
+                other.outline().into_iter().filter_map(|p| self.path.first_within(p, from, front + reach, lateral)).min_by(f64::total_cmp);
             let Some(arc) = hit else { continue };
             let heading = self.path.at(arc).heading_rad;
             // Somebody alongside whose middle is behind ours is not ahead of us.
@@ -324,7 +320,9 @@ impl Driver {
         let pushing = wanted > 0.3;
         // A queue has a reason of its own; who blocks us across or head-on has not.
         let blocked = self.wait == Wait::Ahead
-            && obstacle.and_then(|o| world.mover(o.id)).is_some_and(|o| wrap(o.yaw_rad - self.path.at(self.foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6);
+            && obstacle
+                .and_then(|o| world.mover(o.id))
+                .is_some_and(|o| wrap(o.yaw_rad - self.path.at(self.foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6);
         if !pushing && !blocked {
             if self.wait != Wait::Ahead {
                 self.stuck_secs = 0.0;

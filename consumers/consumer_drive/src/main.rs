@@ -1,1 +1,60 @@
-fn main() {}
+//! `gantry-drive`: drives vehicles along the lanes of the map on the bus.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use launch_cli::{CommonArgs, Exit, Shutdown, run};
+
+mod selection;
+mod session;
+
+use selection::Selection;
+
+/// Drives vehicles along lanes: keeps distance, stops at red lights, turns at junctions, gets out of jams.
+#[derive(Debug, Parser)]
+#[command(
+    name = "gantry-drive",
+    version,
+    after_help = "Examples:\n  gantry-drive\n  gantry-drive --vehicles ego --speed-factor 0.8\n  gantry-drive --vehicles others --lockstep --seed 7\n  gantry-drive --vehicles 24,31"
+)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+
+    /// Whom to drive: "ego" (role ego_vehicle or hero), "others" (role autopilot), "all" (both), or actor ids; several with commas
+    #[arg(long, value_name = "WHO", default_value = "all")]
+    vehicles: Selection,
+
+    /// Let the simulator wait for these controls before each tick, so that the run is repeatable
+    #[arg(long)]
+    lockstep: bool,
+
+    /// Decides the turns taken at junctions; default: the seed of the simulator
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+
+    /// Speed driven, as a share of the speed limit
+    #[arg(long, value_name = "X", default_value_t = 1.0, value_parser = speed_factor)]
+    speed_factor: f64,
+}
+
+fn speed_factor(text: &str) -> Result<f64, String> {
+    let factor: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
+    if (0.05..=3.0).contains(&factor) { Ok(factor) } else { Err("the share of the speed limit is 0.05 to 3".into()) }
+}
+
+fn main() -> ExitCode {
+    run(|args: Args| {
+        args.common.init_logging();
+        let shutdown = Shutdown::install()?;
+        let options = session::Options {
+            domain: args.common.domain,
+            vehicles: args.vehicles,
+            lockstep: args.lockstep,
+            seed: args.seed,
+            speed_factor: args.speed_factor,
+        };
+        session::drive(&options, &|| shutdown.requested())?;
+        Ok(Exit::Done)
+    })
+}

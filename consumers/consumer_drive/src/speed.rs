@@ -8,8 +8,6 @@ const COMFORT_BRAKE_MPS2: f64 = 2.0;
 const MAX_BRAKE_MPS2: f64 = 8.0;
 /// Time gap to the vehicle ahead, seconds.
 const TIME_GAP_SECS: f64 = 1.2;
-/// Gap to a standing vehicle ahead, metres.
-const STANDING_GAP_M: f64 = 2.2;
 /// Acceleration that full throttle is taken to give at low speed, m/s²; the integral makes up for the rest.
 const FULL_THROTTLE_MPS2: f64 = 4.5;
 /// Deceleration that full brake is taken to give, m/s².
@@ -116,7 +114,7 @@ mod tests {
         let (mut v, mut x, mut leader, dt) = (14.0, 0.0, 40.0, 0.05);
         for _ in 0..2000 {
             leader += 5.0 * dt;
-            let a = follow(v, 5.0, leader - x, STANDING_GAP_M).min(towards(v, 14.0));
+            let a = follow(v, 5.0, leader - x, 2.2).min(towards(v, 14.0));
             v = f64::max(v + a * dt, 0.0);
             x += v * dt;
             assert!(leader - x > 2.0, "{}", leader - x);

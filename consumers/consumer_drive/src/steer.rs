@@ -25,7 +25,12 @@ pub struct Steering {
 impl Steering {
     /// For a vehicle with this distance between the axles; `max_steer_rad` is a first guess and is learnt.
     pub fn new(wheelbase_m: f64, max_steer_rad: f64) -> Self {
-        Steering { wheelbase_m: wheelbase_m.clamp(0.8, 12.0), max_steer_rad: max_steer_rad.clamp(0.15, 1.4), integral: 0.0, last_ratio: 0.0 }
+        Steering {
+            wheelbase_m: wheelbase_m.clamp(0.8, 12.0),
+            max_steer_rad: max_steer_rad.clamp(0.15, 1.4),
+            integral: 0.0,
+            last_ratio: 0.0,
+        }
     }
 
     /// Distance between the axles, metres.

@@ -1,0 +1,258 @@
+//! The bus side of driving: documents and snapshots in, controls out, across restarts of the simulator.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use consumer_drive::{Fleet, World};
+use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
+use schema_bus::{Bus, BusError, ControlWriter, Listener, Notifier, names};
+use schema_frames::{ActorList, VehicleControl, VehicleControlRecord, WorldInfo};
+use schema_roads::RoadMap;
+
+use crate::selection::Selection;
+
+/// Longest wait for a snapshot, so that a shutdown is seen in time.
+const MAX_WAIT: Duration = Duration::from_millis(50);
+/// Wait while nobody has announced a snapshot yet, in case this simulator announces none.
+const POLL: Duration = Duration::from_millis(4);
+/// How long a snapshot waits for the list of its actors.
+const LIST_WAIT: Duration = Duration::from_millis(200);
+/// Between attempts to join lockstep.
+const JOIN_EVERY: Duration = Duration::from_secs(1);
+
+/// What was asked for.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Domain.
+    pub domain: String,
+    /// Whom to drive.
+    pub vehicles: Selection,
+    /// Whether the simulator waits for us.
+    pub lockstep: bool,
+    /// Seed of the turns; `None` takes the simulator's.
+    pub seed: Option<u64>,
+    /// Share of the speed limit.
+    pub speed_factor: f64,
+}
+
+/// Drives until `stop` says so.
+pub fn drive(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<()> {
+    let mut session = Session::open(options)?;
+    while !stop() {
+        session.turn()?;
+    }
+    session.park()
+}
+
+/// One map, and who drives on it.
+struct Episode {
+    epoch: u64,
+    episode: u32,
+    map_revision: u64,
+    fleet: Fleet,
+}
+
+struct Session<'o> {
+    options: &'o Options,
+    name: String,
+    // Ports go before their node.
+    lockstep: Option<Lockstep>,
+    next_join: Instant,
+    wake: Listener,
+    announced: bool,
+    daemon: Notifier,
+    writer: ControlWriter,
+    trail: SnapshotTrail,
+    map: FollowedDocument,
+    info: FollowedDocument,
+    actors: FollowedDocument,
+    list: ActorList,
+    list_revision: u64,
+    list_epoch: u64,
+    seed: u64,
+    episode: Option<Episode>,
+    done: (u64, u64),
+    assigned: Option<(u64, u64)>,
+    refused_map: Option<(u64, u64)>,
+    bus: Bus,
+}
+
+impl<'o> Session<'o> {
+    fn open(options: &'o Options) -> anyhow::Result<Session<'o>> {
+        let name: String = format!("drive-{}", options.vehicles).chars().take(40).collect();
+        let bus = Bus::open(&options.domain, &format!("gantry-{name}"))?;
+        Ok(Session {
+            options,
+            lockstep: None,
+            next_join: Instant::now(),
+            wake: bus.listener(names::WORLD_SNAPSHOT)?,
+            announced: false,
+            daemon: bus.notifier(names::CONTROL_WAKE)?,
+            writer: bus.control_writer(&name)?,
+            trail: SnapshotTrail::new(),
+            map: FollowedDocument::new(names::WORLD_MAP),
+            info: FollowedDocument::new(names::WORLD_INFO),
+            actors: FollowedDocument::new(names::WORLD_ACTORS),
+            list: ActorList::default(),
+            list_revision: 0,
+            list_epoch: 0,
+            seed: options.seed.unwrap_or(0),
+            episode: None,
+            done: (0, 0),
+            assigned: None,
+            refused_map: None,
+            bus,
+            name,
+        })
+    }
+
+    /// Waits for the next snapshot and answers it.
+    fn turn(&mut self) -> anyhow::Result<()> {
+        self.announced |= self.wake.wait(if self.announced { MAX_WAIT } else { POLL })?;
+        self.join()?;
+        let Some(world) = self.trail.newest(&self.bus)? else { return Ok(()) };
+        let now = (world.header.epoch, world.header.tick);
+        if now == self.done {
+            return Ok(());
+        }
+        self.read_list(&world)?;
+        let records = if self.prepare(&world)? { self.step(&world) } else { Vec::new() };
+        if !records.is_empty() {
+            self.writer.send(world.header.tick, &records)?;
+            self.daemon.notify();
+        }
+        self.done = now;
+        if let Some(lockstep) = &self.lockstep {
+            lockstep.ack(world.header.tick)?;
+        }
+        Ok(())
+    }
+
+    /// Joins the gate, again after a restart.
+    fn join(&mut self) -> anyhow::Result<()> {
+        if !self.options.lockstep {
+            return Ok(());
+        }
+        let epoch = self.trail.newest(&self.bus)?.map(|world| world.header.epoch);
+        if self.lockstep.as_ref().is_some_and(|l| epoch.is_some_and(|e| e != l.epoch())) {
+            self.lockstep = None;
+        }
+        if self.lockstep.is_none() && epoch.is_some() && Instant::now() >= self.next_join {
+            self.next_join = Instant::now() + JOIN_EVERY;
+            match Lockstep::join(&self.bus, &self.name, JOIN_EVERY) {
+                Ok(lockstep) => {
+                    tracing::info!(first_tick = lockstep.first_tick(), "joined lockstep");
+                    self.lockstep = Some(lockstep);
+                }
+                Err(error) => tracing::warn!(%error, "will try again"),
+            }
+        }
+        Ok(())
+    }
+
+    /// Reads the list of actors until it is the one of this snapshot, or for a short while.
+    fn read_list(&mut self, world: &WorldAt) -> anyhow::Result<()> {
+        let deadline = Instant::now() + LIST_WAIT;
+        loop {
+            if let Some(document) = heal(self.actors.changed(&self.bus))?.flatten() {
+                self.list = document.json().context("world/actors")?;
+                (self.list_revision, self.list_epoch) = (document.header.revision, document.header.epoch);
+                self.list.actors.sort_by_key(|actor| actor.id);
+            }
+            let is_of_now = self.list_epoch == world.header.epoch && self.list_revision >= world.header.actors_revision;
+            if is_of_now || Instant::now() >= deadline {
+                return Ok(());
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// Makes sure that there is a fleet for this episode; false while its map is not here.
+    fn prepare(&mut self, world: &WorldAt) -> anyhow::Result<bool> {
+        let (epoch, episode) = (world.header.epoch, world.header.episode);
+        if self.episode.as_ref().is_some_and(|e| (e.epoch, e.episode) == (epoch, episode)) {
+            return Ok(true);
+        }
+        if let (None, Some(document)) = (self.options.seed, heal(self.info.changed(&self.bus))?.flatten()) {
+            self.seed = document.json::<WorldInfo>().map_or(self.seed, |info| info.seed);
+        }
+        heal(self.map.changed(&self.bus))?;
+        let Some(document) = self.map.newest().filter(|d| d.header.epoch == epoch) else { return Ok(false) };
+        let revision = document.header.revision;
+        let used = self.episode.as_ref().filter(|e| e.epoch == epoch).map(|e| e.map_revision);
+        if used.is_some_and(|used| revision <= used) || self.refused_map == Some((epoch, revision)) {
+            return Ok(false);
+        }
+        match RoadMap::parse(&document.text) {
+            Ok(map) => {
+                for warning in map.warnings() {
+                    tracing::debug!(%warning, "map");
+                }
+                tracing::info!(lanes = map.lanes().len(), signals = map.signals().len(), episode, "read the map");
+                let fleet = Fleet::new(Arc::new(map), self.seed, self.options.speed_factor);
+                self.episode = Some(Episode { epoch, episode, map_revision: revision, fleet });
+                self.assigned = None;
+                Ok(true)
+            }
+            Err(error) => {
+                tracing::error!(%error, "cannot drive on this map");
+                self.refused_map = Some((epoch, revision));
+                Ok(false)
+            }
+        }
+    }
+
+    fn step(&mut self, at: &WorldAt) -> Vec<VehicleControlRecord> {
+        let Some(episode) = &mut self.episode else { return Vec::new() };
+        let header = &at.header;
+        let world = World::from_records(header.tick, header.sim_nanos, header.period_nanos, &at.records, &self.list);
+        let list = (self.list_epoch, self.list_revision);
+        // Who could not be placed on a lane yet is tried again once a second.
+        if self.assigned != Some(list) || header.tick.is_multiple_of(20) {
+            let ids = self.options.vehicles.choose(&self.list);
+            let before = episode.fleet.len();
+            let geometry = geometry(&self.list);
+            episode.fleet.assign(&ids, &world, |id| geometry.get(&id).copied());
+            if episode.fleet.len() != before {
+                tracing::info!(vehicles = episode.fleet.len(), "driving");
+            }
+            self.assigned = Some(list);
+        }
+        episode.fleet.step(&world)
+    }
+
+    /// Brakes whoever is driven: controls are held until somebody replaces them.
+    fn park(&mut self) -> anyhow::Result<()> {
+        let brake = VehicleControl { brake_ratio: 1.0, ..VehicleControl::default() };
+        let ids = self.episode.iter().flat_map(|e| e.fleet.drivers().keys());
+        let records: Vec<VehicleControlRecord> = ids.map(|id| VehicleControlRecord::new(*id, brake)).collect();
+        if !records.is_empty() {
+            self.writer.send(self.done.1, &records)?;
+            self.daemon.notify();
+        }
+        Ok(())
+    }
+}
+
+/// A document that breaks the contract is passed over; anything else is an error.
+fn heal<T>(result: Result<T, BusError>) -> Result<Option<T>, BusError> {
+    match result {
+        Ok(value) => Ok(Some(value)),
+        Err(error @ BusError::BadSample { .. }) => {
+            tracing::warn!(%error, "passed over a document");
+            Ok(None)
+        }
+        Err(other) => Err(other),
+    }
+}
+
+/// Wheelbase and largest steering angle by vehicle, as far as the attributes tell.
+fn geometry(list: &ActorList) -> BTreeMap<u32, (f64, f64)> {
+    let of = |actor: &schema_frames::ActorInfo| {
+        let number = |name: &str| actor.attributes.get(name)?.parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0);
+        Some((actor.id, (number("wheelbase_m")?, number("max_steer_rad")?)))
+    };
+    list.actors.iter().filter_map(of).collect()
+}
