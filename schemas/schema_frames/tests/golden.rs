@@ -180,3 +180,47 @@ fn constants_of_the_python_package_agree_with_the_types() {
     py += "]\n";
     check("../python/src/gantry/_layout.py", &py);
 }
+
+/// One frame of `modality` whose every byte follows from its place, with distinct header fields.
+fn frame(modality: Modality) -> Vec<u8> {
+    let mut header = schema_frames::FrameHeader::new(modality);
+    match modality {
+        Modality::Imu | Modality::Gnss => header.set_list(1),
+        list if !list.is_image() => header.set_list(3),
+        _ => header.set_image(4, 2),
+    }
+    if modality == Modality::Semantic {
+        // A producer that pads its rows.
+        header.row_stride = 16;
+        header.payload_bytes = 20;
+    }
+    (header.sensor_id, header.tick, header.seq, header.episode, header.flags) = (31, 1 << 40, 7, 2, 1);
+    (header.sim_nanos, header.window_nanos, header.epoch) = (123_456_789_012, 50_000_000, u64::MAX - 1);
+    header.world_from_sensor = schema_types::Pose { translation_m: [1.5, -2.0, 0.25], rotation_xyzw: [0.0, 0.0, 0.6, 0.8] };
+    header.intrinsics_px = [400.0, 401.0, 2.0, 1.0];
+    (header.range_limit_m, header.azimuth_rad, header.parent_id, header.n_channels) = (120.0, 0.5, 24, 64);
+    (header.rendered_mono_nanos, header.published_mono_nanos, header.cpu_copies, header.ticks_in_flight) = (5, 6, 1, 2);
+    let mut bytes = bytemuck::bytes_of(&header).to_vec();
+    bytes.extend((0..header.payload_bytes as usize).map(|i| match modality {
+        // Exponents that are neither infinite nor NaN, so that values compare.
+        Modality::Depth | Modality::Flow => [0, 0, 0x20 + i as u8, 0x41][i % 4],
+        _ => i as u8,
+    }));
+    bytes
+}
+
+#[test]
+fn golden_frames_are_what_readers_in_other_languages_test_with() {
+    let mut text = String::from("# modality, then header and payload in hex\n");
+    for modality in Modality::ALL.iter().copied().filter(|modality| *modality <= Modality::Gnss && *modality != Modality::Radar) {
+        let bytes = frame(modality);
+        let header: schema_frames::FrameHeader = bytemuck::pod_read_unaligned(&bytes[..256]);
+        assert_eq!(header.check(bytes.len() - 256), Ok(modality));
+        let hex = bytes.iter().fold(String::new(), |mut hex, byte| {
+            write!(hex, "{byte:02x}").unwrap();
+            hex
+        });
+        writeln!(text, "{} {hex}", modality.name()).unwrap();
+    }
+    check("tests/golden/frames.txt", &text);
+}

@@ -1,0 +1,42 @@
+"""Gantry's frames in Python: shared memory as read-only numpy arrays, without a copy.
+
+>>> import gantry
+>>> with gantry.open("ego/front/rgb") as camera:        # doctest: +SKIP
+...     for frame in camera:
+...         print(frame.tick, frame.array.shape)
+"""
+
+from ._bus import TopicDetails, topics
+from ._classes import CLASS_COLOURS, CLASS_NAMES, colour_classes
+from ._command import command
+from ._dtypes import (
+    ACTOR,
+    DVS_EVENT,
+    GNSS_SAMPLE,
+    IMU_SAMPLE,
+    LIDAR_POINT,
+    SEMANTIC_LIDAR_POINT,
+    TRAFFIC_LIGHT_PART,
+    VEHICLE_PART,
+    WALKER_PART,
+)
+from ._errors import (
+    BorrowLimitError,
+    FrameFormatError,
+    GantryError,
+    NoSuchTopicError,
+    SchemaVersionError,
+    TooManyReadersError,
+)
+from ._frame import Frame, Header, Pose, frame_from_bytes
+from ._layout import SCHEMA_VERSION
+from ._topic import Counts, Topic, open
+from ._sync import Row, Sync, sync
+from ._world import Document, Snapshot, document, snapshot
+
+__all__ = [
+    "ACTOR", "BorrowLimitError", "CLASS_COLOURS", "CLASS_NAMES", "Counts", "DVS_EVENT", "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE",
+    "GantryError", "Header", "IMU_SAMPLE", "LIDAR_POINT", "NoSuchTopicError", "Pose", "Row", "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT",
+    "SchemaVersionError", "Snapshot", "Sync", "TRAFFIC_LIGHT_PART", "TooManyReadersError", "Topic", "TopicDetails", "VEHICLE_PART",
+    "WALKER_PART", "colour_classes", "command", "document", "frame_from_bytes", "open", "snapshot", "sync", "topics",
+]

@@ -1,0 +1,18 @@
+"""Semantic classes: CARLA's numbers with names and colours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ._layout import CLASSES
+
+#: Names; the index is the class number.
+CLASS_NAMES: list[str] = [name for name, _ in CLASSES]
+#: sRGB colours, shape (256, 3); numbers without a name are black.
+CLASS_COLOURS: np.ndarray = np.zeros((256, 3), dtype=np.uint8)
+CLASS_COLOURS[: len(CLASSES)] = [colour for _, colour in CLASSES]
+
+
+def colour_classes(classes: np.ndarray) -> np.ndarray:
+    """Turns an array of class numbers into RGB: (h, w) becomes (h, w, 3)."""
+    return CLASS_COLOURS[np.asarray(classes)]

@@ -1,0 +1,50 @@
+"""Structured numpy types of everything on the bus, from the generated layout."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import _layout
+
+
+def _dtype(name: str) -> np.dtype:
+    _, size, fields = _layout.STRUCTS[name]
+    formats = [(_dtype("Pose") if code == "Pose" else np.dtype(code), shape) for _, code, shape, _ in fields]
+    return np.dtype({
+        "names": [field[0] for field in fields],
+        "formats": [(base, shape) if shape else base for base, shape in formats],
+        "offsets": [field[3] for field in fields],
+        "itemsize": size,
+    })
+
+
+FRAME_HEADER = _dtype("FrameHeader")
+SNAPSHOT_HEADER = _dtype("SnapshotHeader")
+DOCUMENT_HEADER = _dtype("DocumentHeader")
+REQUEST_HEADER = _dtype("RequestHeader")
+DVS_EVENT = _dtype("DvsEvent")
+LIDAR_POINT = _dtype("LidarPoint")
+SEMANTIC_LIDAR_POINT = _dtype("SemanticLidarPoint")
+IMU_SAMPLE = _dtype("ImuSample")
+GNSS_SAMPLE = _dtype("GnssSample")
+ACTOR = _dtype("ActorRecord")
+VEHICLE_PART = _dtype("VehiclePart")
+TRAFFIC_LIGHT_PART = _dtype("TrafficLightPart")
+WALKER_PART = _dtype("WalkerPart")
+
+# Modality name -> (type of one element's parts, how many parts; 0: one structured or scalar element).
+ELEMENTS: dict[str, tuple[np.dtype, int]] = {
+    "rgb": (np.dtype("u1"), 4),
+    "depth": (np.dtype("<f4"), 0),
+    "semantic": (np.dtype("u1"), 0),
+    "instance": (np.dtype("<u4"), 0),
+    "flow": (np.dtype("<f4"), 2),
+    "normals": (np.dtype("<f2"), 4),
+    "dvs": (DVS_EVENT, 0),
+    "lidar": (LIDAR_POINT, 0),
+    "semantic_lidar": (SEMANTIC_LIDAR_POINT, 0),
+    "imu": (IMU_SAMPLE, 0),
+    "gnss": (GNSS_SAMPLE, 0),
+}
+
+IMAGES = ("rgb", "depth", "semantic", "instance", "flow", "normals")
