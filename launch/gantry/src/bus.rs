@@ -25,6 +25,11 @@ impl Bus {
         Ok(self.bus.daemon_alive()?)
     }
 
+    /// Names of the programs on the bus, of every domain.
+    pub fn programs(&self) -> Vec<String> {
+        self.bus.programs()
+    }
+
     /// Frees what killed processes held.
     pub fn clean(&self) -> u64 {
         self.bus.clean_dead_nodes()

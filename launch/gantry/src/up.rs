@@ -15,7 +15,7 @@ use launch_cli::{CommonArgs, Exit, wrong_usage};
 use launch_spec::Launch;
 
 use crate::bus::Bus;
-use crate::cli::UpArgs;
+use crate::cli::{UpArgs, ViewMode};
 
 /// The launch file that runs when none is named.
 const QUICKSTART: (&str, &str) = ("launch/quickstart.toml", include_str!("../../quickstart.toml"));
@@ -27,6 +27,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         return Ok(Exit::Done);
     }
     anyhow::ensure!(!launch.processes.is_empty(), wrong_usage("the launch file has no [process.NAME]; there is nothing to start"));
+    check_new_files(args)?;
     if launch.processes.iter().any(plan::is_daemon) {
         memory::check(&launch).map_err(wrong_usage)?;
     }
@@ -45,6 +46,26 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     output.say(&format!("logs and the full launch file are in {}", run_dir.display()));
     let supervisor = supervise::Supervisor::new(plans, output, bus, args.run_for(), signals)?;
     Ok(supervisor.run())
+}
+
+/// Shared memory that the built-in quickstart needs, bytes.
+pub fn quickstart_bytes() -> u64 {
+    let launch = Launch::parse(QUICKSTART.1, QUICKSTART.0).expect("a test parses every launch file we ship");
+    memory::total_bytes(&launch)
+}
+
+/// Files are never overwritten; better said before the town is built than after.
+fn check_new_files(args: &UpArgs) -> anyhow::Result<()> {
+    let saved = match &args.view {
+        Some(ViewMode::Save(file)) => Some(file),
+        _ => None,
+    };
+    for file in args.record.iter().chain(saved) {
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        anyhow::ensure!(!file.exists(), wrong_usage(format!("{} exists already; choose another name, or remove it first", file.display())));
+        anyhow::ensure!(folder.is_dir(), wrong_usage(format!("there is no folder {}", folder.display())));
+    }
+    Ok(())
 }
 
 fn read(args: &UpArgs) -> anyhow::Result<Launch> {

@@ -13,7 +13,8 @@ fn topic_bytes(topic: &TopicBudget) -> u64 {
     shared_memory_needed(&Qos::of(topic.modality), &FrameTopic::new(topic.modality, topic.max_payload_bytes))
 }
 
-fn total_bytes(launch: &Launch) -> u64 {
+/// What all topics of a launch file need, and the rest.
+pub fn total_bytes(launch: &Launch) -> u64 {
     launch.memory_budget().iter().map(topic_bytes).sum::<u64>() + OTHER_BYTES
 }
 

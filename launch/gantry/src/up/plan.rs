@@ -47,28 +47,30 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
         let cmd = vec!["gantry-record".into(), "--out".into(), file.display().to_string()];
         // Finishing a file means writing what is queued and its index.
         let stop = Stop { grace: Period::from_millis(60_000), ..Stop::default() };
-        replace(&mut launch, "record", cmd, Some(stop));
+        // Required: a run that was to be recorded and is not must not look like one that was.
+        replace(&mut launch, "record", cmd, Some(stop), true);
     }
     match args.view.as_ref().map(view_command) {
         None => {}
         Some(None) => launch.processes.retain(|process| process.name != "view"),
-        Some(Some(cmd)) => replace(&mut launch, "view", cmd, None),
+        Some(Some(cmd)) => replace(&mut launch, "view", cmd, None, false),
     }
     launch
 }
 
-fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>) {
+fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>, required: bool) {
     let daemon = launch.processes.iter().find(|process| is_daemon(process)).map(|process| process.name.clone());
     let env = launch.processes.first().map(|process| process.env.clone()).unwrap_or_default();
     if let Some(process) = launch.processes.iter_mut().find(|process| process.name == name) {
         process.cmd = cmd;
         process.stop = stop.unwrap_or(process.stop);
+        process.required |= required;
         return;
     }
     launch.processes.push(Process {
         name: name.into(),
         cmd,
-        required: false,
+        required,
         ready: None,
         after: daemon.into_iter().collect(),
         restart: Restart::default(),
@@ -81,16 +83,13 @@ fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>
 fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
     let words: Vec<String> = match mode {
         ViewMode::None => return None,
-        ViewMode::Auto if has_display() => vec!["--native".into()],
+        // It chooses by itself: a window if there is a display, else a page.
+        ViewMode::Auto => vec![],
         ViewMode::Native => vec!["--native".into()],
-        ViewMode::Auto | ViewMode::Web => vec!["--web".into()],
+        ViewMode::Web => vec!["--web".into()],
         ViewMode::Save(file) => vec!["--save".into(), file.display().to_string()],
     };
     Some(std::iter::once("gantry-view".to_owned()).chain(words).collect())
-}
-
-fn has_display() -> bool {
-    ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()))
 }
 
 /// One plan per process, in the order of the file.
