@@ -24,11 +24,8 @@ impl FollowedDocument {
     /// # Errors
     /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the contract.
     pub fn changed(&mut self, bus: &Bus) -> Result<Option<&Document>, BusError> {
-        if self.reader.is_none() && self.search.due() {
-            match bus.document_reader(&self.name) {
-                Ok(reader) => self.reader = Some(reader),
-                Err(error) => self.search.failed(&self.name, error)?,
-            }
+        if self.reader.is_none() {
+            self.reader = self.search.open(bus, &self.name, || bus.document_reader(&self.name))?;
         }
         let Some(reader) = &mut self.reader else { return Ok(None) };
         match reader.latest()? {

@@ -51,33 +51,38 @@ pub(crate) struct Search {
 }
 
 impl Search {
-    /// Whether it is time to look.
-    pub fn due(&mut self) -> bool {
+    /// Opens what is looked for if it is time to look and it is there. What time can heal is said once and swallowed, the rest returned.
+    pub fn open<T>(&mut self, bus: &Bus, topic: &str, open: impl FnOnce() -> Result<T, BusError>) -> Result<Option<T>, BusError> {
         let now = Instant::now();
-        let due = self.next_look.is_none_or(|at| now >= at);
-        if due {
-            self.next_look = Some(now + LOOK_EVERY);
+        if self.next_look.is_some_and(|at| now < at) {
+            return Ok(None);
         }
-        due
-    }
-
-    /// Sorts a failed opening: what time can heal is said once and swallowed, the rest is returned.
-    pub fn failed(&mut self, topic: &str, error: BusError) -> Result<(), BusError> {
-        match error {
-            BusError::NoSuchTopic { .. } => {
-                if !std::mem::replace(&mut self.said, true) {
-                    tracing::info!(topic, "waiting for the topic to appear");
-                }
-                Ok(())
+        self.next_look = Some(now + LOOK_EVERY);
+        if !bus.exists(topic) {
+            self.say_waiting(topic);
+            return Ok(None);
+        }
+        match open() {
+            Ok(port) => Ok(Some(port)),
+            // Gone between the two looks.
+            Err(BusError::NoSuchTopic { .. }) => {
+                self.say_waiting(topic);
+                Ok(None)
             }
             // A service in the making, or on its way out.
-            BusError::Service { .. } => {
+            Err(error @ BusError::Service { .. }) => {
                 if !std::mem::replace(&mut self.said, true) {
-                    tracing::warn!(topic, error = %error, "cannot open the topic yet, trying again");
+                    tracing::warn!(topic, %error, "cannot open the topic yet, trying again");
                 }
-                Ok(())
+                Ok(None)
             }
-            other => Err(other),
+            Err(other) => Err(other),
+        }
+    }
+
+    fn say_waiting(&mut self, topic: &str) {
+        if !std::mem::replace(&mut self.said, true) {
+            tracing::info!(topic, "waiting for the topic to appear");
         }
     }
 }
@@ -110,14 +115,8 @@ impl FollowedTopic {
     /// # Errors
     /// What waiting cannot heal: another schema, no place left, another user's topic.
     pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
-        if self.reader.is_none() && self.search.due() {
-            match bus.frame_reader(&self.topic) {
-                Ok(reader) => {
-                    tracing::debug!(topic = self.topic, "topic opened");
-                    self.reader = Some(reader);
-                }
-                Err(error) => self.search.failed(&self.topic, error)?,
-            }
+        if self.reader.is_none() {
+            self.reader = self.search.open(bus, &self.topic, || bus.frame_reader(&self.topic))?;
         }
         Ok(self.reader.is_some())
     }

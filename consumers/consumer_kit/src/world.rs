@@ -66,11 +66,8 @@ impl SnapshotTrail {
     }
 
     fn drain(&mut self, bus: &Bus) -> Result<(), BusError> {
-        if self.reader.is_none() && self.search.due() {
-            match bus.snapshot_reader() {
-                Ok(reader) => self.reader = Some(reader),
-                Err(error) => self.search.failed(schema_bus::names::WORLD_SNAPSHOT, error)?,
-            }
+        if self.reader.is_none() {
+            self.reader = self.search.open(bus, schema_bus::names::WORLD_SNAPSHOT, || bus.snapshot_reader())?;
         }
         let Some(reader) = &mut self.reader else { return Ok(()) };
         loop {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Once;
+use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 use iceoryx2::node::NodeView as _;
@@ -17,6 +18,9 @@ use crate::names::{valid_domain, valid_topic};
 use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
 use crate::wire::{OnBus, Wire};
 use crate::{BusError, names};
+
+/// How long opening a service that changes under our hands may take.
+const SETTLE: Duration = Duration::from_secs(1);
 
 /// Ports may move between threads; the price is an uncontended lock per call.
 pub(crate) type Service = ipc_threadsafe::Service;
@@ -98,6 +102,13 @@ impl Bus {
         }
     }
 
+    /// Whether the publish-subscribe topic exists, whoever made it. Much cheaper than a failed opening, whose error lists what there is.
+    pub fn exists(&self, topic: &str) -> bool {
+        let Ok((_, name)) = self.service_name(topic) else { return false };
+        // What cannot be looked at is left to the opening, which has the words for it.
+        Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe).unwrap_or(true)
+    }
+
     /// Names of the programs whose nodes live, on every domain of this place.
     pub fn programs(&self) -> Vec<String> {
         let mut programs = Vec::new();
@@ -136,20 +147,23 @@ impl Bus {
     /// Makes the service, or joins the one that readers kept alive.
     pub(crate) fn make<H: OnBus>(&self, topic: &str, qos: &Qos) -> Result<Slices<H>, BusError> {
         let (full, name) = self.service_name(topic)?;
-        self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, "stop all processes of this domain and start again")?;
-        self.node
-            .service_builder(&name)
-            .publish_subscribe::<[u8]>()
-            .user_header::<Wire<H>>()
-            .max_publishers(qos.publishers)
-            .max_subscribers(qos.readers)
-            .max_nodes(MAX_NODES)
-            .subscriber_max_buffer_size(qos.buffer)
-            .subscriber_max_borrowed_samples(qos.borrowed)
-            .history_size(qos.history)
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&schema_attribute())
-            .map_err(|e| service_error("open", &full, &e))
+        let advice = "stop all processes of this domain and start again";
+        settle(|| {
+            self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, advice)?;
+            self.node
+                .service_builder(&name)
+                .publish_subscribe::<[u8]>()
+                .user_header::<Wire<H>>()
+                .max_publishers(qos.publishers)
+                .max_subscribers(qos.readers)
+                .max_nodes(MAX_NODES)
+                .subscriber_max_buffer_size(qos.buffer)
+                .subscriber_max_borrowed_samples(qos.borrowed)
+                .history_size(qos.history)
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&schema_attribute())
+                .map_err(|e| service_error("open", &full, &e))
+        })
     }
 
     /// Joins a service that exists.
@@ -206,15 +220,16 @@ impl Bus {
 
     pub(crate) fn make_event(&self, topic: &str) -> Result<(String, Events), BusError> {
         let (full, name) = self.service_name(topic)?;
-        let service = self
-            .node
-            .service_builder(&name)
-            .event()
-            .max_listeners(EVENT_LISTENERS)
-            .max_notifiers(EVENT_NOTIFIERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|e| service_error("open the event", &full, &e))?;
+        let service = settle(|| {
+            self.node
+                .service_builder(&name)
+                .event()
+                .max_listeners(EVENT_LISTENERS)
+                .max_notifiers(EVENT_NOTIFIERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+                .map_err(|e| service_error("open the event", &full, &e))
+        })?;
         Ok((full, service))
     }
 
@@ -224,6 +239,17 @@ impl Bus {
     /// As [`Bus::publisher_alive`].
     pub fn daemon_alive(&self) -> Result<bool, BusError> {
         self.publisher_alive(names::WORLD_INFO)
+    }
+}
+
+/// Tries again while a service is in the making or on its way out: a daemon that restarts meets its readers' comings and goings.
+pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
+    let deadline = Instant::now() + SETTLE;
+    loop {
+        match open() {
+            Err(BusError::Service { .. }) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(10)),
+            done => return done,
+        }
     }
 }
 

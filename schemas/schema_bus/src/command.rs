@@ -14,7 +14,7 @@ use iceoryx2::service::port_factory::request_response::PortFactory;
 use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
 use schema_frames::{CommandBatch, ReplyBatch};
 
-use crate::bus::{Service, schema_attribute};
+use crate::bus::{Service, schema_attribute, settle};
 use crate::control::{name_bytes, name_text};
 use crate::error::service_error;
 use crate::names::{CONTROL_REPLIED, CONTROL_WAKE, CONTROL_WORLD};
@@ -95,19 +95,21 @@ impl Bus {
 
     fn command_service(&self) -> Result<Commands, BusError> {
         let (full, name) = self.service_name(CONTROL_WORLD)?;
-        self.check_schema(&full, &name, MessagingPattern::RequestResponse, "rebuild the older of the two")?;
-        self.node()
-            .service_builder(&name)
-            .request_response::<[u8], [u8]>()
-            .request_user_header::<Wire<RequestHeader>>()
-            .max_clients(qos::COMMAND_CLIENTS)
-            .max_servers(qos::COMMAND_SERVERS)
-            .max_nodes(qos::MAX_NODES)
-            .max_active_requests_per_client(qos::COMMAND_ACTIVE)
-            .enable_safe_overflow_for_requests(true)
-            .enable_safe_overflow_for_responses(true)
-            .open_or_create_with_attributes(&schema_attribute())
-            .map_err(|e| service_error("open", &full, &e))
+        settle(|| {
+            self.check_schema(&full, &name, MessagingPattern::RequestResponse, "rebuild the older of the two")?;
+            self.node()
+                .service_builder(&name)
+                .request_response::<[u8], [u8]>()
+                .request_user_header::<Wire<RequestHeader>>()
+                .max_clients(qos::COMMAND_CLIENTS)
+                .max_servers(qos::COMMAND_SERVERS)
+                .max_nodes(qos::MAX_NODES)
+                .max_active_requests_per_client(qos::COMMAND_ACTIVE)
+                .enable_safe_overflow_for_requests(true)
+                .enable_safe_overflow_for_responses(true)
+                .open_or_create_with_attributes(&schema_attribute())
+                .map_err(|e| service_error("open", &full, &e))
+        })
     }
 }
 

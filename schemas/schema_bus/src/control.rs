@@ -9,7 +9,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
-use crate::bus::{Service, Slices, schema_attribute};
+use crate::bus::{Service, Slices, schema_attribute, settle};
 use crate::error::service_error;
 use crate::frame::writer_error;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
@@ -79,18 +79,20 @@ impl Bus {
 
     fn ack_service(&self) -> Result<Acks, BusError> {
         let (full, name) = self.service_name(CONTROL_ACK)?;
-        self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, "rebuild the older of the two")?;
-        self.node()
-            .service_builder(&name)
-            .publish_subscribe::<Wire<AckRecord>>()
-            .max_publishers(qos::CONTROL.publishers)
-            .max_subscribers(qos::CONTROL.readers)
-            .max_nodes(qos::MAX_NODES)
-            .subscriber_max_buffer_size(qos::CONTROL.buffer)
-            .subscriber_max_borrowed_samples(qos::CONTROL.borrowed)
-            .enable_safe_overflow(true)
-            .open_or_create_with_attributes(&schema_attribute())
-            .map_err(|e| service_error("open", &full, &e))
+        settle(|| {
+            self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, "rebuild the older of the two")?;
+            self.node()
+                .service_builder(&name)
+                .publish_subscribe::<Wire<AckRecord>>()
+                .max_publishers(qos::CONTROL.publishers)
+                .max_subscribers(qos::CONTROL.readers)
+                .max_nodes(qos::MAX_NODES)
+                .subscriber_max_buffer_size(qos::CONTROL.buffer)
+                .subscriber_max_borrowed_samples(qos::CONTROL.borrowed)
+                .enable_safe_overflow(true)
+                .open_or_create_with_attributes(&schema_attribute())
+                .map_err(|e| service_error("open", &full, &e))
+        })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The writing side of frames: a service without memory, a publisher with a segment, and loans that are filled in place.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::*;
@@ -58,7 +58,7 @@ impl Bus {
 #[derive(Debug)]
 pub struct FrameService {
     service: Slices<FrameHeader>,
-    topic: String,
+    topic: Arc<str>,
     modality: Modality,
     qos: Qos,
     spec: FrameTopic,
@@ -162,7 +162,7 @@ impl FramePublisher {
         if let Some(segment) = self.segment.get() {
             return Ok(*segment);
         }
-        let missing = || BusError::Segment { service: self.service.topic.clone() };
+        let missing = || BusError::Segment { service: self.service.topic.to_string() };
         let mut loan = self.publisher.loan_slice_uninit(1).map_err(|_| missing())?;
         let segment = mapping_of(loan.payload_mut().as_ptr().cast()).ok_or_else(missing)?;
         Ok(*self.segment.get_or_init(|| segment))
@@ -187,14 +187,14 @@ impl FramePublisher {
     /// [`LoanError::NoFreeSlot`] if all loans are out.
     pub fn loan(&self, len: usize) -> Result<FrameLoan, LoanError> {
         use iceoryx2::port::LoanError as Cause;
-        let topic = || self.service.topic.clone();
+        let topic = || self.service.topic.to_string();
         let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| match e {
             Cause::ExceedsMaxLoans | Cause::OutOfMemory => LoanError::NoFreeSlot { topic: topic(), loans: self.max_loans() },
             Cause::ExceedsMaxLoanSize => LoanError::TooLong { topic: topic(), len, limit: self.max_payload_bytes() },
             Cause::InternalFailure => LoanError::Failed { topic: topic(), cause: format!("{e:?}") },
         })?;
         sample.user_header_mut().0 = FrameHeader::new(self.service.modality);
-        Ok(FrameLoan { sample, segment: self.segment.get().copied() })
+        Ok(FrameLoan { sample, segment: self.segment.get().copied(), topic: self.service.topic.clone() })
     }
 }
 
@@ -202,6 +202,7 @@ impl FramePublisher {
 pub struct FrameLoan {
     sample: SampleMutUninit<Service, [std::mem::MaybeUninit<u8>], Wire<FrameHeader>>,
     segment: Option<Segment>,
+    topic: Arc<str>,
 }
 
 impl std::fmt::Debug for FrameLoan {
@@ -258,12 +259,12 @@ impl FrameLoan {
     /// # Errors
     /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2 fails.
     pub fn send(mut self) -> Result<usize, BusError> {
-        let topic = "frame being sent";
+        let topic = self.topic.clone();
         let checked = self.header().check(self.len());
-        checked.map_err(|source| BusError::BadFrame { service: topic.into(), source })?;
+        checked.map_err(|source| BusError::BadFrame { service: topic.to_string(), source })?;
         self.header_mut().published_mono_nanos = mono_now().0;
         // SAFETY: every byte of the slot has a value, see `payload_mut`.
         let sample = unsafe { self.sample.assume_init() };
-        sample.send().map_err(|e| BusError::Service { action: "send", service: topic.into(), cause: format!("{e:?}") })
+        sample.send().map_err(|e| BusError::Service { action: "send", service: topic.to_string(), cause: format!("{e:?}") })
     }
 }
