@@ -22,6 +22,7 @@ struct Canvas {
     focal: f64,
     n_triangles: usize,
     n_meshes: usize,
+    by_name: std::collections::BTreeMap<String, usize>,
 }
 
 impl Canvas {
@@ -31,7 +32,16 @@ impl Canvas {
         let down = forward.cross(&right);
         let focal = 0.5 * WIDTH as f64 / (0.5 * fov_deg.to_radians()).tan();
         let rgb = (0..WIDTH * HEIGHT).map(|i| sky((i / WIDTH) as f64 / HEIGHT as f64)).collect();
-        Canvas { rgb, depth: vec![f64::INFINITY; WIDTH * HEIGHT], eye, axes: [right, down, forward], focal, n_triangles: 0, n_meshes: 0 }
+        Canvas {
+            rgb,
+            depth: vec![f64::INFINITY; WIDTH * HEIGHT],
+            eye,
+            axes: [right, down, forward],
+            focal,
+            n_triangles: 0,
+            n_meshes: 0,
+            by_name: Default::default(),
+        }
     }
 
     fn mesh(&mut self, mesh: &Mesh, pose: &Isometry3<f64>, tint: [u8; 3]) {
@@ -51,6 +61,8 @@ impl Canvas {
             let vertices = [0, 1, 2].map(|i| &mesh.vertices[t[i] as usize]);
             self.triangle(vertices, pose, tint);
         }
+        let name = mesh.name.split(' ').next().unwrap_or_default().to_owned();
+        *self.by_name.entry(name).or_default() += lod.n_indices as usize / 3;
         self.n_triangles += lod.n_indices as usize / 3;
     }
 
@@ -103,7 +115,9 @@ impl Canvas {
                 if z < self.depth[idx] {
                     self.depth[idx] = z;
                     let weight = [0, 1, 2].map(|i| w[i] / c[i].0.z * z);
-                    let mix = |f: fn(&(Vector3<f64>, Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| f(&c[0]) * weight[0] + f(&c[1]) * weight[1] + f(&c[2]) * weight[2];
+                    let mix = |f: fn(&(Vector3<f64>, Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
+                        f(&c[0]) * weight[0] + f(&c[1]) * weight[1] + f(&c[2]) * weight[2]
+                    };
                     self.rgb[idx] = shade(vertex, mix(|v| v.1), mix(|v| v.2), z, tint);
                 }
             }
@@ -115,7 +129,7 @@ impl Canvas {
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         encoder.write_header()?.write_image_data(bytemuck::cast_slice(&self.rgb))?;
-        println!("{}: {} triangles in {} meshes", path.display(), self.n_triangles, self.n_meshes);
+        println!("{}: {} triangles in {} meshes {:?}", path.display(), self.n_triangles, self.n_meshes, self.by_name);
         Ok(())
     }
 }
@@ -137,7 +151,11 @@ fn shade(vertex: &Vertex, normal: Vector3<f64>, uv: Vector3<f64>, z: f64, tint: 
     if is(Material::Facade) || is(Material::ShopFront) {
         let (w, h) = if is(Material::Facade) { (2.4, 3.2) } else { (4.0, 4.2) };
         let (u, v) = (uv.x.rem_euclid(w) / w, uv.y.rem_euclid(h) / h);
-        let pane = if is(Material::Facade) { (0.28..0.72).contains(&u) && (0.3..0.8).contains(&v) } else { (0.06..0.94).contains(&u) && (0.12..0.8).contains(&v) };
+        let pane = if is(Material::Facade) {
+            (0.28..0.72).contains(&u) && (0.3..0.8).contains(&v)
+        } else {
+            (0.06..0.94).contains(&u) && (0.12..0.8).contains(&v)
+        };
         if pane {
             rgb = [58.0, 70.0, 82.0];
         }

@@ -30,7 +30,7 @@ pub fn street_lamp() -> Mesh {
     builder.finish()
 }
 
-/// A traffic light's pole: +x faces the traffic, the arm reaches `arm_m` to its right-hand side seen from there (−y... the carriageway at +y).
+/// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y, over the carriageway.
 pub fn light_pole(arm_m: f32) -> Mesh {
     let mut builder = MeshBuilder::new("traffic light pole");
     for (n, until_m) in [(8, 40.0), (4, 350.0)] {
@@ -94,7 +94,7 @@ pub fn sign(kind: SignalKind) -> Mesh {
     let class = Class::TRAFFIC_SIGNS;
     let paint = |rgb| Surface::new(class, Material::Matte, rgb);
     let (red, white, black, grey) = (paint([190, 22, 26]), paint([240, 240, 236]), paint([24, 24, 24]), paint([130, 132, 134]));
-    for (n, until_m) in [(20usize, 40.0), (8, 250.0)] {
+    for (n, until_m) in [(20usize, 30.0), (8, 180.0)] {
         tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), if n == 20 { 6 } else { 3 });
         let (sides, turn, radius) = match kind {
             SignalKind::Stop => (8, 0.5, 0.40),
@@ -104,7 +104,7 @@ pub fn sign(kind: SignalKind) -> Mesh {
         let face = |r: f32, x: f32| -> Vec<[f32; 3]> {
             (0..sides)
                 .map(|k| {
-                    let a = std::f32::consts::TAU * ((k as f32 + turn) / sides as f32 + if sides == 3 { 0.0 } else { 0.0 });
+                    let a = std::f32::consts::TAU * (k as f32 + turn) / sides as f32;
                     [x, r * a.cos(), 2.4 + r * a.sin()]
                 })
                 .collect()
@@ -117,7 +117,7 @@ pub fn sign(kind: SignalKind) -> Mesh {
         let inner = if kind == SignalKind::Stop { (red, 0.93) } else { (white, if kind == SignalKind::Yield { 0.66 } else { 0.78 }) };
         builder.polygon(inner.0, &face(radius * inner.1, 0.046), &uv);
         match kind {
-            SignalKind::Limit(kmh) => digits(&mut builder, black, kmh),
+            SignalKind::Limit(kmh) if n == 20 => digits(&mut builder, black, kmh),
             SignalKind::Stop => builder.cuboid(white, [0.05, 0.0, 2.4], [0.004, 0.24, 0.06]),
             _ => {}
         }
@@ -126,7 +126,7 @@ pub fn sign(kind: SignalKind) -> Mesh {
     builder.finish()
 }
 
-/// Two digits of seven bars each, on a face that looks to +x: its left is +y... seen from the front the first digit stands at the left.
+/// Two digits of seven bars each on a face that looks to +x; whoever reads it has +y to the right.
 fn digits(builder: &mut MeshBuilder, surface: Surface, number: u32) {
     const BARS: [u8; 10] = [0x3f, 0x06, 0x5b, 0x4f, 0x66, 0x6d, 0x7d, 0x07, 0x7f, 0x6f];
     for (place, digit) in [(-0.1f32, number / 10 % 10), (0.1, number % 10)] {

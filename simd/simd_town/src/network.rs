@@ -56,8 +56,6 @@ pub enum Control {
 pub struct Junction {
     /// OpenDRIVE id.
     pub id: u32,
-    /// Middle.
-    pub centre_m: P2,
     /// Counter-clockwise.
     pub arms: Vec<Arm>,
     /// Who goes first.
@@ -147,7 +145,7 @@ impl Network {
         let whole: Vec<Path> = plan.streets.iter().map(|s| Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to])).collect();
         let mut trims = vec![[0.0; 2]; plan.streets.len()];
         let mut junctions = Vec::new();
-        for (node, &centre_m) in plan.nodes_m.iter().enumerate() {
+        for node in 0..plan.nodes_m.len() {
             let arms = arms_of(plan, &whole, node);
             for (i, arm) in arms.iter().enumerate() {
                 let next = arms[(i + 1) % arms.len()];
@@ -161,7 +159,7 @@ impl Network {
                     *trim = need.max(*trim);
                 }
             }
-            junctions.push(control(Junction { id: 2001 + node as u32, centre_m, arms, control: Control::Lights }, plan));
+            junctions.push(control(Junction { id: 2001 + node as u32, arms, control: Control::Lights }, plan));
         }
         let roads: Vec<Road> = plan
             .streets

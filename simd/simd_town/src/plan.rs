@@ -55,7 +55,7 @@ pub const AVENUE: Profile =
     Profile { n_lanes: 2, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 50, main: true };
 /// One lane each way with parked cars.
 pub const STREET: Profile =
-    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Parking, edge_m: 2.3, pavement_m: 3.5, speed_kmh: 30, main: false };
+    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Parking, edge_m: 2.5, pavement_m: 3.5, speed_kmh: 30, main: false };
 /// The ring round the town.
 pub const RING: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.5, speed_kmh: 50, main: false };
 

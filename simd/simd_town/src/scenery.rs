@@ -128,7 +128,7 @@ fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
             append(&mut car, &parts.wheel, level, &Isometry3::new(Vector3::from(site.centre_m), turn));
         }
         let n_indices = car.indices.len() as u32 - first_idx;
-        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m: parts.body.lods[level].until_m });
+        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m: [12.0, 32.0, 240.0][level] });
     }
     for vertex in &mut car.vertices {
         if vertex.material == sensor_core::Material::CarPaint as u8 {
@@ -313,7 +313,11 @@ impl Builder<'_> {
                 }
                 let (mesh, shape) = random.pick(&kit.cars);
                 let s = BAYS_M.0 + (k as f64 + 0.5) * BAYS_M.1 + random.between(-0.25, 0.25);
-                let p = road.path.beside(s, side * (road.profile.driving_m() + 0.5 * road.profile.edge_m + random.between(0.0, 0.1)));
+                // In a bend a lorry that passes needs the room.
+                if (road.path.at(s - 9.0).1 - road.path.at(s + 9.0).1).abs() > 0.02 {
+                    continue;
+                }
+                let p = road.path.beside(s, side * (road.profile.driving_m() + 0.5 * road.profile.edge_m + random.between(0.06, 0.14)));
                 let yaw = road.path.at(s).1 + if side > 0.0 { std::f64::consts::PI } else { 0.0 } + random.between(-0.02, 0.02);
                 self.stand(mesh, Class::CAR, "parked car", p, 0.0, yaw);
                 let (u, v) = (unit(yaw) * shape.half_m[0], left(unit(yaw)) * shape.half_m[1]);

@@ -132,11 +132,6 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
     rear(builder, frame, table, style, detail);
     if detail < 2 {
         mirrors(builder, frame, table);
-    } else {
-        let y = frame.half[1] - 0.04;
-        for side in [1.0, -1.0] {
-            builder.cuboid(paint, [frame.x(0.31), side * y, 0.66 * frame.height()], [0.07, 0.04, 0.06]);
-        }
     }
 }
 
@@ -194,58 +189,72 @@ fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, detail: usi
 }
 
 fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: usize) {
-    let h = frame.height();
-    let lamp_z = (interpolate(table, 0.02).1 - 0.055) * h;
-    let w = frame.body_half_m;
-    // Set into the nose: the outer end reaches back with the rounding of the bumper.
+    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
+    let lamp_z = (table[0].1 - 0.045) * h;
+    let flat = table[0].3;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
-        let mut lamp = |rgb: [u8; 3], bit: u8, y: f32, half_y: f32, x: f32| {
-            builder.cuboid(frame.lamp(rgb, bit), [x, side * y * w, lamp_z], [0.03, half_y * w, 0.042 * h]);
+        // Front faces end at these x: the outer ones lie further back, as the bumper is round.
+        let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), x: f32, (low, high): (f32, f32)| {
+            let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
+            builder.cuboid(frame.lamp(rgb, bit), [x - 0.06, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
         };
-        lamp([255, 246, 224], 1, 0.66, 0.085, frame.half[0] - 0.045);
+        lamp([255, 246, 224], 1, (flat - 0.16, flat), skin + 0.012, (-0.03, 0.03));
         if detail < 2 {
-            lamp([255, 250, 235], 2, 0.53, 0.04, frame.half[0] - 0.033);
-            lamp([255, 160, 30], blinker, 0.79, 0.04, frame.half[0] - 0.085);
-            lamp([250, 250, 255], 0, 0.47, 0.015, frame.half[0] - 0.033);
+            lamp([255, 250, 235], 2, (flat - 0.27, flat - 0.17), skin + 0.012, (-0.03, 0.03));
+            lamp([255, 160, 30], blinker, (flat + 0.005, flat + 0.075), skin - 0.005, (-0.03, 0.03));
+            lamp([250, 250, 255], 0, (flat - 0.27, flat), skin + 0.014, (-0.045, -0.033));
         }
     }
     if detail < 2 {
-        let x = frame.half[0] - 0.012;
-        builder.cuboid(frame.dark(), [x - 0.01, 0.0, lamp_z - 0.01 * h], [0.014, 0.40 * w, 0.028 * h]);
-        builder.cuboid(frame.dark(), [x - 0.02, 0.0, frame.sill_m + 0.09], [0.03, 0.62 * w, 0.05]);
-        plate(builder, frame, [frame.half[0] - 0.006, 0.0, 0.5 * (lamp_z + frame.sill_m)]);
+        let bar = |builder: &mut MeshBuilder, surface: Surface, half_y: f32, z: f32, half_z: f32, out: f32| {
+            builder.cuboid(surface, [skin - 0.03 + out, 0.0, z], [0.03, half_y * w, half_z]);
+        };
+        bar(builder, frame.dark(), flat - 0.29, lamp_z, 0.03 * h, 0.010);
+        let chrome = Surface::new(frame.class, Material::Metal, [196, 198, 200]);
+        for k in [-0.6f32, 0.0, 0.6] {
+            bar(builder, chrome, flat - 0.31, lamp_z + k * 0.03 * h, 0.004, 0.013);
+        }
+        bar(builder, frame.dark(), flat - 0.12, frame.sill_m + 0.10, 0.06, 0.010);
+        plate(builder, frame, [frame.half[0] - 0.006, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03]);
+        builder.cuboid(frame.dark(), [skin - 0.01, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03], [0.03, 0.27, 0.06]);
     }
 }
 
 fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: BodyStyle, detail: usize) {
-    let h = frame.height();
-    let w = frame.body_half_m;
-    let lamp_z = if style == BodyStyle::Van { 0.42 * h } else { (interpolate(table, 0.985).1 - 0.075) * h };
-    let x = -frame.half[0] + 0.035;
-    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van) { 0.055 } else { 0.038 };
+    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
+    let last = table[table.len() - 1];
+    let lamp_z = if style == BodyStyle::Van { 0.40 * h } else { (last.1 - 0.055) * h };
+    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van) { 0.05 } else { 0.036 };
+    let flat = last.3 - 0.01;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
-        let mut lamp = |rgb: [u8; 3], bit: u8, y: f32, half_y: f32, z: f32| {
-            builder.cuboid(frame.lamp(rgb, bit), [x, side * y * w, z], [0.03, half_y * w, tall * h * 0.5]);
+        let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), (low, high): (f32, f32)| {
+            let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
+            builder.cuboid(
+                frame.lamp(rgb, bit),
+                [0.06 - skin - 0.014, y, lamp_z + 0.5 * (low + high) * h],
+                [0.06, half_y, 0.5 * (high - low) * h],
+            );
         };
-        lamp([255, 24, 18], 3, 0.70, 0.10, lamp_z + 0.5 * tall * h);
+        let inner = flat - if style == BodyStyle::Van { 0.10 } else { 0.22 };
+        lamp([255, 24, 18], 3, (inner, flat), (0.0, tall));
+        lamp([235, 20, 16], 0, (inner, flat), (-tall, 0.0));
         if detail < 2 {
-            lamp([235, 20, 16], 0, 0.70, 0.10, lamp_z - 0.5 * tall * h);
-            lamp([255, 150, 25], blinker, 0.565, 0.035, lamp_z + 0.5 * tall * h);
-            lamp([245, 245, 245], 6, 0.565, 0.035, lamp_z - 0.5 * tall * h);
+            lamp([255, 150, 25], blinker, (inner - 0.075, inner - 0.005), (0.0, tall));
+            lamp([245, 245, 245], 6, (inner - 0.075, inner - 0.005), (-tall, 0.0));
         }
     }
     if detail < 2 {
-        plate(builder, frame, [-frame.half[0] + 0.006, 0.0, lamp_z - 0.1 * h]);
-        builder.cuboid(frame.dark(), [-frame.half[0] + 0.03, 0.0, frame.sill_m + 0.08], [0.025, 0.7 * w, 0.045]);
+        let z = if style == BodyStyle::Van { 0.36 * h } else { lamp_z - 0.065 * h };
+        plate(builder, frame, [-frame.half[0] + 0.006, 0.0, z]);
+        builder.cuboid(frame.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);
+        builder.cuboid(frame.dark(), [0.02 - skin, 0.0, frame.sill_m + 0.08], [0.03, (flat - 0.06) * w, 0.05]);
         if style == BodyStyle::Van {
-            let window = |builder: &mut MeshBuilder, y: f32| {
-                builder.cuboid(frame.glass(), [-frame.half[0] + 0.012, y, 0.72 * h], [0.012, 0.33 * w, 0.13 * h]);
-            };
-            window(builder, 0.42 * w);
-            window(builder, -0.42 * w);
-            builder.cuboid(frame.dark(), [-frame.half[0] + 0.012, 0.0, 0.55 * h], [0.009, 0.006, 0.38 * h]);
+            for y in [0.42, -0.42] {
+                builder.cuboid(frame.glass(), [0.02 - skin, y * w, 0.72 * h], [0.03, 0.33 * w, 0.13 * h]);
+            }
+            builder.cuboid(frame.dark(), [0.024 - skin, 0.0, 0.55 * h], [0.03, 0.006, 0.38 * h]);
         }
     }
 }

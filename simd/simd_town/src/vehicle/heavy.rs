@@ -50,11 +50,13 @@ pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     };
     loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
     let (x, w) = (frame.half[0], frame.body_half_m);
-    builder.cuboid(frame.glass(), [x - 0.012, 0.0, 0.56 * h], [0.011, 0.86 * w, 0.20 * h]);
-    builder.cuboid(frame.glass(), [-x + 0.012, 0.0, 0.66 * h], [0.011, 0.80 * w, 0.13 * h]);
+    let skin = frame.skin_m();
+    builder.cuboid(frame.glass(), [skin - 0.03, 0.0, 0.56 * h], [0.04, 0.86 * w, 0.20 * h]);
+    builder.cuboid(frame.glass(), [0.03 - skin, 0.0, 0.66 * h], [0.04, 0.80 * w, 0.13 * h]);
     if detail < 2 {
         let board = frame.lamp([255, 176, 40], 0);
-        builder.cuboid(board, [x - 0.011, 0.0, 0.83 * h], [0.011, 0.6 * w, 0.035 * h]);
+        builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.83 * h], [0.04, 0.72 * w, 0.05 * h]);
+        builder.cuboid(board, [skin - 0.03, 0.0, 0.83 * h], [0.045, 0.6 * w, 0.03 * h]);
         for u in [0.075, 0.5] {
             let depth = 0.004;
             builder.cuboid(frame.glass(), [frame.x(u + 0.04), -w - depth, 0.48 * h], [0.62, 0.006, 0.33 * h]);
@@ -94,7 +96,7 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
             let (a, b) = (table[next - 1], table[next]);
             let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
             let mix = |p: f32, q: f32| p + (q - p) * k;
-            box_section(frame, u, detail, (mix(a.1, b.1), mix(a.2, b.2) * h, 0.70 * h, mix(a.3, b.3) * cab_top))
+            box_section(frame, u, detail, (mix(a.1, b.1), mix(a.2, b.2) * h, 0.66 * h, mix(a.3, b.3) * cab_top))
         })
         .collect();
     let surface = |segment: usize, strip: usize| match strip {
@@ -105,8 +107,10 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     };
     loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
     let (x, w) = (frame.half[0], frame.body_half_m);
-    builder.cuboid(frame.glass(), [x - 0.012, 0.0, 0.57 * h], [0.011, 0.84 * w, 0.11 * h]);
-    builder.cuboid(frame.dark(), [x - 0.011, 0.0, 0.33 * h], [0.011, 0.55 * w, 0.05 * h]);
+    let skin = frame.skin_m();
+    builder.cuboid(frame.glass(), [skin - 0.03, 0.0, 0.57 * h], [0.04, 0.84 * w, 0.11 * h]);
+    builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.33 * h], [0.04, 0.55 * w, 0.05 * h]);
+    builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.15 * h], [0.04, 0.8 * w, 0.02 * h]);
     cargo(builder, frame, cab_end, detail);
     lamps(builder, frame, 0.20 * h, detail);
     long_mirrors(builder, frame, x - 0.25, 0.56 * h);
@@ -134,16 +138,16 @@ fn lamps(builder: &mut MeshBuilder, frame: &Frame, z: f32, detail: usize) {
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, at: [f32; 2], half_y: f32, x: f32| {
-            builder.cuboid(frame.lamp(rgb, bit), [x, side * at[0] * w, z + at[1]], [0.018, half_y, 0.07]);
+            builder.cuboid(frame.lamp(rgb, bit), [x, side * at[0] * w, z + at[1]], [0.03, half_y, 0.07]);
         };
-        lamp([255, 246, 224], 1, [0.74, 0.0], 0.13, x - 0.018);
-        lamp([255, 24, 18], 3, [0.78, 0.0], 0.12, -x + 0.018);
+        lamp([255, 246, 224], 1, [0.74, 0.0], 0.13, x - 0.045);
+        lamp([255, 24, 18], 3, [0.78, 0.0], 0.12, -x + 0.045);
         if detail < 2 {
-            lamp([255, 250, 235], 2, [0.56, 0.0], 0.07, x - 0.018);
-            lamp([255, 160, 30], blinker, [0.88, 0.0], 0.04, x - 0.018);
-            lamp([255, 150, 25], blinker, [0.78, 0.15], 0.12, -x + 0.018);
-            lamp([235, 20, 16], 0, [0.78, -0.15], 0.12, -x + 0.018);
-            lamp([245, 245, 245], 6, [0.60, 0.0], 0.06, -x + 0.018);
+            lamp([255, 250, 235], 2, [0.56, 0.0], 0.07, x - 0.045);
+            lamp([255, 160, 30], blinker, [0.88, 0.0], 0.04, x - 0.045);
+            lamp([255, 150, 25], blinker, [0.78, 0.15], 0.12, -x + 0.045);
+            lamp([235, 20, 16], 0, [0.78, -0.15], 0.12, -x + 0.045);
+            lamp([245, 245, 245], 6, [0.60, 0.0], 0.06, -x + 0.045);
         }
     }
     if detail < 2 {

@@ -102,9 +102,14 @@ impl Frame {
         2.0 * self.half[2]
     }
 
-    /// x of the place `u`, 0 at the front and 1 at the rear.
+    /// Half length of the skin: lamps and plates stand out of it up to the box.
+    fn skin_m(&self) -> f32 {
+        self.half[0] - 0.03
+    }
+
+    /// x of the place `u` on the skin, 0 at the front and 1 at the rear.
     fn x(&self, u: f32) -> f32 {
-        self.half[0] * (1.0 - 2.0 * u)
+        self.skin_m() * (1.0 - 2.0 * u)
     }
 
     fn arch_radius_m(&self) -> f32 {
@@ -114,7 +119,7 @@ impl Frame {
     /// Places at these shares of the arch's radius about both axles.
     fn arch_places(&self, shares: &[f32]) -> Vec<f32> {
         let reach = self.arch_radius_m();
-        let place = |x: f32| 0.5 * (1.0 - x / self.half[0]);
+        let place = |x: f32| 0.5 * (1.0 - x / self.skin_m());
         let mut places = Vec::new();
         for axle in [0.5 * self.wheelbase_m, -0.5 * self.wheelbase_m] {
             places.extend(shares.iter().map(|share| place(axle - share * reach)));

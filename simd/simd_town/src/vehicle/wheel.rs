@@ -7,11 +7,27 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 /// A wheel about its own centre, axle along y, outer side towards −y.
 pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
     let mut builder = MeshBuilder::new("wheel");
-    for (n, until_m, detailed) in [(20, 14.0, true), (12, 45.0, false), (7, f32::INFINITY, false)] {
-        level(&mut builder, class, radius_m, width_m, n, if detailed { spokes } else { 0 });
-        builder.end_level(until_m);
-    }
+    level(&mut builder, class, radius_m, width_m, 20, spokes);
+    builder.end_level(14.0);
+    level(&mut builder, class, radius_m, width_m, 9, 0);
+    builder.end_level(40.0);
+    far(&mut builder, class, radius_m, width_m);
     builder.finish()
+}
+
+/// A hexagonal drum without inner side.
+fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32) {
+    let (half, tyre) = (0.5 * width_m, Surface::new(class, Material::Rubber, [30, 30, 32]));
+    let corner = |k: usize| {
+        let a = std::f32::consts::TAU * k as f32 / 6.0;
+        [r * a.cos(), r * a.sin()]
+    };
+    for k in 0..6 {
+        let ([x0, z0], [x1, z1]) = (corner(k), corner(k + 1));
+        builder.polygon(tyre, &[[x0, half, z0], [x0, -half, z0], [x1, -half, z1], [x1, half, z1]], &[[0.0; 2]; 4]);
+    }
+    let face: Vec<[f32; 3]> = (0..6).map(|k| [corner(k)[0], -half, corner(k)[1]]).collect();
+    builder.polygon(Surface::new(class, Material::Metal, [110, 111, 114]), &face, &[[0.0; 2]; 6]);
 }
 
 fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize, spokes: usize) {

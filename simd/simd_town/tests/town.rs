@@ -1,0 +1,248 @@
+//! What must hold for every generated town, whatever the seed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use nalgebra::{Point3, Vector3};
+use sensor_core::{Mesh, Vertex};
+use simd_town::{BodyStyle, Town, TownError, VehicleShape, vehicle_meshes};
+
+fn town(seed: u64) -> Town {
+    Town::generate("Town10HD", seed).expect("the default town exists")
+}
+
+fn hash(town: &Town) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    town.open_drive.hash(&mut hasher);
+    for mesh in &town.assets.meshes {
+        bytemuck::cast_slice::<Vertex, u8>(&mesh.vertices).hash(&mut hasher);
+        mesh.indices.hash(&mut hasher);
+    }
+    for each in &town.assets.statics {
+        (each.mesh, each.object).hash(&mut hasher);
+        each.world_from_mesh.to_homogeneous().iter().for_each(|x| x.to_bits().hash(&mut hasher));
+    }
+    for mesh in &town.collision {
+        mesh.vertices_m.iter().flatten().for_each(|x| x.to_bits().hash(&mut hasher));
+    }
+    town.spawn_points.iter().for_each(|p| bytemuck::bytes_of(p).hash(&mut hasher));
+    hasher.finish()
+}
+
+#[test]
+fn same_seed_same_town_other_seed_other_town() {
+    assert_eq!(hash(&town(5)), hash(&town(5)));
+    assert_ne!(hash(&town(5)), hash(&town(6)));
+}
+
+#[test]
+fn names_are_forgiving_and_unknown_ones_are_named() {
+    assert_eq!(Town::generate("Carla/Maps/Town10HD_Opt", 1).expect("long name").name, "Town10HD");
+    let error = Town::generate("Town99", 1).expect_err("no such town");
+    assert_eq!(error, TownError::Unknown { name: "Town99".to_owned() });
+    assert_eq!(error.to_string(), "map \"Town99\" not found; generated towns are Town10HD");
+}
+
+#[test]
+fn spawn_points_keep_their_distance() {
+    for seed in 0..5 {
+        let points = town(seed).spawn_points;
+        assert!(points.len() >= 155, "seed {seed} has {}", points.len());
+        for (i, a) in points.iter().enumerate() {
+            for b in &points[..i] {
+                let same_way = (a.isometry().rotation * Vector3::x()).dot(&(b.isometry().rotation * Vector3::x())) > 0.0;
+                let d = a.isometry().inverse_transform_point(&Point3::from(Vector3::from(b.translation_m)));
+                assert!(!same_way || d.x.abs() > 11.9 || d.y.abs() > 3.4 || d.coords.norm() > 12.0, "seed {seed}: {a:?} {b:?}");
+            }
+            assert!((a.translation_m[2] - 0.3).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_lorry_fits_on_every_spawn_point() {
+    let town = town(1);
+    let solid = town.collision.iter().find(|c| c.name == "buildings and poles").expect("solid things");
+    for point in &town.spawn_points {
+        let here = point.isometry();
+        for corner in &solid.vertices_m {
+            let local = here.inverse_transform_point(&Point3::from(Vector3::from(*corner).cast::<f64>() + Vector3::from(town.origin_m)));
+            assert!(local.x.abs() > 5.3 || local.y.abs() > 2.0, "{corner:?} stands in the way of {point:?}");
+        }
+    }
+}
+
+fn check_triangles(mesh: &Mesh) {
+    assert!(!mesh.lods.is_empty(), "{} has no levels", mesh.name);
+    for pair in mesh.lods.windows(2) {
+        assert!(pair[0].until_m <= pair[1].until_m, "{}", mesh.name);
+    }
+    for t in mesh.indices.chunks_exact(3) {
+        let v = [0, 1, 2].map(|i| &mesh.vertices[t[i] as usize]);
+        let p = v.map(|v| Vector3::from(v.position_m));
+        let face = (p[1] - p[0]).cross(&(p[2] - p[0]));
+        assert!(p.iter().all(|p| p.iter().all(|x| x.is_finite())), "{}", mesh.name);
+        for v in v {
+            assert!(v.class > 0 && v.class <= 28, "{} has class {}", mesh.name, v.class);
+            let normal = Vector3::new(v.normal[0], v.normal[1], v.normal[2]).map(f32::from) / 127.0;
+            assert!((normal.norm() - 1.0).abs() < 0.03, "{} has a normal of length {}", mesh.name, normal.norm());
+            if face.norm() > 1e-3 {
+                assert!(face.normalize().dot(&normal) > 0.1, "{}: corners and normal disagree: {p:?} {normal:?}", mesh.name);
+            }
+        }
+        let within = |q: Vector3<f32>| (q - Vector3::from(mesh.centre_m)).norm() <= mesh.radius_m * 1.001 + 1e-3;
+        assert!(p.into_iter().all(within), "{} sticks out of its sphere", mesh.name);
+    }
+}
+
+#[test]
+fn every_triangle_has_class_object_and_a_normal_that_agrees() {
+    let town = town(1);
+    town.assets.meshes.iter().for_each(|mesh| check_triangles(mesh));
+    check_triangles(&town.light_head);
+    let known: BTreeSet<u32> = town.objects.iter().map(|object| object.id.0).collect();
+    assert_eq!(known.len(), town.objects.len());
+    for each in &town.assets.statics {
+        let mesh = town.assets.mesh(each.mesh);
+        assert!(mesh.radius_m < 700.0);
+        if each.object.0 != 0 {
+            assert!(each.object.is_scenery() && known.contains(&each.object.0));
+            continue;
+        }
+        assert!(mesh.vertices.iter().all(|v| known.contains(&v.object_id)), "{} has triangles of nobody", mesh.name);
+    }
+}
+
+#[test]
+fn the_road_has_no_holes_and_nothing_lies_on_anything() {
+    // Vertical probes: exactly one of road, pavement or block surface at every point of the town.
+    let town = town(1);
+    let mut cells: BTreeMap<(i32, i32), Vec<[Vector3<f32>; 3]>> = BTreeMap::new();
+    for mesh in town.collision.iter().filter(|c| c.name != "buildings and poles") {
+        for t in &mesh.triangles {
+            let p = t.map(|i| Vector3::from(mesh.vertices_m[i as usize]));
+            if (p[1] - p[0]).cross(&(p[2] - p[0])).z < 1e-4 {
+                continue;
+            }
+            let span = |axis: usize| {
+                let (low, high) = p.iter().fold((f32::MAX, f32::MIN), |(l, h), q| (l.min(q[axis]), h.max(q[axis])));
+                (low / 10.0).floor() as i32..=(high / 10.0).floor() as i32
+            };
+            for x in span(0) {
+                span(1).for_each(|y| cells.entry((x, y)).or_default().push(p));
+            }
+        }
+    }
+    let (mut holes, mut doubles) = (0, 0);
+    for i in 0..40_000 {
+        let (x, y) = (-215.0 + 430.0 * ((i as f32 * 0.618_034) % 1.0), -212.0 + 424.0 * (i as f32 / 40_000.0));
+        let inside = |t: &&[Vector3<f32>; 3]| {
+            (0..3).all(|k| {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x) > 1e-3
+            })
+        };
+        let near = |t: &&[Vector3<f32>; 3]| {
+            (0..3).all(|k| {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x) > -2e-2
+            })
+        };
+        let cell = cells.get(&((x / 10.0).floor() as i32, (y / 10.0).floor() as i32)).map_or(&[][..], Vec::as_slice);
+        holes += usize::from(!cell.iter().any(|t| near(&t)));
+        doubles += usize::from(cell.iter().filter(inside).count() > 1);
+    }
+    assert_eq!((holes, doubles), (0, 0));
+}
+
+#[test]
+fn a_street_view_stays_within_the_triangle_budget() {
+    let town = town(1);
+    for point in town.spawn_points.iter().step_by(9) {
+        let eye = Vector3::from(point.translation_m) + Vector3::new(0.0, 0.0, 1.3);
+        let forward = point.isometry().rotation * Vector3::x();
+        let left = point.isometry().rotation * Vector3::y();
+        let n: usize = (town.assets.statics.iter())
+            .filter_map(|each| {
+                let mesh = town.assets.mesh(each.mesh);
+                let to = each.world_from_mesh * Point3::from(Vector3::from(mesh.centre_m).cast::<f64>()) - Point3::from(eye);
+                let radius = f64::from(mesh.radius_m);
+                // A quarter turn of view.
+                let out = to.dot(&forward) < -radius || to.dot(&left).abs() - to.dot(&forward) > radius * 2f64.sqrt();
+                let away = (to.norm() - radius) as f32;
+                let lod = mesh.lods.iter().find(|lod| away < lod.until_m)?;
+                (!out).then_some(lod.n_indices as usize / 3)
+            })
+            .sum();
+        assert!(n < 60_000, "{n} triangles from {point:?}");
+    }
+}
+
+fn shapes() -> Vec<VehicleShape> {
+    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape { style, half_m, wheel_radius_m, wheelbase_m };
+    vec![
+        shape(BodyStyle::Saloon, [2.396, 1.082, 0.744], 0.34, 2.88),
+        shape(BodyStyle::Saloon, [2.679, 1.017, 0.705], 0.33, 2.8),
+        shape(BodyStyle::Hatch, [1.817, 0.923, 0.751], 0.3, 2.4),
+        shape(BodyStyle::Hatch, [1.104, 0.740, 0.688], 0.26, 1.5),
+        shape(BodyStyle::Suv, [2.783, 1.075, 1.023], 0.4, 3.07),
+        shape(BodyStyle::Van, [2.958, 0.994, 1.280], 0.35, 3.66),
+        shape(BodyStyle::Bus, [5.1, 1.97, 2.12], 0.48, 5.6),
+        shape(BodyStyle::Lorry, [3.962, 1.432, 1.892], 0.48, 4.6),
+        shape(BodyStyle::Motorcycle, [1.105, 0.434, 0.75], 0.3, 1.4),
+        shape(BodyStyle::Bicycle, [0.821, 0.22, 0.85], 0.33, 1.0),
+    ]
+}
+
+#[test]
+fn vehicles_fill_their_boxes_to_a_centimetre() {
+    for shape in shapes() {
+        let meshes = vehicle_meshes(&shape);
+        check_triangles(&meshes.body);
+        check_triangles(&meshes.wheel);
+        let lod = meshes.body.lods[0];
+        let used = &meshes.body.indices[..lod.n_indices as usize];
+        let bodies = used.iter().map(|&i| Vector3::from(meshes.body.vertices[i as usize].position_m).cast::<f64>());
+        let wheels = meshes.wheels.iter().flat_map(|site| {
+            let centre = Vector3::from(site.centre_m);
+            meshes.wheel.vertices.iter().map(move |v| centre + Vector3::from(v.position_m).cast::<f64>())
+        });
+        let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+        for p in bodies.chain(wheels) {
+            (low, high) = (low.inf(&p), high.sup(&p));
+        }
+        for (got, want) in [
+            (high.x, shape.half_m[0]),
+            (-low.x, shape.half_m[0]),
+            (high.y, shape.half_m[1]),
+            (-low.y, shape.half_m[1]),
+            (high.z, 2.0 * shape.half_m[2]),
+            (low.z, 0.0),
+        ] {
+            assert!((got - want).abs() < 0.0101, "{:?}: {got} instead of {want}; {low} {high}", shape.style);
+        }
+        assert!(lod.n_indices < 3 * 2400 && meshes.body.lods[2].n_indices < 3 * 420, "{:?}", shape.style);
+    }
+}
+
+#[test]
+fn cars_carry_every_lamp() {
+    for shape in &shapes()[..8] {
+        let meshes = vehicle_meshes(shape);
+        let bits: BTreeSet<u8> =
+            meshes.body.vertices.iter().filter(|v| v.material == sensor_core::Material::Lamp as u8).map(|v| v.lamp).collect();
+        assert_eq!(bits, (0..=6).collect(), "{:?}", shape.style);
+    }
+}
+
+#[test]
+fn every_light_of_the_map_has_heads_that_face_its_traffic() {
+    let town = town(1);
+    let in_map = town.open_drive.matches(r#"type="1000001""#).count();
+    assert_eq!(town.lights.len(), in_map);
+    assert!(in_map >= 20);
+    for light in &town.lights {
+        assert!(town.open_drive.contains(&format!(r#"<control signalId="{}""#, light.signal_id)));
+        assert!(!light.heads.is_empty());
+    }
+}
