@@ -248,6 +248,7 @@ impl Session {
         // Leaving the gate first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
+        self.drain_documents()?;
         self.close()
     }
 
@@ -321,7 +322,10 @@ impl Session {
     }
 
     fn drain(&mut self) -> anyhow::Result<()> {
-        self.drain_documents()?;
+        // Before the first snapshot there is no time to file a document under; it waits on the bus.
+        if self.newest_tick > 0 {
+            self.drain_documents()?;
+        }
         self.drain_snapshots()?;
         for id in self.follower.ids() {
             while let Some(frame) = self.follower.take(id)? {
@@ -342,13 +346,23 @@ impl Session {
     }
 
     fn drain_snapshots(&mut self) -> anyhow::Result<()> {
-        let Some(reader) = &mut self.snapshots else { return Ok(()) };
+        let Some(mut reader) = self.snapshots.take() else { return Ok(()) };
+        let outcome = self.drain_reader(&mut reader);
+        self.snapshots = Some(reader);
+        outcome
+    }
+
+    fn drain_reader(&mut self, reader: &mut SnapshotReader) -> anyhow::Result<()> {
         let source: std::sync::Arc<str> = names::WORLD_SNAPSHOT.into();
         loop {
             match reader.next() {
                 Ok(Some(snapshot)) => {
                     let header = snapshot.header();
+                    let is_first = self.newest_tick == 0;
                     (self.sim_nanos, self.newest_tick, self.epoch) = (header.sim_nanos, header.tick, header.epoch);
+                    if is_first {
+                        self.drain_documents()?;
+                    }
                     let entries = self.scene.snapshot_entries(header, snapshot.records());
                     self.sink.put(&source, header.tick, header.sim_nanos, header.published_mono_nanos, entries)?;
                 }

@@ -211,18 +211,21 @@ impl Session {
         Ok(())
     }
 
+    /// Takes the newest frame of every topic, then shows them: what showing one costs is not counted as latency of the next.
     fn take_frames(&mut self) -> anyhow::Result<()> {
-        let ids: Vec<(String, TopicId)> = self.topics.iter().filter_map(|(name, topic)| Some((name.clone(), topic.id?))).collect();
-        for (name, id) in ids {
+        let mut taken = Vec::new();
+        for (name, topic) in &mut self.topics {
+            let Some(id) = topic.id else { continue };
             let Some(frame) = self.follower.take(id)? else { continue };
-            let header = *frame.header();
-            let latency_nanos = mono_now().0.saturating_sub(header.published_mono_nanos);
-            self.meet(header.epoch)?;
-            let topic = self.topics.get_mut(&name).expect("names come from this map");
             topic.alive = Instant::now();
-            if !topic.pace.admits(Instant::now()) {
-                continue;
+            if topic.pace.admits(Instant::now()) {
+                let latency_nanos = mono_now().0.saturating_sub(frame.header().published_mono_nanos);
+                taken.push((name.clone(), frame, latency_nanos));
             }
+        }
+        for (name, frame, latency_nanos) in taken {
+            let header = *frame.header();
+            self.meet(header.epoch)?;
             if let Some(world) = self.follower.world_at(header.tick)? {
                 self.stage.remember(&world.header, &world.records);
                 self.show_world(&world)?;

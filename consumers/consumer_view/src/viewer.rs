@@ -70,6 +70,9 @@ impl Viewer {
         if let Some(page_port) = page_port {
             command.args(["--serve-web", "--web-viewer-port", &page_port.to_string(), "--server-memory-limit", memory_limit]);
         }
+        if std::env::var_os("RUST_LOG").is_none() {
+            command.env("RUST_LOG", "warn");
+        }
         command.env("DO_NOT_TRACK", "1").stdin(Stdio::null()).process_group(0);
         let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
         let data_url = format!("rerun+http://127.0.0.1:{port}/proxy");
