@@ -25,7 +25,7 @@ pub struct VehicleModel {
     pub special_type: &'static str,
     /// CARLA's `generation`.
     pub generation: u8,
-    /// Half length, width, height of the body box, metres; the box stands on the ground about the origin.
+    /// Half length, width, height of the body box with mirrors, metres; the box stands on the ground about the origin.
     pub half_m: [f64; 3],
     /// Distance between the axles, metres.
     pub wheelbase_m: f64,
@@ -81,9 +81,15 @@ impl VehicleModel {
         }
     }
 
+    /// Half extents of the body without mirrors, metres: CARLA's boxes of buses and lorries include them, roads allow 2.6 m.
+    pub fn solid_half_m(&self) -> [f64; 3] {
+        [self.half_m[0], self.half_m[1].min(1.3), self.half_m[2]]
+    }
+
     /// The shape its meshes are made from.
     pub fn shape(&self) -> VehicleShape {
-        VehicleShape { style: self.style, half_m: self.half_m, wheel_radius_m: self.wheel_radius_m, wheelbase_m: self.wheelbase_m }
+        let half_m = self.solid_half_m();
+        VehicleShape { style: self.style, half_m, wheel_radius_m: self.wheel_radius_m, wheelbase_m: self.wheelbase_m }
     }
 
     fn body_box(&self) -> BodyBox {

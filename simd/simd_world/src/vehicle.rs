@@ -316,7 +316,7 @@ fn sag_m(model: &VehicleModel) -> f32 {
 /// Front left, front right, rear left, rear right, with their share of the weight.
 fn contact_sites(model: &VehicleModel) -> [ContactSite; 4] {
     let x_m = 0.5 * model.wheelbase_m as f32;
-    let y_m = if model.is_two_wheeler() { 0.20 } else { model.half_m[1] as f32 - 0.17 };
+    let y_m = if model.is_two_wheeler() { 0.20 } else { model.solid_half_m()[1] as f32 - 0.17 };
     let front = 0.5 * model.front_load_ratio() as f32;
     let rear = 0.5 - front;
     [(x_m, y_m, front), (x_m, -y_m, front), (-x_m, y_m, rear), (-x_m, -y_m, rear)].map(|(x_m, y_m, load_ratio)| ContactSite {
@@ -342,7 +342,7 @@ fn tuning(model: &VehicleModel, load_ratio: f32) -> WheelTuning {
 }
 
 fn mass_properties(model: &VehicleModel) -> MassProperties {
-    let [l, w, h] = model.half_m.map(|half| 2.0 * half as f32);
+    let [l, w, h] = model.solid_half_m().map(|half| 2.0 * half as f32);
     let mass = model.mass_kg as f32;
     let inertia = Vector::new(w * w + h * h, l * l + h * h, l * l + w * w) * (mass / 12.0);
     let forward_m = (model.front_load_ratio() as f32 - 0.5) * model.wheelbase_m as f32;
@@ -351,7 +351,7 @@ fn mass_properties(model: &VehicleModel) -> MassProperties {
 
 /// Centre and half extents of the solid body: the body box less the room below it.
 pub(crate) fn chassis_box(model: &VehicleModel) -> (Vector, Vector) {
-    let [x, y, z] = model.half_m.map(|half| half as f32);
+    let [x, y, z] = model.solid_half_m().map(|half| half as f32);
     let clearance = (0.6 * model.wheel_radius_m as f32).max(0.18);
     let half_z = 0.5 * (2.0 * z - clearance);
     (Vector::new(0.0, 0.0, clearance + half_z), Vector::new(x, y, half_z))
