@@ -20,6 +20,17 @@ impl Place {
     }
 }
 
+impl Drop for Place {
+    /// Removes the one file that iceoryx2 keeps for ever; the prefix is never used again.
+    fn drop(&mut self) {
+        for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&self.1) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+}
+
 /// Publishes one IMU and snapshots as the daemon would.
 struct Daemon {
     imu: FramePublisher,

@@ -171,12 +171,15 @@ impl FramePublisher {
     /// Faults in the slots that the first reader and the writer will use. The free list is last in, first out, so these stay the ones in use.
     ///
     /// # Errors
-    /// As [`FramePublisher::segment`].
+    /// As [`FramePublisher::segment`], and [`BusError::Memory`] if `/dev/shm` is full.
     pub fn touch(&self) -> Result<(), BusError> {
         let qos = Qos { readers: 1, ..self.service.qos };
         let spec = FrameTopic { max_readers: 1, ..self.service.spec };
-        prefault(self.segment()?, shared_memory_needed(&qos, &spec) as usize);
-        Ok(())
+        let need_bytes = shared_memory_needed(&qos, &spec);
+        prefault(self.segment()?, need_bytes as usize).map_err(|error| {
+            tracing::debug!(topic = self.topic(), %error, "cannot touch the segment");
+            BusError::Memory { service: self.topic().into(), need_bytes, free_bytes: shared_memory_free().unwrap_or(0) }
+        })
     }
 
     /// Loans a slot for a payload of up to `len` bytes. Dropped unsent, it goes back. The header is set up for this topic's modality.

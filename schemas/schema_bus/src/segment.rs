@@ -1,6 +1,5 @@
 //! The memory behind a publisher: where its segment is mapped, how much is needed, how much is there.
 
-use crate::error::mebibytes;
 use crate::frame::FrameTopic;
 use crate::qos::{Qos, SPARE_LOANS};
 
@@ -47,19 +46,27 @@ fn parse_range(line: &str) -> Option<(usize, usize)> {
     Some((usize::from_str_radix(base, 16).ok()?, usize::from_str_radix(end, 16).ok()?))
 }
 
-/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs milliseconds per frame.
-pub(crate) fn prefault(segment: Segment, bytes: usize) {
+/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs milliseconds per frame, and on a full `/dev/shm`
+/// it would kill the process.
+///
+/// # Errors
+/// What the kernel says, for example that there is no memory.
+pub(crate) fn prefault(segment: Segment, bytes: usize) -> std::io::Result<()> {
     let len = bytes.min(segment.len);
     // SAFETY: the range lies in a mapping that the publisher keeps; `MADV_POPULATE_WRITE` faults pages in and changes no byte of them.
-    let done = unsafe { libc::madvise(segment.base.cast(), len, libc::MADV_POPULATE_WRITE) };
-    if done != 0 {
-        // A kernel before 5.14: a read of a hole in a shared tmpfs mapping allocates its page as well.
-        for offset in (0..len).step_by(4096) {
-            // SAFETY: within the mapping, readable; volatile because another process may write there.
-            unsafe { segment.base.add(offset).read_volatile() };
-        }
-        tracing::debug!(bytes = %mebibytes(len as u64), "segment touched page by page");
+    if unsafe { libc::madvise(segment.base.cast(), len, libc::MADV_POPULATE_WRITE) } == 0 {
+        return Ok(());
     }
+    let error = std::io::Error::last_os_error();
+    if error.raw_os_error() != Some(libc::EINVAL) {
+        return Err(error);
+    }
+    // A kernel before 5.14: a read of a hole in a shared tmpfs mapping allocates its page as well.
+    for offset in (0..len).step_by(4096) {
+        // SAFETY: within the mapping, readable; volatile because another process may write there.
+        unsafe { segment.base.add(offset).read_volatile() };
+    }
+    Ok(())
 }
 
 #[cfg(test)]

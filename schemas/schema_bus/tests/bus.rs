@@ -70,6 +70,8 @@ fn a_frame_arrives_unchanged_aligned_and_in_place() {
     assert_eq!(publisher.n_readers(), 1);
 
     let segment = publisher.segment().unwrap();
+    let need = schema_bus::shared_memory_needed(&schema_bus::qos::FRAME, &RGB) as usize;
+    assert!(segment.len <= need && need <= segment.len + (1 << 17), "the budget says {need}, the segment has {}", segment.len);
     assert_eq!((segment.base as usize % 4096, segment.len % 4096), (0, 0));
     let mut loan = publisher.loan(512).unwrap();
     let offset = loan.offset_in_segment().expect("the segment is known");
@@ -227,6 +229,42 @@ fn a_missing_topic_names_what_there_is() {
     assert_eq!(error, "there is no topic \"d/ego/front/rgb\"; there is ego/rear/rgb");
     assert!(matches!(bus.frame_service("ego/front/rbg", RGB), Err(BusError::Name { .. })));
     assert!(matches!(Bus::open("a/b", "x"), Err(BusError::Domain { .. })));
+}
+
+#[test]
+fn a_segment_larger_than_shared_memory_is_refused_with_both_figures() {
+    let place = Place::new("huge");
+    let bus = place.bus("simd");
+    let spec = FrameTopic { max_payload_bytes: 1 << 40, ..RGB };
+    let error = bus.frame_publisher("ego/front/rgb", spec).unwrap_err().to_string();
+    assert!(error.starts_with("cannot reserve 24117249 MiB of shared memory for d/ego/front/rgb: /dev/shm has "), "{error}");
+}
+
+#[test]
+fn a_daemon_that_comes_back_with_more_readers_is_told_to_stop_the_old_ones() {
+    let place = Place::new("capacity");
+    let bus = place.bus("simd");
+    let service = bus.frame_service("ego/front/rgb", RGB).unwrap();
+    let _reader = place.bus("reader").frame_reader("ego/front/rgb").unwrap();
+    drop(service);
+    let error = bus.frame_service("ego/front/rgb", FrameTopic { max_readers: 8, ..RGB }).unwrap_err();
+    assert!(matches!(error, BusError::Capacity { .. }), "{error}");
+    assert!(error.to_string().contains("stop all readers of this domain"), "{error}");
+}
+
+#[test]
+fn a_second_daemon_sees_the_first_and_not_a_killed_one() {
+    let place = Place::new("second");
+    let bus = place.bus("second");
+    let mut child = start_child(&place, "info");
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !bus.daemon_alive().unwrap() {
+        assert!(Instant::now() < deadline);
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!bus.daemon_alive().unwrap());
 }
 
 #[test]
@@ -388,6 +426,11 @@ fn child_that_runs_until_it_is_killed() {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
+    }
+    if role == "info" {
+        let _info = bus.document_publisher(names::WORLD_INFO).unwrap();
+        std::thread::sleep(Duration::from_secs(60));
+        return;
     }
     let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
     let _loan = publisher.loan(512).unwrap();
