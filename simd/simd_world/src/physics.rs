@@ -88,18 +88,17 @@ impl Physics {
         self.engine.step_with_events(&(), &self.contacts);
     }
 
-    /// Contacts since the last call, one entry per (vehicle, other), sorted.
-    pub fn take_collisions(&mut self) -> Vec<Collision> {
-        let mut raw = std::mem::take(self.contacts.entries.get_mut().expect("nobody panics while logging a contact"));
+    /// Fills `merged` with the contacts since the last call, one entry per (vehicle, other), sorted.
+    pub fn take_collisions(&mut self, merged: &mut Vec<Collision>) {
+        let raw = self.contacts.entries.get_mut().expect("nobody panics while logging a contact");
         raw.sort_by_key(|entry| (entry.actor, entry.other));
-        let mut merged: Vec<Collision> = Vec::new();
-        for entry in raw {
+        merged.clear();
+        for entry in raw.drain(..) {
             match merged.last_mut().filter(|last| (last.actor, last.other) == (entry.actor, entry.other)) {
                 Some(last) => (0..3).for_each(|axis| last.impulse_in_world_ns[axis] += entry.impulse_in_world_ns[axis]),
                 None => merged.push(entry),
             }
         }
-        merged
     }
 
     /// Whether `shape` at `pose` overlaps solid ground or scenery.

@@ -22,8 +22,9 @@ impl World {
     /// `dt_secs` is the length of the step that led here; without one (a change between steps) accelerations and contact flags stay.
     pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
         let previous = std::mem::take(&mut self.records);
+        let mut records = std::mem::take(&mut self.previous_records);
+        records.clear();
         let before = |id: ActorId| previous.binary_search_by_key(&id.0, |record| record.id).ok().map(|idx| &previous[idx]);
-        let mut records: Vec<ActorRecord> = Vec::with_capacity(self.actors.len());
         let mut limits = std::mem::take(&mut self.speed_limits);
         for actor in self.actors.values() {
             let motion = self.motion(actor, &records);
@@ -44,6 +45,7 @@ impl World {
         }
         self.speed_limits = limits;
         self.records = records;
+        self.previous_records = previous;
     }
 
     /// Parents have smaller ids than what is attached to them, so their records are made already.

@@ -33,6 +33,8 @@ const SPRING_M: f32 = 0.30;
 const DAMPING_RATIO: f32 = 0.5;
 /// Below this speed a vehicle that nothing drives is held against gravity, m/s.
 const HOLD_MPS: f32 = 0.08;
+/// A vehicle this far below the map's origin has fallen out of the world, metres.
+const FALL_M: f32 = 500.0;
 /// Most wheels that a record can show.
 pub(crate) const MAX_WHEELS: usize = 6;
 
@@ -135,6 +137,7 @@ impl Vehicle {
             && body.linvel().is_finite()
             && body.angvel().is_finite()
             && body.translation().abs().max_element() < 1e5
+            && body.translation().z > -FALL_M
             && body.linvel().length() < 500.0;
         if sane {
             self.last_good = physics.world_pose(body.position());
@@ -355,4 +358,42 @@ pub(crate) fn chassis_box(model: &VehicleModel) -> (Vector, Vector) {
     let clearance = (0.6 * model.wheel_radius_m as f32).max(0.18);
     let half_z = 0.5 * (2.0 * z - clearance);
     (Vector::new(0.0, 0.0, clearance + half_z), Vector::new(x, y, half_z))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::map::MapData;
+    use crate::vehicle_models;
+
+    #[test]
+    fn body_that_is_not_finite_is_put_back_and_harms_nobody_else() {
+        let mut physics = Physics::with_map(&MapData::flat(100.0)).expect("the flat map is valid");
+        let at = |x: f64| Isometry3::translation(x, 0.0, 0.1);
+        let mut cars: Vec<Vehicle> =
+            (0..2).map(|i| Vehicle::new(&mut physics, &vehicle_models()[0], i + 1, &at(20.0 * i as f64))).collect();
+        let mut reports = 0;
+        for step in 0..200 {
+            if step == 100 {
+                physics.engine.bodies[cars[0].body].set_linvel(Vector::new(f32::NAN, 0.0, 0.0), true);
+            }
+            cars.iter_mut().for_each(|car| car.pre_step(&mut physics, 0.01));
+            physics.step(0.01);
+            reports += cars.iter_mut().filter_map(|car| car.finish_step(&mut physics).then_some(())).count();
+        }
+        assert_eq!((reports, cars[0].quarantined, cars[1].quarantined), (1, true, false));
+        for (car, x_m) in cars.iter().zip([0.0, 20.0]) {
+            let place = car.pose(&physics).translation.vector;
+            assert!((place.x - x_m).abs() < 0.01 && place.z.abs() < 0.02, "{place}");
+        }
+        // A new pose brings it back to life.
+        cars[0].set_pose(&mut physics, &at(40.0));
+        for _ in 0..200 {
+            cars[0].pre_step(&mut physics, 0.01);
+            physics.step(0.01);
+            assert!(!cars[0].finish_step(&mut physics));
+        }
+        let (velocity, spin) = cars[0].velocity(&physics);
+        assert!(velocity.norm() + spin.norm() < 0.01 && cars[0].pose(&physics).translation.z.abs() < 0.02);
+    }
 }

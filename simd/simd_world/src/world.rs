@@ -84,6 +84,8 @@ pub struct World {
     pub(crate) actors: BTreeMap<ActorId, Actor>,
     pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
     pub(crate) records: Vec<ActorRecord>,
+    /// Records before the last step or change; kept so that their memory is used again.
+    pub(crate) previous_records: Vec<ActorRecord>,
     pub(crate) speed_limits: BTreeMap<ActorId, ([f64; 3], f32)>,
     pub(crate) meshes: ActorMeshes,
     pub(crate) weather: Weather,
@@ -107,6 +109,7 @@ impl World {
             actors: BTreeMap::new(),
             vehicles: BTreeMap::new(),
             records: Vec::new(),
+            previous_records: Vec::new(),
             speed_limits: BTreeMap::new(),
             meshes: ActorMeshes::default(),
             weather: Weather::default(),
@@ -188,7 +191,7 @@ impl World {
                 }
             }
         }
-        self.collisions = self.physics.take_collisions();
+        self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
         self.refresh_records(Some(dt_secs));
     }

@@ -218,3 +218,30 @@ fn reverse_drives_backwards_and_full_lock_at_speed_does_not_roll_anything_over()
         }
     }
 }
+
+#[test]
+fn fast_bend_holds_its_radius_up_to_grip_and_runs_wide_beyond() {
+    // Lateral acceleration v²/R against µ g.
+    for (speed_mps, steer_rad, holds) in [(8.0, 0.2, true), (10.0, 0.12, true), (12.0, 0.09, true), (14.0, 0.35, false)] {
+        let (mut world, car) = standing("vehicle.tesla.model3");
+        let kind = model("vehicle.tesla.model3");
+        roll(&mut world, car, speed_mps);
+        let steer_ratio = (steer_rad / kind.max_steer_rad()) as f32;
+        let (mut turned_rad, mut way_m) = (0.0, 0.0);
+        for tick in 0..100 {
+            let (_, yaw, speed) = place(&world, car);
+            let throttle_ratio = ((speed_mps - speed) * 0.5).clamp(0.0, 1.0) as f32;
+            world.set_control(car, VehicleControl { steer_ratio, throttle_ratio, ..Default::default() }).unwrap();
+            world.step(TICK_NANOS);
+            if tick >= 20 {
+                turned_rad +=
+                    (place(&world, car).1 - yaw + 3.0 * std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
+                way_m += place(&world, car).2 * TICK_SECS;
+            }
+        }
+        let (radius_m, expected_m) = (way_m / turned_rad, (kind.wheelbase_m / f64::tan(steer_rad)).hypot(0.5 * kind.wheelbase_m));
+        let lateral_g = speed_mps * speed_mps / expected_m / GRAVITY_MPS2;
+        println!("{speed_mps} m/s at {steer_rad} rad ({lateral_g:.2} g): radius {radius_m:.1} m, geometric {expected_m:.1} m");
+        assert_eq!((radius_m / expected_m - 1.0).abs() < 0.1, holds, "{radius_m} against {expected_m}");
+    }
+}
