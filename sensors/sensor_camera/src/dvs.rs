@@ -16,7 +16,7 @@ use sensor_gpu::Mapped;
 use sensor_spec::DvsSpec;
 
 use crate::view::ViewSpec;
-use field::{Bounds, Motion, Picture};
+use field::{Bounds, Motion, Path, Picture, smooth_at};
 
 /// Images of this firing, as the GPU left them.
 pub(crate) struct DvsImages {
@@ -135,7 +135,8 @@ impl DvsState {
             })
             .collect();
         let mut events = rows.concat();
-        events.par_sort_by_key(|event| (event.nanos_in_window, event.y_px, event.x_px));
+        // One number per event: three times as fast as comparing field by field. Equal keys are one pixel's equal events.
+        events.par_sort_unstable_by_key(|event| (event.nanos_in_window as u64) << 32 | (event.y_px as u64) << 16 | event.x_px as u64);
         events
     }
 }
@@ -164,32 +165,70 @@ impl Window<'_> {
         let i = y * self.now.size_px[0] + x;
         let (up, down) = (self.spec.positive_threshold * factor, self.spec.negative_threshold * factor);
         let (begin, end) = (self.previous.log[i], self.now.log[i]);
-        let candidates = self.motion.candidates(x, y);
+        let path = self.motion.path(x, y);
         let reference = pixel.reference;
-        let quiet = |low: f32, high: f32| high - reference < up && reference - low < down;
-        let fastest_px = candidates.fastest_px();
-        let is_quiet = if fastest_px == 0.0 {
-            quiet(begin.min(end), begin.max(end))
-        } else {
-            candidates.span(self.bounds, x, y).is_some_and(|(low, high)| quiet(low, high))
-        };
-        if is_quiet {
-            pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
-            return;
-        }
-        let n_steps = ((fastest_px / self.spec.substep_px).ceil() as usize).clamp(1, MAX_STEPS);
+        let n_steps = ((path.fastest_px() / self.spec.substep_px).ceil() as usize).clamp(1, MAX_STEPS);
         let mut crossing = Crossing { up, down, pixel, refractory_nanos: self.spec.refractory_nanos };
-        let mut before = begin;
-        for step in 1..=n_steps {
-            let share = step as f32 / n_steps as f32;
-            let level = if step == n_steps { end } else { self.motion.level(self.previous, self.now, &candidates, x, y, share) };
-            let nanos = |step: usize| (self.nanos as u64 * step as u64 / n_steps as u64) as u32;
-            crossing.follow(before, level, nanos(step - 1), nanos(step), event);
-            before = level;
+        let nanos = |step: usize| (self.nanos as u64 * step as u64 / n_steps as u64) as u32;
+        match path {
+            Path::Still => {
+                if end - reference >= up || reference - end >= down {
+                    crossing.follow(begin, end, 0, self.nanos, event);
+                }
+            }
+            Path::Smooth { begin: m0, end: m1 } => {
+                let at = [x as f32 + 0.5, y as f32 + 0.5];
+                let share = |step: usize| step as f32 / n_steps as f32;
+                let mut before = begin;
+                let mut step = 0;
+                while step < n_steps {
+                    // A stretch whose surroundings hold no crossing is passed in one go.
+                    let last = (step + STRETCH_STEPS).min(n_steps);
+                    let quiet = self.is_quiet(&crossing, smooth_at(at, m0, m1, share(step)), smooth_at(at, m0, m1, share(last)));
+                    let first = if quiet { last } else { step + 1 };
+                    for next in first..=last {
+                        let level = if next == n_steps {
+                            end
+                        } else {
+                            self.smooth_level(smooth_at(at, m0, m1, share(next)), share(next), begin, end)
+                        };
+                        crossing.follow(before, level, nanos(step), nanos(next), event);
+                        (before, step) = (level, next);
+                    }
+                }
+            }
+            Path::Several { motions, n } => {
+                let mut before = begin;
+                for step in 1..=n_steps {
+                    let share = step as f32 / n_steps as f32;
+                    let level = if step == n_steps { end } else { self.motion.level(self.previous, self.now, &motions[..n], x, y, share) };
+                    crossing.follow(before, level, nanos(step - 1), nanos(step), event);
+                    before = level;
+                }
+            }
         }
         pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
     }
+
+    /// Whether no brightness between these points of a path can cross a threshold.
+    fn is_quiet(&self, crossing: &Crossing<'_>, from: ([f32; 2], [f32; 2]), to: ([f32; 2], [f32; 2])) -> bool {
+        let (now, previous) = (self.bounds[1].between(from.0, to.0), self.bounds[0].between(from.1, to.1));
+        let reference = crossing.pixel.reference;
+        now.1.max(previous.1) - reference < crossing.up && reference - now.0.min(previous.0) < crossing.down
+    }
+
+    /// Brightness of a smooth path's point, seen in both pictures or in the one that shows it.
+    fn smooth_level(&self, (ahead, behind): ([f32; 2], [f32; 2]), share: f32, begin: f32, end: f32) -> f32 {
+        match (self.previous.log_at(behind[0], behind[1]), self.now.log_at(ahead[0], ahead[1])) {
+            (Some(before), Some(after)) => before + (after - before) * share,
+            (Some(level), None) | (None, Some(level)) => level,
+            (None, None) => begin + (end - begin) * share,
+        }
+    }
 }
+
+/// Steps that are tried in one go: 16 pixels span two or three tiles.
+const STRETCH_STEPS: usize = 16;
 
 /// Threshold crossings of one pixel.
 struct Crossing<'p> {

@@ -37,18 +37,20 @@ impl Picture {
     }
 
     /// Bilinear brightness at a position (pixel centres at halves); `None` outside.
-    fn log_at(&self, x_px: f32, y_px: f32) -> Option<f32> {
+    pub fn log_at(&self, x_px: f32, y_px: f32) -> Option<f32> {
         let [width, height] = self.size_px;
         if !(x_px >= 0.0 && y_px >= 0.0 && x_px <= width as f32 && y_px <= height as f32) {
             return None;
         }
-        let (x, y) = ((x_px - 0.5).clamp(0.0, (width - 1) as f32), (y_px - 0.5).clamp(0.0, (height - 1) as f32));
-        let (x0, y0) = (x as usize, y as usize);
-        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
+        let (x, y) = ((x_px - 0.5).max(0.0).min((width - 1) as f32), (y_px - 0.5).max(0.0).min((height - 1) as f32));
+        // Through i32: a conversion to usize costs a branch for numbers beyond 2⁶³.
+        let (x0, y0) = (x as i32, y as i32);
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
+        let (x0, y0) = (x0 as usize, y0 as usize);
+        let (x1, y1) = ((x0 + 1).min(width - 1), (y0 + 1).min(height - 1));
         let row = |y: usize| {
-            let (a, b) = (self.log[y * width + x0], self.log[y * width + x1]);
-            a + (b - a) * fx
+            let row = &self.log[y * width..(y + 1) * width];
+            row[x0] + (row[x1] - row[x0]) * fx
         };
         let (low, high) = (row(y0), row(y1));
         Some(low + (high - low) * fy)
@@ -91,47 +93,58 @@ impl Bounds {
         Bounds { tiles, range: (0..tiles[0] * tiles[1]).into_par_iter().map(range_of).collect() }
     }
 
-    /// Bounds over the tiles between two positions (clamped to the image); `None` if they are too many to be worth it.
-    fn between(&self, a: [f32; 2], b: [f32; 2]) -> Option<(f32, f32)> {
-        let tile = |position: f32, axis: usize| ((position / TILE_PX as f32).max(0.0) as usize).min(self.tiles[axis] - 1);
+    /// Bounds over the tiles between two positions (clamped to the image).
+    pub fn between(&self, a: [f32; 2], b: [f32; 2]) -> (f32, f32) {
+        let tile = |position: f32, axis: usize| ((position * (1.0 / TILE_PX as f32)).max(0.0) as usize).min(self.tiles[axis] - 1);
         let (x0, x1) = (tile(a[0].min(b[0]), 0), tile(a[0].max(b[0]), 0));
         let (y0, y1) = (tile(a[1].min(b[1]), 1), tile(a[1].max(b[1]), 1));
-        if (x1 - x0 + 1) * (y1 - y0 + 1) > MAX_TILES {
-            return None;
+        let mut bounds = (f32::INFINITY, f32::NEG_INFINITY);
+        for y in y0..=y1 {
+            for (low, high) in &self.range[y * self.tiles[0] + x0..=y * self.tiles[0] + x1] {
+                bounds = (bounds.0.min(*low), bounds.1.max(*high));
+            }
         }
-        let tiles = (y0..=y1).flat_map(|y| &self.range[y * self.tiles[0] + x0..=y * self.tiles[0] + x1]);
-        Some(tiles.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), (l, h)| (low.min(*l), high.max(*h))))
+        bounds
     }
 }
 
-/// Looking at more tiles costs as much as following the pixel.
-const MAX_TILES: usize = 32;
-
-/// Motions of what may pass a pixel during the window, pixels per window.
+/// How what may pass a pixel moves during the window, pixels per window.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Candidates {
-    motions: [[f32; 2]; 3],
-    n: usize,
+pub(super) enum Path {
+    /// Nothing moves here.
+    Still,
+    /// One surface: the motion of what is here at the beginning and at the end; in between it changes evenly.
+    Smooth { begin: [f32; 2], end: [f32; 2] },
+    /// Several surfaces, of which the nearest is seen.
+    Several { motions: [[f32; 2]; 3], n: usize },
 }
 
-impl Candidates {
+impl Path {
     pub fn fastest_px(&self) -> f32 {
-        self.motions[..self.n].iter().map(|m| norm2(*m)).fold(0.0, f32::max).sqrt()
+        let squared = match self {
+            Path::Still => 0.0,
+            Path::Smooth { begin, end } => norm2(*begin).max(norm2(*end)),
+            Path::Several { motions, n } => motions[..*n].iter().map(|m| norm2(*m)).fold(0.0, f32::max),
+        };
+        squared.sqrt()
     }
+}
 
-    /// Bounds of the brightness that any of them can bring here.
-    pub fn span(&self, bounds: &[Bounds; 2], x: usize, y: usize) -> Option<(f32, f32)> {
-        let at = [x as f32 + 0.5, y as f32 + 0.5];
-        self.motions[..self.n].iter().try_fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), m| {
-            let before = bounds[0].between(at, [at[0] - m[0], at[1] - m[1]])?;
-            let after = bounds[1].between(at, [at[0] + m[0], at[1] + m[1]])?;
-            Some((low.min(before.0).min(after.0), high.max(before.1).max(after.1)))
-        })
-    }
+/// Where a smooth path's point is in the picture of the end and in that of the beginning, when `share` of the window has passed.
+pub(super) fn smooth_at(at: [f32; 2], begin: [f32; 2], end: [f32; 2], share: f32) -> ([f32; 2], [f32; 2]) {
+    let m = [begin[0] + (end[0] - begin[0]) * share, begin[1] + (end[1] - begin[1]) * share];
+    let rest = 1.0 - share;
+    ([at[0] + m[0] * rest, at[1] + m[1] * rest], [at[0] - m[0] * share, at[1] - m[1] * share])
 }
 
 fn norm2(m: [f32; 2]) -> f32 {
     m[0] * m[0] + m[1] * m[1]
+}
+
+/// Whether two motions may be those of one surface seen in perspective: half a pixel and a third of the speed apart at most.
+fn smooth(a: [f32; 2], b: [f32; 2]) -> bool {
+    let tolerance = 0.5 + 0.35 * norm2(a).max(norm2(b)).sqrt();
+    norm2([a[0] - b[0], a[1] - b[1]]) <= tolerance * tolerance
 }
 
 /// Whether two motions are the same surface's: half a pixel and a tenth of the speed apart at most.
@@ -170,44 +183,49 @@ impl Motion {
         Motion { size_px: now.size_px, tiles, now: now.flow.clone(), before, passing }
     }
 
-    pub fn candidates(&self, x: usize, y: usize) -> Candidates {
+    pub fn path(&self, x: usize, y: usize) -> Path {
         let i = y * self.size_px[0] + x;
-        let mut candidates = Candidates { motions: [self.now[i]; 3], n: 1 };
-        for other in [self.before[i], self.passing[y / TILE_PX * self.tiles[0] + x / TILE_PX]] {
-            if !candidates.motions[..candidates.n].iter().any(|known| alike(other, *known)) {
-                candidates.motions[candidates.n] = other;
-                candidates.n += 1;
+        let (begin, end) = (self.before[i], self.now[i]);
+        let passing = self.passing[y / TILE_PX * self.tiles[0] + x / TILE_PX];
+        if smooth(begin, end) && (passing == [0.0; 2] || smooth(passing, begin) || smooth(passing, end)) {
+            return if begin == [0.0; 2] && end == [0.0; 2] { Path::Still } else { Path::Smooth { begin, end } };
+        }
+        let (mut motions, mut n) = ([end; 3], 1);
+        for other in [begin, passing] {
+            if !motions[..n].iter().any(|known| alike(other, *known)) {
+                motions[n] = other;
+                n += 1;
             }
         }
-        candidates
+        Path::Several { motions, n }
     }
 
-    /// Brightness at a pixel when `share` of the window has passed.
-    pub fn level(&self, previous: &Picture, now: &Picture, candidates: &Candidates, x: usize, y: usize, share: f32) -> f32 {
+    /// Brightness at a pixel that several surfaces pass, when `share` of the window has passed.
+    pub fn level(&self, previous: &Picture, now: &Picture, motions: &[[f32; 2]], x: usize, y: usize, share: f32) -> f32 {
         let at = [x as f32 + 0.5, y as f32 + 0.5];
         let ahead = |m: [f32; 2]| [at[0] + m[0] * (1.0 - share), at[1] + m[1] * (1.0 - share)];
         let behind = |m: [f32; 2]| [at[0] - m[0] * share, at[1] - m[1] * share];
-        let mut chosen = candidates.motions[0];
-        let mut seen_after = candidates.n == 1;
-        if candidates.n > 1 {
-            // The nearest surface that really moves like this and is here now hides the others.
-            let mut nearest_m = f32::INFINITY;
-            for m in &candidates.motions[..candidates.n] {
-                let [px, py] = ahead(*m);
-                if let Some(i) = now.index_at(px, py).filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m)) {
-                    (nearest_m, chosen, seen_after) = (now.depth[i], *m, true);
-                }
-            }
-            if !seen_after {
-                // Hidden at the end: what was here at the beginning, moving on as it did.
-                chosen = self.before[y * self.size_px[0] + x];
+        // The nearest surface that really moves like this and is here now hides the others.
+        let (mut chosen, mut nearest_m) = (None, f32::INFINITY);
+        for m in motions {
+            let [px, py] = ahead(*m);
+            if let Some(i) = now.index_at(px, py).filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m)) {
+                (nearest_m, chosen) = (now.depth[i], Some(*m));
             }
         }
-        let ([ax, ay], [bx, by]) = (ahead(chosen), behind(chosen));
-        let seen_before = candidates.n == 1 || previous.index_at(bx, by).is_some_and(|i| alike(self.before[i], chosen));
-        let after = if seen_after { now.log_at(ax, ay) } else { None };
-        let before = if seen_before || !seen_after { previous.log_at(bx, by) } else { None };
         let i = y * self.size_px[0] + x;
+        let (before, after) = match chosen {
+            Some(m) => {
+                let ([ax, ay], [bx, by]) = (ahead(m), behind(m));
+                let seen_before = previous.index_at(bx, by).is_some_and(|i| alike(self.before[i], m));
+                (if seen_before { previous.log_at(bx, by) } else { None }, now.log_at(ax, ay))
+            }
+            // Hidden at the end: what was here at the beginning, moving on as it did.
+            None => {
+                let [bx, by] = behind(self.before[i]);
+                (previous.log_at(bx, by), None)
+            }
+        };
         match (before, after) {
             (Some(before), Some(after)) => before + (after - before) * share,
             (Some(level), None) | (None, Some(level)) => level,
@@ -229,20 +247,25 @@ fn scatter(now: &Picture, before: &mut [[f32; 2]]) {
     }
 }
 
-/// Gives each tile the fastest motion among those that pass it on their way.
+/// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump in their motion send one out:
+/// what passes a pixel without being there at the beginning or the end has rims.
 fn spread(now: &Picture, tiles: [usize; 2], passing: &mut [[f32; 2]]) {
     let [width, height] = now.size_px;
     let fastest_of = |tile: usize| {
         let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
-        let mut fastest = [0.0; 2];
-        for y in ty..(ty + TILE_PX).min(height) {
-            for flow in &now.flow[y * width + tx..y * width + (tx + TILE_PX).min(width)] {
+        let (mut fastest, mut slowest) = ([0.0; 2], [f32::INFINITY; 2]);
+        // One pixel more to the left and above: a jump may lie between two tiles.
+        for y in ty.saturating_sub(1)..(ty + TILE_PX).min(height) {
+            for flow in &now.flow[y * width + tx.saturating_sub(1)..y * width + (tx + TILE_PX).min(width)] {
                 if norm2(*flow) > norm2(fastest) {
                     fastest = *flow;
                 }
+                if norm2(*flow) < norm2(slowest) {
+                    slowest = *flow;
+                }
             }
         }
-        fastest
+        if smooth(fastest, slowest) { [0.0; 2] } else { fastest }
     };
     let fastest: Vec<[f32; 2]> = (0..tiles[0] * tiles[1]).into_par_iter().map(fastest_of).collect();
     for (tile, m) in fastest.iter().enumerate().filter(|(_, m)| norm2(**m) > 0.0) {
