@@ -121,8 +121,8 @@ struct House {
 /// Builds a house on a lot. Returns its height over the pavement.
 pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, tall: bool, object: ObjectId, random: &mut Random) -> f64 {
     let floors = if tall { 4 + random.below(8) } else { 3 + random.below(4) };
-    let shop_m = if random.chance(if tall { 0.85 } else { 0.45 }) { 4.2 } else { 0.0 };
-    let eaves_m = shop_m + 3.2 * floors as f64 + 0.4;
+    let shop_m = if random.chance(if tall { 0.85 } else { 0.45 }) { 3.9 } else { 0.0 };
+    let eaves_m = shop_m + 3.1 * floors as f64 + 0.4;
     let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
     let house =
         House { key: Key::at(Layer::Building, middle), object, footprint: lot.footprint_m, wall: random.pick(&WALLS), shop_m, eaves_m };
@@ -275,12 +275,12 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
     }
     if random.chance(0.4) {
         let rail = house.surface(Material::Metal, [58, 60, 64]);
-        let n_floors = ((house.eaves_m - house.shop_m) / 3.2) as usize;
+        let n_floors = ((house.eaves_m - house.shop_m) / 3.1) as usize;
         let columns = ((width - 3.0) / 4.5).max(1.0) as usize;
         for floor in 1..n_floors.min(6) {
             for c in 0..columns {
                 let u = 1.5 + (width - 3.0) * (c as f64 + 0.5) / columns as f64;
-                let z = BASE_M + house.shop_m + 3.2 * floor as f64;
+                let z = BASE_M + house.shop_m + 3.1 * floor as f64;
                 closed_prism(chunks, house.key, 0..=0, stone, &slab(u - 1.1, u + 1.1, 0.95), (z - 0.12, z));
                 closed_prism(chunks, house.key, 0..=0, rail, &slab(u - 1.1, u + 1.1, 0.95), (z, z + 0.06));
                 let front = slab(u - 1.1, u + 1.1, 0.95);

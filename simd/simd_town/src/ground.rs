@@ -5,7 +5,7 @@ use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
 use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
-use crate::geometry::P2;
+use crate::geometry::{P2, wrap};
 use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Edge;
@@ -139,6 +139,45 @@ fn across(chunks: &mut Chunks, network: &Network, arm: &Arm, road: &Road, object
     }
 }
 
+/// Arrows on the lanes of main roads before lights: every way that the lane has.
+fn arrows(chunks: &mut Chunks, network: &Network, junction: usize, arm_idx: usize) {
+    let arms = &network.junctions[junction].arms;
+    let arm = &arms[arm_idx];
+    let road = &network.roads[arm.road];
+    let object = ObjectId::scenery(road.id);
+    let side = if arm.at_start { 1.0 } else { -1.0 };
+    for lane in 1..=road.profile.n_lanes as i32 {
+        let id = if arm.at_start { lane } else { -lane };
+        let middle = side * (f64::from(lane) - 0.5) * road.profile.lane_m;
+        // (forward, left) in driving direction, from the arrow's tail.
+        let at = |(forward, left): (f64, f64)| road.path.beside(network.arm_station(arm, STOP_M + 8.5 - forward), middle - side * left);
+        let turns: Vec<f64> = (network.links.iter())
+            .filter(|link| link.junction == junction && link.from == (arm_idx, id))
+            .map(|link| wrap(arms[link.to.0].heading_rad - arm.heading_rad - std::f64::consts::PI))
+            .collect();
+        let straight = turns.iter().any(|turn| turn.abs() < 0.6);
+        let tip = if straight { 3.2 } else { 1.55 };
+        let mut shapes: Vec<Vec<(f64, f64)>> = vec![vec![(0.0, -0.08), (tip, -0.08), (tip, 0.08), (0.0, 0.08)]];
+        if straight {
+            shapes.push(vec![(3.2, -0.26), (4.2, 0.0), (3.2, 0.26)]);
+        }
+        for turn in turns.iter().filter(|turn| turn.abs() >= 0.6) {
+            let branch = [vec![(1.55, 0.08), (2.3, 0.62), (2.15, 0.75), (1.30, 0.08)], vec![(2.39, 0.47), (2.77, 1.12), (2.05, 0.91)]];
+            shapes.extend(branch.map(|mut corners| {
+                if *turn < 0.0 {
+                    corners.iter_mut().for_each(|corner| corner.1 = -corner.1);
+                    corners.reverse();
+                }
+                corners
+            }));
+        }
+        for corners in shapes {
+            let corners: Vec<P2> = corners.into_iter().map(at).collect();
+            chunks.flat(Layer::Ground, 0..=0, white(object), &corners, PAINT_M);
+        }
+    }
+}
+
 /// Station of the first parking bay's start, and length of a bay.
 pub const BAYS_M: (f64, f64) = (13.0, 6.0);
 
@@ -171,6 +210,11 @@ pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: 
         let triangle = [middle, border[i], border[(i + 1) % border.len()]];
         chunks.flat(Layer::Ground, ALL, asphalt(object), &triangle, 0.0);
         floor.road.flat(&triangle, 0.0);
+    }
+    for (i, arm) in junction.arms.iter().enumerate() {
+        if network.roads[arm.road].profile.main && arm.waits {
+            arrows(chunks, network, idx, i);
+        }
     }
 }
 

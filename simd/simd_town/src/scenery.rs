@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Vector3};
 use schema_types::{Class, ObjectId};
 use sensor_core::{Mesh, MeshId, SceneAssets};
 
+use crate::building::Lot;
 use crate::chunk::{Chunks, place};
 use crate::geometry::{P2, heading, left, unit};
 use crate::ground::{BAYS_M, Floor, n_bays};
@@ -198,12 +199,40 @@ impl Builder<'_> {
             if park {
                 self.park(kit, ring);
             } else {
-                for lot in building::lots(ring, &mut random) {
+                let lots = building::lots(ring, &mut random);
+                for lot in &lots {
                     let object = self.object(Class::BUILDINGS, "building");
                     let tall = !ring.outside && lot.footprint_m[0].norm() < 150.0;
-                    building::build(&mut self.chunks, &mut self.solid, &lot, tall, object, &mut random);
+                    building::build(&mut self.chunks, &mut self.solid, lot, tall, object, &mut random);
                 }
+                self.green_gaps(kit, ring, &lots, &mut random);
             }
+        }
+    }
+
+    /// Trees where houses left room: in corners and yards, and in a belt round the town.
+    fn green_gaps(&mut self, kit: &Kit, ring: &Ring, lots: &[Lot], random: &mut Random) {
+        let n = ring.back_m.len();
+        let wanted = if ring.outside { 160 } else { 7 };
+        let mut spots: Vec<P2> = Vec::new();
+        for _ in 0..wanted * 12 {
+            let i = random.below(n);
+            let (a, b) = (ring.back_m[i], ring.back_m[(i + 1) % n]);
+            if (b - a).norm() < 1e-3 {
+                continue;
+            }
+            let deep = if ring.outside { random.between(2.5, 90.0) } else { random.between(2.2, 9.0) };
+            let p = a + (b - a) * random.unit() + left((b - a).normalize()) * deep;
+            let free = (contains(&ring.back_m, p) != ring.outside)
+                && ring.back_m.iter().all(|q| (p - q).norm() > 2.0)
+                && spots.iter().all(|q| (p - q).norm() > 4.5)
+                && !lots.iter().any(|lot| (0..12).any(|k| contains(&lot.footprint_m, p + unit(f64::from(k) * 0.53) * 2.4)));
+            if free && spots.len() < wanted {
+                spots.push(p);
+            }
+        }
+        for p in spots {
+            self.tree(kit, p, random);
         }
     }
 
