@@ -15,6 +15,7 @@ mod command;
 mod drive;
 mod lights;
 mod map;
+mod models;
 mod physics;
 mod records;
 mod scenario;
@@ -23,9 +24,9 @@ mod spawn;
 mod vehicle;
 mod world;
 
-pub use catalogue::{VehicleModel, vehicle_models};
 pub use drive::{DriveInput, DriveOutput, DriveTrain, EngineSpec};
 pub use map::{CollisionMesh, LightHeads, LoadError, MapData};
+pub use models::{VehicleModel, vehicle_models};
 pub use physics::Collision;
 pub use scenario::Scenario;
 pub use spawn::{DestroyError, SpawnError};

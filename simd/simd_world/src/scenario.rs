@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use schema_types::ActorId;
 use schema_types::noise::Noise;
 
-use crate::catalogue::{VehicleModel, color_text, vehicle_models};
+use crate::catalogue::color_text;
+use crate::models::{VehicleModel, vehicle_models};
 use crate::spawn::SpawnError;
 use crate::world::World;
 

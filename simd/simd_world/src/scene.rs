@@ -8,7 +8,7 @@ use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
 use simd_town::vehicle_meshes;
 
-use crate::catalogue::vehicle_models;
+use crate::models::vehicle_models;
 use crate::vehicle::{Vehicle, WheelState};
 use crate::world::World;
 

@@ -7,7 +7,8 @@ use rapier3d::parry::shape::Cuboid;
 use schema_frames::{ActorKind, VehicleControl};
 use schema_types::{ActorId, Pose};
 
-use crate::catalogue::{self, FIXED_ATTRIBUTES, VehicleModel, vehicle_models};
+use crate::catalogue::{self, FIXED_ATTRIBUTES};
+use crate::models::{VehicleModel, vehicle_models};
 use crate::physics::Physics;
 use crate::vehicle::{Vehicle, chassis_box};
 use crate::world::{Actor, World};

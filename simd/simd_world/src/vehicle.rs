@@ -11,8 +11,8 @@ use rapier3d::math::Vector;
 use rapier3d::prelude::*;
 use schema_frames::VehicleControl;
 
-use crate::catalogue::VehicleModel;
 use crate::drive::{DriveInput, DriveTrain};
+use crate::models::VehicleModel;
 use crate::physics::{GRAVITY_MPS2, Physics, narrow, widen};
 
 /// Friction between tyre and road.

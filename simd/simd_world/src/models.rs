@@ -1,0 +1,485 @@
+//! The vehicles: measures, masses, engines, paints.
+//!
+//! Ids, half extents and types are CARLA 0.9.16's; masses, wheelbases and engines are ours, chosen for the kind of vehicle.
+
+use schema_frames::document::BodyBox;
+use schema_types::Class;
+use simd_town::{BodyStyle, VehicleShape};
+
+use crate::drive::EngineSpec;
+
+/// One kind of vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct VehicleModel {
+    /// Catalogue id.
+    pub type_id: &'static str,
+    /// Body style.
+    pub style: BodyStyle,
+    /// Semantic class.
+    pub class: Class,
+    /// CARLA's `base_type`.
+    pub base_type: &'static str,
+    /// CARLA's `special_type`.
+    pub special_type: &'static str,
+    /// CARLA's `generation`.
+    pub generation: u8,
+    /// Half length, width, height of the body box with mirrors, metres; the box stands on the ground about the origin.
+    pub half_m: [f64; 3],
+    /// Distance between the axles, metres.
+    pub wheelbase_m: f64,
+    /// Radius of the wheels, metres.
+    pub wheel_radius_m: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Drag coefficient times frontal area, m².
+    pub drag_area_m2: f64,
+    /// Engine and gearbox.
+    pub engine: EngineSpec,
+    /// Whether the front wheels are driven.
+    pub front_driven: bool,
+    /// Whether the rear wheels are driven.
+    pub rear_driven: bool,
+    /// Paints, sRGB; the first is the default.
+    pub colors: &'static [[u8; 3]],
+}
+
+impl VehicleModel {
+    /// Number of wheels one sees.
+    pub fn n_wheels(&self) -> usize {
+        if self.is_two_wheeler() { 2 } else { 4 }
+    }
+
+    /// Motorcycle or bicycle.
+    pub fn is_two_wheeler(&self) -> bool {
+        matches!(self.style, BodyStyle::Motorcycle | BodyStyle::Bicycle)
+    }
+
+    /// Largest mean steering angle of the front wheels, radians.
+    pub fn max_steer_rad(&self) -> f64 {
+        match self.style {
+            BodyStyle::Bus | BodyStyle::Lorry => 0.82,
+            _ => 0.70,
+        }
+    }
+
+    /// Height of the centre of mass above the ground, metres.
+    pub fn mass_height_m(&self) -> f64 {
+        match self.style {
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => 0.25,
+            _ => (0.58 * self.half_m[2]).min(1.1),
+        }
+    }
+
+    /// Share of the mass on the front axle.
+    pub fn front_load_ratio(&self) -> f64 {
+        match self.style {
+            BodyStyle::Bus | BodyStyle::Lorry => 0.45,
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => 0.5,
+            _ => 0.53,
+        }
+    }
+
+    /// Half extents of the body without mirrors, metres: CARLA's boxes of buses and lorries include them, roads allow 2.6 m.
+    pub fn solid_half_m(&self) -> [f64; 3] {
+        [self.half_m[0], self.half_m[1].min(1.3), self.half_m[2]]
+    }
+
+    /// The shape its meshes are made from.
+    pub fn shape(&self) -> VehicleShape {
+        let half_m = self.solid_half_m();
+        VehicleShape { style: self.style, half_m, wheel_radius_m: self.wheel_radius_m, wheelbase_m: self.wheelbase_m }
+    }
+
+    pub(crate) fn body_box(&self) -> BodyBox {
+        BodyBox { centre_m: [0.0, 0.0, self.half_m[2] as f32], half_m: self.half_m.map(|x| x as f32) }
+    }
+}
+
+const PETROL_SMALL: EngineSpec = EngineSpec {
+    torque_curve: &[(600.0, 60.0), (1000.0, 85.0), (2000.0, 130.0), (3500.0, 155.0), (4500.0, 150.0), (6000.0, 120.0), (6500.0, 95.0)],
+    idle_rpm: 800.0,
+    launch_rpm: 2000.0,
+    max_rpm: 6500.0,
+    ratios: &[3.6, 2.05, 1.38, 1.03, 0.82, 0.68],
+    reverse_ratio: 3.4,
+    final_ratio: 4.1,
+    efficiency_ratio: 0.90,
+    shift_secs: 0.25,
+    drag_nm_s: 0.05,
+};
+const PETROL_STRONG: EngineSpec = EngineSpec {
+    torque_curve: &[(600.0, 180.0), (1000.0, 250.0), (2000.0, 360.0), (3500.0, 400.0), (4500.0, 390.0), (6000.0, 330.0), (6500.0, 280.0)],
+    ratios: &[3.9, 2.4, 1.6, 1.2, 0.95, 0.75],
+    final_ratio: 3.2,
+    shift_secs: 0.2,
+    drag_nm_s: 0.08,
+    ..PETROL_SMALL
+};
+const ELECTRIC: EngineSpec = EngineSpec {
+    torque_curve: &[(0.0, 380.0), (5000.0, 380.0), (8000.0, 238.0), (12000.0, 159.0), (16000.0, 119.0)],
+    idle_rpm: 0.0,
+    launch_rpm: 0.0,
+    max_rpm: 16000.0,
+    ratios: &[1.0],
+    reverse_ratio: 1.0,
+    final_ratio: 9.0,
+    efficiency_ratio: 0.95,
+    shift_secs: 0.0,
+    drag_nm_s: 0.02,
+};
+const ELECTRIC_SMALL: EngineSpec = EngineSpec {
+    torque_curve: &[(0.0, 90.0), (1500.0, 90.0), (4000.0, 34.0), (8000.0, 16.0)],
+    max_rpm: 8000.0,
+    drag_nm_s: 0.01,
+    ..ELECTRIC
+};
+const DIESEL_VAN: EngineSpec = EngineSpec {
+    torque_curve: &[(600.0, 150.0), (1000.0, 260.0), (1500.0, 360.0), (2500.0, 370.0), (3500.0, 310.0), (4200.0, 220.0)],
+    idle_rpm: 750.0,
+    launch_rpm: 1600.0,
+    max_rpm: 4200.0,
+    ratios: &[4.5, 2.5, 1.6, 1.15, 0.88, 0.7],
+    reverse_ratio: 4.2,
+    final_ratio: 4.0,
+    efficiency_ratio: 0.88,
+    shift_secs: 0.3,
+    drag_nm_s: 0.12,
+};
+const DIESEL_HEAVY: EngineSpec = EngineSpec {
+    torque_curve: &[(500.0, 700.0), (800.0, 1300.0), (1000.0, 1700.0), (1400.0, 1800.0), (1800.0, 1500.0), (2300.0, 900.0)],
+    idle_rpm: 550.0,
+    launch_rpm: 1000.0,
+    max_rpm: 2300.0,
+    ratios: &[7.0, 4.2, 2.6, 1.7, 1.15, 0.8],
+    reverse_ratio: 6.5,
+    final_ratio: 3.6,
+    efficiency_ratio: 0.86,
+    shift_secs: 0.4,
+    drag_nm_s: 0.9,
+};
+const MOTORBIKE: EngineSpec = EngineSpec {
+    torque_curve: &[(1000.0, 50.0), (3000.0, 70.0), (6000.0, 88.0), (9000.0, 85.0), (11000.0, 62.0)],
+    idle_rpm: 1200.0,
+    launch_rpm: 3500.0,
+    max_rpm: 11000.0,
+    ratios: &[2.8, 2.05, 1.65, 1.38, 1.2, 1.06],
+    reverse_ratio: 2.8,
+    final_ratio: 4.6,
+    efficiency_ratio: 0.9,
+    shift_secs: 0.15,
+    drag_nm_s: 0.015,
+};
+const LEGS: EngineSpec = EngineSpec {
+    torque_curve: &[(0.0, 55.0), (60.0, 45.0), (120.0, 5.0)],
+    idle_rpm: 0.0,
+    launch_rpm: 0.0,
+    max_rpm: 120.0,
+    ratios: &[0.9, 0.6, 0.42],
+    reverse_ratio: 0.9,
+    final_ratio: 1.0,
+    efficiency_ratio: 0.95,
+    shift_secs: 0.2,
+    drag_nm_s: 0.0,
+};
+
+const PAINTS: &[[u8; 3]] = &[
+    [156, 28, 30],
+    [22, 58, 112],
+    [222, 224, 226],
+    [24, 25, 28],
+    [120, 124, 128],
+    [172, 176, 180],
+    [40, 88, 70],
+    [196, 132, 28],
+    [88, 52, 36],
+    [66, 104, 150],
+];
+const TRUCK_PAINTS: &[[u8; 3]] = &[[214, 216, 218], [26, 76, 140], [186, 36, 30], [224, 168, 24], [52, 96, 60]];
+const BUS_PAINTS: &[[u8; 3]] = &[[206, 44, 36], [238, 196, 40], [34, 110, 168], [230, 232, 232]];
+const FIRE_PAINTS: &[[u8; 3]] = &[[196, 22, 20]];
+const POLICE_PAINTS: &[[u8; 3]] = &[[20, 20, 24]];
+const TAXI_PAINTS: &[[u8; 3]] = &[[238, 190, 20]];
+const AMBULANCE_PAINTS: &[[u8; 3]] = &[[240, 240, 236]];
+
+/// Fields shared by vehicles of one kind; the table below overrides them.
+const CAR: VehicleModel = VehicleModel {
+    type_id: "",
+    style: BodyStyle::Saloon,
+    class: Class::CAR,
+    base_type: "car",
+    special_type: "",
+    generation: 1,
+    half_m: [2.3, 0.95, 0.74],
+    wheelbase_m: 2.7,
+    wheel_radius_m: 0.33,
+    mass_kg: 1500.0,
+    drag_area_m2: 0.65,
+    engine: PETROL_STRONG,
+    front_driven: false,
+    rear_driven: true,
+    colors: PAINTS,
+};
+const HATCH: VehicleModel = VehicleModel {
+    style: BodyStyle::Hatch,
+    engine: PETROL_SMALL,
+    front_driven: true,
+    rear_driven: false,
+    mass_kg: 1180.0,
+    wheelbase_m: 2.45,
+    wheel_radius_m: 0.31,
+    ..CAR
+};
+const SUV: VehicleModel = VehicleModel {
+    style: BodyStyle::Suv,
+    front_driven: true,
+    mass_kg: 2100.0,
+    wheelbase_m: 2.8,
+    wheel_radius_m: 0.38,
+    drag_area_m2: 0.95,
+    ..CAR
+};
+const VAN: VehicleModel = VehicleModel {
+    style: BodyStyle::Van,
+    base_type: "van",
+    engine: DIESEL_VAN,
+    mass_kg: 2400.0,
+    wheelbase_m: 3.4,
+    wheel_radius_m: 0.35,
+    drag_area_m2: 1.6,
+    ..CAR
+};
+const LORRY: VehicleModel = VehicleModel {
+    style: BodyStyle::Lorry,
+    class: Class::TRUCK,
+    base_type: "truck",
+    engine: DIESEL_HEAVY,
+    mass_kg: 9000.0,
+    wheelbase_m: 4.6,
+    wheel_radius_m: 0.50,
+    drag_area_m2: 5.0,
+    colors: TRUCK_PAINTS,
+    ..CAR
+};
+const MOTORCYCLE: VehicleModel = VehicleModel {
+    style: BodyStyle::Motorcycle,
+    class: Class::MOTORCYCLE,
+    base_type: "motorcycle",
+    engine: MOTORBIKE,
+    mass_kg: 270.0,
+    wheelbase_m: 1.42,
+    wheel_radius_m: 0.31,
+    drag_area_m2: 0.55,
+    ..CAR
+};
+const BICYCLE: VehicleModel = VehicleModel {
+    style: BodyStyle::Bicycle,
+    class: Class::BICYCLE,
+    base_type: "bicycle",
+    engine: LEGS,
+    mass_kg: 90.0,
+    wheelbase_m: 1.0,
+    wheel_radius_m: 0.34,
+    drag_area_m2: 0.6,
+    ..CAR
+};
+
+static MODELS: &[VehicleModel] = &[
+    VehicleModel {
+        type_id: "vehicle.tesla.model3",
+        special_type: "electric",
+        half_m: [2.396, 1.082, 0.744],
+        wheelbase_m: 2.875,
+        wheel_radius_m: 0.34,
+        mass_kg: 1847.0,
+        drag_area_m2: 0.52,
+        engine: ELECTRIC,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.lincoln.mkz_2020",
+        generation: 2,
+        half_m: [2.446, 1.115, 0.740],
+        wheelbase_m: 2.85,
+        mass_kg: 1700.0,
+        ..CAR
+    },
+    VehicleModel { type_id: "vehicle.lincoln.mkz_2017", half_m: [2.451, 1.064, 0.755], wheelbase_m: 2.85, mass_kg: 1700.0, ..CAR },
+    VehicleModel {
+        type_id: "vehicle.dodge.charger_2020",
+        generation: 2,
+        half_m: [2.503, 1.049, 0.767],
+        wheelbase_m: 3.05,
+        wheel_radius_m: 0.35,
+        mass_kg: 1920.0,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.dodge.charger_police",
+        special_type: "emergency",
+        half_m: [2.487, 1.019, 0.771],
+        wheelbase_m: 3.05,
+        mass_kg: 1950.0,
+        colors: POLICE_PAINTS,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.ford.crown",
+        special_type: "taxi",
+        generation: 2,
+        half_m: [2.683, 0.901, 0.787],
+        wheelbase_m: 2.91,
+        mass_kg: 1850.0,
+        colors: TAXI_PAINTS,
+        ..CAR
+    },
+    VehicleModel { type_id: "vehicle.ford.mustang", half_m: [2.359, 0.947, 0.650], wheelbase_m: 2.72, mass_kg: 1650.0, ..CAR },
+    VehicleModel { type_id: "vehicle.chevrolet.impala", half_m: [2.679, 1.017, 0.705], wheelbase_m: 2.84, mass_kg: 1680.0, ..CAR },
+    VehicleModel { type_id: "vehicle.mercedes.coupe", half_m: [2.513, 1.076, 0.825], wheelbase_m: 2.94, mass_kg: 1900.0, ..CAR },
+    VehicleModel {
+        type_id: "vehicle.mercedes.coupe_2020",
+        generation: 2,
+        half_m: [2.337, 1.001, 0.721],
+        wheelbase_m: 2.84,
+        mass_kg: 1700.0,
+        ..CAR
+    },
+    VehicleModel { type_id: "vehicle.bmw.grandtourer", half_m: [2.306, 1.121, 0.834], wheelbase_m: 2.78, mass_kg: 1600.0, ..CAR },
+    VehicleModel { type_id: "vehicle.audi.tt", half_m: [2.091, 0.997, 0.693], wheelbase_m: 2.5, mass_kg: 1400.0, ..CAR },
+    VehicleModel { type_id: "vehicle.audi.a2", half_m: [1.853, 0.894, 0.775], wheelbase_m: 2.4, mass_kg: 1050.0, ..HATCH },
+    VehicleModel { type_id: "vehicle.citroen.c3", half_m: [1.994, 0.925, 0.809], wheelbase_m: 2.46, ..HATCH },
+    VehicleModel { type_id: "vehicle.mini.cooper_s", half_m: [1.903, 0.985, 0.738], wheelbase_m: 2.47, ..HATCH },
+    VehicleModel { type_id: "vehicle.nissan.micra", half_m: [1.817, 0.923, 0.751], wheelbase_m: 2.45, mass_kg: 1000.0, ..HATCH },
+    VehicleModel { type_id: "vehicle.seat.leon", half_m: [2.096, 0.908, 0.737], wheelbase_m: 2.6, mass_kg: 1300.0, ..HATCH },
+    VehicleModel {
+        type_id: "vehicle.toyota.prius",
+        special_type: "electric",
+        half_m: [2.257, 1.003, 0.762],
+        wheelbase_m: 2.7,
+        mass_kg: 1400.0,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.micro.microlino",
+        special_type: "electric",
+        half_m: [1.104, 0.740, 0.688],
+        wheelbase_m: 1.5,
+        wheel_radius_m: 0.26,
+        mass_kg: 560.0,
+        engine: ELECTRIC_SMALL,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.audi.etron",
+        special_type: "electric",
+        half_m: [2.428, 1.016, 0.825],
+        wheelbase_m: 2.93,
+        mass_kg: 2400.0,
+        engine: ELECTRIC,
+        ..SUV
+    },
+    VehicleModel { type_id: "vehicle.nissan.patrol", half_m: [2.302, 0.966, 0.927], wheelbase_m: 2.75, mass_kg: 2200.0, ..SUV },
+    VehicleModel {
+        type_id: "vehicle.nissan.patrol_2021",
+        generation: 2,
+        half_m: [2.783, 1.075, 1.023],
+        wheelbase_m: 3.08,
+        wheel_radius_m: 0.40,
+        mass_kg: 2700.0,
+        ..SUV
+    },
+    VehicleModel {
+        type_id: "vehicle.jeep.wrangler_rubicon",
+        half_m: [1.933, 0.953, 0.939],
+        wheelbase_m: 2.42,
+        wheel_radius_m: 0.40,
+        mass_kg: 1850.0,
+        ..SUV
+    },
+    VehicleModel { type_id: "vehicle.mercedes.sprinter", generation: 2, half_m: [2.958, 0.994, 1.280], wheelbase_m: 3.66, ..VAN },
+    VehicleModel {
+        type_id: "vehicle.volkswagen.t2",
+        half_m: [2.240, 1.035, 1.019],
+        wheelbase_m: 2.4,
+        mass_kg: 1500.0,
+        engine: PETROL_SMALL,
+        ..VAN
+    },
+    VehicleModel {
+        type_id: "vehicle.ford.ambulance",
+        special_type: "emergency",
+        generation: 2,
+        half_m: [3.183, 1.176, 1.216],
+        wheelbase_m: 3.9,
+        mass_kg: 3800.0,
+        colors: AMBULANCE_PAINTS,
+        ..VAN
+    },
+    VehicleModel {
+        type_id: "vehicle.carlamotors.carlacola",
+        half_m: [2.602, 1.313, 1.234],
+        wheelbase_m: 3.0,
+        wheel_radius_m: 0.42,
+        mass_kg: 5500.0,
+        ..LORRY
+    },
+    VehicleModel { type_id: "vehicle.carlamotors.european_hgv", generation: 2, half_m: [3.962, 1.432, 1.892], wheelbase_m: 4.6, ..LORRY },
+    VehicleModel {
+        type_id: "vehicle.carlamotors.firetruck",
+        special_type: "emergency",
+        generation: 2,
+        half_m: [4.234, 1.446, 1.914],
+        wheelbase_m: 4.9,
+        mass_kg: 12000.0,
+        colors: FIRE_PAINTS,
+        ..LORRY
+    },
+    VehicleModel {
+        type_id: "vehicle.mitsubishi.fusorosa",
+        style: BodyStyle::Bus,
+        class: Class::BUS,
+        base_type: "bus",
+        generation: 2,
+        half_m: [5.1, 1.97, 2.12],
+        wheelbase_m: 5.4,
+        mass_kg: 8500.0,
+        colors: BUS_PAINTS,
+        ..LORRY
+    },
+    VehicleModel {
+        type_id: "vehicle.harley-davidson.low_rider",
+        half_m: [1.178, 0.382, 0.638],
+        wheelbase_m: 1.62,
+        mass_kg: 370.0,
+        ..MOTORCYCLE
+    },
+    VehicleModel { type_id: "vehicle.kawasaki.ninja", half_m: [1.017, 0.401, 0.600], ..MOTORCYCLE },
+    VehicleModel { type_id: "vehicle.yamaha.yzf", half_m: [1.105, 0.434, 0.626], ..MOTORCYCLE },
+    VehicleModel { type_id: "vehicle.bh.crossbike", half_m: [0.744, 0.430, 0.638], ..BICYCLE },
+    VehicleModel { type_id: "vehicle.diamondback.century", half_m: [0.821, 0.186, 0.748], ..BICYCLE },
+    VehicleModel { type_id: "vehicle.gazelle.omafiets", half_m: [0.918, 0.16, 0.586], ..BICYCLE },
+];
+
+/// Every vehicle; the index is also its place in the catalogue.
+pub fn vehicle_models() -> &'static [VehicleModel] {
+    MODELS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wheels_lie_within_the_body() {
+        for model in MODELS {
+            assert!(0.5 * model.wheelbase_m + 0.3 * model.wheel_radius_m < model.half_m[0], "{}", model.type_id);
+        }
+    }
+
+    #[test]
+    fn every_style_is_there() {
+        use BodyStyle::*;
+        for style in [Saloon, Hatch, Suv, Van, Bus, Lorry, Motorcycle, Bicycle] {
+            assert!(MODELS.iter().any(|model| model.style == style), "{style:?}");
+        }
+    }
+}
