@@ -159,7 +159,10 @@ impl FrameReader {
 
     fn count_gap(&mut self, header: &FrameHeader) {
         match self.place {
-            Some((epoch, seq)) if epoch == header.epoch => self.counts.lost += header.seq.saturating_sub(seq.saturating_add(1)),
+            Some((epoch, seq)) if epoch == header.epoch => {
+                let gap = header.seq.saturating_sub(seq.saturating_add(1));
+                self.counts.lost = self.counts.lost.saturating_add(gap);
+            }
             Some(_) => self.counts.restarts += 1,
             None => {}
         }
