@@ -20,14 +20,18 @@ pub const LAMP_REVERSE: u32 = 64;
 
 /// How far ahead a path is planned at least, metres.
 const HORIZON_M: f64 = 90.0;
-/// Gap between the front and a stop line, metres.
-const LINE_GAP_M: f64 = 1.0;
 /// A vehicle counts as standing below this, m/s.
 pub(crate) const STANDING_MPS: f64 = 0.3;
 /// Standing this long without a reason, a driver helps itself, seconds.
 const STUCK_SECS: f64 = 6.0;
 /// How long a driver reverses, seconds.
-const REVERSE_SECS: f64 = 2.5;
+const REVERSE_SECS: f64 = 4.0;
+/// How fast, m/s.
+const REVERSE_MPS: f64 = 1.2;
+/// How far a driver keeps to the side of what it backed off from, metres.
+const AVOID_M: f64 = 0.7;
+/// Furthest a long vehicle keeps to the inside of a bend, metres.
+const INSIDE_M: f64 = 0.35;
 
 /// What is in the way.
 #[derive(Clone, Copy, Debug)]
@@ -35,6 +39,8 @@ struct Obstacle {
     id: u32,
     gap_m: f64,
     along_mps: f64,
+    /// Side of the path it is on: 1 left, −1 right.
+    side: f64,
 }
 
 /// Why a driver does not go on.
@@ -77,6 +83,8 @@ pub struct Driver {
     pedals: Pedals,
     stuck_secs: f64,
     reverse_left_secs: f64,
+    /// Offset to keep from the path after backing off, and the path length up to which, metres.
+    avoid: (f64, f64),
     n_rescues: u32,
     wait: Wait,
     entry: Option<Entry>,
@@ -99,6 +107,7 @@ impl Driver {
             pedals: Pedals::default(),
             stuck_secs: 0.0,
             reverse_left_secs: 0.0,
+            avoid: (0.0, 0.0),
             n_rescues: 0,
             wait: Wait::No,
             entry: None,
@@ -124,6 +133,11 @@ impl Driver {
     /// Why it does not go on.
     pub fn wait(&self) -> Wait {
         self.wait
+    }
+
+    /// How often it backed off since it last drove freely.
+    pub fn n_rescues(&self) -> u32 {
+        self.n_rescues
     }
 
     /// The next junction, or the one it is in.
@@ -176,7 +190,7 @@ impl Driver {
         }
         let creeping = self.stuck_secs > STUCK_SECS;
         let front = self.foot.arc_m + me.front_m();
-        let obstacle = self.obstacle(me, world, if creeping { 0.0 } else { 0.3 });
+        let obstacle = self.obstacle(me, world, if creeping { 0.15 } else { 0.3 });
         let mut wanted = self.road_speed(me, front);
         let mut wait = Wait::No;
         let mut consider = |accel: f64, why: Wait| {
@@ -187,16 +201,16 @@ impl Driver {
         };
         let (end, ends) = self.path.end();
         if ends {
-            consider(stop_at(me.speed_mps, end - front), Wait::End);
+            consider(speed::stop_before(me.speed_mps, end - front), Wait::End);
         }
         if let Some(line) = self.light_line(map, world, me, front) {
-            consider(stop_at(me.speed_mps, line - front), Wait::Light);
+            consider(speed::stop_before(me.speed_mps, line - front), Wait::Light);
         }
         if let Some(entry) = self.entry
             && !self.may_enter
             && front < entry.arc_m[0] + 1.0
         {
-            consider(stop_at(me.speed_mps, entry.arc_m[0] - front), Wait::Turn);
+            consider(speed::stop_before(me.speed_mps, entry.arc_m[0] - front), Wait::Turn);
         }
         if let Some(obstacle) = obstacle {
             let gap = if creeping { 0.8 } else { 2.2 };
@@ -208,7 +222,7 @@ impl Driver {
         self.wait = wait;
         self.watch(me, world, wanted, obstacle, dt);
         let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
-        let steer = self.steering.ratio(me, &self.path, self.foot, 0.0, dt);
+        let steer = self.steering.ratio(me, &self.path, self.foot, self.side_offset(me), dt);
         let control = VehicleControl {
             throttle_ratio: throttle as f32,
             steer_ratio: steer as f32,
@@ -289,23 +303,29 @@ impl Driver {
             }
             let lateral = me.half_m[1] + if other.is_vehicle { margin_m } else { margin_m + 0.4 };
             let from = self.foot.arc_m + 0.5 * me.front_m();
-            let hit =
-                other.outline().into_iter().filter_map(|p| self.path.first_within(p, from, front + reach, lateral)).min_by(f64::total_cmp);
-            let Some(arc) = hit else { continue };
-            let heading = self.path.at(arc).heading_rad;
+            let reach_at = |arc: f64, left: bool| lateral + self.swing_at(me, arc, left);
+            let hits = other.outline().into_iter().filter_map(|p| self.path.first_within(p, from, front + reach, reach_at));
+            let hit = hits.min_by(|a, b| a.arc_m.total_cmp(&b.arc_m));
+            let Some(Foot { arc_m: arc, heading_rad: heading, offset_m }) = hit else { continue };
             // Somebody alongside whose middle is behind ours is not ahead of us.
             if arc < front && forward_share(me, other) < 0.0 {
                 continue;
             }
             let along_mps = other.velocity_mps[0] * heading.cos() + other.velocity_mps[1] * heading.sin();
             let gap_m = (arc - front).max(0.05);
-            let candidate = Obstacle { id: other.id, gap_m, along_mps: along_mps.max(0.0) };
+            let candidate = Obstacle { id: other.id, gap_m, along_mps: along_mps.max(0.0), side: offset_m.signum() };
             let need = |o: &Obstacle| speed::follow(me.speed_mps, o.along_mps, o.gap_m, 2.2);
             if nearest.is_none_or(|n| need(&candidate) < need(&n)) {
                 nearest = Some(candidate);
             }
         }
         nearest
+    }
+
+    /// How far the front swings out where it passes a place: the middle is still on the bend when the front has left it.
+    fn swing_at(&self, me: &Mover, arc_m: f64, left: bool) -> f64 {
+        let behind = [0.0, 0.5, 1.0].map(|share| self.path.at(arc_m - share * me.half_m[0]).curvature_per_m);
+        behind.into_iter().map(|k| swing_m(me, self.steering.wheelbase_m(), k, left)).fold(0.0, f64::max)
     }
 
     /// Notices that nothing moves although it should.
@@ -334,6 +354,8 @@ impl Driver {
         let patience = 2.0 * STUCK_SECS + f64::from(self.id % 7) + if pushing { 0.0 } else { 6.0 };
         if self.stuck_secs > patience && self.room_behind(me, world) {
             self.reverse_left_secs = REVERSE_SECS;
+            let side = obstacle.map_or(0.0, |o| o.side);
+            self.avoid = (-AVOID_M * side, self.foot.arc_m + 25.0);
             self.n_rescues += 1;
             self.stuck_secs = 0.0;
         }
@@ -350,11 +372,11 @@ impl Driver {
     fn reverse(&mut self, me: &Mover, world: &World) -> VehicleControlRecord {
         let dt = world.period_secs;
         self.reverse_left_secs -= dt;
-        let clear = self.room_behind(me, world) && me.speed_mps > -2.0;
+        let clear = self.room_behind(me, world) && me.speed_mps > -REVERSE_MPS;
         let steer = self.steering.hold(if self.foot.offset_m > 0.0 { 0.4 } else { -0.4 }, dt);
         let control = VehicleControl {
             throttle_ratio: if clear { 0.35 } else { 0.0 },
-            brake_ratio: if clear && self.reverse_left_secs > 0.4 { 0.0 } else { 0.5 },
+            brake_ratio: if clear && self.reverse_left_secs > 0.4 { 0.0 } else { 0.3 },
             steer_ratio: steer as f32,
             reverse: true,
             ..VehicleControl::default()
@@ -362,6 +384,14 @@ impl Driver {
         let mut record = VehicleControlRecord::new(self.id, control);
         record.lamps = LAMP_REVERSE;
         record
+    }
+
+    /// Where to drive beside the path's middle: inside a bend if the front swings out, away from what was in the way.
+    fn side_offset(&self, me: &Mover) -> f64 {
+        let near = [-2.0, 1.0, 4.0].map(|d| self.path.at(self.foot.arc_m + d).curvature_per_m);
+        let bend = near.iter().sum::<f64>() / 3.0;
+        let inside = bend.signum() * (0.6 * swing_m(me, self.steering.wheelbase_m(), bend, bend < 0.0)).min(INSIDE_M);
+        inside + if self.foot.arc_m < self.avoid.1 { self.avoid.0 } else { 0.0 }
     }
 
     fn blinkers(&self, front: f64) -> u32 {
@@ -373,13 +403,16 @@ impl Driver {
     }
 }
 
-/// Braking that stands in front of a line; holds once it is reached.
-fn stop_at(speed_mps: f64, distance_m: f64) -> f64 {
-    let left = distance_m - LINE_GAP_M;
-    if left < 0.4 && speed_mps < 1.0 {
-        return speed::to_stop(speed_mps, left.max(0.2)).min(-0.5);
+/// How far a vehicle's front swings out of the strip of its own width on a bend, on one side, metres.
+/// It turns about a point beside its rear axle, while the point between the axles follows the bend.
+fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, left: bool) -> f64 {
+    let outside = if left { -curvature_per_m } else { curvature_per_m };
+    if outside < 1e-3 {
+        return 0.0;
     }
-    speed::ahead(speed_mps, 0.0, left)
+    let (radius, half_base) = (1.0 / outside, 0.5 * wheelbase_m);
+    let rear_radius = (radius * radius - half_base * half_base).max(1.0).sqrt();
+    ((rear_radius + me.half_m[1]).hypot(half_base + me.front_m()) - radius - me.half_m[1]).max(0.0)
 }
 
 /// How far ahead of our middle the other's middle is, along our heading, metres.

@@ -10,8 +10,8 @@ use crate::driver::{Driver, STANDING_MPS, locate};
 use crate::path::{distance, wrap};
 use crate::world::{Mover, World};
 
-/// Two ways through a junction conflict where they come this near, metres.
-const CONFLICT_M: f64 = 2.6;
+/// Room between two vehicles whose ways do not conflict, metres.
+const CLEARANCE_M: f64 = 0.4;
 /// From this distance on, an arrival at a junction counts, metres.
 const ARRIVAL_M: f64 = 12.0;
 /// Somebody whose turn it is and who does not go loses it after this long, seconds.
@@ -26,6 +26,8 @@ struct Claim {
     /// Distance to the junction's entry, metres; negative inside.
     distance_m: f64,
     speed_mps: f64,
+    /// Half the width it sweeps, metres.
+    half_m: f64,
     /// Points it may still pass, a metre apart.
     way: Vec<[f64; 2]>,
     turn_rad: f64,
@@ -137,6 +139,7 @@ impl Fleet {
             inside: distance_m < -1.0,
             distance_m,
             speed_mps: mover.speed_mps,
+            half_m: swept_half_m(mover, entry.turn_rad),
             way: (0..=n).map(|i| driver.path().at(start + i as f64).position_m).collect(),
             turn_rad: entry.turn_rad,
             from: first.checked_sub(1).map(|idx| legs[idx].lane),
@@ -164,14 +167,16 @@ impl Fleet {
             let way = self.map.centreline(lane, 1.0);
             let skip = (from_s.max(0.0) as usize).min(way.len().saturating_sub(1));
             let heading = |s: f64| Some(self.map.pose(schema_roads::LanePosition::new(lane, s))?.rotation.euler_angles().2);
+            let turn_rad = wrap(heading(l.length_m)? - heading(0.0)?);
             Some(Claim {
                 id: mover.id,
                 junction: l.junction?,
+                half_m: swept_half_m(mover, turn_rad),
                 inside: distance_m < -1.0,
                 distance_m,
                 speed_mps: mover.speed_mps,
                 way: way[skip..].iter().map(|p| [p[0], p[1]]).collect(),
-                turn_rad: wrap(heading(l.length_m)? - heading(0.0)?),
+                turn_rad,
                 from,
                 held: distance_m > -1.0 && self.is_held(lane, from, world),
             })
@@ -220,11 +225,12 @@ impl Fleet {
         let my_wait = self.arrivals.get(&id).map_or(0.0, |a| a.waiting_secs);
         let lost_patience = my_wait > PATIENCE_SECS + f64::from(id % 5) * 1.5;
         claims.iter().filter(|c| c.id != id && c.junction == mine.junction).all(|other| {
-            if other.from.is_some() && other.from == mine.from || !conflict(&mine.way, &other.way) {
+            if other.from.is_some() && other.from == mine.from || !conflict(mine, other) {
                 return true;
             }
             if other.inside {
-                return false;
+                // Who stands inside may wait for us; what is really in the way is seen as such.
+                return lost_patience && other.speed_mps.abs() < STANDING_MPS;
             }
             other.held || lost_patience || self.goes_first(mine, other, entry.has_light)
         })
@@ -256,12 +262,22 @@ impl Fleet {
                 && other.is_vehicle
                 && other.speed_mps.abs() < 1.0
                 && distance(other.middle(), driver.path().at(exit_m + 0.5 * needed).position_m) < needed + other.half_m[0]
-                && other.outline().into_iter().any(|p| driver.path().first_within(p, exit_m - 1.0, exit_m + needed, me.half_m[1]).is_some())
+                && other
+                    .outline()
+                    .into_iter()
+                    .any(|p| driver.path().first_within(p, exit_m - 1.0, exit_m + needed, |_, _| me.half_m[1]).is_some())
         })
     }
 }
 
-/// Whether two ways come near each other.
-fn conflict(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
-    a.iter().any(|p| b.iter().any(|q| distance(*p, *q) < CONFLICT_M))
+/// Half the width a vehicle sweeps on a way that turns this much; corners swing out on a bend of about ten metres.
+fn swept_half_m(mover: &Mover, turn_rad: f64) -> f64 {
+    let swing = if turn_rad.abs() > 0.3 { mover.half_m[0] * mover.half_m[0] / 14.0 } else { 0.0 };
+    mover.half_m[1] + swing
+}
+
+/// Whether two ways come too near to each other.
+fn conflict(a: &Claim, b: &Claim) -> bool {
+    let apart = a.half_m + b.half_m + CLEARANCE_M;
+    a.way.iter().any(|p| b.way.iter().any(|q| distance(*p, *q) < apart))
 }

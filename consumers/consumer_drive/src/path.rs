@@ -7,6 +7,8 @@ use schema_types::noise::Noise;
 const STEP_M: f64 = 1.0;
 /// Speed limit where the map states none (30 km/h, as in CARLA's towns), m/s.
 const DEFAULT_LIMIT_MPS: f64 = 30.0 / 3.6;
+/// Points farther than this from the path's points are out of any reach, metres.
+const FARTHEST_REACH_M: f64 = 8.0;
 /// Length that is kept behind the vehicle, metres.
 const KEPT_BEHIND_M: f64 = 30.0;
 
@@ -225,8 +227,9 @@ impl Path {
         best.1
     }
 
-    /// Path lengths between `from_m` and `to_m` at which the path comes within `reach_m` of a point: the first one.
-    pub fn first_within(&self, point: [f64; 2], from_m: f64, to_m: f64, reach_m: f64) -> Option<f64> {
+    /// The first place between `from_m` and `to_m` at which the path comes within reach of a point.
+    /// `reach_m` tells how far that is at a path length, to the left (`true`) or to the right.
+    pub fn first_within(&self, point: [f64; 2], from_m: f64, to_m: f64, reach_m: impl Fn(f64, bool) -> f64) -> Option<Foot> {
         let first = self.points.partition_point(|p| p.arc_m < from_m).saturating_sub(1);
         for pair in self.points[first..].windows(2) {
             if pair[0].arc_m > to_m {
@@ -234,12 +237,12 @@ impl Path {
             }
             // Cheap test before the exact one.
             let d = [point[0] - pair[0].position_m[0], point[1] - pair[0].position_m[1]];
-            if d[0].abs() > reach_m + 2.0 || d[1].abs() > reach_m + 2.0 {
+            if d[0].abs() > FARTHEST_REACH_M || d[1].abs() > FARTHEST_REACH_M {
                 continue;
             }
             let (foot, at) = foot_on(&pair[0], &pair[1], point);
-            if distance(at, point) < reach_m && foot.arc_m >= from_m {
-                return Some(foot.arc_m);
+            if foot.arc_m >= from_m && distance(at, point) < reach_m(foot.arc_m, foot.offset_m > 0.0) {
+                return Some(foot);
             }
         }
         None

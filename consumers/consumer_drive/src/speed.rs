@@ -6,6 +6,8 @@ const COMFORT_ACCEL_MPS2: f64 = 2.2;
 const COMFORT_BRAKE_MPS2: f64 = 2.0;
 /// Hardest braking, m/s².
 const MAX_BRAKE_MPS2: f64 = 8.0;
+/// Gap between the front and a stop line, metres.
+const LINE_GAP_M: f64 = 1.0;
 /// Time gap to the vehicle ahead, seconds.
 const TIME_GAP_SECS: f64 = 1.2;
 /// Acceleration that full throttle is taken to give at low speed, m/s²; the integral makes up for the rest.
@@ -28,6 +30,15 @@ pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
         return needed.max(-MAX_BRAKE_MPS2);
     }
     COMFORT_ACCEL_MPS2 + needed / COMFORT_BRAKE_MPS2 * (COMFORT_ACCEL_MPS2 + COMFORT_BRAKE_MPS2)
+}
+
+/// Acceleration that stands a metre before a line `distance_m` ahead, and holds there.
+pub fn stop_before(speed_mps: f64, distance_m: f64) -> f64 {
+    let left = distance_m - LINE_GAP_M;
+    if left < 0.4 && speed_mps < 1.5 {
+        return to_stop(speed_mps, left.max(0.15)).clamp(-MAX_BRAKE_MPS2, -0.5);
+    }
+    ahead(speed_mps, 0.0, left)
 }
 
 /// Deceleration needed to stand after `distance_m`, m/s² (negative).
@@ -100,12 +111,12 @@ mod tests {
         let (mut v, mut x, dt) = (14.0, 0.0, 0.05);
         let mut hardest: f64 = 0.0;
         for _ in 0..2000 {
-            let a = ahead(v, 0.0, 60.0 - x).min(towards(v, 14.0));
+            let a = stop_before(v, 60.0 - x).min(towards(v, 14.0));
             hardest = hardest.min(a);
             v = f64::max(v + a * dt, 0.0);
             x += v * dt;
         }
-        assert!((59.0..60.3).contains(&x), "{x}");
+        assert!((57.5..59.5).contains(&x), "{x}");
         assert!(hardest > -3.5, "{hardest}");
     }
 

@@ -63,7 +63,10 @@ impl World {
     }
 }
 
-/// Mostly cars, some vans, now and then a lorry or a bus, a motorcycle.
+/// Largest half length and half width that pass a town's junctions without swinging into the lane beside, metres.
+const FITS_HALF_M: [f64; 2] = [3.5, 1.35];
+
+/// Mostly cars, some vans, now and then a lorry or a bus that fits the lanes, a motorcycle.
 fn pick_model(draw: Noise) -> &'static VehicleModel {
     let base_type = match draw.bits(0) % 100 {
         0..74 => "car",
@@ -72,6 +75,8 @@ fn pick_model(draw: Noise) -> &'static VehicleModel {
         92..95 => "bus",
         _ => "motorcycle",
     };
-    let of_type: Vec<&VehicleModel> = vehicle_models().iter().filter(|model| model.base_type == base_type).collect();
+    let fits = |model: &&VehicleModel| f64::from(model.half_m[0]) <= FITS_HALF_M[0] && f64::from(model.half_m[1]) <= FITS_HALF_M[1];
+    let of = |kind: &str| vehicle_models().iter().filter(|model| model.base_type == kind).filter(fits).collect::<Vec<_>>();
+    let of_type = Some(of(base_type)).filter(|list| !list.is_empty()).unwrap_or_else(|| of("car"));
     of_type[(draw.bits(1) % of_type.len() as u64) as usize]
 }
