@@ -50,6 +50,8 @@ pub(crate) struct GeometryPass {
 
 #[derive(Clone, Debug)]
 struct Pipelines {
+    /// Depth first where shading is dear: then each pixel is shaded once.
+    depth_first: Option<wgpu::RenderPipeline>,
     meshes: wgpu::RenderPipeline,
     sky: wgpu::RenderPipeline,
 }
@@ -131,7 +133,11 @@ impl GeometryPass {
     /// Makes the pipelines for a set of targets, once.
     pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
         if !self.pipelines.contains_key(&set.0) {
-            let pipelines = Pipelines { meshes: self.pipeline(gpu, set, Kind::Meshes), sky: self.pipeline(gpu, set, Kind::Sky) };
+            let pipelines = Pipelines {
+                depth_first: set.is_lit().then(|| self.pipeline(gpu, set, Kind::DepthFirst)),
+                meshes: self.pipeline(gpu, set, if set.is_lit() { Kind::MeshesAtDepth } else { Kind::Meshes }),
+                sky: self.pipeline(gpu, set, Kind::Sky),
+            };
             self.pipelines.insert(set.0, pipelines);
         }
     }
@@ -141,7 +147,7 @@ impl GeometryPass {
             set.contains(target).then(|| wgpu::ColorTargetState {
                 format: target.format(),
                 blend: None,
-                write_mask: wgpu::ColorWrites::ALL,
+                write_mask: if kind == Kind::DepthFirst { wgpu::ColorWrites::empty() } else { wgpu::ColorWrites::ALL },
             })
         };
         let targets = Target::ALL.map(state);
@@ -164,17 +170,17 @@ impl GeometryPass {
                 module: &self.shader,
                 entry_point: Some(vertex),
                 compilation_options: options.clone(),
-                buffers: if kind == Kind::Meshes { &buffers } else { &[] },
+                buffers: if kind == Kind::Sky { &[] } else { &buffers },
             },
-            primitive: wgpu::PrimitiveState { cull_mode: (kind == Kind::Meshes).then_some(wgpu::Face::Back), ..Default::default() },
+            primitive: wgpu::PrimitiveState { cull_mode: (kind != Kind::Sky).then_some(wgpu::Face::Back), ..Default::default() },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: wgpu::TextureFormat::Depth32Float,
-                depth_write_enabled: Some(kind == Kind::Meshes),
-                // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what nothing was drawn to.
-                depth_compare: Some(if kind == Kind::Meshes {
-                    wgpu::CompareFunction::Greater
-                } else {
-                    wgpu::CompareFunction::GreaterEqual
+                depth_write_enabled: Some(matches!(kind, Kind::Meshes | Kind::DepthFirst)),
+                // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what nothing was drawn to. Of surfaces at equal depth
+                // the last one counts, with and without a pass for depth first.
+                depth_compare: Some(match kind {
+                    Kind::MeshesAtDepth => wgpu::CompareFunction::Equal,
+                    _ => wgpu::CompareFunction::GreaterEqual,
                 }),
                 stencil: Default::default(),
                 bias: Default::default(),
@@ -259,13 +265,19 @@ impl GeometryPass {
         let pipelines = &self.pipelines[&view.set.0];
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, &bound, &[(view.view_idx as u64 * VIEW_STRIDE_BYTES) as u32]);
-        pass.set_pipeline(&pipelines.meshes);
         pass.set_vertex_buffer(0, assets.vertices.slice(..));
         pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
-        for call in view.calls {
-            let mesh = &call.mesh;
-            pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, call.instance_idx..call.instance_idx + 1);
-            gpu.counters().add_draw(mesh.n_indices as u64 / 3);
+        for pipeline in pipelines.depth_first.iter().chain([&pipelines.meshes]) {
+            pass.set_pipeline(pipeline);
+            for call in view.calls {
+                let mesh = &call.mesh;
+                pass.draw_indexed(
+                    mesh.first_idx..mesh.first_idx + mesh.n_indices,
+                    mesh.base_vertex,
+                    call.instance_idx..call.instance_idx + 1,
+                );
+                gpu.counters().add_draw(mesh.n_indices as u64 / 3);
+            }
         }
         pass.set_pipeline(&pipelines.sky);
         pass.draw(0..3, 0..1);
@@ -275,6 +287,9 @@ impl GeometryPass {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
+    DepthFirst,
+    /// Behind `DepthFirst`.
+    MeshesAtDepth,
     Meshes,
     Sky,
 }
@@ -282,7 +297,8 @@ enum Kind {
 impl Kind {
     fn entry_points(self) -> (&'static str, &'static str) {
         match self {
-            Kind::Meshes => ("vs_main", "fs_main"),
+            Kind::DepthFirst => ("vs_main", "fs_nothing"),
+            Kind::Meshes | Kind::MeshesAtDepth => ("vs_main", "fs_main"),
             Kind::Sky => ("vs_sky", "fs_sky"),
         }
     }

@@ -1,7 +1,8 @@
 // The geometry pass: every modality of a view from one drawing. Mirrors: pass.rs, targets.rs.
 
 struct Corner {
-    @builtin(position) clip: vec4<f32>,
+    // Invariant: the pass for depth first must find the same depth.
+    @invariant @builtin(position) clip: vec4<f32>,
     @location(0) normal_in_world: vec3<f32>,
     @location(1) uv_m: vec2<f32>,
     // Object id; class, material, lit; albedo R G B A; instance.
@@ -79,6 +80,10 @@ fn fs_main(in: Corner) -> Pixel {
     }
     return out;
 }
+
+// Depth alone.
+@fragment
+fn fs_nothing() {}
 
 // One triangle over the whole image at infinity.
 @vertex
