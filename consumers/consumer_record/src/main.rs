@@ -105,14 +105,21 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     };
     tracing::info!(file = %out.display(), domain = options.domain, "recording");
     let report = record(&options, &|| shutdown.requested())?;
-    print_report(&out, &report)
+    print_report(&report)
 }
 
-fn print_report(out: &std::path::Path, report: &Report) -> anyhow::Result<Exit> {
+fn print_report(report: &Report) -> anyhow::Result<Exit> {
     let mut stdout = std::io::stdout().lock();
-    let n_messages: u64 = report.written.messages.values().sum();
-    let n_frames: u64 = report.recorded.values().sum();
-    writeln!(stdout, "{}: {n_frames} samples, {n_messages} messages, {:.1} MB", out.display(), report.written.file_bytes as f64 / 1e6)?;
+    for (file, written) in &report.files {
+        let n_messages: u64 = written.messages.values().sum();
+        writeln!(
+            stdout,
+            "{}: {n_messages} messages on {} channels, {:.1} MB",
+            file.display(),
+            written.messages.len(),
+            written.file_bytes as f64 / 1e6
+        )?;
+    }
     if report.lost.is_empty() {
         return Ok(Exit::Done);
     }

@@ -1,7 +1,7 @@
 //! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a tick when all of it is queued.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -47,8 +47,8 @@ pub struct Options {
 /// What became of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
-    /// What is in the file.
-    pub written: Written,
+    /// The files: one per run of the simulator, whose clock starts again with each.
+    pub files: Vec<(PathBuf, Written)>,
     /// Frames recorded per source.
     pub recorded: BTreeMap<String, u64>,
     /// Frames that are missing per source, and why.
@@ -76,21 +76,56 @@ impl Loss {
 /// Records until `stop` says so.
 ///
 /// # Errors
-/// If the file cannot be made or written, or the bus cannot be joined.
+/// If a file cannot be made or written, or the bus cannot be joined.
 pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Report> {
-    let recording = Recording::create(&options.out, options.compression)?;
-    let (queue, outlet) = queue(options.queue_bytes);
-    let writer = std::thread::Builder::new().name("writer".to_string()).spawn(move || run(recording, outlet));
-    let writer = writer.context("cannot start the writer thread")?;
-    let session = Session::open(options, queue);
-    finish(session.and_then(|session| session.run(stop)), writer)
+    let mut session = Session::open(options)?;
+    let outcome = session.run(stop);
+    // The writer's own error says more than "it has ended", so it comes first.
+    let report = session.close()?;
+    outcome.map(|()| report)
 }
 
-/// The writer's own error says more than "it has ended".
-fn finish(session: anyhow::Result<Report>, writer: JoinHandle<anyhow::Result<Written>>) -> anyhow::Result<Report> {
-    let written = writer.join().map_err(|_| anyhow!("the writer thread panicked; the part file holds what was flushed before"))?;
-    let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
-    Ok(Report { written, ..session? })
+/// A file and the thread that writes it.
+struct Output {
+    path: PathBuf,
+    queue: Queue,
+    writer: JoinHandle<anyhow::Result<Written>>,
+}
+
+impl Output {
+    /// The file of the `n`-th run of the simulator, from 1.
+    fn create(options: &Options, n: usize) -> anyhow::Result<Output> {
+        let path = numbered(&options.out, n);
+        let recording = Recording::create(&path, options.compression)?;
+        let (queue, outlet) = queue(options.queue_bytes);
+        let writer = std::thread::Builder::new().name("writer".to_string()).spawn(move || run(recording, outlet));
+        let output = Output { path, queue, writer: writer.context("cannot start the writer thread")? };
+        output.push(file_metadata(&options.domain))?;
+        output.push(class_metadata())?;
+        Ok(output)
+    }
+
+    fn push(&self, job: Job) -> anyhow::Result<()> {
+        self.queue.push(job).map_err(|_| writer_ended())
+    }
+
+    fn finish(self, losses: BTreeMap<String, String>) -> anyhow::Result<(PathBuf, Written)> {
+        // If the writer has ended already, its own error follows.
+        let _ = self.push(Job::Metadata { name: "losses".to_string(), pairs: losses });
+        drop(self.queue);
+        let written = self.writer.join().map_err(|_| anyhow!("the writer thread panicked; the part file holds what was flushed before"))?;
+        let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
+        Ok((self.path, written))
+    }
+}
+
+/// `drive.mcap` for the first run of the simulator, `drive.2.mcap` for the second.
+fn numbered(path: &Path, n: usize) -> PathBuf {
+    if n == 1 {
+        return path.to_path_buf();
+    }
+    let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
+    path.with_extension(format!("{n}{extension}"))
 }
 
 /// `*` stands for any characters, `?` for one.
@@ -121,15 +156,15 @@ struct Session {
     /// The name of every followed topic in the file, by its place in the follower; kept so that nothing is built per frame.
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
     full: BTreeSet<String>,
-    patterns: Vec<String>,
+    options: Options,
     discovery: Discovery,
     scene: SceneState,
     sink: Sink,
     sim_nanos: u64,
     newest_tick: u64,
     epoch: u64,
-    map: String,
-    wants_lockstep: bool,
+    /// Epoch and revision of the map that is attached.
+    attached: Option<(u64, u64)>,
     last_try: Option<Instant>,
     name: String,
 }
@@ -144,7 +179,8 @@ struct InStep {
 
 /// Where batches go, and what did not fit.
 struct Sink {
-    queue: Queue,
+    output: Option<Output>,
+    finished: Vec<(PathBuf, Written)>,
     wait: bool,
     wall_minus_mono_nanos: i128,
     recorded: BTreeMap<String, u64>,
@@ -164,13 +200,14 @@ impl Sink {
     ) -> anyhow::Result<()> {
         let batch =
             Batch { source: source.clone(), sequence: sequence as u32, log_nanos, publish_nanos: self.wall_nanos(mono_nanos), entries };
-        let outcome = if self.wait { self.queue.push(Job::Batch(batch)) } else { self.queue.offer(Job::Batch(batch)) };
+        let output = self.output.as_ref().ok_or_else(writer_ended)?;
+        let outcome = if self.wait { output.queue.push(Job::Batch(batch)) } else { output.queue.offer(Job::Batch(batch)) };
         match outcome {
             Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
             Err(Refused::Full(_)) => {
                 *self.full.entry(source.to_string()).or_insert(0) += 1;
                 if !std::mem::replace(&mut self.full_said, true) {
-                    let waiting_mb = self.queue.waiting_bytes() >> 20;
+                    let waiting_mb = output.queue.waiting_bytes() >> 20;
                     tracing::warn!(
                         source = &**source,
                         waiting_mb,
@@ -184,7 +221,19 @@ impl Sink {
     }
 
     fn push(&self, job: Job) -> anyhow::Result<()> {
-        self.queue.push(job).map_err(|_| writer_ended())
+        self.output.as_ref().ok_or_else(writer_ended)?.push(job)
+    }
+
+    fn buffer(&self, n_bytes: usize) -> Vec<u8> {
+        self.output.as_ref().map_or_else(Vec::new, |output| output.queue.buffer(n_bytes))
+    }
+
+    fn finish(&mut self, lost: &BTreeMap<String, Loss>) -> anyhow::Result<()> {
+        if let Some(output) = self.output.take() {
+            let losses = lost.iter().map(|(topic, loss)| (topic.clone(), loss.total().to_string())).collect();
+            self.finished.push(output.finish(losses)?);
+        }
+        Ok(())
     }
 
     fn wall_nanos(&self, mono_nanos: u64) -> u64 {
@@ -204,19 +253,18 @@ fn wall_minus_mono_nanos() -> anyhow::Result<i128> {
 const DOCUMENTS: [&str; 4] = [names::WORLD_INFO, names::WORLD_ACTORS, names::WORLD_CATALOGUE, names::WORLD_MAP];
 
 impl Session {
-    fn open(options: &Options, queue: Queue) -> anyhow::Result<Session> {
+    fn open(options: &Options) -> anyhow::Result<Session> {
         let name = format!("gantry-record-{}", std::process::id());
         let bus = Bus::open_with(&options.domain, &name, &options.bus)?;
         let sink = Sink {
-            queue,
+            output: Some(Output::create(options, 1)?),
+            finished: Vec::new(),
             wait: options.lockstep,
             wall_minus_mono_nanos: wall_minus_mono_nanos()?,
             recorded: BTreeMap::new(),
             full: BTreeMap::new(),
             full_said: false,
         };
-        sink.push(file_metadata(&options.domain))?;
-        sink.push(class_metadata())?;
         Ok(Session {
             lockstep: None,
             snapshots: None,
@@ -224,21 +272,20 @@ impl Session {
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
-            patterns: options.topics.clone(),
+            options: options.clone(),
             discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
             scene: SceneState::default(),
             sink,
             sim_nanos: 0,
             newest_tick: 0,
             epoch: 0,
-            map: "map".to_string(),
-            wants_lockstep: options.lockstep,
+            attached: None,
             last_try: None,
             name,
         })
     }
 
-    fn run(mut self, stop: &dyn Fn() -> bool) -> anyhow::Result<Report> {
+    fn run(&mut self, stop: &dyn Fn() -> bool) -> anyhow::Result<()> {
         while !stop() {
             self.discover()?;
             self.wait()?;
@@ -248,15 +295,15 @@ impl Session {
         // Leaving the gate first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
-        self.drain_documents()?;
-        self.close()
+        self.drain_documents(self.newest_tick == 0)?;
+        self.attach_map(true)
     }
 
     /// Follows topics that are new.
     fn discover(&mut self) -> anyhow::Result<()> {
         let Some(topics) = self.discovery.newest()? else { return self.join_lockstep() };
         for topic in topics {
-            let wanted = self.patterns.is_empty() || self.patterns.iter().any(|pattern| matches(pattern, &topic.name));
+            let wanted = self.options.topics.is_empty() || self.options.topics.iter().any(|pattern| matches(pattern, &topic.name));
             if topic.modality.is_none() || !wanted || self.names.contains_key(&topic.name) {
                 continue;
             }
@@ -285,7 +332,7 @@ impl Session {
     fn join_lockstep(&mut self) -> anyhow::Result<()> {
         let lost = self.lockstep.as_ref().is_some_and(|step| self.epoch != 0 && step.gate.epoch() != self.epoch);
         let wait = self.last_try.is_some_and(|at| at.elapsed() < JOIN_EVERY);
-        if !self.wants_lockstep || (self.lockstep.is_some() && !lost) || wait || self.names.is_empty() {
+        if !self.options.lockstep || (self.lockstep.is_some() && !lost) || wait || self.names.is_empty() {
             return Ok(());
         }
         self.last_try = Some(Instant::now());
@@ -324,20 +371,24 @@ impl Session {
     fn drain(&mut self) -> anyhow::Result<()> {
         // Before the first snapshot there is no time to file a document under; it waits on the bus.
         if self.newest_tick > 0 {
-            self.drain_documents()?;
+            self.drain_documents(false)?;
         }
         self.drain_snapshots()?;
         for id in self.follower.ids() {
             while let Some(frame) = self.follower.take(id)? {
-                if frame.header().tick > self.newest_tick {
+                if frame.header().tick > self.newest_tick || frame.header().epoch != self.epoch {
                     // Its snapshot was sent before it.
                     self.drain_snapshots()?;
                 }
                 let topic = self.follower.topic(id).topic();
                 let Some((name, source)) = self.names.get(topic) else { continue };
                 let header = frame.header();
-                let queue = &self.sink.queue;
-                let mut entries = frame_entries(name, header, &frame, &mut |n_bytes| queue.buffer(n_bytes));
+                if self.epoch != 0 && header.epoch != self.epoch {
+                    tracing::debug!(topic, tick = header.tick, "left out: a frame of a run whose file is finished");
+                    continue;
+                }
+                let sink = &self.sink;
+                let mut entries = frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
                 entries.extend(self.scene.frame_extras(name, header));
                 self.sink.put(source, header.seq, header.sim_nanos, header.published_mono_nanos, entries)?;
             }
@@ -358,10 +409,11 @@ impl Session {
             match reader.next() {
                 Ok(Some(snapshot)) => {
                     let header = snapshot.header();
+                    self.meet(header.epoch)?;
                     let is_first = self.newest_tick == 0;
-                    (self.sim_nanos, self.newest_tick, self.epoch) = (header.sim_nanos, header.tick, header.epoch);
+                    (self.sim_nanos, self.newest_tick) = (header.sim_nanos, header.tick);
                     if is_first {
-                        self.drain_documents()?;
+                        self.drain_documents(true)?;
                     }
                     let entries = self.scene.snapshot_entries(header, snapshot.records());
                     self.sink.put(&source, header.tick, header.sim_nanos, header.published_mono_nanos, entries)?;
@@ -373,28 +425,70 @@ impl Session {
         }
     }
 
-    fn drain_documents(&mut self) -> anyhow::Result<()> {
-        for (name, followed) in &mut self.documents {
-            let Some(found) = followed.changed(self.follower.bus())? else { continue };
-            match *name {
-                names::WORLD_INFO => {
-                    let info = found.json::<WorldInfo>()?;
-                    self.map = info.map.rsplit('/').next().unwrap_or("map").to_string();
-                    self.sink.push(world_metadata(&found.text))?;
-                }
-                names::WORLD_ACTORS => self.scene.set_actors(&found.json::<ActorList>()?),
-                names::WORLD_MAP => self.sink.push(Job::Attach {
-                    name: format!("{}.xodr", self.map.trim_end_matches(".xodr")),
-                    media_type: "application/xml",
-                    data: found.text.clone().into_bytes(),
-                    log_nanos: self.sim_nanos,
-                })?,
-                _ => {}
-            }
-            let entries = vec![document(name, &found.header, &found.text)];
-            self.sink.put(&(*name).into(), found.header.revision, self.sim_nanos, mono_now().0, entries)?;
+    /// Another epoch is another run of the simulator, whose clock starts again: it gets a file of its own.
+    fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
+        if epoch == self.epoch {
+            return Ok(());
         }
+        if self.epoch != 0 {
+            self.attach_map(true)?;
+            self.sink.finish(&self.losses())?;
+            let output = Output::create(&self.options, self.sink.finished.len() + 1)?;
+            tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
+            self.sink.output = Some(output);
+            self.scene = SceneState::default();
+            self.lockstep = None;
+            (self.newest_tick, self.sim_nanos) = (0, 0);
+            self.attached = None;
+        }
+        self.epoch = epoch;
         Ok(())
+    }
+
+    /// Records documents that changed, or `all`. One of a run that has no snapshot yet waits for it.
+    fn drain_documents(&mut self, all: bool) -> anyhow::Result<()> {
+        for idx in 0..self.documents.len() {
+            let (name, followed) = &mut self.documents[idx];
+            let name = *name;
+            let changed = followed.changed(self.follower.bus())?.is_some();
+            let newest = followed.newest().filter(|found| self.epoch == 0 || found.header.epoch == self.epoch).cloned();
+            if let Some(found) = newest.filter(|_| changed || all) {
+                self.record_document(name, &found)?;
+            }
+        }
+        self.attach_map(false)
+    }
+
+    /// Attaches the map once per revision; its name stands in `world/info`, which may come after it. Without one it is called `map`.
+    fn attach_map(&mut self, at_the_end: bool) -> anyhow::Result<()> {
+        let this_run = |wanted: &str| {
+            let followed = self.documents.iter().find(|(name, _)| *name == wanted).map(|(_, followed)| followed);
+            followed.and_then(FollowedDocument::newest).filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
+        };
+        let Some(map) = this_run(names::WORLD_MAP) else { return Ok(()) };
+        let revision = (map.header.epoch, map.header.revision);
+        let name = match this_run(names::WORLD_INFO).map(|info| info.json::<WorldInfo>()).transpose()? {
+            Some(info) => info.map.rsplit('/').next().unwrap_or("map").trim_end_matches(".xodr").to_string(),
+            None if at_the_end => "map".to_string(),
+            None => return Ok(()),
+        };
+        if self.attached == Some(revision) {
+            return Ok(());
+        }
+        let data = map.text.clone().into_bytes();
+        self.sink.push(Job::Attach { name: format!("{name}.xodr"), media_type: "application/xml", data, log_nanos: self.sim_nanos })?;
+        self.attached = Some(revision);
+        Ok(())
+    }
+
+    fn record_document(&mut self, name: &'static str, found: &schema_bus::Document) -> anyhow::Result<()> {
+        match name {
+            names::WORLD_INFO => self.sink.push(world_metadata(&found.text))?,
+            names::WORLD_ACTORS => self.scene.set_actors(&found.json::<ActorList>()?),
+            _ => {}
+        }
+        let entries = vec![document(name, &found.header, &found.text)];
+        self.sink.put(&name.into(), found.header.revision, self.sim_nanos, mono_now().0, entries)
     }
 
     /// In lockstep: once the daemon answers from after tick N, all frames of tick N were sent; take them, then acknowledge.
@@ -420,7 +514,7 @@ impl Session {
         Ok(())
     }
 
-    fn close(self) -> anyhow::Result<Report> {
+    fn losses(&self) -> BTreeMap<String, Loss> {
         let mut lost: BTreeMap<String, Loss> = BTreeMap::new();
         for report in self.follower.reports() {
             let loss = lost.entry(report.topic).or_default();
@@ -430,9 +524,13 @@ impl Session {
             lost.entry(topic.clone()).or_default().queue_full = *n;
         }
         lost.retain(|_, loss| loss.total() > 0);
-        let pairs = lost.iter().map(|(topic, loss)| (topic.clone(), loss.total().to_string())).collect();
-        self.sink.push(Job::Metadata { name: "losses".to_string(), pairs })?;
-        Ok(Report { written: Written::default(), recorded: self.sink.recorded, lost })
+        lost
+    }
+
+    fn close(mut self) -> anyhow::Result<Report> {
+        let lost = self.losses();
+        self.sink.finish(&lost)?;
+        Ok(Report { files: self.sink.finished, recorded: self.sink.recorded, lost })
     }
 }
 
@@ -474,6 +572,12 @@ fn world_metadata(json: &str) -> Job {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
+        assert_eq!(numbered(Path::new("a/drive.mcap"), 1), Path::new("a/drive.mcap"));
+        assert_eq!(numbered(Path::new("a/drive.mcap"), 2), Path::new("a/drive.2.mcap"));
+    }
 
     #[test]
     fn patterns_match_as_in_a_shell() {

@@ -14,7 +14,7 @@ use sample::PERIOD_NANOS;
 use schema_bus::{
     AckReader, Bus, BusOptions, CommandServer, DocumentPublisher, FramePublisher, FrameTopic, Listener, Notifier, SnapshotPublisher, names,
 };
-use schema_frames::{ActorKind, ActorRecord, Command, CommandReply, Modality, ReplyBatch, SnapshotHeader, WorldInfo};
+use schema_frames::{ActorKind, ActorRecord, Command, CommandReply, FrameHeader, Modality, ReplyBatch, SnapshotHeader, WorldInfo};
 use schema_types::Pose;
 
 const EPOCH: u64 = 77;
@@ -32,11 +32,12 @@ struct Daemon {
     tick: u64,
     joined: bool,
     acked: u64,
+    epoch: u64,
     _bus: Bus,
 }
 
 impl Daemon {
-    fn new(options: &BusOptions) -> Daemon {
+    fn new(options: &BusOptions, epoch: u64) -> Daemon {
         let bus = Bus::open_with("test", "daemon", options).unwrap();
         let publisher = |topic: String| {
             let modality = Modality::from_name(topic.rsplit('/').next().unwrap()).unwrap();
@@ -46,7 +47,7 @@ impl Daemon {
         let info = WorldInfo {
             source: "live".into(),
             version: "0".into(),
-            epoch: EPOCH.to_string(),
+            epoch: epoch.to_string(),
             episode: 1,
             map: "Gantry/Sample".into(),
             seed: 5,
@@ -60,8 +61,8 @@ impl Daemon {
         };
         let mut documents: Vec<DocumentPublisher> =
             [names::WORLD_INFO, names::WORLD_MAP].map(|name| bus.document_publisher(name).unwrap()).into();
-        documents[0].send_json(&info, EPOCH, 0).unwrap();
-        documents[1].send("<OpenDRIVE/>", EPOCH, 0).unwrap();
+        documents[0].send_json(&info, epoch, 0).unwrap();
+        documents[1].send("<OpenDRIVE/>", epoch, 0).unwrap();
         Daemon {
             frames: sample::topics().into_iter().map(publisher).collect(),
             snapshot: bus.snapshot_publisher(8).unwrap(),
@@ -74,6 +75,7 @@ impl Daemon {
             tick: 0,
             joined: false,
             acked: 0,
+            epoch,
             _bus: bus,
         }
     }
@@ -91,7 +93,7 @@ impl Daemon {
             let commands = request.batch.clone().unwrap().commands;
             self.joined |= commands.iter().any(|command| matches!(command, Command::JoinLockstep { .. }));
             self.joined &= !commands.iter().any(|command| matches!(command, Command::LeaveLockstep { .. }));
-            let answer = ReplyBatch { v: 1, epoch: EPOCH.to_string(), tick: self.tick, replies: commands.iter().map(reply).collect() };
+            let answer = ReplyBatch { v: 1, epoch: self.epoch.to_string(), tick: self.tick, replies: commands.iter().map(reply).collect() };
             self.commands.reply(request, &answer).unwrap();
         }
     }
@@ -113,7 +115,7 @@ impl Daemon {
             half_box_m: [2.0, 1.0, 0.8],
             ..bytemuck::Zeroable::zeroed()
         };
-        let header = SnapshotHeader { tick, sim_nanos: tick * PERIOD_NANOS, epoch: EPOCH, ..bytemuck::Zeroable::zeroed() };
+        let header = SnapshotHeader { tick, sim_nanos: tick * PERIOD_NANOS, epoch: self.epoch, ..bytemuck::Zeroable::zeroed() };
         self.snapshot.send(header, &[ego]).unwrap();
         self.snapshot_wake.notify();
         for (topic, publisher) in &self.frames {
@@ -121,7 +123,7 @@ impl Daemon {
             if publisher.n_readers() > 0 {
                 let mut loan = publisher.loan(payload.len()).unwrap();
                 loan.payload_mut().copy_from_slice(&payload);
-                *loan.header_mut() = header;
+                *loan.header_mut() = FrameHeader { epoch: self.epoch, ..header };
                 loan.send().unwrap();
             }
         }
@@ -139,7 +141,7 @@ fn private(folder: &Path) -> BusOptions {
 /// Runs daemon and recorder until `n_ticks` ticks were published with the recorder present. Returns its report and the first and last tick.
 fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> (Report, u64, u64) {
     let bus = private(folder);
-    let mut daemon = Daemon::new(&bus);
+    let mut daemon = Daemon::new(&bus, EPOCH);
     let options = Options {
         domain: "test".into(),
         bus,
@@ -229,5 +231,56 @@ fn free_running_at_fifty_hertz_is_recorded_or_its_losses_are_counted() {
     if n_lost == 0 {
         // A recorder that is a little late at the start begins a little late; that is no loss.
         assert_complete(&folder.path().join("live.mcap"), first + 3, last - 2);
+    }
+}
+
+#[test]
+fn a_restarted_simulator_gets_a_file_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let bus = private(folder.path());
+    let options = Options {
+        domain: "test".into(),
+        bus: bus.clone(),
+        topics: vec![],
+        out: folder.path().join("live.mcap"),
+        compression: ChunkCompression::None,
+        queue_bytes: 64 << 20,
+        lockstep: false,
+    };
+    let stop = AtomicBool::new(false);
+    let report = std::thread::scope(|scope| {
+        let recorder = scope.spawn(|| record(&options, &|| stop.load(Ordering::Acquire)));
+        let deadline = Instant::now() + Duration::from_secs(60);
+        for epoch in [EPOCH, EPOCH + 1] {
+            let mut daemon = Daemon::new(&bus, epoch);
+            while daemon.frames.iter().any(|(_, publisher)| publisher.n_readers() == 0) {
+                daemon.serve();
+                std::thread::sleep(Duration::from_millis(5));
+                assert!(Instant::now() < deadline, "the recorder never came");
+            }
+            for _ in 0..40 {
+                daemon.run_tick();
+                daemon.serve();
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        }
+        stop.store(true, Ordering::Release);
+        recorder.join().unwrap().unwrap()
+    });
+    let files: Vec<_> = report.files.iter().map(|(file, _)| file.file_name().unwrap().to_str().unwrap()).collect();
+    assert_eq!(files, ["live.mcap", "live.2.mcap"]);
+    for file in files {
+        let info = consumer_record::info::file_info(&folder.path().join(file)).unwrap();
+        assert!(info.complete && info.attachments == ["Sample.xodr"], "{file}: {info:?}");
+        assert!(
+            info.end_sim_nanos >= 38 * PERIOD_NANOS && info.end_sim_nanos <= 40 * PERIOD_NANOS,
+            "{file} ends at {}",
+            info.end_sim_nanos
+        );
+        assert_eq!(
+            info.channels.iter().filter(|channel| channel.topic.ends_with("/gantry") && channel.n_messages >= 20).count(),
+            sample::topics().len(),
+            "{file}"
+        );
     }
 }
