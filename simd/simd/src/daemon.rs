@@ -175,7 +175,7 @@ impl Daemon {
         sensors.fire(&scene, &self.episode.stamp, |actor| scene::carrier(world, actor, sim_time))
     }
 
-    fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {
+    pub(crate) fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {
         let header = SnapshotHeader {
             tick: self.tick.0,
             sim_nanos: sim_time.0,

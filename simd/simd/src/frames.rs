@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use nalgebra::Isometry3;
 use schema_bus::{FrameLoan, mono_now};
 use schema_frames::{FrameHeader, Modality};
 use schema_types::noise::Noise;
@@ -15,6 +16,7 @@ use sensor_core::scene::{Scene, SceneAssets};
 use sensor_core::schedule::Firing;
 use sensor_core::{gnss, imu};
 use sensor_gpu::Gpu;
+use sensor_ray::lidar::END_AZIMUTH_RAD;
 use sensor_ray::{RayScene, SensorPath};
 use sensor_spec::SensorSpec;
 
@@ -103,7 +105,9 @@ impl Sensors {
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
         self.finish_all()?;
         self.renderer.load(assets);
-        self.rays = None;
+        // Building takes the better part of a second: now, and not in the tick in which the first reader comes.
+        let has_lidar = self.sensors.iter().any(|sensor| matches!(sensor.model, Model::Lidar { .. }));
+        self.rays = has_lidar.then(|| RayScene::load(assets));
         Ok(())
     }
 
@@ -233,7 +237,7 @@ impl Sensors {
                 let noise = Noise::new(stamp.seed, sensor.actor.0 as u64, scene.tick.0);
                 match (&mut sensor.model, &sensor.spec) {
                     (Model::Lidar { lidar, previous }, _) => {
-                        let rays = self.rays.get_or_insert_with(|| RayScene::load(&scene.assets));
+                        let rays = self.rays.as_mut().expect("loaded with the map because there is a lidar");
                         if !rays_are_current {
                             rays.update(&scene.dynamics);
                             rays_are_current = true;
@@ -244,9 +248,12 @@ impl Sensors {
                         self.n_lidar_turns += 1;
                         header.range_limit_m = lidar.spec().range_m as f32;
                         header.n_channels = lidar.spec().channels;
+                        header.azimuth_rad = END_AZIMUTH_RAD as f32;
                     }
                     (Model::Imu(motion), SensorSpec::Imu(spec)) => {
-                        let mount = sensor.spec.mount().vehicle_from_sensor();
+                        // A sensor without a parent is its own body.
+                        let free = carrier.parent == ActorId(0);
+                        let mount = if free { Isometry3::identity() } else { sensor.spec.mount().vehicle_from_sensor() };
                         let input = motion.at(&mount, STANDARD_GRAVITY_MPS2).expect("a state was pushed in this tick");
                         put(&mut loan, &imu::sample(spec, &input, noise));
                         header.set_list(1);
@@ -312,7 +319,12 @@ impl Topic {
             println!("{} {} {hash:016x}", header.tick, self.name);
         }
         match loan.send() {
-            Ok(_) => self.n_sent += 1,
+            Ok(_) => {
+                self.n_sent += 1;
+                if self.wake.n_listeners() > 0 {
+                    self.wake.notify();
+                }
+            }
             Err(error) => {
                 tracing::warn!(topic = self.name, %error, "frame could not be sent");
                 self.n_dropped += 1;

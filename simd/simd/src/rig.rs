@@ -74,6 +74,8 @@ pub struct Topic {
     pub modality: Modality,
     /// Where frames go.
     pub publisher: FramePublisher,
+    /// Event of the topic's own name, for readers that want no other frame of the rig.
+    pub wake: Notifier,
     /// The publisher's segment as the GPU sees it; `None` for what the CPU makes.
     /// Field order matters: the import is dropped before the publisher unmaps its segment only if `close` is used.
     pub target: Option<Arc<ShmTarget>>,
@@ -112,7 +114,8 @@ impl Topic {
         let segment = publisher.segment()?;
         let by_gpu = modality.sensor_kind() == SensorKind::Camera;
         let target = by_gpu.then(|| Arc::new(import::target(gpu, &segment, options.staged)));
-        Ok(Topic { name, modality, publisher, target, max_payload_bytes, n_sent: 0, n_dropped: 0, n_overflowed: 0 })
+        let wake = bus.notifier(&name)?;
+        Ok(Topic { name, modality, publisher, wake, target, max_payload_bytes, n_sent: 0, n_dropped: 0, n_overflowed: 0 })
     }
 }
 

@@ -86,6 +86,8 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         shutdown,
     };
     daemon.publish_documents()?;
+    // Who must be ready before the first tick (lockstep, drivers) sees the world as it stands before it.
+    daemon.publish_snapshot(SimTime(0))?;
     tracing::info!(map = daemon.world.map().name, actors = daemon.world.snapshot_records().len(), "ready");
     Ok(daemon)
 }

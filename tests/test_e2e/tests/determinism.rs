@@ -34,7 +34,7 @@ fn staged_and_imported_frames_are_the_same_bytes() {
 #[test]
 fn another_rig_changes_nothing_for_the_first() {
     let more = format!(
-        "{SMALL_RIG}[rig.roadside]\nposition_m = [0.0, 0.0, 8.0]\n[sensor.watch]\nrig = \"roadside\"\nkind = \"camera\"\nwidth_px = 64\nheight_px = 48\n"
+        "{SMALL_RIG}[rig.roadside]\npose = {{ position_m = [0.0, 0.0, 8.0] }}\n[sensor.watch]\nrig = \"roadside\"\nkind = \"camera\"\nwidth_px = 64\nheight_px = 48\n"
     );
     let of_ego = |lines: Vec<String>| lines.into_iter().filter(|line| line.contains(" ego/")).collect::<Vec<_>>();
     assert_eq!(of_ego(hashes(SMALL_RIG, &[])), of_ego(hashes(&more, &[])));
