@@ -20,9 +20,6 @@ use sensor_spec::SensorSpec;
 
 use crate::import;
 
-/// Readers one frame topic can have.
-pub const MAX_READERS: usize = 8;
-
 /// All sensors with the same first topic segment; they share one wake-up per tick.
 pub struct Rig {
     /// First segment of its topics.
@@ -108,7 +105,7 @@ impl Topic {
         max_payload_bytes: usize,
         options: &TopicOptions,
     ) -> anyhow::Result<Topic> {
-        let spec = FrameTopic { max_payload_bytes, frames_in_flight: options.frames_in_flight as usize, max_readers: MAX_READERS };
+        let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, ..FrameTopic::new(modality, max_payload_bytes) };
         let publisher = bus.frame_publisher(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
         publisher.touch()?;
         let segment = publisher.segment()?;

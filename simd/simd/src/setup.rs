@@ -14,7 +14,7 @@ use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_gpu::{Gpu, GpuOptions};
 use simd_town::Town;
-use simd_world::{LightHeads, MapData, Scenario, World, WorldOptions};
+use simd_world::{MapData, Scenario, World, WorldOptions};
 
 use crate::cli::{Args, QualityArg};
 use crate::daemon::{Daemon, Episode, Ports};
@@ -96,11 +96,8 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
 fn check_memory(launch: &Launch, args: &Args) -> anyhow::Result<()> {
     let Some(free_bytes) = schema_bus::shared_memory_free() else { return Ok(()) };
     let need = |topic: &launch_spec::TopicBudget| {
-        let spec = schema_bus::FrameTopic {
-            max_payload_bytes: topic.max_payload_bytes,
-            frames_in_flight: args.frames_in_flight as usize,
-            max_readers: crate::rig::MAX_READERS,
-        };
+        let usual = schema_bus::FrameTopic::new(topic.modality, topic.max_payload_bytes);
+        let spec = schema_bus::FrameTopic { frames_in_flight: args.frames_in_flight as usize, ..usual };
         schema_bus::shared_memory_needed(&schema_bus::qos::Qos::of(topic.modality), &spec)
     };
     let need_bytes: u64 = launch.memory_budget().iter().map(need).sum();
@@ -158,17 +155,7 @@ fn load_map(map: &str, seed: u64) -> anyhow::Result<(MapData, SceneAssets)> {
         return Err(wrong_usage(format!("map {map:?} is a file; only generated towns can be loaded: {}", Town::NAMES.join(", "))));
     }
     let town = Town::generate(map, seed).map_err(wrong_usage)?;
-    let collision = |mesh: simd_town::CollisionMesh| simd_world::CollisionMesh { vertices_m: mesh.vertices_m, triangles: mesh.triangles };
-    let light = |site: simd_town::LightSite| LightHeads { signal_id: site.signal_id, heads: site.heads };
-    let data = MapData {
-        name: town.name,
-        open_drive: town.open_drive,
-        origin_m: town.origin_m,
-        collision: town.collision.into_iter().map(collision).collect(),
-        spawn_points: town.spawn_points,
-        lights: town.lights.into_iter().map(light).collect(),
-        light_head: town.light_head,
-    };
+    let data = MapData::from(&town);
     Ok((data, town.assets))
 }
 
@@ -226,7 +213,7 @@ fn spawn_sensor(
 fn sensor_type(spec: &sensor_spec::SensorSpec) -> &'static str {
     use sensor_spec::SensorSpec;
     match spec {
-        SensorSpec::Camera(_) => "sensor.camera.rgb",
+        SensorSpec::Camera(_) => "sensor.camera.view",
         SensorSpec::Lidar(lidar) if lidar.semantic => "sensor.lidar.ray_cast_semantic",
         SensorSpec::Lidar(_) => "sensor.lidar.ray_cast",
         SensorSpec::Imu(_) => "sensor.other.imu",
