@@ -168,7 +168,7 @@ impl<'a> CopyBatch<'a> {
         for staging in self.items.iter().filter_map(|item| item.staging.as_ref()) {
             staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
-        InFlight { gpu: gpu.clone(), items: self.items, submission }
+        InFlight { gpu: gpu.clone(), items: self.items, submission: Some(submission) }
     }
 }
 
@@ -285,13 +285,13 @@ fn image_region(texture: &wgpu::Texture, offset_bytes: u64) -> vk::BufferImageCo
     vk::BufferImageCopy::default().buffer_offset(offset_bytes).image_subresource(layers).image_extent(extent)
 }
 
-/// A submission on its way. Dropping it without waiting is allowed only when the device is being torn down.
+/// A submission on its way. Dropping it waits too, so that nothing is written to memory that the caller takes back.
 #[derive(Debug)]
 #[must_use = "the copies are done only after wait()"]
 pub struct InFlight<'a> {
     gpu: Gpu,
     items: Vec<Item<'a>>,
-    submission: wgpu::SubmissionIndex,
+    submission: Option<wgpu::SubmissionIndex>,
 }
 
 /// Bytes left mapped for the CPU.
@@ -336,12 +336,23 @@ impl InFlight<'_> {
     ///
     /// # Errors
     /// The device was lost.
-    pub fn wait(self) -> Result<Vec<CopyOutcome>, GpuError> {
-        let gpu = self.gpu;
-        gpu.device()
-            .poll(wgpu::PollType::Wait { submission_index: Some(self.submission), timeout: None })
-            .map_err(|error| gpu.lost(error))?;
-        self.items.into_iter().map(|item| finish(&gpu, item)).collect()
+    pub fn wait(mut self) -> Result<Vec<CopyOutcome>, GpuError> {
+        self.wait_for_gpu()?;
+        std::mem::take(&mut self.items).into_iter().map(|item| finish(&self.gpu, item)).collect()
+    }
+
+    fn wait_for_gpu(&mut self) -> Result<(), GpuError> {
+        let Some(submission) = self.submission.take() else { return Ok(()) };
+        let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+        self.gpu.device().poll(wait).map(|_| ()).map_err(|error| self.gpu.lost(error))
+    }
+}
+
+impl Drop for InFlight<'_> {
+    fn drop(&mut self) {
+        if let Err(error) = self.wait_for_gpu() {
+            tracing::error!(%error, "a submission was given up");
+        }
     }
 }
 

@@ -5,12 +5,12 @@ use crate::import;
 
 /// One shared-memory segment (or any host memory) that frames go to.
 ///
-/// Drop it, and poll the device or wait for a later submission, before the memory is unmapped.
+/// Dropping it waits until the device has let go of the memory; unmap it only afterwards.
 #[derive(Debug)]
 pub struct ShmTarget {
     base: *mut u8,
     len: usize,
-    imported: Option<wgpu::Buffer>,
+    imported: Option<(wgpu::Buffer, Gpu)>,
     reason: Option<String>,
 }
 
@@ -24,14 +24,13 @@ impl ShmTarget {
     /// Imports a whole data segment, once; if that cannot be, the target is staged and [`ShmTarget::staged_reason`] says why.
     ///
     /// # Safety
-    /// - `base..base + len` stays mapped and writable until the target is dropped *and* the device has finished every submission
-    ///   that used it.
+    /// - `base..base + len` stays mapped and writable until the target, with all its clones in places, is dropped.
     /// - While a submission that copies to a range of it is in flight (until `InFlight::wait` returned), nobody else in this process
     ///   reads, writes or holds a reference to that range.
     pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
         // SAFETY: the caller promises what the callee asks.
         match unsafe { import::import_host_memory(gpu, base, len) } {
-            Ok(buffer) => ShmTarget { base, len, imported: Some(buffer), reason: None },
+            Ok(buffer) => ShmTarget { base, len, imported: Some((buffer, gpu.clone())), reason: None },
             Err(reason) => {
                 tracing::warn!(reason, len, "shared memory is not imported; frames cost one CPU copy");
                 ShmTarget { base, len, imported: None, reason: Some(reason) }
@@ -68,7 +67,7 @@ impl ShmTarget {
     }
 
     pub(crate) fn imported(&self) -> Option<&wgpu::Buffer> {
-        self.imported.as_ref()
+        self.imported.as_ref().map(|(buffer, _)| buffer)
     }
 
     /// The range as a writable slice.
@@ -84,5 +83,17 @@ impl ShmTarget {
         );
         // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes have no invalid values.
         unsafe { std::slice::from_raw_parts_mut(self.base.add(offset_bytes), n_bytes) }
+    }
+}
+
+impl Drop for ShmTarget {
+    fn drop(&mut self) {
+        if let Some((buffer, gpu)) = self.imported.take() {
+            drop(buffer);
+            // wgpu frees a buffer when it next looks after its submissions. A lost device has let go already.
+            if let Err(error) = gpu.device().poll(wgpu::PollType::wait_indefinitely()) {
+                tracing::warn!(%error, "the device did not confirm that it let go of shared memory");
+            }
+        }
     }
 }

@@ -125,7 +125,8 @@ fn shade(point_in_camera: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels:
     albedo *= mix(1.0, 0.72 + 0.28 * clamp(uv_m.y * 0.4, 0.0, 1.0), is_wall);
     albedo = mix(albedo, vec3(0.62, 0.6, 0.56) * (0.35 + 0.65 * style.b), window.frame * is_wall);
     let has_blind = f32(window.lot.b > 0.72 && !is_shop);
-    albedo = mix(albedo, mix(vec3(0.02, 0.024, 0.03), vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), pane);
+    let room = select(vec3(0.02, 0.024, 0.03), vec3(0.11, 0.095, 0.075) * (0.3 + window.lot.r), is_shop);
+    albedo = mix(albedo, mix(room, vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), pane);
     let is_lit = f32(window.lot.b < light.air.w * select(0.42, 0.85, is_shop));
     let warm = mix(vec3(1.0, 0.66, 0.34), vec3(0.85, 0.92, 1.0), f32(window.lot.a > 0.8));
     var emitted = warm * (light.lamps.y * is_lit * pane * (0.25 + 0.75 * window.lot.a));
