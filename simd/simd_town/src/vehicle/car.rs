@@ -116,7 +116,11 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
     let surface = |segment: usize, strip: usize| {
         let part = stations[segment].5;
         // Coarse rings have fewer strips: floor, side, window, roof.
-        let strip = if detail == 2 { [0, 2, 5, 7][strip] } else { strip };
+        let strip = match detail {
+            0 => strip,
+            1 => [0, 2, 4, 5, 7][strip],
+            _ => [0, 2, 5, 7][strip],
+        };
         match (strip, part) {
             (0, _) => frame.dark(),
             (1, _) => frame.trim(),
@@ -141,7 +145,8 @@ fn stations(frame: &Frame, table: &[Station], detail: usize) -> Vec<Station> {
     match detail {
         0 => places.extend(frame.arch_places(&[-1.0, -0.96, -0.8, -0.5, 0.0, 0.5, 0.8, 0.96, 1.0])),
         1 => {
-            places.retain(|&u| !table.iter().any(|s| s.0 == u && matches!(s.5, Gap)));
+            places
+                .retain(|&u| (u == 0.0 || u == 1.0 || (0.02..0.98).contains(&u)) && !table.iter().any(|s| s.0 == u && matches!(s.5, Gap)));
             places.extend(frame.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
         }
         _ => {
@@ -170,20 +175,21 @@ fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, detail: usi
     let floor = frame.arch(u, detail).unwrap_or(frame.sill_m + 0.05 * nose);
     let lift = |z: f32, n: f32| z.max(floor + 0.012 * n);
     let crown = (top - belt).min(0.05);
-    let ring_m = if detail == 2 {
-        vec![[0.0, floor], [w, floor], [w * 0.97, lift(belt, 4.0)], [w * roof, top - crown], [0.0, top]]
-    } else {
-        vec![
-            [0.0, floor],
-            [w * 0.93, floor],
-            [w * 0.985, lift(frame.sill_m + 0.07, 1.0)],
-            [w, lift(frame.sill_m + 0.5 * (belt - frame.sill_m), 2.0)],
-            [w * 0.992, lift(belt - 0.09, 3.0)],
-            [w * 0.955, lift(belt, 4.0)],
-            [w * (roof + 0.02), lift(top - crown, 5.0)],
-            [w * (roof - 0.09), lift(top - 0.2 * crown, 6.0)],
-            [0.0, lift(top, 7.0)],
-        ]
+    let fine = [
+        [0.0, floor],
+        [w * 0.93, floor],
+        [w * 0.985, lift(frame.sill_m + 0.07, 1.0)],
+        [w, lift(frame.sill_m + 0.5 * (belt - frame.sill_m), 2.0)],
+        [w * 0.992, lift(belt - 0.09, 3.0)],
+        [w * 0.955, lift(belt, 4.0)],
+        [w * (roof + 0.02), lift(top - crown, 5.0)],
+        [w * (roof - 0.09), lift(top - 0.2 * crown, 6.0)],
+        [0.0, lift(top, 7.0)],
+    ];
+    let ring_m = match detail {
+        0 => fine.to_vec(),
+        1 => [0, 1, 3, 5, 6, 8].map(|i| fine[i]).to_vec(),
+        _ => [0, 1, 5, 6, 8].map(|i| fine[i]).to_vec(),
     };
     Section { x_m: frame.x(u), ring_m }
 }
@@ -206,7 +212,7 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
             lamp([250, 250, 255], 0, (flat - 0.27, flat), skin + 0.014, (-0.045, -0.033));
         }
     }
-    if detail < 2 {
+    if detail == 0 {
         let bar = |builder: &mut MeshBuilder, surface: Surface, half_y: f32, z: f32, half_z: f32, out: f32| {
             builder.cuboid(surface, [skin - 0.03 + out, 0.0, z], [0.03, half_y * w, half_z]);
         };
@@ -245,7 +251,7 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: Body
             lamp([245, 245, 245], 6, (inner - 0.075, inner - 0.005), (-tall, 0.0));
         }
     }
-    if detail < 2 {
+    if detail == 0 {
         let z = if style == BodyStyle::Van { 0.36 * h } else { lamp_z - 0.065 * h };
         plate(builder, frame, [-frame.half[0] + 0.006, 0.0, z]);
         builder.cuboid(frame.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);

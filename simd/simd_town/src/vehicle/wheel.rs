@@ -9,7 +9,7 @@ pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
     let mut builder = MeshBuilder::new("wheel");
     level(&mut builder, class, radius_m, width_m, 20, spokes);
     builder.end_level(14.0);
-    level(&mut builder, class, radius_m, width_m, 9, 0);
+    level(&mut builder, class, radius_m, width_m, 8, 0);
     builder.end_level(40.0);
     far(&mut builder, class, radius_m, width_m);
     builder.finish()
