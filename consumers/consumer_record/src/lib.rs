@@ -14,5 +14,6 @@ pub mod reader;
 pub mod recover;
 pub mod scene;
 pub mod session;
+pub mod sink;
 pub mod wire;
 pub mod writer;

@@ -1,22 +1,19 @@
 //! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a tick when all of it is queued.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, anyhow};
 use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
 use schema_bus::{Bus, BusError, BusOptions, CommandClient, Listener, SnapshotReader, mono_now, names};
 use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
-use schema_types::class::CLASSES;
 
 use crate::convert::{TopicName, frame_entries};
 use crate::discover::Discovery;
-use crate::messages::{Batch, Entry};
-use crate::queue::{Job, Queue, Refused, queue};
+use crate::queue::Job;
 use crate::scene::{SceneState, document};
-use crate::writer::{ChunkCompression, Recording, Written, run};
+use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
+use crate::writer::{ChunkCompression, Written};
 
 /// Longest wait for a wake-up; documents and a shutdown are looked at this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
@@ -55,24 +52,6 @@ pub struct Report {
     pub lost: BTreeMap<String, Loss>,
 }
 
-/// Frames of one topic that are not in the file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Loss {
-    /// Overwritten on the bus before this process took them.
-    pub on_the_bus: u64,
-    /// Taken, but the queue was full.
-    pub queue_full: u64,
-    /// Refused because they broke the contract.
-    pub refused: u64,
-}
-
-impl Loss {
-    /// All of them.
-    pub fn total(&self) -> u64 {
-        self.on_the_bus + self.queue_full + self.refused
-    }
-}
-
 /// Records until `stop` says so.
 ///
 /// # Errors
@@ -83,49 +62,6 @@ pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Repo
     // The writer's own error says more than "it has ended", so it comes first.
     let report = session.close()?;
     outcome.map(|()| report)
-}
-
-/// A file and the thread that writes it.
-struct Output {
-    path: PathBuf,
-    queue: Queue,
-    writer: JoinHandle<anyhow::Result<Written>>,
-}
-
-impl Output {
-    /// The file of the `n`-th run of the simulator, from 1.
-    fn create(options: &Options, n: usize) -> anyhow::Result<Output> {
-        let path = numbered(&options.out, n);
-        let recording = Recording::create(&path, options.compression)?;
-        let (queue, outlet) = queue(options.queue_bytes);
-        let writer = std::thread::Builder::new().name("writer".to_string()).spawn(move || run(recording, outlet));
-        let output = Output { path, queue, writer: writer.context("cannot start the writer thread")? };
-        output.push(file_metadata(&options.domain))?;
-        output.push(class_metadata())?;
-        Ok(output)
-    }
-
-    fn push(&self, job: Job) -> anyhow::Result<()> {
-        self.queue.push(job).map_err(|_| writer_ended())
-    }
-
-    fn finish(self, losses: BTreeMap<String, String>) -> anyhow::Result<(PathBuf, Written)> {
-        // If the writer has ended already, its own error follows.
-        let _ = self.push(Job::Metadata { name: "losses".to_string(), pairs: losses });
-        drop(self.queue);
-        let written = self.writer.join().map_err(|_| anyhow!("the writer thread panicked; the part file holds what was flushed before"))?;
-        let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
-        Ok((self.path, written))
-    }
-}
-
-/// `drive.mcap` for the first run of the simulator, `drive.2.mcap` for the second.
-fn numbered(path: &Path, n: usize) -> PathBuf {
-    if n == 1 {
-        return path.to_path_buf();
-    }
-    let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
-    path.with_extension(format!("{n}{extension}"))
 }
 
 /// `*` stands for any characters, `?` for one.
@@ -162,6 +98,9 @@ struct Session {
     sink: Sink,
     sim_nanos: u64,
     newest_tick: u64,
+    /// Whether this run's first snapshot came; before it there is no time to file anything under.
+    has_snapshot: bool,
+    waiting_said: bool,
     epoch: u64,
     /// Epoch and revision of the map that is attached.
     attached: Option<(u64, u64)>,
@@ -175,79 +114,6 @@ struct InStep {
     barrier: CommandClient,
     wake: Listener,
     acked: u64,
-}
-
-/// Where batches go, and what did not fit.
-struct Sink {
-    output: Option<Output>,
-    finished: Vec<(PathBuf, Written)>,
-    wait: bool,
-    wall_minus_mono_nanos: i128,
-    recorded: BTreeMap<String, u64>,
-    full: BTreeMap<String, u64>,
-    full_said: bool,
-}
-
-impl Sink {
-    /// Queues what one sample became; in lockstep waits for room, else counts what does not fit.
-    fn put(
-        &mut self,
-        source: &std::sync::Arc<str>,
-        sequence: u64,
-        log_nanos: u64,
-        mono_nanos: u64,
-        entries: Vec<Entry>,
-    ) -> anyhow::Result<()> {
-        let batch =
-            Batch { source: source.clone(), sequence: sequence as u32, log_nanos, publish_nanos: self.wall_nanos(mono_nanos), entries };
-        let output = self.output.as_ref().ok_or_else(writer_ended)?;
-        let outcome = if self.wait { output.queue.push(Job::Batch(batch)) } else { output.queue.offer(Job::Batch(batch)) };
-        match outcome {
-            Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
-            Err(Refused::Full(_)) => {
-                *self.full.entry(source.to_string()).or_insert(0) += 1;
-                if !std::mem::replace(&mut self.full_said, true) {
-                    let waiting_mb = output.queue.waiting_bytes() >> 20;
-                    tracing::warn!(
-                        source = &**source,
-                        waiting_mb,
-                        "the disk is too slow: frames are dropped; try --compression none, fewer --topics or a larger --queue-mb"
-                    );
-                }
-            }
-            Err(Refused::Closed) => return Err(writer_ended()),
-        }
-        Ok(())
-    }
-
-    fn push(&self, job: Job) -> anyhow::Result<()> {
-        self.output.as_ref().ok_or_else(writer_ended)?.push(job)
-    }
-
-    fn buffer(&self, n_bytes: usize) -> Vec<u8> {
-        self.output.as_ref().map_or_else(Vec::new, |output| output.queue.buffer(n_bytes))
-    }
-
-    fn finish(&mut self, lost: &BTreeMap<String, Loss>) -> anyhow::Result<()> {
-        if let Some(output) = self.output.take() {
-            let losses = lost.iter().map(|(topic, loss)| (topic.clone(), loss.total().to_string())).collect();
-            self.finished.push(output.finish(losses)?);
-        }
-        Ok(())
-    }
-
-    fn wall_nanos(&self, mono_nanos: u64) -> u64 {
-        u64::try_from(mono_nanos as i128 + self.wall_minus_mono_nanos).unwrap_or(0)
-    }
-}
-
-fn writer_ended() -> anyhow::Error {
-    anyhow!("the writer has ended")
-}
-
-fn wall_minus_mono_nanos() -> anyhow::Result<i128> {
-    let wall = nix::time::clock_gettime(nix::time::ClockId::CLOCK_REALTIME).context("cannot read the wall clock")?;
-    Ok(wall.tv_sec() as i128 * 1_000_000_000 + wall.tv_nsec() as i128 - mono_now().0 as i128)
 }
 
 const DOCUMENTS: [&str; 4] = [names::WORLD_INFO, names::WORLD_ACTORS, names::WORLD_CATALOGUE, names::WORLD_MAP];
@@ -278,6 +144,8 @@ impl Session {
             sink,
             sim_nanos: 0,
             newest_tick: 0,
+            has_snapshot: false,
+            waiting_said: false,
             epoch: 0,
             attached: None,
             last_try: None,
@@ -295,7 +163,7 @@ impl Session {
         // Leaving the gate first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
-        self.drain_documents(self.newest_tick == 0)?;
+        self.drain_documents(!self.has_snapshot)?;
         self.attach_map(true)
     }
 
@@ -351,7 +219,11 @@ impl Session {
                     acked,
                 });
             }
-            Err(error) => tracing::warn!(%error, "not in lockstep yet, trying again"),
+            Err(error) => {
+                if !std::mem::replace(&mut self.waiting_said, true) {
+                    tracing::info!(%error, "not in lockstep yet, trying on");
+                }
+            }
         }
         Ok(())
     }
@@ -370,7 +242,7 @@ impl Session {
 
     fn drain(&mut self) -> anyhow::Result<()> {
         // Before the first snapshot there is no time to file a document under; it waits on the bus.
-        if self.newest_tick > 0 {
+        if self.has_snapshot {
             self.drain_documents(false)?;
         }
         self.drain_snapshots()?;
@@ -410,7 +282,7 @@ impl Session {
                 Ok(Some(snapshot)) => {
                     let header = snapshot.header();
                     self.meet(header.epoch)?;
-                    let is_first = self.newest_tick == 0;
+                    let is_first = !std::mem::replace(&mut self.has_snapshot, true);
                     (self.sim_nanos, self.newest_tick) = (header.sim_nanos, header.tick);
                     if is_first {
                         self.drain_documents(true)?;
@@ -438,7 +310,7 @@ impl Session {
             self.sink.output = Some(output);
             self.scene = SceneState::default();
             self.lockstep = None;
-            (self.newest_tick, self.sim_nanos) = (0, 0);
+            (self.newest_tick, self.sim_nanos, self.has_snapshot) = (0, 0, false);
             self.attached = None;
         }
         self.epoch = epoch;
@@ -543,22 +415,6 @@ fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> 
     }
 }
 
-fn file_metadata(domain: &str) -> Job {
-    let pairs = [
-        ("domain", domain.to_string()),
-        ("recorder", concat!("gantry-record ", env!("CARGO_PKG_VERSION")).to_string()),
-        ("schema_version", schema_frames::SCHEMA_VERSION.to_string()),
-        ("log_time", "simulated nanoseconds since the simulator started".to_string()),
-        ("publish_time", "the publisher's wall clock, nanoseconds since 1970".to_string()),
-    ];
-    Job::Metadata { name: "gantry".to_string(), pairs: pairs.map(|(key, value)| (key.to_string(), value)).into() }
-}
-
-fn class_metadata() -> Job {
-    let pairs = CLASSES.iter().enumerate().map(|(number, info)| (number.to_string(), info.name.to_string())).collect();
-    Job::Metadata { name: "classes".to_string(), pairs }
-}
-
 /// The members of `world/info`, each as text.
 fn world_metadata(json: &str) -> Job {
     let members: serde_json::Map<String, serde_json::Value> = serde_json::from_str(json).unwrap_or_default();
@@ -572,12 +428,6 @@ fn world_metadata(json: &str) -> Job {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
-        assert_eq!(numbered(Path::new("a/drive.mcap"), 1), Path::new("a/drive.mcap"));
-        assert_eq!(numbered(Path::new("a/drive.mcap"), 2), Path::new("a/drive.2.mcap"));
-    }
 
     #[test]
     fn patterns_match_as_in_a_shell() {
