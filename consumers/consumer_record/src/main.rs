@@ -19,9 +19,6 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
     after_help = "Examples:\n  gantry-record --out drive.mcap\n  gantry-record --out front.mcap --topics 'ego/front/*' --lockstep\n  gantry-record info drive.mcap\n  gantry-record recover drive.mcap.part rescued.mcap"
 )]
 struct Args {
-    #[command(flatten)]
-    common: CommonArgs,
-
     /// File to write; never overwritten. It is called FILE.part until it is finished
     #[arg(long, value_name = "FILE", required = true)]
     out: Option<PathBuf>,
@@ -44,6 +41,9 @@ struct Args {
 
     #[command(subcommand)]
     action: Option<Action>,
+
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 #[derive(Debug, Subcommand)]

@@ -18,9 +18,6 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
     after_help = "Examples:\n  gantry-view --native\n  gantry-view --web --max-hz 5\n  gantry-view --save drive.rrd && rerun drive.rrd"
 )]
 struct Args {
-    #[command(flatten)]
-    common: CommonArgs,
-
     /// Show a window (the rerun viewer, started and ended with this program)
     #[arg(long)]
     native: bool,
@@ -44,6 +41,9 @@ struct Args {
     /// Most memory the viewer keeps for its past, e.g. 2GB; the oldest goes first
     #[arg(long, value_name = "SIZE", default_value = "2GB", value_parser = memory)]
     memory_limit: String,
+
+    #[command(flatten)]
+    common: CommonArgs,
 }
 
 fn rate(text: &str) -> Result<f64, String> {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rerun::components::{Colormap, ViewCoordinates};
 use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
-use schema_frames::{ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SnapshotHeader};
+use schema_frames::{ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SensorKind, SnapshotHeader};
 use schema_roads::MarkColour;
 use schema_roads::RoadMap;
 use schema_types::{Pose, class::CLASSES};
@@ -210,6 +210,19 @@ impl Stage {
         self.set_clock(header.tick, header.sim_nanos);
         self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
         self.place_sensor(&place, header)?;
+        match place.modality.sensor_kind() {
+            SensorKind::Camera => self.show_picture(&place, header, payload),
+            SensorKind::Lidar => {
+                let (positions, colours) = picture::cloud(header, payload);
+                let colours = colours.into_iter().map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
+                Ok(self.rec.log(place.frame_path(), &rerun::Points3D::new(positions).with_colors(colours).with_radii([0.05]))?)
+            }
+            SensorKind::Imu => self.plot_imu(&place, payload),
+            _ => Ok(()),
+        }
+    }
+
+    fn show_picture(&self, place: &Place, header: &FrameHeader, payload: &[u8]) -> anyhow::Result<()> {
         let path = place.frame_path();
         let size = [header.width, header.height];
         match place.modality {
@@ -235,12 +248,6 @@ impl Stage {
                     self.rec.log(path, &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size))?;
                 }
             }
-            Modality::Lidar | Modality::SemanticLidar => {
-                let (positions, colours) = picture::cloud(header, payload);
-                let colours = colours.into_iter().map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
-                self.rec.log(path, &rerun::Points3D::new(positions).with_colors(colours).with_radii([0.05]))?;
-            }
-            Modality::Imu => self.plot_imu(&place, payload)?,
             _ => {}
         }
         Ok(())
@@ -294,7 +301,7 @@ impl Stage {
     fn lens(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
         let Some(size) = picture::picture_size_px(header) else { return Ok(()) };
         let [fx, fy, cx, cy] = header.intrinsics_px;
-        if place.modality.sensor_kind() != schema_frames::SensorKind::Camera || !(fx > 0.0 && fy > 0.0) {
+        if place.modality.sensor_kind() != SensorKind::Camera || !(fx > 0.0 && fy > 0.0) {
             return Ok(());
         }
         let path = place.sensor_path();
