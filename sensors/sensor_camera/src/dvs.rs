@@ -227,8 +227,8 @@ impl Window<'_> {
     }
 }
 
-/// Steps that are tried in one go: 16 pixels span two or three tiles.
-const STRETCH_STEPS: usize = 16;
+/// Steps that are tried in one go: fewer cost more in looking at tiles than they save (bench measure_views).
+const STRETCH_STEPS: usize = 24;
 
 /// Threshold crossings of one pixel.
 struct Crossing<'p> {

@@ -95,7 +95,8 @@ impl Bounds {
 
     /// Bounds over the tiles between two positions (clamped to the image).
     pub fn between(&self, a: [f32; 2], b: [f32; 2]) -> (f32, f32) {
-        let tile = |position: f32, axis: usize| ((position * (1.0 / TILE_PX as f32)).max(0.0) as usize).min(self.tiles[axis] - 1);
+        let tile =
+            |position: f32, axis: usize| ((position.clamp(0.0, 1e6) * (1.0 / TILE_PX as f32)) as i32 as usize).min(self.tiles[axis] - 1);
         let (x0, x1) = (tile(a[0].min(b[0]), 0), tile(a[0].max(b[0]), 0));
         let (y0, y1) = (tile(a[1].min(b[1]), 1), tile(a[1].max(b[1]), 1));
         let mut bounds = (f32::INFINITY, f32::NEG_INFINITY);
