@@ -98,3 +98,55 @@ fn wrong_requests_are_refused_with_a_sentence() {
     let error = ask(&[Modality::Depth], 100);
     assert_eq!(error.to_string(), "\"depth\" needs 12288 bytes, but its place has 100");
 }
+
+#[test]
+fn quality_changes_colour_only() {
+    let gpu = kit::gpu();
+    let (assets, car) = kit::street();
+    let run = |quality: Quality| {
+        let mut renderer = CameraRenderer::new(&gpu, quality);
+        let mut view = kit::view(&gpu, 96, 64);
+        let scene = |step: u64| {
+            kit::scene(&assets, vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))], step * 50_000_000)
+        };
+        kit::render(&mut renderer, &scene(1), &mut view, kit::pose(0.0, -1.0, 1.5, [0.0; 3]), &[]);
+        kit::render(&mut renderer, &scene(2), &mut view, kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]), &ALL[..6])
+    };
+    let (low, high) = (run(Quality::Low), run(Quality::High));
+    for modality in &ALL[1..6] {
+        assert!(low[modality].0 == high[modality].0, "{modality:?} depends on the quality");
+    }
+}
+
+/// Goal: the sun's shadow of a box darkens the ground behind it and nothing else, and an overcast sky throws none.
+#[test]
+fn box_throws_a_shadow_away_from_the_sun() {
+    use sensor_core::mesh::Surface;
+    use sensor_core::{Material, MeshBuilder, SceneAssets};
+    let gpu = kit::gpu();
+    let mut assets = SceneAssets { episode: 1, ..Default::default() };
+    let mut ground = MeshBuilder::new("ground");
+    let grey = Surface::new(schema_types::Class::GROUND, Material::Cloth, [128; 3]);
+    ground.quad(grey, [[-40.0, -40.0, 0.0], [40.0, -40.0, 0.0], [40.0, 40.0, 0.0], [-40.0, 40.0, 0.0]], [[0.0; 2]; 4]);
+    let ground = assets.add_mesh(ground.finish());
+    assets.statics.push(kit::fixed(ground, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    let tower = assets.add_mesh(kit::cuboid("tower", grey, [0.0, 0.0, 2.0], [0.5, 0.5, 2.0]));
+    assets.statics.push(kit::fixed(tower, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    let assets = std::sync::Arc::new(assets);
+    // Straight down from 20 m: x runs up the image, y to the left, 64 px are 40 m.
+    let green_at = |cloudiness: f32| {
+        let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+        let mut view = kit::view(&gpu, 64, 64);
+        let mut scene = kit::scene(&assets, vec![], 50_000_000);
+        (scene.weather.sun_azimuth_deg, scene.weather.sun_altitude_deg, scene.weather.cloudiness) = (0.0, 45.0, cloudiness);
+        let frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(0.0, 0.0, 20.0, [0.0, 90.0, 0.0]), &[Modality::Rgb]);
+        let bytes = frames[&Modality::Rgb].0.clone();
+        move |x_m: f64, y_m: f64| bytes[4 * ((32.0 - 1.6 * x_m) as usize * 64 + (32.0 - 1.6 * y_m) as usize) + 1] as i32
+    };
+    let clear = green_at(0.0);
+    // The sun stands towards +x at 45 degrees: 4 m of tower throw 4 m of shadow towards -x.
+    let (shade, lit) = (clear(-2.5, 0.0), [clear(2.5, 0.0), clear(-6.5, 0.0), clear(0.0, 5.0), clear(0.0, -5.0)]);
+    assert!(lit.iter().all(|green| *green > shade + 40), "{shade} in the shade, {lit:?} in the light");
+    let overcast = green_at(100.0);
+    assert!((overcast(-2.5, 0.0) - overcast(2.5, 0.0)).abs() < 8);
+}
