@@ -44,7 +44,11 @@ pub fn is_daemon(process: &Process) -> bool {
 /// The launch file with what `--record` and `--view` ask for.
 pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
     if let Some(file) = &args.record {
-        let cmd = vec!["gantry-record".into(), "--out".into(), file.display().to_string()];
+        // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
+        let cmd = vec!["gantry-record".into(), "--lockstep".into(), "--out".into(), file.display().to_string()];
+        if let Some(daemon) = launch.processes.iter_mut().find(|process| is_daemon(process)) {
+            daemon.cmd.extend(["--await-lockstep".into(), "1".into()]);
+        }
         // Finishing a file means writing what is queued and its index.
         let stop = Stop { grace: Period::from_millis(60_000), ..Stop::default() };
         // Required: a run that was to be recorded and is not must not look like one that was.
@@ -198,7 +202,8 @@ mod tests {
     fn record_and_view_become_processes_after_the_daemon() {
         let both = launch(&["--record", "a.mcap", "--view", "save:b.rrd"]);
         let record = both.process("record").unwrap();
-        assert_eq!(record.cmd, ["gantry-record", "--out", "a.mcap"]);
+        assert_eq!(record.cmd, ["gantry-record", "--lockstep", "--out", "a.mcap"]);
+        assert_eq!(both.process("world").unwrap().cmd, ["simd", "--await-lockstep", "1"]);
         assert_eq!(record.after, ["world"]);
         let view = both.process("view").unwrap();
         assert_eq!(view.cmd, ["gantry-view", "--save", "b.rrd"]);
