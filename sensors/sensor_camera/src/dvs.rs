@@ -7,6 +7,7 @@
 //!
 //! An edge is known to half a pixel of the rendered pictures, so an event's time is known to half a pixel of motion.
 
+mod block;
 mod field;
 
 use rayon::prelude::*;
@@ -16,7 +17,8 @@ use sensor_gpu::Mapped;
 use sensor_spec::DvsSpec;
 
 use crate::view::ViewSpec;
-use field::{Bounds, Motion, Path, Picture, smooth_at};
+use block::{Block, LANES};
+use field::{Bounds, Motion, Path, Picture, norm2};
 
 /// Images of this firing, as the GPU left them.
 pub(crate) struct DvsImages {
@@ -116,9 +118,11 @@ impl DvsState {
             .map(|(y, pixels)| {
                 let (ids, classes) = (images.instance.row(y), images.class.row(y));
                 let mut events = Vec::new();
-                for (x, pixel) in pixels.iter_mut().enumerate() {
-                    let factor = mismatch.get(y * width + x).copied().unwrap_or(1.0);
-                    window.follow_pixel(x, y, pixel, factor, &mut |nanos_in_window, polarity| {
+                for (block, pixels) in pixels.chunks_mut(LANES).enumerate() {
+                    let first = block * LANES;
+                    let factors = mismatch.get(y * width + first..y * width + first + pixels.len()).unwrap_or_default();
+                    window.follow_pixels([first, y], pixels, factors, &mut |lane, nanos_in_window, polarity| {
+                        let x = first + lane;
                         let id = [ids[4 * x], ids[4 * x + 1], ids[4 * x + 2], ids[4 * x + 3]];
                         events.push(DvsEvent {
                             nanos_in_window,
@@ -160,69 +164,90 @@ struct Window<'w> {
 }
 
 impl Window<'_> {
-    /// Follows one pixel and calls `event(nanos_in_window, polarity)` for each crossing.
-    fn follow_pixel(&self, x: usize, y: usize, pixel: &mut PixelState, factor: f32, event: &mut impl FnMut(u32, u8)) {
-        let i = y * self.now.size_px[0] + x;
-        let (up, down) = (self.spec.positive_threshold * factor, self.spec.negative_threshold * factor);
-        let (begin, end) = (self.previous.log[i], self.now.log[i]);
-        let path = self.motion.path(x, y);
-        let reference = pixel.reference;
-        let n_steps = ((path.fastest_px() / self.spec.substep_px).ceil() as usize).clamp(1, MAX_STEPS);
-        let mut crossing = Crossing { up, down, pixel, refractory_nanos: self.spec.refractory_nanos };
-        let nanos = |step: usize| (self.nanos as u64 * step as u64 / n_steps as u64) as u32;
-        match path {
-            Path::Still => {
-                if end - reference >= up || reference - end >= down {
-                    crossing.follow(begin, end, 0, self.nanos, event);
-                }
-            }
-            Path::Smooth { begin: m0, end: m1 } => {
-                let at = [x as f32 + 0.5, y as f32 + 0.5];
-                let share = |step: usize| step as f32 / n_steps as f32;
-                let mut before = begin;
-                let mut step = 0;
-                while step < n_steps {
-                    // A stretch whose surroundings hold no crossing is passed in one go.
-                    let last = (step + STRETCH_STEPS).min(n_steps);
-                    let quiet = self.is_quiet(&crossing, smooth_at(at, m0, m1, share(step)), smooth_at(at, m0, m1, share(last)));
-                    let first = if quiet { last } else { step + 1 };
-                    for next in first..=last {
-                        let level = if next == n_steps {
-                            end
-                        } else {
-                            self.smooth_level(smooth_at(at, m0, m1, share(next)), share(next), begin, end)
-                        };
-                        crossing.follow(before, level, nanos(step), nanos(next), event);
-                        (before, step) = (level, next);
+    /// Follows up to [`LANES`] neighbouring pixels from `(x, y)` on and calls `event(lane, nanos_in_window, polarity)` for each crossing.
+    fn follow_pixels(&self, [x, y]: [usize; 2], pixels: &mut [PixelState], factors: &[f32], event: &mut impl FnMut(usize, u32, u8)) {
+        let mut block = Block::new(x, y);
+        for (lane, pixel) in pixels.iter_mut().enumerate() {
+            let i = y * self.now.size_px[0] + x + lane;
+            let mut crossing = self.crossing(pixel, factors.get(lane));
+            let (begin, end) = (self.previous.log[i], self.now.log[i]);
+            match self.motion.path(x + lane, y) {
+                Path::Still => {
+                    if crossing.is_beyond(end) {
+                        crossing.follow(begin, end, 0, self.nanos, &mut |nanos, polarity| event(lane, nanos, polarity));
                     }
                 }
-            }
-            Path::Several { motions, n } => {
-                let mut before = begin;
-                for step in 1..=n_steps {
-                    let share = step as f32 / n_steps as f32;
-                    let level = if step == n_steps { end } else { self.motion.level(self.previous, self.now, &motions[..n], x, y, share) };
-                    crossing.follow(before, level, nanos(step - 1), nanos(step), event);
-                    before = level;
+                Path::Smooth { begin: from, end: to } => block.set(lane, [from, to], [begin, end], crossing.limits()),
+                Path::Several { motions, n } => {
+                    let event = &mut |nanos, polarity| event(lane, nanos, polarity);
+                    self.follow_several(&motions[..n], [x + lane, y], &mut crossing, event);
                 }
             }
         }
-        pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
+        if block.any() {
+            self.follow_smooth(&mut block, pixels, factors, event);
+        }
+        for pixel in pixels {
+            pixel.silent_nanos = pixel.silent_nanos.saturating_sub(self.nanos);
+        }
     }
 
-    /// Whether no brightness between these points of a path can cross a threshold.
-    fn is_quiet(&self, crossing: &Crossing<'_>, from: ([f32; 2], [f32; 2]), to: ([f32; 2], [f32; 2])) -> bool {
-        let (now, previous) = (self.bounds[1].between(from.0, to.0), self.bounds[0].between(from.1, to.1));
-        let reference = crossing.pixel.reference;
-        now.1.max(previous.1) - reference < crossing.up && reference - now.0.min(previous.0) < crossing.down
+    fn crossing<'p>(&self, pixel: &'p mut PixelState, factor: Option<&f32>) -> Crossing<'p> {
+        let factor = factor.copied().unwrap_or(1.0);
+        Crossing {
+            up: self.spec.positive_threshold * factor,
+            down: self.spec.negative_threshold * factor,
+            pixel,
+            refractory_nanos: self.spec.refractory_nanos,
+        }
     }
 
-    /// Brightness of a smooth path's point, seen in both pictures or in the one that shows it.
-    fn smooth_level(&self, (ahead, behind): ([f32; 2], [f32; 2]), share: f32, begin: f32, end: f32) -> f32 {
-        match (self.previous.log_at(behind[0], behind[1]), self.now.log_at(ahead[0], ahead[1])) {
-            (Some(before), Some(after)) => before + (after - before) * share,
-            (Some(level), None) | (None, Some(level)) => level,
-            (None, None) => begin + (end - begin) * share,
+    fn n_steps(&self, fastest_px: f32) -> usize {
+        ((fastest_px / self.spec.substep_px).min(MAX_STEPS as f32 - 1.0) as usize + 1).clamp(1, MAX_STEPS)
+    }
+
+    fn nanos(&self, step: usize, n_steps: usize) -> u32 {
+        (self.nanos as u64 * step as u64 / n_steps as u64) as u32
+    }
+
+    /// Pixels that one surface passes, all in the steps of the fastest.
+    fn follow_smooth(&self, block: &mut Block, pixels: &mut [PixelState], factors: &[f32], event: &mut impl FnMut(usize, u32, u8)) {
+        let n_steps = self.n_steps(block.fastest_px());
+        let share = |step: usize| step as f32 / n_steps as f32;
+        let mut before = block.begin;
+        let mut step = 0;
+        while step < n_steps {
+            // A stretch whose surroundings hold no crossing is passed in one go.
+            let last = (step + STRETCH_STEPS).min(n_steps);
+            let first = if block.is_quiet(self.bounds, share(step), share(last)) { last } else { step + 1 };
+            for next in first..=last {
+                let levels = if next == n_steps { block.end } else { block.levels(self.previous, self.now, share(next)) };
+                if block.crosses(&levels) {
+                    for lane in block.crossing_lanes(&levels) {
+                        let mut crossing = self.crossing(&mut pixels[lane], factors.get(lane));
+                        let (begin_nanos, end_nanos) = (self.nanos(step, n_steps), self.nanos(next, n_steps));
+                        crossing.follow(before[lane], levels[lane], begin_nanos, end_nanos, &mut |nanos, polarity| {
+                            event(lane, nanos, polarity)
+                        });
+                        block.set_limits(lane, crossing.limits());
+                    }
+                }
+                (before, step) = (levels, next);
+            }
+        }
+    }
+
+    /// A pixel that several surfaces pass.
+    fn follow_several(&self, motions: &[[f32; 2]], [x, y]: [usize; 2], crossing: &mut Crossing<'_>, event: &mut impl FnMut(u32, u8)) {
+        let i = y * self.now.size_px[0] + x;
+        let fastest_px = motions.iter().map(|m| norm2(*m)).fold(0.0, f32::max).sqrt();
+        let n_steps = self.n_steps(fastest_px);
+        let mut before = self.previous.log[i];
+        for step in 1..=n_steps {
+            let share = step as f32 / n_steps as f32;
+            let level = if step == n_steps { self.now.log[i] } else { self.motion.level(self.previous, self.now, motions, x, y, share) };
+            crossing.follow(before, level, self.nanos(step - 1, n_steps), self.nanos(step, n_steps), event);
+            before = level;
         }
     }
 }
@@ -239,6 +264,16 @@ struct Crossing<'p> {
 }
 
 impl Crossing<'_> {
+    /// Levels at which the next event comes, below and above.
+    fn limits(&self) -> [f32; 2] {
+        [self.pixel.reference - self.down, self.pixel.reference + self.up]
+    }
+
+    fn is_beyond(&self, level: f32) -> bool {
+        let [low, high] = self.limits();
+        level <= low || level >= high
+    }
+
     /// The level goes in a straight line from `before` to `after`.
     fn follow(&mut self, before: f32, after: f32, begin_nanos: u32, end_nanos: u32, event: &mut impl FnMut(u32, u8)) {
         let (step, polarity) = if after > before { (self.up, 1) } else { (-self.down, 0) };

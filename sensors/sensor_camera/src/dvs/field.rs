@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::DvsImages;
+use super::block::{LANES, Lanes};
 
 /// A rendered picture with its motion.
 #[derive(Debug)]
@@ -10,6 +11,8 @@ pub(super) struct Picture {
     pub size_px: [usize; 2],
     /// ln(luminance + eps).
     pub log: Vec<f32>,
+    /// `log` of each pixel and its neighbours to the right, below, and both (rims repeat): what a bilinear sample needs, in one load.
+    pub quads: Vec<[f32; 4]>,
     /// Motion since the previous firing, pixels.
     pub flow: Vec<[f32; 2]>,
     /// Metres; +∞ is the sky.
@@ -19,8 +22,8 @@ pub(super) struct Picture {
 impl Picture {
     pub fn read(images: &DvsImages, size_px: [usize; 2], log_eps: f32) -> Picture {
         let [width, height] = size_px;
-        let mut picture =
-            Picture { size_px, log: vec![0.0; width * height], flow: vec![[0.0; 2]; width * height], depth: vec![0.0; width * height] };
+        let n = width * height;
+        let mut picture = Picture { size_px, log: vec![0.0; n], quads: vec![[0.0; 4]; n], flow: vec![[0.0; 2]; n], depth: vec![0.0; n] };
         let rows = picture.log.par_chunks_mut(width).zip(picture.flow.par_chunks_mut(width)).zip(picture.depth.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((log, flow), depth))| {
             for (log, bytes) in log.iter_mut().zip(images.luminance.row(y).chunks_exact(4)) {
@@ -33,7 +36,41 @@ impl Picture {
                 *depth = float(bytes);
             }
         });
+        picture.fill_quads();
         picture
+    }
+
+    fn fill_quads(&mut self) {
+        let [width, height] = self.size_px;
+        let log = &self.log;
+        self.quads.par_chunks_mut(width).enumerate().for_each(|(y, quads)| {
+            let below = (y + 1).min(height - 1);
+            let (upper, lower) = (&log[y * width..(y + 1) * width], &log[below * width..(below + 1) * width]);
+            for ((quad, upper), lower) in quads.iter_mut().zip(upper.windows(2)).zip(lower.windows(2)) {
+                *quad = [upper[0], upper[1], lower[0], lower[1]];
+            }
+            quads[width - 1] = [upper[width - 1], upper[width - 1], lower[width - 1], lower[width - 1]];
+        });
+    }
+
+    /// Bilinear brightness at several positions, each moved into the image if it is outside.
+    #[inline(always)]
+    pub fn logs_at(&self, at: &[Lanes; 2]) -> Lanes {
+        let [width, height] = self.size_px;
+        let (right, bottom, stride) = ((width - 1) as f32, (height - 1) as f32, width as i32);
+        let (mut idx, mut fx, mut fy) = ([0_i32; LANES], [0.0; LANES], [0.0; LANES]);
+        for lane in 0..LANES {
+            let (x, y) = ((at[0][lane] - 0.5).max(0.0).min(right), (at[1][lane] - 0.5).max(0.0).min(bottom));
+            let (x0, y0) = (x as i32, y as i32);
+            (fx[lane], fy[lane]) = (x - x0 as f32, y - y0 as f32);
+            idx[lane] = y0.wrapping_mul(stride).wrapping_add(x0);
+        }
+        let quads: [[f32; 4]; LANES] = std::array::from_fn(|lane| self.quads[idx[lane] as u32 as usize]);
+        std::array::from_fn(|lane| {
+            let [a, b, c, d] = quads[lane];
+            let (upper, lower) = (a + (b - a) * fx[lane], c + (d - c) * fx[lane]);
+            upper + (lower - upper) * fy[lane]
+        })
     }
 
     /// Bilinear brightness at a position (pixel centres at halves); `None` outside.
@@ -93,12 +130,12 @@ impl Bounds {
         Bounds { tiles, range: (0..tiles[0] * tiles[1]).into_par_iter().map(range_of).collect() }
     }
 
-    /// Bounds over the tiles between two positions (clamped to the image).
-    pub fn between(&self, a: [f32; 2], b: [f32; 2]) -> (f32, f32) {
+    /// Bounds over the tiles of a rectangle given by its least and greatest corner (clamped to the image).
+    pub fn within(&self, [least, greatest]: [[f32; 2]; 2]) -> (f32, f32) {
         let tile =
             |position: f32, axis: usize| ((position.clamp(0.0, 1e6) * (1.0 / TILE_PX as f32)) as i32 as usize).min(self.tiles[axis] - 1);
-        let (x0, x1) = (tile(a[0].min(b[0]), 0), tile(a[0].max(b[0]), 0));
-        let (y0, y1) = (tile(a[1].min(b[1]), 1), tile(a[1].max(b[1]), 1));
+        let (x0, x1) = (tile(least[0], 0), tile(greatest[0], 0));
+        let (y0, y1) = (tile(least[1], 1), tile(greatest[1], 1));
         let mut bounds = (f32::INFINITY, f32::NEG_INFINITY);
         for y in y0..=y1 {
             for (low, high) in &self.range[y * self.tiles[0] + x0..=y * self.tiles[0] + x1] {
@@ -120,25 +157,7 @@ pub(super) enum Path {
     Several { motions: [[f32; 2]; 3], n: usize },
 }
 
-impl Path {
-    pub fn fastest_px(&self) -> f32 {
-        let squared = match self {
-            Path::Still => 0.0,
-            Path::Smooth { begin, end } => norm2(*begin).max(norm2(*end)),
-            Path::Several { motions, n } => motions[..*n].iter().map(|m| norm2(*m)).fold(0.0, f32::max),
-        };
-        squared.sqrt()
-    }
-}
-
-/// Where a smooth path's point is in the picture of the end and in that of the beginning, when `share` of the window has passed.
-pub(super) fn smooth_at(at: [f32; 2], begin: [f32; 2], end: [f32; 2], share: f32) -> ([f32; 2], [f32; 2]) {
-    let m = [begin[0] + (end[0] - begin[0]) * share, begin[1] + (end[1] - begin[1]) * share];
-    let rest = 1.0 - share;
-    ([at[0] + m[0] * rest, at[1] + m[1] * rest], [at[0] - m[0] * share, at[1] - m[1] * share])
-}
-
-fn norm2(m: [f32; 2]) -> f32 {
+pub(super) fn norm2(m: [f32; 2]) -> f32 {
     m[0] * m[0] + m[1] * m[1]
 }
 

@@ -1,0 +1,132 @@
+//! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over arrays, which the compiler vectorises.
+
+use super::field::{Bounds, Picture};
+
+/// Pixels side by side.
+pub(super) const LANES: usize = 8;
+
+/// One number per pixel of a block.
+pub(super) type Lanes = [f32; LANES];
+
+/// Pixels of one row. Those that were not set stand still and never cross.
+#[derive(Debug)]
+pub(super) struct Block {
+    at: [Lanes; 2],
+    /// Motion at the beginning, x and y, pixels per window; in between it changes evenly.
+    from: [Lanes; 2],
+    /// What is added to it until the end.
+    change: [Lanes; 2],
+    /// Levels at the beginning of the window.
+    pub begin: Lanes,
+    /// Levels at its end.
+    pub end: Lanes,
+    low: Lanes,
+    high: Lanes,
+}
+
+/// Where points are in the picture of the end and in that of the beginning.
+struct Places {
+    ahead: [Lanes; 2],
+    behind: [Lanes; 2],
+}
+
+impl Block {
+    pub fn new(x: usize, y: usize) -> Block {
+        let xs = std::array::from_fn(|lane| (x + lane) as f32 + 0.5);
+        let zeros = [0.0; LANES];
+        Block {
+            at: [xs, [y as f32 + 0.5; LANES]],
+            from: [zeros; 2],
+            change: [zeros; 2],
+            begin: zeros,
+            end: zeros,
+            low: [f32::NEG_INFINITY; LANES],
+            high: [f32::INFINITY; LANES],
+        }
+    }
+
+    /// A pixel with its motion and level at the beginning and the end, and the limits of its next events.
+    pub fn set(&mut self, lane: usize, motions: [[f32; 2]; 2], levels: [f32; 2], limits: [f32; 2]) {
+        for axis in 0..2 {
+            self.from[axis][lane] = motions[0][axis];
+            self.change[axis][lane] = motions[1][axis] - motions[0][axis];
+        }
+        [self.begin[lane], self.end[lane]] = levels;
+        self.set_limits(lane, limits);
+    }
+
+    pub fn set_limits(&mut self, lane: usize, limits: [f32; 2]) {
+        [self.low[lane], self.high[lane]] = limits;
+    }
+
+    /// Whether any pixel was set.
+    pub fn any(&self) -> bool {
+        self.high.iter().any(|high| *high < f32::INFINITY)
+    }
+
+    pub fn fastest_px(&self) -> f32 {
+        let norm2 = |lane: usize, share: f32| {
+            let m = [0, 1].map(|axis| self.from[axis][lane] + self.change[axis][lane] * share);
+            m[0] * m[0] + m[1] * m[1]
+        };
+        (0..LANES).map(|lane| norm2(lane, 0.0).max(norm2(lane, 1.0))).fold(0.0, f32::max).sqrt()
+    }
+
+    #[inline(always)]
+    fn places(&self, share: f32) -> Places {
+        let along = |axis: usize, weight: f32| -> Lanes {
+            std::array::from_fn(|lane| self.at[axis][lane] + (self.from[axis][lane] + self.change[axis][lane] * share) * weight)
+        };
+        Places { ahead: [along(0, 1.0 - share), along(1, 1.0 - share)], behind: [along(0, -share), along(1, -share)] }
+    }
+
+    /// Whether no brightness between these shares of the paths can cross a limit of any pixel.
+    pub fn is_quiet(&self, bounds: &[Bounds; 2], from: f32, to: f32) -> bool {
+        let (from, to) = (self.places(from), self.places(to));
+        let before = bounds[0].within(corners(&from.behind, &to.behind));
+        let after = bounds[1].within(corners(&from.ahead, &to.ahead));
+        let (lowest, highest) = (before.0.min(after.0), before.1.max(after.1));
+        let (low, high) =
+            (self.low.iter().copied().fold(f32::NEG_INFINITY, f32::max), self.high.iter().copied().fold(f32::INFINITY, f32::min));
+        lowest > low && highest < high
+    }
+
+    /// Levels when `share` of the window has passed: seen in both pictures, or in the one that shows the point.
+    #[inline(always)]
+    pub fn levels(&self, previous: &Picture, now: &Picture, share: f32) -> Lanes {
+        let places = self.places(share);
+        let (before, after) = (previous.logs_at(&places.behind), now.logs_at(&places.ahead));
+        let [width, height] = now.size_px.map(|px| px as f32);
+        let is_inside = |at: &[Lanes; 2], lane: usize| {
+            let (x, y) = (at[0][lane], at[1][lane]);
+            (x >= 0.0) & (y >= 0.0) & (x <= width) & (y <= height)
+        };
+        std::array::from_fn(|lane| {
+            let (was_inside, will_be) = (is_inside(&places.behind, lane), is_inside(&places.ahead, lane));
+            // A picture that does not show the point lends the other one's level; without either the level goes in a straight line.
+            let from = if was_inside { before[lane] } else { after[lane] };
+            let to = if will_be { after[lane] } else { before[lane] };
+            let (from, to) = if was_inside | will_be { (from, to) } else { (self.begin[lane], self.end[lane]) };
+            from + (to - from) * share
+        })
+    }
+
+    /// Whether any level is beyond its limits.
+    #[inline(always)]
+    pub fn crosses(&self, levels: &Lanes) -> bool {
+        (0..LANES).fold(false, |any, lane| any | (levels[lane] >= self.high[lane]) | (levels[lane] <= self.low[lane]))
+    }
+
+    /// Those that are.
+    pub fn crossing_lanes(&self, levels: &Lanes) -> impl Iterator<Item = usize> + use<> {
+        let is_beyond: [bool; LANES] = std::array::from_fn(|lane| levels[lane] >= self.high[lane] || levels[lane] <= self.low[lane]);
+        (0..LANES).filter(move |lane| is_beyond[*lane])
+    }
+}
+
+/// Smallest and largest x and y of two sets of points.
+fn corners(a: &[Lanes; 2], b: &[Lanes; 2]) -> [[f32; 2]; 2] {
+    let fold =
+        |axis: usize, pick: fn(f32, f32) -> f32| (0..LANES).map(|lane| pick(a[axis][lane], b[axis][lane])).reduce(pick).unwrap_or(0.0);
+    [[fold(0, f32::min), fold(1, f32::min)], [fold(0, f32::max), fold(1, f32::max)]]
+}
