@@ -182,7 +182,7 @@ impl Daemon {
             episode_start_nanos: self.episode.start.0,
             period_nanos: self.clock.period_nanos(),
             episode: self.episode.stamp.episode,
-            actors_revision: self.world.actors_revision(),
+            actors_revision: self.ports.documents.actors_revision(&self.world),
             epoch: self.episode.stamp.epoch,
             ..bytemuck::Zeroable::zeroed()
         };

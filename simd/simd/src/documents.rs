@@ -66,6 +66,11 @@ impl Documents {
         self.info_changed = true;
     }
 
+    /// Revision of `world/actors` that lists the world's actors now, sent or about to be: what a snapshot names.
+    pub fn actors_revision(&self, world: &World) -> u64 {
+        self.actors.revision() + u64::from(self.sent_actors != Some(world.actors_revision()))
+    }
+
     /// Sends what changed.
     pub fn publish(&mut self, state: &State<'_>) -> anyhow::Result<()> {
         let epoch = state.episode.stamp.epoch;

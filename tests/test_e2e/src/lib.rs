@@ -2,9 +2,12 @@
 
 #![forbid(unsafe_code)]
 
+pub mod recording;
+
+use std::path::PathBuf;
 use std::time::Duration;
 
-use schema_bus::{Bus, BusOptions, CommandClient, FrameReader};
+use schema_bus::{Bus, BusOptions, CommandClient, Document, FrameReader};
 use schema_frames::{Command, CommandBatch, CommandReply};
 use test_kit::{Process, Sandbox, eventually};
 
@@ -74,6 +77,36 @@ pub fn spawn_daemon(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process 
     sandbox.spawn("simd", &args)
 }
 
+/// Starts one of the consumers on the sandbox's domain.
+pub fn spawn_consumer(sandbox: &Sandbox, binary: &str, args: &[&str]) -> Process {
+    sandbox.spawn(binary, &[args, &["--domain", sandbox.domain()]].concat())
+}
+
+/// Waits until a topic has `n` readers.
+pub fn wait_readers(bus: &Bus, topic: &str, n: usize) {
+    eventually(&format!("{topic} has {n} readers"), || {
+        bus.topics().ok()?.iter().find(|found| found.name == topic && found.subscribers >= n).map(drop)
+    });
+}
+
+/// A program of the repository's own Python environment.
+///
+/// # Panics
+/// With the command that makes the environment, if it is not there.
+pub fn venv_program(name: &str) -> PathBuf {
+    let program = test_kit::sandbox::repository().join(".venv/bin").join(name);
+    assert!(program.exists(), "{} is missing: run ./gantry test, which makes the Python environment .venv", program.display());
+    program
+}
+
+/// Asserts that nothing of a sandbox is left in shared memory once the dead are cleaned away.
+pub fn assert_nothing_left(sandbox: &Sandbox) {
+    let bus = join_bus(sandbox, "cleaner");
+    bus.clean_dead_nodes();
+    drop(bus);
+    assert_eq!(sandbox.leftovers(), Vec::<String>::new());
+}
+
 /// This process on the sandbox's bus.
 pub fn join_bus(sandbox: &Sandbox, name: &str) -> Bus {
     let options = BusOptions { iceoryx_root: Some(sandbox.path("iox")), prefix: Some(sandbox.prefix().to_owned()) };
@@ -83,6 +116,12 @@ pub fn join_bus(sandbox: &Sandbox, name: &str) -> Bus {
 /// A reader of a topic that appears sooner or later.
 pub fn reader(bus: &Bus, topic: &str) -> FrameReader {
     eventually(&format!("topic {topic} appears"), || bus.frame_reader(topic).ok())
+}
+
+/// The newest revision of a document.
+pub fn document(bus: &Bus, name: &str) -> Document {
+    let mut reader = eventually(&format!("document {name} appears"), || bus.document_reader(name).ok());
+    eventually(&format!("document {name} arrives"), || reader.latest().unwrap_or_else(|error| panic!("{error}")))
 }
 
 /// Sends one command and returns its answer.

@@ -1,6 +1,8 @@
 //! Frames from the daemon to a reader in another process: every topic, in order, with the promises of the header.
 
-use schema_frames::{Command, CommandReply, FrameHeader, Modality, StepMode};
+use schema_bus::names;
+use schema_frames::{ActorList, Command, CommandReply, FrameHeader, Modality, StepMode};
+use schema_types::Pose;
 use test_e2e::{SMALL_RIG, SMALL_RIG_TOPICS, ask, counter, join_bus, reader, start_daemon, step};
 use test_kit::{Sandbox, eventually};
 
@@ -63,6 +65,35 @@ fn one_view_shows_the_same_world_in_every_modality() {
         assert_eq!(*class == schema_types::Class::SKY.0, depth_m.is_infinite(), "sky is what has no depth");
         assert_eq!(*id == 0, depth_m.is_infinite(), "whatever was hit has an id");
         assert!(*depth_m > 0.09, "nothing is nearer than the near plane");
+    }
+}
+
+/// A snapshot names the revision of `world/actors` that lists its actors; after a spawn both move on together.
+#[test]
+fn a_snapshot_names_the_list_of_its_actors() {
+    let sandbox = Sandbox::new("revision");
+    let _daemon = start_daemon(&sandbox, &stepped(SMALL_RIG), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut snapshots = bus.snapshot_reader().unwrap();
+    let mut lists = bus.document_reader(names::WORLD_ACTORS).unwrap();
+    let mut list = eventually("the list", || lists.latest().unwrap());
+    for tick in 1..=3 {
+        if tick == 2 {
+            let pose = Pose::from_xyz_yaw(300.0, 300.0, 5.0, 0.0).into();
+            let (type_id, role) = ("vehicle.tesla.model3".to_owned(), String::new());
+            let reply = ask(&mut client, Command::Spawn { type_id, pose, parent_id: None, role, attributes: Default::default() });
+            assert!(matches!(reply, CommandReply::Spawned { .. }), "{reply:?}");
+        }
+        step(&mut client, 1);
+        let snapshot = eventually("snapshot", || snapshots.latest().unwrap().filter(|s| s.header().tick == tick));
+        let wanted = snapshot.header().actors_revision;
+        if wanted != list.header.revision {
+            list = eventually("the list", || lists.latest().unwrap());
+        }
+        assert_eq!(list.header.revision, wanted);
+        let listed = list.json::<ActorList>().unwrap().actors;
+        assert!(snapshot.records().iter().all(|record| listed.iter().any(|actor| actor.id == record.id)));
     }
 }
 
