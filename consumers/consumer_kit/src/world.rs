@@ -50,7 +50,7 @@ impl SnapshotTrail {
     /// # Errors
     /// What waiting cannot heal, as [`crate::FollowedTopic::look`].
     pub fn at(&mut self, bus: &Bus, tick: u64) -> Result<Option<Arc<WorldAt>>, BusError> {
-        if !self.kept.back().is_some_and(|world| world.header.tick >= tick) {
+        if self.kept.back().is_none_or(|world| world.header.tick < tick) {
             self.drain(bus)?;
         }
         Ok(self.kept.iter().rev().find(|world| world.header.tick == tick).cloned())

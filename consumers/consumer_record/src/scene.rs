@@ -176,7 +176,7 @@ fn odometry(sim_nanos: u64, rig: &str, record: &ActorRecord) -> Entry {
 }
 
 fn snapshot(header: &SnapshotHeader, records: &[ActorRecord]) -> Entry {
-    let mut bytes = Vec::with_capacity(records.len() * size_of::<ActorRecord>() + 256);
+    let mut bytes = Vec::with_capacity(std::mem::size_of_val(records) + 256);
     put_fixed64(&mut bytes, 1, header.tick);
     put_fixed64(&mut bytes, 2, header.sim_nanos);
     put_bytes(&mut bytes, 3, bytemuck::bytes_of(header));

@@ -80,7 +80,7 @@ pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
     let mut lengths: Vec<f32> = payload
         .chunks_exact(8)
         .step_by(step)
-        .map(|bytes| pod_read_unaligned::<[f32; 2]>(bytes))
+        .map(pod_read_unaligned::<[f32; 2]>)
         .map(|[u, v]| u.hypot(v))
         .filter(|length| length.is_finite())
         .collect();

@@ -266,8 +266,8 @@ impl Stage {
     fn place_sensor(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
         let parent = self.pose_at(header.tick, header.parent_id).filter(|_| header.parent_id != 0);
         if let Some(parent) = parent {
-            if !self.rigs.contains_key(&header.parent_id) {
-                self.rigs.insert(header.parent_id, place.rig.clone());
+            if let std::collections::btree_map::Entry::Vacant(e) = self.rigs.entry(header.parent_id) {
+                e.insert(place.rig.clone());
                 self.rec.log(place.rig_path(), &transform(&parent))?;
             }
             let mount = Pose::from(parent.isometry().inverse() * header.world_from_sensor.isometry());

@@ -27,11 +27,11 @@ pub(crate) fn subscribe<H: OnBus>(service: &Slices<H>) -> Result<Subscriber<Serv
     })
 }
 
+/// A received sample: bytes behind a header `H`.
+pub(crate) type Received<H> = Sample<Service, [u8], Wire<H>>;
+
 /// Takes one sample, with a sentence on failure.
-pub(crate) fn receive<H: OnBus>(
-    service: &Slices<H>,
-    port: &Subscriber<Service, [u8], Wire<H>>,
-) -> Result<Option<Sample<Service, [u8], Wire<H>>>, BusError> {
+pub(crate) fn receive<H: OnBus>(service: &Slices<H>, port: &Subscriber<Service, [u8], Wire<H>>) -> Result<Option<Received<H>>, BusError> {
     port.receive().map_err(|e| {
         let full = service.name().as_str().to_string();
         match e {

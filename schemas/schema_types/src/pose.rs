@@ -21,10 +21,7 @@ impl Pose {
     /// As nalgebra's type. The quaternion's bits are kept: what goes through here and back is the same bit for bit.
     pub fn isometry(&self) -> Isometry3<f64> {
         let [x, y, z, w] = self.rotation_xyzw;
-        Isometry3::from_parts(
-            Translation3::from(self.translation_m),
-            UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
-        )
+        Isometry3::from_parts(Translation3::from(self.translation_m), UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
     }
 
     /// Position and heading about z (radians, counter-clockwise from x), level.

@@ -201,9 +201,7 @@ impl MeshBuilder {
 
     /// Adds an axis-aligned box (six faces).
     pub fn cuboid(&mut self, surface: Surface, centre_m: [f32; 3], half_m: [f32; 3]) {
-        let at = |sx: f32, sy: f32, sz: f32| {
-            [centre_m[0] + sx * half_m[0], centre_m[1] + sy * half_m[1], centre_m[2] + sz * half_m[2]]
-        };
+        let at = |sx: f32, sy: f32, sz: f32| [centre_m[0] + sx * half_m[0], centre_m[1] + sy * half_m[1], centre_m[2] + sz * half_m[2]];
         let (w, d, h) = (2.0 * half_m[0], 2.0 * half_m[1], 2.0 * half_m[2]);
         let uv = |a: f32, b: f32| [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]];
         self.quad(surface, [at(1., -1., -1.), at(1., 1., -1.), at(1., 1., 1.), at(1., -1., 1.)], uv(d, h));

@@ -67,7 +67,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu
 pub(crate) unsafe fn import_host_memory(gpu: &Gpu, base: *mut u8, len: usize) -> Result<wgpu::Buffer, String> {
     let caps = gpu.import_caps().ok_or("importing is switched off, or the driver lacks VK_EXT_external_memory_host")?;
     let len = len as u64;
-    if base as u64 % caps.alignment_bytes != 0 || !len.is_multiple_of(caps.alignment_bytes) || len == 0 {
+    if !(base as u64).is_multiple_of(caps.alignment_bytes) || !len.is_multiple_of(caps.alignment_bytes) || len == 0 {
         return Err(format!("segment of {len} bytes at {base:p} is not aligned to the driver's {} bytes", caps.alignment_bytes));
     }
     if len > gpu.max_buffer_bytes() {

@@ -2,8 +2,6 @@
 //!
 //! Fields are arrays over the lanes, and loops run over all lanes without branches, so that the compiler makes vector code of them.
 
-#![expect(clippy::needless_range_loop, reason = "lanes index several arrays at once; zips of six iterators are not vectorised")]
-
 /// Rays with a common fate. A lane with negative `far` is empty and hits nothing.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Packet<const N: usize> {

@@ -55,11 +55,19 @@ impl CameraSpec {
         check_range("fov_deg", self.fov_deg, 1.0, 170.0, errors);
         for (i, modality) in self.modalities.iter().enumerate() {
             if self.modalities[..i].contains(modality) {
-                errors.push(SpecError { key: "modalities", value: format!("{:?} twice", modality.name()), allowed: "each may be named once".into() });
+                errors.push(SpecError {
+                    key: "modalities",
+                    value: format!("{:?} twice", modality.name()),
+                    allowed: "each may be named once".into(),
+                });
             }
         }
         if self.modalities.is_empty() {
-            errors.push(SpecError { key: "modalities", value: "empty".into(), allowed: "must name at least one of rgb, depth, semantic, instance, flow, normals, dvs".into() });
+            errors.push(SpecError {
+                key: "modalities",
+                value: "empty".into(),
+                allowed: "must name at least one of rgb, depth, semantic, instance, flow, normals, dvs".into(),
+            });
         }
         self.dvs.check(errors);
     }

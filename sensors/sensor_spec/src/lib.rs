@@ -119,7 +119,11 @@ pub(crate) fn check_range<T: PartialOrd + std::fmt::Display>(key: &'static str, 
 /// A launch file's rate must divide the tick rate.
 fn check_rate(rate_hz: f64, tick_hz: f64, errors: &mut Vec<SpecError>) {
     if !(rate_hz > 0.0 && rate_hz <= tick_hz) {
-        errors.push(SpecError { key: "rate_hz", value: rate_hz.to_string(), allowed: format!("must be above 0 and at most the tick rate {tick_hz}") });
+        errors.push(SpecError {
+            key: "rate_hz",
+            value: rate_hz.to_string(),
+            allowed: format!("must be above 0 and at most the tick rate {tick_hz}"),
+        });
         return;
     }
     let ticks = tick_hz / rate_hz;
@@ -148,7 +152,13 @@ pub struct ImuSpec {
 
 impl Default for ImuSpec {
     fn default() -> Self {
-        ImuSpec { rate_hz: 20.0, mount: MountSpec::default(), noise_accel_stddev_mps2: [0.0; 3], noise_gyro_stddev_radps: [0.0; 3], bias_gyro_radps: [0.0; 3] }
+        ImuSpec {
+            rate_hz: 20.0,
+            mount: MountSpec::default(),
+            noise_accel_stddev_mps2: [0.0; 3],
+            noise_gyro_stddev_radps: [0.0; 3],
+            bias_gyro_radps: [0.0; 3],
+        }
     }
 }
 

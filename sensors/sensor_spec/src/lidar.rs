@@ -80,7 +80,11 @@ impl LidarSpec {
         check_range("upper_fov_deg", self.upper_fov_deg, -90.0, 90.0, errors);
         check_range("lower_fov_deg", self.lower_fov_deg, -90.0, 90.0, errors);
         if self.lower_fov_deg > self.upper_fov_deg {
-            errors.push(SpecError { key: "lower_fov_deg", value: self.lower_fov_deg.to_string(), allowed: format!("must not lie above upper_fov_deg {}", self.upper_fov_deg) });
+            errors.push(SpecError {
+                key: "lower_fov_deg",
+                value: self.lower_fov_deg.to_string(),
+                allowed: format!("must not lie above upper_fov_deg {}", self.upper_fov_deg),
+            });
         }
         check_range("range_m", self.range_m, 0.1, 10_000.0, errors);
         check_range("attenuation_per_m", self.attenuation_per_m, 0.0, 10.0, errors);

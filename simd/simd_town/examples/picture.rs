@@ -10,6 +10,9 @@ use schema_types::Pose;
 use sensor_core::{Material, Mesh, Vertex};
 use simd_town::{BodyStyle, Town, VehicleShape, vehicle_meshes};
 
+/// A corner of a clipped triangle: position in the camera, position in the world, normal.
+type Corner = (Vector3<f64>, Vector3<f64>, Vector3<f64>);
+
 const WIDTH: usize = 960;
 const HEIGHT: usize = 600;
 
@@ -90,7 +93,7 @@ impl Canvas {
         }
     }
 
-    fn fill(&mut self, c: [(Vector3<f64>, Vector3<f64>, Vector3<f64>); 3], vertex: &Vertex, tint: [u8; 3]) {
+    fn fill(&mut self, c: [Corner; 3], vertex: &Vertex, tint: [u8; 3]) {
         let p = c.map(|v| [0.5 * WIDTH as f64 + self.focal * v.0.x / v.0.z, 0.5 * HEIGHT as f64 + self.focal * v.0.y / v.0.z]);
         let area = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
         if area >= -1e-9 {
@@ -115,9 +118,7 @@ impl Canvas {
                 if z < self.depth[idx] {
                     self.depth[idx] = z;
                     let weight = [0, 1, 2].map(|i| w[i] / c[i].0.z * z);
-                    let mix = |f: fn(&(Vector3<f64>, Vector3<f64>, Vector3<f64>)) -> Vector3<f64>| {
-                        f(&c[0]) * weight[0] + f(&c[1]) * weight[1] + f(&c[2]) * weight[2]
-                    };
+                    let mix = |f: fn(&Corner) -> Vector3<f64>| f(&c[0]) * weight[0] + f(&c[1]) * weight[1] + f(&c[2]) * weight[2];
                     self.rgb[idx] = shade(vertex, mix(|v| v.1), mix(|v| v.2), z, tint);
                 }
             }
@@ -246,7 +247,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         view(&format!("street_{i}.png"), Vector3::from(p.translation_m) + Vector3::new(0.0, 0.0, 1.3), p.yaw_rad(), -0.03, 90.0)?;
     }
     view("above.png", Vector3::new(-240.0, -250.0, 150.0), 0.8, -0.48, 70.0)?;
-    view("plan.png", Vector3::new(0.0, 0.0, 420.0), 1.5708, -1.57, 80.0)?;
+    view("plan.png", Vector3::new(0.0, 0.0, 420.0), std::f64::consts::FRAC_PI_2, -1.57, 80.0)?;
     view("centre.png", Vector3::new(-48.0, -25.0, 22.0), 1.45, -0.3, 80.0)?;
     fleet(&folder)
 }

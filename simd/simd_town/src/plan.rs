@@ -107,7 +107,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
             P2::new(COLUMNS_M[c] + if inner(c) { jx } else { 0.0 }, ROWS_M[r] + if inner(r) { jy } else { 0.0 })
         })
         .collect();
-    let is_corner = |i: usize| (i % n == 0 || i % n == n - 1) && (i / n == 0 || i / n == n - 1);
+    let is_corner = |i: usize| (i.is_multiple_of(n) || i % n == n - 1) && (i / n == 0 || i / n == n - 1);
     let (mut nodes_m, mut node_of) = (Vec::new(), vec![usize::MAX; n * n]);
     for i in (0..n * n).filter(|&i| !is_corner(i)) {
         node_of[i] = nodes_m.len();

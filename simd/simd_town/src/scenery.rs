@@ -258,7 +258,14 @@ impl Builder<'_> {
                 let p = a + (b - a) * ((k as f64 + 0.5) * 1.1 / length);
                 let inward = left((b - a).normalize());
                 if k % 12 > 1 {
-                    self.stand(kit.bush, Class::VEGETATION, "hedge", p + inward * 0.7, KERB_HEIGHT_M, random.between(0.0, 6.28));
+                    self.stand(
+                        kit.bush,
+                        Class::VEGETATION,
+                        "hedge",
+                        p + inward * 0.7,
+                        KERB_HEIGHT_M,
+                        random.between(0.0, std::f64::consts::TAU),
+                    );
                 }
                 if k % 12 == 6 {
                     self.stand(kit.bench, Class::STATIC, "bench", p + inward * 2.2, KERB_HEIGHT_M, heading(inward));

@@ -77,8 +77,7 @@ impl World {
     /// Gives a vehicle's origin a velocity; at most 300 m/s.
     pub fn set_velocity(&mut self, actor: ActorId, velocity_in_world_mps: [f64; 3]) -> Result<(), ActorError> {
         let velocity = Vector3::from(velocity_in_world_mps);
-        // Written so that NaN is refused too.
-        if !(velocity.norm() <= 300.0) {
+        if !velocity.norm().is_finite() || velocity.norm() > 300.0 {
             return Err(ActorError::Value { actor, what: "velocity", problem: "must be finite and at most 300 m/s" });
         }
         self.vehicle_mut(actor)?;

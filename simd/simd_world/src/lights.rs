@@ -108,11 +108,10 @@ impl Lights {
             last_junction = junction;
             let group_idx = self.groups.len() - 1;
             let group = &mut self.groups[group_idx];
-            let mut pole_idx = group.turns.iter().map(Vec::len).sum::<usize>() as u32;
-            for light in &lights {
+            let first_pole_idx = group.turns.iter().map(Vec::len).sum::<usize>() as u32;
+            for (pole_idx, light) in (first_pole_idx..).zip(&lights) {
                 self.lights[*light].group = group_idx;
                 self.lights[*light].pole_idx = pole_idx;
-                pole_idx += 1;
             }
             group.turns.push(lights);
         }

@@ -75,7 +75,7 @@ fn pick_model(draw: Noise) -> &'static VehicleModel {
         92..95 => "bus",
         _ => "motorcycle",
     };
-    let fits = |model: &&VehicleModel| f64::from(model.half_m[0]) <= FITS_HALF_M[0] && f64::from(model.half_m[1]) <= FITS_HALF_M[1];
+    let fits = |model: &&VehicleModel| model.half_m[0] <= FITS_HALF_M[0] && model.half_m[1] <= FITS_HALF_M[1];
     let of = |kind: &str| vehicle_models().iter().filter(|model| model.base_type == kind).filter(fits).collect::<Vec<_>>();
     let of_type = Some(of(base_type)).filter(|list| !list.is_empty()).unwrap_or_else(|| of("car"));
     of_type[(draw.bits(1) % of_type.len() as u64) as usize]

@@ -150,7 +150,8 @@ fn stations(frame: &Frame, table: &[Station], detail: usize) -> Vec<Station> {
             places.extend(frame.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
         }
         _ => {
-            let keep = |i: usize| i == 0 || i + 1 == table.len() || (i > 1 && i + 2 < table.len() && i % 2 == 0 && table[i].5 != Gap);
+            let keep =
+                |i: usize| i == 0 || i + 1 == table.len() || (i > 1 && i + 2 < table.len() && i.is_multiple_of(2) && table[i].5 != Gap);
             places = (0..table.len()).filter(|&i| keep(i)).map(|i| table[i].0).collect();
         }
     }

@@ -41,10 +41,9 @@ pub fn loft(builder: &mut MeshBuilder, sections: &[Section], surface: impl Fn(us
     // Normal of the corner (i, j) as the face (fi, fj) sees it: the mean of the faces that do not meet it at a sharp edge.
     let corner_normal = |i: usize, j: usize, own: [f32; 3]| {
         let mut sum = [0.0; 3];
-        for fi in i.saturating_sub(1)..(i + 1).min(n_segments) {
-            for fj in j.saturating_sub(1)..(j + 1).min(n_strips) {
-                let n = faces[fi][fj];
-                if dot(n, own) > CREASE {
+        for strip in &faces[i.saturating_sub(1)..(i + 1).min(n_segments)] {
+            for n in &strip[j.saturating_sub(1)..(j + 1).min(n_strips)] {
+                if dot(*n, own) > CREASE {
                     sum = std::array::from_fn(|k| sum[k] + n[k]);
                 }
             }
@@ -54,9 +53,8 @@ pub fn loft(builder: &mut MeshBuilder, sections: &[Section], surface: impl Fn(us
         }
         normalize(sum)
     };
-    for i in 0..n_segments {
-        for j in 0..n_strips {
-            let own = faces[i][j];
+    for (i, strip) in faces.iter().enumerate() {
+        for (j, own) in strip.iter().copied().enumerate() {
             let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
             let points = corners.map(|(a, b)| point(a, b));
             let normals = corners.map(|(a, b)| corner_normal(a, b, own));
