@@ -14,11 +14,11 @@ SOURCE = HERE.parent / "src"
 TEST_CARD = pathlib.Path(os.environ.get("GANTRY_TEST_CARD", HERE.parents[2] / "target" / "release" / "examples" / "test_card"))
 
 
-@unittest.skipUnless(TEST_CARD.exists(), "build it: cargo build --release -p schema_bus --example test_card")
 class Live(unittest.TestCase):
     """Each script runs in its own process, because iceoryx2 reads its configuration once per process, from the working directory."""
 
     def setUp(self):
+        self.assertTrue(TEST_CARD.exists(), f"{TEST_CARD} is missing; build it: cargo build --release -p schema_bus --example test_card")
         self.folder = pathlib.Path(tempfile.mkdtemp())
         self.prefix = f"gpy{os.getpid()}_"
         (self.folder / "config").mkdir()
