@@ -1,6 +1,6 @@
 //! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over arrays, which the compiler vectorises.
 
-use super::field::{Bounds, Picture};
+use super::field::{Bounds, Picture, larger, smaller};
 
 /// Pixels side by side.
 pub(super) const LANES: usize = 8;
@@ -22,6 +22,8 @@ pub(super) struct Block {
     pub end: Lanes,
     low: Lanes,
     high: Lanes,
+    /// Whether no path leaves the image.
+    stays_inside: bool,
 }
 
 /// Where points are in the picture of the end and in that of the beginning.
@@ -42,12 +44,17 @@ impl Block {
             end: zeros,
             low: [f32::NEG_INFINITY; LANES],
             high: [f32::INFINITY; LANES],
+            stays_inside: true,
         }
     }
 
     /// A pixel with its motion and level at the beginning and the end, and the limits of its next events.
-    pub fn set(&mut self, lane: usize, motions: [[f32; 2]; 2], levels: [f32; 2], limits: [f32; 2]) {
+    pub fn set(&mut self, lane: usize, motions: [[f32; 2]; 2], levels: [f32; 2], limits: [f32; 2], size_px: [usize; 2]) {
         for axis in 0..2 {
+            for m in motions {
+                let far = [self.at[axis][lane] + m[axis], self.at[axis][lane] - m[axis]];
+                self.stays_inside &= far.iter().all(|x| (0.0..=size_px[axis] as f32).contains(x));
+            }
             self.from[axis][lane] = motions[0][axis];
             self.change[axis][lane] = motions[1][axis] - motions[0][axis];
         }
@@ -64,6 +71,7 @@ impl Block {
         self.high.iter().any(|high| *high < f32::INFINITY)
     }
 
+    #[inline(always)]
     pub fn fastest_px(&self) -> f32 {
         let norm2 = |lane: usize, share: f32| {
             let m = [0, 1].map(|axis| self.from[axis][lane] + self.change[axis][lane] * share);
@@ -81,13 +89,14 @@ impl Block {
     }
 
     /// Whether no brightness between these shares of the paths can cross a limit of any pixel.
+    #[inline(always)]
     pub fn is_quiet(&self, bounds: &[Bounds; 2], from: f32, to: f32) -> bool {
         let (from, to) = (self.places(from), self.places(to));
         let before = bounds[0].within(corners(&from.behind, &to.behind));
         let after = bounds[1].within(corners(&from.ahead, &to.ahead));
-        let (lowest, highest) = (before.0.min(after.0), before.1.max(after.1));
+        let (lowest, highest) = (smaller(before.0, after.0), larger(before.1, after.1));
         let (low, high) =
-            (self.low.iter().copied().fold(f32::NEG_INFINITY, f32::max), self.high.iter().copied().fold(f32::INFINITY, f32::min));
+            (self.low.iter().copied().fold(f32::NEG_INFINITY, larger), self.high.iter().copied().fold(f32::INFINITY, smaller));
         lowest > low && highest < high
     }
 
@@ -96,6 +105,9 @@ impl Block {
     pub fn levels(&self, previous: &Picture, now: &Picture, share: f32) -> Lanes {
         let places = self.places(share);
         let (before, after) = (previous.logs_at(&places.behind), now.logs_at(&places.ahead));
+        if self.stays_inside {
+            return std::array::from_fn(|lane| before[lane] + (after[lane] - before[lane]) * share);
+        }
         let [width, height] = now.size_px.map(|px| px as f32);
         let is_inside = |at: &[Lanes; 2], lane: usize| {
             let (x, y) = (at[0][lane], at[1][lane]);
@@ -114,19 +126,25 @@ impl Block {
     /// Whether any level is beyond its limits.
     #[inline(always)]
     pub fn crosses(&self, levels: &Lanes) -> bool {
-        (0..LANES).fold(false, |any, lane| any | (levels[lane] >= self.high[lane]) | (levels[lane] <= self.low[lane]))
+        let mut beyond = f32::NEG_INFINITY;
+        for lane in 0..LANES {
+            beyond = larger(larger(levels[lane] - self.high[lane], self.low[lane] - levels[lane]), beyond);
+        }
+        beyond >= 0.0
     }
 
     /// Those that are.
     pub fn crossing_lanes(&self, levels: &Lanes) -> impl Iterator<Item = usize> + use<> {
-        let is_beyond: [bool; LANES] = std::array::from_fn(|lane| levels[lane] >= self.high[lane] || levels[lane] <= self.low[lane]);
+        let is_beyond: [bool; LANES] =
+            std::array::from_fn(|lane| levels[lane] - self.high[lane] >= 0.0 || self.low[lane] - levels[lane] >= 0.0);
         (0..LANES).filter(move |lane| is_beyond[*lane])
     }
 }
 
 /// Smallest and largest x and y of two sets of points.
+#[inline(always)]
 fn corners(a: &[Lanes; 2], b: &[Lanes; 2]) -> [[f32; 2]; 2] {
     let fold =
         |axis: usize, pick: fn(f32, f32) -> f32| (0..LANES).map(|lane| pick(a[axis][lane], b[axis][lane])).reduce(pick).unwrap_or(0.0);
-    [[fold(0, f32::min), fold(1, f32::min)], [fold(0, f32::max), fold(1, f32::max)]]
+    [[fold(0, smaller), fold(1, smaller)], [fold(0, larger), fold(1, larger)]]
 }

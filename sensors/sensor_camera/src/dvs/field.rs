@@ -20,10 +20,16 @@ pub(super) struct Picture {
 }
 
 impl Picture {
-    pub fn read(images: &DvsImages, size_px: [usize; 2], log_eps: f32) -> Picture {
-        let [width, height] = size_px;
-        let n = width * height;
-        let mut picture = Picture { size_px, log: vec![0.0; n], quads: vec![[0.0; 4]; n], flow: vec![[0.0; 2]; n], depth: vec![0.0; n] };
+    /// A picture of this size; [`Picture::read`] fills it.
+    pub fn blank(size_px: [usize; 2]) -> Picture {
+        let n = size_px[0] * size_px[1];
+        Picture { size_px, log: vec![0.0; n], quads: vec![[0.0; 4]; n], flow: vec![[0.0; 2]; n], depth: vec![0.0; n] }
+    }
+
+    /// Takes over what the GPU left.
+    pub fn read(&mut self, images: &DvsImages, log_eps: f32) {
+        let width = self.size_px[0];
+        let picture = &mut *self;
         let rows = picture.log.par_chunks_mut(width).zip(picture.flow.par_chunks_mut(width)).zip(picture.depth.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((log, flow), depth))| {
             for (log, bytes) in log.iter_mut().zip(images.luminance.row(y).chunks_exact(4)) {
@@ -36,8 +42,7 @@ impl Picture {
                 *depth = float(bytes);
             }
         });
-        picture.fill_quads();
-        picture
+        self.fill_quads();
     }
 
     fn fill_quads(&mut self) {
@@ -60,10 +65,10 @@ impl Picture {
         let (right, bottom, stride) = ((width - 1) as f32, (height - 1) as f32, width as i32);
         let (mut idx, mut fx, mut fy) = ([0_i32; LANES], [0.0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
-            let (x, y) = ((at[0][lane] - 0.5).max(0.0).min(right), (at[1][lane] - 0.5).max(0.0).min(bottom));
-            let (x0, y0) = (x as i32, y as i32);
-            (fx[lane], fy[lane]) = (x - x0 as f32, y - y0 as f32);
-            idx[lane] = y0.wrapping_mul(stride).wrapping_add(x0);
+            let (x, y) = (smaller(larger(at[0][lane] - 0.5, 0.0), right), smaller(larger(at[1][lane] - 0.5, 0.0), bottom));
+            let (x0, y0) = (floor(x), floor(y));
+            (fx[lane], fy[lane]) = (x - x0, y - y0);
+            idx[lane] = integer(y0).wrapping_mul(stride).wrapping_add(integer(x0));
         }
         let quads: [[f32; 4]; LANES] = std::array::from_fn(|lane| self.quads[idx[lane] as u32 as usize]);
         std::array::from_fn(|lane| {
@@ -99,6 +104,34 @@ impl Picture {
         let inside = x_px >= 0.0 && y_px >= 0.0 && x_px < width as f32 && y_px < height as f32;
         inside.then(|| y_px as usize * width + x_px as usize)
     }
+}
+
+/// Numbers from 0 to 2²² have their whole part in the last bits after adding this.
+const WHOLE: f32 = 8_388_608.0;
+
+/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers at once (unlike conversions).
+#[inline(always)]
+fn floor(x: f32) -> f32 {
+    let nearest = (x + WHOLE) - WHOLE;
+    if nearest > x { nearest - 1.0 } else { nearest }
+}
+
+/// A whole number from 0 to 2²² as an integer.
+#[inline(always)]
+fn integer(whole: f32) -> i32 {
+    ((whole + WHOLE).to_bits() & 0x7f_ffff) as i32
+}
+
+/// As `f32::max` without its care for NaN, which costs as much again; a NaN in `a` gives `b`.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// As [`larger`], for the smaller one.
+#[inline(always)]
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 fn float(bytes: &[u8]) -> f32 {
@@ -139,7 +172,7 @@ impl Bounds {
         let mut bounds = (f32::INFINITY, f32::NEG_INFINITY);
         for y in y0..=y1 {
             for (low, high) in &self.range[y * self.tiles[0] + x0..=y * self.tiles[0] + x1] {
-                bounds = (bounds.0.min(*low), bounds.1.max(*high));
+                bounds = (smaller(*low, bounds.0), larger(*high, bounds.1));
             }
         }
         bounds
@@ -175,20 +208,20 @@ fn alike(a: [f32; 2], b: [f32; 2]) -> bool {
 
 /// Motion field of a window.
 #[derive(Debug)]
-pub(super) struct Motion {
+pub(super) struct Motion<'p> {
     size_px: [usize; 2],
     tiles: [usize; 2],
     /// Of what is at a pixel at the end.
-    now: Vec<[f32; 2]>,
+    now: &'p [[f32; 2]],
     /// Of what was at a pixel at the beginning.
     before: Vec<[f32; 2]>,
     /// Fastest of what passes a tile.
     passing: Vec<[f32; 2]>,
 }
 
-impl Motion {
+impl<'p> Motion<'p> {
     /// From the flow at the end; `ratio` is this window's length over the previous one's, for what is hidden at the end.
-    pub fn between(previous: &Picture, now: &Picture, ratio: f32) -> Motion {
+    pub fn between(previous: &Picture, now: &'p Picture, ratio: f32) -> Motion<'p> {
         let [width, height] = now.size_px;
         let tiles = [width.div_ceil(TILE_PX), height.div_ceil(TILE_PX)];
         let moves = now.flow.par_iter().any(|flow| *flow != [0.0; 2]);
@@ -200,7 +233,7 @@ impl Motion {
         } else {
             before.copy_from_slice(&now.flow);
         }
-        Motion { size_px: now.size_px, tiles, now: now.flow.clone(), before, passing }
+        Motion { size_px: now.size_px, tiles, now: &now.flow, before, passing }
     }
 
     pub fn path(&self, x: usize, y: usize) -> Path {
