@@ -88,6 +88,31 @@ pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
     lengths.get(lengths.len() * 95 / 100).copied().unwrap_or(1.0).max(1.0)
 }
 
+/// Normals as RGB: east, north and up as red, green and blue, each from −1 (dark) to 1 (bright); black where nothing was hit.
+pub fn normals_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
+    let normals = tight(header, payload);
+    let mut pixels = Vec::with_capacity(normals.len() / 8 * 3);
+    for bytes in normals.chunks_exact(8) {
+        let [x, y, z, _]: [u16; 4] = pod_read_unaligned(bytes);
+        let normal = [x, y, z].map(f32_of_half);
+        let is_hit = normal.iter().any(|part| *part != 0.0) && normal.iter().all(|part| part.is_finite());
+        pixels.extend(normal.map(|part| if is_hit { (127.5 + 127.5 * part.clamp(-1.0, 1.0)).round() as u8 } else { 0 }));
+    }
+    pixels
+}
+
+/// An IEEE half as a float.
+fn f32_of_half(bits: u16) -> f32 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f32::from(bits & 1023));
+    match exponent {
+        0 => sign * fraction * 2f32.powi(-24),
+        31 if fraction == 0.0 => sign * f32::INFINITY,
+        31 => f32::NAN,
+        _ => sign * (1024.0 + fraction) * 2f32.powi(exponent - 25),
+    }
+}
+
 /// Size of the picture a camera's list of events belongs to: the principal point is its middle.
 pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     if header.modality().is_some_and(Modality::is_image) {
@@ -182,6 +207,18 @@ mod tests {
         let header = image(Modality::Flow, 3, 1);
         let flow: Vec<u8> = [0.0f32, 0.0, 5.0, 0.0, f32::NAN, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
         assert_eq!(flow_rgb(&header, &flow, 5.0), [255, 255, 255, 255, 0, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn normals_point_where_their_colours_say() {
+        let header = image(Modality::Normals, 3, 1);
+        // Up, west and nothing, as halves: 1 is 0x3c00, −1 is 0xbc00.
+        let normals: [u16; 12] = [0, 0, 0x3c00, 0, 0xbc00, 0, 0, 0, 0, 0, 0, 0];
+        assert_eq!(normals_rgb(&header, bytemuck::cast_slice(&normals)), [128, 128, 255, 0, 128, 128, 0, 0, 0]);
+        for (bits, value) in [(0x3800, 0.5), (0xc000, -2.0), (0x0001, 2f32.powi(-24)), (0x7bff, 65504.0), (0x3555, 0.333_251_95)] {
+            assert_eq!(f32_of_half(bits), value, "{bits:#x}");
+        }
+        assert!(f32_of_half(0x7c00).is_infinite() && f32_of_half(0x7e00).is_nan());
     }
 
     #[test]

@@ -243,6 +243,7 @@ impl Stage {
                 let full_px = picture::flow_full_px(header, payload);
                 self.rec.log(path, &rerun::Image::from_rgb24(picture::flow_rgb(header, payload, full_px), size))?;
             }
+            Modality::Normals => self.rec.log(path, &rerun::Image::from_rgb24(picture::normals_rgb(header, payload), size))?,
             Modality::Dvs => {
                 if let Some(size) = picture::picture_size_px(header) {
                     self.rec.log(path, &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size))?;
