@@ -27,12 +27,11 @@ const MAX_KEPT: usize = 4;
 
 type Rows = [[f32; 4]; 3];
 
-/// One map: what stands still, and with what moves drawn over it.
+/// One map of what stands still.
 #[derive(Debug)]
 struct Map {
     cell: [i64; 3],
     still: Image,
-    all: Option<Image>,
     fresh: bool,
     used: u64,
 }
@@ -51,6 +50,8 @@ pub(crate) struct Shadows {
     layout: wgpu::BindGroupLayout,
     matrices: wgpu::Buffer,
     maps: Vec<Map>,
+    /// Copies of this tick's maps with what moves drawn over them: as many as cells are needed at once.
+    overlays: Vec<Image>,
     sun_towards: Vector3<f64>,
     n_uses: u64,
     side_px: u32,
@@ -86,6 +87,7 @@ impl Shadows {
             layout,
             matrices: gpu.buffer("shadow matrices", 64 * 1024, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
             maps: Vec::new(),
+            overlays: Vec::new(),
             sun_towards: Vector3::zeros(),
             n_uses: 0,
             side_px,
@@ -127,7 +129,8 @@ impl Shadows {
         let cells: Vec<[i64; 3]> = eyes.iter().map(cell_of).collect();
         let mut drawn: Vec<([i64; 3], wgpu::TextureView)> = Vec::new();
         let mut casters: Vec<Caster> = Vec::new();
-        let mut passes: Vec<(usize, bool, std::ops::Range<u32>)> = Vec::new();
+        let mut passes: Vec<(usize, Option<usize>, std::ops::Range<u32>)> = Vec::new();
+        let mut n_overlays = 0;
         for cell in &cells {
             if drawn.iter().any(|(known, _)| known == cell) {
                 continue;
@@ -138,16 +141,18 @@ impl Shadows {
             if !map.fresh {
                 let begin = casters.len() as u32;
                 casters.extend(still_casters(assets, *cell, sun_towards, &shadow_from_world));
-                passes.push((map_idx, true, begin..casters.len() as u32));
+                passes.push((map_idx, None, begin..casters.len() as u32));
                 map.fresh = true;
             }
             let begin = casters.len() as u32;
             casters.extend(moving_casters(assets, scene, *cell, sun_towards, &shadow_from_world));
             if casters.len() as u32 > begin {
-                let side_px = self.side_px;
-                map.all.get_or_insert_with(|| shadow_image(gpu, side_px));
-                passes.push((map_idx, false, begin..casters.len() as u32));
-                drawn.push((*cell, map.all.as_ref().expect("just made").view.clone()));
+                if self.overlays.len() == n_overlays {
+                    self.overlays.push(shadow_image(gpu, self.side_px));
+                }
+                passes.push((map_idx, Some(n_overlays), begin..casters.len() as u32));
+                drawn.push((*cell, self.overlays[n_overlays].view.clone()));
+                n_overlays += 1;
             } else {
                 drawn.push((*cell, map.still.view.clone()));
             }
@@ -182,7 +187,7 @@ impl Shadows {
                 idx
             }
             _ => {
-                self.maps.push(Map { cell, still: shadow_image(gpu, self.side_px), all: None, fresh: false, used });
+                self.maps.push(Map { cell, still: shadow_image(gpu, self.side_px), fresh: false, used });
                 self.maps.len() - 1
             }
         }
@@ -194,7 +199,7 @@ impl Shadows {
         encoder: &mut wgpu::CommandEncoder,
         assets: &GpuAssets,
         casters: &[Caster],
-        passes: &[(usize, bool, std::ops::Range<u32>)],
+        passes: &[(usize, Option<usize>, std::ops::Range<u32>)],
     ) {
         if passes.is_empty() {
             return;
@@ -207,14 +212,14 @@ impl Shadows {
             layout: &self.layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: self.matrices.as_entire_binding() }],
         });
-        for (map_idx, is_still, range) in passes {
+        for (map_idx, overlay_idx, range) in passes {
             let map = &self.maps[*map_idx];
-            let (view, load) = match (&map.all, is_still) {
-                (Some(all), false) => {
+            let (view, load) = match overlay_idx.map(|idx| &self.overlays[idx]) {
+                Some(all) => {
                     encoder.copy_texture_to_texture(map.still.texture.as_image_copy(), all.texture.as_image_copy(), all.texture.size());
                     (&all.view, wgpu::LoadOp::Load)
                 }
-                _ => (&map.still.view, wgpu::LoadOp::Clear(1.0)),
+                None => (&map.still.view, wgpu::LoadOp::Clear(1.0)),
             };
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("shadow"),
