@@ -5,8 +5,9 @@ use std::time::Duration;
 use anyhow::Context as _;
 use schema_bus::names::{CONTROL_VEHICLES, WORLD_SNAPSHOT, rig_of, rig_tick};
 use schema_bus::{
-    Bus, ControlBatch, ControlReader, Document, DocumentReader, Frame, FrameReader, Listener, Snapshot, SnapshotReader, TopicKind,
+    Bus, BusError, ControlBatch, ControlReader, Document, DocumentReader, Frame, FrameReader, Listener, Snapshot, SnapshotReader, TopicKind,
 };
+use schema_frames::SCHEMA_VERSION;
 
 /// Longest sleep between two looks: a missing wake-up costs no more than this.
 const NAP: Duration = Duration::from_millis(1);
@@ -65,6 +66,10 @@ impl Source {
     /// Opens `topic` (without the domain).
     pub fn open(bus: &Bus, topic: &str) -> anyhow::Result<Self> {
         let known = bus.topics()?.into_iter().find(|known| known.name == topic);
+        if let Some(other) = known.as_ref().filter(|known| !known.schema.is_empty() && known.schema != SCHEMA_VERSION.to_string()) {
+            let (service, theirs) = (format!("{}/{topic}", bus.domain()), other.schema.clone());
+            return Err(BusError::SchemaSkew { service, theirs, advice: "rebuild the consumer" }.into());
+        }
         let reader = match known.map_or(TopicKind::Frames, |known| known.kind) {
             TopicKind::Frames => Reader::Frames(bus.frame_reader(topic)?),
             TopicKind::Snapshot if topic == WORLD_SNAPSHOT => Reader::Snapshots(bus.snapshot_reader()?),
