@@ -68,7 +68,25 @@ pub enum Command {
         #[serde(default)]
         attributes: BTreeMap<String, String>,
     },
-    /// Removes an actor.
+    /// Makes a sensor. Its topics are `actor_<parent id>/s<id>/<modality>`, `free/s<id>/…` without a parent.
+    SpawnSensor {
+        /// Catalogue id under which it is listed, e.g. `sensor.camera.rgb`.
+        type_id: String,
+        /// World pose, or pose on the parent if there is one.
+        pose: PoseText,
+        /// Actor to attach to.
+        #[serde(default)]
+        parent_id: Option<u32>,
+        /// Time between two firings; 0 fires at every tick. Replaces `rate_hz` of the specification.
+        #[serde(default)]
+        interval_nanos: u64,
+        /// What it measures: the keys of a launch file's `[sensor.NAME]`, `kind` included, without `mount`.
+        spec: serde_json::Map<String, serde_json::Value>,
+        /// Kept for `world/actors`; without effect here.
+        #[serde(default)]
+        attributes: BTreeMap<String, String>,
+    },
+    /// Removes an actor, and what is attached to it.
     Destroy {
         /// The actor.
         actor_id: u32,

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use schema_bus::mono_now;
 use schema_frames::{Command, CommandReply, ReplyBatch, StepMode};
-use schema_types::Tick;
+use schema_types::{ActorId, Pose, Tick};
 
 use crate::daemon::Daemon;
 use crate::pace::Pace;
+use crate::runtime::SensorWish;
 
 /// Shortest and longest tick, nanoseconds: 10 kHz to 1 Hz.
 const PERIOD_NANOS: (u64, u64) = (100_000, 1_000_000_000);
@@ -52,14 +53,33 @@ impl Daemon {
                 Err(error) => refused(&format!("{error:#}")),
             },
             Command::Counters => CommandReply::Counters { counters: self.counters() },
-            Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") => refused(&format!(
-                "{type_id:?} cannot be spawned at run time; name the sensor in the launch file as [sensor.NAME] and start again"
-            )),
+            Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") => {
+                refused(&format!("{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"))
+            }
+            Command::SpawnSensor { type_id, pose, parent_id, interval_nanos, spec, attributes } => {
+                let wish = SensorWish {
+                    type_id,
+                    pose: Pose::from(*pose),
+                    parent: parent_id.map(ActorId),
+                    interval_nanos: *interval_nanos,
+                    spec,
+                    attributes,
+                };
+                self.spawn_sensor(wish).unwrap_or_else(|error| refused(&format!("{error:#}")))
+            }
+            Command::Destroy { actor_id } => self.destroy(ActorId(*actor_id)).unwrap_or_else(|error| refused(&format!("{error:#}"))),
             _ => {
                 self.ports.documents.touch_info();
                 self.world.apply(command)
             }
         }
+    }
+
+    /// An actor and what is attached to it go; sensors among them end.
+    fn destroy(&mut self, actor: ActorId) -> anyhow::Result<CommandReply> {
+        let gone = self.world.destroy(actor)?;
+        self.sensors.remove(|sensor| gone.contains(&sensor.actor))?;
+        Ok(CommandReply::Done)
     }
 
     fn cue(&mut self, n: u64) -> CommandReply {

@@ -170,6 +170,7 @@ impl Daemon {
         self.world.step(self.clock.period_nanos());
         self.publish_snapshot(sim_time)?;
         self.publish_documents()?;
+        self.sensors.settle_topics(&self.bus, self.args.staged)?;
         let scene = self.scene(sim_time);
         let (world, sensors) = (&self.world, &mut self.sensors);
         sensors.fire(&scene, &self.episode.stamp, |actor| scene::carrier(world, actor, sim_time))

@@ -97,7 +97,7 @@ impl Documents {
 }
 
 fn info(state: &State<'_>) -> WorldInfo {
-    let targets = state.sensors.sensors.iter().flat_map(|sensor| &sensor.topics).filter_map(|topic| topic.target.as_ref());
+    let targets = state.sensors.sensors.iter().flat_map(|sensor| &sensor.topics).filter_map(|topic| topic.target());
     WorldInfo {
         source: "live".into(),
         version: env!("CARGO_PKG_VERSION").into(),

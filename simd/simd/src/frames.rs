@@ -1,11 +1,11 @@
 //! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send, wake-ups.
 
 use std::collections::VecDeque;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use nalgebra::Isometry3;
-use schema_bus::{FrameLoan, mono_now};
+use schema_bus::{Bus, FrameLoan, mono_now};
 use schema_frames::{FrameHeader, Modality};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
@@ -49,8 +49,6 @@ pub struct Stamp {
 
 /// All sensors of the daemon and what makes their frames.
 pub struct Sensors {
-    /// Rigs, in the order of their first sensor.
-    pub rigs: Vec<Rig>,
     /// Sensors by rising actor id.
     pub sensors: Vec<Sensor>,
     gpu: Gpu,
@@ -79,16 +77,9 @@ struct PendingFrame {
 
 impl Sensors {
     /// Sensors that render on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
-    pub fn new(
-        gpu: Gpu,
-        renderer: CameraRenderer,
-        rigs: Vec<Rig>,
-        sensors: Vec<Sensor>,
-        max_in_flight: u32,
-        read_everything: bool,
-    ) -> Self {
+    pub fn new(gpu: Gpu, renderer: CameraRenderer, sensors: Vec<Sensor>, max_in_flight: u32, read_everything: bool) -> Self {
         let max_in_flight = if read_everything { 1 } else { max_in_flight as usize };
-        Sensors { rigs, sensors, gpu, renderer, rays: None, in_flight: VecDeque::new(), max_in_flight, read_everything, n_lidar_turns: 0 }
+        Sensors { sensors, gpu, renderer, rays: None, in_flight: VecDeque::new(), max_in_flight, read_everything, n_lidar_turns: 0 }
     }
 
     /// Turns that were cast.
@@ -130,7 +121,7 @@ impl Sensors {
         let waking = self.fire_on_cpu(scene, stamp, &due)?;
         match pending {
             Some(pending) => self.in_flight.push_back(pending),
-            None => self.wake(&waking),
+            None => wake(&waking),
         }
         if self.read_everything {
             self.finish_all()?;
@@ -138,10 +129,45 @@ impl Sensors {
         Ok(())
     }
 
-    fn wake(&self, rig_idxs: &[usize]) {
-        for rig_idx in rig_idxs {
-            self.rigs[*rig_idx].wake.notify();
+    /// Takes in a sensor made at run time; its actor id is the highest.
+    pub fn add(&mut self, sensor: Sensor, assets: &Arc<SceneAssets>) {
+        if matches!(sensor.model, Model::Lidar { .. }) && self.rays.is_none() {
+            self.rays = Some(RayScene::load(assets));
         }
+        self.sensors.push(sensor);
+    }
+
+    /// Ends sensors whose actors are gone: no more firing, wait for what is on its way, then give their memory back.
+    pub fn remove(&mut self, is_gone: impl Fn(&Sensor) -> bool) -> anyhow::Result<()> {
+        if !self.sensors.iter().any(&is_gone) {
+            return Ok(());
+        }
+        self.finish_all()?;
+        let (gone, kept) = std::mem::take(&mut self.sensors).into_iter().partition(is_gone);
+        self.sensors = kept;
+        let gone: Vec<Sensor> = gone;
+        for topic in gone.into_iter().flat_map(|sensor| sensor.topics) {
+            topic.close(&self.gpu);
+        }
+        Ok(())
+    }
+
+    /// Gives memory to topics that found their first reader, and takes it from those that lost their last a while ago.
+    pub fn settle_topics(&mut self, bus: &Bus, staged: bool) -> anyhow::Result<()> {
+        let now_nanos = mono_now().0;
+        let unsettled = |topic: &mut Topic| topic.is_unsettled(now_nanos);
+        if !self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics).any(unsettled) {
+            return Ok(());
+        }
+        self.finish_all()?;
+        for topic in self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics) {
+            if topic.is_unsettled(now_nanos)
+                && let Err(error) = topic.settle(bus, &self.gpu, staged)
+            {
+                tracing::warn!(topic = topic.name, error = format!("{error:#}"), "a reader came, but the topic got no memory");
+            }
+        }
+        Ok(())
     }
 
     /// Whether frames are on their way.
@@ -167,8 +193,8 @@ impl Sensors {
             let Model::View(view) = &mut sensor.model else { continue };
             let mut outputs = Vec::new();
             for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
-                let Some(loan) = topic.loan(self.read_everything) else { continue };
-                let target = topic.target.clone().expect("topics of views have a target");
+                let Some(loan) = topic.loan_if_read(self.read_everything) else { continue };
+                let target = topic.target().cloned().expect("topics of views have a target while they have memory");
                 let place = Place::Shm {
                     target,
                     offset_bytes: loan.offset_in_segment().expect("the segment was asked for when the topic was opened"),
@@ -213,15 +239,13 @@ impl Sensors {
             header.rendered_mono_nanos = rendered_mono_nanos;
             header.ticks_in_flight = (current_tick - pending.tick) as u32;
             topic.send(frame.loan, header, self.read_everything);
-            if !waking.contains(&sensor.rig_idx) {
-                waking.push(sensor.rig_idx);
-            }
+            remember(&mut waking, &sensor.rig);
         }
-        self.wake(&waking);
+        wake(&waking);
         Ok(())
     }
 
-    fn fire_on_cpu(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Vec<usize>> {
+    fn fire_on_cpu(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Vec<Rc<Rig>>> {
         let mut waking = Vec::new();
         let mut rays_are_current = false;
         for (sensor_idx, firing, carrier) in due {
@@ -231,7 +255,7 @@ impl Sensors {
             }
             let world_from_sensor = carrier.world_from_sensor.isometry();
             for topic_idx in 0..sensor.topics.len() {
-                let Some(mut loan) = sensor.topics[topic_idx].loan(self.read_everything) else { continue };
+                let Some(mut loan) = sensor.topics[topic_idx].loan_if_read(self.read_everything) else { continue };
                 let modality = sensor.topics[topic_idx].modality;
                 let mut header = base_header(modality, scene, stamp, sensor.actor, firing, carrier);
                 let noise = Noise::new(stamp.seed, sensor.actor.0 as u64, scene.tick.0);
@@ -251,9 +275,7 @@ impl Sensors {
                         header.azimuth_rad = END_AZIMUTH_RAD as f32;
                     }
                     (Model::Imu(motion), SensorSpec::Imu(spec)) => {
-                        // A sensor without a parent is its own body.
-                        let free = carrier.parent == ActorId(0);
-                        let mount = if free { Isometry3::identity() } else { sensor.spec.mount().vehicle_from_sensor() };
+                        let mount = carrier.body.world_from_vehicle.inv_mul(&world_from_sensor);
                         let input = motion.at(&mount, STANDARD_GRAVITY_MPS2).expect("a state was pushed in this tick");
                         put(&mut loan, &imu::sample(spec, &input, noise));
                         header.set_list(1);
@@ -267,9 +289,7 @@ impl Sensors {
                 }
                 header.rendered_mono_nanos = mono_now().0;
                 sensor.topics[topic_idx].send(loan, header, self.read_everything);
-                if !waking.contains(&sensor.rig_idx) {
-                    waking.push(sensor.rig_idx);
-                }
+                remember(&mut waking, &sensor.rig);
             }
             if let Model::Lidar { previous, .. } = &mut sensor.model {
                 *previous = Some(world_from_sensor);
@@ -278,28 +298,38 @@ impl Sensors {
         Ok(waking)
     }
 
-    /// Drops what the GPU imported, waits for the device, and only then the publishers and their memory.
+    /// Finishes what is on its way and gives all memory back.
     pub fn close(mut self) -> anyhow::Result<()> {
         let finished = self.finish_all();
         self.in_flight.clear();
-        for topic in self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics) {
-            topic.target = None;
-        }
         drop(self.renderer);
-        self.gpu.wait_idle();
-        drop(self.gpu);
-        drop(self.sensors);
+        for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
+            topic.close(&self.gpu);
+        }
         finished
+    }
+}
+
+/// Notes a rig whose readers are to be woken, once.
+fn remember(waking: &mut Vec<Rc<Rig>>, rig: &Rc<Rig>) {
+    if !waking.iter().any(|known| Rc::ptr_eq(known, rig)) {
+        waking.push(rig.clone());
+    }
+}
+
+fn wake(rigs: &[Rc<Rig>]) {
+    for rig in rigs {
+        rig.wake.notify();
     }
 }
 
 impl Topic {
     /// A slot if somebody reads and one is free. No slot: the frame is dropped and counted, and its `seq` is spent.
-    fn loan(&mut self, read_everything: bool) -> Option<FrameLoan> {
-        if !read_everything && self.publisher.n_readers() == 0 {
+    fn loan_if_read(&mut self, read_everything: bool) -> Option<FrameLoan> {
+        if !read_everything && self.n_readers() == 0 {
             return None;
         }
-        match self.publisher.loan(self.max_payload_bytes) {
+        match self.loan() {
             Ok(loan) => Some(loan),
             Err(error) => {
                 if self.n_dropped == 0 {

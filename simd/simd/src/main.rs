@@ -10,6 +10,7 @@ mod hash;
 mod import;
 mod pace;
 mod rig;
+mod runtime;
 mod scene;
 mod setup;
 

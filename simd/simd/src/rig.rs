@@ -3,11 +3,12 @@
 //! A sensor is a passive actor in the world (so its pose in the snapshot and in its frames is one value) plus a schedule and a model.
 //! A topic is one modality of it: one publisher whose segment the GPU may have imported.
 
+use std::rc::Rc;
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use nalgebra::Isometry3;
-use schema_bus::{Bus, FramePublisher, FrameTopic, Notifier};
+use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
 use schema_frames::{Modality, SensorKind};
 use schema_types::{ActorId, SimTime};
@@ -20,22 +21,24 @@ use sensor_spec::SensorSpec;
 
 use crate::import;
 
-/// All sensors with the same first topic segment; they share one wake-up per tick.
+/// All sensors with the same first topic segment; they share one wake-up per tick. Goes with its last sensor.
 pub struct Rig {
     /// First segment of its topics.
     pub name: String,
     /// Event `<rig>/tick`.
     pub wake: Notifier,
-    /// What it is mounted on.
-    pub place: launch_spec::Rig,
 }
 
 /// One sensor.
 pub struct Sensor {
     /// Its actor.
     pub actor: ActorId,
-    /// Index into the rigs.
-    pub rig_idx: usize,
+    /// Name on its rig.
+    pub name: String,
+    /// Its rig.
+    pub rig: Rc<Rig>,
+    /// Where it belongs in the launch file; `None` if a command made it: then it goes with its episode.
+    pub place: Option<launch_spec::Rig>,
     /// What was asked for.
     pub spec: SensorSpec,
     /// When it fires.
@@ -63,30 +66,47 @@ pub enum Model {
     Gnss,
 }
 
+/// The writing end of a topic.
+enum Outlet {
+    /// Readers can find it, it has no memory.
+    Idle(FrameService),
+    /// It has memory, and the GPU's view of it (`None` for what the CPU makes).
+    Open { publisher: FramePublisher, target: Option<Arc<ShmTarget>> },
+    /// Between the two; seen only if reopening failed.
+    Closed,
+}
+
 /// One topic.
 pub struct Topic {
     /// Name without the domain.
     pub name: String,
     /// What it carries.
     pub modality: Modality,
-    /// Where frames go.
-    pub publisher: FramePublisher,
-    /// Event of the topic's own name, for readers that want no other frame of the rig.
-    pub wake: Notifier,
-    /// The publisher's segment as the GPU sees it; `None` for what the CPU makes.
-    /// Field order matters: the import is dropped before the publisher unmaps its segment only if `close` is used.
-    pub target: Option<Arc<ShmTarget>>,
     /// Most payload bytes of a frame.
     pub max_payload_bytes: usize,
+    /// Event of the topic's own name, for readers that want no other frame of the rig.
+    pub wake: Notifier,
     /// Frames sent.
     pub n_sent: u64,
     /// Frames lost because no slot was free.
     pub n_dropped: u64,
     /// Events that did not fit into their frame.
     pub n_overflowed: u64,
+    outlet: Outlet,
+    spec: FrameTopic,
+    /// Memory comes with the first reader and goes [`LINGER_NANOS`] after the last.
+    on_demand: bool,
+    last_read_nanos: u64,
 }
 
-/// What [`Topic::open`] and [`Sensor::open`] need besides the sensor.
+/// Memory of a topic made at run time outlives its last reader by this much, so that a reader that comes back soon costs nothing.
+const LINGER_NANOS: u64 = 5_000_000_000;
+
+/// Readers a topic made at run time can have: segments grow with it, and such sensors may be many.
+const MAX_READERS_ON_DEMAND: usize = 4;
+
+/// What [`Sensor::open`] needs besides the sensor.
+#[derive(Clone, Copy, Debug)]
 pub struct TopicOptions {
     /// Frames of one topic that may be on the GPU at once.
     pub frames_in_flight: u32,
@@ -94,6 +114,8 @@ pub struct TopicOptions {
     pub staged: bool,
     /// Seed of the run.
     pub seed: u64,
+    /// Memory only while somebody reads.
+    pub on_demand: bool,
 }
 
 impl Topic {
@@ -105,15 +127,106 @@ impl Topic {
         max_payload_bytes: usize,
         options: &TopicOptions,
     ) -> anyhow::Result<Topic> {
-        let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, ..FrameTopic::new(modality, max_payload_bytes) };
-        let publisher = bus.frame_publisher(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
-        publisher.touch()?;
-        let segment = publisher.segment()?;
-        let by_gpu = modality.sensor_kind() == SensorKind::Camera;
-        let target = by_gpu.then(|| Arc::new(import::target(gpu, &segment, options.staged)));
+        let usual = FrameTopic::new(modality, max_payload_bytes);
+        let max_readers = if options.on_demand { MAX_READERS_ON_DEMAND } else { usual.max_readers };
+        let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, max_readers, ..usual };
+        let service = bus.frame_service(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
+        if let Some(free_bytes) = schema_bus::shared_memory_free().filter(|free_bytes| service.segment_bytes() > *free_bytes) {
+            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+            bail!("{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free", mib(service.segment_bytes()), mib(free_bytes));
+        }
         let wake = bus.notifier(&name)?;
-        Ok(Topic { name, modality, publisher, wake, target, max_payload_bytes, n_sent: 0, n_dropped: 0, n_overflowed: 0 })
+        let outlet = if options.on_demand { Outlet::Idle(service) } else { open_outlet(service, gpu, modality, options.staged)? };
+        Ok(Topic {
+            name,
+            modality,
+            max_payload_bytes,
+            wake,
+            n_sent: 0,
+            n_dropped: 0,
+            n_overflowed: 0,
+            outlet,
+            spec,
+            on_demand: options.on_demand,
+            last_read_nanos: mono_now().0,
+        })
     }
+
+    /// Readers that are there now.
+    pub fn n_readers(&self) -> usize {
+        match &self.outlet {
+            Outlet::Idle(service) => service.n_readers(),
+            Outlet::Open { publisher, .. } => publisher.n_readers(),
+            Outlet::Closed => 0,
+        }
+    }
+
+    /// Where the GPU writes; `None` without memory, or if the CPU makes the frames.
+    pub fn target(&self) -> Option<&Arc<ShmTarget>> {
+        match &self.outlet {
+            Outlet::Open { target, .. } => target.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// A slot of its memory.
+    pub fn loan(&self) -> Result<FrameLoan, String> {
+        match &self.outlet {
+            Outlet::Open { publisher, .. } => publisher.loan(self.max_payload_bytes).map_err(|error| error.to_string()),
+            _ => Err(format!("{:?} has no memory", self.name)),
+        }
+    }
+
+    /// Whether [`Topic::settle`] has something to do: the memory of a topic made at run time comes and goes with its readers.
+    pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        if !self.on_demand {
+            return false;
+        }
+        let n_readers = self.n_readers();
+        if n_readers > 0 {
+            self.last_read_nanos = now_nanos;
+        }
+        match &self.outlet {
+            Outlet::Open { .. } => now_nanos.saturating_sub(self.last_read_nanos) > LINGER_NANOS,
+            _ => n_readers > 0,
+        }
+    }
+
+    /// Opens the memory for the first reader, or gives it back after the last. Nothing may be in flight.
+    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
+        self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
+            Outlet::Idle(service) => open_outlet(service, gpu, self.modality, staged)?,
+            Outlet::Open { publisher, target } => {
+                close_outlet(publisher, target, gpu);
+                Outlet::Idle(bus.frame_service(&self.name, self.spec)?)
+            }
+            Outlet::Closed => Outlet::Idle(bus.frame_service(&self.name, self.spec)?),
+        };
+        Ok(())
+    }
+
+    /// Gives everything back, memory last. Nothing may be in flight.
+    pub fn close(self, gpu: &Gpu) {
+        if let Outlet::Open { publisher, target } = self.outlet {
+            close_outlet(publisher, target, gpu);
+        }
+    }
+}
+
+fn open_outlet(service: FrameService, gpu: &Gpu, modality: Modality, staged: bool) -> anyhow::Result<Outlet> {
+    let publisher = service.publisher()?;
+    publisher.touch()?;
+    let segment = publisher.segment()?;
+    let by_gpu = modality.sensor_kind() == SensorKind::Camera;
+    let target = by_gpu.then(|| Arc::new(import::target(gpu, &segment, staged)));
+    Ok(Outlet::Open { publisher, target })
+}
+
+/// The order matters: the GPU lets go of the memory before its publisher unmaps it.
+fn close_outlet(publisher: FramePublisher, target: Option<Arc<ShmTarget>>, gpu: &Gpu) {
+    drop(target);
+    gpu.wait_idle();
+    drop(publisher);
 }
 
 impl Sensor {
@@ -121,18 +234,17 @@ impl Sensor {
     pub fn open(
         bus: &Bus,
         gpu: &Gpu,
-        place: SensorPlace<'_>,
-        spec: &SensorSpec,
-        made_at: SimTime,
-        period_nanos: u64,
+        place: SensorPlace,
+        spec: SensorSpec,
+        schedule: Schedule,
         options: &TopicOptions,
     ) -> anyhow::Result<Sensor> {
         let mut topics = Vec::new();
         for modality in spec.modalities() {
-            let name = format!("{}/{}/{}", place.rig, place.name, modality.name());
+            let name = format!("{}/{}/{}", place.rig.name, place.name, modality.name());
             topics.push(Topic::open(bus, gpu, name, modality, spec.max_payload_bytes(modality), options)?);
         }
-        let model = match spec {
+        let model = match &spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
                 gpu,
                 ViewSpec { intrinsics: camera.intrinsics(), dvs: camera.dvs.clone(), seed: options.seed, sensor_id: place.actor.0 },
@@ -141,8 +253,8 @@ impl Sensor {
             SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),
             SensorSpec::Gnss(_) => Model::Gnss,
         };
-        let schedule = Schedule::from_rate(made_at, spec.rate_hz(), period_nanos);
-        Ok(Sensor { actor: place.actor, rig_idx: place.rig_idx, spec: spec.clone(), schedule, topics, model })
+        let SensorPlace { rig, place, name, actor } = place;
+        Ok(Sensor { actor, name, rig, place, spec, schedule, topics, model })
     }
 
     /// Its topics, for `world/actors`.
@@ -165,14 +277,14 @@ impl Sensor {
 }
 
 /// Where a sensor belongs.
-#[derive(Clone, Copy, Debug)]
-pub struct SensorPlace<'a> {
-    /// Rig's name.
-    pub rig: &'a str,
-    /// Index of the rig.
-    pub rig_idx: usize,
+#[derive(Clone)]
+pub struct SensorPlace {
+    /// Its rig.
+    pub rig: Rc<Rig>,
+    /// The rig's entry in the launch file; `None` for a sensor that a command made.
+    pub place: Option<launch_spec::Rig>,
     /// Sensor's name on the rig.
-    pub name: &'a str,
+    pub name: String,
     /// Its actor.
     pub actor: ActorId,
 }

@@ -1,6 +1,7 @@
 //! From a launch file to a running daemon, and from a map name to an episode.
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::Context as _;
@@ -12,6 +13,7 @@ use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
+use sensor_core::schedule::Schedule;
 use sensor_gpu::{Gpu, GpuOptions};
 use simd_town::Town;
 use simd_world::{MapData, Scenario, World, WorldOptions};
@@ -62,8 +64,8 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     let mut world = World::new(WorldOptions { seed: launch.scenario.seed, ..Default::default() });
     let epoch = new_epoch();
     let episode = begin_episode(&mut world, &launch, &launch.scenario.map, epoch, 1, SimTime(0))?;
-    let (rigs, sensors) = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
-    let mut sensors = Sensors::new(gpu, renderer, rigs, sensors, args.frames_in_flight, args.hash);
+    let sensors = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
+    let mut sensors = Sensors::new(gpu, renderer, sensors, args.frames_in_flight, args.hash);
     sensors.load(&episode.assets)?;
     let ports = open_ports(&bus)?;
     let now = mono_now().0;
@@ -167,26 +169,24 @@ fn open_sensors(
     launch: &Launch,
     args: &Args,
     period_nanos: u64,
-) -> anyhow::Result<(Vec<Rig>, Vec<Sensor>)> {
-    let options = TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed };
-    let (mut rigs, mut sensors): (Vec<Rig>, Vec<Sensor>) = (Vec::new(), Vec::new());
+) -> anyhow::Result<Vec<Sensor>> {
+    let options =
+        TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed, on_demand: false };
+    let mut sensors: Vec<Sensor> = Vec::new();
     for placed in launch.placed_sensors() {
-        let rig_idx = match rigs.iter().position(|rig| rig.name == placed.rig) {
-            Some(idx) => idx,
-            None => {
-                let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");
-                let wake = bus.notifier(&names::rig_tick(placed.rig))?;
-                rigs.push(Rig { name: placed.rig.to_owned(), wake, place: *spec });
-                rigs.len() - 1
-            }
+        let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");
+        let rig = match sensors.iter().find(|sensor| sensor.rig.name == placed.rig) {
+            Some(sensor) => sensor.rig.clone(),
+            None => Rc::new(Rig { name: placed.rig.to_owned(), wake: bus.notifier(&names::rig_tick(placed.rig))? }),
         };
-        let actor = spawn_sensor(world, scenario, &rigs[rig_idx].place, placed.spec, placed.name)?;
-        let place = SensorPlace { rig: placed.rig, rig_idx, name: placed.name, actor };
-        let sensor = Sensor::open(bus, gpu, place, placed.spec, SimTime(0), period_nanos, &options)?;
+        let actor = spawn_sensor(world, scenario, spec, placed.spec, placed.name)?;
+        let place = SensorPlace { rig, place: Some(*spec), name: placed.name.to_owned(), actor };
+        let schedule = Schedule::from_rate(SimTime(0), placed.spec.rate_hz(), period_nanos);
+        let sensor = Sensor::open(bus, gpu, place, placed.spec.clone(), schedule, &options)?;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
     }
-    Ok((rigs, sensors))
+    Ok(sensors)
 }
 
 /// Makes a sensor's passive actor on its rig's vehicle or place.
@@ -222,7 +222,8 @@ fn sensor_type(spec: &sensor_spec::SensorSpec) -> &'static str {
 }
 
 impl Daemon {
-    /// A new episode on another map (or the same one): actors are made anew, topics stay.
+    /// A new episode on another map (or the same one): the launch file's actors are made anew and its topics stay; sensors that
+    /// commands made go.
     pub(crate) fn load_map(&mut self, map: &str) -> anyhow::Result<()> {
         self.sensors.finish_all()?;
         let sim_time = self.clock.time_of(self.tick);
@@ -230,10 +231,10 @@ impl Daemon {
         // A map that cannot be read must leave the running episode alone.
         load_map(map, self.launch.scenario.seed)?;
         self.episode = begin_episode(&mut self.world, &self.launch, map, stamp.epoch, stamp.episode + 1, sim_time)?;
+        self.sensors.remove(|sensor| sensor.place.is_none())?;
         for sensor in &mut self.sensors.sensors {
-            let name = sensor.topics.first().and_then(|topic| topic.name.split('/').nth(1)).unwrap_or_default().to_owned();
-            let rig = &self.sensors.rigs[sensor.rig_idx].place;
-            let actor = spawn_sensor(&mut self.world, &self.episode.scenario, rig, &sensor.spec, &name)?;
+            let rig = sensor.place.as_ref().expect("those without a place were removed");
+            let actor = spawn_sensor(&mut self.world, &self.episode.scenario, rig, &sensor.spec, &sensor.name)?;
             self.world.set_topics(actor, sensor.topic_infos())?;
             sensor.begin_episode(actor, sim_time, self.clock.period_nanos());
         }

@@ -47,6 +47,7 @@ impl World {
             Command::Ping
             | Command::Step { .. }
             | Command::Configure { .. }
+            | Command::SpawnSensor { .. }
             | Command::LoadMap { .. }
             | Command::JoinLockstep { .. }
             | Command::LeaveLockstep { .. }
