@@ -1,6 +1,6 @@
 //! Draws a town, or every vehicle body, on the CPU: for looking at what the generator makes.
 //!
-//! `cargo run --release -p simd_town --example picture -- OUT_FOLDER [SEED]`
+//! `cargo run --release -p simd_town --example picture -- OUT_FOLDER [TOWN] [SEED]`
 
 use std::path::Path;
 use std::time::Instant;
@@ -206,11 +206,12 @@ fn fleet(folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let folder = std::path::PathBuf::from(args.next().ok_or("usage: picture OUT_FOLDER [SEED]")?);
+    let folder = std::path::PathBuf::from(args.next().ok_or("usage: picture OUT_FOLDER [TOWN] [SEED]")?);
+    let name = args.next().unwrap_or_else(|| "Town10HD".to_owned());
     let seed = args.next().map_or(Ok(1), |text| text.parse())?;
     std::fs::create_dir_all(&folder)?;
     let start = Instant::now();
-    let town = Town::generate("Town10HD", seed)?;
+    let town = Town::generate(&name, seed)?;
     let sum = |level: usize| -> usize {
         town.assets.statics.iter().map(|s| town.assets.mesh(s.mesh).lods.get(level).map_or(0, |lod| lod.n_indices as usize / 3)).sum()
     };

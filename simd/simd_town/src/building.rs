@@ -7,6 +7,7 @@ use sensor_core::mesh::Surface;
 use crate::chunk::{ALL, Chunks, Key, Layer};
 use crate::geometry::{P2, cross, left};
 use crate::open_drive::KERB_HEIGHT_M;
+use crate::plan::Houses;
 use crate::random::Random;
 use crate::ring::{Ring, contains};
 use crate::town::CollisionMesh;
@@ -18,8 +19,38 @@ pub struct Lot {
     pub footprint_m: [P2; 4],
 }
 
+/// How houses stand along a street.
+#[derive(Clone, Copy, Debug)]
+struct Manner {
+    width_m: (f64, f64),
+    depth_m: (f64, f64),
+    /// From the pavement's back.
+    setback_m: f64,
+    /// Share of houses with a wide gap behind them.
+    gaps: f64,
+    gap_m: (f64, f64),
+    close_m: f64,
+}
+
+impl Manner {
+    fn of(houses: Houses) -> Manner {
+        let row = Manner { width_m: (13.0, 27.0), depth_m: (11.0, 16.0), setback_m: 0.05, gaps: 0.12, gap_m: (3.5, 3.5), close_m: 0.04 };
+        match houses {
+            Houses::Towers { .. } => row,
+            Houses::Terraces => Manner { width_m: (8.0, 15.0), depth_m: (8.0, 11.5), gaps: 0.08, ..row },
+            Houses::Cottages => {
+                Manner { width_m: (9.0, 15.0), depth_m: (8.0, 10.5), setback_m: 3.2, gaps: 0.35, gap_m: (7.0, 16.0), close_m: 3.0 }
+            }
+            Houses::Farms => {
+                Manner { width_m: (10.0, 19.0), depth_m: (8.0, 11.0), setback_m: 5.5, gaps: 0.8, gap_m: (25.0, 110.0), close_m: 5.0 }
+            }
+        }
+    }
+}
+
 /// Lots along the inside of a ring: as many as fit without overlapping.
-pub fn lots(ring: &Ring, random: &mut Random) -> Vec<Lot> {
+pub fn lots(ring: &Ring, houses: Houses, random: &mut Random) -> Vec<Lot> {
+    let manner = Manner::of(houses);
     let border: Vec<P2> = ring.back_m.clone();
     let n = border.len();
     let mut lengths = vec![0.0];
@@ -35,16 +66,21 @@ pub fn lots(ring: &Ring, random: &mut Random) -> Vec<Lot> {
     let mut lots: Vec<Lot> = Vec::new();
     let mut l = 0.0;
     while l < total - 6.0 {
-        let wanted = random.between(13.0, 27.0);
-        let depth = random.between(11.0, 16.0);
+        let wanted = random.between(manner.width_m.0, manner.width_m.1);
+        let depth = random.between(manner.depth_m.0, manner.depth_m.1);
         let fitting = [1.0, 0.75, 0.55, 0.45].iter().map(|share| wanted * share).find_map(|width| {
-            let lot = lot_at(&at, (l, l + width), depth)?;
+            let lot = lot_at(&at, (l, l + width), depth, manner.setback_m)?;
             (fits(&lot, ring) && !lots.iter().any(|other| overlap(&lot, other))).then_some((lot, width))
         });
         match fitting {
             Some((lot, width)) => {
                 lots.push(lot);
-                l += width + if random.chance(0.12) { 3.5 } else { 0.04 };
+                let gap = if random.chance(manner.gaps) {
+                    manner.gap_m.0 + (manner.gap_m.1 - manner.gap_m.0) * width / wanted * 0.5
+                } else {
+                    manner.close_m
+                };
+                l += width + gap;
             }
             None => l += 1.0,
         }
@@ -52,7 +88,7 @@ pub fn lots(ring: &Ring, random: &mut Random) -> Vec<Lot> {
     lots
 }
 
-fn lot_at(at: &impl Fn(f64) -> P2, (from, to): (f64, f64), depth: f64) -> Option<Lot> {
+fn lot_at(at: &impl Fn(f64) -> P2, (from, to): (f64, f64), depth: f64, back_m: f64) -> Option<Lot> {
     let (a, b) = (at(from), at(to));
     let chord = b - a;
     let inward = left(chord.normalize());
@@ -68,6 +104,7 @@ fn lot_at(at: &impl Fn(f64) -> P2, (from, to): (f64, f64), depth: f64) -> Option
     if setback > 0.8 || chord.norm() < 0.93 * (to - from) {
         return None;
     }
+    let setback = setback + back_m - 0.05;
     let (a, b) = (a + inward * setback, b + inward * setback);
     Some(Lot { footprint_m: [a, b, b + inward * depth, a + inward * depth] })
 }
@@ -118,16 +155,39 @@ struct House {
     eaves_m: f64,
 }
 
+/// How high houses are.
+struct Size {
+    /// Least number of floors over the shop, and number of choices.
+    floors: (usize, usize),
+    /// Share with a shop in the ground floor.
+    shops: f64,
+    /// Share with a pitched roof.
+    pitched: f64,
+}
+
+impl Size {
+    fn of(houses: Houses, lot: &Lot) -> Size {
+        match houses {
+            Houses::Towers { within_m } if lot.footprint_m[0].norm() < within_m => Size { floors: (4, 8), shops: 0.85, pitched: 0.0 },
+            Houses::Towers { .. } => Size { floors: (3, 4), shops: 0.45, pitched: 0.45 },
+            Houses::Terraces => Size { floors: (2, 2), shops: 0.35, pitched: 0.85 },
+            Houses::Cottages => Size { floors: (1, 2), shops: 0.0, pitched: 0.95 },
+            Houses::Farms => Size { floors: (1, 2), shops: 0.0, pitched: 1.0 },
+        }
+    }
+}
+
 /// Builds a house on a lot. Returns its height over the pavement.
-pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, tall: bool, object: ObjectId, random: &mut Random) -> f64 {
-    let floors = if tall { 4 + random.below(8) } else { 3 + random.below(4) };
-    let shop_m = if random.chance(if tall { 0.85 } else { 0.45 }) { 3.9 } else { 0.0 };
+pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: Houses, object: ObjectId, random: &mut Random) -> f64 {
+    let size = Size::of(houses, lot);
+    let floors = size.floors.0 + random.below(size.floors.1);
+    let shop_m = if random.chance(size.shops) { 3.9 } else { 0.0 };
     let eaves_m = shop_m + 3.1 * floors as f64 + 0.4;
     let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
     let house =
         House { key: Key::at(Layer::Building, middle), object, footprint: lot.footprint_m, wall: random.pick(&WALLS), shop_m, eaves_m };
     walls(chunks, &house);
-    let pitched = !tall && floors < 6 && random.chance(0.45);
+    let pitched = size.pitched > 0.0 && floors < 6 && random.chance(size.pitched);
     if pitched {
         pitched_roof(chunks, &house)
     } else {

@@ -22,6 +22,7 @@ mod plan;
 mod random;
 mod ring;
 mod scenery;
+mod sketch;
 mod spawn;
 mod town;
 pub mod vehicle;

@@ -391,12 +391,12 @@ fn place_limits(network: &mut Network) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan;
+    use crate::town::plans;
 
     #[test]
     fn connecting_roads_meet_their_lanes() {
-        for seed in 0..20 {
-            let network = Network::build(&plan::dense_centre("Town10HD", seed));
+        for plan in (0..20).flat_map(plans) {
+            let network = Network::build(&plan);
             for link in &network.links {
                 let arms = &network.junctions[link.junction].arms;
                 for (at, (arm, lane), entering) in [(0.0, link.from, true), (link.path.length_m(), link.to, false)] {
@@ -407,12 +407,12 @@ mod tests {
                     let edge = road.path.beside(s, inner);
                     let heading = road.path.at(s).1 + if lane > 0 { PI } else { 0.0 };
                     let (p, h) = link.path.at(at);
-                    assert!((p - edge).norm() < 1e-3, "seed {seed} road {} entering {entering}", link.id);
-                    assert!(wrap(h - heading).abs() < 1e-3, "seed {seed} road {} entering {entering}", link.id);
+                    assert!((p - edge).norm() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
+                    assert!(wrap(h - heading).abs() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
                 }
-                assert!(link.path.length_m() < 60.0, "seed {seed} road {} is {} m", link.id, link.path.length_m());
+                assert!(link.path.length_m() < 60.0, "{} road {} is {} m", plan.name, link.id, link.path.length_m());
                 for segment in &link.path.segments {
-                    assert!(segment.curvature_per_m.abs() < 1.0 / 4.5, "seed {seed} road {} bends too much", link.id);
+                    assert!(segment.curvature_per_m.abs() < 1.0 / 4.5, "{} road {} bends too much", plan.name, link.id);
                 }
             }
         }
@@ -420,19 +420,21 @@ mod tests {
 
     #[test]
     fn every_lane_end_continues() {
-        let network = Network::build(&plan::dense_centre("Town10HD", 1));
-        for (j, junction) in network.junctions.iter().enumerate() {
-            for (a, arm) in junction.arms.iter().enumerate() {
-                for lane in 0..network.roads[arm.road].profile.n_lanes {
-                    let ways = |entering: bool| {
-                        let id = lane_id(arm, lane, entering);
-                        network
-                            .links
-                            .iter()
-                            .filter(|l| l.junction == j && if entering { l.from == (a, id) } else { l.to == (a, id) })
-                            .count()
-                    };
-                    assert!(ways(true) > 0 && ways(false) > 0, "junction {} arm {a} lane {lane}", junction.id);
+        for plan in plans(1) {
+            let network = Network::build(&plan);
+            for (j, junction) in network.junctions.iter().enumerate() {
+                for (a, arm) in junction.arms.iter().enumerate() {
+                    for lane in 0..network.roads[arm.road].profile.n_lanes {
+                        let ways = |entering: bool| {
+                            let id = lane_id(arm, lane, entering);
+                            network
+                                .links
+                                .iter()
+                                .filter(|l| l.junction == j && if entering { l.from == (a, id) } else { l.to == (a, id) })
+                                .count()
+                        };
+                        assert!(ways(true) > 0 && ways(false) > 0, "junction {} arm {a} lane {lane}", junction.id);
+                    }
                 }
             }
         }

@@ -59,6 +59,26 @@ pub const STREET: Profile =
 /// The ring round the town.
 pub const RING: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.5, speed_kmh: 50, main: false };
 
+/// Three lanes each way round the town, fast.
+pub const HIGHWAY: Profile =
+    Profile { n_lanes: 3, lane_m: 3.6, edge: Edge::Gutter, edge_m: 1.2, pavement_m: 2.5, speed_kmh: 90, main: true };
+
+/// What is built in the blocks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Houses {
+    /// One or two floors, gardens between.
+    Cottages,
+    /// Farms and barns far apart.
+    Farms,
+    /// Two to four floors, wall to wall.
+    Terraces,
+    /// Tall within this distance of the origin, three to six floors elsewhere.
+    Towers {
+        /// Metres.
+        within_m: f64,
+    },
+}
+
 /// A street from node to node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Street {
@@ -85,6 +105,8 @@ pub struct Plan {
     pub streets: Vec<Street>,
     /// Points inside blocks that are parks; all others hold houses.
     pub parks_m: Vec<P2>,
+    /// What is built in the blocks.
+    pub houses: Houses,
 }
 
 const COLUMNS_M: [f64; 6] = [-205.0, -128.0, -48.0, 38.0, 122.0, 205.0];
@@ -139,7 +161,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
     }
     let middle = |i: usize, j: usize| 0.5 * (grid[i] + grid[j]);
     let parks_m = vec![middle(4 + 2 * n, 4 + 3 * n)];
-    Plan { name: name.to_owned(), lat_lon_deg: (48.137, 11.575), nodes_m, streets, parks_m }
+    Plan { name: name.to_owned(), lat_lon_deg: (48.137, 11.575), nodes_m, streets, parks_m, houses: Houses::Towers { within_m: 150.0 } }
 }
 
 fn profile(c: usize, r: usize, along_x: bool, n: usize) -> Profile {

@@ -1,5 +1,7 @@
 //! Puts everything that stands still into the scene and gives it ids.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Isometry3, Vector3};
 use schema_types::{Class, ObjectId};
 use sensor_core::{Mesh, MeshId, SceneAssets};
@@ -10,7 +12,7 @@ use crate::geometry::{P2, heading, left, unit};
 use crate::ground::{BAYS_M, Floor, n_bays};
 use crate::network::{Network, Road, Signal, SignalKind};
 use crate::open_drive::{KERB_HEIGHT_M, facing};
-use crate::plan::{Edge, Plan};
+use crate::plan::{Edge, Houses, Plan};
 use crate::random::Random;
 use crate::ring::{Ring, contains, rings};
 use crate::town::{CollisionMesh, LightSite, SceneryObject};
@@ -51,7 +53,7 @@ pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
     b.floor.road.name = "road".to_owned();
     b.floor.raised.name = "pavement".to_owned();
     b.streets();
-    let kit = Kit::new(&mut b.assets);
+    let kit = Kit::new(plan, &mut b.assets);
     b.blocks(plan, &kit);
     for road in 0..network.roads.len() {
         b.roadside(&kit, road);
@@ -80,8 +82,9 @@ struct Kit {
 }
 
 impl Kit {
-    fn new(assets: &mut SceneAssets) -> Kit {
-        let signs = [SignalKind::Stop, SignalKind::Yield, SignalKind::Limit(30), SignalKind::Limit(50)];
+    fn new(plan: &Plan, assets: &mut SceneAssets) -> Kit {
+        let limits: BTreeSet<u32> = plan.streets.iter().map(|street| street.profile.speed_kmh).collect();
+        let signs = [SignalKind::Stop, SignalKind::Yield].into_iter().chain(limits.into_iter().map(SignalKind::Limit));
         Kit {
             trees: (0..greenery::N_KINDS).map(|kind| assets.add_mesh(greenery::tree(kind))).collect(),
             bush: assets.add_mesh(greenery::bush()),
@@ -91,7 +94,7 @@ impl Kit {
             bollard: assets.add_mesh(furniture::bollard()),
             shelter: assets.add_mesh(furniture::shelter()),
             poles: [0.0, 5.0].map(|arm_m| assets.add_mesh(furniture::light_pole(arm_m))),
-            signs: signs.map(|kind| (kind, assets.add_mesh(furniture::sign(kind)))).to_vec(),
+            signs: signs.map(|kind| (kind, assets.add_mesh(furniture::sign(kind)))).collect(),
             cars: PARKED.iter().map(|&(shape, rgb)| (assets.add_mesh(parked_car(&shape, rgb)), shape)).collect(),
         }
     }
@@ -199,11 +202,15 @@ impl Builder<'_> {
             if park {
                 self.park(kit, ring);
             } else {
-                let lots = building::lots(ring, &mut random);
+                let houses = match plan.houses {
+                    Houses::Towers { .. } if ring.outside => Houses::Towers { within_m: 0.0 },
+                    Houses::Cottages if ring.outside => Houses::Farms,
+                    other => other,
+                };
+                let lots = building::lots(ring, houses, &mut random);
                 for lot in &lots {
                     let object = self.object(Class::BUILDINGS, "building");
-                    let tall = !ring.outside && lot.footprint_m[0].norm() < 150.0;
-                    building::build(&mut self.chunks, &mut self.solid, lot, tall, object, &mut random);
+                    building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
                 }
                 self.green_gaps(kit, ring, &lots, &mut random);
             }

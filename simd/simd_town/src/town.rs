@@ -5,7 +5,8 @@ use schema_types::{Class, ObjectId, Pose};
 use sensor_core::{Mesh, SceneAssets};
 
 use crate::network::Network;
-use crate::{furniture, open_drive, plan, scenery, spawn};
+use crate::plan::Plan;
+use crate::{furniture, open_drive, plan, scenery, sketch, spawn};
 
 /// Why there is no such town.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -76,16 +77,13 @@ pub struct Town {
 
 impl Town {
     /// Names that [`Town::generate`] knows. `_Opt` behind a name is the same town.
-    pub const NAMES: [&'static str; 1] = ["Town10HD"];
+    pub const NAMES: [&'static str; 4] = ["Town01", "Town02", "Town05", "Town10HD"];
 
     /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change nothing.
     pub fn generate(name: &str, seed: u64) -> Result<Town, TownError> {
         let short = name.rsplit('/').next().unwrap_or(name);
         let short = short.strip_suffix("_Opt").unwrap_or(short);
-        let plan = match short {
-            "Town10HD" => plan::dense_centre(short, seed),
-            _ => return Err(TownError::Unknown { name: name.to_owned() }),
-        };
+        let plan = plan_of(short, seed).ok_or_else(|| TownError::Unknown { name: name.to_owned() })?;
         let network = Network::build(&plan);
         let scenery = scenery::build(&plan, &network, seed);
         Ok(Town {
@@ -100,4 +98,19 @@ impl Town {
             origin_m: [0.0; 3],
         })
     }
+}
+
+fn plan_of(name: &str, seed: u64) -> Option<Plan> {
+    Some(match name {
+        "Town01" => sketch::small_town(name, seed),
+        "Town02" => sketch::compact(name, seed),
+        "Town05" => sketch::multi_lane_grid(name, seed),
+        "Town10HD" => plan::dense_centre(name, seed),
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+pub(crate) fn plans(seed: u64) -> impl Iterator<Item = Plan> {
+    Town::NAMES.into_iter().map(move |name| plan_of(name, seed).expect("a name of the list"))
 }
