@@ -56,7 +56,7 @@ fn spawned_sensors_publish_until_they_are_destroyed() {
     step(&mut client, 2);
     assert_eq!(*frame, held[..], "a held frame outlives its sensor");
     assert_eq!(counter(&mut client, "gpu_copies"), copies, "an ended sensor costs nothing");
-    drop(depth);
+    drop((frame, depth));
     assert!(bus.topics().unwrap().iter().all(|topic| topic.name != topics[0]), "the topic has gone");
     let snapshot = eventually("the newest snapshot", || snapshots.latest().unwrap());
     assert!(snapshot.actor(actor_id).is_none() && snapshot.actor(lidar_id).is_none());
