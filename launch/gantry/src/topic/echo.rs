@@ -1,5 +1,7 @@
 //! `gantry topic echo`: headers and records as text, or one JSON object per line.
 
+use std::time::{Duration, Instant};
+
 use launch_cli::{Exit, Shutdown};
 use schema_bus::{Bus, ControlBatch, Document, Frame, Snapshot};
 use schema_frames::{ActorRecord, DvsEvent, GnssSample, ImuSample, LidarPoint, Modality, SemanticLidarPoint};
@@ -8,12 +10,20 @@ use serde_json::{Value, json};
 use super::source::{Sample, Source};
 use crate::cli::EchoArgs;
 
+/// Silence after which a word is due; a topic may be silent for good reason (a stepped world, a document that does not change).
+const PATIENCE: Duration = Duration::from_secs(2);
+
 pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
     let shutdown = Shutdown::install()?;
     let mut source = Source::open(bus, topic)?;
-    let mut printed = 0;
+    let start = Instant::now();
+    let (mut printed, mut said) = (0, false);
     while !shutdown.requested() && args.count.is_none_or(|count| printed < count) {
         let Some(sample) = source.next()? else {
+            if printed == 0 && !said && start.elapsed() > PATIENCE {
+                said = true;
+                eprintln!("nothing has come on {topic} for {} s; waiting (Ctrl-C ends this)", PATIENCE.as_secs());
+            }
             source.nap()?;
             continue;
         };
