@@ -1,4 +1,4 @@
-//! Draws the test street and writes every modality as PNG files: `cargo run --release --example render_street -- OUT_DIR [WEATHER]`.
+//! Draws the test street and writes every modality as PNG files: `cargo run --release --example render_street -- OUT_DIR [WEATHER [high|low]]`.
 //!
 //! WEATHER is `noon` (default), `evening`, `night`, `overcast`, `fog` or `rain`.
 
@@ -19,7 +19,12 @@ fn main() {
     let name = arguments.get(1).map_or("noon", |text| text.as_str());
     std::fs::create_dir_all(folder).expect("the folder can be made");
     let gpu = kit::gpu();
-    let mut renderer = CameraRenderer::new(&gpu, Quality::default_for(&gpu));
+    let quality = match arguments.get(2).map(|text| text.as_str()) {
+        Some("high") => Quality::High,
+        Some("low") => Quality::Low,
+        _ => Quality::default_for(&gpu),
+    };
+    let mut renderer = CameraRenderer::new(&gpu, quality);
     let (assets, car) = kit::street();
     let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
     let modalities = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Flow, Modality::Normals, Modality::Dvs];

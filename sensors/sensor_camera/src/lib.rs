@@ -17,6 +17,7 @@ mod light;
 mod material;
 mod pass;
 mod renderer;
+mod shade;
 mod shadow;
 mod sky;
 mod submission;
@@ -32,5 +33,5 @@ pub use view::{Output, View, ViewJob, ViewSpec};
 
 /// Text of every shader, by name, as it is given to the GPU; for validation without one.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
-    vec![("geometry", pass::geometry_wgsl()), ("shadow", shadow::SHADOW_WGSL.to_owned())]
+    vec![("geometry", pass::geometry_wgsl()), ("shade", shade::shade_wgsl()), ("shadow", shadow::SHADOW_WGSL.to_owned())]
 }

@@ -36,8 +36,8 @@ pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 pub(crate) struct GeometryPass {
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
-    scene_layout: wgpu::BindGroupLayout,
-    view_layout: wgpu::BindGroupLayout,
+    pub scene_layout: wgpu::BindGroupLayout,
+    pub view_layout: wgpu::BindGroupLayout,
     sky_sampler: wgpu::Sampler,
     noise: wgpu::TextureView,
     noise_sampler: wgpu::Sampler,
@@ -50,7 +50,7 @@ pub(crate) struct GeometryPass {
 
 #[derive(Clone, Debug)]
 struct Pipelines {
-    /// Depth first where shading is dear: then each pixel is shaded once.
+    /// Depth first where the geometry pass shades: then each pixel is shaded once.
     depth_first: Option<wgpu::RenderPipeline>,
     meshes: wgpu::RenderPipeline,
     sky: wgpu::RenderPipeline,
@@ -132,6 +132,7 @@ impl GeometryPass {
 
     /// Makes the pipelines for a set of targets, once.
     pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
+        let set = set.drawn();
         if !self.pipelines.contains_key(&set.0) {
             let pipelines = Pipelines {
                 depth_first: set.is_lit().then(|| self.pipeline(gpu, set, Kind::DepthFirst)),
@@ -238,10 +239,22 @@ impl GeometryPass {
         })
     }
 
-    /// Records one view.
-    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, scene: &wgpu::BindGroup, view: &ViewPass<'_>) {
+    /// Where a view's uniform begins.
+    pub fn offset_of(view_idx: usize) -> u32 {
+        (view_idx as u64 * VIEW_STRIDE_BYTES) as u32
+    }
+
+    /// Records one view; returns its bind group for the shading pass.
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        scene: &wgpu::BindGroup,
+        view: &ViewPass<'_>,
+    ) -> wgpu::BindGroup {
         let attachment = |target: Target| {
-            view.set.contains(target).then(|| wgpu::RenderPassColorAttachment {
+            view.set.drawn().contains(target).then(|| wgpu::RenderPassColorAttachment {
                 view: &view.targets.get(target).view,
                 depth_slice: None,
                 resolve_target: None,
@@ -262,9 +275,9 @@ impl GeometryPass {
             multiview_mask: None,
         });
         gpu.counters().add_pass();
-        let pipelines = &self.pipelines[&view.set.0];
+        let pipelines = &self.pipelines[&view.set.drawn().0];
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, &bound, &[(view.view_idx as u64 * VIEW_STRIDE_BYTES) as u32]);
+        pass.set_bind_group(1, &bound, &[Self::offset_of(view.view_idx)]);
         pass.set_vertex_buffer(0, assets.vertices.slice(..));
         pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
         for pipeline in pipelines.depth_first.iter().chain([&pipelines.meshes]) {
@@ -282,6 +295,8 @@ impl GeometryPass {
         pass.set_pipeline(&pipelines.sky);
         pass.draw(0..3, 0..1);
         gpu.counters().add_draw(1);
+        drop(pass);
+        bound
     }
 }
 
@@ -313,8 +328,9 @@ pub(crate) fn grow(gpu: &Gpu, buffer: &mut wgpu::Buffer, n_bytes: u64) {
     }
 }
 
-fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
-    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::VERTEX_FRAGMENT, ty, count: None }
+pub(crate) fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
+    let visibility = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
+    wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
 }
 
 fn uniform(binding: u32, n_bytes: u64, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
@@ -333,7 +349,7 @@ pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
     )
 }
 
-fn texture(binding: u32, sample_type: wgpu::TextureSampleType) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn texture(binding: u32, sample_type: wgpu::TextureSampleType) -> wgpu::BindGroupLayoutEntry {
     entry(binding, wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false })
 }
 

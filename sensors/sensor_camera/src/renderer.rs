@@ -13,6 +13,7 @@ use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
 use crate::dvs::DvsState;
 use crate::light::Light;
 use crate::pass::{GeometryPass, ViewPass};
+use crate::shade::ShadePass;
 use crate::shadow::{ShadowLookup, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet};
@@ -70,6 +71,7 @@ pub struct CameraRenderer {
     assets: Option<GpuAssets>,
     light: Option<Light>,
     pass: GeometryPass,
+    shade: ShadePass,
     shadows: Shadows,
 }
 
@@ -84,12 +86,14 @@ struct Active {
 impl CameraRenderer {
     /// A renderer without a scene.
     pub fn new(gpu: &Gpu, quality: Quality) -> Self {
+        let pass = GeometryPass::new(gpu);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
             assets: None,
             light: None,
-            pass: GeometryPass::new(gpu),
+            shade: ShadePass::new(gpu, &pass),
+            pass,
             shadows: Shadows::new(gpu, quality),
         }
     }
@@ -129,13 +133,19 @@ impl CameraRenderer {
         let mut instances = Vec::new();
         let mut active = Vec::new();
         for (job_idx, job) in jobs.iter_mut().enumerate() {
-            let set = job.outputs.iter().fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
+            let mut set = job.outputs.iter().fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
+            if set.is_lit() && self.quality == Quality::High {
+                set = SHADED.into_iter().fold(set, |set, target| set.union(target.bit()));
+            }
             if set == TargetSet::default() {
                 continue;
             }
             let lens = job.view.spec.intrinsics;
             job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set);
             self.pass.prepare(&self.gpu, set);
+            if set.is_deferred() {
+                self.shade.prepare(&self.gpu, set);
+            }
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
             let calls = draw::visible(scene, assets, &lens, &motion, job.view.previous.as_ref(), &mut instances);
             active.push(Active { job_idx, set, motion, calls });
@@ -179,7 +189,11 @@ impl CameraRenderer {
         for (view_idx, (active, shadow)) in active.iter().zip(&lookups).enumerate() {
             let targets = &jobs[active.job_idx].view.targets;
             let view = ViewPass { targets, set: active.set, calls: &active.calls, view_idx, shadow: &shadow.view };
-            self.pass.record(&self.gpu, encoder, assets, &scene_group, &view);
+            let bound = self.pass.record(&self.gpu, encoder, assets, &scene_group, &view);
+            if active.set.is_deferred() {
+                let lens = jobs[active.job_idx].view.spec.intrinsics;
+                self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, [lens.width_px, lens.height_px]);
+            }
         }
     }
 }
@@ -187,6 +201,9 @@ impl CameraRenderer {
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
     world_from_sensor * sensor_from_camera()
 }
+
+/// What the shading pass reads.
+const SHADED: [Target; 3] = [Target::Surface, Target::Depth, Target::Instance];
 
 /// Targets that a modality is made from.
 fn targets_of(modality: Modality) -> TargetSet {

@@ -2,28 +2,31 @@
 
 use sensor_gpu::Gpu;
 
-/// One attachment of the geometry pass; the number is its location in `geometry.wgsl`.
+/// What a view is drawn into; the number is the location in `geometry.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Target {
-    Color = 0,
+    /// What shading needs to know of the surface: normal, albedo with material, texture coordinates.
+    Surface = 0,
     Depth = 1,
     Class = 2,
     Instance = 3,
     Flow = 4,
     Normals = 5,
-    Luminance = 6,
+    /// B, G, R, A bytes in one word.
+    Color = 6,
+    Luminance = 7,
 }
 
 impl Target {
-    pub const ALL: [Target; 7] =
-        [Target::Color, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals, Target::Luminance];
+    pub const ALL: [Target; 8] =
+        [Target::Surface, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals, Target::Color, Target::Luminance];
 
     pub fn format(self) -> wgpu::TextureFormat {
         match self {
-            Target::Color => wgpu::TextureFormat::Bgra8Unorm,
+            Target::Surface => wgpu::TextureFormat::Rgba32Uint,
             Target::Depth | Target::Luminance => wgpu::TextureFormat::R32Float,
             Target::Class => wgpu::TextureFormat::R8Uint,
-            Target::Instance => wgpu::TextureFormat::R32Uint,
+            Target::Instance | Target::Color => wgpu::TextureFormat::R32Uint,
             Target::Flow => wgpu::TextureFormat::Rg32Float,
             Target::Normals => wgpu::TextureFormat::Rgba16Float,
         }
@@ -34,7 +37,14 @@ impl Target {
             Target::Class => 1,
             Target::Color | Target::Depth | Target::Luminance | Target::Instance => 4,
             Target::Flow | Target::Normals => 8,
+            Target::Surface => 16,
         }
+    }
+
+    fn usage(self) -> wgpu::TextureUsages {
+        let shaded = matches!(self, Target::Color | Target::Luminance);
+        let more = if shaded { wgpu::TextureUsages::STORAGE_BINDING } else { wgpu::TextureUsages::TEXTURE_BINDING };
+        more | wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC
     }
 
     pub fn bit(self) -> TargetSet {
@@ -55,6 +65,17 @@ impl TargetSet {
         TargetSet(self.0 | other.0)
     }
 
+    /// Whether light is left to the shading pass.
+    pub fn is_deferred(self) -> bool {
+        self.contains(Target::Surface)
+    }
+
+    /// Those that the geometry pass writes.
+    pub fn drawn(self) -> TargetSet {
+        let shaded = if self.is_deferred() { Target::Color.bit().union(Target::Luminance.bit()) } else { TargetSet::default() };
+        TargetSet(self.0 & !shaded.0)
+    }
+
     /// Whether any of them needs light.
     pub fn is_lit(self) -> bool {
         self.contains(Target::Color) || self.contains(Target::Luminance)
@@ -71,7 +92,7 @@ pub(crate) struct Image {
 /// The textures of one view.
 #[derive(Debug, Default)]
 pub(crate) struct Targets {
-    images: [Option<Image>; 7],
+    images: [Option<Image>; 8],
     z_buffer: Option<Image>,
 }
 
@@ -79,8 +100,7 @@ impl Targets {
     /// Makes what `set` lacks.
     pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet) {
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
-            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::TEXTURE_BINDING;
-            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), usage));
+            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), target.usage()));
         }
         self.z_buffer.get_or_insert_with(|| {
             image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)

@@ -58,10 +58,16 @@ fn all_views_of_a_tick_are_one_pass_each_in_one_submission() {
 
 #[test]
 fn readers_change_no_ones_bytes_and_runs_repeat() {
+    for quality in [Quality::Low, Quality::High] {
+        readers_change_nothing(quality);
+    }
+}
+
+fn readers_change_nothing(quality: Quality) {
     let gpu = kit::gpu();
     let (assets, car) = kit::street();
     let run = |modalities: &[Modality]| {
-        let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+        let mut renderer = CameraRenderer::new(&gpu, quality);
         let mut view = kit::view(&gpu, 96, 64);
         let mut frames = BTreeMap::new();
         for step in 1..5u64 {

@@ -11,13 +11,15 @@ struct Corner {
 
 // Attachments; locations are the numbers of Target in targets.rs.
 struct Pixel {
-    @location(0) color: vec4<f32>,
+    // For shade.wgsl: normal; albedo, material, lit; texture coordinates.
+    @location(0) surface: vec4<u32>,
     @location(1) depth_m: f32,
     @location(2) class_code: u32,
     @location(3) instance: u32,
     @location(4) flow_px: vec2<f32>,
     @location(5) normal: vec4<f32>,
-    @location(6) luminance: f32,
+    @location(6) color: u32,
+    @location(7) luminance: f32,
 }
 
 const MATERIAL_CAR_PAINT: u32 = 10u;
@@ -71,11 +73,15 @@ fn fs_main(in: Corner) -> Pixel {
             out.flow_px = in.clip.xy - pixel_of(before);
         }
     }
+    // The normal as interpolated, not of unit length: shading makes it so.
+    let n = vec3<u32>(clamp(in.normal_in_world * 0.5 + 0.5, vec3(0.0), vec3(1.0)) * vec3(2046.0, 2046.0, 1022.0) + 0.5);
+    let look = (in.labels.z & 0xffffffu) | ((in.labels.y & 0x1f00u) << 16u) | ((in.labels.y >> 16u) << 29u);
+    out.surface = vec4(n.x | (n.y << 11u) | (n.z << 22u), look, bitcast<vec2<u32>>(in.uv_m));
     if WITH_LIGHT {
         let radiance = shade(point, normal, in.uv_m, in.labels, 1.0 / (view.lens_px.x * in.clip.w));
         out.luminance = luminance_of(radiance);
         if WITH_COLOR {
-            out.color = vec4(display(radiance), 1.0);
+            out.color = packed_color(radiance);
         }
     }
     return out;
@@ -98,6 +104,7 @@ const CLASS_SKY: u32 = 11u;
 fn fs_sky(@builtin(position) at: vec4<f32>) -> Pixel {
     var out: Pixel;
     let ray = ray_in_camera(at.xy);
+    out.surface = vec4(0u);
     out.depth_m = view.frame.w;
     out.class_code = CLASS_SKY;
     out.instance = 0u;
@@ -113,7 +120,7 @@ fn fs_sky(@builtin(position) at: vec4<f32>) -> Pixel {
         let radiance = sky_radiance(normalize(rotate_rows(view.world_from_camera, ray)));
         out.luminance = luminance_of(radiance);
         if WITH_COLOR {
-            out.color = vec4(display(radiance), 1.0);
+            out.color = packed_color(radiance);
         }
     }
     return out;

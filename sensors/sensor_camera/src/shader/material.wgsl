@@ -1,4 +1,4 @@
-// Colour: procedural surfaces, sun, sky, shadow, air, film. Nothing here touches labels, depth or flow.
+// Colour: procedural surfaces, sun, sky, shadow, air, film; for the geometry pass or the shading pass. Nothing here touches labels, depth or flow.
 //
 // A software rasteriser runs every branch for every pixel, so there is one path for all materials, steered by a table
 // (light.materials, from light.rs), and noise comes from a small texture instead of hashes.
@@ -11,6 +11,11 @@ fn luminance_of(rgb: vec3<f32>) -> f32 {
 fn display(radiance: vec3<f32>) -> vec3<f32> {
     let x = max(radiance - 0.004, vec3(0.0));
     return (x * (6.2 * x + 0.5)) / (x * (6.2 * x + 1.7) + 0.06);
+}
+
+// B, G, R, A bytes.
+fn packed_color(radiance: vec3<f32>) -> u32 {
+    return pack4x8unorm(vec4(display(radiance).bgr, 1.0));
 }
 
 // sRGB bytes to linear, without a power: a cubic, good to 0.5 % of white.
