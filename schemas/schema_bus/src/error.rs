@@ -54,9 +54,7 @@ pub enum BusError {
         advice: &'static str,
     },
     /// All reader places are taken.
-    #[error(
-        "service {service:?} already has {limit} readers (limit {limit}); stop one, or raise max_readers in the launch file and restart all"
-    )]
+    #[error("service {service:?} already has {limit} readers (limit {limit}); stop one before another can join")]
     TooManyReaders {
         /// The service.
         service: String,
@@ -96,7 +94,7 @@ pub enum BusError {
         service: String,
     },
     /// Shared memory is full.
-    #[error("cannot reserve {need} of shared memory for {service}: /dev/shm has {free} free; free space or lower max_readers", need = mebibytes(*.need_bytes), free = mebibytes(*.free_bytes))]
+    #[error("cannot reserve {need} of shared memory for {service}: /dev/shm has {free} free; free space, make it larger, or ask for fewer or smaller images", need = mebibytes(*.need_bytes), free = mebibytes(*.free_bytes))]
     Memory {
         /// The service.
         service: String,

@@ -84,7 +84,7 @@ def subscribe(service: Any, full: str) -> Any:
         if "ExceedsMaxSupportedSubscribers" in str(cause):
             limit = service.static_config.max_subscribers
             raise TooManyReadersError(
-                f"service {full!r} already has {limit} readers (limit {limit}); stop one, or raise max_readers in the launch file and restart all"
+                f"service {full!r} already has {limit} readers (limit {limit}); stop one before another can join"
             ) from cause
         raise GantryError(f"cannot read service {full!r} ({cause})") from cause
 
