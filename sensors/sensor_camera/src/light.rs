@@ -104,7 +104,7 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         let below = 0.5 * (1.0 - axis.z);
         let grey = luminance(sky);
         // Houses and trees throw back light of every colour: streets are less blue than the sky, and less dark.
-        std::array::from_fn::<f32, 3, _>(|c| 1.5 * (sky[c] + 0.72 * (grey - sky[c])) + ground[c] * below)
+        std::array::from_fn::<f32, 3, _>(|c| 1.65 * (sky[c] + 0.85 * (grey - sky[c])) + ground[c] * below)
     };
     let pairs = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| (facing(axis), facing(-axis)));
     let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0);

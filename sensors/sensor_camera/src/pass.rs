@@ -7,6 +7,7 @@ use sensor_gpu::Gpu;
 use crate::assets::GpuAssets;
 use crate::draw::DrawCall;
 use crate::material;
+use crate::renderer::Quality;
 use crate::targets::{Target, TargetSet, Targets};
 use crate::uniform::{InstanceData, LightData, ViewData};
 
@@ -35,6 +36,7 @@ pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 #[derive(Debug)]
 pub(crate) struct GeometryPass {
     shader: wgpu::ShaderModule,
+    quality: Quality,
     layout: wgpu::PipelineLayout,
     pub scene_layout: wgpu::BindGroupLayout,
     pub view_layout: wgpu::BindGroupLayout,
@@ -69,7 +71,7 @@ pub(crate) struct ViewPass<'p> {
 }
 
 impl GeometryPass {
-    pub fn new(gpu: &Gpu) -> Self {
+    pub fn new(gpu: &Gpu, quality: Quality) -> Self {
         let device = gpu.device();
         let scene_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("scene"),
@@ -115,6 +117,7 @@ impl GeometryPass {
             ..linear.clone()
         };
         GeometryPass {
+            quality,
             shader: gpu.shader("geometry", &geometry_wgsl()),
             sky_sampler: device.create_sampler(&linear),
             noise: material::noise_texture(gpu),
@@ -155,6 +158,7 @@ impl GeometryPass {
         let constants = [
             ("WITH_LIGHT", set.is_lit() as u32 as f64),
             ("WITH_COLOR", set.contains(Target::Color) as u32 as f64),
+            ("SIMPLE", (self.quality == Quality::Low) as u32 as f64),
             ("WITH_FLOW", set.contains(Target::Flow) as u32 as f64),
         ];
         let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };

@@ -86,7 +86,7 @@ struct Active {
 impl CameraRenderer {
     /// A renderer without a scene.
     pub fn new(gpu: &Gpu, quality: Quality) -> Self {
-        let pass = GeometryPass::new(gpu);
+        let pass = GeometryPass::new(gpu, quality);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,

@@ -1,7 +1,10 @@
 // Colour: procedural surfaces, sun, sky, shadow, air, film; for the geometry pass or the shading pass. Nothing here touches labels, depth or flow.
 //
 // A software rasteriser runs every branch for every pixel, so there is one path for all materials, steered by a table
-// (light.materials, from light.rs), and noise comes from a small texture instead of hashes.
+// (light.materials, from light.rs). Noise comes from a small texture; what has one value per window or wall, from a hash.
+
+// Low quality: one fetch of noise instead of two, and mirrors show a plain gradient of the sky.
+override SIMPLE: bool = false;
 
 fn luminance_of(rgb: vec3<f32>) -> f32 {
     return dot(rgb, vec3(0.2126, 0.7152, 0.0722));
@@ -29,6 +32,13 @@ const NOISE_SIDE: i32 = 256;
 // R: grain, G: clouds of many sizes, B and A: white noise. `at` in texels.
 fn noise(at: vec2<f32>, level: f32) -> vec4<f32> {
     return textureSampleLevel(noise_map, noise_sampler, at * (1.0 / f32(NOISE_SIDE)), level);
+}
+
+// Four values in 0..=1 that belong to a number (a step of the PCG generator, O'Neill 2014).
+fn lot_of(number: u32) -> vec4<f32> {
+    let state = number * 747796405u + 2891336453u;
+    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return unpack4x8unorm((word >> 22u) ^ word);
 }
 
 // Octahedral map of the upper hemisphere: sky.rs writes what this reads.
@@ -89,8 +99,8 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
     var out: Window;
     out.pane = mix(share.x * share.y, pane.x * pane.y, fine);
     out.frame = max(frame.x * frame.y - out.pane, 0.0) * fine;
-    let texel = (vec2<i32>(cell) + vec2<i32>(i32(id * 37u), i32(id * 59u))) & vec2<i32>(NOISE_SIDE - 1);
-    out.lot = textureLoad(noise_map, texel, 0);
+    let column_row = vec2<u32>(vec2<i32>(cell));
+    out.lot = lot_of(id * 64u + column_row.x + column_row.y * 1597u);
     return out;
 }
 
@@ -111,10 +121,13 @@ fn shade(point_in_camera: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels:
     let steep = abs(normal);
     let ground = steep.z >= max(steep.x, steep.y);
     let plane_m = select(vec2(select(world_m.x, world_m.y, steep.x > steep.y), world_m.z), world_m.xy, ground);
-    let blur = log2(pixel_m * inverseSqrt(max(cosine, 0.04)));
-    let fine = noise(plane_m * base.x, blur + log2(base.x));
-    let coarse = noise(plane_m * base.z + vec2(57.0, 91.0), blur + log2(base.z));
-    var albedo = linear_of(labels.z) * max(1.0 + base.y * (fine.r - 0.5) + base.w * (coarse.g - 0.5), 0.0);
+    let pixel_on_plane_m = pixel_m * inverseSqrt(max(cosine, 0.04));
+    let fine = noise(plane_m * base.x, log2(pixel_on_plane_m * base.x));
+    var clouds = fine.g;
+    if !SIMPLE {
+        clouds = noise(plane_m * base.z + vec2(57.0, 91.0), log2(pixel_on_plane_m * base.z)).g;
+    }
+    var albedo = linear_of(labels.z) * max(1.0 + base.y * (fine.r - 0.5) + base.w * (clouds - 0.5), 0.0);
 
     // Slabs of one metre with dark joints.
     let joint_m = 0.5 - abs(fract(world_m.xy) - 0.5);
@@ -124,7 +137,7 @@ fn shade(point_in_camera: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels:
     // Walls: windows with their own glass, blind and lamp; less sky reaches the foot.
     let is_shop = material == MATERIAL_SHOP_FRONT;
     let is_wall = f32(is_shop || material == MATERIAL_FACADE) * f32(!ground);
-    let style = textureLoad(noise_map, vec2<i32>(i32((id * 101u) & 255u), i32((id >> 3u) & 255u)), 0);
+    let style = lot_of(id);
     let window = window_at(uv_m, style.barg, pixel_m, is_shop, id);
     let pane = window.pane * is_wall;
     albedo *= mix(1.0, 0.72 + 0.28 * clamp(uv_m.y * 0.4, 0.0, 1.0), is_wall);
@@ -160,7 +173,13 @@ fn shade(point_in_camera: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels:
     let fresnel = (mirror + max(0.75 - mirror, 0.0) * sharp * away2 * away2 * away) * f32(mirror > 0.0);
     let mirrored = reflect(towards_point, normal);
     // Streets mirror houses below some 20 degrees; what lies there is as bright as a wall in the shade.
-    let seen = mix(light.ambient_rgb.rgb * 0.09, sky_sample(mirrored, rough), smoothstep(-0.05, 0.35, mirrored.z));
+    var above: vec3<f32>;
+    if SIMPLE {
+        above = mix(light.fog_rgb.rgb, (light.ambient_rgb.rgb + light.ambient_slope_rgb[2].rgb) * 0.22, sqrt(clamp(mirrored.z, 0.0, 1.0)));
+    } else {
+        above = sky_sample(mirrored, rough);
+    }
+    let seen = mix(light.ambient_rgb.rgb * 0.09, above, smoothstep(-0.05, 0.35, mirrored.z));
     var glint = max(dot(mirrored, sun), 0.0);
     glint = glint * glint;
     glint = glint * glint;
