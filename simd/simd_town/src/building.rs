@@ -153,6 +153,7 @@ struct House {
     wall: [u8; 3],
     shop_m: f64,
     eaves_m: f64,
+    base_m: f64,
 }
 
 /// How high houses are.
@@ -184,9 +185,22 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
     let shop_m = if random.chance(size.shops) { 3.9 } else { 0.0 };
     let eaves_m = shop_m + 3.1 * floors as f64 + 0.4;
     let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-    let house =
-        House { key: Key::at(Layer::Building, middle), object, footprint: lot.footprint_m, wall: random.pick(&WALLS), shop_m, eaves_m };
+    let heights = lot.footprint_m.map(|p| chunks.terrain.at(p));
+    let base_m = KERB_HEIGHT_M + heights[0].max(heights[1]);
+    let lowest_m = heights.into_iter().fold(f64::INFINITY, f64::min) - 0.1;
+    let house = House {
+        key: Key::at(Layer::Building, middle),
+        object,
+        footprint: lot.footprint_m,
+        wall: random.pick(&WALLS),
+        shop_m,
+        eaves_m,
+        base_m,
+    };
     walls(chunks, &house);
+    if lowest_m < base_m - 0.3 {
+        chunks.prism(house.key, ALL, house.surface(Material::Concrete, house.darker(0.7)), &house.grown(0.03), (lowest_m, base_m - 0.05));
+    }
     let pitched = size.pitched > 0.0 && floors < 6 && random.chance(size.pitched);
     if pitched {
         pitched_roof(chunks, &house)
@@ -194,7 +208,7 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
         flat_roof(chunks, &house, random)
     }
     ornaments(chunks, &house, pitched, random);
-    box_solid(solid, &house.footprint, (-0.1, KERB_HEIGHT_M + eaves_m));
+    box_solid(solid, &house.footprint, (lowest_m, base_m + eaves_m));
     eaves_m
 }
 
@@ -226,8 +240,6 @@ impl House {
     }
 }
 
-const BASE_M: f64 = KERB_HEIGHT_M;
-
 fn walls(chunks: &mut Chunks, house: &House) {
     let facade = house.surface(Material::Facade, house.wall);
     let shop = house.surface(Material::ShopFront, house.darker(0.62));
@@ -235,19 +247,19 @@ fn walls(chunks: &mut Chunks, house: &House) {
     for i in 0..4 {
         let edge = (f[i], f[(i + 1) % 4]);
         let at_street = i == 0;
-        let low = if house.shop_m > 0.0 { BASE_M + house.shop_m } else { BASE_M };
+        let low = if house.shop_m > 0.0 { house.base_m + house.shop_m } else { house.base_m };
         if house.shop_m > 0.0 {
             let ground = if at_street || i % 2 == 1 { shop } else { facade };
-            chunks.wall(house.key, ALL, ground, edge, (BASE_M - 0.1, low), 0.0);
+            chunks.wall(house.key, ALL, ground, edge, (house.base_m - 0.1, low), 0.0);
         }
-        chunks.wall(house.key, ALL, facade, edge, (low - if house.shop_m > 0.0 { 0.0 } else { 0.1 }, BASE_M + house.eaves_m), 0.0);
+        chunks.wall(house.key, ALL, facade, edge, (low - if house.shop_m > 0.0 { 0.0 } else { 0.1 }, house.base_m + house.eaves_m), 0.0);
     }
 }
 
 fn flat_roof(chunks: &mut Chunks, house: &House, random: &mut Random) {
     let felt = house.surface(Material::Roof, [92, 90, 88]);
     let trim = house.surface(Material::Concrete, house.darker(0.86));
-    let top = BASE_M + house.eaves_m;
+    let top = house.base_m + house.eaves_m;
     let parapet = 0.7;
     let inner = house.grown(-0.3);
     for i in 0..4 {
@@ -278,7 +290,7 @@ fn pitched_roof(chunks: &mut Chunks, house: &House) {
     let tiles = house.surface(Material::Roof, if house.object.0.is_multiple_of(3) { [112, 62, 48] } else { [86, 78, 76] });
     let gable = house.surface(Material::Matte, house.wall);
     let f = house.grown(0.0);
-    let top = BASE_M + house.eaves_m;
+    let top = house.base_m + house.eaves_m;
     let depth = (f[3] - f[0]).norm();
     let ridge_m = top + 0.42 * depth;
     let ridge = [0.5 * (f[0] + f[3]), 0.5 * (f[1] + f[2])];
@@ -312,22 +324,22 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
     let mut band = |z: f64, depth: f64, height: f64, levels| {
         closed_prism(chunks, house.key, levels, stone, &slab(0.02, width - 0.02, depth), (z, z + height));
     };
-    let top = BASE_M + house.eaves_m;
+    let top = house.base_m + house.eaves_m;
     band(top - 0.35, if pitched { 0.4 } else { 0.28 }, 0.3, 0..=1);
     if house.shop_m > 0.0 {
-        band(BASE_M + house.shop_m - 0.25, 0.18, 0.3, 0..=0);
+        band(house.base_m + house.shop_m - 0.25, 0.18, 0.3, 0..=0);
     } else {
-        band(BASE_M - 0.1, 0.06, 0.7, 0..=0);
+        band(house.base_m - 0.1, 0.06, 0.7, 0..=0);
     }
     for u in [0.02, width - 0.42] {
-        closed_prism(chunks, house.key, 0..=0, stone, &slab(u, u + 0.4, 0.1), (BASE_M - 0.1, top - 0.35));
+        closed_prism(chunks, house.key, 0..=0, stone, &slab(u, u + 0.4, 0.1), (house.base_m - 0.1, top - 0.35));
     }
     if house.shop_m > 0.0 && random.chance(0.6) {
         let awning = house.surface(Material::Cloth, random.pick(&[[150, 40, 36], [36, 84, 60], [40, 60, 110], [190, 150, 60]]));
         let (u0, u1) = (0.15 * width, 0.85 * width);
         let p = |u: f64, d: f64, z: f64| {
             let q = f[0] + along * u + out * d;
-            [q.x, q.y, BASE_M + z]
+            [q.x, q.y, house.base_m + z]
         };
         let (high, low) = (3.3, 2.75);
         chunks.polygon(house.key, 0..=1, awning, &[p(u0, 1.2, low), p(u1, 1.2, low), p(u1, 0.02, high), p(u0, 0.02, high)], &[[0.0; 2]; 4]);
@@ -340,7 +352,7 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
         for floor in 1..n_floors.min(6) {
             for c in 0..columns {
                 let u = 1.5 + (width - 3.0) * (c as f64 + 0.5) / columns as f64;
-                let z = BASE_M + house.shop_m + 3.1 * floor as f64;
+                let z = house.base_m + house.shop_m + 3.1 * floor as f64;
                 closed_prism(chunks, house.key, 0..=0, stone, &slab(u - 1.1, u + 1.1, 0.95), (z - 0.12, z));
                 closed_prism(chunks, house.key, 0..=0, rail, &slab(u - 1.1, u + 1.1, 0.95), (z, z + 0.06));
                 let front = slab(u - 1.1, u + 1.1, 0.95);

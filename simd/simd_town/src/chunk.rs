@@ -7,6 +7,7 @@ use schema_types::ObjectId;
 use sensor_core::mesh::{Lod, Surface};
 use sensor_core::{Mesh, MeshBuilder, MeshId, SceneAssets, StaticInstance};
 
+use crate::elevation::Terrain;
 use crate::geometry::P2;
 
 /// Side of a cell.
@@ -55,9 +56,16 @@ pub const ALL: Levels = 0..=2;
 #[derive(Default)]
 pub struct Chunks {
     cells: BTreeMap<Key, [MeshBuilder; 3]>,
+    /// What [`Chunks::flat`] lies on.
+    pub terrain: Terrain,
 }
 
 impl Chunks {
+    /// Nothing yet, on this ground.
+    pub fn on(terrain: Terrain) -> Chunks {
+        Chunks { terrain, ..Chunks::default() }
+    }
+
     /// Adds a convex polygon, counter-clockwise from outside, in world coordinates.
     pub fn polygon(&mut self, key: Key, levels: Levels, surface: Surface, corners_m: &[[f64; 3]], uv_m: &[[f32; 2]]) {
         let centre = key.centre();
@@ -68,10 +76,10 @@ impl Chunks {
         }
     }
 
-    /// Adds a flat polygon at one height, counter-clockwise from above, to the cell of its middle; uv is the world position.
+    /// Adds a polygon that lies this much over the ground, counter-clockwise from above, to the cell of its middle; uv is the world position.
     pub fn flat(&mut self, layer: Layer, levels: Levels, surface: Surface, corners_m: &[P2], z_m: f64) {
         let middle = corners_m.iter().sum::<P2>() / corners_m.len() as f64;
-        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m]).collect();
+        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m + self.terrain.at(*p)]).collect();
         let uv: Vec<[f32; 2]> = corners_m.iter().map(|p| [p.x as f32, p.y as f32]).collect();
         self.polygon(Key::at(layer, middle), levels, surface, &corners, &uv);
     }

@@ -5,11 +5,12 @@ use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
 use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
+use crate::elevation::{OUTWARD, Terrain, outward};
 use crate::geometry::{P2, wrap};
 use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Edge;
-use crate::ring::{Ring, corner, triangulate};
+use crate::ring::{Ring, triangulate};
 use crate::town::CollisionMesh;
 
 /// Height of paint over the road: far enough for depth buffers, too thin to notice.
@@ -34,8 +35,9 @@ impl CollisionMesh {
         self.triangles.extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
     }
 
-    fn flat(&mut self, corners_m: &[P2], z_m: f64) {
-        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m]).collect();
+    /// Adds a convex polygon that lies this much over the ground.
+    fn flat(&mut self, terrain: &Terrain, corners_m: &[P2], z_m: f64) {
+        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m + terrain.at(*p)]).collect();
         self.polygon(&corners);
     }
 }
@@ -55,12 +57,12 @@ fn yellow(object: ObjectId) -> Surface {
 /// Surface and paint of a road.
 pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Road, object: ObjectId) {
     let kerb = road.profile.kerb_m();
-    let stations = road.path.stations(16.0);
+    let stations = road.stations();
     for pair in stations.windows(2) {
         let at = |s: f64, t: f64| road.path.beside(s, t);
         let corners = [at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)];
         chunks.flat(Layer::Ground, ALL, asphalt(object), &corners, 0.0);
-        floor.road.flat(&corners, 0.0);
+        floor.road.flat(&chunks.terrain, &corners, 0.0);
     }
     let idx = road.id as usize - 1;
     let arm_at = |end: usize| {
@@ -80,7 +82,7 @@ pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Ro
 /// A painted stripe along the road.
 fn stripe(chunks: &mut Chunks, levels: Levels, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64, width_m: f64) {
     let mut stations = vec![from_m];
-    stations.extend(road.path.stations(16.0).into_iter().filter(|&s| s > from_m + 0.01 && s < to_m - 0.01));
+    stations.extend(road.stations().into_iter().filter(|&s| s > from_m + 0.01 && s < to_m - 0.01));
     stations.push(to_m);
     for pair in stations.windows(2) {
         let at = |s: f64, side: f64| road.path.beside(s, t_m + 0.5 * side * width_m);
@@ -200,16 +202,12 @@ fn bays(chunks: &mut Chunks, road: &Road, object: ObjectId) {
 /// The area between the roads' ends.
 pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: usize, object: ObjectId) {
     let junction = &network.junctions[idx];
-    let mut border: Vec<P2> = Vec::new();
-    for i in 0..junction.arms.len() {
-        border.extend(corner(network, idx, i).kerb_m);
-    }
-    border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
+    let border = network.border(idx);
     let middle = border.iter().sum::<P2>() / border.len() as f64;
     for i in 0..border.len() {
         let triangle = [middle, border[i], border[(i + 1) % border.len()]];
         chunks.flat(Layer::Ground, ALL, asphalt(object), &triangle, 0.0);
-        floor.road.flat(&triangle, 0.0);
+        floor.road.flat(&chunks.terrain, &triangle, 0.0);
     }
     for (i, arm) in junction.arms.iter().enumerate() {
         if network.roads[arm.road].profile.main && arm.waits {
@@ -223,7 +221,10 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
     let slabs = Surface::new(Class::SIDEWALKS, Material::Concrete, [158, 154, 147]).of(object);
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
     let n = ring.kerb_m.len();
+    let pavement = (slabs, stone);
+    let grass = Surface::new(Class::TERRAIN, Material::Grass, [98, 120, 66]).of(object);
     for i in 0..n {
+        let (slabs, stone) = if ring.verge[i] && ring.verge[(i + 1) % n] { (grass, grass) } else { pavement };
         let k = (i + 1) % n;
         let (a, b) = (ring.kerb_m[i], ring.kerb_m[k]);
         if (a - b).norm() < 1e-6 && (ring.back_m[i] - ring.back_m[k]).norm() < 1e-6 {
@@ -234,18 +235,22 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
         chunks.flat(Layer::Ground, 0..=0, stone, &[a, b, inner(k), inner(i)], KERB_HEIGHT_M);
         chunks.flat(Layer::Ground, 0..=0, slabs, &[inner(i), inner(k), ring.back_m[k], ring.back_m[i]], KERB_HEIGHT_M);
         chunks.flat(Layer::Ground, 1..=2, slabs, &whole, KERB_HEIGHT_M);
-        floor.raised.flat(&whole, KERB_HEIGHT_M);
+        floor.raised.flat(&chunks.terrain, &whole, KERB_HEIGHT_M);
         if (a - b).norm() > 1e-6 {
             let key = Key::at(Layer::Ground, 0.5 * (a + b));
-            chunks.wall(key, 0..=1, stone, (a, b), (-0.08, KERB_HEIGHT_M), 0.0);
-            floor.raised.polygon(&[[a.x, a.y, -0.08], [b.x, b.y, -0.08], [b.x, b.y, KERB_HEIGHT_M], [a.x, a.y, KERB_HEIGHT_M]]);
+            let (za, zb) = (chunks.terrain.at(a), chunks.terrain.at(b));
+            let top = KERB_HEIGHT_M;
+            let face = [[a.x, a.y, za - 0.08], [b.x, b.y, zb - 0.08], [b.x, b.y, zb + top], [a.x, a.y, za + top]];
+            let (length, height) = ((b - a).norm() as f32, top as f32 + 0.08);
+            chunks.polygon(key, 0..=1, stone, &face, &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]]);
+            floor.raised.polygon(&face);
         }
     }
 }
 
 /// Yard or lawn inside a block.
-pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, park: bool, object: ObjectId) {
-    let surface = if park {
+pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
+    let surface = if green {
         Surface::new(Class::TERRAIN, Material::Grass, [96, 124, 62])
     } else {
         Surface::new(Class::GROUND, Material::Concrete, [128, 124, 116])
@@ -253,7 +258,7 @@ pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, park: bool, o
     for triangle in triangulate(&ring.back_m) {
         let corners = triangle.map(|i| ring.back_m[i]);
         chunks.flat(Layer::Ground, ALL, surface.of(object), &corners, KERB_HEIGHT_M);
-        floor.raised.flat(&corners, KERB_HEIGHT_M);
+        floor.raised.flat(&chunks.terrain, &corners, KERB_HEIGHT_M);
     }
 }
 
@@ -261,16 +266,15 @@ pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, park: bool, o
 pub fn outside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: ObjectId) {
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [104, 126, 70]).of(object);
     let n = ring.back_m.len();
-    let out = |p: P2, share: f64| p + p.normalize() * (share * (900.0 - p.norm()));
     for i in 0..n {
         let (a, b) = (ring.back_m[i], ring.back_m[(i + 1) % n]);
         if (a - b).norm() < 1e-6 {
             continue;
         }
-        for shares in [[0.0, 0.06], [0.06, 0.2], [0.2, 1.0]] {
-            let corners = [out(a, shares[0]), out(b, shares[0]), out(b, shares[1]), out(a, shares[1])];
+        for shares in OUTWARD.windows(2) {
+            let corners = [outward(a, shares[0]), outward(b, shares[0]), outward(b, shares[1]), outward(a, shares[1])];
             chunks.flat(Layer::Ground, ALL, grass, &corners, KERB_HEIGHT_M);
-            floor.raised.flat(&corners, KERB_HEIGHT_M);
+            floor.raised.flat(&chunks.terrain, &corners, KERB_HEIGHT_M);
         }
     }
 }

@@ -10,8 +10,10 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod barrier;
 mod building;
 mod chunk;
+mod elevation;
 mod furniture;
 mod geometry;
 mod greenery;

@@ -2,8 +2,10 @@
 
 use std::f64::consts::PI;
 
+use crate::elevation::Elevation;
 use crate::geometry::{P2, Path, left, unit, wrap};
 use crate::plan::{Plan, Profile};
+use crate::ring::corner;
 
 /// Radius of kerbs at corners.
 pub const CORNER_RADIUS_M: f64 = 6.5;
@@ -19,10 +21,19 @@ pub struct Road {
     pub id: u32,
     /// Reference line: the middle of the street.
     pub path: Path,
+    /// Height over its length.
+    pub elevation: Elevation,
     /// Cross-section.
     pub profile: Profile,
     /// Junction indices at start and end.
     pub ends: [usize; 2],
+}
+
+impl Road {
+    /// Stations of the surface's corners: chords deviate little from the road, sideways and in height.
+    pub fn stations(&self) -> Vec<f64> {
+        self.path.stations(if self.elevation.is_level() { 16.0 } else { 4.0 })
+    }
 }
 
 /// One end of a road at a junction.
@@ -56,6 +67,8 @@ pub enum Control {
 pub struct Junction {
     /// OpenDRIVE id.
     pub id: u32,
+    /// Height of the whole junction.
+    pub height_m: f64,
     /// Counter-clockwise.
     pub arms: Vec<Arm>,
     /// Who goes first.
@@ -159,7 +172,8 @@ impl Network {
                     *trim = need.max(*trim);
                 }
             }
-            junctions.push(control(Junction { id: 2001 + node as u32, arms, control: Control::Lights }, plan));
+            junctions
+                .push(control(Junction { id: 2001 + node as u32, height_m: plan.heights_m[node], arms, control: Control::Lights }, plan));
         }
         let roads: Vec<Road> = plan
             .streets
@@ -167,11 +181,11 @@ impl Network {
             .zip(&whole)
             .zip(&trims)
             .enumerate()
-            .map(|(i, ((street, path), trim))| Road {
-                id: 1 + i as u32,
-                path: path.cut(trim[0], path.length_m() - trim[1]),
-                profile: street.profile,
-                ends: [street.from, street.to],
+            .map(|(i, ((street, path), trim))| {
+                let path = path.cut(trim[0], path.length_m() - trim[1]);
+                let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
+                let elevation = Elevation::between(path.length_m(), from_m, to_m, street.crest_m);
+                Road { id: 1 + i as u32, path, elevation, profile: street.profile, ends: [street.from, street.to] }
             })
             .collect();
         let mut network = Network { roads, junctions, links: Vec::new(), signals: Vec::new(), stages: Vec::new() };
@@ -182,6 +196,19 @@ impl Network {
         }
         place_limits(&mut network);
         network
+    }
+
+    /// Whether everything has the height 0.
+    pub fn is_level(&self) -> bool {
+        self.junctions.iter().all(|junction| junction.height_m == 0.0) && self.roads.iter().all(|road| road.elevation.is_level())
+    }
+
+    /// The edge of a junction's surface, counter-clockwise.
+    pub fn border(&self, junction: usize) -> Vec<P2> {
+        let arms = 0..self.junctions[junction].arms.len();
+        let mut border: Vec<P2> = arms.flat_map(|i| corner(self, junction, i).kerb_m).collect();
+        border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
+        border
     }
 
     /// Pose of the middle of the street at an arm's end, heading away from the junction.
@@ -212,7 +239,7 @@ fn arms_of(plan: &Plan, whole: &[Path], node: usize) -> Vec<Arm> {
             if end == node {
                 let s = if at_start { 0.0 } else { whole[road].length_m() };
                 let heading_rad = wrap(whole[road].at(s).1 + if at_start { 0.0 } else { PI });
-                arms.push(Arm { road, at_start, heading_rad, waits: true, crosswalk: true });
+                arms.push(Arm { road, at_start, heading_rad, waits: true, crosswalk: !street.profile.verge });
             }
         }
     }
@@ -243,7 +270,7 @@ fn control(mut junction: Junction, plan: &Plan) -> Junction {
     let stem = (0..3).min_by(|&a, &b| straightness(a).total_cmp(&straightness(b))).expect("a junction has three arms");
     for (i, arm) in arms.iter_mut().enumerate() {
         arm.waits = i == stem;
-        arm.crosswalk = i == stem;
+        arm.crosswalk &= i == stem;
     }
     junction.control = if junction.id.is_multiple_of(3) { Control::Stop } else { Control::Yield };
     junction

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 use std::fmt::Write;
 
+use crate::elevation::Elevation;
 use crate::geometry::Path;
 use crate::network::{CROSSWALK_M, Junction, Link, Network, Road, Signal, SignalKind};
 use crate::plan::{Edge, Plan, Profile};
@@ -62,7 +63,16 @@ fn header(out: &mut String, plan: &Plan) {
     line!(out, "  </header>");
 }
 
-fn plan_view(out: &mut String, path: &Path) {
+/// Kind of road by its speed limit.
+fn kind(speed_kmh: u32) -> &'static str {
+    match speed_kmh {
+        ..=65 => "town",
+        ..=85 => "rural",
+        _ => "motorway",
+    }
+}
+
+fn plan_view(out: &mut String, path: &Path, elevation: &Elevation) {
     line!(out, "    <planView>");
     let mut s = 0.0;
     for segment in &path.segments {
@@ -76,7 +86,10 @@ fn plan_view(out: &mut String, path: &Path) {
         s += segment.length_m;
     }
     line!(out, "    </planView>");
-    line!(out, r#"    <elevationProfile><elevation s="0" a="0" b="0" c="0" d="0"/></elevationProfile>"#);
+    let pieces: Vec<String> = (elevation.pieces.iter())
+        .map(|p| format!(r#"<elevation s="{}" a="{}" b="0" c="{}" d="{}"/>"#, p.s_m, p.a_m, p.c, p.d + 0.0))
+        .collect();
+    line!(out, "    <elevationProfile>{}</elevationProfile>", pieces.concat());
     line!(out, "    <lateralProfile/>");
 }
 
@@ -87,8 +100,8 @@ fn street(out: &mut String, network: &Network, idx: usize, road: &Road) {
     line!(out, r#"      <predecessor elementType="junction" elementId="{}"/>"#, junction_id(0));
     line!(out, r#"      <successor elementType="junction" elementId="{}"/>"#, junction_id(1));
     line!(out, "    </link>");
-    line!(out, r#"    <type s="0" type="town"><speed max="{}" unit="km/h"/></type>"#, road.profile.speed_kmh);
-    plan_view(out, &road.path);
+    line!(out, r#"    <type s="0" type="{}"><speed max="{}" unit="km/h"/></type>"#, kind(road.profile.speed_kmh), road.profile.speed_kmh);
+    plan_view(out, &road.path, &road.elevation);
     lanes(out, &road.profile);
     crosswalks(out, network, idx, road);
     let signals: Vec<&Signal> = network.signals.iter().filter(|signal| signal.road == idx).collect();
@@ -112,7 +125,7 @@ fn side(profile: &Profile) -> Vec<(&'static str, f64, &'static str, &'static str
         Edge::Parking => "parking",
     };
     lanes.push((edge, profile.edge_m, "curb", "none"));
-    lanes.push(("sidewalk", profile.pavement_m, "none", "none"));
+    lanes.push((if profile.verge { "border" } else { "sidewalk" }, profile.pavement_m, "none", "none"));
     lanes
 }
 
@@ -126,7 +139,7 @@ fn lane(out: &mut String, id: i32, (kind, width, mark, change): (&str, f64, &str
     if kind == "driving" {
         line!(out, r#"            <speed sOffset="0" max="{speed_kmh}" unit="km/h"/>"#);
     }
-    if kind == "sidewalk" {
+    if kind == "sidewalk" || kind == "border" {
         line!(out, r#"            <height sOffset="0" inner="{KERB_HEIGHT_M}" outer="{KERB_HEIGHT_M}"/>"#);
     }
     line!(out, "          </lane>");
@@ -221,8 +234,8 @@ fn connecting_road(out: &mut String, network: &Network, link: &Link) {
     }
     line!(out, "    </link>");
     let speed = network.roads[from.road].profile.speed_kmh.min(network.roads[to.road].profile.speed_kmh);
-    line!(out, r#"    <type s="0" type="town"><speed max="{speed}" unit="km/h"/></type>"#);
-    plan_view(out, &link.path);
+    line!(out, r#"    <type s="0" type="{}"><speed max="{speed}" unit="km/h"/></type>"#, kind(speed));
+    plan_view(out, &link.path, &Elevation::between(length, junction.height_m, junction.height_m, 0.0));
     let (a, change) = (link.width_m.0, link.width_m.1 - link.width_m.0);
     let (c, d) = (3.0 * change / length.powi(2), -2.0 * change / length.powi(3));
     line!(out, r#"    <lanes>"#);

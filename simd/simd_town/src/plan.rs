@@ -31,9 +31,16 @@ pub struct Profile {
     pub speed_kmh: u32,
     /// Main road: has priority, gets traffic lights.
     pub main: bool,
+    /// Grass instead of a pavement; nobody walks here.
+    pub verge: bool,
 }
 
 impl Profile {
+    /// Whether guard rails stand beside it.
+    pub fn has_rails(&self) -> bool {
+        self.speed_kmh >= 80
+    }
+
     /// Distance of the kerb from the reference line.
     pub fn kerb_m(&self) -> f64 {
         self.driving_m() + self.edge_m
@@ -52,16 +59,17 @@ impl Profile {
 
 /// Two lanes each way.
 pub const AVENUE: Profile =
-    Profile { n_lanes: 2, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 50, main: true };
+    Profile { n_lanes: 2, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 50, main: true, verge: false };
 /// One lane each way with parked cars.
 pub const STREET: Profile =
-    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Parking, edge_m: 2.5, pavement_m: 3.5, speed_kmh: 30, main: false };
+    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Parking, edge_m: 2.5, pavement_m: 3.5, speed_kmh: 30, main: false, verge: false };
 /// The ring round the town.
-pub const RING: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.5, speed_kmh: 50, main: false };
+pub const RING: Profile =
+    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.5, speed_kmh: 50, main: false, verge: false };
 
 /// Three lanes each way round the town, fast.
 pub const HIGHWAY: Profile =
-    Profile { n_lanes: 3, lane_m: 3.6, edge: Edge::Gutter, edge_m: 1.2, pavement_m: 2.5, speed_kmh: 90, main: true };
+    Profile { n_lanes: 3, lane_m: 3.6, edge: Edge::Gutter, edge_m: 1.2, pavement_m: 2.5, speed_kmh: 90, main: true, verge: true };
 
 /// What is built in the blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +98,8 @@ pub struct Street {
     pub bends: Vec<Bend>,
     /// Cross-section.
     pub profile: Profile,
+    /// Height of its middle over the mean of its ends.
+    pub crest_m: f64,
 }
 
 /// The streets of a town.
@@ -101,6 +111,10 @@ pub struct Plan {
     pub lat_lon_deg: (f64, f64),
     /// Junctions.
     pub nodes_m: Vec<P2>,
+    /// Heights of the junctions.
+    pub heights_m: Vec<f64>,
+    /// Height of the hills round the town.
+    pub hills_m: f64,
     /// Streets.
     pub streets: Vec<Street>,
     /// Points inside blocks that are parks; all others hold houses.
@@ -149,6 +163,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
                     to: node_of[j],
                     bends: bow(&grid, i, j, along_x, n),
                     profile: profile(c, r, along_x, n),
+                    crest_m: 0.0,
                 });
             }
         }
@@ -157,11 +172,21 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         [(0, 1, n), (n - 1, n - 2, 2 * n - 1), (n * (n - 1), n * (n - 2), n * (n - 1) + 1), (n * n - 1, n * n - 2, n * (n - 1) - 1)]
     {
         let bends = vec![Bend { corner_m: grid[corner], radius_m: 34.0 }];
-        streets.push(Street { from: node_of[a], to: node_of[b], bends, profile: RING });
+        streets.push(Street { from: node_of[a], to: node_of[b], bends, profile: RING, crest_m: 0.0 });
     }
     let middle = |i: usize, j: usize| 0.5 * (grid[i] + grid[j]);
     let parks_m = vec![middle(4 + 2 * n, 4 + 3 * n)];
-    Plan { name: name.to_owned(), lat_lon_deg: (48.137, 11.575), nodes_m, streets, parks_m, houses: Houses::Towers { within_m: 150.0 } }
+    let heights_m = vec![0.0; nodes_m.len()];
+    Plan {
+        name: name.to_owned(),
+        lat_lon_deg: (48.137, 11.575),
+        nodes_m,
+        heights_m,
+        hills_m: 0.0,
+        streets,
+        parks_m,
+        houses: Houses::Towers { within_m: 150.0 },
+    }
 }
 
 fn profile(c: usize, r: usize, along_x: bool, n: usize) -> Profile {

@@ -15,6 +15,10 @@ pub struct Ring {
     pub kerb_m: Vec<P2>,
     /// Along the back of the pavement.
     pub back_m: Vec<P2>,
+    /// Height of the street there.
+    pub height_m: Vec<f64>,
+    /// Grass beside the road instead of a pavement.
+    pub verge: Vec<bool>,
     /// Outside of the town: the block is the rest of the world.
     pub outside: bool,
 }
@@ -67,7 +71,7 @@ pub fn rings(network: &Network) -> Vec<Ring> {
             if seen[start][first] {
                 continue;
             }
-            let mut ring = Ring { kerb_m: Vec::new(), back_m: Vec::new(), outside: false };
+            let mut ring = Ring { kerb_m: Vec::new(), back_m: Vec::new(), height_m: Vec::new(), verge: Vec::new(), outside: false };
             let (mut junction, mut arm) = (start, first);
             while !seen[junction][arm] {
                 seen[junction][arm] = true;
@@ -84,13 +88,15 @@ pub fn rings(network: &Network) -> Vec<Ring> {
 fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> (usize, usize) {
     let arm = &network.junctions[junction].arms[arm_idx];
     let road = &network.roads[arm.road];
-    let mut stations = road.path.stations(16.0);
+    let mut stations = road.stations();
     let sign = if arm.at_start { 1.0 } else { -1.0 };
     if !arm.at_start {
         stations.reverse();
     }
     ring.kerb_m.extend(stations.iter().map(|&s| road.path.beside(s, sign * road.profile.kerb_m())));
     ring.back_m.extend(stations.iter().map(|&s| road.path.beside(s, sign * road.profile.back_m())));
+    ring.height_m.extend(stations.iter().map(|&s| road.elevation.at(s)));
+    ring.verge.extend(stations.iter().map(|_| road.profile.verge));
     let there = road.ends[usize::from(arm.at_start)];
     let arms = &network.junctions[there].arms;
     let arrived = arms.iter().position(|a| a.road == arm.road && a.at_start != arm.at_start).expect("a road ends at the junction it names");
@@ -100,6 +106,9 @@ fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> 
     // The ends of the corner are the ends of the roads.
     ring.kerb_m.extend(corner.kerb_m[1..n - 1].iter().rev());
     ring.back_m.extend(corner.back_m[1..n - 1].iter().rev());
+    ring.height_m.extend(std::iter::repeat_n(network.junctions[there].height_m, n - 2));
+    let verge = road.profile.verge && network.roads[arms[next].road].profile.verge;
+    ring.verge.extend(std::iter::repeat_n(verge, n - 2));
     (there, next)
 }
 

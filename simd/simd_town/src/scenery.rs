@@ -8,6 +8,7 @@ use sensor_core::{Mesh, MeshId, SceneAssets};
 
 use crate::building::Lot;
 use crate::chunk::{Chunks, place};
+use crate::elevation::Terrain;
 use crate::geometry::{P2, heading, left, unit};
 use crate::ground::{BAYS_M, Floor, n_bays};
 use crate::network::{Network, Road, Signal, SignalKind};
@@ -17,7 +18,7 @@ use crate::random::Random;
 use crate::ring::{Ring, contains, rings};
 use crate::town::{CollisionMesh, LightSite, SceneryObject};
 use crate::vehicle::{BodyStyle, VehicleShape, vehicle_meshes};
-use crate::{building, furniture, greenery, ground};
+use crate::{barrier, building, furniture, greenery, ground};
 
 /// What [`build`] makes.
 pub struct Scenery {
@@ -40,12 +41,14 @@ struct Builder<'a> {
 
 /// Builds the scenery of a network.
 pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
+    let rings = rings(network);
+    let chunks = Chunks::on(Terrain::build(network, &rings, plan.hills_m));
     let mut b = Builder {
         network,
         seed,
         assets: SceneAssets::default(),
         objects: Vec::new(),
-        chunks: Chunks::default(),
+        chunks,
         floor: Floor::default(),
         solid: CollisionMesh { name: "buildings and poles".to_owned(), ..CollisionMesh::default() },
         lights: Vec::new(),
@@ -54,7 +57,7 @@ pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
     b.floor.raised.name = "pavement".to_owned();
     b.streets();
     let kit = Kit::new(plan, &mut b.assets);
-    b.blocks(plan, &kit);
+    b.blocks(plan, &kit, &rings);
     for road in 0..network.roads.len() {
         b.roadside(&kit, road);
         b.parked(&kit, road);
@@ -173,13 +176,18 @@ impl Builder<'_> {
 
     fn stand(&mut self, mesh: MeshId, class: Class, name: &str, p: P2, z_m: f64, yaw_rad: f64) {
         let object = self.object(class, name);
-        place(&mut self.assets, mesh, Isometry3::new(Vector3::new(p.x, p.y, z_m), Vector3::z() * yaw_rad), object);
+        let z = z_m + self.chunks.terrain.at(p);
+        place(&mut self.assets, mesh, Isometry3::new(Vector3::new(p.x, p.y, z), Vector3::z() * yaw_rad), object);
     }
 
     fn streets(&mut self) {
         for road in &self.network.roads {
             let object = self.object(Class::ROADS, format!("street {}", road.id));
             ground::road(&mut self.chunks, &mut self.floor, self.network, road, object);
+            if road.profile.has_rails() {
+                let object = self.object(Class::GUARD_RAIL, "guard rail");
+                barrier::rails(&mut self.chunks, &mut self.solid, road, object);
+            }
         }
         for idx in 0..self.network.junctions.len() {
             let object = self.object(Class::ROADS, format!("junction {}", self.network.junctions[idx].id));
@@ -187,16 +195,17 @@ impl Builder<'_> {
         }
     }
 
-    fn blocks(&mut self, plan: &Plan, kit: &Kit) {
-        for (i, ring) in rings(self.network).iter().enumerate() {
+    fn blocks(&mut self, plan: &Plan, kit: &Kit, rings: &[Ring]) {
+        for (i, ring) in rings.iter().enumerate() {
             let object = self.object(Class::SIDEWALKS, format!("pavement {i}"));
             ground::pavement(&mut self.chunks, &mut self.floor, ring, object);
             let park = !ring.outside && plan.parks_m.iter().any(|&p| contains(&ring.kerb_m, p));
-            let object = self.object(if park || ring.outside { Class::TERRAIN } else { Class::GROUND }, format!("block {i}"));
+            let green = park || matches!(plan.houses, Houses::Cottages | Houses::Farms);
+            let object = self.object(if green || ring.outside { Class::TERRAIN } else { Class::GROUND }, format!("block {i}"));
             if ring.outside {
                 ground::outside(&mut self.chunks, &mut self.floor, ring, object);
             } else {
-                ground::inside(&mut self.chunks, &mut self.floor, ring, park, object);
+                ground::inside(&mut self.chunks, &mut self.floor, ring, green, object);
             }
             let mut random = Random::new(self.seed, LOTS, i as u64);
             if park {
@@ -289,7 +298,8 @@ impl Builder<'_> {
 
     fn pole_solid(&mut self, p: P2, radius_m: f64, height_m: f64) {
         let ring: Vec<P2> = (0..6).map(|k| p + unit(std::f64::consts::TAU * k as f64 / 6.0) * radius_m).collect();
-        building::box_solid(&mut self.solid, &ring, (-0.1, height_m));
+        let z = self.chunks.terrain.at(p);
+        building::box_solid(&mut self.solid, &ring, (z - 0.1, z + height_m));
     }
 
     /// Lamps, trees and small things along both kerbs.
@@ -306,7 +316,7 @@ impl Builder<'_> {
                 let to_road = road.path.at(s).1 - side * std::f64::consts::FRAC_PI_2;
                 let near_sign = (s - 14.0).abs() < 1.5 || (s - (length - 14.0)).abs() < 1.5;
                 match k % 3 {
-                    0 => {
+                    0 if !road.profile.verge || road.profile.main => {
                         self.stand(kit.lamp, Class::POLES, "street lamp", at(0.55), KERB_HEIGHT_M, to_road);
                         self.pole_solid(at(0.55), 0.1, 7.0);
                     }
@@ -314,7 +324,7 @@ impl Builder<'_> {
                     1 | 2 if trees => self.tree(kit, at(0.9), &mut random),
                     _ => {}
                 }
-                if !near_sign {
+                if !near_sign && !road.profile.verge {
                     self.small_thing(kit, road, (s + 3.2).min(length - 6.0), side, to_road, &mut random);
                 }
                 s += 8.5;
@@ -322,7 +332,7 @@ impl Builder<'_> {
             }
             for end in [5.6, 7.2] {
                 for s in [end, length - end] {
-                    if road.profile.main {
+                    if road.profile.main && !road.profile.verge {
                         let p = road.path.beside(s, side * (road.profile.kerb_m() + 0.4));
                         self.stand(kit.bollard, Class::STATIC, "bollard", p, KERB_HEIGHT_M, 0.0);
                     }
@@ -363,8 +373,9 @@ impl Builder<'_> {
                 let p = road.path.beside(s, side * (road.profile.driving_m() + 0.5 * road.profile.edge_m + random.between(0.06, 0.14)));
                 let yaw = road.path.at(s).1 + if side > 0.0 { std::f64::consts::PI } else { 0.0 } + random.between(-0.02, 0.02);
                 self.stand(mesh, Class::CAR, "parked car", p, 0.0, yaw);
+                let z = self.chunks.terrain.at(p);
                 let (u, v) = (unit(yaw) * shape.half_m[0], left(unit(yaw)) * shape.half_m[1]);
-                building::box_solid(&mut self.solid, &[p - u - v, p + u - v, p + u + v, p - u + v], (0.15, 2.0 * shape.half_m[2]));
+                building::box_solid(&mut self.solid, &[p - u - v, p + u - v, p + u + v, p - u + v], (z + 0.15, z + 2.0 * shape.half_m[2]));
             }
         }
     }
@@ -381,7 +392,7 @@ impl Builder<'_> {
         }
         let wide = road.profile.main;
         self.stand(kit.poles[usize::from(wide)], Class::POLES, "traffic light pole", foot, KERB_HEIGHT_M, yaw);
-        let pole = Isometry3::new(Vector3::new(foot.x, foot.y, KERB_HEIGHT_M), Vector3::z() * yaw);
+        let pole = Isometry3::new(Vector3::new(foot.x, foot.y, KERB_HEIGHT_M + self.chunks.terrain.at(foot)), Vector3::z() * yaw);
         let head = |y: f64, z: f64| pole * Isometry3::translation(0.2, y, z);
         let mut heads = vec![head(0.0, furniture::HEADS_M.0)];
         if wide {

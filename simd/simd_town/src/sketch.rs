@@ -1,15 +1,23 @@
 //! Plans of the towns around the dense centre, drawn as streets between named points.
 
-use crate::geometry::{Bend, P2};
+use crate::geometry::{Bend, P2, left, unit, wrap};
 use crate::plan::{AVENUE, Edge, HIGHWAY, Houses, Plan, Profile, STREET};
 use crate::random::Random;
 
 /// One lane each way with a gutter: the usual street of a small town.
-const LANE: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.0, speed_kmh: 40, main: false };
+const LANE: Profile =
+    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.0, speed_kmh: 40, main: false, verge: false };
 /// The same with priority and traffic lights.
 const HIGH_STREET: Profile = Profile { pavement_m: 3.5, speed_kmh: 40, main: true, ..LANE };
+/// One lane each way between fields.
+const COUNTRY: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.7, pavement_m: 1.8, speed_kmh: 70, verge: true, ..LANE };
+/// Four lanes each way.
+const FREEWAY: Profile = Profile { n_lanes: 4, verge: true, ..HIGHWAY };
+/// Between highways.
+const LINK: Profile = Profile { speed_kmh: 60, verge: true, ..AVENUE };
 /// Three lanes each way.
-const BOULEVARD: Profile = Profile { n_lanes: 3, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 60, main: true };
+const BOULEVARD: Profile =
+    Profile { n_lanes: 3, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 60, main: true, verge: false };
 
 /// Collects nodes and streets.
 struct Sketch {
@@ -19,11 +27,21 @@ struct Sketch {
 
 impl Sketch {
     fn new(name: &str, seed: u64, stream: u64, lat_lon_deg: (f64, f64), houses: Houses) -> Sketch {
-        let plan = Plan { name: name.to_owned(), lat_lon_deg, nodes_m: Vec::new(), streets: Vec::new(), parks_m: Vec::new(), houses };
+        let plan = Plan {
+            name: name.to_owned(),
+            lat_lon_deg,
+            nodes_m: Vec::new(),
+            heights_m: Vec::new(),
+            hills_m: 0.0,
+            streets: Vec::new(),
+            parks_m: Vec::new(),
+            houses,
+        };
         Sketch { plan, random: Random::new(seed, stream, 0) }
     }
 
     fn node(&mut self, x: f64, y: f64) -> usize {
+        self.plan.heights_m.push(0.0);
         self.plan.nodes_m.push(P2::new(x, y));
         self.plan.nodes_m.len() - 1
     }
@@ -38,7 +56,14 @@ impl Sketch {
     /// A street through rounded corners: (x, y, radius).
     fn street(&mut self, from: usize, to: usize, corners: &[(f64, f64, f64)], profile: Profile) {
         let bends = corners.iter().map(|&(x, y, radius_m)| Bend { corner_m: P2::new(x, y), radius_m }).collect();
-        self.plan.streets.push(crate::plan::Street { from, to, bends, profile });
+        self.plan.streets.push(crate::plan::Street { from, to, bends, profile, crest_m: 0.0 });
+    }
+
+    /// Gives the street drawn last a hump (or a dip).
+    fn crest(&mut self, crest_m: f64) {
+        if let Some(street) = self.plan.streets.last_mut() {
+            street.crest_m = crest_m;
+        }
     }
 
     /// The same value for each, moved by up to `by_m`.
@@ -148,5 +173,67 @@ pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
     s.street(east[3], north[4], &[(w, h, 60.0)], HIGHWAY);
     s.street(north[0], west[3], &[(-w, h, 60.0)], HIGHWAY);
     s.plan.parks_m = vec![P2::new(-145.0, 0.0), P2::new(50.0, -190.0)];
+    s.plan
+}
+
+/// Town07: country roads over hills, a village in the middle.
+pub fn country(name: &str, seed: u64) -> Plan {
+    let mut s = Sketch::new(name, seed, 0x107, (47.55, 10.71), Houses::Farms);
+    const SQUARE: [(f64, f64); 6] = [(-52.0, -46.0), (4.0, -50.0), (58.0, -44.0), (60.0, 48.0), (2.0, 52.0), (-56.0, 46.0)];
+    let square = SQUARE.map(|(x, y)| s.node(x, y));
+    let mut at: Vec<(f64, f64)> = Vec::new();
+    for (i, (x, y)) in SQUARE.into_iter().enumerate() {
+        let away = [318.0, 262.0, 300.0, 330.0, 285.0, 305.0][i] + s.random.between(-10.0, 10.0);
+        at.push((y.atan2(x) + s.random.between(-0.06, 0.06), away));
+    }
+    let outer: Vec<usize> = at.iter().map(|&(angle, away)| unit(angle) * away).map(|p| s.node(p.x, p.y)).collect();
+    for i in 0..6 {
+        let (a, b) = (at[i], at[(i + 1) % 6]);
+        let turn = wrap(b.0 - a.0);
+        let bend = |share: f64, factor: f64| unit(a.0 + share * turn) * ((a.1 + (b.1 - a.1) * share) * factor);
+        let (first, second) = (bend(0.36, [1.16, 0.98][i % 2]), bend(0.66, [0.97, 1.17][i % 2]));
+        s.street(outer[i], outer[(i + 1) % 6], &[(first.x, first.y, 80.0), (second.x, second.y, 80.0)], COUNTRY);
+        s.crest([3.0, -2.5, 2.0, 0.0][i % 4]);
+        s.street(square[i], square[(i + 1) % 6], &[], HIGH_STREET);
+    }
+    s.street(square[1], square[4], &[], HIGH_STREET);
+    // From the village to the loop, winding.
+    for i in 0..6 {
+        let (p, q) = (s.plan.nodes_m[square[i]], s.plan.nodes_m[outer[i]]);
+        let across = left((q - p).normalize()) * [16.0, -14.0][i % 2];
+        let (first, second) = (p + (q - p) * 0.36 + across, p + (q - p) * 0.68 - across);
+        s.street(square[i], outer[i], &[(first.x, first.y, 70.0), (second.x, second.y, 70.0)], COUNTRY);
+        s.crest([2.0, -1.5][i % 2]);
+    }
+    let phases = [s.random.between(0.0, 6.0), s.random.between(0.0, 6.0)];
+    for (p, height) in s.plan.nodes_m.iter().zip(&mut s.plan.heights_m) {
+        let rolling = 4.0 * (p.x / 140.0 + phases[0]).sin() * (p.y / 160.0 + phases[1]).cos();
+        *height = 5.0 + rolling * (p.norm() / 120.0).min(1.0);
+    }
+    s.plan.hills_m = 46.0;
+    s.plan
+}
+
+/// Town06: long highways side by side, joined by short streets.
+pub fn long_highways(name: &str, seed: u64) -> Plan {
+    let mut s = Sketch::new(name, seed, 0x106, (42.33, -83.05), Houses::Farms);
+    let xs = s.moved([-330.0, -20.0, 300.0], 15.0);
+    let (w, h) = (620.0, 150.0);
+    let [middle_y] = s.moved([5.0], 8.0);
+    let south = xs.map(|x| s.node(x, -h));
+    let middle = xs.map(|x| s.node(x, middle_y));
+    let north = xs.map(|x| s.node(x, h));
+    let (west, east) = (s.node(-w, middle_y), s.node(w, middle_y));
+    s.chain(&south, HIGHWAY);
+    s.chain(&north, HIGHWAY);
+    s.chain(&[west, middle[0], middle[1], middle[2], east], FREEWAY);
+    for i in 0..3 {
+        s.chain(&[south[i], middle[i], north[i]], LINK);
+    }
+    s.street(west, south[0], &[(-w, -h, 90.0)], HIGHWAY);
+    s.street(south[2], east, &[(w, -h, 90.0)], HIGHWAY);
+    s.street(east, north[2], &[(w, h, 90.0)], HIGHWAY);
+    s.street(north[0], west, &[(-w, h, 90.0)], HIGHWAY);
+    s.plan.hills_m = 18.0;
     s.plan
 }

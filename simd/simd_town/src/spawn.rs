@@ -27,7 +27,7 @@ pub fn spawn_points(network: &Network) -> Vec<Pose> {
                     let aside = (lane as f64 + 0.5) * road.profile.lane_m;
                     let p = road.path.beside(s, if against { aside } else { -aside });
                     let heading = road.path.at(s).1 + if against { std::f64::consts::PI } else { 0.0 };
-                    points.push(Pose::from_xyz_yaw(p.x, p.y, 0.3, wrap(heading)));
+                    points.push(Pose::from_xyz_yaw(p.x, p.y, road.elevation.at(s) + 0.3, wrap(heading)));
                 }
             }
         }

@@ -45,7 +45,7 @@ fn names_are_forgiving_and_unknown_ones_are_named() {
     assert_eq!(Town::generate("Carla/Maps/Town10HD_Opt", 1).expect("long name").name, "Town10HD");
     let error = Town::generate("Town99", 1).expect_err("no such town");
     assert_eq!(error, TownError::Unknown { name: "Town99".to_owned() });
-    assert_eq!(error.to_string(), "map \"Town99\" not found; generated towns are Town01, Town02, Town05, Town10HD");
+    assert_eq!(error.to_string(), "map \"Town99\" not found; generated towns are Town01, Town02, Town05, Town06, Town07, Town10HD");
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn spawn_points_keep_their_distance() {
                 let d = a.isometry().inverse_transform_point(&Point3::from(Vector3::from(b.translation_m)));
                 assert!(!same_way || d.x.abs() > 11.9 || d.y.abs() > 3.4 || d.coords.norm() > 12.0, "{seed}: {a:?} {b:?}");
             }
-            assert!((a.translation_m[2] - 0.3).abs() < 1e-9);
+            assert!((-3.0..16.0).contains(&a.translation_m[2]), "{seed}: {a:?}");
         }
     }
 }
