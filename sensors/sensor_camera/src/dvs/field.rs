@@ -288,16 +288,47 @@ impl<'p> Motion<'p> {
 }
 
 /// Gives each pixel of the beginning the motion of what left it, nearest first.
+///
+/// Bands of rows are filled side by side; each looks only at rows from which something can have come, in the order of the image,
+/// so that the outcome does not depend on the number of bands.
 fn scatter(now: &Picture, before: &mut [[f32; 2]]) {
     let width = now.size_px[0];
-    let mut nearest_m = vec![f32::INFINITY; before.len()];
-    for (i, (flow, depth)) in now.flow.iter().zip(&now.depth).enumerate() {
-        let (x, y) = ((i % width) as f32 + 0.5 - flow[0], (i / width) as f32 + 0.5 - flow[1]);
-        if let Some(from) = now.index_at(x, y).filter(|from| *depth <= nearest_m[*from]) {
-            nearest_m[from] = *depth;
-            before[from] = *flow;
-        }
+    let reach_of = |row: &[[f32; 2]]| {
+        let zero = ([0.0_f32; 2], [0.0_f32; 2]);
+        row.iter().fold(zero, |(low, high), flow| {
+            ([0, 1].map(|axis| smaller(flow[axis], low[axis])), [0, 1].map(|axis| larger(flow[axis], high[axis])))
+        })
+    };
+    let reaches: Vec<([f32; 2], [f32; 2])> = now.flow.par_chunks(width).map(reach_of).collect();
+    // Nothing leaves its pixel: what a camera at a thousand frames a second sees.
+    if reaches.iter().all(|(low, high)| low.iter().all(|m| *m > -0.5) && high.iter().all(|m| *m < 0.5)) {
+        before.copy_from_slice(&now.flow);
+        return;
     }
+    let n_rows = before.len() / width;
+    let band_rows = n_rows.div_ceil(rayon::current_num_threads().max(1)).max(TILE_PX);
+    before.par_chunks_mut(band_rows * width).enumerate().for_each(|(band, before)| {
+        let first = band * band_rows;
+        let rows = first..first + before.len() / width;
+        let mut nearest_m = vec![f32::INFINITY; before.len()];
+        for (y, (low, high)) in reaches.iter().enumerate() {
+            // What is in row y now was between these rows at the beginning.
+            let (top, bottom) = (y as f32 - high[1], y as f32 + 1.0 - low[1]);
+            if bottom < rows.start as f32 || top > rows.end as f32 {
+                continue;
+            }
+            for x in 0..width {
+                let i = y * width + x;
+                let (flow, depth_m) = (now.flow[i], now.depth[i]);
+                let Some(from) = now.index_at(x as f32 + 0.5 - flow[0], y as f32 + 0.5 - flow[1]) else { continue };
+                let Some(from) = from.checked_sub(first * width).filter(|from| *from < before.len()) else { continue };
+                if depth_m <= nearest_m[from] {
+                    nearest_m[from] = depth_m;
+                    before[from] = flow;
+                }
+            }
+        }
+    });
 }
 
 /// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump in their motion send one out:
