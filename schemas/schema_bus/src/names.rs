@@ -10,6 +10,8 @@ pub const WORLD_MAP: &str = "world/map";
 pub const WORLD_ACTORS: &str = "world/actors";
 /// What can be spawned.
 pub const WORLD_CATALOGUE: &str = "world/catalogue";
+/// Where vehicles may be spawned on the map.
+pub const WORLD_SPAWN_POINTS: &str = "world/spawn_points";
 /// Commands.
 pub const CONTROL_WORLD: &str = "control/world";
 /// Vehicle controls.

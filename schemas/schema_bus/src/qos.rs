@@ -26,7 +26,7 @@ pub const RUN_TIME_FRAME_READERS: usize = 4;
 pub const SMALL_FRAME: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 0 };
 /// `world/snapshot`.
 pub const SNAPSHOT: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 1 };
-/// `world/info`, `world/map`, `world/actors`, `world/catalogue`.
+/// `world/info`, `world/map`, `world/actors`, `world/catalogue`, `world/spawn_points`.
 pub const DOCUMENT: Qos = Qos { readers: 16, publishers: 2, buffer: 2, borrowed: 2, history: 1 };
 /// `control/vehicles` and `control/ack`.
 pub const CONTROL: Qos = Qos { readers: 4, publishers: 32, buffer: 64, borrowed: 4, history: 0 };

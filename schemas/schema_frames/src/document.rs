@@ -209,3 +209,10 @@ pub struct Catalogue {
     /// Entries; `catalogue_idx` of a snapshot record points here.
     pub entries: Vec<CatalogueEntry>,
 }
+
+/// `world/spawn_points`: poses at which a vehicle may be spawned, in the map's own order.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SpawnPoints {
+    /// World poses; launch files count them from 0.
+    pub points: Vec<PoseText>,
+}

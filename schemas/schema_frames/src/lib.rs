@@ -19,7 +19,7 @@ pub mod snapshot;
 
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord};
-pub use document::{ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, StepMode, WorldInfo};
+pub use document::{ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, SpawnPoints, StepMode, WorldInfo};
 pub use dvs::DvsEvent;
 pub use header::{FrameError, FrameHeader};
 pub use lidar::{LidarPoint, SemanticLidarPoint};

@@ -1,21 +1,22 @@
-//! `world/info`, `world/map`, `world/actors` and `world/catalogue`: sent when they change.
+//! `world/info`, `world/map`, `world/actors`, `world/catalogue` and `world/spawn_points`: sent when they change.
 
 use anyhow::Context as _;
 use launch_spec::Launch;
 use schema_bus::{Bus, DocumentPublisher, names};
-use schema_frames::WorldInfo;
+use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
 use crate::daemon::Episode;
 use crate::frames::Sensors;
 use crate::gate::Gate;
 
-/// The four documents and what was last sent.
+/// The five documents and what was last sent.
 pub struct Documents {
     info: DocumentPublisher,
     map: DocumentPublisher,
     actors: DocumentPublisher,
     catalogue: DocumentPublisher,
+    spawn_points: DocumentPublisher,
     info_changed: bool,
     sent_info: Option<WorldInfo>,
     sent_actors: Option<u64>,
@@ -41,13 +42,14 @@ pub struct State<'a> {
 }
 
 impl Documents {
-    /// Opens the four services; `world/info` last, because its publisher says "a daemon is here".
+    /// Opens the five services; `world/info` last, because its publisher says "a daemon is here".
     pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
         let open = |name| bus.document_publisher(name).with_context(|| format!("cannot publish {name:?}"));
         Ok(Documents {
             map: open(names::WORLD_MAP)?,
             actors: open(names::WORLD_ACTORS)?,
             catalogue: open(names::WORLD_CATALOGUE)?,
+            spawn_points: open(names::WORLD_SPAWN_POINTS)?,
             info: open(names::WORLD_INFO)?,
             info_changed: true,
             sent_info: None,
@@ -58,7 +60,7 @@ impl Documents {
 
     /// Hands the newest texts to readers that came since the last call.
     pub fn greet(&self) {
-        [&self.info, &self.map, &self.actors, &self.catalogue].into_iter().for_each(DocumentPublisher::greet);
+        [&self.info, &self.map, &self.actors, &self.catalogue, &self.spawn_points].into_iter().for_each(DocumentPublisher::greet);
     }
 
     /// Makes the next [`Documents::publish`] look at `world/info` again.
@@ -78,6 +80,8 @@ impl Documents {
         if new_episode {
             self.map.send(&state.world.map().open_drive, epoch, state.tick)?;
             self.catalogue.send_json(state.world.catalogue(), epoch, state.tick)?;
+            let points = state.world.map().spawn_points.iter().map(|pose| (*pose).into()).collect();
+            self.spawn_points.send_json(&SpawnPoints { points }, epoch, state.tick)?;
             self.sent_episode = state.episode.stamp.episode;
         }
         if self.sent_actors != Some(state.world.actors_revision()) {

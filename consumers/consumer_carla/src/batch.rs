@@ -1,0 +1,138 @@
+//! `apply_batch`: many commands in one call, with commands that follow a spawn.
+
+use schema_frames::{Command, CommandReply, VehicleControlRecord};
+
+use crate::actors::{LAMPS, light_name, pose, spawn_command};
+use crate::axes;
+use crate::fields::{Description, Fields, Wrong};
+use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::list;
+use crate::msgpack::Value;
+
+/// Commands in one call.
+const MAX_COMMANDS: usize = 10_000;
+
+/// One command of a batch, read.
+enum Item<'v> {
+    /// For the simulator; `actor` is what the answer names.
+    Ask { actor: u32, command: Command },
+    /// A new actor, and what follows.
+    Spawn { description: Description, command: Command, then: &'v [Value] },
+    /// A vehicle's control.
+    Control { actor: u32, record: VehicleControlRecord },
+    /// Accepted without effect.
+    Nothing { actor: u32, what: Option<&'static str> },
+}
+
+/// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
+fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
+    let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
+    let mut variant = wrapped.fields("a command")?.fields("a command's variant")?;
+    let (kind, mut fields) = (variant.u8()?, variant.fields("a command's fields")?);
+    if kind == 0 {
+        return read_spawn(&mut fields);
+    }
+    let given = fields.u32()?;
+    let actor = new_actor.unwrap_or(given);
+    let ask = |command| Ok(Item::Ask { actor, command });
+    match kind {
+        1 => ask(Command::Destroy { actor_id: actor }),
+        2 => Ok(Item::Control { actor, record: VehicleControlRecord::new(actor, fields.vehicle_control()?) }),
+        6 => ask(Command::SetPose { actor_id: actor, pose: pose(&fields.transform()?) }),
+        8 => ask(Command::SetVelocity { actor_id: actor, velocity_in_world_mps: axes::mirror(fields.vector()?) }),
+        14 => Ok(Item::Nothing { actor, what: if fields.bool()? { None } else { Some("SetSimulatePhysics(False)") } }),
+        // The client itself registers the vehicle with its Traffic Manager.
+        16 => Ok(Item::Nothing { actor, what: None }),
+        18 => ask(Command::SetLamps { actor_id: actor, lamps: fields.u32()? & LAMPS }),
+        21 => ask(Command::SetTrafficLight { actor_id: actor, state: light_name(fields.u8()?)? }),
+        _ => Err(format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works")),
+    }
+}
+
+fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
+    let (description, transform) = (fields.description()?, fields.transform()?);
+    let mut parent = fields.fields("an optional parent")?;
+    let parent = if parent.bool()? { Some(parent.u32()?) } else { None };
+    // Without a parent the kind of attachment is whatever lay in the client's memory.
+    fields.value()?;
+    fields.text()?;
+    let then = fields.list()?;
+    let command = spawn_command(&description, &transform, parent)?;
+    Ok(Item::Spawn { description, command, then })
+}
+
+/// What came of one command: the actor's id, or a sentence.
+type Done = Result<u32, String>;
+
+impl Gateway {
+    pub(crate) fn apply_batch(&self, args: &mut Fields<'_>) -> Outcome {
+        let (commands, do_tick) = (args.list()?, args.bool()?);
+        if commands.len() > MAX_COMMANDS {
+            return Err(Failure::Refused(format!("a batch has {} commands, at most {MAX_COMMANDS} are run; split it", commands.len())));
+        }
+        let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
+        if do_tick {
+            self.tick_cue()?;
+        }
+        let answer = |done: Done| match done {
+            Ok(actor) => list![list![1u32, actor]],
+            Err(error) => list![list![0u32, list![error]]],
+        };
+        Ok(Answer::Bare(Value::Array(done.into_iter().map(answer).collect())))
+    }
+
+    /// Runs the commands in order as one request, then what follows the spawns as another; controls go out last.
+    fn run_batch(&self, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
+        let asked: Vec<Command> = items
+            .iter()
+            .filter_map(|item| match item {
+                Ok(Item::Ask { command, .. } | Item::Spawn { command, .. }) => Some(command.clone()),
+                _ => None,
+            })
+            .collect();
+        let answer = if asked.is_empty() { Ok(Vec::new()) } else { self.commander.ask(asked).map(|answer| answer.replies) };
+        let (mut replies, lost) = match answer {
+            Ok(replies) => (replies.into_iter(), None),
+            Err(error) => (Vec::new().into_iter(), Some(error)),
+        };
+        let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
+        let mut reply = || match (&lost, replies.next()) {
+            (None, Some(CommandReply::Refused { error })) => Err(error),
+            (None, Some(reply)) => Ok(reply),
+            (lost, _) => Err(lost.clone().unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
+        };
+        let done = items
+            .into_iter()
+            .map(|item| match item? {
+                Item::Ask { actor, .. } => reply().map(|_| actor),
+                Item::Spawn { description, then, .. } => {
+                    let CommandReply::Spawned { actor_id, .. } = reply()? else { return Err("this is no answer to a spawn".to_owned()) };
+                    self.remember(actor_id, description);
+                    newest = Some(actor_id);
+                    following.extend(then.iter().map(|command| read(command, Some(actor_id))));
+                    Ok(actor_id)
+                }
+                Item::Control { actor, record } if self.world.known().has_actor(actor) => {
+                    controls.push(record);
+                    Ok(actor)
+                }
+                Item::Control { actor, .. } => Err(format!("actor {actor} could not be found; it does not exist or was destroyed")),
+                Item::Nothing { actor, what } => {
+                    what.into_iter().for_each(|what| self.no_effect(what));
+                    Ok(actor)
+                }
+            })
+            .collect();
+        if !controls.is_empty() {
+            self.commander.control(controls);
+        }
+        // A spawn that follows a spawn does not bring followers of its own: clients cannot write one.
+        if !following.is_empty() {
+            self.run_batch(following);
+        }
+        if let Some(id) = newest {
+            self.wait_until_seen(id);
+        }
+        done
+    }
+}

@@ -1,0 +1,227 @@
+//! The blueprint library: `world/catalogue` in CARLA's shape, and the attributes of CARLA's sensors.
+
+use schema_frames::{ActorInfo, Catalogue, CatalogueEntry};
+
+use crate::fields::{Attribute, Description};
+use crate::list;
+use crate::msgpack::Value;
+
+/// CARLA's numbers of attribute types.
+const BOOL: u8 = 1;
+const INT: u8 = 2;
+const FLOAT: u8 = 3;
+const TEXT: u8 = 4;
+const COLOR: u8 = 5;
+
+/// What vehicles have beside what the catalogue says, and cannot be set.
+const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, ""), ("has_dynamic_doors", BOOL, "false")];
+/// Attributes of the catalogue that CARLA has too, with their type and whether a script may set them.
+const VEHICLE_ATTRIBUTES: &[(&str, u8, bool)] = &[
+    ("base_type", TEXT, false),
+    ("special_type", TEXT, false),
+    ("generation", INT, false),
+    ("number_of_wheels", INT, false),
+    ("has_lights", BOOL, false),
+    ("color", COLOR, true),
+    ("sticky_control", BOOL, true),
+];
+
+type Spec = (&'static str, u8, &'static str);
+const CAMERA: &[Spec] = &[
+    ("image_size_x", INT, "800"),
+    ("image_size_y", INT, "600"),
+    ("fov", FLOAT, "90.0"),
+    ("lens_circle_falloff", FLOAT, "5.0"),
+    ("lens_circle_multiplier", FLOAT, "0.0"),
+    ("lens_k", FLOAT, "-1.0"),
+    ("lens_kcube", FLOAT, "0.0"),
+    ("lens_x_size", FLOAT, "0.08"),
+    ("lens_y_size", FLOAT, "0.08"),
+];
+const DVS: &[Spec] = &[
+    ("positive_threshold", FLOAT, "0.3"),
+    ("negative_threshold", FLOAT, "0.3"),
+    ("sigma_positive_threshold", FLOAT, "0.0"),
+    ("sigma_negative_threshold", FLOAT, "0.0"),
+    ("refractory_period_ns", INT, "0"),
+    ("use_log", BOOL, "true"),
+    ("log_eps", FLOAT, "0.001"),
+];
+const LIDAR: &[Spec] = &[
+    ("channels", INT, "32"),
+    ("range", FLOAT, "10.0"),
+    ("points_per_second", INT, "56000"),
+    ("rotation_frequency", FLOAT, "10.0"),
+    ("upper_fov", FLOAT, "10.0"),
+    ("lower_fov", FLOAT, "-30.0"),
+    ("horizontal_fov", FLOAT, "360.0"),
+];
+const LIDAR_NOISE: &[Spec] = &[
+    ("atmosphere_attenuation_rate", FLOAT, "0.004"),
+    ("dropoff_general_rate", FLOAT, "0.45"),
+    ("dropoff_intensity_limit", FLOAT, "0.8"),
+    ("dropoff_zero_intensity", FLOAT, "0.4"),
+    ("noise_stddev", FLOAT, "0.0"),
+    ("noise_seed", INT, "0"),
+];
+const RADAR: &[Spec] = &[
+    ("horizontal_fov", FLOAT, "30"),
+    ("vertical_fov", FLOAT, "30"),
+    ("points_per_second", INT, "1500"),
+    ("range", FLOAT, "100"),
+    ("noise_seed", INT, "0"),
+];
+const IMU: &[Spec] = &[
+    ("noise_seed", INT, "0"),
+    ("noise_accel_stddev_x", FLOAT, "0.0"),
+    ("noise_accel_stddev_y", FLOAT, "0.0"),
+    ("noise_accel_stddev_z", FLOAT, "0.0"),
+    ("noise_gyro_stddev_x", FLOAT, "0.0"),
+    ("noise_gyro_stddev_y", FLOAT, "0.0"),
+    ("noise_gyro_stddev_z", FLOAT, "0.0"),
+    ("noise_gyro_bias_x", FLOAT, "0.0"),
+    ("noise_gyro_bias_y", FLOAT, "0.0"),
+    ("noise_gyro_bias_z", FLOAT, "0.0"),
+];
+const GNSS: &[Spec] = &[
+    ("noise_seed", INT, "0"),
+    ("noise_lat_bias", FLOAT, "0.0"),
+    ("noise_lat_stddev", FLOAT, "0.0"),
+    ("noise_lon_bias", FLOAT, "0.0"),
+    ("noise_lon_stddev", FLOAT, "0.0"),
+    ("noise_alt_bias", FLOAT, "0.0"),
+    ("noise_alt_stddev", FLOAT, "0.0"),
+];
+const OBSTACLE: &[Spec] =
+    &[("distance", FLOAT, "5.0"), ("hit_radius", FLOAT, "0.5"), ("only_dynamics", BOOL, "false"), ("debug_linetrace", BOOL, "false")];
+const SENSOR_TICK: &[Spec] = &[("sensor_tick", FLOAT, "0.0")];
+
+/// The attribute tables of a sensor's blueprint.
+fn sensor_specs(type_id: &str) -> Vec<&'static [Spec]> {
+    match type_id {
+        "sensor.camera.dvs" => vec![SENSOR_TICK, CAMERA, DVS],
+        _ if type_id.starts_with("sensor.camera.") => vec![SENSOR_TICK, CAMERA],
+        "sensor.lidar.ray_cast" => vec![SENSOR_TICK, LIDAR, LIDAR_NOISE],
+        "sensor.lidar.ray_cast_semantic" => vec![SENSOR_TICK, LIDAR],
+        "sensor.other.radar" => vec![SENSOR_TICK, RADAR],
+        "sensor.other.imu" => vec![SENSOR_TICK, IMU],
+        "sensor.other.gnss" => vec![SENSOR_TICK, GNSS],
+        "sensor.other.obstacle" => vec![SENSOR_TICK, OBSTACLE],
+        _ => vec![],
+    }
+}
+
+/// One attribute of a blueprint.
+struct Line {
+    name: String,
+    kind: u8,
+    value: String,
+    recommended: Vec<Value>,
+    modifiable: bool,
+}
+
+impl Line {
+    fn new(name: &str, kind: u8, value: &str, modifiable: bool) -> Line {
+        Line { name: name.to_owned(), kind, value: value.to_owned(), recommended: Vec::new(), modifiable }
+    }
+}
+
+fn lines(entry: &CatalogueEntry) -> Vec<Line> {
+    let last = entry.type_id.rsplit('.').next().unwrap_or_default();
+    if entry.kind == "vehicle" {
+        let known = VEHICLE_ATTRIBUTES.iter().filter_map(|(name, kind, modifiable)| {
+            let mut line = Line::new(name, *kind, entry.attributes.get(*name)?, *modifiable);
+            if *modifiable && *kind == COLOR {
+                line.recommended.push(line.value.clone().into());
+            }
+            Some(line)
+        });
+        let constant = VEHICLE_CONSTANTS.iter().map(|(name, kind, value)| Line::new(name, *kind, value, false));
+        return known.chain(constant).chain([Line::new("role_name", TEXT, "autopilot", true)]).collect();
+    }
+    let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| Line::new(name, *kind, value, true));
+    own.chain([Line::new("role_name", TEXT, "default", true), Line::new("ros_name", TEXT, last, true)]).collect()
+}
+
+/// Whether scripts see it in the blueprint library.
+fn is_blueprint(entry: &CatalogueEntry) -> bool {
+    // Ours: one camera of any modalities, which CARLA does not have.
+    (entry.kind == "vehicle" || entry.kind == "sensor") && entry.type_id != "sensor.camera.view"
+}
+
+/// `get_actor_definitions`.
+pub fn definitions(catalogue: &Catalogue) -> Value {
+    let definition = |(idx, entry): (usize, &CatalogueEntry)| {
+        let attributes: Vec<Value> = lines(entry)
+            .into_iter()
+            .map(|line| list![line.name, line.kind, line.value, line.recommended, line.modifiable, false])
+            .collect();
+        list![idx as u32 + 1, entry.type_id.as_str(), entry.type_id.replace('.', ","), attributes]
+    };
+    Value::Array(catalogue.entries.iter().enumerate().filter(|(_, entry)| is_blueprint(entry)).map(definition).collect())
+}
+
+/// The description of an actor that no client of ours made.
+pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Description {
+    let mut attributes: Vec<Attribute> = match entry {
+        Some(entry) if is_blueprint(entry) => {
+            lines(entry).into_iter().map(|line| Attribute { name: line.name, kind: line.kind, value: line.value }).collect()
+        }
+        _ => vec![Attribute { name: "role_name".into(), kind: TEXT, value: String::new() }],
+    };
+    for attribute in &mut attributes {
+        if attribute.name == "role_name" {
+            attribute.value = actor.role.clone();
+        } else if let Some(value) = actor.attributes.get(&attribute.name) {
+            attribute.value = value.clone();
+        }
+    }
+    attributes.sort_by(|a, b| a.name.cmp(&b.name));
+    Description { type_id: actor.type_id.clone(), attributes }
+}
+
+/// What of a client's attributes the simulator is told: what a script could have set on a vehicle, but for its role.
+pub fn settable(description: &Description) -> std::collections::BTreeMap<String, String> {
+    let settable = |attribute: &&Attribute| VEHICLE_ATTRIBUTES.iter().any(|(name, _, modifiable)| *modifiable && *name == attribute.name);
+    description.attributes.iter().filter(settable).map(|a| (a.name.clone(), a.value.to_lowercase())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use schema_frames::BodyBox;
+
+    fn entry(type_id: &str, kind: &str) -> CatalogueEntry {
+        let attributes =
+            [("color", "1,2,3"), ("number_of_wheels", "4"), ("mass_kg", "900")].map(|(k, v)| (k.to_owned(), v.to_owned())).into();
+        CatalogueEntry {
+            type_id: type_id.into(),
+            kind: kind.into(),
+            class: 14,
+            body_box: BodyBox { centre_m: [0.0; 3], half_m: [1.0; 3] },
+            attributes,
+        }
+    }
+
+    #[test]
+    fn only_what_scripts_may_spawn_is_a_blueprint() {
+        let entries = vec![
+            entry("vehicle.a.b", "vehicle"),
+            entry("sensor.camera.rgb", "sensor"),
+            entry("sensor.camera.view", "sensor"),
+            entry("spectator", "spectator"),
+            entry("traffic.stop", "traffic_sign"),
+        ];
+        let Value::Array(found) = definitions(&Catalogue { entries }) else { unreachable!() };
+        assert_eq!(found.len(), 2);
+        let text = format!("{found:?}");
+        assert!(text.contains("image_size_x") && text.contains("number_of_wheels") && !text.contains("mass_kg"), "{text}");
+    }
+
+    #[test]
+    fn sensors_that_fire_on_events_have_no_sensor_tick() {
+        for type_id in ["sensor.other.collision", "sensor.other.lane_invasion"] {
+            assert!(!lines(&entry(type_id, "sensor")).iter().any(|line| line.name == "sensor_tick"), "{type_id}");
+        }
+    }
+}

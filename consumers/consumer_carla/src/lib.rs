@@ -1,0 +1,22 @@
+//! A CARLA 0.9.16 server's front: stock clients connect, look at Gantry's world and drive in it.
+//!
+//! A consumer like any other: everything it knows comes from snapshots and documents, everything it does goes over `control/world` and
+//! `control/vehicles`. `docs/carla-compatibility.md` says what works.
+
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod actors;
+pub mod axes;
+pub mod batch;
+pub mod blueprints;
+pub mod commander;
+pub mod episode;
+pub mod fields;
+pub mod gateway;
+pub mod msgpack;
+pub mod rpc;
+pub mod session;
+pub mod shapes;
+pub mod stream;
+pub mod world;

@@ -1,0 +1,269 @@
+//! Calls about the session: version, settings, ticking, maps, weather, blueprints.
+
+use std::time::Duration;
+
+use schema_frames::document::Weather;
+use schema_frames::{Command, CommandReply, StepMode, WorldInfo};
+
+use crate::axes;
+use crate::blueprints;
+use crate::fields::{Fields, Wrong};
+use crate::gateway::{Answer, CARLA_VERSION, Failure, Gateway, Outcome, lock};
+use crate::list;
+use crate::msgpack::Value;
+use crate::shapes;
+
+/// Longest wait for what the simulator publishes after it answered.
+const SETTLE: Duration = Duration::from_secs(5);
+/// Folder before a map's name, as CARLA has it.
+const MAP_FOLDER: &str = "Carla/Maps/";
+
+/// What CARLA's settings have beside the mode and the length of a tick.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    no_rendering: bool,
+    /// Whether a client fixed the length of a tick; Gantry's is always fixed.
+    fixed: bool,
+    /// Length of a tick before the first client fixed another, to go back to.
+    own_period_nanos: Option<u64>,
+    substepping: bool,
+    max_substep_secs: f64,
+    max_substeps: i32,
+    max_culling_distance_m: f32,
+    deterministic_ragdolls: bool,
+    tile_stream_distance_m: f32,
+    actor_active_distance_m: f32,
+    spectator_as_ego: bool,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            no_rendering: false,
+            fixed: false,
+            own_period_nanos: None,
+            substepping: true,
+            max_substep_secs: 0.01,
+            max_substeps: 10,
+            max_culling_distance_m: 0.0,
+            deterministic_ragdolls: true,
+            tile_stream_distance_m: 3000.0,
+            actor_active_distance_m: 2000.0,
+            spectator_as_ego: true,
+        }
+    }
+}
+
+/// What the script sees of a map's name.
+fn carla_map(name: &str) -> String {
+    format!("{MAP_FOLDER}{name}")
+}
+
+/// Our name of the map a script asks for: no folders, and no `_Opt`, which is CARLA's word for a map in layers.
+fn own_map(asked: &str) -> &str {
+    let name = asked.rsplit('/').next().unwrap_or(asked);
+    name.strip_suffix("_Opt").unwrap_or(name)
+}
+
+impl Gateway {
+    pub(crate) fn session_call(&self, method: &str, args: &mut Fields<'_>) -> Option<Outcome> {
+        Some(match method {
+            "version" => Ok(Answer::Value(CARLA_VERSION.into())),
+            "get_available_maps" => self.info().map(|info| Answer::Value(list![format!("/Game/{}", carla_map(&info.map))])),
+            "get_episode_info" => self.episode_info(),
+            "get_sensor_token" => args.u32().map(|stream| Answer::Value(self.token(stream))).map_err(Failure::from),
+            "get_episode_settings" => self.get_settings(),
+            "set_episode_settings" => self.set_settings(args),
+            "tick_cue" => self.tick_cue(),
+            "load_new_episode" => self.load(args),
+            "get_map_info" => self.map_info(),
+            "get_map_data" => self.info().map(|_| Answer::Value(self.world.known().map.as_ref().into())),
+            // There are no files to fetch, and no street lights that could be switched.
+            "get_required_files" | "query_lights_state" => Ok(Answer::Value(list![])),
+            "get_actor_definitions" => Ok(Answer::Value(blueprints::definitions(&self.world.known().catalogue.clone()))),
+            "get_weather_parameters" => self.get_weather(),
+            "set_weather_parameters" => self.set_weather(args),
+            _ => return None,
+        })
+    }
+
+    /// `world/info`, which may still be on its way when the gateway has just started.
+    fn info(&self) -> Result<WorldInfo, Failure> {
+        let info = self.world.wait_for(SETTLE, |known| known.info.clone());
+        info.ok_or_else(|| Failure::Refused("no simulator runs on this domain; start one with `gantry up`".to_owned()))
+    }
+
+    fn episode_info(&self) -> Outcome {
+        self.info()?;
+        let id = self.world.known().episode_id();
+        let id = id.ok_or_else(|| Failure::Refused("world/info carries an epoch that is no number".to_owned()))?;
+        Ok(Answer::Value(list![id, self.world_token()]))
+    }
+
+    fn get_settings(&self) -> Outcome {
+        let info = self.info()?;
+        let settings = lock(&self.settings).clone();
+        let is_stepped = info.mode == StepMode::Stepped;
+        let fixed = settings.fixed || is_stepped && settings.own_period_nanos.is_none();
+        let delta = if fixed { list![true, info.period_nanos as f64 * 1e-9] } else { list![false] };
+        Ok(Answer::Value(list![
+            is_stepped,
+            settings.no_rendering,
+            delta,
+            settings.substepping,
+            settings.max_substep_secs,
+            settings.max_substeps,
+            settings.max_culling_distance_m,
+            settings.deterministic_ragdolls,
+            settings.tile_stream_distance_m,
+            settings.actor_active_distance_m,
+            settings.spectator_as_ego,
+        ]))
+    }
+
+    fn set_settings(&self, args: &mut Fields<'_>) -> Outcome {
+        let info = self.info()?;
+        let mut given = args.fields("the settings")?;
+        let (synchronous, no_rendering, delta) = (given.bool()?, given.bool()?, given.optional_f64()?.filter(|secs| *secs > 0.0));
+        let own_period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
+        let settings = Settings {
+            no_rendering,
+            fixed: delta.is_some(),
+            own_period_nanos: Some(own_period_nanos),
+            substepping: given.bool()?,
+            max_substep_secs: given.f64()?,
+            max_substeps: given.i32()?,
+            max_culling_distance_m: given.f32()?,
+            deterministic_ragdolls: given.bool()?,
+            tile_stream_distance_m: given.f32()?,
+            actor_active_distance_m: given.f32()?,
+            spectator_as_ego: given.bool()?,
+        };
+        let period_nanos = delta.map_or(own_period_nanos, |secs| (secs * 1e9).round().min(u64::MAX as f64) as u64);
+        let mode = if synchronous { StepMode::Stepped } else { StepMode::FreeRunning };
+        let (_, tick) = self.configure(mode, period_nanos)?;
+        if no_rendering {
+            self.no_effect("no_rendering_mode");
+        }
+        *lock(&self.settings) = settings;
+        Ok(Answer::Value(tick.into()))
+    }
+
+    fn configure(&self, mode: StepMode, period_nanos: u64) -> Result<(CommandReply, u64), String> {
+        let done = self.commander.ask_one(Command::Configure { mode: Some(mode), period_nanos: Some(period_nanos) })?;
+        // The document follows; who asks at once must see it.
+        self.world.change(|known| {
+            if let Some(info) = &mut known.info {
+                (info.mode, info.period_nanos) = (mode, period_nanos);
+            }
+        });
+        Ok(done)
+    }
+
+    pub(crate) fn tick_cue(&self) -> Outcome {
+        if self.info()?.mode == StepMode::FreeRunning {
+            return Ok(Answer::Value((self.world.tick() + 1).into()));
+        }
+        match self.commander.ask_one(Command::Step { n: 1 })? {
+            (CommandReply::Stepping { last_tick }, _) => Ok(Answer::Value(last_tick.into())),
+            (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a step"))),
+        }
+    }
+
+    fn load(&self, args: &mut Fields<'_>) -> Outcome {
+        let (asked, reset_settings) = (args.text()?, args.bool()?);
+        let info = self.info()?;
+        let map = if asked.is_empty() { info.map.as_str() } else { own_map(asked) };
+        let loaded = self.commander.ask_one(Command::LoadMap { map: map.to_owned() });
+        loaded.map_err(|error| format!("Map '{asked}' not found ({error})"))?;
+        if reset_settings {
+            let period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
+            self.configure(StepMode::FreeRunning, period_nanos)?;
+            *lock(&self.settings) = Settings { own_period_nanos: Some(period_nanos), ..Settings::default() };
+        }
+        let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
+        begun.ok_or_else(|| Failure::Refused("the simulator loaded the map and published no new episode".to_owned()))?;
+        Ok(Answer::Void)
+    }
+
+    fn map_info(&self) -> Outcome {
+        let info = self.info()?;
+        let points = self.world.known().spawn_points.clone();
+        let points: Vec<Value> = points.points.iter().map(|pose| shapes::transform(&axes::transform(&(*pose).into()))).collect();
+        Ok(Answer::Value(list![carla_map(&info.map), points]))
+    }
+
+    fn get_weather(&self) -> Outcome {
+        let weather = self.info()?.weather;
+        let extras = *lock(&self.weather_extras);
+        let values = weather_values(&weather).into_iter().chain(extras).map(Value::from).collect::<Vec<_>>();
+        Ok(Answer::Value(values.into()))
+    }
+
+    fn set_weather(&self, args: &mut Fields<'_>) -> Outcome {
+        let (weather, extras) = read_weather(&mut args.fields("the weather")?)?;
+        self.commander.ask_one(Command::SetWeather { weather })?;
+        *lock(&self.weather_extras) = extras;
+        self.world.change(|known| {
+            if let Some(info) = &mut known.info {
+                info.weather = weather;
+            }
+        });
+        Ok(Answer::Void)
+    }
+}
+
+/// The ten parameters both have, in CARLA's order.
+fn weather_values(weather: &Weather) -> [f32; 10] {
+    [
+        weather.cloudiness,
+        weather.precipitation,
+        weather.precipitation_deposits,
+        weather.wind_intensity,
+        axes::azimuth_deg(weather.sun_azimuth_deg),
+        weather.sun_altitude_deg,
+        weather.fog_density,
+        weather.fog_distance_m,
+        weather.fog_falloff,
+        weather.wetness,
+    ]
+}
+
+/// CARLA checks nothing, so values outside their range are taken as the nearest one inside.
+fn read_weather(given: &mut Fields<'_>) -> Result<(Weather, [f32; 4]), Wrong> {
+    let percent = |given: &mut Fields<'_>| given.f32().map(|x| x.clamp(0.0, 100.0));
+    let weather = Weather {
+        cloudiness: percent(given)?,
+        precipitation: percent(given)?,
+        precipitation_deposits: percent(given)?,
+        wind_intensity: percent(given)?,
+        sun_azimuth_deg: axes::azimuth_deg(given.f32()?),
+        sun_altitude_deg: given.f32()?.clamp(-90.0, 90.0),
+        fog_density: percent(given)?,
+        fog_distance_m: given.f32()?.clamp(0.0, 1e5),
+        fog_falloff: percent(given)?,
+        wetness: percent(given)?,
+    };
+    Ok((weather, [given.f32()?, given.f32()?, given.f32()?, given.f32()?]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_maps_lose_what_carla_puts_round_them() {
+        for asked in ["Town10HD", "Carla/Maps/Town10HD", "/Game/Carla/Maps/Town10HD_Opt"] {
+            assert_eq!(own_map(asked), "Town10HD");
+        }
+    }
+
+    #[test]
+    fn weather_goes_there_and_back() {
+        let given: Vec<Value> = [10.0f32, 20.0, 30.0, 40.0, 45.0, -10.0, 5.0, 7.0, 0.5, 60.0, 1.0, 0.1, 0.2, 3.0].map(Value::from).into();
+        let (weather, extras) = read_weather(&mut Fields::new("test", &given)).unwrap();
+        assert_eq!(weather.sun_azimuth_deg, 315.0);
+        let again: Vec<Value> = weather_values(&weather).into_iter().chain(extras).map(Value::from).collect();
+        assert_eq!(again, given);
+    }
+}

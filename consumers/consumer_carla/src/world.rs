@@ -1,0 +1,245 @@
+//! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread and read by all connections.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant, SystemTime};
+
+use anyhow::Context as _;
+use consumer_kit::{FollowedDocument, WorldAt};
+use schema_bus::{Bus, BusError, Document, Listener, Snapshot, SnapshotReader, names};
+use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SpawnPoints, WorldInfo};
+
+use crate::episode;
+use crate::fields::Description;
+use crate::stream::{Streams, WORLD_STREAM};
+
+/// Longest wait for a snapshot: documents change without one too.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// How long a snapshot waits for the list of its actors.
+const LIST_WAIT: Duration = Duration::from_millis(200);
+
+/// The newest of everything.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// `world/info`.
+    pub info: Option<WorldInfo>,
+    /// `world/catalogue`.
+    pub catalogue: Arc<Catalogue>,
+    /// `world/actors` by id.
+    pub actors: BTreeMap<u32, ActorInfo>,
+    /// How clients described the actors that they made: also what the simulator does not keep.
+    pub own: HashMap<u32, Description>,
+    /// `world/map`.
+    pub map: Arc<str>,
+    /// `world/spawn_points`.
+    pub spawn_points: Arc<SpawnPoints>,
+    /// The newest snapshot.
+    pub snapshot: Option<Arc<WorldAt>>,
+}
+
+impl Known {
+    /// Id of the running episode for clients, once a simulator was seen.
+    pub fn episode_id(&self) -> Option<u64> {
+        let info = self.info.as_ref()?;
+        let epoch: u64 = info.epoch.parse().ok()?;
+        Some(epoch.wrapping_add(u64::from(info.episode)))
+    }
+
+    /// The catalogue's entry of a type, with its index.
+    pub fn entry(&self, type_id: &str) -> Option<(usize, &CatalogueEntry)> {
+        self.catalogue.entries.iter().enumerate().find(|(_, entry)| entry.type_id == type_id)
+    }
+
+    /// Whether there is such an actor, as far as is known.
+    pub fn has_actor(&self, id: u32) -> bool {
+        self.actors.contains_key(&id) || self.own.contains_key(&id)
+    }
+}
+
+/// [`Known`] with a lock and a bell.
+#[derive(Debug, Default)]
+pub struct World {
+    known: Mutex<Known>,
+    changed: Condvar,
+}
+
+impl World {
+    /// Looks at everything. Hold it briefly: the snapshot waits for it.
+    pub fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes something and rings the bell.
+    pub fn change<R>(&self, change: impl FnOnce(&mut Known) -> R) -> R {
+        let result = change(&mut self.known());
+        self.changed.notify_all();
+        result
+    }
+
+    /// Waits until `look` finds something, at most `timeout`.
+    pub fn wait_for<R>(&self, timeout: Duration, mut look: impl FnMut(&Known) -> Option<R>) -> Option<R> {
+        let deadline = Instant::now() + timeout;
+        let mut known = self.known();
+        loop {
+            if let Some(found) = look(&known) {
+                return Some(found);
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return None;
+            }
+            known = self.changed.wait_timeout(known, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Number of the newest tick seen.
+    pub fn tick(&self) -> u64 {
+        self.known().snapshot.as_ref().map_or(0, |snapshot| snapshot.header.tick)
+    }
+}
+
+/// Keeps a [`World`] up to date and feeds the world stream, until `stop`.
+///
+/// # Errors
+/// What waiting cannot heal: another schema, no place on the bus.
+pub fn follow(domain: &str, world: &World, streams: &Streams, stop: &AtomicBool) -> anyhow::Result<()> {
+    let bus = Bus::open(domain, "gantry-carla-world")?;
+    let mut follower = Follower {
+        snapshots: None,
+        wake: bus.listener(names::WORLD_SNAPSHOT)?,
+        info: FollowedDocument::new(names::WORLD_INFO),
+        map: FollowedDocument::new(names::WORLD_MAP),
+        actors: FollowedDocument::new(names::WORLD_ACTORS),
+        catalogue: FollowedDocument::new(names::WORLD_CATALOGUE),
+        spawn_points: FollowedDocument::new(names::WORLD_SPAWN_POINTS),
+        next_open: Instant::now(),
+        sent_episode: None,
+        bus,
+        world,
+        streams,
+    };
+    while !stop.load(Ordering::Acquire) {
+        follower.turn()?;
+    }
+    Ok(())
+}
+
+struct Follower<'w> {
+    // Ports go before their node.
+    snapshots: Option<SnapshotReader>,
+    wake: Listener,
+    info: FollowedDocument,
+    map: FollowedDocument,
+    actors: FollowedDocument,
+    catalogue: FollowedDocument,
+    spawn_points: FollowedDocument,
+    next_open: Instant,
+    sent_episode: Option<u64>,
+    bus: Bus,
+    world: &'w World,
+    streams: &'w Streams,
+}
+
+impl Follower<'_> {
+    fn turn(&mut self) -> anyhow::Result<()> {
+        self.wake.wait(LOOK_EVERY)?;
+        self.read_documents()?;
+        self.open_snapshots()?;
+        while let Some(reader) = &mut self.snapshots {
+            match reader.next() {
+                Ok(Some(snapshot)) => self.pass_on(&snapshot)?,
+                Ok(None) => break,
+                Err(error @ BusError::BadSample { .. }) => tracing::warn!(%error, "passed over a snapshot"),
+                Err(other) => return Err(other.into()),
+            }
+        }
+        Ok(())
+    }
+
+    fn open_snapshots(&mut self) -> anyhow::Result<()> {
+        if self.snapshots.is_some() || Instant::now() < self.next_open {
+            return Ok(());
+        }
+        self.next_open = Instant::now() + Duration::from_millis(200);
+        if self.bus.exists(names::WORLD_SNAPSHOT) {
+            match self.bus.snapshot_reader() {
+                Ok(reader) => self.snapshots = Some(reader),
+                Err(BusError::NoSuchTopic { .. } | BusError::Service { .. }) => {}
+                Err(other) => return Err(other.into()),
+            }
+        }
+        Ok(())
+    }
+
+    fn read_documents(&mut self) -> anyhow::Result<()> {
+        if let Some(document) = heal(self.map.changed(&self.bus))? {
+            let text: Arc<str> = document.text.as_str().into();
+            self.world.change(|known| known.map = text);
+        }
+        if let Some(document) = heal(self.catalogue.changed(&self.bus))? {
+            let catalogue: Catalogue = document.json().context("world/catalogue")?;
+            self.world.change(|known| known.catalogue = Arc::new(catalogue));
+        }
+        if let Some(document) = heal(self.spawn_points.changed(&self.bus))? {
+            let points: SpawnPoints = document.json().context("world/spawn_points")?;
+            self.world.change(|known| known.spawn_points = Arc::new(points));
+        }
+        self.read_actors()?;
+        // Last: who waits for a new episode looks at this one.
+        if let Some(document) = heal(self.info.changed(&self.bus))? {
+            let info: WorldInfo = document.json().context("world/info")?;
+            let before = self.world.known().info.as_ref().map(|info| (info.epoch.clone(), info.episode));
+            if before.as_ref() != Some(&(info.epoch.clone(), info.episode)) {
+                tracing::info!(map = info.map, episode = info.episode, "episode begins");
+                self.streams.forget(WORLD_STREAM);
+                self.world.change(|known| known.own.clear());
+            }
+            self.world.change(|known| known.info = Some(info));
+        }
+        Ok(())
+    }
+
+    fn read_actors(&mut self) -> anyhow::Result<()> {
+        if let Some(document) = heal(self.actors.changed(&self.bus))? {
+            let list: ActorList = document.json().context("world/actors")?;
+            let actors = list.actors.into_iter().map(|actor| (actor.id, actor)).collect();
+            self.world.change(|known| known.actors = actors);
+        }
+        Ok(())
+    }
+
+    /// Whoever sees a snapshot can ask for all of its actors.
+    fn pass_on(&mut self, snapshot: &Snapshot) -> anyhow::Result<()> {
+        let header = snapshot.header();
+        let deadline = Instant::now() + LIST_WAIT;
+        let is_listed = |newest: Option<&Document>| {
+            newest.is_some_and(|list| list.header.epoch == header.epoch && list.header.revision >= header.actors_revision)
+        };
+        while !is_listed(self.actors.newest()) && Instant::now() < deadline {
+            self.read_actors()?;
+            if !is_listed(self.actors.newest()) {
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        }
+        let id = episode::episode_id(header);
+        let state_bits = if self.sent_episode.replace(id) == Some(id) { 0 } else { episode::MAP_CHANGED };
+        let wall_secs = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let message = episode::encode(header, snapshot.records(), state_bits, wall_secs);
+        let at = WorldAt { header: *header, records: snapshot.records().to_vec() };
+        self.world.change(|known| known.snapshot = Some(Arc::new(at)));
+        self.streams.send(WORLD_STREAM, message.into());
+        Ok(())
+    }
+}
+
+/// A document that breaks the contract is passed over; anything else is an error.
+fn heal<T>(result: Result<Option<T>, BusError>) -> Result<Option<T>, BusError> {
+    match result {
+        Err(error @ BusError::BadSample { .. }) => {
+            tracing::warn!(%error, "passed over a document");
+            Ok(None)
+        }
+        other => other,
+    }
+}

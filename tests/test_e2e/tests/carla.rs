@@ -1,0 +1,100 @@
+//! The stock CARLA client, from the repository's own environment, through `gantry-carla` against a real daemon.
+
+use std::io::{Read as _, Write as _};
+use std::net::{TcpListener, TcpStream};
+use std::time::Duration;
+
+use test_e2e::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+use test_kit::sandbox::repository;
+use test_kit::{Process, Sandbox};
+
+/// No sensors: nothing is rendered.
+const LAUNCH: &str = r#"version = 1
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+vehicles = 0
+"#;
+
+/// Starts the gateway on ports of its own choice; returns them too.
+fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
+    let mut gateway = spawn_consumer(sandbox, "gantry-carla", &["--port", "0"]);
+    let line = gateway.wait_line("listening on");
+    let ports: Vec<u16> = line.split(':').skip(1).map(|part| part.split(',').next().unwrap().trim().parse().unwrap()).collect();
+    (gateway, ports[0], ports[1])
+}
+
+/// A port that is free now, for the client's own Traffic Manager.
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
+#[test]
+fn the_stock_client_looks_round_steps_and_drives() {
+    let sandbox = Sandbox::new("carla");
+    let daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    let script = repository().join("tests/test_e2e/python/carla_client.py");
+    let (port, manager_port) = (port.to_string(), free_port().to_string());
+    let args = [script.to_str().unwrap(), &port, &manager_port];
+    // The client keeps a cache in its home folder, which must not be the tester's.
+    let home = sandbox.path("");
+    let env = [("HOME", home.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
+    let ended = sandbox.spawn_program("python", &venv_program("python"), &args, &env).wait().expect_code(0);
+    for theme in ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"]
+    {
+        assert!(ended.says(&format!("{theme} passed")), "{:?}", ended.lines);
+    }
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+/// Sends bytes and returns what came until the server closed the connection.
+fn exchange(port: u16, bytes: &[u8]) -> Vec<u8> {
+    let mut connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    connection.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    connection.write_all(bytes).unwrap();
+    let mut answer = Vec::new();
+    // A reset is as good as an end.
+    let _ = connection.read_to_end(&mut answer);
+    answer
+}
+
+#[test]
+fn broken_messages_close_their_connection_and_nothing_else() {
+    let sandbox = Sandbox::new("carlabad");
+    let (mut gateway, port, stream_port) = start_gateway(&sandbox);
+    let broken: [(&[u8], &str); 4] = [
+        (&[0xdd, 0xff, 0xff, 0xff, 0xff], "more than 2000000 values"),
+        (&[0x91; 100], "lists within lists"),
+        (&[0x94, 0x00, 0x01, 0x81, 0x01, 0x01], "a map"),
+        (b"GET / HTTP/1.1\r\n\r\n", "a request is an integer"),
+    ];
+    for (bytes, sentence) in broken {
+        assert_eq!(exchange(port, bytes), b"");
+        gateway.wait_line(sentence);
+    }
+    // An unknown call is an answer, and the connection goes on: a second call is answered too.
+    let mut connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    connection.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    for _ in 0..2 {
+        connection.write_all(b"\x94\x00\x01\xa7nothing\x91\x91\xc2").unwrap();
+        let mut answer = vec![0; 4];
+        connection.read_exact(&mut answer).unwrap();
+        assert_eq!(answer[..3], [0x94, 0x01, 0x01]);
+        let mut text = vec![0; 256];
+        let n = connection.read(&mut text).unwrap();
+        assert!(String::from_utf8_lossy(&text[..n]).contains("'nothing'"), "{:?}", String::from_utf8_lossy(&text[..n]));
+    }
+    // Seeded handshakes on the streaming port: odd numbers, half ones, hang-ups.
+    let mut state = 9u32;
+    for n in 0..200 {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let mut connection = TcpStream::connect(("127.0.0.1", stream_port)).unwrap();
+        connection.write_all(&state.to_le_bytes()[..n % 5]).unwrap();
+    }
+    assert!(gateway.is_running());
+    gateway.stop().expect_code(0);
+}
