@@ -243,7 +243,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         canvas.save(&folder.join(name))
     };
     let at = |i: usize| -> &Pose { &town.spawn_points[i % town.spawn_points.len()] };
-    for i in [3, 57, 101, 150, 190] {
+    for i in [3, 57, 101, 150, 190, 240, 300, 340] {
         let p = at(i);
         view(&format!("street_{i}.png"), Vector3::from(p.translation_m) + Vector3::new(0.0, 0.0, 1.3), p.yaw_rad(), -0.03, 90.0)?;
     }

@@ -110,8 +110,10 @@ impl Path {
         for (i, bend) in bends.iter().enumerate() {
             let next = bends.get(i + 1).map_or(b, |n| n.corner_m);
             let (u, v) = ((bend.corner_m - from).normalize(), (next - bend.corner_m).normalize());
+            // A single corner between equal legs may take them whole.
+            let whole = bends.len() == 1 && ((bend.corner_m - from).norm() - (next - bend.corner_m).norm()).abs() < 1e-6;
             let turn = cross(u, v).atan2(u.dot(&v));
-            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan()).min(0.49 * (next - bend.corner_m).norm());
+            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan()).min(if whole { 1.0 } else { 0.49 } * (next - bend.corner_m).norm());
             let radius = tangent / (0.5 * turn.abs()).tan();
             let arc_start = bend.corner_m - u * tangent;
             segments.push(Segment::line(from, arc_start));
@@ -124,7 +126,10 @@ impl Path {
             segments.push(arc);
             from = bend.corner_m + v * tangent;
         }
-        segments.push(Segment::line(from, b));
+        if (b - from).norm() > 1e-6 {
+            segments.push(Segment::line(from, b));
+        }
+        segments.retain(|segment| segment.length_m > 1e-6);
         Path { segments }
     }
 

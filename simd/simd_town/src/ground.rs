@@ -104,7 +104,9 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
     let margin = |arm: &Arm| if arm.crosswalk { STOP_M + 0.2 } else { 0.0 };
     let span = (margin(&arms[0]), road.path.length_m() - margin(&arms[1]));
     let profile = &road.profile;
-    if profile.main {
+    if profile.one_way {
+        stripe(chunks, 0..=1, road, white(object), span, profile.driving_m(), 0.12);
+    } else if profile.main {
         for t in [-0.12, 0.12] {
             stripe(chunks, 0..=1, road, yellow(object), span, t, 0.12);
         }
@@ -112,7 +114,7 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
         dashes(chunks, road, yellow(object), span, 0.0);
     }
     for side in [1.0, -1.0] {
-        for k in 1..profile.n_lanes {
+        for k in 1..if profile.one_way { 1 } else { profile.n_lanes } {
             dashes(chunks, road, white(object), span, side * k as f64 * profile.lane_m);
         }
         stripe(chunks, 0..=1, road, white(object), span, side * profile.driving_m(), 0.12);

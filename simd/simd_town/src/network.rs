@@ -25,6 +25,8 @@ pub struct Road {
     pub elevation: Elevation,
     /// Cross-section.
     pub profile: Profile,
+    /// Runs through a tunnel.
+    pub tunnel: bool,
     /// Junction indices at start and end.
     pub ends: [usize; 2],
 }
@@ -185,7 +187,7 @@ impl Network {
                 let path = path.cut(trim[0], path.length_m() - trim[1]);
                 let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
                 let elevation = Elevation::between(path.length_m(), from_m, to_m, street.crest_m);
-                Road { id: 1 + i as u32, path, elevation, profile: street.profile, ends: [street.from, street.to] }
+                Road { id: 1 + i as u32, path, elevation, profile: street.profile, tunnel: street.tunnel, ends: [street.from, street.to] }
             })
             .collect();
         let mut network = Network { roads, junctions, links: Vec::new(), signals: Vec::new(), stages: Vec::new() };
@@ -272,7 +274,8 @@ fn control(mut junction: Junction, plan: &Plan) -> Junction {
         arm.waits = i == stem;
         arm.crosswalk &= i == stem;
     }
-    junction.control = if junction.id.is_multiple_of(3) { Control::Stop } else { Control::Yield };
+    let circle = junction.arms.iter().any(|arm| plan.streets[arm.road].profile.one_way);
+    junction.control = if !circle && junction.id.is_multiple_of(3) { Control::Stop } else { Control::Yield };
     junction
 }
 
@@ -289,9 +292,16 @@ fn lane_id(arm: &Arm, lane: usize, entering: bool) -> i32 {
     if arm.at_start == entering { id } else { -id }
 }
 
+/// Number of lanes that enter (or leave) a junction on an arm.
+fn n_lanes(network: &Network, arm: &Arm, entering: bool) -> usize {
+    let profile = &network.roads[arm.road].profile;
+    if profile.one_way && arm.at_start == entering { 0 } else { profile.n_lanes }
+}
+
 fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     let junction = &network.junctions[junction_idx];
-    let lanes = |arm: usize| network.roads[junction.arms[arm].road].profile.n_lanes;
+    // Lanes that enter the junction on an arm, and lanes that leave it there.
+    let lanes = |arm: usize, entering: bool| n_lanes(network, &junction.arms[arm], entering);
     let turn = |from: usize, to: usize| {
         let angle = wrap(junction.arms[to].heading_rad - junction.arms[from].heading_rad - PI);
         if angle.abs() < 0.6 {
@@ -304,9 +314,10 @@ fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     };
     let mut ways: Vec<(usize, usize, usize, usize)> = Vec::new();
     let n = junction.arms.len();
-    let pairs: Vec<(usize, usize)> = (0..n).flat_map(|a| (0..n).filter(move |&b| b != a).map(move |b| (a, b))).collect();
+    let pairs: Vec<(usize, usize)> =
+        (0..n).flat_map(|a| (0..n).map(move |b| (a, b))).filter(|&(a, b)| a != b && lanes(a, true) > 0 && lanes(b, false) > 0).collect();
     for &(a, b) in &pairs {
-        let (n_in, n_out) = (lanes(a), lanes(b));
+        let (n_in, n_out) = (lanes(a, true), lanes(b, false));
         match turn(a, b) {
             Turn::Right => ways.push((a, n_in - 1, b, n_out - 1)),
             Turn::Left => ways.push((a, 0, b, 0)),
@@ -320,14 +331,16 @@ fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
         Turn::Right => 2,
     };
     for arm in 0..n {
-        for lane in 0..lanes(arm) {
+        for lane in 0..lanes(arm, true) {
             if !ways.iter().any(|w| w.0 == arm && w.1 == lane) {
-                let to = (0..n).filter(|&b| b != arm).min_by_key(|&b| rank(arm, b)).expect("two arms");
-                ways.push((arm, lane, to, lane.min(lanes(to) - 1)));
+                let to = (0..n).filter(|&b| b != arm && lanes(b, false) > 0).min_by_key(|&b| rank(arm, b)).expect("two arms");
+                ways.push((arm, lane, to, lane.min(lanes(to, false) - 1)));
             }
+        }
+        for lane in 0..lanes(arm, false) {
             if !ways.iter().any(|w| w.2 == arm && w.3 == lane) {
-                let from = (0..n).filter(|&a| a != arm).min_by_key(|&a| rank(a, arm)).expect("two arms");
-                ways.push((from, lane.min(lanes(from) - 1), arm, lane));
+                let from = (0..n).filter(|&a| a != arm && lanes(a, true) > 0).min_by_key(|&a| rank(a, arm)).expect("two arms");
+                ways.push((from, lane.min(lanes(from, true) - 1), arm, lane));
             }
         }
     }
@@ -343,9 +356,9 @@ fn link(network: &Network, junction: usize, id: u32, (a, lane_in, b, lane_out): 
     // In driving direction the traffic keeps right of the reference line, so lane k's left edge is k lanes to the right.
     let (p_in, out_heading) = network.arm_end(&arms[a]);
     let heading_in = wrap(out_heading + PI);
-    let from = (p_in - left(unit(heading_in)) * (lane_in as f64 * profile(a).lane_m), heading_in);
+    let from = (p_in - left(unit(heading_in)) * profile(a).lane_left_m(lane_in), heading_in);
     let (p_out, heading_out) = network.arm_end(&arms[b]);
-    let to = (p_out - left(unit(heading_out)) * (lane_out as f64 * profile(b).lane_m), heading_out);
+    let to = (p_out - left(unit(heading_out)) * profile(b).lane_left_m(lane_out), heading_out);
     Link {
         id,
         junction,
@@ -398,7 +411,7 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
 fn place_limits(network: &mut Network) {
     for road in 0..network.roads.len() {
         let (length, profile) = (network.roads[road].path.length_m(), network.roads[road].profile);
-        for against in [false, true] {
+        for against in [false, true].into_iter().filter(|&against| !(against && profile.one_way)) {
             let side = profile.kerb_m() + 0.6;
             let s_m = if against { length - 14.0 } else { 14.0 };
             network.signals.push(Signal {
@@ -430,7 +443,7 @@ mod tests {
                     let arm = &arms[arm];
                     let road = &network.roads[arm.road];
                     let s = if arm.at_start { 0.0 } else { road.path.length_m() };
-                    let inner = (lane.abs() - 1) as f64 * road.profile.lane_m * f64::from(lane.signum());
+                    let inner = road.profile.lane_left_m(lane.unsigned_abs() as usize - 1) * f64::from(lane.signum());
                     let edge = road.path.beside(s, inner);
                     let heading = road.path.at(s).1 + if lane > 0 { PI } else { 0.0 };
                     let (p, h) = link.path.at(at);
@@ -452,6 +465,7 @@ mod tests {
             for (j, junction) in network.junctions.iter().enumerate() {
                 for (a, arm) in junction.arms.iter().enumerate() {
                     for lane in 0..network.roads[arm.road].profile.n_lanes {
+                        let exists = |entering: bool| n_lanes(&network, arm, entering) > 0;
                         let ways = |entering: bool| {
                             let id = lane_id(arm, lane, entering);
                             network
@@ -460,7 +474,11 @@ mod tests {
                                 .filter(|l| l.junction == j && if entering { l.from == (a, id) } else { l.to == (a, id) })
                                 .count()
                         };
-                        assert!(ways(true) > 0 && ways(false) > 0, "junction {} arm {a} lane {lane}", junction.id);
+                        assert!(
+                            [true, false].into_iter().all(|entering| ways(entering) > 0 || !exists(entering)),
+                            "junction {} arm {a} lane {lane}",
+                            junction.id
+                        );
                     }
                 }
             }

@@ -114,9 +114,9 @@ fn street(out: &mut String, network: &Network, idx: usize, road: &Road) {
 }
 
 /// Kind, width and outer mark (type, colour, lane change) of the lanes of one side, from the middle outwards.
-fn side(profile: &Profile) -> Vec<(&'static str, f64, &'static str, &'static str)> {
+fn side(profile: &Profile, driving: bool) -> Vec<(&'static str, f64, &'static str, &'static str)> {
     let mut lanes = Vec::new();
-    for k in 1..=profile.n_lanes {
+    for k in 1..=if driving { profile.n_lanes } else { 0 } {
         let (mark, change) = if k < profile.n_lanes { ("broken", "both") } else { ("solid", "none") };
         lanes.push(("driving", profile.lane_m, mark, change));
     }
@@ -146,15 +146,24 @@ fn lane(out: &mut String, id: i32, (kind, width, mark, change): (&str, f64, &str
 }
 
 fn lanes(out: &mut String, profile: &Profile) {
-    let side = side(profile);
+    let (left_side, side) = (side(profile, !profile.one_way), side(profile, true));
     line!(out, r#"    <lanes>"#);
+    if profile.one_way {
+        line!(out, r#"      <laneOffset s="0" a="{}" b="0" c="0" d="0"/>"#, profile.driving_m());
+    }
     line!(out, r#"      <laneSection s="0">"#);
     line!(out, "        <left>");
-    for (i, &each) in side.iter().enumerate().rev() {
+    for (i, &each) in left_side.iter().enumerate().rev() {
         lane(out, i as i32 + 1, each, profile.speed_kmh);
     }
     line!(out, "        </left>");
-    let (mark, change) = if profile.main { ("solid solid", "none") } else { ("broken", "both") };
+    let (mark, change) = if profile.one_way {
+        ("solid", "none")
+    } else if profile.main {
+        ("solid solid", "none")
+    } else {
+        ("broken", "both")
+    };
     line!(out, r#"        <center><lane id="0" type="none" level="false">"#);
     line!(
         out,

@@ -33,6 +33,8 @@ pub struct Profile {
     pub main: bool,
     /// Grass instead of a pavement; nobody walks here.
     pub verge: bool,
+    /// All lanes lead from the start to the end of the street.
+    pub one_way: bool,
 }
 
 impl Profile {
@@ -48,7 +50,12 @@ impl Profile {
 
     /// Distance of the outer edge of the driving lanes from the reference line.
     pub fn driving_m(&self) -> f64 {
-        self.n_lanes as f64 * self.lane_m
+        self.n_lanes as f64 * self.lane_m * if self.one_way { 0.5 } else { 1.0 }
+    }
+
+    /// Left edge of a lane (0 is the leftmost), metres to the right of the reference line as its drivers see it.
+    pub fn lane_left_m(&self, lane: usize) -> f64 {
+        lane as f64 * self.lane_m - if self.one_way { self.driving_m() } else { 0.0 }
     }
 
     /// Distance of the pavement's back from the reference line.
@@ -58,18 +65,54 @@ impl Profile {
 }
 
 /// Two lanes each way.
-pub const AVENUE: Profile =
-    Profile { n_lanes: 2, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 50, main: true, verge: false };
+pub const AVENUE: Profile = Profile {
+    n_lanes: 2,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.5,
+    pavement_m: 4.5,
+    speed_kmh: 50,
+    main: true,
+    verge: false,
+    one_way: false,
+};
 /// One lane each way with parked cars.
-pub const STREET: Profile =
-    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Parking, edge_m: 2.5, pavement_m: 3.5, speed_kmh: 30, main: false, verge: false };
+pub const STREET: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge: Edge::Parking,
+    edge_m: 2.5,
+    pavement_m: 3.5,
+    speed_kmh: 30,
+    main: false,
+    verge: false,
+    one_way: false,
+};
 /// The ring round the town.
-pub const RING: Profile =
-    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.5, speed_kmh: 50, main: false, verge: false };
+pub const RING: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.6,
+    pavement_m: 3.5,
+    speed_kmh: 50,
+    main: false,
+    verge: false,
+    one_way: false,
+};
 
 /// Three lanes each way round the town, fast.
-pub const HIGHWAY: Profile =
-    Profile { n_lanes: 3, lane_m: 3.6, edge: Edge::Gutter, edge_m: 1.2, pavement_m: 2.5, speed_kmh: 90, main: true, verge: true };
+pub const HIGHWAY: Profile = Profile {
+    n_lanes: 3,
+    lane_m: 3.6,
+    edge: Edge::Gutter,
+    edge_m: 1.2,
+    pavement_m: 2.5,
+    speed_kmh: 90,
+    main: true,
+    verge: true,
+    one_way: false,
+};
 
 /// What is built in the blocks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -100,6 +143,8 @@ pub struct Street {
     pub profile: Profile,
     /// Height of its middle over the mean of its ends.
     pub crest_m: f64,
+    /// Runs through a tunnel.
+    pub tunnel: bool,
 }
 
 /// The streets of a town.
@@ -164,6 +209,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
                     bends: bow(&grid, i, j, along_x, n),
                     profile: profile(c, r, along_x, n),
                     crest_m: 0.0,
+                    tunnel: false,
                 });
             }
         }
@@ -172,7 +218,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         [(0, 1, n), (n - 1, n - 2, 2 * n - 1), (n * (n - 1), n * (n - 2), n * (n - 1) + 1), (n * n - 1, n * n - 2, n * (n - 1) - 1)]
     {
         let bends = vec![Bend { corner_m: grid[corner], radius_m: 34.0 }];
-        streets.push(Street { from: node_of[a], to: node_of[b], bends, profile: RING, crest_m: 0.0 });
+        streets.push(Street { from: node_of[a], to: node_of[b], bends, profile: RING, crest_m: 0.0, tunnel: false });
     }
     let middle = |i: usize, j: usize| 0.5 * (grid[i] + grid[j]);
     let parks_m = vec![middle(4 + 2 * n, 4 + 3 * n)];

@@ -184,6 +184,10 @@ impl Builder<'_> {
         for road in &self.network.roads {
             let object = self.object(Class::ROADS, format!("street {}", road.id));
             ground::road(&mut self.chunks, &mut self.floor, self.network, road, object);
+            if road.tunnel {
+                let object = self.object(Class::BUILDINGS, "tunnel");
+                barrier::tunnel(&mut self.chunks, &mut self.solid, road, object);
+            }
             if road.profile.has_rails() {
                 let object = self.object(Class::GUARD_RAIL, "guard rail");
                 barrier::rails(&mut self.chunks, &mut self.solid, road, object);
@@ -216,7 +220,11 @@ impl Builder<'_> {
                     Houses::Cottages if ring.outside => Houses::Farms,
                     other => other,
                 };
-                let lots = building::lots(ring, houses, &mut random);
+                let mut lots = building::lots(ring, houses, &mut random);
+                lots.retain(|lot| {
+                    let f = &lot.footprint_m;
+                    !(0..4).any(|i| self.at_tunnel(f[i]) || self.at_tunnel(0.5 * (f[i] + f[(i + 1) % 4])))
+                });
                 for lot in &lots {
                     let object = self.object(Class::BUILDINGS, "building");
                     building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
@@ -243,13 +251,21 @@ impl Builder<'_> {
                 && ring.back_m.iter().all(|q| (p - q).norm() > 2.0)
                 && spots.iter().all(|q| (p - q).norm() > 4.5)
                 && !lots.iter().any(|lot| (0..12).any(|k| contains(&lot.footprint_m, p + unit(f64::from(k) * 0.53) * 2.4)));
-            if free && spots.len() < wanted {
+            if free && spots.len() < wanted && !self.at_tunnel(p) {
                 spots.push(p);
             }
         }
         for p in spots {
             self.tree(kit, p, random);
         }
+    }
+
+    /// Under the earth beside a tunnel, or next to it.
+    fn at_tunnel(&self, p: P2) -> bool {
+        self.network.roads.iter().filter(|road| road.tunnel).any(|road| {
+            let n = (road.path.length_m() / 2.0) as usize;
+            (0..=n).any(|k| (road.path.at(2.0 * k as f64).0 - p).norm() < road.profile.back_m() + 6.0)
+        })
     }
 
     fn park(&mut self, kit: &Kit, ring: &Ring) {
@@ -305,6 +321,9 @@ impl Builder<'_> {
     /// Lamps, trees and small things along both kerbs.
     fn roadside(&mut self, kit: &Kit, idx: usize) {
         let road = &self.network.roads[idx];
+        if road.tunnel {
+            return;
+        }
         let mut random = Random::new(self.seed, ROADSIDE, idx as u64);
         let length = road.path.length_m();
         for side in [1.0, -1.0] {

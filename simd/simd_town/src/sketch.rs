@@ -5,19 +5,39 @@ use crate::plan::{AVENUE, Edge, HIGHWAY, Houses, Plan, Profile, STREET};
 use crate::random::Random;
 
 /// One lane each way with a gutter: the usual street of a small town.
-const LANE: Profile =
-    Profile { n_lanes: 1, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.6, pavement_m: 3.0, speed_kmh: 40, main: false, verge: false };
+const LANE: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.6,
+    pavement_m: 3.0,
+    speed_kmh: 40,
+    main: false,
+    verge: false,
+    one_way: false,
+};
 /// The same with priority and traffic lights.
 const HIGH_STREET: Profile = Profile { pavement_m: 3.5, speed_kmh: 40, main: true, ..LANE };
 /// One lane each way between fields.
 const COUNTRY: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.7, pavement_m: 1.8, speed_kmh: 70, verge: true, ..LANE };
 /// Four lanes each way.
 const FREEWAY: Profile = Profile { n_lanes: 4, verge: true, ..HIGHWAY };
+/// Round a roundabout, counter-clockwise.
+const CIRCLE: Profile = Profile { lane_m: 5.0, pavement_m: 2.5, speed_kmh: 30, one_way: true, ..LANE };
 /// Between highways.
 const LINK: Profile = Profile { speed_kmh: 60, verge: true, ..AVENUE };
 /// Three lanes each way.
-const BOULEVARD: Profile =
-    Profile { n_lanes: 3, lane_m: 3.5, edge: Edge::Gutter, edge_m: 0.5, pavement_m: 4.5, speed_kmh: 60, main: true, verge: false };
+const BOULEVARD: Profile = Profile {
+    n_lanes: 3,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.5,
+    pavement_m: 4.5,
+    speed_kmh: 60,
+    main: true,
+    verge: false,
+    one_way: false,
+};
 
 /// Collects nodes and streets.
 struct Sketch {
@@ -56,7 +76,20 @@ impl Sketch {
     /// A street through rounded corners: (x, y, radius).
     fn street(&mut self, from: usize, to: usize, corners: &[(f64, f64, f64)], profile: Profile) {
         let bends = corners.iter().map(|&(x, y, radius_m)| Bend { corner_m: P2::new(x, y), radius_m }).collect();
-        self.plan.streets.push(crate::plan::Street { from, to, bends, profile, crest_m: 0.0 });
+        self.plan.streets.push(crate::plan::Street { from, to, bends, profile, crest_m: 0.0, tunnel: false });
+    }
+
+    /// A roundabout about a point with one junction per heading (counter-clockwise, radians).
+    fn roundabout(&mut self, centre: P2, radius_m: f64, headings: &[f64]) -> Vec<usize> {
+        let nodes: Vec<usize> = headings.iter().map(|&h| centre + unit(h) * radius_m).map(|p| self.node(p.x, p.y)).collect();
+        for i in 0..nodes.len() {
+            let k = (i + 1) % nodes.len();
+            let turn = (headings[k] - headings[i]).rem_euclid(std::f64::consts::TAU);
+            let corner = centre + unit(headings[i] + 0.5 * turn) * (radius_m / (0.5 * turn).cos());
+            self.street(nodes[i], nodes[k], &[(corner.x, corner.y, radius_m)], CIRCLE);
+        }
+        self.plan.parks_m.push(centre);
+        nodes
     }
 
     /// Gives the street drawn last a hump (or a dip).
@@ -235,5 +268,58 @@ pub fn long_highways(name: &str, seed: u64) -> Plan {
     s.street(east, north[2], &[(w, h, 90.0)], HIGHWAY);
     s.street(north[0], west, &[(-w, h, 90.0)], HIGHWAY);
     s.plan.hills_m = 18.0;
+    s.plan
+}
+
+/// Town03: a hilly town about a large roundabout, and a tunnel.
+pub fn roundabouts(name: &str, seed: u64) -> Plan {
+    use std::f64::consts::{FRAC_PI_2, PI};
+    let mut s = Sketch::new(name, seed, 0x103, (45.76, 4.84), Houses::Towers { within_m: 0.0 });
+    let (w, h) = (270.0, 225.0);
+    let xs = s.moved([-155.0, 0.0, 160.0], 4.0);
+    let ys = s.moved([-120.0, 0.0, 122.0], 4.0);
+    let [x1, y1] = [xs[1], ys[1]];
+    let centre = s.roundabout(P2::new(x1, y1), 34.0, &[0.0, FRAC_PI_2, PI, -FRAC_PI_2]);
+    let second = s.roundabout(P2::new(xs[2], y1), 27.0, &[0.0, FRAC_PI_2, PI, -FRAC_PI_2]);
+    let south = xs.map(|x| s.node(x, -h));
+    let north = xs.map(|x| s.node(x, h));
+    let west = ys.map(|y| s.node(-w, y));
+    let east = ys.map(|y| s.node(w, y));
+    let low = xs.map(|x| s.node(x, ys[0]));
+    let high = xs.map(|x| s.node(x, ys[2]));
+    let middle_west = s.node(xs[0], y1);
+    s.chain(&[west[1], middle_west, centre[2]], LANE);
+    s.chain(&[centre[0], second[2]], LANE);
+    s.chain(&[second[0], east[1]], LANE);
+    s.chain(&[south[1], low[1], centre[3]], LANE);
+    s.chain(&[centre[1], high[1], north[1]], LANE);
+    s.chain(&[west[0], low[0], low[1], low[2], east[0]], HIGH_STREET);
+    s.chain(&[west[2], high[0], high[1], high[2], east[2]], HIGH_STREET);
+    s.chain(&[south[0], low[0], middle_west, high[0], north[0]], STREET);
+    s.chain(&[south[2], low[2], second[3]], LANE);
+    s.chain(&[second[1], high[2], north[2]], LANE);
+    s.chain(&south, LANE);
+    s.chain(&north, LANE);
+    s.chain(&west, LANE);
+    s.chain(&east, LANE);
+    s.street(west[0], south[0], &[(-w, -h, 40.0)], LANE);
+    s.street(south[2], east[0], &[(w, -h, 40.0)], LANE);
+    s.street(east[2], north[2], &[(w, h, 40.0)], LANE);
+    s.street(north[0], west[2], &[(-w, h, 40.0)], LANE);
+    for street in s.plan.streets.iter_mut().filter(|street| street.from == north[1]) {
+        street.tunnel = true;
+    }
+    for i in 0..s.plan.nodes_m.len() {
+        // A roundabout is level.
+        let p = if i < 4 {
+            P2::new(x1, y1)
+        } else if i < 8 {
+            P2::new(xs[2], y1)
+        } else {
+            s.plan.nodes_m[i]
+        };
+        s.plan.heights_m[i] = 6.0 + 5.0 * (p.x / 150.0 + 0.6).sin() * (p.y / 140.0 - 0.4).cos();
+    }
+    s.plan.hills_m = 34.0;
     s.plan
 }

@@ -77,7 +77,7 @@ pub struct Town {
 
 impl Town {
     /// Names that [`Town::generate`] knows. `_Opt` behind a name is the same town.
-    pub const NAMES: [&'static str; 6] = ["Town01", "Town02", "Town05", "Town06", "Town07", "Town10HD"];
+    pub const NAMES: [&'static str; 7] = ["Town01", "Town02", "Town03", "Town05", "Town06", "Town07", "Town10HD"];
 
     /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change nothing.
     pub fn generate(name: &str, seed: u64) -> Result<Town, TownError> {
@@ -104,6 +104,7 @@ fn plan_of(name: &str, seed: u64) -> Option<Plan> {
     Some(match name {
         "Town01" => sketch::small_town(name, seed),
         "Town02" => sketch::compact(name, seed),
+        "Town03" => sketch::roundabouts(name, seed),
         "Town05" => sketch::multi_lane_grid(name, seed),
         "Town06" => sketch::long_highways(name, seed),
         "Town07" => sketch::country(name, seed),

@@ -45,7 +45,7 @@ fn names_are_forgiving_and_unknown_ones_are_named() {
     assert_eq!(Town::generate("Carla/Maps/Town10HD_Opt", 1).expect("long name").name, "Town10HD");
     let error = Town::generate("Town99", 1).expect_err("no such town");
     assert_eq!(error, TownError::Unknown { name: "Town99".to_owned() });
-    assert_eq!(error.to_string(), "map \"Town99\" not found; generated towns are Town01, Town02, Town05, Town06, Town07, Town10HD");
+    assert_eq!(error.to_string(), "map \"Town99\" not found; generated towns are Town01, Town02, Town03, Town05, Town06, Town07, Town10HD");
 }
 
 #[test]
