@@ -23,14 +23,14 @@ const GAUSS: [(f64, f64); 5] = [
 
 /// Most intervals of an arc-length table.
 const MAX_INTERVALS: usize = 4096;
-/// Most pieces a clothoid is integrated in.
-const MAX_PIECES: f64 = 128.0;
+/// Turn over which one application of the rule is exact to rounding, radians.
+const TURN_PER_PIECE_RAD: f64 = 0.5;
 
 /// What a geometry record draws.
 #[derive(Clone, Debug)]
 pub(crate) enum Shape {
     Arc { curvature_per_m: f64 },
-    Spiral { start_per_m: f64, rate_per_m2: f64 },
+    Spiral(Spiral),
     Param(ParamCurve),
 }
 
@@ -50,7 +50,7 @@ impl Geometry {
     pub fn at(&self, ds_m: f64) -> PlanPoint {
         let (u, v, turn, curvature_per_m) = match &self.shape {
             Shape::Arc { curvature_per_m } => arc(*curvature_per_m, ds_m),
-            Shape::Spiral { start_per_m, rate_per_m2 } => spiral(*start_per_m, *rate_per_m2, ds_m),
+            Shape::Spiral(spiral) => spiral.at(ds_m),
             Shape::Param(curve) => curve.at(ds_m),
         };
         let (sin, cos) = self.heading_rad.sin_cos();
@@ -72,22 +72,50 @@ fn arc(k: f64, s: f64) -> (f64, f64, f64, f64) {
     (s * sinc_half * half.cos(), s * sinc_half * half.sin(), turn, k)
 }
 
-/// The same for a clothoid whose curvature is `k0 + rate · s`.
-fn spiral(k0: f64, rate: f64, s: f64) -> (f64, f64, f64, f64) {
-    let angle = |x: f64| x * (k0 + 0.5 * rate * x);
-    let largest = (k0 * s).abs() + (0.5 * rate * s * s).abs();
-    let pieces = (largest / 0.5).ceil().clamp(1.0, MAX_PIECES);
-    let step = s / pieces;
-    let (mut u, mut v) = (0.0, 0.0);
-    for piece in 0..pieces as usize {
-        let middle = (piece as f64 + 0.5) * step;
-        for (node, weight) in GAUSS {
-            let (sin, cos) = angle(middle + 0.5 * step * node).sin_cos();
-            u += weight * cos;
-            v += weight * sin;
+/// A clothoid, with its points at the ends of equal pieces integrated beforehand.
+#[derive(Clone, Debug)]
+pub(crate) struct Spiral {
+    start_per_m: f64,
+    rate_per_m2: f64,
+    piece_m: f64,
+    knots: Vec<[f64; 2]>,
+}
+
+impl Spiral {
+    /// Curvature changes evenly from start to end. Curves tighter than the number of pieces allows are drawn coarsely.
+    pub fn new(start_per_m: f64, end_per_m: f64, length_m: f64) -> Spiral {
+        let most = (4.0 * length_m).clamp(8.0, MAX_INTERVALS as f64);
+        let pieces = (length_m * start_per_m.abs().max(end_per_m.abs()) / TURN_PER_PIECE_RAD).ceil().clamp(1.0, most);
+        let mut spiral =
+            Spiral { start_per_m, rate_per_m2: (end_per_m - start_per_m) / length_m, piece_m: length_m / pieces, knots: vec![[0.0; 2]] };
+        for piece in 1..=pieces as usize {
+            spiral.knots.push(spiral.from_knot(piece - 1, piece as f64 * spiral.piece_m));
         }
+        spiral
     }
-    (u * 0.5 * step, v * 0.5 * step, angle(s), k0 + rate * s)
+
+    fn turn(&self, s: f64) -> f64 {
+        s * (self.start_per_m + 0.5 * self.rate_per_m2 * s)
+    }
+
+    /// The point at `s`, integrated from a knot.
+    fn from_knot(&self, knot: usize, s: f64) -> [f64; 2] {
+        let from = knot as f64 * self.piece_m;
+        let (middle, half) = (0.5 * (from + s), 0.5 * (s - from));
+        let [mut u, mut v] = self.knots[knot];
+        for (node, weight) in GAUSS {
+            let (sin, cos) = self.turn(middle + half * node).sin_cos();
+            u += half * weight * cos;
+            v += half * weight * sin;
+        }
+        [u, v]
+    }
+
+    fn at(&self, s: f64) -> (f64, f64, f64, f64) {
+        let knot = ((s / self.piece_m).max(0.0) as usize).min(self.knots.len() - 1);
+        let [u, v] = self.from_knot(knot, s);
+        (u, v, self.turn(s), self.start_per_m + self.rate_per_m2 * s)
+    }
 }
 
 /// A parametric cubic with its arc length tabulated over equal steps of the parameter.
@@ -191,7 +219,7 @@ mod tests {
 
     #[test]
     fn spiral_agrees_with_fine_integration() {
-        let g = geometry(Shape::Spiral { start_per_m: -0.02, rate_per_m2: 0.003 }, 60.0);
+        let g = geometry(Shape::Spiral(Spiral::new(-0.02, 0.16, 60.0)), 60.0);
         let (mut x, mut y) = (1.0, 2.0);
         let n = 600_000;
         for i in 0..n {

@@ -1,4 +1,4 @@
-//! Nearest lane: a hash-free grid over short chords of all lane middles.
+//! Nearest lane: a grid over short chords of all lane middles.
 
 /// Side of a cell, metres.
 const CELL_M: f64 = 8.0;
@@ -127,21 +127,25 @@ impl Grid {
         side(p[0], self.origin_m[0], column, self.columns).min(side(p[1], self.origin_m[1], row, self.rows))
     }
 
+    /// Visits the cells whose larger distance in columns or rows is exactly `ring`.
     fn visit_ring(&self, column: i64, row: i64, ring: i64, mut visit: impl FnMut(&Chord)) {
+        let columns = (column - ring).max(0)..=(column + ring).min(self.columns - 1);
         let rows = (row - ring).max(0)..=(row + ring).min(self.rows - 1);
-        for r in rows {
-            let whole = r == row - ring || r == row + ring;
-            let step = if whole || ring == 0 { 1 } else { 2 * ring };
-            let mut c = column - ring;
-            while c <= column + ring {
-                if (0..self.columns).contains(&c) {
-                    let cell = (r * self.columns + c) as usize;
-                    for entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
-                        visit(&self.chords[*entry as usize]);
-                    }
-                }
-                c += step;
-            }
+        let sides = if ring == 0 { &[0][..] } else { &[-1, 1][..] };
+        for r in sides.iter().map(|side| row + side * ring).filter(|r| rows.contains(r)) {
+            columns.clone().for_each(|c| self.visit_cell(c, r, &mut visit));
+        }
+        for c in sides.iter().map(|side| column + side * ring).filter(|c| ring > 0 && columns.contains(c)) {
+            // The corners belong to the rows above.
+            let between = rows.clone().filter(|r| (r - row).abs() < ring);
+            between.for_each(|r| self.visit_cell(c, r, &mut visit));
+        }
+    }
+
+    fn visit_cell(&self, column: i64, row: i64, visit: &mut impl FnMut(&Chord)) {
+        let cell = (row * self.columns + column) as usize;
+        for entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
+            visit(&self.chords[*entry as usize]);
         }
     }
 }

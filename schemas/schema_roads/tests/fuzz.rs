@@ -6,8 +6,7 @@ use std::time::{Duration, Instant};
 
 use schema_roads::{LanePosition, RoadMap};
 
-const NUMBERS: [&str; 12] =
-    ["0", "-1", "1e9", "-1e9", "1e308", "NaN", "inf", "1e-12", "999999", "4294967295", "0.5", "-0.0000001"];
+const NUMBERS: [&str; 12] = ["0", "-1", "1e9", "-1e9", "1e308", "NaN", "inf", "1e-12", "999999", "4294967295", "0.5", "-0.0000001"];
 
 /// One change of the text that keeps it likely to be XML.
 fn mutate(text: &mut Vec<u8>, random: &mut fastrand::Rng) {
@@ -64,7 +63,7 @@ fn mutated_maps_neither_panic_nor_hang() {
     let seeds = [common::t_junction(), common::document(&[spiral, cubic, poly3], "")];
     let mut random = fastrand::Rng::with_seed(20_261_121);
     let (mut maps, mut slowest) = (0, Duration::ZERO);
-    for round in 0..4000 {
+    for round in 0..1000 {
         let mut bytes = seeds[round % seeds.len()].clone().into_bytes();
         for _ in 0..random.u32(1..6) {
             mutate(&mut bytes, &mut random);
@@ -76,7 +75,7 @@ fn mutated_maps_neither_panic_nor_hang() {
         }
         slowest = slowest.max(started.elapsed());
     }
-    assert!(maps > 1000, "only {maps} of the mutants were maps");
+    assert!(maps > 500, "only {maps} of the mutants were maps");
     assert!(slowest < Duration::from_secs(10), "{slowest:?}");
 }
 

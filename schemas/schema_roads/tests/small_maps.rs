@@ -131,9 +131,7 @@ fn nearest_agrees_with_a_search_of_everything() {
 
 #[test]
 fn marks_allow_or_forbid_lane_changes() {
-    let lane = |id: i8, mark: &str| {
-        format!(r#"<lane id="{id}" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/>{mark}</lane>"#)
-    };
+    let lane = |id: i8, mark: &str| format!(r#"<lane id="{id}" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/>{mark}</lane>"#);
     let mark = |change: &str, s: f64| format!(r#"<roadMark sOffset="{s}" type="broken" color="white" width="0.1" laneChange="{change}"/>"#);
     let mut road = RoadText::new(1, 40.0, &geometry(0.0, 0.0, 0.0, 0.0, 40.0, "<line/>"));
     road.lanes = format!(
@@ -154,7 +152,7 @@ fn marks_allow_or_forbid_lane_changes() {
 
 #[test]
 fn what_is_wrong_is_said_with_its_place() {
-    let error = RoadMap::parse("<OpenDRIVE>\n  <road").unwrap_err();
+    let error = RoadMap::parse("<OpenDRIVE>\n  <road></raod></OpenDRIVE>").unwrap_err();
     assert!(matches!(error, MapError::Xml { line: 2, .. }), "{error}");
     assert!(RoadMap::parse("<osm/>").unwrap_err().to_string().contains("<osm>"));
     assert_eq!(RoadMap::parse("<OpenDRIVE/>").unwrap_err(), MapError::Empty);
@@ -168,8 +166,7 @@ fn what_is_wrong_is_said_with_its_place() {
 #[test]
 fn positions_agree_with_another_reader() {
     let spiral = r#"<spiral curvStart="0" curvEnd="0.05"/>"#;
-    let cubic = r#"<paramPoly3 aU="0" bU="40" cU="-4" dU="1" aV="0" bV="0" cV="9" dV="-5" pRange="normalized"/>"#;
-    let shapes = [("a", spiral, 40.0), ("b", cubic, 37.3)];
+    let shapes = [("spiral", spiral, 40.0), ("arc", r#"<arc curvature="-0.03"/>"#, 55.0), ("line", "<line/>", 12.5)];
     for (name, shape, length) in shapes {
         let mut road = RoadText::new(1, length, &geometry(0.0, 3.0, -2.0, 0.4, length, shape));
         road.profiles = r#"<elevationProfile><elevation s="0" a="1" b="0.02" c="0.001" d="0"/></elevationProfile>"#.into();

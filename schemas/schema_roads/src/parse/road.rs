@@ -4,7 +4,7 @@ use roxmltree::Node;
 
 use super::xml::{Reader, child, children, tag, text};
 use super::{contact_point, lane};
-use crate::curve::{Geometry, ParamCurve, Shape};
+use crate::curve::{Geometry, ParamCurve, Shape, Spiral};
 use crate::profile::{Cubic, Profile};
 use crate::raw::{Road, RoadLink};
 
@@ -126,7 +126,7 @@ fn shape(reader: &mut Reader, node: Node, length_m: f64) -> Shape {
         "spiral" => {
             let start_per_m = reader.number(kind, "curvStart", 0.0);
             let end = reader.number(kind, "curvEnd", 0.0);
-            return Shape::Spiral { start_per_m, rate_per_m2: (end - start_per_m) / length_m };
+            return Shape::Spiral(Spiral::new(start_per_m, end, length_m));
         }
         "poly3" => ParamCurve::cubic(reader.coefficients(kind, ["a", "b", "c", "d"]), length_m),
         "paramPoly3" => {
