@@ -1,6 +1,6 @@
 //! Draws a town, or every vehicle body, on the CPU: for looking at what the generator makes.
 //!
-//! `cargo run --release -p simd_town --example picture -- OUT_FOLDER [TOWN] [SEED]`
+//! `cargo run --release -p simd_town --example picture -- OUT_FOLDER [TOWN] [SEED] [X Y Z YAW_DEG]`
 
 use std::path::Path;
 use std::time::Instant;
@@ -206,7 +206,7 @@ fn fleet(folder: &Path) -> Result<(), Box<dyn std::error::Error>> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let folder = std::path::PathBuf::from(args.next().ok_or("usage: picture OUT_FOLDER [TOWN] [SEED]")?);
+    let folder = std::path::PathBuf::from(args.next().ok_or("usage: picture OUT_FOLDER [TOWN] [SEED] [X Y Z YAW_DEG]")?);
     let name = args.next().unwrap_or_else(|| "Town10HD".to_owned());
     let seed = args.next().map_or(Ok(1), |text| text.parse())?;
     std::fs::create_dir_all(&folder)?;
@@ -242,6 +242,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
         canvas.save(&folder.join(name))
     };
+    let place: Vec<f64> = args.map(|text| text.parse()).collect::<Result<_, _>>()?;
+    if let [x, y, z, yaw_deg] = place[..] {
+        return view("here.png", Vector3::new(x, y, z), yaw_deg.to_radians(), -0.03, 90.0);
+    }
     let at = |i: usize| -> &Pose { &town.spawn_points[i % town.spawn_points.len()] };
     for i in [3, 57, 101, 150, 190, 240, 300, 340] {
         let p = at(i);

@@ -27,7 +27,7 @@ pub fn tree(kind: usize) -> Mesh {
         .collect();
     let bark = Surface::new(Class::VEGETATION, Material::Bark, [92, 76, 60]);
     let split = height * 0.42;
-    for (level, until_m) in [(0, 26.0), (1, 75.0), (2, f32::INFINITY)] {
+    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, f32::INFINITY)] {
         let n = [8, 5, 3][level];
         tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.02, 0.03, split], 0.11), n);
         if level == 0 {

@@ -135,7 +135,7 @@ fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
             append(&mut car, &parts.wheel, level, &Isometry3::new(Vector3::from(site.centre_m), turn));
         }
         let n_indices = car.indices.len() as u32 - first_idx;
-        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m: [12.0, 26.0, 240.0][level] });
+        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m: [10.0, 20.0, 200.0][level] });
     }
     for vertex in &mut car.vertices {
         if vertex.material == sensor_core::Material::CarPaint as u8 {

@@ -65,6 +65,25 @@ fn spawn_points_keep_their_distance() {
 }
 
 #[test]
+fn spawn_points_hover_over_the_road() {
+    for town in towns(3) {
+        let road = &town.collision[0];
+        for point in town.spawn_points.iter().step_by(5) {
+            let [x, y, z] = point.translation_m.map(|x| x as f32);
+            let heights = road.triangles.iter().filter_map(|t| {
+                let p = t.map(|i| road.vertices_m[i as usize]);
+                let weight = |a: [f32; 3], b: [f32; 3]| (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
+                let w = [weight(p[1], p[2]), weight(p[2], p[0]), weight(p[0], p[1])];
+                let area: f32 = w.iter().sum();
+                w.iter().all(|&w| w >= 0.0).then(|| (0..3).map(|i| w[i] / area * p[i][2]).sum::<f32>())
+            });
+            let off = heights.map(|height| z - 0.3 - height).fold(f32::INFINITY, |a, b| if b.abs() < a.abs() { b } else { a });
+            assert!(off.abs() < 0.02, "{}: {point:?} is {off} m off", town.name);
+        }
+    }
+}
+
+#[test]
 fn a_lorry_fits_on_every_spawn_point() {
     for town in towns(1) {
         let solid = town.collision.iter().find(|c| c.name == "buildings and poles").expect("solid things");
