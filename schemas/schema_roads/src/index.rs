@@ -93,28 +93,34 @@ impl Grid {
         (self.starts, self.entries) = (starts, entries);
     }
 
-    /// The nearest chord among lanes that pass, and the share of it at the foot.
+    /// The nearest chord of each lane that passes, for lanes within `slack_m` of the nearest, with the share of the chord at its foot.
     /// Chords are shorter than `reach_m`, so one listed in a cell reaches at most half of that out of it.
-    pub fn nearest(&self, p: [f64; 3], reach_m: f64, mut passes: impl FnMut(u32) -> bool) -> Option<(Chord, f64)> {
+    pub fn near(&self, p: [f64; 3], reach_m: f64, slack_m: f64, mut passes: impl FnMut(u32) -> bool) -> Vec<(Chord, f64)> {
         let (column, row) = self.cell(p[0], p[1]);
         // Rings count from the nearest cell inside the grid.
         let (column, row) = (column.clamp(0, self.columns - 1), row.clamp(0, self.rows - 1));
-        let mut best: Option<(f64, Chord, f64)> = None;
+        let mut limit = f64::INFINITY;
+        let mut found: Vec<(f64, Chord, f64)> = Vec::new();
         for ring in 0..=self.columns.max(self.rows) {
-            if let Some((distance2, ..)) = best {
-                let clear = self.ring_distance(p, column, row, ring) - 0.5 * reach_m;
-                if clear > 0.0 && clear * clear > distance2 {
-                    break;
-                }
+            if self.ring_distance(p, column, row, ring) - 0.5 * reach_m > limit {
+                break;
             }
             self.visit_ring(column, row, ring, |chord| {
                 let (distance2, share) = chord.foot(p);
-                if best.is_none_or(|(b, ..)| distance2 < b) && passes(chord.lane) {
-                    best = Some((distance2, *chord, share));
+                let distance = distance2.sqrt();
+                if distance > limit || !passes(chord.lane) {
+                    return;
                 }
+                limit = limit.min(distance + slack_m);
+                match found.iter_mut().find(|f| f.1.lane == chord.lane) {
+                    Some(known) if known.0 <= distance => {}
+                    Some(known) => *known = (distance, *chord, share),
+                    None => found.push((distance, *chord, share)),
+                }
+                found.retain(|f| f.0 <= limit);
             });
         }
-        best.map(|(_, chord, share)| (chord, share))
+        found.into_iter().map(|(_, chord, share)| (chord, share)).collect()
     }
 
     /// Least horizontal distance from `p` to the cells of the ring or beyond; sides beyond which the grid has none do not count.

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use crate::graph;
+use crate::index::Chord;
 use crate::lane::{Lane, LaneKey, LanePosition};
 use crate::map::RoadMap;
 use crate::marks::{MarkLine, MarkRecord, mark_at};
@@ -13,6 +14,8 @@ use crate::road::{Edges, Station};
 const MAX_BRANCHES: usize = 64;
 /// Most lanes one walk looks at.
 const MAX_VISITS: usize = 4096;
+/// How far the index's chords may lie off the lanes they stand for, metres.
+const CHORD_SLACK_M: f64 = 0.15;
 /// Most points of a polyline.
 const MAX_POINTS: f64 = 1.0e6;
 
@@ -83,9 +86,16 @@ impl RoadMap {
         if !point.iter().all(|x| x.is_finite()) {
             return None;
         }
-        let (chord, share) = self.grid.nearest(point, self.chord_reach_m, |idx| filter(&self.lanes[idx as usize]))?;
-        let lane = &self.lanes[chord.lane as usize];
-        Some(self.refine(lane, chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]), point))
+        // Chords cut bends by less than the slack, so the nearest lane is among these.
+        let near = self.grid.near(point, self.chord_reach_m, CHORD_SLACK_M, |idx| filter(&self.lanes[idx as usize]));
+        let place = |(chord, share): &(Chord, f64)| {
+            let lane = &self.lanes[chord.lane as usize];
+            let at = self.refine(lane, chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]), point);
+            let p = self.middle_point(lane, at.s_m);
+            ((0..3).map(|i| (p[i] - point[i]).powi(2)).sum::<f64>(), at)
+        };
+        let best = near.iter().map(place).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.lane.cmp(&b.1.lane)));
+        best.map(|(_, at)| at)
     }
 
     /// The nearest place on one lane; `None` for an unknown lane.

@@ -57,6 +57,20 @@ fn quarter_circle() {
 }
 
 #[test]
+fn heading_is_the_direction_of_the_middle_also_where_a_lane_widens_on_a_bend() {
+    let mut road = RoadText::new(1, 40.0, &geometry(0.0, 0.0, 0.0, 0.0, 40.0, r#"<arc curvature="0.04"/>"#));
+    road.lanes = r#"<laneOffset s="0" a="0" b="0" c="0.002" d="0"/><laneSection s="0"><left><lane id="1" type="driving"><width sOffset="0" a="2" b="0.05" c="0" d="0"/></lane></left><center><lane id="0" type="none"/></center></laneSection>"#.into();
+    let map = RoadMap::parse(&document(&[road], "")).unwrap();
+    for i in 1..40 {
+        let place = |s: f64| at(&map, LanePosition::new(key(1, 1), s));
+        let (s, h) = (f64::from(i), 1e-4);
+        let ((a, _), (b, _), (_, yaw)) = (place(s - h), place(s + h), place(s));
+        let direction = (b[1] - a[1]).atan2(b[0] - a[0]);
+        assert!(((yaw - direction + PI).rem_euclid(2.0 * PI) - PI).abs() < 1e-7, "{yaw} {direction}");
+    }
+}
+
+#[test]
 fn superelevation_lifts_the_left_side() {
     let mut road = RoadText::new(1, 10.0, &geometry(0.0, 0.0, 0.0, 0.0, 10.0, "<line/>"));
     road.profiles = r#"<lateralProfile><superelevation s="0" a="0.1" b="0" c="0" d="0"/></lateralProfile>"#.into();
