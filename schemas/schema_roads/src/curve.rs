@@ -89,7 +89,7 @@ impl Spiral {
         let mut spiral =
             Spiral { start_per_m, rate_per_m2: (end_per_m - start_per_m) / length_m, piece_m: length_m / pieces, knots: vec![[0.0; 2]] };
         for piece in 1..=pieces as usize {
-            spiral.knots.push(spiral.from_knot(piece - 1, piece as f64 * spiral.piece_m));
+            spiral.knots.push(spiral.beyond_knot(piece - 1, piece as f64 * spiral.piece_m));
         }
         spiral
     }
@@ -99,7 +99,7 @@ impl Spiral {
     }
 
     /// The point at `s`, integrated from a knot.
-    fn from_knot(&self, knot: usize, s: f64) -> [f64; 2] {
+    fn beyond_knot(&self, knot: usize, s: f64) -> [f64; 2] {
         let from = knot as f64 * self.piece_m;
         let (middle, half) = (0.5 * (from + s), 0.5 * (s - from));
         let [mut u, mut v] = self.knots[knot];
@@ -113,7 +113,7 @@ impl Spiral {
 
     fn at(&self, s: f64) -> (f64, f64, f64, f64) {
         let knot = ((s / self.piece_m).max(0.0) as usize).min(self.knots.len() - 1);
-        let [u, v] = self.from_knot(knot, s);
+        let [u, v] = self.beyond_knot(knot, s);
         (u, v, self.turn(s), self.start_per_m + self.rate_per_m2 * s)
     }
 }

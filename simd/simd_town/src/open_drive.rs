@@ -67,7 +67,7 @@ fn header(out: &mut String, plan: &Plan) {
 fn kind(speed_kmh: u32) -> &'static str {
     match speed_kmh {
         ..=65 => "town",
-        ..=85 => "rural",
+        66..=85 => "rural",
         _ => "motorway",
     }
 }

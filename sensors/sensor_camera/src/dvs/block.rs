@@ -127,8 +127,8 @@ impl Block {
     #[inline(always)]
     pub fn crosses(&self, levels: &Lanes) -> bool {
         let mut beyond = f32::NEG_INFINITY;
-        for lane in 0..LANES {
-            beyond = larger(larger(levels[lane] - self.high[lane], self.low[lane] - levels[lane]), beyond);
+        for ((level, high), low) in levels.iter().zip(&self.high).zip(&self.low) {
+            beyond = larger(larger(level - high, low - level), beyond);
         }
         beyond >= 0.0
     }
