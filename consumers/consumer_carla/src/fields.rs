@@ -33,6 +33,11 @@ impl<'v> Fields<'v> {
         value.ok_or_else(|| format!("{} has {} fields, but field {} is needed", self.what, self.items.len(), self.next))
     }
 
+    /// The fields that were not read yet.
+    pub fn rest(&self) -> &'v [Value] {
+        self.items.get(self.next..).unwrap_or_default()
+    }
+
     fn wrong<T>(&self, value: &Value, wanted: &str) -> Result<T, Wrong> {
         Err(format!("field {} of {} is {}, but must be {wanted}", self.next, self.what, value.kind()))
     }

@@ -151,6 +151,50 @@ const NOT_THERE: &[&str] = &[
     "clear_debug_string",
 ];
 
+/// Methods that do something, for tests that call them all.
+pub const METHODS: &[&str] = &[
+    "version",
+    "get_available_maps",
+    "get_episode_info",
+    "get_sensor_token",
+    "get_episode_settings",
+    "set_episode_settings",
+    "tick_cue",
+    "load_new_episode",
+    "get_map_info",
+    "get_map_data",
+    "get_required_files",
+    "query_lights_state",
+    "get_actor_definitions",
+    "get_weather_parameters",
+    "set_weather_parameters",
+    "get_spectator",
+    "get_actors_by_id",
+    "spawn_actor",
+    "spawn_actor_with_parent",
+    "destroy_actor",
+    "set_actor_location",
+    "set_actor_transform",
+    "set_actor_target_velocity",
+    "get_actor_bounding_box",
+    "set_actor_simulate_physics",
+    "set_actor_autopilot",
+    "apply_control_to_vehicle",
+    "get_vehicle_light_state",
+    "set_vehicle_light_state",
+    "get_vehicle_light_states",
+    "set_traffic_light_state",
+    "freeze_traffic_light",
+    "freeze_all_traffic_lights",
+    "reset_all_traffic_lights",
+    "get_group_traffic_lights",
+    "apply_batch",
+    "is_traffic_manager_running",
+    "get_traffic_manager_running",
+    "add_traffic_manager_running",
+    "destroy_traffic_manager",
+];
+
 /// Whether the method's answer has no value.
 pub fn is_void(method: &str) -> bool {
     VOID.contains(&method)

@@ -229,8 +229,14 @@ fn weather_values(weather: &Weather) -> [f32; 10] {
     ]
 }
 
-/// CARLA checks nothing, so values outside their range are taken as the nearest one inside.
+/// CARLA checks nothing, so values outside their range are taken as the nearest one inside. `WeatherParameters.Default` is −1 throughout
+/// and means the map's own weather.
 fn read_weather(given: &mut Fields<'_>) -> Result<(Weather, [f32; 4]), Wrong> {
+    let mut ahead = Fields::new("the weather", given.rest());
+    let mut is_default = true;
+    for _ in 0..10 {
+        is_default &= ahead.f32()? == -1.0;
+    }
     let percent = |given: &mut Fields<'_>| given.f32().map(|x| x.clamp(0.0, 100.0));
     let weather = Weather {
         cloudiness: percent(given)?,
@@ -244,7 +250,8 @@ fn read_weather(given: &mut Fields<'_>) -> Result<(Weather, [f32; 4]), Wrong> {
         fog_falloff: percent(given)?,
         wetness: percent(given)?,
     };
-    Ok((weather, [given.f32()?, given.f32()?, given.f32()?, given.f32()?]))
+    let extras = [given.f32()?, given.f32()?, given.f32()?, given.f32()?];
+    Ok((if is_default { Weather::default() } else { weather }, extras))
 }
 
 #[cfg(test)]
@@ -256,6 +263,13 @@ mod tests {
         for asked in ["Town10HD", "Carla/Maps/Town10HD", "/Game/Carla/Maps/Town10HD_Opt"] {
             assert_eq!(own_map(asked), "Town10HD");
         }
+    }
+
+    #[test]
+    fn the_default_preset_is_the_maps_own_weather() {
+        let given = vec![Value::F32(-1.0); 14];
+        assert_eq!(read_weather(&mut Fields::new("test", &given)).unwrap().0, Weather::default());
+        assert!(read_weather(&mut Fields::new("test", &given[..13])).unwrap_err().contains("field 14"));
     }
 
     #[test]

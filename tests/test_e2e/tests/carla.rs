@@ -41,11 +41,13 @@ fn the_stock_client_looks_round_steps_and_drives() {
     // The client keeps a cache in its home folder, which must not be the tester's.
     let home = sandbox.path("");
     let env = [("HOME", home.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
-    let ended = sandbox.spawn_program("python", &venv_program("python"), &args, &env).wait().expect_code(0);
+    let python = |args: &[&str]| sandbox.spawn_program("python", &venv_program("python"), args, &env).wait().expect_code(0);
+    let ended = python(&args);
     for theme in ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"]
     {
         assert!(ended.says(&format!("{theme} passed")), "{:?}", ended.lines);
     }
+    assert!(python(&args[..2]).says("loading passed"));
     gateway.stop().expect_code(0);
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
