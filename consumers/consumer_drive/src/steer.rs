@@ -10,15 +10,17 @@ use crate::world::Mover;
 const DAMPING: f64 = 0.9;
 /// Delay between a command and the turning it causes that is made up for by looking ahead, seconds.
 const PREVIEW_SECS: f64 = 0.15;
-/// Share of a stationary offset that is integrated away per metre.
-const INTEGRAL_PER_M: f64 = 0.004;
+/// Gain of the integral of the offset in units of 1/ℓ³: slow beside the return itself at every speed.
+const INTEGRAL: f64 = 0.08;
+/// Largest offset that the integral makes up for, metres.
+const INTEGRAL_OFFSET_M: f64 = 0.3;
 
 /// Steering of one vehicle.
 #[derive(Clone, Debug)]
 pub struct Steering {
     wheelbase_m: f64,
     max_steer_rad: f64,
-    integral: f64,
+    integral_m: f64,
     last_ratio: f64,
 }
 
@@ -28,7 +30,7 @@ impl Steering {
         Steering {
             wheelbase_m: wheelbase_m.clamp(0.8, 12.0),
             max_steer_rad: max_steer_rad.clamp(0.15, 1.4),
-            integral: 0.0,
+            integral_m: 0.0,
             last_ratio: 0.0,
         }
     }
@@ -40,7 +42,7 @@ impl Steering {
 
     /// Forgets what was integrated.
     pub fn reset(&mut self) {
-        self.integral = 0.0;
+        self.integral_m = 0.0;
     }
 
     /// Steering ratio, positive to the left. `offset_m` is where to drive beside the path.
@@ -55,9 +57,10 @@ impl Steering {
         let length = 2.5 + 0.45 * speed;
         let error = (foot.offset_m - offset_m).clamp(-3.0, 3.0);
         if error.abs() < 1.0 {
-            self.integral = (self.integral + error * INTEGRAL_PER_M * speed * period_secs).clamp(-0.05, 0.05);
+            let step = INTEGRAL * error * speed * period_secs / length;
+            self.integral_m = (self.integral_m + step).clamp(-INTEGRAL_OFFSET_M, INTEGRAL_OFFSET_M);
         }
-        let feedback = -2.0 * DAMPING / length * course.sin() - error / (length * length) - self.integral;
+        let feedback = -2.0 * DAMPING / length * course.sin() - (error + self.integral_m) / (length * length);
         let wanted = (self.wheelbase_m * (ahead + feedback)).atan();
         let ratio = (wanted / self.max_steer_rad).clamp(-1.0, 1.0);
         // A wheel takes about half a second from the middle to the stop.

@@ -36,7 +36,7 @@ struct Stage {
 
 impl Stage {
     fn new(n_others: usize, seed: u64) -> Stage {
-        let town = simd_town::Town::generate("Town10HD", 1).unwrap();
+        let town = simd_town::Town::generate(&std::env::var("DRIVE_TOWN").unwrap_or("Town10HD".into()), 1).unwrap();
         let mut map = MapData::from(&town);
         if map.collision.is_empty() {
             map.collision = vec![CollisionMesh {
@@ -97,6 +97,21 @@ impl Stage {
                 }
             }
             if let Some(driver) = self.fleet.drivers().get(&mover.id) {
+                if std::env::var("DRIVE_TRACE").is_ok_and(|t| t.parse() == Ok(mover.id)) {
+                    let f = driver.foot();
+                    eprintln!(
+                        "T {:.2} v {:.2} off {:.3} course {:.4} steer {:.4} wheel {:.4} yawrate {:.4} k {:.4} s {:.1}",
+                        view.time_secs,
+                        mover.speed_mps,
+                        f.offset_m,
+                        consumer_drive::path::wrap(mover.yaw_rad - f.heading_rad),
+                        mover.steer_ratio,
+                        mover.wheel_steer_rad,
+                        mover.yaw_rate_radps,
+                        driver.path().at(f.arc_m).curvature_per_m,
+                        f.arc_m
+                    );
+                }
                 if driver.n_rescues() > log.n_rescues && std::env::var_os("DRIVE_LOG").is_some() {
                     eprintln!("t={:.2} {} backs off at {at:?}", view.time_secs, mover.id);
                     self.print_near(view, mover);
@@ -159,7 +174,8 @@ impl Stage {
 fn twenty_one_vehicles_flow_for_five_minutes_without_touching() {
     let minutes: f64 = std::env::var("DRIVE_MINUTES").ok().and_then(|m| m.parse().ok()).unwrap_or(5.0);
     let seed: u64 = std::env::var("DRIVE_SEED").ok().and_then(|m| m.parse().ok()).unwrap_or(1);
-    let mut stage = Stage::new(20, seed);
+    let cars: usize = std::env::var("DRIVE_CARS").ok().and_then(|m| m.parse().ok()).unwrap_or(20);
+    let mut stage = Stage::new(cars, seed);
     let mut view = World::default();
     for i in 0..(minutes * 1200.0) as u64 {
         view = stage.step();
