@@ -1,7 +1,6 @@
 //! Quality of service of every kind of topic: constants per schema version, never per run.
 //!
 //! Readers keep a service alive across a daemon's restart, and a daemon that came back with other numbers could not join it.
-//! `max_readers` of frames is the one number that a launch file may change, and then everything has to be restarted.
 
 /// Capacity of one kind of publish-subscribe topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
