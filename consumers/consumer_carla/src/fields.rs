@@ -67,6 +67,11 @@ impl<'v> Fields<'v> {
         self.uint(u32::MAX.into()).map(|n| n as u32)
     }
 
+    /// A port or another `u16`.
+    pub fn u16(&mut self) -> Result<u16, Wrong> {
+        self.uint(u16::MAX.into()).map(|n| n as u16)
+    }
+
     /// A `u8`.
     pub fn u8(&mut self) -> Result<u8, Wrong> {
         self.uint(u8::MAX.into()).map(|n| n as u8)

@@ -6,9 +6,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod actors;
 pub mod axes;
-pub mod batch;
 pub mod blueprints;
 pub mod commander;
 pub mod episode;
@@ -16,7 +14,7 @@ pub mod fields;
 pub mod gateway;
 pub mod msgpack;
 pub mod rpc;
-pub mod session;
+pub mod server;
 pub mod shapes;
 pub mod stream;
 pub mod world;

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
-use consumer_carla::{commander, gateway::Gateway, rpc, stream, world};
+use consumer_carla::{commander, gateway::Gateway, server, stream, world};
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Lets unmodified CARLA 0.9.16 clients look at the world on the bus and drive in it.
@@ -58,7 +58,7 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let talker = std::thread::Builder::new().name("commands".into()).spawn(move || commander::run(&domain, &here, &work, &flag))?;
     // These two wait for clients until the process ends; they hold nothing on the bus.
     std::thread::Builder::new().name("streams".into()).spawn(move || stream::serve(&listener, &streams))?;
-    std::thread::Builder::new().name("calls".into()).spawn(move || rpc::serve(&calls, &gateway))?;
+    std::thread::Builder::new().name("calls".into()).spawn(move || server::serve(&calls, &gateway))?;
     println!("listening on {0}:{port}, streams on {0}:{stream_port}", args.bind);
     while !shutdown.wait(Duration::from_millis(100)) && !follower.is_finished() && !talker.is_finished() {}
     stop.store(true, Ordering::Release);

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use consumer_carla::commander::commander;
-use consumer_carla::gateway::{Answer, Failure, Gateway, METHODS};
+use consumer_carla::gateway::{Answer, Failure, Gateway};
 use consumer_carla::list;
 use consumer_carla::msgpack::Value;
-use consumer_carla::rpc::{Request, response};
+use consumer_carla::rpc;
+use consumer_carla::server::{Request, response};
 use consumer_carla::world::World;
 use schema_frames::WorldInfo;
 use schema_frames::document::{StepMode, Weather};
@@ -56,7 +57,7 @@ fn odd(rng: &mut fastrand::Rng, depth: u32) -> Value {
 fn odd_arguments_are_answered() {
     let (gateway, mut rng) = (gateway(), fastrand::Rng::with_seed(1));
     for _ in 0..2000 {
-        for method in METHODS {
+        for method in rpc::methods() {
             let args = (0..rng.usize(0..4)).map(|_| odd(&mut rng, 4)).collect();
             let outcome = call(&gateway, method, args);
             assert!(!matches!(outcome, Err(Failure::Unknown(_))), "{method} is unknown");

@@ -1,16 +1,15 @@
-//! Calls about the session: version, settings, ticking, maps, weather, blueprints.
+//! Calls about the session: version, settings, ticking, maps, blueprints.
 
 use std::time::Duration;
 
-use schema_frames::document::Weather;
 use schema_frames::{Command, CommandReply, StepMode, WorldInfo};
 
 use crate::axes;
 use crate::blueprints;
-use crate::fields::{Fields, Wrong};
 use crate::gateway::{Answer, CARLA_VERSION, Failure, Gateway, Outcome, lock};
 use crate::list;
 use crate::msgpack::Value;
+use crate::rpc::{Call, Calls};
 use crate::shapes;
 
 /// Longest wait for what the simulator publishes after it answered.
@@ -65,30 +64,25 @@ fn own_map(asked: &str) -> &str {
     name.strip_suffix("_Opt").unwrap_or(name)
 }
 
-impl Gateway {
-    pub(crate) fn session_call(&self, method: &str, args: &mut Fields<'_>) -> Option<Outcome> {
-        Some(match method {
-            "version" => Ok(Answer::Value(CARLA_VERSION.into())),
-            "get_available_maps" => self.info().map(|info| Answer::Value(list![format!("/Game/{}", carla_map(&info.map))])),
-            "get_episode_info" => self.episode_info(),
-            "get_sensor_token" => args.u32().map(|stream| Answer::Value(self.token(stream))).map_err(Failure::from),
-            "get_episode_settings" => self.get_settings(),
-            "set_episode_settings" => self.set_settings(args),
-            "tick_cue" => self.tick_cue(),
-            "load_new_episode" => self.load(args),
-            "get_map_info" => self.map_info(),
-            "get_map_data" => self.info().map(|_| Answer::Value(self.world.known().map.as_ref().into())),
-            // There are no files to fetch, and no street lights that could be switched.
-            "get_required_files" | "query_lights_state" => Ok(Answer::Value(list![])),
-            "get_actor_definitions" => Ok(Answer::Value(blueprints::definitions(&self.world.known().catalogue.clone()))),
-            "get_weather_parameters" => self.get_weather(),
-            "set_weather_parameters" => self.set_weather(args),
-            _ => return None,
-        })
-    }
+pub(crate) const CALLS: Calls = &[
+    ("version", |_, _| Ok(Answer::Value(CARLA_VERSION.into()))),
+    ("get_available_maps", |gateway, _| gateway.info().map(|info| Answer::Value(list![format!("/Game/{}", carla_map(&info.map))]))),
+    ("get_episode_info", |gateway, _| gateway.episode_info()),
+    ("get_sensor_token", |gateway, call| Ok(Answer::Value(gateway.token(call.u32()?)))),
+    ("get_episode_settings", |gateway, _| gateway.get_settings()),
+    ("set_episode_settings", Gateway::set_settings),
+    ("tick_cue", |gateway, _| gateway.tick_cue()),
+    ("load_new_episode", Gateway::load),
+    ("get_map_info", |gateway, _| gateway.map_info()),
+    ("get_map_data", |gateway, _| gateway.info().map(|_| Answer::Value(gateway.world.known().map.as_ref().into()))),
+    // There are no files to fetch.
+    ("get_required_files", |_, _| Ok(Answer::Value(list![]))),
+    ("get_actor_definitions", |gateway, _| Ok(Answer::Value(blueprints::definitions(&gateway.world.known().catalogue.clone())))),
+];
 
+impl Gateway {
     /// `world/info`, which may still be on its way when the gateway has just started.
-    fn info(&self) -> Result<WorldInfo, Failure> {
+    pub(crate) fn info(&self) -> Result<WorldInfo, Failure> {
         let info = self.world.wait_for(SETTLE, |known| known.info.clone());
         info.ok_or_else(|| Failure::Refused("no simulator runs on this domain; start one with `gantry up`".to_owned()))
     }
@@ -121,9 +115,9 @@ impl Gateway {
         ]))
     }
 
-    fn set_settings(&self, args: &mut Fields<'_>) -> Outcome {
+    fn set_settings(&self, call: &mut Call<'_>) -> Outcome {
         let info = self.info()?;
-        let mut given = args.fields("the settings")?;
+        let mut given = call.fields("the settings")?;
         let (synchronous, no_rendering, delta) = (given.bool()?, given.bool()?, given.optional_f64()?.filter(|secs| *secs > 0.0));
         let own_period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
         let settings = Settings {
@@ -170,8 +164,8 @@ impl Gateway {
         }
     }
 
-    fn load(&self, args: &mut Fields<'_>) -> Outcome {
-        let (asked, reset_settings) = (args.text()?, args.bool()?);
+    fn load(&self, call: &mut Call<'_>) -> Outcome {
+        let (asked, reset_settings) = (call.text()?, call.bool()?);
         let info = self.info()?;
         let map = if asked.is_empty() { info.map.as_str() } else { own_map(asked) };
         let loaded = self.commander.ask_one(Command::LoadMap { map: map.to_owned() });
@@ -192,66 +186,6 @@ impl Gateway {
         let points: Vec<Value> = points.points.iter().map(|pose| shapes::transform(&axes::transform(&(*pose).into()))).collect();
         Ok(Answer::Value(list![carla_map(&info.map), points]))
     }
-
-    fn get_weather(&self) -> Outcome {
-        let weather = self.info()?.weather;
-        let extras = *lock(&self.weather_extras);
-        let values = weather_values(&weather).into_iter().chain(extras).map(Value::from).collect::<Vec<_>>();
-        Ok(Answer::Value(values.into()))
-    }
-
-    fn set_weather(&self, args: &mut Fields<'_>) -> Outcome {
-        let (weather, extras) = read_weather(&mut args.fields("the weather")?)?;
-        self.commander.ask_one(Command::SetWeather { weather })?;
-        *lock(&self.weather_extras) = extras;
-        self.world.change(|known| {
-            if let Some(info) = &mut known.info {
-                info.weather = weather;
-            }
-        });
-        Ok(Answer::Void)
-    }
-}
-
-/// The ten parameters both have, in CARLA's order.
-fn weather_values(weather: &Weather) -> [f32; 10] {
-    [
-        weather.cloudiness,
-        weather.precipitation,
-        weather.precipitation_deposits,
-        weather.wind_intensity,
-        axes::azimuth_deg(weather.sun_azimuth_deg),
-        weather.sun_altitude_deg,
-        weather.fog_density,
-        weather.fog_distance_m,
-        weather.fog_falloff,
-        weather.wetness,
-    ]
-}
-
-/// CARLA checks nothing, so values outside their range are taken as the nearest one inside. `WeatherParameters.Default` is −1 throughout
-/// and means the map's own weather.
-fn read_weather(given: &mut Fields<'_>) -> Result<(Weather, [f32; 4]), Wrong> {
-    let mut ahead = Fields::new("the weather", given.rest());
-    let mut is_default = true;
-    for _ in 0..10 {
-        is_default &= ahead.f32()? == -1.0;
-    }
-    let percent = |given: &mut Fields<'_>| given.f32().map(|x| x.clamp(0.0, 100.0));
-    let weather = Weather {
-        cloudiness: percent(given)?,
-        precipitation: percent(given)?,
-        precipitation_deposits: percent(given)?,
-        wind_intensity: percent(given)?,
-        sun_azimuth_deg: axes::azimuth_deg(given.f32()?),
-        sun_altitude_deg: given.f32()?.clamp(-90.0, 90.0),
-        fog_density: percent(given)?,
-        fog_distance_m: given.f32()?.clamp(0.0, 1e5),
-        fog_falloff: percent(given)?,
-        wetness: percent(given)?,
-    };
-    let extras = [given.f32()?, given.f32()?, given.f32()?, given.f32()?];
-    Ok((if is_default { Weather::default() } else { weather }, extras))
 }
 
 #[cfg(test)]
@@ -263,21 +197,5 @@ mod tests {
         for asked in ["Town10HD", "Carla/Maps/Town10HD", "/Game/Carla/Maps/Town10HD_Opt"] {
             assert_eq!(own_map(asked), "Town10HD");
         }
-    }
-
-    #[test]
-    fn the_default_preset_is_the_maps_own_weather() {
-        let given = vec![Value::F32(-1.0); 14];
-        assert_eq!(read_weather(&mut Fields::new("test", &given)).unwrap().0, Weather::default());
-        assert!(read_weather(&mut Fields::new("test", &given[..13])).unwrap_err().contains("field 14"));
-    }
-
-    #[test]
-    fn weather_goes_there_and_back() {
-        let given: Vec<Value> = [10.0f32, 20.0, 30.0, 40.0, 45.0, -10.0, 5.0, 7.0, 0.5, 60.0, 1.0, 0.1, 0.2, 3.0].map(Value::from).into();
-        let (weather, extras) = read_weather(&mut Fields::new("test", &given)).unwrap();
-        assert_eq!(weather.sun_azimuth_deg, 315.0);
-        let again: Vec<Value> = weather_values(&weather).into_iter().chain(extras).map(Value::from).collect();
-        assert_eq!(again, given);
     }
 }

@@ -113,7 +113,7 @@ fn serve_one(mut connection: TcpStream, gateway: &Gateway, number: u64) -> Resul
             Err(Failure::Refused(error)) => tracing::debug!(method = request.method, error, "refused"),
             Ok(_) => {}
         }
-        let bytes = response(request.id, request.is_async || crate::gateway::is_void(&request.method), outcome);
+        let bytes = response(request.id, request.is_async || crate::rpc::catalogue::is_void(&request.method), outcome);
         if connection.write_all(&bytes).is_err() {
             return Ok(());
         }

@@ -2,18 +2,18 @@
 
 use schema_frames::{Command, CommandReply, VehicleControlRecord};
 
-use crate::actors::{LAMPS, light_name, pose, spawn_command};
-use crate::axes;
 use crate::fields::{Description, Fields, Wrong};
 use crate::gateway::{Answer, Failure, Gateway, Outcome};
 use crate::list;
 use crate::msgpack::Value;
+use crate::rpc::spawning::spawn_command;
+use crate::rpc::{Call, Calls};
 
 /// Commands in one call.
 const MAX_COMMANDS: usize = 10_000;
 
 /// One command of a batch, read.
-enum Item<'v> {
+pub(crate) enum Item<'v> {
     /// For the simulator; `actor` is what the answer names.
     Ask { actor: u32, command: Command },
     /// A new actor, and what follows.
@@ -24,6 +24,24 @@ enum Item<'v> {
     Nothing { actor: u32, what: Option<&'static str> },
 }
 
+impl Item<'_> {
+    /// A command for the simulator.
+    pub(crate) fn ask(actor: u32, command: Command) -> Self {
+        Item::Ask { actor, command }
+    }
+}
+
+/// Reads the fields behind the actor's id of one kind of command.
+pub(crate) type Read = for<'v> fn(u32, &mut Fields<'v>) -> Result<Item<'v>, Wrong>;
+
+/// Commands of one area: their numbers on the wire, and what reads them. Each area's module has a table `BATCH`.
+pub(crate) type Commands = &'static [(u8, Read)];
+
+/// All areas.
+const AREAS: &[Commands] = &[super::actors::BATCH, super::spawning::BATCH, super::vehicles::BATCH, super::traffic_lights::BATCH];
+
+pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
+
 /// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
 fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
@@ -32,21 +50,11 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     if kind == 0 {
         return read_spawn(&mut fields);
     }
+    let found = AREAS.iter().copied().flatten().find(|(number, _)| *number == kind);
+    let (_, read) = found
+        .ok_or_else(|| format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works"))?;
     let given = fields.u32()?;
-    let actor = new_actor.unwrap_or(given);
-    let ask = |command| Ok(Item::Ask { actor, command });
-    match kind {
-        1 => ask(Command::Destroy { actor_id: actor }),
-        2 => Ok(Item::Control { actor, record: VehicleControlRecord::new(actor, fields.vehicle_control()?) }),
-        6 => ask(Command::SetPose { actor_id: actor, pose: pose(&fields.transform()?) }),
-        8 => ask(Command::SetVelocity { actor_id: actor, velocity_in_world_mps: axes::mirror(fields.vector()?) }),
-        14 => Ok(Item::Nothing { actor, what: if fields.bool()? { None } else { Some("SetSimulatePhysics(False)") } }),
-        // The client itself registers the vehicle with its Traffic Manager.
-        16 => Ok(Item::Nothing { actor, what: None }),
-        18 => ask(Command::SetLamps { actor_id: actor, lamps: fields.u32()? & LAMPS }),
-        21 => ask(Command::SetTrafficLight { actor_id: actor, state: light_name(fields.u8()?)? }),
-        _ => Err(format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works")),
-    }
+    read(new_actor.unwrap_or(given), &mut fields)
 }
 
 fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
@@ -65,8 +73,8 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
 type Done = Result<u32, String>;
 
 impl Gateway {
-    pub(crate) fn apply_batch(&self, args: &mut Fields<'_>) -> Outcome {
-        let (commands, do_tick) = (args.list()?, args.bool()?);
+    fn apply_batch(&self, call: &mut Call<'_>) -> Outcome {
+        let (commands, do_tick) = (call.list()?, call.bool()?);
         if commands.len() > MAX_COMMANDS {
             return Err(Failure::Refused(format!("a batch has {} commands, at most {MAX_COMMANDS} are run; split it", commands.len())));
         }

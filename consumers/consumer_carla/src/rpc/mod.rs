@@ -1,0 +1,114 @@
+//! The calls: which method does what.
+//!
+//! One module per area. Each has a table `CALLS` of method names and functions, and [`AREAS`] lists the tables.
+//!
+//! To add a call: write `fn name(&self, call: &mut Call<'_>) -> Outcome` in an `impl Gateway` of the area's module, add
+//! `("name", Gateway::name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md` what it does; a test compares the two.
+//! To add an area: a module here, its line in [`AREAS`]. A batch's commands are in [`batch`], their tables work the same way (`BATCH`).
+
+use std::collections::BTreeMap;
+use std::ops::{Deref, DerefMut};
+use std::sync::OnceLock;
+
+use crate::fields::Fields;
+use crate::gateway::{Failure, Gateway, Outcome};
+use crate::server::Request;
+
+pub mod actors;
+pub mod batch;
+pub mod catalogue;
+pub mod managers;
+pub mod session;
+pub mod spawning;
+pub mod traffic_lights;
+pub mod vehicles;
+pub mod weather;
+
+/// What serves a method.
+pub(crate) type Run = fn(&Gateway, &mut Call<'_>) -> Outcome;
+
+/// The calls of one area.
+pub(crate) type Calls = &'static [(&'static str, Run)];
+
+/// All areas.
+const AREAS: &[Calls] = &[
+    session::CALLS,
+    weather::CALLS,
+    actors::CALLS,
+    spawning::CALLS,
+    vehicles::CALLS,
+    traffic_lights::CALLS,
+    batch::CALLS,
+    managers::CALLS,
+];
+
+/// One call: its arguments, read in order, and whose it is.
+#[derive(Debug)]
+pub(crate) struct Call<'v> {
+    args: Fields<'v>,
+    /// Method as the client named it.
+    pub method: &'v str,
+    /// Number of the client's connection.
+    pub connection: u64,
+}
+
+impl<'v> Deref for Call<'v> {
+    type Target = Fields<'v>;
+    fn deref(&self) -> &Fields<'v> {
+        &self.args
+    }
+}
+
+impl<'v> DerefMut for Call<'v> {
+    fn deref_mut(&mut self) -> &mut Fields<'v> {
+        &mut self.args
+    }
+}
+
+fn served() -> &'static BTreeMap<&'static str, Run> {
+    static SERVED: OnceLock<BTreeMap<&'static str, Run>> = OnceLock::new();
+    SERVED.get_or_init(|| AREAS.iter().copied().flatten().copied().collect())
+}
+
+/// Methods that this gateway serves, by name.
+pub fn methods() -> impl Iterator<Item = &'static str> {
+    served().keys().copied()
+}
+
+impl Gateway {
+    /// Runs one call.
+    ///
+    /// # Errors
+    /// [`Failure`].
+    pub fn call(&self, connection: u64, request: &Request) -> Outcome {
+        let method = request.method.as_str();
+        let Some(run) = served().get(method) else {
+            return Err(match catalogue::is_known(method) {
+                true => Failure::Refused(format!("{method}: gantry-carla cannot do this; docs/carla-compatibility.md lists what works")),
+                false => {
+                    let n_args = request.args.len() + 1;
+                    Failure::Unknown(format!("rpclib: server could not find function '{method}' with argument count {n_args}."))
+                }
+            });
+        };
+        let mut call = Call { args: Fields::new("the arguments", &request.args), method, connection };
+        run(self, &mut call).map_err(|failure| match failure {
+            Failure::Refused(error) => Failure::Refused(format!("{method}: {error}")),
+            unknown => unknown,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_served_method_is_served_once_and_one_that_clients_know() {
+        let n_listed: usize = AREAS.iter().map(|calls| calls.len()).sum();
+        assert_eq!(served().len(), n_listed, "a method stands in two tables");
+        for method in methods() {
+            assert!(catalogue::is_known(method), "{method} is no method of the client");
+        }
+    }
+}

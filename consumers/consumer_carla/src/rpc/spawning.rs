@@ -1,0 +1,79 @@
+//! Calls that make and remove actors.
+
+use std::time::Duration;
+
+use schema_frames::{Command, CommandReply, StepMode};
+
+use crate::axes::Transform;
+use crate::blueprints;
+use crate::fields::{Description, Wrong};
+use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::rpc::actors::pose;
+use crate::rpc::batch::{Commands, Item};
+use crate::rpc::{Call, Calls};
+use crate::shapes;
+
+/// Longest wait for the first snapshot with a new actor in free-running mode.
+const FIRST_SEEN: Duration = Duration::from_secs(2);
+
+pub(crate) const CALLS: Calls = &[
+    ("spawn_actor", |gateway, call| gateway.spawn(call, false)),
+    ("spawn_actor_with_parent", |gateway, call| gateway.spawn(call, true)),
+    ("destroy_actor", Gateway::destroy),
+];
+
+/// Spawning by a batch is in `batch`, which knows what follows.
+pub(crate) const BATCH: Commands = &[(1, |actor, _| Ok(Item::ask(actor, Command::Destroy { actor_id: actor })))];
+
+/// The command that spawns, or why this type cannot be.
+pub(crate) fn spawn_command(description: &Description, transform: &Transform, parent: Option<u32>) -> Result<Command, Wrong> {
+    if !description.type_id.starts_with("vehicle.") {
+        return Err(format!(
+            "{:?} cannot be spawned through gantry-carla: only vehicles can; name sensors in the launch file and read them from shared memory",
+            description.type_id
+        ));
+    }
+    Ok(Command::Spawn {
+        type_id: description.type_id.clone(),
+        pose: pose(transform),
+        parent_id: parent,
+        role: description.attribute("role_name").unwrap_or_default().to_owned(),
+        attributes: blueprints::settable(description),
+    })
+}
+
+impl Gateway {
+    fn spawn(&self, call: &mut Call<'_>, has_parent: bool) -> Outcome {
+        let (description, transform) = (call.description()?, call.transform()?);
+        let parent = if has_parent { Some(call.u32()?) } else { None };
+        let command = spawn_command(&description, &transform, parent)?;
+        let (reply, _) = self.commander.ask_one(command)?;
+        let CommandReply::Spawned { actor_id, .. } = reply else {
+            return Err(Failure::Refused(format!("{reply:?} is no answer to a spawn")));
+        };
+        self.remember(actor_id, description.clone());
+        self.wait_until_seen(actor_id);
+        Ok(Answer::Value(shapes::new_actor(&self.world.known(), actor_id, parent.unwrap_or(0), &description)))
+    }
+
+    /// Keeps a client's own description of its actor.
+    pub(crate) fn remember(&self, id: u32, description: Description) {
+        self.world.change(|known| known.own.insert(id, description));
+    }
+
+    /// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it there.
+    pub(crate) fn wait_until_seen(&self, id: u32) {
+        let is_paced = |known: &crate::world::Known| known.info.as_ref().is_some_and(|info| info.mode == StepMode::FreeRunning);
+        self.world.wait_for(FIRST_SEEN, |known| {
+            let seen = known.snapshot.as_ref().is_some_and(|snapshot| snapshot.actor(id).is_some());
+            (seen || !is_paced(known)).then_some(())
+        });
+    }
+
+    fn destroy(&self, call: &mut Call<'_>) -> Outcome {
+        let actor_id = call.u32()?;
+        self.commander.ask_one(Command::Destroy { actor_id })?;
+        self.world.change(|known| known.own.remove(&actor_id));
+        Ok(Answer::Value(true.into()))
+    }
+}

@@ -1,0 +1,41 @@
+//! `docs/carla-compatibility.md` says of each call of the client what the gateway does with it; here it is held to that.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use consumer_carla::rpc;
+
+/// What a row may say.
+const VERDICTS: &[&str] = &["works", "differs", "no effect", "not there"];
+
+fn document() -> String {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/carla-compatibility.md");
+    std::fs::read_to_string(path).expect("the document is part of the repository")
+}
+
+/// Rows of the tables under `## Calls`, name and verdict: ``| `name` | works | how |``.
+fn rows(document: &str) -> BTreeMap<String, String> {
+    let (_, after) = document.split_once("\n## Calls\n").expect("the document has a chapter about calls");
+    let chapter = after.split("\n## ").next().unwrap_or_default();
+    let mut rows = BTreeMap::new();
+    for line in chapter.lines().filter(|line| line.starts_with("| `")) {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let (name, verdict, how) = (cells[1].trim_matches('`'), cells[2], cells[3]);
+        assert!(VERDICTS.contains(&verdict), "{name}: {verdict:?} is none of {VERDICTS:?}");
+        assert!(verdict != "differs" || !how.is_empty(), "{name} differs, but the row does not say how");
+        assert!(rows.insert(name.to_owned(), verdict.to_owned()).is_none(), "{name} has two rows");
+    }
+    rows
+}
+
+#[test]
+fn every_call_of_the_client_has_a_row_that_says_whether_it_is_served() {
+    let rows = rows(&document());
+    let known: BTreeSet<&str> = rpc::catalogue::CATALOGUE.iter().flat_map(|(_, methods)| *methods).copied().collect();
+    let served: BTreeSet<&str> = rpc::methods().collect();
+    let listed: BTreeSet<&str> = rows.keys().map(String::as_str).collect();
+    assert_eq!(known, listed, "the rows are those of the client's calls");
+    for (name, verdict) in &rows {
+        let is_served = served.contains(name.as_str());
+        assert_eq!(is_served, verdict != "not there", "{name} is {verdict:?} in the document, but served: {is_served}");
+    }
+}
