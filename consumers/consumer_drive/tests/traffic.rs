@@ -42,6 +42,7 @@ impl Stage {
             map.collision = vec![CollisionMesh {
                 vertices_m: vec![[-900.0, -900.0, 0.0], [900.0, -900.0, 0.0], [900.0, 900.0, 0.0], [-900.0, 900.0, 0.0]],
                 triangles: vec![[0, 1, 2], [0, 2, 3]],
+                ..CollisionMesh::default()
             }];
         }
         let mut world = simd_world::World::new(WorldOptions { seed, ..WorldOptions::default() });

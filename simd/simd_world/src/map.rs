@@ -1,7 +1,7 @@
 //! What the world needs of a map: roads, solid ground, places to start, traffic lights.
 
 use nalgebra::Isometry3;
-use schema_types::Pose;
+use schema_types::{Class, Pose};
 use sensor_core::Mesh;
 
 /// Solid triangles, `f32` about [`MapData::origin_m`].
@@ -11,6 +11,8 @@ pub struct CollisionMesh {
     pub vertices_m: Vec<[f32; 3]>,
     /// Three corners per triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// What it is, for collisions; [`Class::UNLABELED`] if it is of several kinds.
+    pub class: Class,
 }
 
 /// Where the lamp heads of one OpenDRIVE signal hang.
@@ -74,6 +76,7 @@ impl MapData {
             collision: vec![CollisionMesh {
                 vertices_m: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
                 triangles: vec![[0, 1, 2], [0, 2, 3]],
+                class: Class::GROUND,
             }],
             spawn_points: spawn_points.collect(),
             ..MapData::default()
@@ -83,8 +86,15 @@ impl MapData {
 
 impl From<&simd_town::Town> for MapData {
     fn from(town: &simd_town::Town) -> MapData {
-        let solid =
-            |mesh: &simd_town::CollisionMesh| CollisionMesh { vertices_m: mesh.vertices_m.clone(), triangles: mesh.triangles.clone() };
+        let solid = |mesh: &simd_town::CollisionMesh| CollisionMesh {
+            vertices_m: mesh.vertices_m.clone(),
+            triangles: mesh.triangles.clone(),
+            class: match mesh.name.as_str() {
+                "road" => Class::ROADS,
+                "pavement" => Class::SIDEWALKS,
+                _ => Class::UNLABELED,
+            },
+        };
         let heads = |site: &simd_town::LightSite| LightHeads { signal_id: site.signal_id.clone(), heads: site.heads.clone() };
         MapData {
             name: town.name.clone(),

@@ -13,7 +13,7 @@ use schema_frames::VehicleControl;
 
 use crate::drive::{DriveInput, DriveTrain};
 use crate::models::VehicleModel;
-use crate::physics::{GRAVITY_MPS2, Physics, narrow, widen};
+use crate::physics::{GRAVITY_MPS2, Physics, collider_tag, narrow, widen};
 
 /// Friction between tyre and road.
 pub(crate) const TYRE_FRICTION: f32 = 1.0;
@@ -69,7 +69,7 @@ impl Vehicle {
             .density(0.0)
             .friction(0.3)
             .restitution(0.05)
-            .user_data(actor as u128)
+            .user_data(collider_tag(actor, model.class))
             .active_events(ActiveEvents::CONTACT_FORCE_EVENTS)
             .contact_force_event_threshold(0.0);
         let (body, _) = physics.engine.insert(body, collider);

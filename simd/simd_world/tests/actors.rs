@@ -125,6 +125,13 @@ fn crash_is_reported_for_both_with_the_momentum_that_changed_hands() {
         world.step(TICK_NANOS);
         for hit in world.collisions().iter().filter(|hit| hit.actor == right && hit.other == Some(left)) {
             impulse_ns += hit.impulse_in_world_ns[0];
+            assert_eq!(hit.other_class, schema_types::Class::CAR);
+            // Bumper to bumper: half a length behind the one that was hit, at the height of the bodies.
+            let [x, y, z] = hit.point_in_world_m;
+            let rear_m = world.record(right).unwrap().world_from_actor.translation_m[0] - 2.396;
+            assert!((x - rear_m).abs() < 0.5 && y.abs() < 1.1 && (0.0..1.5).contains(&z), "{hit:?}, rear at {rear_m}");
+            let back = world.collisions().iter().find(|back| back.actor == left && back.other == Some(right)).unwrap();
+            assert_eq!(back.impulse_in_world_ns.map(|x| -x), hit.impulse_in_world_ns);
         }
         touched |= [left, right].iter().all(|car| world.record(*car).unwrap().flags & ActorRecord::TOUCHED != 0);
     }
