@@ -5,6 +5,7 @@
 //! `(−x, y, −z)`, a rotation matrix `R` into `S R S` with `S = diag(1, −1, 1)`, and steering changes its sign.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use schema_frames::BodyBox;
 use schema_types::Pose;
 
 /// A pose as CARLA writes it.
@@ -58,6 +59,19 @@ pub fn transform(pose: &Pose) -> Transform {
     let pitch = m20.atan2(m00.hypot(m10));
     let (yaw, roll) = if m00.hypot(m10) > 1e-9 { (m10.atan2(m00), (-m21).atan2(m22)) } else { ((-m01).atan2(m11), 0.0) };
     Transform { location_m: mirror(pose.translation_m), rotation_deg: [pitch, yaw, roll].map(|angle| whole(angle.to_degrees())) }
+}
+
+/// Pose of a light or sign as CARLA has it: its x axis lies across the road, to the right of the traffic it is for; ours looks at that
+/// traffic.
+pub fn sign_pose(pose: &Pose) -> Pose {
+    let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
+    (pose.isometry() * quarter).into()
+}
+
+/// A box in a sign's space, see [`sign_pose`].
+pub fn sign_box(body: &BodyBox) -> BodyBox {
+    let ([x, y, z], [half_x, half_y, half_z]) = (body.centre_m, body.half_m);
+    BodyBox { centre_m: [y, -x, z], half_m: [half_y, half_x, half_z] }
 }
 
 /// Never −0, which CARLA's scripts would print, and never −180.

@@ -42,7 +42,9 @@ pub fn encode(header: &SnapshotHeader, records: &[ActorRecord], state_bits: u32,
 }
 
 fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
-    let transform = axes::transform(&record.world_from_actor);
+    let is_sign = matches!(record.kind(), Some(ActorKind::TrafficLight | ActorKind::TrafficSign));
+    let pose = if is_sign { axes::sign_pose(&record.world_from_actor) } else { record.world_from_actor };
+    let transform = axes::transform(&pose);
     let start = out.len();
     out.extend(record.id.to_le_bytes());
     out.push(ACTIVE);
@@ -57,6 +59,7 @@ fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
     match record.kind() {
         Some(ActorKind::Vehicle) => push_vehicle(out, record),
         Some(ActorKind::TrafficLight) => push_light(out, record),
+        Some(ActorKind::TrafficSign) => out.extend(record.traffic_sign().map_or([0; 32], |part| part.opendrive_id)),
         Some(ActorKind::Walker) => push_walker(out, record),
         _ => {}
     }

@@ -49,8 +49,6 @@ pub struct Gateway {
     pub(crate) world: Arc<World>,
     pub(crate) commander: Commander,
     pub(crate) settings: Mutex<Settings>,
-    /// Scattering, Mie and Rayleigh scale, dust: weather that the simulator does not have.
-    pub(crate) weather_extras: Mutex<[f32; 4]>,
     stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
     said: Mutex<BTreeSet<String>>,
@@ -63,15 +61,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Gateway {
     /// A gateway that tells clients to fetch streams at `stream_port`.
     pub fn new(world: Arc<World>, commander: Commander, stream_port: u16) -> Gateway {
-        Gateway {
-            world,
-            commander,
-            settings: Mutex::default(),
-            weather_extras: Mutex::new([1.0, 0.03, 0.0331, 0.0]),
-            stream_port,
-            traffic_managers: Mutex::default(),
-            said: Mutex::default(),
-        }
+        Gateway { world, commander, settings: Mutex::default(), stream_port, traffic_managers: Mutex::default(), said: Mutex::default() }
     }
 
     /// Forgets what a connection registered: a Traffic Manager whose process has ended would make later clients wait for it.

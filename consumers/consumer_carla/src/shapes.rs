@@ -1,6 +1,6 @@
 //! CARLA's structures as msgpack values.
 
-use schema_frames::{ActorInfo, BodyBox};
+use schema_frames::{ActorInfo, BodyBox, PosedBox};
 
 use crate::axes::{self, Transform};
 use crate::blueprints;
@@ -25,6 +25,17 @@ pub fn bounding_box(body: &BodyBox, actor: u32) -> Value {
     list![list![x, y, z], list![half_x, half_y, half_z], list![0.0f32, 0.0f32, 0.0f32], actor]
 }
 
+/// A box in the world.
+pub fn posed_box(posed: &PosedBox) -> Value {
+    let [pitch, yaw, roll] = axes::transform(&posed.pose.into()).rotation_deg;
+    list![vector(axes::mirror(posed.pose.translation_m)), vector(posed.half_m), vector([pitch, yaw, roll]), 0u32]
+}
+
+/// The box that clients know of an actor: its body's, or of lights and signs the trigger volume.
+pub fn box_of(info: &ActorInfo) -> BodyBox {
+    info.trigger_box.map_or(info.body_box, |trigger| axes::sign_box(&trigger))
+}
+
 /// The box of an actor that is not there.
 pub fn no_box(actor: u32) -> Value {
     bounding_box(&BodyBox { centre_m: [0.0; 3], half_m: [0.0; 3] }, actor)
@@ -35,7 +46,7 @@ pub fn listed_actor(known: &Known, id: u32) -> Option<Value> {
     let info: &ActorInfo = known.actors.get(&id)?;
     let entry = known.entry(&info.type_id);
     let described = known.own.get(&id).cloned().unwrap_or_else(|| blueprints::describe(info, entry.map(|(_, entry)| entry)));
-    Some(actor(known, id, info.parent_id, &described, &info.body_box))
+    Some(actor(known, id, info.parent_id, &described, &box_of(info)))
 }
 
 /// An actor that was spawned a moment ago.

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use crate::control::VehicleControl;
 use crate::document::{PoseText, StepMode, Weather};
+use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
 
 /// Version of the command codec.
 pub const COMMAND_VERSION: u32 = 1;
@@ -123,7 +124,7 @@ pub enum Command {
     SetTrafficLight {
         /// The actor.
         actor_id: u32,
-        /// `red`, `yellow`, `green` or `off`.
+        /// `red`, `yellow`, `green`, `off` or `unknown`.
         state: String,
     },
     /// Stops or starts the timers of all traffic lights.
@@ -131,11 +132,63 @@ pub enum Command {
         /// Whether they stand still.
         frozen: bool,
     },
+    /// Sets for how long the controller of a traffic light shows a state.
+    SetTrafficLightTime {
+        /// Any light of the controller.
+        actor_id: u32,
+        /// `green`, `yellow` or `red`: the last is the time in which all lights of the junction are red.
+        state: String,
+        /// 0.01 to 100 000 s.
+        secs: f64,
+    },
+    /// Begins groups of traffic lights anew: the first controller green, all times in state 0.
+    ResetTrafficLights {
+        /// Any light of the group; all groups without it.
+        #[serde(default)]
+        actor_id: Option<u32>,
+    },
+    /// Answers with the boxes of a traffic light's lamp heads.
+    LightBoxes {
+        /// The light.
+        actor_id: u32,
+    },
     /// Changes the weather.
     SetWeather {
         /// All of it.
         weather: Weather,
     },
+    /// Whether weather acts on tyres and lidar; it does not by default.
+    SetWeatherEffects {
+        /// Whether it does.
+        on: bool,
+    },
+    /// Saves the world.
+    SaveCheckpoint {
+        /// Where: in memory under a name, or in a file.
+        to: CheckpointPlace,
+    },
+    /// Goes back to a saved world. Tick and ids go on counting; sensors stay.
+    RestoreCheckpoint {
+        /// Where it was saved.
+        from: CheckpointPlace,
+    },
+    /// Goes back to the start of the episode.
+    Reset,
+    /// Answers with what rays meet: the triangles that sensors see, moving actors included.
+    CastRays {
+        /// Rays.
+        rays: Vec<RaySegment>,
+        /// All surfaces along each ray instead of the first.
+        #[serde(default)]
+        all: bool,
+    },
+    /// Draws into colour pictures.
+    DrawDebug {
+        /// Added to those that are there.
+        shapes: Vec<DebugShape>,
+    },
+    /// Removes every debug shape.
+    ClearDebug,
     /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and rigs are made anew.
     LoadMap {
         /// Map name or path.
@@ -153,6 +206,16 @@ pub enum Command {
     },
     /// Answers with counters of the daemon.
     Counters,
+}
+
+/// Where a checkpoint is kept.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum CheckpointPlace {
+    /// In the daemon's memory, under this name; gone with the daemon or with the next map.
+    Name(String),
+    /// In this file of the folder `checkpoints` in the data folder; no folders in the name.
+    File(String),
 }
 
 /// A request.
@@ -206,6 +269,26 @@ pub enum CommandReply {
     Counters {
         /// Values by name.
         counters: BTreeMap<String, u64>,
+    },
+    /// Answer to `save_checkpoint`.
+    Saved {
+        /// The file's full path; empty if it is kept in memory.
+        path: String,
+    },
+    /// Answer to `restore_checkpoint` and `reset`.
+    Restored {
+        /// Sensors that went because their parent does not exist in the restored world.
+        gone: Vec<u32>,
+    },
+    /// Answer to `light_boxes`.
+    Boxes {
+        /// In the world.
+        boxes: Vec<PosedBox>,
+    },
+    /// Answer to `cast_rays`.
+    Hits {
+        /// Per ray what it meets, nearest first; empty for nothing.
+        rays: Vec<Vec<RayHit>>,
     },
     /// Not done.
     Refused {

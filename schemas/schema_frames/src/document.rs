@@ -67,6 +67,14 @@ pub struct Weather {
     pub fog_falloff: f32,
     /// Wetness of surfaces, percent.
     pub wetness: f32,
+    /// How much fog scatters light, 0 and up.
+    pub scattering_intensity: f32,
+    /// Haze, pollen and other large particles: the glow round the sun, 0 to 5.
+    pub mie_scattering_scale: f32,
+    /// Air molecules: blueness of the sky, 0 to 2.
+    pub rayleigh_scattering_scale: f32,
+    /// Dust in the air, percent.
+    pub dust_storm: f32,
 }
 
 impl Default for Weather {
@@ -83,6 +91,10 @@ impl Default for Weather {
             fog_distance_m: 0.0,
             fog_falloff: 0.2,
             wetness: 0.0,
+            scattering_intensity: 1.0,
+            mie_scattering_scale: 0.03,
+            rayleigh_scattering_scale: 0.0331,
+            dust_storm: 0.0,
         }
     }
 }
@@ -153,6 +165,9 @@ pub struct ActorInfo {
     pub mount: Option<PoseText>,
     /// Body box; all zero if it has no body.
     pub body_box: BodyBox,
+    /// Traffic lights and signs: box round the places on lanes at which vehicles are before it, in the actor's space.
+    #[serde(default)]
+    pub trigger_box: Option<BodyBox>,
     /// Attributes by name.
     pub attributes: std::collections::BTreeMap<String, String>,
     /// Topics of a sensor.

@@ -7,7 +7,7 @@ use schema_types::Pose;
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
     AckRecord, ActorRecord, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LidarPoint, SemanticLidarPoint, SnapshotHeader,
-    TrafficLightPart, VehiclePart, WalkerPart, command::RequestHeader,
+    TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -94,6 +94,7 @@ layouts! {
         state: u32, flags: u32, elapsed_secs: f32, green_secs: f32, yellow_secs: f32, red_secs: f32, group: u32, pole_idx: u32,
         opendrive_id: [u8; 32], reserved: [u8; 32],
     }
+    TrafficSignPart { opendrive_id: [u8; 32], reserved: [u8; 64] }
     WalkerPart { direction: [f32; 3], speed_mps: f32, gait_rad: f32, flags: u32, reserved: [u8; 72] }
     DocumentHeader as "GantryDocumentHeader" {
         magic: u32, schema_version: u16, reserved0: u16, epoch: u64, revision: u64, payload_bytes: u64, tick: u64, reserved1: [u8; 24],

@@ -15,6 +15,7 @@ pub mod layout;
 pub mod lidar;
 pub mod modality;
 pub mod motion;
+pub mod query;
 pub mod snapshot;
 
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
@@ -25,7 +26,8 @@ pub use header::{FrameError, FrameHeader};
 pub use lidar::{LidarPoint, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
 pub use motion::{GnssSample, ImuSample};
-pub use snapshot::{ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, VehiclePart, WalkerPart};
+pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
+pub use snapshot::{ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart};
 
 /// Version of every layout in this crate. A reader refuses any other.
 pub const SCHEMA_VERSION: u16 = 1;

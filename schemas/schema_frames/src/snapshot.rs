@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use schema_types::Pose;
+use serde::{Deserialize, Serialize};
 
 /// "GSNP" read as a little-endian `u32`.
 pub const SNAPSHOT_MAGIC: u32 = u32::from_le_bytes(*b"GSNP");
@@ -30,7 +31,7 @@ pub struct SnapshotHeader {
     pub n_actors: u32,
     /// Revision of `world/actors` that lists exactly these actors.
     pub actors_revision: u64,
-    /// Bit 0: map or layers changed with this tick. Bit 1: street lights changed.
+    /// Bit 0: map or layers changed with this tick. Bit 1: street lights changed. Bit 2: the world went back to a checkpoint before this tick.
     pub flags: u32,
     /// Zero.
     pub reserved0: u32,
@@ -44,9 +45,14 @@ pub struct SnapshotHeader {
 const _: () = assert!(size_of::<SnapshotHeader>() == 128);
 const _: () = assert!(std::mem::offset_of!(SnapshotHeader, epoch) == 64);
 
+impl SnapshotHeader {
+    /// Flag: the world went back to a checkpoint before this tick; poses jump, the episode's time too.
+    pub const RESTORED: u32 = 4;
+}
+
 /// What an actor is.
 #[repr(u16)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum ActorKind {
     /// Car, lorry, bus, motorcycle, bicycle.
     Vehicle = 1,
@@ -102,7 +108,7 @@ pub struct ActorRecord {
     pub half_box_m: [f32; 3],
     /// [`ActorRecord::PHYSICS`] and the other flag bits.
     pub flags: u32,
-    /// [`VehiclePart`], [`TrafficLightPart`] or [`WalkerPart`] by kind; zero otherwise.
+    /// [`VehiclePart`], [`TrafficLightPart`], [`TrafficSignPart`] or [`WalkerPart`] by kind; zero otherwise.
     pub part: [u8; 96],
 }
 const _: () = assert!(size_of::<ActorRecord>() == 256 && align_of::<ActorRecord>() == 8);
@@ -128,6 +134,11 @@ impl ActorRecord {
     /// The traffic light's part, if it is one.
     pub fn traffic_light(&self) -> Option<TrafficLightPart> {
         (self.kind() == Some(ActorKind::TrafficLight)).then(|| bytemuck::pod_read_unaligned(&self.part))
+    }
+
+    /// The traffic sign's part, if it is one.
+    pub fn traffic_sign(&self) -> Option<TrafficSignPart> {
+        (self.kind() == Some(ActorKind::TrafficSign)).then(|| bytemuck::pod_read_unaligned(&self.part))
     }
 
     /// The walker's part, if it is one.
@@ -185,7 +196,7 @@ const _: () = assert!(size_of::<VehiclePart>() == 96);
 
 /// State of a traffic light (CARLA's numbers).
 #[repr(u32)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum LightState {
     /// Stop.
     Red = 0,
@@ -220,7 +231,7 @@ impl LightState {
     /// The state with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         use LightState::*;
-        [Red, Yellow, Green, Off].into_iter().find(|s| s.name() == name)
+        [Red, Yellow, Green, Off, Unknown].into_iter().find(|s| s.name() == name)
     }
 }
 
@@ -254,9 +265,42 @@ const _: () = assert!(size_of::<TrafficLightPart>() == 96);
 impl TrafficLightPart {
     /// The OpenDRIVE signal id as text.
     pub fn opendrive_id(&self) -> &str {
-        let len = self.opendrive_id.iter().position(|b| *b == 0).unwrap_or(self.opendrive_id.len());
-        std::str::from_utf8(&self.opendrive_id[..len]).unwrap_or("")
+        id_text(&self.opendrive_id)
     }
+}
+
+/// Traffic-sign part of a record. 96 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct TrafficSignPart {
+    /// OpenDRIVE signal id, UTF-8, padded with zeros.
+    pub opendrive_id: [u8; 32],
+    /// Zero.
+    pub reserved: [u8; 64],
+}
+const _: () = assert!(size_of::<TrafficSignPart>() == 96);
+
+impl TrafficSignPart {
+    /// The OpenDRIVE signal id as text.
+    pub fn opendrive_id(&self) -> &str {
+        id_text(&self.opendrive_id)
+    }
+}
+
+/// An OpenDRIVE id as records carry it: its first 32 bytes, cut between letters.
+pub fn id_bytes(id: &str) -> [u8; 32] {
+    let mut n_bytes = id.len().min(32);
+    while !id.is_char_boundary(n_bytes) {
+        n_bytes -= 1;
+    }
+    let mut bytes = [0; 32];
+    bytes[..n_bytes].copy_from_slice(&id.as_bytes()[..n_bytes]);
+    bytes
+}
+
+fn id_text(bytes: &[u8; 32]) -> &str {
+    let len = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
+    std::str::from_utf8(&bytes[..len]).unwrap_or("")
 }
 
 /// Walker part of a record. 96 bytes.

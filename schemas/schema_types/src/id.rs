@@ -3,15 +3,16 @@
 //! One `u32` space: 0 is the background, actors count from 1, scenery objects have bit 31 set.
 
 use bytemuck::{Pod, Zeroable};
+use serde::{Deserialize, Serialize};
 
 /// An actor: vehicle, walker, light, sign, prop, sensor or spectator. Never 0, never reused within an epoch, bit 31 clear.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable, Serialize, Deserialize)]
 pub struct ActorId(pub u32);
 
 /// Anything a pixel or a ray can show: an actor's id, a scenery object (bit 31 set), or 0 for the background.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable, Serialize, Deserialize)]
 pub struct ObjectId(pub u32);
 
 /// Set in the id of every scenery object.

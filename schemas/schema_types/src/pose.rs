@@ -2,10 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use serde::{Deserialize, Serialize};
 
 /// Rigid transform `target_from_source`: metres and a unit quaternion `[x, y, z, w]`. 56 bytes, no padding.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Pose {
     /// Position of the source's origin in the target, metres.
     pub translation_m: [f64; 3],

@@ -1,7 +1,6 @@
 //! Commands that change the world. Stepping, configuration, map loads and lockstep are the daemon's.
 
 use nalgebra::Vector3;
-use schema_frames::document::Weather;
 use schema_frames::{Command, CommandReply, LightState};
 use schema_types::{ActorId, Pose};
 
@@ -43,7 +42,17 @@ impl World {
                 self.refresh_records(None);
                 CommandReply::Done
             }
+            Command::SetTrafficLightTime { actor_id, state, secs } => done(self.set_light_time(ActorId(*actor_id), state, *secs)),
+            Command::ResetTrafficLights { actor_id } => done(self.reset_lights(actor_id.map(ActorId))),
+            Command::LightBoxes { actor_id } => match self.light_boxes(ActorId(*actor_id)) {
+                Ok(boxes) => CommandReply::Boxes { boxes },
+                Err(error) => CommandReply::Refused { error },
+            },
             Command::SetWeather { weather } => done(self.set_weather(*weather)),
+            Command::SetWeatherEffects { on } => {
+                self.set_weather_effects(*on);
+                CommandReply::Done
+            }
             Command::Ping
             | Command::Step { .. }
             | Command::Configure { .. }
@@ -51,6 +60,12 @@ impl World {
             | Command::LoadMap { .. }
             | Command::JoinLockstep { .. }
             | Command::LeaveLockstep { .. }
+            | Command::SaveCheckpoint { .. }
+            | Command::RestoreCheckpoint { .. }
+            | Command::Reset
+            | Command::CastRays { .. }
+            | Command::DrawDebug { .. }
+            | Command::ClearDebug
             | Command::Counters => CommandReply::Refused { error: "this command is for the daemon, not for the world".to_owned() },
         }
     }
@@ -88,39 +103,46 @@ impl World {
     }
 
     fn set_traffic_light(&mut self, actor: ActorId, state: &str) -> Result<(), String> {
-        let state = LightState::from_name(state).ok_or_else(|| format!("state is {state:?}, but must be red, yellow, green or off"))?;
+        let state = light_state(state)?;
         if !self.lights.set_state(actor, state) {
-            return Err(match self.actors.contains_key(&actor) {
-                true => format!("actor {actor} is not a traffic light"),
-                false => ActorError::Unknown(actor).to_string(),
-            });
+            return Err(self.no_light(actor));
         }
         self.refresh_records(None);
         Ok(())
     }
 
-    /// Changes the weather.
-    pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
-        let values = [
-            ("cloudiness", weather.cloudiness, 0.0, 100.0),
-            ("precipitation", weather.precipitation, 0.0, 100.0),
-            ("precipitation_deposits", weather.precipitation_deposits, 0.0, 100.0),
-            ("wind_intensity", weather.wind_intensity, 0.0, 100.0),
-            ("sun_azimuth_deg", weather.sun_azimuth_deg, -360.0, 360.0),
-            ("sun_altitude_deg", weather.sun_altitude_deg, -90.0, 90.0),
-            ("fog_density", weather.fog_density, 0.0, 100.0),
-            ("fog_distance_m", weather.fog_distance_m, 0.0, 1e5),
-            ("fog_falloff", weather.fog_falloff, 0.0, 100.0),
-            ("wetness", weather.wetness, 0.0, 100.0),
-        ];
-        match values.iter().find(|(_, value, low, high)| !(value >= low && value <= high)) {
-            Some((name, value, low, high)) => Err(format!("{name} is {value}, but must be {low} to {high}")),
-            None => {
-                self.weather = weather;
-                Ok(())
+    fn set_light_time(&mut self, actor: ActorId, state: &str, secs: f64) -> Result<(), String> {
+        let state = light_state(state)?;
+        if self.lights.get(actor).is_none() {
+            return Err(self.no_light(actor));
+        }
+        self.lights.set_time(actor, state, secs)?;
+        self.refresh_records(None);
+        Ok(())
+    }
+
+    fn reset_lights(&mut self, of: Option<ActorId>) -> Result<(), String> {
+        match of {
+            None => self.lights.reset_all(),
+            Some(actor) => {
+                let group = self.lights.get(actor).map(|light| light.group).ok_or_else(|| self.no_light(actor))?;
+                self.lights.reset_group(group);
             }
         }
+        self.refresh_records(None);
+        Ok(())
     }
+
+    fn no_light(&self, actor: ActorId) -> String {
+        match self.actors.contains_key(&actor) {
+            true => format!("actor {actor} is not a traffic light"),
+            false => ActorError::Unknown(actor).to_string(),
+        }
+    }
+}
+
+fn light_state(name: &str) -> Result<LightState, String> {
+    LightState::from_name(name).ok_or_else(|| format!("state is {name:?}, but must be red, yellow, green, off or unknown"))
 }
 
 fn text(error: ActorError) -> String {

@@ -4,6 +4,7 @@
 //! The automatic gearbox shifts at engine speeds that rise with the throttle and waits between shifts, so it does not hunt.
 
 use schema_frames::VehicleControl;
+use serde::{Deserialize, Serialize};
 
 /// Least time between two automatic shifts, seconds.
 const SHIFT_PAUSE_SECS: f32 = 0.8;
@@ -81,7 +82,7 @@ pub struct DriveOutput {
 }
 
 /// State of engine and gearbox.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DriveTrain {
     /// Gear engaged: −1 reverse, 0 neutral, 1.. forward.
     pub gear: i32,

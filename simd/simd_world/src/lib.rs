@@ -11,19 +11,24 @@
 #![warn(missing_docs)]
 
 mod catalogue;
+mod checkpoint;
 mod command;
 mod drive;
 mod lights;
 mod map;
 mod models;
 mod physics;
+mod plain;
 mod records;
 mod scenario;
 mod scene;
+mod signs;
 mod spawn;
 mod vehicle;
+mod weather;
 mod world;
 
+pub use checkpoint::{Checkpoint, CheckpointError};
 pub use drive::{DriveInput, DriveOutput, DriveTrain, EngineSpec};
 pub use map::{CollisionMesh, LightHeads, LoadError, MapData};
 pub use models::{VehicleModel, vehicle_models};

@@ -1,22 +1,26 @@
 //! Traffic lights: stages of the controllers of a junction, and which vehicle stands before which light.
 //!
-//! CARLA's timing: a controller is green 10 s, yellow 3 s, then all are red 2 s, then the junction's next controller is green.
-//! Time is whole nanoseconds, so a stage ends in exactly the tick that completes it.
+//! CARLA's timing: a controller is green 10 s, yellow 3 s, then all are red 2 s, then the junction's next controller is green. Each
+//! controller's three times can be set. Time is whole nanoseconds, so a stage ends in exactly the tick that completes it.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::LightState;
-use schema_roads::SignalKind;
-use schema_roads::{LanePosition, RoadMap};
+use schema_roads::{LanePosition, RoadMap, SignalKind};
 use schema_types::ActorId;
+use serde::{Deserialize, Serialize};
 
-const GREEN_NANOS: u64 = 10_000_000_000;
-const YELLOW_NANOS: u64 = 3_000_000_000;
-const ALL_RED_NANOS: u64 = 2_000_000_000;
+/// Green, yellow, all red.
+const STAGE_NANOS: [u64; 3] = [10_000_000_000, 3_000_000_000, 2_000_000_000];
+/// Shortest and longest stage that can be set, seconds.
+const STAGE_SECS: (f64, f64) = (0.01, 1e5);
 /// Half length of the box before a stop line, and how far upstream its middle lies, metres.
 const STOP_BOX_HALF_M: f64 = 1.5;
-const STOP_BOX_UPSTREAM_M: f64 = 3.0;
+pub(crate) const STOP_BOX_UPSTREAM_M: f64 = 3.0;
+/// Half width of a box per width of its lane.
+pub(crate) const STOP_BOX_HALF_WIDTH_RATIO: f64 = 0.25;
 
 /// One light.
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Light {
     pub actor: ActorId,
     pub signal_id: String,
@@ -30,29 +34,41 @@ pub(crate) struct Light {
     boxes: Vec<StopBox>,
 }
 
-struct StopBox {
-    world_from_box: Isometry3<f64>,
-    half_m: [f64; 2],
+/// A box on a lane in which who drives there is before the sign.
+#[derive(Clone, Serialize, Deserialize)]
+pub(crate) struct StopBox {
+    #[serde(with = "crate::plain::isometry")]
+    pub world_from_box: Isometry3<f64>,
+    /// Along and across the lane, metres.
+    pub half_m: [f64; 2],
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Stage {
     Green,
     Yellow,
     AllRed,
 }
 
+/// One controller: lights that switch together, and for how long.
+#[derive(Clone, Serialize, Deserialize)]
+struct Turn {
+    lights: Vec<usize>,
+    /// Green, yellow, all red.
+    stage_nanos: [u64; 3],
+}
+
 /// Controllers of one junction that take turns.
+#[derive(Clone, Serialize, Deserialize)]
 struct Group {
-    /// Lights per controller.
-    turns: Vec<Vec<usize>>,
+    turns: Vec<Turn>,
     turn: usize,
     stage: Stage,
     in_stage_nanos: u64,
 }
 
 /// All lights of a map.
-#[derive(Default)]
+#[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Lights {
     pub lights: Vec<Light>,
     pub frozen: bool,
@@ -64,7 +80,8 @@ impl Lights {
     pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> Lights {
         let mut all = Lights::default();
         for signal in roads.signals().iter().filter(|signal| signal.kind == SignalKind::TrafficLight) {
-            let boxes = signal.stops.iter().filter_map(|stop| stop_box(roads, stop.stop)).collect();
+            let boxes =
+                signal.stops.iter().filter_map(|stop| stop_box(roads, stop.stop, STOP_BOX_UPSTREAM_M, STOP_BOX_HALF_WIDTH_RATIO)).collect();
             all.lights.push(Light {
                 actor: next_actor(),
                 signal_id: signal.id.clone(),
@@ -108,12 +125,12 @@ impl Lights {
             last_junction = junction;
             let group_idx = self.groups.len() - 1;
             let group = &mut self.groups[group_idx];
-            let first_pole_idx = group.turns.iter().map(Vec::len).sum::<usize>() as u32;
+            let first_pole_idx = group.turns.iter().map(|turn| turn.lights.len()).sum::<usize>() as u32;
             for (pole_idx, light) in (first_pole_idx..).zip(&lights) {
                 self.lights[*light].group = group_idx;
                 self.lights[*light].pole_idx = pole_idx;
             }
-            group.turns.push(lights);
+            group.turns.push(Turn { lights, stage_nanos: STAGE_NANOS });
         }
     }
 
@@ -137,7 +154,7 @@ impl Lights {
     /// Every light of the group shows its part of the stage.
     fn show_stage(&mut self, group_idx: usize) {
         let group = &self.groups[group_idx];
-        for (turn, lights) in group.turns.iter().enumerate() {
+        for (turn, Turn { lights, .. }) in group.turns.iter().enumerate() {
             let state = match group.stage {
                 Stage::Green if turn == group.turn => LightState::Green,
                 Stage::Yellow if turn == group.turn => LightState::Yellow,
@@ -153,6 +170,45 @@ impl Lights {
         }
     }
 
+    /// Every controller's times are as they were made, but its group begins anew: the first controller green, all time at 0.
+    pub fn reset_group(&mut self, group_idx: usize) {
+        let group = &mut self.groups[group_idx];
+        (group.turn, group.stage, group.in_stage_nanos) = (0, Stage::Green, 0);
+        self.show_stage(group_idx);
+        self.lights.iter_mut().filter(|light| light.group == group_idx).for_each(|light| light.in_state_nanos = 0);
+    }
+
+    /// Begins every group anew.
+    pub fn reset_all(&mut self) {
+        (0..self.groups.len()).for_each(|group| self.reset_group(group));
+    }
+
+    /// Sets for how long the controller of a light shows a state. The stage that runs is measured by the new length at once.
+    ///
+    /// # Errors
+    /// What is wrong with the state or the time.
+    pub fn set_time(&mut self, actor: ActorId, state: LightState, secs: f64) -> Result<(), String> {
+        let stage = match state {
+            LightState::Green => 0,
+            LightState::Yellow => 1,
+            LightState::Red => 2,
+            other => return Err(format!("state is {:?}, but only red, yellow and green last for a set time", other.name())),
+        };
+        if !(STAGE_SECS.0..=STAGE_SECS.1).contains(&secs) {
+            return Err(format!("secs is {secs}, but must be {} to {}", STAGE_SECS.0, STAGE_SECS.1));
+        }
+        let idx = self.idx_of(actor).ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
+        let group = &mut self.groups[self.lights[idx].group];
+        if let Some(turn) = group.turns.iter_mut().find(|turn| turn.lights.contains(&idx)) {
+            turn.stage_nanos[stage] = (secs * 1e9).round() as u64;
+        }
+        Ok(())
+    }
+
+    fn idx_of(&self, actor: ActorId) -> Option<usize> {
+        self.lights.iter().position(|light| light.actor == actor)
+    }
+
     /// Gives one light a state; its group's timers run on. False if there is no such light.
     pub fn set_state(&mut self, actor: ActorId, state: LightState) -> bool {
         let light = self.lights.iter_mut().find(|light| light.actor == actor);
@@ -166,12 +222,14 @@ impl Lights {
 
     /// The light with this actor id.
     pub fn get(&self, actor: ActorId) -> Option<&Light> {
-        self.lights.iter().find(|light| light.actor == actor)
+        self.idx_of(actor).map(|idx| &self.lights[idx])
     }
 
-    /// Stage lengths in force: green, yellow, all red, seconds.
-    pub fn stage_secs(&self) -> [f32; 3] {
-        [GREEN_NANOS, YELLOW_NANOS, ALL_RED_NANOS].map(|nanos| nanos as f32 * 1e-9)
+    /// Stage lengths of a light's controller: green, yellow, all red, seconds.
+    pub fn stage_secs(&self, light: &Light) -> [f32; 3] {
+        let turns = &self.groups[light.group].turns;
+        let first = |turn: &&Turn| turn.lights.iter().any(|idx| self.lights[*idx].actor == light.actor);
+        turns.iter().find(first).map_or(STAGE_NANOS, |turn| turn.stage_nanos).map(|nanos| (nanos as f64 * 1e-9) as f32)
     }
 
     /// The light in whose box the vehicle's body stands, nearest box first.
@@ -194,11 +252,7 @@ impl Lights {
 
 impl Group {
     fn stage_nanos(&self) -> u64 {
-        match self.stage {
-            Stage::Green => GREEN_NANOS,
-            Stage::Yellow => YELLOW_NANOS,
-            Stage::AllRed => ALL_RED_NANOS,
-        }
+        self.turns[self.turn].stage_nanos[self.stage as usize]
     }
 
     fn advance(&mut self) {
@@ -233,8 +287,9 @@ impl StopBox {
     }
 }
 
-fn stop_box(roads: &RoadMap, stop: LanePosition) -> Option<StopBox> {
-    let middle = LanePosition { s_m: (stop.s_m - STOP_BOX_UPSTREAM_M).max(0.0), offset_m: 0.0, ..stop };
+/// The box on the lane of `stop`, its middle `upstream_m` before it, as wide as `half_width_ratio` of the lane to either side.
+pub(crate) fn stop_box(roads: &RoadMap, stop: LanePosition, upstream_m: f64, half_width_ratio: f64) -> Option<StopBox> {
+    let middle = LanePosition { s_m: (stop.s_m - upstream_m).max(0.0), offset_m: 0.0, ..stop };
     let world_from_box = roads.pose(middle)?;
-    Some(StopBox { world_from_box, half_m: [STOP_BOX_HALF_M, 0.25 * roads.width_m(middle)] })
+    Some(StopBox { world_from_box, half_m: [STOP_BOX_HALF_M, half_width_ratio * roads.width_m(middle)] })
 }

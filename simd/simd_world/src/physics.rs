@@ -9,6 +9,7 @@ use rapier3d::glamx::Quat;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
 use schema_types::{ActorId, Class};
+use serde::{Deserialize, Serialize};
 
 use crate::map::MapData;
 
@@ -16,7 +17,7 @@ use crate::map::MapData;
 pub(crate) const GRAVITY_MPS2: f64 = 9.81;
 
 /// Two things pushed each other during a tick: one entry per (actor, other), so two actors that touch make two entries.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Collision {
     /// Who was pushed.
     pub actor: ActorId,
@@ -53,10 +54,21 @@ pub(crate) fn collider_tag(actor: u32, class: Class) -> u128 {
 }
 
 /// Engine, solid ground and the contacts of the current tick.
+#[derive(Serialize, Deserialize)]
 pub(crate) struct Physics {
+    #[serde(with = "crate::checkpoint::engine")]
     pub engine: PhysicsWorld,
+    #[serde(with = "crate::plain::vector")]
     origin_m: Vector3<f64>,
+    #[serde(skip)]
     contacts: ContactLog,
+}
+
+impl Clone for Physics {
+    fn clone(&self) -> Self {
+        let Physics { engine, origin_m, contacts: _ } = self;
+        Physics { engine: crate::checkpoint::copy(engine), origin_m: *origin_m, contacts: ContactLog::default() }
+    }
 }
 
 impl Physics {

@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::document::BodyBox;
-use schema_frames::{ActorKind, ActorRecord, LightState, TrafficLightPart, VehiclePart};
+use schema_frames::snapshot::id_bytes;
+use schema_frames::{ActorKind, ActorRecord, LightState, TrafficLightPart, TrafficSignPart, VehiclePart};
 use schema_types::{ActorId, Pose};
 
 use crate::vehicle::{MAX_WHEELS, Vehicle};
@@ -39,6 +40,10 @@ impl World {
                     record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
                 }
                 ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
+                ActorKind::TrafficSign => {
+                    let opendrive_id = actor.attributes.get("opendrive_id").map_or([0; 32], |id| id_bytes(id));
+                    record.set_part(&TrafficSignPart { opendrive_id, reserved: [0; 64] });
+                }
                 _ => {}
             }
             records.push(record);
@@ -147,13 +152,7 @@ impl World {
 
     fn light_part(&self, actor: ActorId) -> TrafficLightPart {
         let light = self.lights.get(actor).expect("every traffic light actor has a light");
-        let [green_secs, yellow_secs, red_secs] = self.lights.stage_secs();
-        let mut opendrive_id = [0u8; 32];
-        let mut n_bytes = light.signal_id.len().min(32);
-        while !light.signal_id.is_char_boundary(n_bytes) {
-            n_bytes -= 1;
-        }
-        opendrive_id[..n_bytes].copy_from_slice(&light.signal_id.as_bytes()[..n_bytes]);
+        let [green_secs, yellow_secs, red_secs] = self.lights.stage_secs(light);
         TrafficLightPart {
             state: light.state as u32,
             flags: self.lights.frozen as u32,
@@ -163,7 +162,7 @@ impl World {
             red_secs,
             group: light.group as u32 + 1,
             pole_idx: light.pole_idx,
-            opendrive_id,
+            opendrive_id: id_bytes(&light.signal_id),
             reserved: [0; 32],
         }
     }

@@ -16,7 +16,7 @@ use crate::world::World;
 const BODY_PART: u16 = 0;
 
 /// Meshes of this episode's actors.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct ActorMeshes {
     /// Body and wheel per vehicle model, by its index.
     vehicles: Vec<(MeshId, MeshId)>,
@@ -34,9 +34,14 @@ impl World {
         });
         let vehicles = vehicles.collect();
         let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
+        self.meshes = ActorMeshes { vehicles, light_head, heads: BTreeMap::new() };
+        self.find_light_heads();
+    }
+
+    /// Which heads belong to which light actor; again whenever the lights' ids may be others.
+    pub(crate) fn find_light_heads(&mut self) {
         let heads_of = |signal_id: &str| self.map.lights.iter().find(|site| site.signal_id == signal_id).map(|site| site.heads.clone());
-        let heads = self.lights.lights.iter().filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?))).collect();
-        self.meshes = ActorMeshes { vehicles, light_head, heads };
+        self.meshes.heads = self.lights.lights.iter().filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?))).collect();
     }
 
     /// Fills `out` with every part of every actor, by rising (actor, part). Empty before [`World::register_meshes`].

@@ -10,6 +10,7 @@ use rapier3d::control::{DynamicRayCastVehicleController, WheelTuning};
 use rapier3d::math::Vector;
 use rapier3d::prelude::*;
 use schema_frames::VehicleControl;
+use serde::{Deserialize, Serialize};
 
 use crate::drive::{DriveInput, DriveTrain};
 use crate::models::VehicleModel;
@@ -39,7 +40,9 @@ const FALL_M: f32 = 500.0;
 pub(crate) const MAX_WHEELS: usize = 6;
 
 /// A vehicle's physical state. Everything about one sub-step happens in [`Vehicle::pre_step`] and [`Vehicle::finish_step`].
+#[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Vehicle {
+    #[serde(with = "crate::plain::model")]
     pub model: &'static VehicleModel,
     pub body: RigidBodyHandle,
     pub train: DriveTrain,
@@ -52,6 +55,7 @@ pub(crate) struct Vehicle {
     pub spin_rad: [f32; MAX_WHEELS],
     pub quarantined: bool,
     controller: DynamicRayCastVehicleController,
+    #[serde(with = "crate::plain::isometry")]
     last_good: Isometry3<f64>,
 }
 

@@ -8,16 +8,18 @@ use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInf
 use schema_frames::{ActorKind, ActorRecord, VehicleControl};
 use schema_roads::RoadMap;
 use schema_types::{ActorId, Pose};
+use serde::{Deserialize, Serialize};
 
 use crate::catalogue;
 use crate::lights::Lights;
 use crate::map::{LoadError, MapData};
 use crate::physics::{Collision, Physics};
 use crate::scene::ActorMeshes;
+use crate::signs;
 use crate::vehicle::Vehicle;
 
 /// What does not change while a world lives.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldOptions {
     /// Seed of everything that is drawn by lot.
     pub seed: u64,
@@ -60,7 +62,7 @@ pub enum ActorError {
 }
 
 /// Everything constant about an actor, and its place on its parent.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Actor {
     pub id: ActorId,
     pub kind: ActorKind,
@@ -74,25 +76,39 @@ pub(crate) struct Actor {
 }
 
 /// Actors, physics, traffic lights, weather: all that changes from tick to tick.
+///
+/// A [`crate::Checkpoint`] is a copy of this very struct: a new field is saved and restored without further ado. What follows from the map
+/// alone, or is made anew every tick, says `serde(skip)` and is taken from the living world by `World::restore`.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct World {
     pub(crate) options: WorldOptions,
+    #[serde(skip)]
     pub(crate) map: Arc<MapData>,
+    #[serde(skip)]
     pub(crate) roads: Option<Arc<RoadMap>>,
     pub(crate) physics: Physics,
     pub(crate) lights: Lights,
+    #[serde(skip)]
     pub(crate) catalogue: Catalogue,
     pub(crate) actors: BTreeMap<ActorId, Actor>,
     pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
+    #[serde(with = "crate::plain::pods")]
     pub(crate) records: Vec<ActorRecord>,
     /// Records before the last step or change; kept so that their memory is used again.
+    #[serde(skip)]
     pub(crate) previous_records: Vec<ActorRecord>,
     pub(crate) speed_limits: BTreeMap<ActorId, ([f64; 3], f32)>,
+    #[serde(skip)]
     pub(crate) meshes: ActorMeshes,
     pub(crate) weather: Weather,
+    /// Whether weather acts on tyres and lidar.
+    pub(crate) weather_acts: bool,
+    /// Lights' and signs' boxes on lanes, in their own space.
+    pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
     collisions: Vec<Collision>,
-    next_actor: u32,
-    actors_revision: u64,
-    episode: u32,
+    pub(crate) next_actor: u32,
+    pub(crate) actors_revision: u64,
+    pub(crate) episode: u32,
     spectator: ActorId,
 }
 
@@ -113,6 +129,8 @@ impl World {
             speed_limits: BTreeMap::new(),
             meshes: ActorMeshes::default(),
             weather: Weather::default(),
+            weather_acts: false,
+            trigger_boxes: BTreeMap::new(),
             collisions: Vec::new(),
             next_actor: 1,
             actors_revision: 0,
@@ -150,12 +168,14 @@ impl World {
         let above = Pose { translation_m: [pose.translation_m[0], pose.translation_m[1], pose.translation_m[2] + 20.0], ..pose };
         self.spectator = self.add_fixed("spectator", ActorKind::Spectator, above, BTreeMap::new());
         self.lights = Lights::default();
+        self.trigger_boxes.clear();
         if let Some(roads) = self.roads.clone() {
             let mut ids = Vec::new();
             for signal in roads.signals() {
                 let (type_id, kind) = self.signal_type(signal);
                 let attributes = BTreeMap::from([("opendrive_id".to_owned(), signal.id.clone())]);
                 let id = self.add_fixed(&type_id, kind, signal.pose.into(), attributes);
+                self.trigger_boxes.extend(signs::trigger_box(&roads, signal).map(|trigger| (id, trigger)));
                 if kind == ActorKind::TrafficLight {
                     ids.push(id);
                 }
@@ -228,6 +248,7 @@ impl World {
                 parent_id: actor.parent.map_or(0, |parent| parent.0),
                 mount: actor.parent.map(|_| actor.pose.into()),
                 body_box: BodyBox { ..entry.body_box },
+                trigger_box: self.trigger_boxes.get(&actor.id).copied(),
                 attributes: actor.attributes.clone(),
                 topics: actor.topics.clone(),
             }

@@ -108,7 +108,7 @@ fn refusals_are_sentences() {
     check(Command::SetLamps { actor_id: 999, lamps: 1 }, "actor 999 not found");
     check(Command::SetLamps { actor_id: spectator.0, lamps: 1 }, "needs a vehicle");
     check(Command::SetTrafficLight { actor_id: car.0, state: "red".into() }, "is not a traffic light");
-    check(Command::SetTrafficLight { actor_id: car.0, state: "blue".into() }, "must be red, yellow, green or off");
+    check(Command::SetTrafficLight { actor_id: car.0, state: "blue".into() }, "must be red, yellow, green, off or unknown");
     check(Command::Ping, "for the daemon");
 }
 

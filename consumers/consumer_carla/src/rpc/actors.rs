@@ -90,7 +90,7 @@ impl Gateway {
     fn bounding_box(&self, call: &mut Call<'_>) -> Outcome {
         let id = call.u32()?;
         let known = self.world.known();
-        let listed = known.actors.get(&id).map(|actor| actor.body_box);
+        let listed = known.actors.get(&id).map(shapes::box_of);
         let own = || known.own.get(&id).and_then(|own| known.entry(&own.type_id)).map(|(_, entry)| entry.body_box);
         Ok(Answer::Value(listed.or_else(own).map_or_else(|| shapes::no_box(id), |body| shapes::bounding_box(&body, id))))
     }

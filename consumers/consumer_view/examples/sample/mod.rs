@@ -124,6 +124,7 @@ pub fn actors() -> ActorList {
         role: role.into(),
         parent_id: 0,
         mount: None,
+        trigger_box: None,
         body_box: BODY,
         attributes: Default::default(),
         topics: vec![],

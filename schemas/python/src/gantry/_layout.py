@@ -140,6 +140,10 @@ STRUCTS: dict[str, tuple] = {
         ("opendrive_id", "u1", (32,), 32),
         ("reserved", "u1", (32,), 64),
     ]),
+    "TrafficSignPart": (None, 96, [
+        ("opendrive_id", "u1", (32,), 0),
+        ("reserved", "u1", (64,), 32),
+    ]),
     "WalkerPart": (None, 96, [
         ("direction", "<f4", (3,), 0),
         ("speed_mps", "<f4", (), 12),

@@ -1,0 +1,100 @@
+//! What commands ask about the world's geometry and draw into its pictures.
+
+use serde::{Deserialize, Serialize};
+
+use crate::document::PoseText;
+
+/// Most rays in one `cast_rays`.
+pub const MAX_RAYS: usize = 100_000;
+/// Most hits along one ray.
+pub const MAX_HITS: usize = 1000;
+/// Most debug shapes that are kept; the oldest go first.
+pub const MAX_DEBUG_SHAPES: usize = 50_000;
+
+/// A ray with an end.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RaySegment {
+    /// World, metres.
+    pub from_m: [f64; 3],
+    /// World, metres; at most 10 km away.
+    pub to_m: [f64; 3],
+}
+
+/// A surface that a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RayHit {
+    /// World, metres.
+    pub point_m: [f64; 3],
+    /// Metres from the ray's start.
+    pub distance_m: f64,
+    /// Unit normal of the surface on the side that is met, world.
+    pub normal: [f64; 3],
+    /// Semantic class.
+    pub class: u8,
+    /// Actor, or scenery object with bit 31 set.
+    pub object_id: u32,
+}
+
+/// A box anywhere.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PosedBox {
+    /// Pose of its centre.
+    pub pose: PoseText,
+    /// Half extents along its own axes, metres.
+    pub half_m: [f64; 3],
+}
+
+/// Something to draw into colour pictures; depth, labels and rays never see it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DebugShape {
+    /// What.
+    pub draw: DebugDraw,
+    /// sRGB.
+    pub color_rgb: [u8; 3],
+    /// Simulated time for which it is seen; `None` until `clear_debug`. 0 is the next tick only.
+    #[serde(default)]
+    pub life_nanos: Option<u64>,
+}
+
+/// Kinds of debug shapes; all in the world, metres.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum DebugDraw {
+    /// A square that faces the camera.
+    Point {
+        /// Where.
+        at_m: [f64; 3],
+        /// Length of its sides.
+        size_m: f64,
+    },
+    /// A line.
+    Line {
+        /// One end.
+        from_m: [f64; 3],
+        /// The other.
+        to_m: [f64; 3],
+        /// Its thickness.
+        width_m: f64,
+    },
+    /// A line with a head of four strokes at its end.
+    Arrow {
+        /// Where it begins.
+        from_m: [f64; 3],
+        /// Where it points.
+        to_m: [f64; 3],
+        /// Its thickness.
+        width_m: f64,
+        /// Length of the head.
+        head_m: f64,
+    },
+    /// Twelve edges.
+    Box {
+        /// Which box.
+        edges_of: PosedBox,
+        /// Their thickness.
+        width_m: f64,
+    },
+}

@@ -1,0 +1,76 @@
+//! How types of other crates, which do not know serde, are written into a checkpoint: `#[serde(with = "crate::plain::…")]`.
+
+use nalgebra::{Isometry3, Vector3};
+use schema_types::Pose;
+use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+
+use crate::models::{VehicleModel, vehicle_models};
+
+/// A pose, bit for bit.
+pub(crate) mod isometry {
+    use super::*;
+
+    pub(crate) fn serialize<S: Serializer>(pose: &Isometry3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+        Pose::from(*pose).serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Isometry3<f64>, D::Error> {
+        Pose::deserialize(deserializer).map(|pose| pose.isometry())
+    }
+}
+
+/// A vector.
+pub(crate) mod vector {
+    use super::*;
+
+    pub(crate) fn serialize<S: Serializer>(vector: &Vector3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+        <[f64; 3]>::from(*vector).serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vector3<f64>, D::Error> {
+        <[f64; 3]>::deserialize(deserializer).map(Vector3::from)
+    }
+}
+
+/// A kind of vehicle, as its catalogue id.
+pub(crate) mod model {
+    use super::*;
+
+    pub(crate) fn serialize<S: Serializer>(model: &&'static VehicleModel, serializer: S) -> Result<S::Ok, S::Error> {
+        model.type_id.serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static VehicleModel, D::Error> {
+        let type_id = String::deserialize(deserializer)?;
+        let found = vehicle_models().iter().find(|model| model.type_id == type_id);
+        found.ok_or_else(|| serde::de::Error::custom(format!("there is no vehicle {type_id:?}")))
+    }
+}
+
+/// Plain records, as their bytes.
+pub(crate) mod pods {
+    use super::*;
+
+    pub(crate) fn serialize<T: bytemuck::Pod, S: Serializer>(records: &[T], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(bytemuck::cast_slice(records))
+    }
+
+    pub(crate) fn deserialize<'de, T: bytemuck::Pod, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+        struct Bytes<T>(std::marker::PhantomData<T>);
+        impl<T: bytemuck::Pod> serde::de::Visitor<'_> for Bytes<T> {
+            type Value = Vec<T>;
+
+            fn expecting(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                formatter.write_str("the bytes of whole records")
+            }
+
+            fn visit_bytes<E: serde::de::Error>(self, bytes: &[u8]) -> Result<Vec<T>, E> {
+                if !bytes.len().is_multiple_of(size_of::<T>()) {
+                    return Err(E::invalid_length(bytes.len(), &self));
+                }
+                Ok(bytemuck::pod_collect_to_vec(bytes))
+            }
+        }
+        deserializer.deserialize_bytes(Bytes(std::marker::PhantomData))
+    }
+}
