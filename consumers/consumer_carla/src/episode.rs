@@ -9,6 +9,8 @@ const WORLD_SNAPSHOT: u64 = 17;
 /// Simulation state bit: the client drops its cached map.
 pub const MAP_CHANGED: u32 = 1;
 const ACTIVE: u8 = 1;
+/// Where the map says no limit: CARLA's value before any sign.
+const LIMIT_BEFORE_SIGNS_KMH: f32 = 30.0;
 const PART_BYTES: usize = 54;
 /// Bytes before the actors: the header of every sensor message, and the episode's.
 pub const HEADER_BYTES: usize = 48 + 36;
@@ -77,7 +79,7 @@ fn push_vehicle(out: &mut Vec<u8>, record: &ActorRecord) {
     let flag = |bit: u32| u8::from(part.control_flags & bit != 0);
     out.extend([flag(1), flag(2), flag(4)]);
     out.extend(part.gear.to_le_bytes());
-    push_floats(out, [axes::kmh(part.speed_limit_mps)]);
+    push_floats(out, [if part.speed_limit_mps > 0.0 { axes::kmh(part.speed_limit_mps) } else { LIMIT_BEFORE_SIGNS_KMH }]);
     out.push(part.light_state.min(4) as u8);
     out.push(u8::from(part.light_actor_id != 0));
     out.extend(part.light_actor_id.to_le_bytes());

@@ -93,7 +93,7 @@ impl Gateway {
         };
         let mut call = Call { args: Fields::new("the arguments", &request.args), method, connection };
         run(self, &mut call).map_err(|failure| match failure {
-            Failure::Refused(error) => Failure::Refused(format!("{method}: {error}")),
+            Failure::Refused(error) => Failure::Refused(format!("{}: {error}", call.method)),
             unknown => unknown,
         })
     }
