@@ -1,5 +1,7 @@
 //! One driver: follows its path, keeps clear of the others, obeys lights, gets out of jams.
 
+mod rescue;
+
 use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
 use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
 use schema_types::noise::Noise;
@@ -24,12 +26,8 @@ const HORIZON_M: f64 = 90.0;
 pub(crate) const STANDING_MPS: f64 = 0.3;
 /// Standing this long without a reason, a driver helps itself, seconds.
 const STUCK_SECS: f64 = 6.0;
-/// How long a driver reverses, seconds.
-const REVERSE_SECS: f64 = 4.0;
-/// How fast, m/s.
-const REVERSE_MPS: f64 = 1.2;
-/// How far a driver keeps to the side of what it backed off from, metres.
-const AVOID_M: f64 = 0.7;
+/// How far before a junction a driver waits for its turn, metres: long vehicles swing out where they leave it.
+const WAITING_M: f64 = 2.5;
 /// Furthest a long vehicle keeps to the inside of a bend, metres.
 const INSIDE_M: f64 = 0.35;
 
@@ -87,6 +85,11 @@ pub struct Driver {
     avoid: (f64, f64),
     n_rescues: u32,
     wait: Wait,
+    /// Who is in the way, while it stands for that.
+    blocked_by: Option<u32>,
+    blocked_secs: f64,
+    /// Backs off for somebody else, in its own lane.
+    is_yielding: bool,
     entry: Option<Entry>,
     /// Decided by the fleet: the next junction may be entered.
     pub(crate) may_enter: bool,
@@ -110,6 +113,9 @@ impl Driver {
             avoid: (0.0, 0.0),
             n_rescues: 0,
             wait: Wait::No,
+            blocked_by: None,
+            blocked_secs: 0.0,
+            is_yielding: false,
             entry: None,
             may_enter: true,
         })
@@ -140,9 +146,25 @@ impl Driver {
         self.n_rescues
     }
 
+    /// Who keeps it from going on, and for how long, seconds; only while it stands.
+    pub fn blocked_by(&self) -> Option<(u32, f64)> {
+        self.blocked_by.map(|id| (id, self.blocked_secs))
+    }
+
+    /// Whether it backs off at present.
+    pub fn is_reversing(&self) -> bool {
+        self.reverse_left_secs > 0.0
+    }
+
     /// The next junction, or the one it is in.
     pub fn entry(&self) -> Option<Entry> {
         self.entry
+    }
+
+    /// Whether it stands with more than its nose in a junction.
+    pub(crate) fn is_inside(&self, world: &World) -> bool {
+        let Some((entry, me)) = self.entry.zip(world.mover(self.id)) else { return false };
+        self.foot.arc_m + me.front_m() > entry.arc_m[0] + WAITING_M
     }
 
     /// The lane it is on.
@@ -193,6 +215,11 @@ impl Driver {
         let obstacle = self.obstacle(me, world, if creeping { 0.15 } else { 0.3 });
         let mut wanted = self.road_speed(me, front);
         let mut wait = Wait::No;
+        // Nearer than the waiting line only who is already there: that must not mean braking hard.
+        let waiting_line = |line: f64| match self.entry {
+            Some(entry) if line < entry.arc_m[0] + WAITING_M => line.min((entry.arc_m[0] - WAITING_M).max(front)),
+            _ => line,
+        };
         let mut consider = |accel: f64, why: Wait| {
             if accel < wanted {
                 wanted = accel;
@@ -204,13 +231,13 @@ impl Driver {
             consider(speed::stop_before(me.speed_mps, end - front), Wait::End);
         }
         if let Some(line) = self.light_line(map, world, me, front) {
-            consider(speed::stop_before(me.speed_mps, line - front), Wait::Light);
+            consider(speed::stop_before(me.speed_mps, waiting_line(line) - front), Wait::Light);
         }
         if let Some(entry) = self.entry
             && !self.may_enter
             && front < entry.arc_m[0] + 1.0
         {
-            consider(speed::stop_before(me.speed_mps, entry.arc_m[0] - front), Wait::Turn);
+            consider(speed::stop_before(me.speed_mps, waiting_line(entry.arc_m[0]) - front), Wait::Turn);
         }
         if let Some(obstacle) = obstacle {
             let gap = if creeping { 0.8 } else { 2.2 };
@@ -220,6 +247,9 @@ impl Driver {
             wanted = wanted.min(speed::towards(me.speed_mps, 1.5));
         }
         self.wait = wait;
+        let blocker = obstacle.filter(|_| wait == Wait::Ahead && me.speed_mps.abs() < STANDING_MPS).map(|o| o.id);
+        self.blocked_secs = if blocker.is_some() && blocker == self.blocked_by { self.blocked_secs + dt } else { 0.0 };
+        self.blocked_by = blocker;
         self.watch(me, world, wanted, obstacle, dt);
         let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
         let steer = self.steering.ratio(me, &self.path, self.foot, self.side_offset(me), dt);
@@ -326,64 +356,6 @@ impl Driver {
     fn swing_at(&self, me: &Mover, arc_m: f64, left: bool) -> f64 {
         let behind = [0.0, 0.5, 1.0].map(|share| self.path.at(arc_m - share * me.half_m[0]).curvature_per_m);
         behind.into_iter().map(|k| swing_m(me, self.steering.wheelbase_m(), k, left)).fold(0.0, f64::max)
-    }
-
-    /// Notices that nothing moves although it should.
-    fn watch(&mut self, me: &Mover, world: &World, wanted: f64, obstacle: Option<Obstacle>, dt: f64) {
-        if me.speed_mps.abs() > 0.5 {
-            self.stuck_secs = (self.stuck_secs - 2.0 * dt).max(0.0);
-            if me.speed_mps > 2.0 {
-                (self.stuck_secs, self.n_rescues) = (0.0, 0);
-            }
-            return;
-        }
-        let pushing = wanted > 0.3;
-        // A queue has a reason of its own; who blocks us across or head-on has not.
-        let blocked = self.wait == Wait::Ahead
-            && obstacle
-                .and_then(|o| world.mover(o.id))
-                .is_some_and(|o| wrap(o.yaw_rad - self.path.at(self.foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6);
-        if !pushing && !blocked {
-            if self.wait != Wait::Ahead {
-                self.stuck_secs = 0.0;
-            }
-            return;
-        }
-        self.stuck_secs += dt;
-        // Ids differ, so two that block each other do not back off at once.
-        let patience = 2.0 * STUCK_SECS + f64::from(self.id % 7) + if pushing { 0.0 } else { 6.0 };
-        if self.stuck_secs > patience && self.room_behind(me, world) {
-            self.reverse_left_secs = REVERSE_SECS;
-            let side = obstacle.map_or(0.0, |o| o.side);
-            self.avoid = (-AVOID_M * side, self.foot.arc_m + 25.0);
-            self.n_rescues += 1;
-            self.stuck_secs = 0.0;
-        }
-    }
-
-    fn room_behind(&self, me: &Mover, world: &World) -> bool {
-        let mut ghost = me.clone();
-        ghost.half_m[0] += 1.5;
-        ghost.centre_m[0] -= 1.5;
-        !world.movers.iter().any(|other| other.id != me.id && ghost.overlaps(other, 0.2) && forward_share(me, other) < 0.0)
-    }
-
-    /// Backs off, steering the other way, then plans anew.
-    fn reverse(&mut self, me: &Mover, world: &World) -> VehicleControlRecord {
-        let dt = world.period_secs;
-        self.reverse_left_secs -= dt;
-        let clear = self.room_behind(me, world) && me.speed_mps > -REVERSE_MPS;
-        let steer = self.steering.hold(if self.foot.offset_m > 0.0 { 0.4 } else { -0.4 }, dt);
-        let control = VehicleControl {
-            throttle_ratio: if clear { 0.35 } else { 0.0 },
-            brake_ratio: if clear && self.reverse_left_secs > 0.4 { 0.0 } else { 0.3 },
-            steer_ratio: steer as f32,
-            reverse: true,
-            ..VehicleControl::default()
-        };
-        let mut record = VehicleControlRecord::new(self.id, control);
-        record.lamps = LAMP_REVERSE;
-        record
     }
 
     /// Where to drive beside the path's middle: inside a bend if the front swings out, away from what was in the way.

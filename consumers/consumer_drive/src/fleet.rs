@@ -6,12 +6,18 @@ use std::sync::Arc;
 use schema_frames::{LightState, VehicleControlRecord};
 use schema_roads::{LaneKey, RoadMap, SignalKind};
 
-use crate::driver::{Driver, STANDING_MPS, locate};
+use crate::driver::{Driver, STANDING_MPS, Wait, locate};
 use crate::path::{distance, wrap};
 use crate::world::{Mover, World};
 
+/// Somebody inside a junction whom a waiting vehicle blocks this long is given room, seconds.
+const YIELD_AFTER_SECS: f64 = 5.0;
+/// Longest queue that backs off for that.
+const MAX_QUEUE: usize = 6;
 /// Room between two vehicles whose ways do not conflict, metres.
 const CLEARANCE_M: f64 = 0.4;
+/// Who leaves a junction slower than this may come to stand behind it, m/s.
+const SLOW_MPS: f64 = 2.5;
 /// From this distance on, an arrival at a junction counts, metres.
 const ARRIVAL_M: f64 = 12.0;
 /// Somebody whose turn it is and who does not go loses it after this long, seconds.
@@ -33,7 +39,7 @@ struct Claim {
     turn_rad: f64,
     /// Lane it enters by.
     from: Option<LaneKey>,
-    /// Held by a red light.
+    /// Held by a red light or by its full exit.
     held: bool,
 }
 
@@ -103,6 +109,7 @@ impl Fleet {
         let claims: Vec<Claim> = world.movers.iter().filter(|m| m.is_vehicle).flat_map(|m| self.claims(m, world)).collect();
         self.note_arrivals(&claims, world);
         let turns: Vec<(u32, bool)> = self.drivers.keys().map(|id| (*id, self.may_enter(*id, world, &claims))).collect();
+        self.make_room(world);
         let mut records = Vec::with_capacity(self.drivers.len());
         for (id, may_enter) in turns {
             let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else { continue };
@@ -110,6 +117,28 @@ impl Fleet {
             records.push(driver.control(&self.map, me, world));
         }
         records
+    }
+
+    /// Who waits before a junction and keeps somebody from leaving it backs off; those in the queue behind it as well.
+    fn make_room(&mut self, world: &World) {
+        let stuck = self.drivers.values().filter(|d| d.is_inside(world)).filter_map(Driver::blocked_by);
+        let blockers = stuck.filter(|(id, secs)| *secs > YIELD_AFTER_SECS && self.waits_at_junction(*id)).map(|(id, _)| id);
+        for first in blockers.collect::<Vec<u32>>() {
+            let mut next = Some(first);
+            for _ in 0..MAX_QUEUE {
+                let Some(id) = next else { break };
+                let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else { break };
+                if driver.is_inside(world) || driver.is_reversing() || me.speed_mps.abs() > STANDING_MPS {
+                    break;
+                }
+                next = driver.behind(me, world, 2.0);
+                driver.make_room();
+            }
+        }
+    }
+
+    fn waits_at_junction(&self, id: u32) -> bool {
+        self.drivers.get(&id).is_some_and(|driver| matches!(driver.wait(), Wait::Turn | Wait::Light))
     }
 
     /// What a vehicle may still use of junctions near it.
@@ -143,7 +172,9 @@ impl Fleet {
             way: (0..=n).map(|i| driver.path().at(start + i as f64).position_m).collect(),
             turn_rad: entry.turn_rad,
             from: first.checked_sub(1).map(|idx| legs[idx].lane),
-            held: self.is_held(legs[first].lane, first.checked_sub(1).map(|idx| legs[idx].lane), world),
+            // Who finds its exit full does not go, and nobody needs to wait for it.
+            held: self.is_held(legs[first].lane, first.checked_sub(1).map(|idx| legs[idx].lane), world)
+                || !self.room_behind_junction(driver, mover, world, entry.arc_m[1]),
         })
     }
 
@@ -254,13 +285,13 @@ impl Fleet {
         (order(mine), mine.id) < (order(other), other.id)
     }
 
-    /// Whether the exit has room for the whole vehicle, as far as standing traffic goes.
+    /// Whether the exit has room for the whole vehicle, as far as slow traffic goes.
     fn room_behind_junction(&self, driver: &Driver, me: &Mover, world: &World, exit_m: f64) -> bool {
         let needed = 2.0 * me.half_m[0] + 3.0;
         !world.movers.iter().any(|other| {
             other.id != me.id
                 && other.is_vehicle
-                && other.speed_mps.abs() < 1.0
+                && other.speed_mps.abs() < SLOW_MPS
                 && distance(other.middle(), driver.path().at(exit_m + 0.5 * needed).position_m) < needed + other.half_m[0]
                 && other
                     .outline()
