@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::commander::Commander;
+use crate::feeds::Feeds;
 use crate::list;
 use crate::msgpack::Value;
 use crate::rpc::managers::TrafficManager;
@@ -48,6 +49,9 @@ pub type Outcome = Result<Answer, Failure>;
 pub struct Gateway {
     pub(crate) world: Arc<World>,
     pub(crate) commander: Commander,
+    pub(crate) feeds: Arc<Feeds>,
+    /// Held while a step is asked for: when the last one was answered, `CLOCK_MONOTONIC`.
+    pub(crate) last_step_nanos: Mutex<u64>,
     pub(crate) settings: Mutex<Settings>,
     stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
@@ -60,8 +64,17 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Gateway {
     /// A gateway that tells clients to fetch streams at `stream_port`.
-    pub fn new(world: Arc<World>, commander: Commander, stream_port: u16) -> Gateway {
-        Gateway { world, commander, settings: Mutex::default(), stream_port, traffic_managers: Mutex::default(), said: Mutex::default() }
+    pub fn new(world: Arc<World>, commander: Commander, feeds: Arc<Feeds>, stream_port: u16) -> Gateway {
+        Gateway {
+            world,
+            commander,
+            feeds,
+            last_step_nanos: Mutex::default(),
+            settings: Mutex::default(),
+            stream_port,
+            traffic_managers: Mutex::default(),
+            said: Mutex::default(),
+        }
     }
 
     /// Forgets what a connection registered: a Traffic Manager whose process has ended would make later clients wait for it.

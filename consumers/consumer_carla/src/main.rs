@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
-use consumer_carla::{commander, gateway::Gateway, server, stream, world};
+use consumer_carla::{commander, feeds, gateway::Gateway, server, stream, world};
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Lets unmodified CARLA 0.9.16 clients look at the world on the bus and drive in it.
@@ -49,7 +49,9 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let (world, streams, stop) =
         (Arc::new(world::World::default()), Arc::new(stream::Streams::default()), Arc::new(AtomicBool::new(false)));
     let (commander, work) = commander::commander();
-    let gateway = Arc::new(Gateway::new(world.clone(), commander, stream_port));
+    let feeds = Arc::new(feeds::Feeds::new(world.clone(), streams.clone()));
+    feeds.join(schema_bus::Bus::open(&args.common.domain, "gantry-carla-sensors")?);
+    let gateway = Arc::new(Gateway::new(world.clone(), commander, feeds.clone(), stream_port));
     let domain = args.common.domain.clone();
     let (here, there, flag) = (world.clone(), streams.clone(), stop.clone());
     let follower = std::thread::Builder::new().name("world".into()).spawn(move || world::follow(&domain, &here, &there, &flag))?;
@@ -57,10 +59,15 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let (here, flag) = (world.clone(), stop.clone());
     let talker = std::thread::Builder::new().name("commands".into()).spawn(move || commander::run(&domain, &here, &work, &flag))?;
     // These two wait for clients until the process ends; they hold nothing on the bus.
-    std::thread::Builder::new().name("streams".into()).spawn(move || stream::serve(&listener, &streams))?;
+    std::thread::Builder::new().name("streams".into()).spawn({
+        let feeds = feeds.clone();
+        move || stream::serve(&listener, &streams, &feeds)
+    })?;
     std::thread::Builder::new().name("calls".into()).spawn(move || server::serve(&calls, &gateway))?;
     println!("listening on {0}:{port}, streams on {0}:{stream_port}", args.bind);
-    while !shutdown.wait(Duration::from_millis(100)) && !follower.is_finished() && !talker.is_finished() {}
+    while !shutdown.wait(Duration::from_millis(100)) && !follower.is_finished() && !talker.is_finished() {
+        feeds.sweep();
+    }
     stop.store(true, Ordering::Release);
     let ended = |thread: std::thread::JoinHandle<anyhow::Result<()>>| thread.join().unwrap_or_else(|_| anyhow::bail!("a thread panicked"));
     ended(follower).and(ended(talker))

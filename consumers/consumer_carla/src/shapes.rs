@@ -7,6 +7,8 @@ use crate::blueprints;
 use crate::fields::Description;
 use crate::list;
 use crate::msgpack::Value;
+use crate::sensors;
+use crate::stream;
 use crate::world::Known;
 
 fn vector([x, y, z]: [f64; 3]) -> Value {
@@ -45,7 +47,8 @@ pub fn no_box(actor: u32) -> Value {
 pub fn listed_actor(known: &Known, id: u32) -> Option<Value> {
     let info: &ActorInfo = known.actors.get(&id)?;
     let entry = known.entry(&info.type_id);
-    let described = known.own.get(&id).cloned().unwrap_or_else(|| blueprints::describe(info, entry.map(|(_, entry)| entry)));
+    let described =
+        known.own.get(&id).map(|own| own.description.clone()).unwrap_or_else(|| blueprints::describe(info, entry.map(|(_, entry)| entry)));
     Some(actor(known, id, info.parent_id, &described, &box_of(info)))
 }
 
@@ -65,5 +68,7 @@ fn actor(known: &Known, id: u32, parent: u32, description: &Description, body: &
         None => (0, vec![]),
     };
     let described = list![uid, description.type_id.as_str(), attributes];
-    list![id, parent, described, bounding_box(body, id), Value::Bin(tags), Value::Bin(Vec::new())]
+    // The client takes only the stream's number from here.
+    let token = if sensors::kind(&description.type_id).is_some() { stream::token(sensors::stream_of(id), 0) } else { Vec::new() };
+    list![id, parent, described, bounding_box(body, id), Value::Bin(tags), Value::Bin(token)]
 }

@@ -1,13 +1,18 @@
 //! The streaming server: a client sends a stream's number and is sent that stream's messages, each after its length.
+//!
+//! Here are the connections and the world stream; streams of sensors are in [`crate::feeds`].
 
-use std::collections::BTreeMap;
-use std::io::{Read as _, Write as _};
+use std::io::{IoSlice, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::os::fd::AsFd as _;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
+use schema_bus::WaitSet;
+
+use crate::feeds::Feeds;
 
 /// Stream of the world snapshots.
 pub const WORLD_STREAM: u32 = 1;
@@ -21,132 +26,210 @@ const HANDSHAKE: Duration = Duration::from_secs(10);
 const WRITE: Duration = Duration::from_secs(30);
 /// How often an idle connection is looked at.
 const LOOK: Duration = Duration::from_millis(500);
+/// How long sensors' messages wait for a client that is slow to take a snapshot.
+const SNAPSHOT_FIRST: Duration = Duration::from_millis(50);
 
-/// A message, shared by all its receivers.
-pub type Message = Arc<[u8]>;
-
-#[derive(Debug, Default)]
-struct Stream {
-    newest: Option<Message>,
-    subscribers: Vec<Sender<Message>>,
+/// The message of one snapshot, shared by all its receivers.
+#[derive(Clone, Debug)]
+pub struct WorldMessage {
+    /// Tick it shows.
+    pub tick: u64,
+    /// Its bytes.
+    pub bytes: Arc<[u8]>,
 }
 
-/// All streams.
+/// Who listens to the world.
+#[derive(Debug)]
+struct Subscriber {
+    queue: Sender<WorldMessage>,
+    /// Newest tick that was written to its connection.
+    written: Arc<AtomicU64>,
+    /// Whether it was found too slow to wait for.
+    lags: Arc<AtomicBool>,
+}
+
+#[derive(Debug, Default)]
+struct WorldStream {
+    newest: Option<WorldMessage>,
+    subscribers: Vec<Subscriber>,
+}
+
+/// The world stream.
 #[derive(Debug, Default)]
 pub struct Streams {
-    streams: Mutex<BTreeMap<u32, Stream>>,
-    connections: AtomicUsize,
+    world: Mutex<WorldStream>,
+    written: Condvar,
+    newest_tick: AtomicU64,
 }
 
 impl Streams {
-    fn with<R>(&self, id: u32, f: impl FnOnce(&mut Stream) -> R) -> R {
-        f(self.streams.lock().unwrap_or_else(PoisonError::into_inner).entry(id).or_default())
+    fn world(&self) -> MutexGuard<'_, WorldStream> {
+        self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sends a message to all who listen, and keeps it for who comes next.
-    pub fn send(&self, id: u32, message: Message) {
-        self.with(id, |stream| {
-            stream.subscribers.retain(|subscriber| match subscriber.try_send(message.clone()) {
-                Ok(()) => true,
-                Err(TrySendError::Full(_)) => {
-                    tracing::warn!(stream = id, "a client is {BACKLOG} messages behind; one was dropped for it");
-                    true
-                }
-                Err(TrySendError::Disconnected(_)) => false,
-            });
-            stream.newest = Some(message);
+    /// Sends a snapshot to all who listen, and keeps it for who comes next.
+    pub fn send(&self, message: WorldMessage) {
+        let mut world = self.world();
+        world.subscribers.retain(|subscriber| match subscriber.queue.try_send(message.clone()) {
+            Ok(()) => true,
+            Err(TrySendError::Full(_)) => {
+                tracing::warn!("a client is {BACKLOG} snapshots behind; one was dropped for it");
+                true
+            }
+            Err(TrySendError::Disconnected(_)) => false,
         });
+        self.newest_tick.store(message.tick, Ordering::Release);
+        world.newest = Some(message);
+        drop(world);
+        self.written.notify_all();
     }
 
     /// Forgets what greets who comes next.
-    pub fn forget(&self, id: u32) {
-        self.with(id, |stream| stream.newest = None);
+    pub fn forget(&self) {
+        self.world().newest = None;
+        self.newest_tick.store(0, Ordering::Release);
     }
 
-    fn subscribe(&self, id: u32) -> Receiver<Message> {
-        let (sender, receiver) = bounded(BACKLOG);
-        self.with(id, |stream| {
-            if let Some(newest) = &stream.newest {
-                // Room for one there is.
-                let _ = sender.try_send(newest.clone());
+    /// Waits until the snapshot of `tick` is on its way to every client that keeps up, so that no sensor's message overtakes it.
+    pub fn await_snapshot(&self, tick: u64) {
+        let deadline = Instant::now() + SNAPSHOT_FIRST;
+        let mut world = self.world();
+        loop {
+            let is_behind =
+                |subscriber: &&Subscriber| subscriber.written.load(Ordering::Acquire) < tick && !subscriber.lags.load(Ordering::Acquire);
+            let is_sent = self.newest_tick.load(Ordering::Acquire) >= tick;
+            if is_sent && !world.subscribers.iter().any(|subscriber| is_behind(&subscriber)) {
+                return;
             }
-            stream.subscribers.push(sender);
-        });
-        receiver
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                world.subscribers.iter().filter(is_behind).for_each(|slow| slow.lags.store(true, Ordering::Release));
+                return;
+            }
+            world = self.written.wait_timeout(world, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    fn subscribe(&self) -> (Receiver<WorldMessage>, Arc<AtomicU64>, Arc<AtomicBool>) {
+        let (queue, receiver) = bounded(BACKLOG);
+        let mut world = self.world();
+        // It missed what came before, and need not be waited for on its account.
+        let written = Arc::new(AtomicU64::new(self.newest_tick.load(Ordering::Acquire)));
+        let lags = Arc::new(AtomicBool::new(false));
+        if let Some(newest) = &world.newest {
+            // Room for one there is.
+            let _ = queue.try_send(newest.clone());
+        }
+        world.subscribers.push(Subscriber { queue, written: written.clone(), lags: lags.clone() });
+        (receiver, written, lags)
+    }
+
+    fn serve(&self, mut connection: TcpStream) -> std::io::Result<()> {
+        let (messages, written, lags) = self.subscribe();
+        let served = self.send_all(&mut connection, &messages, &written, &lags);
+        // Nobody waits for a client that has gone.
+        drop(messages);
+        written.store(u64::MAX, Ordering::Release);
+        self.written.notify_all();
+        served
+    }
+
+    fn send_all(
+        &self,
+        connection: &mut TcpStream,
+        messages: &Receiver<WorldMessage>,
+        written: &AtomicU64,
+        lags: &AtomicBool,
+    ) -> std::io::Result<()> {
+        loop {
+            match messages.recv_timeout(LOOK) {
+                Ok(message) => {
+                    send(connection, &message.bytes, &[])?;
+                    written.store(message.tick, Ordering::Release);
+                    if messages.is_empty() {
+                        lags.store(false, Ordering::Release);
+                    }
+                    // Under the lock, so that who has just looked is waiting by now.
+                    drop(self.world());
+                    self.written.notify_all();
+                }
+                Err(RecvTimeoutError::Timeout) if has_ended(connection)? => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+        }
     }
 }
 
 /// Accepts clients for ever, each on a thread of its own.
-pub fn serve(listener: &TcpListener, streams: &Arc<Streams>) {
+pub fn serve(listener: &TcpListener, streams: &Arc<Streams>, feeds: &Arc<Feeds>) {
+    let open = Arc::new(AtomicUsize::new(0));
     for connection in listener.incoming() {
         let Ok(connection) = connection else { continue };
-        if streams.connections.fetch_add(1, Ordering::AcqRel) >= MAX_CONNECTIONS {
+        if open.fetch_add(1, Ordering::AcqRel) >= MAX_CONNECTIONS {
             tracing::warn!("refused a streaming connection: {MAX_CONNECTIONS} are open");
-            streams.connections.fetch_sub(1, Ordering::AcqRel);
+            open.fetch_sub(1, Ordering::AcqRel);
             continue;
         }
-        let shared = streams.clone();
+        let (streams, feeds, open_here) = (streams.clone(), feeds.clone(), open.clone());
         let spawned = std::thread::Builder::new().name("stream".into()).spawn(move || {
-            if let Err(error) = serve_one(connection, &shared) {
+            if let Err(error) = serve_one(connection, &streams, &feeds) {
                 tracing::debug!(%error, "a streaming connection ended");
             }
-            shared.connections.fetch_sub(1, Ordering::AcqRel);
+            open_here.fetch_sub(1, Ordering::AcqRel);
         });
         if let Err(error) = spawned {
             tracing::warn!(%error, "cannot start a thread for a streaming connection");
-            streams.connections.fetch_sub(1, Ordering::AcqRel);
+            open.fetch_sub(1, Ordering::AcqRel);
         }
     }
 }
 
-fn serve_one(mut connection: TcpStream, streams: &Streams) -> std::io::Result<()> {
+fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Feeds) -> std::io::Result<()> {
     connection.set_nodelay(true)?;
     connection.set_read_timeout(Some(HANDSHAKE))?;
     connection.set_write_timeout(Some(WRITE))?;
     let mut id = [0; 4];
     connection.read_exact(&mut id)?;
-    let id = u32::from_le_bytes(id);
-    if id != WORLD_STREAM {
-        // Closing would make the client come again at once, and a queue for any number would let clients fill the memory.
-        tracing::debug!(stream = id, "a client waits for a stream that does not exist");
-        return wait_for_end(&connection);
-    }
-    let messages = streams.subscribe(id);
-    loop {
-        match messages.recv_timeout(LOOK) {
-            Ok(message) => send(&mut connection, &message)?,
-            Err(RecvTimeoutError::Timeout) if has_ended(&connection)? => return Ok(()),
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return Ok(()),
-        }
+    match u32::from_le_bytes(id) {
+        WORLD_STREAM => streams.serve(connection),
+        sensor => feeds.serve(sensor, connection),
     }
 }
 
 /// Length and message, in one system call where the kernel has room.
-fn send(connection: &mut TcpStream, message: &[u8]) -> std::io::Result<()> {
-    let length = (message.len() as u32).to_le_bytes();
-    let slices = [std::io::IoSlice::new(&length), std::io::IoSlice::new(message)];
-    let written = connection.write_vectored(&slices)?;
-    if written < length.len() {
-        connection.write_all(&length[written..])?;
+pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Result<()> {
+    let length = ((head.len() + body.len()) as u32).to_le_bytes();
+    let mut pieces = [IoSlice::new(&length), IoSlice::new(head), IoSlice::new(body)];
+    let mut pieces = &mut pieces[..];
+    IoSlice::advance_slices(&mut pieces, 0);
+    while !pieces.is_empty() {
+        match connection.write_vectored(pieces) {
+            Ok(0) => return Err(std::io::ErrorKind::WriteZero.into()),
+            Ok(n) => IoSlice::advance_slices(&mut pieces, n),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
     }
-    connection.write_all(&message[written.saturating_sub(length.len())..])
+    Ok(())
 }
 
 /// Clients send nothing after the number, so anything that can be read is the end.
-fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
+pub fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
     connection.set_nonblocking(true)?;
     let looked = connection.peek(&mut [0; 1]);
     connection.set_nonblocking(false)?;
     Ok(match looked {
-        Ok(n) => n == 0,
+        Ok(_) => true,
         Err(error) => error.kind() != std::io::ErrorKind::WouldBlock,
     })
 }
 
-fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
+/// Closing would make the client come again at once.
+pub fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
+    let forever = Duration::from_secs(3600);
     while !has_ended(connection)? {
-        std::thread::sleep(LOOK);
+        WaitSet::new().wait_beside(&[connection.as_fd()], forever).map_err(std::io::Error::other)?;
     }
     Ok(())
 }

@@ -1,6 +1,6 @@
 //! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread and read by all connections.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
@@ -12,7 +12,8 @@ use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SpawnPoints
 
 use crate::episode;
 use crate::fields::Description;
-use crate::stream::{Streams, WORLD_STREAM};
+use crate::sensors::{self, Kind, records};
+use crate::stream::{Streams, WorldMessage};
 
 /// Longest wait for a snapshot: documents change without one too.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
@@ -28,8 +29,12 @@ pub struct Known {
     pub catalogue: Arc<Catalogue>,
     /// `world/actors` by id.
     pub actors: BTreeMap<u32, ActorInfo>,
-    /// How clients described the actors that they made: also what the simulator does not keep.
-    pub own: HashMap<u32, Description>,
+    /// Actors that clients made.
+    pub own: HashMap<u32, Own>,
+    /// Actors that went with what they were attached to, and that scripts may still want to destroy.
+    pub gone_along: BTreeSet<u32>,
+    /// Latitude and longitude of the map's origin.
+    pub geo_reference_deg: Option<[f64; 2]>,
     /// `world/map`.
     pub map: Arc<str>,
     /// `world/spawn_points`.
@@ -38,7 +43,31 @@ pub struct Known {
     pub snapshot: Option<Arc<WorldAt>>,
 }
 
+/// What is known of an actor that a client made, before it is on the list and beside what is listed.
+#[derive(Clone, Debug)]
+pub struct Own {
+    /// As the client described it: also what the simulator does not keep.
+    pub description: Description,
+    /// What it is attached to; 0 if nothing.
+    pub parent: u32,
+    /// Its topics, if it is a sensor.
+    pub topics: Vec<String>,
+}
+
 impl Known {
+    /// Forgets an actor that was destroyed; what was attached to it went along.
+    pub fn forget(&mut self, id: u32) {
+        let mut gone = vec![id];
+        while let Some(parent) = gone.pop() {
+            self.own.remove(&parent);
+            let listed = self.actors.values().filter(|actor| actor.parent_id == parent).map(|actor| actor.id);
+            let own = self.own.iter().filter(|(_, own)| own.parent == parent).map(|(id, _)| *id);
+            let along: Vec<u32> = listed.chain(own).filter(|child| !self.gone_along.contains(child)).collect();
+            self.gone_along.extend(&along);
+            gone.extend(along);
+        }
+    }
+
     /// Id of the running episode for clients, once a simulator was seen.
     pub fn episode_id(&self) -> Option<u64> {
         let info = self.info.as_ref()?;
@@ -49,6 +78,20 @@ impl Known {
     /// The catalogue's entry of a type, with its index.
     pub fn entry(&self, type_id: &str) -> Option<(usize, &CatalogueEntry)> {
         self.catalogue.entries.iter().enumerate().find(|(_, entry)| entry.type_id == type_id)
+    }
+
+    /// What a client that listens to this actor is sent: the kind of sensor, and the topics that its messages are made of.
+    pub fn sensor(&self, id: u32) -> Option<(&'static Kind, Vec<String>)> {
+        let listed = self.actors.get(&id);
+        let type_id = self.own.get(&id).map(|own| own.description.type_id.as_str()).or(listed.map(|actor| actor.type_id.as_str()))?;
+        let kind = sensors::kind(type_id)?;
+        let topics: Vec<&str> = match (self.own.get(&id), listed) {
+            (Some(own), _) => own.topics.iter().map(String::as_str).collect(),
+            (None, Some(actor)) => actor.topics.iter().map(|info| info.topic.as_str()).collect(),
+            (None, None) => return None,
+        };
+        let found = kind.modalities.iter().map(|modality| topics.iter().find(|topic| topic.rsplit('/').next() == Some(modality.name())));
+        Some((kind, found.map(|topic| topic.map(|topic| (*topic).to_owned())).collect::<Option<_>>()?))
     }
 
     /// Whether there is such an actor, as far as is known.
@@ -175,7 +218,8 @@ impl Follower<'_> {
     fn read_documents(&mut self) -> anyhow::Result<()> {
         if let Some(document) = heal(self.map.changed(&self.bus))? {
             let text: Arc<str> = document.text.as_str().into();
-            self.world.change(|known| known.map = text);
+            let geo_reference_deg = Some(records::geo_reference_deg(&text));
+            self.world.change(|known| (known.map, known.geo_reference_deg) = (text, geo_reference_deg));
         }
         if let Some(document) = heal(self.catalogue.changed(&self.bus))? {
             let catalogue: Catalogue = document.json().context("world/catalogue")?;
@@ -192,8 +236,11 @@ impl Follower<'_> {
             let before = self.world.known().info.as_ref().map(|info| (info.epoch.clone(), info.episode));
             if before.as_ref() != Some(&(info.epoch.clone(), info.episode)) {
                 tracing::info!(map = info.map, episode = info.episode, "episode begins");
-                self.streams.forget(WORLD_STREAM);
-                self.world.change(|known| known.own.clear());
+                self.streams.forget();
+                self.world.change(|known| {
+                    known.own.clear();
+                    known.gone_along.clear();
+                });
             }
             self.world.change(|known| known.info = Some(info));
         }
@@ -228,7 +275,7 @@ impl Follower<'_> {
         let message = episode::encode(header, snapshot.records(), state_bits, wall_secs);
         let at = WorldAt { header: *header, records: snapshot.records().to_vec() };
         self.world.change(|known| known.snapshot = Some(Arc::new(at)));
-        self.streams.send(WORLD_STREAM, message.into());
+        self.streams.send(WorldMessage { tick: header.tick, bytes: message.into() });
         Ok(())
     }
 }

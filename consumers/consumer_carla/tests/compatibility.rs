@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_carla::rpc;
+use consumer_carla::{rpc, sensors};
 
 /// What a row may say.
 const VERDICTS: &[&str] = &["works", "differs", "no effect", "not there"];
@@ -12,9 +12,9 @@ fn document() -> String {
     std::fs::read_to_string(path).expect("the document is part of the repository")
 }
 
-/// Rows of the tables under `## Calls`, name and verdict: ``| `name` | works | how |``.
-fn rows(document: &str) -> BTreeMap<String, String> {
-    let (_, after) = document.split_once("\n## Calls\n").expect("the document has a chapter about calls");
+/// Rows of the tables of a chapter, name and verdict: ``| `name` | works | how |``.
+fn rows(document: &str, chapter: &str) -> BTreeMap<String, String> {
+    let (_, after) = document.split_once(&format!("\n## {chapter}\n")).expect("the document has this chapter");
     let chapter = after.split("\n## ").next().unwrap_or_default();
     let mut rows = BTreeMap::new();
     for line in chapter.lines().filter(|line| line.starts_with("| `")) {
@@ -29,7 +29,7 @@ fn rows(document: &str) -> BTreeMap<String, String> {
 
 #[test]
 fn every_call_of_the_client_has_a_row_that_says_whether_it_is_served() {
-    let rows = rows(&document());
+    let rows = rows(&document(), "Calls");
     let known: BTreeSet<&str> = rpc::catalogue::CATALOGUE.iter().flat_map(|(_, methods)| *methods).copied().collect();
     let served: BTreeSet<&str> = rpc::methods().collect();
     let listed: BTreeSet<&str> = rows.keys().map(String::as_str).collect();
@@ -38,4 +38,13 @@ fn every_call_of_the_client_has_a_row_that_says_whether_it_is_served() {
         let is_served = served.contains(name.as_str());
         assert_eq!(is_served, verdict != "not there", "{name} is {verdict:?} in the document, but served: {is_served}");
     }
+}
+
+#[test]
+fn every_sensor_has_a_row_that_says_whether_it_is_there() {
+    let rows = rows(&document(), "Sensors");
+    let kinds = sensors::KINDS.iter().map(|kind| kind.type_id).chain(sensors::CLIENT_SIDE.iter().copied());
+    let there: BTreeSet<&str> = kinds.collect();
+    let listed: BTreeSet<&str> = rows.iter().filter(|(_, verdict)| *verdict != "not there").map(|(name, _)| name.as_str()).collect();
+    assert_eq!(there, listed);
 }

@@ -1,5 +1,6 @@
 //! Wake-ups. An event says "look", never "how many": several may arrive as one.
 
+use std::os::fd::{AsRawFd as _, BorrowedFd};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
@@ -136,6 +137,26 @@ impl WaitSet {
             }
         }
         Ok(true)
+    }
+
+    /// Waits as [`WaitSet::wait`], and also until one of `others` (sockets, pipes) can be read or has ended. Returns which of `others` that
+    /// is true for, in their order; what is read from them is the caller's business.
+    ///
+    /// # Errors
+    /// [`BusError::Service`].
+    pub fn wait_beside(&mut self, others: &[BorrowedFd<'_>], timeout: Duration) -> Result<Vec<bool>, BusError> {
+        let mut fds = self.fds.clone();
+        fds.extend(others.iter().map(|fd| libc::pollfd { fd: fd.as_raw_fd(), events: libc::POLLIN, revents: 0 }));
+        fds.iter_mut().for_each(|fd| fd.revents = 0);
+        poll(&mut fds, timeout);
+        let (own, others) = fds.split_at(self.fds.len());
+        for (listener, fd) in self.listeners.iter().zip(own) {
+            if fd.revents != 0 {
+                listener.drain()?;
+            }
+        }
+        self.fds.copy_from_slice(own);
+        Ok(others.iter().map(|fd| fd.revents != 0).collect())
     }
 
     /// Waits as [`WaitSet::wait`] until `deadline`; at once if that is past.

@@ -53,7 +53,8 @@ impl Daemon {
                 Err(error) => refused(&format!("{error:#}")),
             },
             Command::Counters => CommandReply::Counters { counters: self.counters() },
-            Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") => {
+            // A lane-invasion sensor is an actor that measures nothing here: CARLA's clients compute it themselves.
+            Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") && type_id != "sensor.other.lane_invasion" => {
                 refused(&format!("{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"))
             }
             Command::SpawnSensor { type_id, pose, parent_id, interval_nanos, spec, attributes } => {

@@ -137,7 +137,9 @@ impl Daemon {
                     self.sensors.finish_all()?;
                     return Ok(Next::Look);
                 }
-                self.shutdown.wait(Duration::from_nanos(wait_nanos).min(LOOK_AROUND));
+                if self.ports.wake.wait(Duration::from_nanos(wait_nanos).min(LOOK_AROUND))? {
+                    self.serve_commands()?;
+                }
                 return Ok(Next::Look);
             }
         }

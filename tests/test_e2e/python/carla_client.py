@@ -284,7 +284,8 @@ def check_loading(client, world):
 
 def check_sentences(client, world):
     camera = world.get_blueprint_library().find("sensor.camera.rgb")
-    must_fail(lambda: world.spawn_actor(camera, carla.Transform()), "sensor.camera.rgb", "launch file")
+    camera.set_attribute("image_size_x", "5000")
+    must_fail(lambda: world.spawn_actor(camera, carla.Transform()), "width_px is 5000", "16 to 4096")
     must_fail(lambda: client.load_world("Nowhere"), "Nowhere", "not found")
 
 

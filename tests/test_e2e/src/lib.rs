@@ -2,6 +2,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod carla;
 pub mod recording;
 
 use std::path::PathBuf;

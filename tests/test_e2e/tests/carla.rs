@@ -4,9 +4,9 @@ use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use test_e2e::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
-use test_kit::sandbox::repository;
-use test_kit::{Process, Sandbox};
+use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::{assert_nothing_left, start_daemon};
+use test_kit::Sandbox;
 
 /// No sensors: nothing is rendered.
 const LAUNCH: &str = r#"version = 1
@@ -16,14 +16,6 @@ seed = 7
 tick_hz = 20
 vehicles = 0
 "#;
-
-/// Starts the gateway on ports of its own choice; returns them too.
-fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
-    let mut gateway = spawn_consumer(sandbox, "gantry-carla", &["--port", "0"]);
-    let line = gateway.wait_line("listening on");
-    let ports: Vec<u16> = line.split(':').skip(1).map(|part| part.split(',').next().unwrap().trim().parse().unwrap()).collect();
-    (gateway, ports[0], ports[1])
-}
 
 /// A port that is free now, for the client's own Traffic Manager.
 fn free_port() -> u16 {
@@ -35,19 +27,11 @@ fn the_stock_client_looks_round_steps_and_drives() {
     let sandbox = Sandbox::new("carla");
     let daemon = start_daemon(&sandbox, LAUNCH, &[]);
     let (gateway, port, _) = start_gateway(&sandbox);
-    let script = repository().join("tests/test_e2e/python/carla_client.py");
     let (port, manager_port) = (port.to_string(), free_port().to_string());
-    let args = [script.to_str().unwrap(), &port, &manager_port];
-    // The client keeps a cache in its home folder, which must not be the tester's.
-    let home = sandbox.path("");
-    let env = [("HOME", home.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
-    let python = |args: &[&str]| sandbox.spawn_program("python", &venv_program("python"), args, &env).wait().expect_code(0);
-    let ended = python(&args);
-    for theme in ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"]
-    {
-        assert!(ended.says(&format!("{theme} passed")), "{:?}", ended.lines);
-    }
-    assert!(python(&args[..2]).says("loading passed"));
+    let themes =
+        ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"];
+    run_script(&sandbox, "carla_client.py", &[&port, &manager_port], &themes);
+    run_script(&sandbox, "carla_client.py", &[&port], &["loading"]);
     gateway.stop().expect_code(0);
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);

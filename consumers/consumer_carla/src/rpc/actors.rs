@@ -91,7 +91,7 @@ impl Gateway {
         let id = call.u32()?;
         let known = self.world.known();
         let listed = known.actors.get(&id).map(shapes::box_of);
-        let own = || known.own.get(&id).and_then(|own| known.entry(&own.type_id)).map(|(_, entry)| entry.body_box);
+        let own = || known.own.get(&id).and_then(|own| known.entry(&own.description.type_id)).map(|(_, entry)| entry.body_box);
         Ok(Answer::Value(listed.or_else(own).map_or_else(|| shapes::no_box(id), |body| shapes::bounding_box(&body, id))))
     }
 

@@ -8,6 +8,7 @@ use crate::list;
 use crate::msgpack::Value;
 use crate::rpc::spawning::spawn_command;
 use crate::rpc::{Call, Calls};
+use crate::world::Own;
 
 /// Commands in one call.
 const MAX_COMMANDS: usize = 10_000;
@@ -17,7 +18,7 @@ pub(crate) enum Item<'v> {
     /// For the simulator; `actor` is what the answer names.
     Ask { actor: u32, command: Command },
     /// A new actor, and what follows.
-    Spawn { description: Description, command: Command, then: &'v [Value] },
+    Spawn { description: Description, parent: u32, command: Command, then: &'v [Value] },
     /// A vehicle's control.
     Control { actor: u32, record: VehicleControlRecord },
     /// Accepted without effect.
@@ -43,12 +44,12 @@ const AREAS: &[Commands] = &[super::actors::BATCH, super::spawning::BATCH, super
 pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
 
 /// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
-fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
+fn read(value: &Value, new_actor: Option<u32>, tick_secs: f64) -> Result<Item<'_>, Wrong> {
     let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
     let mut variant = wrapped.fields("a command")?.fields("a command's variant")?;
     let (kind, mut fields) = (variant.u8()?, variant.fields("a command's fields")?);
     if kind == 0 {
-        return read_spawn(&mut fields);
+        return read_spawn(&mut fields, tick_secs);
     }
     let found = AREAS.iter().copied().flatten().find(|(number, _)| *number == kind);
     let (_, read) = found
@@ -57,7 +58,7 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     read(new_actor.unwrap_or(given), &mut fields)
 }
 
-fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
+fn read_spawn<'v>(fields: &mut Fields<'v>, tick_secs: f64) -> Result<Item<'v>, Wrong> {
     let (description, transform) = (fields.description()?, fields.transform()?);
     let mut parent = fields.fields("an optional parent")?;
     let parent = if parent.bool()? { Some(parent.u32()?) } else { None };
@@ -65,8 +66,8 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     fields.value()?;
     fields.text()?;
     let then = fields.list()?;
-    let command = spawn_command(&description, &transform, parent)?;
-    Ok(Item::Spawn { description, command, then })
+    let command = spawn_command(&description, &transform, parent, tick_secs)?;
+    Ok(Item::Spawn { description, parent: parent.unwrap_or(0), command, then })
 }
 
 /// What came of one command: the actor's id, or a sentence.
@@ -78,7 +79,8 @@ impl Gateway {
         if commands.len() > MAX_COMMANDS {
             return Err(Failure::Refused(format!("a batch has {} commands, at most {MAX_COMMANDS} are run; split it", commands.len())));
         }
-        let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
+        let tick_secs = self.tick_secs();
+        let done = self.run_batch(commands.iter().map(|command| read(command, None, tick_secs)).collect());
         if do_tick {
             self.tick_cue()?;
         }
@@ -87,6 +89,17 @@ impl Gateway {
             Err(error) => list![list![0u32, list![error]]],
         };
         Ok(Answer::Bare(Value::Array(done.into_iter().map(answer).collect())))
+    }
+
+    /// What becomes of a wish to destroy, once the simulator has answered.
+    fn destroyed(&self, actor: u32, answer: Result<(), String>) -> Done {
+        let went_along = self.world.change(|known| known.gone_along.remove(&actor));
+        match answer {
+            Ok(()) => self.world.change(|known| known.forget(actor)),
+            Err(error) if !went_along => return Err(error),
+            Err(_) => {}
+        }
+        Ok(actor)
     }
 
     /// Runs the commands in order as one request, then what follows the spawns as another; controls go out last.
@@ -103,6 +116,7 @@ impl Gateway {
             Ok(replies) => (replies.into_iter(), None),
             Err(error) => (Vec::new().into_iter(), Some(error)),
         };
+        let tick_secs = self.tick_secs();
         let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
         let mut reply = || match (&lost, replies.next()) {
             (None, Some(CommandReply::Refused { error })) => Err(error),
@@ -112,12 +126,15 @@ impl Gateway {
         let done = items
             .into_iter()
             .map(|item| match item? {
+                Item::Ask { actor, command: Command::Destroy { .. } } => self.destroyed(actor, reply().map(drop)),
                 Item::Ask { actor, .. } => reply().map(|_| actor),
-                Item::Spawn { description, then, .. } => {
-                    let CommandReply::Spawned { actor_id, .. } = reply()? else { return Err("this is no answer to a spawn".to_owned()) };
-                    self.remember(actor_id, description);
+                Item::Spawn { description, parent, then, .. } => {
+                    let CommandReply::Spawned { actor_id, topics } = reply()? else {
+                        return Err("this is no answer to a spawn".to_owned());
+                    };
+                    self.remember(actor_id, Own { description, parent, topics });
                     newest = Some(actor_id);
-                    following.extend(then.iter().map(|command| read(command, Some(actor_id))));
+                    following.extend(then.iter().map(|command| read(command, Some(actor_id), tick_secs)));
                     Ok(actor_id)
                 }
                 Item::Control { actor, record } if self.world.known().has_actor(actor) => {

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use schema_bus::mono_now;
 use schema_frames::{Command, CommandReply, StepMode, WorldInfo};
 
 use crate::axes;
@@ -68,7 +69,11 @@ pub(crate) const CALLS: Calls = &[
     ("version", |_, _| Ok(Answer::Value(CARLA_VERSION.into()))),
     ("get_available_maps", |gateway, _| gateway.info().map(|info| Answer::Value(list![format!("/Game/{}", carla_map(&info.map))]))),
     ("get_episode_info", |gateway, _| gateway.episode_info()),
-    ("get_sensor_token", |gateway, call| Ok(Answer::Value(gateway.token(call.u32()?)))),
+    ("get_sensor_token", |gateway, call| {
+        let stream = call.u32()?;
+        gateway.feeds.expect(stream);
+        Ok(Answer::Value(gateway.token(stream)))
+    }),
     ("get_episode_settings", |gateway, _| gateway.get_settings()),
     ("set_episode_settings", Gateway::set_settings),
     ("tick_cue", |gateway, _| gateway.tick_cue()),
@@ -158,7 +163,12 @@ impl Gateway {
         if self.info()?.mode == StepMode::FreeRunning {
             return Ok(Answer::Value((self.world.tick() + 1).into()));
         }
-        match self.commander.ask_one(Command::Step { n: 1 })? {
+        // The simulator answers when all of the tick before is published; two ticks fit before a reader loses one.
+        let mut last_step_nanos = lock(&self.last_step_nanos);
+        self.feeds.settle(*last_step_nanos);
+        let stepped = self.commander.ask_one(Command::Step { n: 1 });
+        *last_step_nanos = mono_now().0;
+        match stepped? {
             (CommandReply::Stepping { last_tick }, _) => Ok(Answer::Value(last_tick.into())),
             (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a step"))),
         }

@@ -11,7 +11,9 @@ use crate::gateway::{Answer, Failure, Gateway, Outcome};
 use crate::rpc::actors::pose;
 use crate::rpc::batch::{Commands, Item};
 use crate::rpc::{Call, Calls};
+use crate::sensors::spec;
 use crate::shapes;
+use crate::world::Own;
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
 const FIRST_SEEN: Duration = Duration::from_secs(2);
@@ -25,13 +27,18 @@ pub(crate) const CALLS: Calls = &[
 /// Spawning by a batch is in `batch`, which knows what follows.
 pub(crate) const BATCH: Commands = &[(1, |actor, _| Ok(Item::ask(actor, Command::Destroy { actor_id: actor })))];
 
-/// The command that spawns, or why this type cannot be.
-pub(crate) fn spawn_command(description: &Description, transform: &Transform, parent: Option<u32>) -> Result<Command, Wrong> {
+/// The command that spawns, or why this type cannot be. `tick_secs` is the length of a step.
+pub(crate) fn spawn_command(
+    description: &Description,
+    transform: &Transform,
+    parent: Option<u32>,
+    tick_secs: f64,
+) -> Result<Command, Wrong> {
+    if description.type_id.starts_with("sensor.") {
+        return spec::command(description, pose(transform), parent, tick_secs);
+    }
     if !description.type_id.starts_with("vehicle.") {
-        return Err(format!(
-            "{:?} cannot be spawned through gantry-carla: only vehicles can; name sensors in the launch file and read them from shared memory",
-            description.type_id
-        ));
+        return Err(format!("{:?} cannot be spawned through gantry-carla: only vehicles and sensors can", description.type_id));
     }
     Ok(Command::Spawn {
         type_id: description.type_id.clone(),
@@ -46,19 +53,24 @@ impl Gateway {
     fn spawn(&self, call: &mut Call<'_>, has_parent: bool) -> Outcome {
         let (description, transform) = (call.description()?, call.transform()?);
         let parent = if has_parent { Some(call.u32()?) } else { None };
-        let command = spawn_command(&description, &transform, parent)?;
+        let command = spawn_command(&description, &transform, parent, self.tick_secs())?;
         let (reply, _) = self.commander.ask_one(command)?;
-        let CommandReply::Spawned { actor_id, .. } = reply else {
+        let CommandReply::Spawned { actor_id, topics } = reply else {
             return Err(Failure::Refused(format!("{reply:?} is no answer to a spawn")));
         };
-        self.remember(actor_id, description.clone());
+        self.remember(actor_id, Own { description: description.clone(), parent: parent.unwrap_or(0), topics });
         self.wait_until_seen(actor_id);
         Ok(Answer::Value(shapes::new_actor(&self.world.known(), actor_id, parent.unwrap_or(0), &description)))
     }
 
-    /// Keeps a client's own description of its actor.
-    pub(crate) fn remember(&self, id: u32, description: Description) {
-        self.world.change(|known| known.own.insert(id, description));
+    /// Keeps what is known of a client's own actor.
+    pub(crate) fn remember(&self, id: u32, own: Own) {
+        self.world.change(|known| known.own.insert(id, own));
+    }
+
+    /// Length of a step, seconds.
+    pub(crate) fn tick_secs(&self) -> f64 {
+        self.world.known().info.as_ref().map_or(0.05, |info| info.period_nanos as f64 * 1e-9)
     }
 
     /// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it there.
@@ -72,8 +84,11 @@ impl Gateway {
 
     fn destroy(&self, call: &mut Call<'_>) -> Outcome {
         let actor_id = call.u32()?;
-        self.commander.ask_one(Command::Destroy { actor_id })?;
-        self.world.change(|known| known.own.remove(&actor_id));
+        // Scripts destroy a vehicle and then its sensors, which CARLA leaves behind.
+        if !self.world.change(|known| known.gone_along.remove(&actor_id)) {
+            self.commander.ask_one(Command::Destroy { actor_id })?;
+            self.world.change(|known| known.forget(actor_id));
+        }
         Ok(Answer::Value(true.into()))
     }
 }
