@@ -18,11 +18,12 @@ pub struct TopicBudget {
 impl Launch {
     /// Every topic the sensors of this file will have, in id order.
     pub fn memory_budget(&self) -> Vec<TopicBudget> {
+        let tick_secs = 1.0 / self.scenario.tick_hz;
         let topics = self.placed_sensors().into_iter().flat_map(|sensor| {
             sensor.spec.modalities().into_iter().map(move |modality| TopicBudget {
                 topic: format!("{}/{}/{}", sensor.rig, sensor.name, modality.name()),
                 modality,
-                max_payload_bytes: sensor.spec.max_payload_bytes(modality),
+                max_payload_bytes: sensor.spec.max_payload_bytes(modality, tick_secs),
             })
         });
         topics.collect()

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use sensor_spec::{CameraSpec, GnssSpec, ImuSpec, LidarSpec, SensorSpec};
+use sensor_spec::SensorSpec;
 use toml::Value as Toml;
 
 use crate::error::{Errors, LaunchError, LaunchErrors, Place, Source, did_you_mean};
@@ -19,7 +19,6 @@ const TICK_HZ: (f64, f64) = (1.0, 1000.0);
 /// Most other vehicles.
 const MAX_VEHICLES: u32 = 500;
 const TOP: [&str; 8] = ["version", "scenario", "ego", "rig", "sensor", "defaults", "process", "description"];
-const SENSOR_KINDS: [&str; 4] = ["camera", "lidar", "imu", "gnss"];
 
 impl Launch {
     /// Reads and checks the text of a launch file; `file_name` is only used in messages.
@@ -219,20 +218,26 @@ fn sensors(file: &Table, scenario: &Scenario, rigs: &BTreeMap<String, Rig>, erro
 fn spec(table: &Table, entry: &Entry, path: &str, errors: &mut Errors) -> Option<SensorSpec> {
     const ELSEWHERE: [&str; 2] = ["kind", "rig"];
     let Some(kind) = table.get("kind") else {
-        errors.push(entry.key_at, format!("[{path}] has no kind; give kind = \"camera\", \"lidar\", \"imu\" or \"gnss\""));
+        errors.push(entry.key_at, format!("[{path}] has no kind; give one of {}", SensorSpec::KINDS.join(", ")));
         return None;
     };
-    match kind.node.plain().as_str() {
-        Some("camera") => Some(SensorSpec::Camera(fill(&CameraSpec::default(), table, path, &ELSEWHERE, errors))),
-        Some("lidar") => Some(SensorSpec::Lidar(fill(&LidarSpec::default(), table, path, &ELSEWHERE, errors))),
-        Some("imu") => Some(SensorSpec::Imu(fill(&ImuSpec::default(), table, path, &ELSEWHERE, errors))),
-        Some("gnss") => Some(SensorSpec::Gnss(fill(&GnssSpec::default(), table, path, &ELSEWHERE, errors))),
-        other => {
-            let hint = did_you_mean(other.unwrap_or(""), SENSOR_KINDS);
+    use SensorSpec::*;
+    let name = kind.node.plain().as_str().unwrap_or("").to_owned();
+    Some(match SensorSpec::default_of(&name) {
+        Some(Camera(base)) => Camera(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Lidar(base)) => Lidar(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Imu(base)) => Imu(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Gnss(base)) => Gnss(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Radar(base)) => Radar(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Obstacle(base)) => Obstacle(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(Collision(base)) => Collision(fill(&base, table, path, &ELSEWHERE, errors)),
+        Some(LaneInvasion(base)) => LaneInvasion(fill(&base, table, path, &ELSEWHERE, errors)),
+        None => {
+            let hint = did_you_mean(&name, SensorSpec::KINDS);
             errors.push(kind.node.at, format!("{path}.kind is {}, but must be a kind of sensor{hint}", kind.node.plain()));
-            None
+            return None;
         }
-    }
+    })
 }
 
 /// `rig = "ego"` (the default) or `rig = ["ego", "chaser"]`.

@@ -26,7 +26,9 @@ class GoldenFrames(unittest.TestCase):
             "rgb": ((2, 4, 4), "u1"), "depth": ((2, 4), "<f4"), "semantic": ((2, 4), "u1"), "instance": ((2, 4), "<u4"),
             "flow": ((2, 4, 2), "<f4"), "normals": ((2, 4, 4), "<f2"), "dvs": ((3,), _dtypes.DVS_EVENT),
             "lidar": ((3,), _dtypes.LIDAR_POINT), "semantic_lidar": ((3,), _dtypes.SEMANTIC_LIDAR_POINT),
-            "imu": ((1,), _dtypes.IMU_SAMPLE), "gnss": ((1,), _dtypes.GNSS_SAMPLE),
+            "radar": ((3,), _dtypes.RADAR_DETECTION), "imu": ((1,), _dtypes.IMU_SAMPLE), "gnss": ((1,), _dtypes.GNSS_SAMPLE),
+            "collision": ((3,), _dtypes.COLLISION_EVENT), "lane_invasion": ((3,), _dtypes.LANE_CROSSING),
+            "obstacle": ((1,), _dtypes.OBSTACLE_EVENT),
         }
         frames = golden()
         self.assertEqual(set(frames), set(expected))
@@ -59,6 +61,12 @@ class GoldenFrames(unittest.TestCase):
         self.assertEqual(frames["lidar"].array["channel"][2], 0x2F2E)
         self.assertEqual(frames["semantic_lidar"].array["object_id"][0], 0x13121110)
         self.assertEqual(frames["semantic_lidar"].array["class"][0], 0x14)
+        self.assertEqual(frames["radar"].array["object_id"][1], 0x37363534)
+        self.assertEqual(frames["radar"].array["class"][0], 0x18)
+        self.assertEqual(frames["collision"].array["other_id"][1], 0x43424140)
+        self.assertEqual(frames["lane_invasion"].array["lane"][1], 0x23)
+        self.assertEqual(frames["lane_invasion"].array["road"][0], 0x0B0A0908)
+        self.assertEqual(frames["obstacle"].array["object_id"][0], 0x07060504)
 
     def test_a_frame_reads_only_what_its_header_says(self):
         data = golden()["dvs"]

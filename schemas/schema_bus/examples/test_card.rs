@@ -16,13 +16,13 @@ const EPOCH: u64 = 0x0123_4567_89ab_cdef;
 
 /// Modalities that this version has elements for.
 fn modalities() -> impl Iterator<Item = Modality> {
-    Modality::ALL.iter().copied().filter(|modality| (*modality as u16) <= Modality::Gnss as u16 && *modality != Modality::Radar)
+    Modality::ALL.iter().copied()
 }
 
 /// Elements of a frame: an image, a list that is one shorter than its loan, or a single sample.
 fn shape(modality: Modality) -> (u32, u32) {
     match modality {
-        Modality::Imu | Modality::Gnss => (1, 1),
+        Modality::Imu | Modality::Gnss | Modality::Obstacle => (1, 1),
         list if !list.is_image() => (LIST - 1, 1),
         _ => (WIDTH, HEIGHT),
     }

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+use crate::Attachment;
 use crate::control::VehicleControl;
 use crate::document::{PoseText, StepMode, Weather};
 use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
@@ -78,6 +79,9 @@ pub enum Command {
         /// Actor to attach to.
         #[serde(default)]
         parent_id: Option<u32>,
+        /// How it follows its parent; only `rigid` without one.
+        #[serde(default)]
+        attachment: Attachment,
         /// Time between two firings; 0 fires at every tick. Replaces `rate_hz` of the specification.
         #[serde(default)]
         interval_nanos: u64,

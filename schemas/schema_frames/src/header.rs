@@ -31,7 +31,7 @@ pub struct FrameHeader {
     pub tick: u64,
     /// Simulated time this frame shows, nanoseconds since the daemon started.
     pub sim_nanos: u64,
-    /// Count of the sensor's scheduled firings, from 1, read or not: a gap is a loss.
+    /// Count of the sensor's scheduled firings (event-like sensors: ticks with events), from 1, read or not: a gap is a loss.
     pub seq: u64,
     /// Count of map loads in this epoch, from 1.
     pub episode: u32,

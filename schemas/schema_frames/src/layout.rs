@@ -6,8 +6,8 @@ use schema_types::Pose;
 
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
-    AckRecord, ActorRecord, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LidarPoint, SemanticLidarPoint, SnapshotHeader,
-    TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
+    AckRecord, ActorRecord, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LaneCrossing, LidarPoint,
+    ObstacleEvent, RadarDetection, SemanticLidarPoint, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
 };
 
 /// One field of a struct.
@@ -73,8 +73,22 @@ layouts! {
     DvsEvent { nanos_in_window: u32, x_px: u16, y_px: u16, object_id: u32, polarity: u8, class: u8, reserved: u16 }
     LidarPoint { hit_in_sensor_m: [f32; 3], intensity: u16, channel: u16 }
     SemanticLidarPoint { hit_in_sensor_m: [f32; 3], cos_incidence: f32, object_id: u32, class: u8, reserved: u8, channel: u16 }
+    RadarDetection {
+        velocity_mps: f32, azimuth_rad: f32, altitude_rad: f32, depth_m: f32, cos_incidence: f32, object_id: u32, class: u8,
+        reserved: [u8; 7],
+    }
     ImuSample { specific_force_mps2: [f64; 3], angular_velocity_radps: [f64; 3], compass_rad: f64, reserved: [u64; 2] }
     GnssSample { latitude_deg: f64, longitude_deg: f64, altitude_m: f64, reserved: [u64; 2] }
+    CollisionEvent {
+        other_id: u32, class: u8, reserved: [u8; 3], impulse_in_world_ns: [f64; 3], point_in_world_m: [f64; 3], reserved1: u64,
+    }
+    LaneCrossing {
+        mark: u8, colour: u8, lane_change: u8, lane: i8, width_m: f32, road: u32, nanos_in_window: u32, crossing_in_world_m: [f32; 3],
+        reserved: u32,
+    }
+    ObstacleEvent {
+        distance_m: f32, object_id: u32, class: u8, reserved: [u8; 3], contact_in_sensor_m: [f32; 3], reserved1: [u32; 2],
+    }
     SnapshotHeader as "GantrySnapshotHeader" {
         magic: u32, schema_version: u16, header_bytes: u16, tick: u64, sim_nanos: u64, episode_start_nanos: u64, period_nanos: u64,
         episode: u32, n_actors: u32, actors_revision: u64, flags: u32, reserved0: u32, epoch: u64, published_mono_nanos: u64,

@@ -6,27 +6,33 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod attachment;
 pub mod command;
 pub mod control;
 pub mod document;
 pub mod dvs;
+pub mod events;
 pub mod header;
 pub mod layout;
 pub mod lidar;
 pub mod modality;
 pub mod motion;
 pub mod query;
+pub mod radar;
 pub mod snapshot;
 
+pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
 pub use control::{AckRecord, VehicleControl, VehicleControlRecord};
 pub use document::{ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, SpawnPoints, StepMode, WorldInfo};
 pub use dvs::DvsEvent;
+pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};
 pub use header::{FrameError, FrameHeader};
 pub use lidar::{LidarPoint, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
 pub use motion::{GnssSample, ImuSample};
 pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
+pub use radar::RadarDetection;
 pub use snapshot::{ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart};
 
 /// Version of every layout in this crate. A reader refuses any other.

@@ -73,17 +73,17 @@ modalities! {
     Lidar = 8, "lidar", 16, Lidar;
     /// List of [`crate::SemanticLidarPoint`], channel after channel.
     SemanticLidar = 9, "semantic_lidar", 24, Lidar;
-    /// List of radar detections.
+    /// List of [`crate::RadarDetection`], in the order of the rays.
     Radar = 10, "radar", 32, Radar;
     /// One [`crate::ImuSample`].
     Imu = 11, "imu", 72, Imu;
     /// One [`crate::GnssSample`].
     Gnss = 12, "gnss", 40, Gnss;
-    /// List of collision events.
+    /// List of [`crate::CollisionEvent`], by what was touched; only of ticks with any.
     Collision = 13, "collision", 64, Event;
-    /// List of crossed lane markings.
+    /// List of [`crate::LaneCrossing`], by time; only of ticks with any.
     LaneInvasion = 14, "lane_invasion", 32, Event;
-    /// List of obstacles ahead.
+    /// One [`crate::ObstacleEvent`]; only of ticks with an obstacle.
     Obstacle = 15, "obstacle", 32, Event;
 }
 
@@ -96,6 +96,11 @@ impl Modality {
     /// The modality with this topic name, if there is one.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|m| m.name() == name)
+    }
+
+    /// Whether frames are sent only for ticks in which something happened. Their `seq` counts those, read or not.
+    pub const fn is_event(self) -> bool {
+        matches!(self, Modality::Collision | Modality::LaneInvasion | Modality::Obstacle)
     }
 
     /// Whether frames are `height × width` images; the others are lists with height 1.

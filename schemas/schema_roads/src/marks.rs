@@ -109,6 +109,14 @@ pub struct MarkLine {
     pub colour: MarkColour,
     /// Width of the line, metres.
     pub width_m: f64,
+    /// Number of its road, as in [`crate::LaneKey`].
+    pub road: u32,
+    /// OpenDRIVE's id of the lane whose outer edge it marks; 0 is the centre line.
+    pub lane: i8,
+    /// Whether a change to the lane with the greater id is allowed.
+    pub to_greater: bool,
+    /// Whether a change to the lane with the smaller id is allowed.
+    pub to_smaller: bool,
     /// Points by rising s of the road, world, metres.
     pub points: Vec<[f64; 3]>,
 }

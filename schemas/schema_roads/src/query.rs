@@ -235,7 +235,16 @@ impl RoadMap {
                 station.point(station.lane_offset_m + edge)
             };
             let points = stations(from, to, step_m).map(point).collect();
-            lines.push(MarkLine { kind: mark.kind, colour: mark.colour, width_m: mark.width_m, points });
+            lines.push(MarkLine {
+                kind: mark.kind,
+                colour: mark.colour,
+                width_m: mark.width_m,
+                road: road.number,
+                lane: lane.unwrap_or(0),
+                to_greater: mark.to_greater,
+                to_smaller: mark.to_smaller,
+                points,
+            });
         }
     }
 

@@ -75,9 +75,9 @@ pub fn sample(spec: &GnssSpec, reference: &GeoReference, point_in_world_m: &Poin
     let place = reference.locate(point_in_world_m);
     let gaussian = |stddev: f64, number: u64| if stddev > 0.0 { stddev * noise.gaussian(number) } else { 0.0 };
     GnssSample {
-        latitude_deg: place.latitude_deg + gaussian(spec.noise_position_stddev_deg[0], 0),
-        longitude_deg: place.longitude_deg + gaussian(spec.noise_position_stddev_deg[1], 1),
-        altitude_m: place.altitude_m + gaussian(spec.noise_altitude_stddev_m, 2),
+        latitude_deg: place.latitude_deg + spec.bias_position_deg[0] + gaussian(spec.noise_position_stddev_deg[0], 0),
+        longitude_deg: place.longitude_deg + spec.bias_position_deg[1] + gaussian(spec.noise_position_stddev_deg[1], 1),
+        altitude_m: place.altitude_m + spec.bias_altitude_m + gaussian(spec.noise_altitude_stddev_m, 2),
         reserved: [0; 2],
     }
 }
@@ -140,6 +140,10 @@ mod tests {
             // Relative standard error of a standard deviation is 1/√(2n) = 0.5 %; five of them.
             assert!(((sum / n as f64).sqrt() / expected - 1.0).abs() < 0.025);
         }
+        let biased = GnssSpec { bias_position_deg: [0.5, -0.25], bias_altitude_m: 8.0, ..Default::default() };
+        let found = sample(&biased, &reference, &point, Noise::new(1, 4, 1));
+        assert!((found.latitude_deg - exact.latitude_deg - 0.5).abs() < 1e-12 && (found.altitude_m - exact.altitude_m - 8.0).abs() < 1e-12);
+        assert!((found.longitude_deg - exact.longitude_deg + 0.25).abs() < 1e-12);
         let quiet = sample(&GnssSpec::default(), &reference, &point, Noise::new(1, 4, 1));
         assert_eq!(
             (quiet.latitude_deg, quiet.longitude_deg, quiet.altitude_m),

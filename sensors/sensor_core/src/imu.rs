@@ -31,7 +31,7 @@ pub struct BodyState {
 
 impl BodyState {
     /// Velocity of a point fixed to the body.
-    fn velocity_at(&self, point_in_vehicle_m: &Vector3<f64>) -> Vector3<f64> {
+    pub fn velocity_at(&self, point_in_vehicle_m: &Vector3<f64>) -> Vector3<f64> {
         let arm_in_world_m = self.world_from_vehicle.rotation * point_in_vehicle_m;
         self.velocity_in_world_mps + self.angular_velocity_in_world_radps.cross(&arm_in_world_m)
     }

@@ -7,12 +7,14 @@
 
 pub mod gnss;
 pub mod imu;
+pub mod lane_marks;
 pub mod mesh;
 pub mod scene;
 pub mod schedule;
 
 pub use gnss::GeoReference;
 pub use imu::{BodyMotion, BodyState, ImuInput};
+pub use lane_marks::{PaintedLine, PaintedLines};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
 pub use scene::{DynamicInstance, MeshId, Scene, SceneAssets, StaticInstance, Sun};
 pub use schedule::{Firing, Schedule};

@@ -10,6 +10,7 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::triangle::Triangle;
 use obvhs::{BvhBuildParams, bvh2::node::Bvh2Node};
 
+use crate::ball::Ball;
 use crate::packet::Packet;
 
 /// A box with two children at `first` and `first + 1`, or, if `count > 0`, with the leaf's items `first..first + count`.
@@ -132,6 +133,40 @@ impl TriangleTree {
                 packet.triangle(&face.corner, &face.edge1, &face.edge2, face.number, place);
             }
         });
+    }
+}
+
+impl Tree {
+    /// Calls `item` for every item of the leaves that a moving ball comes near before the limit, which `item` may shorten.
+    fn walk_ball(&self, ball: &Ball, limit_m: &mut f64, mut item: impl FnMut(u32, &mut f64)) {
+        let mut stack = Vec::new();
+        if !self.nodes.is_empty() {
+            stack.push(0);
+        }
+        let mut ray = Packet::<1>::empty();
+        ray.aim(0, ball.centre.coords.cast::<f32>().into(), ball.direction.cast::<f32>().into());
+        let radius_m = ball.radius_m as f32;
+        while let Some(idx) = stack.pop() {
+            let node = &self.nodes[idx as usize];
+            let (low, high) = (node.low.map(|x| x - radius_m), node.high.map(|x| x + radius_m));
+            // A little beyond: the exact test decides.
+            ray.far[0] = (*limit_m * (1.0 + 1e-6) + 1e-3) as f32;
+            if ray.enter(&low, &high) == f32::INFINITY {
+                continue;
+            }
+            if node.count > 0 {
+                (node.first..node.first + node.count).for_each(|i| item(i, limit_m));
+            } else {
+                stack.extend([node.first + 1, node.first]);
+            }
+        }
+    }
+}
+
+impl TriangleTree {
+    /// Calls `triangle` with the number of every triangle that a moving ball comes near, until the limit, which it may shorten.
+    pub fn visit_ball(&self, ball: &Ball, limit_m: &mut f64, mut triangle: impl FnMut(u32, &mut f64)) {
+        self.tree.walk_ball(ball, limit_m, |i, limit_m| triangle(self.faces[i as usize].number, limit_m));
     }
 }
 

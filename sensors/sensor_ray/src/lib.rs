@@ -1,4 +1,4 @@
-//! Ray sensors on the CPU: lidar and semantic lidar against the same triangles that cameras draw.
+//! Ray sensors on the CPU: lidar, semantic lidar, radar and obstacle detector against the same triangles that cameras draw.
 //!
 //! Two levels: bounding-volume hierarchies over the scenery (built once per episode) and over each moving mesh (shared by its
 //! instances), and a small hierarchy over the instances of the tick. Rays travel in packets of neighbours.
@@ -7,10 +7,14 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod ball;
 mod bvh;
 pub mod lidar;
 mod packet;
+pub mod radar;
 pub mod scene;
 
+pub use ball::{BallFilter, BallHit};
 pub use lidar::{Lidar, SensorPath};
+pub use radar::RadarPose;
 pub use scene::{Hit, RayScene};

@@ -1,7 +1,9 @@
-//! Spinning lidar, plain and semantic: one full turn per frame, ending at the tick.
+//! Spinning lidar, plain and semantic: one full turn per frame, ending at the tick, or CARLA's sweep of one tick.
 //!
-//! Columns run counter-clockwise from above, column `i` at azimuth −π + 2π·(i + 1)/columns, so that the last one looks straight back at
-//! the very tick. Points come channel after channel, channel 0 on top, azimuth rising within each; rays without a return leave no gap.
+//! Columns of a turn run counter-clockwise from above, column `i` at azimuth −π + 2π·(i + 1)/columns, so that the last one looks straight
+//! back at the very tick; a narrower field of view is spread the same way about the front. Columns of a sweep run clockwise, as CARLA's
+//! head turns, from where it stood after the previous firing: of `h` the width of the turn, column `i` looks at h/2 − mod(was + step·i, h).
+//! Points come channel after channel, channel 0 on top, azimuth rising within each; rays without a return leave no gap.
 //! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
 //! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
 
@@ -10,12 +12,9 @@ use rayon::prelude::*;
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;
 use schema_types::noise::Noise;
-use sensor_spec::LidarSpec;
+use sensor_spec::{LidarScan, LidarSpec};
 
 use crate::scene::{Hit, RayScene, Rays, Stacks};
-
-/// Azimuth of the head at the end of a frame, radians counter-clockwise from x: straight back.
-pub const END_AZIMUTH_RAD: f64 = std::f64::consts::PI;
 
 /// Channels of a packet.
 const PACKET_CHANNELS: usize = 1;
@@ -58,6 +57,8 @@ pub struct Lidar {
     elevations: Vec<(f64, f64)>,
     /// Cosine and sine of each column's azimuth.
     azimuths: Vec<(f64, f64)>,
+    /// Time that the head has swept, all firings together (scan `sweep`).
+    swept_nanos: u64,
     rows: Rows,
     /// Returns per channel in the last turn.
     n_returns: Vec<u32>,
@@ -66,17 +67,64 @@ pub struct Lidar {
 impl Lidar {
     /// A lidar after a spec that passed its check.
     pub fn new(spec: LidarSpec) -> Self {
-        let cos_sin = |angle: f64| (angle.cos(), angle.sin());
-        let n_points = spec.points_per_frame() as usize;
-        Lidar {
+        let mut lidar = Lidar {
             elevations: (0..spec.channels).map(|channel| cos_sin(spec.elevation_rad(channel))).collect(),
-            azimuths: (0..spec.columns).map(|column| cos_sin(azimuth_rad(&spec, column))).collect(),
+            azimuths: Vec::new(),
+            swept_nanos: 0,
             rows: match spec.semantic {
-                false => Rows::Plain(vec![bytemuck::Zeroable::zeroed(); n_points]),
-                true => Rows::Semantic(vec![bytemuck::Zeroable::zeroed(); n_points]),
+                false => Rows::Plain(Vec::new()),
+                true => Rows::Semantic(Vec::new()),
             },
             n_returns: vec![0; spec.channels as usize],
             spec,
+        };
+        if lidar.spec.scan == LidarScan::Turn {
+            lidar.set_azimuths((0..lidar.spec.columns).map(|column| azimuth_rad(&lidar.spec, column)).collect());
+        }
+        lidar
+    }
+
+    /// Turns the head as far as it gets in a tick of `tick_nanos`. Call it at every firing, read or not.
+    ///
+    /// At most `max_points` rays are aimed, whatever the length of the tick. Without effect on a lidar of full turns.
+    pub fn turn_head(&mut self, tick_nanos: u64, max_points: u32) {
+        if self.spec.scan == LidarScan::Turn {
+            return;
+        }
+        let fov_deg = self.spec.horizontal_fov_deg;
+        let was_deg = self.turned_deg();
+        self.swept_nanos += tick_nanos;
+        let tick_secs = tick_nanos as f64 * 1e-9;
+        let n_columns = self.spec.columns_per_frame(tick_secs).min(max_points / self.spec.channels.max(1));
+        let step_deg = self.spec.rotation_hz * fov_deg * tick_secs / n_columns.max(1) as f64;
+        let azimuth = |column: u32| (0.5 * fov_deg - (was_deg + step_deg * column as f64) % fov_deg).to_radians();
+        self.set_azimuths((0..n_columns).map(azimuth).collect());
+    }
+
+    /// Azimuth of the head at the end of the frame, radians counter-clockwise from x.
+    pub fn head_rad(&self) -> f64 {
+        match self.spec.scan {
+            LidarScan::Turn => 0.5 * self.spec.horizontal_fov_deg.to_radians(),
+            LidarScan::Sweep => (0.5 * self.spec.horizontal_fov_deg - self.turned_deg()).to_radians(),
+        }
+    }
+
+    /// Begins anew: the head as when it was made.
+    pub fn reset(&mut self) {
+        self.swept_nanos = 0;
+    }
+
+    /// How far the head has turned clockwise from the left rim of its field of view, degrees, less whole turns.
+    fn turned_deg(&self) -> f64 {
+        self.spec.horizontal_fov_deg * (self.spec.rotation_hz * self.swept_nanos as f64 * 1e-9).fract()
+    }
+
+    fn set_azimuths(&mut self, azimuths_rad: Vec<f64>) {
+        self.azimuths = azimuths_rad.into_iter().map(cos_sin).collect();
+        let n_points = self.spec.channels as usize * self.azimuths.len();
+        match &mut self.rows {
+            Rows::Plain(points) => points.resize(n_points, bytemuck::Zeroable::zeroed()),
+            Rows::Semantic(points) => points.resize(n_points, bytemuck::Zeroable::zeroed()),
         }
     }
 
@@ -85,16 +133,20 @@ impl Lidar {
         &self.spec
     }
 
-    /// Casts one turn on the current rayon pool and returns the number of points, which [`Lidar::write`] then puts into a frame.
+    /// Casts one frame on the current rayon pool and returns the number of points, which [`Lidar::write`] then puts into a frame.
     ///
     /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's lidar sees its own car: `None`).
     pub fn scan(&mut self, scene: &RayScene, path: &SensorPath, noise: Noise, ignored: Option<ActorId>) -> u32 {
+        if self.azimuths.is_empty() {
+            self.n_returns.fill(0);
+            return 0;
+        }
         let turn = Turn {
             scene,
             spec: &self.spec,
             elevations: &self.elevations,
             azimuths: &self.azimuths,
-            poses: column_poses(&self.spec, path),
+            poses: column_poses(&self.spec, path, self.azimuths.len()),
             noise,
             ignored,
         };
@@ -133,7 +185,7 @@ impl Lidar {
     }
 
     fn channel_bytes(&self) -> impl Iterator<Item = &[u8]> {
-        let n_columns = self.spec.columns as usize;
+        let n_columns = self.azimuths.len();
         self.n_returns.iter().enumerate().map(move |(channel, n)| {
             let row = channel * n_columns..channel * n_columns + *n as usize;
             match &self.rows {
@@ -144,22 +196,26 @@ impl Lidar {
     }
 }
 
-/// Azimuth of a column, radians counter-clockwise from x.
+fn cos_sin(angle_rad: f64) -> (f64, f64) {
+    (angle_rad.cos(), angle_rad.sin())
+}
+
+/// Azimuth of a column of a full turn, radians counter-clockwise from x.
 pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
-    END_AZIMUTH_RAD * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
+    0.5 * spec.horizontal_fov_deg.to_radians() * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
 }
 
 /// Pose of the sensor at each column, or a single one for all.
-fn column_poses(spec: &LidarSpec, path: &SensorPath) -> Vec<Isometry3<f64>> {
+fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Isometry3<f64>> {
     if !spec.motion_distortion {
         return vec![path.world_from_sensor];
     }
     let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
-    let pose = |column: u32| {
-        let share = (column + 1) as f64 / spec.columns as f64;
+    let pose = |column: usize| {
+        let share = (column + 1) as f64 / n_columns as f64;
         start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)
     };
-    (0..spec.columns).map(pose).collect()
+    (0..n_columns).map(pose).collect()
 }
 
 /// A point format: how a return becomes one.

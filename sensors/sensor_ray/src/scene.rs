@@ -43,20 +43,20 @@ impl Hit {
 
 /// Scenery of one square of the map.
 #[derive(Debug)]
-struct Tile {
-    origin_m: Point3<f64>,
-    tree: TriangleTree,
+pub(crate) struct Tile {
+    pub origin_m: Point3<f64>,
+    pub tree: TriangleTree,
     /// Instance in `RayScene::statics` and triangle of its mesh, by triangle number in the tree.
-    sources: Vec<(u32, u32)>,
+    pub sources: Vec<(u32, u32)>,
 }
 
 /// A mesh at a place.
 #[derive(Debug)]
-struct Placed {
-    mesh_idx: u32,
-    mesh_from_world: Isometry3<f64>,
-    object: ObjectId,
-    velocity_in_world_mps: Vector3<f64>,
+pub(crate) struct Placed {
+    pub mesh_idx: u32,
+    pub mesh_from_world: Isometry3<f64>,
+    pub object: ObjectId,
+    pub velocity_in_world_mps: Vector3<f64>,
 }
 
 /// Everything rays can hit in one tick.
@@ -65,12 +65,12 @@ struct Placed {
 #[derive(Debug)]
 pub struct RayScene {
     episode: u32,
-    meshes: Vec<Arc<Mesh>>,
+    pub(crate) meshes: Vec<Arc<Mesh>>,
     /// By mesh; built at load for meshes that are no scenery, else when first seen moving.
-    mesh_trees: Vec<Option<TriangleTree>>,
-    statics: Vec<Placed>,
-    tiles: Vec<Tile>,
-    dynamics: Vec<Placed>,
+    pub(crate) mesh_trees: Vec<Option<TriangleTree>>,
+    pub(crate) statics: Vec<Placed>,
+    pub(crate) tiles: Vec<Tile>,
+    pub(crate) dynamics: Vec<Placed>,
     dynamics_origin_m: Point3<f64>,
     dynamics_tree: BoxTree,
 }

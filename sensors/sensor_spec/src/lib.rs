@@ -6,15 +6,24 @@
 #![warn(missing_docs)]
 
 pub mod camera;
+pub mod events;
 pub mod lidar;
+pub mod motion;
 pub mod mount;
+pub mod radar;
 
-pub use camera::{CameraSpec, DvsSpec, Intrinsics};
-pub use lidar::LidarSpec;
+pub use camera::{CameraSpec, DvsMode, DvsSpec, Intrinsics};
+pub use events::{CollisionSpec, LaneInvasionSpec, ObstacleSpec};
+pub use lidar::{LidarScan, LidarSpec};
+pub use motion::{GnssSpec, ImuSpec};
 pub use mount::{Attachment, MountSpec};
+pub use radar::RadarSpec;
 
 use schema_frames::Modality;
 use serde::{Deserialize, Serialize};
+
+/// Most collisions or crossed lines one frame can carry; what is beyond is left out.
+pub const MAX_EVENTS_PER_TICK: usize = 64;
 
 /// One sensor of a rig: `[sensor.NAME]` in a launch file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,16 +37,45 @@ pub enum SensorSpec {
     Imu(ImuSpec),
     /// Satellite positioning.
     Gnss(GnssSpec),
+    /// Radar.
+    Radar(RadarSpec),
+    /// Obstacle detector.
+    Obstacle(ObstacleSpec),
+    /// Collision detector.
+    Collision(CollisionSpec),
+    /// Lane invasion detector.
+    LaneInvasion(LaneInvasionSpec),
 }
 
 impl SensorSpec {
-    /// Firings per second of simulated time.
-    pub fn rate_hz(&self) -> f64 {
+    /// Kinds as the key `kind` names them.
+    pub const KINDS: [&str; 8] = ["camera", "lidar", "imu", "gnss", "radar", "obstacle", "collision", "lane_invasion"];
+
+    /// The defaults of a kind, one of [`SensorSpec::KINDS`].
+    pub fn default_of(kind: &str) -> Option<SensorSpec> {
+        Some(match kind {
+            "camera" => SensorSpec::Camera(CameraSpec::default()),
+            "lidar" => SensorSpec::Lidar(LidarSpec::default()),
+            "imu" => SensorSpec::Imu(ImuSpec::default()),
+            "gnss" => SensorSpec::Gnss(GnssSpec::default()),
+            "radar" => SensorSpec::Radar(RadarSpec::default()),
+            "obstacle" => SensorSpec::Obstacle(ObstacleSpec::default()),
+            "collision" => SensorSpec::Collision(CollisionSpec::default()),
+            "lane_invasion" => SensorSpec::LaneInvasion(LaneInvasionSpec::default()),
+            _ => return None,
+        })
+    }
+
+    /// Firings per second of simulated time; `None`: every tick, and there is no key to change that.
+    pub fn rate_hz(&self) -> Option<f64> {
         match self {
-            SensorSpec::Camera(spec) => spec.rate_hz,
-            SensorSpec::Lidar(spec) => spec.rate_hz,
-            SensorSpec::Imu(spec) => spec.rate_hz,
-            SensorSpec::Gnss(spec) => spec.rate_hz,
+            SensorSpec::Camera(spec) => Some(spec.rate_hz),
+            SensorSpec::Lidar(spec) => Some(spec.rate_hz),
+            SensorSpec::Imu(spec) => Some(spec.rate_hz),
+            SensorSpec::Gnss(spec) => Some(spec.rate_hz),
+            SensorSpec::Radar(spec) => Some(spec.rate_hz),
+            SensorSpec::Obstacle(spec) => Some(spec.rate_hz),
+            SensorSpec::Collision(_) | SensorSpec::LaneInvasion(_) => None,
         }
     }
 
@@ -48,6 +86,10 @@ impl SensorSpec {
             SensorSpec::Lidar(spec) => &spec.mount,
             SensorSpec::Imu(spec) => &spec.mount,
             SensorSpec::Gnss(spec) => &spec.mount,
+            SensorSpec::Radar(spec) => &spec.mount,
+            SensorSpec::Obstacle(spec) => &spec.mount,
+            SensorSpec::Collision(spec) => &spec.mount,
+            SensorSpec::LaneInvasion(spec) => &spec.mount,
         }
     }
 
@@ -58,16 +100,22 @@ impl SensorSpec {
             SensorSpec::Lidar(spec) => vec![if spec.semantic { Modality::SemanticLidar } else { Modality::Lidar }],
             SensorSpec::Imu(_) => vec![Modality::Imu],
             SensorSpec::Gnss(_) => vec![Modality::Gnss],
+            SensorSpec::Radar(_) => vec![Modality::Radar],
+            SensorSpec::Obstacle(_) => vec![Modality::Obstacle],
+            SensorSpec::Collision(_) => vec![Modality::Collision],
+            SensorSpec::LaneInvasion(_) => vec![Modality::LaneInvasion],
         }
     }
 
-    /// Most payload bytes one frame of `modality` can have.
-    pub fn max_payload_bytes(&self, modality: Modality) -> usize {
+    /// Most payload bytes one frame of `modality` can have after a tick of `tick_secs`.
+    pub fn max_payload_bytes(&self, modality: Modality, tick_secs: f64) -> usize {
         let n_elements = match self {
-            SensorSpec::Camera(spec) if modality == Modality::Dvs => spec.dvs.max_events as usize,
+            SensorSpec::Camera(spec) if modality == Modality::Dvs => spec.max_events() as usize,
             SensorSpec::Camera(spec) => spec.width_px as usize * spec.height_px as usize,
-            SensorSpec::Lidar(spec) => spec.points_per_frame() as usize,
-            SensorSpec::Imu(_) | SensorSpec::Gnss(_) => 1,
+            SensorSpec::Lidar(spec) => spec.points_per_frame(tick_secs).max(1) as usize,
+            SensorSpec::Radar(spec) => spec.rays_per_frame(tick_secs).max(1) as usize,
+            SensorSpec::Imu(_) | SensorSpec::Gnss(_) | SensorSpec::Obstacle(_) => 1,
+            SensorSpec::Collision(_) | SensorSpec::LaneInvasion(_) => MAX_EVENTS_PER_TICK,
         };
         n_elements * modality.element_bytes()
     }
@@ -78,13 +126,18 @@ impl SensorSpec {
     /// All problems found, each naming key, value and what is allowed.
     pub fn check(&self, tick_hz: f64) -> Result<(), Vec<SpecError>> {
         let mut errors = Vec::new();
-        check_rate(self.rate_hz(), tick_hz, &mut errors);
+        if let Some(rate_hz) = self.rate_hz() {
+            check_rate(rate_hz, tick_hz, &mut errors);
+        }
         self.mount().check(&mut errors);
         match self {
             SensorSpec::Camera(spec) => spec.check(&mut errors),
             SensorSpec::Lidar(spec) => spec.check(&mut errors),
             SensorSpec::Imu(spec) => spec.check(&mut errors),
             SensorSpec::Gnss(spec) => spec.check(&mut errors),
+            SensorSpec::Radar(spec) => spec.check(&mut errors),
+            SensorSpec::Obstacle(spec) => spec.check(&mut errors),
+            SensorSpec::Collision(_) | SensorSpec::LaneInvasion(_) => {}
         }
         if errors.is_empty() { Ok(()) } else { Err(errors) }
     }
@@ -131,77 +184,6 @@ fn check_rate(rate_hz: f64, tick_hz: f64, errors: &mut Vec<SpecError>) {
         let nearest = [ticks.floor(), ticks.ceil()].map(|n| format!("{}", tick_hz / n));
         let allowed = format!("must divide the tick rate {tick_hz}; try {} or {}", nearest[0], nearest[1]);
         errors.push(SpecError { key: "rate_hz", value: rate_hz.to_string(), allowed });
-    }
-}
-
-/// An IMU. Noise is Gaussian, independent per axis and sample.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ImuSpec {
-    /// Firings per second.
-    pub rate_hz: f64,
-    /// Place on the vehicle.
-    pub mount: MountSpec,
-    /// Standard deviation of the specific force, m/s².
-    pub noise_accel_stddev_mps2: [f64; 3],
-    /// Standard deviation of the angular velocity, rad/s.
-    pub noise_gyro_stddev_radps: [f64; 3],
-    /// Constant added to the angular velocity, rad/s.
-    pub bias_gyro_radps: [f64; 3],
-}
-
-impl Default for ImuSpec {
-    fn default() -> Self {
-        ImuSpec {
-            rate_hz: 20.0,
-            mount: MountSpec::default(),
-            noise_accel_stddev_mps2: [0.0; 3],
-            noise_gyro_stddev_radps: [0.0; 3],
-            bias_gyro_radps: [0.0; 3],
-        }
-    }
-}
-
-impl ImuSpec {
-    fn check(&self, errors: &mut Vec<SpecError>) {
-        for value in self.noise_accel_stddev_mps2 {
-            check_range("noise_accel_stddev_mps2", value, 0.0, 1e6, errors);
-        }
-        for value in self.noise_gyro_stddev_radps {
-            check_range("noise_gyro_stddev_radps", value, 0.0, 1e6, errors);
-        }
-        for value in self.bias_gyro_radps {
-            check_range("bias_gyro_radps", value, -1e6, 1e6, errors);
-        }
-    }
-}
-
-/// A GNSS receiver. Noise is Gaussian, independent per sample.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct GnssSpec {
-    /// Firings per second.
-    pub rate_hz: f64,
-    /// Place on the vehicle.
-    pub mount: MountSpec,
-    /// Standard deviation of latitude and longitude, degrees.
-    pub noise_position_stddev_deg: [f64; 2],
-    /// Standard deviation of the altitude, metres.
-    pub noise_altitude_stddev_m: f64,
-}
-
-impl Default for GnssSpec {
-    fn default() -> Self {
-        GnssSpec { rate_hz: 10.0, mount: MountSpec::default(), noise_position_stddev_deg: [0.0; 2], noise_altitude_stddev_m: 0.0 }
-    }
-}
-
-impl GnssSpec {
-    fn check(&self, errors: &mut Vec<SpecError>) {
-        for value in self.noise_position_stddev_deg {
-            check_range("noise_position_stddev_deg", value, 0.0, 1.0, errors);
-        }
-        check_range("noise_altitude_stddev_m", self.noise_altitude_stddev_m, 0.0, 1e6, errors);
     }
 }
 

@@ -6,21 +6,43 @@ use crate::{MountSpec, SpecError, check_range};
 
 /// Most beams a lidar can have.
 pub const MAX_CHANNELS: u32 = 256;
+/// Most points a lidar or radar can make in a second of simulated time.
+pub const MAX_POINTS_PER_SECOND: u32 = 50_000_000;
 
-/// A spinning lidar. One frame is one full turn that ends at the tick it is published.
+/// What one frame of a lidar holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LidarScan {
+    /// One full turn of `columns` azimuths that ends at the tick, looking back.
+    #[default]
+    Turn,
+    /// What the head sweeps in one tick, counting `points_per_second` and `rotation_hz`: CARLA's lidar. The head turns clockwise
+    /// seen from above and goes on from where it was at the previous firing.
+    Sweep,
+}
+
+/// A spinning lidar.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LidarSpec {
-    /// Turns per second; one frame each.
+    /// Frames per second.
     pub rate_hz: f64,
     /// Place on the vehicle.
     pub mount: MountSpec,
     /// Publish class, object id and incidence instead of intensity, without losses.
     pub semantic: bool,
+    /// What one frame holds.
+    pub scan: LidarScan,
     /// Beams.
     pub channels: u32,
-    /// Azimuth steps of one turn.
+    /// Azimuth steps of one frame (scan `turn`).
     pub columns: u32,
+    /// Rays per second of simulated time, all channels together (scan `sweep`).
+    pub points_per_second: u32,
+    /// Turns per second of simulated time (scan `sweep`).
+    pub rotation_hz: f64,
+    /// Width of the turn, centred forward.
+    pub horizontal_fov_deg: f64,
     /// Elevation of the highest beam.
     pub upper_fov_deg: f64,
     /// Elevation of the lowest beam.
@@ -37,7 +59,9 @@ pub struct LidarSpec {
     pub dropoff_zero_intensity_ratio: f64,
     /// Standard deviation of the range.
     pub noise_range_stddev_m: f64,
-    /// Move the sensor along its path during the turn.
+    /// Tells the noise of otherwise equal sensors apart.
+    pub noise_seed: u64,
+    /// Move the sensor along its path while the head turns.
     pub motion_distortion: bool,
 }
 
@@ -47,8 +71,12 @@ impl Default for LidarSpec {
             rate_hz: 10.0,
             mount: MountSpec::default(),
             semantic: false,
+            scan: LidarScan::Turn,
             channels: 64,
             columns: 2000,
+            points_per_second: 1_280_000,
+            rotation_hz: 10.0,
+            horizontal_fov_deg: 360.0,
             upper_fov_deg: 10.0,
             lower_fov_deg: -25.0,
             range_m: 120.0,
@@ -57,15 +85,24 @@ impl Default for LidarSpec {
             dropoff_intensity_limit: 0.0,
             dropoff_zero_intensity_ratio: 0.0,
             noise_range_stddev_m: 0.0,
+            noise_seed: 0,
             motion_distortion: false,
         }
     }
 }
 
 impl LidarSpec {
-    /// Most points one frame can have.
-    pub fn points_per_frame(&self) -> u32 {
-        self.channels * self.columns
+    /// Azimuths of a frame after a tick of `tick_secs`: rays per channel.
+    pub fn columns_per_frame(&self, tick_secs: f64) -> u32 {
+        match self.scan {
+            LidarScan::Turn => self.columns,
+            LidarScan::Sweep => (self.points_per_second as f64 * tick_secs / self.channels as f64).round() as u32,
+        }
+    }
+
+    /// Most points a frame after a tick of `tick_secs` can have.
+    pub fn points_per_frame(&self, tick_secs: f64) -> u32 {
+        self.channels.saturating_mul(self.columns_per_frame(tick_secs))
     }
 
     /// Elevation of a channel, radians; channel 0 is the highest.
@@ -77,6 +114,9 @@ impl LidarSpec {
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
         check_range("channels", self.channels, 1, MAX_CHANNELS, errors);
         check_range("columns", self.columns, 1, 65_536, errors);
+        check_range("points_per_second", self.points_per_second, 1, MAX_POINTS_PER_SECOND, errors);
+        check_range("rotation_hz", self.rotation_hz, 0.0, 1000.0, errors);
+        check_range("horizontal_fov_deg", self.horizontal_fov_deg, 0.01, 360.0, errors);
         check_range("upper_fov_deg", self.upper_fov_deg, -90.0, 90.0, errors);
         check_range("lower_fov_deg", self.lower_fov_deg, -90.0, 90.0, errors);
         if self.lower_fov_deg > self.upper_fov_deg {

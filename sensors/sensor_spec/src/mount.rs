@@ -6,18 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{SpecError, check_range};
 
-/// How the sensor follows its parent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Attachment {
-    /// Exactly, every tick.
-    #[default]
-    Rigid,
-    /// On a boom that lags and shortens before obstacles.
-    SpringArm,
-    /// On a boom that lags and passes through everything.
-    SpringArmGhost,
-}
+pub use schema_frames::Attachment;
 
 /// Pose on the vehicle: x forward, y left, z up; roll, then pitch, then yaw, degrees in files.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -57,11 +57,12 @@ impl Daemon {
             Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") && type_id != "sensor.other.lane_invasion" => {
                 refused(&format!("{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"))
             }
-            Command::SpawnSensor { type_id, pose, parent_id, interval_nanos, spec, attributes } => {
+            Command::SpawnSensor { type_id, pose, parent_id, attachment, interval_nanos, spec, attributes } => {
                 let wish = SensorWish {
                     type_id,
                     pose: Pose::from(*pose),
                     parent: parent_id.map(ActorId),
+                    attachment: *attachment,
                     interval_nanos: *interval_nanos,
                     spec,
                     attributes,

@@ -15,7 +15,7 @@ use simd_world::{Scenario, World};
 
 use crate::cli::{Args, OnLostClient};
 use crate::documents::Documents;
-use crate::frames::{Sensors, Stamp};
+use crate::frames::{Sensors, Stamp, TickEvents};
 use crate::gate::Gate;
 use crate::pace::Pace;
 use crate::scene;
@@ -172,10 +172,11 @@ impl Daemon {
         self.world.step(self.clock.period_nanos());
         self.publish_snapshot(sim_time)?;
         self.publish_documents()?;
-        self.sensors.settle_topics(&self.bus, self.args.staged)?;
+        self.sensors.settle_topics(&self.bus, self.args.staged, self.clock.period_nanos())?;
         let scene = self.scene(sim_time);
         let (world, sensors) = (&self.world, &mut self.sensors);
-        sensors.fire(&scene, &self.episode.stamp, |actor| scene::carrier(world, actor, sim_time))
+        let events = TickEvents { collisions: world.collisions(), roads: world.roads().map(Arc::as_ref) };
+        sensors.fire(&scene, &self.episode.stamp, &events, |actor| scene::carrier(world, actor, sim_time))
     }
 
     pub(crate) fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {

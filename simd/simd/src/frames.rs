@@ -5,23 +5,24 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use anyhow::Context as _;
+use nalgebra::Vector3;
 use schema_bus::{Bus, FrameLoan, mono_now};
 use schema_frames::{FrameHeader, Modality};
-use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
 use sensor_camera::{CameraRenderer, Output, Place, Submission, ViewJob};
 use sensor_core::gnss::GeoReference;
-use sensor_core::imu::{BodyState, STANDARD_GRAVITY_MPS2};
+use sensor_core::imu::BodyState;
+use sensor_core::lane_marks::{Corners, PaintedLines};
 use sensor_core::scene::{Scene, SceneAssets};
 use sensor_core::schedule::Firing;
-use sensor_core::{gnss, imu};
 use sensor_gpu::Gpu;
-use sensor_ray::lidar::END_AZIMUTH_RAD;
-use sensor_ray::{RayScene, SensorPath};
-use sensor_spec::SensorSpec;
+use sensor_ray::RayScene;
 
 use crate::hash::BytesHash;
+pub use cpu::TickEvents;
 use crate::rig::{Model, Rig, Sensor, Topic};
+
+mod cpu;
 
 /// State of an actor that sensors need: its own and that of the body that carries it.
 #[derive(Clone, Copy, Debug)]
@@ -30,8 +31,12 @@ pub struct Carrier {
     pub parent: ActorId,
     /// Pose of the sensor in the world, the very value of the snapshot.
     pub world_from_sensor: Pose,
+    /// Velocity of the sensor's own point, m/s.
+    pub velocity_in_world_mps: Vector3<f64>,
     /// State of the body.
     pub body: BodyState,
+    /// Lower corners of the body's box, world.
+    pub lower_corners: Corners,
 }
 
 /// What is the same in every header of one tick.
@@ -54,6 +59,10 @@ pub struct Sensors {
     gpu: Gpu,
     renderer: CameraRenderer,
     rays: Option<RayScene>,
+    /// Made when a lane invasion detector first asks.
+    painted: Option<PaintedLines>,
+    /// Length of the tick that the topics' memory was made for.
+    fitted_period_nanos: u64,
     in_flight: VecDeque<PendingTick>,
     max_in_flight: usize,
     read_everything: bool,
@@ -79,7 +88,18 @@ impl Sensors {
     /// Sensors that render on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
     pub fn new(gpu: Gpu, renderer: CameraRenderer, sensors: Vec<Sensor>, max_in_flight: u32, read_everything: bool) -> Self {
         let max_in_flight = if read_everything { 1 } else { max_in_flight as usize };
-        Sensors { sensors, gpu, renderer, rays: None, in_flight: VecDeque::new(), max_in_flight, read_everything, n_lidar_turns: 0 }
+        Sensors {
+            sensors,
+            gpu,
+            renderer,
+            rays: None,
+            painted: None,
+            fitted_period_nanos: 0,
+            in_flight: VecDeque::new(),
+            max_in_flight,
+            read_everything,
+            n_lidar_turns: 0,
+        }
     }
 
     /// Turns that were cast.
@@ -97,28 +117,33 @@ impl Sensors {
         self.finish_all()?;
         self.renderer.load(assets);
         // Building takes the better part of a second: now, and not in the tick in which the first reader comes.
-        let has_lidar = self.sensors.iter().any(|sensor| matches!(sensor.model, Model::Lidar { .. }));
-        self.rays = has_lidar.then(|| RayScene::load(assets));
+        let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
+        self.rays = casts_rays.then(|| RayScene::load(assets));
+        self.painted = None;
         Ok(())
     }
 
     /// Fires what is due at the scene's tick. Frames of the GPU may still be on their way when this returns, CPU-made ones are sent.
-    pub fn fire(&mut self, scene: &Scene, stamp: &Stamp, carrier: impl Fn(ActorId) -> Option<Carrier>) -> anyhow::Result<()> {
+    pub fn fire(
+        &mut self,
+        scene: &Scene,
+        stamp: &Stamp,
+        events: &TickEvents<'_>,
+        carrier: impl Fn(ActorId) -> Option<Carrier>,
+    ) -> anyhow::Result<()> {
         while self.in_flight.len() >= self.max_in_flight {
             self.finish_oldest(scene.tick.0)?;
         }
         let mut due = Vec::with_capacity(self.sensors.len());
         for (idx, sensor) in self.sensors.iter_mut().enumerate() {
             let Some(carrier) = carrier(sensor.actor) else { continue };
-            if let Model::Imu(motion) = &mut sensor.model {
-                motion.push(carrier.body);
-            }
+            sensor.model.follow(&carrier);
             if let Some(firing) = sensor.schedule.due(scene.sim_time) {
                 due.push((idx, firing, carrier));
             }
         }
         let pending = self.submit_views(scene, stamp, &due)?;
-        let waking = self.fire_on_cpu(scene, stamp, &due)?;
+        let waking = self.fire_on_cpu(scene, stamp, events, &due)?;
         match pending {
             Some(pending) => self.in_flight.push_back(pending),
             None => wake(&waking),
@@ -131,7 +156,7 @@ impl Sensors {
 
     /// Takes in a sensor made at run time; its actor id is the highest.
     pub fn add(&mut self, sensor: Sensor, assets: &Arc<SceneAssets>) {
-        if matches!(sensor.model, Model::Lidar { .. }) && self.rays.is_none() {
+        if sensor.model.casts_rays() && self.rays.is_none() {
             self.rays = Some(RayScene::load(assets));
         }
         self.sensors.push(sensor);
@@ -153,8 +178,14 @@ impl Sensors {
     }
 
     /// Gives memory to topics that found their first reader, and takes it from those that lost their last a while ago.
-    pub fn settle_topics(&mut self, bus: &Bus, staged: bool) -> anyhow::Result<()> {
+    ///
+    /// A longer tick needs more room for what counts points per second; it comes here too.
+    pub fn settle_topics(&mut self, bus: &Bus, staged: bool, period_nanos: u64) -> anyhow::Result<()> {
         let now_nanos = mono_now().0;
+        if period_nanos > self.fitted_period_nanos {
+            self.fitted_period_nanos = period_nanos;
+            self.sensors.iter_mut().for_each(|sensor| sensor.fit_topics(period_nanos));
+        }
         let unsettled = |topic: &mut Topic| topic.is_unsettled(now_nanos);
         if !self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics).any(unsettled) {
             return Ok(());
@@ -245,59 +276,6 @@ impl Sensors {
         Ok(())
     }
 
-    fn fire_on_cpu(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Vec<Rc<Rig>>> {
-        let mut waking = Vec::new();
-        let mut rays_are_current = false;
-        for (sensor_idx, firing, carrier) in due {
-            let sensor = &mut self.sensors[*sensor_idx];
-            if matches!(sensor.model, Model::View(_)) {
-                continue;
-            }
-            let world_from_sensor = carrier.world_from_sensor.isometry();
-            for topic_idx in 0..sensor.topics.len() {
-                let Some(mut loan) = sensor.topics[topic_idx].loan_if_read(self.read_everything) else { continue };
-                let modality = sensor.topics[topic_idx].modality;
-                let mut header = base_header(modality, scene, stamp, sensor.actor, firing, carrier);
-                let noise = Noise::new(stamp.seed, sensor.actor.0 as u64, scene.tick.0);
-                match (&mut sensor.model, &sensor.spec) {
-                    (Model::Lidar { lidar, previous }, _) => {
-                        let rays = self.rays.as_mut().expect("loaded with the map because there is a lidar");
-                        if !rays_are_current {
-                            rays.update(&scene.dynamics);
-                            rays_are_current = true;
-                        }
-                        let path = SensorPath { world_from_sensor_start: previous.unwrap_or(world_from_sensor), world_from_sensor };
-                        header.set_list(lidar.scan(rays, &path, noise, None));
-                        lidar.write(loan.payload_mut());
-                        self.n_lidar_turns += 1;
-                        header.range_limit_m = lidar.spec().range_m as f32;
-                        header.n_channels = lidar.spec().channels;
-                        header.azimuth_rad = END_AZIMUTH_RAD as f32;
-                    }
-                    (Model::Imu(motion), SensorSpec::Imu(spec)) => {
-                        let mount = carrier.body.world_from_vehicle.inv_mul(&world_from_sensor);
-                        let input = motion.at(&mount, STANDARD_GRAVITY_MPS2).expect("a state was pushed in this tick");
-                        put(&mut loan, &imu::sample(spec, &input, noise));
-                        header.set_list(1);
-                    }
-                    (Model::Gnss, SensorSpec::Gnss(spec)) => {
-                        let place = world_from_sensor.translation.vector.into();
-                        put(&mut loan, &gnss::sample(spec, &stamp.geo_reference, &place, noise));
-                        header.set_list(1);
-                    }
-                    _ => unreachable!("a sensor's model is made from its spec"),
-                }
-                header.rendered_mono_nanos = mono_now().0;
-                sensor.topics[topic_idx].send(loan, header, self.read_everything);
-                remember(&mut waking, &sensor.rig);
-            }
-            if let Model::Lidar { previous, .. } = &mut sensor.model {
-                *previous = Some(world_from_sensor);
-            }
-        }
-        Ok(waking)
-    }
-
     /// Finishes what is on its way and gives all memory back.
     pub fn close(mut self) -> anyhow::Result<()> {
         let finished = self.finish_all();
@@ -376,9 +354,4 @@ fn base_header(modality: Modality, scene: &Scene, stamp: &Stamp, actor: ActorId,
         epoch: stamp.epoch,
         ..FrameHeader::new(modality)
     }
-}
-
-/// Writes one record to the front of a loan.
-fn put<T: bytemuck::Pod>(loan: &mut FrameLoan, record: &T) {
-    loan.payload_mut()[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(record));
 }

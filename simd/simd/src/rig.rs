@@ -10,15 +10,18 @@ use anyhow::{Context as _, bail};
 use nalgebra::Isometry3;
 use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
-use schema_frames::{Modality, SensorKind};
+use schema_frames::{Modality, RadarDetection, SensorKind};
 use schema_types::{ActorId, SimTime};
 use sensor_camera::{View, ViewSpec};
 use sensor_core::imu::BodyMotion;
+use sensor_core::lane_marks::Corners;
 use sensor_core::schedule::Schedule;
 use sensor_gpu::{Gpu, ShmTarget};
 use sensor_ray::Lidar;
 use sensor_spec::SensorSpec;
 
+use crate::frames::Carrier;
+use crate::hash::BytesHash;
 use crate::import;
 
 /// All sensors with the same first topic segment; they share one wake-up per tick. Goes with its last sensor.
@@ -47,6 +50,10 @@ pub struct Sensor {
     pub topics: Vec<Topic>,
     /// Its model's state.
     pub model: Model,
+    /// Keeps its noise apart from that of others. Says nothing of who else exists: bytes do not depend on other sensors.
+    pub stream: u64,
+    /// Frames of an event-like sensor so far, read or not.
+    pub n_event_frames: u64,
 }
 
 /// What a sensor remembers between firings.
@@ -57,13 +64,56 @@ pub enum Model {
     Lidar {
         /// Beams and memory of the last turn.
         lidar: Box<Lidar>,
-        /// Pose at the end of the previous turn.
+        /// Pose at the previous firing.
         previous: Option<Isometry3<f64>>,
+        /// Poses at the previous tick and at this one.
+        ticks: [Option<Isometry3<f64>>; 2],
     },
+    /// Radar: memory of its last detections.
+    Radar(Vec<RadarDetection>),
     /// IMU: the motion of the body it sits on.
     Imu(BodyMotion),
     /// GNSS.
     Gnss,
+    /// Obstacle detector.
+    Obstacle,
+    /// Collision detector.
+    Collision,
+    /// Lane invasion detector: where its carrier's box was at the previous tick.
+    LaneInvasion {
+        /// Lower corners.
+        corners: Option<Corners>,
+    },
+}
+
+impl Model {
+    /// Whether it needs the scene's triangles as rays see them.
+    pub fn casts_rays(&self) -> bool {
+        matches!(self, Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle)
+    }
+
+    /// Takes note of a tick, whether the sensor fires or not.
+    pub fn follow(&mut self, carrier: &Carrier) {
+        match self {
+            Model::Imu(motion) => motion.push(carrier.body),
+            Model::Lidar { ticks, .. } => *ticks = [ticks[1], Some(carrier.world_from_sensor.isometry())],
+            _ => {}
+        }
+    }
+
+    /// Forgets everything, as if just made.
+    fn reset(&mut self) {
+        match self {
+            Model::View(view) => view.reset(),
+            Model::Lidar { lidar, previous, ticks } => {
+                lidar.reset();
+                (*previous, *ticks) = (None, [None; 2]);
+            }
+            Model::Imu(motion) => motion.reset(),
+            Model::LaneInvasion { corners } => *corners = None,
+            Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {}
+        }
+    }
 }
 
 /// The writing end of a topic.
@@ -97,6 +147,8 @@ pub struct Topic {
     /// Memory comes with the first reader and goes [`LINGER_NANOS`] after the last.
     on_demand: bool,
     last_read_nanos: u64,
+    /// Memory must be made anew, larger.
+    outgrown: bool,
 }
 
 /// Memory of a topic made at run time outlives its last reader by this much, so that a reader that comes back soon costs nothing.
@@ -116,6 +168,8 @@ pub struct TopicOptions {
     pub seed: u64,
     /// Memory only while somebody reads.
     pub on_demand: bool,
+    /// Length of a tick.
+    pub period_nanos: u64,
 }
 
 impl Topic {
@@ -149,6 +203,7 @@ impl Topic {
             spec,
             on_demand: options.on_demand,
             last_read_nanos: mono_now().0,
+            outgrown: false,
         })
     }
 
@@ -179,6 +234,9 @@ impl Topic {
 
     /// Whether [`Topic::settle`] has something to do: the memory of a topic made at run time comes and goes with its readers.
     pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        if self.outgrown {
+            return true;
+        }
         if !self.on_demand {
             return false;
         }
@@ -194,6 +252,9 @@ impl Topic {
 
     /// Opens the memory for the first reader, or gives it back after the last. Nothing may be in flight.
     pub fn settle(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
+        if std::mem::take(&mut self.outgrown) {
+            return self.grow(bus, gpu, staged);
+        }
         self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
             Outlet::Idle(service) => open_outlet(service, gpu, self.modality, staged)?,
             Outlet::Open { publisher, target } => {
@@ -202,6 +263,20 @@ impl Topic {
             }
             Outlet::Closed => Outlet::Idle(bus.frame_service(&self.name, self.spec)?),
         };
+        Ok(())
+    }
+
+    /// Makes the memory anew in the size that is needed now; readers stay connected.
+    fn grow(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
+        let outlet = std::mem::replace(&mut self.outlet, Outlet::Closed);
+        let was_open = matches!(outlet, Outlet::Open { .. });
+        // Of the same name, so the service itself never goes.
+        let service = bus.frame_service(&self.name, self.spec)?;
+        if let Outlet::Open { publisher, target } = outlet {
+            close_outlet(publisher, target, gpu);
+        }
+        self.max_payload_bytes = self.spec.max_payload_bytes;
+        self.outlet = if was_open { open_outlet(service, gpu, self.modality, staged)? } else { Outlet::Idle(service) };
         Ok(())
     }
 
@@ -240,21 +315,26 @@ impl Sensor {
         options: &TopicOptions,
     ) -> anyhow::Result<Sensor> {
         let mut topics = Vec::new();
+        let tick_secs = options.period_nanos as f64 * 1e-9;
         for modality in spec.modalities() {
             let name = format!("{}/{}/{}", place.rig.name, place.name, modality.name());
-            topics.push(Topic::open(bus, gpu, name, modality, spec.max_payload_bytes(modality), options)?);
+            topics.push(Topic::open(bus, gpu, name, modality, spec.max_payload_bytes(modality, tick_secs), options)?);
         }
         let model = match &spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
                 gpu,
-                ViewSpec { intrinsics: camera.intrinsics(), dvs: camera.dvs.clone(), seed: options.seed, sensor_id: place.actor.0 },
+                ViewSpec { intrinsics: camera.intrinsics(), dvs: camera.dvs.clone(), seed: options.seed, sensor_id: (place.stream ^ (place.stream >> 32)) as u32 },
             ))),
-            SensorSpec::Lidar(lidar) => Model::Lidar { lidar: Box::new(Lidar::new(lidar.clone())), previous: None },
+            SensorSpec::Lidar(lidar) => Model::Lidar { lidar: Box::new(Lidar::new(lidar.clone())), previous: None, ticks: [None; 2] },
             SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),
             SensorSpec::Gnss(_) => Model::Gnss,
+            SensorSpec::Radar(_) => Model::Radar(Vec::new()),
+            SensorSpec::Obstacle(_) => Model::Obstacle,
+            SensorSpec::Collision(_) => Model::Collision,
+            SensorSpec::LaneInvasion(_) => Model::LaneInvasion { corners: None },
         };
-        let SensorPlace { rig, place, name, actor } = place;
-        Ok(Sensor { actor, name, rig, place, spec, schedule, topics, model })
+        let SensorPlace { rig, place, name, actor, stream } = place;
+        Ok(Sensor { actor, name, rig, place, spec, schedule, topics, model, stream, n_event_frames: 0 })
     }
 
     /// Its topics, for `world/actors`.
@@ -266,14 +346,34 @@ impl Sensor {
     /// Starts over in a new episode: schedule and memory as if just made, on a new actor.
     pub fn begin_episode(&mut self, actor: ActorId, made_at: SimTime, period_nanos: u64) {
         self.actor = actor;
-        self.schedule = Schedule::from_rate(made_at, self.spec.rate_hz(), period_nanos);
-        match &mut self.model {
-            Model::View(view) => view.reset(),
-            Model::Lidar { previous, .. } => *previous = None,
-            Model::Imu(motion) => motion.reset(),
-            Model::Gnss => {}
+        self.schedule = schedule_of(&self.spec, made_at, period_nanos);
+        self.n_event_frames = 0;
+        self.model.reset();
+    }
+
+    /// Marks topics whose memory is too small for ticks of this length.
+    pub fn fit_topics(&mut self, period_nanos: u64) {
+        for topic in &mut self.topics {
+            let needed = self.spec.max_payload_bytes(topic.modality, period_nanos as f64 * 1e-9);
+            if needed > topic.max_payload_bytes {
+                topic.spec.max_payload_bytes = needed;
+                topic.outgrown = true;
+            }
         }
     }
+}
+
+/// When a sensor of a launch file fires.
+pub fn schedule_of(spec: &SensorSpec, made_at: SimTime, period_nanos: u64) -> Schedule {
+    match spec.rate_hz() {
+        Some(rate_hz) => Schedule::from_rate(made_at, rate_hz, period_nanos),
+        None => Schedule::new(made_at, 0),
+    }
+}
+
+/// Stream of noise of a sensor that is told apart by `parts`.
+pub fn noise_stream(parts: &[&[u8]]) -> u64 {
+    parts.iter().fold(BytesHash::new(), |hash, part| hash.chunk(part)).finish()
 }
 
 /// Where a sensor belongs.
@@ -287,4 +387,6 @@ pub struct SensorPlace {
     pub name: String,
     /// Its actor.
     pub actor: ActorId,
+    /// Its noise, see [`Sensor::stream`].
+    pub stream: u64,
 }

@@ -13,7 +13,6 @@ use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
-use sensor_core::schedule::Schedule;
 use sensor_gpu::{Gpu, GpuOptions};
 use simd_town::Town;
 use simd_world::{MapData, Scenario, World, WorldOptions};
@@ -24,7 +23,7 @@ use crate::documents::Documents;
 use crate::frames::{Sensors, Stamp};
 use crate::gate::Gate;
 use crate::pace::Pace;
-use crate::rig::{Rig, Sensor, SensorPlace, TopicOptions};
+use crate::rig::{Rig, Sensor, SensorPlace, TopicOptions, noise_stream, schedule_of};
 
 /// Most actors a snapshot can carry: 4096 records of 256 bytes are 1 MiB a slot.
 const MAX_ACTORS: usize = 4096;
@@ -171,7 +170,7 @@ fn open_sensors(
     period_nanos: u64,
 ) -> anyhow::Result<Vec<Sensor>> {
     let options =
-        TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed, on_demand: false };
+        TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed, on_demand: false, period_nanos };
     let mut sensors: Vec<Sensor> = Vec::new();
     for placed in launch.placed_sensors() {
         let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");
@@ -180,8 +179,9 @@ fn open_sensors(
             None => Rc::new(Rig { name: placed.rig.to_owned(), wake: bus.notifier(&names::rig_tick(placed.rig))? }),
         };
         let actor = spawn_sensor(world, scenario, spec, placed.spec, placed.name)?;
-        let place = SensorPlace { rig, place: Some(*spec), name: placed.name.to_owned(), actor };
-        let schedule = Schedule::from_rate(SimTime(0), placed.spec.rate_hz(), period_nanos);
+        let stream = noise_stream(&[placed.rig.as_bytes(), placed.name.as_bytes()]);
+        let place = SensorPlace { rig, place: Some(*spec), name: placed.name.to_owned(), actor, stream };
+        let schedule = schedule_of(placed.spec, SimTime(0), period_nanos);
         let sensor = Sensor::open(bus, gpu, place, placed.spec.clone(), schedule, &options)?;
         world.set_topics(actor, sensor.topic_infos())?;
         sensors.push(sensor);
@@ -206,7 +206,9 @@ fn spawn_sensor(
         }
         RigSpec::Free(place) => (None, (place.pose().isometry() * mount).into()),
     };
-    Ok(world.spawn(sensor_type(spec), pose, parent, name, &BTreeMap::new())?)
+    let actor = world.spawn(sensor_type(spec), pose, parent, name, &BTreeMap::new())?;
+    world.set_attachment(actor, spec.mount().attachment)?;
+    Ok(actor)
 }
 
 /// Catalogue id of a sensor's actor.
@@ -218,6 +220,10 @@ fn sensor_type(spec: &sensor_spec::SensorSpec) -> &'static str {
         SensorSpec::Lidar(_) => "sensor.lidar.ray_cast",
         SensorSpec::Imu(_) => "sensor.other.imu",
         SensorSpec::Gnss(_) => "sensor.other.gnss",
+        SensorSpec::Radar(_) => "sensor.other.radar",
+        SensorSpec::Obstacle(_) => "sensor.other.obstacle",
+        SensorSpec::Collision(_) => "sensor.other.collision",
+        SensorSpec::LaneInvasion(_) => "sensor.other.lane_invasion",
     }
 }
 

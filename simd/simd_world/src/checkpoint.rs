@@ -194,6 +194,7 @@ impl World {
         let lost: Vec<ActorId> = self.actors.keys().copied().filter(|id| is_sensor(self, id) && !alive.contains(id)).collect();
         for id in lost {
             self.actors.remove(&id);
+            self.booms.remove(&id);
         }
         let mut gone = Vec::new();
         // Parents have smaller ids, so a sensor on a sensor finds it already settled.
@@ -202,7 +203,10 @@ impl World {
             let has_parent = sensor.parent.is_none_or(|parent| self.actors.contains_key(&parent));
             match self.actors.get_mut(&id) {
                 Some(own) if own.kind == ActorKind::Sensor => own.topics = sensor.topics.clone(),
-                None if has_parent => drop(self.actors.insert(id, sensor.clone())),
+                None if has_parent => {
+                    self.actors.insert(id, sensor.clone());
+                    self.booms.extend(living.booms.get(&id).map(|boom| (id, *boom)));
+                }
                 _ => gone.push(id),
             }
         }

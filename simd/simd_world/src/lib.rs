@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod boom;
 mod catalogue;
 mod checkpoint;
 mod command;

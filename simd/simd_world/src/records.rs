@@ -6,6 +6,7 @@ use schema_frames::snapshot::id_bytes;
 use schema_frames::{ActorKind, ActorRecord, LightState, TrafficLightPart, TrafficSignPart, VehiclePart};
 use schema_types::{ActorId, Pose};
 
+use crate::boom::{self, Boom};
 use crate::vehicle::{MAX_WHEELS, Vehicle};
 use crate::world::{Actor, World};
 
@@ -27,8 +28,12 @@ impl World {
         records.clear();
         let before = |id: ActorId| previous.binary_search_by_key(&id.0, |record| record.id).ok().map(|idx| &previous[idx]);
         let mut limits = std::mem::take(&mut self.speed_limits);
+        let mut booms = std::mem::take(&mut self.booms);
         for actor in self.actors.values() {
-            let motion = self.motion(actor, &records);
+            let mut motion = self.motion(actor, &records);
+            if let Some(boom) = booms.get_mut(&actor.id) {
+                self.hang(&mut motion, boom, actor, &records, dt_secs.unwrap_or(0.0));
+            }
             let mut record = self.record_of(actor, &motion);
             self.fill_changes(&mut record, before(actor.id), dt_secs);
             match actor.kind {
@@ -49,6 +54,7 @@ impl World {
             records.push(record);
         }
         self.speed_limits = limits;
+        self.booms = booms;
         self.records = records;
         self.previous_records = previous;
     }
@@ -68,6 +74,17 @@ impl World {
         let spin = Vector3::from(parent.angular_velocity_in_world_radps);
         let velocity = Vector3::from(parent.velocity_in_world_mps) + spin.cross(&lever);
         Motion { pose: (world_from_parent * actor.pose.isometry()).into(), velocity, spin }
+    }
+
+    /// Puts what hangs on a boom in its place. Its velocity stays that of a rigid mount.
+    fn hang(&self, motion: &mut Motion, boom: &mut Boom, actor: &Actor, made: &[ActorRecord], dt_secs: f64) {
+        let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
+        let Some(parent) = parent else { return };
+        let body = self.vehicles.get(&ActorId(parent.id)).map(|vehicle| vehicle.body);
+        let free_m = |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| {
+            boom::free_m(&self.physics, body, pivot, direction, length_m)
+        };
+        motion.pose = boom.follow(&parent.world_from_actor.isometry(), &actor.pose.isometry(), dt_secs, free_m).into();
     }
 
     fn record_of(&self, actor: &Actor, motion: &Motion) -> ActorRecord {

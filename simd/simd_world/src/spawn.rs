@@ -189,6 +189,7 @@ impl World {
         for id in &gone {
             self.actors.remove(id);
             self.speed_limits.remove(id);
+            self.booms.remove(id);
             if let Some(vehicle) = self.vehicles.remove(id) {
                 self.physics.engine.remove_body(vehicle.body);
             }

@@ -10,6 +10,7 @@ use schema_roads::RoadMap;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
+use crate::boom::Boom;
 use crate::catalogue;
 use crate::lights::Lights;
 use crate::map::{LoadError, MapData};
@@ -98,6 +99,7 @@ pub struct World {
     #[serde(skip)]
     pub(crate) previous_records: Vec<ActorRecord>,
     pub(crate) speed_limits: BTreeMap<ActorId, ([f64; 3], f32)>,
+    pub(crate) booms: BTreeMap<ActorId, Boom>,
     #[serde(skip)]
     pub(crate) meshes: ActorMeshes,
     pub(crate) weather: Weather,
@@ -127,6 +129,7 @@ impl World {
             records: Vec::new(),
             previous_records: Vec::new(),
             speed_limits: BTreeMap::new(),
+            booms: BTreeMap::new(),
             meshes: ActorMeshes::default(),
             weather: Weather::default(),
             weather_acts: false,
@@ -155,6 +158,7 @@ impl World {
         self.actors.clear();
         self.vehicles.clear();
         self.speed_limits.clear();
+        self.booms.clear();
         self.collisions.clear();
         self.meshes = ActorMeshes::default();
         self.episode += 1;

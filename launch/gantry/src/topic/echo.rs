@@ -4,7 +4,10 @@ use std::time::{Duration, Instant};
 
 use launch_cli::{Exit, Shutdown};
 use schema_bus::{Bus, ControlBatch, Document, Frame, Snapshot};
-use schema_frames::{ActorRecord, DvsEvent, GnssSample, ImuSample, LidarPoint, Modality, SemanticLidarPoint};
+use schema_frames::{
+    ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint, Modality, ObstacleEvent, RadarDetection,
+    SemanticLidarPoint,
+};
 use serde_json::{Value, json};
 
 use super::source::{Sample, Source};
@@ -73,6 +76,10 @@ fn elements(frame: &Frame, n: usize) -> Value {
         Modality::Gnss => first(frame.elements(), n, |sample: &GnssSample| debug_fields(sample)),
         Modality::Lidar => first(frame.elements(), n, |point: &LidarPoint| debug_fields(point)),
         Modality::SemanticLidar => first(frame.elements(), n, |point: &SemanticLidarPoint| debug_fields(point)),
+        Modality::Radar => first(frame.elements(), n, |detection: &RadarDetection| debug_fields(detection)),
+        Modality::Collision => first(frame.elements(), n, |event: &CollisionEvent| debug_fields(event)),
+        Modality::LaneInvasion => first(frame.elements(), n, |event: &LaneCrossing| debug_fields(event)),
+        Modality::Obstacle => first(frame.elements(), n, |event: &ObstacleEvent| debug_fields(event)),
         Modality::Dvs => first(frame.elements(), n, |event: &DvsEvent| debug_fields(event)),
         _ => Value::Null,
     }

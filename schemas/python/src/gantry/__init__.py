@@ -11,10 +11,14 @@ from ._classes import CLASS_COLOURS, CLASS_NAMES, colour_classes
 from ._command import command
 from ._dtypes import (
     ACTOR,
+    COLLISION_EVENT,
     DVS_EVENT,
     GNSS_SAMPLE,
     IMU_SAMPLE,
+    LANE_CROSSING,
     LIDAR_POINT,
+    OBSTACLE_EVENT,
+    RADAR_DETECTION,
     SEMANTIC_LIDAR_POINT,
     TRAFFIC_LIGHT_PART,
     VEHICLE_PART,
@@ -35,8 +39,8 @@ from ._sync import Row, Sync, sync
 from ._world import Document, Snapshot, document, snapshot
 
 __all__ = [
-    "ACTOR", "BorrowLimitError", "CLASS_COLOURS", "CLASS_NAMES", "Counts", "DVS_EVENT", "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE",
-    "GantryError", "Header", "IMU_SAMPLE", "LIDAR_POINT", "NoSuchTopicError", "Pose", "Row", "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT",
+    "ACTOR", "BorrowLimitError", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT", "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE",
+    "GantryError", "Header", "IMU_SAMPLE", "LANE_CROSSING", "LIDAR_POINT", "NoSuchTopicError", "OBSTACLE_EVENT", "Pose", "RADAR_DETECTION", "Row", "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT",
     "SchemaVersionError", "Snapshot", "Sync", "TRAFFIC_LIGHT_PART", "TooManyReadersError", "Topic", "TopicDetails", "VEHICLE_PART",
     "WALKER_PART", "colour_classes", "command", "document", "frame_from_bytes", "open", "snapshot", "sync", "topics",
 ]

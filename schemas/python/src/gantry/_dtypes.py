@@ -27,6 +27,10 @@ LIDAR_POINT = _dtype("LidarPoint")
 SEMANTIC_LIDAR_POINT = _dtype("SemanticLidarPoint")
 IMU_SAMPLE = _dtype("ImuSample")
 GNSS_SAMPLE = _dtype("GnssSample")
+RADAR_DETECTION = _dtype("RadarDetection")
+COLLISION_EVENT = _dtype("CollisionEvent")
+LANE_CROSSING = _dtype("LaneCrossing")
+OBSTACLE_EVENT = _dtype("ObstacleEvent")
 ACTOR = _dtype("ActorRecord")
 VEHICLE_PART = _dtype("VehiclePart")
 TRAFFIC_LIGHT_PART = _dtype("TrafficLightPart")
@@ -45,6 +49,10 @@ ELEMENTS: dict[str, tuple[np.dtype, int]] = {
     "semantic_lidar": (SEMANTIC_LIDAR_POINT, 0),
     "imu": (IMU_SAMPLE, 0),
     "gnss": (GNSS_SAMPLE, 0),
+    "radar": (RADAR_DETECTION, 0),
+    "collision": (COLLISION_EVENT, 0),
+    "lane_invasion": (LANE_CROSSING, 0),
+    "obstacle": (OBSTACLE_EVENT, 0),
 }
 
 IMAGES = ("rgb", "depth", "semantic", "instance", "flow", "normals")

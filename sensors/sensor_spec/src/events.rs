@@ -1,0 +1,50 @@
+//! Sensors that send a frame only when something happens: obstacle, collision, lane invasion.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{MountSpec, SpecError, check_range};
+
+/// Obstacle detector: a ball moved forward from the sensor until it touches something that is not its carrier.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ObstacleSpec {
+    /// Looks per second.
+    pub rate_hz: f64,
+    /// Place on the vehicle.
+    pub mount: MountSpec,
+    /// Way of the ball.
+    pub distance_m: f64,
+    /// Radius of the ball.
+    pub hit_radius_m: f64,
+    /// See vehicles and walkers only.
+    pub only_dynamics: bool,
+}
+
+impl Default for ObstacleSpec {
+    fn default() -> Self {
+        ObstacleSpec { rate_hz: 20.0, mount: MountSpec::default(), distance_m: 5.0, hit_radius_m: 0.5, only_dynamics: false }
+    }
+}
+
+impl ObstacleSpec {
+    pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
+        check_range("distance_m", self.distance_m, 0.0, 10_000.0, errors);
+        check_range("hit_radius_m", self.hit_radius_m, 0.0, 100.0, errors);
+    }
+}
+
+/// Collision detector: what its carrier pushed in a tick, and how hard. Looks at every tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CollisionSpec {
+    /// Place on the vehicle.
+    pub mount: MountSpec,
+}
+
+/// Lane invasion detector: painted lines that its carrier's box went over in a tick. Looks at every tick.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LaneInvasionSpec {
+    /// Place on the vehicle.
+    pub mount: MountSpec,
+}
