@@ -77,7 +77,12 @@ fn the_version_is_asked_for() {
 
 #[test]
 fn sensors_need_a_known_kind_and_a_rig_that_exists() {
-    check("[sensor.a]\n", &["[sensor.a] has no kind; give one of camera, lidar, imu, gnss, radar, obstacle, collision, lane_invasion at launch/town.toml:2:9"]);
+    check(
+        "[sensor.a]\n",
+        &[
+            "[sensor.a] has no kind; give one of camera, lidar, imu, gnss, radar, obstacle, collision, lane_invasion at launch/town.toml:2:9",
+        ],
+    );
     check(
         "[sensor.a]\nkind = \"lider\"\n",
         &["sensor.a.kind is \"lider\", but must be a kind of sensor, did you mean \"lidar\"? at launch/town.toml:3:8"],

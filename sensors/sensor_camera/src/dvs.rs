@@ -106,7 +106,7 @@ impl DvsState {
         self.previous = Some(now);
         self.spare = Some(previous);
         self.previous_window_nanos = window_nanos;
-        let n_events = write(&events, self.spec.max_events as usize, out);
+        let n_events = write(&events, self.spec.max_events_of(self.size_px[0] as u32, self.size_px[1] as u32) as usize, out);
         Made { n_events, n_dropped: (events.len() - n_events) as u64, first: false }
     }
 

@@ -78,7 +78,7 @@ impl View {
     /// Bytes one frame of `modality` has; for `dvs` the most it can have.
     pub fn payload_bytes(&self, modality: Modality) -> usize {
         let n_elements = if modality == Modality::Dvs {
-            self.spec.dvs.max_events as usize
+            self.spec.dvs.max_events_of(self.spec.intrinsics.width_px, self.spec.intrinsics.height_px) as usize
         } else {
             self.spec.intrinsics.width_px as usize * self.spec.intrinsics.height_px as usize
         };

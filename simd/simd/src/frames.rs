@@ -19,8 +19,8 @@ use sensor_gpu::Gpu;
 use sensor_ray::RayScene;
 
 use crate::hash::BytesHash;
-pub use cpu::TickEvents;
 use crate::rig::{Model, Rig, Sensor, Topic};
+pub use cpu::TickEvents;
 
 mod cpu;
 

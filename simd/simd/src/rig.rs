@@ -323,7 +323,12 @@ impl Sensor {
         let model = match &spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
                 gpu,
-                ViewSpec { intrinsics: camera.intrinsics(), dvs: camera.dvs.clone(), seed: options.seed, sensor_id: (place.stream ^ (place.stream >> 32)) as u32 },
+                ViewSpec {
+                    intrinsics: camera.intrinsics(),
+                    dvs: camera.dvs.clone(),
+                    seed: options.seed,
+                    sensor_id: (place.stream ^ (place.stream >> 32)) as u32,
+                },
             ))),
             SensorSpec::Lidar(lidar) => Model::Lidar { lidar: Box::new(Lidar::new(lidar.clone())), previous: None, ticks: [None; 2] },
             SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),

@@ -169,8 +169,13 @@ fn open_sensors(
     args: &Args,
     period_nanos: u64,
 ) -> anyhow::Result<Vec<Sensor>> {
-    let options =
-        TopicOptions { frames_in_flight: args.frames_in_flight, staged: args.staged, seed: launch.scenario.seed, on_demand: false, period_nanos };
+    let options = TopicOptions {
+        frames_in_flight: args.frames_in_flight,
+        staged: args.staged,
+        seed: launch.scenario.seed,
+        on_demand: false,
+        period_nanos,
+    };
     let mut sensors: Vec<Sensor> = Vec::new();
     for placed in launch.placed_sensors() {
         let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");

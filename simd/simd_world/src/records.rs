@@ -81,9 +81,8 @@ impl World {
         let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
         let Some(parent) = parent else { return };
         let body = self.vehicles.get(&ActorId(parent.id)).map(|vehicle| vehicle.body);
-        let free_m = |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| {
-            boom::free_m(&self.physics, body, pivot, direction, length_m)
-        };
+        let free_m =
+            |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| boom::free_m(&self.physics, body, pivot, direction, length_m);
         motion.pose = boom.follow(&parent.world_from_actor.isometry(), &actor.pose.isometry(), dt_secs, free_m).into();
     }
 

@@ -13,7 +13,15 @@ fn stepped() -> String {
 fn wish(parent_id: Option<u32>, interval_nanos: u64, spec: serde_json::Value) -> Command {
     let pose: PoseText = Pose::from_xyz_yaw(0.5, 0.0, 2.0, 0.3).into();
     let serde_json::Value::Object(spec) = spec else { panic!("a specification is an object") };
-    Command::SpawnSensor { type_id: "sensor.camera.view".into(), pose, parent_id, attachment: Default::default(), interval_nanos, spec, attributes: Default::default() }
+    Command::SpawnSensor {
+        type_id: "sensor.camera.view".into(),
+        pose,
+        parent_id,
+        attachment: Default::default(),
+        interval_nanos,
+        spec,
+        attributes: Default::default(),
+    }
 }
 
 /// Two cameras and a lidar are spawned on the ego, read, and destroyed; memory comes with the reader and goes with the sensor.

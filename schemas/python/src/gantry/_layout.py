@@ -95,7 +95,8 @@ STRUCTS: dict[str, tuple] = {
         ("class", "u1", (), 4),
         ("reserved", "u1", (3,), 5),
         ("impulse_in_world_ns", "<f8", (3,), 8),
-        ("reserved1", "<u8", (4,), 32),
+        ("point_in_world_m", "<f8", (3,), 32),
+        ("reserved1", "<u8", (), 56),
     ]),
     "LaneCrossing": (None, 32, [
         ("mark", "u1", (), 0),
