@@ -44,7 +44,7 @@ pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>
     let interval_secs = given.float("sensor_tick", 0.0);
     let interval_nanos = if interval_secs > 0.0 { (interval_secs * 1e9).round().min(1e18) as u64 } else { 0 };
     let spec = spec(kind, &given, tick_secs);
-    Ok(Command::SpawnSensor { type_id, pose, parent_id, interval_nanos, spec, attributes })
+    Ok(Command::SpawnSensor { type_id, pose, parent_id, attachment: Default::default(), interval_nanos, spec, attributes })
 }
 
 fn spec(kind: &Kind, given: &Attributes<'_>, tick_secs: f64) -> Map<String, Value> {
