@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
-use sensor_core::{Lod, Mesh, MeshId, SceneAssets};
+use sensor_core::{Lod, Mesh, MeshId, SceneAssets, StaticInstance};
 use sensor_gpu::Gpu;
+
+use crate::lamps::{Emitter, emitters_of};
 
 /// Where a mesh lies in the shared buffers.
 #[derive(Clone, Copy, Debug)]
@@ -44,6 +46,10 @@ pub(crate) struct GpuAssets {
     pub indices: wgpu::Buffer,
     /// One per static instance.
     pub spheres: Vec<Sphere>,
+    /// Lamps of scenery, in the world.
+    pub still_lamps: Vec<(Point3<f64>, Emitter)>,
+    /// Lamps per mesh.
+    emitters: Vec<Vec<Emitter>>,
     ranges: Vec<MeshRange>,
 }
 
@@ -67,11 +73,20 @@ impl GpuAssets {
         }
         let spheres =
             scene_assets.statics.iter().map(|instance| Sphere::of(scene_assets.mesh(instance.mesh), &instance.world_from_mesh)).collect();
+        let emitters: Vec<Vec<Emitter>> = scene_assets.meshes.iter().map(|mesh| emitters_of(mesh)).collect();
+        let lamps = |instance: &StaticInstance| {
+            let pose = instance.world_from_mesh;
+            let own = emitters[instance.mesh.0 as usize].iter();
+            own.map(|emitter| (pose * Point3::from(emitter.place_m.map(f64::from)), emitter.clone())).collect::<Vec<_>>()
+        };
+        let still_lamps = scene_assets.statics.iter().flat_map(lamps).collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
             vertices: gpu.buffer_with("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
             indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             spheres,
+            still_lamps,
+            emitters,
             ranges,
         }
     }
@@ -82,6 +97,11 @@ impl GpuAssets {
         let lod = lods.iter().find(|lod| distance_m < lod.until_m as f64 && lod.n_indices > 0)?;
         let range = &self.ranges[mesh.0 as usize];
         Some(MeshDraw { first_idx: range.first_idx + lod.first_idx, n_indices: lod.n_indices, base_vertex: range.base_vertex })
+    }
+
+    /// Lamps of a mesh.
+    pub fn emitters(&self, mesh: MeshId) -> &[Emitter] {
+        &self.emitters[mesh.0 as usize]
     }
 
     pub fn casts_shadow(&self, mesh: MeshId) -> bool {

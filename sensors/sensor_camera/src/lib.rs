@@ -13,6 +13,7 @@
 mod assets;
 mod draw;
 mod dvs;
+mod lamps;
 mod light;
 mod material;
 mod pass;
@@ -28,10 +29,16 @@ mod view;
 pub use renderer::{CameraRenderer, Quality, RenderError};
 pub use sensor_gpu::Place;
 pub use submission::{OutputResult, Submission, ViewResult};
-pub use uniform::{InstanceData, LightData, ViewData};
+pub use uniform::{InstanceData, LampData, LightData, ViewData};
 pub use view::{Output, View, ViewJob, ViewSpec};
 
 /// Text of every shader, by name, as it is given to the GPU; for validation without one.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
-    vec![("geometry", pass::geometry_wgsl()), ("shade", shade::shade_wgsl()), ("shadow", shadow::SHADOW_WGSL.to_owned())]
+    vec![
+        ("geometry", pass::geometry_wgsl(false)),
+        ("geometry, immediate", pass::geometry_wgsl(true)),
+        ("shade, computed", shade::shade_wgsl(Quality::High)),
+        ("shade, drawn", shade::shade_wgsl(Quality::Low)),
+        ("shadow", shadow::SHADOW_WGSL.to_owned()),
+    ]
 }

@@ -20,10 +20,23 @@ pub(crate) struct Light {
     pub sun_towards: Vector3<f64>,
     /// Whether the sun throws shadows worth drawing.
     pub has_shadows: bool,
+    /// Kilolux to display: 1 is white.
+    pub exposure: f32,
+    /// How much scenery's lamps shine: 0 by day, 1 at night.
+    pub dark_ratio: f32,
+    /// Whether there is fog (rain counts); whether anything is wet.
+    pub has_fog: bool,
+    pub is_wet: bool,
 }
 
 /// Lowest sun that throws shadows: below, they are longer than the map.
 const MIN_SHADOW_SUN_Z: f64 = 0.05;
+
+/// After this time the pattern of rain repeats: its texture has 256 texels, and drops pass 8.8 of them a second.
+const RAIN_PERIOD_SECS: f64 = 256.0 / 8.8;
+
+/// What lamps add to the light of a street at night, kilolux: cameras expose for it.
+const LAMP_LIT_KLX: f32 = 0.010;
 
 /// Radiance of the sun's disc over its irradiance, far below the true 15 000: enough to be white in any picture.
 const DISC_GAIN: f32 = 40.0;
@@ -43,7 +56,24 @@ impl Light {
         let data = light_data(weather, &look, &exposed, &map);
         let sun_towards = Sun::of(weather).towards;
         let has_shadows = sun_towards.z > MIN_SHADOW_SUN_Z && exposed.sun_share > 0.05;
-        Light { weather: *weather, data, sky: upload(gpu, map), sun_towards, has_shadows }
+        Light {
+            weather: *weather,
+            sky: upload(gpu, map),
+            sun_towards,
+            has_shadows,
+            exposure: exposed.exposure,
+            dark_ratio: exposed.night_ratio,
+            has_fog: data.fog[0] > 0.0,
+            is_wet: data.air[2] > 0.0 || data.rain[0] > 0.0 || data.rain[3] > 0.0,
+            data,
+        }
+    }
+
+    /// What the shaders read at this time: rain falls, everything else depends on the weather alone.
+    pub fn data_at(&self, sim_secs: f64) -> LightData {
+        let mut data = self.data;
+        data.rain[2] = sim_secs.rem_euclid(RAIN_PERIOD_SECS) as f32;
+        data
     }
 
     /// Whether this is the light of `weather`.
@@ -84,7 +114,10 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio)) * (-4.0 * fog_ratio * fog_ratio).exp();
     let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx };
-    let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share + clear_klx * (1.0 + 0.6 * clouds_ratio) + luminance(night_klx);
+    let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share
+        + clear_klx * (1.0 + 0.6 * clouds_ratio)
+        + luminance(night_klx)
+        + LAMP_LIT_KLX * night_ratio;
     // The eye and a camera's programme give dim scenes a darker picture; below a kilolux twice as much so.
     let white = 1.25 * (total_klx / 80.0).powf(0.09) * total_klx.min(1.0).powf(0.16);
     (look, Exposed { exposure: white * std::f32::consts::PI / total_klx, sun_share, night_ratio })
@@ -107,25 +140,37 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         std::array::from_fn::<f32, 3, _>(|c| 1.65 * (sky[c] + 0.85 * (grey - sky[c])) + ground[c] * below)
     };
     let pairs = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| (facing(axis), facing(-axis)));
-    let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0);
+    // What lamps and windows throw back from street to street.
+    let town = [1.0, 0.84, 0.64].map(|c: f32| c * 0.16 * exposed.night_ratio);
+    let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0 + town[c]);
     let slopes = pairs.map(|(a, b)| pad(std::array::from_fn(|c| 0.5 * (a[c] - b[c])), 0.0));
     let horizon = coarse.horizon();
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let rain_ratio = (weather.precipitation / 100.0).clamp(0.0, 1.0);
-    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.002 * rain_ratio;
-    let extinction_per_m = 1.0 / 4500.0 + fog_per_m;
+    // Visibility (5 % contrast) of 67 m at density 100, of 270 m at 50; rain takes some more.
+    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.0025 * rain_ratio;
+    // Falloff 1 reaches the roofs of usual houses, 5 a car's roof, 0 fills the air.
+    let falloff_per_m = (0.1 * weather.fog_falloff).clamp(0.0, 2.0);
+    let above_m = if falloff_per_m > 1.0 / 150.0 { 1.0 / falloff_per_m } else { 150.0 };
     let grey = luminance(horizon);
     let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
-    let wet = (weather.wetness.max(0.6 * weather.precipitation) / 100.0).clamp(0.0, 1.0);
+    // Town lights redden the air at night.
+    let glow = [1.0, 0.72, 0.45].map(|c: f32| c * 0.02 * exposed.night_ratio * (0.3 + fog_ratio));
+    let wet = (weather.wetness.max(0.8 * weather.precipitation).max(0.7 * weather.precipitation_deposits) / 100.0).clamp(0.0, 1.0);
+    let wind_ratio = (weather.wind_intensity / 100.0).clamp(0.0, 1.0);
+    let puddle_ratio = (weather.precipitation_deposits / 100.0).clamp(0.0, 1.0);
     let towards = look.sun_towards;
     LightData {
         sun_towards: [towards.x, towards.y, towards.z, DISC_COSINE],
         sun_rgb: pad(sun_rgb, DISC_GAIN),
         ambient_rgb: pad(constant, 0.0),
         ambient_slope_rgb: slopes,
-        fog_rgb: pad(fog_rgb, extinction_per_m),
+        fog_rgb: pad(std::array::from_fn(|c| fog_rgb[c] + glow[c]), 0.0),
         air: [exposed.night_ratio, weather.fog_distance_m.max(0.0), wet, exposed.night_ratio],
-        lamps: [2.2 + 1.5 * exposed.night_ratio, 0.6, fog_per_m, 0.0],
+        lamps: [2.2 + 6.0 * exposed.night_ratio, 0.75, 1.0 / 4500.0, 0.0],
+        fog: [fog_per_m, falloff_per_m, above_m, 0.0],
+        // The noise's clouds lie about 0.5, most of them within 0.25 of it.
+        rain: [rain_ratio, 0.35 * wind_ratio, 0.0, if puddle_ratio > 0.0 { 0.30 + 0.26 * puddle_ratio } else { 0.0 }],
         materials: std::array::from_fn(|i| material::LOOKS[i].0),
         mirrors: std::array::from_fn(|i| material::LOOKS[i].1),
     }

@@ -6,14 +6,15 @@ use sensor_gpu::Gpu;
 
 use crate::assets::GpuAssets;
 use crate::draw::DrawCall;
+use crate::lamps::LampLists;
 use crate::material;
-use crate::renderer::Quality;
 use crate::targets::{Target, TargetSet, Targets};
-use crate::uniform::{InstanceData, LightData, ViewData};
+use crate::uniform::{InstanceData, LampData, LightData, ViewData};
 
-/// Text of the geometry shader.
-pub(crate) fn geometry_wgsl() -> String {
-    [include_str!("shader/scene.wgsl"), include_str!("shader/material.wgsl"), include_str!("shader/geometry.wgsl")].concat()
+/// Text of the geometry shader, with instances that come with the draw call or lie in a list.
+pub(crate) fn geometry_wgsl(immediate: bool) -> String {
+    let instances = if immediate { include_str!("shader/instance_immediate.wgsl") } else { include_str!("shader/instance_storage.wgsl") };
+    [include_str!("shader/scene.wgsl"), instances, include_str!("shader/geometry.wgsl")].concat()
 }
 
 /// Attributes of [`sensor_core::Vertex`].
@@ -36,7 +37,7 @@ pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 #[derive(Debug)]
 pub(crate) struct GeometryPass {
     shader: wgpu::ShaderModule,
-    quality: Quality,
+    submit: Submit,
     layout: wgpu::PipelineLayout,
     pub scene_layout: wgpu::BindGroupLayout,
     pub view_layout: wgpu::BindGroupLayout,
@@ -48,12 +49,24 @@ pub(crate) struct GeometryPass {
     light: wgpu::Buffer,
     views: wgpu::Buffer,
     instances: wgpu::Buffer,
+    lamps: wgpu::Buffer,
+    lamp_tiles: wgpu::Buffer,
+    calls: wgpu::Buffer,
+}
+
+/// How draw calls reach the GPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Submit {
+    /// Each with its instance: for software adapters.
+    Immediate,
+    /// One by one, instances in a list.
+    Single,
+    /// All of a view at once, instances in a list.
+    Indirect,
 }
 
 #[derive(Clone, Debug)]
 struct Pipelines {
-    /// Depth first where the geometry pass shades: then each pixel is shaded once.
-    depth_first: Option<wgpu::RenderPipeline>,
     meshes: wgpu::RenderPipeline,
     sky: wgpu::RenderPipeline,
 }
@@ -66,12 +79,15 @@ pub(crate) struct ViewPass<'p> {
     pub targets: &'p Targets,
     pub set: TargetSet,
     pub calls: &'p [DrawCall],
+    /// Number of the first of `calls` among those of all views.
+    pub first_call: usize,
     pub view_idx: usize,
-    pub shadow: &'p wgpu::TextureView,
+    /// Shadow maps: near, far.
+    pub shadows: [&'p wgpu::TextureView; 2],
 }
 
 impl GeometryPass {
-    pub fn new(gpu: &Gpu, quality: Quality) -> Self {
+    pub fn new(gpu: &Gpu) -> Self {
         let device = gpu.device();
         let scene_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("scene"),
@@ -90,12 +106,21 @@ impl GeometryPass {
                 uniform(0, size_of::<ViewData>() as u64, true),
                 texture(1, wgpu::TextureSampleType::Depth),
                 sampler(2, wgpu::SamplerBindingType::Comparison),
+                storage(3),
+                storage(4),
+                texture(5, wgpu::TextureSampleType::Depth),
             ],
         });
+        let submit = match (gpu.is_software() && gpu.has_immediates(INSTANCE_BYTES as u32), gpu.has_indirect_instances()) {
+            (true, _) => Submit::Immediate,
+            (false, true) => Submit::Indirect,
+            (false, false) => Submit::Single,
+        };
+        let immediate = submit == Submit::Immediate;
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("geometry"),
             bind_group_layouts: &[Some(&scene_layout), Some(&view_layout)],
-            immediate_size: 0,
+            immediate_size: if immediate { INSTANCE_BYTES as u32 } else { 0 },
         });
         let linear = wgpu::SamplerDescriptor {
             label: Some("sky"),
@@ -117,8 +142,8 @@ impl GeometryPass {
             ..linear.clone()
         };
         GeometryPass {
-            quality,
-            shader: gpu.shader("geometry", &geometry_wgsl()),
+            shader: gpu.shader("geometry", &geometry_wgsl(immediate)),
+            submit,
             sky_sampler: device.create_sampler(&linear),
             noise: material::noise_texture(gpu),
             noise_sampler: device.create_sampler(&repeat),
@@ -130,6 +155,9 @@ impl GeometryPass {
             light: gpu.buffer("light", size_of::<LightData>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
             views: gpu.buffer("views", VIEW_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
             instances: gpu.buffer("instances", INSTANCE_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
+            lamps: gpu.buffer("lamps", LAMP_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
+            lamp_tiles: gpu.buffer("lamp tiles", 8, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
+            calls: gpu.buffer("draw calls", CALL_BYTES, wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_DST),
         }
     }
 
@@ -137,11 +165,7 @@ impl GeometryPass {
     pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
         let set = set.drawn();
         if !self.pipelines.contains_key(&set.0) {
-            let pipelines = Pipelines {
-                depth_first: set.is_lit().then(|| self.pipeline(gpu, set, Kind::DepthFirst)),
-                meshes: self.pipeline(gpu, set, if set.is_lit() { Kind::MeshesAtDepth } else { Kind::Meshes }),
-                sky: self.pipeline(gpu, set, Kind::Sky),
-            };
+            let pipelines = Pipelines { meshes: self.pipeline(gpu, set, Kind::Meshes), sky: self.pipeline(gpu, set, Kind::Sky) };
             self.pipelines.insert(set.0, pipelines);
         }
     }
@@ -151,16 +175,11 @@ impl GeometryPass {
             set.contains(target).then(|| wgpu::ColorTargetState {
                 format: target.format(),
                 blend: None,
-                write_mask: if kind == Kind::DepthFirst { wgpu::ColorWrites::empty() } else { wgpu::ColorWrites::ALL },
+                write_mask: wgpu::ColorWrites::ALL,
             })
         };
-        let targets = Target::ALL.map(state);
-        let constants = [
-            ("WITH_LIGHT", set.is_lit() as u32 as f64),
-            ("WITH_COLOR", set.contains(Target::Color) as u32 as f64),
-            ("SIMPLE", (self.quality == Quality::Low) as u32 as f64),
-            ("WITH_FLOW", set.contains(Target::Flow) as u32 as f64),
-        ];
+        let targets = Target::DRAWN.map(state);
+        let constants = [("WITH_FLOW", set.contains(Target::Flow) as u32 as f64)];
         let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let buffers = [Some(wgpu::VertexBufferLayout {
             array_stride: VERTEX_BYTES,
@@ -180,13 +199,10 @@ impl GeometryPass {
             primitive: wgpu::PrimitiveState { cull_mode: (kind != Kind::Sky).then_some(wgpu::Face::Back), ..Default::default() },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: wgpu::TextureFormat::Depth32Float,
-                depth_write_enabled: Some(matches!(kind, Kind::Meshes | Kind::DepthFirst)),
+                depth_write_enabled: Some(kind == Kind::Meshes),
                 // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what nothing was drawn to. Of surfaces at equal depth
-                // the last one counts, with and without a pass for depth first.
-                depth_compare: Some(match kind {
-                    Kind::MeshesAtDepth => wgpu::CompareFunction::Equal,
-                    _ => wgpu::CompareFunction::GreaterEqual,
-                }),
+                // the last one counts.
+                depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
                 stencil: Default::default(),
                 bias: Default::default(),
             }),
@@ -202,15 +218,36 @@ impl GeometryPass {
         })
     }
 
-    /// Uploads what changes from tick to tick.
-    pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], instances: &[InstanceData]) {
+    /// Uploads what changes from tick to tick; `calls` are those of all views, one view's after the other's.
+    pub fn upload<'c>(
+        &mut self,
+        gpu: &Gpu,
+        light: &LightData,
+        views: &[ViewData],
+        instances: &[InstanceData],
+        lamps: &LampLists,
+        calls: impl Iterator<Item = &'c DrawCall>,
+    ) {
         grow(gpu, &mut self.views, VIEW_STRIDE_BYTES * views.len() as u64);
-        grow(gpu, &mut self.instances, INSTANCE_BYTES * instances.len() as u64);
         gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
         for (i, view) in views.iter().enumerate() {
             gpu.queue().write_buffer(&self.views, i as u64 * VIEW_STRIDE_BYTES, bytemuck::bytes_of(view));
         }
-        gpu.queue().write_buffer(&self.instances, 0, bytemuck::cast_slice(instances));
+        grow(gpu, &mut self.lamps, LAMP_BYTES * lamps.lamps.len() as u64);
+        grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
+        gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
+        gpu.queue().write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
+        if self.submit != Submit::Immediate {
+            grow(gpu, &mut self.instances, INSTANCE_BYTES * instances.len() as u64);
+            gpu.queue().write_buffer(&self.instances, 0, bytemuck::cast_slice(instances));
+        }
+        if self.submit == Submit::Indirect {
+            // Index count, instance count, first index, base vertex, first instance.
+            let words: Vec<[u32; 5]> =
+                calls.map(|call| [call.mesh.n_indices, 1, call.mesh.first_idx, call.mesh.base_vertex as u32, call.instance_idx]).collect();
+            grow(gpu, &mut self.calls, CALL_BYTES * words.len() as u64);
+            gpu.queue().write_buffer(&self.calls, 0, bytemuck::cast_slice(&words));
+        }
     }
 
     /// Bind group of what all views share.
@@ -229,7 +266,7 @@ impl GeometryPass {
         })
     }
 
-    fn bind_view(&self, gpu: &Gpu, shadow: &wgpu::TextureView) -> wgpu::BindGroup {
+    fn bind_view(&self, gpu: &Gpu, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
         let size = std::num::NonZeroU64::new(size_of::<ViewData>() as u64);
         let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size };
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
@@ -237,8 +274,11 @@ impl GeometryPass {
             layout: &self.view_layout,
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(view) },
-                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(shadow) },
+                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(near) },
                 wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.shadow_sampler) },
+                wgpu::BindGroupEntry { binding: 3, resource: self.lamps.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 4, resource: self.lamp_tiles.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(far) },
             ],
         })
     }
@@ -255,6 +295,7 @@ impl GeometryPass {
         encoder: &mut wgpu::CommandEncoder,
         assets: &GpuAssets,
         scene: &wgpu::BindGroup,
+        instances: &[InstanceData],
         view: &ViewPass<'_>,
     ) -> wgpu::BindGroup {
         let attachment = |target: Target| {
@@ -262,16 +303,17 @@ impl GeometryPass {
                 view: &view.targets.get(target).view,
                 depth_slice: None,
                 resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store },
+                // Not cleared: meshes and sky together write every pixel.
+                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
             })
         };
-        let bound = self.bind_view(gpu, view.shadow);
+        let bound = self.bind_view(gpu, view.shadows);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("geometry"),
-            color_attachments: &Target::ALL.map(attachment),
+            color_attachments: &Target::DRAWN.map(attachment),
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &view.targets.z_buffer().view,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
                 stencil_ops: None,
             }),
             timestamp_writes: None,
@@ -284,17 +326,20 @@ impl GeometryPass {
         pass.set_bind_group(1, &bound, &[Self::offset_of(view.view_idx)]);
         pass.set_vertex_buffer(0, assets.vertices.slice(..));
         pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
-        for pipeline in pipelines.depth_first.iter().chain([&pipelines.meshes]) {
-            pass.set_pipeline(pipeline);
-            for call in view.calls {
-                let mesh = &call.mesh;
-                pass.draw_indexed(
-                    mesh.first_idx..mesh.first_idx + mesh.n_indices,
-                    mesh.base_vertex,
-                    call.instance_idx..call.instance_idx + 1,
-                );
-                gpu.counters().add_draw(mesh.n_indices as u64 / 3);
+        pass.set_pipeline(&pipelines.meshes);
+        if self.submit == Submit::Indirect && !view.calls.is_empty() {
+            pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, view.calls.len() as u32);
+        }
+        for DrawCall { mesh, instance_idx, .. } in view.calls {
+            gpu.counters().add_draw(mesh.n_indices as u64 / 3);
+            if self.submit == Submit::Indirect {
+                continue;
             }
+            if self.submit == Submit::Immediate {
+                pass.set_immediates(0, bytemuck::bytes_of(&instances[*instance_idx as usize]));
+            }
+            let first = if self.submit == Submit::Immediate { 0 } else { *instance_idx };
+            pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, first..first + 1);
         }
         pass.set_pipeline(&pipelines.sky);
         pass.draw(0..3, 0..1);
@@ -306,9 +351,6 @@ impl GeometryPass {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    DepthFirst,
-    /// Behind `DepthFirst`.
-    MeshesAtDepth,
     Meshes,
     Sky,
 }
@@ -316,12 +358,16 @@ enum Kind {
 impl Kind {
     fn entry_points(self) -> (&'static str, &'static str) {
         match self {
-            Kind::DepthFirst => ("vs_main", "fs_nothing"),
-            Kind::Meshes | Kind::MeshesAtDepth => ("vs_main", "fs_main"),
+            Kind::Meshes => ("vs_main", "fs_main"),
             Kind::Sky => ("vs_sky", "fs_sky"),
         }
     }
 }
+
+/// A draw call in a buffer, as Vulkan has it.
+const CALL_BYTES: u64 = 20;
+
+const LAMP_BYTES: u64 = size_of::<LampData>() as u64;
 
 const INSTANCE_BYTES: u64 = size_of::<InstanceData>() as u64;
 

@@ -11,10 +11,11 @@ use sensor_gpu::{CopyBatch, Gpu};
 use crate::assets::GpuAssets;
 use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
 use crate::dvs::DvsState;
+use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::pass::{GeometryPass, ViewPass};
-use crate::shade::ShadePass;
-use crate::shadow::{ShadowLookup, Shadows};
+use crate::shade::{ShadeKey, ShadePass};
+use crate::shadow::{Cascade, ShadowLookup, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet};
 use crate::uniform::{InstanceData, ViewData};
@@ -73,6 +74,8 @@ pub struct CameraRenderer {
     pass: GeometryPass,
     shade: ShadePass,
     shadows: Shadows,
+    /// High quality only.
+    far_shadows: Option<Shadows>,
 }
 
 /// A job with something to draw.
@@ -86,15 +89,16 @@ struct Active {
 impl CameraRenderer {
     /// A renderer without a scene.
     pub fn new(gpu: &Gpu, quality: Quality) -> Self {
-        let pass = GeometryPass::new(gpu, quality);
+        let pass = GeometryPass::new(gpu);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
             assets: None,
             light: None,
-            shade: ShadePass::new(gpu, &pass),
+            shade: ShadePass::new(gpu, &pass, quality),
             pass,
-            shadows: Shadows::new(gpu, quality),
+            shadows: Shadows::new(gpu, Cascade::near(quality)),
+            far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
         }
     }
 
@@ -102,6 +106,9 @@ impl CameraRenderer {
     pub fn load(&mut self, assets: &Arc<SceneAssets>) {
         self.assets = Some(GpuAssets::upload(&self.gpu, assets));
         self.shadows.clear();
+        if let Some(far) = &mut self.far_shadows {
+            far.clear();
+        }
     }
 
     /// Draws what is read of all `jobs` and remembers every job's firing. One submission; none at all if nobody reads.
@@ -134,7 +141,7 @@ impl CameraRenderer {
         let mut active = Vec::new();
         for (job_idx, job) in jobs.iter_mut().enumerate() {
             let mut set = job.outputs.iter().fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
-            if set.is_lit() && self.quality == Quality::High {
+            if set.is_lit() {
                 set = SHADED.into_iter().fold(set, |set, target| set.union(target.bit()));
             }
             if set == TargetSet::default() {
@@ -143,9 +150,6 @@ impl CameraRenderer {
             let lens = job.view.spec.intrinsics;
             job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set);
             self.pass.prepare(&self.gpu, set);
-            if set.is_deferred() {
-                self.shade.prepare(&self.gpu, set);
-            }
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
             let calls = draw::visible(scene, assets, &lens, &motion, job.view.previous.as_ref(), &mut instances);
             active.push(Active { job_idx, set, motion, calls });
@@ -173,29 +177,64 @@ impl CameraRenderer {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
         let light = self.light.as_ref().expect("just made");
-        let shadowed = |active: &&Active| active.set.is_lit() && light.has_shadows;
-        let eyes: Vec<Isometry3<f64>> = active.iter().filter(shadowed).map(|active| active.motion.world_from_camera).collect();
-        let mut lookups =
-            if eyes.is_empty() { Vec::new() } else { self.shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
-                .into_iter();
-        let lookups: Vec<ShadowLookup> = active
+        let eyes: Vec<Isometry3<f64>> =
+            active.iter().filter(|active| active.set.is_lit() && light.has_shadows).map(|active| active.motion.world_from_camera).collect();
+        let cast = |shadows: &mut Shadows, encoder: &mut wgpu::CommandEncoder| {
+            if eyes.is_empty() { Vec::new() } else { shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
+        };
+        let near = cast(&mut self.shadows, encoder);
+        let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, encoder));
+        let (mut near, mut far) = (near.into_iter(), far.into_iter());
+        let none = self.shadows.none();
+        let mut lamps = LampLists::default();
+        let lit: Vec<Lit> = active
             .iter()
-            .map(|active| if shadowed(&active) { lookups.next().expect("one per shadowed view") } else { self.shadows.none() })
+            .map(|active| {
+                let has_shadows = active.set.is_lit() && light.has_shadows;
+                let next = |lookups: &mut std::vec::IntoIter<ShadowLookup>| {
+                    Some(()).filter(|_| has_shadows).and_then(|_| lookups.next()).unwrap_or_else(|| none.clone())
+                };
+                let range = if active.set.is_lit() {
+                    let lens = jobs[active.job_idx].view.spec.intrinsics;
+                    lamps.add_view(scene, assets, &lens, &active.motion, light.exposure, light.dark_ratio)
+                } else {
+                    LampRange::default()
+                };
+                Lit { near: next(&mut near), far: next(&mut far), lamps: range }
+            })
             .collect();
         let views: Vec<ViewData> =
-            active.iter().zip(&lookups).map(|(active, shadow)| view_data(jobs[active.job_idx].view, &active.motion, shadow)).collect();
-        self.pass.upload(&self.gpu, &light.data, &views, instances);
+            active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, &active.motion, lit)).collect();
+        let calls = active.iter().flat_map(|active| &active.calls);
+        self.pass.upload(&self.gpu, &light.data_at(scene.sim_time.as_secs()), &views, instances, &lamps, calls);
         let scene_group = self.pass.bind_scene(&self.gpu, &light.sky);
-        for (view_idx, (active, shadow)) in active.iter().zip(&lookups).enumerate() {
+        let mut first_call = 0;
+        for (view_idx, (active, lit)) in active.iter().zip(&lit).enumerate() {
             let targets = &jobs[active.job_idx].view.targets;
-            let view = ViewPass { targets, set: active.set, calls: &active.calls, view_idx, shadow: &shadow.view };
-            let bound = self.pass.record(&self.gpu, encoder, assets, &scene_group, &view);
-            if active.set.is_deferred() {
-                let lens = jobs[active.job_idx].view.spec.intrinsics;
-                self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, [lens.width_px, lens.height_px]);
+            let view =
+                ViewPass { targets, set: active.set, calls: &active.calls, first_call, view_idx, shadows: [&lit.near.view, &lit.far.view] };
+            let bound = self.pass.record(&self.gpu, encoder, assets, &scene_group, instances, &view);
+            first_call += active.calls.len();
+            if active.set.is_lit() {
+                let key = ShadeKey {
+                    color: active.set.contains(Target::Color),
+                    luminance: active.set.contains(Target::Luminance),
+                    lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0,
+                    fog: light.has_fog,
+                    wet: light.is_wet,
+                };
+                self.shade.prepare(&self.gpu, key);
+                self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, key);
             }
         }
     }
+}
+
+/// Light of one view.
+struct Lit {
+    near: ShadowLookup,
+    far: ShadowLookup,
+    lamps: LampRange,
 }
 
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
@@ -293,7 +332,7 @@ fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, scene: &Scene, batch: &mut CopyBa
     plans
 }
 
-fn view_data(view: &View, motion: &CameraMotion, shadow: &ShadowLookup) -> ViewData {
+fn view_data(view: &View, motion: &CameraMotion, lit: &Lit) -> ViewData {
     let lens = view.spec.intrinsics;
     let mut world_from_camera = draw::rows(&motion.world_from_camera);
     let eye = motion.world_from_camera.translation.vector;
@@ -306,7 +345,9 @@ fn view_data(view: &View, motion: &CameraMotion, shadow: &ShadowLookup) -> ViewD
         frame: [lens.width_px as f32, lens.height_px as f32, NEAR_M as f32, f32::INFINITY],
         world_from_camera,
         previous_from_camera: draw::rows(&Isometry3::from_parts(Default::default(), turn)),
-        shadow_from_camera: shadow.shadow_from_camera,
-        options: [motion.moved() as u32 as f32, shadow.on as u32 as f32, 0.0, shadow.texel_depth],
+        shadow_from_camera: lit.near.shadow_from_camera,
+        far_shadow_from_camera: lit.far.shadow_from_camera,
+        options: [motion.moved() as u32 as f32, lit.near.on as u32 as f32, 0.0, lit.near.texel_depth],
+        lamps: [lit.lamps.first_lamp, lit.lamps.first_tile, lit.far.texel_depth.to_bits(), 0],
     }
 }

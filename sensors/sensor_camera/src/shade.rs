@@ -1,50 +1,83 @@
-//! The shading pass: one compute dispatch per lit view of high quality, after its geometry pass.
+//! The shading pass: light on what the geometry pass saw, once per pixel, however often it was drawn over.
 //!
-//! Shading is arithmetic, and GPUs made for computing have many times more of it in compute shaders than in fragment shaders; it is also
-//! done once per pixel here, however often a pixel was drawn over. A software rasteriser has no such difference and shades while it draws.
+//! High quality shades in one compute dispatch per view, because GPUs made for computing have many times more arithmetic there than in
+//! fragment shaders. A software rasteriser draws triangles over the image, and its depth test sorts sky from surfaces.
 
 use std::collections::BTreeMap;
 
 use sensor_gpu::Gpu;
 
 use crate::pass::{GeometryPass, ViewPass, entry, texture};
-use crate::targets::{Image, Target, TargetSet, image};
+use crate::renderer::Quality;
+use crate::targets::{Image, Target, image};
 
 /// Text of the shading shader.
-pub(crate) fn shade_wgsl() -> String {
-    [include_str!("shader/scene.wgsl"), include_str!("shader/material.wgsl"), include_str!("shader/shade.wgsl")].concat()
+pub(crate) fn shade_wgsl(quality: Quality) -> String {
+    let entries = match quality {
+        Quality::High => include_str!("shader/shade_compute.wgsl"),
+        Quality::Low => include_str!("shader/shade_raster.wgsl"),
+    };
+    [
+        include_str!("shader/scene.wgsl"),
+        include_str!("shader/film.wgsl"),
+        include_str!("shader/sky.wgsl"),
+        include_str!("shader/texture.wgsl"),
+        include_str!("shader/lamps.wgsl"),
+        include_str!("shader/light.wgsl"),
+        include_str!("shader/shade.wgsl"),
+        entries,
+    ]
+    .concat()
 }
 
-/// Pixels that one workgroup shades, as `shade.wgsl` has it.
+/// What is asked of the shading pass: each combination is a pipeline of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct ShadeKey {
+    pub color: bool,
+    pub luminance: bool,
+    /// Whether anything but sun and sky shines.
+    pub lamps: bool,
+    pub fog: bool,
+    pub wet: bool,
+}
+
+/// Pixels that one workgroup shades, as `shade_compute.wgsl` has it.
 const GROUP_PX: [u32; 2] = [16, 8];
 
 /// Pipelines of the shading pass.
 #[derive(Debug)]
 pub(crate) struct ShadePass {
+    quality: Quality,
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
-    /// By what is written: color, luminance.
-    pipelines: BTreeMap<(bool, bool), wgpu::ComputePipeline>,
+    pipelines: BTreeMap<ShadeKey, Pipelines>,
     /// Bound in place of what nobody reads.
     nowhere: [Image; 2],
 }
 
+#[derive(Debug)]
+enum Pipelines {
+    Computed(wgpu::ComputePipeline),
+    Drawn { surface: wgpu::RenderPipeline, sky: wgpu::RenderPipeline },
+}
+
 impl ShadePass {
-    pub fn new(gpu: &Gpu, geometry: &GeometryPass) -> Self {
+    pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality) -> Self {
         let device = gpu.device();
         let written = |binding: u32, format: wgpu::TextureFormat| {
             let access = wgpu::StorageTextureAccess::WriteOnly;
             entry(binding, wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2 })
         };
-        let mut entries = [
+        let mut entries = vec![
             texture(0, wgpu::TextureSampleType::Uint),
             texture(1, wgpu::TextureSampleType::Float { filterable: false }),
             texture(2, wgpu::TextureSampleType::Uint),
-            written(3, Target::Color.format()),
-            written(4, Target::Luminance.format()),
         ];
-        entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+        if quality == Quality::High {
+            entries.extend([written(3, Target::Color.format()), written(4, Target::Luminance.format())]);
+            entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+        }
         let images_layout =
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("shaded images"), entries: &entries });
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -54,24 +87,82 @@ impl ShadePass {
         });
         let nowhere = [Target::Color, Target::Luminance]
             .map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
-        ShadePass { shader: gpu.shader("shade", &shade_wgsl()), layout, images_layout, pipelines: BTreeMap::new(), nowhere }
+        let shader = gpu.shader("shade", &shade_wgsl(quality));
+        ShadePass { quality, shader, layout, images_layout, pipelines: BTreeMap::new(), nowhere }
     }
 
-    /// Makes the pipeline for what is lit in `set`, once.
-    pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
-        let (color, luminance) = lit(set);
-        let (shader, layout) = (&self.shader, &self.layout);
-        self.pipelines.entry((color, luminance)).or_insert_with(|| {
-            let constants = [("WITH_COLOR", color as u32 as f64), ("WITH_LUMINANCE", luminance as u32 as f64)];
-            gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some("shade"),
-                layout: Some(layout),
-                module: shader,
-                entry_point: Some("cs_main"),
-                compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-                cache: None,
-            })
-        });
+    /// Makes the pipelines for `key`, once.
+    pub fn prepare(&mut self, gpu: &Gpu, key: ShadeKey) {
+        if !self.pipelines.contains_key(&key) {
+            let pipelines = match self.quality {
+                Quality::High => Pipelines::Computed(self.computed(gpu, key)),
+                Quality::Low => Pipelines::Drawn {
+                    // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was drawn.
+                    surface: self.drawn(gpu, key, "fs_surface", wgpu::CompareFunction::Less),
+                    sky: self.drawn(gpu, key, "fs_sky", wgpu::CompareFunction::Equal),
+                },
+            };
+            self.pipelines.insert(key, pipelines);
+        }
+    }
+
+    fn computed(&self, gpu: &Gpu, key: ShadeKey) -> wgpu::ComputePipeline {
+        let constants = self.constants(key);
+        gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("shade"),
+            layout: Some(&self.layout),
+            module: &self.shader,
+            entry_point: Some("cs_main"),
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
+            cache: None,
+        })
+    }
+
+    fn drawn(&self, gpu: &Gpu, key: ShadeKey, fragment: &str, depth_compare: wgpu::CompareFunction) -> wgpu::RenderPipeline {
+        let constants = self.constants(key);
+        let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
+        let state = |on: bool, target: Target| {
+            on.then(|| wgpu::ColorTargetState { format: target.format(), blend: None, write_mask: wgpu::ColorWrites::ALL })
+        };
+        gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+            label: Some(fragment),
+            layout: Some(&self.layout),
+            vertex: wgpu::VertexState {
+                module: &self.shader,
+                entry_point: Some("vs_main"),
+                compilation_options: options.clone(),
+                buffers: &[],
+            },
+            primitive: Default::default(),
+            depth_stencil: Some(wgpu::DepthStencilState {
+                format: wgpu::TextureFormat::Depth32Float,
+                depth_write_enabled: Some(false),
+                depth_compare: Some(depth_compare),
+                stencil: Default::default(),
+                bias: Default::default(),
+            }),
+            multisample: Default::default(),
+            fragment: Some(wgpu::FragmentState {
+                module: &self.shader,
+                entry_point: Some(fragment),
+                compilation_options: options,
+                targets: &[state(key.color, Target::Color), state(key.luminance, Target::Luminance)],
+            }),
+            multiview_mask: None,
+            cache: None,
+        })
+    }
+
+    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 6] {
+        let number = |on: bool| on as u32 as f64;
+        [
+            ("WITH_COLOR", number(key.color)),
+            ("WITH_LUMINANCE", number(key.luminance)),
+            ("WITH_LAMPS", number(key.lamps)),
+            ("WITH_FOG", number(key.fog)),
+            ("WITH_WET", number(key.wet)),
+            ("SIMPLE", number(self.quality == Quality::Low)),
+        ]
     }
 
     /// Records the shading of one view that the geometry pass has drawn; `bound_view` is what that pass returned.
@@ -82,27 +173,63 @@ impl ShadePass {
         scene: &wgpu::BindGroup,
         bound_view: &wgpu::BindGroup,
         view: &ViewPass<'_>,
-        size_px: [u32; 2],
+        key: ShadeKey,
     ) {
-        let images = self.bind_images(gpu, view);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("shade"), timestamp_writes: None });
-        pass.set_pipeline(&self.pipelines[&lit(view.set)]);
-        pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound_view, &[GeometryPass::offset_of(view.view_idx)]);
-        pass.set_bind_group(2, &images, &[]);
-        pass.dispatch_workgroups(size_px[0].div_ceil(GROUP_PX[0]), size_px[1].div_ceil(GROUP_PX[1]), 1);
+        let surface = &view.targets.get(Target::Surface).texture;
+        let size_px = [surface.width(), surface.height()];
+        let images = self.bind_images(gpu, view, key);
+        let offset = [GeometryPass::offset_of(view.view_idx)];
+        match &self.pipelines[&key] {
+            Pipelines::Computed(pipeline) => {
+                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("shade"), timestamp_writes: None });
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(0, scene, &[]);
+                pass.set_bind_group(1, bound_view, &offset);
+                pass.set_bind_group(2, &images, &[]);
+                pass.dispatch_workgroups(size_px[0].div_ceil(GROUP_PX[0]), size_px[1].div_ceil(GROUP_PX[1]), 1);
+            }
+            Pipelines::Drawn { surface, sky } => {
+                let mut pass = self.begin_drawing(encoder, view, key);
+                pass.set_bind_group(0, scene, &[]);
+                pass.set_bind_group(1, bound_view, &offset);
+                pass.set_bind_group(2, &images, &[]);
+                for pipeline in [surface, sky] {
+                    pass.set_pipeline(pipeline);
+                    pass.draw(0..3, 0..1);
+                }
+            }
+        }
     }
 
-    fn bind_images(&self, gpu: &Gpu, view: &ViewPass<'_>) -> wgpu::BindGroup {
-        let (color, luminance) = lit(view.set);
+    fn begin_drawing<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, view: &ViewPass<'_>, key: ShadeKey) -> wgpu::RenderPass<'e> {
+        let attachment = |on: bool, target: Target| {
+            on.then(|| wgpu::RenderPassColorAttachment {
+                view: &view.targets.get(target).view,
+                depth_slice: None,
+                resolve_target: None,
+                // Not cleared: surfaces and sky together write every pixel.
+                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+            })
+        };
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("shade"),
+            color_attachments: &[attachment(key.color, Target::Color), attachment(key.luminance, Target::Luminance)],
+            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                view: &view.targets.z_buffer().view,
+                depth_ops: None,
+                stencil_ops: None,
+            }),
+            ..Default::default()
+        })
+    }
+
+    fn bind_images(&self, gpu: &Gpu, view: &ViewPass<'_>, key: ShadeKey) -> wgpu::BindGroup {
         let read = |target: Target| &view.targets.get(target).view;
-        let images = [
-            read(Target::Surface),
-            read(Target::Depth),
-            read(Target::Instance),
-            if color { read(Target::Color) } else { &self.nowhere[0].view },
-            if luminance { read(Target::Luminance) } else { &self.nowhere[1].view },
-        ];
+        let mut images = vec![read(Target::Surface), read(Target::Depth), read(Target::Instance)];
+        if self.quality == Quality::High {
+            images.push(if key.color { read(Target::Color) } else { &self.nowhere[0].view });
+            images.push(if key.luminance { read(Target::Luminance) } else { &self.nowhere[1].view });
+        }
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(images)
             .map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) })
@@ -113,9 +240,4 @@ impl ShadePass {
             entries: &entries,
         })
     }
-}
-
-/// Whether color and luminance are written.
-fn lit(set: TargetSet) -> (bool, bool) {
-    (set.contains(Target::Color), set.contains(Target::Luminance))
 }

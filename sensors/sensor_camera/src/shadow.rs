@@ -1,27 +1,52 @@
 //! Shadow maps: one square map of the sun's view per 32 m cell of the ground in which a lit camera stands.
 //!
 //! A map depends on the cell, the sun and the scene only, never on who else looks, so that readers change no one's bytes.
-//! What stands still is drawn once per cell and sun; what moves is drawn every tick over a copy of it.
+//! What stands still is drawn once per cell and sun; what moves is drawn every tick over a copy of it, of which only those parts are
+//! made good again that were drawn over before. High quality has a second, coarser map of what stands still further away.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
-use sensor_core::{MeshId, Scene};
+use sensor_core::{DynamicInstance, MeshId, Scene};
 use sensor_gpu::Gpu;
 
 use crate::assets::{GpuAssets, MeshDraw, Sphere};
-use crate::pass::{VERTEX_ATTRIBUTES, VERTEX_BYTES, grow, storage};
+use crate::pass::{VERTEX_ATTRIBUTES, VERTEX_BYTES, grow, storage, texture};
 use crate::renderer::Quality;
 use crate::targets::{Image, image};
 
 pub(crate) const SHADOW_WGSL: &str = include_str!("shader/shadow.wgsl");
 
-/// Side of a cell, metres.
-const CELL_M: f64 = 32.0;
-/// Half the side of what a map covers, metres: a camera in the corner of its cell sees shadows to 64 m.
-const HALF_SIDE_M: f64 = 82.0;
-/// Half the depth of what a map covers, metres.
-const HALF_DEPTH_M: f64 = 250.0;
-/// Casters are drawn in the level of detail of this distance.
-const CASTER_DISTANCE_M: f64 = 25.0;
+/// One cascade.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cascade {
+    /// Side of a cell, metres.
+    cell_m: f64,
+    /// Half the side of what a map covers, metres: a camera in the corner of its cell sees shadows to this less 0.7 cells.
+    half_side_m: f64,
+    /// Half the depth of what a map covers, metres.
+    half_depth_m: f64,
+    /// Casters are drawn in the level of detail of this distance.
+    caster_distance_m: f64,
+    side_px: u32,
+    /// Whether what moves throws shadows.
+    moving: bool,
+}
+
+impl Cascade {
+    /// The map around the camera.
+    pub fn near(quality: Quality) -> Cascade {
+        let side_px = match quality {
+            Quality::Low => 2048,
+            Quality::High => 4096,
+        };
+        Cascade { cell_m: 32.0, half_side_m: 82.0, half_depth_m: 250.0, caster_distance_m: 25.0, side_px, moving: true }
+    }
+
+    /// The map of what is further away.
+    pub fn far() -> Cascade {
+        Cascade { cell_m: 128.0, half_side_m: 400.0, half_depth_m: 500.0, caster_distance_m: 110.0, side_px: 4096, moving: false }
+    }
+}
+
 /// Maps kept; more only while more are needed at once.
 const MAX_KEPT: usize = 4;
 
@@ -32,8 +57,26 @@ type Rows = [[f32; 4]; 3];
 struct Map {
     cell: [i64; 3],
     still: Image,
+    /// `still` with what moves drawn over it; made when something first moves here.
+    all: Option<Image>,
+    /// Parts of `all` that are not as in `still`: x, y, width, height.
+    dirty_px: Vec<[u32; 4]>,
     fresh: bool,
     used: u64,
+}
+
+impl Map {
+    /// Another cell: nothing of what was drawn holds.
+    fn take_over(&mut self, cell: [i64; 3], used: u64) {
+        (self.cell, self.fresh, self.used) = (cell, false, used);
+        self.forget();
+    }
+
+    /// All of `all` is to be made anew.
+    fn forget(&mut self) {
+        let whole = self.still.texture.width();
+        self.dirty_px = vec![[0, 0, whole, whole]];
+    }
 }
 
 /// A draw call with its matrix.
@@ -41,20 +84,29 @@ struct Map {
 struct Caster {
     mesh: MeshDraw,
     matrix: Rows,
+    /// Where it can leave a mark.
+    rect_px: [u32; 4],
+}
+
+/// A pass over one map.
+struct Pass {
+    map_idx: usize,
+    over_still: bool,
+    casters: std::ops::Range<u32>,
 }
 
 /// All maps.
 #[derive(Debug)]
 pub(crate) struct Shadows {
+    cascade: Cascade,
     pipeline: wgpu::RenderPipeline,
+    restore: wgpu::RenderPipeline,
     layout: wgpu::BindGroupLayout,
+    still_layout: wgpu::BindGroupLayout,
     matrices: wgpu::Buffer,
     maps: Vec<Map>,
-    /// Copies of this tick's maps with what moves drawn over them: as many as cells are needed at once.
-    overlays: Vec<Image>,
     sun_towards: Vector3<f64>,
     n_uses: u64,
-    side_px: u32,
     none: Image,
 }
 
@@ -70,7 +122,7 @@ pub(crate) struct ShadowLookup {
 }
 
 impl Shadows {
-    pub fn new(gpu: &Gpu, quality: Quality) -> Self {
+    pub fn new(gpu: &Gpu, cascade: Cascade) -> Self {
         let device = gpu.device();
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("shadow"), entries: &[storage(0)] });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -78,19 +130,25 @@ impl Shadows {
             bind_group_layouts: &[Some(&layout)],
             immediate_size: 0,
         });
-        let side_px = match quality {
-            Quality::Low => 2048,
-            Quality::High => 4096,
-        };
+        let still_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("still shadows"),
+            entries: &[texture(0, wgpu::TextureSampleType::Depth)],
+        });
+        let restore_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("still shadows"),
+            bind_group_layouts: &[Some(&still_layout)],
+            immediate_size: 0,
+        });
         Shadows {
-            pipeline: pipeline(gpu, &pipeline_layout),
+            cascade,
+            pipeline: pipeline(gpu, &pipeline_layout, false),
+            restore: pipeline(gpu, &restore_layout, true),
             layout,
+            still_layout,
             matrices: gpu.buffer("shadow matrices", 64 * 1024, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
             maps: Vec::new(),
-            overlays: Vec::new(),
             sun_towards: Vector3::zeros(),
             n_uses: 0,
-            side_px,
             none: image(
                 gpu,
                 "no shadows",
@@ -126,33 +184,32 @@ impl Shadows {
             self.sun_towards = sun_towards;
         }
         self.n_uses += 1;
-        let cells: Vec<[i64; 3]> = eyes.iter().map(cell_of).collect();
+        let cascade = self.cascade;
+        let cells: Vec<[i64; 3]> = eyes.iter().map(|eye| cascade.cell_of(eye)).collect();
         let mut drawn: Vec<([i64; 3], wgpu::TextureView)> = Vec::new();
         let mut casters: Vec<Caster> = Vec::new();
-        let mut passes: Vec<(usize, Option<usize>, std::ops::Range<u32>)> = Vec::new();
-        let mut n_overlays = 0;
+        let mut passes: Vec<Pass> = Vec::new();
         for cell in &cells {
             if drawn.iter().any(|(known, _)| known == cell) {
                 continue;
             }
             let map_idx = self.map_of(gpu, *cell);
-            let shadow_from_world = shadow_from_world(*cell, sun_towards);
             let map = &mut self.maps[map_idx];
             if !map.fresh {
                 let begin = casters.len() as u32;
-                casters.extend(still_casters(assets, *cell, sun_towards, &shadow_from_world));
-                passes.push((map_idx, None, begin..casters.len() as u32));
+                casters.extend(cascade.still_casters(assets, *cell, sun_towards));
+                passes.push(Pass { map_idx, over_still: false, casters: begin..casters.len() as u32 });
                 map.fresh = true;
             }
             let begin = casters.len() as u32;
-            casters.extend(moving_casters(assets, scene, *cell, sun_towards, &shadow_from_world));
+            if cascade.moving {
+                casters.extend(cascade.moving_casters(assets, scene, *cell, sun_towards));
+            }
             if casters.len() as u32 > begin {
-                if self.overlays.len() == n_overlays {
-                    self.overlays.push(shadow_image(gpu, self.side_px));
-                }
-                passes.push((map_idx, Some(n_overlays), begin..casters.len() as u32));
-                drawn.push((*cell, self.overlays[n_overlays].view.clone()));
-                n_overlays += 1;
+                let side_px = cascade.side_px;
+                let all = map.all.get_or_insert_with(|| shadow_image(gpu, side_px));
+                passes.push(Pass { map_idx, over_still: true, casters: begin..casters.len() as u32 });
+                drawn.push((*cell, all.view.clone()));
             } else {
                 drawn.push((*cell, map.still.view.clone()));
             }
@@ -160,12 +217,12 @@ impl Shadows {
         self.draw(gpu, encoder, assets, &casters, &passes);
         let lookup = |(eye, cell): (&Isometry3<f64>, &[i64; 3])| {
             let (_, view) = drawn.iter().find(|(known, _)| known == cell).expect("every cell was drawn");
-            let shadow_from_camera = shadow_from_world(*cell, sun_towards) * eye.to_homogeneous();
-            let texel_m = 2.0 * HALF_SIDE_M / self.side_px as f64;
+            let shadow_from_camera = cascade.shadow_from_world(*cell, sun_towards) * eye.to_homogeneous();
+            let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
             ShadowLookup {
                 view: view.clone(),
                 shadow_from_camera: top_rows(&shadow_from_camera),
-                texel_depth: (texel_m / (2.0 * HALF_DEPTH_M)) as f32,
+                texel_depth: (texel_m / (2.0 * cascade.half_depth_m)) as f32,
                 on: true,
             }
         };
@@ -182,25 +239,20 @@ impl Shadows {
         let oldest = (0..self.maps.len()).filter(|idx| self.maps[*idx].used < used).min_by_key(|idx| self.maps[*idx].used);
         match oldest {
             Some(idx) if self.maps.len() >= MAX_KEPT => {
-                let map = &mut self.maps[idx];
-                (map.cell, map.fresh, map.used) = (cell, false, used);
+                self.maps[idx].take_over(cell, used);
                 idx
             }
             _ => {
-                self.maps.push(Map { cell, still: shadow_image(gpu, self.side_px), fresh: false, used });
+                let still = shadow_image(gpu, self.cascade.side_px);
+                let mut map = Map { cell, still, all: None, dirty_px: Vec::new(), fresh: false, used };
+                map.forget();
+                self.maps.push(map);
                 self.maps.len() - 1
             }
         }
     }
 
-    fn draw(
-        &mut self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        assets: &GpuAssets,
-        casters: &[Caster],
-        passes: &[(usize, Option<usize>, std::ops::Range<u32>)],
-    ) {
+    fn draw(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, casters: &[Caster], passes: &[Pass]) {
         if passes.is_empty() {
             return;
         }
@@ -212,14 +264,12 @@ impl Shadows {
             layout: &self.layout,
             entries: &[wgpu::BindGroupEntry { binding: 0, resource: self.matrices.as_entire_binding() }],
         });
-        for (map_idx, overlay_idx, range) in passes {
-            let map = &self.maps[*map_idx];
-            let (view, load) = match overlay_idx.map(|idx| &self.overlays[idx]) {
-                Some(all) => {
-                    encoder.copy_texture_to_texture(map.still.texture.as_image_copy(), all.texture.as_image_copy(), all.texture.size());
-                    (&all.view, wgpu::LoadOp::Load)
-                }
-                None => (&map.still.view, wgpu::LoadOp::Clear(1.0)),
+        for Pass { map_idx, over_still, casters: range } in passes {
+            let map = &mut self.maps[*map_idx];
+            let drawn = &casters[range.start as usize..range.end as usize];
+            let (view, load) = match &map.all {
+                Some(all) if *over_still => (&all.view, wgpu::LoadOp::Load),
+                _ => (&map.still.view, wgpu::LoadOp::Clear(1.0)),
             };
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("shadow"),
@@ -231,12 +281,29 @@ impl Shadows {
                 ..Default::default()
             });
             gpu.counters().add_pass();
+            if *over_still {
+                let still = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+                    label: Some("still shadows"),
+                    layout: &self.still_layout,
+                    entries: &[wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&map.still.view) }],
+                });
+                pass.set_pipeline(&self.restore);
+                pass.set_bind_group(0, &still, &[]);
+                for [x, y, width, height] in map.dirty_px.drain(..) {
+                    pass.set_scissor_rect(x, y, width, height);
+                    pass.draw(0..3, 0..1);
+                }
+                pass.set_scissor_rect(0, 0, self.cascade.side_px, self.cascade.side_px);
+                map.dirty_px.extend(drawn.iter().map(|caster| caster.rect_px));
+            } else {
+                // What was drawn over the old one is of no use any more.
+                map.forget();
+            }
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &bound, &[]);
             pass.set_vertex_buffer(0, assets.vertices.slice(..));
             pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
-            for instance in range.clone() {
-                let mesh = casters[instance as usize].mesh;
+            for (instance, Caster { mesh, .. }) in range.clone().zip(drawn) {
                 pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, instance..instance + 1);
                 gpu.counters().add_draw(mesh.n_indices as u64 / 3);
             }
@@ -245,14 +312,12 @@ impl Shadows {
 }
 
 fn shadow_image(gpu: &Gpu, side_px: u32) -> Image {
-    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
-        | wgpu::TextureUsages::TEXTURE_BINDING
-        | wgpu::TextureUsages::COPY_SRC
-        | wgpu::TextureUsages::COPY_DST;
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
     image(gpu, "shadow map", [side_px, side_px], wgpu::TextureFormat::Depth16Unorm, usage)
 }
 
-fn pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout) -> wgpu::RenderPipeline {
+/// Draws casters, or (`restore`) the still map over what was drawn on it.
+fn pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout, restore: bool) -> wgpu::RenderPipeline {
     let shader = gpu.shader("shadow", SHADOW_WGSL);
     let buffers = [Some(wgpu::VertexBufferLayout {
         array_stride: VERTEX_BYTES,
@@ -264,32 +329,29 @@ fn pipeline(gpu: &Gpu, layout: &wgpu::PipelineLayout) -> wgpu::RenderPipeline {
         layout: Some(layout),
         vertex: wgpu::VertexState {
             module: &shader,
-            entry_point: Some("vs_main"),
+            entry_point: Some(if restore { "vs_full" } else { "vs_main" }),
             compilation_options: Default::default(),
-            buffers: &buffers,
+            buffers: if restore { &[] } else { &buffers },
         },
         // Both sides cast: leaves and open shells have no back.
         primitive: wgpu::PrimitiveState::default(),
         depth_stencil: Some(wgpu::DepthStencilState {
             format: wgpu::TextureFormat::Depth16Unorm,
             depth_write_enabled: Some(true),
-            depth_compare: Some(wgpu::CompareFunction::Less),
+            depth_compare: Some(if restore { wgpu::CompareFunction::Always } else { wgpu::CompareFunction::Less }),
             stencil: Default::default(),
             bias: Default::default(),
         }),
         multisample: Default::default(),
-        fragment: None,
+        fragment: restore.then(|| wgpu::FragmentState {
+            module: &shader,
+            entry_point: Some("fs_still"),
+            compilation_options: Default::default(),
+            targets: &[],
+        }),
         multiview_mask: None,
         cache: None,
     })
-}
-
-fn cell_of(eye: &Isometry3<f64>) -> [i64; 3] {
-    std::array::from_fn(|axis| (eye.translation.vector[axis] / CELL_M).round() as i64)
-}
-
-fn cell_centre_m(cell: [i64; 3]) -> Vector3<f64> {
-    Vector3::from(cell.map(|i| i as f64 * CELL_M))
 }
 
 /// Unit vectors to the right and down in the map, and along the light.
@@ -299,55 +361,76 @@ fn axes(sun_towards: Vector3<f64>) -> [Vector3<f64>; 3] {
     [right, along.cross(&right), along]
 }
 
-/// World to (u, v, depth), each 0..=1 inside the map.
-fn shadow_from_world(cell: [i64; 3], sun_towards: Vector3<f64>) -> Matrix4<f64> {
-    let centre = cell_centre_m(cell);
-    let scales = [0.5 / HALF_SIDE_M, 0.5 / HALF_SIDE_M, 0.5 / HALF_DEPTH_M];
-    let mut matrix = Matrix4::identity();
-    for (row, (axis, scale)) in axes(sun_towards).into_iter().zip(scales).enumerate() {
-        for column in 0..3 {
-            matrix[(row, column)] = axis[column] * scale;
-        }
-        matrix[(row, 3)] = 0.5 - axis.dot(&centre) * scale;
+impl Cascade {
+    fn cell_of(&self, eye: &Isometry3<f64>) -> [i64; 3] {
+        std::array::from_fn(|axis| (eye.translation.vector[axis] / self.cell_m).round() as i64)
     }
-    matrix
-}
 
-fn touches(sphere: &Sphere, cell: [i64; 3], axes: &[Vector3<f64>; 3]) -> bool {
-    let offset = sphere.centre_m - Point3::from(cell_centre_m(cell));
-    let half = [HALF_SIDE_M, HALF_SIDE_M, HALF_DEPTH_M];
-    axes.iter().zip(half).all(|(axis, half)| axis.dot(&offset).abs() < half + sphere.radius_m)
-}
+    fn centre_m(&self, cell: [i64; 3]) -> Vector3<f64> {
+        Vector3::from(cell.map(|i| i as f64 * self.cell_m))
+    }
 
-fn still_casters(assets: &GpuAssets, cell: [i64; 3], sun_towards: Vector3<f64>, shadow_from_world: &Matrix4<f64>) -> Vec<Caster> {
-    let axes = axes(sun_towards);
-    let instances = assets.scene_assets.statics.iter().zip(&assets.spheres);
-    instances
-        .filter(|(instance, sphere)| assets.casts_shadow(instance.mesh) && touches(sphere, cell, &axes))
-        .filter_map(|(instance, _)| caster(assets, instance.mesh, &instance.world_from_mesh, shadow_from_world))
-        .collect()
-}
+    /// World to (u, v, depth), each 0..=1 inside the map.
+    fn shadow_from_world(&self, cell: [i64; 3], sun_towards: Vector3<f64>) -> Matrix4<f64> {
+        let centre = self.centre_m(cell);
+        let scales = [0.5 / self.half_side_m, 0.5 / self.half_side_m, 0.5 / self.half_depth_m];
+        let mut matrix = Matrix4::identity();
+        for (row, (axis, scale)) in axes(sun_towards).into_iter().zip(scales).enumerate() {
+            for column in 0..3 {
+                matrix[(row, column)] = axis[column] * scale;
+            }
+            matrix[(row, 3)] = 0.5 - axis.dot(&centre) * scale;
+        }
+        matrix
+    }
 
-fn moving_casters(
-    assets: &GpuAssets,
-    scene: &Scene,
-    cell: [i64; 3],
-    sun_towards: Vector3<f64>,
-    shadow_from_world: &Matrix4<f64>,
-) -> Vec<Caster> {
-    let axes = axes(sun_towards);
-    let seen = |mesh: MeshId, pose: &Isometry3<f64>| touches(&Sphere::of(assets.scene_assets.mesh(mesh), pose), cell, &axes);
-    scene
-        .dynamics
-        .iter()
-        .filter(|instance| seen(instance.mesh, &instance.world_from_mesh))
-        .filter_map(|instance| caster(assets, instance.mesh, &instance.world_from_mesh, shadow_from_world))
-        .collect()
-}
+    fn touches(&self, sphere: &Sphere, cell: [i64; 3], axes: &[Vector3<f64>; 3]) -> bool {
+        let offset = sphere.centre_m - Point3::from(self.centre_m(cell));
+        let half = [self.half_side_m, self.half_side_m, self.half_depth_m];
+        axes.iter().zip(half).all(|(axis, half)| axis.dot(&offset).abs() < half + sphere.radius_m)
+    }
 
-fn caster(assets: &GpuAssets, mesh: MeshId, world_from_mesh: &Isometry3<f64>, shadow_from_world: &Matrix4<f64>) -> Option<Caster> {
-    let mesh = assets.level(mesh, CASTER_DISTANCE_M)?;
-    Some(Caster { mesh, matrix: top_rows(&(shadow_from_world * world_from_mesh.to_homogeneous())) })
+    fn still_casters(&self, assets: &GpuAssets, cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
+        let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
+        let instances = assets.scene_assets.statics.iter().zip(&assets.spheres);
+        instances
+            .filter(|(instance, sphere)| assets.casts_shadow(instance.mesh) && self.touches(sphere, cell, &axes))
+            .filter_map(|(instance, sphere)| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, &matrix))
+            .collect()
+    }
+
+    fn moving_casters(&self, assets: &GpuAssets, scene: &Scene, cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
+        let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
+        let seen = |instance: &DynamicInstance| {
+            let sphere = Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
+            self.touches(&sphere, cell, &axes).then_some(sphere)
+        };
+        let caster = |instance: &DynamicInstance| {
+            seen(instance).and_then(|sphere| self.caster(assets, instance.mesh, &instance.world_from_mesh, &sphere, &matrix))
+        };
+        scene.dynamics.iter().filter_map(caster).collect()
+    }
+
+    fn caster(
+        &self,
+        assets: &GpuAssets,
+        mesh: MeshId,
+        world_from_mesh: &Isometry3<f64>,
+        sphere: &Sphere,
+        shadow_from_world: &Matrix4<f64>,
+    ) -> Option<Caster> {
+        let mesh = assets.level(mesh, self.caster_distance_m)?;
+        let centre = shadow_from_world.transform_point(&sphere.centre_m);
+        let (side_px, radius_px) = (self.side_px as f64, sphere.radius_m / (2.0 * self.half_side_m) * self.side_px as f64 + 1.0);
+        let span = |middle: f64| {
+            let low = (middle * side_px - radius_px).clamp(0.0, side_px - 1.0);
+            let high = (middle * side_px + radius_px).clamp(low, side_px - 1.0);
+            (low as u32, high as u32 - low as u32 + 1)
+        };
+        let ((x, width), (y, height)) = (span(centre.x), span(centre.y));
+        let matrix = top_rows(&(shadow_from_world * world_from_mesh.to_homogeneous()));
+        Some(Caster { mesh, matrix, rect_px: [x, y, width, height] })
+    }
 }
 
 fn top_rows(m: &Matrix4<f64>) -> Rows {

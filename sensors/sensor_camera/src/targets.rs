@@ -21,6 +21,9 @@ impl Target {
     pub const ALL: [Target; 8] =
         [Target::Surface, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals, Target::Color, Target::Luminance];
 
+    /// Those that the geometry pass can write, by location.
+    pub const DRAWN: [Target; 6] = [Target::Surface, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals];
+
     pub fn format(self) -> wgpu::TextureFormat {
         match self {
             Target::Surface => wgpu::TextureFormat::Rgba32Uint,
@@ -65,15 +68,9 @@ impl TargetSet {
         TargetSet(self.0 | other.0)
     }
 
-    /// Whether light is left to the shading pass.
-    pub fn is_deferred(self) -> bool {
-        self.contains(Target::Surface)
-    }
-
     /// Those that the geometry pass writes.
     pub fn drawn(self) -> TargetSet {
-        let shaded = if self.is_deferred() { Target::Color.bit().union(Target::Luminance.bit()) } else { TargetSet::default() };
-        TargetSet(self.0 & !shaded.0)
+        TargetSet(self.0 & !(Target::Color.bit().0 | Target::Luminance.bit().0))
     }
 
     /// Whether any of them needs light.

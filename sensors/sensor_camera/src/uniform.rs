@@ -36,8 +36,24 @@ pub struct ViewData {
     pub previous_from_camera: [[f32; 4]; 3],
     /// Camera space to the shadow map: u, v, depth rows.
     pub shadow_from_camera: [[f32; 4]; 3],
-    /// 1 if the camera turned, 1 if there is a shadow map, its texel's size in metres, 0.
+    /// The same for the map of what is further away.
+    pub far_shadow_from_camera: [[f32; 4]; 3],
+    /// 1 if the camera turned, 1 if there are shadow maps, 0, a texel of the near map in units of its depth.
     pub options: [f32; 4],
+    /// First lamp, first tile of lamps, bits of an `f32`: a texel of the far shadow map in units of its depth; 0.
+    pub lamps: [u32; 4],
+}
+
+/// Mirror of `Lamp` in `shader/lamps.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct LampData {
+    /// Camera space, metres; w is its reach.
+    pub place: [f32; 4],
+    /// Where it shines, camera space; w is the cosine of its outermost ray.
+    pub axis: [f32; 4],
+    /// Illuminance at 1 m on the axis, exposed; w is 1 / (cosine of the full beam − w of `axis`).
+    pub rgb: [f32; 4],
 }
 
 /// Mirror of `LightUniform`: sun, sky, air, exposure. Radiometric values are multiplied by the exposure already: 1 is white.
@@ -52,12 +68,16 @@ pub struct LightData {
     pub ambient_rgb: [f32; 4],
     /// Its change along world x, y, z.
     pub ambient_slope_rgb: [[f32; 4]; 3],
-    /// Colour of the air far away; w is the extinction per metre.
+    /// Colour of the air far away; w unused.
     pub fog_rgb: [f32; 4],
     /// Share of scenery's lamps that shine, start of the fog m, wetness, share of windows lit; ratios 0..=1.
     pub air: [f32; 4],
-    /// Radiance of lamps, radiance of lit windows, extinction by fog alone per metre, 0.
+    /// Radiance of lamps, radiance of lit windows, extinction of clear air per metre, 0.
     pub lamps: [f32; 4],
+    /// Extinction of fog per metre at height 0, its fall per metre of height, metres of fog above the eye towards the zenith, 0.
+    pub fog: [f32; 4],
+    /// Rain 0..=1, lean of its streaks, time in seconds (wrapped), share of roads under puddles (on the scale of the noise's clouds).
+    pub rain: [f32; 4],
     /// Per material: texels of grain per metre, its strength, texels of clouds per metre, their strength.
     pub materials: [[f32; 4]; 17],
     /// Per material: share mirrored at normal incidence, level of the sky map it mirrors, light let through, 1 for lamps.

@@ -25,6 +25,13 @@ pub struct ViewSpec {
     pub sensor_id: u32,
 }
 
+impl ViewSpec {
+    /// A lens and nothing special: event camera as by default, seed and id 0.
+    pub fn pinhole(intrinsics: Intrinsics) -> ViewSpec {
+        ViewSpec { intrinsics, dvs: DvsSpec::default(), seed: 0, sensor_id: 0 }
+    }
+}
+
 /// Persistent state of one camera. Render targets are made when they are first needed.
 pub struct View {
     pub(crate) spec: ViewSpec,

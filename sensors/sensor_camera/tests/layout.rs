@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use sensor_camera::{InstanceData, LightData, ViewData, shader_sources};
+use sensor_camera::{InstanceData, LampData, LightData, ViewData, shader_sources};
 
 fn module(name: &str) -> naga::Module {
     let (_, text) = shader_sources().into_iter().find(|(known, _)| *known == name).unwrap();
@@ -13,16 +13,17 @@ fn module(name: &str) -> naga::Module {
 fn every_shader_validates() {
     for (name, _) in shader_sources() {
         let module = module(name);
-        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::default());
+        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::IMMEDIATES);
         validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
     }
 }
 
 #[test]
 fn wgsl_structs_lie_where_rust_has_them() {
-    let module = module("geometry");
+    let modules = [module("geometry"), module("shade, drawn")];
     let check = |name: &str, size: usize, offsets: &[usize]| {
-        let (_, found) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
+        let mut types = modules.iter().flat_map(|module| module.types.iter());
+        let (_, found) = types.find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
         let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is not a struct") };
         let found: Vec<usize> = members.iter().map(|member| member.offset as usize).collect();
         assert_eq!((found.as_slice(), *span as usize), (offsets, size), "{name}");
@@ -49,7 +50,9 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(ViewData, world_from_camera),
             offset_of!(ViewData, previous_from_camera),
             offset_of!(ViewData, shadow_from_camera),
+            offset_of!(ViewData, far_shadow_from_camera),
             offset_of!(ViewData, options),
+            offset_of!(ViewData, lamps),
         ],
     );
     check(
@@ -63,8 +66,11 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(LightData, fog_rgb),
             offset_of!(LightData, air),
             offset_of!(LightData, lamps),
+            offset_of!(LightData, fog),
+            offset_of!(LightData, rain),
             offset_of!(LightData, materials),
             offset_of!(LightData, mirrors),
         ],
     );
+    check("Lamp", size_of::<LampData>(), &[offset_of!(LampData, place), offset_of!(LampData, axis), offset_of!(LampData, rgb)]);
 }

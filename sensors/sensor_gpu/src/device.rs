@@ -139,6 +139,16 @@ impl Gpu {
         self.0.import.is_some()
     }
 
+    /// Whether pipelines can take this many bytes with each draw call, without a buffer.
+    pub fn has_immediates(&self, n_bytes: u32) -> bool {
+        self.0.device.features().contains(wgpu::Features::IMMEDIATES) && self.0.device.limits().max_immediate_size >= n_bytes
+    }
+
+    /// Whether draw calls that lie in a buffer can begin at any instance.
+    pub fn has_indirect_instances(&self) -> bool {
+        self.0.device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
+    }
+
     /// Largest buffer, and so the largest segment that can be imported, bytes.
     pub fn max_buffer_bytes(&self) -> u64 {
         self.0.device.limits().max_buffer_size
@@ -192,8 +202,12 @@ impl Gpu {
 const MAX_POOLED_STAGING: usize = 128;
 
 fn enumerate() -> Vec<wgpu::Adapter> {
-    let descriptor =
-        wgpu::InstanceDescriptor { backends: wgpu::Backends::VULKAN, ..wgpu::InstanceDescriptor::new_without_display_handle() };
+    let descriptor = wgpu::InstanceDescriptor {
+        backends: wgpu::Backends::VULKAN,
+        // Checking draw calls that lie in a buffer costs a pass on the GPU, and ours are written by us.
+        flags: wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
+        ..wgpu::InstanceDescriptor::new_without_display_handle()
+    };
     pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(wgpu::Backends::VULKAN))
 }
 

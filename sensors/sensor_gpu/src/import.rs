@@ -23,7 +23,8 @@ pub(crate) fn has_import(adapter: &wgpu::Adapter) -> bool {
 ///
 /// Errors are the driver's words.
 pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue, Option<ImportCaps>), String> {
-    let features = adapter.features() & wgpu::Features::FLOAT32_FILTERABLE;
+    let wanted = wgpu::Features::FLOAT32_FILTERABLE | wgpu::Features::IMMEDIATES | wgpu::Features::INDIRECT_FIRST_INSTANCE;
+    let features = adapter.features() & wanted;
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("gantry"),
         required_features: features,

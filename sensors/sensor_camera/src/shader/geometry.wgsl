@@ -1,8 +1,7 @@
 // The geometry pass: every modality of a view from one drawing. Mirrors: pass.rs, targets.rs.
 
 struct Corner {
-    // Invariant: the pass for depth first must find the same depth.
-    @invariant @builtin(position) clip: vec4<f32>,
+    @builtin(position) clip: vec4<f32>,
     @location(0) normal_in_world: vec3<f32>,
     @location(1) uv_m: vec2<f32>,
     // Object id; class, material, lit; albedo R G B A; instance.
@@ -18,8 +17,6 @@ struct Pixel {
     @location(3) instance: u32,
     @location(4) flow_px: vec2<f32>,
     @location(5) normal: vec4<f32>,
-    @location(6) color: u32,
-    @location(7) luminance: f32,
 }
 
 const MATERIAL_CAR_PAINT: u32 = 10u;
@@ -43,15 +40,16 @@ fn vs_main(
     @builtin(instance_index) instance: u32,
 ) -> Corner {
     var out: Corner;
-    out.clip = clip_from_camera(transform(instances[instance].camera_from_mesh, position_m));
-    out.normal_in_world = rotate(instances[instance].world_from_mesh_xyzw, normal.xyz);
+    let marks = marks_of(instance);
+    out.clip = clip_from_camera(point_in_camera(instance, position_m));
+    out.normal_in_world = direction_in_world(instance, normal.xyz);
     out.uv_m = uv_m;
-    let id = select(object_id, instances[instance].object_id, object_id == 0u);
+    let id = select(object_id, marks.x, object_id == 0u);
     var rgb = pack4x8unorm(albedo);
-    if labels.y == MATERIAL_CAR_PAINT && (instances[instance].tint >> 24u) != 0u {
-        rgb = instances[instance].tint;
+    if labels.y == MATERIAL_CAR_PAINT && (marks.y >> 24u) != 0u {
+        rgb = marks.y;
     }
-    let lit = select(0u, (instances[instance].lamps >> labels.z) & 1u, labels.y == MATERIAL_LAMP && labels.z < 32u);
+    let lit = select(0u, (marks.z >> labels.z) & 1u, labels.y == MATERIAL_LAMP && labels.z < 32u);
     out.labels = vec4(id, labels.x | (labels.y << 8u) | (lit << 16u), rgb, instance);
     return out;
 }
@@ -66,8 +64,8 @@ fn fs_main(in: Corner) -> Pixel {
     out.class_code = in.labels.y & 0xffu;
     out.instance = in.labels.x;
     out.normal = vec4(normal, 0.0);
-    if WITH_FLOW && instances[in.labels.w].moved != 0u {
-        let before = transform(instances[in.labels.w].previous_from_camera, point);
+    if WITH_FLOW && marks_of(in.labels.w).w != 0u {
+        let before = point_before(in.labels.w, point);
         // A point that was behind the near plane was nowhere in the image: no flow.
         if before.z >= view.frame.z {
             out.flow_px = in.clip.xy - pixel_of(before);
@@ -77,19 +75,8 @@ fn fs_main(in: Corner) -> Pixel {
     let n = vec3<u32>(clamp(in.normal_in_world * 0.5 + 0.5, vec3(0.0), vec3(1.0)) * vec3(2046.0, 2046.0, 1022.0) + 0.5);
     let look = (in.labels.z & 0xffffffu) | ((in.labels.y & 0x1f00u) << 16u) | ((in.labels.y >> 16u) << 29u);
     out.surface = vec4(n.x | (n.y << 11u) | (n.z << 22u), look, bitcast<vec2<u32>>(in.uv_m));
-    if WITH_LIGHT {
-        let radiance = shade(point, normal, in.uv_m, in.labels, 1.0 / (view.lens_px.x * in.clip.w));
-        out.luminance = luminance_of(radiance);
-        if WITH_COLOR {
-            out.color = packed_color(radiance);
-        }
-    }
     return out;
 }
-
-// Depth alone.
-@fragment
-fn fs_nothing() {}
 
 // One triangle over the whole image at infinity.
 @vertex
@@ -114,13 +101,6 @@ fn fs_sky(@builtin(position) at: vec4<f32>) -> Pixel {
         let before = rotate_rows(view.previous_from_camera, ray);
         if before.z > 0.0 {
             out.flow_px = at.xy - pixel_of(before);
-        }
-    }
-    if WITH_LIGHT {
-        let radiance = sky_radiance(normalize(rotate_rows(view.world_from_camera, ray)));
-        out.luminance = luminance_of(radiance);
-        if WITH_COLOR {
-            out.color = packed_color(radiance);
         }
     }
     return out;

@@ -18,7 +18,10 @@ struct ViewUniform {
     world_from_camera: array<vec4<f32>, 3>,
     previous_from_camera: array<vec4<f32>, 3>,
     shadow_from_camera: array<vec4<f32>, 3>,
+    far_shadow_from_camera: array<vec4<f32>, 3>,
     options: vec4<f32>,
+    // First lamp, first tile of lamps, a texel of the far shadow map in its depth.
+    lamps: vec4<u32>,
 }
 
 // Mirror of LightData.
@@ -30,12 +33,13 @@ struct LightUniform {
     fog_rgb: vec4<f32>,
     air: vec4<f32>,
     lamps: vec4<f32>,
+    fog: vec4<f32>,
+    rain: vec4<f32>,
     materials: array<vec4<f32>, 17>,
     mirrors: array<vec4<f32>, 17>,
 }
 
 @group(0) @binding(0) var<uniform> light: LightUniform;
-@group(0) @binding(1) var<storage, read> instances: array<Instance>;
 @group(0) @binding(2) var sky_map: texture_2d<f32>;
 @group(0) @binding(3) var sky_sampler: sampler;
 @group(0) @binding(4) var noise_map: texture_2d<f32>;
@@ -43,10 +47,9 @@ struct LightUniform {
 @group(1) @binding(0) var<uniform> view: ViewUniform;
 @group(1) @binding(1) var shadow_map: texture_depth_2d;
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
+@group(1) @binding(5) var far_shadow_map: texture_depth_2d;
 
-// Targets are attached only if somebody reads them; these switch off the work behind the others.
-override WITH_LIGHT: bool = true;
-override WITH_COLOR: bool = true;
+// Targets are attached only if somebody reads them; this switches off the work behind the others.
 override WITH_FLOW: bool = true;
 
 // Rows of [rotation | translation] applied to a point.

@@ -1,38 +1,111 @@
 // The shading pass: light on what the geometry pass saw, once per pixel. Mirrors: shade.rs, targets.rs.
+// GPUs made for computing have far more arithmetic in compute shaders; a software rasteriser is fastest with one triangle over the image.
 
 @group(2) @binding(0) var surface_map: texture_2d<u32>;
 @group(2) @binding(1) var depth_map: texture_2d<f32>;
 @group(2) @binding(2) var instance_map: texture_2d<u32>;
-@group(2) @binding(3) var color_map: texture_storage_2d<r32uint, write>;
-@group(2) @binding(4) var luminance_map: texture_storage_2d<r32float, write>;
 
+override WITH_COLOR: bool = true;
 override WITH_LUMINANCE: bool = true;
 
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;
 
-@compute @workgroup_size(16, 8)
-fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
-    if f32(at.x) >= view.frame.x || f32(at.y) >= view.frame.y {
-        return;
+fn normal_of(packed: u32) -> vec3<f32> {
+    let n = vec3<f32>(vec3(packed & 0x7ffu, (packed >> 11u) & 0x7ffu, packed >> 22u));
+    return normalize(n * vec3(2.0 / 2046.0, 2.0 / 2046.0, 2.0 / 1022.0) - 1.0);
+}
+
+fn surface_radiance(at: vec2<u32>, depth_m: f32, ray: vec3<f32>) -> vec3<f32> {
+    let packed = textureLoad(surface_map, at, 0);
+    let id = textureLoad(instance_map, at, 0).r;
+    var point: Point;
+    point.pixel = at;
+    point.in_camera = ray * depth_m;
+    point.normal = normal_of(packed.x);
+    point.uv_m = bitcast<vec2<f32>>(packed.zw);
+    point.labels = vec4(id, (packed.y >> 16u) & 0x1f00u | (packed.y >> 29u) << 16u, packed.y, 0u);
+    point.pixel_m = depth_m / view.lens_px.x;
+    point.open = 1.0;
+    if !SIMPLE {
+        point.open = open_sky(point);
     }
-    let ray = ray_in_camera(vec2<f32>(at.xy) + 0.5);
-    let depth_m = textureLoad(depth_map, at.xy, 0).r;
-    var radiance: vec3<f32>;
-    if depth_m < FAR_M {
-        let packed = textureLoad(surface_map, at.xy, 0);
-        let id = textureLoad(instance_map, at.xy, 0).r;
-        let n = vec3<f32>(vec3(packed.x & 0x7ffu, (packed.x >> 11u) & 0x7ffu, packed.x >> 22u));
-        let normal = normalize(n * vec3(2.0 / 2046.0, 2.0 / 2046.0, 2.0 / 1022.0) - 1.0);
-        let labels = vec4(id, (packed.y >> 16u) & 0x1f00u | (packed.y >> 29u) << 16u, packed.y, 0u);
-        radiance = shade(ray * depth_m, normal, bitcast<vec2<f32>>(packed.zw), labels, depth_m / view.lens_px.x);
-    } else {
-        radiance = sky_radiance(normalize(rotate_rows(view.world_from_camera, ray)));
+    return shade(point);
+}
+
+fn sky_at(ray: vec3<f32>) -> vec3<f32> {
+    let direction = normalize(rotate_rows(view.world_from_camera, ray));
+    return rain_over(sky_radiance(direction), direction, 1e4);
+}
+
+// How much sky the surroundings leave open: twelve neighbours on a spiral, turned from pixel to pixel
+// (as in McGuire and others, "The Alchemy screen-space ambient obscurance algorithm", 2011).
+fn open_sky(point: Point) -> f32 {
+    const N: i32 = 12;
+    const REACH_M: f32 = 0.9;
+    let normal = camera_from_world(point.normal);
+    let reach_px = clamp(REACH_M / point.pixel_m, 2.0, 0.12 * view.frame.x);
+    let turn = 6.2831853 * fract(52.9829189 * fract(dot(vec2<f32>(point.pixel), vec2(0.06711056, 0.00583715))));
+    var hidden = 0.0;
+    for (var i = 0; i < N; i++) {
+        let share = (f32(i) + 0.5) / f32(N);
+        let angle = turn + share * 6.2831853 * 5.0;
+        let at = vec2<f32>(point.pixel) + 0.5 + vec2(cos(angle), sin(angle)) * (share * reach_px);
+        let pixel = vec2<u32>(clamp(at, vec2(0.0), view.frame.xy - 1.0));
+        let depth_m = textureLoad(depth_map, pixel, 0).r;
+        let away = ray_in_camera(vec2<f32>(pixel) + 0.5) * min(depth_m, FAR_M) - point.in_camera;
+        let squared = dot(away, away);
+        let near = max(1.0 - squared / (REACH_M * REACH_M * 2.0), 0.0);
+        hidden += near * max(dot(away, normal) - 0.01 - 0.002 * point.in_camera.z, 0.0) * inverseSqrt(squared + 1e-3);
     }
-    if WITH_LUMINANCE {
-        textureStore(luminance_map, at.xy, vec4(luminance_of(radiance), 0.0, 0.0, 0.0));
+    let open = clamp(1.0 - 1.9 * hidden / f32(N), 0.0, 1.0);
+    return mix(open, 1.0, clamp(point.in_camera.z / 90.0 - 0.3, 0.0, 1.0));
+}
+
+// What a mirror at this point shows of the picture itself: colour, and whether it was found.
+fn mirrored_on_screen(point: Point, direction: vec3<f32>, sharp: f32) -> vec4<f32> {
+    if direction.z < -0.3 {
+        return vec4(0.0);
     }
-    if WITH_COLOR {
-        textureStore(color_map, at.xy, vec4(packed_color(radiance), 0u, 0u, 0u));
+    var step_m = 0.25 + 0.04 * point.in_camera.z;
+    var at = point.in_camera + direction * step_m * (0.5 + 0.5 * fract(52.9829189 * fract(dot(vec2<f32>(point.pixel), vec2(0.00583715, 0.06711056)))));
+    for (var i = 0; i < 22; i++) {
+        if at.z < view.frame.z {
+            return vec4(0.0);
+        }
+        let pixel = pixel_of(at);
+        if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x >= view.frame.x || pixel.y >= view.frame.y {
+            return vec4(0.0);
+        }
+        let found = vec2<u32>(pixel);
+        let depth_m = textureLoad(depth_map, found, 0).r;
+        if depth_m < at.z && depth_m > at.z - 2.0 * step_m - 0.3 {
+            let packed = textureLoad(surface_map, found, 0);
+            let rim = min(min(pixel.x, view.frame.x - pixel.x), min(pixel.y, view.frame.y - pixel.y)) / (0.08 * view.frame.y);
+            return vec4(rough_radiance(packed, textureLoad(instance_map, found, 0).r), clamp(rim, 0.0, 1.0) * clamp(sharp * 1.5 - 0.2, 0.0, 1.0));
+        }
+        at += direction * step_m;
+        step_m *= 1.16;
     }
+    return vec4(0.0);
+}
+
+// A surface as a mirror shows it: its colour in even light, its lamps and windows by night.
+fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
+    let albedo = linear_of(packed.y);
+    let normal = normal_of(packed.x);
+    let direct = max(dot(normal, light.sun_towards.xyz), 0.0);
+    var radiance = albedo * (light.ambient_rgb.rgb + light.sun_rgb.rgb * direct * 0.6) * 0.318309886;
+    if WITH_LAMPS {
+        let material = (packed.y >> 24u) & 0x1fu;
+        let on = max(f32(packed.y >> 29u), light.air.x * f32(id >> 31u)) * light.mirrors[min(material, 16u)].w;
+        radiance += albedo * (light.lamps.x * on);
+        if material == MATERIAL_FACADE || material == MATERIAL_SHOP_FRONT {
+            let uv_m = bitcast<vec2<f32>>(packed.zw);
+            let window = window_at(uv_m, lot_of(id).barg, 0.05, material == MATERIAL_SHOP_FRONT, id);
+            let is_lit = f32(window.lot.b < light.air.w * select(0.34, 0.8, material == MATERIAL_SHOP_FRONT));
+            radiance += vec3(1.0, 0.72, 0.45) * (light.lamps.y * is_lit * window.pane * 0.5);
+        }
+    }
+    return radiance;
 }

@@ -1,0 +1,284 @@
+//! Lamps as sources of light: found in the meshes once, gathered per view, sorted into tiles of the image.
+//!
+//! Every triangle of material `Lamp` belongs to one. What kind of lamp it is follows from its class and its lamp bit, so whoever makes a
+//! mesh with lamps in it has them shine without a further list; candelas are those of usual lamps.
+
+use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
+use schema_types::Class;
+use sensor_core::{Material, Mesh, Scene};
+use sensor_spec::Intrinsics;
+
+use crate::assets::GpuAssets;
+use crate::draw::{CameraMotion, NEAR_M};
+use crate::uniform::LampData;
+
+/// Lamps that one view can have: bits of a tile's set in `lamps.wgsl`.
+pub(crate) const MAX_PER_VIEW: usize = 64;
+/// Side of a tile, pixels, as in `lamps.wgsl`.
+const TILE_PX: u32 = 32;
+/// Corners nearer to one another than this belong to one lamp, metres.
+const SAME_LAMP_M: f32 = 1.0;
+/// Lamps whose light on a surface at 1 m is darker than this share of white do not count.
+const MIN_LIGHT: f32 = 0.02;
+
+/// A lamp of a mesh, mesh space.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Emitter {
+    pub place_m: [f32; 3],
+    /// Bit that lights it.
+    pub bit: u8,
+    /// Linear colour of luminance 1.
+    rgb: [f32; 3],
+    beam: Beam,
+}
+
+/// How a lamp shines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Beam {
+    axis: [f32; 3],
+    candela: f32,
+    /// Angle from the axis to the full beam and to its edge, degrees.
+    full_deg: f32,
+    edge_deg: f32,
+    reach_m: f32,
+}
+
+/// Lamps of a mesh's finest level.
+pub(crate) fn emitters_of(mesh: &Mesh) -> Vec<Emitter> {
+    struct Cluster {
+        key: (u8, [u8; 4], u8),
+        first: [f32; 3],
+        sum: [f32; 3],
+        n: f32,
+    }
+    let mut clusters: Vec<Cluster> = Vec::new();
+    for (corners, vertex) in mesh.triangles().filter(|(_, vertex)| vertex.material == Material::Lamp as u8) {
+        let key = (vertex.lamp, vertex.color, vertex.class);
+        for corner in corners {
+            let near = |a: &[f32; 3]| (0..3).map(|i| (a[i] - corner[i]).powi(2)).sum::<f32>() < SAME_LAMP_M * SAME_LAMP_M;
+            match clusters.iter_mut().find(|cluster| cluster.key == key && near(&cluster.first)) {
+                Some(cluster) => {
+                    (0..3).for_each(|i| cluster.sum[i] += corner[i]);
+                    cluster.n += 1.0;
+                }
+                None => clusters.push(Cluster { key, first: corner, sum: corner, n: 1.0 }),
+            }
+        }
+    }
+    let emitter = |cluster: Cluster| {
+        let place_m = cluster.sum.map(|x| x / cluster.n);
+        let (bit, color, class) = cluster.key;
+        Emitter { place_m, bit, rgb: unit_luminance(color), beam: beam_of(Class(class), bit, place_m[0] >= 0.0) }
+    };
+    clusters.into_iter().map(emitter).collect()
+}
+
+/// Lamp bits of vehicles are CARLA's light states: position, low beam, high beam, brake, blinkers, reverse, fog, interior.
+fn beam_of(class: Class, bit: u8, in_front: bool) -> Beam {
+    let ahead = if in_front { 1.0 } else { -1.0 };
+    let beam = |axis: [f32; 3], candela, full_deg, edge_deg, reach_m| Beam { axis, candela, full_deg, edge_deg, reach_m };
+    let is_vehicle = [Class::CAR, Class::TRUCK, Class::BUS, Class::MOTORCYCLE, Class::BICYCLE].contains(&class);
+    match (class, bit) {
+        (Class::TRAFFIC_LIGHT, _) => beam([1.0, 0.0, -0.1], 120.0, 30.0, 85.0, 8.0),
+        (_, 1) if is_vehicle => beam([ahead, 0.0, -0.06], 7000.0, 4.0, 28.0, 60.0),
+        (_, 2) if is_vehicle => beam([ahead, 0.0, -0.01], 20_000.0, 4.0, 18.0, 110.0),
+        (_, 3) if is_vehicle => beam([ahead, 0.0, -0.1], 60.0, 20.0, 85.0, 9.0),
+        (_, 4 | 5) if is_vehicle => beam([ahead, 0.0, -0.1], 120.0, 20.0, 85.0, 8.0),
+        (_, 6) if is_vehicle => beam([ahead, 0.0, -0.2], 300.0, 20.0, 80.0, 12.0),
+        (_, 7) if is_vehicle => beam([ahead, 0.0, -0.15], 2000.0, 20.0, 60.0, 20.0),
+        _ if is_vehicle => beam([ahead, 0.0, -0.2], 12.0, 20.0, 85.0, 4.0),
+        (Class::POLES, _) => beam([0.0, 0.0, -1.0], 2600.0, 35.0, 82.0, 32.0),
+        _ => beam([0.0, 0.0, -1.0], 500.0, 45.0, 85.0, 14.0),
+    }
+}
+
+fn unit_luminance(color: [u8; 4]) -> [f32; 3] {
+    let linear = |c: usize| (color[c] as f32 / 255.0).powf(2.2);
+    let luminance = (0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2)).max(0.02);
+    std::array::from_fn(|c| linear(c) / luminance)
+}
+
+/// A lamp that shines, in the world.
+struct Shining<'a> {
+    place: Point3<f64>,
+    axis: Vector3<f64>,
+    emitter: &'a Emitter,
+    /// Share of its full strength.
+    share: f32,
+}
+
+/// What the lamps of all views came to: for upload.
+#[derive(Debug, Default)]
+pub(crate) struct LampLists {
+    pub lamps: Vec<LampData>,
+    pub tiles: Vec<[u32; 2]>,
+}
+
+/// Where a view's lamps lie in the lists.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct LampRange {
+    pub first_lamp: u32,
+    pub first_tile: u32,
+    pub n: u32,
+}
+
+impl LampLists {
+    /// Adds the lamps that reach into a view, nearest first. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
+    pub fn add_view(
+        &mut self,
+        scene: &Scene,
+        assets: &GpuAssets,
+        lens: &Intrinsics,
+        motion: &CameraMotion,
+        exposure: f32,
+        dark_ratio: f32,
+    ) -> LampRange {
+        let eye = Point3::from(motion.world_from_camera.translation.vector);
+        let mut found: Vec<(f64, LampData, [u32; 4])> = Vec::new();
+        let mut consider = |lamp: Shining<'_>| {
+            let strength = lamp.emitter.beam.candela * 1e-3 * lamp.share * exposure;
+            let distance_m = (lamp.place - eye).norm();
+            if strength < MIN_LIGHT || distance_m > MAX_DISTANCE_M + lamp.emitter.beam.reach_m as f64 {
+                return;
+            }
+            let (data, centre, radius_m) = in_camera(&lamp, strength, &motion.camera_from_world);
+            if let Some(rect) = tiles_of(lens, centre, radius_m) {
+                found.push((distance_m, data, rect));
+            }
+        };
+        if dark_ratio > 0.0 {
+            for (place, emitter) in &assets.still_lamps {
+                consider(Shining { place: *place, axis: axis_of(emitter), emitter, share: dark_ratio });
+            }
+        }
+        for instance in scene.dynamics.iter().filter(|instance| instance.lamps != 0) {
+            let pose = &instance.world_from_mesh;
+            for emitter in
+                assets.emitters(instance.mesh).iter().filter(|emitter| emitter.bit < 32 && instance.lamps >> emitter.bit & 1 == 1)
+            {
+                let place = pose * Point3::from(emitter.place_m.map(f64::from));
+                consider(Shining { place, axis: pose.rotation * axis_of(emitter), emitter, share: 1.0 });
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.truncate(MAX_PER_VIEW);
+        let range = LampRange { first_lamp: self.lamps.len() as u32, first_tile: self.tiles.len() as u32, n: found.len() as u32 };
+        let [n_across, n_down] = n_tiles(lens);
+        self.tiles.resize(self.tiles.len() + (n_across * n_down) as usize, [0; 2]);
+        let tiles = &mut self.tiles[range.first_tile as usize..];
+        for (bit, (_, data, [x0, x1, y0, y1])) in found.into_iter().enumerate() {
+            self.lamps.push(data);
+            for y in y0..=y1 {
+                for x in x0..=x1 {
+                    tiles[(y * n_across + x) as usize][bit / 32] |= 1 << (bit % 32);
+                }
+            }
+        }
+        range
+    }
+}
+
+/// Lamps further away light nothing that a camera would tell from the dark.
+const MAX_DISTANCE_M: f64 = 160.0;
+
+fn axis_of(emitter: &Emitter) -> Vector3<f64> {
+    UnitVector3::new_normalize(Vector3::from(emitter.beam.axis).cast()).into_inner()
+}
+
+fn n_tiles(lens: &Intrinsics) -> [u32; 2] {
+    [lens.width_px.div_ceil(TILE_PX), lens.height_px.div_ceil(TILE_PX)]
+}
+
+/// The lamp for the shader, and a sphere around what it lights, camera space.
+fn in_camera(lamp: &Shining<'_>, strength: f32, camera_from_world: &Isometry3<f64>) -> (LampData, Vector3<f64>, f64) {
+    let beam = &lamp.emitter.beam;
+    let place = (camera_from_world * lamp.place).coords;
+    let axis = camera_from_world.rotation * lamp.axis;
+    let [full, edge] = [beam.full_deg, beam.edge_deg].map(|deg| deg.to_radians().cos());
+    let data = LampData {
+        place: [place.x as f32, place.y as f32, place.z as f32, beam.reach_m],
+        axis: [axis.x as f32, axis.y as f32, axis.z as f32, edge],
+        rgb: [lamp.emitter.rgb[0] * strength, lamp.emitter.rgb[1] * strength, lamp.emitter.rgb[2] * strength, 1.0 / (full - edge)],
+    };
+    let reach_m = beam.reach_m as f64;
+    if beam.edge_deg < 45.0 {
+        // Holds the tip and the rim of the cone.
+        let radius_m = reach_m * (1.25 - edge as f64).sqrt().max(0.5);
+        (data, place + axis * (0.5 * reach_m), radius_m)
+    } else {
+        (data, place, reach_m)
+    }
+}
+
+/// Tiles that a sphere can touch: first and last column, first and last row.
+fn tiles_of(lens: &Intrinsics, centre: Vector3<f64>, radius_m: f64) -> Option<[u32; 4]> {
+    if centre.z + radius_m < NEAR_M {
+        return None;
+    }
+    let [fx, fy, cx, cy] = lens.as_array();
+    let span = |across: f64, focal: f64, middle: f64, n_px: u32| {
+        let distance = across.hypot(centre.z);
+        let (mut low, mut high) = (0.0, n_px as f64 - 1.0);
+        if distance > radius_m {
+            let (angle, half) = (across.atan2(centre.z), (radius_m / distance).asin());
+            const EDGE: f64 = 1.55;
+            if angle - half > EDGE || angle + half < -EDGE {
+                return None;
+            }
+            low = if angle - half < -EDGE { low } else { f64::max(low, middle + focal * (angle - half).tan()) };
+            high = if angle + half > EDGE { high } else { f64::min(high, middle + focal * (angle + half).tan()) };
+        }
+        (low <= high).then_some([low as u32 / TILE_PX, high as u32 / TILE_PX])
+    };
+    let ([x0, x1], [y0, y1]) = (span(centre.x, fx, cx, lens.width_px)?, span(centre.y, fy, cy, lens.height_px)?);
+    Some([x0, x1, y0, y1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sensor_core::MeshBuilder;
+    use sensor_core::mesh::Surface;
+
+    #[test]
+    fn two_headlights_are_two_lamps_that_shine_forward() {
+        let mut builder = MeshBuilder::new("car");
+        for side in [-0.6, 0.6] {
+            builder.cuboid(Surface::lamp(Class::CAR, [255, 250, 240], 1), [2.0, side, 0.7], [0.05, 0.1, 0.1]);
+        }
+        builder.cuboid(Surface::new(Class::CAR, Material::CarPaint, [90; 3]), [0.0, 0.0, 0.7], [2.0, 0.9, 0.4]);
+        let emitters = emitters_of(&builder.finish());
+        assert_eq!(emitters.len(), 2);
+        for (emitter, side) in emitters.iter().zip([-0.6, 0.6]) {
+            assert!((emitter.place_m[0] - 2.0).abs() < 1e-3 && (emitter.place_m[1] - side).abs() < 1e-3);
+            assert!(emitter.beam.axis[0] > 0.9 && emitter.bit == 1);
+        }
+    }
+
+    /// Oracle: every point on the sphere that a pixel shows lies in one of the tiles.
+    #[test]
+    fn tiles_hold_every_visible_point_of_the_sphere() {
+        let lens = Intrinsics::from_fov(320, 200, 1.4);
+        let [fx, fy, cx, cy] = lens.as_array();
+        let mut n_seen = 0;
+        for k in 0..400u64 {
+            let noise = schema_types::noise::Noise::new(5, 1, k);
+            let draw = |i: u64, low: f64, high: f64| low + (high - low) * noise.uniform(i);
+            let centre = Vector3::new(draw(0, -20.0, 20.0), draw(1, -8.0, 8.0), draw(2, -10.0, 30.0));
+            let radius_m = draw(3, 0.5, 12.0);
+            let rect = tiles_of(&lens, centre, radius_m);
+            for i in 0..300 {
+                let (theta, phi) = ((i as f64 * 0.618).fract() * std::f64::consts::TAU, (1.0 - 2.0 * (i as f64 + 0.5) / 300.0).acos());
+                let point = centre + radius_m * Vector3::new(phi.sin() * theta.cos(), phi.sin() * theta.sin(), phi.cos());
+                let [u, v] = [cx + fx * point.x / point.z, cy + fy * point.y / point.z];
+                if point.z > NEAR_M && (0.0..319.99).contains(&u) && (0.0..199.99).contains(&v) {
+                    let [x0, x1, y0, y1] = rect.expect("a visible sphere has tiles");
+                    let [x, y] = [u as u32 / TILE_PX, v as u32 / TILE_PX];
+                    assert!((x0..=x1).contains(&x) && (y0..=y1).contains(&y), "{point} of {centre} r {radius_m}: {x} {y} not in {rect:?}");
+                    n_seen += 1;
+                }
+            }
+        }
+        assert!(n_seen > 5000, "{n_seen}");
+    }
+}

@@ -1,0 +1,112 @@
+// Light on a surface: sun, sky, shadow, lamps, mirrors, air. Nothing here touches labels, depth or flow.
+
+// Low quality: one look at the noise, one cascade of shadows, and mirrors that show a plain gradient of the sky.
+override SIMPLE: bool = false;
+// Whether anything but sun and sky shines; whether there is fog; whether anything is wet.
+override WITH_LAMPS: bool = true;
+override WITH_FOG: bool = true;
+override WITH_WET: bool = true;
+
+fn shadow_at(point_in_camera: vec3<f32>, facing: f32) -> f32 {
+    let at = transform(view.shadow_from_camera, point_in_camera);
+    let edge = max(abs(at.x - 0.5), abs(at.y - 0.5));
+    // Slope-scaled: a texel seen at a grazing angle spans a range of depths.
+    let biased = at.z - view.options.w * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let near = textureSampleCompareLevel(shadow_map, shadow_sampler, at.xy, biased);
+    // How much the near map says; beyond it the far map, beyond that no shadow.
+    let inside = view.options.y * (1.0 - smoothstep(0.42, 0.49, edge));
+    if SIMPLE {
+        return mix(1.0, near, inside);
+    }
+    let far_at = transform(view.far_shadow_from_camera, point_in_camera);
+    let far_edge = max(abs(far_at.x - 0.5), abs(far_at.y - 0.5));
+    let far_biased = far_at.z - bitcast<f32>(view.lamps.z) * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let far = textureSampleCompareLevel(far_shadow_map, shadow_sampler, far_at.xy, far_biased);
+    let far_inside = view.options.y * (1.0 - smoothstep(0.42, 0.49, far_edge));
+    return mix(mix(1.0, far, far_inside), near, inside);
+}
+
+// What is known of a pixel's surface.
+struct Point {
+    pixel: vec2<u32>,
+    in_camera: vec3<f32>,
+    normal: vec3<f32>,
+    uv_m: vec2<f32>,
+    // As Corner::labels.
+    labels: vec4<u32>,
+    // Width of a pixel at this depth.
+    pixel_m: f32,
+    // Share of the sky that its surroundings leave open.
+    open: f32,
+}
+
+// Radiance towards the eye, with the air in between.
+fn shade(point: Point) -> vec3<f32> {
+    let normal = point.normal;
+    let offset = rotate_rows(view.world_from_camera, point.in_camera);
+    let world_m = offset + vec3(view.world_from_camera[0].w, view.world_from_camera[1].w, view.world_from_camera[2].w);
+    let distance_m = length(offset);
+    let towards_point = offset / distance_m;
+    let cosine = clamp(-dot(towards_point, normal), 0.0, 1.0);
+    let finish = finish_at(world_m, normal, point.uv_m, point.labels, point.pixel_m, cosine);
+
+    let sun = light.sun_towards.xyz;
+    let facing = dot(normal, sun);
+    let direct = max(facing, 0.0) * (1.0 - finish.through) + finish.through * (0.35 + 0.65 * abs(facing));
+    let lit = shadow_at(point.in_camera, facing);
+    let sky = light.ambient_rgb.rgb + normal.x * light.ambient_slope_rgb[0].rgb + normal.y * light.ambient_slope_rgb[1].rgb
+        + normal.z * light.ambient_slope_rgb[2].rgb;
+    var falling = light.sun_rgb.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;
+    var mirrored = reflect(towards_point, normal);
+    if WITH_WET {
+        // Drops ring the puddles.
+        let ring = noise(world_m.xy * 24.0 + light.rain.z * vec2(31.0, 17.0), log2(point.pixel_m * 24.0)).ba - 0.5;
+        let ripple = finish.puddle * light.rain.x * 0.12;
+        mirrored = normalize(mirrored + vec3(ring * ripple, 0.0));
+    }
+    let sharp = clamp((5.5 - finish.rough) * 0.25, 0.1, 1.0);
+    var glint = vec3(0.0);
+    if WITH_LAMPS {
+        let in_camera_normal = camera_from_world(normal);
+        let lamps = lamps_at(point.pixel, point.in_camera, in_camera_normal, camera_from_world(mirrored), finish.through, mix(8.0, 180.0, sharp * sharp));
+        falling += lamps.diffuse;
+        glint = lamps.glint;
+    }
+    var radiance = finish.albedo * falling * 0.318309886 + finish.emitted;
+
+    // Schlick's Fresnel, weaker at grazing angles where the surface is rough.
+    let away = 1.0 - cosine;
+    let away2 = away * away;
+    let fresnel = (finish.mirror + max(0.75 - finish.mirror, 0.0) * sharp * away2 * away2 * away) * f32(finish.mirror > 0.0);
+    // Streets mirror houses below some 20 degrees; what lies there is as bright as a wall in the shade.
+    var above: vec3<f32>;
+    if SIMPLE {
+        above = mix(light.fog_rgb.rgb, (light.ambient_rgb.rgb + light.ambient_slope_rgb[2].rgb) * 0.22, sqrt(clamp(mirrored.z, 0.0, 1.0)));
+    } else {
+        above = sky_sample(mirrored, finish.rough);
+    }
+    let wall = light.ambient_rgb.rgb * 0.09;
+    var seen = mix(wall, above, smoothstep(-0.05, 0.35, mirrored.z)) * point.open;
+    if !SIMPLE && fresnel > 0.01 {
+        let found = mirrored_on_screen(point, camera_from_world(mirrored), sharp);
+        seen = mix(seen, found.rgb, found.a);
+    }
+    var shine = max(dot(mirrored, sun), 0.0);
+    shine = shine * shine;
+    shine = shine * shine;
+    shine = shine * shine;
+    shine = shine * shine;
+    shine = shine * shine; // 32nd power
+    var keen = shine * shine;
+    keen = keen * keen;
+    keen = keen * keen; // 256th
+    let sunlit = mix(0.5 * shine, 5.0 * keen, sharp) * lit;
+    radiance = mix(radiance, seen + light.sun_rgb.rgb * sunlit + glint, fresnel);
+
+    return rain_over(mix(radiance, light.fog_rgb.rgb, haze(towards_point.z, distance_m)), towards_point, distance_m);
+}
+
+fn camera_from_world(direction: vec3<f32>) -> vec3<f32> {
+    return view.world_from_camera[0].xyz * direction.x + view.world_from_camera[1].xyz * direction.y
+        + view.world_from_camera[2].xyz * direction.z;
+}

@@ -1,0 +1,34 @@
+// Shading by a triangle over the image; the depth test tells sky from surfaces before the shader runs.
+
+struct Lit {
+    @location(0) color: u32,
+    @location(1) luminance: f32,
+}
+
+fn lit(radiance: vec3<f32>) -> Lit {
+    var out: Lit;
+    if WITH_LUMINANCE {
+        out.luminance = luminance_of(radiance);
+    }
+    if WITH_COLOR {
+        out.color = packed_color(radiance);
+    }
+    return out;
+}
+
+@vertex
+fn vs_main(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
+    let xy = vec2(f32((corner << 1u) & 2u), f32(corner & 2u)) * 2.0 - 1.0;
+    return vec4(xy, 0.0, 1.0);
+}
+
+@fragment
+fn fs_surface(@builtin(position) at: vec4<f32>) -> Lit {
+    let pixel = vec2<u32>(at.xy);
+    return lit(surface_radiance(pixel, textureLoad(depth_map, pixel, 0).r, ray_in_camera(at.xy)));
+}
+
+@fragment
+fn fs_sky(@builtin(position) at: vec4<f32>) -> Lit {
+    return lit(sky_at(ray_in_camera(at.xy)));
+}

@@ -1,0 +1,61 @@
+// Sky and air.
+
+// Octahedral map of the upper hemisphere: sky.rs writes what this reads.
+fn sky_sample(direction: vec3<f32>, level: f32) -> vec3<f32> {
+    let d = vec3(direction.xy, max(direction.z, 0.0));
+    let p = d.xy / (abs(d.x) + abs(d.y) + d.z);
+    let uv = vec2(p.x + p.y, p.x - p.y) * 0.5 + 0.5;
+    return textureSampleLevel(sky_map, sky_sampler, uv, level).rgb;
+}
+
+// Share of what lies this far away in this direction that the air swallows: clear air everywhere, and fog that thins out with height.
+fn haze(direction_z: f32, distance_m: f32) -> f32 {
+    var depth = light.lamps.z * distance_m;
+    if WITH_FOG {
+        let through_m = max(distance_m - light.air.y, 0.0);
+        // Integral of exp(-falloff · z) along the ray, from where the fog begins.
+        let eye_z = view.world_from_camera[2].w + direction_z * light.air.y;
+        let rise = light.fog.y * direction_z;
+        let slope = select(rise, 1e-4, abs(rise) < 1e-4);
+        let climb = clamp(slope * through_m, -30.0, 30.0);
+        let column_m = (1.0 - exp(-climb)) / slope;
+        depth += light.fog.x * exp(-clamp(light.fog.y * eye_z, -5.0, 30.0)) * column_m;
+    }
+    return 1.0 - exp(-depth);
+}
+
+fn sky_radiance(direction: vec3<f32>) -> vec3<f32> {
+    var rgb = sky_sample(direction, 0.0);
+    let towards = dot(direction, light.sun_towards.xyz);
+    let disc = smoothstep(light.sun_towards.w, light.sun_towards.w + 0.00001, towards);
+    var glow = max((towards - 0.995) * 200.0, 0.0);
+    glow = glow * glow;
+    glow = glow * glow * 0.02;
+    rgb += light.sun_rgb.rgb * (light.sun_rgb.w * disc + glow * glow);
+    // Below the horizon: ground far away, as the air shows it.
+    rgb = mix(rgb, light.fog_rgb.rgb * 0.75, clamp(-direction.z * 12.0, 0.0, 1.0));
+    if WITH_FOG {
+        rgb = mix(rgb, light.fog_rgb.rgb, haze(direction.z, light.fog.z / (max(direction.z, 0.0) + 0.03)));
+    }
+    return rgb;
+}
+
+// Streaks of falling rain between eye and scene: three curtains, each further away and finer.
+fn rain_over(radiance: vec3<f32>, direction: vec3<f32>, distance_m: f32) -> vec3<f32> {
+    if !WITH_WET {
+        return radiance;
+    }
+    let around = atan2(direction.y, direction.x) * 0.15915494;
+    let up = direction.z * inverseSqrt(max(1.0 - direction.z * direction.z, 1e-3));
+    var streaks = 0.0;
+    for (var curtain = 0; curtain < 3; curtain++) {
+        let away_m = 2.0 + 3.5 * f32(curtain);
+        // Columns of 1.6 cm; drops fall 8 m/s, wind leans them.
+        let across = around * 6.2831853 * away_m + light.rain.y * up * away_m;
+        let at = vec2(across * 62.0, (up * away_m + light.rain.z * 8.0) * 1.1 + f32(curtain) * 37.0);
+        let drop = noise(at, 0.0).b;
+        streaks += smoothstep(1.0 - 0.16 * light.rain.x, 1.0, drop) * f32(distance_m > away_m) * (0.6 - 0.12 * f32(curtain));
+    }
+    let seen = light.ambient_rgb.rgb * 0.3 + light.fog_rgb.rgb * 0.25;
+    return mix(radiance, seen, clamp(streaks * light.rain.x, 0.0, 0.45));
+}

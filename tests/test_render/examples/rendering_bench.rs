@@ -1,0 +1,210 @@
+//! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
+//!
+//! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `peer` (default: all but `peer`, which needs `ply=FILE`).
+//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE`.
+//! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
+
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use schema_frames::Modality;
+use sensor_camera::Quality;
+use sensor_core::Scene;
+use sensor_gpu::{Gpu, GpuOptions};
+use sensor_spec::Intrinsics;
+use test_render::{Cameras, Figures, Stage, peer, weathers};
+
+const SIX: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+const TRIO: [Modality; 3] = [Modality::Rgb, Modality::Depth, Modality::Semantic];
+const ROWS: [&str; 7] = ["six", "apart", "rgb", "depth", "trio", "wide", "many"];
+
+struct Options {
+    rows: Vec<String>,
+    town: String,
+    vehicles: usize,
+    frames: usize,
+    size_px: [u32; 2],
+    quality: Option<Quality>,
+    in_flight: Option<usize>,
+    place: usize,
+    weather: String,
+    ply: Option<String>,
+}
+
+fn options() -> Result<Options, String> {
+    let mut options = Options {
+        rows: Vec::new(),
+        town: "Town10HD".into(),
+        vehicles: 20,
+        frames: 60,
+        size_px: [800, 600],
+        quality: None,
+        in_flight: None,
+        place: 0,
+        weather: "day".into(),
+        ply: None,
+    };
+    for word in std::env::args().skip(1) {
+        let Some((key, value)) = word.split_once('=') else {
+            if !ROWS.contains(&word.as_str()) && word != "peer" {
+                return Err(format!("row {word:?} does not exist; rows are {}, peer", ROWS.join(", ")));
+            }
+            options.rows.push(word);
+            continue;
+        };
+        let number = |text: &str| text.parse::<usize>().map_err(|_| format!("{key} is {text:?}, but must be a whole number"));
+        match key {
+            "town" => options.town = value.into(),
+            "vehicles" => options.vehicles = number(value)?,
+            "frames" => options.frames = number(value)?.max(1),
+            "inflight" => options.in_flight = Some(number(value)?.max(1)),
+            "place" => options.place = number(value)?,
+            "weather" => options.weather = value.into(),
+            "ply" => options.ply = Some(value.into()),
+            "size" => {
+                let (width, height) = value.split_once('x').ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
+                options.size_px = [number(width)? as u32, number(height)? as u32];
+            }
+            "quality" => {
+                options.quality = Some(match value {
+                    "low" => Quality::Low,
+                    "high" => Quality::High,
+                    _ => return Err(format!("quality is {value:?}, but must be low or high")),
+                });
+            }
+            _ => return Err(format!("key {key:?} does not exist; see the top of rendering_bench.rs")),
+        }
+    }
+    if options.rows.is_empty() {
+        options.rows = ROWS.map(String::from).to_vec();
+    }
+    Ok(options)
+}
+
+struct Bench {
+    gpu: Gpu,
+    options: Options,
+    quality: Quality,
+    in_flight: usize,
+    scene: Arc<Scene>,
+    stage: Stage,
+}
+
+impl Bench {
+    fn lens(&self, size_px: [u32; 2]) -> Intrinsics {
+        Intrinsics::from_fov(size_px[0], size_px[1], 90f64.to_radians())
+    }
+
+    fn town(&self, name: &str, size_px: [u32; 2], asked: &[&[Modality]], pose: impl Fn(usize, f64) -> Isometry3<f64>) -> Figures {
+        let mut cameras = Cameras::new(&self.gpu, self.quality, self.lens(size_px), asked, self.in_flight);
+        let figures = cameras.run(self.options.frames, |frame| {
+            let along_m = 0.4 * frame as f64;
+            (self.scene.clone(), (0..asked.len()).map(|i| pose(i, along_m)).collect())
+        });
+        print(name, &figures, asked.len());
+        figures
+    }
+
+    fn one_pose(&self, name: &str, asked: &[&[Modality]]) -> Figures {
+        self.town(name, self.options.size_px, asked, |_, along_m| self.stage.camera(self.options.place, along_m, 0.0, 0.0))
+    }
+
+    fn row(&self, row: &str) {
+        match row {
+            "six" => drop(self.one_pose("one view, six modalities", &[&SIX])),
+            "apart" => {
+                let together = self.one_pose("one view, six modalities", &[&SIX]);
+                let apart = self.one_pose("six views, one modality each", &SIX.each_ref().map(std::slice::from_ref));
+                println!(
+                    "  six views against one: {:.2} x wall, {:.2} x CPU",
+                    apart.mean_ms / together.mean_ms,
+                    apart.cpu_ms / together.cpu_ms
+                );
+            }
+            "rgb" => drop(self.one_pose("rgb", &[&[Modality::Rgb]])),
+            "depth" => drop(self.one_pose("depth", &[&[Modality::Depth]])),
+            "trio" => drop(self.one_pose("rgb, depth, semantic", &[&TRIO])),
+            "wide" => {
+                let of = |n: usize| vec![&[Modality::Rgb][..]; n];
+                let pose = |i: usize, along_m: f64| self.stage.camera(7 * i, along_m, 0.0, 0.0);
+                let one = self.town("1 rgb camera 1920x1080", [1920, 1080], &of(1), pose);
+                let all = self.town("16 rgb cameras 1920x1080, 16 places", [1920, 1080], &of(16), pose);
+                println!("  each further camera: {:.3} ms", (all.mean_ms - one.mean_ms) / 15.0);
+            }
+            "many" => {
+                let pose = |i: usize, along_m: f64| self.stage.camera(3 * i, along_m, 0.0, 0.0);
+                let all = self.town("64 rgb cameras 256x256, 64 places", [256, 256], &[&[Modality::Rgb][..]; 64], pose);
+                println!("  images per second: {:.0}", 64e3 / all.mean_ms);
+            }
+            _ => self.peer(),
+        }
+    }
+
+    /// The camera of `render_mujoco.py`: 1.9 m above the street, six directions by turns, vertical field of view 60 degrees.
+    fn peer(&self) {
+        let Some(path) = &self.options.ply else {
+            eprintln!("row peer needs ply=FILE, made by gen_street.py");
+            std::process::exit(2);
+        };
+        let scene = peer::scene(std::path::Path::new(path)).unwrap_or_else(|error| {
+            eprintln!("{error}");
+            std::process::exit(2);
+        });
+        let focal_px = 300.0 / 30f64.to_radians().tan();
+        let lens = Intrinsics { width_px: 800, height_px: 600, focal_px };
+        for asked in [&[Modality::Rgb][..], &[Modality::Depth], &[Modality::Semantic], &TRIO] {
+            let mut cameras = Cameras::new(&self.gpu, self.quality, lens, &[asked], self.in_flight);
+            let figures = cameras.run(self.options.frames, |frame| {
+                let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, frame as f64 * std::f64::consts::FRAC_PI_3);
+                (scene.clone(), vec![Isometry3::from_parts(nalgebra::Translation3::new(0.0, -1.7, 1.9), turn)])
+            });
+            let names: Vec<_> = asked.iter().map(|modality| modality.name()).collect();
+            print(&format!("peer's street: {}", names.join(", ")), &figures, 1);
+        }
+    }
+}
+
+fn print(name: &str, figures: &Figures, n_views: usize) {
+    let Figures { p50_ms, best_ms, mean_ms, cpu_ms, cpu_best_ms, n_triangles, n_draws } = figures;
+    println!(
+        "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws",
+        1e3 / mean_ms,
+        n_views
+    );
+}
+
+fn main() {
+    let options = options().unwrap_or_else(|error| {
+        eprintln!("{error}");
+        std::process::exit(2);
+    });
+    let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| {
+        eprintln!("{error}");
+        std::process::exit(1);
+    });
+    let quality = options.quality.unwrap_or_else(|| Quality::default_for(&gpu));
+    let in_flight = options.in_flight.unwrap_or(if gpu.is_software() { 1 } else { 2 });
+    let stage = Stage::new(&options.town, 7, options.vehicles).unwrap_or_else(|error| {
+        eprintln!("{error}");
+        std::process::exit(2);
+    });
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    println!(
+        "{}; quality {quality:?}; {} with {} vehicles, {}; {} frames, {in_flight} in flight; load {}",
+        gpu.name(),
+        stage.name,
+        options.vehicles,
+        options.weather,
+        options.frames,
+        load.trim()
+    );
+    let weather = weathers::named(&options.weather).unwrap_or_else(|| {
+        eprintln!("weather is {:?}, but must be one of {}", options.weather, weathers::NAMES.join(", "));
+        std::process::exit(2);
+    });
+    let scene = Arc::new(stage.scene(weather));
+    let bench = Bench { gpu, quality, in_flight, scene, stage, options };
+    for row in &bench.options.rows {
+        bench.row(row);
+    }
+}

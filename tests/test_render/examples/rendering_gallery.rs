@@ -1,0 +1,107 @@
+//! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of docs/gallery/sensors;
+//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look at.
+
+use std::path::Path;
+
+use schema_frames::Modality;
+use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
+use sensor_gpu::{Gpu, GpuOptions};
+use sensor_spec::Intrinsics;
+use test_render::sheet::Picture;
+use test_render::{Stage, weathers};
+
+const ALL: [Modality; 7] =
+    [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Dvs];
+
+/// Position lamps, low beam.
+const LIGHTS_ON: u32 = 0b11;
+
+struct Studio {
+    gpu: Gpu,
+    renderer: CameraRenderer,
+    stage: Stage,
+}
+
+impl Studio {
+    fn new(gpu: &Gpu, town: &str, quality: Quality) -> Result<Studio, String> {
+        Ok(Studio { gpu: gpu.clone(), renderer: CameraRenderer::new(gpu, quality), stage: Stage::new(town, 7, 60)? })
+    }
+
+    /// Three firings of a camera that drives; the last one's pictures.
+    fn shoot(&mut self, place: usize, weather: &str, size_px: [u32; 2], modalities: &[Modality]) -> Result<Vec<Picture>, String> {
+        let weather = weathers::named(weather).ok_or_else(|| format!("weather {weather:?} is none of {}", weathers::NAMES.join(", ")))?;
+        let is_dark = weather.sun_altitude_deg < 5.0 || weather.precipitation > 30.0 || weather.fog_density > 30.0;
+        self.stage.set_lamps(if is_dark { LIGHTS_ON } else { 0 });
+        let lens = Intrinsics::from_fov(size_px[0], size_px[1], 80f64.to_radians());
+        let mut view = View::new(&self.gpu, ViewSpec::pinhole(lens));
+        let mut bytes: Vec<Vec<u8>> = modalities.iter().map(|modality| vec![0; view.payload_bytes(*modality)]).collect();
+        let mut lengths = Vec::new();
+        for step in 0..3 {
+            self.stage.step();
+            let world_from_sensor = self.stage.camera(place, 0.4 * step as f64, 0.0, 1.0);
+            let outputs =
+                modalities.iter().zip(&mut bytes).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
+            let job = ViewJob { view: &mut view, world_from_sensor, outputs };
+            let submission = self.renderer.render(&self.stage.scene(weather), vec![job]).map_err(|error| error.to_string())?;
+            let results = submission.wait().map_err(|error| error.to_string())?;
+            lengths = results[0].outputs.iter().map(|output| output.n_bytes).collect();
+        }
+        let size_px = size_px.map(|side| side as usize);
+        let pictures = modalities.iter().zip(&bytes).zip(lengths);
+        Ok(pictures.map(|((modality, bytes), n)| Picture::of(*modality, size_px, &bytes[..n])).collect())
+    }
+}
+
+fn look(gpu: &Gpu, folder: &Path, words: &[String]) -> Result<(), String> {
+    let [town, place, quality, weathers @ ..] = words else { return Err("look needs OUT_DIR TOWN PLACE low|high WEATHER …".into()) };
+    let place = place.parse().map_err(|_| format!("place is {place:?}, but must be a whole number"))?;
+    let quality = if quality == "high" { Quality::High } else { Quality::Low };
+    let mut studio = Studio::new(gpu, town, quality)?;
+    for weather in weathers {
+        let picture = studio.shoot(place, weather, [960, 600], &[Modality::Rgb])?.remove(0);
+        picture.write(&folder.join(format!("{town}_{place}_{quality:?}_{weather}.png").to_lowercase()))?;
+    }
+    Ok(())
+}
+
+const TOWNS: [(&str, usize, usize); 3] = [("Town10HD", 57, 101), ("Town03", 12, 80), ("Town07", 20, 66)];
+
+fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
+    for (town, first, second) in TOWNS {
+        let mut studio = Studio::new(gpu, town, Quality::High)?;
+        let mut light = Vec::new();
+        for weather in ["day", "dusk", "night", "rain", "fog", "overcast"] {
+            for place in [first, second] {
+                light.push(studio.shoot(place, weather, [800, 500], &[Modality::Rgb])?.remove(0).shrunk(2));
+            }
+        }
+        let name = town.to_lowercase();
+        Picture::sheet(&light, 4).write_small(&folder.join(format!("{name}_light.png")))?;
+        let mut all = Vec::new();
+        for weather in ["day", "dusk", "night", "rain", "fog"] {
+            all.extend(studio.shoot(first, weather, [480, 300], &ALL)?.iter().map(|picture| picture.shrunk(2)));
+        }
+        Picture::sheet(&all, ALL.len()).write_small(&folder.join(format!("{name}_modalities.png")))?;
+    }
+    Ok(())
+}
+
+fn run() -> Result<(), String> {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let [command, folder, rest @ ..] = words.as_slice() else { return Err("say sheets OUT_DIR or look OUT_DIR …".into()) };
+    let folder = Path::new(folder);
+    std::fs::create_dir_all(folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;
+    match command.as_str() {
+        "look" => look(&gpu, folder, rest),
+        "sheets" => sheets(&gpu, folder),
+        _ => Err(format!("{command:?} is neither sheets nor look")),
+    }
+}
+
+fn main() {
+    if let Err(error) = run() {
+        eprintln!("{error}");
+        std::process::exit(2);
+    }
+}

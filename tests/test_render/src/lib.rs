@@ -1,0 +1,12 @@
+//! Towns in front of cameras without a daemon: what the rendering benchmark, the gallery and their tests share.
+
+#![warn(missing_docs)]
+
+pub mod measure;
+pub mod peer;
+pub mod sheet;
+pub mod stage;
+pub mod weathers;
+
+pub use measure::{Cameras, Figures};
+pub use stage::Stage;

@@ -1,0 +1,146 @@
+//! Many cameras in one submission, several frames on their way, written where the GPU can reach: time per frame.
+
+#![expect(unsafe_code, reason = "frames go to raw memory that the GPU imported; each block carries its proof")]
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::Isometry3;
+use schema_frames::Modality;
+use sensor_camera::{CameraRenderer, Output, Place, Quality, Submission, View, ViewJob, ViewSpec};
+use sensor_core::Scene;
+use sensor_gpu::{Gpu, ShmTarget};
+use sensor_spec::Intrinsics;
+
+/// Views that fire together.
+pub struct Cameras {
+    gpu: Gpu,
+    renderer: CameraRenderer,
+    views: Vec<View>,
+    asked: Vec<Vec<Modality>>,
+    target: Arc<ShmTarget>,
+    frame_bytes: usize,
+    n_in_flight: usize,
+}
+
+/// What a run came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Figures {
+    /// Median wall time from one submission's end to the next, milliseconds.
+    pub p50_ms: f64,
+    /// The shortest.
+    pub best_ms: f64,
+    /// Mean over the whole run.
+    pub mean_ms: f64,
+    /// CPU time of this process per frame, milliseconds: mean.
+    pub cpu_ms: f64,
+    /// The same, of the frame that took least: what is left when neighbours on the machine disturb least.
+    pub cpu_best_ms: f64,
+    /// Triangles given to draw calls, per frame.
+    pub n_triangles: u64,
+    /// Draw calls per frame.
+    pub n_draws: u64,
+}
+
+/// Frames before counting: pipelines compile, shadow maps are drawn.
+const WARM_UP: usize = 4;
+
+impl Cameras {
+    /// One view per list of `asked`, all of this lens; `n_in_flight` frames may be on their way at once.
+    pub fn new(gpu: &Gpu, quality: Quality, lens: Intrinsics, asked: &[&[Modality]], n_in_flight: usize) -> Cameras {
+        let spec = |i: usize| ViewSpec { sensor_id: i as u32, ..ViewSpec::pinhole(lens) };
+        let views: Vec<View> = (0..asked.len()).map(|i| View::new(gpu, spec(i))).collect();
+        let bytes = |list: &&[Modality]| list.iter().map(|modality| views[0].payload_bytes(*modality).next_multiple_of(64)).sum::<usize>();
+        let frame_bytes: usize = asked.iter().map(bytes).sum();
+        let len = (frame_bytes * n_in_flight).next_multiple_of(1 << 21);
+        let base = page_aligned(len);
+        // SAFETY: the memory is leaked, and only frames in flight touch it, each its own range.
+        let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len) });
+        let asked = asked.iter().map(|list| list.to_vec()).collect();
+        Cameras { gpu: gpu.clone(), renderer: CameraRenderer::new(gpu, quality), views, asked, target, frame_bytes, n_in_flight }
+    }
+
+    /// Whether frames cost a copy on the CPU.
+    pub fn cpu_copies(&self) -> u32 {
+        self.target.cpu_copies()
+    }
+
+    /// Renders `n_frames`; `look` gives the scene and one pose per view for each of them.
+    pub fn run(&mut self, n_frames: usize, mut look: impl FnMut(usize) -> (Arc<Scene>, Vec<Isometry3<f64>>)) -> Figures {
+        let mut in_flight: VecDeque<Submission<'static>> = VecDeque::new();
+        let (mut millis, mut cpu) = (Vec::with_capacity(n_frames), Vec::with_capacity(n_frames));
+        let (mut begin, mut cpu_begin, mut counts) = (Instant::now(), cpu_millis(), self.gpu.counters().counts());
+        let mut last = begin;
+        for frame in 0..n_frames + WARM_UP {
+            if frame == WARM_UP {
+                in_flight.drain(..).for_each(finish);
+                (begin, cpu_begin, counts) = (Instant::now(), cpu_millis(), self.gpu.counters().counts());
+                last = begin;
+            }
+            while in_flight.len() >= self.n_in_flight {
+                if let Some(oldest) = in_flight.pop_front() {
+                    finish(oldest);
+                }
+                let now = Instant::now();
+                millis.push((now - last).as_secs_f64() * 1e3);
+                cpu.push(cpu_millis());
+                last = now;
+            }
+            let (scene, poses) = look(frame);
+            in_flight.push_back(self.submit(&scene, &poses, frame % self.n_in_flight));
+        }
+        in_flight.drain(..).for_each(finish);
+        let mean_ms = begin.elapsed().as_secs_f64() * 1e3 / n_frames as f64;
+        let cpu_ms = (cpu_millis() - cpu_begin) / n_frames as f64;
+        let counts = self.gpu.counters().counts().since(counts);
+        let mut millis = millis.split_off(millis.len().min(WARM_UP));
+        millis.sort_by(f64::total_cmp);
+        let at = |share: f64| millis.get((share * millis.len() as f64) as usize).copied().unwrap_or(mean_ms);
+        let per_frame = |n: u64| n / n_frames as u64;
+        Figures {
+            p50_ms: at(0.5),
+            best_ms: at(0.0),
+            mean_ms,
+            cpu_ms,
+            cpu_best_ms: cpu[cpu.len().min(WARM_UP)..].windows(2).map(|pair| pair[1] - pair[0]).fold(cpu_ms, f64::min),
+            n_triangles: per_frame(counts.triangles),
+            n_draws: per_frame(counts.draws),
+        }
+    }
+
+    fn submit(&mut self, scene: &Scene, poses: &[Isometry3<f64>], slot: usize) -> Submission<'static> {
+        let mut offset_bytes = slot * self.frame_bytes;
+        let mut jobs = Vec::with_capacity(self.views.len());
+        for ((view, list), pose) in self.views.iter_mut().zip(&self.asked).zip(poses) {
+            let mut outputs = Vec::with_capacity(list.len());
+            for modality in list {
+                let capacity_bytes = view.payload_bytes(*modality);
+                let place = Place::Shm { target: self.target.clone(), offset_bytes, capacity_bytes };
+                outputs.push(Output { modality: *modality, place });
+                offset_bytes += capacity_bytes.next_multiple_of(64);
+            }
+            jobs.push(ViewJob { view, world_from_sensor: *pose, outputs });
+        }
+        self.renderer.render(scene, jobs).expect("the request is in order")
+    }
+}
+
+fn finish(submission: Submission<'static>) {
+    submission.wait().expect("the device works");
+}
+
+/// Memory that lives as long as the process.
+fn page_aligned(len: usize) -> *mut u8 {
+    const PAGE: usize = 1 << 16;
+    let memory: &'static mut [u8] = vec![1u8; len + PAGE].leak();
+    let aligned = memory.as_ptr().align_offset(PAGE);
+    memory[aligned..aligned + len].as_mut_ptr()
+}
+
+/// CPU time of this process's living threads so far, milliseconds.
+pub fn cpu_millis() -> f64 {
+    let tasks = std::fs::read_dir("/proc/self/task").expect("Linux has /proc");
+    let nanos = |text: String| text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok()).unwrap_or(0.0);
+    tasks.flatten().filter_map(|task| std::fs::read_to_string(task.path().join("schedstat")).ok()).map(nanos).sum::<f64>() * 1e-6
+}

@@ -1,0 +1,195 @@
+//! Pictures of frames: every modality as colours, tiles on a sheet, PNG files with a palette.
+
+use std::path::Path;
+
+use schema_frames::{DvsEvent, Modality};
+
+/// Red, green, blue, row by row.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// Width and height.
+    pub size_px: [usize; 2],
+    /// `width × height` pixels.
+    pub rgb: Vec<[u8; 3]>,
+}
+
+fn float(bytes: &[u8]) -> f32 {
+    f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+}
+
+fn half(bytes: &[u8]) -> f32 {
+    let bits = u16::from_le_bytes([bytes[0], bytes[1]]);
+    let (exponent, mantissa) = ((bits >> 10 & 31) as i32, (bits & 1023) as f32);
+    let magnitude = if exponent == 0 { mantissa * 2f32.powi(-24) } else { (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15) };
+    if bits >> 15 == 1 { -magnitude } else { magnitude }
+}
+
+/// Red at angle 0, then yellow, green, cyan, blue, magenta.
+fn hue(turn: f32, value: f32) -> [u8; 3] {
+    [0.0, 1.0 / 3.0, 2.0 / 3.0].map(|at: f32| {
+        let away = ((turn - at + 0.5).rem_euclid(1.0) - 0.5).abs() * 6.0;
+        ((2.0 - away).clamp(0.0, 1.0) * value * 255.0) as u8
+    })
+}
+
+impl Picture {
+    /// A frame of `modality` as people look at it.
+    pub fn of(modality: Modality, size_px: [usize; 2], payload: &[u8]) -> Picture {
+        let rgb = match modality {
+            Modality::Rgb => payload.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
+            Modality::Depth => payload.chunks_exact(4).map(|p| [(255.0 / (1.0 + 0.06 * float(p))) as u8; 3]).collect(),
+            Modality::Semantic => payload.iter().map(|class| schema_types::Class(*class).info().map_or([0; 3], |info| info.rgb)).collect(),
+            Modality::Instance => {
+                let id = |p: &[u8]| u32::from_le_bytes([p[0], p[1], p[2], p[3]]);
+                let colour =
+                    |id: u32| if id == 0 { [0; 3] } else { hue((id as f32 * 0.618_034).fract(), 0.45 + 0.5 * (id as f32 * 0.37).fract()) };
+                payload.chunks_exact(4).map(|p| colour(id(p))).collect()
+            }
+            Modality::Flow => {
+                let colour = |x: f32, y: f32| hue(y.atan2(x) / std::f32::consts::TAU, (x.hypot(y) / 12.0).min(1.0).sqrt());
+                payload.chunks_exact(8).map(|p| colour(float(p), float(&p[4..]))).collect()
+            }
+            Modality::Normals => {
+                let byte = |p: &[u8]| (half(p) * 127.0 + 128.0) as u8;
+                payload.chunks_exact(8).map(|p| [byte(p), byte(&p[2..]), byte(&p[4..])]).collect()
+            }
+            _ => {
+                let mut rgb = vec![[16; 3]; size_px[0] * size_px[1]];
+                for event in payload.chunks_exact(size_of::<DvsEvent>()) {
+                    let event: DvsEvent = bytemuck::pod_read_unaligned(event);
+                    rgb[event.y_px as usize * size_px[0] + event.x_px as usize] =
+                        if event.polarity == 1 { [90, 160, 255] } else { [255, 90, 70] };
+                }
+                rgb
+            }
+        };
+        Picture { size_px, rgb }
+    }
+
+    /// Mean of blocks of `n` × `n` pixels.
+    pub fn shrunk(&self, n: usize) -> Picture {
+        let size_px = self.size_px.map(|side| side / n);
+        let mean = |i: usize| {
+            let (x, y) = (i % size_px[0] * n, i / size_px[0] * n);
+            std::array::from_fn(|c| {
+                let sum: usize = (0..n * n).map(|k| self.rgb[(y + k / n) * self.size_px[0] + x + k % n][c] as usize).sum();
+                (sum / (n * n)) as u8
+            })
+        };
+        Picture { size_px, rgb: (0..size_px[0] * size_px[1]).map(mean).collect() }
+    }
+
+    /// Pictures of one size side by side, `n_across` in a row, with a rim of two pixels.
+    pub fn sheet(tiles: &[Picture], n_across: usize) -> Picture {
+        const RIM: usize = 2;
+        let [width, height] = tiles[0].size_px;
+        let size_px = [n_across * (width + RIM) - RIM, tiles.len().div_ceil(n_across) * (height + RIM) - RIM];
+        let mut rgb = vec![[255; 3]; size_px[0] * size_px[1]];
+        for (i, tile) in tiles.iter().enumerate() {
+            let (x0, y0) = (i % n_across * (width + RIM), i / n_across * (height + RIM));
+            for y in 0..height {
+                let begin = (y0 + y) * size_px[0] + x0;
+                rgb[begin..begin + width].copy_from_slice(&tile.rgb[y * width..(y + 1) * width]);
+            }
+        }
+        Picture { size_px, rgb }
+    }
+
+    /// Writes a PNG file with all colours.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), String> {
+        self.encode(path, png::ColorType::Rgb, None, self.rgb.as_flattened())
+    }
+
+    /// Writes a PNG file of 256 colours, chosen by median cut.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_small(&self, path: &Path) -> Result<(), String> {
+        let (palette, of_cell) = palette(&self.rgb);
+        let indices: Vec<u8> = self.rgb.iter().map(|rgb| of_cell[cell(*rgb)]).collect();
+        self.encode(path, png::ColorType::Indexed, Some(palette), &indices)
+    }
+
+    fn encode(&self, path: &Path, color: png::ColorType, palette: Option<Vec<u8>>, data: &[u8]) -> Result<(), String> {
+        let text = |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
+        let file = std::fs::File::create(path).map_err(|error| text(&error))?;
+        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), self.size_px[0] as u32, self.size_px[1] as u32);
+        encoder.set_color(color);
+        encoder.set_compression(png::Compression::High);
+        if let Some(palette) = palette {
+            encoder.set_palette(palette);
+            encoder.set_filter(png::Filter::NoFilter);
+        }
+        encoder.write_header().and_then(|mut writer| writer.write_image_data(data)).map_err(|error| text(&error))
+    }
+}
+
+/// Colours of five bits per channel.
+fn cell([r, g, b]: [u8; 3]) -> usize {
+    (r as usize >> 3) << 10 | (g as usize >> 3) << 5 | b as usize >> 3
+}
+
+/// Median cut over the colours' cells: the palette, and for each cell its entry.
+fn palette(rgb: &[[u8; 3]]) -> (Vec<u8>, Vec<u8>) {
+    let mut counts = vec![0usize; 1 << 15];
+    rgb.iter().for_each(|rgb| counts[cell(*rgb)] += 1);
+    let channel = |cell: usize, c: usize| cell >> (10 - 5 * c) & 31;
+    let mut boxes: Vec<Vec<usize>> = vec![(0..counts.len()).filter(|cell| counts[*cell] > 0).collect()];
+    let spread = |cells: &[usize], c: usize| {
+        let (low, high) = cells.iter().fold((31, 0), |(low, high), cell| (channel(*cell, c).min(low), channel(*cell, c).max(high)));
+        high - low.min(high)
+    };
+    while boxes.len() < 256 {
+        let weight = |cells: &Vec<usize>| {
+            let longest = (0..3).map(|c| spread(cells, c)).max().unwrap_or(0);
+            longest * longest * (cells.iter().map(|cell| counts[*cell]).sum::<usize>() as f64).sqrt() as usize
+        };
+        let Some(i) = (0..boxes.len()).filter(|i| boxes[*i].len() > 1).max_by_key(|i| weight(&boxes[*i])) else { break };
+        let mut cells = boxes.swap_remove(i);
+        let axis = (0..3).max_by_key(|c| spread(&cells, *c)).unwrap_or(0);
+        cells.sort_by_key(|cell| (channel(*cell, axis), *cell));
+        let half = cells.iter().map(|cell| counts[*cell]).sum::<usize>() / 2;
+        let mut sum = 0;
+        let at = cells.iter().position(|cell| {
+            sum += counts[*cell];
+            sum > half
+        });
+        let rest = cells.split_off(at.unwrap_or(1).clamp(1, cells.len() - 1));
+        boxes.extend([cells, rest]);
+    }
+    let (mut palette, mut of_cell) = (Vec::new(), vec![0u8; 1 << 15]);
+    for (i, cells) in boxes.iter().enumerate() {
+        let n: usize = cells.iter().map(|cell| counts[*cell]).sum::<usize>().max(1);
+        for c in 0..3 {
+            let sum: usize = cells.iter().map(|cell| counts[*cell] * (channel(*cell, c) * 8 + 4)).sum();
+            palette.push((sum / n) as u8);
+        }
+        cells.iter().for_each(|cell| of_cell[*cell] = i as u8);
+    }
+    (palette, of_cell)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_of_few_colours_keeps_them() {
+        let rgb: Vec<[u8; 3]> = (0..300).map(|i| [[12, 12, 12], [252, 4, 4], [4, 252, 252]][i % 3]).collect();
+        let (palette, of_cell) = palette(&rgb);
+        for rgb in &rgb {
+            let i = of_cell[cell(*rgb)] as usize;
+            assert!((0..3).all(|c| palette[3 * i + c].abs_diff(rgb[c]) <= 4), "{rgb:?} became {:?}", &palette[3 * i..3 * i + 3]);
+        }
+    }
+
+    #[test]
+    fn halves_are_read() {
+        for (bits, x) in [(0x3c00u16, 1.0), (0xbc00, -1.0), (0x3800, 0.5), (0, 0.0)] {
+            assert_eq!(half(&bits.to_le_bytes()), x);
+        }
+    }
+}

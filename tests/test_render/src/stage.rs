@@ -1,0 +1,86 @@
+//! A town with traffic, ready to be looked at.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use schema_frames::document::Weather;
+use schema_types::{SimTime, Tick};
+use sensor_core::{DynamicInstance, Scene, SceneAssets};
+use simd_town::Town;
+use simd_world::{MapData, World, WorldOptions};
+
+/// Step of the world between two scenes.
+const PERIOD_NANOS: u64 = 50_000_000;
+
+/// A town and its vehicles.
+pub struct Stage {
+    /// Name of the town.
+    pub name: String,
+    /// Where cameras may stand: one pose per spawn point, x along the lane, on the ground.
+    pub places: Vec<Isometry3<f64>>,
+    world: World,
+    assets: Arc<SceneAssets>,
+    tick: u64,
+}
+
+impl Stage {
+    /// Generates a town, puts `n_vehicles` on it and lets them settle.
+    ///
+    /// # Errors
+    /// There is no such town, or its first spawn point cannot be used.
+    pub fn new(town: &str, seed: u64, n_vehicles: usize) -> Result<Stage, String> {
+        let town = Town::generate(town, seed).map_err(|error| error.to_string())?;
+        let map = MapData::from(&town);
+        let mut world = World::new(WorldOptions { seed, ..Default::default() });
+        world.load(&map).map_err(|error| error.to_string())?;
+        let mut assets = town.assets;
+        assets.episode = 1;
+        world.register_meshes(&mut assets);
+        world.spawn_scenario("vehicle.tesla.model3", 0, n_vehicles).map_err(|error| error.to_string())?;
+        let places = map.spawn_points.iter().map(|point| point.isometry() * Translation3::new(0.0, 0.0, -0.3)).collect();
+        let mut stage = Stage { name: map.name.clone(), places, world, assets: Arc::new(assets), tick: 0 };
+        for _ in 0..20 {
+            stage.step();
+        }
+        Ok(stage)
+    }
+
+    /// One step of the world.
+    pub fn step(&mut self) {
+        self.world.step(PERIOD_NANOS);
+        self.tick += 1;
+    }
+
+    /// Switches every vehicle's lamps to these bits.
+    pub fn set_lamps(&mut self, lamps: u32) {
+        let vehicles: Vec<_> = self.vehicles();
+        for actor in vehicles {
+            self.world.set_lamps(actor, lamps).expect("it is a vehicle of this world");
+        }
+    }
+
+    fn vehicles(&self) -> Vec<schema_types::ActorId> {
+        let is_vehicle = |record: &&schema_frames::ActorRecord| record.kind == schema_frames::ActorKind::Vehicle as u16;
+        self.world.snapshot_records().iter().filter(is_vehicle).map(|record| schema_types::ActorId(record.id)).collect()
+    }
+
+    /// The world as it stands, in this weather.
+    pub fn scene(&self, weather: Weather) -> Scene {
+        let mut dynamics: Vec<DynamicInstance> = Vec::new();
+        self.world.dynamic_instances(&mut dynamics);
+        Scene {
+            tick: Tick(self.tick),
+            sim_time: SimTime(self.tick * PERIOD_NANOS),
+            period_nanos: PERIOD_NANOS,
+            assets: self.assets.clone(),
+            dynamics,
+            weather,
+        }
+    }
+
+    /// A camera 1.6 m above a spawn point (counted round), moved along its lane, turned to the left and down.
+    pub fn camera(&self, place: usize, along_m: f64, yaw_deg: f64, pitch_deg: f64) -> Isometry3<f64> {
+        let turn = UnitQuaternion::from_euler_angles(0.0, pitch_deg.to_radians(), yaw_deg.to_radians());
+        self.places[place % self.places.len()] * Isometry3::from_parts(Translation3::new(along_m, 0.0, 1.6), turn)
+    }
+}
