@@ -16,30 +16,38 @@ const RAIL_M: (f64, f64) = (0.5, 0.82);
 /// Room left at junctions.
 const GAP_M: f64 = 7.0;
 
-/// Rails on both sides of a road.
+/// Rails on both sides of a road, where it lies on the ground.
 pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) {
     let steel = Surface::new(Class::GUARD_RAIL, Material::Metal, [150, 154, 158]).of(object);
     let length = road.path.length_m();
-    let mut stations: Vec<f64> = road.stations().into_iter().filter(|&s| s > GAP_M + 0.5 && s < length - GAP_M - 0.5).collect();
-    stations.insert(0, GAP_M);
-    stations.push(length - GAP_M);
-    for side in [1.0, -1.0] {
-        let t = side * (road.profile.kerb_m() + BEHIND_KERB_M);
-        for pair in stations.windows(2) {
-            let (a, b) = (road.path.beside(pair[0], t), road.path.beside(pair[1], t));
-            // Seen from the road and from behind.
-            panel(chunks, steel, 0..=2, (a, b), RAIL_M);
-            panel(chunks, steel, 0..=2, (b, a), RAIL_M);
-            let face = corners(chunks, if side > 0.0 { (b, a) } else { (a, b) }, (0.0, RAIL_M.1));
-            solid.polygon(&face);
-            solid.polygon(&[face[1], face[0], face[3], face[2]]);
+    for (from, to) in road.on_ground() {
+        let (from, to) = (from.max(GAP_M), to.min(length - GAP_M));
+        if to - from < 8.0 {
+            continue;
         }
-        let mut s = GAP_M + 0.3;
-        while s < length - GAP_M {
-            let (a, b) = (road.path.beside(s, t), road.path.beside(s + 0.12, t));
-            panel(chunks, steel, 0..=0, (a, b), (0.0, RAIL_M.0));
-            panel(chunks, steel, 0..=0, (b, a), (0.0, RAIL_M.0));
-            s += 4.0;
+        let stations = road.stations_between(from, to);
+        for side in [1.0, -1.0] {
+            let t = side * (road.profile.kerb_m() + BEHIND_KERB_M);
+            let post = |a: f64, b: f64, low: f64, high: f64| {
+                [road.point(a, t, low), road.point(b, t, low), road.point(b, t, high), road.point(a, t, high)]
+            };
+            for pair in stations.windows(2) {
+                // Seen from the road and from behind.
+                let front = post(pair[0], pair[1], RAIL_M.0, RAIL_M.1);
+                let back = post(pair[1], pair[0], RAIL_M.0, RAIL_M.1);
+                for (face, levels) in [(front, 0..=2), (back, 0..=2)] {
+                    panel(chunks, steel, levels, face);
+                }
+                let wall = post(pair[0], pair[1], 0.0, RAIL_M.1);
+                solid.polygon(object, &wall);
+                solid.polygon(object, &[wall[1], wall[0], wall[3], wall[2]]);
+            }
+            let mut s = from + 0.3;
+            while s < to - 0.2 {
+                panel(chunks, steel, 0..=0, post(s, s + 0.12, 0.0, RAIL_M.0));
+                panel(chunks, steel, 0..=0, post(s + 0.12, s, 0.0, RAIL_M.0));
+                s += 4.0;
+            }
         }
     }
 }
@@ -47,13 +55,16 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
 /// Clear height of a tunnel, and thickness of what lies over it.
 const TUNNEL_M: (f64, f64) = (5.6, 1.6);
 
+/// Height of the lamps over the road.
+pub const LAMPS_M: f64 = TUNNEL_M.0 - 0.1;
+
 /// A tunnel over the middle of a road: walls behind the pavements, a ceiling with lamps, grass on top and at the sides.
 pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) {
     let concrete = Surface::new(Class::BUILDINGS, Material::Concrete, [142, 140, 134]).of(object);
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [100, 124, 66]).of(object);
     let lamp = Surface::lamp(Class::BUILDINGS, [255, 232, 190], 0).of(object);
     let (from, to) = (26.0, road.path.length_m() - 26.0);
-    let mut stations: Vec<f64> = road.stations().into_iter().filter(|&s| s > from + 0.5 && s < to - 0.5).collect();
+    let mut stations: Vec<f64> = road.stations.iter().copied().filter(|&s| s > from + 0.5 && s < to - 0.5).collect();
     stations.insert(0, from);
     stations.push(to);
     let (inner, outer, foot) = (road.profile.back_m() - 0.3, road.profile.back_m() + 0.5, road.profile.back_m() + 4.5);
@@ -68,7 +79,7 @@ pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, objec
         let (u, v) = (size(corners[0], corners[1]), size(corners[0], corners[3]));
         chunks.polygon(key, 0..=2, surface, &corners, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
         if hard {
-            solid.polygon(&corners);
+            solid.polygon(object, &corners);
         }
     };
     for (k, pair) in stations.windows(2).enumerate() {
@@ -99,13 +110,9 @@ pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, objec
     }
 }
 
-fn corners(chunks: &Chunks, (a, b): (P2, P2), (low_m, high_m): (f64, f64)) -> [[f64; 3]; 4] {
-    let (za, zb) = (chunks.terrain.at(a), chunks.terrain.at(b));
-    [[a.x, a.y, za + low_m], [b.x, b.y, zb + low_m], [b.x, b.y, zb + high_m], [a.x, a.y, za + high_m]]
-}
-
-fn panel(chunks: &mut Chunks, surface: Surface, levels: Levels, (a, b): (P2, P2), span_m: (f64, f64)) {
-    let corners = corners(chunks, (a, b), span_m);
-    let (u, v) = ((b - a).norm() as f32, (span_m.1 - span_m.0) as f32);
-    chunks.polygon(Key::at(Layer::Ground, 0.5 * (a + b)), levels, surface, &corners, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
+fn panel(chunks: &mut Chunks, surface: Surface, levels: Levels, corners: [[f64; 3]; 4]) {
+    let size = |a: [f64; 3], b: [f64; 3]| ((0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()) as f32;
+    let (u, v) = (size(corners[0], corners[1]), size(corners[0], corners[3]));
+    let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
+    chunks.polygon(key, levels, surface, &corners, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
 }

@@ -63,12 +63,17 @@ pub fn lots(ring: &Ring, houses: Houses, random: &mut Random) -> Vec<Lot> {
         let i = lengths.partition_point(|&x| x <= l).clamp(1, n) - 1;
         border[i] + (border[(i + 1) % n] - border[i]) * ((l - lengths[i]) / (lengths[i + 1] - lengths[i]).max(1e-9))
     };
+    let place = |l: f64| lengths.partition_point(|&x| x <= l.rem_euclid(total)).clamp(1, n) - 1;
+    let faces_a_street = |from: f64, to: f64| [from, 0.5 * (from + to), to].into_iter().all(|l| ring.fronted[place(l)]);
     let mut lots: Vec<Lot> = Vec::new();
     let mut l = 0.0;
     while l < total - 6.0 {
         let wanted = random.between(manner.width_m.0, manner.width_m.1);
         let depth = random.between(manner.depth_m.0, manner.depth_m.1);
         let fitting = [1.0, 0.75, 0.55, 0.45].iter().map(|share| wanted * share).find_map(|width| {
+            if !faces_a_street(l, l + width) {
+                return None;
+            }
             let lot = lot_at(&at, (l, l + width), depth, manner.setback_m)?;
             (fits(&lot, ring) && !lots.iter().any(|other| overlap(&lot, other))).then_some((lot, width))
         });
@@ -208,18 +213,18 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
         flat_roof(chunks, &house, random)
     }
     ornaments(chunks, &house, pitched, random);
-    box_solid(solid, &house.footprint, (lowest_m, base_m + eaves_m));
+    box_solid(solid, object, &house.footprint, (lowest_m, base_m + eaves_m));
     eaves_m
 }
 
 /// An upright prism with a lid, for collision.
-pub fn box_solid(solid: &mut CollisionMesh, footprint: &[P2], (low, high): (f64, f64)) {
+pub fn box_solid(solid: &mut CollisionMesh, object: ObjectId, footprint: &[P2], (low, high): (f64, f64)) {
     for i in 0..footprint.len() {
         let (a, b) = (footprint[i], footprint[(i + 1) % footprint.len()]);
-        solid.polygon(&[[a.x, a.y, low], [b.x, b.y, low], [b.x, b.y, high], [a.x, a.y, high]]);
+        solid.polygon(object, &[[a.x, a.y, low], [b.x, b.y, low], [b.x, b.y, high], [a.x, a.y, high]]);
     }
     let lid: Vec<[f64; 3]> = footprint.iter().map(|p| [p.x, p.y, high]).collect();
-    solid.polygon(&lid);
+    solid.polygon(object, &lid);
 }
 
 impl House {

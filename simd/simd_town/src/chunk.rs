@@ -18,8 +18,10 @@ const CELL_M: f64 = 50.0;
 pub enum Layer {
     /// Road, pavement, grass, paint.
     Ground,
-    /// Houses.
+    /// Houses, bridges.
     Building,
+    /// Fences, wires, sign bridges.
+    Small,
 }
 
 impl Layer {
@@ -27,6 +29,7 @@ impl Layer {
         match self {
             Layer::Ground => [90.0, 220.0, f32::INFINITY],
             Layer::Building => [40.0, 140.0, f32::INFINITY],
+            Layer::Small => [28.0, 90.0, 260.0],
         }
     }
 }
@@ -76,12 +79,11 @@ impl Chunks {
         }
     }
 
-    /// Adds a polygon that lies this much over the ground, counter-clockwise from above, to the cell of its middle; uv is the world position.
-    pub fn flat(&mut self, layer: Layer, levels: Levels, surface: Surface, corners_m: &[P2], z_m: f64) {
-        let middle = corners_m.iter().sum::<P2>() / corners_m.len() as f64;
-        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m + self.terrain.at(*p)]).collect();
-        let uv: Vec<[f32; 2]> = corners_m.iter().map(|p| [p.x as f32, p.y as f32]).collect();
-        self.polygon(Key::at(layer, middle), levels, surface, &corners, &uv);
+    /// Adds a polygon that lies at given heights, counter-clockwise from above, to the cell of its middle; uv is the world position.
+    pub fn sheet(&mut self, layer: Layer, levels: Levels, surface: Surface, corners_m: &[[f64; 3]]) {
+        let middle = corners_m.iter().map(|c| P2::new(c[0], c[1])).sum::<P2>() / corners_m.len() as f64;
+        let uv: Vec<[f32; 2]> = corners_m.iter().map(|c| [c[0] as f32, c[1] as f32]).collect();
+        self.polygon(Key::at(layer, middle), levels, surface, corners_m, &uv);
     }
 
     /// Adds an upright wall from `a` to `b`, seen from the right of that direction; u starts at `u0`, v at 0.

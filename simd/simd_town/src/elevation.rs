@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use crate::geometry::{P2, cross};
 use crate::network::Network;
-use crate::ring::{Ring, triangulate};
+use crate::ring::Ring;
 
 /// A cubic of the distance from its start, level at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,17 +27,17 @@ pub struct Elevation {
 }
 
 impl Elevation {
-    /// From one height to another over `length_m`; on the way `crest_m` above (below) the mean of both.
-    pub fn between(length_m: f64, from_m: f64, to_m: f64, crest_m: f64) -> Elevation {
-        let piece = |s_m: f64, length: f64, a_m: f64, b_m: f64| {
-            let rise = b_m - a_m;
+    /// From one height to another over `length_m`; on the way this much above the straight line between both, at shares of the length.
+    pub fn between(length_m: f64, from_m: f64, to_m: f64, rises_m: &[(f64, f64)]) -> Elevation {
+        let mut knots = vec![(0.0, from_m)];
+        knots.extend(rises_m.iter().map(|&(share, rise_m)| (share * length_m, from_m + (to_m - from_m) * share + rise_m)));
+        knots.push((length_m, to_m));
+        let piece = |pair: &[(f64, f64)]| {
+            let ((s_m, a_m), (end_m, b_m)) = (pair[0], pair[1]);
+            let (length, rise) = (end_m - s_m, b_m - a_m);
             Piece { s_m, a_m, c: 3.0 * rise / length.powi(2), d: -2.0 * rise / length.powi(3) }
         };
-        if crest_m == 0.0 {
-            return Elevation { pieces: vec![piece(0.0, length_m, from_m, to_m)] };
-        }
-        let (half, top) = (0.5 * length_m, 0.5 * (from_m + to_m) + crest_m);
-        Elevation { pieces: vec![piece(0.0, half, from_m, top), piece(half, half, top, to_m)] }
+        Elevation { pieces: knots.windows(2).map(piece).collect() }
     }
 
     /// Height at a station.
@@ -45,6 +45,20 @@ impl Elevation {
         let piece = self.pieces.iter().rev().find(|piece| piece.s_m <= s_m).unwrap_or(&self.pieces[0]);
         let u = s_m - piece.s_m;
         piece.a_m + u * u * (piece.c + u * piece.d)
+    }
+
+    /// Stations whose chords deviate by at most 3 mm in height, each with the distance to its neighbours; both ends included.
+    pub fn steps(&self, length_m: f64) -> Vec<(f64, f64)> {
+        let mut steps = vec![(0.0, 0.0)];
+        for (i, piece) in self.pieces.iter().enumerate() {
+            let end = self.pieces.get(i + 1).map_or(length_m, |next| next.s_m);
+            let length = end - piece.s_m;
+            // Of a cubic that is level at both ends, the ends are bent most.
+            let wanted = (8.0 * 0.003 / (2.0 * piece.c.abs()).max(1e-9)).sqrt().clamp(2.5, 16.0);
+            let n = (length / wanted).ceil().max(1.0);
+            steps.extend((1..=n as usize).map(|k| (piece.s_m + length * k as f64 / n, length / n)));
+        }
+        steps
     }
 
     /// Whether the whole road has one height.
@@ -67,17 +81,19 @@ pub struct Terrain {
 }
 
 impl Terrain {
-    /// The ground under a network with its blocks.
+    /// The ground under a network with its blocks; decks are not ground.
     pub fn build(network: &Network, rings: &[Ring], hills_m: f64) -> Terrain {
         let mut terrain = Terrain::default();
-        if network.is_level() && hills_m == 0.0 {
+        if network.is_level() && hills_m == 0.0 && rings.iter().all(|ring| ring.ponds.is_empty()) {
             return terrain;
         }
         for road in &network.roads {
             let kerb = road.profile.kerb_m();
-            for pair in road.stations().windows(2) {
-                let at = |s: f64, t: f64| lifted(road.path.beside(s, t), road.elevation.at(s));
-                terrain.polygon(&[at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)]);
+            for (from, to) in road.on_ground() {
+                for pair in road.stations_between(from, to).windows(2) {
+                    let at = |s: f64, t: f64| lifted(road.path.beside(s, t), road.elevation.at(s));
+                    terrain.polygon(&[at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)]);
+                }
             }
         }
         for junction in 0..network.junctions.len() {
@@ -86,31 +102,20 @@ impl Terrain {
             terrain.polygon(&border);
         }
         for ring in rings {
-            terrain.block(ring, hills_m);
+            terrain.block(ring);
         }
         terrain
     }
 
-    fn block(&mut self, ring: &Ring, hills_m: f64) {
+    fn block(&mut self, ring: &Ring) {
         let n = ring.kerb_m.len();
         let back = |i: usize| lifted(ring.back_m[i], ring.height_m[i]);
-        for i in 0..n {
+        for i in (0..n).filter(|&i| !ring.seam[i]) {
             let k = (i + 1) % n;
             self.polygon(&[lifted(ring.kerb_m[i], ring.height_m[i]), lifted(ring.kerb_m[k], ring.height_m[k]), back(k), back(i)]);
-            if ring.outside {
-                for shares in OUTWARD.windows(2) {
-                    let out = |i: usize, share: f64| {
-                        let p = outward(ring.back_m[i], share);
-                        lifted(p, hill(p, ring.height_m[i], share, hills_m))
-                    };
-                    self.polygon(&[out(i, shares[0]), out(k, shares[0]), out(k, shares[1]), out(i, shares[1])]);
-                }
-            }
         }
-        if !ring.outside {
-            for triangle in triangulate(&ring.back_m) {
-                self.polygon(&triangle.map(back));
-            }
+        for triangle in &ring.ground.triangles {
+            self.polygon(&triangle.map(|i| lifted(ring.ground.points_m[i], ring.ground.heights_m[i])));
         }
     }
 
@@ -157,19 +162,4 @@ impl Terrain {
 
 fn lifted(p: P2, z_m: f64) -> [f64; 3] {
     [p.x, p.y, z_m]
-}
-
-/// Where the ground outside the town has corners: shares of the way to the horizon.
-pub const OUTWARD: [f64; 6] = [0.0, 0.06, 0.2, 0.4, 0.7, 1.0];
-
-/// A point on the way from the town's border to the horizon.
-pub fn outward(p: P2, share: f64) -> P2 {
-    p + p.normalize() * (share * (1300.0 - p.norm()))
-}
-
-/// Height of the ground outside: what the border has, and hills farther away.
-fn hill(p: P2, border_m: f64, share: f64, hills_m: f64) -> f64 {
-    let wave = 0.5 + 0.3 * (p.x * 0.0061 + 1.0).sin() * (p.y * 0.0047).cos() + 0.2 * (p.x * 0.011 - p.y * 0.013).sin();
-    let far = ((share - 0.05) / 0.35).clamp(0.0, 1.0);
-    border_m * (1.0 - far) + hills_m * wave * far
 }

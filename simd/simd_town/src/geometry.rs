@@ -51,6 +51,24 @@ impl Segment {
         Segment { start_m: from, heading_rad: heading(v), length_m: v.norm(), curvature_per_m: 0.0 }
     }
 
+    /// Arc length of the nearest point.
+    fn nearest(&self, p: P2) -> f64 {
+        let k = self.curvature_per_m;
+        if k.abs() < 1e-12 {
+            return (p - self.start_m).dot(&unit(self.heading_rad)).clamp(0.0, self.length_m);
+        }
+        let centre = self.start_m + left(unit(self.heading_rad)) / k;
+        let turned = wrap(heading(p - centre) - heading(self.start_m - centre));
+        let (along, turn) = (if k > 0.0 { turned } else { -turned }, self.length_m * k.abs());
+        // Behind the end or before the start, whichever is nearer.
+        let along = if along < 0.0 && along + std::f64::consts::TAU <= turn { along + std::f64::consts::TAU } else { along };
+        if (0.0..=turn).contains(&along) {
+            return along / k.abs();
+        }
+        let ends = [0.0, self.length_m].map(|s| (self.at(s).0 - p).norm());
+        if ends[0] <= ends[1] { 0.0 } else { self.length_m }
+    }
+
     /// Point and heading at arc length `s`.
     pub fn at(&self, s_m: f64) -> (P2, f64) {
         let (h, k) = (self.heading_rad, self.curvature_per_m);
@@ -103,6 +121,60 @@ impl Path {
         p + left(unit(h)) * t_m
     }
 
+    /// Station of the nearest point of the curve, and how far away it is.
+    pub fn nearest(&self, p: P2) -> (f64, f64) {
+        let (mut best, mut s) = ((0.0, f64::INFINITY), 0.0);
+        for segment in &self.segments {
+            let along = segment.nearest(p);
+            let away = (segment.at(along).0 - p).norm();
+            if away < best.1 {
+                best = (s + along, away);
+            }
+            s += segment.length_m;
+        }
+        best
+    }
+
+    /// The curve in the other direction.
+    pub fn reversed(&self) -> Path {
+        let turned = |segment: &Segment| {
+            let (start_m, heading) = segment.at(segment.length_m);
+            Segment {
+                start_m,
+                heading_rad: wrap(heading + std::f64::consts::PI),
+                curvature_per_m: -segment.curvature_per_m,
+                length_m: segment.length_m,
+            }
+        };
+        Path { segments: self.segments.iter().rev().map(turned).collect() }
+    }
+
+    /// The curve `aside_m` to the left.
+    pub fn offset(&self, aside_m: f64) -> Path {
+        let moved = |segment: &Segment| {
+            let k = segment.curvature_per_m;
+            Segment {
+                start_m: segment.start_m + left(unit(segment.heading_rad)) * aside_m,
+                length_m: segment.length_m * (1.0 - k * aside_m),
+                curvature_per_m: k / (1.0 - k * aside_m),
+                ..*segment
+            }
+        };
+        Path { segments: self.segments.iter().map(moved).collect() }
+    }
+
+    /// The closed curve's part from `from` on, `length_m` long, over its start if need be.
+    pub fn around(&self, from_m: f64, length_m: f64) -> Path {
+        let total = self.length_m();
+        let from = from_m.rem_euclid(total);
+        let to = from + length_m;
+        let mut segments = self.cut(from, to.min(total)).segments;
+        if to > total {
+            segments.extend(self.cut(0.0, to - total).segments);
+        }
+        Path { segments }
+    }
+
     /// From `a` to `b` through rounded corners.
     pub fn rounded(a: P2, bends: &[Bend], b: P2) -> Path {
         let mut segments = Vec::new();
@@ -113,7 +185,8 @@ impl Path {
             // A single corner between equal legs may take them whole.
             let whole = bends.len() == 1 && ((bend.corner_m - from).norm() - (next - bend.corner_m).norm()).abs() < 1e-6;
             let turn = cross(u, v).atan2(u.dot(&v));
-            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan()).min(if whole { 1.0 } else { 0.49 } * (next - bend.corner_m).norm());
+            let ahead = if whole { 1.0 } else { 0.49 } * (next - bend.corner_m).norm();
+            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan()).min(ahead).min((bend.corner_m - from).norm());
             let radius = tangent / (0.5 * turn.abs()).tan();
             let arc_start = bend.corner_m - u * tangent;
             segments.push(Segment::line(from, arc_start));

@@ -27,8 +27,8 @@ pub fn tree(kind: usize) -> Mesh {
         .collect();
     let bark = Surface::new(Class::VEGETATION, Material::Bark, [92, 76, 60]);
     let split = height * 0.42;
-    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, f32::INFINITY)] {
-        let n = [8, 5, 3][level];
+    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, 130.0), (3, 600.0)] {
+        let n = [8, 5, 3, 3][level];
         tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.02, 0.03, split], 0.11), n);
         if level == 0 {
             for (centre, _) in &clumps {
@@ -43,6 +43,10 @@ pub fn tree(kind: usize) -> Mesh {
         match level {
             0 => clumps.iter().for_each(|c| blob(&mut builder, leaves(shade(c)), c.0, c.1, 1, kind as u64)),
             1 => clumps.iter().step_by(2).for_each(|c| blob(&mut builder, leaves(shade(c)), c.0, c.1 * 1.2, 0, kind as u64)),
+            3 => {
+                let middle = [0.0, 0.0, 0.5 * (height * 0.42 + height)];
+                diamond(&mut builder, leaves(LEAVES[kind]), middle, [crown * 1.25, height * 0.36]);
+            }
             _ => {
                 let middle = [0.0, 0.0, 0.5 * (height * 0.42 + height)];
                 blob(&mut builder, leaves(LEAVES[kind]), middle, crown * 1.2, 0, kind as u64);
@@ -51,6 +55,58 @@ pub fn tree(kind: usize) -> Mesh {
         builder.end_level(until_m);
     }
     builder.finish()
+}
+
+/// An octahedron standing on its tip, [reach, half height], rounded by its normals.
+fn diamond(builder: &mut MeshBuilder, surface: Surface, centre: [f32; 3], [reach, half]: [f32; 2]) {
+    let at = |d: [f32; 3]| [centre[0] + reach * d[0], centre[1] + reach * d[1], centre[2] + half * d[2]];
+    let around = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
+    for k in 0..4 {
+        let (a, b) = (around[k], around[(k + 1) % 4]);
+        for directions in [[a, b, [0.0, 0.0, 1.0]], [b, a, [0.0, 0.0, -1.0]]] {
+            builder.polygon_with_normals(surface, &directions.map(at), &directions, &[[0.0; 2]; 3]);
+        }
+    }
+}
+
+/// Number of kinds of conifers.
+pub const N_CONIFERS: usize = 2;
+
+/// A fir: cones of branches round a trunk.
+pub fn conifer(kind: usize) -> Mesh {
+    let mut builder = MeshBuilder::new(format!("conifer {kind}"));
+    let (height, reach) = [(10.5f32, 2.3f32), (8.0, 1.9)][kind % N_CONIFERS];
+    let bark = Surface::new(Class::VEGETATION, Material::Bark, [84, 66, 52]);
+    let needles = |k: f32| {
+        let rgb = [[48.0, 76.0, 46.0], [58.0, 84.0, 50.0]][kind % N_CONIFERS].map(|x: f32| (x * k) as u8);
+        Surface::new(Class::VEGETATION, Material::Foliage, rgb)
+    };
+    for (n, n_tiers, until_m) in [(9, 5, 22.0), (6, 3, 60.0), (5, 1, 140.0), (4, 1, 600.0)] {
+        tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), n.min(6));
+        for tier in 0..n_tiers {
+            let share = tier as f32 / n_tiers as f32;
+            let (low, radius) = (height * (0.14 + 0.8 * share), reach * (1.0 - 0.82 * share));
+            let top = if tier + 1 == n_tiers { height } else { low + 1.5 * height / n_tiers as f32 };
+            cone(&mut builder, needles(0.88 + 0.2 * share), low, top, radius, n, tier as f32 * 0.7);
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// A cone with a wavy rim, and its underside.
+fn cone(builder: &mut MeshBuilder, surface: Surface, low: f32, top: f32, radius: f32, n: usize, turn: f32) {
+    let rim = |k: usize| {
+        let a = std::f32::consts::TAU * (k % n) as f32 / n as f32 + turn;
+        let r = radius * if k.is_multiple_of(2) { 1.0 } else { 0.84 };
+        [r * a.cos(), r * a.sin(), low + if k.is_multiple_of(2) { 0.0 } else { 0.12 }]
+    };
+    for k in 0..n {
+        builder.triangle(surface, [rim(k), rim(k + 1), [0.0, 0.0, top]]);
+        if n > 4 {
+            builder.triangle(surface, [rim(k + 1), rim(k), [0.0, 0.0, low + 0.35]]);
+        }
+    }
 }
 
 /// A clipped bush, 0.9 m high.

@@ -5,16 +5,16 @@ use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
 use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
-use crate::elevation::{OUTWARD, Terrain, outward};
-use crate::geometry::{P2, wrap};
+use crate::fill::{Border, Fill, Pond};
+use crate::geometry::{P2, unit, wrap};
 use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Edge;
-use crate::ring::{Ring, triangulate};
+use crate::ring::Ring;
 use crate::town::CollisionMesh;
 
 /// Height of paint over the road: far enough for depth buffers, too thin to notice.
-const PAINT_M: f64 = 0.004;
+const PAINT_M: f64 = 0.005;
 /// Width of the kerb stone's top.
 const STONE_M: f64 = 0.16;
 
@@ -25,21 +25,6 @@ pub struct Floor {
     pub road: CollisionMesh,
     /// Pavement, kerbs, yards.
     pub raised: CollisionMesh,
-}
-
-impl CollisionMesh {
-    /// Adds a convex polygon.
-    pub fn polygon(&mut self, corners_m: &[[f64; 3]]) {
-        let base = self.vertices_m.len() as u32;
-        self.vertices_m.extend(corners_m.iter().map(|c| c.map(|x| x as f32)));
-        self.triangles.extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
-    }
-
-    /// Adds a convex polygon that lies this much over the ground.
-    fn flat(&mut self, terrain: &Terrain, corners_m: &[P2], z_m: f64) {
-        let corners: Vec<[f64; 3]> = corners_m.iter().map(|p| [p.x, p.y, z_m + terrain.at(*p)]).collect();
-        self.polygon(&corners);
-    }
 }
 
 fn asphalt(object: ObjectId) -> Surface {
@@ -57,12 +42,11 @@ fn yellow(object: ObjectId) -> Surface {
 /// Surface and paint of a road.
 pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Road, object: ObjectId) {
     let kerb = road.profile.kerb_m();
-    let stations = road.stations();
-    for pair in stations.windows(2) {
-        let at = |s: f64, t: f64| road.path.beside(s, t);
+    for pair in road.stations.windows(2) {
+        let at = |s: f64, t: f64| road.point(s, t, 0.0);
         let corners = [at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)];
-        chunks.flat(Layer::Ground, ALL, asphalt(object), &corners, 0.0);
-        floor.road.flat(&chunks.terrain, &corners, 0.0);
+        chunks.sheet(Layer::Ground, ALL, asphalt(object), &corners);
+        floor.road.polygon(object, &corners);
     }
     let idx = road.id as usize - 1;
     let arm_at = |end: usize| {
@@ -79,15 +63,20 @@ pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Ro
     }
 }
 
+impl Road {
+    /// A point of the road's surface, `up_m` over it.
+    pub fn point(&self, s_m: f64, t_m: f64, up_m: f64) -> [f64; 3] {
+        let p = self.path.beside(s_m, t_m);
+        [p.x, p.y, self.elevation.at(s_m) + up_m]
+    }
+}
+
 /// A painted stripe along the road.
 fn stripe(chunks: &mut Chunks, levels: Levels, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64, width_m: f64) {
-    let mut stations = vec![from_m];
-    stations.extend(road.stations().into_iter().filter(|&s| s > from_m + 0.01 && s < to_m - 0.01));
-    stations.push(to_m);
-    for pair in stations.windows(2) {
-        let at = |s: f64, side: f64| road.path.beside(s, t_m + 0.5 * side * width_m);
+    for pair in road.stations_between(from_m, to_m).windows(2) {
+        let at = |s: f64, side: f64| road.point(s, t_m + 0.5 * side * width_m, PAINT_M);
         let corners = [at(pair[0], -1.0), at(pair[1], -1.0), at(pair[1], 1.0), at(pair[0], 1.0)];
-        chunks.flat(Layer::Ground, levels.clone(), surface, &corners, PAINT_M);
+        chunks.sheet(Layer::Ground, levels.clone(), surface, &corners);
     }
 }
 
@@ -105,7 +94,9 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
     let span = (margin(&arms[0]), road.path.length_m() - margin(&arms[1]));
     let profile = &road.profile;
     if profile.one_way {
-        stripe(chunks, 0..=1, road, white(object), span, profile.driving_m(), 0.12);
+        for k in 1..profile.n_lanes {
+            dashes(chunks, road, white(object), span, profile.driving_m() - k as f64 * profile.lane_m);
+        }
     } else if profile.main {
         for t in [-0.12, 0.12] {
             stripe(chunks, 0..=1, road, yellow(object), span, t, 0.12);
@@ -130,7 +121,8 @@ fn across(chunks: &mut Chunks, network: &Network, arm: &Arm, road: &Road, object
     if arm.waits {
         // Traffic towards the junction: right of the line at a road's end, left of it at its start.
         let side = if arm.at_start { 1.0 } else { -1.0 };
-        let (inner, outer) = (0.2, road.profile.driving_m() - 0.08);
+        let outer = road.profile.driving_m() - 0.08;
+        let inner = if road.profile.one_way { -outer } else { 0.2 };
         stripe(chunks, 0..=1, road, white(object), span(STOP_M - 0.2, STOP_M + 0.2), side * 0.5 * (inner + outer), outer - inner);
     }
     if arm.crosswalk {
@@ -152,9 +144,9 @@ fn arrows(chunks: &mut Chunks, network: &Network, junction: usize, arm_idx: usiz
     let side = if arm.at_start { 1.0 } else { -1.0 };
     for lane in 1..=road.profile.n_lanes as i32 {
         let id = if arm.at_start { lane } else { -lane };
-        let middle = side * (f64::from(lane) - 0.5) * road.profile.lane_m;
+        let middle = side * (road.profile.lane_left_m(lane as usize - 1) + 0.5 * road.profile.lane_m);
         // (forward, left) in driving direction, from the arrow's tail.
-        let at = |(forward, left): (f64, f64)| road.path.beside(network.arm_station(arm, STOP_M + 8.5 - forward), middle - side * left);
+        let at = |(forward, left): (f64, f64)| road.point(network.arm_station(arm, STOP_M + 8.5 - forward), middle - side * left, PAINT_M);
         let turns: Vec<f64> = (network.links.iter())
             .filter(|link| link.junction == junction && link.from == (arm_idx, id))
             .map(|link| wrap(arms[link.to.0].heading_rad - arm.heading_rad - std::f64::consts::PI))
@@ -176,8 +168,8 @@ fn arrows(chunks: &mut Chunks, network: &Network, junction: usize, arm_idx: usiz
             }));
         }
         for corners in shapes {
-            let corners: Vec<P2> = corners.into_iter().map(at).collect();
-            chunks.flat(Layer::Ground, 0..=0, white(object), &corners, PAINT_M);
+            let corners: Vec<[f64; 3]> = corners.into_iter().map(at).collect();
+            chunks.sheet(Layer::Ground, 0..=0, white(object), &corners);
         }
     }
 }
@@ -205,11 +197,12 @@ fn bays(chunks: &mut Chunks, road: &Road, object: ObjectId) {
 pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: usize, object: ObjectId) {
     let junction = &network.junctions[idx];
     let border = network.border(idx);
-    let middle = border.iter().sum::<P2>() / border.len() as f64;
-    for i in 0..border.len() {
-        let triangle = [middle, border[i], border[(i + 1) % border.len()]];
-        chunks.flat(Layer::Ground, ALL, asphalt(object), &triangle, 0.0);
-        floor.road.flat(&chunks.terrain, &triangle, 0.0);
+    let heights = vec![junction.height_m; border.len()];
+    let fill = Fill::of(&Border { points_m: &border, heights_m: &heights, outside: false }, false, 0.0, &[]);
+    for triangle in &fill.triangles {
+        let corners = triangle.map(|i| [fill.points_m[i].x, fill.points_m[i].y, junction.height_m]);
+        chunks.sheet(Layer::Ground, ALL, asphalt(object), &corners);
+        floor.road.polygon(object, &corners);
     }
     for (i, arm) in junction.arms.iter().enumerate() {
         if network.roads[arm.road].profile.main && arm.waits {
@@ -225,58 +218,61 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
     let n = ring.kerb_m.len();
     let pavement = (slabs, stone);
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [98, 120, 66]).of(object);
-    for i in 0..n {
+    for i in (0..n).filter(|&i| !ring.seam[i]) {
         let (slabs, stone) = if ring.verge[i] && ring.verge[(i + 1) % n] { (grass, grass) } else { pavement };
         let k = (i + 1) % n;
         let (a, b) = (ring.kerb_m[i], ring.kerb_m[k]);
         if (a - b).norm() < 1e-6 && (ring.back_m[i] - ring.back_m[k]).norm() < 1e-6 {
             continue;
         }
-        let inner = |i: usize| ring.kerb_m[i] + (ring.back_m[i] - ring.kerb_m[i]).normalize() * STONE_M;
-        let whole = [a, b, ring.back_m[k], ring.back_m[i]];
-        chunks.flat(Layer::Ground, 0..=0, stone, &[a, b, inner(k), inner(i)], KERB_HEIGHT_M);
-        chunks.flat(Layer::Ground, 0..=0, slabs, &[inner(i), inner(k), ring.back_m[k], ring.back_m[i]], KERB_HEIGHT_M);
-        chunks.flat(Layer::Ground, 1..=2, slabs, &whole, KERB_HEIGHT_M);
-        floor.raised.flat(&chunks.terrain, &whole, KERB_HEIGHT_M);
+        let lift = |p: P2, i: usize, up: f64| [p.x, p.y, ring.height_m[i] + up];
+        let kerb = |i: usize| lift(ring.kerb_m[i], i, ring.rise_m[i]);
+        let back = |i: usize| lift(ring.back_m[i], i, KERB_HEIGHT_M);
+        // The stone lies along the slope from kerb to back.
+        let inner = |i: usize| {
+            let across = ring.back_m[i] - ring.kerb_m[i];
+            let share = (STONE_M / across.norm()).min(0.5);
+            lift(ring.kerb_m[i] + across * share, i, ring.rise_m[i] + (KERB_HEIGHT_M - ring.rise_m[i]) * share)
+        };
+        let whole = [kerb(i), kerb(k), back(k), back(i)];
+        chunks.sheet(Layer::Ground, 0..=0, stone, &[kerb(i), kerb(k), inner(k), inner(i)]);
+        chunks.sheet(Layer::Ground, 0..=0, slabs, &[inner(i), inner(k), back(k), back(i)]);
+        chunks.sheet(Layer::Ground, 1..=2, slabs, &whole);
+        floor.raised.polygon(object, &whole);
         if (a - b).norm() > 1e-6 {
             let key = Key::at(Layer::Ground, 0.5 * (a + b));
-            let (za, zb) = (chunks.terrain.at(a), chunks.terrain.at(b));
-            let top = KERB_HEIGHT_M;
-            let face = [[a.x, a.y, za - 0.08], [b.x, b.y, zb - 0.08], [b.x, b.y, zb + top], [a.x, a.y, za + top]];
-            let (length, height) = ((b - a).norm() as f32, top as f32 + 0.08);
+            let face = [lift(a, i, -0.08), lift(b, k, -0.08), kerb(k), kerb(i)];
+            let (length, height) = ((b - a).norm() as f32, KERB_HEIGHT_M as f32 + 0.08);
             chunks.polygon(key, 0..=1, stone, &face, &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]]);
-            floor.raised.polygon(&face);
+            floor.raised.polygon(object, &face);
         }
     }
 }
 
-/// Yard or lawn inside a block.
-pub fn inside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
+/// Yard, lawn or open country behind the pavements, with its ponds.
+pub fn block(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
     let surface = if green {
-        Surface::new(Class::TERRAIN, Material::Grass, [96, 124, 62])
+        Surface::new(Class::TERRAIN, Material::Grass, if ring.outside { [104, 126, 70] } else { [96, 124, 62] })
     } else {
         Surface::new(Class::GROUND, Material::Concrete, [128, 124, 116])
     };
-    for triangle in triangulate(&ring.back_m) {
-        let corners = triangle.map(|i| ring.back_m[i]);
-        chunks.flat(Layer::Ground, ALL, surface.of(object), &corners, KERB_HEIGHT_M);
-        floor.raised.flat(&chunks.terrain, &corners, KERB_HEIGHT_M);
+    let ground = &ring.ground;
+    for triangle in &ground.triangles {
+        let corners = triangle.map(|i| [ground.points_m[i].x, ground.points_m[i].y, ground.heights_m[i] + KERB_HEIGHT_M]);
+        chunks.sheet(Layer::Ground, ALL, surface.of(object), &corners);
+        floor.raised.polygon(object, &corners);
     }
 }
 
-/// Grass from the town's edge to the horizon.
-pub fn outside(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: ObjectId) {
-    let grass = Surface::new(Class::TERRAIN, Material::Grass, [104, 126, 70]).of(object);
-    let n = ring.back_m.len();
-    for i in 0..n {
-        let (a, b) = (ring.back_m[i], ring.back_m[(i + 1) % n]);
-        if (a - b).norm() < 1e-6 {
-            continue;
-        }
-        for shares in OUTWARD.windows(2) {
-            let corners = [outward(a, shares[0]), outward(b, shares[0]), outward(b, shares[1]), outward(a, shares[1])];
-            chunks.flat(Layer::Ground, ALL, grass, &corners, KERB_HEIGHT_M);
-            floor.raised.flat(&chunks.terrain, &corners, KERB_HEIGHT_M);
-        }
+/// The surface of a pond, a little wider than its shore.
+pub fn pond(chunks: &mut Chunks, pond: &Pond, object: ObjectId) {
+    let water = Surface::new(Class::WATER, Material::Water, [38, 62, 66]).of(object);
+    let at = |k: usize| {
+        let p = pond.middle_m + unit(std::f64::consts::TAU * k as f64 / 24.0) * (pond.radius_m + 8.0);
+        [p.x, p.y, pond.level_m + KERB_HEIGHT_M]
+    };
+    let middle = [pond.middle_m.x, pond.middle_m.y, pond.level_m + KERB_HEIGHT_M];
+    for k in 0..24 {
+        chunks.sheet(Layer::Ground, ALL, water, &[middle, at(k), at((k + 1) % 24)]);
     }
 }

@@ -11,23 +11,34 @@
 #![warn(missing_docs)]
 
 mod barrier;
+mod bridge;
 mod building;
 mod chunk;
 mod elevation;
+mod fill;
 mod furniture;
+mod gantry;
+mod garden;
 mod geometry;
 mod greenery;
 mod ground;
+mod kit;
+mod motorway;
 mod network;
+mod object;
 mod open_drive;
 mod plan;
+mod planting;
+mod props;
 mod random;
 mod ring;
+mod roadside;
 mod scenery;
 mod sketch;
 mod spawn;
 mod town;
 pub mod vehicle;
 
-pub use town::{CollisionMesh, LightSite, SceneryObject, Town, TownError};
+pub use object::{LampGroup, MapLayer, SceneryLamp, SceneryObject};
+pub use town::{CollisionMesh, LightSite, Town, TownError};
 pub use vehicle::{BodyStyle, VehicleMeshes, VehicleShape, WheelSite, vehicle_meshes};

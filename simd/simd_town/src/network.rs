@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::elevation::Elevation;
 use crate::geometry::{P2, Path, left, unit, wrap};
-use crate::plan::{Plan, Profile};
+use crate::plan::{Plan, Profile, Street};
 use crate::ring::corner;
 
 /// Radius of kerbs at corners.
@@ -27,14 +27,50 @@ pub struct Road {
     pub profile: Profile,
     /// Runs through a tunnel.
     pub tunnel: bool,
+    /// Stations between which it stands on a deck.
+    pub bridge: Option<(f64, f64)>,
     /// Junction indices at start and end.
     pub ends: [usize; 2],
+    /// Stations of the surface's corners: chords deviate little from the road, sideways and in height.
+    pub stations: Vec<f64>,
+}
+
+/// Stations for a road with this path, elevation and bridge.
+fn stations(path: &Path, elevation: &Elevation, bridge: Option<(f64, f64)>) -> Vec<f64> {
+    let mut stations = path.stations(16.0);
+    for (s, step) in elevation.steps(path.length_m()) {
+        stations.retain(|other| (other - s).abs() > 0.35 * step || *other == 0.0);
+        stations.push(s);
+    }
+    stations.sort_by(f64::total_cmp);
+    stations.dedup_by(|a, b| (*a - *b).abs() < 0.05);
+    if let Some((from, to)) = bridge {
+        stations.retain(|s| (s - from).abs() > 0.5 && (s - to).abs() > 0.5);
+        stations.extend([from, to]);
+        stations.sort_by(f64::total_cmp);
+    }
+    stations
 }
 
 impl Road {
-    /// Stations of the surface's corners: chords deviate little from the road, sideways and in height.
-    pub fn stations(&self) -> Vec<f64> {
-        self.path.stations(if self.elevation.is_level() { 16.0 } else { 4.0 })
+    /// The same between two stations, both included.
+    pub fn stations_between(&self, from_m: f64, to_m: f64) -> Vec<f64> {
+        let mut stations = vec![from_m];
+        let first = self.stations.partition_point(|&s| s <= from_m + 0.05);
+        stations.extend(self.stations[first..].iter().take_while(|&&s| s < to_m - 0.05));
+        stations.push(to_m);
+        stations
+    }
+
+    /// Whether the road stands on a deck here.
+    pub fn is_on_bridge(&self, s_m: f64) -> bool {
+        self.bridge.is_some_and(|(from, to)| s_m > from && s_m < to)
+    }
+
+    /// Parts that lie on the ground: the whole road, or what is before and behind a bridge.
+    pub fn on_ground(&self) -> Vec<(f64, f64)> {
+        let length = self.path.length_m();
+        self.bridge.map_or(vec![(0.0, length)], |(from, to)| vec![(0.0, from), (to, length)])
     }
 }
 
@@ -157,7 +193,8 @@ pub struct Network {
 impl Network {
     /// Lays out a plan.
     pub fn build(plan: &Plan) -> Network {
-        let whole: Vec<Path> = plan.streets.iter().map(|s| Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to])).collect();
+        let course = |s: &Street| s.course.clone().unwrap_or_else(|| Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to]));
+        let whole: Vec<Path> = plan.streets.iter().map(course).collect();
         let mut trims = vec![[0.0; 2]; plan.streets.len()];
         let mut junctions = Vec::new();
         for node in 0..plan.nodes_m.len() {
@@ -184,10 +221,16 @@ impl Network {
             .zip(&trims)
             .enumerate()
             .map(|(i, ((street, path), trim))| {
-                let path = path.cut(trim[0], path.length_m() - trim[1]);
+                let (whole_m, path) = (path.length_m(), path.cut(trim[0], path.length_m() - trim[1]));
                 let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
-                let elevation = Elevation::between(path.length_m(), from_m, to_m, street.crest_m);
-                Road { id: 1 + i as u32, path, elevation, profile: street.profile, tunnel: street.tunnel, ends: [street.from, street.to] }
+                // Shares of the whole street are shares of what the junctions left of it.
+                let share = |share: f64| (share * whole_m - trim[0]) / path.length_m();
+                let rises: Vec<(f64, f64)> = street.rises_m.iter().map(|&(at, rise_m)| (share(at), rise_m)).collect();
+                let elevation = Elevation::between(path.length_m(), from_m, to_m, &rises);
+                let bridge = street.bridge_m.map(|(from, to)| (from - trim[0], to - trim[0]));
+                let ends = [street.from, street.to];
+                let stations = stations(&path, &elevation, bridge);
+                Road { id: 1 + i as u32, path, elevation, profile: street.profile, tunnel: street.tunnel, bridge, ends, stations }
             })
             .collect();
         let mut network = Network { roads, junctions, links: Vec::new(), signals: Vec::new(), stages: Vec::new() };
@@ -251,17 +294,39 @@ fn arms_of(plan: &Plan, whole: &[Path], node: usize) -> Vec<Arm> {
 
 /// How far from the node each of two neighbouring arms must end, the second `angle` to the left of the first.
 fn corner_needs(a: Profile, b: Profile, angle: f64) -> (f64, f64) {
-    if !(0.35..2.9).contains(&angle) {
+    if !(SHARPEST_RAD..2.9).contains(&angle) {
         return (6.0, 6.0);
+    }
+    if angle < 0.6 {
+        // Where a ramp leaves: up to where the verges of both part.
+        let along = |own: f64, other: f64| (other + own * angle.cos()) / angle.sin() + 8.0;
+        return (along(a.back_m(), b.back_m()), along(b.back_m(), a.back_m()));
     }
     let tangent = CORNER_RADIUS_M / (0.5 * angle).tan();
     let along = |own: f64, other: f64| (other + own * angle.cos()) / angle.sin() + tangent;
     (along(a.kerb_m(), b.kerb_m()), along(b.kerb_m(), a.kerb_m()))
 }
 
-/// Lights where four arms or an avenue meet; elsewhere the stem of the T waits.
-fn control(mut junction: Junction, plan: &Plan) -> Junction {
+/// Least angle between two arms.
+const SHARPEST_RAD: f64 = 0.12;
+
+/// Who waits, and at what. Nobody waits where nobody arrives.
+fn control(junction: Junction, plan: &Plan) -> Junction {
+    let mut junction = rules(junction, plan);
+    for arm in &mut junction.arms {
+        arm.waits &= !(plan.streets[arm.road].profile.one_way && arm.at_start);
+    }
+    junction
+}
+
+/// Ramps give way to the motorway; lights where four arms or an avenue meet; elsewhere the stem of the T waits.
+fn rules(mut junction: Junction, plan: &Plan) -> Junction {
     let arms = &mut junction.arms;
+    if arms.iter().filter(|arm| plan.streets[arm.road].profile.motorway).count() == 2 && arms.len() == 3 {
+        arms.iter_mut().for_each(|arm| arm.waits = !plan.streets[arm.road].profile.motorway);
+        junction.control = Control::Yield;
+        return junction;
+    }
     if arms.len() > 3 || arms.iter().any(|arm| plan.streets[arm.road].profile.main) {
         return junction;
     }
@@ -392,7 +457,9 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    let mut done = vec![false; junction.arms.len()];
+    let waiting: Vec<usize> = (0..junction.arms.len()).filter(|&i| junction.arms[i].waits).collect();
+    let signal_of = |arm: usize| waiting.iter().position(|&i| i == arm).map(|number| first + number);
+    let mut done: Vec<bool> = junction.arms.iter().map(|arm| !arm.waits).collect();
     for i in 0..junction.arms.len() {
         if done[i] {
             continue;
@@ -404,7 +471,7 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
             done[member] = true;
         }
         let id = 1 + network.stages.len() as u32;
-        network.stages.push(Stage { id, junction: junction_idx, signals: members.iter().map(|m| first + m).collect() });
+        network.stages.push(Stage { id, junction: junction_idx, signals: members.iter().filter_map(|&m| signal_of(m)).collect() });
     }
 }
 
@@ -413,6 +480,9 @@ fn place_limits(network: &mut Network) {
         let (length, profile) = (network.roads[road].path.length_m(), network.roads[road].profile);
         for against in [false, true].into_iter().filter(|&against| !(against && profile.one_way)) {
             let side = profile.kerb_m() + 0.6;
+            if length < 30.0 {
+                continue;
+            }
             let s_m = if against { length - 14.0 } else { 14.0 };
             network.signals.push(Signal {
                 id: 1 + network.signals.len() as u32,
@@ -450,7 +520,9 @@ mod tests {
                     assert!((p - edge).norm() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
                     assert!(wrap(h - heading).abs() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
                 }
-                assert!(link.path.length_m() < 60.0, "{} road {} is {} m", plan.name, link.id, link.path.length_m());
+                let motorway = arms.iter().any(|arm| network.roads[arm.road].profile.motorway);
+                let longest_m = if motorway { 140.0 } else { 60.0 };
+                assert!(link.path.length_m() < longest_m, "{} road {} is {} m", plan.name, link.id, link.path.length_m());
                 for segment in &link.path.segments {
                     assert!(segment.curvature_per_m.abs() < 1.0 / 4.5, "{} road {} bends too much", plan.name, link.id);
                 }

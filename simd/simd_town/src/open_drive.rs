@@ -244,7 +244,7 @@ fn connecting_road(out: &mut String, network: &Network, link: &Link) {
     line!(out, "    </link>");
     let speed = network.roads[from.road].profile.speed_kmh.min(network.roads[to.road].profile.speed_kmh);
     line!(out, r#"    <type s="0" type="{}"><speed max="{speed}" unit="km/h"/></type>"#, kind(speed));
-    plan_view(out, &link.path, &Elevation::between(length, junction.height_m, junction.height_m, 0.0));
+    plan_view(out, &link.path, &Elevation::between(length, junction.height_m, junction.height_m, &[]));
     let (a, change) = (link.width_m.0, link.width_m.1 - link.width_m.0);
     let (c, d) = (3.0 * change / length.powi(2), -2.0 * change / length.powi(3));
     line!(out, r#"    <lanes>"#);

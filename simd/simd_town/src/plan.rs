@@ -2,7 +2,7 @@
 //!
 //! A further town is a further function that returns a [`Plan`]; everything behind it is shared.
 
-use crate::geometry::{Bend, P2};
+use crate::geometry::{Bend, P2, Path};
 use crate::random::Random;
 
 /// What lies between the outermost driving lane and the kerb.
@@ -35,12 +35,14 @@ pub struct Profile {
     pub verge: bool,
     /// All lanes lead from the start to the end of the street.
     pub one_way: bool,
+    /// Carriageway of a motorway: traffic on it never waits.
+    pub motorway: bool,
 }
 
 impl Profile {
     /// Whether guard rails stand beside it.
     pub fn has_rails(&self) -> bool {
-        self.speed_kmh >= 80
+        self.motorway || self.speed_kmh >= 80
     }
 
     /// Distance of the kerb from the reference line.
@@ -75,6 +77,7 @@ pub const AVENUE: Profile = Profile {
     main: true,
     verge: false,
     one_way: false,
+    motorway: false,
 };
 /// One lane each way with parked cars.
 pub const STREET: Profile = Profile {
@@ -87,6 +90,7 @@ pub const STREET: Profile = Profile {
     main: false,
     verge: false,
     one_way: false,
+    motorway: false,
 };
 /// The ring round the town.
 pub const RING: Profile = Profile {
@@ -99,6 +103,7 @@ pub const RING: Profile = Profile {
     main: false,
     verge: false,
     one_way: false,
+    motorway: false,
 };
 
 /// Three lanes each way round the town, fast.
@@ -112,6 +117,7 @@ pub const HIGHWAY: Profile = Profile {
     main: true,
     verge: true,
     one_way: false,
+    motorway: false,
 };
 
 /// What is built in the blocks.
@@ -141,10 +147,21 @@ pub struct Street {
     pub bends: Vec<Bend>,
     /// Cross-section.
     pub profile: Profile,
-    /// Height of its middle over the mean of its ends.
-    pub crest_m: f64,
+    /// The whole course from node to node, where `bends` do not say it.
+    pub course: Option<Path>,
+    /// Heights on the way: share of the length, and metres over the straight line between the ends.
+    pub rises_m: Vec<(f64, f64)>,
     /// Runs through a tunnel.
     pub tunnel: bool,
+    /// Where it stands on a deck: metres from the middle of the first node.
+    pub bridge_m: Option<(f64, f64)>,
+}
+
+impl Street {
+    /// A street on level ground.
+    pub fn new(from: usize, to: usize, bends: Vec<Bend>, profile: Profile) -> Street {
+        Street { from, to, bends, profile, course: None, rises_m: Vec::new(), tunnel: false, bridge_m: None }
+    }
 }
 
 /// The streets of a town.
@@ -162,6 +179,8 @@ pub struct Plan {
     pub hills_m: f64,
     /// Streets.
     pub streets: Vec<Street>,
+    /// Ponds: middle and radius.
+    pub ponds_m: Vec<(P2, f64)>,
     /// Points inside blocks that are parks; all others hold houses.
     pub parks_m: Vec<P2>,
     /// What is built in the blocks.
@@ -203,14 +222,8 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
             }
             let j = if along_x { i + 1 } else { i + n };
             if !is_corner(i) && !is_corner(j) {
-                streets.push(Street {
-                    from: node_of[i],
-                    to: node_of[j],
-                    bends: bow(&grid, i, j, along_x, n),
-                    profile: profile(c, r, along_x, n),
-                    crest_m: 0.0,
-                    tunnel: false,
-                });
+                let bends = bow(&grid, i, j, along_x, n);
+                streets.push(Street::new(node_of[i], node_of[j], bends, profile(c, r, along_x, n)));
             }
         }
     }
@@ -218,7 +231,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         [(0, 1, n), (n - 1, n - 2, 2 * n - 1), (n * (n - 1), n * (n - 2), n * (n - 1) + 1), (n * n - 1, n * n - 2, n * (n - 1) - 1)]
     {
         let bends = vec![Bend { corner_m: grid[corner], radius_m: 34.0 }];
-        streets.push(Street { from: node_of[a], to: node_of[b], bends, profile: RING, crest_m: 0.0, tunnel: false });
+        streets.push(Street::new(node_of[a], node_of[b], bends, RING));
     }
     let middle = |i: usize, j: usize| 0.5 * (grid[i] + grid[j]);
     let parks_m = vec![middle(4 + 2 * n, 4 + 3 * n)];
@@ -230,6 +243,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         heights_m,
         hills_m: 0.0,
         streets,
+        ponds_m: Vec::new(),
         parks_m,
         houses: Houses::Towers { within_m: 150.0 },
     }

@@ -2,14 +2,17 @@
 
 use std::f64::consts::PI;
 
+use crate::fill::{Border, Fill, Pond};
 use crate::geometry::{P2, Path, cross, left, unit};
-use crate::network::{Arm, CORNER_RADIUS_M, Network};
+use crate::network::{Arm, CORNER_RADIUS_M, CROSSWALK_M, Network, Road};
+use crate::open_drive::KERB_HEIGHT_M;
+use crate::plan::Plan;
 
 /// Points of a corner's arc.
 const ARC_STEPS: usize = 7;
 
 /// The border of a block, walked with the block on the left. `kerb_m[i]` lies opposite `back_m[i]`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Ring {
     /// Along the kerb.
     pub kerb_m: Vec<P2>,
@@ -17,8 +20,18 @@ pub struct Ring {
     pub back_m: Vec<P2>,
     /// Height of the street there.
     pub height_m: Vec<f64>,
+    /// Rise of the kerb over the street.
+    pub rise_m: Vec<f64>,
     /// Grass beside the road instead of a pavement.
     pub verge: Vec<bool>,
+    /// From this point to the next lies a road that goes on as a bridge: no kerb, no pavement.
+    pub seam: Vec<bool>,
+    /// Houses may stand here.
+    pub fronted: Vec<bool>,
+    /// Ground inside (outside) of the pavement's back.
+    pub ground: Fill,
+    /// Ponds in it.
+    pub ponds: Vec<Pond>,
     /// Outside of the town: the block is the rest of the world.
     pub outside: bool,
 }
@@ -63,7 +76,7 @@ fn corner_points(path: &Path) -> Vec<P2> {
 }
 
 /// Every block's ring, and the one round the town.
-pub fn rings(network: &Network) -> Vec<Ring> {
+pub fn rings(network: &Network, plan: &Plan) -> Vec<Ring> {
     let mut seen: Vec<Vec<bool>> = network.junctions.iter().map(|j| vec![false; j.arms.len()]).collect();
     let mut rings = Vec::new();
     for start in 0..network.junctions.len() {
@@ -71,7 +84,7 @@ pub fn rings(network: &Network) -> Vec<Ring> {
             if seen[start][first] {
                 continue;
             }
-            let mut ring = Ring { kerb_m: Vec::new(), back_m: Vec::new(), height_m: Vec::new(), verge: Vec::new(), outside: false };
+            let mut ring = Ring::default();
             let (mut junction, mut arm) = (start, first);
             while !seen[junction][arm] {
                 seen[junction][arm] = true;
@@ -81,35 +94,136 @@ pub fn rings(network: &Network) -> Vec<Ring> {
             rings.push(ring);
         }
     }
+    let is_rough = !network.is_level() || plan.hills_m > 0.0;
+    for ring in &mut rings {
+        ring.fill(plan, is_rough);
+    }
     rings
 }
 
-/// Along the left side of a road to its other end and round the corner there; gives the next arm.
+/// How far the ground goes on under a deck, and how much lower it lies there.
+pub const ABUTMENT_M: (f64, f64) = (0.4, 2.2);
+/// Rise of the kerb over the road.
+const KERB_RISE_M: f64 = KERB_HEIGHT_M;
+/// The same where a crosswalk begins.
+const LOWERED_M: f64 = 0.02;
+/// Length of the slope between both.
+const SLOPE_M: f64 = 0.5;
+
+impl Ring {
+    fn point(&mut self, road: &Road, s_m: f64, left: f64, drop_m: f64, rise_m: f64) {
+        self.kerb_m.push(road.path.beside(s_m, left * road.profile.kerb_m()));
+        self.back_m.push(road.path.beside(s_m, left * road.profile.back_m()));
+        self.height_m.push(road.elevation.at(s_m) - drop_m);
+        self.rise_m.push(rise_m);
+        self.verge.push(road.profile.verge);
+        self.seam.push(false);
+        self.fronted.push(!road.profile.one_way && road.profile.speed_kmh < 80 && !road.tunnel);
+    }
+
+    /// Along one side of a road, in the order of the stations.
+    fn side(&mut self, network: &Network, road: &Road, stations: &[f64], left: f64) {
+        for &s in stations {
+            self.point(road, s, left, 0.0, network.kerb_rise(road, s));
+        }
+    }
+
+    fn fill(&mut self, plan: &Plan, is_rough: bool) {
+        let border = Border { points_m: &self.back_m, heights_m: &self.height_m, outside: self.outside };
+        let level = self.height_m.iter().all(|h| (h - self.height_m[0]).abs() < 1e-9);
+        for &(middle_m, radius_m) in plan.ponds_m.iter().filter(|pond| contains(&self.back_m, pond.0) != self.outside) {
+            let lowest = (self.back_m.iter().zip(&self.height_m))
+                .filter(|(p, _)| (*p - middle_m).norm() < radius_m + 60.0)
+                .map(|(_, h)| *h)
+                .fold(f64::INFINITY, f64::min);
+            self.ponds.push(Pond { middle_m, radius_m, level_m: if lowest.is_finite() { lowest } else { self.height_m[0] } - 0.9 });
+        }
+        let rough = if self.outside { is_rough } else { !level || !self.ponds.is_empty() };
+        self.ground = Fill::of(&border, rough, plan.hills_m, &self.ponds);
+    }
+}
+
+impl Network {
+    /// Rise of the kerb over the road at a station: low where a crosswalk meets it.
+    pub fn kerb_rise(&self, road: &Road, s_m: f64) -> f64 {
+        let idx = road.id as usize - 1;
+        let rise = |end: usize| {
+            let arms = &self.junctions[road.ends[end]].arms;
+            let crossed = arms.iter().any(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk);
+            let away = if end == 0 { s_m } else { road.path.length_m() - s_m };
+            let beside = (CROSSWALK_M.0 - away).max(away - CROSSWALK_M.1);
+            if crossed { LOWERED_M + (KERB_RISE_M - LOWERED_M) * (beside / SLOPE_M).clamp(0.0, 1.0) } else { KERB_RISE_M }
+        };
+        rise(0).min(rise(1))
+    }
+
+    /// Stations of a kerb: those of the road, and where kerbs sink to crosswalks.
+    fn kerb_stations(&self, road: &Road, from_m: f64, to_m: f64) -> Vec<f64> {
+        let mut stations = road.stations_between(from_m, to_m);
+        let length = road.path.length_m();
+        let knots = [CROSSWALK_M.0 - SLOPE_M, CROSSWALK_M.0, CROSSWALK_M.1, CROSSWALK_M.1 + SLOPE_M];
+        for s in knots.into_iter().flat_map(|k| [k, length - k]).filter(|&s| s > from_m + 0.05 && s < to_m - 0.05) {
+            let sunk = self.kerb_rise(road, s) < KERB_RISE_M
+                || self.kerb_rise(road, s + 0.1) < KERB_RISE_M
+                || self.kerb_rise(road, s - 0.1) < KERB_RISE_M;
+            if sunk && stations.iter().all(|other| (other - s).abs() > 0.05) {
+                stations.push(s);
+            }
+        }
+        stations.sort_by(f64::total_cmp);
+        stations
+    }
+}
+
+/// Along the left side of a road to its other end and round the corner there; gives the next arm. Where the road goes on a deck,
+/// round the end of what lies on the ground and back along the right side.
 fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> (usize, usize) {
     let arm = &network.junctions[junction].arms[arm_idx];
     let road = &network.roads[arm.road];
-    let mut stations = road.stations();
+    let length = road.path.length_m();
     let sign = if arm.at_start { 1.0 } else { -1.0 };
-    if !arm.at_start {
-        stations.reverse();
-    }
-    ring.kerb_m.extend(stations.iter().map(|&s| road.path.beside(s, sign * road.profile.kerb_m())));
-    ring.back_m.extend(stations.iter().map(|&s| road.path.beside(s, sign * road.profile.back_m())));
-    ring.height_m.extend(stations.iter().map(|&s| road.elevation.at(s)));
-    ring.verge.extend(stations.iter().map(|_| road.profile.verge));
-    let there = road.ends[usize::from(arm.at_start)];
-    let arms = &network.junctions[there].arms;
-    let arrived = arms.iter().position(|a| a.road == arm.road && a.at_start != arm.at_start).expect("a road ends at the junction it names");
+    let ordered = |from: f64, to: f64, forwards: bool| {
+        let mut stations = network.kerb_stations(road, from, to);
+        if !forwards {
+            stations.reverse();
+        }
+        stations
+    };
+    let Some((from, to)) = road.bridge else {
+        ring.side(network, road, &ordered(0.0, length, arm.at_start), sign);
+        let there = road.ends[usize::from(arm.at_start)];
+        let arms = &network.junctions[there].arms;
+        let arrived =
+            arms.iter().position(|a| a.road == arm.road && a.at_start != arm.at_start).expect("a road ends at the junction it names");
+        return round_corner(network, road, there, arrived, ring);
+    };
+    let (near, far, tip) = if arm.at_start { (0.0, from, from + ABUTMENT_M.0) } else { (to, length, to - ABUTMENT_M.0) };
+    ring.side(network, road, &ordered(near, far, arm.at_start), sign);
+    ring.point(road, tip, sign, ABUTMENT_M.1, KERB_RISE_M);
+    *ring.seam.last_mut().expect("a point was pushed") = true;
+    ring.point(road, tip, -sign, ABUTMENT_M.1, KERB_RISE_M);
+    ring.side(network, road, &ordered(near, far, !arm.at_start), -sign);
+    let n = ring.fronted.len();
+    ring.fronted[n - 2 - 2 * ordered(near, far, true).len()..].fill(false);
+    round_corner(network, road, junction, arm_idx, ring)
+}
+
+/// From the arm on which the walk arrives round the corner to the next one.
+fn round_corner(network: &Network, road: &Road, junction: usize, arrived: usize, ring: &mut Ring) -> (usize, usize) {
+    let arms = &network.junctions[junction].arms;
     let next = (arrived + arms.len() - 1) % arms.len();
-    let corner = corner(network, there, next);
+    let corner = corner(network, junction, next);
     let n = corner.kerb_m.len();
     // The ends of the corner are the ends of the roads.
     ring.kerb_m.extend(corner.kerb_m[1..n - 1].iter().rev());
     ring.back_m.extend(corner.back_m[1..n - 1].iter().rev());
-    ring.height_m.extend(std::iter::repeat_n(network.junctions[there].height_m, n - 2));
+    ring.height_m.extend(std::iter::repeat_n(network.junctions[junction].height_m, n - 2));
+    ring.rise_m.extend(std::iter::repeat_n(KERB_RISE_M, n - 2));
     let verge = road.profile.verge && network.roads[arms[next].road].profile.verge;
     ring.verge.extend(std::iter::repeat_n(verge, n - 2));
-    (there, next)
+    ring.seam.extend(std::iter::repeat_n(false, n - 2));
+    ring.fronted.extend(std::iter::repeat_n(!verge, n - 2));
+    (junction, next)
 }
 
 /// Signed area, counter-clockwise positive.
@@ -129,71 +243,25 @@ pub fn contains(polygon: &[P2], p: P2) -> bool {
     inside
 }
 
-/// Cuts a simple polygon (counter-clockwise) into triangles.
-pub fn triangulate(polygon: &[P2]) -> Vec<[usize; 3]> {
-    let mut left: Vec<usize> = (0..polygon.len()).filter(|&i| (polygon[i] - polygon[(i + 1) % polygon.len()]).norm() > 1e-6).collect();
-    let mut triangles = Vec::new();
-    while left.len() > 3 {
-        let n = left.len();
-        let corner = |k: usize| [left[(k + n - 1) % n], left[k], left[(k + 1) % n]];
-        let is_ear = |k: usize| {
-            let [a, b, c] = corner(k).map(|i| polygon[i]);
-            let turn = |p: P2, q: P2, r: P2| cross(q - p, r - p);
-            turn(a, b, c) > 1e-9
-                && !left.iter().any(|&i| {
-                    let p = polygon[i];
-                    !corner(k).contains(&i) && turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0
-                })
-        };
-        // A straight corner is dropped: it adds no area.
-        let flat = |k: usize| {
-            let [a, b, c] = corner(k).map(|i| polygon[i]);
-            cross(b - a, c - a).abs() <= 1e-9
-        };
-        let quality = |k: usize| {
-            let [a, b, c] = corner(k).map(|i| polygon[i]);
-            cross(b - a, c - a) / ((c - a).norm_squared() + (b - a).norm_squared() + (c - b).norm_squared())
-        };
-        let Some(k) =
-            (0..n).filter(|&k| is_ear(k)).max_by(|&a, &b| quality(a).total_cmp(&quality(b))).or_else(|| (0..n).find(|&k| flat(k)))
-        else {
-            break;
-        };
-        if !flat(k) {
-            triangles.push(corner(k));
-        }
-        left.remove(k);
-    }
-    if let [a, b, c] = left[..] {
-        triangles.push([a, b, c]);
-    }
-    triangles
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::town::plans;
 
     #[test]
-    fn triangles_cover_a_polygon_exactly() {
-        let polygon = [(0.0, 0.0), (4.0, 0.0), (8.0, 0.0), (8.0, 6.0), (5.0, 6.0), (5.0, 2.0), (2.0, 2.0), (2.0, 6.0), (0.0, 6.0)]
-            .map(|(x, y)| P2::new(x, y));
-        let sum: f64 = triangulate(&polygon).iter().map(|t| area(&t.map(|i| polygon[i]))).sum();
-        assert!((sum - area(&polygon)).abs() < 1e-9);
-    }
-
-    #[test]
     fn pavements_never_fold_over() {
         for plan in (0..10).flat_map(plans) {
             let network = Network::build(&plan);
-            let rings = rings(&network);
+            let rings = rings(&network, &plan);
             assert_eq!(rings.iter().filter(|ring| ring.outside).count(), 1);
             for ring in &rings {
                 let n = ring.kerb_m.len();
                 assert_eq!(n, ring.back_m.len());
                 for i in 0..n {
                     let k = (i + 1) % n;
+                    if ring.seam[i] {
+                        continue;
+                    }
                     let quad = [ring.kerb_m[i], ring.kerb_m[k], ring.back_m[k], ring.back_m[i]];
                     assert!(area(&quad) > -0.02, "{}: {quad:?} has area {}", plan.name, area(&quad));
                 }

@@ -1,11 +1,11 @@
 //! Plans of the towns around the dense centre, drawn as streets between named points.
 
 use crate::geometry::{Bend, P2, left, unit, wrap};
-use crate::plan::{AVENUE, Edge, HIGHWAY, Houses, Plan, Profile, STREET};
+use crate::plan::{AVENUE, Edge, HIGHWAY, Houses, Plan, Profile, STREET, Street};
 use crate::random::Random;
 
 /// One lane each way with a gutter: the usual street of a small town.
-const LANE: Profile = Profile {
+pub(crate) const LANE: Profile = Profile {
     n_lanes: 1,
     lane_m: 3.5,
     edge: Edge::Gutter,
@@ -15,17 +15,14 @@ const LANE: Profile = Profile {
     main: false,
     verge: false,
     one_way: false,
+    motorway: false,
 };
 /// The same with priority and traffic lights.
-const HIGH_STREET: Profile = Profile { pavement_m: 3.5, speed_kmh: 40, main: true, ..LANE };
+pub(crate) const HIGH_STREET: Profile = Profile { pavement_m: 3.5, speed_kmh: 40, main: true, ..LANE };
 /// One lane each way between fields.
-const COUNTRY: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.7, pavement_m: 1.8, speed_kmh: 70, verge: true, ..LANE };
-/// Four lanes each way.
-const FREEWAY: Profile = Profile { n_lanes: 4, verge: true, ..HIGHWAY };
+pub(crate) const COUNTRY: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.7, pavement_m: 1.8, speed_kmh: 70, verge: true, ..LANE };
 /// Round a roundabout, counter-clockwise.
 const CIRCLE: Profile = Profile { lane_m: 5.0, pavement_m: 2.5, speed_kmh: 30, one_way: true, ..LANE };
-/// Between highways.
-const LINK: Profile = Profile { speed_kmh: 60, verge: true, ..AVENUE };
 /// Three lanes each way.
 const BOULEVARD: Profile = Profile {
     n_lanes: 3,
@@ -37,16 +34,20 @@ const BOULEVARD: Profile = Profile {
     main: true,
     verge: false,
     one_way: false,
+    motorway: false,
 };
 
+/// Over the streets of a town.
+const ELEVATED: Profile = Profile { n_lanes: 2, lane_m: 3.5, edge_m: 0.8, pavement_m: 1.6, speed_kmh: 70, verge: true, ..LANE };
+
 /// Collects nodes and streets.
-struct Sketch {
-    plan: Plan,
-    random: Random,
+pub(crate) struct Sketch {
+    pub plan: Plan,
+    pub random: Random,
 }
 
 impl Sketch {
-    fn new(name: &str, seed: u64, stream: u64, lat_lon_deg: (f64, f64), houses: Houses) -> Sketch {
+    pub fn new(name: &str, seed: u64, stream: u64, lat_lon_deg: (f64, f64), houses: Houses) -> Sketch {
         let plan = Plan {
             name: name.to_owned(),
             lat_lon_deg,
@@ -54,29 +55,30 @@ impl Sketch {
             heights_m: Vec::new(),
             hills_m: 0.0,
             streets: Vec::new(),
+            ponds_m: Vec::new(),
             parks_m: Vec::new(),
             houses,
         };
         Sketch { plan, random: Random::new(seed, stream, 0) }
     }
 
-    fn node(&mut self, x: f64, y: f64) -> usize {
+    pub fn node(&mut self, x: f64, y: f64) -> usize {
         self.plan.heights_m.push(0.0);
         self.plan.nodes_m.push(P2::new(x, y));
         self.plan.nodes_m.len() - 1
     }
 
     /// Streets along a line of nodes.
-    fn chain(&mut self, nodes: &[usize], profile: Profile) {
+    pub fn chain(&mut self, nodes: &[usize], profile: Profile) {
         for pair in nodes.windows(2) {
             self.street(pair[0], pair[1], &[], profile);
         }
     }
 
     /// A street through rounded corners: (x, y, radius).
-    fn street(&mut self, from: usize, to: usize, corners: &[(f64, f64, f64)], profile: Profile) {
+    pub fn street(&mut self, from: usize, to: usize, corners: &[(f64, f64, f64)], profile: Profile) {
         let bends = corners.iter().map(|&(x, y, radius_m)| Bend { corner_m: P2::new(x, y), radius_m }).collect();
-        self.plan.streets.push(crate::plan::Street { from, to, bends, profile, crest_m: 0.0, tunnel: false });
+        self.plan.streets.push(Street::new(from, to, bends, profile));
     }
 
     /// A roundabout about a point with one junction per heading (counter-clockwise, radians).
@@ -95,12 +97,20 @@ impl Sketch {
     /// Gives the street drawn last a hump (or a dip).
     fn crest(&mut self, crest_m: f64) {
         if let Some(street) = self.plan.streets.last_mut() {
-            street.crest_m = crest_m;
+            street.rises_m = vec![(0.5, crest_m)];
+        }
+    }
+
+    /// Puts the street drawn last on a deck between two places (metres from its first node), with heights as [`Street::rises_m`].
+    pub fn bridge(&mut self, bridge_m: (f64, f64), rises_m: &[(f64, f64)]) {
+        if let Some(street) = self.plan.streets.last_mut() {
+            street.bridge_m = Some(bridge_m);
+            street.rises_m = rises_m.to_vec();
         }
     }
 
     /// The same value for each, moved by up to `by_m`.
-    fn moved<const N: usize>(&mut self, values: [f64; N], by_m: f64) -> [f64; N] {
+    pub fn moved<const N: usize>(&mut self, values: [f64; N], by_m: f64) -> [f64; N] {
         values.map(|x| x + self.random.between(-by_m, by_m))
     }
 }
@@ -178,9 +188,9 @@ pub fn compact(name: &str, seed: u64) -> Plan {
 /// Town05: a grid of streets with several lanes, a wide ring round it.
 pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
     let mut s = Sketch::new(name, seed, 0x105, (33.75, -84.39), Houses::Towers { within_m: 190.0 });
-    let (w, h) = (300.0, 240.0);
+    let (w, h) = (345.0, 240.0);
     let xs = s.moved([-190.0, -95.0, 5.0, 100.0, 195.0], 5.0);
-    let ys = s.moved([-140.0, -45.0, 50.0, 145.0], 5.0);
+    let ys = s.moved([-145.0, -52.0, 58.0, 150.0], 4.0);
     let south = xs.map(|x| s.node(x, -h));
     let north = xs.map(|x| s.node(x, h));
     let west = ys.map(|y| s.node(-w, y));
@@ -198,7 +208,15 @@ pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
         column.push(north[c]);
         s.chain(&column, [AVENUE, AVENUE, BOULEVARD, STREET, AVENUE][c]);
     }
-    for side in [&south[..], &north[..], &west[..], &east[..]] {
+    // Through the middle, over five streets.
+    let over_y = 0.5 * (ys[1] + ys[2]);
+    let ends = [-w, w].map(|x| s.node(x, over_y));
+    s.street(ends[0], ends[1], &[], ELEVATED);
+    s.bridge((85.0, 2.0 * w - 85.0), &[(128.0 / (2.0 * w), 6.4), (1.0 - 128.0 / (2.0 * w), 6.4)]);
+    for (side, end) in [(&west, ends[0]), (&east, ends[1])] {
+        s.chain(&[side[0], side[1], end, side[2], side[3]], HIGHWAY);
+    }
+    for side in [&south[..], &north[..]] {
         s.chain(side, HIGHWAY);
     }
     s.street(west[0], south[0], &[(-w, -h, 60.0)], HIGHWAY);
@@ -244,30 +262,6 @@ pub fn country(name: &str, seed: u64) -> Plan {
         *height = 5.0 + rolling * (p.norm() / 120.0).min(1.0);
     }
     s.plan.hills_m = 46.0;
-    s.plan
-}
-
-/// Town06: long highways side by side, joined by short streets.
-pub fn long_highways(name: &str, seed: u64) -> Plan {
-    let mut s = Sketch::new(name, seed, 0x106, (42.33, -83.05), Houses::Farms);
-    let xs = s.moved([-330.0, -20.0, 300.0], 15.0);
-    let (w, h) = (620.0, 150.0);
-    let [middle_y] = s.moved([5.0], 8.0);
-    let south = xs.map(|x| s.node(x, -h));
-    let middle = xs.map(|x| s.node(x, middle_y));
-    let north = xs.map(|x| s.node(x, h));
-    let (west, east) = (s.node(-w, middle_y), s.node(w, middle_y));
-    s.chain(&south, HIGHWAY);
-    s.chain(&north, HIGHWAY);
-    s.chain(&[west, middle[0], middle[1], middle[2], east], FREEWAY);
-    for i in 0..3 {
-        s.chain(&[south[i], middle[i], north[i]], LINK);
-    }
-    s.street(west, south[0], &[(-w, -h, 90.0)], HIGHWAY);
-    s.street(south[2], east, &[(w, -h, 90.0)], HIGHWAY);
-    s.street(east, north[2], &[(w, h, 90.0)], HIGHWAY);
-    s.street(north[0], west, &[(-w, h, 90.0)], HIGHWAY);
-    s.plan.hills_m = 18.0;
     s.plan
 }
 

@@ -1,12 +1,13 @@
 //! A generated town and how to ask for one.
 
 use nalgebra::Isometry3;
-use schema_types::{Class, ObjectId, Pose};
+use schema_types::{ObjectId, Pose};
 use sensor_core::{Mesh, SceneAssets};
 
 use crate::network::Network;
+use crate::object::{SceneryLamp, SceneryObject};
 use crate::plan::Plan;
-use crate::{furniture, open_drive, plan, scenery, sketch, spawn};
+use crate::{furniture, motorway, open_drive, plan, scenery, sketch, spawn};
 
 /// Why there is no such town.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -39,17 +40,18 @@ pub struct CollisionMesh {
     pub vertices_m: Vec<[f32; 3]>,
     /// Three corners per triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// Scenery object of each triangle.
+    pub objects: Vec<ObjectId>,
 }
 
-/// One object of the scenery.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SceneryObject {
-    /// Stable id.
-    pub id: ObjectId,
-    /// Main class of its triangles.
-    pub class: Class,
-    /// What it is.
-    pub name: String,
+impl CollisionMesh {
+    /// Adds a convex polygon of an object.
+    pub(crate) fn polygon(&mut self, object: ObjectId, corners_m: &[[f64; 3]]) {
+        let base = self.vertices_m.len() as u32;
+        self.vertices_m.extend(corners_m.iter().map(|c| c.map(|x| x as f32)));
+        self.triangles.extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
+        self.objects.resize(self.triangles.len(), object);
+    }
 }
 
 /// A town: map, scenery, collision.
@@ -65,6 +67,8 @@ pub struct Town {
     pub assets: SceneAssets,
     /// Every object with an id of its own.
     pub objects: Vec<SceneryObject>,
+    /// Lamps that can be switched, in a stable order.
+    pub lamps: Vec<SceneryLamp>,
     /// Traffic lights: one per light signal of the map.
     pub lights: Vec<LightSite>,
     /// A head with three lamps facing +x: bit 0 red, 1 yellow, 2 green.
@@ -77,7 +81,7 @@ pub struct Town {
 
 impl Town {
     /// Names that [`Town::generate`] knows. `_Opt` behind a name is the same town.
-    pub const NAMES: [&'static str; 7] = ["Town01", "Town02", "Town03", "Town05", "Town06", "Town07", "Town10HD"];
+    pub const NAMES: [&'static str; 8] = ["Town01", "Town02", "Town03", "Town04", "Town05", "Town06", "Town07", "Town10HD"];
 
     /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change nothing.
     pub fn generate(name: &str, seed: u64) -> Result<Town, TownError> {
@@ -92,6 +96,7 @@ impl Town {
             spawn_points: spawn::spawn_points(&network),
             assets: scenery.assets,
             objects: scenery.objects,
+            lamps: scenery.lamps,
             lights: scenery.lights,
             light_head: furniture::light_head(),
             collision: scenery.collision,
@@ -105,8 +110,9 @@ fn plan_of(name: &str, seed: u64) -> Option<Plan> {
         "Town01" => sketch::small_town(name, seed),
         "Town02" => sketch::compact(name, seed),
         "Town03" => sketch::roundabouts(name, seed),
+        "Town04" => motorway::figure_of_eight(name, seed),
         "Town05" => sketch::multi_lane_grid(name, seed),
-        "Town06" => sketch::long_highways(name, seed),
+        "Town06" => motorway::long_highways(name, seed),
         "Town07" => sketch::country(name, seed),
         "Town10HD" => plan::dense_centre(name, seed),
         _ => return None,
