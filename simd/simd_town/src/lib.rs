@@ -27,6 +27,7 @@ mod motorway;
 mod network;
 mod object;
 mod open_drive;
+pub mod person;
 mod plan;
 mod planting;
 mod props;
@@ -40,5 +41,6 @@ mod town;
 pub mod vehicle;
 
 pub use object::{LampGroup, MapLayer, SceneryLamp, SceneryObject};
+pub use person::{PersonMeshes, PersonShape, person_meshes};
 pub use town::{CollisionMesh, LightSite, Town, TownError};
 pub use vehicle::{BodyStyle, VehicleMeshes, VehicleShape, WheelSite, vehicle_meshes};
