@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::Attachment;
-use crate::control::VehicleControl;
+use crate::control::{VehicleControl, WalkerControl};
 use crate::document::{PoseText, StepMode, Weather};
 use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
 
@@ -116,6 +116,24 @@ pub enum Command {
         actor_id: u32,
         /// Pedals and wheel.
         control: VehicleControl,
+    },
+    /// Holds a walker's control until it is replaced.
+    ControlWalker {
+        /// The actor.
+        actor_id: u32,
+        /// Direction and speed.
+        control: WalkerControl,
+    },
+    /// Puts a walker's feet on the ground nearest to a point (1 m above to 1.5 m below it): who leads it says where it is, tick by tick.
+    LeadWalker {
+        /// The actor.
+        actor_id: u32,
+        /// World, metres.
+        ground_point_m: [f64; 3],
+        /// Heading, radians counter-clockwise from world x.
+        yaw_rad: f64,
+        /// Speed that its limbs show, m/s.
+        speed_mps: f64,
     },
     /// Sets a vehicle's lamps.
     SetLamps {

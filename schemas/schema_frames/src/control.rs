@@ -36,6 +36,25 @@ impl VehicleControl {
     }
 }
 
+/// What a walker is asked to do; held until it is replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WalkerControl {
+    /// Direction of the walk, world; its length and its z do not count.
+    pub direction: [f32; 3],
+    /// m/s, 0 to 15.
+    pub speed_mps: f32,
+    /// Jumps whenever its feet are on the ground.
+    pub jump: bool,
+}
+
+impl Default for WalkerControl {
+    /// Stands.
+    fn default() -> Self {
+        WalkerControl { direction: [1.0, 0.0, 0.0], speed_mps: 0.0, jump: false }
+    }
+}
+
 /// One vehicle's control on `control/vehicles`. 32 bytes, no padding; a sample is a list of them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

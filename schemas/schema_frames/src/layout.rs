@@ -109,7 +109,7 @@ layouts! {
         opendrive_id: [u8; 32], reserved: [u8; 32],
     }
     TrafficSignPart { opendrive_id: [u8; 32], reserved: [u8; 64] }
-    WalkerPart { direction: [f32; 3], speed_mps: f32, gait_rad: f32, flags: u32, reserved: [u8; 72] }
+    WalkerPart { direction: [f32; 3], speed_mps: f32, gait_rad: f32, flags: u32, gait_mps: f32, reserved: [u8; 68] }
     DocumentHeader as "GantryDocumentHeader" {
         magic: u32, schema_version: u16, reserved0: u16, epoch: u64, revision: u64, payload_bytes: u64, tick: u64, reserved1: [u8; 24],
     }

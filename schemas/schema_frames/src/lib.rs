@@ -23,7 +23,7 @@ pub mod snapshot;
 
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
-pub use control::{AckRecord, VehicleControl, VehicleControlRecord};
+pub use control::{AckRecord, VehicleControl, VehicleControlRecord, WalkerControl};
 pub use document::{ActorInfo, ActorList, BodyBox, Catalogue, CatalogueEntry, DocumentHeader, SpawnPoints, StepMode, WorldInfo};
 pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};

@@ -313,9 +313,22 @@ pub struct WalkerPart {
     pub speed_mps: f32,
     /// Phase of the gait, radians.
     pub gait_rad: f32,
-    /// Bit 0: jump.
+    /// [`WalkerPart::JUMP`] and the other flag bits.
     pub flags: u32,
+    /// Speed that the limbs show, m/s.
+    pub gait_mps: f32,
     /// Zero.
-    pub reserved: [u8; 72],
+    pub reserved: [u8; 68],
 }
 const _: () = assert!(size_of::<WalkerPart>() == 96);
+
+impl WalkerPart {
+    /// Flag: asked to jump.
+    pub const JUMP: u32 = 1;
+    /// Flag: was knocked down and lies.
+    pub const DOWN: u32 = 2;
+    /// Flag: its feet are off the ground.
+    pub const AIRBORNE: u32 = 4;
+    /// Flag: sits in a wheelchair.
+    pub const SEATED: u32 = 8;
+}

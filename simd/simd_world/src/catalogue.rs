@@ -7,6 +7,7 @@ use schema_types::Class;
 use simd_town::BodyStyle;
 
 use crate::models::{VehicleModel, vehicle_models};
+use crate::walkers::walker_models;
 
 /// Sensors that are accepted as passive actors; `sensor.camera.view` is ours and has any of the camera modalities.
 const SENSORS: &[&str] = &[
@@ -40,7 +41,7 @@ const SPEED_LIMITS: [u32; 14] = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 1
 
 const NO_BOX: BodyBox = BodyBox { centre_m: [0.0; 3], half_m: [0.0; 3] };
 
-/// The catalogue: vehicles in the order of [`vehicle_models`], then the rest.
+/// The catalogue: vehicles in the order of [`vehicle_models`], walkers, then the rest.
 pub(crate) fn catalogue() -> Catalogue {
     let vehicles = vehicle_models().iter().map(|model| CatalogueEntry {
         type_id: model.type_id.to_owned(),
@@ -49,10 +50,11 @@ pub(crate) fn catalogue() -> Catalogue {
         body_box: model.body_box(),
         attributes: vehicle_attributes(model),
     });
+    let walkers = walker_models().iter().map(|model| model.catalogue_entry());
     let sensors = SENSORS.iter().map(|type_id| bare(type_id, "sensor", Class::UNLABELED));
     let map = OF_THE_MAP.iter().map(|(type_id, kind, class)| bare(type_id, kind, *class));
     let limits = SPEED_LIMITS.iter().map(|kmh| bare(&format!("traffic.speed_limit.{kmh}"), "traffic_sign", Class::TRAFFIC_SIGNS));
-    Catalogue { entries: vehicles.chain(sensors).chain(map).chain(limits).collect() }
+    Catalogue { entries: vehicles.chain(walkers).chain([bare("controller.ai.walker", "controller", Class::UNLABELED)]).chain(sensors).chain(map).chain(limits).collect() }
 }
 
 fn bare(type_id: &str, kind: &str, class: Class) -> CatalogueEntry {

@@ -31,6 +31,10 @@ impl World {
                 self.refresh_records(None);
                 done(result.map_err(text))
             }
+            Command::ControlWalker { actor_id, control } => done(self.control_walker(ActorId(*actor_id), *control).map_err(text)),
+            Command::LeadWalker { actor_id, ground_point_m, yaw_rad, speed_mps } => {
+                done(self.lead_walker(ActorId(*actor_id), *ground_point_m, *yaw_rad, *speed_mps).map_err(text))
+            }
             Command::SetLamps { actor_id, lamps } => {
                 let result = self.set_lamps(ActorId(*actor_id), *lamps);
                 self.refresh_records(None);
@@ -76,11 +80,16 @@ impl World {
         let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
         let type_id = &self.catalogue.entries[known.catalogue_idx as usize].type_id;
         if type_id.starts_with("traffic.") {
-            return Err(ActorError::WrongKind { actor, type_id: type_id.clone(), needed: "vehicle, sensor or the spectator" });
+            return Err(ActorError::WrongKind { actor, type_id: type_id.clone(), needed: "vehicle, walker, prop, sensor or the spectator" });
         }
         if let Some(vehicle) = self.vehicles.get_mut(&actor) {
             vehicle.set_pose(&mut self.physics, &pose.isometry());
         }
+        let is_walker = World::is_walker(known.kind);
+        if is_walker {
+            self.put_walker(actor, &pose);
+        }
+        let known = &self.actors[&actor];
         let parent = known.parent.and_then(|parent| self.sensor_pose(parent));
         let local = parent.map_or(pose, |world_from_parent| world_from_parent.inv_mul(&pose.isometry()).into());
         if let Some(known) = self.actors.get_mut(&actor) {

@@ -27,6 +27,7 @@ mod signs;
 mod spawn;
 mod vehicle;
 mod weather;
+mod walkers;
 mod world;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
@@ -36,4 +37,5 @@ pub use models::{VehicleModel, vehicle_models};
 pub use physics::Collision;
 pub use scenario::Scenario;
 pub use spawn::{DestroyError, SpawnError};
+pub use walkers::{MAX_SPEED_MPS, WalkerModel, walker_models};
 pub use world::{ActorError, World, WorldOptions};

@@ -127,6 +127,12 @@ impl Physics {
         self.engine.step_with_events(&(), &self.contacts);
     }
 
+    /// Adds a collision that was found outside the engine.
+    pub fn log_contact(&mut self, mut collision: Collision) {
+        (0..3).for_each(|axis| collision.point_in_world_m[axis] -= self.origin_m[axis]);
+        self.contacts.entries.get_mut().expect("nobody panics while logging a contact").push(collision);
+    }
+
     /// Fills `merged` with the contacts since the last call, one entry per (vehicle, other), sorted.
     pub fn take_collisions(&mut self, merged: &mut Vec<Collision>) {
         let origin_m = self.origin_m;

@@ -44,6 +44,11 @@ impl World {
                     record.flags |= if vehicle.quarantined { ActorRecord::QUARANTINED } else { ActorRecord::PHYSICS };
                     record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
                 }
+                ActorKind::Walker => {
+                    let walker = &self.walkers[&actor.id];
+                    record.flags |= if walker.lost { ActorRecord::QUARANTINED } else { 0 };
+                    record.set_part(&walker.part());
+                }
                 ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
                 ActorKind::TrafficSign => {
                     let opendrive_id = actor.attributes.get("opendrive_id").map_or([0; 32], |id| id_bytes(id));
@@ -64,6 +69,10 @@ impl World {
         if let Some(vehicle) = self.vehicles.get(&actor.id) {
             let (velocity, spin) = vehicle.velocity(&self.physics);
             return Motion { pose: vehicle.pose(&self.physics).into(), velocity, spin };
+        }
+        if let Some(walker) = self.walkers.get(&actor.id) {
+            let spin = Vector3::new(0.0, 0.0, walker.yaw_radps);
+            return Motion { pose: walker.pose().into(), velocity: walker.velocity_mps.into(), spin };
         }
         let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
         let Some(parent) = parent else {

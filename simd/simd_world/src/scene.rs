@@ -1,4 +1,4 @@
-//! What sensors see of the actors: bodies, wheels, lamp heads.
+//! What sensors see of the actors: bodies, wheels, limbs, lamp heads.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::LightState;
 use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
-use simd_town::vehicle_meshes;
+use simd_town::person::{Posture, mesh_of};
+use simd_town::{person_meshes, vehicle_meshes};
 
 use crate::models::vehicle_models;
 use crate::vehicle::{Vehicle, WheelState};
+use crate::walkers::{Walker, walker_models};
 use crate::world::World;
 
 /// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0.
@@ -20,6 +22,8 @@ const BODY_PART: u16 = 0;
 pub(crate) struct ActorMeshes {
     /// Body and wheel per vehicle model, by its index.
     vehicles: Vec<(MeshId, MeshId)>,
+    /// Parts of the body and wheelchair per walker model, by its index.
+    walkers: Vec<([MeshId; 7], MeshId)>,
     light_head: Option<MeshId>,
     /// Lamp heads per light actor.
     heads: BTreeMap<ActorId, Vec<Isometry3<f64>>>,
@@ -33,8 +37,13 @@ impl World {
             (assets.add_mesh(meshes.body), assets.add_mesh(meshes.wheel))
         });
         let vehicles = vehicles.collect();
+        let walkers = walker_models().iter().map(|model| {
+            let meshes = person_meshes(&model.shape);
+            (meshes.parts.map(|part| assets.add_mesh(part)), assets.add_mesh(meshes.wheelchair))
+        });
+        let walkers = walkers.collect();
         let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
-        self.meshes = ActorMeshes { vehicles, light_head, heads: BTreeMap::new() };
+        self.meshes = ActorMeshes { vehicles, walkers, light_head, heads: BTreeMap::new() };
         self.find_light_heads();
     }
 
@@ -54,10 +63,34 @@ impl World {
                     let world_from_vehicle = record.world_from_actor.isometry();
                     self.add_vehicle(out, actor, vehicle, &world_from_vehicle, (*body, *wheel));
                 }
+            } else if let Some(walker) = self.walkers.get(&actor) {
+                self.add_walker(out, actor, walker);
             } else if let (Some(heads), Some(mesh)) = (self.meshes.heads.get(&actor), self.meshes.light_head) {
                 let lamps = self.lights.get(actor).map_or(0, |light| lamp_bits(light.state));
                 out.extend(heads.iter().enumerate().map(|(part, head)| still(actor, part as u16, mesh, *head, lamps)));
             }
+        }
+    }
+
+    fn add_walker(&self, out: &mut Vec<DynamicInstance>, actor: ActorId, walker: &Walker) {
+        let Some((parts, wheelchair)) = self.meshes.walkers.get(walker.model_idx as usize) else { return };
+        let shape = &walker.model().shape;
+        let posture = walker.posture();
+        let world_from_ground = walker.pose() * Translation3::new(0.0, 0.0, -0.5 * shape.height_m);
+        let velocity_in_world_mps = Vector3::from(walker.velocity_mps);
+        let part = |part: usize, mesh: MeshId, ground_from_mesh: &Isometry3<f64>| DynamicInstance {
+            actor,
+            part: part as u16,
+            mesh,
+            world_from_mesh: world_from_ground * ground_from_mesh,
+            tint_rgb: [255; 3],
+            lamps: 0,
+            velocity_in_world_mps,
+        };
+        let poses = shape.skeleton().parts(posture);
+        out.extend(poses.iter().enumerate().map(|(idx, pose)| part(idx, parts[mesh_of(idx)], pose)));
+        if posture == Posture::Seated {
+            out.push(part(poses.len(), *wheelchair, &Isometry3::identity()));
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector3;
 use rapier3d::parry::query::intersection_test;
 use rapier3d::parry::shape::Cuboid;
 use schema_frames::{ActorKind, VehicleControl};
@@ -11,6 +12,7 @@ use crate::catalogue::{self, FIXED_ATTRIBUTES};
 use crate::models::{VehicleModel, vehicle_models};
 use crate::physics::Physics;
 use crate::vehicle::{Vehicle, chassis_box};
+use crate::walkers::{Walker, walker_models};
 use crate::world::{Actor, World};
 
 /// Why an actor was not made.
@@ -39,7 +41,7 @@ pub enum SpawnError {
         parent: ActorId,
     },
     /// Only sensors ride on others.
-    #[error("cannot attach {0:?} to an actor: only sensors can be attached; leave parent_id out")]
+    #[error("cannot attach {0:?} to an actor: only sensors and controllers can be attached; leave parent_id out")]
     Attached(String),
     /// Something is there already.
     #[error("spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}")]
@@ -110,12 +112,14 @@ impl World {
         let id = match vehicle_models().get(catalogue_idx as usize) {
             Some(_) if parent.is_some() => return Err(SpawnError::Attached(type_id.to_owned())),
             Some(model) => self.spawn_vehicle(model, catalogue_idx, pose, role, attributes)?,
-            None if type_id.starts_with("sensor.") => {
+            None if type_id.starts_with("walker.") && parent.is_some() => return Err(SpawnError::Attached(type_id.to_owned())),
+            None if type_id.starts_with("walker.") => self.spawn_walker(type_id, catalogue_idx, pose, role, attributes)?,
+            None if type_id.starts_with("sensor.") || type_id.starts_with("controller.") => {
                 let id = self.new_id();
                 let role = role.to_owned();
                 let attributes = attributes.clone();
-                self.actors
-                    .insert(id, Actor { id, kind: ActorKind::Sensor, catalogue_idx, role, parent, pose, attributes, topics: Vec::new() });
+                let kind = if type_id.starts_with("sensor.") { ActorKind::Sensor } else { ActorKind::Controller };
+                self.actors.insert(id, Actor { id, kind, catalogue_idx, role, parent, pose, attributes, topics: Vec::new() });
                 id
             }
             None => return Err(SpawnError::OfTheMap(type_id.to_owned())),
@@ -152,6 +156,61 @@ impl World {
         Ok(id)
     }
 
+    fn spawn_walker(
+        &mut self,
+        type_id: &str,
+        catalogue_idx: u32,
+        pose: Pose,
+        role: &str,
+        given: &BTreeMap<String, String>,
+    ) -> Result<ActorId, SpawnError> {
+        let model_idx = walker_models().iter().position(|model| model.type_id == type_id).expect("the catalogue lists only these");
+        let mut attributes = self.catalogue.entries[catalogue_idx as usize].attributes.clone();
+        for (name, value) in given {
+            check_walker_attribute(type_id, name, value, &attributes)?;
+            attributes.insert(name.clone(), value.clone());
+        }
+        let height_m = walker_models()[model_idx].shape.height_m;
+        let [x, y, z] = pose.translation_m;
+        let feet_m = self.lifted(Vector3::new(x, y, z - 0.5 * height_m), height_m);
+        let is = |name: &str| attributes.get(name).is_some_and(|value| value == "true");
+        let walker = Walker {
+            invincible: is("is_invincible"),
+            seated: is("use_wheelchair"),
+            ..Walker::new(model_idx as u16, feet_m.into(), pose.yaw_rad())
+        };
+        if let Some(obstacle) = self.walker_obstacle(&walker) {
+            return Err(SpawnError::Occupied { type_id: type_id.to_owned(), obstacle });
+        }
+        let id = self.new_id();
+        self.walkers.insert(id, walker);
+        let role = role.to_owned();
+        self.actors
+            .insert(id, Actor { id, kind: ActorKind::Walker, catalogue_idx, role, parent: None, pose, attributes, topics: Vec::new() });
+        Ok(id)
+    }
+
+    /// What a new walker would touch.
+    fn walker_obstacle(&self, walker: &Walker) -> Option<String> {
+        let standing = walker.standing();
+        let (body, at) = standing.whole_body(&self.physics);
+        for (id, other) in &self.vehicles {
+            let (centre, half) = chassis_box(other.model);
+            let mut other_at = self.physics.engine_pose(&other.pose(&self.physics));
+            other_at.translation += other_at.rotation * centre;
+            if intersection_test(&at, &body, &other_at, &Cuboid::new(half)).is_ok_and(|hit| hit.intersecting) {
+                return Some(format!("{} (actor {id})", other.model.type_id));
+            }
+        }
+        for (id, other) in &self.walkers {
+            let (other_body, other_at) = other.standing().whole_body(&self.physics);
+            if intersection_test(&at, &body, &other_at, &other_body).is_ok_and(|hit| hit.intersecting) {
+                return Some(format!("{} (actor {id})", other.model().type_id));
+            }
+        }
+        standing.is_stuck(&self.physics).then(|| "scenery".to_owned())
+    }
+
     /// What a body of this model would touch at `pose`.
     fn obstacle(&self, model: &VehicleModel, pose: &Pose) -> Option<String> {
         let physics: &Physics = &self.physics;
@@ -169,13 +228,19 @@ impl World {
                 return Some(format!("{} (actor {id})", other.model.type_id));
             }
         }
+        for (id, walker) in &self.walkers {
+            let (body, body_at) = walker.standing().whole_body(physics);
+            if walker.collides && intersection_test(&at, &shape, &body_at, &body).is_ok_and(|hit| hit.intersecting) {
+                return Some(format!("{} (actor {id})", walker.model().type_id));
+            }
+        }
         physics.touches_scenery(&at, &shape).then(|| "scenery".to_owned())
     }
 
     /// Removes an actor and what is attached to it; returns everything that went, by rising id.
     pub fn destroy(&mut self, actor: ActorId) -> Result<Vec<ActorId>, DestroyError> {
         let target = self.actors.get(&actor).ok_or(DestroyError::Unknown(actor))?;
-        if !matches!(target.kind, ActorKind::Vehicle | ActorKind::Sensor) {
+        if !matches!(target.kind, ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Sensor | ActorKind::Controller) {
             let type_id = self.catalogue.entries[target.catalogue_idx as usize].type_id.clone();
             return Err(DestroyError::OfTheMap { actor, type_id });
         }
@@ -190,6 +255,7 @@ impl World {
             self.actors.remove(id);
             self.speed_limits.remove(id);
             self.booms.remove(id);
+            self.walkers.remove(id);
             if let Some(vehicle) = self.vehicles.remove(id) {
                 self.physics.engine.remove_body(vehicle.body);
             }
@@ -219,6 +285,22 @@ fn check_attribute(model: &VehicleModel, name: &str, value: &str, known: &BTreeM
         "sticky_control" if value != "true" => Err(refuse("only \"true\" is supported: a control stays until it is replaced".to_owned())),
         "color" | "sticky_control" => Ok(()),
         _ => Err(refuse(format!("a vehicle has only {}", known.keys().cloned().collect::<Vec<_>>().join(", ")))),
+    }
+}
+
+/// A walker's attributes: which may be set, and to what.
+fn check_walker_attribute(type_id: &str, name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<(), SpawnError> {
+    let refuse =
+        |allowed: String| SpawnError::Attribute { type_id: type_id.to_owned(), name: name.to_owned(), value: value.to_owned(), allowed };
+    let Some(is) = known.get(name) else {
+        return Err(refuse(format!("this walker has only {}", known.keys().cloned().collect::<Vec<_>>().join(", "))));
+    };
+    match name {
+        "is_invincible" | "use_wheelchair" if value != "true" && value != "false" => Err(refuse("it must be true or false".to_owned())),
+        // What scripts read; the walker's speed is that of its control.
+        "is_invincible" | "use_wheelchair" | "speed" => Ok(()),
+        _ if is == value => Ok(()),
+        _ => Err(refuse(format!("it is fixed at {is:?}"))),
     }
 }
 

@@ -18,6 +18,7 @@ use crate::physics::{Collision, Physics};
 use crate::scene::ActorMeshes;
 use crate::signs;
 use crate::vehicle::Vehicle;
+use crate::walkers::Walker;
 
 /// What does not change while a world lives.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -93,6 +94,7 @@ pub struct World {
     pub(crate) catalogue: Catalogue,
     pub(crate) actors: BTreeMap<ActorId, Actor>,
     pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
+    pub(crate) walkers: BTreeMap<ActorId, Walker>,
     #[serde(with = "crate::plain::pods")]
     pub(crate) records: Vec<ActorRecord>,
     /// Records before the last step or change; kept so that their memory is used again.
@@ -126,6 +128,7 @@ impl World {
             catalogue: catalogue::catalogue(),
             actors: BTreeMap::new(),
             vehicles: BTreeMap::new(),
+            walkers: BTreeMap::new(),
             records: Vec::new(),
             previous_records: Vec::new(),
             speed_limits: BTreeMap::new(),
@@ -157,6 +160,7 @@ impl World {
         self.physics = physics;
         self.actors.clear();
         self.vehicles.clear();
+        self.walkers.clear();
         self.speed_limits.clear();
         self.booms.clear();
         self.collisions.clear();
@@ -197,7 +201,7 @@ impl World {
         id
     }
 
-    /// Advances by `dt_nanos`: vehicles in equal sub-steps, then lights, then the records.
+    /// Advances by `dt_nanos`: vehicles in equal sub-steps, walkers, then lights, then the records.
     pub fn step(&mut self, dt_nanos: u64) {
         let dt_secs = dt_nanos as f64 * 1e-9;
         let n_sub_steps = (dt_secs / self.options.physics_substep_secs.max(1e-4) - 1e-9).ceil().max(1.0) as u32;
@@ -214,13 +218,15 @@ impl World {
                     );
                 }
             }
+            self.meet_vehicles();
         }
+        self.move_walkers(dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
         self.refresh_records(Some(dt_secs));
     }
 
-    /// What the vehicles touched in the last step, by (vehicle, other).
+    /// What vehicles and walkers touched in the last step, by (actor, other).
     pub fn collisions(&self) -> &[Collision] {
         &self.collisions
     }

@@ -186,7 +186,8 @@ STRUCTS: dict[str, tuple] = {
         ("speed_mps", "<f4", (), 12),
         ("gait_rad", "<f4", (), 16),
         ("flags", "<u4", (), 20),
-        ("reserved", "u1", (72,), 24),
+        ("gait_mps", "<f4", (), 24),
+        ("reserved", "u1", (68,), 28),
     ]),
     "DocumentHeader": ("GantryDocumentHeader", 64, [
         ("magic", "<u4", (), 0),
