@@ -16,7 +16,7 @@ const COLOR: u8 = 5;
 /// What vehicles have beside what the catalogue says, and cannot be set.
 const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, ""), ("has_dynamic_doors", BOOL, "false")];
 /// Attributes of the catalogue that CARLA has too, with their type and whether a script may set them.
-const VEHICLE_ATTRIBUTES: &[(&str, u8, bool)] = &[
+const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("base_type", TEXT, false),
     ("special_type", TEXT, false),
     ("generation", INT, false),
@@ -24,7 +24,16 @@ const VEHICLE_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("has_lights", BOOL, false),
     ("color", COLOR, true),
     ("sticky_control", BOOL, true),
+    ("age", TEXT, false),
+    ("gender", TEXT, false),
+    ("is_invincible", BOOL, true),
+    ("speed", FLOAT, true),
+    ("can_use_wheelchair", BOOL, false),
+    ("use_wheelchair", BOOL, true),
+    ("size", TEXT, false),
 ];
+/// Kinds whose attributes stand in the catalogue, and the role that CARLA gives them.
+const BODIES: &[(&str, &str)] = &[("vehicle", "autopilot"), ("walker", "pedestrian"), ("prop", "prop"), ("controller", "default")];
 
 type Spec = (&'static str, u8, &'static str);
 const CAMERA: &[Spec] = &[
@@ -128,16 +137,15 @@ impl Line {
 
 fn lines(entry: &CatalogueEntry) -> Vec<Line> {
     let last = entry.type_id.rsplit('.').next().unwrap_or_default();
-    if entry.kind == "vehicle" {
-        let known = VEHICLE_ATTRIBUTES.iter().filter_map(|(name, kind, modifiable)| {
+    if let Some((kind, role)) = BODIES.iter().find(|(kind, _)| *kind == entry.kind) {
+        let known = BODY_ATTRIBUTES.iter().filter_map(|(name, kind, modifiable)| {
             let mut line = Line::new(name, *kind, entry.attributes.get(*name)?, *modifiable);
-            if *modifiable && *kind == COLOR {
-                line.recommended.push(line.value.clone().into());
-            }
+            line.recommended = entry.recommended.get(*name).into_iter().flatten().map(|value| value.clone().into()).collect();
             Some(line)
         });
-        let constant = VEHICLE_CONSTANTS.iter().map(|(name, kind, value)| Line::new(name, *kind, value, false));
-        return known.chain(constant).chain([Line::new("role_name", TEXT, "autopilot", true)]).collect();
+        let constants = if *kind == "vehicle" { VEHICLE_CONSTANTS } else { &[] };
+        let constant = constants.iter().map(|(name, kind, value)| Line::new(name, *kind, value, false));
+        return known.chain(constant).chain([Line::new("role_name", TEXT, role, true)]).collect();
     }
     let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| Line::new(name, *kind, value, true));
     own.chain([Line::new("role_name", TEXT, "default", true), Line::new("ros_name", TEXT, last, true)]).collect()
@@ -146,7 +154,8 @@ fn lines(entry: &CatalogueEntry) -> Vec<Line> {
 /// Whether scripts see it in the blueprint library.
 fn is_blueprint(entry: &CatalogueEntry) -> bool {
     // Ours: one camera of any modalities, which CARLA does not have.
-    (entry.kind == "vehicle" || entry.kind == "sensor") && entry.type_id != "sensor.camera.view"
+    let spawned = entry.kind == "sensor" || BODIES.iter().any(|(kind, _)| *kind == entry.kind);
+    spawned && entry.type_id != "sensor.camera.view"
 }
 
 /// `get_actor_definitions`.
@@ -180,9 +189,9 @@ pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Descriptio
     Description { type_id: actor.type_id.clone(), attributes }
 }
 
-/// What of a client's attributes the simulator is told: what a script could have set on a vehicle, but for its role.
+/// What of a client's attributes the simulator is told: what a script could have set on a body, but for its role.
 pub fn settable(description: &Description) -> std::collections::BTreeMap<String, String> {
-    let settable = |attribute: &&Attribute| VEHICLE_ATTRIBUTES.iter().any(|(name, _, modifiable)| *modifiable && *name == attribute.name);
+    let settable = |attribute: &&Attribute| BODY_ATTRIBUTES.iter().any(|(name, _, modifiable)| *modifiable && *name == attribute.name);
     description.attributes.iter().filter(settable).map(|a| (a.name.clone(), a.value.to_lowercase())).collect()
 }
 
@@ -200,6 +209,7 @@ mod tests {
             class: 14,
             body_box: BodyBox { centre_m: [0.0; 3], half_m: [1.0; 3] },
             attributes,
+            recommended: Default::default(),
         }
     }
 

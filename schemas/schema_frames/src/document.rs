@@ -216,6 +216,9 @@ pub struct CatalogueEntry {
     pub body_box: BodyBox,
     /// Attributes with their default values.
     pub attributes: std::collections::BTreeMap<String, String>,
+    /// Values that suit an attribute, for those that have such.
+    #[serde(default)]
+    pub recommended: std::collections::BTreeMap<String, Vec<String>>,
 }
 
 /// `world/catalogue`.

@@ -49,16 +49,32 @@ pub(crate) fn catalogue() -> Catalogue {
         class: model.class.0,
         body_box: model.body_box(),
         attributes: vehicle_attributes(model),
+        recommended: BTreeMap::from([("color".to_owned(), model.colors.iter().map(|color| color_text(*color)).collect())]),
     });
     let walkers = walker_models().iter().map(|model| model.catalogue_entry());
     let sensors = SENSORS.iter().map(|type_id| bare(type_id, "sensor", Class::UNLABELED));
     let map = OF_THE_MAP.iter().map(|(type_id, kind, class)| bare(type_id, kind, *class));
     let limits = SPEED_LIMITS.iter().map(|kmh| bare(&format!("traffic.speed_limit.{kmh}"), "traffic_sign", Class::TRAFFIC_SIGNS));
-    Catalogue { entries: vehicles.chain(walkers).chain([bare("controller.ai.walker", "controller", Class::UNLABELED)]).chain(sensors).chain(map).chain(limits).collect() }
+    Catalogue {
+        entries: vehicles
+            .chain(walkers)
+            .chain([bare("controller.ai.walker", "controller", Class::UNLABELED)])
+            .chain(sensors)
+            .chain(map)
+            .chain(limits)
+            .collect(),
+    }
 }
 
 fn bare(type_id: &str, kind: &str, class: Class) -> CatalogueEntry {
-    CatalogueEntry { type_id: type_id.to_owned(), kind: kind.to_owned(), class: class.0, body_box: NO_BOX, attributes: BTreeMap::new() }
+    CatalogueEntry {
+        type_id: type_id.to_owned(),
+        kind: kind.to_owned(),
+        class: class.0,
+        body_box: NO_BOX,
+        attributes: BTreeMap::new(),
+        recommended: BTreeMap::new(),
+    }
 }
 
 /// Attributes that describe a vehicle and cannot be set; the rest of `vehicle_attributes` can.

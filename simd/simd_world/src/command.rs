@@ -80,7 +80,11 @@ impl World {
         let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
         let type_id = &self.catalogue.entries[known.catalogue_idx as usize].type_id;
         if type_id.starts_with("traffic.") {
-            return Err(ActorError::WrongKind { actor, type_id: type_id.clone(), needed: "vehicle, walker, prop, sensor or the spectator" });
+            return Err(ActorError::WrongKind {
+                actor,
+                type_id: type_id.clone(),
+                needed: "vehicle, walker, prop, sensor or the spectator",
+            });
         }
         if let Some(vehicle) = self.vehicles.get_mut(&actor) {
             vehicle.set_pose(&mut self.physics, &pose.isometry());

@@ -26,8 +26,8 @@ mod scene;
 mod signs;
 mod spawn;
 mod vehicle;
-mod weather;
 mod walkers;
+mod weather;
 mod world;
 
 pub use checkpoint::{Checkpoint, CheckpointError};

@@ -126,7 +126,7 @@ fn a_jump_is_a_throw() {
         airborne_secs += 0.01;
     }
     // v²/2g and 2v/g for 5 m/s.
-    assert!((highest_m - 25.0 / 19.62).abs() < 0.06 && (airborne_secs - 10.0 / 9.81).abs() < 0.04, "{highest_m} {airborne_secs}");
+    assert!((highest_m - 25.0 / 19.62).abs() < 0.01 && (airborne_secs - 10.0 / 9.81).abs() < 0.04, "{highest_m} {airborne_secs}");
     (0..5).for_each(|_| world.step(TICK_NANOS));
     assert!((world.record(walker).unwrap().world_from_actor.translation_m[2] - ground_m).abs() < 1e-3);
 }
@@ -167,7 +167,7 @@ fn a_car_knocks_a_walker_down_and_feels_it() {
     let record = *world.record(walker).unwrap();
     assert_ne!(part(&world, walker).flags & WalkerPart::DOWN, 0);
     let up = record.world_from_actor.isometry().rotation * Vector3::z();
-    assert!(up.z.abs() < 0.1 && record.world_from_actor.translation_m[2] < 0.3, "{record:?}");
+    assert!(up.z.abs() < 0.1 && record.world_from_actor.translation_m[2] < 0.31, "{record:?}");
     assert!(record.world_from_actor.translation_m.iter().all(|x| x.is_finite()));
     assert_eq!(world.record(car).unwrap().flags & ActorRecord::QUARANTINED, 0);
     // Whoever puts it somewhere helps it up.

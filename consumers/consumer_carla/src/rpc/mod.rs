@@ -22,6 +22,7 @@ pub mod session;
 pub mod spawning;
 pub mod traffic_lights;
 pub mod vehicles;
+pub mod walkers;
 pub mod weather;
 
 /// What serves a method.
@@ -37,6 +38,7 @@ const AREAS: &[Calls] = &[
     actors::CALLS,
     spawning::CALLS,
     vehicles::CALLS,
+    walkers::CALLS,
     traffic_lights::CALLS,
     batch::CALLS,
     managers::CALLS,

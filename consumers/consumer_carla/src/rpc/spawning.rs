@@ -37,9 +37,6 @@ pub(crate) fn spawn_command(
     if description.type_id.starts_with("sensor.") {
         return spec::command(description, pose(transform), parent, tick_secs);
     }
-    if !description.type_id.starts_with("vehicle.") {
-        return Err(format!("{:?} cannot be spawned through gantry-carla: only vehicles and sensors can", description.type_id));
-    }
     Ok(Command::Spawn {
         type_id: description.type_id.clone(),
         pose: pose(transform),

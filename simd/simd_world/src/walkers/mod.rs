@@ -64,7 +64,7 @@ pub(crate) struct Walker {
     pub fall: Option<Fall>,
     pub invincible: bool,
     pub seated: bool,
-    /// Moves by its control, under gravity.
+    /// Moves by its control, under gravity; not while somebody leads it.
     pub simulated: bool,
     /// Is stopped by walls and hit by vehicles.
     pub collides: bool,
@@ -208,7 +208,7 @@ impl Walker {
         let jumped = moved.norm() > f64::from(MAX_SPEED_MPS) * dt_secs + 0.5;
         self.velocity_mps = if jumped { [0.0; 3] } else { (moved / dt_secs).into() };
         self.yaw_radps = if jumped { 0.0 } else { ((self.yaw_rad - yaw_before_rad + PI).rem_euclid(TAU) - PI) / dt_secs };
-        if self.fall.is_some() || jumped || !(self.on_ground || !self.simulated) {
+        if self.fall.is_some() || jumped || (self.simulated && !self.on_ground) {
             return;
         }
         self.gait_mps = eased_mps(self.gait_mps, speed_mps.min(f64::from(MAX_SPEED_MPS)), dt_secs);
@@ -268,7 +268,7 @@ impl World {
         }
         let walker = self.walker_mut(actor)?;
         walker.control = control;
-        walker.led = None;
+        (walker.led, walker.simulated) = (None, true);
         self.refresh_records(None);
         Ok(())
     }
@@ -293,7 +293,7 @@ impl World {
         walker.put(feet_m, yaw_rad);
         walker.fall = lies;
         walker.led = Some((speed_mps, 0.0));
-        walker.on_ground = true;
+        (walker.simulated, walker.on_ground) = (false, true);
         self.refresh_records(None);
         Ok(())
     }

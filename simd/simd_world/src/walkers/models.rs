@@ -69,7 +69,7 @@ impl WalkerModel {
         let pick = |what: u64, n: usize| (draw.bits(what) % n as u64) as usize;
         let officer = POLICE.contains(&number);
         // The two kinds take turns.
-        let female = if officer { number == POLICE[1] } else { number % 2 == 0 };
+        let female = if officer { number == POLICE[1] } else { number.is_multiple_of(2) };
         let (group, age) = match number {
             _ if CHILDREN.contains(&number) => (Age::Child, "child"),
             _ if TEENAGERS.contains(&number) => (Age::Teenager, "teenager"),
@@ -147,7 +147,7 @@ impl WalkerModel {
             ("gender".to_owned(), self.gender.to_owned()),
             ("generation".to_owned(), self.generation.to_string()),
             ("is_invincible".to_owned(), "true".to_owned()),
-            ("speed".to_owned(), format!("0.0,{:?},{:?}", self.speeds_mps[0], self.speeds_mps[1])),
+            ("speed".to_owned(), "0.0".to_owned()),
         ]);
         if self.can_use_wheelchair {
             attributes.insert("can_use_wheelchair".to_owned(), "true".to_owned());
@@ -159,6 +159,10 @@ impl WalkerModel {
             class: Class::PEDESTRIANS.0,
             body_box: self.body_box(),
             attributes,
+            recommended: BTreeMap::from([(
+                "speed".to_owned(),
+                [0.0, self.speeds_mps[0], self.speeds_mps[1]].map(|x| format!("{x:?}")).to_vec(),
+            )]),
         }
     }
 }

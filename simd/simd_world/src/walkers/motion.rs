@@ -55,8 +55,8 @@ impl Standing {
             }
             return;
         }
+        let rise_m = (self.rise_mps - 0.5 * GRAVITY_MPS2 * dt_secs) * dt_secs;
         self.rise_mps -= GRAVITY_MPS2 * dt_secs;
-        let rise_m = self.rise_mps * dt_secs;
         match down_m {
             Some(down_m) if rise_m <= 0.0 && -rise_m >= down_m => {
                 self.feet_m.z -= down_m;
