@@ -7,7 +7,8 @@ use schema_types::Pose;
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
     AckRecord, ActorRecord, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LaneCrossing, LidarPoint,
-    ObstacleEvent, RadarDetection, SemanticLidarPoint, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart, command::RequestHeader,
+    ObstacleEvent, RadarDetection, SemanticLidarPoint, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart,
+    command::RequestHeader,
 };
 
 /// One field of a struct.
