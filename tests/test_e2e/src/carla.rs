@@ -23,7 +23,15 @@ pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
     let args: Vec<&str> = std::iter::once(script.to_str().expect("paths are UTF-8")).chain(args.iter().copied()).collect();
     // The client keeps a cache in its home folder, which must not be the tester's.
     let home = sandbox.path("");
-    let env = [("HOME", home.to_str().expect("paths are UTF-8")), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
+    let package = repository().join("schemas/python/src");
+    let text = |path: &std::path::Path| path.to_str().expect("paths are UTF-8").to_owned();
+    let (home, package) = (text(&home), text(&package));
+    let env = [
+        ("HOME", home.as_str()),
+        ("PYTHONPATH", package.as_str()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+        ("PYTHONUNBUFFERED", "1"),
+    ];
     sandbox.spawn_program("python", &venv_program("python"), &args, &env)
 }
 

@@ -24,3 +24,15 @@ fn sensors_arrive_for_their_frame_and_show_what_is_there() {
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }
+
+#[test]
+fn the_python_package_reads_the_same_frames_without_a_copy() {
+    let sandbox = Sandbox::new("carlaattach");
+    let daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    let themes = ["same frames", "without listening", "choice", "sentences"];
+    run_script(&sandbox, "carla_attach.py", &[&port.to_string(), sandbox.domain()], &themes);
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}

@@ -6,6 +6,7 @@
 ...         print(frame.tick, frame.array.shape)
 """
 
+from ._attach import attach
 from ._bus import TopicDetails, topics
 from ._classes import CLASS_COLOURS, CLASS_NAMES, colour_classes
 from ._command import command
@@ -42,5 +43,5 @@ __all__ = [
     "ACTOR", "BorrowLimitError", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT", "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE",
     "GantryError", "Header", "IMU_SAMPLE", "LANE_CROSSING", "LIDAR_POINT", "NoSuchTopicError", "OBSTACLE_EVENT", "Pose", "RADAR_DETECTION", "Row", "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT",
     "SchemaVersionError", "Snapshot", "Sync", "TRAFFIC_LIGHT_PART", "TooManyReadersError", "Topic", "TopicDetails", "VEHICLE_PART",
-    "WALKER_PART", "colour_classes", "command", "document", "frame_from_bytes", "open", "snapshot", "sync", "topics",
+    "WALKER_PART", "attach", "colour_classes", "command", "document", "frame_from_bytes", "open", "snapshot", "sync", "topics",
 ]

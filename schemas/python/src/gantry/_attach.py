@@ -1,0 +1,47 @@
+"""From a sensor that a CARLA client spawned to its frames in shared memory."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Optional, Union
+
+from ._errors import GantryError, NoSuchTopicError
+from ._topic import Topic, open as open_topic
+from ._world import document
+
+#: How often the list of actors is looked at again.
+_LOOK_SECS = 0.01
+
+
+def attach(sensor: Union[int, Any], modality: Optional[str] = None, domain: str = "gantry", timeout: float = 5.0) -> Topic:
+    """Opens the frames of a sensor: of a `carla.Sensor`, or of the actor with this id.
+
+    The frames are those that `sensor.listen()` would be sent, in Gantry's axes and encodings (metres as floats, classes as bytes), read where
+    the simulator wrote them; no `listen()` is needed. `modality` chooses where a sensor has several; the default is its first.
+    Waits up to `timeout` seconds for the simulator to list the actor.
+    """
+    actor_id = int(getattr(sensor, "id", sensor))
+    deadline = time.monotonic() + timeout
+    while True:
+        actor = _listed(actor_id, domain)
+        if actor is not None:
+            topics = {info["modality"]: info["topic"] for info in actor["topics"]}
+            return open_topic(_chosen(actor, topics, modality), domain, max(0.0, deadline - time.monotonic()))
+        if time.monotonic() >= deadline:
+            raise NoSuchTopicError(f"there is no actor {actor_id} on domain {domain!r}; it may have been destroyed, or runs elsewhere: pass domain=")
+        time.sleep(_LOOK_SECS)
+
+
+def _listed(actor_id: int, domain: str) -> Optional[dict[str, Any]]:
+    actors = document("world/actors", domain).json()["actors"]
+    return next((actor for actor in actors if actor["id"] == actor_id), None)
+
+
+def _chosen(actor: dict[str, Any], topics: dict[str, str], modality: Optional[str]) -> str:
+    if not topics:
+        raise GantryError(f"actor {actor['id']} ({actor['type_id']}) has no frames; attach to a sensor")
+    if modality is None:
+        return next(iter(topics.values()))
+    if modality not in topics:
+        raise GantryError(f"actor {actor['id']} ({actor['type_id']}) has no {modality!r}; it has {', '.join(topics)}")
+    return topics[modality]
