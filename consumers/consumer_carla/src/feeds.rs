@@ -19,7 +19,7 @@ use schema_bus::{Bus, BusError, Frame, FrameReader, WaitSet, mono_now};
 
 use crate::gateway::lock;
 use crate::sensors::message::{Context, Encoder};
-use crate::sensors::{actor_of, records};
+use crate::sensors::{actor_of, events, records};
 use crate::stream::{Streams, has_ended, send, wait_for_end};
 use crate::world::World;
 
@@ -115,7 +115,10 @@ impl Feeds {
 
     fn open(&self, stream: u32) -> Option<Feed> {
         let (bus, actor) = (self.bus.get()?, actor_of(stream)?);
-        let (kind, topics) = self.world.known().sensor(actor)?;
+        let ((kind, topics), fov_rad) = {
+            let known = self.world.known();
+            (known.sensor(actor)?, known.fov_rad(actor))
+        };
         let opened = || -> Result<Feed, BusError> {
             let mut wake = WaitSet::new();
             let mut readers = Vec::new();
@@ -135,7 +138,7 @@ impl Feeds {
                 poke,
             });
             let waiting = readers.iter().map(|_| None).collect();
-            Ok(Feed { actor, was_listed: false, readers, waiting, wake, poked, encoder: Encoder::new(kind), progress })
+            Ok(Feed { actor, was_listed: false, readers, waiting, wake, poked, encoder: Encoder::new(kind, fov_rad), progress })
         };
         match opened() {
             Ok(feed) => {
@@ -184,10 +187,14 @@ impl Feeds {
         let began_nanos = mono_now().0;
         while let Some(frames) = feed.next()? {
             self.streams.await_snapshot(frames[0].header().tick);
-            let context = self.context(&frames[0]);
-            if let Some(context) = context
-                && let Some(message) = feed.encoder.encode(&frames, &context)
-            {
+            let Some(context) = self.context(&frames[0]) else { continue };
+            let events = events::bodies(&self.world.known(), &frames[0]);
+            if let Some(bodies) = events {
+                for body in bodies {
+                    let message = feed.encoder.event(frames[0].header(), &body, &context);
+                    send(connection, message.head, message.body)?;
+                }
+            } else if let Some(message) = feed.encoder.encode(&frames, &context) {
                 send(connection, message.head, message.body)?;
             }
         }

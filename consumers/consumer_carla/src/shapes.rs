@@ -59,6 +59,11 @@ pub fn new_actor(known: &Known, id: u32, parent: u32, description: &Description)
     actor(known, id, parent, description, &body)
 }
 
+/// What stands for scenery in events.
+pub fn scenery(type_id: &str, class: u8) -> Value {
+    list![0u32, 0u32, list![0u32, type_id, Value::Array(Vec::new())], no_box(0), Value::Bin(vec![class]), Value::Bin(Vec::new())]
+}
+
 fn actor(known: &Known, id: u32, parent: u32, description: &Description, body: &BodyBox) -> Value {
     let attributes: Vec<Value> =
         description.attributes.iter().map(|attribute| list![attribute.name.as_str(), attribute.kind, attribute.value.as_str()]).collect();

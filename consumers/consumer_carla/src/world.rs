@@ -12,7 +12,7 @@ use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SpawnPoints
 
 use crate::episode;
 use crate::fields::Description;
-use crate::sensors::{self, Kind, records};
+use crate::sensors::{self, Kind, lenient, records};
 use crate::stream::{Streams, WorldMessage};
 
 /// Longest wait for a snapshot: documents change without one too.
@@ -35,7 +35,7 @@ pub struct Known {
     pub gone_along: BTreeSet<u32>,
     /// Latitude and longitude of the map's origin.
     pub geo_reference_deg: Option<[f64; 2]>,
-    /// `world/map`.
+    /// `world/map`, and blank lines.
     pub map: Arc<str>,
     /// `world/spawn_points`.
     pub spawn_points: Arc<SpawnPoints>,
@@ -92,6 +92,13 @@ impl Known {
         };
         let found = kind.modalities.iter().map(|modality| topics.iter().find(|topic| topic.rsplit('/').next() == Some(modality.name())));
         Some((kind, found.map(|topic| topic.map(|topic| (*topic).to_owned())).collect::<Option<_>>()?))
+    }
+
+    /// A lidar's horizontal field of view.
+    pub fn fov_rad(&self, id: u32) -> f32 {
+        let own = self.own.get(&id).and_then(|own| own.description.attribute("horizontal_fov"));
+        let listed = self.actors.get(&id).and_then(|actor| actor.attributes.get("horizontal_fov")).map(String::as_str);
+        own.or(listed).map_or(std::f64::consts::TAU, |degrees| lenient::float(degrees).to_radians()) as f32
     }
 
     /// Whether there is such an actor, as far as is known.
@@ -217,8 +224,8 @@ impl Follower<'_> {
 
     fn read_documents(&mut self) -> anyhow::Result<()> {
         if let Some(document) = heal(self.map.changed(&self.bus))? {
-            let text: Arc<str> = document.text.as_str().into();
-            let geo_reference_deg = Some(records::geo_reference_deg(&text));
+            let geo_reference_deg = Some(records::geo_reference_deg(&document.text));
+            let text: Arc<str> = roomy(&document.text).into();
             self.world.change(|known| (known.map, known.geo_reference_deg) = (text, geo_reference_deg));
         }
         if let Some(document) = heal(self.catalogue.changed(&self.bus))? {
@@ -278,6 +285,18 @@ impl Follower<'_> {
         self.streams.send(WorldMessage { tick: header.tick, bytes: message.into() });
         Ok(())
     }
+}
+
+/// The map's text, with blank lines behind it up to the size of CARLA's own towns.
+///
+/// Scripts show `get_color_coded_flow().raw_data` after the picture is gone (a tutorial does). That goes well only if the C library does not
+/// hand memory of that size back to the system, which it no longer does once a client has freed a block as large as CARLA's map texts are.
+fn roomy(map: &str) -> String {
+    const BYTES: usize = 4 << 20;
+    let mut text = String::with_capacity(BYTES.max(map.len()));
+    text.push_str(map);
+    text.extend(std::iter::repeat_n('\n', BYTES.saturating_sub(map.len())));
+    text
 }
 
 /// A document that breaks the contract is passed over; anything else is an error.

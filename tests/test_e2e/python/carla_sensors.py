@@ -223,6 +223,67 @@ def check_motion(stage):
     stage.world.tick()
 
 
+def check_ahead(stage):
+    """Radar and obstacle detector see the car ahead; a collision sensor feels it."""
+    bumper = carla.Transform(carla.Location(x=2.5, z=0.7))
+    for _ in range(60):
+        stage.world.tick()
+    radar, detections = stage.listen("other.radar", [("points_per_second", "6000"), ("range", "40")], bumper)
+    obstacle, obstacles = stage.listen("other.obstacle", [("distance", "30"), ("hit_radius", "0.3")], bumper)
+    frame = stage.world.tick()
+    measurement, event = take(detections, frame), take(obstacles, frame)
+    gap = radar.get_location().distance_2d(stage.other.get_location()) - stage.other.bounding_box.extent.x
+    rays = np.frombuffer(measurement.raw_data, dtype=np.float32).reshape(-1, 4)
+    velocity, azimuth, altitude, depth = rays.T
+    assert len(measurement) == len(rays) > 50 and abs(measurement[0].azimuth - azimuth[0]) < 1e-6
+    assert np.abs(velocity).max() < 0.05, ("nothing moves", velocity)
+    assert np.abs(azimuth).max() <= math.radians(15.1) and np.abs(altitude).max() <= math.radians(15.1)
+    ahead = depth[(np.abs(azimuth) < 0.03) & (np.abs(altitude) < 0.03)]
+    assert abs(np.median(ahead) - gap) < 0.7, (ahead, gap)
+    assert event.actor.id == stage.car.id and event.other_actor.id == stage.other.id, event
+    assert abs(event.distance + 0.3 - gap) < 0.7, (event.distance, gap)
+    obstacle.destroy()
+    bump = stage.spawn("other.collision")
+    bumps = queue.Queue()
+    bump.listen(bumps.put)
+    stage.car.set_target_velocity(stage.car.get_transform().get_forward_vector() * 8.0)
+    frame = stage.world.tick()
+    measurement = take(detections, frame)
+    closing = np.array([(ray.velocity, ray.depth, ray.azimuth, ray.altitude) for ray in measurement])
+    ahead = closing[(np.abs(closing[:, 2]) < 0.03) & (np.abs(closing[:, 3]) < 0.03)]
+    assert (ahead[:, 0] < -5.0).all(), "what comes nearer has a negative velocity"
+    for _ in range(60):
+        if not bumps.empty():
+            break
+        stage.world.tick()
+    hit = bumps.get(timeout=PATIENCE_SECS)
+    while hit.other_actor.id != stage.other.id:
+        assert hit.other_actor.type_id.startswith("static."), hit.other_actor
+        stage.world.tick()
+        hit = bumps.get(timeout=PATIENCE_SECS)
+    assert hit.actor.id == stage.car.id and hit.other_actor.type_id == "vehicle.tesla.model3"
+    pushed_back = hit.normal_impulse.dot(stage.place.get_forward_vector())
+    assert pushed_back < -100.0, hit.normal_impulse
+    radar.destroy()
+    bump.destroy()
+    stage.world.tick()
+
+
+def check_boom(stage):
+    """A spring arm without a rotation of its own looks back at its vehicle, whose pitch and roll it ignores."""
+    blueprint = stage.library.find("sensor.camera.rgb")
+    place = carla.Transform(carla.Location(x=-5.5, z=2.5))
+    camera = stage.world.spawn_actor(blueprint, place, stage.car, carla.AttachmentType.SpringArmGhost)
+    for _ in range(40):
+        stage.world.tick()
+    is_at, car = camera.get_transform(), stage.car.get_transform()
+    look = car.location - is_at.location
+    assert abs(look.length() - math.hypot(5.5, 2.5)) < 0.1, look.length()
+    assert is_at.get_forward_vector().dot(look.make_unit_vector()) > 0.999, (is_at, car)
+    camera.destroy()
+    stage.world.tick()
+
+
 def check_sensor_tick(stage):
     """Ten steps of 50 ms hold five intervals of 100 ms, and four of 125 ms."""
     made = [stage.listen("other.imu", [("sensor_tick", secs)]) for secs in ("0.0", "0.1", "0.125s")]
@@ -325,6 +386,8 @@ def main():
         ("sensor_tick", lambda: check_sensor_tick(stage)),
         ("listeners", lambda: check_listeners(stage)),
         ("lanes", lambda: check_lanes(stage)),
+        ("ahead", lambda: check_ahead(stage)),
+        ("boom", lambda: check_boom(stage)),
         ("free running", lambda: check_free_running(stage, before)),
     ):
         started = time.monotonic()

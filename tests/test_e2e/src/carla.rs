@@ -26,12 +26,7 @@ pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
     let package = repository().join("schemas/python/src");
     let text = |path: &std::path::Path| path.to_str().expect("paths are UTF-8").to_owned();
     let (home, package) = (text(&home), text(&package));
-    let env = [
-        ("HOME", home.as_str()),
-        ("PYTHONPATH", package.as_str()),
-        ("PYTHONDONTWRITEBYTECODE", "1"),
-        ("PYTHONUNBUFFERED", "1"),
-    ];
+    let env = [("HOME", home.as_str()), ("PYTHONPATH", package.as_str()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
     sandbox.spawn_program("python", &venv_program("python"), &args, &env)
 }
 

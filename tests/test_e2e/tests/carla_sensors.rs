@@ -17,7 +17,7 @@ fn sensors_arrive_for_their_frame_and_show_what_is_there() {
     let sandbox = Sandbox::new("carlasensors");
     let daemon = start_daemon(&sandbox, LAUNCH, &[]);
     let (gateway, port, _) = start_gateway(&sandbox);
-    let themes = ["every kind", "pictures", "lidars", "motion", "sensor_tick", "listeners", "lanes", "free running"];
+    let themes = ["every kind", "pictures", "lidars", "motion", "sensor_tick", "listeners", "lanes", "ahead", "boom", "free running"];
     run_script(&sandbox, "carla_sensors.py", &[&port.to_string()], &themes);
     let ended = gateway.stop().expect_code(0);
     assert!(!ended.says("does not take its sensor's messages"), "{:?}", ended.lines);

@@ -1,6 +1,6 @@
 //! `apply_batch`: many commands in one call, with commands that follow a spawn.
 
-use schema_frames::{Command, CommandReply, VehicleControlRecord};
+use schema_frames::{Attachment, Command, CommandReply, VehicleControlRecord};
 
 use crate::fields::{Description, Fields, Wrong};
 use crate::gateway::{Answer, Failure, Gateway, Outcome};
@@ -45,12 +45,12 @@ const AREAS: &[Commands] =
 pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
 
 /// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
-fn read(value: &Value, new_actor: Option<u32>, tick_secs: f64) -> Result<Item<'_>, Wrong> {
+fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
     let mut variant = wrapped.fields("a command")?.fields("a command's variant")?;
     let (kind, mut fields) = (variant.u8()?, variant.fields("a command's fields")?);
     if kind == 0 {
-        return read_spawn(&mut fields, tick_secs);
+        return read_spawn(&mut fields);
     }
     let found = AREAS.iter().copied().flatten().find(|(number, _)| *number == kind);
     let (_, read) = found
@@ -59,15 +59,15 @@ fn read(value: &Value, new_actor: Option<u32>, tick_secs: f64) -> Result<Item<'_
     read(new_actor.unwrap_or(given), &mut fields)
 }
 
-fn read_spawn<'v>(fields: &mut Fields<'v>, tick_secs: f64) -> Result<Item<'v>, Wrong> {
+fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     let (description, transform) = (fields.description()?, fields.transform()?);
     let mut parent = fields.fields("an optional parent")?;
     let parent = if parent.bool()? { Some(parent.u32()?) } else { None };
-    // Without a parent the kind of attachment is whatever lay in the client's memory.
+    // Without a parent the kind of attachment is whatever lay in the client's memory; with one, CARLA's batches attach rigidly.
     fields.value()?;
     fields.text()?;
     let then = fields.list()?;
-    let command = spawn_command(&description, &transform, parent, tick_secs)?;
+    let command = spawn_command(&description, &transform, parent, Attachment::Rigid)?;
     Ok(Item::Spawn { description, parent: parent.unwrap_or(0), command, then })
 }
 
@@ -80,8 +80,7 @@ impl Gateway {
         if commands.len() > MAX_COMMANDS {
             return Err(Failure::Refused(format!("a batch has {} commands, at most {MAX_COMMANDS} are run; split it", commands.len())));
         }
-        let tick_secs = self.tick_secs();
-        let done = self.run_batch(commands.iter().map(|command| read(command, None, tick_secs)).collect());
+        let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
         if do_tick {
             self.tick_cue()?;
         }
@@ -117,7 +116,6 @@ impl Gateway {
             Ok(replies) => (replies.into_iter(), None),
             Err(error) => (Vec::new().into_iter(), Some(error)),
         };
-        let tick_secs = self.tick_secs();
         let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
         let mut reply = || match (&lost, replies.next()) {
             (None, Some(CommandReply::Refused { error })) => Err(error),
@@ -135,7 +133,7 @@ impl Gateway {
                     };
                     self.remember(actor_id, Own { description, parent, topics });
                     newest = Some(actor_id);
-                    following.extend(then.iter().map(|command| read(command, Some(actor_id), tick_secs)));
+                    following.extend(then.iter().map(|command| read(command, Some(actor_id))));
                     Ok(actor_id)
                 }
                 Item::Control { actor, record } if self.world.known().has_actor(actor) => {

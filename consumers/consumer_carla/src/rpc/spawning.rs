@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use schema_frames::{Command, CommandReply, StepMode};
+use schema_frames::{Attachment, Command, CommandReply, StepMode};
 
 use crate::axes::Transform;
 use crate::blueprints;
@@ -27,15 +27,25 @@ pub(crate) const CALLS: Calls = &[
 /// Spawning by a batch is in `batch`, which knows what follows.
 pub(crate) const BATCH: Commands = &[(1, |actor, _| Ok(Item::ask(actor, Command::Destroy { actor_id: actor })))];
 
-/// The command that spawns, or why this type cannot be. `tick_secs` is the length of a step.
+/// CARLA's number of a kind of attachment.
+fn attachment(number: u8) -> Result<Attachment, Wrong> {
+    match number {
+        0 => Ok(Attachment::Rigid),
+        1 => Ok(Attachment::SpringArm),
+        2 => Ok(Attachment::SpringArmGhost),
+        other => Err(format!("the kind of attachment is {other}, but must be 0 (rigid), 1 (spring arm) or 2 (spring arm ghost)")),
+    }
+}
+
+/// The command that spawns, or why this type cannot be.
 pub(crate) fn spawn_command(
     description: &Description,
     transform: &Transform,
     parent: Option<u32>,
-    tick_secs: f64,
+    attachment: Attachment,
 ) -> Result<Command, Wrong> {
     if description.type_id.starts_with("sensor.") {
-        return spec::command(description, pose(transform), parent, tick_secs);
+        return spec::command(description, pose(transform), parent, attachment);
     }
     Ok(Command::Spawn {
         type_id: description.type_id.clone(),
@@ -49,8 +59,8 @@ pub(crate) fn spawn_command(
 impl Gateway {
     fn spawn(&self, call: &mut Call<'_>, has_parent: bool) -> Outcome {
         let (description, transform) = (call.description()?, call.transform()?);
-        let parent = if has_parent { Some(call.u32()?) } else { None };
-        let command = spawn_command(&description, &transform, parent, self.tick_secs())?;
+        let (parent, attachment) = if has_parent { (Some(call.u32()?), attachment(call.u8()?)?) } else { (None, Attachment::Rigid) };
+        let command = spawn_command(&description, &transform, parent, attachment)?;
         let (reply, _) = self.commander.ask_one(command)?;
         let CommandReply::Spawned { actor_id, topics } = reply else {
             return Err(Failure::Refused(format!("{reply:?} is no answer to a spawn")));
@@ -63,11 +73,6 @@ impl Gateway {
     /// Keeps what is known of a client's own actor.
     pub(crate) fn remember(&self, id: u32, own: Own) {
         self.world.change(|known| known.own.insert(id, own));
-    }
-
-    /// Length of a step, seconds.
-    pub(crate) fn tick_secs(&self) -> f64 {
-        self.world.known().info.as_ref().map_or(0.05, |info| info.period_nanos as f64 * 1e-9)
     }
 
     /// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it there.

@@ -19,6 +19,8 @@ pub struct Context {
 #[derive(Debug)]
 pub struct Encoder {
     kind: &'static Kind,
+    /// Horizontal field of view of a lidar.
+    fov_rad: f32,
     head: Vec<u8>,
     body: Vec<u8>,
 }
@@ -33,9 +35,16 @@ pub struct Message<'m> {
 }
 
 impl Encoder {
-    /// For sensors of `kind`.
-    pub fn new(kind: &'static Kind) -> Self {
-        Encoder { kind, head: Vec::new(), body: Vec::new() }
+    /// For sensors of `kind`; `fov_rad` is a lidar's horizontal field of view.
+    pub fn new(kind: &'static Kind, fov_rad: f32) -> Self {
+        Encoder { kind, fov_rad, head: Vec::new(), body: Vec::new() }
+    }
+
+    /// The message of one event, whose body is written already.
+    pub fn event<'m>(&'m mut self, header: &FrameHeader, body: &'m [u8], context: &Context) -> Message<'m> {
+        self.head.clear();
+        push_header(&mut self.head, self.kind.number, header, context);
+        Message { head: &self.head, body }
     }
 
     /// The message of the frames of one tick, in the order of the kind's modalities. `None` where CARLA sends nothing.
@@ -66,8 +75,9 @@ impl Encoder {
                     return None;
                 }
             }
-            Modality::Lidar => points::lidar(head, body, header, frame.elements()?),
-            Modality::SemanticLidar => points::semantic_lidar(head, body, header, frame.elements()?),
+            Modality::Lidar => points::lidar(head, body, header, self.fov_rad, frame.elements()?),
+            Modality::SemanticLidar => points::semantic_lidar(head, body, header, self.fov_rad, frame.elements()?),
+            Modality::Radar => points::radar(body, frame.elements()?),
             Modality::Imu => records::imu(body, frame.elements()?.first()?),
             Modality::Gnss => records::gnss(body, frame.elements()?.first()?, header, context.geo_reference_deg),
             _ => return None,

@@ -3,6 +3,7 @@
 //! A message is the header that all sensors have, then a body. Pictures in colour go out as they lie in shared memory; everything else is
 //! written anew into a buffer that is kept from frame to frame.
 
+pub mod events;
 pub mod image;
 pub mod lenient;
 pub mod message;
@@ -12,7 +13,7 @@ pub mod spec;
 
 use schema_frames::Modality;
 
-use Modality::{Depth, Dvs, Flow, Gnss, Imu, Instance, Lidar, Normals, Rgb, Semantic, SemanticLidar};
+use Modality::{Collision, Depth, Dvs, Flow, Gnss, Imu, Instance, Lidar, Normals, Obstacle, Radar, Rgb, Semantic, SemanticLidar};
 
 /// A kind of sensor that clients can listen to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,12 +28,15 @@ pub struct Kind {
 
 /// Sensors whose messages the simulator's frames can fill.
 pub const KINDS: &[Kind] = &[
+    Kind { type_id: "sensor.other.collision", number: 0, modalities: &[Collision] },
     Kind { type_id: "sensor.camera.depth", number: 1, modalities: &[Depth] },
     Kind { type_id: "sensor.camera.normals", number: 2, modalities: &[Normals] },
     Kind { type_id: "sensor.camera.dvs", number: 3, modalities: &[Dvs] },
     Kind { type_id: "sensor.other.gnss", number: 4, modalities: &[Gnss] },
     Kind { type_id: "sensor.other.imu", number: 5, modalities: &[Imu] },
+    Kind { type_id: "sensor.other.obstacle", number: 7, modalities: &[Obstacle] },
     Kind { type_id: "sensor.camera.optical_flow", number: 8, modalities: &[Flow] },
+    Kind { type_id: "sensor.other.radar", number: 9, modalities: &[Radar] },
     Kind { type_id: "sensor.lidar.ray_cast_semantic", number: 10, modalities: &[SemanticLidar] },
     Kind { type_id: "sensor.lidar.ray_cast", number: 11, modalities: &[Lidar] },
     Kind { type_id: "sensor.camera.rgb", number: 13, modalities: &[Rgb] },

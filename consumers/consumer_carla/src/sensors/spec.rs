@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use schema_frames::Command;
 use schema_frames::document::PoseText;
+use schema_frames::{Attachment, Command};
 use serde_json::{Map, Value, json};
 
 use crate::fields::{Description, Wrong};
@@ -18,6 +18,16 @@ impl Attributes<'_> {
         self.0.attribute(name).map_or(default, lenient::float)
     }
 
+    /// A bool, or `default`.
+    pub fn bool(&self, name: &str, default: bool) -> bool {
+        self.0.attribute(name).map_or(default, lenient::bool)
+    }
+
+    /// The seed of its noise; a negative one counts from the top.
+    pub fn seed(&self) -> Value {
+        (self.0.attribute("noise_seed").map_or(0, lenient::int) as u64).into()
+    }
+
     /// An integer, or `default`; what lies outside 32 bits is the nearest inside, so that the simulator's own check speaks.
     pub fn int(&self, name: &str, default: i64) -> i64 {
         self.0.attribute(name).map_or(default, lenient::int).clamp(i32::MIN.into(), u32::MAX.into())
@@ -28,7 +38,7 @@ impl Attributes<'_> {
 ///
 /// # Errors
 /// For sensors that the simulator does not have.
-pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>, tick_secs: f64) -> Result<Command, Wrong> {
+pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>, attachment: Attachment) -> Result<Command, Wrong> {
     let type_id = description.type_id.clone();
     let attributes: BTreeMap<String, String> =
         description.attributes.iter().map(|attribute| (attribute.name.clone(), attribute.value.clone())).collect();
@@ -43,13 +53,16 @@ pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>
     let given = Attributes(description);
     let interval_secs = given.float("sensor_tick", 0.0);
     let interval_nanos = if interval_secs > 0.0 { (interval_secs * 1e9).round().min(1e18) as u64 } else { 0 };
-    let spec = spec(kind, &given, tick_secs);
-    Ok(Command::SpawnSensor { type_id, pose, parent_id, attachment: Default::default(), interval_nanos, spec, attributes })
+    let spec = spec(kind, &given);
+    Ok(Command::SpawnSensor { type_id, pose, parent_id, attachment, interval_nanos, spec, attributes })
 }
 
-fn spec(kind: &Kind, given: &Attributes<'_>, tick_secs: f64) -> Map<String, Value> {
+fn spec(kind: &Kind, given: &Attributes<'_>) -> Map<String, Value> {
     let keys = match kind.type_id {
-        "sensor.lidar.ray_cast" | "sensor.lidar.ray_cast_semantic" => lidar(kind, given, tick_secs),
+        "sensor.lidar.ray_cast" | "sensor.lidar.ray_cast_semantic" => lidar(kind, given),
+        "sensor.other.radar" => radar(given),
+        "sensor.other.obstacle" => obstacle(given),
+        "sensor.other.collision" => json!({ "kind": "collision" }),
         "sensor.other.imu" => imu(given),
         "sensor.other.gnss" => gnss(given),
         _ => camera(kind, given),
@@ -73,22 +86,24 @@ fn camera(kind: &Kind, given: &Attributes<'_>) -> Value {
         keys["dvs"] = json!({
             "positive_threshold": given.float("positive_threshold", 0.3),
             "negative_threshold": given.float("negative_threshold", 0.3),
-            "threshold_mismatch_stddev": given.float("sigma_positive_threshold", 0.0),
+            "sigma_positive_threshold": given.float("sigma_positive_threshold", 0.0),
+            "sigma_negative_threshold": given.float("sigma_negative_threshold", 0.0),
             "refractory_nanos": given.int("refractory_period_ns", 0),
+            "use_log": given.bool("use_log", true),
             "log_eps": given.float("log_eps", 0.001),
         });
     }
     keys
 }
 
-fn lidar(kind: &Kind, given: &Attributes<'_>, tick_secs: f64) -> Value {
-    let channels = given.int("channels", 32);
-    // Rays of one channel in one step.
-    let columns = (given.float("points_per_second", 56_000.0) * tick_secs / channels.max(1) as f64).round();
+fn lidar(kind: &Kind, given: &Attributes<'_>) -> Value {
     let mut keys = json!({
         "kind": "lidar",
-        "channels": channels,
-        "columns": columns.clamp(1.0, 65_536.0) as u32,
+        "scan": "sweep",
+        "channels": given.int("channels", 32),
+        "points_per_second": given.int("points_per_second", 56_000),
+        "rotation_hz": given.float("rotation_frequency", 10.0),
+        "horizontal_fov_deg": given.float("horizontal_fov", 360.0),
         "range_m": given.float("range", 10.0),
         "upper_fov_deg": given.float("upper_fov", 10.0),
         "lower_fov_deg": given.float("lower_fov", -30.0),
@@ -101,8 +116,29 @@ fn lidar(kind: &Kind, given: &Attributes<'_>, tick_secs: f64) -> Value {
         keys["dropoff_intensity_limit"] = given.float("dropoff_intensity_limit", 0.8).into();
         keys["dropoff_zero_intensity_ratio"] = given.float("dropoff_zero_intensity", 0.4).into();
         keys["noise_range_stddev_m"] = given.float("noise_stddev", 0.0).into();
+        keys["noise_seed"] = given.seed();
     }
     keys
+}
+
+fn radar(given: &Attributes<'_>) -> Value {
+    json!({
+        "kind": "radar",
+        "horizontal_fov_deg": given.float("horizontal_fov", 30.0),
+        "vertical_fov_deg": given.float("vertical_fov", 30.0),
+        "range_m": given.float("range", 100.0),
+        "points_per_second": given.int("points_per_second", 1500),
+        "noise_seed": given.seed(),
+    })
+}
+
+fn obstacle(given: &Attributes<'_>) -> Value {
+    json!({
+        "kind": "obstacle",
+        "distance_m": given.float("distance", 5.0),
+        "hit_radius_m": given.float("hit_radius", 0.5),
+        "only_dynamics": given.bool("only_dynamics", false),
+    })
 }
 
 fn imu(given: &Attributes<'_>) -> Value {
@@ -114,6 +150,7 @@ fn imu(given: &Attributes<'_>) -> Value {
         "noise_accel_stddev_mps2": three("noise_accel_stddev"),
         "noise_gyro_stddev_radps": three("noise_gyro_stddev"),
         "bias_gyro_radps": [-x, y, -z],
+        "noise_seed": given.seed(),
     })
 }
 
@@ -122,6 +159,9 @@ fn gnss(given: &Attributes<'_>) -> Value {
         "kind": "gnss",
         "noise_position_stddev_deg": [given.float("noise_lat_stddev", 0.0), given.float("noise_lon_stddev", 0.0)],
         "noise_altitude_stddev_m": given.float("noise_alt_stddev", 0.0),
+        "bias_position_deg": [given.float("noise_lat_bias", 0.0), given.float("noise_lon_bias", 0.0)],
+        "bias_altitude_m": given.float("noise_alt_bias", 0.0),
+        "noise_seed": given.seed(),
     })
 }
 
@@ -143,21 +183,30 @@ mod tests {
     fn attributes_become_a_specification() {
         let given =
             described("sensor.camera.rgb", &[("image_size_x", "64.0"), ("image_size_y", "48px"), ("fov", "70deg"), ("sensor_tick", "0.1")]);
-        let Command::SpawnSensor { spec, interval_nanos, parent_id, .. } = command(&given, pose(), Some(3), 0.05).unwrap() else {
+        let Command::SpawnSensor { spec, interval_nanos, parent_id, attachment, .. } =
+            command(&given, pose(), Some(3), Attachment::SpringArm).unwrap()
+        else {
             panic!()
         };
-        assert_eq!((interval_nanos, parent_id), (100_000_000, Some(3)));
+        assert_eq!((interval_nanos, parent_id, attachment), (100_000_000, Some(3), Attachment::SpringArm));
         assert_eq!(Value::Object(spec), json!({"kind": "camera", "modalities": ["rgb"], "width_px": 64, "height_px": 48, "fov_deg": 70.0}));
-        let Command::SpawnSensor { spec, .. } = command(&described("sensor.lidar.ray_cast", &[]), pose(), None, 0.1).unwrap() else {
+        let Command::SpawnSensor { spec, .. } = command(&described("sensor.lidar.ray_cast", &[]), pose(), None, Attachment::Rigid).unwrap()
+        else {
             panic!()
         };
-        assert_eq!((spec["channels"].as_i64(), spec["columns"].as_i64(), spec["range_m"].as_f64()), (Some(32), Some(175), Some(10.0)));
+        assert_eq!(
+            (spec["channels"].as_i64(), spec["points_per_second"].as_i64(), spec["range_m"].as_f64()),
+            (Some(32), Some(56_000), Some(10.0))
+        );
     }
 
     #[test]
     fn what_clients_compute_themselves_is_a_bare_actor_and_what_nobody_has_is_a_sentence() {
-        assert!(matches!(command(&described("sensor.other.lane_invasion", &[]), pose(), Some(1), 0.05), Ok(Command::Spawn { .. })));
-        let error = command(&described("sensor.other.sonar", &[]), pose(), None, 0.05).unwrap_err();
+        assert!(matches!(
+            command(&described("sensor.other.lane_invasion", &[]), pose(), Some(1), Attachment::Rigid),
+            Ok(Command::Spawn { .. })
+        ));
+        let error = command(&described("sensor.other.sonar", &[]), pose(), None, Attachment::Rigid).unwrap_err();
         assert!(error.contains("sensor.other.sonar"), "{error}");
     }
 }
