@@ -47,6 +47,40 @@ const CAMERA: &[Spec] = &[
     ("lens_x_size", FLOAT, "0.08"),
     ("lens_y_size", FLOAT, "0.08"),
 ];
+/// Colour: what `sensors/optics.rs` reads, and what is kept and has no effect.
+const COLOUR: &[Spec] = &[
+    ("enable_postprocess_effects", BOOL, "true"),
+    ("gamma", FLOAT, "2.2"),
+    ("exposure_mode", TEXT, "histogram"),
+    ("exposure_compensation", FLOAT, "0.0"),
+    ("shutter_speed", FLOAT, "200.0"),
+    ("iso", FLOAT, "100.0"),
+    ("fstop", FLOAT, "1.4"),
+    ("exposure_min_bright", FLOAT, "10.0"),
+    ("exposure_max_bright", FLOAT, "12.0"),
+    ("exposure_speed_up", FLOAT, "3.0"),
+    ("exposure_speed_down", FLOAT, "1.0"),
+    ("calibration_constant", FLOAT, "16.0"),
+    ("motion_blur_intensity", FLOAT, "0.45"),
+    ("motion_blur_max_distortion", FLOAT, "0.35"),
+    ("motion_blur_min_object_screen_size", FLOAT, "0.1"),
+    ("bloom_intensity", FLOAT, "0.675"),
+    ("lens_flare_intensity", FLOAT, "0.1"),
+    ("focal_distance", FLOAT, "1000.0"),
+    ("blur_amount", FLOAT, "1.0"),
+    ("blur_radius", FLOAT, "0.0"),
+    ("min_fstop", FLOAT, "1.2"),
+    ("blade_count", INT, "5"),
+    ("slope", FLOAT, "0.88"),
+    ("toe", FLOAT, "0.55"),
+    ("shoulder", FLOAT, "0.26"),
+    ("black_clip", FLOAT, "0.0"),
+    ("white_clip", FLOAT, "0.04"),
+    ("temp", FLOAT, "6500.0"),
+    ("tint", FLOAT, "0.0"),
+    ("chromatic_aberration_intensity", FLOAT, "0.0"),
+    ("chromatic_aberration_offset", FLOAT, "0.0"),
+];
 const DVS: &[Spec] = &[
     ("positive_threshold", FLOAT, "0.3"),
     ("negative_threshold", FLOAT, "0.3"),
@@ -108,7 +142,8 @@ const SENSOR_TICK: &[Spec] = &[("sensor_tick", FLOAT, "0.0")];
 /// The attribute tables of a sensor's blueprint.
 fn sensor_specs(type_id: &str) -> Vec<&'static [Spec]> {
     match type_id {
-        "sensor.camera.dvs" => vec![SENSOR_TICK, CAMERA, DVS],
+        "sensor.camera.rgb" => vec![SENSOR_TICK, CAMERA, COLOUR],
+        "sensor.camera.dvs" => vec![SENSOR_TICK, CAMERA, COLOUR, DVS],
         _ if type_id.starts_with("sensor.camera.") => vec![SENSOR_TICK, CAMERA],
         "sensor.lidar.ray_cast" => vec![SENSOR_TICK, LIDAR, LIDAR_NOISE],
         "sensor.lidar.ray_cast_semantic" => vec![SENSOR_TICK, LIDAR],

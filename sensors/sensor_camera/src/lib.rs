@@ -16,7 +16,9 @@ mod dvs;
 mod lamps;
 mod light;
 mod material;
+mod merge;
 mod pass;
+mod post;
 mod renderer;
 mod shade;
 mod shadow;
@@ -26,6 +28,7 @@ mod targets;
 mod uniform;
 mod view;
 
+pub use post::PostData;
 pub use renderer::{CameraRenderer, Quality, RenderError};
 pub use sensor_gpu::Place;
 pub use submission::{OutputResult, Submission, ViewResult};
@@ -39,6 +42,7 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("geometry, immediate", pass::geometry_wgsl(true)),
         ("shade, computed", shade::shade_wgsl(Quality::High)),
         ("shade, drawn", shade::shade_wgsl(Quality::Low)),
+        ("post", post::post_wgsl()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
     ]
 }

@@ -45,7 +45,7 @@ pub(crate) struct GeometryPass {
     noise: wgpu::TextureView,
     noise_sampler: wgpu::Sampler,
     shadow_sampler: wgpu::Sampler,
-    pipelines: BTreeMap<u8, Pipelines>,
+    pipelines: BTreeMap<u16, Pipelines>,
     light: wgpu::Buffer,
     views: wgpu::Buffer,
     instances: wgpu::Buffer,

@@ -7,17 +7,20 @@ use schema_frames::Modality;
 use schema_types::space::sensor_from_camera;
 use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{CopyBatch, Gpu};
+use sensor_spec::ExposureMode;
 
 use crate::assets::GpuAssets;
 use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
 use crate::dvs::DvsState;
 use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
+use crate::merge;
 use crate::pass::{GeometryPass, ViewPass};
+use crate::post::{self, PostJob, PostPass};
 use crate::shade::{ShadeKey, ShadePass};
 use crate::shadow::{Cascade, ShadowLookup, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
-use crate::targets::{Target, TargetSet};
+use crate::targets::{Target, TargetSet, Targets};
 use crate::uniform::{InstanceData, ViewData};
 use crate::view::{Firing, InstancePoses, Output, View, ViewJob};
 
@@ -73,6 +76,7 @@ pub struct CameraRenderer {
     light: Option<Light>,
     pass: GeometryPass,
     shade: ShadePass,
+    post: PostPass,
     shadows: Shadows,
     /// High quality only.
     far_shadows: Option<Shadows>,
@@ -96,6 +100,7 @@ impl CameraRenderer {
             assets: None,
             light: None,
             shade: ShadePass::new(gpu, &pass, quality),
+            post: PostPass::new(gpu),
             pass,
             shadows: Shadows::new(gpu, Cascade::near(quality)),
             far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
@@ -123,7 +128,7 @@ impl CameraRenderer {
             self.load(&scene.assets);
         }
         for job in &mut jobs {
-            begin_firing(job, scene);
+            begin_firing(&self.gpu, job, scene);
         }
         let submission = self.draw(scene, &mut jobs);
         let poses = Arc::new(InstancePoses::of(scene));
@@ -139,8 +144,16 @@ impl CameraRenderer {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
         let mut instances = Vec::new();
         let mut active = Vec::new();
-        for (job_idx, job) in jobs.iter_mut().enumerate() {
-            let mut set = job.outputs.iter().fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
+        let leaders = merge::leaders(jobs);
+        for job_idx in (0..jobs.len()).filter(|idx| leaders[*idx] == *idx) {
+            let members = jobs.iter().zip(&leaders).filter(|(_, leader)| **leader == job_idx);
+            let asked =
+                members.flat_map(|(job, _)| &job.outputs).fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
+            let job = &mut jobs[job_idx];
+            let mut set = asked;
+            if set.contains(Target::Color) && (self.quality == Quality::High || !job.view.spec.optics.is_neutral()) {
+                set = set.union(Target::Radiance.bit());
+            }
             if set.is_lit() {
                 set = SHADED.into_iter().fold(set, |set, target| set.union(target.bit()));
             }
@@ -160,7 +173,12 @@ impl CameraRenderer {
         let mut encoder = self.gpu.encoder("views");
         self.record(scene, &active, jobs, &instances, &mut encoder);
         let mut batch = CopyBatch::new();
-        let plans = jobs.iter_mut().map(|job| plan_outputs(job, scene, &mut batch)).collect();
+        let plans = (0..jobs.len())
+            .map(|idx| {
+                let targets = jobs[leaders[idx]].view.targets.clone();
+                plan_outputs(&mut jobs[idx], &targets, scene, &mut batch)
+            })
+            .collect();
         Submission { in_flight: Some(batch.submit(&self.gpu, encoder)), plans }
     }
 
@@ -216,8 +234,10 @@ impl CameraRenderer {
             let bound = self.pass.record(&self.gpu, encoder, assets, &scene_group, instances, &view);
             first_call += active.calls.len();
             if active.set.is_lit() {
+                let developed = active.set.contains(Target::Radiance);
                 let key = ShadeKey {
-                    color: active.set.contains(Target::Color),
+                    color: active.set.contains(Target::Color) && !developed,
+                    radiance: developed,
                     luminance: active.set.contains(Target::Luminance),
                     lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0,
                     fog: light.has_fog,
@@ -225,6 +245,19 @@ impl CameraRenderer {
                 };
                 self.shade.prepare(&self.gpu, key);
                 self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, key);
+                if developed {
+                    let view = &*jobs[active.job_idx].view;
+                    let previous = view.previous.as_ref().map_or(scene.sim_time.0, |firing| firing.sim_time.0);
+                    let job = PostJob {
+                        optics: &view.spec.optics,
+                        targets,
+                        meter: view.meter.as_ref(),
+                        exposure: light.exposure,
+                        since_secs: scene.sim_time.0.saturating_sub(previous) as f32 * 1e-9,
+                        smooth_edges: self.quality == Quality::High,
+                    };
+                    self.post.record(&self.gpu, encoder, &job);
+                }
             }
         }
     }
@@ -291,7 +324,7 @@ fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
 }
 
 /// Drops what does not outlive an episode or the last reader.
-fn begin_firing(job: &mut ViewJob<'_, '_>, scene: &Scene) {
+fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) {
     let view: &mut View = job.view;
     if view.previous.as_ref().is_some_and(|firing| firing.episode != scene.assets.episode) {
         view.reset();
@@ -299,19 +332,27 @@ fn begin_firing(job: &mut ViewJob<'_, '_>, scene: &Scene) {
     if !job.outputs.iter().any(|output| output.modality == Modality::Dvs) {
         view.dvs = None;
     }
+    let has_meter = view.spec.optics.exposure.mode == ExposureMode::Histogram && view.spec.optics.postprocess;
+    if has_meter && job.outputs.iter().any(|output| output.modality == Modality::Rgb) {
+        view.meter_begins = view.meter.is_none();
+        view.meter.get_or_insert_with(|| post::meter(gpu));
+    } else {
+        view.meter = None;
+        view.meter_begins = false;
+    }
 }
 
 /// Records the copies of a job and says what to do with them after the fence.
-fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, scene: &Scene, batch: &mut CopyBatch<'a>) -> Vec<Plan<'a>> {
+fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, targets: &Targets, scene: &Scene, batch: &mut CopyBatch<'a>) -> Vec<Plan<'a>> {
     let view: &mut View = job.view;
     let window_nanos = view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0));
     let mut plans = Vec::with_capacity(job.outputs.len());
     for Output { modality, place } in job.outputs.drain(..) {
-        let texture = |target: Target| &view.targets.get(target).texture;
+        let texture = |target: Target| &targets.get(target).texture;
         match image_of(modality) {
             Some(target) => {
                 let is_flow = modality == Modality::Flow;
-                let first = is_flow && view.previous.is_none();
+                let first = is_flow && view.previous.is_none() || modality == Modality::Rgb && view.meter_begins;
                 let copy = batch.texture(texture(target), target.element_bytes(), place);
                 plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
             }

@@ -35,6 +35,8 @@ pub(crate) fn shade_wgsl(quality: Quality) -> String {
 pub(crate) struct ShadeKey {
     pub color: bool,
     pub luminance: bool,
+    /// Written instead of color, if the camera does more than the film curve.
+    pub radiance: bool,
     /// Whether anything but sun and sky shines.
     pub lamps: bool,
     pub fog: bool,
@@ -53,7 +55,7 @@ pub(crate) struct ShadePass {
     images_layout: wgpu::BindGroupLayout,
     pipelines: BTreeMap<ShadeKey, Pipelines>,
     /// Bound in place of what nobody reads.
-    nowhere: [Image; 2],
+    nowhere: [Image; 3],
 }
 
 #[derive(Debug)]
@@ -75,7 +77,11 @@ impl ShadePass {
             texture(2, wgpu::TextureSampleType::Uint),
         ];
         if quality == Quality::High {
-            entries.extend([written(3, Target::Color.format()), written(4, Target::Luminance.format())]);
+            entries.extend([
+                written(3, Target::Color.format()),
+                written(4, Target::Luminance.format()),
+                written(5, Target::Radiance.format()),
+            ]);
             entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
         }
         let images_layout =
@@ -85,7 +91,7 @@ impl ShadePass {
             bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.view_layout), Some(&images_layout)],
             immediate_size: 0,
         });
-        let nowhere = [Target::Color, Target::Luminance]
+        let nowhere = [Target::Color, Target::Luminance, Target::Radiance]
             .map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
         let shader = gpu.shader("shade", &shade_wgsl(quality));
         ShadePass { quality, shader, layout, images_layout, pipelines: BTreeMap::new(), nowhere }
@@ -146,18 +152,19 @@ impl ShadePass {
                 module: &self.shader,
                 entry_point: Some(fragment),
                 compilation_options: options,
-                targets: &[state(key.color, Target::Color), state(key.luminance, Target::Luminance)],
+                targets: &[state(key.color, Target::Color), state(key.luminance, Target::Luminance), state(key.radiance, Target::Radiance)],
             }),
             multiview_mask: None,
             cache: None,
         })
     }
 
-    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 6] {
+    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 7] {
         let number = |on: bool| on as u32 as f64;
         [
             ("WITH_COLOR", number(key.color)),
             ("WITH_LUMINANCE", number(key.luminance)),
+            ("WITH_RADIANCE", number(key.radiance)),
             ("WITH_LAMPS", number(key.lamps)),
             ("WITH_FOG", number(key.fog)),
             ("WITH_WET", number(key.wet)),
@@ -213,7 +220,11 @@ impl ShadePass {
         };
         encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("shade"),
-            color_attachments: &[attachment(key.color, Target::Color), attachment(key.luminance, Target::Luminance)],
+            color_attachments: &[
+                attachment(key.color, Target::Color),
+                attachment(key.luminance, Target::Luminance),
+                attachment(key.radiance, Target::Radiance),
+            ],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &view.targets.z_buffer().view,
                 depth_ops: None,
@@ -229,6 +240,7 @@ impl ShadePass {
         if self.quality == Quality::High {
             images.push(if key.color { read(Target::Color) } else { &self.nowhere[0].view });
             images.push(if key.luminance { read(Target::Luminance) } else { &self.nowhere[1].view });
+            images.push(if key.radiance { read(Target::Radiance) } else { &self.nowhere[2].view });
         }
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(images)

@@ -154,10 +154,26 @@ fn radiance(look: &SkyLook, clear: &ClearSky, direction: Vector3<f32>) -> [f32; 
     let overcast = (1.0 + 2.0 * direction.z) / 3.0;
     let body = 0.55 - 0.3 * cover * cover * look.clouds_ratio.max(0.45) + rim * 0.4;
     let tint: [f32; 3] = std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
+    let starlight = if look.night_klx[0] > 0.0 { star(direction) * (1.0 - cover) * smoothstep(0.02, 0.25, direction.z) } else { 0.0 };
     std::array::from_fn(|c| {
         let white = day_klx * body / PI * tint[c] * (1.0 + (overcast - 1.0) * look.clouds_ratio);
-        blue[c] + (white - blue[c]) * cover + look.night_klx[c] / PI * (1.3 - direction.z)
+        blue[c] + (white - blue[c]) * cover + look.night_klx[c] / PI * (1.3 - direction.z) + starlight * look.night_klx[c]
     })
+}
+
+/// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of cells, few of them bright.
+fn star(direction: Vector3<f32>) -> f32 {
+    const CELLS: f32 = 70.0;
+    let at = direction * CELLS;
+    let cell = at.map(|x| x.floor());
+    let key = (cell.x as i64 & 0xff) as u64 | ((cell.y as i64 & 0xff) as u64) << 8 | ((cell.z as i64 & 0xff) as u64) << 16;
+    let draw = |channel: u64| (schema_types::noise::mix(key | channel << 32) >> 40) as f32 / (1u64 << 24) as f32;
+    if draw(0) > 0.09 {
+        return 0.0;
+    }
+    let place = Vector3::new(draw(1), draw(2), draw(3)).map(|x| 0.2 + 0.6 * x);
+    let away = (at - cell - place).norm();
+    smoothstep(0.12, 0.0, away) * (0.2 + 3.0 * draw(4).powi(4)) * 9.0
 }
 
 /// How much of the sky behind is hidden in a direction, 0..=1.

@@ -15,11 +15,22 @@ pub(crate) enum Target {
     /// B, G, R, A bytes in one word.
     Color = 6,
     Luminance = 7,
+    /// What color is made from, if the camera does more than the film curve: red, green, blue, exposed by the weather.
+    Radiance = 8,
 }
 
 impl Target {
-    pub const ALL: [Target; 8] =
-        [Target::Surface, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals, Target::Color, Target::Luminance];
+    pub const ALL: [Target; 9] = [
+        Target::Surface,
+        Target::Depth,
+        Target::Class,
+        Target::Instance,
+        Target::Flow,
+        Target::Normals,
+        Target::Color,
+        Target::Luminance,
+        Target::Radiance,
+    ];
 
     /// Those that the geometry pass can write, by location.
     pub const DRAWN: [Target; 6] = [Target::Surface, Target::Depth, Target::Class, Target::Instance, Target::Flow, Target::Normals];
@@ -31,7 +42,7 @@ impl Target {
             Target::Class => wgpu::TextureFormat::R8Uint,
             Target::Instance | Target::Color => wgpu::TextureFormat::R32Uint,
             Target::Flow => wgpu::TextureFormat::Rg32Float,
-            Target::Normals => wgpu::TextureFormat::Rgba16Float,
+            Target::Normals | Target::Radiance => wgpu::TextureFormat::Rgba16Float,
         }
     }
 
@@ -39,14 +50,17 @@ impl Target {
         match self {
             Target::Class => 1,
             Target::Color | Target::Depth | Target::Luminance | Target::Instance => 4,
-            Target::Flow | Target::Normals => 8,
+            Target::Flow | Target::Normals | Target::Radiance => 8,
             Target::Surface => 16,
         }
     }
 
     fn usage(self) -> wgpu::TextureUsages {
-        let shaded = matches!(self, Target::Color | Target::Luminance);
-        let more = if shaded { wgpu::TextureUsages::STORAGE_BINDING } else { wgpu::TextureUsages::TEXTURE_BINDING };
+        let more = match self {
+            Target::Color | Target::Luminance => wgpu::TextureUsages::STORAGE_BINDING,
+            Target::Radiance => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            _ => wgpu::TextureUsages::TEXTURE_BINDING,
+        };
         more | wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC
     }
 
@@ -57,7 +71,7 @@ impl Target {
 
 /// A set of [`Target`]s.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub(crate) struct TargetSet(pub u8);
+pub(crate) struct TargetSet(pub u16);
 
 impl TargetSet {
     pub fn contains(self, target: Target) -> bool {
@@ -70,7 +84,7 @@ impl TargetSet {
 
     /// Those that the geometry pass writes.
     pub fn drawn(self) -> TargetSet {
-        TargetSet(self.0 & !(Target::Color.bit().0 | Target::Luminance.bit().0))
+        TargetSet(self.0 & ((1 << Target::DRAWN.len()) - 1))
     }
 
     /// Whether any of them needs light.
@@ -80,16 +94,16 @@ impl TargetSet {
 }
 
 /// A texture and its view.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Image {
     pub texture: wgpu::Texture,
     pub view: wgpu::TextureView,
 }
 
 /// The textures of one view.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Targets {
-    images: [Option<Image>; 8],
+    images: [Option<Image>; 9],
     z_buffer: Option<Image>,
 }
 

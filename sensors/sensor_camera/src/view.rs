@@ -7,7 +7,7 @@ use schema_frames::Modality;
 use schema_types::SimTime;
 use sensor_core::Scene;
 use sensor_gpu::{Gpu, Place};
-use sensor_spec::{DvsSpec, Intrinsics};
+use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
 use crate::dvs::DvsState;
 use crate::targets::Targets;
@@ -17,6 +17,8 @@ use crate::targets::Targets;
 pub struct ViewSpec {
     /// Lens and resolution.
     pub intrinsics: Intrinsics,
+    /// Exposure, lens and white balance of `rgb`.
+    pub optics: OpticsSpec,
     /// Event camera; matters only if `dvs` is ever asked for.
     pub dvs: DvsSpec,
     /// Seed of the run, for the mismatch of the event camera's thresholds.
@@ -26,9 +28,9 @@ pub struct ViewSpec {
 }
 
 impl ViewSpec {
-    /// A lens and nothing special: event camera as by default, seed and id 0.
+    /// A lens and nothing special: optics and event camera as by default, seed and id 0.
     pub fn pinhole(intrinsics: Intrinsics) -> ViewSpec {
-        ViewSpec { intrinsics, dvs: DvsSpec::default(), seed: 0, sensor_id: 0 }
+        ViewSpec { intrinsics, optics: OpticsSpec::default(), dvs: DvsSpec::default(), seed: 0, sensor_id: 0 }
     }
 }
 
@@ -38,6 +40,10 @@ pub struct View {
     pub(crate) targets: Targets,
     pub(crate) previous: Option<Firing>,
     pub(crate) dvs: Option<Arc<Mutex<DvsState>>>,
+    /// Of automatic exposure: EV100, and whether there is one.
+    pub(crate) meter: Option<wgpu::Buffer>,
+    /// Whether it begins anew in this firing.
+    pub(crate) meter_begins: bool,
 }
 
 impl std::fmt::Debug for View {
@@ -74,7 +80,7 @@ impl InstancePoses {
 impl View {
     /// A view that has not fired. Allocates nothing on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
-        View { spec, targets: Targets::default(), previous: None, dvs: None }
+        View { spec, targets: Targets::default(), previous: None, dvs: None, meter: None, meter_begins: false }
     }
 
     /// Its lens.
@@ -96,6 +102,7 @@ impl View {
     pub fn reset(&mut self) {
         self.previous = None;
         self.dvs = None;
+        self.meter = None;
     }
 }
 

@@ -47,13 +47,45 @@ fn all_views_of_a_tick_are_one_pass_each_in_one_submission() {
                 .into_iter()
                 .zip(memory)
                 .map(|(modality, bytes)| Output { modality, place: Place::Memory(bytes) });
-            ViewJob { view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs: outputs.collect() }
+            let width_px = view.intrinsics().width_px;
+            ViewJob { view, world_from_sensor: kit::pose(width_px as f64 * 0.01, 0.0, 1.5, [0.0; 3]), outputs: outputs.collect() }
         })
         .collect();
     let results = renderer.render(&scene, jobs).unwrap().wait().unwrap();
     assert_eq!(results.len(), 3);
     let counts = gpu.counters().counts().since(before);
     assert_eq!((counts.passes, counts.copies, counts.submissions), (3, 6, 1));
+}
+
+/// Goal: cameras of one pose, lens and history are drawn once, whoever they belong to, and get the bytes they would get alone.
+#[test]
+fn sensors_that_see_the_same_are_drawn_once() {
+    let gpu = kit::gpu();
+    let (assets, car) = kit::street();
+    let run = |groups: &[&[Modality]]| {
+        let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+        let mut views: Vec<_> = groups.iter().map(|_| kit::view(&gpu, 96, 64)).collect();
+        let mut memory: Vec<Vec<Vec<u8>>> =
+            groups.iter().map(|list| list.iter().map(|m| vec![0; views[0].payload_bytes(*m)]).collect()).collect();
+        let mut passes = 0;
+        for step in 1..3u64 {
+            let cars = vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))];
+            let mut scene = kit::scene(&assets, cars, step * 50_000_000);
+            scene.weather.cloudiness = 100.0;
+            let jobs = views.iter_mut().zip(&mut memory).zip(groups).map(|((view, memory), list)| {
+                let outputs = list.iter().zip(memory).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
+                ViewJob { view, world_from_sensor: kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0; 3]), outputs }
+            });
+            let before = gpu.counters().counts();
+            renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+            passes = gpu.counters().counts().since(before).passes;
+        }
+        (memory.concat(), passes)
+    };
+    let together = run(&[&[Modality::Rgb], &[Modality::Depth, Modality::Flow], &[Modality::Rgb, Modality::Instance]]);
+    let alone = [&[Modality::Rgb][..], &[Modality::Depth, Modality::Flow], &[Modality::Rgb, Modality::Instance]].map(|list| run(&[list]));
+    assert_eq!(together.1, 1);
+    assert!(together.0 == alone.map(|(bytes, _)| bytes).concat());
 }
 
 #[test]

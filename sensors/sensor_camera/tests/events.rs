@@ -20,7 +20,14 @@ const DISTANCE_M: f64 = 8.0;
 const FOCAL_PX: f64 = 160.0;
 
 fn spec() -> DvsSpec {
-    DvsSpec { positive_threshold: 0.3, negative_threshold: 0.3, log_eps: 1e-6, substep_px: 0.5, ..Default::default() }
+    DvsSpec {
+        positive_threshold: 0.3,
+        negative_threshold: 0.3,
+        log_eps: 1e-6,
+        substep_px: 0.5,
+        max_events: 1_000_000,
+        ..Default::default()
+    }
 }
 
 /// A wall across the view, its face at x = 0, from y0 to y1 (y is to the left), darker or brighter.

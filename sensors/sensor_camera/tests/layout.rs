@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use sensor_camera::{InstanceData, LampData, LightData, ViewData, shader_sources};
+use sensor_camera::{InstanceData, LampData, LightData, PostData, ViewData, shader_sources};
 
 fn module(name: &str) -> naga::Module {
     let (_, text) = shader_sources().into_iter().find(|(known, _)| *known == name).unwrap();
@@ -20,7 +20,7 @@ fn every_shader_validates() {
 
 #[test]
 fn wgsl_structs_lie_where_rust_has_them() {
-    let modules = [module("geometry"), module("shade, drawn")];
+    let modules = [module("geometry"), module("shade, drawn"), module("post")];
     let check = |name: &str, size: usize, offsets: &[usize]| {
         let mut types = modules.iter().flat_map(|module| module.types.iter());
         let (_, found) = types.find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
@@ -73,4 +73,17 @@ fn wgsl_structs_lie_where_rust_has_them() {
         ],
     );
     check("Lamp", size_of::<LampData>(), &[offset_of!(LampData, place), offset_of!(LampData, axis), offset_of!(LampData, rgb)]);
+    check(
+        "Post",
+        size_of::<PostData>(),
+        &[
+            offset_of!(PostData, size_px),
+            offset_of!(PostData, exposure),
+            offset_of!(PostData, range),
+            offset_of!(PostData, meter),
+            offset_of!(PostData, lens),
+            offset_of!(PostData, rim),
+            offset_of!(PostData, white),
+        ],
+    );
 }

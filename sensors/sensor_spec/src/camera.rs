@@ -3,7 +3,7 @@
 use schema_frames::Modality;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::{MountSpec, SpecError, check_range};
+use crate::{MountSpec, OpticsSpec, SpecError, check_range};
 
 /// Smallest and largest image side, pixels.
 pub const SIDE_PX: (u32, u32) = (16, 4096);
@@ -25,6 +25,8 @@ pub struct CameraSpec {
     /// What to publish.
     #[serde(serialize_with = "names", deserialize_with = "from_names")]
     pub modalities: Vec<Modality>,
+    /// Exposure, lens and white balance of `rgb`.
+    pub optics: OpticsSpec,
     /// Event camera, used if `modalities` has `dvs`.
     pub dvs: DvsSpec,
 }
@@ -38,6 +40,7 @@ impl Default for CameraSpec {
             height_px: 600,
             fov_deg: 90.0,
             modalities: vec![Modality::Rgb],
+            optics: OpticsSpec::default(),
             dvs: DvsSpec::default(),
         }
     }
@@ -57,7 +60,14 @@ impl CameraSpec {
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
         check_range("width_px", self.width_px, SIDE_PX.0, SIDE_PX.1, errors);
         check_range("height_px", self.height_px, SIDE_PX.0, SIDE_PX.1, errors);
-        check_range("fov_deg", self.fov_deg, 1.0, 170.0, errors);
+        if !(self.fov_deg > 0.0 && self.fov_deg < 180.0) {
+            errors.push(SpecError {
+                key: "fov_deg",
+                value: self.fov_deg.to_string(),
+                allowed: "must lie between 0 and 180, both excluded".into(),
+            });
+        }
+        self.optics.check(errors);
         for (i, modality) in self.modalities.iter().enumerate() {
             if self.modalities[..i].contains(modality) {
                 errors.push(SpecError {

@@ -10,6 +10,7 @@ pub mod events;
 pub mod lidar;
 pub mod motion;
 pub mod mount;
+pub mod optics;
 pub mod radar;
 
 pub use camera::{CameraSpec, DvsMode, DvsSpec, Intrinsics};
@@ -17,6 +18,7 @@ pub use events::{CollisionSpec, LaneInvasionSpec, ObstacleSpec};
 pub use lidar::{LidarScan, LidarSpec};
 pub use motion::{GnssSpec, ImuSpec};
 pub use mount::{Attachment, MountSpec};
+pub use optics::{ExposureMode, ExposureSpec, OpticsSpec};
 pub use radar::RadarSpec;
 
 use schema_frames::Modality;

@@ -326,6 +326,7 @@ impl Sensor {
                 ViewSpec {
                     intrinsics: camera.intrinsics(),
                     dvs: camera.dvs.clone(),
+                    optics: camera.optics.clone(),
                     seed: options.seed,
                     sensor_id: (place.stream ^ (place.stream >> 32)) as u32,
                 },

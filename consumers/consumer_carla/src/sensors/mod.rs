@@ -7,6 +7,7 @@ pub mod events;
 pub mod image;
 pub mod lenient;
 pub mod message;
+pub mod optics;
 pub mod points;
 pub mod records;
 pub mod spec;

@@ -7,12 +7,32 @@ use schema_frames::{Attachment, Command};
 use serde_json::{Map, Value, json};
 
 use crate::fields::{Description, Wrong};
+use crate::sensors::optics::optics;
 use crate::sensors::{CLIENT_SIDE, Kind, kind, lenient};
 
 /// Attributes of one sensor, by name, read leniently.
 pub struct Attributes<'d>(&'d Description);
 
-impl Attributes<'_> {
+impl<'d> Attributes<'d> {
+    /// Those of a description.
+    pub fn of(description: &'d Description) -> Self {
+        Attributes(description)
+    }
+
+    /// A text as it was sent.
+    pub fn text(&self, name: &str) -> Option<&'d str> {
+        self.0.attribute(name)
+    }
+
+    /// `true` or `false` in any case, or a number; else `default`.
+    pub fn flag(&self, name: &str, default: bool) -> bool {
+        match self.text(name).map(str::to_lowercase).as_deref() {
+            Some("true" | "1") => true,
+            Some("false" | "0") => false,
+            _ => default,
+        }
+    }
+
     /// A number, or `default` where the client sent none.
     pub fn float(&self, name: &str, default: f64) -> f64 {
         self.0.attribute(name).map_or(default, lenient::float)
@@ -82,6 +102,11 @@ fn camera(kind: &Kind, given: &Attributes<'_>) -> Value {
         "height_px": given.int("image_size_y", 600),
         "fov_deg": given.float("fov", 90.0),
     });
+    if kind.type_id == "sensor.camera.rgb"
+        && let Some(optics) = optics(given)
+    {
+        keys["optics"] = optics;
+    }
     if kind.type_id == "sensor.camera.dvs" {
         keys["dvs"] = json!({
             "positive_threshold": given.float("positive_threshold", 0.3),

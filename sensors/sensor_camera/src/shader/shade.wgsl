@@ -7,6 +7,7 @@
 
 override WITH_COLOR: bool = true;
 override WITH_LUMINANCE: bool = true;
+override WITH_RADIANCE: bool = true;
 
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;

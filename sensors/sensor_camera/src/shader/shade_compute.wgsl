@@ -2,6 +2,7 @@
 
 @group(2) @binding(3) var color_map: texture_storage_2d<r32uint, write>;
 @group(2) @binding(4) var luminance_map: texture_storage_2d<r32float, write>;
+@group(2) @binding(5) var radiance_map: texture_storage_2d<rgba16float, write>;
 
 @compute @workgroup_size(16, 8)
 fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
@@ -18,6 +19,9 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     }
     if WITH_LUMINANCE {
         textureStore(luminance_map, at.xy, vec4(luminance_of(radiance), 0.0, 0.0, 0.0));
+    }
+    if WITH_RADIANCE {
+        textureStore(radiance_map, at.xy, vec4(min(radiance, vec3(60000.0)), 1.0));
     }
     if WITH_COLOR {
         textureStore(color_map, at.xy, vec4(packed_color(radiance), 0u, 0u, 0u));

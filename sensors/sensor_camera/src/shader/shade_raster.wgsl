@@ -3,12 +3,16 @@
 struct Lit {
     @location(0) color: u32,
     @location(1) luminance: f32,
+    @location(2) radiance: vec4<f32>,
 }
 
 fn lit(radiance: vec3<f32>) -> Lit {
     var out: Lit;
     if WITH_LUMINANCE {
         out.luminance = luminance_of(radiance);
+    }
+    if WITH_RADIANCE {
+        out.radiance = vec4(min(radiance, vec3(60000.0)), 1.0);
     }
     if WITH_COLOR {
         out.color = packed_color(radiance);

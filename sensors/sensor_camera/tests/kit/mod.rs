@@ -24,7 +24,7 @@ pub fn view(gpu: &Gpu, width_px: u32, height_px: u32) -> View {
 
 pub fn view_with(gpu: &Gpu, width_px: u32, height_px: u32, dvs: DvsSpec) -> View {
     let intrinsics = Intrinsics::from_fov(width_px, height_px, 90f64.to_radians());
-    View::new(gpu, ViewSpec { intrinsics, dvs, seed: 7, sensor_id: 3 })
+    View::new(gpu, ViewSpec { dvs, seed: 7, sensor_id: 3, ..ViewSpec::pinhole(intrinsics) })
 }
 
 /// Pose from position and roll, pitch, yaw in degrees.

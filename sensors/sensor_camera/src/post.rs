@@ -1,0 +1,269 @@
+//! What a camera does to its colour picture after shading: exposure, lens, bloom, white balance, film, smooth edges.
+//!
+//! Compute shaders over the shaded radiance. Views whose optics are neutral and whose edges stay as they are skip all this.
+
+use bytemuck::{Pod, Zeroable};
+use sensor_gpu::Gpu;
+use sensor_spec::{ExposureMode, OpticsSpec};
+
+use crate::pass::{entry, texture};
+use crate::targets::{Image, Target, Targets, image};
+
+/// Text of the shader.
+pub(crate) fn post_wgsl() -> String {
+    [include_str!("shader/film.wgsl"), include_str!("shader/post.wgsl")].concat()
+}
+
+/// Mirror of `Post` in `shader/post.wgsl`, which says what is what.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct PostData {
+    /// Size and its inverse.
+    pub size_px: [f32; 4],
+    /// Factor, whether the meter counts, exponent, whether there is film.
+    pub exposure: [f32; 4],
+    /// Bounds and speeds of the meter.
+    pub range: [f32; 4],
+    /// White, the meter's constant, smooth edges, bloom.
+    pub meter: [f32; 4],
+    /// Distortion.
+    pub lens: [f32; 4],
+    /// Vignette, chromatic aberration.
+    pub rim: [f32; 4],
+    /// White balance.
+    pub white: [f32; 4],
+}
+
+/// One view's work.
+pub(crate) struct PostJob<'p> {
+    pub optics: &'p OpticsSpec,
+    pub targets: &'p Targets,
+    /// State of automatic exposure, if the mode has one.
+    pub meter: Option<&'p wgpu::Buffer>,
+    /// Kilolux to what was shaded: 1 is white.
+    pub exposure: f32,
+    /// Simulated time since the previous firing.
+    pub since_secs: f32,
+    pub smooth_edges: bool,
+}
+
+/// Pixels of one workgroup, as `post.wgsl` has it.
+const GROUP_PX: [u32; 2] = [16, 8];
+/// Halvings of the picture that bloom is made of.
+const N_GLOW: usize = 4;
+/// Share of the light that strays, at intensity 1.
+const BLOOM_SHARE: f32 = 0.06;
+
+/// Pipelines.
+#[derive(Debug)]
+pub(crate) struct PostPass {
+    layout: wgpu::BindGroupLayout,
+    main: wgpu::ComputePipeline,
+    metering: wgpu::ComputePipeline,
+    shrink: wgpu::ComputePipeline,
+    sampler: wgpu::Sampler,
+    /// Bound where a pass has nothing to write, or no glow to read.
+    no_color: Image,
+    no_glow: Image,
+    black: Image,
+    no_meter: wgpu::Buffer,
+}
+
+impl PostPass {
+    pub fn new(gpu: &Gpu) -> Self {
+        let device = gpu.device();
+        let written = |binding, format| {
+            let access = wgpu::StorageTextureAccess::WriteOnly;
+            entry(binding, wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2 })
+        };
+        let buffer = |binding, ty| entry(binding, wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None });
+        let mut entries = [
+            buffer(0, wgpu::BufferBindingType::Uniform),
+            texture(1, wgpu::TextureSampleType::Float { filterable: true }),
+            entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            buffer(3, wgpu::BufferBindingType::Storage { read_only: false }),
+            written(4, Target::Color.format()),
+            texture(5, wgpu::TextureSampleType::Float { filterable: true }),
+            written(6, GLOW_FORMAT),
+        ];
+        entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("post"), entries: &entries });
+        let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("post"),
+            bind_group_layouts: &[Some(&layout)],
+            immediate_size: 0,
+        });
+        let shader = gpu.shader("post", &post_wgsl());
+        let pipeline = |entry_point| {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry_point),
+                layout: Some(&pipeline_layout),
+                module: &shader,
+                entry_point: Some(entry_point),
+                compilation_options: Default::default(),
+                cache: None,
+            })
+        };
+        PostPass {
+            main: pipeline("cs_main"),
+            metering: pipeline("cs_meter"),
+            shrink: pipeline("cs_shrink"),
+            layout,
+            sampler: device.create_sampler(&wgpu::SamplerDescriptor {
+                mag_filter: wgpu::FilterMode::Linear,
+                min_filter: wgpu::FilterMode::Linear,
+                ..Default::default()
+            }),
+            no_color: image(gpu, "nowhere", [1, 1], Target::Color.format(), wgpu::TextureUsages::STORAGE_BINDING),
+            no_glow: image(gpu, "nowhere", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::STORAGE_BINDING),
+            black: image(gpu, "no glow", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING),
+            no_meter: meter(gpu),
+        }
+    }
+
+    /// Records the way from `Radiance` to `Color`.
+    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, job: &PostJob<'_>) {
+        let radiance = job.targets.get(Target::Radiance);
+        let size_px = [radiance.texture.width(), radiance.texture.height()];
+        let data = gpu.buffer_with("post", bytemuck::bytes_of(&post_data(job, size_px)), wgpu::BufferUsages::UNIFORM);
+        let meter = job.meter.unwrap_or(&self.no_meter);
+        let (no_color, no_glow, black) = (&self.no_color.view, &self.no_glow.view, &self.black.view);
+        let bind = |from: &wgpu::TextureView, color: &wgpu::TextureView, glow: &wgpu::TextureView, glow_out: &wgpu::TextureView| {
+            let view = |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
+            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("post"),
+                layout: &self.layout,
+                entries: &[
+                    buffer_entry(0, &data),
+                    view(1, from),
+                    wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.sampler) },
+                    buffer_entry(3, meter),
+                    view(4, color),
+                    view(5, glow),
+                    view(6, glow_out),
+                ],
+            })
+        };
+        let mut run = |pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, groups: [u32; 2]| {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, group, &[]);
+            pass.dispatch_workgroups(groups[0], groups[1], 1);
+        };
+        let groups = |size: [u32; 2]| [size[0].div_ceil(GROUP_PX[0]), size[1].div_ceil(GROUP_PX[1])];
+        if job.meter.is_some() {
+            run(&self.metering, &bind(&radiance.view, no_color, black, no_glow), [1, 1]);
+        }
+        let mut glows: Vec<Image> = Vec::new();
+        if job.optics.postprocess && job.optics.bloom_intensity > 0.0 {
+            let mut size = size_px;
+            for _ in 0..N_GLOW {
+                size = size.map(|side| side.div_ceil(2));
+                let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
+                let smaller = image(gpu, "glow", size, GLOW_FORMAT, usage);
+                let from = glows.last().map_or(&radiance.view, |glow| &glow.view);
+                run(&self.shrink, &bind(from, no_color, black, &smaller.view), groups(size));
+                glows.push(smaller);
+            }
+        }
+        let glow = glows.last().map_or(black, |glow| &glow.view);
+        run(&self.main, &bind(&radiance.view, &job.targets.get(Target::Color).view, glow, no_glow), groups(size_px));
+    }
+}
+
+const GLOW_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
+
+fn buffer_entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+/// Memory of automatic exposure, as it is before the first picture.
+pub(crate) fn meter(gpu: &Gpu) -> wgpu::Buffer {
+    gpu.buffer_with("meter", &[0; 16], wgpu::BufferUsages::STORAGE)
+}
+
+fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
+    let optics = job.optics;
+    let exposure = &optics.exposure;
+    let [width, height] = size_px.map(|side| side as f32);
+    // Candela per square metre of what was shaded as 1; the model's unit is kilolux per steradian.
+    let white = 1000.0 / job.exposure;
+    let gain = exposure.compensation_ev.exp2();
+    let (factor, metered) = match exposure.mode {
+        ExposureMode::Histogram if optics.postprocess => (gain, 1.0),
+        ExposureMode::Manual => (gain * white / (1.2 * exposure.manual_ev100().exp2()), 0.0),
+        ExposureMode::Weather | ExposureMode::Histogram => (gain, 0.0),
+    };
+    // Share of a difference that is left after a time falls exponentially.
+    let gone = |per_s: f32| 1.0 - (-per_s * job.since_secs).exp();
+    let [r, g, b] = white_gains(optics.white_kelvin, optics.tint);
+    let yes = |on: bool| on as u32 as f32;
+    PostData {
+        size_px: [width, height, 1.0 / width, 1.0 / height],
+        exposure: [factor, metered, 2.2 / optics.gamma, yes(optics.postprocess)],
+        range: [exposure.min_ev100, exposure.max_ev100, gone(exposure.speed_up_per_s), gone(exposure.speed_down_per_s)],
+        meter: [
+            white,
+            exposure.calibration,
+            yes(job.smooth_edges),
+            if optics.postprocess { optics.bloom_intensity * BLOOM_SHARE } else { 0.0 },
+        ],
+        lens: [optics.distortion_k, optics.distortion_k_cubed, optics.distortion_size[0], optics.distortion_size[1]],
+        rim: [optics.vignette_multiplier, optics.vignette_falloff, optics.chromatic_aberration, optics.chromatic_aberration_start],
+        white: [r, g, b, 0.0],
+    }
+}
+
+/// Gains that make light of this temperature white; luminance stays.
+fn white_gains(kelvin: f32, tint: f32) -> [f32; 3] {
+    let light = planckian(kelvin);
+    let neutral = planckian(6500.0);
+    let gains: [f32; 3] = std::array::from_fn(|c| neutral[c] / light[c].max(1e-3));
+    let tinted = [gains[0] * (1.0 + 0.1 * tint), gains[1] * (1.0 - 0.1 * tint), gains[2] * (1.0 + 0.1 * tint)];
+    let luminance = 0.2126 * tinted[0] + 0.7152 * tinted[1] + 0.0722 * tinted[2];
+    tinted.map(|gain| gain / luminance)
+}
+
+/// Linear sRGB of a black body, luminance 1: chromaticity by Kim and others (US patent 7024034, 2006), then the matrix of sRGB.
+fn planckian(kelvin: f32) -> [f32; 3] {
+    let t = kelvin.clamp(1667.0, 25_000.0) as f64;
+    let (t1, t2, t3) = (1e3 / t, 1e6 / (t * t), 1e9 / (t * t * t));
+    let x = if t <= 4000.0 {
+        -0.266_123_9 * t3 - 0.234_358_9 * t2 + 0.877_695_6 * t1 + 0.179_910
+    } else {
+        -3.025_846_9 * t3 + 2.107_037_9 * t2 + 0.222_634_7 * t1 + 0.240_390
+    };
+    let (x2, x3) = (x * x, x * x * x);
+    let y = if t <= 2222.0 {
+        -1.106_381_4 * x3 - 1.348_110_20 * x2 + 2.185_558_32 * x - 0.202_196_83
+    } else if t <= 4000.0 {
+        -0.954_947_6 * x3 - 1.374_185_93 * x2 + 2.091_370_15 * x - 0.167_488_67
+    } else {
+        3.081_758_0 * x3 - 5.873_386_70 * x2 + 3.751_129_97 * x - 0.370_014_83
+    };
+    let (xx, zz) = (x / y, (1.0 - x - y) / y);
+    [3.2406 * xx - 1.5372 - 0.4986 * zz, -0.9689 * xx + 1.8758 + 0.0415 * zz, 0.0557 * xx - 0.2040 + 1.0570 * zz].map(|c| c.max(0.0) as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Oracle: D65 is sRGB's white, and a black body of 6500 K lies close to it; candle light is red, the northern sky blue.
+    #[test]
+    fn black_bodies_have_their_colours() {
+        let [r, g, b] = planckian(6500.0);
+        assert!((r - 1.0).abs() < 0.06 && (g - 1.0).abs() < 0.03 && (b - 1.0).abs() < 0.06, "{r} {g} {b}");
+        let [r, _, b] = planckian(2000.0);
+        assert!(r > 2.0 && b < 0.2, "{r} {b}");
+        let [r, _, b] = planckian(15_000.0);
+        assert!(r < 0.85 && b > 1.3, "{r} {b}");
+    }
+
+    #[test]
+    fn neutral_white_balance_changes_nothing_and_a_high_one_warms() {
+        assert!(white_gains(6500.0, 0.0).iter().all(|gain| (gain - 1.0).abs() < 1e-5));
+        let [r, _, b] = white_gains(10_000.0, 0.0);
+        assert!(r > 1.05 && b < 0.95, "{r} {b}");
+    }
+}

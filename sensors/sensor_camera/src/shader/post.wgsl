@@ -1,0 +1,171 @@
+// What a camera does to its colour picture: exposure, lens, bloom, white balance, film, smooth edges. Mirrors: post.rs.
+
+// Mirror of PostData.
+struct Post {
+    // Width, height, and one over each.
+    size_px: vec4<f32>,
+    // Factor; 1: times what the meter says; 2.2 / gamma; 1: film curve.
+    exposure: vec4<f32>,
+    // Lowest and highest EV100; shares of the way to the light and to the dark that this firing goes.
+    range: vec4<f32>,
+    // Luminance of white as shaded, cd/m²; the meter's constant; 1: smooth edges; strength of bloom.
+    meter: vec4<f32>,
+    // Distortion: k, cubed k, scale x, y.
+    lens: vec4<f32>,
+    // Vignette: multiplier, falloff; chromatic aberration, where it begins.
+    rim: vec4<f32>,
+    // Gains of red, green, blue.
+    white: vec4<f32>,
+}
+
+struct Meter {
+    ev100: f32,
+    // 0 before the first picture.
+    known: f32,
+}
+
+@group(0) @binding(0) var<uniform> post: Post;
+@group(0) @binding(1) var radiance_map: texture_2d<f32>;
+@group(0) @binding(2) var smooth_sampler: sampler;
+@group(0) @binding(3) var<storage, read_write> meter: Meter;
+@group(0) @binding(4) var color_map: texture_storage_2d<r32uint, write>;
+@group(0) @binding(5) var glow_map: texture_2d<f32>;
+@group(0) @binding(6) var glow_out: texture_storage_2d<rgba16float, write>;
+
+const N_BINS: u32 = 128u;
+// Luminance of the lowest bin: 2^-18 of white; 5 bins a stop.
+const LOWEST: f32 = -18.0;
+const BINS_PER_STOP: f32 = 5.0;
+
+var<workgroup> bins: array<atomic<u32>, 128>;
+
+// The meter: a histogram over a grid of 64 × 64 points; what counts is the mean between the darkest and the brightest tenth.
+@compute @workgroup_size(256)
+fn cs_meter(@builtin(local_invocation_index) thread: u32) {
+    if thread < N_BINS {
+        atomicStore(&bins[thread], 0u);
+    }
+    workgroupBarrier();
+    for (var i = thread; i < 4096u; i += 256u) {
+        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * post.size_px.xy;
+        let luminance = luminance_of(textureLoad(radiance_map, vec2<u32>(at), 0).rgb);
+        let bin = (log2(max(luminance, 1e-9)) - LOWEST) * BINS_PER_STOP;
+        atomicAdd(&bins[u32(clamp(bin, 0.0, f32(N_BINS) - 1.0))], 1u);
+    }
+    workgroupBarrier();
+    if thread != 0u {
+        return;
+    }
+    var before = 0.0;
+    var sum = 0.0;
+    var weight = 0.0;
+    for (var bin = 0u; bin < N_BINS; bin++) {
+        let n = f32(atomicLoad(&bins[bin]));
+        let counted = max(min(before + n, 3686.0) - max(before, 410.0), 0.0);
+        sum += counted * (f32(bin) + 0.5);
+        weight += counted;
+        before += n;
+    }
+    let log_mean = sum / max(weight, 1.0) / BINS_PER_STOP + LOWEST + log2(post.meter.x);
+    let asked = clamp(log_mean + log2(100.0 / post.meter.y), post.range.x, post.range.y);
+    if meter.known == 0.0 {
+        meter.ev100 = asked;
+    } else {
+        meter.ev100 += (asked - meter.ev100) * select(post.range.w, post.range.z, asked > meter.ev100);
+    }
+    meter.known = 1.0;
+}
+
+// Half the size: the mean of sixteen neighbours.
+@compute @workgroup_size(16, 8)
+fn cs_shrink(@builtin(global_invocation_id) at: vec3<u32>) {
+    let size = textureDimensions(glow_out);
+    if at.x >= size.x || at.y >= size.y {
+        return;
+    }
+    let middle = (vec2<f32>(at.xy) + 0.5) / vec2<f32>(size);
+    let step = 1.0 / vec2<f32>(textureDimensions(radiance_map));
+    var sum = vec3(0.0);
+    for (var i = 0; i < 4; i++) {
+        let away = vec2(f32(i & 1) * 2.0 - 1.0, f32(i >> 1u) * 2.0 - 1.0);
+        sum += min(textureSampleLevel(radiance_map, smooth_sampler, middle + away * step, 0.0).rgb, vec3(200.0));
+    }
+    textureStore(glow_out, at.xy, vec4(sum * 0.25, 1.0));
+}
+
+fn exposed() -> f32 {
+    if post.exposure.y == 0.0 {
+        return post.exposure.x;
+    }
+    return post.exposure.x * post.meter.x / (1.2 * exp2(meter.ev100));
+}
+
+// From radiance to the display, 0 to 1.
+fn developed(radiance: vec3<f32>) -> vec3<f32> {
+    let rgb = max(radiance * post.white.rgb, vec3(0.0));
+    if post.exposure.w == 0.0 {
+        return pow(min(rgb, vec3(1.0)), vec3(post.exposure.z / 2.2));
+    }
+    return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(post.exposure.z));
+}
+
+fn radiance_at(at: vec2<f32>, factor: f32) -> vec3<f32> {
+    return textureSampleLevel(radiance_map, smooth_sampler, at, 0.0).rgb * factor;
+}
+
+// Smooth edges: where neighbours differ, the mean along the edge (after Lottes, FXAA, 2009).
+fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
+    let px = post.size_px.zw;
+    let middle = developed(radiance_at(at, factor));
+    if post.meter.z == 0.0 {
+        return middle;
+    }
+    let weights = vec3(0.299, 0.587, 0.114);
+    let nw = dot(developed(radiance_at(at + vec2(-0.5, -0.5) * px, factor)), weights);
+    let ne = dot(developed(radiance_at(at + vec2(0.5, -0.5) * px, factor)), weights);
+    let sw = dot(developed(radiance_at(at + vec2(-0.5, 0.5) * px, factor)), weights);
+    let se = dot(developed(radiance_at(at + vec2(0.5, 0.5) * px, factor)), weights);
+    let m = dot(middle, weights);
+    let low = min(m, min(min(nw, ne), min(sw, se)));
+    let high = max(m, max(max(nw, ne), max(sw, se)));
+    if high - low < max(0.03, 0.10 * high) {
+        return middle;
+    }
+    var along = vec2((sw + se) - (nw + ne), (nw + sw) - (ne + se));
+    let shortest = min(abs(along.x), abs(along.y)) + max((nw + ne + sw + se) * 0.03, 0.008);
+    along = clamp(along / shortest, vec2(-8.0), vec2(8.0)) * px;
+    let near = 0.5 * (developed(radiance_at(at - along / 6.0, factor)) + developed(radiance_at(at + along / 6.0, factor)));
+    let wide = 0.5 * near + 0.25 * (developed(radiance_at(at - along * 0.5, factor)) + developed(radiance_at(at + along * 0.5, factor)));
+    let found = dot(wide, weights);
+    return select(wide, near, found < low || found > high);
+}
+
+@compute @workgroup_size(16, 8)
+fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
+    if f32(at.x) >= post.size_px.x || f32(at.y) >= post.size_px.y {
+        return;
+    }
+    let from_middle = (vec2<f32>(at.xy) + 0.5) * post.size_px.zw - 0.5;
+    let scaled = from_middle * post.lens.zw;
+    let squared = dot(scaled, scaled);
+    let bent = from_middle * (1.0 + squared * (post.lens.x + post.lens.y * sqrt(squared)));
+    let to_corner = length(from_middle) * 1.41421356;
+    var factor = exposed();
+    if post.exposure.w != 0.0 {
+        factor *= clamp(1.0 - post.rim.x * pow(to_corner, post.rim.y), 0.0, 1.0);
+    }
+    var rgb: vec3<f32>;
+    if post.rim.z == 0.0 && post.meter.w == 0.0 {
+        rgb = smoothed(bent + 0.5, factor);
+    } else {
+        let drift = post.rim.z * 0.01 * max(to_corner - post.rim.w, 0.0);
+        var radiance = vec3(
+            radiance_at(bent * (1.0 + drift) + 0.5, factor).r,
+            radiance_at(bent + 0.5, factor).g,
+            radiance_at(bent * (1.0 - drift) + 0.5, factor).b,
+        );
+        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * post.meter.w);
+        rgb = developed(radiance);
+    }
+    textureStore(color_map, at.xy, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));
+}

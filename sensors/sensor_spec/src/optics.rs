@@ -1,0 +1,199 @@
+//! What a camera does to its colour picture: exposure, lens, white balance. Labels, depth, flow and events stay those of a pinhole.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{SpecError, check_range};
+
+/// Colour of a camera. The defaults leave a picture as it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OpticsSpec {
+    /// How light becomes white.
+    pub exposure: ExposureSpec,
+    /// Exponent of the display's curve; above 2.2 brightens what is dark.
+    pub gamma: f32,
+    /// `false`: no film curve, bloom, vignette or automatic exposure; light is clipped at white.
+    pub postprocess: bool,
+    /// White light has this colour temperature, kelvin; above 6500 the picture turns warmer.
+    pub white_kelvin: f32,
+    /// Green (below 0) to magenta (above), −1 to 1.
+    pub tint: f32,
+    /// Light that strays around what is bright; 0 is none.
+    pub bloom_intensity: f32,
+    /// Darkening of the corners: 1 − multiplier · r^falloff, r = 1 in the corner.
+    pub vignette_multiplier: f32,
+    /// Exponent of that.
+    pub vignette_falloff: f32,
+    /// Distortion: a pixel at p (−0.5 to 0.5) shows what a pinhole has at p · (1 + k r² + k_cubed r³), r = |p · distortion_size|.
+    pub distortion_k: f32,
+    /// Its cubic part.
+    pub distortion_k_cubed: f32,
+    /// Scale of r in x and y.
+    pub distortion_size: [f32; 2],
+    /// Red and blue drift apart towards the rim by this share of half the image's width in percent.
+    pub chromatic_aberration: f32,
+    /// Distance from the middle (1 is the corner) at which that begins.
+    pub chromatic_aberration_start: f32,
+}
+
+impl Default for OpticsSpec {
+    fn default() -> Self {
+        OpticsSpec {
+            exposure: ExposureSpec::default(),
+            gamma: 2.2,
+            postprocess: true,
+            white_kelvin: 6500.0,
+            tint: 0.0,
+            bloom_intensity: 0.0,
+            vignette_multiplier: 0.0,
+            vignette_falloff: 5.0,
+            distortion_k: 0.0,
+            distortion_k_cubed: 0.0,
+            distortion_size: [0.08; 2],
+            chromatic_aberration: 0.0,
+            chromatic_aberration_start: 0.0,
+        }
+    }
+}
+
+/// Who sets the exposure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ExposureMode {
+    /// The weather: bright by day, dim by night, the same for every direction and at once.
+    #[default]
+    Weather,
+    /// Shutter, aperture and film.
+    Manual,
+    /// The picture itself, adapting over time.
+    Histogram,
+}
+
+/// Exposure. EV100 is the photographer's: 15 is a street in the sun, 3 one under lamps at night.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExposureSpec {
+    /// Who sets it.
+    pub mode: ExposureMode,
+    /// Brighter by this many stops, in every mode.
+    pub compensation_ev: f32,
+    /// Manual: one over the exposure time, 1/s.
+    pub shutter_per_s: f32,
+    /// Manual: sensitivity.
+    pub iso: f32,
+    /// Manual: aperture.
+    pub fstop: f32,
+    /// Histogram: never less than this.
+    pub min_ev100: f32,
+    /// Histogram: never more than this.
+    pub max_ev100: f32,
+    /// Histogram: how fast it follows into the light, 1/s.
+    pub speed_up_per_s: f32,
+    /// Histogram: how fast it follows into the dark, 1/s.
+    pub speed_down_per_s: f32,
+    /// Histogram: the meter's constant K (mean luminance in cd/m² is K · 2^EV100 / 100).
+    pub calibration: f32,
+}
+
+impl Default for ExposureSpec {
+    fn default() -> Self {
+        ExposureSpec {
+            mode: ExposureMode::Weather,
+            compensation_ev: 0.0,
+            shutter_per_s: 200.0,
+            iso: 100.0,
+            fstop: 8.0,
+            min_ev100: -4.0,
+            max_ev100: 17.0,
+            speed_up_per_s: 3.0,
+            speed_down_per_s: 1.0,
+            calibration: 16.0,
+        }
+    }
+}
+
+impl ExposureSpec {
+    /// EV100 of shutter, aperture and film: log2(N² · 100 / (t · S)).
+    pub fn manual_ev100(&self) -> f32 {
+        (self.fstop * self.fstop * self.shutter_per_s * 100.0 / self.iso).log2()
+    }
+}
+
+impl OpticsSpec {
+    /// Whether a picture stays as it is: nothing to do after shading.
+    pub fn is_neutral(&self) -> bool {
+        let exposure = &self.exposure;
+        exposure.mode == ExposureMode::Weather
+            && exposure.compensation_ev == 0.0
+            && self.gamma == 2.2
+            && self.postprocess
+            && self.white_kelvin == 6500.0
+            && self.tint == 0.0
+            && self.bloom_intensity == 0.0
+            && self.vignette_multiplier == 0.0
+            && !self.is_distorted()
+            && self.chromatic_aberration == 0.0
+    }
+
+    /// Whether the lens bends lines.
+    pub fn is_distorted(&self) -> bool {
+        self.distortion_k != 0.0 || self.distortion_k_cubed != 0.0
+    }
+
+    pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
+        let exposure = &self.exposure;
+        for (key, value, low, high) in [
+            ("optics.gamma", self.gamma, 0.1, 10.0),
+            ("optics.white_kelvin", self.white_kelvin, 1500.0, 25_000.0),
+            ("optics.tint", self.tint, -1.0, 1.0),
+            ("optics.bloom_intensity", self.bloom_intensity, 0.0, 100.0),
+            ("optics.vignette_multiplier", self.vignette_multiplier, 0.0, 10.0),
+            ("optics.vignette_falloff", self.vignette_falloff, 0.0, 10.0),
+            ("optics.distortion_k", self.distortion_k, -10.0, 10.0),
+            ("optics.distortion_k_cubed", self.distortion_k_cubed, -10.0, 10.0),
+            ("optics.distortion_size", self.distortion_size[0], 0.0, 10.0),
+            ("optics.distortion_size", self.distortion_size[1], 0.0, 10.0),
+            ("optics.chromatic_aberration", self.chromatic_aberration, 0.0, 100.0),
+            ("optics.chromatic_aberration_start", self.chromatic_aberration_start, 0.0, 1.0),
+            ("optics.exposure.compensation_ev", exposure.compensation_ev, -20.0, 20.0),
+            ("optics.exposure.shutter_per_s", exposure.shutter_per_s, 1e-3, 1e6),
+            ("optics.exposure.iso", exposure.iso, 1.0, 1e6),
+            ("optics.exposure.fstop", exposure.fstop, 0.1, 100.0),
+            ("optics.exposure.min_ev100", exposure.min_ev100, -20.0, 30.0),
+            ("optics.exposure.max_ev100", exposure.max_ev100, -20.0, 30.0),
+            ("optics.exposure.speed_up_per_s", exposure.speed_up_per_s, 0.0, 1e3),
+            ("optics.exposure.speed_down_per_s", exposure.speed_down_per_s, 0.0, 1e3),
+            ("optics.exposure.calibration", exposure.calibration, 1.0, 100.0),
+        ] {
+            check_range(key, value, low, high, errors);
+        }
+        if exposure.min_ev100 > exposure.max_ev100 {
+            errors.push(SpecError {
+                key: "optics.exposure.min_ev100",
+                value: exposure.min_ev100.to_string(),
+                allowed: format!("must not lie above optics.exposure.max_ev100 {}", exposure.max_ev100),
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sunny sixteen: f/16 at one over the film speed is EV100 15 in the sun (to a tenth).
+    #[test]
+    fn sunny_sixteen_is_ev_15() {
+        let sunny = ExposureSpec { fstop: 16.0, shutter_per_s: 125.0, iso: 100.0, ..Default::default() };
+        assert!((sunny.manual_ev100() - 15.0).abs() < 0.1, "{}", sunny.manual_ev100());
+    }
+
+    #[test]
+    fn defaults_are_neutral_and_allowed_and_nan_is_not() {
+        let mut errors = Vec::new();
+        OpticsSpec::default().check(&mut errors);
+        assert!(errors.is_empty() && OpticsSpec::default().is_neutral());
+        OpticsSpec { gamma: f32::NAN, ..Default::default() }.check(&mut errors);
+        assert_eq!(errors[0].to_string(), "optics.gamma is NaN, but must be 0.1 to 10");
+    }
+}
