@@ -8,6 +8,8 @@ use crate::axes;
 const WORLD_SNAPSHOT: u64 = 17;
 /// Simulation state bit: the client drops its cached map.
 pub const MAP_CHANGED: u32 = 1;
+/// Simulation state bit: the client asks for the lights again.
+pub const LIGHTS_CHANGED: u32 = 2;
 const ACTIVE: u8 = 1;
 /// Where the map says no limit: CARLA's value before any sign.
 const LIMIT_BEFORE_SIGNS_KMH: f32 = 30.0;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::Context as _;
 use consumer_kit::{FollowedDocument, WorldAt};
 use schema_bus::{Bus, BusError, Document, Listener, Snapshot, SnapshotReader, names};
-use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SpawnPoints, WorldInfo};
+use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SnapshotHeader, SpawnPoints, WorldInfo};
 
 use crate::episode;
 use crate::fields::Description;
@@ -277,7 +277,13 @@ impl Follower<'_> {
             }
         }
         let id = episode::episode_id(header);
-        let state_bits = if self.sent_episode.replace(id) == Some(id) { 0 } else { episode::MAP_CHANGED };
+        let mut state_bits = if self.sent_episode.replace(id) == Some(id) { 0 } else { episode::MAP_CHANGED };
+        if header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
+            state_bits |= episode::MAP_CHANGED;
+        }
+        if header.flags & SnapshotHeader::LAMPS_CHANGED != 0 {
+            state_bits |= episode::LIGHTS_CHANGED;
+        }
         let wall_secs = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
         let message = episode::encode(header, snapshot.records(), state_bits, wall_secs);
         let at = WorldAt { header: *header, records: snapshot.records().to_vec() };

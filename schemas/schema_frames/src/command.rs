@@ -226,6 +226,32 @@ pub enum Command {
         /// Number from the reply to `join_lockstep`.
         participant: u32,
     },
+    /// Answers with every object and lamp of the scenery.
+    Scenery,
+    /// Shows or hides objects of the scenery, for all sensors and for collisions.
+    ShowObjects {
+        /// Ids; unknown ones are refused.
+        object_ids: Vec<u32>,
+        /// Whether they are there.
+        shown: bool,
+    },
+    /// Shows or hides all objects of these layers.
+    ShowLayers {
+        /// Bits as in [`crate::scenery::SceneryObjectInfo::layer`].
+        layers: u16,
+        /// Whether they are there.
+        shown: bool,
+    },
+    /// Switches lamps of the scenery, or changes their colour, strength or group.
+    SetSceneryLamps {
+        /// Changes in order.
+        changes: Vec<crate::scenery::LampChange>,
+    },
+    /// Whether lamps that nobody switched shine when it is dark; on by itself. Off, they stay dark.
+    SetLampCycle {
+        /// Whether they do.
+        on: bool,
+    },
     /// Answers with counters of the daemon.
     Counters,
 }
@@ -311,6 +337,13 @@ pub enum CommandReply {
     Hits {
         /// Per ray what it meets, nearest first; empty for nothing.
         rays: Vec<Vec<RayHit>>,
+    },
+    /// Answer to `scenery`.
+    Scenery {
+        /// Objects by rising id.
+        objects: Vec<crate::scenery::SceneryObjectInfo>,
+        /// Lamps by number.
+        lamps: Vec<crate::scenery::SceneryLampInfo>,
     },
     /// Not done.
     Refused {

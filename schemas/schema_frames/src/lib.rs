@@ -19,6 +19,7 @@ pub mod modality;
 pub mod motion;
 pub mod query;
 pub mod radar;
+pub mod scenery;
 pub mod snapshot;
 
 pub use attachment::Attachment;

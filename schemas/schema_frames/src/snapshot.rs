@@ -46,6 +46,10 @@ const _: () = assert!(size_of::<SnapshotHeader>() == 128);
 const _: () = assert!(std::mem::offset_of!(SnapshotHeader, epoch) == 64);
 
 impl SnapshotHeader {
+    /// Flag: the map's layers or objects changed before this tick.
+    pub const SCENERY_CHANGED: u32 = 1;
+    /// Flag: lamps of the scenery changed before this tick.
+    pub const LAMPS_CHANGED: u32 = 2;
     /// Flag: the world went back to a checkpoint before this tick; poses jump, the episode's time too.
     pub const RESTORED: u32 = 4;
 }

@@ -79,7 +79,8 @@ impl GpuAssets {
             let own = emitters[instance.mesh.0 as usize].iter();
             own.map(|emitter| (pose * Point3::from(emitter.place_m.map(f64::from)), emitter.clone())).collect::<Vec<_>>()
         };
-        let still_lamps = scene_assets.statics.iter().flat_map(lamps).collect();
+        let may_shine = |instance: &&StaticInstance| scene_assets.switched.get(&instance.object) != Some(&false);
+        let still_lamps = scene_assets.statics.iter().filter(may_shine).flat_map(lamps).collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
             vertices: gpu.buffer_with("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),

@@ -108,6 +108,23 @@ impl Mesh {
         })
     }
 
+    /// The same mesh with only those triangles whose first corner passes, in all levels of detail. Vertices stay.
+    pub fn keeping(&self, mut passes: impl FnMut(&Vertex) -> bool) -> Mesh {
+        let mut kept = Mesh { indices: Vec::with_capacity(self.indices.len()), lods: Vec::new(), ..self.clone() };
+        kept.indices.clear();
+        for lod in &self.lods {
+            let first_idx = kept.indices.len() as u32;
+            let range = lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize;
+            for triangle in self.indices[range].chunks_exact(3) {
+                if passes(&self.vertices[triangle[0] as usize]) {
+                    kept.indices.extend(triangle);
+                }
+            }
+            kept.lods.push(Lod { first_idx, n_indices: kept.indices.len() as u32 - first_idx, until_m: lod.until_m });
+        }
+        kept
+    }
+
     /// Number of triangles of the finest level.
     pub fn n_triangles(&self) -> usize {
         self.lods.first().map_or(0, |lod| lod.n_indices as usize / 3)

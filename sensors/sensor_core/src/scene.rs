@@ -1,5 +1,6 @@
 //! The read-only picture of the world that sensors look at in one tick.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Vector3};
@@ -32,6 +33,8 @@ pub struct SceneAssets {
     pub meshes: Vec<Arc<Mesh>>,
     /// Scenery.
     pub statics: Vec<StaticInstance>,
+    /// Scenery whose lamps somebody switched on (true) or off; all others shine when it is dark.
+    pub switched: BTreeMap<ObjectId, bool>,
 }
 
 impl SceneAssets {
@@ -39,6 +42,35 @@ impl SceneAssets {
     pub fn add_mesh(&mut self, mesh: Mesh) -> MeshId {
         self.meshes.push(Arc::new(mesh));
         MeshId(self.meshes.len() as u32 - 1)
+    }
+
+    /// The same without some objects of the scenery: their instances go, and their triangles in meshes that show several objects.
+    pub fn without(&self, hidden: &BTreeSet<ObjectId>) -> SceneAssets {
+        let mut left = self.clone();
+        if hidden.is_empty() {
+            return left;
+        }
+        left.statics.retain(|instance| !hidden.contains(&instance.object));
+        // Vertices come in runs of one object, so most questions are answered by the one before.
+        let mut last = (ObjectId::BACKGROUND, false);
+        let mut is_hidden = |id: u32| {
+            if last.0.0 != id {
+                last = (ObjectId(id), hidden.contains(&ObjectId(id)));
+            }
+            last.1
+        };
+        let mut empty = BTreeSet::new();
+        for (i, mesh) in left.meshes.iter_mut().enumerate() {
+            if mesh.vertices.iter().any(|vertex| is_hidden(vertex.object_id)) {
+                let shown = mesh.keeping(|vertex| !is_hidden(vertex.object_id));
+                if shown.indices.is_empty() {
+                    empty.insert(MeshId(i as u32));
+                }
+                *mesh = Arc::new(shown);
+            }
+        }
+        left.statics.retain(|instance| !empty.contains(&instance.mesh));
+        left
     }
 
     /// The mesh with this id.

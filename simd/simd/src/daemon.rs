@@ -57,8 +57,12 @@ impl Ports {
 
 /// The episode that runs.
 pub struct Episode {
-    /// Static world.
+    /// Static world as it is shown.
     pub assets: Arc<SceneAssets>,
+    /// All of it.
+    pub whole: Arc<SceneAssets>,
+    /// Counts of changes of the scenery that `assets` shows and snapshots told of.
+    pub scenery: (u64, u64),
     /// What is the same in all headers.
     pub stamp: Stamp,
     /// Simulated time at which it began.
@@ -180,7 +184,9 @@ impl Daemon {
     }
 
     pub(crate) fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {
+        let flags = self.show_scenery()?;
         let header = SnapshotHeader {
+            flags,
             tick: self.tick.0,
             sim_nanos: sim_time.0,
             episode_start_nanos: self.episode.start.0,
@@ -198,6 +204,23 @@ impl Daemon {
         self.ports.snapshot.send(header, records).context("cannot publish the snapshot")?;
         self.ports.snapshot_wake.notify();
         Ok(())
+    }
+
+    /// Takes over what was hidden, shown or switched since the last snapshot; gives the snapshot's flags.
+    fn show_scenery(&mut self) -> anyhow::Result<u32> {
+        let (now, before) = (self.world.scenery_revisions(), self.episode.scenery);
+        if now == before {
+            return Ok(0);
+        }
+        let mut assets = self.episode.whole.without(self.world.hidden_objects());
+        assets.switched = self.world.switched_lamps();
+        self.episode.assets = Arc::new(assets);
+        self.episode.scenery = now;
+        if now.0 != before.0 {
+            self.sensors.load(&self.episode.assets)?;
+        }
+        let flag = |changed: bool, flag: u32| if changed { flag } else { 0 };
+        Ok(flag(now.0 != before.0, SnapshotHeader::SCENERY_CHANGED) | flag(now.1 != before.1, SnapshotHeader::LAMPS_CHANGED))
     }
 
     fn scene(&self, sim_time: SimTime) -> Scene {

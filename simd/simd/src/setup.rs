@@ -147,7 +147,8 @@ pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, 
     }
     let (latitude_deg, longitude_deg) = world.roads().map_or((42.0, 2.0), |roads| roads.geo_reference());
     let stamp = Stamp { epoch, episode, seed: launch.scenario.seed, geo_reference: GeoReference { latitude_deg, longitude_deg } };
-    Ok(Episode { assets: Arc::new(assets), stamp, start, scenario })
+    let whole = Arc::new(assets);
+    Ok(Episode { assets: whole.clone(), whole, scenery: world.scenery_revisions(), stamp, start, scenario })
 }
 
 /// A town of ours by name.

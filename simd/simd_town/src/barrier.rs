@@ -55,9 +55,6 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
 /// Clear height of a tunnel, and thickness of what lies over it.
 const TUNNEL_M: (f64, f64) = (5.6, 1.6);
 
-/// Height of the lamps over the road.
-pub const LAMPS_M: f64 = TUNNEL_M.0 - 0.1;
-
 /// A tunnel over the middle of a road: walls behind the pavements, a ceiling with lamps, grass on top and at the sides.
 pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) {
     let concrete = Surface::new(Class::BUILDINGS, Material::Concrete, [142, 140, 134]).of(object);

@@ -144,10 +144,6 @@ impl Builder<'_> {
             if road.tunnel {
                 let object = self.object(Class::BUILDINGS, "tunnel");
                 barrier::tunnel(&mut self.chunks, &mut self.solid, road, object);
-                let middle = road.path.at(0.5 * road.path.length_m()).0;
-                let position_m = [middle.x, middle.y, road.elevation.at(0.5 * road.path.length_m()) + barrier::LAMPS_M];
-                let (rgb, group) = ([255, 232, 190], LampGroup::Other);
-                self.lamps.push(SceneryLamp { object, position_m, rgb, intensity_lm: 9000.0, group });
             }
             if road.profile.has_rails() {
                 let object = self.object(Class::GUARD_RAIL, "guard_rail");

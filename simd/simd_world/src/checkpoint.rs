@@ -185,6 +185,8 @@ impl World {
         self.roads = living.roads.clone();
         self.catalogue = living.catalogue.clone();
         self.meshes = living.meshes.clone();
+        self.scenery = living.scenery.clone();
+        self.physics.show_only(&self.map, &self.scenery.hidden);
     }
 
     /// The sensors of `living` instead of one's own. Returns those for which there is no place.

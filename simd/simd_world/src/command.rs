@@ -52,6 +52,17 @@ impl World {
                 Ok(boxes) => CommandReply::Boxes { boxes },
                 Err(error) => CommandReply::Refused { error },
             },
+            Command::Scenery => self.scenery_reply(),
+            Command::ShowObjects { object_ids, shown } => done(self.show_objects(object_ids, *shown)),
+            Command::ShowLayers { layers, shown } => {
+                self.show_layers(*layers, *shown);
+                CommandReply::Done
+            }
+            Command::SetSceneryLamps { changes } => done(self.set_scenery_lamps(changes)),
+            Command::SetLampCycle { on } => {
+                self.set_lamp_cycle(*on);
+                CommandReply::Done
+            }
             Command::SetWeather { weather } => done(self.set_weather(*weather)),
             Command::SetWeatherEffects { on } => {
                 self.set_weather_effects(*on);

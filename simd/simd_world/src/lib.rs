@@ -23,6 +23,7 @@ mod plain;
 mod records;
 mod scenario;
 mod scene;
+mod scenery;
 mod signs;
 mod spawn;
 mod vehicle;

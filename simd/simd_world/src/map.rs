@@ -1,8 +1,9 @@
 //! What the world needs of a map: roads, solid ground, places to start, traffic lights.
 
 use nalgebra::Isometry3;
-use schema_types::{Class, Pose};
+use schema_types::{Class, ObjectId, Pose};
 use sensor_core::Mesh;
+use simd_town::{SceneryLamp, SceneryObject};
 
 /// Solid triangles, `f32` about [`MapData::origin_m`].
 #[derive(Clone, Debug, Default)]
@@ -35,6 +36,12 @@ pub struct MapData {
     pub origin_m: [f64; 3],
     /// What vehicles drive on and run into.
     pub collision: Vec<CollisionMesh>,
+    /// Scenery object of every triangle, by mesh of `collision`; empty for meshes that cannot be hidden.
+    pub collision_objects: Vec<Vec<ObjectId>>,
+    /// Objects that can be listed and hidden.
+    pub objects: Vec<SceneryObject>,
+    /// Lamps that can be switched.
+    pub lamps: Vec<SceneryLamp>,
     /// Where vehicles may be put, x along the lane.
     pub spawn_points: Vec<Pose>,
     /// Lamp heads per signal; a light without an entry has none to see.
@@ -101,6 +108,9 @@ impl From<&simd_town::Town> for MapData {
             open_drive: town.open_drive.clone(),
             origin_m: town.origin_m,
             collision: town.collision.iter().map(solid).collect(),
+            collision_objects: town.collision.iter().map(|mesh| mesh.objects.clone()).collect(),
+            objects: town.objects.clone(),
+            lamps: town.lamps.clone(),
             spawn_points: town.spawn_points.clone(),
             lights: town.lights.iter().map(heads).collect(),
             light_head: town.light_head.clone(),

@@ -2,13 +2,14 @@
 //!
 //! The one place where `f32` engine coordinates meet `f64` world coordinates. A body's frame is the actor's own: no offset is kept anywhere.
 
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::glamx::Quat;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
-use schema_types::{ActorId, Class};
+use schema_types::{ActorId, Class, ObjectId};
 use serde::{Deserialize, Serialize};
 
 use crate::map::MapData;
@@ -104,6 +105,39 @@ impl Physics {
         // The query pipeline sees colliders only after a step.
         physics.engine.step();
         Ok(physics)
+    }
+
+    /// Gives the map's solid meshes only those triangles whose object is shown. Colliders stay the same, so that nothing else changes.
+    pub fn show_only(&mut self, map: &MapData, hidden: &BTreeSet<ObjectId>) {
+        let mut meshes: Vec<ColliderHandle> = self
+            .engine
+            .colliders
+            .iter()
+            .filter(|(_, collider)| collider.shape().as_trimesh().is_some())
+            .map(|(handle, _)| handle)
+            .collect();
+        meshes.sort_by_key(|handle| handle.into_raw_parts());
+        let solid = map.collision.iter().enumerate().filter(|(_, mesh)| !mesh.triangles.is_empty());
+        for ((idx, mesh), handle) in solid.zip(meshes) {
+            let Some(objects) = map.collision_objects.get(idx).filter(|objects| objects.len() == mesh.triangles.len()) else { continue };
+            let shown = mesh.triangles.iter().zip(objects).filter(|(_, object)| !hidden.contains(object)).map(|(corners, _)| *corners);
+            let mut shown: Vec<[u32; 3]> = shown.collect();
+            if self.engine.colliders[handle].shape().as_trimesh().is_some_and(|now| now.indices().len() == shown.len()) {
+                continue;
+            }
+            let mut vertices: Vec<Vector> = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
+            if shown.is_empty() {
+                // A mesh needs a triangle; nobody comes a kilometre below the ground.
+                let first = vertices.len() as u32;
+                vertices.extend([[0.0, 0.0, -1000.0], [1.0, 0.0, -1000.0], [0.0, 1.0, -1000.0]].map(Vector::from));
+                shown.push([first, first + 1, first + 2]);
+            }
+            if let Ok(shape) = SharedShape::trimesh(vertices, shown)
+                && let Some(collider) = self.engine.colliders.get_mut(handle)
+            {
+                collider.set_shape(shape);
+            }
+        }
     }
 
     /// World pose as the engine's.

@@ -16,6 +16,7 @@ use crate::lights::Lights;
 use crate::map::{LoadError, MapData};
 use crate::physics::{Collision, Physics};
 use crate::scene::ActorMeshes;
+use crate::scenery::SceneryState;
 use crate::signs;
 use crate::vehicle::Vehicle;
 use crate::walkers::Walker;
@@ -114,6 +115,9 @@ pub struct World {
     pub(crate) actors_revision: u64,
     pub(crate) episode: u32,
     spectator: ActorId,
+    /// What is hidden and switched; not part of a checkpoint.
+    #[serde(skip)]
+    pub(crate) scenery: SceneryState,
 }
 
 impl World {
@@ -142,6 +146,7 @@ impl World {
             actors_revision: 0,
             episode: 0,
             spectator: ActorId(0),
+            scenery: SceneryState::default(),
         };
         world.populate();
         world
@@ -165,6 +170,7 @@ impl World {
         self.booms.clear();
         self.collisions.clear();
         self.meshes = ActorMeshes::default();
+        self.scenery = SceneryState::of(&self.map);
         self.episode += 1;
         self.populate();
         Ok(())

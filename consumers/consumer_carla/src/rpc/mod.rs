@@ -18,6 +18,7 @@ pub mod actors;
 pub mod batch;
 pub mod catalogue;
 pub mod managers;
+pub mod scenery;
 pub mod session;
 pub mod spawning;
 pub mod traffic_lights;
@@ -35,6 +36,7 @@ pub(crate) type Calls = &'static [(&'static str, Run)];
 const AREAS: &[Calls] = &[
     session::CALLS,
     weather::CALLS,
+    scenery::CALLS,
     actors::CALLS,
     spawning::CALLS,
     vehicles::CALLS,

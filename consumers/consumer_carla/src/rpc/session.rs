@@ -175,7 +175,7 @@ impl Gateway {
     }
 
     fn load(&self, call: &mut Call<'_>) -> Outcome {
-        let (asked, reset_settings) = (call.text()?, call.bool()?);
+        let (asked, reset_settings, layers) = (call.text()?, call.bool()?, call.u16()?);
         let info = self.info()?;
         let map = if asked.is_empty() { info.map.as_str() } else { own_map(asked) };
         let loaded = self.commander.ask_one(Command::LoadMap { map: map.to_owned() });
@@ -187,6 +187,9 @@ impl Gateway {
         }
         let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
         begun.ok_or_else(|| Failure::Refused("the simulator loaded the map and published no new episode".to_owned()))?;
+        if layers != u16::MAX {
+            self.commander.ask_one(Command::ShowLayers { layers: !layers, shown: false })?;
+        }
         Ok(Answer::Void)
     }
 

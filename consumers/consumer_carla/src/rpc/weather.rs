@@ -6,16 +6,11 @@ use schema_frames::document::Weather;
 use crate::axes;
 use crate::fields::{Fields, Wrong};
 use crate::gateway::{Answer, Gateway, Outcome};
-use crate::list;
 use crate::msgpack::Value;
 use crate::rpc::{Call, Calls};
 
-pub(crate) const CALLS: Calls = &[
-    ("get_weather_parameters", |gateway, _| gateway.get_weather()),
-    ("set_weather_parameters", Gateway::set_weather),
-    // There are no street lights that could be switched.
-    ("query_lights_state", |_, _| Ok(Answer::Value(list![]))),
-];
+pub(crate) const CALLS: Calls =
+    &[("get_weather_parameters", |gateway, _| gateway.get_weather()), ("set_weather_parameters", Gateway::set_weather)];
 
 impl Gateway {
     fn get_weather(&self) -> Outcome {

@@ -99,7 +99,7 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     var radiance = albedo * (light.ambient_rgb.rgb + light.sun_rgb.rgb * direct * 0.6) * 0.318309886;
     if WITH_LAMPS {
         let material = (packed.y >> 24u) & 0x1fu;
-        let on = max(f32(packed.y >> 29u), light.air.x * f32(id >> 31u)) * light.mirrors[min(material, 16u)].w;
+        let on = max(f32((packed.y >> 29u) & 1u), light.air.x * f32((packed.y >> 30u) & 1u)) * light.mirrors[min(material, 16u)].w;
         radiance += albedo * (light.lamps.x * on);
         if material == MATERIAL_FACADE || material == MATERIAL_SHOP_FRONT {
             let uv_m = bitcast<vec2<f32>>(packed.zw);

@@ -74,7 +74,7 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
 fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec4<u32>, pixel_m: f32, cosine: f32) -> Finish {
     let id = labels.x;
     let material = (labels.y >> 8u) & 0xffu;
-    let lit_lamp = f32(labels.y >> 16u);
+    let lit_lamp = vec2(f32((labels.y >> 16u) & 1u), f32((labels.y >> 17u) & 1u));
     let base = light.materials[min(material, 16u)];
     let gloss = light.mirrors[min(material, 16u)];
     var out: Finish;
@@ -121,7 +121,7 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     }
 
     // A lamp is on when told to, scenery's lamps also when it is dark.
-    let on = max(lit_lamp, light.air.x * f32(id >> 31u)) * gloss.w;
+    let on = max(lit_lamp.x, light.air.x * lit_lamp.y) * gloss.w;
     out.emitted += albedo * (light.lamps.x * on);
     albedo *= 1.0 - 0.6 * gloss.w;
 

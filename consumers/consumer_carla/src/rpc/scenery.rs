@@ -1,0 +1,117 @@
+//! Calls about what stands in the map: layers, environment objects, boxes of the level, street lights.
+
+use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
+use schema_frames::{Command, CommandReply, PosedBox};
+
+use crate::axes;
+use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::list;
+use crate::msgpack::Value;
+use crate::rpc::{Call, Calls};
+use crate::shapes;
+
+pub(crate) const CALLS: Calls = &[
+    ("load_map_layer", |gateway, call| gateway.switch_layers(call, true)),
+    ("unload_map_layer", |gateway, call| gateway.switch_layers(call, false)),
+    ("get_names_of_all_objects", |gateway, _| {
+        let names = gateway.scenery()?.0.into_iter().map(|object| Value::from(object.name.as_str())).collect();
+        Ok(Answer::Value(Value::Array(names)))
+    }),
+    ("get_all_level_BBs", Gateway::level_boxes),
+    ("get_environment_objects", Gateway::environment_objects),
+    ("enable_environment_objects", Gateway::enable_objects),
+    ("query_lights_state", |gateway, _| {
+        let lamps = gateway.scenery()?.1;
+        Ok(Answer::Value(Value::Array(lamps.iter().map(lamp_state).collect())))
+    }),
+    ("update_lights_state", Gateway::update_lamps),
+    ("update_day_night_cycle", |gateway, call| {
+        call.text()?;
+        let on = call.bool()?;
+        gateway.commander.tell(Command::SetLampCycle { on });
+        Ok(Answer::Void)
+    }),
+];
+
+/// CARLA's tag for "any kind".
+const ANY: u8 = 255;
+
+fn world_box(object: &SceneryObjectInfo) -> Value {
+    shapes::posed_box(&PosedBox { pose: object.box_pose, half_m: object.box_half_m })
+}
+
+/// `[id, location, intensity, group, color, is_on]`.
+fn lamp_state(lamp: &SceneryLampInfo) -> Value {
+    let [x, y, z] = axes::mirror(lamp.position_m).map(|metres| metres as f32);
+    let [r, g, b] = lamp.rgb;
+    list![lamp.lamp, list![x, y, z], lamp.intensity_lm, lamp.group, list![r, g, b], lamp.on]
+}
+
+impl Gateway {
+    /// Everything that stands in the map.
+    fn scenery(&self) -> Result<(Vec<SceneryObjectInfo>, Vec<SceneryLampInfo>), Failure> {
+        match self.commander.ask_one(Command::Scenery)? {
+            (CommandReply::Scenery { objects, lamps }, _) => Ok((objects, lamps)),
+            (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a question for scenery"))),
+        }
+    }
+
+    fn tagged(&self, tag: u8) -> Result<Vec<SceneryObjectInfo>, Failure> {
+        let (mut objects, _) = self.scenery()?;
+        objects.retain(|object| tag == ANY || object.class == tag);
+        Ok(objects)
+    }
+
+    fn switch_layers(&self, call: &mut Call<'_>, shown: bool) -> Outcome {
+        let layers = call.u16()?;
+        self.commander.ask_one(Command::ShowLayers { layers, shown })?;
+        Ok(Answer::Void)
+    }
+
+    fn level_boxes(&self, call: &mut Call<'_>) -> Outcome {
+        let shown = self.tagged(call.u8()?)?.into_iter().filter(|object| object.shown);
+        Ok(Answer::Value(Value::Array(shown.map(|object| world_box(&object)).collect())))
+    }
+
+    fn environment_objects(&self, call: &mut Call<'_>) -> Outcome {
+        let object = |object: &SceneryObjectInfo| {
+            let transform = shapes::transform(&axes::transform(&object.pose.into()));
+            list![transform, world_box(object), u64::from(object.id), object.name.as_str(), object.class]
+        };
+        Ok(Answer::Value(Value::Array(self.tagged(call.u8()?)?.iter().map(object).collect())))
+    }
+
+    fn enable_objects(&self, call: &mut Call<'_>) -> Outcome {
+        let mut ids = call.fields("the ids")?;
+        let mut object_ids = Vec::new();
+        while !ids.rest().is_empty() {
+            object_ids.push(ids.u32()?);
+        }
+        let shown = call.bool()?;
+        self.commander.ask_one(Command::ShowObjects { object_ids, shown })?;
+        Ok(Answer::Void)
+    }
+
+    fn update_lamps(&self, call: &mut Call<'_>) -> Outcome {
+        call.text()?;
+        let mut lamps = call.fields("the lights")?;
+        let mut changes = Vec::new();
+        while !lamps.rest().is_empty() {
+            let mut lamp = lamps.fields("a light")?;
+            let number = lamp.u32()?;
+            lamp.vector()?;
+            let (intensity_lm, group) = (lamp.f32()?, lamp.u8()?);
+            let mut color = lamp.fields("a colour")?;
+            let rgb = [color.u8()?, color.u8()?, color.u8()?];
+            changes.push(LampChange {
+                lamp: number,
+                on: Some(lamp.bool()?),
+                rgb: Some(rgb),
+                intensity_lm: Some(intensity_lm),
+                group: Some(group),
+            });
+        }
+        self.commander.ask_one(Command::SetSceneryLamps { changes })?;
+        Ok(Answer::Void)
+    }
+}

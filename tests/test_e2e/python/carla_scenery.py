@@ -1,0 +1,163 @@
+"""What stands in the map, through the stock client: lists, boxes, layers, street lights, and what sensors see of changes.
+
+Usage: carla_scenery.py PORT. Prints "<theme> passed" after each theme.
+"""
+
+import math
+import queue
+import sys
+
+import carla
+
+client = carla.Client("127.0.0.1", int(sys.argv[1]))
+client.set_timeout(60.0)
+world = client.get_world()
+settings = world.get_settings()
+settings.synchronous_mode, settings.fixed_delta_seconds = True, 0.05
+world.apply_settings(settings)
+library = world.get_blueprint_library()
+LABEL = carla.CityObjectLabel
+
+
+def passed(theme):
+    print(theme, "passed", flush=True)
+
+
+def listen(kind, transform, **attributes):
+    blueprint = library.find(kind)
+    for name, value in attributes.items():
+        blueprint.set_attribute(name, str(value))
+    sensor = world.spawn_actor(blueprint, transform)
+    frames = queue.Queue()
+    sensor.listen(frames.put)
+    return sensor, frames
+
+
+def frame_of(frames, tick):
+    while True:
+        frame = frames.get(timeout=20)
+        if frame.frame >= tick:
+            return frame
+
+
+# Objects: ids, names and boxes; a building's box stands on the ground and holds its place.
+every = world.get_environment_objects(LABEL.Any)
+buildings = world.get_environment_objects(LABEL.Buildings)
+assert len(every) > 500 and len({o.id for o in every}) == len(every) and len({o.name for o in every}) == len(every)
+assert 20 < len(buildings) < len(every) and all(o.type == LABEL.Buildings for o in buildings)
+for building in buildings:
+    box = building.bounding_box
+    assert 2.0 < box.extent.z < 40.0 and 2.0 < box.extent.x < 60.0, box
+    assert abs(box.location.z - box.extent.z) < 1.5, box
+assert {o.id for o in buildings} == {o.id for o in world.get_environment_objects(LABEL.Buildings)}
+assert len(world.get_level_bbs(LABEL.Buildings)) == len(buildings)
+assert {o.name for o in every} == set(world.get_names_of_all_objects())
+signs = world.get_environment_objects(LABEL.TrafficSigns)
+assert signs and all(o.bounding_box.extent.z < 3.0 for o in signs)
+passed("objects")
+
+# Hiding: a camera and a lidar over a house no longer see it.
+house = max(buildings, key=lambda o: o.bounding_box.extent.z)
+place = house.bounding_box.location
+above = carla.Transform(carla.Location(place.x, place.y, 60.0), carla.Rotation(pitch=-90))
+over = carla.Transform(carla.Location(place.x, place.y, 40.0))
+size = dict(image_size_x=64, image_size_y=64, fov=20)
+camera, pictures = listen("sensor.camera.semantic_segmentation", above, **size)
+depths, depth_pictures = listen("sensor.camera.depth", above, **size)
+lidar, clouds = listen("sensor.lidar.ray_cast_semantic", over, channels=16, upper_fov=-60, lower_fov=-89, range=80,
+                       rotation_frequency=20, points_per_second=40000)
+
+
+def middle(image):
+    at = 4 * (32 * 64 + 32)
+    return bytes(image.raw_data)[at:at + 4]
+
+
+def metres(pixel):
+    return 1000.0 * (pixel[2] + pixel[1] * 256 + pixel[0] * 65536) / (256**3 - 1)
+
+
+def look():
+    tick = world.tick()
+    tag = middle(frame_of(pictures, tick))[2]
+    depth = metres(middle(frame_of(depth_pictures, tick)))
+    cloud = frame_of(clouds, tick)
+    near = sum(1 for p in cloud if int(p.object_tag) == int(LABEL.Buildings) and math.hypot(p.point.x, p.point.y) < 2.0)
+    return tag, depth, near
+
+
+tag, depth, near = look()
+assert tag == int(LABEL.Buildings) and near > 50, (tag, depth, near)
+world.enable_environment_objects({house.id}, False)
+tag, lower, none = look()
+assert tag != int(LABEL.Buildings) and lower > depth + 2.0 and none == 0, (tag, depth, lower, none)
+assert len(world.get_level_bbs(LABEL.Buildings)) == len(buildings) - 1
+world.enable_environment_objects({house.id}, True)
+assert look() == (int(LABEL.Buildings), depth, near)
+passed("hiding")
+
+# Layers: all houses go with theirs, and come back; trees stay.
+world.unload_map_layer(carla.MapLayer.Buildings)
+tag, lower, none = look()
+assert tag != int(LABEL.Buildings) and none == 0, (tag, none)
+assert not world.get_level_bbs(LABEL.Buildings) and world.get_level_bbs(LABEL.Vegetation)
+world.load_map_layer(carla.MapLayer.Buildings)
+assert look() == (int(LABEL.Buildings), depth, near)
+for sensor in (camera, depths, lidar):
+    sensor.destroy()
+passed("layers")
+
+# Street lights: listed, off by day, switched by hand, seen by a camera at night.
+manager = world.get_lightmanager()
+lights = manager.get_all_lights(carla.LightGroup.Street)
+assert len(lights) > 20 and not any(light.is_on for light in lights)
+weather = world.get_weather()
+weather.sun_altitude_angle = -40.0
+world.set_weather(weather)
+lamp = lights[0]
+seen = carla.Transform(lamp.location + carla.Location(x=-3.0, z=0.0), carla.Rotation())
+camera, pictures = listen("sensor.camera.rgb", seen, image_size_x=64, image_size_y=64, fov=40)
+
+
+def brightness():
+    for _ in range(3):
+        tick = world.tick()
+    return sum(middle(frame_of(pictures, tick))[:3])
+
+
+shining = brightness()
+manager.turn_off([lamp])
+world.tick()
+dark = brightness()
+assert shining > dark + 100, (shining, dark)
+world.tick()
+lights = manager.get_all_lights(carla.LightGroup.Street)
+assert [light.is_on for light in lights].count(False) >= 1
+manager.set_color([lamp], carla.Color(10, 20, 30))
+manager.turn_on([lamp])
+world.tick()
+assert brightness() > dark + 100
+world.tick()
+again = next(light for light in manager.get_all_lights(carla.LightGroup.Street) if light.id == lamp.id)
+assert again.is_on and (again.color.r, again.color.g, again.color.b) == (10, 20, 30), again.color
+camera.destroy()
+passed("lights")
+
+# Collisions: where a parked car or a tree stands, nothing can be spawned until it is hidden.
+car = library.find("vehicle.tesla.model3")
+cars = [o for o in world.get_environment_objects(LABEL.Vegetation) if o.name.startswith("tree")]
+thing = cars[0]
+spot = carla.Transform(thing.transform.location + carla.Location(z=0.6))
+assert world.try_spawn_actor(car, spot) is None
+world.enable_environment_objects({thing.id}, False)
+world.tick()
+guest = world.try_spawn_actor(car, spot)
+assert guest is not None
+guest.destroy()
+world.enable_environment_objects({thing.id}, True)
+world.tick()
+assert world.try_spawn_actor(car, spot) is None
+passed("collisions")
+
+settings.synchronous_mode = False
+world.apply_settings(settings)
