@@ -3,8 +3,9 @@
 //! What queues up while an answer is awaited goes out as one request: in free-running mode the simulator answers once per tick.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
@@ -19,6 +20,8 @@ const BATCH: usize = 512;
 /// Longest wait for an answer: loading a map takes seconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 const LOOK_AT_STOP: Duration = Duration::from_millis(100);
+/// Quiet time after which the way to the simulator is closed when nobody steps the world any more.
+const STEP_BACK: Duration = Duration::from_secs(1);
 /// Ticks for which a control is sent again with newer ones, so that the newest sample alone says everything.
 const RESEND_TICKS: u64 = 2;
 
@@ -45,17 +48,20 @@ enum Job {
 #[derive(Clone, Debug)]
 pub struct Commander {
     jobs: Sender<Job>,
+    is_lost: Arc<AtomicBool>,
 }
 
 /// The thread's end.
 pub struct Work {
     jobs: Receiver<Job>,
+    is_lost: Arc<AtomicBool>,
 }
 
 /// A commander and the work for its thread.
 pub fn commander() -> (Commander, Work) {
     let (sender, receiver) = bounded(QUEUE);
-    (Commander { jobs: sender }, Work { jobs: receiver })
+    let is_lost = Arc::new(AtomicBool::new(false));
+    (Commander { jobs: sender, is_lost: is_lost.clone() }, Work { jobs: receiver, is_lost })
 }
 
 impl Commander {
@@ -89,6 +95,11 @@ impl Commander {
         let _ = self.jobs.send(Job::Ask(Ask { commands: vec![command], reply: None }));
     }
 
+    /// Says whether the client that stepped the world has gone. Then the simulator is to see that nobody steps any more.
+    pub fn set_lost(&self, is_lost: bool) {
+        self.is_lost.store(is_lost, Ordering::Release);
+    }
+
     /// Holds vehicles' controls from the next tick on.
     pub fn control(&self, records: Vec<VehicleControlRecord>) {
         let _ = self.jobs.send(Job::Control(records));
@@ -103,16 +114,19 @@ pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyho
     let bus = Bus::open(domain, "gantry-carla-commands")?;
     let name = format!("carla-{}", std::process::id());
     let mut thread = Thread {
-        client: bus.command_client(&name)?,
+        client: Some(bus.command_client(&name)?),
         writer: bus.control_writer(&name)?,
         daemon: bus.notifier(names::CONTROL_WAKE)?,
         held: BTreeMap::new(),
+        last_asked: Instant::now(),
         world,
+        name,
+        bus,
     };
     while !stop.load(Ordering::Acquire) {
         match work.jobs.recv_timeout(LOOK_AT_STOP) {
             Ok(job) => thread.work(std::iter::once(job).chain(work.jobs.try_iter().take(QUEUE)).collect()),
-            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Timeout) => thread.step_back(work.is_lost.load(Ordering::Acquire)),
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
@@ -120,15 +134,37 @@ pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyho
 }
 
 struct Thread<'w> {
-    client: CommandClient,
+    // Ports go before their node.
+    /// `None` while nobody steps the world: the simulator counts its clients.
+    client: Option<CommandClient>,
     writer: ControlWriter,
     daemon: Notifier,
     /// Controls of the last ticks, with the tick at which they came.
     held: BTreeMap<u32, (u64, VehicleControlRecord)>,
+    last_asked: Instant,
     world: &'w World,
+    name: String,
+    bus: Bus,
 }
 
 impl Thread<'_> {
+    /// Closes the way to the simulator if its driver is lost and nobody else has asked for anything in a while.
+    fn step_back(&mut self, is_lost: bool) {
+        if is_lost && self.last_asked.elapsed() > STEP_BACK {
+            self.client = None;
+        }
+    }
+
+    fn request(&mut self, batch: Vec<Command>) -> Result<Answer, String> {
+        self.last_asked = Instant::now();
+        let client = match &mut self.client {
+            Some(client) => client,
+            empty => empty.insert(self.bus.command_client(&self.name).map_err(|error| error.to_string())?),
+        };
+        let answer = client.request(&CommandBatch::new(batch), PATIENCE).map_err(|error| error.to_string())?;
+        Ok(Answer { replies: answer.replies, tick: answer.tick })
+    }
+
     /// In order: the controls before a request go out before it.
     fn work(&mut self, jobs: Vec<Job>) {
         let mut asks: Vec<Ask> = Vec::new();
@@ -180,13 +216,13 @@ impl Thread<'_> {
         }
         let mut result = Ok(Answer { replies: Vec::with_capacity(commands.len()), tick: 0 });
         for batch in commands.chunks(BATCH) {
-            match (self.client.request(&CommandBatch::new(batch.to_vec()), PATIENCE), &mut result) {
+            match (self.request(batch.to_vec()), &mut result) {
                 (Ok(part), Ok(answer)) if part.replies.len() == batch.len() => {
                     answer.replies.extend(part.replies);
                     answer.tick = part.tick;
                 }
                 (Ok(_), _) => result = Err("the simulator's answer has another length than the question".to_owned()),
-                (Err(error), _) => result = Err(error.to_string()),
+                (Err(error), _) => result = Err(error),
             }
             if result.is_err() {
                 break;

@@ -52,6 +52,8 @@ pub struct Gateway {
     pub(crate) feeds: Arc<Feeds>,
     /// Held while a step is asked for: when the last one was answered, `CLOCK_MONOTONIC`.
     pub(crate) last_step_nanos: Mutex<u64>,
+    /// Connections whose clients step the world.
+    drivers: Mutex<BTreeSet<u64>>,
     pub(crate) settings: Mutex<Settings>,
     stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
@@ -70,6 +72,7 @@ impl Gateway {
             commander,
             feeds,
             last_step_nanos: Mutex::default(),
+            drivers: Mutex::default(),
             settings: Mutex::default(),
             stream_port,
             traffic_managers: Mutex::default(),
@@ -77,9 +80,22 @@ impl Gateway {
         }
     }
 
-    /// Forgets what a connection registered: a Traffic Manager whose process has ended would make later clients wait for it.
+    /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has
+    /// ended may have to go on by itself.
     pub fn closed(&self, connection: u64) {
         lock(&self.traffic_managers).retain(|_, manager| manager.connection != connection);
+        let mut drivers = lock(&self.drivers);
+        if drivers.remove(&connection) && drivers.is_empty() {
+            tracing::info!("the client that stepped the world has gone; the simulator does as its --on-lost-client says");
+            self.commander.set_lost(true);
+        }
+    }
+
+    /// Notes that this connection's client steps the world.
+    pub(crate) fn drives(&self, connection: u64) {
+        if lock(&self.drivers).insert(connection) {
+            self.commander.set_lost(false);
+        }
     }
 
     /// Says once per run that a call is accepted and does nothing.

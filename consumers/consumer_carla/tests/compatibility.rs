@@ -41,6 +41,17 @@ fn every_call_of_the_client_has_a_row_that_says_whether_it_is_served() {
 }
 
 #[test]
+fn every_command_of_a_batch_has_a_row_that_says_whether_it_is_run() {
+    let rows = rows(&document(), "Batches");
+    let served: BTreeSet<&str> = rpc::batch::served().collect();
+    let all: BTreeSet<&str> = rpc::batch::NAMES.into_iter().collect();
+    assert_eq!(all, rows.keys().map(String::as_str).collect());
+    for (name, verdict) in &rows {
+        assert_eq!(served.contains(name.as_str()), verdict != "not there", "{name}");
+    }
+}
+
+#[test]
 fn every_sensor_has_a_row_that_says_whether_it_is_there() {
     let rows = rows(&document(), "Sensors");
     let kinds = sensors::KINDS.iter().map(|kind| kind.type_id).chain(sensors::CLIENT_SIDE.iter().copied());

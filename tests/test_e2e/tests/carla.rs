@@ -4,7 +4,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::carla::{run_script, start_gateway, start_script};
 use test_e2e::{assert_nothing_left, start_daemon};
 use test_kit::Sandbox;
 
@@ -82,5 +82,52 @@ fn broken_messages_close_their_connection_and_nothing_else() {
         connection.write_all(&state.to_le_bytes()[..n % 5]).unwrap();
     }
     assert!(gateway.is_running());
+    gateway.stop().expect_code(0);
+}
+
+#[test]
+fn the_world_goes_on_when_the_client_that_stepped_it_is_killed() {
+    let sandbox = Sandbox::new("carlalost");
+    let mut daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    let mut client = start_script(&sandbox, "carla_stepper.py", &[&port.to_string()]);
+    client.wait_line("stepping");
+    client.kill9();
+    daemon.wait_line("no client for 10 s in stepped mode");
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+}
+
+/// Far more connections than are served: those beyond are refused with a sentence, memory stays bounded, and who is in goes on.
+#[test]
+fn thousands_of_connections_are_refused_and_nothing_else_happens() {
+    let sandbox = Sandbox::new("carlaflood");
+    let (mut gateway, port, stream_port) = start_gateway(&sandbox);
+    let version = |connection: &mut TcpStream| {
+        connection.write_all(b"\x94\x00\x01\xa7version\x91\x91\xc2").unwrap();
+        let mut answer = [0; 14];
+        connection.read_exact(&mut answer).unwrap();
+        assert!(answer.ends_with(b"0.9.16"), "{answer:?}");
+    };
+    let mut first = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    first.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    version(&mut first);
+    let before_bytes = gateway.resident_bytes();
+    for port in [port, stream_port] {
+        // Half-open: they say nothing, or half a word, and stay.
+        let mut held = Vec::new();
+        for n in 0..3000 {
+            let Ok(mut connection) = TcpStream::connect(("127.0.0.1", port)) else { continue };
+            let _ = connection.write_all(&[0x94, 0x00, 0x01][..n % 4]);
+            if held.len() < 600 {
+                held.push(connection);
+            }
+        }
+    }
+    gateway.wait_line("refused an RPC connection");
+    gateway.wait_line("refused a streaming connection");
+    version(&mut first);
+    let grown_bytes = gateway.resident_bytes().saturating_sub(before_bytes);
+    assert!(grown_bytes < 64 << 20, "{grown_bytes} bytes more");
     gateway.stop().expect_code(0);
 }

@@ -44,6 +44,38 @@ const AREAS: &[Commands] =
 
 pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
 
+/// Names of all commands that clients can put in a batch, by their numbers on the wire.
+pub const NAMES: [&str; 22] = [
+    "SpawnActor",
+    "DestroyActor",
+    "ApplyVehicleControl",
+    "ApplyVehicleAckermannControl",
+    "ApplyWalkerControl",
+    "ApplyVehiclePhysicsControl",
+    "ApplyTransform",
+    "ApplyWalkerState",
+    "ApplyTargetVelocity",
+    "ApplyTargetAngularVelocity",
+    "ApplyImpulse",
+    "ApplyForce",
+    "ApplyAngularImpulse",
+    "ApplyTorque",
+    "SetSimulatePhysics",
+    "SetEnableGravity",
+    "SetAutopilot",
+    "ShowDebugTelemetry",
+    "SetVehicleLightState",
+    "ApplyLocation",
+    "ConsoleCommand",
+    "SetTrafficLightState",
+];
+
+/// Names of the commands that this gateway runs.
+pub fn served() -> impl Iterator<Item = &'static str> {
+    let others = AREAS.iter().copied().flatten().filter_map(|(number, _)| NAMES.get(usize::from(*number)).copied());
+    std::iter::once(NAMES[0]).chain(others)
+}
+
 /// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
 fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
@@ -82,7 +114,7 @@ impl Gateway {
         }
         let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
         if do_tick {
-            self.tick_cue()?;
+            self.tick_cue(call.connection)?;
         }
         let answer = |done: Done| match done {
             Ok(actor) => list![list![1u32, actor]],

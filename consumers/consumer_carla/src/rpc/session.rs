@@ -76,7 +76,7 @@ pub(crate) const CALLS: Calls = &[
     }),
     ("get_episode_settings", |gateway, _| gateway.get_settings()),
     ("set_episode_settings", Gateway::set_settings),
-    ("tick_cue", |gateway, _| gateway.tick_cue()),
+    ("tick_cue", |gateway, call| gateway.tick_cue(call.connection)),
     ("load_new_episode", Gateway::load),
     ("get_map_info", |gateway, _| gateway.map_info()),
     ("get_map_data", |gateway, _| gateway.info().map(|_| Answer::Value(gateway.world.known().map.as_ref().into()))),
@@ -159,7 +159,8 @@ impl Gateway {
         Ok(done)
     }
 
-    pub(crate) fn tick_cue(&self) -> Outcome {
+    pub(crate) fn tick_cue(&self, connection: u64) -> Outcome {
+        self.drives(connection);
         if self.info()?.mode == StepMode::FreeRunning {
             return Ok(Answer::Value((self.world.tick() + 1).into()));
         }
