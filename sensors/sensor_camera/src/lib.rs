@@ -12,7 +12,7 @@
 
 mod assets;
 mod draw;
-mod dvs;
+pub mod dvs;
 mod lamps;
 mod light;
 mod material;

@@ -11,7 +11,7 @@ use sensor_spec::ExposureMode;
 
 use crate::assets::GpuAssets;
 use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
-use crate::dvs::DvsState;
+use crate::dvs::EventCamera;
 use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
@@ -22,7 +22,7 @@ use crate::shadow::{Cascade, ShadowLookup, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet, Targets};
 use crate::uniform::{InstanceData, ViewData};
-use crate::view::{Firing, InstancePoses, Output, View, ViewJob};
+use crate::view::{Firing, InstancePoses, Output, View, ViewJob, ViewSpec};
 
 /// How much work colour gets. Everything else is the same in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -365,12 +365,17 @@ fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, targets: &Targets, scene: &Scene,
                     instance: map(Target::Instance),
                     class: map(Target::Class),
                 };
-                let state = view.dvs.get_or_insert_with(|| Arc::new(Mutex::new(DvsState::new(&view.spec)))).clone();
+                let state = view.dvs.get_or_insert_with(|| Arc::new(Mutex::new(event_camera(&view.spec)))).clone();
                 plans.push(Plan::Events { place, maps, state, window_nanos });
             }
         }
     }
     plans
+}
+
+fn event_camera(spec: &ViewSpec) -> EventCamera {
+    let size_px = [spec.intrinsics.width_px, spec.intrinsics.height_px];
+    EventCamera::new(spec.dvs.clone(), size_px, spec.seed, spec.sensor_id as u64)
 }
 
 fn view_data(view: &View, motion: &CameraMotion, lit: &Lit) -> ViewData {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex};
 use schema_frames::Modality;
 use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
 
-use crate::dvs::{DvsImages, DvsState};
+use crate::dvs::{EventCamera, EventImages, Rows};
 
 /// What became of one [`crate::Output`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub(crate) enum Plan<'a> {
     /// A copy that was recorded under this number.
     Copied { modality: Modality, copy: usize, first: bool, window_nanos: u64 },
     /// Events to be made from mapped images.
-    Events { place: Place<'a>, maps: DvsMaps, state: Arc<Mutex<DvsState>>, window_nanos: u64 },
+    Events { place: Place<'a>, maps: DvsMaps, state: Arc<Mutex<EventCamera>>, window_nanos: u64 },
 }
 
 /// Numbers of the mapped copies that events are made from.
@@ -86,13 +86,12 @@ fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
         }
         Plan::Events { mut place, maps, state, window_nanos } => {
             let mut mapped = |copy: usize| copies[copy].mapped.take().expect("recorded as mapped, taken once");
-            let images = DvsImages {
-                luminance: mapped(maps.luminance),
-                flow: mapped(maps.flow),
-                depth: mapped(maps.depth),
-                instance: mapped(maps.instance),
-                class: mapped(maps.class),
-            };
+            let maps = [maps.luminance, maps.flow, maps.depth, maps.instance, maps.class].map(&mut mapped);
+            let [luminance, flow, depth, instance, class] = maps.each_ref().map(|map| {
+                let (bytes, row_bytes, stride_bytes) = map.padded();
+                Rows::new(bytes, row_bytes, stride_bytes)
+            });
+            let images = EventImages { luminance, flow, depth, instance, class };
             let mut state = state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             let made = state.advance(&images, window_nanos, place.bytes_mut());
             OutputResult {

@@ -9,7 +9,7 @@ use sensor_core::Scene;
 use sensor_gpu::{Gpu, Place};
 use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
-use crate::dvs::DvsState;
+use crate::dvs::EventCamera;
 use crate::targets::Targets;
 
 /// What a view is for as long as it lives.
@@ -39,7 +39,7 @@ pub struct View {
     pub(crate) spec: ViewSpec,
     pub(crate) targets: Targets,
     pub(crate) previous: Option<Firing>,
-    pub(crate) dvs: Option<Arc<Mutex<DvsState>>>,
+    pub(crate) dvs: Option<Arc<Mutex<EventCamera>>>,
     /// Of automatic exposure: EV100, and whether there is one.
     pub(crate) meter: Option<wgpu::Buffer>,
     /// Whether it begins anew in this firing.

@@ -2,7 +2,6 @@
 //!
 //! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, GPU or shared memory.
 
-#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod gnss;
@@ -11,6 +10,7 @@ pub mod lane_marks;
 pub mod mesh;
 pub mod scene;
 pub mod schedule;
+pub mod vector;
 
 pub use gnss::GeoReference;
 pub use imu::{BodyMotion, BodyState, ImuInput};

@@ -310,6 +310,11 @@ impl Mapped {
         let begin = y * self.stride_bytes;
         &self.view.as_ref().expect("the view lives as long as self")[begin..begin + self.row_bytes]
     }
+
+    /// All bytes, the bytes of a row in use, and the bytes from one row to the next.
+    pub fn padded(&self) -> (&[u8], usize, usize) {
+        (self.view.as_ref().expect("the view lives as long as self"), self.row_bytes, self.stride_bytes)
+    }
 }
 
 impl Drop for Mapped {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use glam::Vec3A;
+use nalgebra::Vector3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
@@ -43,7 +44,7 @@ impl Tree {
 
     /// Calls `leaf` with every range of items whose box some lane enters before its limit, nearer ones first where that is known.
     #[inline(always)]
-    fn walk<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, mut leaf: impl FnMut(&mut Packet<N>, u32, u32)) {
+    fn walk<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, leaf: &mut impl Leaf<N>) {
         let Some(root) = self.nodes.first() else { return };
         if packet.enter(&root.low, &root.high) == f32::INFINITY {
             return;
@@ -52,7 +53,7 @@ impl Tree {
         let mut current = *root;
         loop {
             if current.count > 0 {
-                leaf(packet, current.first, current.count);
+                leaf.visit(packet, current.first, current.count);
             } else {
                 let (a, b) = (&self.nodes[current.first as usize], &self.nodes[current.first as usize + 1]);
                 let (near_a, near_b) = (packet.enter(&a.low, &a.high), packet.enter(&b.low, &b.high));
@@ -75,6 +76,43 @@ impl Tree {
                     break;
                 }
             }
+        }
+    }
+}
+
+/// What is done at the leaves. A trait, because closures cannot be told to be inlined.
+trait Leaf<const N: usize> {
+    /// Tries the items `first..first + count`.
+    fn visit(&mut self, packet: &mut Packet<N>, first: u32, count: u32);
+}
+
+/// Triangles at the leaves.
+struct Faces<'t> {
+    faces: &'t [Face],
+    place: u32,
+}
+
+impl<const N: usize> Leaf<N> for Faces<'_> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &mut Packet<N>, first: u32, count: u32) {
+        for slot in first..first + count {
+            let face = &self.faces[slot as usize];
+            packet.triangle(&face.corner, &face.edge1, &face.edge2, slot, self.place);
+        }
+    }
+}
+
+/// Boxes at the leaves.
+struct Boxes<'t, F> {
+    items: &'t [u32],
+    item: F,
+}
+
+impl<const N: usize, F: FnMut(&mut Packet<N>, u32)> Leaf<N> for Boxes<'_, F> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &mut Packet<N>, first: u32, count: u32) {
+        for idx in &self.items[first as usize..(first + count) as usize] {
+            (self.item)(packet, *idx);
         }
     }
 }
@@ -125,14 +163,25 @@ impl TriangleTree {
         self.tree.nodes.first().map(|root| (root.low, root.high))
     }
 
-    /// Nearest hits of all lanes before their limits; hits are marked with `place`.
+    /// Nearest hits of all lanes before their limits; hits are marked with `place` and the triangle's slot.
     #[inline(always)]
     pub fn intersect<const N: usize>(&self, packet: &mut Packet<N>, place: u32, stack: &mut Vec<(u32, f32)>) {
-        self.tree.walk(packet, stack, |packet, first, count| {
-            for face in &self.faces[first as usize..(first + count) as usize] {
-                packet.triangle(&face.corner, &face.edge1, &face.edge2, face.number, place);
-            }
-        });
+        self.tree.walk(packet, stack, &mut Faces { faces: &self.faces, place });
+    }
+
+    /// Number of the triangle at a hit's slot, as it was given.
+    #[inline(always)]
+    pub fn number(&self, slot: u32) -> u32 {
+        self.faces[slot as usize].number
+    }
+
+    /// Distance at which a ray meets the plane of the triangle at a slot, in `f64`; not finite along the plane.
+    #[inline(always)]
+    pub fn plane_distance(&self, slot: u32, origin: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
+        let face = &self.faces[slot as usize];
+        let [corner, edge1, edge2] = [face.corner, face.edge1, face.edge2].map(|v| Vector3::from(v.map(f64::from)));
+        let normal = edge1.cross(&edge2);
+        normal.dot(&(corner - origin)) / normal.dot(direction)
     }
 }
 
@@ -191,11 +240,7 @@ impl BoxTree {
 
     /// Calls `item` for every box that some lane enters before its limit.
     #[inline(always)]
-    pub fn visit<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, mut item: impl FnMut(&mut Packet<N>, u32)) {
-        self.tree.walk(packet, stack, |packet, first, count| {
-            for idx in &self.items[first as usize..(first + count) as usize] {
-                item(packet, *idx);
-            }
-        });
+    pub fn visit<const N: usize>(&self, packet: &mut Packet<N>, stack: &mut Vec<(u32, f32)>, item: impl FnMut(&mut Packet<N>, u32)) {
+        self.tree.walk(packet, stack, &mut Boxes { items: &self.items, item });
     }
 }

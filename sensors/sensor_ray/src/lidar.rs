@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;
 use schema_types::noise::Noise;
+use sensor_core::vector::{VectorWork, vectorised};
 use sensor_spec::{LidarScan, LidarSpec};
 
 use crate::scene::{Hit, RayScene, Rays, Stacks};
@@ -221,6 +222,8 @@ fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Is
 /// A point format: how a return becomes one.
 trait Point: Copy + Send {
     const LOSES_RAYS: bool;
+    /// Whether class, object and incidence matter.
+    const NEEDS_SURFACE: bool;
     fn lost() -> Self;
     fn is_lost(&self) -> bool;
     /// The point of a return, or a lost one. `ray` is its number in the turn, for noise.
@@ -244,6 +247,7 @@ impl Beam {
 
 impl Point for LidarPoint {
     const LOSES_RAYS: bool = true;
+    const NEEDS_SURFACE: bool = false;
 
     fn lost() -> Self {
         LidarPoint { hit_in_sensor_m: [0.0; 3], intensity: 0, channel: LOST }
@@ -278,6 +282,7 @@ fn keep_ratio(spec: &LidarSpec, intensity: f64) -> f64 {
 
 impl Point for SemanticLidarPoint {
     const LOSES_RAYS: bool = false;
+    const NEEDS_SURFACE: bool = true;
 
     fn lost() -> Self {
         SemanticLidarPoint { channel: LOST, ..bytemuck::Zeroable::zeroed() }
@@ -316,10 +321,7 @@ impl Turn<'_> {
         let n_columns = self.azimuths.len();
         let bands = points.par_chunks_mut(PACKET_CHANNELS * n_columns).zip(n_returns.par_chunks_mut(PACKET_CHANNELS));
         bands.enumerate().for_each_init(Stacks::default, |stacks, (band, (rows, n_returns))| {
-            let first_channel = band * PACKET_CHANNELS;
-            for column in (0..n_columns).step_by(PACKET_COLUMNS) {
-                self.cast_packet(first_channel, column, rows, stacks);
-            }
+            vectorised(Band { turn: self, first_channel: band * PACKET_CHANNELS, rows, stacks });
             for (row, n) in rows.chunks_mut(n_columns).zip(n_returns) {
                 *n = compact(row);
             }
@@ -327,6 +329,7 @@ impl Turn<'_> {
     }
 
     /// Casts a block of `PACKET_CHANNELS` × `PACKET_COLUMNS` rays into the band's rows.
+    #[inline(always)]
     fn cast_packet<P: Point>(&self, first_channel: usize, first_column: usize, rows: &mut [P], stacks: &mut Stacks) {
         let n_columns = self.azimuths.len();
         let beams: [Option<Beam>; LANES] = std::array::from_fn(|lane| {
@@ -344,7 +347,10 @@ impl Turn<'_> {
             active: std::array::from_fn(|lane| beams[lane].as_ref().is_some_and(fires)),
             max_m: self.spec.range_m,
         };
-        let hits = self.scene.cast_packet(&rays, self.ignored, stacks);
+        let hits = match P::NEEDS_SURFACE {
+            true => self.scene.cast_packet::<LANES, true>(&rays, self.ignored, stacks),
+            false => self.scene.cast_packet::<LANES, false>(&rays, self.ignored, stacks),
+        };
         for (lane, (beam, hit)) in beams.iter().zip(&hits).enumerate() {
             if let Some(beam) = beam {
                 let at = lane / PACKET_COLUMNS * n_columns + first_column + lane % PACKET_COLUMNS;
@@ -353,6 +359,7 @@ impl Turn<'_> {
         }
     }
 
+    #[inline(always)]
     fn beam(&self, channel: usize, column: usize) -> Beam {
         let ((cos_e, sin_e), (cos_a, sin_a)) = (self.elevations[channel], self.azimuths[column]);
         let direction_in_sensor = Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
@@ -364,8 +371,29 @@ impl Turn<'_> {
         }
     }
 
+    #[inline(always)]
     fn pose(&self, column: usize) -> &Isometry3<f64> {
         if self.poses.len() == 1 { &self.poses[0] } else { &self.poses[column] }
+    }
+}
+
+/// The rays of a few neighbouring channels.
+struct Band<'b, P> {
+    turn: &'b Turn<'b>,
+    first_channel: usize,
+    rows: &'b mut [P],
+    stacks: &'b mut Stacks,
+}
+
+impl<P: Point> VectorWork for Band<'_, P> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Band { turn, first_channel, rows, stacks } = self;
+        for column in (0..turn.azimuths.len()).step_by(PACKET_COLUMNS) {
+            turn.cast_packet(first_channel, column, rows, stacks);
+        }
     }
 }
 

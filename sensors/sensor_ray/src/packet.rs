@@ -10,7 +10,7 @@ pub(crate) struct Packet<const N: usize> {
     inverse: [[f32; N]; 3],
     /// Distance of the nearest hit so far, or the limit.
     pub far: [f32; N],
-    /// Triangle of that hit, an index into its set.
+    /// Triangle of that hit, a slot of its set.
     pub triangle: [u32; N],
     /// Where that hit was: a static set or an instance; [`NOWHERE`] without a hit.
     pub place: [u32; N],

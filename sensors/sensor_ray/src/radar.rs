@@ -43,7 +43,7 @@ pub fn scan(
             active: std::array::from_fn(|lane| first + (lane as u32) < n_rays),
             max_m: farthest_m,
         };
-        for (lane, hit) in scene.cast_packet(&rays, ignored, &mut stacks).iter().enumerate() {
+        for (lane, hit) in scene.cast_packet::<LANES, true>(&rays, ignored, &mut stacks).iter().enumerate() {
             let Some(hit) = hit.filter(|hit| hit.distance_m <= ends[lane].norm()) else { continue };
             let forward = &rays.directions[lane];
             out.push(RadarDetection {

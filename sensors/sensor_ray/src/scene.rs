@@ -41,6 +41,27 @@ impl Hit {
     }
 }
 
+impl Hit {
+    /// A hit of which only the distance is known.
+    fn at(distance_m: f64) -> Hit {
+        Hit {
+            distance_m,
+            normal_in_world: Vector3::zeros(),
+            class: Class::UNLABELED,
+            object: ObjectId::BACKGROUND,
+            material: 0,
+            velocity_in_world_mps: Vector3::zeros(),
+        }
+    }
+}
+
+/// The distance to the plane of what was hit, unless it is a sliver, which has no plane worth the name: its `f32` distance is as good as any.
+#[inline(always)]
+fn exact(plane_m: f64, found_m: f32) -> f64 {
+    let found_m = found_m as f64;
+    if (plane_m - found_m).abs() <= 0.01 + 0.01 * found_m { plane_m.max(0.0) } else { found_m }
+}
+
 /// Scenery of one square of the map.
 #[derive(Debug)]
 pub(crate) struct Tile {
@@ -147,12 +168,18 @@ impl RayScene {
     /// As [`RayScene::cast`], through the parts of one actor.
     pub fn cast_ignoring(&self, origin_m: &Point3<f64>, direction: &Vector3<f64>, max_m: f64, ignored: Option<ActorId>) -> Option<Hit> {
         let rays = Rays::<1> { origins_m: [*origin_m], directions: [*direction], active: [true], max_m };
-        let [hit] = self.cast_packet(&rays, ignored, &mut Stacks::default());
+        let [hit] = self.cast_packet::<1, true>(&rays, ignored, &mut Stacks::default());
         hit
     }
 
-    /// The nearest hits of neighbouring rays.
-    pub(crate) fn cast_packet<const N: usize>(&self, rays: &Rays<N>, ignored: Option<ActorId>, stacks: &mut Stacks) -> [Option<Hit>; N] {
+    /// The nearest hits of neighbouring rays. Without `SURFACE` only their distances count; the rest of a hit is left blank.
+    #[inline(always)]
+    pub(crate) fn cast_packet<const N: usize, const SURFACE: bool>(
+        &self,
+        rays: &Rays<N>,
+        ignored: Option<ActorId>,
+        stacks: &mut Stacks,
+    ) -> [Option<Hit>; N] {
         let mut packet = Packet::<N>::empty();
         for lane in 0..N {
             // A little beyond the limit: the exact distance decides below.
@@ -168,11 +195,17 @@ impl RayScene {
             if place == NOWHERE {
                 return None;
             }
-            let hit = self.resolve(place, packet.triangle[lane], packet.far[lane], &rays.origins_m[lane], &rays.directions[lane]);
+            let (slot, found_m, origin_m, direction) =
+                (packet.triangle[lane], packet.far[lane], &rays.origins_m[lane], &rays.directions[lane]);
+            let hit = match (SURFACE, self.tiles.get(place as usize)) {
+                (false, Some(tile)) => Hit::at(exact(tile.tree.plane_distance(slot, &(origin_m - tile.origin_m), direction), found_m)),
+                _ => self.resolve(place, slot, found_m, origin_m, direction),
+            };
             (hit.distance_m <= rays.max_m).then_some(hit)
         })
     }
 
+    #[inline(always)]
     fn cast_dynamics<const N: usize>(&self, rays: &Rays<N>, ignored: Option<ActorId>, packet: &mut Packet<N>, stacks: &mut Stacks) {
         if self.dynamics.is_empty() {
             return;
@@ -195,13 +228,17 @@ impl RayScene {
     }
 
     /// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the mesh's space, in `f64`.
-    fn resolve(&self, place: u32, number: u32, distance_m: f32, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
+    fn resolve(&self, place: u32, slot: u32, distance_m: f32, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
         let (placed, triangle) = match self.tiles.get(place as usize) {
             Some(tile) => {
-                let (instance, triangle) = tile.sources[number as usize];
+                let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
                 (&self.statics[instance as usize], triangle)
             }
-            None => (&self.dynamics[place as usize - self.tiles.len()], number),
+            None => {
+                let placed = &self.dynamics[place as usize - self.tiles.len()];
+                let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref().expect("what was hit has a hierarchy");
+                (placed, tree.number(slot))
+            }
         };
         let mesh = &self.meshes[placed.mesh_idx as usize];
         let first = mesh.lods[0].first_idx as usize + 3 * triangle as usize;
@@ -212,13 +249,10 @@ impl RayScene {
         let (origin, forward) = (placed.mesh_from_world * origin_m, placed.mesh_from_world.rotation * direction);
         let slope = normal.dot(&forward);
         let exact_m = normal.dot(&(v0 - origin)) / slope;
-        let distance_m = distance_m as f64;
-        // A sliver has no plane worth the name; its f32 distance is as good as any.
-        let trusted = (exact_m - distance_m).abs() <= 0.01 + 0.01 * distance_m;
         let outwards = if slope > 0.0 { -normal } else { normal };
         let own = ObjectId(vertex(0).object_id);
         Hit {
-            distance_m: if trusted { exact_m.max(0.0) } else { distance_m },
+            distance_m: exact(exact_m, distance_m),
             normal_in_world: placed.mesh_from_world.rotation.inverse_transform_vector(&outwards).try_normalize(0.0).unwrap_or(-direction),
             class: Class(vertex(0).class),
             object: if own == ObjectId::BACKGROUND { placed.object } else { own },

@@ -1,6 +1,6 @@
 //! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over arrays, which the compiler vectorises.
 
-use super::field::{Bounds, Picture, larger, smaller};
+use super::picture::{Bounds, Picture, larger, smaller};
 
 /// Pixels side by side.
 pub(super) const LANES: usize = 8;
@@ -33,6 +33,7 @@ struct Places {
 }
 
 impl Block {
+    #[inline(always)]
     pub fn new(x: usize, y: usize) -> Block {
         let xs = std::array::from_fn(|lane| (x + lane) as f32 + 0.5);
         let zeros = [0.0; LANES];
@@ -49,6 +50,7 @@ impl Block {
     }
 
     /// A pixel with its motion and level at the beginning and the end, and the limits of its next events.
+    #[inline(always)]
     pub fn set(&mut self, lane: usize, motions: [[f32; 2]; 2], levels: [f32; 2], limits: [f32; 2], size_px: [usize; 2]) {
         for axis in 0..2 {
             for m in motions {
@@ -62,11 +64,13 @@ impl Block {
         self.set_limits(lane, limits);
     }
 
+    #[inline(always)]
     pub fn set_limits(&mut self, lane: usize, limits: [f32; 2]) {
         [self.low[lane], self.high[lane]] = limits;
     }
 
     /// Whether any pixel was set.
+    #[inline(always)]
     pub fn any(&self) -> bool {
         self.high.iter().any(|high| *high < f32::INFINITY)
     }
@@ -88,25 +92,25 @@ impl Block {
         Places { ahead: [along(0, 1.0 - share), along(1, 1.0 - share)], behind: [along(0, -share), along(1, -share)] }
     }
 
-    /// Whether no brightness between these shares of the paths can cross a limit of any pixel.
+    /// Whether no level between these shares of the paths can cross a limit of any pixel; references sink by `leak` at most.
     #[inline(always)]
-    pub fn is_quiet(&self, bounds: &[Bounds; 2], from: f32, to: f32) -> bool {
+    pub fn is_quiet(&self, bounds: [&Bounds; 2], from: f32, to: f32, leak: f32) -> bool {
         let (from, to) = (self.places(from), self.places(to));
         let before = bounds[0].within(corners(&from.behind, &to.behind));
         let after = bounds[1].within(corners(&from.ahead, &to.ahead));
         let (lowest, highest) = (smaller(before.0, after.0), larger(before.1, after.1));
         let (low, high) =
             (self.low.iter().copied().fold(f32::NEG_INFINITY, larger), self.high.iter().copied().fold(f32::INFINITY, smaller));
-        lowest > low && highest < high
+        lowest > low && highest + leak < high
     }
 
-    /// Levels when `share` of the window has passed: seen in both pictures, or in the one that shows the point.
+    /// Levels when `share` of the window has passed and references have sunk by `leaked`: seen in both pictures, or in the one that shows the point.
     #[inline(always)]
-    pub fn levels(&self, previous: &Picture, now: &Picture, share: f32) -> Lanes {
+    pub fn levels(&self, previous: &Picture, now: &Picture, share: f32, leaked: f32) -> Lanes {
         let places = self.places(share);
-        let (before, after) = (previous.logs_at(&places.behind), now.logs_at(&places.ahead));
+        let (before, after) = (previous.levels_at(&places.behind), now.levels_at(&places.ahead));
         if self.stays_inside {
-            return std::array::from_fn(|lane| before[lane] + (after[lane] - before[lane]) * share);
+            return std::array::from_fn(|lane| before[lane] + (after[lane] - before[lane]) * share + leaked);
         }
         let [width, height] = now.size_px.map(|px| px as f32);
         let is_inside = |at: &[Lanes; 2], lane: usize| {
@@ -119,7 +123,8 @@ impl Block {
             let from = if was_inside { before[lane] } else { after[lane] };
             let to = if will_be { after[lane] } else { before[lane] };
             let (from, to) = if was_inside | will_be { (from, to) } else { (self.begin[lane], self.end[lane]) };
-            from + (to - from) * share
+            let own = if was_inside | will_be { leaked } else { 0.0 };
+            from + (to - from) * share + own
         })
     }
 
@@ -134,6 +139,7 @@ impl Block {
     }
 
     /// Those that are.
+    #[inline(always)]
     pub fn crossing_lanes(&self, levels: &Lanes) -> impl Iterator<Item = usize> + use<> {
         let is_beyond: [bool; LANES] =
             std::array::from_fn(|lane| levels[lane] - self.high[lane] >= 0.0 || self.low[lane] - levels[lane] >= 0.0);

@@ -1,0 +1,129 @@
+//! Time of the event camera alone: pictures are rendered first, then fed again and again.
+//!
+//! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]` prints, per case, CPU time per frame and
+//! events per second and core. The drive moves 0.4 m a frame along the test street; `flicker` is a picture that turns brighter and darker
+//! everywhere, so that making, sorting and writing events is all there is to do.
+
+#[path = "../tests/kit/mod.rs"]
+mod kit;
+
+use schema_frames::Modality;
+use sensor_camera::dvs::{EventCamera, EventImages, Rows};
+use sensor_camera::{CameraRenderer, Quality};
+use sensor_spec::{DvsMode, DvsSpec};
+
+const WINDOW_NANOS: u64 = 50_000_000;
+
+/// Images of one firing in memory.
+struct Shot {
+    luminance: Vec<u8>,
+    flow: Vec<u8>,
+    depth: Vec<u8>,
+    instance: Vec<u8>,
+    class: Vec<u8>,
+}
+
+impl Shot {
+    fn images(&self, width: usize) -> EventImages<'_> {
+        EventImages {
+            luminance: Rows::tight(&self.luminance, 4 * width),
+            flow: Rows::tight(&self.flow, 8 * width),
+            depth: Rows::tight(&self.depth, 4 * width),
+            instance: Rows::tight(&self.instance, 4 * width),
+            class: Rows::tight(&self.class, width),
+        }
+    }
+}
+
+fn main() {
+    let numbers: Vec<u32> = std::env::args().skip(1).map(|text| text.parse().expect("arguments are whole numbers")).collect();
+    let (size_px, rounds, threads) = match numbers[..] {
+        [width, height, rounds, threads] => ([width, height], rounds, threads as usize),
+        _ => ([800, 600], 3, 1),
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+    let drive = drive(size_px);
+    pool.install(|| {
+        let base = DvsSpec { max_events: 20_000_000, ..Default::default() };
+        measure("drive, steps of 1 px", &drive, size_px, rounds, &base);
+        measure("drive, steps of 4 px", &drive, size_px, rounds, &DvsSpec { substep_px: 4.0, ..base.clone() });
+        measure("drive, two_frame", &drive, size_px, rounds, &DvsSpec { mode: DvsMode::TwoFrame, ..base.clone() });
+        let flicker = flicker(size_px);
+        measure(
+            "flicker, 1 event",
+            &flicker,
+            size_px,
+            rounds,
+            &DvsSpec { positive_threshold: 0.6, negative_threshold: 0.6, ..base.clone() },
+        );
+        measure("flicker, 6 events", &flicker, size_px, rounds, &DvsSpec { positive_threshold: 0.1, negative_threshold: 0.1, ..base });
+    });
+}
+
+fn measure(name: &str, shots: &[Shot], size_px: [u32; 2], rounds: u32, spec: &DvsSpec) {
+    let mut camera = EventCamera::new(spec.clone(), size_px, 1, 2);
+    let mut out = vec![0; spec.max_events as usize * 16];
+    let width = size_px[0] as usize;
+    camera.advance(&shots[0].images(width), WINDOW_NANOS, &mut out);
+    // There and back again, so that every frame follows a neighbour.
+    let order: Vec<usize> = (1..shots.len()).collect();
+    let (mut n_events, mut best) = (0, f64::INFINITY);
+    for _ in 0..rounds {
+        let begin = cpu_secs();
+        n_events = order.iter().map(|i| camera.advance(&shots[*i].images(width), WINDOW_NANOS, &mut out).n_events).sum();
+        best = best.min(cpu_secs() - begin);
+    }
+    let n_frames = order.len() as f64;
+    println!(
+        "{name}: {:.1} ms CPU a frame, {} events a frame, {:.1} million events per second and core",
+        best * 1e3 / n_frames,
+        n_events as f64 / n_frames,
+        n_events as f64 / best * 1e-6
+    );
+}
+
+fn cpu_secs() -> f64 {
+    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
+    let secs = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
+    secs(usage.user_time()) + secs(usage.system_time())
+}
+
+/// Six firings of a drive along the test street; luminance from the picture's green.
+fn drive(size_px: [u32; 2]) -> Vec<Shot> {
+    let gpu = kit::gpu();
+    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let (assets, car) = kit::street();
+    let mut view = kit::view(&gpu, size_px[0], size_px[1]);
+    let asked = [Modality::Rgb, Modality::Flow, Modality::Depth, Modality::Instance, Modality::Semantic];
+    let shot = |step: u32| {
+        let x_m = step as f64 * 0.4;
+        let cars = (0..8).map(|i| kit::moving(20 + i, car, kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]))).collect();
+        let scene = kit::scene(&assets, cars, (step as u64 + 1) * WINDOW_NANOS);
+        let mut frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]), &asked);
+        let mut take = |modality| frames.remove(&modality).expect("asked for").0;
+        let rgb = take(Modality::Rgb);
+        let linear = |value: u8| ((value as f32 / 255.0 + 0.055) / 1.055).powf(2.4);
+        Shot {
+            luminance: rgb.chunks_exact(4).flat_map(|pixel| linear(pixel[1]).to_le_bytes()).collect(),
+            flow: take(Modality::Flow),
+            depth: take(Modality::Depth),
+            instance: take(Modality::Instance),
+            class: take(Modality::Semantic),
+        }
+    };
+    (0..6).map(shot).collect()
+}
+
+/// Two grey pictures, the second 0.65 of the logarithm brighter, by turns.
+fn flicker([width, height]: [u32; 2]) -> Vec<Shot> {
+    let n = (width * height) as usize;
+    let grey = |i: usize| 0.2 + 0.1 * ((i * 7919) % 1000) as f32 * 1e-3;
+    let shot = |step: usize| Shot {
+        luminance: (0..n).flat_map(|i| (grey(i) * if step % 2 == 1 { 0.65f32.exp() } else { 1.0 }).to_le_bytes()).collect(),
+        flow: vec![0; 8 * n],
+        depth: (0..n).flat_map(|_| 10f32.to_le_bytes()).collect(),
+        instance: vec![1; 4 * n],
+        class: vec![1; n],
+    };
+    (0..5).map(shot).collect()
+}

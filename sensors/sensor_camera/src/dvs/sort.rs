@@ -1,0 +1,130 @@
+//! Events of all rows by time, y, x.
+//!
+//! Dealt out twice: to a few long intervals, each of which then fits into a core's cache, and there to intervals of a few events, which
+//! insertion puts in order. The memory in between is kept from frame to frame.
+
+use bytemuck::Zeroable as _;
+use rayon::prelude::*;
+use schema_frames::DvsEvent;
+
+/// Events of a long interval if they come evenly.
+const EVENTS_PER_LONG: usize = 4096;
+/// Most long intervals: so many places in memory can be written to side by side.
+const MAX_LONG: usize = 512;
+/// Events of a short interval if they come evenly.
+const EVENTS_PER_SHORT: usize = 2;
+
+/// Memory for sorting.
+#[derive(Debug, Default)]
+pub(super) struct Sorter {
+    dealt: Vec<DvsEvent>,
+}
+
+/// The window cut into equal intervals of time.
+#[derive(Clone, Copy)]
+struct Intervals {
+    begin_nanos: u64,
+    scale: u64,
+    n: usize,
+}
+
+impl Intervals {
+    fn new(begin_nanos: u64, length_nanos: u64, n: usize) -> Intervals {
+        // A multiplication in place of a division; monotonic, which is all that matters.
+        Intervals { begin_nanos, scale: ((n as u64) << 32) / (length_nanos + 1), n }
+    }
+
+    #[inline(always)]
+    fn of(&self, event: &DvsEvent) -> usize {
+        ((((event.nanos_in_window as u64).saturating_sub(self.begin_nanos) * self.scale) >> 32) as usize).min(self.n - 1)
+    }
+
+    /// First time that lies in interval `i`, or a little before.
+    fn begin_of(&self, i: usize) -> u64 {
+        self.begin_nanos + ((i as u64) << 32) / self.scale.max(1)
+    }
+}
+
+impl Sorter {
+    /// Writes all events to `out`, which has room for just them.
+    pub fn sort(&mut self, rows: &[Vec<DvsEvent>], window_nanos: u64, out: &mut [DvsEvent]) {
+        let n_long = (out.len() / EVENTS_PER_LONG).clamp(1, MAX_LONG);
+        let long = Intervals::new(0, window_nanos, n_long);
+        self.dealt.resize(out.len(), DvsEvent::zeroed());
+        let mut ends = Vec::new();
+        deal(rows.iter().flatten(), &long, &mut ends, &mut self.dealt);
+        let (mut rest_in, mut rest_out, mut begin) = (&self.dealt[..], out, 0);
+        let mut parts = Vec::with_capacity(n_long);
+        for (i, end) in ends[..n_long].iter().enumerate() {
+            let (part_in, behind_in) = rest_in.split_at((end - begin) as usize);
+            let (part_out, behind_out) = rest_out.split_at_mut((end - begin) as usize);
+            parts.push((long.begin_of(i), part_in, part_out));
+            (rest_in, rest_out, begin) = (behind_in, behind_out, *end);
+        }
+        let length_nanos = window_nanos / n_long as u64 + 2;
+        parts.into_par_iter().with_min_len(4).for_each_init(Vec::new, |ends, (begin_nanos, dealt, out)| {
+            let short = Intervals::new(begin_nanos, length_nanos, (out.len() / EVENTS_PER_SHORT).max(1));
+            deal(dealt.iter(), &short, ends, out);
+            insertion_sort(out);
+        });
+    }
+}
+
+/// Writes events to `out` interval after interval, within each in the order they come; `ends` are then the intervals' ends.
+fn deal<'e>(events: impl Iterator<Item = &'e DvsEvent> + Clone, intervals: &Intervals, ends: &mut Vec<u32>, out: &mut [DvsEvent]) {
+    ends.clear();
+    ends.resize(intervals.n + 1, 0);
+    for event in events.clone() {
+        ends[intervals.of(event) + 1] += 1;
+    }
+    for i in 1..ends.len() {
+        ends[i] += ends[i - 1];
+    }
+    for event in events {
+        let place = &mut ends[intervals.of(event)];
+        out[*place as usize] = *event;
+        *place += 1;
+    }
+}
+
+/// One number per event: cheaper than comparing field by field. Equal keys are one pixel's equal events.
+#[inline(always)]
+fn key(event: &DvsEvent) -> u64 {
+    (event.nanos_in_window as u64) << 32 | (event.y_px as u64) << 16 | event.x_px as u64
+}
+
+/// For events that are almost in order. Many of one time come in their order already: rows and columns rise.
+fn insertion_sort(events: &mut [DvsEvent]) {
+    for i in 1..events.len() {
+        let event = events[i];
+        let mut at = i;
+        while at > 0 && key(&events[at - 1]) > key(&event) {
+            events[at] = events[at - 1];
+            at -= 1;
+        }
+        events[at] = event;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_events_come_out_in_order() {
+        let mut rng = fastrand::Rng::with_seed(2);
+        for (n_rows, n_columns, window_nanos) in [(1, 0, 50), (40, 60, 50_000_000), (64, 500, 1_000), (3, 2, 1), (200, 300, u32::MAX - 1)] {
+            let rows: Vec<Vec<DvsEvent>> = (0..n_rows)
+                .map(|y_px| {
+                    let event = |x_px| DvsEvent { nanos_in_window: rng.u32(0..=window_nanos), x_px, y_px, ..DvsEvent::zeroed() };
+                    (0..n_columns).map(event).collect()
+                })
+                .collect();
+            let mut expected: Vec<DvsEvent> = rows.concat();
+            expected.sort_by_key(|e| (e.nanos_in_window, e.y_px, e.x_px));
+            let mut found = vec![DvsEvent::zeroed(); expected.len()];
+            Sorter::default().sort(&rows, window_nanos as u64, &mut found);
+            assert!(found == expected, "{n_rows} rows of {n_columns} in {window_nanos} ns");
+        }
+    }
+}
