@@ -65,7 +65,12 @@ impl Sorter {
         parts.into_par_iter().with_min_len(4).for_each_init(Vec::new, |ends, (begin_nanos, dealt, out)| {
             let short = Intervals::new(begin_nanos, length_nanos, (out.len() / EVENTS_PER_SHORT).max(1));
             deal(dealt.iter(), &short, ends, out);
-            insertion_sort(out);
+            let (mut rest, mut begin) = (out, 0);
+            for end in &ends[..short.n] {
+                let (interval, behind) = rest.split_at_mut((end - begin) as usize);
+                sort_interval(interval);
+                (rest, begin) = (behind, *end);
+            }
         });
     }
 }
@@ -93,8 +98,14 @@ fn key(event: &DvsEvent) -> u64 {
     (event.nanos_in_window as u64) << 32 | (event.y_px as u64) << 16 | event.x_px as u64
 }
 
-/// For events that are almost in order. Many of one time come in their order already: rows and columns rise.
-fn insertion_sort(events: &mut [DvsEvent]) {
+/// Most events that are put in order by insertion. Where pictures do not meet, thousands cross at one time.
+const MAX_INSERTED: usize = 16;
+
+fn sort_interval(events: &mut [DvsEvent]) {
+    if events.len() > MAX_INSERTED {
+        events.sort_unstable_by_key(key);
+        return;
+    }
     for i in 1..events.len() {
         let event = events[i];
         let mut at = i;

@@ -123,8 +123,8 @@ impl Window<'_> {
         if n == LANES && self.mismatch.is_empty() && !self.is_spread() {
             let (up, down) = (self.spec.positive_threshold, self.spec.negative_threshold);
             let mut beyond = false;
-            for lane in 0..LANES {
-                let change = end[lane] + self.leak - pixels.references[lane];
+            for (end, reference) in end.iter().zip(pixels.references.iter()) {
+                let change = end + self.leak - reference;
                 beyond |= (change >= up) | (change <= -down);
             }
             if !beyond {
