@@ -29,17 +29,17 @@ type Shot = (&'static str, &'static str, [f64; 3], f64, f64, &'static str);
 
 /// What `docs/gallery` shows.
 const SHOTS: [Shot; 12] = [
-    ("town01_small_town", "Town01", [-46.0, 4.0, 2.2], 8.0, -2.0, "noon"),
-    ("town02_terraces", "Town02", [3.0, -52.0, 1.8], 90.0, 0.0, "evening"),
-    ("town03_roundabout", "Town03", [-52.0, -30.0, 17.0], 30.0, -16.0, "noon"),
-    ("town03_tunnel", "Town03", [0.0, 158.0, 9.0], 90.0, -4.0, "overcast"),
+    ("town01_small_town", "Town01", [-96.0, -20.0, 26.0], 24.0, -18.0, "noon"),
+    ("town02_terraces", "Town02", [5.5, -50.0, 1.9], 90.0, 0.0, "evening"),
+    ("town03_roundabout", "Town03", [0.0, -58.0, 33.0], 90.0, -30.0, "overcast"),
+    ("town03_tunnel", "Town03", [16.0, 223.2, 9.0], 0.0, 0.0, "overcast"),
     ("town04_interchange", "Town04", [470.0, -100.0, 34.0], 62.0, -18.0, "noon"),
-    ("town04_motorway", "Town04", [-80.0, 52.0, 10.0], -32.0, -8.0, "evening"),
-    ("town05_viaduct", "Town05", [-120.0, -40.0, 3.0], 62.0, 2.0, "noon"),
-    ("town06_highway", "Town06", [-330.0, -16.0, 5.0], 4.0, -3.0, "noon"),
-    ("town07_country", "Town07", [-140.0, -60.0, 12.0], 40.0, -6.0, "evening"),
-    ("town10_street", "Town10HD", [-46.0, -30.0, 2.0], 88.0, 0.0, "noon"),
-    ("town10_night", "Town10HD", [-46.0, -30.0, 2.0], 88.0, 0.0, "night"),
+    ("town04_motorway", "Town04", [-82.0, 10.0, 15.0], -5.0, -9.0, "evening"),
+    ("town05_viaduct", "Town05", [-97.0, -38.0, 2.0], 84.0, 4.0, "noon"),
+    ("town06_highway", "Town06", [-250.0, -13.0, 3.2], 0.0, 1.0, "noon"),
+    ("town07_country", "Town07", [-96.0, -88.0, 15.0], 44.0, -8.0, "noon"),
+    ("town10_street", "Town10HD", [-45.5, -26.0, 2.0], 90.0, 1.0, "noon"),
+    ("town10_night", "Town10HD", [-45.5, -26.0, 2.0], 90.0, 1.0, "night"),
     ("town10_rain", "Town10HD", [20.0, 41.0, 2.0], 176.0, 0.0, "rain"),
 ];
 
@@ -66,7 +66,7 @@ impl Studio {
         let gpu = Gpu::open(&GpuOptions::default())?;
         let renderer = CameraRenderer::new(&gpu, Quality::High);
         let intrinsics = Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], 80f64.to_radians());
-        let view = View::new(&gpu, ViewSpec { intrinsics, dvs: DvsSpec::default(), seed: 1, sensor_id: 1 });
+        let view = View::new(&gpu, ViewSpec { intrinsics, optics: Default::default(), dvs: DvsSpec::default(), seed: 1, sensor_id: 1 });
         let mut town = Town::generate(name, 1)?;
         let fleet: Vec<_> = SHAPES
             .iter()
@@ -95,8 +95,10 @@ impl Studio {
             }
         }
         let first = 1 + town.lights.len() as u32;
-        for (i, point) in town.spawn_points.iter().enumerate().filter(|(i, _)| i % 5 == 2) {
-            let (body, wheel, wheels, tint) = &fleet[(i / 5) % fleet.len()];
+        // As much traffic as a scenario has, well spread.
+        let spread = (town.spawn_points.len() / 70).max(3);
+        for (i, point) in town.spawn_points.iter().enumerate().filter(|(i, _)| i % spread == 1) {
+            let (body, wheel, wheels, tint) = &fleet[(i / spread) % fleet.len()];
             let pose = point.isometry() * Isometry3::translation(0.0, 0.0, -0.3);
             add(*body, 0, first + i as u32, pose, *tint, if night { 0b11 } else { 0 });
             for (k, site) in wheels.iter().enumerate() {
@@ -174,7 +176,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let light = args.get(2).map_or("noon", |text| text.as_str());
     let n = studio.town.spawn_points.len();
     for k in 0..12 {
-        let i = (k * n + n / 2) / 12;
+        // Not from inside a vehicle.
+        let spread = (n / 70).max(3);
+        let i = (k * n + n / 2) / 12 / spread * spread + 2;
         let point = studio.town.spawn_points[i];
         let [x, y, z] = point.translation_m;
         studio.shoot([x, y, z + 1.3], point.yaw_rad().to_degrees(), -1.0, light, &folder.join(format!("{name}_{i}.png")))?;

@@ -22,6 +22,8 @@ pub enum Layer {
     Building,
     /// Fences, wires, sign bridges.
     Small,
+    /// Distant woods.
+    Wood,
 }
 
 impl Layer {
@@ -30,6 +32,7 @@ impl Layer {
             Layer::Ground => [90.0, 220.0, f32::INFINITY],
             Layer::Building => [40.0, 140.0, f32::INFINITY],
             Layer::Small => [28.0, 90.0, 260.0],
+            Layer::Wood => [f32::INFINITY; 3],
         }
     }
 }

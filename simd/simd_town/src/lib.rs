@@ -16,6 +16,7 @@ mod building;
 mod chunk;
 mod elevation;
 mod fill;
+mod forest;
 mod furniture;
 mod gantry;
 mod garden;

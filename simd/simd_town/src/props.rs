@@ -133,7 +133,7 @@ pub fn cabinet() -> Mesh {
 /// A cast-iron cover, flush with the road.
 pub fn manhole() -> Mesh {
     let mut builder = MeshBuilder::new("manhole");
-    let iron = Surface::new(Class::ROADS, Material::Metal, [52, 50, 48]);
+    let iron = Surface::new(Class::ROADS, Material::Matte, [46, 45, 44]);
     let ring = Surface::new(Class::ROADS, Material::Matte, [92, 92, 92]);
     for (n, until_m) in [(14usize, 22.0), (8, 45.0)] {
         let disc = |r: f32, z: f32| -> Vec<[f32; 3]> {

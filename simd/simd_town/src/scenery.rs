@@ -16,7 +16,7 @@ use crate::plan::{Houses, Plan};
 use crate::random::Random;
 use crate::ring::{Ring, contains, rings};
 use crate::town::{CollisionMesh, LightSite};
-use crate::{barrier, bridge, building, furniture, gantry, garden, ground};
+use crate::{barrier, bridge, building, forest, furniture, gantry, garden, ground};
 
 /// What [`build`] makes.
 pub struct Scenery {
@@ -172,6 +172,9 @@ impl Builder<'_> {
             for pond in &ring.ponds {
                 let object = self.object(Class::WATER, "pond");
                 ground::pond(&mut self.chunks, pond, object);
+            }
+            if ring.outside {
+                forest::build(self, &ring.back_m);
             }
             if park {
                 self.park(kit, ring);

@@ -208,6 +208,7 @@ fn the_road_has_no_holes_and_nothing_lies_on_anything() {
 #[test]
 fn a_street_view_stays_within_the_triangle_budget() {
     for town in towns(1) {
+        let mut counts = Vec::new();
         for point in town.spawn_points.iter().step_by(9) {
             let eye = Vector3::from(point.translation_m) + Vector3::new(0.0, 0.0, 1.3);
             let forward = point.isometry().rotation * Vector3::x();
@@ -225,7 +226,10 @@ fn a_street_view_stays_within_the_triangle_budget() {
                 })
                 .sum();
             assert!(n < 60_000, "{}: {n} triangles from {point:?}", town.name);
+            counts.push(n);
         }
+        counts.sort_unstable();
+        println!("{}: median {}, most {}, from {} places", town.name, counts[counts.len() / 2], counts[counts.len() - 1], counts.len());
     }
 }
 
