@@ -55,7 +55,7 @@ pub struct Gateway {
     /// Connections whose clients step the world.
     drivers: Mutex<BTreeSet<u64>>,
     pub(crate) settings: Mutex<Settings>,
-    stream_port: u16,
+    pub(crate) stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
     said: Mutex<BTreeSet<String>>,
 }

@@ -14,6 +14,7 @@ use crate::fields::Fields;
 use crate::gateway::{Failure, Gateway, Outcome};
 use crate::server::Request;
 
+pub mod accepted;
 pub mod actors;
 pub mod batch;
 pub mod catalogue;
@@ -44,6 +45,7 @@ const AREAS: &[Calls] = &[
     traffic_lights::CALLS,
     batch::CALLS,
     managers::CALLS,
+    accepted::CALLS,
 ];
 
 /// One call: its arguments, read in order, and whose it is.

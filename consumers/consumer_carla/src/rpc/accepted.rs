@@ -1,0 +1,83 @@
+//! Calls that are answered and change nothing, because Gantry has nothing that they could change. Each is logged once.
+
+use crate::axes::{self, Transform};
+use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::list;
+use crate::msgpack::Value;
+use crate::rpc::{Call, Calls};
+use crate::shapes;
+use crate::stream;
+
+/// Standard gravity; it cannot be changed.
+const GRAVITY_MPS2: f32 = 9.81;
+/// A stream that never has messages: the highest number, which no actor's stream has.
+const SILENT_STREAM: u32 = u32::MAX;
+
+pub(crate) const CALLS: Calls = &[
+    // Scenery.
+    ("set_annotations_traverse_translucency", Gateway::accept),
+    ("apply_color_texture_to_objects", Gateway::accept),
+    ("apply_float_color_texture_to_objects", Gateway::accept),
+    ("get_imui_gravity", |_, _| Ok(Answer::Value(GRAVITY_MPS2.into()))),
+    ("set_imui_gravity", Gateway::accept),
+    // Parts of actors.
+    ("set_actor_dead", Gateway::accept),
+    ("open_vehicle_door", Gateway::accept),
+    ("close_vehicle_door", Gateway::accept),
+    ("get_actor_component_world_transform", Gateway::component_in_world),
+    ("get_actor_component_relative_transform", |gateway, call| {
+        gateway.known_actor(call)?;
+        Ok(Answer::Value(shapes::transform(&Transform::default())))
+    }),
+    ("get_actor_component_names", Gateway::no_parts),
+    ("get_actor_bone_names", Gateway::no_parts),
+    ("get_actor_bone_world_transforms", Gateway::no_parts),
+    ("get_actor_bone_relative_transforms", Gateway::no_parts),
+    ("get_actor_socket_names", Gateway::no_parts),
+    ("get_actor_socket_world_transforms", Gateway::no_parts),
+    ("get_actor_socket_relative_transforms", Gateway::no_parts),
+    ("get_vehicle_bone_world_transforms", Gateway::no_parts),
+    ("get_bones_transform", |gateway, call| {
+        gateway.known_actor(call)?;
+        Ok(Answer::Value(list![list![]]))
+    }),
+    ("set_bones_transform", Gateway::accept),
+    ("blend_pose", Gateway::accept),
+    ("get_pose_from_animation", Gateway::accept),
+    // Other simulators of vehicles.
+    ("enable_carsim", Gateway::accept),
+    ("use_carsim_road", Gateway::accept),
+    ("enable_chrono_physics", Gateway::accept),
+    ("restore_physx_physics", Gateway::accept),
+    // Other outlets of sensors.
+    ("enable_sensor_for_ros", Gateway::accept),
+    ("disable_sensor_for_ros", Gateway::accept),
+    ("is_sensor_enabled_for_ros", |_, _| Ok(Answer::Value(false.into()))),
+    ("send", Gateway::accept),
+    ("set_ignored_vehicles", Gateway::accept),
+    ("enable_gbuffers", Gateway::accept),
+    ("are_gbuffers_enabled", |_, _| Ok(Answer::Value(false.into()))),
+    ("get_gbuffer_token", |gateway, _| Ok(Answer::Value(Value::Bin(stream::token(SILENT_STREAM, gateway.stream_port))))),
+];
+
+impl Gateway {
+    fn accept(&self, call: &mut Call<'_>) -> Outcome {
+        self.no_effect(call.method);
+        Ok(Answer::Void)
+    }
+
+    /// Actors are of one piece.
+    fn no_parts(&self, call: &mut Call<'_>) -> Outcome {
+        self.known_actor(call)?;
+        Ok(Answer::Value(list![]))
+    }
+
+    /// The one piece is where its actor is.
+    fn component_in_world(&self, call: &mut Call<'_>) -> Outcome {
+        let id = self.known_actor(call)?;
+        let snapshot = self.world.known().snapshot.clone();
+        let pose = snapshot.and_then(|at| at.actor(id).map(|record| axes::transform(&record.world_from_actor)));
+        let pose = pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
+        Ok(Answer::Value(shapes::transform(&pose)))
+    }
+}
