@@ -10,10 +10,17 @@ use sensor_spec::Intrinsics;
 
 use crate::assets::GpuAssets;
 use crate::draw::{CameraMotion, NEAR_M};
+use crate::renderer::Quality;
 use crate::uniform::LampData;
 
-/// Lamps that one view can have: bits of a tile's set in `lamps.wgsl`.
-pub(crate) const MAX_PER_VIEW: usize = 64;
+/// Lamps that one view can have: at most the bits of a tile's set in `lamps.wgsl`, and fewer where every lamp costs the CPU.
+fn max_per_view(quality: Quality) -> usize {
+    match quality {
+        Quality::Low => 16,
+        Quality::High => 64,
+    }
+}
+
 /// Side of a tile, pixels, as in `lamps.wgsl`.
 const TILE_PX: u32 = 32;
 /// Corners nearer to one another than this belong to one lamp, metres.
@@ -108,8 +115,9 @@ struct Shining<'a> {
 }
 
 /// What the lamps of all views came to: for upload.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct LampLists {
+    quality: Quality,
     pub lamps: Vec<LampData>,
     pub tiles: Vec<[u32; 2]>,
 }
@@ -123,6 +131,11 @@ pub(crate) struct LampRange {
 }
 
 impl LampLists {
+    /// No lamps yet.
+    pub fn new(quality: Quality) -> Self {
+        LampLists { quality, lamps: Vec::new(), tiles: Vec::new() }
+    }
+
     /// Adds the lamps that reach into a view, nearest first. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
     pub fn add_view(
         &mut self,
@@ -161,7 +174,7 @@ impl LampLists {
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.truncate(MAX_PER_VIEW);
+        found.truncate(max_per_view(self.quality));
         let range = LampRange { first_lamp: self.lamps.len() as u32, first_tile: self.tiles.len() as u32, n: found.len() as u32 };
         let [n_across, n_down] = n_tiles(lens);
         self.tiles.resize(self.tiles.len() + (n_across * n_down) as usize, [0; 2]);

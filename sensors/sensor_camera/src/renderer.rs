@@ -204,7 +204,7 @@ impl CameraRenderer {
         let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, encoder));
         let (mut near, mut far) = (near.into_iter(), far.into_iter());
         let none = self.shadows.none();
-        let mut lamps = LampLists::default();
+        let mut lamps = LampLists::new(self.quality);
         let lit: Vec<Lit> = active
             .iter()
             .map(|active| {

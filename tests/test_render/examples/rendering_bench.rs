@@ -106,7 +106,10 @@ impl Bench {
     }
 
     fn one_pose(&self, name: &str, asked: &[&[Modality]]) -> Figures {
-        self.town(name, self.options.size_px, asked, |_, along_m| self.stage.camera(self.options.place, along_m, 0.0, 0.0))
+        self.town(name, self.options.size_px, asked, |view, along_m| {
+            // A micrometre apart: cameras of one pose would be drawn once.
+            self.stage.camera(self.options.place, along_m + 1e-6 * view as f64, 0.0, 0.0)
+        })
     }
 
     fn row(&self, row: &str) {

@@ -41,8 +41,9 @@ impl Picture {
             Modality::Semantic => payload.iter().map(|class| schema_types::Class(*class).info().map_or([0; 3], |info| info.rgb)).collect(),
             Modality::Instance => {
                 let id = |p: &[u8]| u32::from_le_bytes([p[0], p[1], p[2], p[3]]);
-                let colour =
-                    |id: u32| if id == 0 { [0; 3] } else { hue((id as f32 * 0.618_034).fract(), 0.45 + 0.5 * (id as f32 * 0.37).fract()) };
+                // Scenery's ids have the highest bit set: the lower ones tell them apart.
+                let share = |id: u32, step: f32| ((id & 0xffff) as f32 * step).fract();
+                let colour = |id: u32| if id == 0 { [0; 3] } else { hue(share(id, 0.618_034), 0.45 + 0.5 * share(id, 0.37)) };
                 payload.chunks_exact(4).map(|p| colour(id(p))).collect()
             }
             Modality::Flow => {

@@ -45,8 +45,10 @@ fn lamps_at(pixel: vec2<u32>, point: vec3<f32>, normal: vec3<f32>, mirrored: vec
         let facing = dot(normal, towards);
         let lit = max(facing, 0.0) * (1.0 - through) + through * abs(facing);
         out.diffuse += lamp.rgb.rgb * (strength * lit);
-        let along = clamp(dot(mirrored, towards), 0.0, 1.0);
-        out.glint += lamp.rgb.rgb * (strength * pow(along, gloss_power) * gloss_power * 0.16);
+        if !SIMPLE {
+            let along = clamp(dot(mirrored, towards), 0.0, 1.0);
+            out.glint += lamp.rgb.rgb * (strength * pow(along, gloss_power) * gloss_power * 0.16);
+        }
     }
     return out;
 }
