@@ -55,6 +55,7 @@ pub struct Gateway {
     /// Connections whose clients step the world.
     drivers: Mutex<BTreeSet<u64>>,
     pub(crate) settings: Mutex<Settings>,
+    pub(crate) navigation: Mutex<crate::rpc::files::NavigationFile>,
     pub(crate) stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
     said: Mutex<BTreeSet<String>>,
@@ -74,6 +75,7 @@ impl Gateway {
             last_step_nanos: Mutex::default(),
             drivers: Mutex::default(),
             settings: Mutex::default(),
+            navigation: Mutex::default(),
             stream_port,
             traffic_managers: Mutex::default(),
             said: Mutex::default(),

@@ -14,6 +14,7 @@ pub mod feeds;
 pub mod fields;
 pub mod gateway;
 pub mod msgpack;
+pub mod navigation;
 pub mod rpc;
 pub mod sensors;
 pub mod server;

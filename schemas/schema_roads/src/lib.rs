@@ -19,6 +19,7 @@ mod query;
 mod raw;
 mod road;
 mod signals;
+pub mod walkable;
 
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
 pub use map::RoadMap;

@@ -31,6 +31,7 @@ mod open_drive;
 pub mod person;
 mod plan;
 mod planting;
+pub mod prop;
 mod props;
 mod random;
 mod ring;

@@ -7,6 +7,7 @@ use schema_types::Class;
 use simd_town::BodyStyle;
 
 use crate::models::{VehicleModel, vehicle_models};
+use crate::props::prop_models;
 use crate::walkers::walker_models;
 
 /// Sensors that are accepted as passive actors; `sensor.camera.view` is ours and has any of the camera modalities.
@@ -41,7 +42,7 @@ const SPEED_LIMITS: [u32; 14] = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 1
 
 const NO_BOX: BodyBox = BodyBox { centre_m: [0.0; 3], half_m: [0.0; 3] };
 
-/// The catalogue: vehicles in the order of [`vehicle_models`], walkers, then the rest.
+/// The catalogue: vehicles in the order of [`vehicle_models`], walkers, props, then the rest.
 pub(crate) fn catalogue() -> Catalogue {
     let vehicles = vehicle_models().iter().map(|model| CatalogueEntry {
         type_id: model.type_id.to_owned(),
@@ -51,6 +52,7 @@ pub(crate) fn catalogue() -> Catalogue {
         attributes: vehicle_attributes(model),
         recommended: BTreeMap::from([("color".to_owned(), model.colors.iter().map(|color| color_text(*color)).collect())]),
     });
+    let props = prop_models().iter().map(|model| model.catalogue_entry());
     let walkers = walker_models().iter().map(|model| model.catalogue_entry());
     let sensors = SENSORS.iter().map(|type_id| bare(type_id, "sensor", Class::UNLABELED));
     let map = OF_THE_MAP.iter().map(|(type_id, kind, class)| bare(type_id, kind, *class));
@@ -58,6 +60,7 @@ pub(crate) fn catalogue() -> Catalogue {
     Catalogue {
         entries: vehicles
             .chain(walkers)
+            .chain(props)
             .chain([bare("controller.ai.walker", "controller", Class::UNLABELED)])
             .chain(sensors)
             .chain(map)

@@ -104,6 +104,7 @@ impl World {
         if is_walker {
             self.put_walker(actor, &pose);
         }
+        self.put_prop(actor, &pose);
         let known = &self.actors[&actor];
         let parent = known.parent.and_then(|parent| self.sensor_pose(parent));
         let local = parent.map_or(pose, |world_from_parent| world_from_parent.inv_mul(&pose.isometry()).into());

@@ -7,9 +7,11 @@ use schema_frames::LightState;
 use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
 use simd_town::person::{Posture, mesh_of};
+use simd_town::prop::prop_mesh;
 use simd_town::{person_meshes, vehicle_meshes};
 
 use crate::models::vehicle_models;
+use crate::props::prop_models;
 use crate::vehicle::{Vehicle, WheelState};
 use crate::walkers::{Walker, walker_models};
 use crate::world::World;
@@ -24,6 +26,8 @@ pub(crate) struct ActorMeshes {
     vehicles: Vec<(MeshId, MeshId)>,
     /// Parts of the body and wheelchair per walker model, by its index.
     walkers: Vec<([MeshId; 7], MeshId)>,
+    /// Mesh per prop model, by its index.
+    props: Vec<MeshId>,
     light_head: Option<MeshId>,
     /// Lamp heads per light actor.
     heads: BTreeMap<ActorId, Vec<Isometry3<f64>>>,
@@ -42,8 +46,9 @@ impl World {
             (meshes.parts.map(|part| assets.add_mesh(part)), assets.add_mesh(meshes.wheelchair))
         });
         let walkers = walkers.collect();
+        let props = prop_models().iter().map(|model| assets.add_mesh(prop_mesh(&model.shape))).collect();
         let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
-        self.meshes = ActorMeshes { vehicles, walkers, light_head, heads: BTreeMap::new() };
+        self.meshes = ActorMeshes { vehicles, walkers, props, light_head, heads: BTreeMap::new() };
         self.find_light_heads();
     }
 
@@ -65,6 +70,11 @@ impl World {
                 }
             } else if let Some(walker) = self.walkers.get(&actor) {
                 self.add_walker(out, actor, walker);
+            } else if let Some(prop) = self.props.get(&actor) {
+                if let Some(mesh) = self.meshes.props.get(prop.model_idx as usize) {
+                    let velocity_in_world_mps = Vector3::from(record.velocity_in_world_mps);
+                    out.push(DynamicInstance { velocity_in_world_mps, ..still(actor, 0, *mesh, record.world_from_actor.isometry(), 0) });
+                }
             } else if let (Some(heads), Some(mesh)) = (self.meshes.heads.get(&actor), self.meshes.light_head) {
                 let lamps = self.lights.get(actor).map_or(0, |light| lamp_bits(light.state));
                 out.extend(heads.iter().enumerate().map(|(part, head)| still(actor, part as u16, mesh, *head, lamps)));

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
+use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::query::intersection_test;
 use rapier3d::parry::shape::Cuboid;
 use schema_frames::{ActorKind, VehicleControl};
@@ -41,7 +42,7 @@ pub enum SpawnError {
         parent: ActorId,
     },
     /// Only sensors ride on others.
-    #[error("cannot attach {0:?} to an actor: only sensors and controllers can be attached; leave parent_id out")]
+    #[error("cannot attach {0:?} to an actor: only sensors, controllers and props can be attached; leave parent_id out")]
     Attached(String),
     /// Something is there already.
     #[error("spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}")]
@@ -114,6 +115,7 @@ impl World {
             Some(model) => self.spawn_vehicle(model, catalogue_idx, pose, role, attributes)?,
             None if type_id.starts_with("walker.") && parent.is_some() => return Err(SpawnError::Attached(type_id.to_owned())),
             None if type_id.starts_with("walker.") => self.spawn_walker(type_id, catalogue_idx, pose, role, attributes)?,
+            None if type_id.starts_with("static.prop.") => self.spawn_prop(type_id, catalogue_idx, pose, parent, role, attributes)?,
             None if type_id.starts_with("sensor.") || type_id.starts_with("controller.") => {
                 let id = self.new_id();
                 let role = role.to_owned();
@@ -218,23 +220,29 @@ impl World {
         let shape = Cuboid::new(half);
         let mut at = physics.engine_pose(&pose.isometry());
         at.translation += at.rotation * centre;
+        self.someone_in(&at, &shape).or_else(|| physics.touches_scenery(&at, &shape).then(|| "scenery".to_owned()))
+    }
+
+    /// The vehicle, walker or prop that a box would touch.
+    pub(crate) fn someone_in(&self, at: &EnginePose, shape: &Cuboid) -> Option<String> {
+        let physics = &self.physics;
         for (id, other) in &self.vehicles {
             // A collider made since the last step has its pose only from the next step on; the body's is always current.
             let (other_centre, other_half) = chassis_box(other.model);
             let mut other_at = physics.engine_pose(&other.pose(physics));
             other_at.translation += other_at.rotation * other_centre;
             // An error would mean that two boxes cannot be tested against each other.
-            if intersection_test(&at, &shape, &other_at, &Cuboid::new(other_half)).is_ok_and(|hit| hit.intersecting) {
+            if intersection_test(at, shape, &other_at, &Cuboid::new(other_half)).is_ok_and(|hit| hit.intersecting) {
                 return Some(format!("{} (actor {id})", other.model.type_id));
             }
         }
         for (id, walker) in &self.walkers {
             let (body, body_at) = walker.standing().whole_body(physics);
-            if walker.collides && intersection_test(&at, &shape, &body_at, &body).is_ok_and(|hit| hit.intersecting) {
+            if walker.collides && intersection_test(at, shape, &body_at, &body).is_ok_and(|hit| hit.intersecting) {
                 return Some(format!("{} (actor {id})", walker.model().type_id));
             }
         }
-        physics.touches_scenery(&at, &shape).then(|| "scenery".to_owned())
+        self.props.values().find_map(|prop| self.prop_in(prop, at, shape))
     }
 
     /// Removes an actor and what is attached to it; returns everything that went, by rising id.
@@ -256,6 +264,7 @@ impl World {
             self.speed_limits.remove(id);
             self.booms.remove(id);
             self.walkers.remove(id);
+            self.drop_prop(*id);
             if let Some(vehicle) = self.vehicles.remove(id) {
                 self.physics.engine.remove_body(vehicle.body);
             }

@@ -15,11 +15,12 @@ use crate::catalogue;
 use crate::lights::Lights;
 use crate::map::{LoadError, MapData};
 use crate::physics::{Collision, Physics};
+use crate::props::Prop;
 use crate::scene::ActorMeshes;
 use crate::scenery::SceneryState;
 use crate::signs;
 use crate::vehicle::Vehicle;
-use crate::walkers::Walker;
+use crate::walkers::{Crowd, Walker};
 
 /// What does not change while a world lives.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,6 +97,8 @@ pub struct World {
     pub(crate) actors: BTreeMap<ActorId, Actor>,
     pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
     pub(crate) walkers: BTreeMap<ActorId, Walker>,
+    pub(crate) crowd: Crowd,
+    pub(crate) props: BTreeMap<ActorId, Prop>,
     #[serde(with = "crate::plain::pods")]
     pub(crate) records: Vec<ActorRecord>,
     /// Records before the last step or change; kept so that their memory is used again.
@@ -133,6 +136,8 @@ impl World {
             actors: BTreeMap::new(),
             vehicles: BTreeMap::new(),
             walkers: BTreeMap::new(),
+            crowd: Crowd::default(),
+            props: BTreeMap::new(),
             records: Vec::new(),
             previous_records: Vec::new(),
             speed_limits: BTreeMap::new(),
@@ -166,6 +171,8 @@ impl World {
         self.actors.clear();
         self.vehicles.clear();
         self.walkers.clear();
+        self.crowd = Crowd::default();
+        self.props.clear();
         self.speed_limits.clear();
         self.booms.clear();
         self.collisions.clear();
@@ -226,6 +233,7 @@ impl World {
             }
             self.meet_vehicles();
         }
+        self.lead_crowd(dt_secs);
         self.move_walkers(dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);

@@ -114,6 +114,119 @@ def check_collision(world):
     assert walker.destroy() and car.destroy()
 
 
+def check_props(world):
+    library = world.get_blueprint_library()
+    props = library.filter("static.prop.*")
+    assert len(props) >= 95, len(props)
+    assert all(p.get_attribute("size").as_str() in ("tiny", "small", "medium", "big", "huge", "unknown") for p in props)
+    at = pavement(world, 20)
+    cone = world.spawn_actor(library.find("static.prop.trafficcone01"), at)
+    box = world.spawn_actor(library.find("static.prop.box01"), carla.Transform(carla.Location(at.location.x, at.location.y, at.location.z + 20.0)))
+    world.tick()
+    assert cone.type_id == "static.prop.trafficcone01" and cone.get_location().distance(at.location) < 1e-3
+    assert 0.3 < cone.bounding_box.extent.z < 0.4 and abs(cone.bounding_box.location.z - cone.bounding_box.extent.z) < 1e-3
+    assert {a.id for a in world.get_actors().filter("static.prop.*")} == {cone.id, box.id}
+    assert world.try_spawn_actor(library.find("vehicle.audi.tt"), at) is None, "a cone is in the way"
+    assert cone.destroy() and box.destroy()
+
+
+def on_ground(world, crosswalks, location):
+    """What a point lies on by the wheel's own map: "crosswalk", "road", or "pavement" (any ground that is neither)."""
+    if any(inside(outline, location) for outline in crosswalks):
+        return "crosswalk"
+    waypoint = world.get_map().get_waypoint(location, project_to_road=False, lane_type=carla.LaneType.Driving)
+    return "pavement" if waypoint is None else "road"
+
+
+def inside(outline, p):
+    odd = False
+    for a, b in zip(outline, outline[1:] + outline[:1]):
+        if (a.y > p.y) != (b.y > p.y) and p.x < a.x + (p.y - a.y) * (b.x - a.x) / (b.y - a.y):
+            odd = not odd
+    return odd
+
+
+def crosswalk_outlines(world):
+    """The wheel lists corners one after the other; an outline ends where its first corner comes again."""
+    outlines, current = [], []
+    for corner in world.get_map().get_crosswalks():
+        if current and corner.distance(current[0]) < 1e-3:
+            outlines.append(current)
+            current = []
+        else:
+            current.append(corner)
+    return outlines
+
+
+def check_navigation(world):
+    town = world.get_map()
+    crosswalks = crosswalk_outlines(world)
+    assert len(crosswalks) > 10, len(crosswalks)
+    world.set_pedestrians_seed(5)
+    near_lane = 0
+    for _ in range(300):
+        location = world.get_random_location_from_navigation()
+        assert location is not None, "the navigation mesh does not load"
+        ground = on_ground(world, crosswalks, location)
+        assert ground != "road", location
+        waypoint = town.get_waypoint(location, lane_type=carla.LaneType.Sidewalk)
+        away = waypoint.transform.location.distance_2d(location)
+        near_lane += away <= 0.5 * waypoint.lane_width
+        assert away < 12.0 and abs(waypoint.transform.location.z - location.z) < 0.6, (location, waypoint)
+    assert near_lane > 240, f"{near_lane} of 300 places are on pavement lanes; the others are round corners and on crosswalks"
+
+
+def check_crowd(world):
+    client, library = world_client, world.get_blueprint_library()
+    crosswalks = crosswalk_outlines(world)
+    world.set_pedestrians_seed(11)
+    world.set_pedestrians_cross_factor(0.0)
+    kinds = sorted((b for b in library.filter("walker.pedestrian.*") if b.get_attribute("age").as_str() == "adult"), key=lambda b: b.id)
+    walkers = []
+    for n in range(60):
+        if len(walkers) == 20:
+            break
+        place = carla.Transform(world.get_random_location_from_navigation())
+        place.location.z += 1.0
+        walker = world.try_spawn_actor(kinds[n % len(kinds)], place)
+        if walker is not None:
+            walkers.append(walker)
+    assert len(walkers) == 20, len(walkers)
+    make = [carla.command.SpawnActor(library.find("controller.ai.walker"), carla.Transform(), walker) for walker in walkers]
+    answers = client.apply_batch_sync(make, True)
+    assert not walker_errors(answers), walker_errors(answers)
+    controllers = [world.get_actor(answer.actor_id) for answer in answers]
+    world.tick()
+    for controller in controllers:
+        controller.start()
+        controller.go_to_location(world.get_random_location_from_navigation())
+        controller.set_max_speed(1.4)
+    ways, crossed, seen = [0.0] * 20, 0, {"pavement": 0, "crosswalk": 0, "road": 0}
+    last = [walker.get_location() for walker in walkers]
+    for tick in range(1200):
+        world.tick()
+        if tick % 10:
+            continue
+        for i, walker in enumerate(walkers):
+            at = walker.get_location()
+            ways[i] += at.distance_2d(last[i])
+            last[i] = at
+            seen[on_ground(world, crosswalks, at)] += 1
+            # Feet on the ground: the middle of the body is half its height over pavement or road.
+            ground = world.get_map().get_waypoint(at, lane_type=carla.LaneType.Any).transform.location.z
+            assert -0.05 < at.z - walker.bounding_box.extent.z - ground < 0.4, (at, ground)
+            assert walker.get_velocity().length() < 3.0
+    print(f"20 walkers, 60 s: {min(ways):.0f} to {max(ways):.0f} m each, seen {seen}")
+    assert seen["road"] <= 0.01 * sum(seen.values()), seen
+    assert sorted(ways)[5] > 25.0, "three of four walk most of the time"
+    assert seen["crosswalk"] > 0, "somebody crosses"
+    for controller in controllers:
+        controller.stop()
+        controller.destroy()
+    for walker in walkers:
+        walker.destroy()
+
+
 def main():
     global world_client
     world_client = client = carla.Client("127.0.0.1", int(sys.argv[1]))
@@ -123,7 +236,7 @@ def main():
     settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
     world.apply_settings(settings)
     world.tick()
-    for check in (check_blueprints, check_control, check_collision):
+    for check in (check_blueprints, check_control, check_collision, check_props, check_navigation, check_crowd):
         check(world)
         print(check.__name__.removeprefix("check_"), "passed", flush=True)
 

@@ -26,7 +26,7 @@ fn the_stock_client_walks() {
     let env = [("HOME", home.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
     let args = [script.to_str().unwrap(), &port];
     let ended = sandbox.spawn_program("python", &venv_program("python"), &args, &env).wait().expect_code(0);
-    for theme in ["blueprints", "control", "collision"] {
+    for theme in ["blueprints", "control", "collision", "props", "navigation", "crowd"] {
         assert!(ended.says(&format!("{theme} passed")), "{:?}", ended.lines);
     }
     gateway.stop().expect_code(0);

@@ -18,6 +18,7 @@ pub mod accepted;
 pub mod actors;
 pub mod batch;
 pub mod catalogue;
+pub mod files;
 pub mod managers;
 pub mod scenery;
 pub mod session;
@@ -36,6 +37,7 @@ pub(crate) type Calls = &'static [(&'static str, Run)];
 /// All areas.
 const AREAS: &[Calls] = &[
     session::CALLS,
+    files::CALLS,
     weather::CALLS,
     scenery::CALLS,
     actors::CALLS,

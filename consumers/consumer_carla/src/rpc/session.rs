@@ -80,8 +80,6 @@ pub(crate) const CALLS: Calls = &[
     ("load_new_episode", Gateway::load),
     ("get_map_info", |gateway, _| gateway.map_info()),
     ("get_map_data", |gateway, _| gateway.info().map(|_| Answer::Value(gateway.world.known().map.as_ref().into()))),
-    // There are no files to fetch.
-    ("get_required_files", |_, _| Ok(Answer::Value(list![]))),
     ("get_actor_definitions", |gateway, _| Ok(Answer::Value(blueprints::definitions(&gateway.world.known().catalogue.clone())))),
 ];
 

@@ -6,7 +6,7 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 
 mod body;
 mod gait;
-mod stack;
+pub(crate) mod stack;
 mod wheelchair;
 
 pub use gait::{N_PARTS, Part, Posture, Skeleton, stride_m};

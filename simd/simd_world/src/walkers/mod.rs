@@ -3,6 +3,7 @@
 //! A walker is no body of the physics engine: it asks the engine where walls and ground are and moves by itself. What a vehicle does to it
 //! is an inelastic collision of two masses, so that the vehicle feels it too.
 
+mod crowd;
 mod impact;
 mod models;
 mod motion;
@@ -13,6 +14,7 @@ use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 use simd_town::person::Posture;
 
+pub(crate) use crowd::Crowd;
 pub use models::{WalkerModel, walker_models};
 use motion::{MAX_PIECE_SECS, Standing, eased_mps, ground_below};
 
