@@ -16,9 +16,12 @@ const TILE_MAGIC: i32 = i32::from_be_bytes(*b"DNAV");
 const TILE_VERSION: i32 = 7;
 /// Bytes of a tile's header, a polygon, a link, a detail record, a node.
 const HEADER_BYTES: usize = 100;
+#[cfg(test)]
 const POLY_BYTES: usize = 32;
 const LINK_BYTES: usize = 12;
+#[cfg(test)]
 const DETAIL_BYTES: usize = 12;
+#[cfg(test)]
 const NODE_BYTES: usize = 16;
 /// Corners that a polygon has room for.
 const POLY_CORNERS: usize = 6;

@@ -41,13 +41,23 @@ pub struct Scenario {
     pub mode: StepMode,
     /// Vehicles besides the ego, role `autopilot`.
     pub vehicles: u32,
+    /// People who stroll over pavements and crosswalks, role `pedestrian`.
+    pub walkers: u32,
     /// Weather at the start.
     pub weather: Weather,
 }
 
 impl Default for Scenario {
     fn default() -> Self {
-        Scenario { map: "Town10HD".into(), seed: 1, tick_hz: 20.0, mode: StepMode::FreeRunning, vehicles: 0, weather: Weather::default() }
+        Scenario {
+            map: "Town10HD".into(),
+            seed: 1,
+            tick_hz: 20.0,
+            mode: StepMode::FreeRunning,
+            vehicles: 0,
+            walkers: 0,
+            weather: Weather::default(),
+        }
     }
 }
 

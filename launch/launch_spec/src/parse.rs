@@ -18,6 +18,8 @@ pub const VERSION: i64 = 1;
 const TICK_HZ: (f64, f64) = (1.0, 1000.0);
 /// Most other vehicles.
 const MAX_VEHICLES: u32 = 500;
+/// Most people on foot.
+const MAX_WALKERS: u32 = 1000;
 const TOP: [&str; 8] = ["version", "scenario", "ego", "rig", "sensor", "defaults", "process", "description"];
 
 impl Launch {
@@ -110,6 +112,7 @@ fn check_scenario(scenario: &Scenario, file: &Table, errors: &mut Errors) {
     };
     range("tick_hz", scenario.tick_hz, TICK_HZ);
     range("vehicles", scenario.vehicles.into(), (0.0, MAX_VEHICLES.into()));
+    range("walkers", scenario.walkers.into(), (0.0, MAX_WALKERS.into()));
     let weather = &scenario.weather;
     let percent = (0.0, 100.0);
     for (key, value, allowed) in [

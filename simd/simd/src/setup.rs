@@ -145,6 +145,10 @@ pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, 
             "the map has no free spawn point for more vehicles"
         );
     }
+    let n_walkers = world.spawn_walkers(launch.scenario.walkers as usize).len();
+    if n_walkers < launch.scenario.walkers as usize {
+        tracing::warn!(asked = launch.scenario.walkers, placed = n_walkers, "the map has no room on its pavements for more walkers");
+    }
     let (latitude_deg, longitude_deg) = world.roads().map_or((42.0, 2.0), |roads| roads.geo_reference());
     let stamp = Stamp { epoch, episode, seed: launch.scenario.seed, geo_reference: GeoReference { latitude_deg, longitude_deg } };
     let whole = Arc::new(assets);

@@ -113,8 +113,9 @@ fn there_is_ground_where_the_mesh_says() {
         let lane = map.nearest(at, |lane| lane.kind.is_drivable()).unwrap();
         let over_road_m = at[2] - half_m - map.pose(lane).unwrap().translation.z;
         // A kerb's height over the road, and not moved by anything.
-        assert!((at[0] - x).hypot(at[1] - y) < 0.02 && (-0.02..0.4).contains(&over_road_m), "{at:?} stands {over_road_m} m over the road");
+        assert!((at[0] - x).hypot(at[1] - y) < 0.02 && (0.02..0.25).contains(&over_road_m), "{at:?} stands {over_road_m} m over the road");
         on_kerb += usize::from((0.1..0.25).contains(&over_road_m));
     }
-    assert!(on_kerb * 20 > n_placed * 19, "{on_kerb} of {n_placed} stand at a kerb's height over the road");
+    // The others stand where the kerb is lowered before a crosswalk.
+    assert!(on_kerb * 4 > n_placed * 3, "{on_kerb} of {n_placed} stand at a kerb's height over the road");
 }
