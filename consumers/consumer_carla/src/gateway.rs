@@ -7,6 +7,7 @@ use crate::commander::Commander;
 use crate::feeds::Feeds;
 use crate::list;
 use crate::msgpack::Value;
+use crate::recorder::Recorder;
 use crate::rpc::managers::TrafficManager;
 use crate::rpc::session::Settings;
 use crate::stream::{self, WORLD_STREAM};
@@ -56,6 +57,8 @@ pub struct Gateway {
     drivers: Mutex<BTreeSet<u64>>,
     pub(crate) settings: Mutex<Settings>,
     pub(crate) navigation: Mutex<crate::rpc::files::NavigationFile>,
+    /// Recorder and replayer.
+    pub recorder: Recorder,
     pub(crate) stream_port: u16,
     pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
     said: Mutex<BTreeSet<String>>,
@@ -76,10 +79,16 @@ impl Gateway {
             drivers: Mutex::default(),
             settings: Mutex::default(),
             navigation: Mutex::default(),
+            recorder: Recorder::default(),
             stream_port,
             traffic_managers: Mutex::default(),
             said: Mutex::default(),
         }
+    }
+
+    /// After each snapshot, before clients see it.
+    pub fn after_snapshot(&self) {
+        self.recorder.step(&self.world, &self.commander);
     }
 
     /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has

@@ -15,6 +15,7 @@ pub mod fields;
 pub mod gateway;
 pub mod msgpack;
 pub mod navigation;
+pub mod recorder;
 pub mod rpc;
 pub mod sensors;
 pub mod server;

@@ -1,6 +1,7 @@
 //! `gantry-carla`: lets CARLA 0.9.16 clients connect to the simulator on the bus.
 
 use std::net::{IpAddr, Ipv4Addr, TcpListener};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,6 +26,10 @@ struct Args {
     /// Address to listen on; 0.0.0.0 lets clients of other machines in, and there is no password
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
+
+    /// Folder for recordings of `start_recorder` [default: gantry in the XDG data folder]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
@@ -52,6 +57,15 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let feeds = Arc::new(feeds::Feeds::new(world.clone(), streams.clone()));
     feeds.join(schema_bus::Bus::open(&args.common.domain, "gantry-carla-sensors")?);
     let gateway = Arc::new(Gateway::new(world.clone(), commander, feeds.clone(), stream_port));
+    if let Some(data) = &args.data {
+        gateway.recorder.keep_in(data.clone());
+    }
+    let weak = Arc::downgrade(&gateway);
+    world.after_each_snapshot(move || {
+        if let Some(gateway) = weak.upgrade() {
+            gateway.after_snapshot();
+        }
+    });
     let domain = args.common.domain.clone();
     let (here, there, flag) = (world.clone(), streams.clone(), stop.clone());
     let follower = std::thread::Builder::new().name("world".into()).spawn(move || world::follow(&domain, &here, &there, &flag))?;

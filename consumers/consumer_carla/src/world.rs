@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::Context as _;
@@ -112,9 +112,25 @@ impl Known {
 pub struct World {
     known: Mutex<Known>,
     changed: Condvar,
+    after_snapshot: AfterSnapshot,
+}
+
+/// What runs after each snapshot and before clients see it.
+#[derive(Default)]
+struct AfterSnapshot(OnceLock<Box<dyn Fn() + Send + Sync>>);
+
+impl std::fmt::Debug for AfterSnapshot {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_tuple("AfterSnapshot").field(&self.0.get().is_some()).finish()
+    }
 }
 
 impl World {
+    /// Runs something after each snapshot, before clients see it; set once.
+    pub fn after_each_snapshot(&self, run: impl Fn() + Send + Sync + 'static) {
+        let _ = self.after_snapshot.0.set(Box::new(run));
+    }
+
     /// Looks at everything. Hold it briefly: the snapshot waits for it.
     pub fn known(&self) -> MutexGuard<'_, Known> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
@@ -288,6 +304,9 @@ impl Follower<'_> {
         let message = episode::encode(header, snapshot.records(), state_bits, wall_secs);
         let at = WorldAt { header: *header, records: snapshot.records().to_vec() };
         self.world.change(|known| known.snapshot = Some(Arc::new(at)));
+        if let Some(run) = self.world.after_snapshot.0.get() {
+            run();
+        }
         self.streams.send(WorldMessage { tick: header.tick, bytes: message.into() });
         Ok(())
     }

@@ -26,12 +26,14 @@
 #![warn(missing_docs)]
 
 pub mod args;
+pub mod data;
 pub mod exit;
 pub mod limits;
 pub mod logging;
 pub mod signals;
 
 pub use args::{ColorWhen, CommonArgs, LogFormat, command, parse};
+pub use data::{data_dir, file_in};
 pub use exit::{Exit, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;
 pub use signals::Shutdown;

@@ -56,6 +56,12 @@ impl TickClock {
         self.period_nanos
     }
 
+    /// `tick` ends at `time`, which must not lie before the time it had.
+    pub fn leap(&mut self, tick: Tick, time: SimTime) {
+        assert!(time >= self.time_of(tick), "time never goes back");
+        (self.base_tick, self.base_nanos) = (tick.0, time.0);
+    }
+
     /// From `tick` on, every further tick lasts `period_nanos`.
     pub fn set_period(&mut self, tick: Tick, period_nanos: u64) {
         assert!(period_nanos > 0, "a tick lasts at least a nanosecond");
@@ -73,6 +79,13 @@ mod tests {
     fn time_after_a_million_ticks_is_exact() {
         let clock = TickClock::new(33_333_333);
         assert_eq!(clock.time_of(Tick(1_000_000)), SimTime(33_333_333_000_000));
+    }
+
+    #[test]
+    fn a_leap_goes_forward_and_the_period_stays() {
+        let mut clock = TickClock::new(10);
+        clock.leap(Tick(5), SimTime(1000));
+        assert_eq!((clock.time_of(Tick(5)), clock.time_of(Tick(7))), (SimTime(1000), SimTime(1020)));
     }
 
     #[test]

@@ -11,6 +11,7 @@
 #![warn(missing_docs)]
 
 mod assets;
+mod debug;
 mod draw;
 pub mod dvs;
 mod lamps;

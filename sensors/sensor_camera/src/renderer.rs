@@ -10,6 +10,7 @@ use sensor_gpu::{CopyBatch, Gpu};
 use sensor_spec::ExposureMode;
 
 use crate::assets::GpuAssets;
+use crate::debug::DebugPass;
 use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
 use crate::dvs::EventCamera;
 use crate::lamps::{LampLists, LampRange};
@@ -80,6 +81,7 @@ pub struct CameraRenderer {
     shadows: Shadows,
     /// High quality only.
     far_shadows: Option<Shadows>,
+    debug: DebugPass,
 }
 
 /// A job with something to draw.
@@ -104,6 +106,7 @@ impl CameraRenderer {
             pass,
             shadows: Shadows::new(gpu, Cascade::near(quality)),
             far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
+            debug: DebugPass::new(gpu),
         }
     }
 
@@ -258,6 +261,10 @@ impl CameraRenderer {
                     };
                     self.post.record(&self.gpu, encoder, &job);
                 }
+            }
+            if active.set.contains(Target::Color) && !scene.debug.is_empty() {
+                let lens = jobs[active.job_idx].view.spec.intrinsics;
+                self.debug.record(&self.gpu, encoder, &scene.debug, &lens, &active.motion.world_from_camera, targets);
             }
         }
     }

@@ -120,6 +120,19 @@ impl Sun {
     }
 }
 
+/// A line that is drawn into colour pictures and into nothing else; a point is one without length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DebugStroke {
+    /// One end, world, metres.
+    pub from_m: [f64; 3],
+    /// The other end.
+    pub to_m: [f64; 3],
+    /// Thickness, metres; never thinner than a pixel.
+    pub width_m: f32,
+    /// sRGB.
+    pub color_rgb: [u8; 3],
+}
+
 /// The world at the end of one tick, as sensors see it.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -135,4 +148,6 @@ pub struct Scene {
     pub dynamics: Vec<DynamicInstance>,
     /// Weather.
     pub weather: Weather,
+    /// What is drawn into colour pictures for debugging.
+    pub debug: Vec<DebugStroke>,
 }

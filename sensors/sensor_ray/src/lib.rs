@@ -13,6 +13,7 @@ pub mod lidar;
 mod packet;
 pub mod radar;
 pub mod scene;
+mod through;
 
 pub use ball::{BallFilter, BallHit};
 pub use lidar::{Lidar, SensorPath};

@@ -65,6 +65,10 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub await_lockstep: u32,
 
+    /// Folder for checkpoints [default: gantry in the XDG data folder]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+
     #[command(flatten)]
     pub common: CommonArgs,
 }

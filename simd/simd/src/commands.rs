@@ -70,6 +70,18 @@ impl Daemon {
                 self.spawn_sensor(wish).unwrap_or_else(|error| refused(&format!("{error:#}")))
             }
             Command::Destroy { actor_id } => self.destroy(ActorId(*actor_id)).unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::SaveCheckpoint { to } => self.save_checkpoint(to).unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::RestoreCheckpoint { from } => self.restore_checkpoint(from).unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::Reset => self.reset().unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::CastRays { rays, all } => self.cast_rays(rays, *all).unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::DrawDebug { shapes } => match self.debug.draw(shapes) {
+                Ok(()) => CommandReply::Done,
+                Err(error) => refused(&format!("{error:#}")),
+            },
+            Command::ClearDebug => {
+                self.debug.clear();
+                CommandReply::Done
+            }
             _ => {
                 self.ports.documents.touch_info();
                 self.world.apply(command)

@@ -13,7 +13,9 @@ use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::scene::{Scene, SceneAssets};
 use simd_world::{Scenario, World};
 
+use crate::checkpoints::Checkpoints;
 use crate::cli::{Args, OnLostClient};
+use crate::debug_shapes::DebugShapes;
 use crate::documents::Documents;
 use crate::frames::{Sensors, Stamp, TickEvents};
 use crate::gate::Gate;
@@ -89,6 +91,8 @@ pub struct Daemon {
     pub(crate) last_cleaned_nanos: u64,
     pub(crate) running_alone: bool,
     pub(crate) n_controls_refused: u64,
+    pub(crate) checkpoints: Checkpoints,
+    pub(crate) debug: DebugShapes,
 }
 
 /// What to do next.
@@ -177,7 +181,7 @@ impl Daemon {
         self.publish_snapshot(sim_time)?;
         self.publish_documents()?;
         self.sensors.settle_topics(&self.bus, self.args.staged, self.clock.period_nanos())?;
-        let scene = self.scene(sim_time);
+        let scene = Scene { debug: self.debug.at(sim_time), ..self.scene(sim_time) };
         let (world, sensors) = (&self.world, &mut self.sensors);
         let events = TickEvents { collisions: world.collisions(), roads: world.roads().map(Arc::as_ref) };
         sensors.fire(&scene, &self.episode.stamp, &events, |actor| scene::carrier(world, actor, sim_time))
@@ -193,6 +197,7 @@ impl Daemon {
             period_nanos: self.clock.period_nanos(),
             episode: self.episode.stamp.episode,
             actors_revision: self.ports.documents.actors_revision(&self.world),
+            flags: if std::mem::take(&mut self.checkpoints.just_restored) { SnapshotHeader::RESTORED } else { 0 },
             epoch: self.episode.stamp.epoch,
             ..bytemuck::Zeroable::zeroed()
         };
@@ -223,7 +228,7 @@ impl Daemon {
         Ok(flag(now.0 != before.0, SnapshotHeader::SCENERY_CHANGED) | flag(now.1 != before.1, SnapshotHeader::LAMPS_CHANGED))
     }
 
-    fn scene(&self, sim_time: SimTime) -> Scene {
+    pub(crate) fn scene(&self, sim_time: SimTime) -> Scene {
         let mut dynamics = Vec::new();
         self.world.dynamic_instances(&mut dynamics);
         Scene {
@@ -233,6 +238,7 @@ impl Daemon {
             assets: self.episode.assets.clone(),
             dynamics,
             weather: *self.world.weather(),
+            debug: Vec::new(),
         }
     }
 

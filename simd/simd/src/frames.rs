@@ -107,6 +107,13 @@ impl Sensors {
         self.n_lidar_turns
     }
 
+    /// The world that rays see, as in `scene`.
+    pub fn rays(&mut self, scene: &Scene) -> &RayScene {
+        let rays = self.rays.get_or_insert_with(|| RayScene::load(&scene.assets));
+        rays.update(&scene.dynamics);
+        rays
+    }
+
     /// The GPU they render on.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu

@@ -1,14 +1,17 @@
 //! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared memory.
 
+mod checkpoints;
 mod cli;
 mod commands;
 mod daemon;
+mod debug_shapes;
 mod documents;
 mod frames;
 mod gate;
 mod hash;
 mod import;
 mod pace;
+mod queries;
 mod rig;
 mod runtime;
 mod scene;

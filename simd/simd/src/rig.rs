@@ -354,6 +354,11 @@ impl Sensor {
         self.actor = actor;
         self.schedule = schedule_of(&self.spec, made_at, period_nanos);
         self.n_event_frames = 0;
+        self.forget();
+    }
+
+    /// Nothing of what was before is remembered: the world went elsewhere.
+    pub fn forget(&mut self) {
         self.model.reset();
     }
 

@@ -77,6 +77,8 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         last_cleaned_nanos: now,
         running_alone: false,
         n_controls_refused: 0,
+        checkpoints: Default::default(),
+        debug: Default::default(),
         args,
         launch,
         sensors,
@@ -86,6 +88,7 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         episode,
         shutdown,
     };
+    daemon.mark_start();
     daemon.publish_documents()?;
     // Who must be ready before the first tick (lockstep, drivers) sees the world as it stands before it.
     daemon.publish_snapshot(SimTime(0))?;
@@ -255,6 +258,8 @@ impl Daemon {
             sensor.begin_episode(actor, sim_time, self.clock.period_nanos());
         }
         self.sensors.load(&self.episode.assets)?;
+        self.debug.clear();
+        self.mark_start();
         self.ports.documents.touch_info();
         tracing::info!(map, episode = self.episode.stamp.episode, "map loaded");
         Ok(())

@@ -5,9 +5,10 @@ use test_kit::{Ended, Process, Sandbox};
 
 use crate::{spawn_consumer, venv_program};
 
-/// Starts the gateway on ports of its own choice; returns them too, RPC first.
+/// Starts the gateway on ports of its own choice; returns them too, RPC first. Its data folder is the sandbox's `data`.
 pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
-    let mut gateway = spawn_consumer(sandbox, "gantry-carla", &["--port", "0"]);
+    let data = sandbox.path("data");
+    let mut gateway = spawn_consumer(sandbox, "gantry-carla", &["--port", "0", "--data", data.to_str().expect("paths are UTF-8")]);
     let line = gateway.wait_line("listening on");
     let ports: Vec<u16> = line
         .split(':')

@@ -19,7 +19,10 @@ pub mod actors;
 pub mod batch;
 pub mod catalogue;
 pub mod files;
+pub mod drawing;
 pub mod managers;
+pub mod queries;
+pub mod recorder;
 pub mod scenery;
 pub mod session;
 pub mod spawning;
@@ -45,6 +48,9 @@ const AREAS: &[Calls] = &[
     vehicles::CALLS,
     walkers::CALLS,
     traffic_lights::CALLS,
+    queries::CALLS,
+    drawing::CALLS,
+    recorder::CALLS,
     batch::CALLS,
     managers::CALLS,
     accepted::CALLS,

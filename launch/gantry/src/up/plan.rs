@@ -167,6 +167,11 @@ fn add_shared_flags(args: &mut Vec<String>, process: &Process, common: &CommonAr
     if is_daemon(process) && !has(args, "--launch") {
         args.extend(["--launch".into(), resolved.display().to_string()]);
     }
+    // Logs lie in DATA/runs/<start>/; what the daemon and the gateway keep lies beside them.
+    let keeps = is_daemon(process) || process.cmd.first().is_some_and(|program| program.ends_with("gantry-carla"));
+    if let Some(data) = resolved.ancestors().nth(3).filter(|data| keeps && !data.as_os_str().is_empty() && !has(args, "--data")) {
+        args.extend(["--data".into(), data.display().to_string()]);
+    }
     if !has(args, "--domain") {
         args.extend(["--domain".into(), common.domain.clone()]);
     }

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 
 /// Makes the folder and points `runs/latest` at it.
 pub fn make(data: Option<&Path>) -> anyhow::Result<PathBuf> {
-    let runs = data_dir(data)?.join("runs");
+    let runs = launch_cli::data_dir(data)?.join("runs");
     std::fs::create_dir_all(&runs).with_context(|| format!("cannot make the folder {}; choose another with --data", runs.display()))?;
     let start = utc(SystemTime::now()).replace(':', "-");
     let start = start.split('.').next().unwrap_or_default();
@@ -33,16 +33,6 @@ fn point_latest(runs: &Path, name: &str) {
     let latest = runs.join("latest");
     let _ = std::fs::remove_file(&latest);
     let _ = std::os::unix::fs::symlink(name, latest);
-}
-
-/// `--data`, else `gantry/` in the user's XDG data folder.
-fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
-    if let Some(data) = data {
-        return Ok(data.to_owned());
-    }
-    let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let xdg = from("XDG_DATA_HOME").or_else(|| Some(from("HOME")?.join(".local/share")));
-    Ok(xdg.context("neither XDG_DATA_HOME nor HOME is set; give a folder with --data")?.join("gantry"))
 }
 
 /// `2026-01-31T23:59:59.123` of a time, UTC.

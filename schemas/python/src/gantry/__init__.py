@@ -8,6 +8,7 @@
 
 from ._attach import attach
 from ._bus import TopicDetails, topics
+from ._checkpoint import reset, restore_checkpoint, save_checkpoint
 from ._classes import CLASS_COLOURS, CLASS_NAMES, colour_classes
 from ._command import command
 from ._dtypes import (
@@ -35,6 +36,7 @@ from ._errors import (
 )
 from ._frame import Frame, Header, Pose, frame_from_bytes
 from ._layout import SCHEMA_VERSION
+from ._query import cast_rays, clear_drawing, draw
 from ._topic import Counts, Topic, open
 from ._sync import Row, Sync, sync
 from ._world import Document, Snapshot, document, snapshot
@@ -43,5 +45,6 @@ __all__ = [
     "ACTOR", "BorrowLimitError", "CLASS_COLOURS", "CLASS_NAMES", "COLLISION_EVENT", "Counts", "DVS_EVENT", "Document", "Frame", "FrameFormatError", "GNSS_SAMPLE",
     "GantryError", "Header", "IMU_SAMPLE", "LANE_CROSSING", "LIDAR_POINT", "NoSuchTopicError", "OBSTACLE_EVENT", "Pose", "RADAR_DETECTION", "Row", "SCHEMA_VERSION", "SEMANTIC_LIDAR_POINT",
     "SchemaVersionError", "Snapshot", "Sync", "TRAFFIC_LIGHT_PART", "TooManyReadersError", "Topic", "TopicDetails", "VEHICLE_PART",
-    "WALKER_PART", "attach", "colour_classes", "command", "document", "frame_from_bytes", "open", "snapshot", "sync", "topics",
+    "WALKER_PART", "attach", "cast_rays", "clear_drawing", "colour_classes", "command", "document", "draw", "frame_from_bytes", "open",
+    "reset", "restore_checkpoint", "save_checkpoint", "snapshot", "sync", "topics",
 ]

@@ -1,0 +1,233 @@
+//! A recording: its bytes and what is in them.
+//!
+//! One msgpack list after another: the head, then one list per frame. Axes and units are CARLA's. `docs/carla-recorder.md` has the table.
+
+use std::collections::BTreeMap;
+use std::io::{BufReader, Read};
+use std::path::Path;
+
+use crate::axes::Transform;
+use crate::fields::{Description, Fields, Wrong};
+use crate::list;
+use crate::msgpack::{self, DecodeError, Limits, Value};
+
+/// First field of the head.
+pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
+/// Version of the format; CARLA's texts call it "Version".
+pub const VERSION: u32 = 1;
+/// Longest recording that is read, frames: a day at 100 Hz.
+const MAX_FRAMES: usize = 8_640_000;
+/// Largest file that is read, bytes.
+const MAX_BYTES: u64 = 8 << 30;
+
+/// What the head says.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Head {
+    /// Map.
+    pub map: String,
+    /// When it was recorded, local to nobody: UTC.
+    pub date: String,
+}
+
+/// An actor that appears.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Born {
+    /// Its id then.
+    pub id: u32,
+    /// What it rode on; 0 if nothing.
+    pub parent: u32,
+    /// Type and attributes.
+    pub description: Description,
+    /// Where.
+    pub at: Transform,
+}
+
+/// Pedals and wheel as CARLA has them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pedals {
+    /// Steering, positive to the right.
+    pub steer: f32,
+    /// Throttle.
+    pub throttle: f32,
+    /// Brake.
+    pub brake: f32,
+    /// Hand brake.
+    pub hand_brake: bool,
+    /// Gear.
+    pub gear: i32,
+}
+
+/// One tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Frame {
+    /// Number of the tick.
+    pub tick: u64,
+    /// Seconds since the recording began.
+    pub elapsed_secs: f64,
+    /// Length of the tick, seconds.
+    pub delta_secs: f64,
+    /// Actors that came.
+    pub born: Vec<Born>,
+    /// Actors that went.
+    pub gone: Vec<u32>,
+    /// Places of everything that can move.
+    pub poses: BTreeMap<u32, Transform>,
+    /// Controls of vehicles.
+    pub pedals: BTreeMap<u32, Pedals>,
+    /// Traffic lights: state and whether they stand still.
+    pub lights: BTreeMap<u32, (u8, bool)>,
+    /// Pairs that began to touch; 0 is scenery.
+    pub collisions: Vec<(u32, u32)>,
+}
+
+/// A recording that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// Head.
+    pub head: Head,
+    /// Frames by rising time; at least one.
+    pub frames: Vec<Frame>,
+}
+
+impl Head {
+    /// Appends its bytes.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        msgpack::write(out, &list![MAGIC, VERSION, self.map.as_str(), self.date.as_str()]);
+    }
+}
+
+fn floats(transform: &Transform) -> [Value; 6] {
+    let ([x, y, z], [pitch, yaw, roll]) = (transform.location_m, transform.rotation_deg);
+    [x, y, z, pitch, yaw, roll].map(Value::F64)
+}
+
+impl Frame {
+    /// Appends its bytes.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        let born = |born: &Born| {
+            let attributes: Vec<Value> =
+                born.description.attributes.iter().map(|a| list![a.name.as_str(), a.kind, a.value.as_str()]).collect();
+            let description = list![0u32, born.description.type_id.as_str(), attributes];
+            list![born.id, born.parent, description, floats(&born.at).to_vec()]
+        };
+        let pose = |(id, at): (&u32, &Transform)| Value::Array([&[Value::from(*id)][..], &floats(at)].concat());
+        let pedals = |(id, p): (&u32, &Pedals)| list![*id, p.steer, p.throttle, p.brake, p.hand_brake, p.gear];
+        let frame = list![
+            self.tick,
+            self.elapsed_secs,
+            self.delta_secs,
+            self.born.iter().map(born).collect::<Vec<_>>(),
+            self.gone.iter().map(|id| Value::from(*id)).collect::<Vec<_>>(),
+            self.poses.iter().map(pose).collect::<Vec<_>>(),
+            self.pedals.iter().map(pedals).collect::<Vec<_>>(),
+            self.lights.iter().map(|(id, (state, frozen))| list![*id, *state, *frozen]).collect::<Vec<_>>(),
+            self.collisions.iter().map(|(a, b)| list![*a, *b]).collect::<Vec<_>>(),
+        ];
+        msgpack::write(out, &frame);
+    }
+
+    fn read(fields: &mut Fields<'_>) -> Result<Frame, Wrong> {
+        let mut frame =
+            Frame { tick: fields.uint(u64::MAX)?, elapsed_secs: fields.f64()?, delta_secs: fields.f64()?, ..Frame::default() };
+        for mut born in each(fields, "an actor")? {
+            let (id, parent, description) = (born.u32()?, born.u32()?, born.description()?);
+            let at = place(&mut born.fields("a place")?)?;
+            frame.born.push(Born { id, parent, description, at });
+        }
+        let gone = fields.list()?;
+        let mut ids = Fields::new("the actors that went", gone);
+        for _ in gone {
+            frame.gone.push(ids.u32()?);
+        }
+        for mut pose in each(fields, "a pose")? {
+            frame.poses.insert(pose.u32()?, place(&mut pose)?);
+        }
+        for mut given in each(fields, "a control")? {
+            let id = given.u32()?;
+            let (steer, throttle, brake) = (given.f32()?, given.f32()?, given.f32()?);
+            frame.pedals.insert(id, Pedals { steer, throttle, brake, hand_brake: given.bool()?, gear: given.i32()? });
+        }
+        for mut light in each(fields, "a light")? {
+            frame.lights.insert(light.u32()?, (light.u8()?, light.bool()?));
+        }
+        for mut pair in each(fields, "a collision")? {
+            frame.collisions.push((pair.u32()?, pair.u32()?));
+        }
+        Ok(frame)
+    }
+}
+
+/// The fields of every item of a list.
+fn each<'v>(fields: &mut Fields<'v>, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
+    let items = fields.list()?;
+    let mut all = Fields::new(what, items);
+    items.iter().map(|_| all.fields(what)).collect()
+}
+
+fn place(fields: &mut Fields<'_>) -> Result<Transform, Wrong> {
+    let location_m = [fields.f64()?, fields.f64()?, fields.f64()?];
+    Ok(Transform { location_m, rotation_deg: [fields.f64()?, fields.f64()?, fields.f64()?] })
+}
+
+impl Recording {
+    /// Reads a file. A recording whose writer was killed ends with its last whole frame.
+    ///
+    /// # Errors
+    /// A sentence: no such file, not a recording, damaged.
+    pub fn open(path: &Path) -> Result<Recording, String> {
+        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let file = std::fs::File::open(path).map_err(|error| format!("File {name} not found on server ({error})"))?;
+        let n_bytes = file.metadata().map_or(0, |about| about.len());
+        if n_bytes > MAX_BYTES {
+            return Err(format!("{name} has {n_bytes} bytes, at most {MAX_BYTES} are read"));
+        }
+        Recording::read(&mut BufReader::new(file)).map_err(|error| format!("{name} cannot be used: {error}"))
+    }
+
+    /// Reads its bytes.
+    ///
+    /// # Errors
+    /// A sentence.
+    pub fn read(reader: &mut impl Read) -> Result<Recording, String> {
+        let foreign = || "it is not a recording of gantry-carla (CARLA's own recordings have another format)".to_owned();
+        let Ok(Value::Array(head)) = msgpack::read(reader, Limits { bytes: 1 << 16, values: 16, depth: 2 }) else { return Err(foreign()) };
+        let mut fields = Fields::new("its head", &head);
+        if fields.text() != Ok(MAGIC) {
+            return Err(foreign());
+        }
+        let version = fields.u32()?;
+        if version != VERSION {
+            return Err(format!("its format is version {version}, but this program reads version {VERSION}"));
+        }
+        let head = Head { map: fields.text()?.to_owned(), date: fields.text()?.to_owned() };
+        let mut frames: Vec<Frame> = Vec::new();
+        loop {
+            match msgpack::read(reader, Limits::default()) {
+                Ok(Value::Array(items)) => frames.push(Frame::read(&mut Fields::new("a frame", &items))?),
+                Ok(other) => return Err(format!("a frame is {}, but must be a list", other.kind())),
+                Err(DecodeError::Closed | DecodeError::Io(_)) => break,
+                Err(error) => return Err(error.to_string()),
+            }
+            if frames.len() > MAX_FRAMES {
+                return Err(format!("it has more than {MAX_FRAMES} frames"));
+            }
+        }
+        if frames.is_empty() {
+            return Err("it has no frame".to_owned());
+        }
+        if !frames.is_sorted_by(|a, b| a.elapsed_secs < b.elapsed_secs) {
+            return Err("its frames are not in the order of time".to_owned());
+        }
+        Ok(Recording { head, frames })
+    }
+
+    /// Time of the last frame, seconds.
+    pub fn duration_secs(&self) -> f64 {
+        self.frames.last().map_or(0.0, |frame| frame.elapsed_secs)
+    }
+
+    /// Who each id was, for texts.
+    pub fn names(&self) -> BTreeMap<u32, &Description> {
+        self.frames.iter().flat_map(|frame| &frame.born).map(|born| (born.id, &born.description)).collect()
+    }
+}

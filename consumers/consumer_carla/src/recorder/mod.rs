@@ -1,0 +1,141 @@
+//! CARLA's recorder: writes what snapshots show into a file of the data folder, tells about such files, and plays them back.
+//!
+//! A consumer's work altogether: it records what it reads on the bus and replays by commands that put actors where they were.
+//! The file is described in `docs/carla-recorder.md`.
+
+pub mod file;
+pub mod replay;
+pub mod report;
+pub mod writer;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock};
+
+use launch_cli::{data_dir, file_in};
+
+use crate::commander::Commander;
+use crate::gateway::lock;
+use crate::world::{Known, World};
+use replay::Replay;
+use writer::Writer;
+
+/// Ending of recordings.
+const KIND: &str = "log";
+
+/// What is being recorded and played back.
+#[derive(Debug, Default)]
+pub struct Recorder {
+    state: Mutex<State>,
+    data: OnceLock<PathBuf>,
+}
+
+#[derive(Debug)]
+struct State {
+    writer: Option<Writer>,
+    replay: Option<Replay>,
+    settings: Settings,
+}
+
+/// What the next replay is told by calls of its own.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Recorded seconds per simulated second.
+    pub time_factor: f64,
+    /// Whether recorded heroes are left out.
+    pub ignore_hero: bool,
+    /// Whether the spectator stays where it is.
+    pub ignore_spectator: bool,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        State { writer: None, replay: None, settings: Settings { time_factor: 1.0, ignore_hero: false, ignore_spectator: true } }
+    }
+}
+
+impl Recorder {
+    /// Keeps recordings in this data folder instead of the user's.
+    pub fn keep_in(&self, data: PathBuf) {
+        // Set once, at the start.
+        let _ = self.data.set(data);
+    }
+
+    /// The file of a name: only its last part counts, so that scripts' `/home/…/x.log` works and stays in the folder.
+    ///
+    /// # Errors
+    /// A sentence about a name that is none.
+    pub fn path(&self, name: &str) -> Result<PathBuf, String> {
+        let data = data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
+        let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
+        file_in(&data.join("recordings").join("carla"), plain, KIND)
+    }
+
+    /// Starts a recording; one that runs is finished first.
+    ///
+    /// # Errors
+    /// If the file cannot be made.
+    pub fn start(&self, path: &Path, known: &Known) -> Result<(), String> {
+        let mut state = lock(&self.state);
+        state.writer = None;
+        state.writer = Some(Writer::create(path, known)?);
+        Ok(())
+    }
+
+    /// Ends the recording.
+    pub fn stop(&self) {
+        lock(&self.state).writer = None;
+    }
+
+    /// Changes what replays are told.
+    pub fn set(&self, change: impl FnOnce(&mut Settings)) {
+        let mut state = lock(&self.state);
+        change(&mut state.settings);
+        let settings = state.settings;
+        if let Some(replay) = &mut state.replay {
+            replay.settings = settings;
+        }
+    }
+
+    /// Settings for a replay that begins.
+    pub fn settings(&self) -> Settings {
+        lock(&self.state).settings
+    }
+
+    /// Takes the place of a replay that runs.
+    pub fn play(&self, replay: Replay, commander: &Commander) {
+        let before = lock(&self.state).replay.replace(replay);
+        if let Some(before) = before {
+            before.end(commander, true);
+        }
+    }
+
+    /// Ends the replay.
+    pub fn stop_replay(&self, keep_actors: bool, commander: &Commander) {
+        let replay = lock(&self.state).replay.take();
+        if let Some(replay) = replay {
+            replay.end(commander, keep_actors);
+        }
+    }
+
+    /// After each snapshot, before clients see it: what they cue next finds the replay's actors in place.
+    pub fn step(&self, world: &World, commander: &Commander) {
+        let mut state = lock(&self.state);
+        if state.writer.is_none() && state.replay.is_none() {
+            return;
+        }
+        let known = world.known();
+        let Some(snapshot) = known.snapshot.clone() else { return };
+        let failed = state.writer.as_mut().and_then(|writer| writer.write(&snapshot, &known).err());
+        drop(known);
+        if let Some(error) = failed {
+            tracing::warn!(error, "the recording ends here");
+            state.writer = None;
+        }
+        if let Some(replay) = &mut state.replay
+            && !replay.step(&snapshot, commander)
+            && let Some(replay) = state.replay.take()
+        {
+            replay.end(commander, true);
+        }
+    }
+}

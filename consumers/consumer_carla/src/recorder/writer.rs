@@ -1,0 +1,211 @@
+//! Writes a recording, one frame per snapshot.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use consumer_kit::WorldAt;
+use schema_frames::{ActorKind, ActorRecord};
+
+use super::file::{Born, Frame, Head, Pedals};
+use crate::axes;
+use crate::blueprints;
+use crate::fields::{Attribute, Description};
+use crate::world::Known;
+
+/// Bodies nearer than this count as touching when both report a contact, metres.
+const TOUCH_M: f64 = 0.3;
+
+/// A recording on its way.
+#[derive(Debug)]
+pub struct Writer {
+    file: BufWriter<File>,
+    episode: Option<u64>,
+    alive: BTreeSet<u32>,
+    touching: BTreeSet<(u32, u32)>,
+    last_tick: u64,
+    elapsed_nanos: u64,
+}
+
+/// Actors that are recorded: not sensors, which take part in nothing.
+fn is_recorded(record: &ActorRecord) -> bool {
+    !matches!(record.kind(), Some(ActorKind::Sensor) | None)
+}
+
+/// Actors whose place can change.
+fn can_move(record: &ActorRecord) -> bool {
+    matches!(record.kind(), Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator))
+}
+
+impl Writer {
+    /// Makes the file.
+    ///
+    /// # Errors
+    /// A sentence if it cannot be made.
+    pub fn create(path: &Path, known: &Known) -> Result<Writer, String> {
+        let cannot = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
+        std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
+        let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
+        let map = known.info.as_ref().map_or_else(String::new, |info| info.map.clone());
+        let mut head = Vec::new();
+        Head { map, date: date(SystemTime::now()) }.write(&mut head);
+        file.write_all(&head).map_err(cannot)?;
+        Ok(Writer { file, episode: None, alive: BTreeSet::new(), touching: BTreeSet::new(), last_tick: 0, elapsed_nanos: 0 })
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// A sentence: the disk is full, or another episode has begun.
+    pub fn write(&mut self, snapshot: &WorldAt, known: &Known) -> Result<(), String> {
+        let header = &snapshot.header;
+        let episode = crate::episode::episode_id(header);
+        if *self.episode.get_or_insert(episode) != episode {
+            return Err("another map was loaded".to_owned());
+        }
+        if header.tick <= self.last_tick {
+            return Ok(());
+        }
+        // The first frame is time 0.
+        if self.last_tick != 0 {
+            self.elapsed_nanos += header.period_nanos;
+        }
+        self.last_tick = header.tick;
+        let mut frame = Frame {
+            tick: header.tick,
+            elapsed_secs: self.elapsed_nanos as f64 * 1e-9,
+            delta_secs: header.period_nanos as f64 * 1e-9,
+            ..Frame::default()
+        };
+        let records = || snapshot.records.iter().filter(|record| is_recorded(record));
+        let now: BTreeSet<u32> = records().map(|record| record.id).collect();
+        frame.gone = self.alive.difference(&now).copied().collect();
+        for record in records() {
+            let at = axes::transform(&record.world_from_actor);
+            if !self.alive.contains(&record.id) {
+                frame.born.push(Born { id: record.id, parent: record.parent_id, description: described(known, record), at });
+            }
+            if can_move(record) {
+                frame.poses.insert(record.id, at);
+            }
+            if let Some(part) = record.vehicle() {
+                let steer = axes::steer(part.steer_ratio) + 0.0;
+                let hand_brake = part.control_flags & 1 != 0;
+                let pedals = Pedals { steer, throttle: part.throttle_ratio, brake: part.brake_ratio, hand_brake, gear: part.gear };
+                frame.pedals.insert(record.id, pedals);
+            }
+            if let Some(part) = record.traffic_light() {
+                frame.lights.insert(record.id, (part.state.min(4) as u8, part.flags & 1 != 0));
+            }
+        }
+        let touching = touching(snapshot);
+        frame.collisions = touching.difference(&self.touching).copied().collect();
+        (self.alive, self.touching) = (now, touching);
+        let mut bytes = Vec::new();
+        frame.write(&mut bytes);
+        self.file.write_all(&bytes).and_then(|()| self.file.flush()).map_err(|error| format!("cannot write the recording: {error}"))
+    }
+}
+
+/// Lights are found again in other runs by their signal.
+fn described(known: &Known, record: &ActorRecord) -> Description {
+    let mut description = description(known, record.id);
+    if let Some(part) = record.traffic_light() {
+        let value = part.opendrive_id().to_owned();
+        description.attributes.push(Attribute { name: "opendrive_id".into(), kind: 4, value });
+    }
+    description
+}
+
+fn description(known: &Known, id: u32) -> Description {
+    let listed = || {
+        let info = known.actors.get(&id)?;
+        Some(blueprints::describe(info, known.entry(&info.type_id).map(|(_, entry)| entry)))
+    };
+    let nobody = || Description { type_id: "unknown".into(), attributes: Vec::new() };
+    known.own.get(&id).cloned().or_else(listed).unwrap_or_else(nobody)
+}
+
+/// Pairs in contact, smaller id first. Snapshots say of each actor only that it touches something: two that do so side by side touch each
+/// other, one alone touches scenery (0).
+fn touching(snapshot: &WorldAt) -> BTreeSet<(u32, u32)> {
+    let touched: Vec<&ActorRecord> = snapshot.records.iter().filter(|record| record.flags & ActorRecord::TOUCHED != 0).collect();
+    let mut pairs = BTreeSet::new();
+    for (idx, record) in touched.iter().enumerate() {
+        let mut alone = true;
+        for (other_idx, other) in touched.iter().enumerate() {
+            if other_idx != idx && are_close(record, other) {
+                alone = false;
+                pairs.insert((record.id.min(other.id), record.id.max(other.id)));
+            }
+        }
+        if alone {
+            pairs.insert((record.id, 0));
+        }
+    }
+    pairs
+}
+
+/// Whether two upright boxes come within [`TOUCH_M`] of each other: separating axes in the plane.
+fn are_close(a: &ActorRecord, b: &ActorRecord) -> bool {
+    let frames = [a, b].map(|record| record.world_from_actor.isometry());
+    let apart = frames[1].translation.vector - frames[0].translation.vector;
+    let halves = [a, b].map(|record| record.half_box_m.map(f64::from));
+    let directions = [0, 1].map(|i| [frames[i] * nalgebra::Vector3::x(), frames[i] * nalgebra::Vector3::y()]);
+    let reach = |i: usize, axis: &nalgebra::Vector3<f64>| {
+        halves[i][0] * directions[i][0].dot(axis).abs() + halves[i][1] * directions[i][1].dot(axis).abs()
+    };
+    let in_plane = directions.iter().flatten().all(|axis| apart.dot(axis).abs() <= reach(0, axis) + reach(1, axis) + TOUCH_M);
+    in_plane && apart.z.abs() <= 2.0 * halves[0][2].max(halves[1][2])
+}
+
+/// `2026-01-31 23:59:59`, UTC.
+fn date(time: SystemTime) -> String {
+    let secs = time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let (days, second) = ((secs / 86_400) as i64, secs % 86_400);
+    // Civil date by whole 400-year cycles that begin in March.
+    let shifted = days + 719_468;
+    let cycle = shifted.div_euclid(146_097);
+    let day_of_cycle = shifted.rem_euclid(146_097);
+    let year_of_cycle = (day_of_cycle - day_of_cycle / 1460 + day_of_cycle / 36_524 - day_of_cycle / 146_096) / 365;
+    let day_of_year = day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = year_of_cycle + cycle * 400 + i64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}", second / 3600, second / 60 % 60, second % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable as _;
+    use schema_frames::SnapshotHeader;
+    use schema_types::Pose;
+    use std::time::Duration;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        for (secs, expected) in [(0, "1970-01-01 00:00:00"), (951_782_400, "2000-02-29 00:00:00"), (1_798_761_599, "2026-12-31 23:59:59")] {
+            assert_eq!(date(UNIX_EPOCH + Duration::from_secs(secs)), expected);
+        }
+    }
+
+    #[test]
+    fn two_that_touch_side_by_side_are_a_pair_and_one_alone_hit_scenery() {
+        let car = |id: u32, x_m: f64, y_m: f64, flags: u32| ActorRecord {
+            id,
+            kind: ActorKind::Vehicle as u16,
+            world_from_actor: Pose::from_xyz_yaw(x_m, y_m, 0.0, 0.3),
+            half_box_m: [2.4, 1.0, 0.7],
+            flags,
+            ..ActorRecord::zeroed()
+        };
+        let touched = ActorRecord::TOUCHED;
+        let records = vec![car(3, 0.0, 0.0, touched), car(5, 4.6, 1.4, touched), car(6, 0.0, 3.0, 0), car(9, 100.0, 0.0, touched)];
+        let snapshot = WorldAt { header: SnapshotHeader::zeroed(), records };
+        assert_eq!(touching(&snapshot), [(3, 5), (9, 0)].into());
+    }
+}

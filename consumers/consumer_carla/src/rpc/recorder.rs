@@ -1,0 +1,107 @@
+//! Calls of the recorder and the replayer.
+
+use std::time::Duration;
+
+use schema_frames::Command;
+
+use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::recorder::file::Recording;
+use crate::recorder::replay::{Replay, Wish};
+use crate::recorder::report;
+use crate::rpc::{Call, Calls};
+
+/// Longest wait for the episode of a replay's map.
+const SETTLE: Duration = Duration::from_secs(20);
+/// Fastest replay.
+const MAX_FACTOR: f64 = 1000.0;
+
+pub(crate) const CALLS: Calls = &[
+    ("start_recorder", Gateway::start_recorder),
+    ("stop_recorder", |gateway, _| {
+        gateway.recorder.stop();
+        Ok(Answer::Void)
+    }),
+    ("show_recorder_file_info", |gateway, call| {
+        let (name, all) = (call.text()?, call.bool()?);
+        gateway.about(name, |recording| report::info(recording, all))
+    }),
+    ("show_recorder_collisions", |gateway, call| {
+        let (name, first, second) = (call.text()?, letter(call)?, letter(call)?);
+        gateway.about(name, |recording| report::collisions(recording, first, second))
+    }),
+    ("show_recorder_actors_blocked", |gateway, call| {
+        let (name, min_secs, min_distance_cm) = (call.text()?, call.f64()?, call.f64()?);
+        gateway.about(name, |recording| report::blocked(recording, min_secs, min_distance_cm))
+    }),
+    ("replay_file", Gateway::replay_file),
+    ("stop_replayer", |gateway, call| {
+        let keep_actors = call.bool()?;
+        gateway.recorder.stop_replay(keep_actors, &gateway.commander);
+        Ok(Answer::Void)
+    }),
+    ("set_replayer_time_factor", |gateway, call| {
+        let factor = call.f64()?.clamp(0.0, MAX_FACTOR);
+        gateway.recorder.set(|settings| settings.time_factor = factor);
+        Ok(Answer::Void)
+    }),
+    ("set_replayer_ignore_hero", |gateway, call| {
+        let ignore = call.bool()?;
+        gateway.recorder.set(|settings| settings.ignore_hero = ignore);
+        Ok(Answer::Void)
+    }),
+    ("set_replayer_ignore_spectator", |gateway, call| {
+        let ignore = call.bool()?;
+        gateway.recorder.set(|settings| settings.ignore_spectator = ignore);
+        Ok(Answer::Void)
+    }),
+];
+
+/// A kind of actor: h, v, w, t, o or a.
+fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
+    let code = call.u8()?;
+    match char::from(code) {
+        letter @ ('h' | 'v' | 'w' | 't' | 'o' | 'a') => Ok(letter),
+        other => Err(Failure::Refused(format!("a kind of actor is {other:?}, but must be h, v, w, t, o or a"))),
+    }
+}
+
+impl Gateway {
+    /// Answers with the file's full path.
+    fn start_recorder(&self, call: &mut Call<'_>) -> Outcome {
+        let (name, _additional) = (call.text()?, call.bool()?);
+        let path = self.recorder.path(name)?;
+        self.recorder.start(&path, &self.world.known())?;
+        Ok(Answer::Value(path.display().to_string().into()))
+    }
+
+    /// CARLA answers with a text about a file that it cannot read, not with an error.
+    fn about(&self, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
+        let text = self.recorder.path(name).and_then(|path| Recording::open(&path)).map_or_else(|error| format!("{error}\n"), |it| tell(&it));
+        Ok(Answer::Value(text.into()))
+    }
+
+    fn replay_file(&self, call: &mut Call<'_>) -> Outcome {
+        let name = call.text()?;
+        let (start_secs, duration_secs, follow, replay_sensors) = (call.f64()?, call.f64()?, call.u32()?, call.bool()?);
+        let offset = if call.rest().is_empty() { Default::default() } else { call.transform()? };
+        let path = self.recorder.path(name)?;
+        let recording = match Recording::open(&path) {
+            Ok(recording) => recording,
+            Err(error) => return Ok(Answer::Value(format!("{error}\n").into())),
+        };
+        if replay_sensors {
+            self.no_effect("replay_sensors");
+        }
+        let opening = format!("Replaying File: {}\n\n", path.display());
+        let info = self.info()?;
+        if recording.head.map != info.map {
+            self.commander.ask_one(Command::LoadMap { map: recording.head.map.clone() })?;
+            let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
+            begun.ok_or_else(|| Failure::Refused("the recording's map was loaded and no new episode was published".to_owned()))?;
+        }
+        let wish = Wish { start_secs, duration_secs, follow, offset };
+        let (replay, text) = Replay::begin(recording, wish, self.recorder.settings(), &self.world.known());
+        self.recorder.play(replay, &self.commander);
+        Ok(Answer::Value(format!("{opening}{text}").into()))
+    }
+}

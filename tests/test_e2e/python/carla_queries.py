@@ -1,0 +1,103 @@
+"""The stock `carla` 0.9.16 wheel: rays against closed forms, and debug drawing.
+
+    carla_queries.py PORT          rays
+    carla_queries.py PORT draw     draws a box, a line, an arrow and a point round the ego vehicle and leaves them there
+
+Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
+"""
+
+import faulthandler
+import sys
+
+import carla
+
+faulthandler.enable()
+PORT = int(sys.argv[1])
+LABEL = carla.CityObjectLabel
+
+
+def check_ground(world):
+    """Straight down onto lanes: the surface lies where the map's own geometry says."""
+    town = world.get_map()
+    n_roads = 0
+    for waypoint in town.generate_waypoints(40.0)[:120]:
+        at = waypoint.transform.location
+        found = world.ground_projection(carla.Location(at.x, at.y, at.z + 1.5), 10.0)
+        assert found is not None, at
+        assert abs(found.location.x - at.x) < 1e-3 and abs(found.location.y - at.y) < 1e-3
+        if found.label in (LABEL.Roads, LABEL.RoadLines, LABEL.Bridge, LABEL.Ground):
+            n_roads += 1
+            assert abs(found.location.z - at.z) < 0.06, (found.location, at, found.label)
+    print(f"{n_roads} of 120 points on roads")
+    assert n_roads >= 100
+    point = town.get_spawn_points()[0].location
+    assert world.project_point(carla.Location(point.x, point.y, point.z + 60.0), carla.Vector3D(0.0, 0.0, 1.0), 500.0) is None
+    assert world.ground_projection(carla.Location(point.x, point.y, point.z + 60.0), 5.0) is None, "too far below"
+
+
+def check_car(world):
+    """Through a car: in at its front, out at its back, both on its box."""
+    blueprint = world.get_blueprint_library().find("vehicle.carlamotors.carlacola")
+    car = next(actor for actor in (world.try_spawn_actor(blueprint, point) for point in world.get_map().get_spawn_points()) if actor)
+    car.apply_control(carla.VehicleControl(hand_brake=True))
+    for _ in range(60):
+        world.tick()
+    transform, box = car.get_transform(), car.bounding_box
+    ahead, height = transform.get_forward_vector(), transform.location + carla.Location(z=0.9)
+    start = height + carla.Location(ahead.x * 12.0, ahead.y * 12.0, ahead.z * 12.0)
+    end = height - carla.Location(ahead.x * 12.0, ahead.y * 12.0, ahead.z * 12.0)
+    hits = [hit for hit in world.cast_ray(start, end) if hit.label in (LABEL.Truck, LABEL.Car)]
+    assert len(hits) >= 2, [(hit.location, hit.label) for hit in world.cast_ray(start, end)]
+    along = [(hit.location - transform.location).dot(ahead) for hit in hits]
+    assert along == sorted(along, reverse=True), "nearest first"
+    assert abs(along[0] - (box.location.x + box.extent.x)) < 0.35, (along[0], box.extent.x)
+    assert abs(along[-1] - (box.location.x - box.extent.x)) < 0.35, (along[-1], box.extent.x)
+    first = world.project_point(start, carla.Vector3D(-ahead.x, -ahead.y, -ahead.z), 24.0)
+    assert first is not None and first.location.distance(hits[0].location) < 1e-3 and first.label == hits[0].label
+    # The car moves, and rays with it.
+    away = carla.Transform(transform.location + carla.Location(z=30.0), transform.rotation)
+    car.set_transform(away)
+    world.tick()
+    assert all(hit.label not in (LABEL.Truck, LABEL.Car) for hit in world.cast_ray(start, end))
+    car.destroy()
+    world.tick()
+
+
+def draw(world):
+    ego = world.get_actors().filter("vehicle.*")[0]
+    transform = ego.get_transform()
+    def place(x, y, z):
+        point = carla.Location(x, y, z)
+        transform.transform(point)
+        return point
+    debug, color = world.debug, carla.Color(255, 0, 255)
+    debug.draw_line(place(8.0, -3.0, 1.6), place(8.0, 3.0, 1.6), 0.5, color)
+    debug.draw_string(place(8.0, 0.0, 3.0), "never seen in pictures", False, color)
+    debug.draw_point(place(8.0, 0.0, 3.0), 0.5, color, 1.0)
+    debug.draw_arrow(place(8.0, -2.0, 0.5), place(8.0, 2.0, 0.5), 0.1, 0.3, color)
+    debug.draw_box(carla.BoundingBox(place(8.0, 0.0, 1.5), carla.Vector3D(0.5, 0.5, 0.5)), transform.rotation, 0.05, color)
+    # Calls without an answer are carried out before one with an answer returns.
+    world.get_weather()
+    world.ground_projection(transform.location, 1.0)
+
+
+def main():
+    client = carla.Client("127.0.0.1", PORT)
+    client.set_timeout(60.0)
+    world = client.get_world()
+    if sys.argv[2:] == ["draw"]:
+        draw(world)
+        print("drawing passed")
+        return
+    settings = world.get_settings()
+    settings.synchronous_mode = True
+    settings.fixed_delta_seconds = 0.05
+    world.apply_settings(settings)
+    world.tick()
+    check_ground(world)
+    print("ground passed")
+    check_car(world)
+    print("car passed")
+
+
+main()

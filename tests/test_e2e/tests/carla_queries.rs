@@ -1,0 +1,72 @@
+//! Rays and debug drawing through the stock CARLA client.
+
+use schema_frames::Command;
+use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::{ask, assert_nothing_left, join_bus, reader, start_daemon, step};
+use test_kit::Sandbox;
+
+const LAUNCH: &str = r#"version = 1
+[scenario]
+map = "Town10HD"
+seed = 7
+tick_hz = 20
+mode = "stepped"
+vehicles = 0
+[sensor.front]
+kind = "camera"
+modalities = ["rgb", "depth", "semantic", "instance"]
+rate_hz = 20
+width_px = 96
+height_px = 64
+mount.position_m = [0.6, 0.0, 1.6]
+"#;
+
+#[test]
+fn rays_meet_roads_and_cars_where_geometry_says() {
+    let sandbox = Sandbox::new("carlarays");
+    let daemon = start_daemon(&sandbox, &LAUNCH.replace("mode = \"stepped\"\n", ""), &[]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    run_script(&sandbox, "carla_queries.py", &[&port.to_string()], &["ground", "car"]);
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
+
+#[test]
+fn drawn_shapes_are_seen_in_colour_and_nowhere_else() {
+    let sandbox = Sandbox::new("carladraw");
+    let daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let mut topics = ["rgb", "depth", "semantic", "instance"].map(|modality| reader(&bus, &format!("ego/front/{modality}")));
+    let mut tick = |client: &mut schema_bus::CommandClient| {
+        step(client, 1);
+        topics.each_mut().map(|topic| topic.latest().unwrap().expect("every tick has a frame").to_vec())
+    };
+    // The car settles first: what differs afterwards is the drawing.
+    for _ in 0..60 {
+        tick(&mut client);
+    }
+    let before = tick(&mut client);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    run_script(&sandbox, "carla_queries.py", &[&port.to_string(), "draw"], &["drawing"]);
+    let magenta = |frame: &[u8]| frame.chunks(4).filter(|pixel| *pixel == [255, 0, 255, 255]).count();
+    let with = tick(&mut client);
+    assert_eq!(magenta(&before[0]), 0);
+    // f is 48 px at 96 px and 90°: the line of 6 m by 0.5 m lies 7.4 m ahead of the camera, 39 by 3 pixels of it.
+    assert!(magenta(&with[0]) > 39 * 3, "{} pixels", magenta(&with[0]));
+    for (modality, (a, b)) in ["depth", "semantic", "instance"].iter().zip(before[1..].iter().zip(&with[1..])) {
+        let differing = a.chunks(4).zip(b.chunks(4)).filter(|(a, b)| a != b).count();
+        assert!(differing < a.len() / 4 / 50, "{differing} elements of {modality} changed");
+    }
+    // The point lived for a second; the rest stays until it is cleared.
+    let mut after = with;
+    for _ in 0..25 {
+        after = tick(&mut client);
+    }
+    assert!(magenta(&after[0]) > 100);
+    assert_eq!(ask(&mut client, Command::ClearDebug), schema_frames::CommandReply::Done);
+    assert_eq!(magenta(&tick(&mut client)[0]), 0);
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+}
