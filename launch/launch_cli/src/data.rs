@@ -27,7 +27,9 @@ pub fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
 pub fn file_in(folder: &Path, name: &str, kind: &str) -> Result<PathBuf, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     if name.is_empty() || name.len() > MAX_NAME || name.starts_with('.') || !name.chars().all(allowed) {
-        return Err(format!("file name {name:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front"));
+        return Err(format!(
+            "file name {name:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front"
+        ));
     }
     let ending = format!(".{kind}");
     Ok(folder.join(if name.ends_with(&ending) { name.to_owned() } else { format!("{name}{ending}") }))

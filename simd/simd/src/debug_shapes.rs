@@ -131,7 +131,8 @@ mod tests {
 
     #[test]
     fn a_box_has_twelve_edges_as_long_as_its_sides_and_an_arrow_four_barbs() {
-        let lengths: Vec<f64> = edges(&Isometry3::translation(5.0, 5.0, 5.0), [1.0, 2.0, 3.0]).iter().map(|[a, b]| (b - a).norm()).collect();
+        let lengths: Vec<f64> =
+            edges(&Isometry3::translation(5.0, 5.0, 5.0), [1.0, 2.0, 3.0]).iter().map(|[a, b]| (b - a).norm()).collect();
         assert_eq!(lengths, [[2.0; 4], [4.0; 4], [6.0; 4]].concat());
         for to in [Point3::new(0.0, 0.0, 4.0), Point3::new(3.0, -2.0, 1.0)] {
             let barbs = barbs(&Point3::origin(), &to, 0.5);

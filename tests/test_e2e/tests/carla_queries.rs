@@ -55,10 +55,13 @@ fn drawn_shapes_are_seen_in_colour_and_nowhere_else() {
     assert_eq!(magenta(&before[0]), 0);
     // f is 48 px at 96 px and 90°: the line of 6 m by 0.5 m lies 7.4 m ahead of the camera, 39 by 3 pixels of it.
     assert!(magenta(&with[0]) > 39 * 3, "{} pixels", magenta(&with[0]));
-    for (modality, (a, b)) in ["depth", "semantic", "instance"].iter().zip(before[1..].iter().zip(&with[1..])) {
-        let differing = a.chunks(4).zip(b.chunks(4)).filter(|(a, b)| a != b).count();
-        assert!(differing < a.len() / 4 / 50, "{differing} elements of {modality} changed");
-    }
+    // A standing car still moves by micrometres, so a few pixels on edges may change; the drawing covers hundreds.
+    let depth = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+    let is_other_depth = |(a, b): &(&[u8], &[u8])| a != b && (depth(a) - depth(b)).abs() > 0.01 * depth(a).min(depth(b));
+    let n_depths = before[1].chunks(4).zip(with[1].chunks(4)).filter(is_other_depth).count();
+    let n_classes = before[2].iter().zip(&with[2]).filter(|(a, b)| a != b).count();
+    let n_instances = before[3].chunks(4).zip(with[3].chunks(4)).filter(|(a, b)| a != b).count();
+    assert!(n_depths.max(n_classes).max(n_instances) < 20, "{n_depths} depths, {n_classes} classes, {n_instances} instances changed");
     // The point lived for a second; the rest stays until it is cleared.
     let mut after = with;
     for _ in 0..25 {

@@ -44,7 +44,8 @@ impl Run {
     /// One tick's header and records.
     fn tick(&mut self) -> (SnapshotHeader, Vec<ActorRecord>) {
         let tick = step(&mut self.client, 1);
-        let snapshot = eventually("the tick's snapshot", || self.snapshots.next().unwrap().filter(|snapshot| snapshot.header().tick == tick));
+        let snapshot =
+            eventually("the tick's snapshot", || self.snapshots.next().unwrap().filter(|snapshot| snapshot.header().tick == tick));
         (*snapshot.header(), snapshot.records().to_vec())
     }
 
@@ -177,13 +178,8 @@ fn sensors_stay_unless_their_vehicle_goes() {
     };
     let high = schema_types::Pose::from_xyz_yaw(0.0, 0.0, 200.0, 0.0).into();
     let on_ego = made(run.ask(sensor(ego)));
-    let late = Command::Spawn {
-        type_id: "vehicle.audi.tt".into(),
-        pose: high,
-        parent_id: None,
-        role: String::new(),
-        attributes: BTreeMap::new(),
-    };
+    let late =
+        Command::Spawn { type_id: "vehicle.audi.tt".into(), pose: high, parent_id: None, role: String::new(), attributes: BTreeMap::new() };
     let car = made(run.ask(late));
     let on_car = made(run.ask(sensor(car)));
     run.ticks(2);
@@ -192,6 +188,8 @@ fn sensors_stay_unless_their_vehicle_goes() {
     let is_there = |id: u32| after.iter().any(|record| record.id == id);
     assert_eq!((is_there(ego), is_there(on_ego), is_there(car), is_there(on_car)), (true, true, false, false));
     let names: Vec<String> = run.bus.topics().unwrap().into_iter().map(|topic| topic.name).collect();
-    assert!(names.iter().any(|name| name.contains(&format!("s{on_ego}/"))) && !names.iter().any(|name| name.contains(&format!("s{on_car}/"))));
+    assert!(
+        names.iter().any(|name| name.contains(&format!("s{on_ego}/"))) && !names.iter().any(|name| name.contains(&format!("s{on_car}/")))
+    );
     run.daemon.stop().expect_code(0);
 }

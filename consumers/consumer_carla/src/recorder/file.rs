@@ -127,8 +127,7 @@ impl Frame {
     }
 
     fn read(fields: &mut Fields<'_>) -> Result<Frame, Wrong> {
-        let mut frame =
-            Frame { tick: fields.uint(u64::MAX)?, elapsed_secs: fields.f64()?, delta_secs: fields.f64()?, ..Frame::default() };
+        let mut frame = Frame { tick: fields.uint(u64::MAX)?, elapsed_secs: fields.f64()?, delta_secs: fields.f64()?, ..Frame::default() };
         for mut born in each(fields, "an actor")? {
             let (id, parent, description) = (born.u32()?, born.u32()?, born.description()?);
             let at = place(&mut born.fields("a place")?)?;

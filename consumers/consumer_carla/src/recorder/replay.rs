@@ -124,7 +124,10 @@ impl Replay {
 
     /// Who comes and who goes.
     fn run_events(&mut self, frame: &Frame, commander: &Commander) {
-        for born in frame.born.iter().filter(|born| is_played(&born.description.type_id) && !self.ids.contains_key(&born.id)) {
+        for born in frame.born.iter().filter(|born| is_played(&born.description.type_id)) {
+            if self.ids.contains_key(&born.id) {
+                continue;
+            }
             if self.settings.ignore_hero && born.description.attribute("role_name") == Some("hero") {
                 continue;
             }

@@ -125,7 +125,7 @@ fn description(known: &Known, id: u32) -> Description {
         Some(blueprints::describe(info, known.entry(&info.type_id).map(|(_, entry)| entry)))
     };
     let nobody = || Description { type_id: "unknown".into(), attributes: Vec::new() };
-    known.own.get(&id).cloned().or_else(listed).unwrap_or_else(nobody)
+    known.own.get(&id).map(|own| own.description.clone()).or_else(listed).unwrap_or_else(nobody)
 }
 
 /// Pairs in contact, smaller id first. Snapshots say of each actor only that it touches something: two that do so side by side touch each

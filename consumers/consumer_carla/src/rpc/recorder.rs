@@ -76,7 +76,8 @@ impl Gateway {
 
     /// CARLA answers with a text about a file that it cannot read, not with an error.
     fn about(&self, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
-        let text = self.recorder.path(name).and_then(|path| Recording::open(&path)).map_or_else(|error| format!("{error}\n"), |it| tell(&it));
+        let text =
+            self.recorder.path(name).and_then(|path| Recording::open(&path)).map_or_else(|error| format!("{error}\n"), |it| tell(&it));
         Ok(Answer::Value(text.into()))
     }
 

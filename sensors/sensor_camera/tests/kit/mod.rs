@@ -41,7 +41,7 @@ pub fn scene(assets: &Arc<SceneAssets>, dynamics: Vec<DynamicInstance>, nanos: u
         assets: assets.clone(),
         dynamics,
         weather: Weather::default(),
-    debug: Vec::new(),
+        debug: Vec::new(),
     }
 }
 

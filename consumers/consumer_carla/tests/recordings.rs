@@ -1,0 +1,104 @@
+//! Recordings survive the disk; broken, foreign and cut-off ones are sentences or end early.
+
+use std::collections::BTreeMap;
+
+use consumer_carla::axes::Transform;
+use consumer_carla::fields::{Attribute, Description};
+use consumer_carla::recorder::file::{Born, Frame, Head, Pedals, Recording};
+use consumer_carla::recorder::report;
+
+fn who(type_id: &str, role: &str) -> Description {
+    let attributes = vec![Attribute { name: "role_name".into(), kind: 4, value: role.into() }];
+    Description { type_id: type_id.into(), attributes }
+}
+
+/// A hero that drives 1 m a tick and hits a parked van at the third of four ticks.
+fn drive() -> Recording {
+    let at = |x: f64| Transform { location_m: [x, -2.0, 0.5], rotation_deg: [0.0, 90.0, 0.0] };
+    let frames = (0..4u32).map(|idx| Frame {
+        tick: 100 + u64::from(idx),
+        elapsed_secs: 0.5 * f64::from(idx),
+        delta_secs: 0.5,
+        born: if idx == 0 {
+            vec![
+                Born { id: 7, parent: 0, description: who("vehicle.tesla.model3", "hero"), at: at(0.0) },
+                Born { id: 8, parent: 0, description: who("vehicle.volkswagen.t2", ""), at: at(9.0) },
+            ]
+        } else {
+            Vec::new()
+        },
+        gone: if idx == 3 { vec![8] } else { Vec::new() },
+        poses: BTreeMap::from([(7, at(f64::from(idx))), (8, at(9.0))]),
+        pedals: BTreeMap::from([(7, Pedals { steer: -0.25, throttle: 0.5, brake: 0.0, hand_brake: false, gear: 2 })]),
+        lights: BTreeMap::from([(3, (1, true))]),
+        collisions: if idx == 2 { vec![(7, 8), (7, 0)] } else { Vec::new() },
+    });
+    Recording { head: Head { map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
+}
+
+fn bytes(recording: &Recording) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    recording.head.write(&mut bytes);
+    recording.frames.iter().for_each(|frame| frame.write(&mut bytes));
+    bytes
+}
+
+#[test]
+fn recordings_read_as_they_were_written() {
+    let recording = drive();
+    assert_eq!(Recording::read(&mut bytes(&recording).as_slice()).unwrap(), recording);
+}
+
+#[test]
+fn cut_off_recordings_end_with_their_last_whole_frame() {
+    let recording = drive();
+    let whole = bytes(&recording);
+    let without_last = Recording { frames: recording.frames[..3].to_vec(), ..recording };
+    for cut in [1, 20] {
+        assert_eq!(Recording::read(&mut &whole[..whole.len() - cut]).unwrap(), without_last);
+    }
+}
+
+#[test]
+fn foreign_and_broken_recordings_are_sentences() {
+    let error = |bytes: &[u8]| Recording::read(&mut &bytes[..]).unwrap_err();
+    assert!(error(b"").contains("not a recording"));
+    assert!(error(b"\x01\x00\x0eCARLA_RECORDER").contains("not a recording"));
+    let whole = bytes(&drive());
+    assert!(error(&whole[..50]).contains("no frame") || error(&whole[..50]).contains("not a recording"));
+    let mut backwards = drive();
+    backwards.frames.swap(1, 2);
+    assert!(error(&bytes(&backwards)).contains("order of time"));
+    // Seeded damage: a recording or a sentence, never a panic.
+    let mut rng = fastrand::Rng::with_seed(3);
+    for _ in 0..20_000 {
+        let mut broken = whole.clone();
+        for _ in 0..rng.usize(1..5) {
+            let at = rng.usize(0..broken.len());
+            broken[at] = rng.u8(..);
+        }
+        if let Ok(read) = Recording::read(&mut broken.as_slice()) {
+            for text in [report::info(&read, true), report::collisions(&read, 'a', 'a'), report::blocked(&read, 0.1, 10.0)] {
+                assert!(text.starts_with("Version: "));
+            }
+        }
+    }
+}
+
+#[test]
+fn texts_read_like_carlas() {
+    let recording = drive();
+    let info = report::info(&recording, false);
+    assert!(info.starts_with("Version: 1\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0.000 seconds\n"), "{info}");
+    assert!(info.contains(" Create 7: vehicle.tesla.model3 at (0.00, -2.00, 0.50)\n  role_name = hero\n"));
+    assert!(info.contains("Frame 4 at 1.500 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
+    assert!(info.ends_with("\nFrames: 4\nDuration: 1.500 seconds\n"));
+    let row = |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
+    let hit = report::collisions(&recording, 'v', 'h');
+    let words: Vec<String> = row(hit, 8).unwrap().split_whitespace().map(str::to_owned).collect();
+    assert_eq!(words, ["1.00", "v", "h", "8", "vehicle.volkswagen.t2", "7", "vehicle.tesla.model3"]);
+    assert_eq!(row(report::collisions(&recording, 'w', 'a'), 7), None);
+    // The van stood for the whole 1.5 s, the hero never for half a second.
+    let blocked = report::blocked(&recording, 1.0, 10.0);
+    assert!(row(blocked.clone(), 8).unwrap().trim_end().ends_with("1.50") && row(blocked, 7).is_none());
+}
