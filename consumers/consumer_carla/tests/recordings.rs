@@ -93,7 +93,8 @@ fn texts_read_like_carlas() {
     assert!(info.contains(" Create 7: vehicle.tesla.model3 at (0.00, -2.00, 0.50)\n  role_name = hero\n"));
     assert!(info.contains("Frame 4 at 1.500 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
     assert!(info.ends_with("\nFrames: 4\nDuration: 1.500 seconds\n"));
-    let row = |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
+    let row =
+        |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
     let hit = report::collisions(&recording, 'v', 'h');
     let words: Vec<String> = row(hit, 8).unwrap().split_whitespace().map(str::to_owned).collect();
     assert_eq!(words, ["1.00", "v", "h", "8", "vehicle.volkswagen.t2", "7", "vehicle.tesla.model3"]);

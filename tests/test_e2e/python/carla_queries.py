@@ -8,6 +8,7 @@ Prints "NAME passed" per theme; the first thing that is not as it should be ends
 
 import faulthandler
 import sys
+import time
 
 import carla
 
@@ -64,6 +65,9 @@ def check_car(world):
 
 
 def draw(world):
+    deadline = time.monotonic() + 20.0
+    while not world.get_actors().filter("vehicle.*") and time.monotonic() < deadline:
+        time.sleep(0.02)
     ego = world.get_actors().filter("vehicle.*")[0]
     transform = ego.get_transform()
     def place(x, y, z):

@@ -167,6 +167,7 @@ fn sensors_stay_unless_their_vehicle_goes() {
             type_id: "sensor.other.imu".into(),
             pose,
             parent_id: Some(parent_id),
+            attachment: Default::default(),
             interval_nanos: 0,
             spec,
             attributes: BTreeMap::new(),

@@ -101,9 +101,15 @@ impl Recorder {
         lock(&self.state).settings
     }
 
-    /// Takes the place of a replay that runs.
-    pub fn play(&self, replay: Replay, commander: &Commander) {
-        let before = lock(&self.state).replay.replace(replay);
+    /// Takes the place of a replay that runs. What the next tick shows is its first moment.
+    pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
+        let mut state = lock(&self.state);
+        let snapshot = world.known().snapshot.clone();
+        if let Some(snapshot) = snapshot {
+            replay.step(&snapshot, commander);
+        }
+        let before = state.replay.replace(replay);
+        drop(state);
         if let Some(before) = before {
             before.end(commander, true);
         }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use consumer_kit::WorldAt;
 use schema_frames::document::PoseText;
 use schema_frames::{Command, CommandReply, LightState, VehicleControl, VehicleControlRecord};
+use schema_types::Pose;
 
 use super::Settings;
 use super::file::{Frame, Recording};
@@ -30,7 +31,7 @@ pub struct Wish {
     pub duration_secs: f64,
     /// Recorded id of the actor that the spectator follows; 0 is nobody.
     pub follow: u32,
-    /// Where the recording's origin is put.
+    /// Where the spectator is on the actor that it follows.
     pub offset: Transform,
 }
 
@@ -159,7 +160,7 @@ impl Replay {
         let place = |id: &u32| {
             let now = frame.poses.get(id)?;
             let then = next.and_then(|next| next.poses.get(id)).unwrap_or(now);
-            Some(self.moved(&between(now, then, share)))
+            Some(axes::pose(&between(now, then, share)))
         };
         let mut controls = Vec::new();
         for (id, now) in &self.ids {
@@ -167,7 +168,7 @@ impl Replay {
             if !self.made.contains(now) && snapshot.actor(*now).is_some() {
                 simulate(*now, false, commander);
             }
-            commander.tell(Command::SetPose { actor_id: *now, pose });
+            commander.tell(Command::SetPose { actor_id: *now, pose: pose.into() });
             if let Some(pedals) = frame.pedals.get(id) {
                 let control = VehicleControl {
                     throttle_ratio: pedals.throttle,
@@ -184,8 +185,9 @@ impl Replay {
         if !controls.is_empty() {
             commander.control(controls);
         }
-        let watched = Some(self.wish.follow).filter(|id| *id != 0).or(self.recorded_spectator.filter(|_| !self.settings.ignore_spectator));
-        if let (Some(spectator), Some(pose)) = (self.spectator, watched.and_then(|id| place(&id))) {
+        let followed = Some(self.wish.follow).filter(|id| *id != 0).and_then(|id| place(&id)).map(|pose| self.beside(&pose));
+        let recorded = || self.recorded_spectator.filter(|_| !self.settings.ignore_spectator).and_then(|id| place(&id)).map(PoseText::from);
+        if let (Some(spectator), Some(pose)) = (self.spectator, followed.or_else(recorded)) {
             commander.tell(Command::SetPose { actor_id: spectator, pose });
         }
     }
@@ -205,10 +207,9 @@ impl Replay {
         }
     }
 
-    /// A recorded place with the wish's offset.
-    fn moved(&self, at: &Transform) -> PoseText {
-        let pose = axes::pose(&self.wish.offset).isometry() * axes::pose(at).isometry();
-        schema_types::Pose::from(pose).into()
+    /// Where the spectator is beside the actor that it follows.
+    fn beside(&self, followed: &Pose) -> PoseText {
+        Pose::from(followed.isometry() * axes::pose(&self.wish.offset).isometry()).into()
     }
 
     /// Gives everyone back to the engine, or takes the replay's own actors away.

@@ -102,7 +102,7 @@ impl Gateway {
         }
         let wish = Wish { start_secs, duration_secs, follow, offset };
         let (replay, text) = Replay::begin(recording, wish, self.recorder.settings(), &self.world.known());
-        self.recorder.play(replay, &self.commander);
+        self.recorder.play(replay, &self.world, &self.commander);
         Ok(Answer::Value(format!("{opening}{text}").into()))
     }
 }
