@@ -45,6 +45,8 @@ pub struct Scenario {
     pub walkers: u32,
     /// Weather at the start.
     pub weather: Weather,
+    /// Whether weather acts on lidar (rain, fog and dust take its light); CARLA's is only seen.
+    pub weather_effects: bool,
 }
 
 impl Default for Scenario {
@@ -57,6 +59,7 @@ impl Default for Scenario {
             vehicles: 0,
             walkers: 0,
             weather: Weather::default(),
+            weather_effects: false,
         }
     }
 }

@@ -126,6 +126,10 @@ fn check_scenario(scenario: &Scenario, file: &Table, errors: &mut Errors) {
         ("sun_altitude_deg", weather.sun_altitude_deg, (-90.0, 90.0)),
         ("fog_distance_m", weather.fog_distance_m, (0.0, 10_000.0)),
         ("fog_falloff", weather.fog_falloff, (0.0, 10.0)),
+        ("scattering_intensity", weather.scattering_intensity, (0.0, 1000.0)),
+        ("mie_scattering_scale", weather.mie_scattering_scale, (0.0, 5.0)),
+        ("rayleigh_scattering_scale", weather.rayleigh_scattering_scale, (0.0, 2.0)),
+        ("dust_storm", weather.dust_storm, percent),
     ] {
         range(&format!("weather.{key}"), value.into(), allowed);
     }

@@ -148,6 +148,8 @@ pub struct Scene {
     pub dynamics: Vec<DynamicInstance>,
     /// Weather.
     pub weather: Weather,
+    /// Loss of lidar light in the air, 1/m; 0 unless weather is to act on sensors.
+    pub lidar_extinction_per_m: f64,
     /// What is drawn into colour pictures for debugging.
     pub debug: Vec<DebugStroke>,
 }

@@ -54,6 +54,8 @@ enum Rows {
 #[derive(Debug)]
 pub struct Lidar {
     spec: LidarSpec,
+    /// The specification's own, without weather.
+    clear_attenuation_per_m: f64,
     /// Cosine and sine of each channel's elevation.
     elevations: Vec<(f64, f64)>,
     /// Cosine and sine of each column's azimuth.
@@ -77,12 +79,18 @@ impl Lidar {
                 true => Rows::Semantic(Vec::new()),
             },
             n_returns: vec![0; spec.channels as usize],
+            clear_attenuation_per_m: spec.attenuation_per_m,
             spec,
         };
         if lidar.spec.scan == LidarScan::Turn {
             lidar.set_azimuths((0..lidar.spec.columns).map(|column| azimuth_rad(&lidar.spec, column)).collect());
         }
         lidar
+    }
+
+    /// What the air takes of the light, 1/m, on its way there and again on its way back; added to the specification's own attenuation.
+    pub fn set_extinction(&mut self, extinction_per_m: f64) {
+        self.spec.attenuation_per_m = self.clear_attenuation_per_m + 2.0 * extinction_per_m;
     }
 
     /// Turns the head as far as it gets in a tick of `tick_nanos`. Call it at every firing, read or not.

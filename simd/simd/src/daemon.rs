@@ -188,7 +188,8 @@ impl Daemon {
     }
 
     pub(crate) fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {
-        let flags = self.show_scenery()?;
+        let restored = if std::mem::take(&mut self.checkpoints.just_restored) { SnapshotHeader::RESTORED } else { 0 };
+        let flags = self.show_scenery()? | restored;
         let header = SnapshotHeader {
             flags,
             tick: self.tick.0,
@@ -197,7 +198,6 @@ impl Daemon {
             period_nanos: self.clock.period_nanos(),
             episode: self.episode.stamp.episode,
             actors_revision: self.ports.documents.actors_revision(&self.world),
-            flags: if std::mem::take(&mut self.checkpoints.just_restored) { SnapshotHeader::RESTORED } else { 0 },
             epoch: self.episode.stamp.epoch,
             ..bytemuck::Zeroable::zeroed()
         };
@@ -238,6 +238,7 @@ impl Daemon {
             assets: self.episode.assets.clone(),
             dynamics,
             weather: *self.world.weather(),
+            lidar_extinction_per_m: self.world.lidar_extinction_per_m(),
             debug: Vec::new(),
         }
     }

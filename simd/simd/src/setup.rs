@@ -136,6 +136,7 @@ pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, 
     world.load(&map_data)?;
     world.register_meshes(&mut assets);
     world.set_weather(launch.scenario.weather).map_err(wrong_usage)?;
+    world.set_weather_effects(launch.scenario.weather_effects);
     let scenario = world.spawn_scenario(
         &launch.ego.type_id,
         launch.ego.spawn_point as usize % map_data.spawn_points.len().max(1),

@@ -41,6 +41,7 @@ pub fn scene(assets: &Arc<SceneAssets>, dynamics: Vec<DynamicInstance>, nanos: u
         assets: assets.clone(),
         dynamics,
         weather: Weather::default(),
+        lidar_extinction_per_m: 0.0,
         debug: Vec::new(),
     }
 }

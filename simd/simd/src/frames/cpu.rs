@@ -123,6 +123,7 @@ impl Shot<'_> {
         let Some(mut loan) = topic.loan_if_read(read_everything) else { return false };
         let path =
             SensorPath { world_from_sensor_start: start.unwrap_or(self.world_from_sensor), world_from_sensor: self.world_from_sensor };
+        lidar.set_extinction(self.scene.lidar_extinction_per_m);
         header.set_list(lidar.scan(rays.current(), &path, self.noise, None));
         lidar.write(loan.payload_mut());
         header.range_limit_m = lidar.spec().range_m as f32;
