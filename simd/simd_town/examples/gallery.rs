@@ -108,7 +108,16 @@ impl Studio {
         }
         let assets = Arc::new(town.assets.clone());
         let (tick, sim_time) = (Tick(1), SimTime(50_000_000));
-        let scene = Scene { tick, sim_time, period_nanos: 50_000_000, assets, dynamics, weather: Weather::default() };
+        let scene = Scene {
+            tick,
+            sim_time,
+            period_nanos: 50_000_000,
+            assets,
+            dynamics,
+            weather: Weather::default(),
+            lidar_extinction_per_m: 0.0,
+            debug: Vec::new(),
+        };
         Ok(Studio { gpu, renderer, view, town, scene })
     }
 

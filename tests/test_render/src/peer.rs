@@ -37,6 +37,8 @@ pub fn scene(path: &std::path::Path) -> Result<Arc<Scene>, String> {
         assets: Arc::new(assets),
         dynamics: Vec::new(),
         weather: Weather::default(),
+        lidar_extinction_per_m: 0.0,
+        debug: Vec::new(),
     }))
 }
 

@@ -75,6 +75,8 @@ impl Stage {
             assets: self.assets.clone(),
             dynamics,
             weather,
+            lidar_extinction_per_m: 0.0,
+            debug: Vec::new(),
         }
     }
 
