@@ -1,4 +1,5 @@
-//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`), examines the machine (`doctor`).
+//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`), examines the machine (`doctor`) and
+//! maps (`map`).
 //!
 //! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
 //! Nothing here touches the world: it reads topics like any consumer, and asks nothing of the daemon but to start and to end.
@@ -7,6 +8,7 @@ mod bus;
 mod cli;
 mod doctor;
 mod external;
+mod map;
 mod programs;
 mod topic;
 mod up;
@@ -25,6 +27,10 @@ fn main() -> ExitCode {
         Word::Doctor(doctor) => {
             args.common.init_logging();
             doctor::run(doctor, &args.common)
+        }
+        Word::Map(map) => {
+            args.common.init_logging();
+            map::run(map, &args.common)
         }
         Word::External(words) => external::run(words, &args.common),
     })

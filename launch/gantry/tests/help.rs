@@ -15,7 +15,7 @@ fn help_of(words: &[&str]) -> String {
 
 #[test]
 fn help_texts_are_those_that_were_reviewed() {
-    let cases: [(&str, &[&str]); 8] = [
+    let cases: [(&str, &[&str]); 11] = [
         ("gantry", &["--help"]),
         ("gantry_up", &["up", "--help"]),
         ("gantry_topic", &["topic", "--help"]),
@@ -24,6 +24,9 @@ fn help_texts_are_those_that_were_reviewed() {
         ("gantry_topic_delay", &["topic", "delay", "--help"]),
         ("gantry_topic_echo", &["topic", "echo", "--help"]),
         ("gantry_doctor", &["doctor", "--help"]),
+        ("gantry_map", &["map", "--help"]),
+        ("gantry_map_check", &["map", "check", "--help"]),
+        ("gantry_map_export", &["map", "export", "--help"]),
     ];
     let mut wrong = Vec::new();
     for (name, words) in cases {

@@ -31,7 +31,7 @@ pub struct Launch {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scenario {
-    /// Map name (`Town10HD`) or path of an `.xodr` file.
+    /// Town (`Town10HD`), name of an `.xodr` file in the map folder, or path of one.
     pub map: String,
     /// Seed of everything random; 0 to 2⁶³ − 1.
     pub seed: u64,

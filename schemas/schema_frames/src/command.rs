@@ -211,9 +211,13 @@ pub enum Command {
     },
     /// Removes every debug shape.
     ClearDebug,
+    /// Answers with the names of all maps that can be loaded.
+    ListMaps,
+    /// Takes an OpenDRIVE text that `load_map` then finds under its name; kept until the daemon ends.
+    StoreMap(StoredMap),
     /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and rigs are made anew.
     LoadMap {
-        /// Map name or path.
+        /// Name of a town, of a file in the map folder or of a stored map, or the path of an `.xodr` file.
         map: String,
     },
     /// Joins the lockstep gate.
@@ -266,6 +270,53 @@ pub enum CheckpointPlace {
     File(String),
 }
 
+/// An OpenDRIVE text and how to build a world from it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StoredMap {
+    /// Name for `load_map`: letters, digits, `-`, `_` and `.`.
+    pub name: String,
+    /// The text.
+    pub open_drive: String,
+    /// Longest distance between two rows of the road surface, metres.
+    #[serde(default = "default_vertex_distance_m")]
+    pub vertex_distance_m: f64,
+    /// Height of walls along the outer edges of roads, metres; 0 for none.
+    #[serde(default)]
+    pub wall_height_m: f64,
+    /// Metres by which lanes in junctions are wider.
+    #[serde(default)]
+    pub junction_extra_m: f64,
+    /// Whether anything of it can be seen.
+    #[serde(default = "yes")]
+    pub visible: bool,
+    /// Whether houses, trees and lamps stand beside the roads.
+    #[serde(default = "yes")]
+    pub roadside: bool,
+}
+
+impl Default for StoredMap {
+    fn default() -> Self {
+        StoredMap {
+            name: String::new(),
+            open_drive: String::new(),
+            vertex_distance_m: default_vertex_distance_m(),
+            wall_height_m: 0.0,
+            junction_extra_m: 0.0,
+            visible: true,
+            roadside: true,
+        }
+    }
+}
+
+fn default_vertex_distance_m() -> f64 {
+    6.0
+}
+
+fn yes() -> bool {
+    true
+}
+
 /// A request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -312,6 +363,11 @@ pub enum CommandReply {
         participant: u32,
         /// First tick to acknowledge.
         first_tick: u64,
+    },
+    /// Answer to `list_maps`.
+    Maps {
+        /// Towns, then files of the map folder, then stored maps.
+        names: Vec<String>,
     },
     /// Answer to `counters`.
     Counters {

@@ -152,6 +152,11 @@ impl ParamCurve {
         ParamCurve::new(u, v, parameter_end, length_m)
     }
 
+    /// Metres by which the curve is longer than its record states.
+    pub fn excess_m(&self, stated_m: f64) -> f64 {
+        self.arc_m.last().copied().unwrap_or(0.0) - stated_m
+    }
+
     fn speed(&self, p: f64) -> f64 {
         poly(&self.u, p).1.hypot(poly(&self.v, p).1)
     }

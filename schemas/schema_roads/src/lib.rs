@@ -2,7 +2,7 @@
 //!
 //! [`RoadMap::parse`] reads a text; everything else is a query. Positions are f64, evaluated from the curves' definitions.
 //! World space is OpenDRIVE's inertial space (x east, y north, z up), which is also the simulator's.
-//! Superelevation is applied; lateral shape, crossfall and lane height are not.
+//! Superelevation, lateral shape, crossfall and the height of lanes are part of every position.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -11,24 +11,42 @@ mod curve;
 mod graph;
 mod index;
 mod lane;
+mod lateral;
 mod map;
 mod marks;
+mod objects;
 mod parse;
 mod profile;
 mod query;
 mod raw;
 mod road;
 mod signals;
+mod surface;
 pub mod walkable;
 
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
 pub use map::RoadMap;
-pub use marks::{MarkColour, MarkKind, MarkLine};
+pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
+pub use objects::RoadObject;
+pub use parse::xml::MAX_TEXT_BYTES;
 pub use signals::{Controller, Crosswalk, Signal, SignalKind, SignalStop};
+pub use surface::{JunctionInfo, JunctionKind, LaneSurface, RoadInfo, SectionSurface, SurfaceMark, SurfaceSteps};
+
+/// How much is lost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// The map is what its maker meant, or as good as.
+    #[default]
+    Warning,
+    /// Something that a map needs is missing or cannot be used: the file is broken there.
+    Error,
+}
 
 /// Something in a map that was left out or read in a certain way.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
+    /// How much is lost.
+    pub severity: Severity,
     /// Line in the text, from 1.
     pub line: Option<u32>,
     /// Column in the text, from 1.

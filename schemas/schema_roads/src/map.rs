@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use crate::graph;
 use crate::index::{Chord, Grid};
 use crate::lane::{Lane, LaneKey};
+use crate::objects::{self, RoadObject};
 use crate::raw::RawMap;
 use crate::signals::{self, Controller, Crosswalk, Signal, SignalStop};
 use crate::{MapError, Warning, parse};
@@ -28,6 +29,7 @@ pub struct RoadMap {
     signals: Vec<Signal>,
     controllers: Vec<Controller>,
     crosswalks: Vec<Crosswalk>,
+    objects: Vec<RoadObject>,
     signal_stops: HashMap<LaneKey, Vec<(u32, SignalStop)>>,
 }
 
@@ -43,6 +45,7 @@ impl RoadMap {
         let signals = signals::signals(&raw, &lanes);
         let controllers = signals::controllers(&raw, &signals);
         let crosswalks = raw.crosswalks.iter().map(|walk| signals::crosswalk(&raw, walk)).collect();
+        let objects = raw.objects.iter().map(|object| objects::object(&raw, object)).collect();
         let mut signal_stops: HashMap<LaneKey, Vec<(u32, SignalStop)>> = HashMap::new();
         for (idx, signal) in signals.iter().enumerate() {
             for stop in &signal.stops {
@@ -50,7 +53,7 @@ impl RoadMap {
             }
         }
         let grid = Grid::new(Vec::new());
-        let mut map = RoadMap { raw, lanes, grid, chord_reach_m: 0.0, signals, controllers, crosswalks, signal_stops };
+        let mut map = RoadMap { raw, lanes, grid, chord_reach_m: 0.0, signals, controllers, crosswalks, objects, signal_stops };
         map.build_index();
         Ok(map)
     }
@@ -125,6 +128,11 @@ impl RoadMap {
     /// Crosswalks.
     pub fn crosswalks(&self) -> &[Crosswalk] {
         &self.crosswalks
+    }
+
+    /// Objects other than crosswalks; a repeated one once per repetition.
+    pub fn objects(&self) -> &[RoadObject] {
+        &self.objects
     }
 
     /// Latitude and longitude of the world's origin, degrees; 42° and 2° if the file states none.

@@ -81,13 +81,32 @@ impl MarkColour {
     }
 }
 
-/// A mark on a lane's outer edge from `s_offset_m` after the section's start.
+/// One painted line of a mark.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MarkStripe {
+    /// Length of a dash, metres; 0 for a continuous line.
+    pub length_m: f64,
+    /// Gap between dashes, metres.
+    pub space_m: f64,
+    /// Where the first dash begins after the mark's start, metres.
+    pub s_offset_m: f64,
+    /// Distance of the line's middle from the lane's edge, metres, positive to the left.
+    pub t_offset_m: f64,
+    /// Width, metres.
+    pub width_m: f64,
+    /// Colour.
+    pub colour: MarkColour,
+}
+
+/// A mark on a lane's outer edge from `s_offset_m` after the section's start.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct MarkRecord {
     pub s_offset_m: f64,
     pub kind: MarkKind,
     pub colour: MarkColour,
     pub width_m: f64,
+    /// Lines that the file describes one by one.
+    pub lines: Vec<MarkStripe>,
     /// Whether a change to the lane with the greater id is allowed.
     pub to_greater: bool,
     /// Whether a change to the lane with the smaller id is allowed.

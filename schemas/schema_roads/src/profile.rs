@@ -18,8 +18,18 @@ impl Profile {
         Profile(cubics)
     }
 
+    /// Whether it is 0 everywhere.
+    pub fn is_zero(&self) -> bool {
+        self.0.iter().all(|c| c.coefficients == [0.0; 4])
+    }
+
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Stations at which a record begins.
+    pub fn starts(&self) -> impl Iterator<Item = f64> + '_ {
+        self.0.iter().map(|c| c.s_m)
     }
 
     /// Value and slope at `s`; before the first start that record goes on backwards; without records 0.

@@ -25,7 +25,7 @@ impl RoadMap {
         (road, &road.sections[lane.key.section as usize])
     }
 
-    fn at(&self, lane: &Lane, s_m: f64) -> (Station, Edges) {
+    fn at(&self, lane: &Lane, s_m: f64) -> (Station<'_>, Edges) {
         let (road, section) = self.place(lane);
         let station_m = lane.station_m(s_m);
         (road.station(station_m), road.edges(section, lane.key.lane, station_m))
@@ -33,14 +33,26 @@ impl RoadMap {
 
     pub(crate) fn middle_point(&self, lane: &Lane, s_m: f64) -> [f64; 3] {
         let (station, edges) = self.at(lane, s_m);
-        station.point(station.lane_offset_m + edges.middle().0)
+        let middle = edges.middle().0;
+        station.point(station.lane_offset_m + middle, self.lift(lane, &station, &edges, middle).0)
+    }
+
+    /// Height of a lane over its road at `t_m` before the lane offset, and its slope to the left.
+    fn lift(&self, lane: &Lane, station: &Station<'_>, edges: &Edges, t_m: f64) -> (f64, f64) {
+        let (_, section) = self.place(lane);
+        match section.lane(lane.key.lane) {
+            Some(raw) if !raw.heights.is_empty() => edges.lift(raw, station.s_m - section.start_m, t_m),
+            _ => (0.0, 0.0),
+        }
     }
 
     fn lane_pose(&self, lane: &Lane, s_m: f64, offset_m: f64) -> (Isometry3<f64>, f64) {
         let (station, edges) = self.at(lane, s_m);
         let (middle, slope) = edges.middle();
-        let t_m = station.lane_offset_m + middle + if lane.forward { offset_m } else { -offset_m };
-        let mut frame = station.frame(t_m, station.lane_offset_slope + slope);
+        let t_m = middle + if lane.forward { offset_m } else { -offset_m };
+        let lift = self.lift(lane, &station, &edges, t_m);
+        let t_m = station.lane_offset_m + t_m;
+        let mut frame = station.frame(t_m, station.lane_offset_slope + slope, lift);
         if !lane.forward {
             frame.rotation *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
         }
@@ -195,7 +207,8 @@ impl RoadMap {
             let (station, edges) = self.at(lane, s);
             let (low, high) = (edges.inner_m.min(edges.outer_m), edges.inner_m.max(edges.outer_m));
             let (left, right) = if lane.forward { (high, low) } else { (low, high) };
-            (station.point(station.lane_offset_m + left), station.point(station.lane_offset_m + right))
+            let point = |t_m: f64| station.point(station.lane_offset_m + t_m, self.lift(lane, &station, &edges, t_m).0);
+            (point(left), point(right))
         };
         stations(0.0, lane.length_m, step_m).map(edge_points).unzip()
     }
@@ -232,7 +245,7 @@ impl RoadMap {
             let point = |s: f64| {
                 let station = road.station(s);
                 let edge = lane.map_or(0.0, |id| road.edges(section, id, s).outer_m);
-                station.point(station.lane_offset_m + edge)
+                station.point(station.lane_offset_m + edge, 0.0)
             };
             let points = stations(from, to, step_m).map(point).collect();
             lines.push(MarkLine {

@@ -1,9 +1,10 @@
 //! What an OpenDRIVE text says, before links are resolved.
 
 use crate::curve::Geometry;
+use crate::lateral::{LaneHeight, Lateral};
 use crate::marks::MarkRecord;
 use crate::profile::Profile;
-use crate::{LaneKind, Warning};
+use crate::{JunctionKind, LaneKind, Warning};
 
 /// Which end of a road or section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -39,6 +40,8 @@ pub(crate) struct RawLane {
     pub successors: Vec<i8>,
     /// (sOffset, m/s or no limit).
     pub speeds: Vec<(f64, Option<f64>)>,
+    /// Height over the road, by rising sOffset.
+    pub heights: Vec<LaneHeight>,
     /// Marks on the outer edge, by rising sOffset.
     pub marks: Vec<MarkRecord>,
 }
@@ -68,6 +71,7 @@ pub(crate) struct Road {
     pub plan: Vec<Geometry>,
     pub elevation: Profile,
     pub superelevation: Profile,
+    pub lateral: Lateral,
     pub lane_offset: Profile,
     pub sections: Vec<Section>,
     /// (s, m/s or no limit) by road type.
@@ -88,6 +92,7 @@ pub(crate) struct Connection {
 pub(crate) struct Junction {
     pub id: String,
     pub number: u32,
+    pub kind: JunctionKind,
     pub connections: Vec<Connection>,
     /// Controller ids and their place in the junction's sequence.
     pub controllers: Vec<(String, u32)>,
@@ -135,8 +140,8 @@ pub(crate) struct RawController {
 /// Corner of an object's outline.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Corner {
-    Road { s_m: f64, t_m: f64, dz_m: f64 },
-    Local { u_m: f64, v_m: f64, z_m: f64 },
+    Road { s_m: f64, t_m: f64, dz_m: f64, height_m: f64 },
+    Local { u_m: f64, v_m: f64, z_m: f64, height_m: f64 },
 }
 
 /// A crosswalk object.
@@ -151,10 +156,29 @@ pub(crate) struct RawCrosswalk {
     pub corners: Vec<Corner>,
 }
 
+/// Any other object.
+#[derive(Clone, Debug)]
+pub(crate) struct RawObject {
+    pub id: String,
+    pub name: String,
+    pub kind: String,
+    pub road: usize,
+    pub s_m: f64,
+    pub t_m: f64,
+    pub z_offset_m: f64,
+    pub heading_rad: f64,
+    pub length_m: f64,
+    pub width_m: f64,
+    pub height_m: f64,
+    pub radius_m: f64,
+    pub corners: Vec<Corner>,
+}
+
 /// The whole text.
 #[derive(Clone, Debug)]
 pub(crate) struct RawMap {
     pub name: String,
+    pub revision: Option<(u32, u32)>,
     pub geo_reference: Option<(f64, f64)>,
     pub roads: Vec<Road>,
     pub junctions: Vec<Junction>,
@@ -163,5 +187,6 @@ pub(crate) struct RawMap {
     pub references: Vec<(String, Placement)>,
     pub controllers: Vec<RawController>,
     pub crosswalks: Vec<RawCrosswalk>,
+    pub objects: Vec<RawObject>,
     pub warnings: Vec<Warning>,
 }

@@ -3,16 +3,21 @@
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::curve::PlanPoint;
+use crate::lateral::{Lateral, lane_height};
 use crate::raw::{Extent, RawLane, Road, Section};
 
 /// The reference line at one station.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Station {
+pub(crate) struct Station<'r> {
+    pub s_m: f64,
     pub plan: PlanPoint,
     pub z_m: f64,
     pub grade: f64,
     /// Superelevation; positive lifts the left side.
     pub roll_rad: f64,
+    /// Change of that per metre of station.
+    pub roll_rate: f64,
+    lateral: &'r Lateral,
     pub lane_offset_m: f64,
     pub lane_offset_slope: f64,
 }
@@ -49,16 +54,20 @@ impl Section {
 
 impl Road {
     /// The reference line at `s_m`; beyond the ends its geometry goes on.
-    pub fn station(&self, s_m: f64) -> Station {
+    pub fn station(&self, s_m: f64) -> Station<'_> {
         let after = self.plan.partition_point(|g| g.s_m <= s_m);
         let geometry = &self.plan[after.saturating_sub(1)];
         let (z_m, grade) = self.elevation.at(s_m);
         let (lane_offset_m, lane_offset_slope) = self.lane_offset.at(s_m);
+        let (roll_rad, roll_rate) = self.superelevation.at(s_m);
         Station {
+            s_m,
             plan: geometry.at(s_m - geometry.s_m),
             z_m,
             grade,
-            roll_rad: self.superelevation.at(s_m).0,
+            roll_rad,
+            roll_rate,
+            lateral: &self.lateral,
             lane_offset_m,
             lane_offset_slope,
         }
@@ -95,13 +104,27 @@ impl Road {
     }
 }
 
-impl Station {
-    /// World point `t_m` to the left of the reference line (lane offset not included).
-    pub fn point(&self, t_m: f64) -> [f64; 3] {
+impl Edges {
+    /// How far a lane lies over the road at `t_m` from the reference line (lane offset not included), and the slope to the left.
+    pub fn lift(&self, lane: &RawLane, ds_m: f64, t_m: f64) -> (f64, f64) {
+        let (inner, outer) = lane_height(&lane.heights, ds_m);
+        let across = self.outer_m - self.inner_m;
+        if across.abs() < 1e-6 {
+            return (0.5 * (inner + outer), 0.0);
+        }
+        let share = ((t_m - self.inner_m) / across).clamp(0.0, 1.0);
+        (inner + share * (outer - inner), (outer - inner) / across)
+    }
+}
+
+impl Station<'_> {
+    /// World point `t_m` to the left of the reference line (lane offset not included) and `lift_m` off the surface.
+    pub fn point(&self, t_m: f64, lift_m: f64) -> [f64; 3] {
         let (sin, cos) = self.plan.heading_rad.sin_cos();
         let (roll_sin, roll_cos) = self.roll_rad.sin_cos();
-        let flat = t_m * roll_cos;
-        [self.plan.x_m - sin * flat, self.plan.y_m + cos * flat, self.z_m + t_m * roll_sin]
+        let height = self.lateral.at(self.s_m, t_m).0 + lift_m;
+        let flat = t_m * roll_cos - height * roll_sin;
+        [self.plan.x_m - sin * flat, self.plan.y_m + cos * flat, self.z_m + t_m * roll_sin + height * roll_cos]
     }
 
     /// Metres walked at offset `t_m` per metre of station.
@@ -110,16 +133,29 @@ impl Station {
     }
 
     /// Frame at offset `t_m` of a line that drifts by `t_slope` per metre: x along rising s, y left, z off the surface.
-    pub fn frame(&self, t_m: f64, t_slope: f64) -> Isometry3<f64> {
+    /// `lift` is the lane's height over the road there and its slope to the left.
+    pub fn frame(&self, t_m: f64, t_slope: f64, lift: (f64, f64)) -> Isometry3<f64> {
         let (sin, cos) = self.plan.heading_rad.sin_cos();
         let (roll_sin, roll_cos) = self.roll_rad.sin_cos();
+        let (shape, shape_slope) = self.lateral.at(self.s_m, t_m);
+        let height = shape + lift.0;
         // A road tighter than its width folds over; its heading is then that of the reference line.
-        let stretch = self.stretch(t_m * roll_cos).max(0.05);
-        let along = Vector3::new(cos * stretch, sin * stretch, self.grade);
-        let across = Vector3::new(-sin * roll_cos, cos * roll_cos, roll_sin);
+        let stretch = (1.0 - self.plan.curvature_per_m * (t_m * roll_cos - height * roll_sin)).max(0.05);
+        let tangent = Vector3::new(cos, sin, 0.0);
+        let side = Vector3::new(-sin * roll_cos, cos * roll_cos, roll_sin);
+        let normal = Vector3::new(sin * roll_sin, -cos * roll_sin, roll_cos);
+        const H_M: f64 = 0.01;
+        let height_rate = if self.lateral.is_plane() {
+            0.0
+        } else {
+            (self.lateral.at(self.s_m + H_M, t_m).0 - self.lateral.at(self.s_m - H_M, t_m).0) / (2.0 * H_M)
+        };
+        let along = tangent * stretch + Vector3::z() * self.grade + normal * (t_m * self.roll_rate + height_rate)
+            - side * (height * self.roll_rate);
+        let across = side + normal * (shape_slope + lift.1);
         let x = (along + across * t_slope).normalize();
         let y = (across - x * across.dot(&x)).normalize();
         let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
-        Isometry3::from_parts(Translation3::from(self.point(t_m)), UnitQuaternion::from_rotation_matrix(&rotation))
+        Isometry3::from_parts(Translation3::from(self.point(t_m, lift.0)), UnitQuaternion::from_rotation_matrix(&rotation))
     }
 }

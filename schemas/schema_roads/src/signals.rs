@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use crate::graph;
 use crate::lane::{Lane, LaneKey, LanePosition};
 use crate::parse::is_valid_for;
-use crate::raw::{Corner, End, Placement, RawCrosswalk, RawMap, RawSignal};
+use crate::raw::{Corner, End, Placement, RawCrosswalk, RawMap, RawSignal, Road};
 
 /// What a signal shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -153,7 +153,7 @@ fn signal(map: &RawMap, raw: &RawSignal, stops: Vec<SignalStop>, junction: Optio
 fn pose(map: &RawMap, raw: &RawSignal) -> Isometry3<f64> {
     let Placement { road, s_m, t_m, along, .. } = raw.placement;
     let station = map.roads[road].station(s_m);
-    let [x, y, z] = station.point(t_m);
+    let [x, y, z] = station.point(t_m, 0.0);
     let against = if along == Some(false) { 0.0 } else { std::f64::consts::PI };
     let yaw = station.plan.heading_rad + against + raw.heading_offset_rad;
     Isometry3::new(Vector3::new(x, y, z + raw.z_offset_m), Vector3::z() * yaw)
@@ -223,17 +223,20 @@ pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
 pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
     let road = &map.roads[raw.road];
     let station = road.station(raw.s_m);
-    let frame = station.frame(raw.t_m, 0.0)
+    let frame = station.frame(raw.t_m, 0.0, (0.0, 0.0))
         * Isometry3::from_parts(
             Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
             UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
         );
-    let corner = |corner: &Corner| match *corner {
-        Corner::Local { u_m, v_m, z_m } => (frame * Point3::new(u_m, v_m, z_m)).coords.into(),
-        Corner::Road { s_m, t_m, dz_m } => {
-            let [x, y, z] = road.station(s_m).point(t_m);
-            [x, y, z + dz_m]
-        }
+    let corners = raw.corners.iter().map(|corner| world_corner(road, &frame, corner, 0.0).0).collect();
+    Crosswalk { id: raw.id.clone(), corners }
+}
+
+/// A corner in the world and the height of its object there, `height_m` where the corner states none.
+pub(crate) fn world_corner(road: &Road, frame: &Isometry3<f64>, corner: &Corner, height_m: f64) -> ([f64; 3], f64) {
+    let (point, own_m) = match *corner {
+        Corner::Local { u_m, v_m, z_m, height_m } => ((frame * Point3::new(u_m, v_m, z_m)).coords.into(), height_m),
+        Corner::Road { s_m, t_m, dz_m, height_m } => (road.station(s_m).point(t_m, dz_m), height_m),
     };
-    Crosswalk { id: raw.id.clone(), corners: raw.corners.iter().map(corner).collect() }
+    (point, if own_m > 0.0 { own_m } else { height_m })
 }

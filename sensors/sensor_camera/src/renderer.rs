@@ -112,7 +112,12 @@ impl CameraRenderer {
 
     /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's assets are others than before.
     pub fn load(&mut self, assets: &Arc<SceneAssets>) {
+        // The old meshes first: two towns need not fit beside each other.
+        self.assets = None;
         self.assets = Some(GpuAssets::upload(&self.gpu, assets));
+        // An upload waits for the next submission, and what was dropped for the one after; a world that nobody looks at has none.
+        self.gpu.queue().submit([]);
+        self.gpu.wait_idle();
         self.shadows.clear();
         if let Some(far) = &mut self.far_shadows {
             far.clear();

@@ -17,6 +17,18 @@ pub struct Args {
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 
+    /// Map to load instead of the launch file's: a town, the name of a file in the map folder, or the path of an .xodr file
+    #[arg(long, value_name = "MAP")]
+    pub map: Option<String>,
+
+    /// Data folder: maps/ holds .xodr files by name, checkpoints/ saved worlds [default: gantry in the XDG data folder]
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+
+    /// Write the map's OpenDRIVE text into this file (- is stdout) and stop
+    #[arg(long, value_name = "FILE")]
+    pub export_map: Option<PathBuf>,
+
     /// GPU whose name contains this text, e.g. "llvmpipe" or "H200" [default: a real GPU if there is one]
     #[arg(long, value_name = "TEXT")]
     pub adapter: Option<String>,
@@ -65,10 +77,6 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub await_lockstep: u32,
 
-    /// Folder for checkpoints [default: gantry in the XDG data folder]
-    #[arg(long, value_name = "DIR")]
-    pub data: Option<PathBuf>,
-
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -94,4 +102,5 @@ pub enum OnLostClient {
 const EXAMPLES: &str = "Examples:
   simd --launch launch/quickstart.toml
   simd --launch launch/quickstart.toml --ticks 200 --unpaced --hash > hashes.txt
+  simd --map crossing.xodr
   simd --adapters";

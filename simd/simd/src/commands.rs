@@ -48,6 +48,11 @@ impl Daemon {
             Command::Configure { mode, period_nanos } => self.configure(*mode, *period_nanos),
             Command::JoinLockstep { name } => self.join(name),
             Command::LeaveLockstep { participant } => self.leave(*participant),
+            Command::ListMaps => CommandReply::Maps { names: self.maps.names() },
+            Command::StoreMap(map) => match self.maps.store(map.clone()) {
+                Ok(()) => CommandReply::Done,
+                Err(error) => refused(&format!("{error:#}")),
+            },
             Command::LoadMap { map } => match self.load_map(map) {
                 Ok(()) => CommandReply::Done,
                 Err(error) => refused(&format!("{error:#}")),

@@ -19,6 +19,7 @@ use crate::debug_shapes::DebugShapes;
 use crate::documents::Documents;
 use crate::frames::{Sensors, Stamp, TickEvents};
 use crate::gate::Gate;
+use crate::maps::Maps;
 use crate::pace::Pace;
 use crate::scene;
 
@@ -81,6 +82,7 @@ pub struct Daemon {
     pub(crate) ports: Ports,
     pub(crate) bus: schema_bus::Bus,
     pub(crate) world: World,
+    pub(crate) maps: Maps,
     pub(crate) clock: TickClock,
     pub(crate) tick: Tick,
     pub(crate) gate: Gate,

@@ -14,14 +14,14 @@ use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_gpu::{Gpu, GpuOptions};
-use simd_town::Town;
-use simd_world::{MapData, Scenario, World, WorldOptions};
+use simd_world::{Scenario, World, WorldOptions};
 
 use crate::cli::{Args, QualityArg};
 use crate::daemon::{Daemon, Episode, Ports};
 use crate::documents::Documents;
 use crate::frames::{Sensors, Stamp};
 use crate::gate::Gate;
+use crate::maps::{LoadedMap, Maps};
 use crate::pace::Pace;
 use crate::rig::{Rig, Sensor, SensorPlace, TopicOptions, noise_stream, schedule_of};
 
@@ -37,7 +37,15 @@ pub fn read_launch(args: &Args) -> anyhow::Result<Launch> {
         ),
         None => ("version = 1\n[scenario]\nvehicles = 20\n".to_owned(), "built-in defaults".to_owned()),
     };
-    Launch::parse_with(&text, &name, &args.set).map_err(wrong_usage)
+    // The last word counts, so `--map` comes after every `--set`.
+    let map = args.map.iter().map(|map| format!("scenario.map={}", toml_text(map)));
+    let set: Vec<String> = args.set.iter().cloned().chain(map).collect();
+    Launch::parse_with(&text, &name, &set).map_err(wrong_usage)
+}
+
+/// A text as TOML writes it.
+fn toml_text(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is short.
@@ -62,7 +70,9 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     let period_nanos = launch.scenario.period_nanos();
     let mut world = World::new(WorldOptions { seed: launch.scenario.seed, ..Default::default() });
     let epoch = new_epoch();
-    let episode = begin_episode(&mut world, &launch, &launch.scenario.map, epoch, 1, SimTime(0))?;
+    let mut maps = Maps::new(&launch_cli::data_dir(args.data.as_deref())?, args.launch.as_deref());
+    let map = maps.load(&launch.scenario.map, launch.scenario.seed)?;
+    let episode = begin_episode(&mut world, &launch, &map, epoch, 1, SimTime(0))?;
     let sensors = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
     let mut sensors = Sensors::new(gpu, renderer, sensors, args.frames_in_flight, args.hash);
     sensors.load(&episode.assets)?;
@@ -85,6 +95,7 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         ports,
         bus,
         world,
+        maps,
         episode,
         shutdown,
     };
@@ -129,17 +140,23 @@ fn open_ports(bus: &Bus) -> anyhow::Result<Ports> {
     })
 }
 
-/// Loads a map and populates it as the launch file says. On an error the running episode stays as it is.
-pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, episode: u32, start: SimTime) -> anyhow::Result<Episode> {
-    let (map_data, mut assets) = load_map(map, launch.scenario.seed)?;
-    assets.episode = episode;
-    world.load(&map_data)?;
+/// Puts a map into the world and populates it as the launch file says. A map that cannot be used leaves the running episode as it is.
+pub fn begin_episode(
+    world: &mut World,
+    launch: &Launch,
+    map: &LoadedMap,
+    epoch: u64,
+    episode: u32,
+    start: SimTime,
+) -> anyhow::Result<Episode> {
+    let mut assets = SceneAssets { episode, ..map.assets.clone() };
+    world.load_shared(&map.data)?;
     world.register_meshes(&mut assets);
     world.set_weather(launch.scenario.weather).map_err(wrong_usage)?;
     world.set_weather_effects(launch.scenario.weather_effects);
     let scenario = world.spawn_scenario(
         &launch.ego.type_id,
-        launch.ego.spawn_point as usize % map_data.spawn_points.len().max(1),
+        launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
         launch.scenario.vehicles as usize,
     )?;
     if scenario.others.len() < launch.scenario.vehicles as usize {
@@ -157,16 +174,6 @@ pub fn begin_episode(world: &mut World, launch: &Launch, map: &str, epoch: u64, 
     let stamp = Stamp { epoch, episode, seed: launch.scenario.seed, geo_reference: GeoReference { latitude_deg, longitude_deg } };
     let whole = Arc::new(assets);
     Ok(Episode { assets: whole.clone(), whole, scenery: world.scenery_revisions(), stamp, start, scenario })
-}
-
-/// A town of ours by name.
-fn load_map(map: &str, seed: u64) -> anyhow::Result<(MapData, SceneAssets)> {
-    if map.ends_with(".xodr") {
-        return Err(wrong_usage(format!("map {map:?} is a file; only generated towns can be loaded: {}", Town::NAMES.join(", "))));
-    }
-    let town = Town::generate(map, seed).map_err(wrong_usage)?;
-    let data = MapData::from(&town);
-    Ok((data, town.assets))
 }
 
 fn open_sensors(
@@ -248,9 +255,8 @@ impl Daemon {
         self.sensors.finish_all()?;
         let sim_time = self.clock.time_of(self.tick);
         let stamp = self.episode.stamp;
-        // A map that cannot be read must leave the running episode alone.
-        load_map(map, self.launch.scenario.seed)?;
-        self.episode = begin_episode(&mut self.world, &self.launch, map, stamp.epoch, stamp.episode + 1, sim_time)?;
+        let loaded = self.maps.load(map, self.launch.scenario.seed)?;
+        self.episode = begin_episode(&mut self.world, &self.launch, &loaded, stamp.epoch, stamp.episode + 1, sim_time)?;
         self.sensors.remove(|sensor| sensor.place.is_none())?;
         for sensor in &mut self.sensors.sensors {
             let rig = sensor.place.as_ref().expect("those without a place were removed");

@@ -119,7 +119,8 @@ impl Terrain {
         }
     }
 
-    fn polygon(&mut self, corners: &[[f64; 3]]) {
+    /// Adds a convex polygon, counter-clockwise from above.
+    pub fn polygon(&mut self, corners: &[[f64; 3]]) {
         for i in 1..corners.len() - 1 {
             let t = [corners[0], corners[i], corners[i + 1]];
             let idx = self.triangles.len();

@@ -23,6 +23,7 @@ mod garden;
 mod geometry;
 mod greenery;
 mod ground;
+pub mod imported;
 mod kit;
 mod motorway;
 mod network;

@@ -18,6 +18,14 @@ pub enum TownError {
         /// What was asked for.
         name: String,
     },
+    /// A map whose surfaces would not fit into memory.
+    #[error("map {name:?} is too large to be built: {reason}")]
+    TooLarge {
+        /// Its name.
+        name: String,
+        /// What there is too much of.
+        reason: String,
+    },
 }
 
 /// The lamps of one OpenDRIVE signal.

@@ -73,6 +73,8 @@ impl World {
             | Command::Configure { .. }
             | Command::SpawnSensor { .. }
             | Command::LoadMap { .. }
+            | Command::ListMaps
+            | Command::StoreMap(_)
             | Command::JoinLockstep { .. }
             | Command::LeaveLockstep { .. }
             | Command::SaveCheckpoint { .. }

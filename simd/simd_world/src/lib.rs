@@ -26,6 +26,7 @@ mod scenario;
 mod scene;
 mod scenery;
 mod signs;
+mod solids;
 mod spawn;
 mod vehicle;
 mod walkers;

@@ -1,6 +1,9 @@
 //! What the world needs of a map: roads, solid ground, places to start, traffic lights.
 
+use std::sync::Arc;
+
 use nalgebra::Isometry3;
+use schema_roads::RoadMap;
 use schema_types::{Class, ObjectId, Pose};
 use sensor_core::Mesh;
 use simd_town::{SceneryLamp, SceneryObject};
@@ -48,6 +51,8 @@ pub struct MapData {
     pub lights: Vec<LightHeads>,
     /// A head with lamps 0 red, 1 yellow, 2 green.
     pub light_head: Mesh,
+    /// What `open_drive` says, if it has been read already; otherwise the world reads it when it loads the map.
+    pub roads: Option<Arc<RoadMap>>,
 }
 
 /// Why a map could not be loaded.
@@ -91,6 +96,13 @@ impl MapData {
     }
 }
 
+impl MapData {
+    /// A town whose text has been read.
+    pub fn of_town(town: &simd_town::Town, roads: Arc<RoadMap>) -> MapData {
+        MapData { roads: Some(roads), ..MapData::from(town) }
+    }
+}
+
 impl From<&simd_town::Town> for MapData {
     fn from(town: &simd_town::Town) -> MapData {
         let solid = |mesh: &simd_town::CollisionMesh| CollisionMesh {
@@ -114,6 +126,7 @@ impl From<&simd_town::Town> for MapData {
             spawn_points: town.spawn_points.clone(),
             lights: town.lights.iter().map(heads).collect(),
             light_head: town.light_head.clone(),
+            roads: None,
         }
     }
 }

@@ -80,31 +80,16 @@ impl Physics {
         Physics { engine, origin_m: origin_m.into(), contacts: ContactLog::default() }
     }
 
-    /// A world with the map's solid ground.
-    ///
-    /// # Errors
-    /// Index of the mesh that cannot be used, and why.
-    pub fn with_map(map: &MapData) -> Result<Self, (usize, String)> {
-        let mut physics = Physics::new(map.origin_m);
-        for (mesh_idx, mesh) in map.collision.iter().enumerate() {
-            if mesh.triangles.is_empty() {
-                continue;
-            }
-            if mesh.vertices_m.iter().flatten().any(|x| !x.is_finite()) {
-                return Err((mesh_idx, "has a corner that is not finite".to_owned()));
-            }
-            let n_vertices = mesh.vertices_m.len() as u32;
-            if let Some(corner) = mesh.triangles.iter().flatten().find(|corner| **corner >= n_vertices) {
-                return Err((mesh_idx, format!("names corner {corner} but has only {n_vertices}")));
-            }
-            let vertices = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
-            let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone()).map_err(|error| (mesh_idx, error.to_string()))?;
-            let collider = collider.friction(0.6).user_data(collider_tag(0, mesh.class));
+    /// A world with a map's solid ground.
+    pub fn with_solids(origin_m: [f64; 3], solids: &[(SharedShape, Class)]) -> Self {
+        let mut physics = Physics::new(origin_m);
+        for (solid, class) in solids {
+            let collider = ColliderBuilder::new(solid.clone()).friction(0.6).user_data(collider_tag(0, *class));
             physics.engine.insert(RigidBodyBuilder::fixed(), collider);
         }
         // The query pipeline sees colliders only after a step.
         physics.engine.step();
-        Ok(physics)
+        physics
     }
 
     /// Gives the map's solid meshes only those triangles whose object is shown. Colliders stay the same, so that nothing else changes.

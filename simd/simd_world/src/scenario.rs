@@ -26,15 +26,22 @@ impl World {
     /// Puts the ego at a spawn point and `n_vehicles` others at points, of kinds and in colours that follow from the seed.
     ///
     /// # Errors
-    /// If the ego cannot be put there. A place that is taken only makes the others move on to the next one.
+    /// If the ego can be put nowhere. A place that is taken only makes it, like the others, move on to the next one.
     pub fn spawn_scenario(&mut self, ego_type: &str, ego_spawn_idx: usize, n_vehicles: usize) -> Result<Scenario, SpawnError> {
         let points = self.map.spawn_points.clone();
-        let pose = points.get(ego_spawn_idx).ok_or_else(|| SpawnError::SpawnPoint {
-            idx: ego_spawn_idx,
-            map: self.map.name.clone(),
-            n_points: points.len(),
-        })?;
-        let ego = self.spawn(ego_type, *pose, None, "ego_vehicle", &BTreeMap::new())?;
+        let no_place = SpawnError::SpawnPoint { idx: ego_spawn_idx, map: self.map.name.clone(), n_points: points.len() };
+        let mut result = Err(no_place);
+        let wished = ego_spawn_idx;
+        let mut ego_spawn_idx = wished;
+        let others_of = if wished < points.len() { 0..wished } else { 0..0 };
+        for idx in (wished..points.len()).chain(others_of) {
+            ego_spawn_idx = idx;
+            result = self.spawn(ego_type, points[idx], None, "ego_vehicle", &BTreeMap::new());
+            if !matches!(result, Err(SpawnError::Occupied { .. })) {
+                break;
+            }
+        }
+        let ego = result?;
         let noise = Noise::new(self.options.seed, STREAM, 0);
         let mut order: Vec<usize> = (0..points.len()).filter(|idx| *idx != ego_spawn_idx).collect();
         order.sort_by_key(|idx| (noise.bits(*idx as u64), *idx));

@@ -372,7 +372,9 @@ mod tests {
 
     #[test]
     fn body_that_is_not_finite_is_put_back_and_harms_nobody_else() {
-        let mut physics = Physics::with_map(&MapData::flat(100.0)).expect("the flat map is valid");
+        let map = std::sync::Arc::new(MapData::flat(100.0));
+        let solids = crate::solids::Solids::default().of(&map).expect("the flat map is valid");
+        let mut physics = Physics::with_solids(map.origin_m, &solids);
         let at = |x: f64| Isometry3::translation(x, 0.0, 0.1);
         let mut cars: Vec<Vehicle> =
             (0..2).map(|i| Vehicle::new(&mut physics, &vehicle_models()[0], i + 1, &at(20.0 * i as f64))).collect();

@@ -19,6 +19,7 @@ use crate::props::Prop;
 use crate::scene::ActorMeshes;
 use crate::scenery::SceneryState;
 use crate::signs;
+use crate::solids::Solids;
 use crate::vehicle::Vehicle;
 use crate::walkers::{Crowd, Walker};
 
@@ -91,6 +92,8 @@ pub struct World {
     #[serde(skip)]
     pub(crate) roads: Option<Arc<RoadMap>>,
     pub(crate) physics: Physics,
+    #[serde(skip)]
+    pub(crate) solids: Solids,
     pub(crate) lights: Lights,
     #[serde(skip)]
     pub(crate) catalogue: Catalogue,
@@ -131,6 +134,7 @@ impl World {
             map: Arc::default(),
             roads: None,
             physics: Physics::new([0.0; 3]),
+            solids: Solids::default(),
             lights: Lights::default(),
             catalogue: catalogue::catalogue(),
             actors: BTreeMap::new(),
@@ -159,13 +163,19 @@ impl World {
 
     /// Loads a map: a new episode without the old one's actors. Ids go on counting. On an error the old map stays.
     pub fn load(&mut self, map: &MapData) -> Result<(), LoadError> {
-        let roads = match map.open_drive.as_str() {
-            "" => None,
-            text => Some(Arc::new(RoadMap::parse(text).map_err(|source| LoadError::Roads { map: map.name.clone(), source })?)),
+        self.load_shared(&Arc::new(map.clone()))
+    }
+
+    /// As [`World::load`]; a map that was loaded a short while ago costs little, for its solids are kept.
+    pub fn load_shared(&mut self, map: &Arc<MapData>) -> Result<(), LoadError> {
+        let roads = match (&map.roads, map.open_drive.as_str()) {
+            (Some(roads), _) => Some(roads.clone()),
+            (None, "") => None,
+            (None, text) => Some(Arc::new(RoadMap::parse(text).map_err(|source| LoadError::Roads { map: map.name.clone(), source })?)),
         };
-        let physics =
-            Physics::with_map(map).map_err(|(mesh_idx, reason)| LoadError::Collision { map: map.name.clone(), mesh_idx, reason })?;
-        self.map = Arc::new(map.clone());
+        let solids = self.solids.of(map).map_err(|(mesh_idx, reason)| LoadError::Collision { map: map.name.clone(), mesh_idx, reason })?;
+        let physics = Physics::with_solids(map.origin_m, &solids);
+        self.map = map.clone();
         self.roads = roads;
         self.physics = physics;
         self.actors.clear();

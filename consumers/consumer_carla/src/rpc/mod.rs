@@ -21,6 +21,7 @@ pub mod catalogue;
 pub mod drawing;
 pub mod files;
 pub mod managers;
+pub mod maps;
 pub mod queries;
 pub mod recorder;
 pub mod scenery;
@@ -41,6 +42,7 @@ pub(crate) type Calls = &'static [(&'static str, Run)];
 const AREAS: &[Calls] = &[
     session::CALLS,
     files::CALLS,
+    maps::CALLS,
     weather::CALLS,
     scenery::CALLS,
     actors::CALLS,

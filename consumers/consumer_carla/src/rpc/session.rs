@@ -10,13 +10,12 @@ use crate::blueprints;
 use crate::gateway::{Answer, CARLA_VERSION, Failure, Gateway, Outcome, lock};
 use crate::list;
 use crate::msgpack::Value;
+use crate::rpc::maps::{carla_map, own_map};
 use crate::rpc::{Call, Calls};
 use crate::shapes;
 
 /// Longest wait for what the simulator publishes after it answered.
 const SETTLE: Duration = Duration::from_secs(5);
-/// Folder before a map's name, as CARLA has it.
-const MAP_FOLDER: &str = "Carla/Maps/";
 
 /// What CARLA's settings have beside the mode and the length of a tick.
 #[derive(Clone, Debug)]
@@ -54,20 +53,8 @@ impl Default for Settings {
     }
 }
 
-/// What the script sees of a map's name.
-fn carla_map(name: &str) -> String {
-    format!("{MAP_FOLDER}{name}")
-}
-
-/// Our name of the map a script asks for: no folders, and no `_Opt`, which is CARLA's word for a map in layers.
-fn own_map(asked: &str) -> &str {
-    let name = asked.rsplit('/').next().unwrap_or(asked);
-    name.strip_suffix("_Opt").unwrap_or(name)
-}
-
 pub(crate) const CALLS: Calls = &[
     ("version", |_, _| Ok(Answer::Value(CARLA_VERSION.into()))),
-    ("get_available_maps", |gateway, _| gateway.info().map(|info| Answer::Value(list![format!("/Game/{}", carla_map(&info.map))]))),
     ("get_episode_info", |gateway, _| gateway.episode_info()),
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
@@ -197,17 +184,5 @@ impl Gateway {
         let points = self.world.known().spawn_points.clone();
         let points: Vec<Value> = points.points.iter().map(|pose| shapes::transform(&axes::transform(&(*pose).into()))).collect();
         Ok(Answer::Value(list![carla_map(&info.map), points]))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_of_maps_lose_what_carla_puts_round_them() {
-        for asked in ["Town10HD", "Carla/Maps/Town10HD", "/Game/Carla/Maps/Town10HD_Opt"] {
-            assert_eq!(own_map(asked), "Town10HD");
-        }
     }
 }

@@ -6,12 +6,22 @@ use super::lane_id;
 use super::road::speed_mps;
 use super::xml::{Reader, child, children, text};
 use crate::LaneKind;
-use crate::marks::{MarkColour, MarkKind, MarkRecord};
+use crate::lateral::LaneHeight;
+use crate::marks::{MarkColour, MarkKind, MarkRecord, MarkStripe};
 use crate::profile::{Cubic, Profile};
 use crate::raw::{Extent, RawLane, Section};
 
 /// Most sections of a road (a section's number is a `u16`).
 const MAX_SECTIONS: usize = u16::MAX as usize;
+
+/// Greatest height of a lane over its road, metres.
+const MAX_LANE_HEIGHT_M: f64 = 10.0;
+/// Most lines of one mark.
+const MAX_LINES: usize = 16;
+/// Widest line and greatest distance from its lane's edge, metres.
+const MAX_MARK_M: f64 = 10.0;
+/// Shortest dash, metres.
+const MIN_DASH_M: f64 = 0.05;
 
 /// Sections by rising start; stretches under a tenth of a millimetre are left out.
 pub(super) fn sections(reader: &mut Reader, lanes: Node, road_length_m: f64) -> Vec<Section> {
@@ -19,7 +29,7 @@ pub(super) fn sections(reader: &mut Reader, lanes: Node, road_length_m: f64) -> 
     list.retain(|(s, node)| {
         let inside = (0.0..road_length_m).contains(s);
         if !inside {
-            reader.warn(*node, format!("a lane section begins at {s} m, which is not on its road; it is left out"));
+            reader.error(*node, format!("a lane section begins at {s} m, which is not on its road; it is left out"));
         }
         inside
     });
@@ -54,7 +64,7 @@ fn section(reader: &mut Reader, node: Node, start_m: f64, end_m: f64) -> Section
 fn lane(reader: &mut Reader, node: Node, sign: i8) -> Option<RawLane> {
     let Some(id) = lane_id(node, "id").filter(|id| id.signum() == sign) else {
         let shown: String = text(node, "id").chars().take(20).collect();
-        reader.warn(node, format!("a lane has the id \"{shown}\", which does not belong on this side; it is left out"));
+        reader.error(node, format!("a lane has the id \"{shown}\", which does not belong on this side; it is left out"));
         return None;
     };
     let link = child(node, "link");
@@ -69,6 +79,7 @@ fn lane(reader: &mut Reader, node: Node, sign: i8) -> Option<RawLane> {
         predecessors: linked("predecessor"),
         successors: linked("successor"),
         speeds,
+        heights: heights(reader, node),
         marks: marks(reader, node),
     })
 }
@@ -87,6 +98,17 @@ fn extent(reader: &mut Reader, node: Node) -> Extent {
     }
     let border = records("border");
     if border.is_empty() { Extent::Width(border) } else { Extent::Border(border) }
+}
+
+fn heights(reader: &mut Reader, node: Node) -> Vec<LaneHeight> {
+    let height = |reader: &mut Reader, n: Node| LaneHeight {
+        s_offset_m: reader.number(n, "sOffset", 0.0),
+        inner_m: reader.number(n, "inner", 0.0).clamp(-MAX_LANE_HEIGHT_M, MAX_LANE_HEIGHT_M),
+        outer_m: reader.number(n, "outer", 0.0).clamp(-MAX_LANE_HEIGHT_M, MAX_LANE_HEIGHT_M),
+    };
+    let mut heights: Vec<LaneHeight> = children(node, "height").map(|n| height(reader, n)).collect();
+    heights.sort_by(|a, b| a.s_offset_m.total_cmp(&b.s_offset_m));
+    heights
 }
 
 fn marks(reader: &mut Reader, node: Node) -> Vec<MarkRecord> {
@@ -113,7 +135,28 @@ fn mark(reader: &mut Reader, node: Node) -> MarkRecord {
         kind,
         colour: MarkColour::from_text(text(node, "color")),
         width_m: reader.number(node, "width", 0.12).clamp(0.0, 10.0),
+        lines: lines(reader, node),
         to_greater,
         to_smaller,
     }
+}
+
+/// The lines of a mark's own `<type>`.
+fn lines(reader: &mut Reader, mark: Node) -> Vec<MarkStripe> {
+    let Some(kind) = child(mark, "type") else { return Vec::new() };
+    let line = |reader: &mut Reader, n: Node| {
+        let mut at = |name| reader.number(n, name, 0.0);
+        let (length_m, space_m, s_offset_m, t_offset_m) = (at("length"), at("space"), at("sOffset"), at("tOffset"));
+        let width_m = reader.optional_number(n, "width").or_else(|| reader.optional_number(kind, "width")).unwrap_or(0.12);
+        let broken = length_m > 0.0 && space_m > 0.0;
+        MarkStripe {
+            length_m: if broken { length_m.max(MIN_DASH_M) } else { 0.0 },
+            space_m: if broken { space_m } else { 0.0 },
+            s_offset_m: s_offset_m.max(0.0),
+            t_offset_m: t_offset_m.clamp(-MAX_MARK_M, MAX_MARK_M),
+            width_m: width_m.clamp(0.01, MAX_MARK_M),
+            colour: MarkColour::from_text(if n.has_attribute("color") { text(n, "color") } else { text(mark, "color") }),
+        }
+    };
+    children(kind, "line").take(MAX_LINES).map(|n| line(reader, n)).collect()
 }

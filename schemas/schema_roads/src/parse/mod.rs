@@ -1,16 +1,19 @@
 //! OpenDRIVE text to records. Tolerant: what cannot be used is left out with a warning.
 
 mod lane;
+mod links;
+mod object;
 mod road;
 mod signal;
+mod vocabulary;
 pub(crate) mod xml;
 
 use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
-use crate::MapError;
 use crate::raw::{Connection, End, Junction, RawController, RawMap};
+use crate::{JunctionKind, MapError};
 pub(crate) use signal::is_valid_for;
 use xml::{Reader, child, children, text};
 
@@ -28,6 +31,7 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
     let header = child(root, "header");
     let mut map = RawMap {
         name: header.map_or("", |h| text(h, "name")).to_owned(),
+        revision: header.and_then(|header| revision(&mut reader, header)),
         geo_reference: header.and_then(|h| child(h, "geoReference")).and_then(|node| geo_reference(&mut reader, node)),
         roads: Vec::new(),
         junctions: Vec::new(),
@@ -35,12 +39,24 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
         references: Vec::new(),
         controllers: children(root, "controller").map(controller).collect(),
         crosswalks: Vec::new(),
+        objects: Vec::new(),
         warnings: Vec::new(),
     };
     read_roads(&mut reader, root, &mut map)?;
     read_junctions(&mut reader, root, &mut map);
+    links::check(&mut reader, root, &map);
+    vocabulary::check(&mut reader, root);
     map.warnings = reader.into_warnings();
     Ok(map)
+}
+
+/// Revision of the format that the file states.
+fn revision(reader: &mut Reader, header: Node) -> Option<(u32, u32)> {
+    let revision = (text(header, "revMajor").parse().ok()?, text(header, "revMinor").parse().ok()?);
+    if !(1..=8).contains(&revision.1) || revision.0 != 1 {
+        reader.warn(header, format!("the file says it is OpenDRIVE {}.{}; 1.1 to 1.8 are known", revision.0, revision.1));
+    }
+    Some(revision)
 }
 
 fn read_roads(reader: &mut Reader, root: Node, map: &mut RawMap) -> Result<(), MapError> {
@@ -50,7 +66,7 @@ fn read_roads(reader: &mut Reader, root: Node, map: &mut RawMap) -> Result<(), M
     for node in children(root, "road") {
         let id = text(node, "id");
         if !seen.insert(id) {
-            reader.warn(node, format!("a second road has the id \"{id}\"; it is left out"));
+            reader.error(node, format!("a second road has the id \"{id}\"; it is left out"));
             continue;
         }
         let Some(road) = road::read(reader, node, numbers.of(id)) else { continue };
@@ -60,6 +76,7 @@ fn read_roads(reader: &mut Reader, root: Node, map: &mut RawMap) -> Result<(), M
         }
         let idx = map.roads.len();
         signal::read(reader, node, idx, road.length_m, map);
+        object::read(reader, node, idx, road.length_m, map);
         map.roads.push(road);
     }
     if map.roads.is_empty() { Err(MapError::Empty) } else { Ok(()) }
@@ -71,12 +88,13 @@ fn read_junctions(reader: &mut Reader, root: Node, map: &mut RawMap) {
     for node in children(root, "junction") {
         let id = text(node, "id");
         if !seen.insert(id) {
-            reader.warn(node, format!("a second junction has the id \"{id}\"; it is left out"));
+            reader.error(node, format!("a second junction has the id \"{id}\"; it is left out"));
             continue;
         }
         map.junctions.push(Junction {
             id: id.to_owned(),
             number: numbers.of(id),
+            kind: junction_kind(reader, node),
             connections: children(node, "connection").filter_map(|c| connection(reader, c)).collect(),
             controllers: children(node, "controller")
                 .map(|c| (text(c, "id").to_owned(), text(c, "sequence").parse().unwrap_or(u32::MAX)))
@@ -85,11 +103,27 @@ fn read_junctions(reader: &mut Reader, root: Node, map: &mut RawMap) {
     }
 }
 
+fn junction_kind(reader: &mut Reader, node: Node) -> JunctionKind {
+    match text(node, "type") {
+        "direct" => JunctionKind::Direct,
+        "virtual" => {
+            let id = text(node, "id");
+            reader.warn(
+                node,
+                format!("junction \"{id}\" is virtual: its main road goes on, and ways that branch off within it are not linked"),
+            );
+            JunctionKind::Virtual
+        }
+        "crossing" => JunctionKind::Crossing,
+        _ => JunctionKind::Common,
+    }
+}
+
 fn connection(reader: &mut Reader, node: Node) -> Option<Connection> {
     let incoming = text(node, "incomingRoad");
     let connecting = Some(text(node, "connectingRoad")).filter(|id| !id.is_empty()).unwrap_or_else(|| text(node, "linkedRoad"));
     if incoming.is_empty() || connecting.is_empty() {
-        reader.warn(node, "a <connection> names no incoming or no connecting road; it is left out");
+        reader.error(node, "a <connection> names no incoming or no connecting road; it is left out");
         return None;
     }
     let lane_links = children(node, "laneLink").filter_map(|link| lane_id(link, "from").zip(lane_id(link, "to"))).collect();

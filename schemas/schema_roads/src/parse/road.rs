@@ -5,6 +5,7 @@ use roxmltree::Node;
 use super::xml::{Reader, child, children, tag, text};
 use super::{contact_point, lane};
 use crate::curve::{Geometry, ParamCurve, Shape, Spiral};
+use crate::lateral::{Lateral, ShapeRecord};
 use crate::profile::{Cubic, Profile};
 use crate::raw::{Road, RoadLink};
 
@@ -16,13 +17,13 @@ pub(super) fn read(reader: &mut Reader, node: Node, number: u32) -> Option<Road>
     let id = text(node, "id");
     let plan = plan_view(reader, node);
     let Some(last) = plan.last() else {
-        reader.warn(node, format!("road \"{id}\" has no usable geometry; it is left out"));
+        reader.error(node, format!("road \"{id}\" has no usable geometry; it is left out"));
         return None;
     };
     let drawn_m = last.s_m + last.length_m;
     let length_m = reader.optional_number(node, "length").filter(|l| *l > 0.0).unwrap_or(drawn_m);
     if length_m > MAX_ROAD_M || drawn_m > MAX_ROAD_M {
-        reader.warn(node, format!("road \"{id}\" is longer than {} km; it is left out", MAX_ROAD_M / 1000.0));
+        reader.error(node, format!("road \"{id}\" is longer than {} km; it is left out", MAX_ROAD_M / 1000.0));
         return None;
     }
     if (length_m - drawn_m).abs() > 0.1 {
@@ -31,7 +32,7 @@ pub(super) fn read(reader: &mut Reader, node: Node, number: u32) -> Option<Road>
     let lanes = child(node, "lanes");
     let sections = lanes.map(|l| lane::sections(reader, l, length_m)).unwrap_or_default();
     if sections.is_empty() {
-        reader.warn(node, format!("road \"{id}\" has no lane section; it is left out"));
+        reader.error(node, format!("road \"{id}\" has no lane section; it is left out"));
         return None;
     }
     let link = child(node, "link");
@@ -46,6 +47,7 @@ pub(super) fn read(reader: &mut Reader, node: Node, number: u32) -> Option<Road>
         plan,
         elevation: profile(reader, child(node, "elevationProfile"), "elevation"),
         superelevation: profile(reader, child(node, "lateralProfile"), "superelevation"),
+        lateral: lateral(reader, child(node, "lateralProfile")),
         lane_offset: profile(reader, lanes, "laneOffset"),
         sections,
         speeds: type_speeds(reader, node),
@@ -69,6 +71,27 @@ fn profile(reader: &mut Reader, parent: Option<Node>, name: &'static str) -> Pro
         coefficients: reader.coefficients(n, ["a", "b", "c", "d"]),
     };
     Profile::new(parent.into_iter().flat_map(|p| children(p, name)).map(|n| cubic(reader, n)).collect())
+}
+
+/// `<shape>` (1.5) and `<crossfall>` (up to 1.4) of a `<lateralProfile>`.
+fn lateral(reader: &mut Reader, node: Option<Node>) -> Lateral {
+    let Some(node) = node else { return Lateral::default() };
+    let shape = |reader: &mut Reader, n: Node| ShapeRecord {
+        s_m: reader.number(n, "s", 0.0),
+        t_m: reader.number(n, "t", 0.0),
+        coefficients: reader.coefficients(n, ["a", "b", "c", "d"]),
+    };
+    let shapes = children(node, "shape").map(|n| shape(reader, n)).collect();
+    let mut fall = |side: &str| {
+        let on_side = |n: &Node| text(*n, "side") == side || !matches!(text(*n, "side"), "left" | "right");
+        let cubic = |reader: &mut Reader, n: Node| Cubic {
+            s_m: reader.number(n, "s", 0.0),
+            coefficients: reader.coefficients(n, ["a", "b", "c", "d"]),
+        };
+        Profile::new(children(node, "crossfall").filter(on_side).map(|n| cubic(reader, n)).collect())
+    };
+    let crossfall = [fall("right"), fall("left")];
+    Lateral::new(shapes, crossfall)
 }
 
 fn type_speeds(reader: &mut Reader, node: Node) -> Vec<(f64, Option<f64>)> {
@@ -105,7 +128,7 @@ fn geometry(reader: &mut Reader, node: Node) -> Option<Geometry> {
     let length_m = reader.number(node, "length", 0.0);
     if !(1e-9..=MAX_ROAD_M).contains(&length_m) || !(0.0..=MAX_ROAD_M).contains(&s_m) {
         if length_m != 0.0 {
-            reader.warn(node, format!("a geometry at s = {s_m} m is {length_m} m long; it is left out"));
+            reader.error(node, format!("a geometry at s = {s_m} m is {length_m} m long; it is left out"));
         }
         return None;
     }
@@ -118,7 +141,7 @@ fn geometry(reader: &mut Reader, node: Node) -> Option<Geometry> {
 fn shape(reader: &mut Reader, node: Node, length_m: f64) -> Shape {
     const LINE: Shape = Shape::Arc { curvature_per_m: 0.0 };
     let Some(kind) = node.children().find(|c| matches!(tag(*c), "line" | "arc" | "spiral" | "poly3" | "paramPoly3")) else {
-        reader.warn(node, "a geometry is none of line, arc, spiral, poly3 and paramPoly3; it is read as a line");
+        reader.error(node, "a geometry is none of line, arc, spiral, poly3 and paramPoly3; it is read as a line");
         return LINE;
     };
     let curve = match tag(kind) {
@@ -138,7 +161,7 @@ fn shape(reader: &mut Reader, node: Node, length_m: f64) -> Shape {
         _ => return LINE,
     };
     curve.map(Shape::Param).unwrap_or_else(|| {
-        reader.warn(kind, format!("this <{}> has no length; it is read as a line", tag(kind)));
+        reader.error(kind, format!("this <{}> has no length; it is read as a line", tag(kind)));
         LINE
     })
 }

@@ -5,6 +5,8 @@ use roxmltree::Node;
 use super::xml::{Reader, child, children, text};
 use crate::raw::{Corner, Placement, RawCrosswalk, RawMap, RawSignal};
 
+/// Most crosswalks of a map.
+const MAX_CROSSWALKS: usize = 20_000;
 /// Most corners of an outline.
 const MAX_CORNERS: usize = 1000;
 
@@ -23,7 +25,8 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
         }
     }
     if let Some(objects) = child(node, "objects") {
-        let walks = children(objects, "object").filter(|n| text(*n, "type") == "crosswalk");
+        let room = MAX_CROSSWALKS.saturating_sub(map.crosswalks.len());
+        let walks = children(objects, "object").filter(|n| text(*n, "type") == "crosswalk").take(room);
         map.crosswalks.extend(walks.filter_map(|n| crosswalk(reader, n, road, length_m)));
     }
 }
@@ -31,7 +34,7 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
 fn placement(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<Placement> {
     let s_m = reader.number(node, "s", 0.0);
     if !(-1.0..=length_m + 1.0).contains(&s_m) {
-        reader.warn(node, format!("signal \"{}\" stands at s = {s_m} m, off its road of {length_m} m; it is left out", text(node, "id")));
+        reader.error(node, format!("signal \"{}\" stands at s = {s_m} m, off its road of {length_m} m; it is left out", text(node, "id")));
         return None;
     }
     let along = match text(node, "orientation") {
@@ -68,18 +71,7 @@ fn signal(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option
 
 fn crosswalk(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<RawCrosswalk> {
     let outline = child(node, "outline").or_else(|| child(child(node, "outlines")?, "outline"))?;
-    let corner = |reader: &mut Reader, n: Node| match super::xml::tag(n) {
-        "cornerLocal" => {
-            let mut at = |name| reader.number(n, name, 0.0);
-            Some(Corner::Local { u_m: at("u"), v_m: at("v"), z_m: at("z") })
-        }
-        "cornerRoad" => {
-            let mut at = |name| reader.number(n, name, 0.0);
-            Some(Corner::Road { s_m: at("s").clamp(0.0, length_m), t_m: at("t"), dz_m: at("dz") })
-        }
-        _ => None,
-    };
-    let corners: Vec<_> = outline.children().filter_map(|n| corner(reader, n)).take(MAX_CORNERS).collect();
+    let corners = outline_corners(reader, outline, length_m);
     let mut at = |name| reader.number(node, name, 0.0);
     (corners.len() >= 3).then(|| RawCrosswalk {
         id: text(node, "id").to_owned(),
@@ -90,6 +82,19 @@ fn crosswalk(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Opt
         heading_rad: at("hdg"),
         corners,
     })
+}
+
+/// Corners of an outline, on the road's coordinates or about the object.
+pub(super) fn outline_corners(reader: &mut Reader, outline: Node, road_m: f64) -> Vec<Corner> {
+    let corner = |reader: &mut Reader, n: Node| {
+        let mut at = |name| reader.number(n, name, 0.0);
+        match super::xml::tag(n) {
+            "cornerLocal" => Some(Corner::Local { u_m: at("u"), v_m: at("v"), z_m: at("z"), height_m: at("height") }),
+            "cornerRoad" => Some(Corner::Road { s_m: at("s").clamp(0.0, road_m), t_m: at("t"), dz_m: at("dz"), height_m: at("height") }),
+            _ => None,
+        }
+    };
+    outline.children().filter(Node::is_element).filter_map(|n| corner(reader, n)).take(MAX_CORNERS).collect()
 }
 
 /// Whether a lane id is in any of the ranges; no range means yes.

@@ -2,12 +2,12 @@
 
 use roxmltree::{Document, Node};
 
-use crate::{MapError, Warning};
+use crate::{MapError, Severity, Warning};
 
 /// Longest text that is read.
-pub(crate) const MAX_TEXT_BYTES: usize = 256 << 20;
+pub const MAX_TEXT_BYTES: usize = 128 << 20;
 /// Most XML nodes.
-const MAX_NODES: u32 = 20_000_000;
+const MAX_NODES: u32 = 8_000_000;
 /// Warnings kept; finding a position costs a pass over the text, so a broken file must not cause thousands.
 const MAX_WARNINGS: usize = 100;
 /// Largest magnitude of any number in a map.
@@ -18,6 +18,7 @@ pub(crate) struct Reader<'d, 'i> {
     doc: &'d Document<'i>,
     warnings: Vec<Warning>,
     dropped: usize,
+    broken: bool,
 }
 
 /// Parses the XML within limits.
@@ -34,24 +35,35 @@ pub(crate) fn document(text: &str) -> Result<Document<'_>, MapError> {
 
 impl<'d, 'i> Reader<'d, 'i> {
     pub fn new(doc: &'d Document<'i>) -> Self {
-        Reader { doc, warnings: Vec::new(), dropped: 0 }
+        Reader { doc, warnings: Vec::new(), dropped: 0, broken: false }
     }
 
     /// Notes something odd at `node`.
     pub fn warn(&mut self, node: Node, text: impl Into<String>) {
+        self.note(Severity::Warning, node, text.into());
+    }
+
+    /// Notes something broken at `node`.
+    pub fn error(&mut self, node: Node, text: impl Into<String>) {
+        self.broken = true;
+        self.note(Severity::Error, node, text.into());
+    }
+
+    fn note(&mut self, severity: Severity, node: Node, text: String) {
         if self.warnings.len() >= MAX_WARNINGS {
             self.dropped += 1;
             return;
         }
         let pos = self.doc.text_pos_at(node.range().start);
-        self.warnings.push(Warning { line: Some(pos.row), column: Some(pos.col), text: text.into() });
+        self.warnings.push(Warning { severity, line: Some(pos.row), column: Some(pos.col), text });
     }
 
     /// All warnings, the last of which says how many more there were.
     pub fn into_warnings(mut self) -> Vec<Warning> {
         if self.dropped > 0 {
             let text = format!("{} further warnings are not listed", self.dropped);
-            self.warnings.push(Warning { line: None, column: None, text });
+            let severity = if self.broken { Severity::Error } else { Severity::Warning };
+            self.warnings.push(Warning { severity, line: None, column: None, text });
         }
         self.warnings
     }
@@ -68,7 +80,7 @@ impl<'d, 'i> Reader<'d, 'i> {
             Ok(x) if x.is_finite() && x.abs() <= MAX_NUMBER => Some(x),
             _ => {
                 let shown: String = text.chars().take(40).collect();
-                self.warn(node, format!("<{}> has {name}=\"{shown}\", which is not a number within ±1e9; it is left out", tag(node)));
+                self.error(node, format!("<{}> has {name}=\"{shown}\", which is not a number within ±1e9; it is left out", tag(node)));
                 None
             }
         }

@@ -1,0 +1,176 @@
+//! What is said about one map, for people and as JSON.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use schema_roads::{JunctionKind, RoadMap, Severity, SignalKind, Warning};
+use serde_json::json;
+
+use super::compare::Comparison;
+
+/// Warnings that are printed for each map unless all are wanted.
+const SHOWN: usize = 12;
+
+/// What was read.
+#[derive(Debug)]
+pub struct Contents {
+    revision: Option<(u32, u32)>,
+    n_roads: usize,
+    length_m: f64,
+    /// Lanes by kind.
+    lanes: BTreeMap<String, usize>,
+    /// Junctions by kind.
+    junctions: BTreeMap<String, usize>,
+    n_lights: usize,
+    n_signals: usize,
+    n_controllers: usize,
+    n_crosswalks: usize,
+    n_objects: usize,
+    geo_reference_deg: Option<(f64, f64)>,
+    took: Duration,
+}
+
+impl Contents {
+    /// Counts what a map holds.
+    pub fn of(map: &RoadMap, took: Duration) -> Contents {
+        let mut lanes = BTreeMap::new();
+        map.lanes().iter().for_each(|lane| *lanes.entry(format!("{:?}", lane.kind).to_lowercase()).or_default() += 1);
+        let mut junctions = BTreeMap::new();
+        for junction in map.junctions() {
+            let kind = match junction.kind {
+                JunctionKind::Common => "common",
+                JunctionKind::Direct => "direct",
+                JunctionKind::Virtual => "virtual",
+                JunctionKind::Crossing => "crossing",
+            };
+            *junctions.entry(kind.to_owned()).or_default() += 1;
+        }
+        Contents {
+            revision: map.revision(),
+            n_roads: map.roads().count(),
+            length_m: map.roads().map(|road| road.length_m).sum(),
+            lanes,
+            junctions,
+            n_lights: map.signals().iter().filter(|signal| signal.kind == SignalKind::TrafficLight).count(),
+            n_signals: map.signals().len(),
+            n_controllers: map.controllers().len(),
+            n_crosswalks: map.crosswalks().len(),
+            n_objects: map.objects().len(),
+            geo_reference_deg: map.has_geo_reference().then(|| map.geo_reference()),
+            took,
+        }
+    }
+
+    fn sentence(&self) -> String {
+        let revision =
+            self.revision.map_or("OpenDRIVE without a revision".to_owned(), |(major, minor)| format!("OpenDRIVE {major}.{minor}"));
+        let by_kind = |counts: &BTreeMap<String, usize>| {
+            let words: Vec<String> = counts.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+            if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) }
+        };
+        let place = self.geo_reference_deg.map_or("no geoReference".to_owned(), |(lat, lon)| format!("at {lat:.5}°, {lon:.5}°"));
+        format!(
+            "{revision}, {} roads, {:.2} km, {} lanes{}, {} junctions{}, {} signals ({} lights), {} controllers, {} crosswalks, {} objects, {place}; read in {:.0} ms",
+            self.n_roads,
+            self.length_m / 1000.0,
+            self.lanes.values().sum::<usize>(),
+            by_kind(&self.lanes),
+            self.junctions.values().sum::<usize>(),
+            by_kind(&self.junctions),
+            self.n_signals,
+            self.n_lights,
+            self.n_controllers,
+            self.n_crosswalks,
+            self.n_objects,
+            self.took.as_secs_f64() * 1e3,
+        )
+    }
+
+    fn as_json(&self) -> serde_json::Value {
+        json!({
+            "revision": self.revision.map(|(major, minor)| format!("{major}.{minor}")), "roads": self.n_roads, "length_m": self.length_m,
+            "lanes": self.lanes, "junctions": self.junctions, "signals": self.n_signals, "lights": self.n_lights,
+            "controllers": self.n_controllers, "crosswalks": self.n_crosswalks, "objects": self.n_objects,
+            "geo_reference_deg": self.geo_reference_deg, "read_secs": self.took.as_secs_f64(),
+        })
+    }
+}
+
+/// Everything about one map.
+#[derive(Debug)]
+pub struct Report {
+    /// As it was named.
+    pub name: String,
+    /// Why it is no map at all.
+    pub error: Option<String>,
+    /// What is odd or broken in it.
+    pub warnings: Vec<Warning>,
+    /// What was read.
+    pub contents: Option<Contents>,
+    /// Against CARLA's client.
+    pub comparison: Option<Comparison>,
+}
+
+impl Report {
+    /// A map that cannot be read.
+    pub fn failed(name: String, error: String) -> Report {
+        Report { name, error: Some(error), warnings: Vec::new(), contents: None, comparison: None }
+    }
+
+    /// Whether the file lacks something that a map needs.
+    pub fn is_broken(&self) -> bool {
+        self.error.is_some() || self.warnings.iter().any(|warning| warning.severity == Severity::Error)
+    }
+
+    /// Whether CARLA's client reads something else, where it reads rightly.
+    pub fn differs(&self) -> bool {
+        self.comparison.as_ref().is_some_and(Comparison::differs)
+    }
+
+    /// Some lines; the first says whether the map is sound.
+    pub fn as_text(&self, all: bool) -> String {
+        let verdict = if self.is_broken() {
+            "broken"
+        } else if self.differs() {
+            "differs"
+        } else {
+            "ok"
+        };
+        let mut text = format!("{verdict:<8}{}", self.name);
+        // Writing to a String cannot fail.
+        let _ = match (&self.contents, &self.error) {
+            (Some(contents), _) => writeln!(text, ": {}", contents.sentence()),
+            (None, error) => writeln!(text, ": {}", error.as_deref().unwrap_or("cannot be read")),
+        };
+        let shown = if all { self.warnings.len() } else { SHOWN.min(self.warnings.len()) };
+        let mut ordered: Vec<&Warning> = self.warnings.iter().collect();
+        ordered.sort_by_key(|warning| std::cmp::Reverse(warning.severity));
+        for warning in &ordered[..shown] {
+            let word = if warning.severity == Severity::Error { "error" } else { "warning" };
+            let _ = writeln!(text, "        {word}: {warning}");
+        }
+        if shown < self.warnings.len() {
+            let _ = writeln!(text, "        {} more; --all prints them", self.warnings.len() - shown);
+        }
+        if let Some(comparison) = &self.comparison {
+            for (good, line) in comparison.lines() {
+                let _ = writeln!(text, "        carla{} {line}", if *good { ":" } else { " differs:" });
+            }
+        }
+        text
+    }
+
+    /// One object.
+    pub fn as_json(&self) -> serde_json::Value {
+        let warnings: Vec<_> = self
+            .warnings
+            .iter()
+            .map(|w| json!({"error": w.severity == Severity::Error, "line": w.line, "column": w.column, "text": w.text}))
+            .collect();
+        json!({
+            "map": self.name, "sound": !self.is_broken(), "error": self.error, "warnings": warnings,
+            "contents": self.contents.as_ref().map(Contents::as_json), "carla": self.comparison.as_ref().map(Comparison::as_json),
+        })
+    }
+}

@@ -1,0 +1,127 @@
+//! A world from any road map: surfaces, kerbs, paint, ground, signals, houses and trees, all from the lanes alone.
+//!
+//! Everything is built about an origin in the middle of the map and moved there at the end, so that maps far from zero stay sharp.
+
+mod cover;
+mod ground;
+mod objects;
+mod paint;
+mod roadside;
+mod scene;
+mod signals;
+mod spawn;
+mod surface;
+
+use nalgebra::{Translation3, Vector3};
+use schema_roads::{RoadMap, SectionSurface, SurfaceSteps};
+
+use crate::furniture;
+use crate::geometry::P2;
+use crate::town::{Town, TownError};
+use cover::Cover;
+use ground::Ground;
+use scene::Scene;
+
+/// How a world is made from a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImportOptions {
+    /// Longest distance between two rows of the road surface, metres.
+    pub vertex_distance_m: f64,
+    /// Height of walls along the outer edges of roads, metres; 0 for none.
+    pub wall_height_m: f64,
+    /// Metres by which lanes in junctions are wider.
+    pub junction_extra_m: f64,
+    /// Whether anything can be seen; what vehicles feel is there either way.
+    pub visible: bool,
+    /// Whether houses, trees and lamps stand beside the roads.
+    pub roadside: bool,
+}
+
+impl Default for ImportOptions {
+    fn default() -> Self {
+        ImportOptions { vertex_distance_m: 6.0, wall_height_m: 0.0, junction_extra_m: 0.0, visible: true, roadside: true }
+    }
+}
+
+/// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and options give the same bytes.
+///
+/// # Errors
+/// [`TownError::TooLarge`].
+pub fn import(name: &str, open_drive: &str, roads: &RoadMap, seed: u64, options: &ImportOptions) -> Result<Town, TownError> {
+    let steps = SurfaceSteps {
+        max_step_m: options.vertex_distance_m.clamp(0.5, 20.0),
+        junction_extra_m: options.junction_extra_m.clamp(0.0, 5.0),
+        ..SurfaceSteps::default()
+    };
+    let mut sections = roads.surfaces(&steps).map_err(|error| TownError::TooLarge { name: name.to_owned(), reason: error.to_string() })?;
+    let origin = origin(&sections);
+    move_by(&mut sections, -origin);
+    surface::name_kerbs(&mut sections);
+    surface::raise_pavements(&mut sections);
+    let cover = Cover::new(&sections);
+    let ground = Ground::new(&sections);
+    let mut scene = Scene::new(roads, origin, seed, *options, cover, ground);
+    surface::build(&mut scene, &sections);
+    paint::build(&mut scene, &sections);
+    ground::build(&mut scene);
+    objects::build(&mut scene);
+    signals::build(&mut scene, &sections);
+    if options.roadside {
+        roadside::build(&mut scene, &sections);
+    }
+    let mut parts = scene.finish();
+    if !options.visible {
+        parts.assets.statics.clear();
+    }
+    let shift = Translation3::from(origin);
+    for each in &mut parts.assets.statics {
+        each.world_from_mesh = shift * each.world_from_mesh;
+    }
+    let moved = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| p[i] + origin[i]) };
+    for object in &mut parts.objects {
+        object.pose.translation_m = moved(object.pose.translation_m);
+        object.box_pose.translation_m = moved(object.box_pose.translation_m);
+    }
+    parts.lamps.iter_mut().for_each(|lamp| lamp.position_m = moved(lamp.position_m));
+    for light in &mut parts.lights {
+        light.pole.translation_m = moved(light.pole.translation_m);
+        light.heads.iter_mut().for_each(|head| *head = shift * *head);
+    }
+    Ok(Town {
+        name: name.to_owned(),
+        open_drive: open_drive.to_owned(),
+        spawn_points: spawn::spawn_points(roads),
+        assets: parts.assets,
+        objects: parts.objects,
+        lamps: parts.lamps,
+        lights: parts.lights,
+        light_head: furniture::light_head(),
+        collision: parts.collision,
+        origin_m: origin.into(),
+    })
+}
+
+/// The middle of all surfaces, in whole metres.
+fn origin(sections: &[SectionSurface]) -> Vector3<f64> {
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for point in sections.iter().flat_map(|section| section.centre_m.iter().chain(section.lanes.iter().flat_map(|lane| &lane.points_m))) {
+        let point = Vector3::from(*point);
+        (low, high) = (low.inf(&point), high.sup(&point));
+    }
+    let middle = 0.5 * (low + high);
+    if middle.iter().all(|x| x.is_finite()) { middle.map(f64::round) } else { Vector3::zeros() }
+}
+
+fn move_by(sections: &mut [SectionSurface], by: Vector3<f64>) {
+    for section in sections {
+        let lanes = section.lanes.iter_mut().flat_map(|lane| &mut lane.points_m);
+        for point in section.centre_m.iter_mut().chain(lanes) {
+            *point = (Vector3::from(*point) + by).into();
+        }
+    }
+}
+
+/// The point in the ground plane.
+fn flat(p: [f64; 3]) -> P2 {
+    P2::new(p[0], p[1])
+}

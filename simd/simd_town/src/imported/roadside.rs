@@ -1,0 +1,211 @@
+//! Houses, trees and lamps beside the roads, drawn by lot where there is room.
+
+use schema_roads::LaneKey;
+use schema_roads::{LaneKind, LanePosition, SectionSurface};
+use schema_types::Class;
+use sensor_core::MeshId;
+
+use super::flat;
+use super::scene::Scene;
+use super::surface::is_pavement;
+use crate::building::{self, Lot};
+use crate::geometry::{self, P2, heading};
+use crate::plan::Houses;
+use crate::random::Random;
+use crate::{furniture, greenery};
+
+/// Streams of random numbers.
+const HOUSES: u64 = 0x81;
+const TREES: u64 = 0x82;
+/// Most of each in a map.
+const MAX_HOUSES: usize = 2_500;
+const MAX_TREES: usize = 6_000;
+const MAX_LAMPS: usize = 4_000;
+/// Most places that are looked at for each.
+const MAX_TRIES: usize = 100_000;
+/// Distance between street lamps.
+const LAMPS_M: f64 = 26.0;
+/// Fastest road with houses beside it, m/s.
+const TOWN_MPS: f64 = 17.0;
+/// Room between a house and any lane.
+const ROOM_M: f64 = 1.2;
+
+/// One outer edge of a road, walked with the road on its right.
+struct Verge {
+    points: Vec<[f64; 3]>,
+    lengths_m: Vec<f64>,
+    pavement: bool,
+    /// Driving at a town's speed.
+    slow: bool,
+}
+
+impl Verge {
+    fn length_m(&self) -> f64 {
+        self.lengths_m.last().copied().unwrap_or(0.0)
+    }
+
+    fn at(&self, l_m: f64) -> [f64; 3] {
+        let l = l_m.clamp(0.0, self.length_m());
+        let i = self.lengths_m.partition_point(|x| *x <= l).clamp(1, self.points.len() - 1);
+        let share = (l - self.lengths_m[i - 1]) / (self.lengths_m[i] - self.lengths_m[i - 1]).max(1e-9);
+        std::array::from_fn(|k| self.points[i - 1][k] + share * (self.points[i][k] - self.points[i - 1][k]))
+    }
+
+    /// Away from the road.
+    fn out(&self, l_m: f64) -> P2 {
+        let along = flat(self.at(l_m + 0.5)) - flat(self.at(l_m - 0.5));
+        geometry::left(along.try_normalize(1e-6).unwrap_or(P2::x()))
+    }
+}
+
+/// All of it.
+pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
+    let verges = verges(scene, sections);
+    let mut lots: Vec<Lot> = Vec::new();
+    let mut tries = MAX_TRIES;
+    for (i, verge) in verges.iter().enumerate().filter(|(_, verge)| verge.slow) {
+        let mut random = Random::new(scene.seed, HOUSES, i as u64);
+        houses(scene, verge, &mut lots, &mut tries, &mut random);
+    }
+    lamps(scene, sections);
+    let kinds: Vec<MeshId> = (0..greenery::N_KINDS).map(|kind| scene.assets.add_mesh(greenery::tree(kind))).collect();
+    let mut left = (MAX_TREES, MAX_TRIES);
+    for (i, verge) in verges.iter().enumerate() {
+        let mut random = Random::new(scene.seed, TREES, i as u64);
+        trees(scene, verge, &lots, &kinds, &mut left, &mut random);
+    }
+}
+
+fn verges(scene: &Scene, sections: &[SectionSurface]) -> Vec<Verge> {
+    let mut verges = Vec::new();
+    for section in sections.iter().filter(|section| section.junction.is_none()) {
+        let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else { continue };
+        let slow = section.lanes.iter().find(|lane| lane.kind.is_drivable()).is_some_and(|lane| {
+            let key = LaneKey { road: section.road, section: section.section, lane: lane.lane };
+            scene.roads.speed_limit_mps(LanePosition::new(key, 0.0)).is_none_or(|limit| limit < TOWN_MPS)
+        });
+        let n = section.stations_m.len();
+        let left_edge: Vec<[f64; 3]> = (0..n).map(|row| last.row(row)[last.columns - 1]).collect();
+        let right_edge: Vec<[f64; 3]> = (0..n).rev().map(|row| first.row(row)[0]).collect();
+        for (points, lane) in [(left_edge, last), (right_edge, first)] {
+            let mut lengths_m = vec![0.0];
+            for pair in points.windows(2) {
+                lengths_m.push(lengths_m[lengths_m.len() - 1] + (flat(pair[1]) - flat(pair[0])).norm());
+            }
+            if lengths_m[lengths_m.len() - 1] > 12.0 {
+                verges.push(Verge { points, lengths_m, pavement: is_pavement(lane.kind), slow });
+            }
+        }
+    }
+    verges
+}
+
+/// The middle and points along the rim of a lot.
+fn probes(lot: &Lot) -> Vec<P2> {
+    let f = &lot.footprint_m;
+    let mut points = vec![f.iter().sum::<P2>() / 4.0];
+    for i in 0..4 {
+        points.extend((0..5).map(|k| f[i] + (f[(i + 1) % 4] - f[i]) * (f64::from(k) / 5.0)));
+    }
+    points
+}
+
+fn houses(scene: &mut Scene, verge: &Verge, lots: &mut Vec<Lot>, tries: &mut usize, random: &mut Random) {
+    let style = if verge.pavement { Houses::Terraces } else { Houses::Cottages };
+    let (setback, gap) = if verge.pavement { (0.3, 1.5) } else { (5.0, 9.0) };
+    let mut l = random.between(4.0, 12.0);
+    while l < verge.length_m() - 8.0 && lots.len() < MAX_HOUSES && *tries > 0 {
+        *tries -= 1;
+        let (width, depth) = (random.between(9.0, 15.0), random.between(8.0, 11.0));
+        let (a, b) = (verge.at(l), verge.at((l + width).min(verge.length_m())));
+        let chord = flat(b) - flat(a);
+        let bowed = (flat(verge.at(l + 0.5 * width)) - 0.5 * (flat(a) + flat(b))).norm() > 0.8;
+        if chord.norm() < 0.9 * width || bowed {
+            l += 3.0;
+            continue;
+        }
+        let inward = geometry::left(chord.normalize());
+        let (p, q) = (flat(a) + inward * setback, flat(b) + inward * setback);
+        let lot = Lot { footprint_m: [p, q, q + inward * depth, p + inward * depth] };
+        let points = probes(&lot);
+        let heights: Vec<f64> = points.iter().map(|p| scene.ground.at(*p)).collect();
+        let (low, high) = heights.iter().fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
+        let level = high - low < 2.0 && (a[2] - high).abs() < 2.0;
+        let free = level
+            && !points.iter().any(|p| scene.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
+            && !lots.iter().any(|other| (points[0] - other.footprint_m.iter().sum::<P2>() / 4.0).norm() < 26.0 && overlap(&lot, other));
+        if !free {
+            l += 3.0;
+            continue;
+        }
+        let object = scene.object(Class::BUILDINGS, "building");
+        building::build(&mut scene.chunks, &mut scene.solid, &lot, style, object, random);
+        lots.push(lot);
+        l += width + if random.chance(0.3) { gap * random.between(2.0, 5.0) } else { gap };
+    }
+}
+
+fn overlap(a: &Lot, b: &Lot) -> bool {
+    let separated = |p: &[P2; 4], q: &[P2; 4]| {
+        (0..4).any(|i| {
+            let edge = p[(i + 1) % 4] - p[i];
+            q.iter().all(|corner| geometry::cross(edge, corner - p[i]) < -0.5)
+        })
+    };
+    !separated(&a.footprint_m, &b.footprint_m) && !separated(&b.footprint_m, &a.footprint_m)
+}
+
+/// Lamps on pavements, at the kerb.
+fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
+    let mesh = scene.assets.add_mesh(furniture::street_lamp());
+    let mut n = 0;
+    for section in sections.iter().filter(|section| section.junction.is_none()) {
+        for lane in section.lanes.iter().filter(|lane| lane.kind == LaneKind::Sidewalk) {
+            let mut next = section.stations_m[0] + 9.0;
+            for (row, station) in section.stations_m.iter().enumerate() {
+                if *station < next || n >= MAX_LAMPS {
+                    continue;
+                }
+                next = station + LAMPS_M;
+                let points = lane.row(row);
+                let (inner, outer) =
+                    if lane.lane > 0 { (points[0], points[lane.columns - 1]) } else { (points[lane.columns - 1], points[0]) };
+                let Some(out) = (flat(outer) - flat(inner)).try_normalize(1.0) else { continue };
+                let at = flat(inner) + out * 0.5;
+                if scene.cover.vehicles_at(at).is_some() {
+                    continue;
+                }
+                n += 1;
+                scene.street_lamp(mesh, "street lamp", [at.x, at.y, inner[2]], heading(-out));
+            }
+        }
+    }
+}
+
+fn trees(scene: &mut Scene, verge: &Verge, lots: &[Lot], kinds: &[MeshId], left: &mut (usize, usize), random: &mut Random) {
+    let (near, far) = if verge.slow { (2.6, 16.0) } else { (7.0, 45.0) };
+    let mut l = random.between(2.0, 9.0);
+    while l < verge.length_m() && left.0 > 0 && left.1 > 0 {
+        left.1 -= 1;
+        let p = flat(verge.at(l)) + verge.out(l) * random.between(near, far);
+        let mesh = random.pick(kinds);
+        let yaw = random.between(0.0, std::f64::consts::TAU);
+        l += random.between(6.0, 17.0);
+        let in_the_way = lots.iter().any(|lot| {
+            let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+            (p - middle).norm() < 14.0 && crate::ring::contains(&grown(lot, 2.6), p)
+        });
+        if in_the_way || scene.cover.is_near(p, 2.2) {
+            continue;
+        }
+        left.0 -= 1;
+        let at = [p.x, p.y, scene.ground.at(p)];
+        let tree = scene.stand(mesh, Class::VEGETATION, "tree", at, yaw);
+        scene.post(tree, at, 0.17, 4.0);
+    }
+}
+
+fn grown(lot: &Lot, by: f64) -> [P2; 4] {
+    let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+    lot.footprint_m.map(|p| middle + (p - middle) * (1.0 + by / (p - middle).norm().max(1.0)))
+}

@@ -1,0 +1,60 @@
+//! Solid ground of maps as the engine wants it. Sorting its triangles is the dear part of loading a map, so the last few are kept.
+
+use std::sync::Arc;
+
+use rapier3d::math::Vector;
+use rapier3d::prelude::{ColliderBuilder, SharedShape};
+
+use schema_types::Class;
+
+use crate::map::MapData;
+
+/// A mesh's triangles, sorted, and its class.
+pub(crate) type Solid = (SharedShape, Class);
+
+/// Maps whose solids are kept.
+const KEPT: usize = 3;
+
+/// Solids of the maps loaded last.
+#[derive(Clone, Default)]
+pub(crate) struct Solids {
+    kept: Vec<(Arc<MapData>, Vec<Solid>)>,
+}
+
+impl Solids {
+    /// Solids of this very map.
+    ///
+    /// # Errors
+    /// Index of the mesh that cannot be used, and why.
+    pub fn of(&mut self, map: &Arc<MapData>) -> Result<Vec<Solid>, (usize, String)> {
+        if let Some((_, solids)) = self.kept.iter().find(|(kept, _)| Arc::ptr_eq(kept, map)) {
+            return Ok(solids.clone());
+        }
+        let solids = solids(map)?;
+        if self.kept.len() >= KEPT {
+            self.kept.remove(0);
+        }
+        self.kept.push((map.clone(), solids.clone()));
+        Ok(solids)
+    }
+}
+
+fn solids(map: &MapData) -> Result<Vec<Solid>, (usize, String)> {
+    let mut solids = Vec::new();
+    for (mesh_idx, mesh) in map.collision.iter().enumerate() {
+        if mesh.triangles.is_empty() {
+            continue;
+        }
+        if mesh.vertices_m.iter().flatten().any(|x| !x.is_finite()) {
+            return Err((mesh_idx, "has a corner that is not finite".to_owned()));
+        }
+        let n_vertices = mesh.vertices_m.len() as u32;
+        if let Some(corner) = mesh.triangles.iter().flatten().find(|corner| **corner >= n_vertices) {
+            return Err((mesh_idx, format!("names corner {corner} but has only {n_vertices}")));
+        }
+        let vertices = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
+        let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone()).map_err(|error| (mesh_idx, error.to_string()))?;
+        solids.push((collider.shape, mesh.class));
+    }
+    Ok(solids)
+}

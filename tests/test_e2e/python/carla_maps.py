@@ -1,0 +1,64 @@
+"""The stock client and maps: which there are, loading one of the map folder, building a world from a text. Arguments: port, OpenDRIVE file."""
+
+import sys
+
+import carla
+
+
+def stands(world, what):
+    """A car put on every tenth spawn point comes to rest upright on its lane."""
+    road_map = world.get_map()
+    blueprint = world.get_blueprint_library().find("vehicle.tesla.model3")
+    cars = [car for point in road_map.get_spawn_points()[::10][:12] if (car := world.try_spawn_actor(blueprint, point))]
+    assert len(cars) >= 3, (what, len(cars))
+    for _ in range(40):
+        world.wait_for_tick(20.0)
+    for car in cars:
+        at = car.get_transform()
+        waypoint = road_map.get_waypoint(at.location)
+        assert abs(at.location.z - waypoint.transform.location.z) < 0.05, (what, at, waypoint.transform)
+        assert abs(at.rotation.roll) < 2.0, (what, at.rotation)
+    client.apply_batch_sync([carla.command.DestroyActor(car) for car in cars])
+
+
+def refused(call, word):
+    try:
+        call()
+    except RuntimeError as error:
+        assert word in str(error), error
+        return
+    raise AssertionError(f"{word}: nothing was refused")
+
+
+client = carla.Client("127.0.0.1", int(sys.argv[1]))
+client.set_timeout(60.0)
+text = open(sys.argv[2], encoding="utf-8").read()
+
+names = client.get_available_maps()
+assert {"/Game/Carla/Maps/Town01", "/Game/Carla/Maps/Town10HD", "/Game/Carla/Maps/mine"} <= set(names), names
+print("listing passed")
+
+for name in ("mine", "/Game/Carla/Maps/mine", "Town01"):
+    world = client.load_world(name)
+    assert world.get_map().name == "Carla/Maps/" + name.split("/")[-1], world.get_map().name
+world = client.load_world("mine")
+# The gateway adds blank lines.
+assert world.get_map().to_opendrive().rstrip() == text.rstrip()
+stands(world, "mine")
+print("folder passed")
+
+parameters = carla.OpendriveGenerationParameters(vertex_distance=2.0, wall_height=1.0, additional_width=0.6, enable_mesh_visibility=True)
+world = client.generate_opendrive_world(text, parameters)
+assert world.get_map().name == "Carla/Maps/OpenDriveMap", world.get_map().name
+assert "/Game/Carla/Maps/OpenDriveMap" in client.get_available_maps()
+stands(world, "OpenDriveMap")
+# Other parameters are another world under the same name.
+world = client.generate_opendrive_world(text, carla.OpendriveGenerationParameters(wall_height=0.0, enable_mesh_visibility=False))
+stands(world, "OpenDriveMap without walls")
+print("generating passed")
+
+refused(lambda: client.load_world("nowhere"), "not found")
+refused(lambda: client.load_world("../../secret"), "not found")
+refused(lambda: client.generate_opendrive_world("<OpenDRIVE></OpenDRIVE>", parameters), "no usable road")
+assert client.get_world().get_map().name == "Carla/Maps/OpenDriveMap"
+print("refusals passed")
