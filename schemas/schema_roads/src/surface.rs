@@ -27,7 +27,7 @@ pub struct SurfaceSteps {
 
 impl Default for SurfaceSteps {
     fn default() -> Self {
-        SurfaceSteps { max_step_m: 6.0, tolerance_m: 0.003, junction_extra_m: 0.0, max_points: 1_000_000 }
+        SurfaceSteps { max_step_m: 6.0, tolerance_m: 0.003, junction_extra_m: 0.0, max_points: 500_000 }
     }
 }
 

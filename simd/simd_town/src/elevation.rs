@@ -129,7 +129,7 @@ impl Terrain {
                 ((low - 0.1) / CELL_M).floor() as i32..=((high + 0.1) / CELL_M).floor() as i32
             };
             self.triangles.push(t);
-            if span(0).count() * span(1).count() > MAX_CELLS {
+            if span(0).count().saturating_mul(span(1).count()) > MAX_CELLS {
                 self.wide.push(idx);
                 continue;
             }

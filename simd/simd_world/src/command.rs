@@ -89,7 +89,7 @@ impl World {
 
     /// Puts an actor somewhere in the world; a vehicle keeps its velocity, an attached sensor rides on from there.
     pub fn set_pose(&mut self, actor: ActorId, pose: Pose) -> Result<(), ActorError> {
-        let pose = unit_pose(pose).map_err(|problem| ActorError::Value { actor, what: "pose", problem })?;
+        let pose = unit_pose(pose, self.map.origin_m).map_err(|problem| ActorError::Value { actor, what: "pose", problem })?;
         let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
         let type_id = &self.catalogue.entries[known.catalogue_idx as usize].type_id;
         if type_id.starts_with("traffic.") {

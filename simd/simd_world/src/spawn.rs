@@ -106,7 +106,7 @@ impl World {
         attributes: &BTreeMap<String, String>,
     ) -> Result<ActorId, SpawnError> {
         let catalogue_idx = self.catalogue_idx(type_id).ok_or_else(|| SpawnError::UnknownType(type_id.to_owned()))?;
-        let pose = unit_pose(pose).map_err(|problem| SpawnError::Pose { type_id: type_id.to_owned(), problem })?;
+        let pose = unit_pose(pose, self.map.origin_m).map_err(|problem| SpawnError::Pose { type_id: type_id.to_owned(), problem })?;
         if let Some(parent) = parent.filter(|parent| !self.actors.contains_key(parent)) {
             return Err(SpawnError::Parent { type_id: type_id.to_owned(), parent });
         }
@@ -314,12 +314,13 @@ fn check_walker_attribute(type_id: &str, name: &str, value: &str, known: &BTreeM
 }
 
 /// The pose with a quaternion of unit length; one that already is keeps its bits.
-pub(crate) fn unit_pose(pose: Pose) -> Result<Pose, &'static str> {
+pub(crate) fn unit_pose(pose: Pose, origin_m: [f64; 3]) -> Result<Pose, &'static str> {
     if !pose.translation_m.iter().chain(&pose.rotation_xyzw).all(|x| x.is_finite()) {
         return Err("has a value that is not finite");
     }
-    if pose.translation_m.iter().any(|x| x.abs() > 1e5) {
-        return Err("lies more than 100 km from the origin");
+    // Maps in national grids lie thousands of kilometres from zero; what counts is the map's own middle.
+    if pose.translation_m.iter().zip(origin_m).any(|(x, origin)| (x - origin).abs() > 1e5) {
+        return Err("lies more than 100 km from the middle of the map");
     }
     let norm = pose.rotation_xyzw.iter().map(|x| x * x).sum::<f64>().sqrt();
     if !(0.5..=2.0).contains(&norm) {

@@ -55,7 +55,7 @@ impl Cover {
             ((low / CELL_M).floor() as i32, (high / CELL_M).floor() as i32)
         };
         let ((x0, x1), (y0, y1)) = (span(0), span(1));
-        if (i64::from(x1) - i64::from(x0) + 1) * (i64::from(y1) - i64::from(y0) + 1) > MAX_CELLS {
+        if (i64::from(x1) - i64::from(x0) + 1).saturating_mul(i64::from(y1) - i64::from(y0) + 1) > MAX_CELLS {
             return;
         }
         let idx = self.pieces.len() as u32;
