@@ -31,11 +31,10 @@ impl World {
         let points = self.map.spawn_points.clone();
         let no_place = SpawnError::SpawnPoint { idx: ego_spawn_idx, map: self.map.name.clone(), n_points: points.len() };
         let mut result = Err(no_place);
-        let wished = ego_spawn_idx;
-        let mut ego_spawn_idx = wished;
-        let others_of = if wished < points.len() { 0..wished } else { 0..0 };
-        for idx in (wished..points.len()).chain(others_of) {
-            ego_spawn_idx = idx;
+        let mut taken_idx = ego_spawn_idx;
+        let before = if ego_spawn_idx < points.len() { 0..ego_spawn_idx } else { 0..0 };
+        for idx in (ego_spawn_idx..points.len()).chain(before) {
+            taken_idx = idx;
             result = self.spawn(ego_type, points[idx], None, "ego_vehicle", &BTreeMap::new());
             if !matches!(result, Err(SpawnError::Occupied { .. })) {
                 break;
@@ -43,7 +42,7 @@ impl World {
         }
         let ego = result?;
         let noise = Noise::new(self.options.seed, STREAM, 0);
-        let mut order: Vec<usize> = (0..points.len()).filter(|idx| *idx != ego_spawn_idx).collect();
+        let mut order: Vec<usize> = (0..points.len()).filter(|idx| *idx != taken_idx).collect();
         order.sort_by_key(|idx| (noise.bits(*idx as u64), *idx));
         let mut others = Vec::new();
         for idx in order {

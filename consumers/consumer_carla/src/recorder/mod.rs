@@ -60,7 +60,7 @@ impl Recorder {
         let _ = self.data.set(data);
     }
 
-    /// The file of a name: only its last part counts, so that scripts' `/home/…/x.log` works and stays in the folder.
+    /// The file of a name: only its last part counts, so that scripts' `/tmp/x.log` works and stays in the folder.
     ///
     /// # Errors
     /// A sentence about a name that is none.
