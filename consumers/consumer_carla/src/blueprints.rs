@@ -31,6 +31,10 @@ const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("can_use_wheelchair", BOOL, false),
     ("use_wheelchair", BOOL, true),
     ("size", TEXT, false),
+    ("friction", FLOAT, true),
+    ("extent_x", FLOAT, true),
+    ("extent_y", FLOAT, true),
+    ("extent_z", FLOAT, true),
 ];
 /// Kinds whose attributes stand in the catalogue, and the role that CARLA gives them.
 const BODIES: &[(&str, &str)] = &[("vehicle", "autopilot"), ("walker", "pedestrian"), ("prop", "prop"), ("controller", "default")];

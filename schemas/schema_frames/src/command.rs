@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use crate::Attachment;
 use crate::control::{VehicleControl, WalkerControl};
 use crate::document::{PoseText, StepMode, Weather};
+use crate::physics::{PhysicsAction, PhysicsAnswer};
 use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
 
 /// Version of the command codec.
@@ -134,6 +135,13 @@ pub enum Command {
         yaw_rad: f64,
         /// Speed that its limbs show, m/s.
         speed_mps: f64,
+    },
+    /// Does something to an actor's body, or asks about a vehicle's.
+    Physics {
+        /// The actor.
+        actor_id: u32,
+        /// What.
+        action: PhysicsAction,
     },
     /// Sets a vehicle's lamps.
     SetLamps {
@@ -356,6 +364,11 @@ pub enum CommandReply {
         actor_id: u32,
         /// Topics, if it is a sensor.
         topics: Vec<String>,
+    },
+    /// Answer to those of `physics` that ask for something.
+    Physics {
+        /// By its name: `vehicle_physics`, `ackermann_gains` or `telemetry`.
+        answer: PhysicsAnswer,
     },
     /// Answer to `join_lockstep`.
     Joined {

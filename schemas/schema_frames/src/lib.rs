@@ -17,6 +17,7 @@ pub mod layout;
 pub mod lidar;
 pub mod modality;
 pub mod motion;
+pub mod physics;
 pub mod query;
 pub mod radar;
 pub mod scenery;
@@ -32,6 +33,10 @@ pub use header::{FrameError, FrameHeader};
 pub use lidar::{LidarPoint, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
 pub use motion::{GnssSample, ImuSample};
+pub use physics::{
+    AckermannControl, AckermannGains, GearPhysics, PhysicsAction, PhysicsAnswer, VehiclePhysics, VehicleTelemetry, WheelPhysics,
+    WheelTelemetry,
+};
 pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
 pub use radar::RadarDetection;
 pub use snapshot::{ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart};

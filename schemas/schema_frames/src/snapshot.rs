@@ -173,7 +173,7 @@ pub struct VehiclePart {
     pub steer_ratio: f32,
     /// Applied control.
     pub brake_ratio: f32,
-    /// Bit 0 hand brake, 1 reverse, 2 manual gear shift.
+    /// Bit 0 hand brake, 1 reverse, 2 manual gear shift; bit 8: it lies on its side or roof.
     pub control_flags: u32,
     /// Gear engaged: −1, 0, 1..
     pub gear: i32,

@@ -6,6 +6,7 @@ use schema_frames::document::{BodyBox, Catalogue, CatalogueEntry};
 use schema_types::Class;
 use simd_town::BodyStyle;
 
+use crate::friction;
 use crate::models::{VehicleModel, vehicle_models};
 use crate::props::prop_models;
 use crate::walkers::walker_models;
@@ -57,6 +58,10 @@ pub(crate) fn catalogue() -> Catalogue {
     let sensors = SENSORS.iter().map(|type_id| bare(type_id, "sensor", Class::UNLABELED));
     let map = OF_THE_MAP.iter().map(|(type_id, kind, class)| bare(type_id, kind, *class));
     let limits = SPEED_LIMITS.iter().map(|kmh| bare(&format!("traffic.speed_limit.{kmh}"), "traffic_sign", Class::TRAFFIC_SIGNS));
+    let friction = CatalogueEntry {
+        attributes: friction::ATTRIBUTES.map(|(name, value)| (name.to_owned(), value.to_owned())).into(),
+        ..bare(friction::TYPE_ID, "prop", Class::UNLABELED)
+    };
     Catalogue {
         entries: vehicles
             .chain(walkers)
@@ -65,6 +70,7 @@ pub(crate) fn catalogue() -> Catalogue {
             .chain(sensors)
             .chain(map)
             .chain(limits)
+            .chain([friction])
             .collect(),
     }
 }

@@ -1,7 +1,7 @@
 //! Commands that change the world. Stepping, configuration, map loads and lockstep are the daemon's.
 
 use nalgebra::Vector3;
-use schema_frames::{Command, CommandReply, LightState};
+use schema_frames::{ActorKind, Command, CommandReply, LightState};
 use schema_types::{ActorId, Pose};
 
 use crate::spawn::unit_pose;
@@ -28,16 +28,17 @@ impl World {
             }
             Command::ControlVehicle { actor_id, control } => {
                 let result = self.set_control(ActorId(*actor_id), *control);
-                self.refresh_records(None);
+                self.refresh_actor(ActorId(*actor_id));
                 done(result.map_err(text))
             }
+            Command::Physics { actor_id, action } => self.act(ActorId(*actor_id), action),
             Command::ControlWalker { actor_id, control } => done(self.control_walker(ActorId(*actor_id), *control).map_err(text)),
             Command::LeadWalker { actor_id, ground_point_m, yaw_rad, speed_mps } => {
                 done(self.lead_walker(ActorId(*actor_id), *ground_point_m, *yaw_rad, *speed_mps).map_err(text))
             }
             Command::SetLamps { actor_id, lamps } => {
                 let result = self.set_lamps(ActorId(*actor_id), *lamps);
-                self.refresh_records(None);
+                self.refresh_actor(ActorId(*actor_id));
                 done(result.map_err(text))
             }
             Command::SetTrafficLight { actor_id, state } => done(self.set_traffic_light(ActorId(*actor_id), state)),
@@ -113,7 +114,14 @@ impl World {
         if let Some(known) = self.actors.get_mut(&actor) {
             known.pose = local;
         }
-        self.changed();
+        if self.actors.get(&actor).is_some_and(|known| known.kind == ActorKind::Prop) {
+            self.refresh_friction();
+        }
+        match self.vehicles.contains_key(&actor) {
+            true => self.refresh_actor(actor),
+            // The mount of what is attached stands in the list of actors.
+            false => self.changed(),
+        }
         Ok(())
     }
 
@@ -123,9 +131,8 @@ impl World {
         if !velocity.norm().is_finite() || velocity.norm() > 300.0 {
             return Err(ActorError::Value { actor, what: "velocity", problem: "must be finite and at most 300 m/s" });
         }
-        self.vehicle_mut(actor)?;
-        self.vehicles[&actor].set_velocity(&mut self.physics, &velocity);
-        self.refresh_records(None);
+        self.act_on(actor, |vehicle, physics| vehicle.set_velocity(physics, &velocity))?;
+        self.refresh_actor(actor);
         Ok(())
     }
 
@@ -172,6 +179,6 @@ fn light_state(name: &str) -> Result<LightState, String> {
     LightState::from_name(name).ok_or_else(|| format!("state is {name:?}, but must be red, yellow, green, off or unknown"))
 }
 
-fn text(error: ActorError) -> String {
+pub(crate) fn text(error: ActorError) -> String {
     error.to_string()
 }

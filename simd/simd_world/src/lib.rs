@@ -10,14 +10,19 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+mod ackermann;
+mod actions;
 mod boom;
 mod catalogue;
 mod checkpoint;
 mod command;
 mod drive;
+mod friction;
 mod lights;
 mod map;
 mod models;
+mod motion;
+mod physical;
 mod physics;
 mod plain;
 mod props;
@@ -27,10 +32,12 @@ mod scene;
 mod scenery;
 mod signs;
 mod solids;
+mod solver;
 mod spawn;
 mod vehicle;
 mod walkers;
 mod weather;
+mod wheel;
 mod world;
 
 pub use checkpoint::{Checkpoint, CheckpointError};

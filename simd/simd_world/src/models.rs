@@ -25,7 +25,9 @@ pub struct VehicleModel {
     pub generation: u8,
     /// Half length, width, height of the body box with mirrors, metres; the box stands on the ground about the origin.
     pub half_m: [f64; 3],
-    /// Distance between the axles, metres.
+    /// Axles: 2, or 3 for a lorry with a pair of rear axles.
+    pub n_axles: usize,
+    /// Distance between the front axle and the rear one, or the middle of the rear pair, metres.
     pub wheelbase_m: f64,
     /// Radius of the wheels, metres.
     pub wheel_radius_m: f64,
@@ -46,7 +48,10 @@ pub struct VehicleModel {
 impl VehicleModel {
     /// Number of wheels one sees.
     pub fn n_wheels(&self) -> usize {
-        if self.is_two_wheeler() { 2 } else { 4 }
+        match self.is_two_wheeler() {
+            true => 2,
+            false => 2 * self.n_axles,
+        }
     }
 
     /// Motorcycle or bicycle.
@@ -54,18 +59,21 @@ impl VehicleModel {
         matches!(self.style, BodyStyle::Motorcycle | BodyStyle::Bicycle)
     }
 
-    /// Largest mean steering angle of the front wheels, radians.
+    /// Largest mean steering angle of the front wheels, radians: 70° for cars as in CARLA, whose drivers count on it.
     pub fn max_steer_rad(&self) -> f64 {
-        match self.style {
-            BodyStyle::Bus | BodyStyle::Lorry => 0.82,
-            _ => 0.70,
-        }
+        let degrees: f64 = match self.style {
+            BodyStyle::Bus | BodyStyle::Lorry => 60.0,
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => 45.0,
+            _ => 70.0,
+        };
+        degrees.to_radians()
     }
 
     /// Height of the centre of mass above the ground, metres.
     pub fn mass_height_m(&self) -> f64 {
         match self.style {
-            BodyStyle::Motorcycle | BodyStyle::Bicycle => 0.25,
+            BodyStyle::Motorcycle => 0.50,
+            BodyStyle::Bicycle => 0.45,
             _ => (0.58 * self.half_m[2]).min(1.1),
         }
     }
@@ -101,36 +109,49 @@ const PETROL_SMALL: EngineSpec = EngineSpec {
     launch_rpm: 2000.0,
     max_rpm: 6500.0,
     ratios: &[3.6, 2.05, 1.38, 1.03, 0.82, 0.68],
+    down_ratio: 0.38,
+    up_ratio: 0.92,
     reverse_ratio: 3.4,
-    final_ratio: 4.1,
+    final_ratio: 4.9,
     efficiency_ratio: 0.90,
     shift_secs: 0.25,
     drag_nm_s: 0.05,
+    inertia_kgm2: 0.10,
 };
 const PETROL_STRONG: EngineSpec = EngineSpec {
-    torque_curve: &[(600.0, 180.0), (1000.0, 250.0), (2000.0, 360.0), (3500.0, 400.0), (4500.0, 390.0), (6000.0, 330.0), (6500.0, 280.0)],
-    ratios: &[3.9, 2.4, 1.6, 1.2, 0.95, 0.75],
-    final_ratio: 3.2,
+    torque_curve: &[(600.0, 150.0), (1000.0, 210.0), (2000.0, 290.0), (3500.0, 330.0), (4500.0, 325.0), (6000.0, 280.0), (6500.0, 240.0)],
+    ratios: &[3.5, 2.3, 1.6, 1.2, 0.95, 0.75],
+    final_ratio: 3.7,
     shift_secs: 0.2,
     drag_nm_s: 0.08,
+    inertia_kgm2: 0.16,
     ..PETROL_SMALL
 };
+const PETROL_LARGE: EngineSpec = EngineSpec {
+    torque_curve: &[(600.0, 210.0), (1000.0, 300.0), (2000.0, 430.0), (3500.0, 490.0), (4500.0, 470.0), (6000.0, 390.0), (6500.0, 330.0)],
+    inertia_kgm2: 0.22,
+    ..PETROL_STRONG
+};
 const ELECTRIC: EngineSpec = EngineSpec {
-    torque_curve: &[(0.0, 380.0), (5000.0, 380.0), (8000.0, 238.0), (12000.0, 159.0), (16000.0, 119.0)],
+    torque_curve: &[(0.0, 350.0), (5400.0, 350.0), (8000.0, 236.0), (12000.0, 158.0), (16000.0, 118.0)],
     idle_rpm: 0.0,
     launch_rpm: 0.0,
     max_rpm: 16000.0,
     ratios: &[1.0],
+    down_ratio: 0.3,
+    up_ratio: 0.9,
     reverse_ratio: 1.0,
     final_ratio: 9.0,
     efficiency_ratio: 0.95,
     shift_secs: 0.0,
     drag_nm_s: 0.02,
+    inertia_kgm2: 0.04,
 };
 const ELECTRIC_SMALL: EngineSpec = EngineSpec {
     torque_curve: &[(0.0, 90.0), (1500.0, 90.0), (4000.0, 34.0), (8000.0, 16.0)],
     max_rpm: 8000.0,
     drag_nm_s: 0.01,
+    inertia_kgm2: 0.01,
     ..ELECTRIC
 };
 const DIESEL_VAN: EngineSpec = EngineSpec {
@@ -138,24 +159,30 @@ const DIESEL_VAN: EngineSpec = EngineSpec {
     idle_rpm: 750.0,
     launch_rpm: 1600.0,
     max_rpm: 4200.0,
-    ratios: &[4.5, 2.5, 1.6, 1.15, 0.88, 0.7],
+    ratios: &[4.0, 2.4, 1.6, 1.15, 0.88, 0.7],
+    down_ratio: 0.40,
+    up_ratio: 0.92,
     reverse_ratio: 4.2,
-    final_ratio: 4.0,
+    final_ratio: 3.6,
     efficiency_ratio: 0.88,
     shift_secs: 0.3,
     drag_nm_s: 0.12,
+    inertia_kgm2: 0.25,
 };
 const DIESEL_HEAVY: EngineSpec = EngineSpec {
     torque_curve: &[(500.0, 700.0), (800.0, 1300.0), (1000.0, 1700.0), (1400.0, 1800.0), (1800.0, 1500.0), (2300.0, 900.0)],
     idle_rpm: 550.0,
     launch_rpm: 1000.0,
     max_rpm: 2300.0,
-    ratios: &[7.0, 4.2, 2.6, 1.7, 1.15, 0.8],
-    reverse_ratio: 6.5,
-    final_ratio: 3.6,
+    ratios: &[4.6, 3.1, 2.15, 1.5, 1.05, 0.8],
+    down_ratio: 0.45,
+    up_ratio: 0.90,
+    reverse_ratio: 4.6,
+    final_ratio: 3.1,
     efficiency_ratio: 0.86,
     shift_secs: 0.4,
     drag_nm_s: 0.9,
+    inertia_kgm2: 1.5,
 };
 const MOTORBIKE: EngineSpec = EngineSpec {
     torque_curve: &[(1000.0, 50.0), (3000.0, 70.0), (6000.0, 88.0), (9000.0, 85.0), (11000.0, 62.0)],
@@ -163,11 +190,14 @@ const MOTORBIKE: EngineSpec = EngineSpec {
     launch_rpm: 3500.0,
     max_rpm: 11000.0,
     ratios: &[2.8, 2.05, 1.65, 1.38, 1.2, 1.06],
+    down_ratio: 0.38,
+    up_ratio: 0.92,
     reverse_ratio: 2.8,
     final_ratio: 4.6,
     efficiency_ratio: 0.9,
     shift_secs: 0.15,
     drag_nm_s: 0.015,
+    inertia_kgm2: 0.02,
 };
 const LEGS: EngineSpec = EngineSpec {
     torque_curve: &[(0.0, 55.0), (60.0, 45.0), (120.0, 5.0)],
@@ -175,11 +205,14 @@ const LEGS: EngineSpec = EngineSpec {
     launch_rpm: 0.0,
     max_rpm: 120.0,
     ratios: &[0.9, 0.6, 0.42],
+    down_ratio: 0.38,
+    up_ratio: 0.8,
     reverse_ratio: 0.9,
     final_ratio: 1.0,
     efficiency_ratio: 0.95,
     shift_secs: 0.2,
     drag_nm_s: 0.0,
+    inertia_kgm2: 0.02,
 };
 
 const PAINTS: &[[u8; 3]] = &[
@@ -210,6 +243,7 @@ const CAR: VehicleModel = VehicleModel {
     special_type: "",
     generation: 1,
     half_m: [2.3, 0.95, 0.74],
+    n_axles: 2,
     wheelbase_m: 2.7,
     wheel_radius_m: 0.33,
     mass_kg: 1500.0,
@@ -231,6 +265,7 @@ const HATCH: VehicleModel = VehicleModel {
 };
 const SUV: VehicleModel = VehicleModel {
     style: BodyStyle::Suv,
+    engine: PETROL_LARGE,
     front_driven: true,
     mass_kg: 2100.0,
     wheelbase_m: 2.8,
@@ -422,7 +457,14 @@ static MODELS: &[VehicleModel] = &[
         mass_kg: 5500.0,
         ..LORRY
     },
-    VehicleModel { type_id: "vehicle.carlamotors.european_hgv", generation: 2, half_m: [3.962, 1.432, 1.892], wheelbase_m: 4.6, ..LORRY },
+    VehicleModel {
+        type_id: "vehicle.carlamotors.european_hgv",
+        generation: 2,
+        half_m: [3.962, 1.432, 1.892],
+        n_axles: 3,
+        wheelbase_m: 4.6,
+        ..LORRY
+    },
     VehicleModel {
         type_id: "vehicle.carlamotors.firetruck",
         special_type: "emergency",

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 use std::sync::Mutex;
 
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::glamx::Quat;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
@@ -137,6 +137,16 @@ impl Physics {
         let q = pose.rotation;
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(q.w as f64, q.x as f64, q.y as f64, q.z as f64));
         Isometry3::from_parts(Translation3::from(self.origin_m + widen(pose.translation)), rotation)
+    }
+
+    /// A point of the engine in the world.
+    pub fn world_point(&self, point: Vector) -> Point3<f64> {
+        Point3::from(self.origin_m + widen(point))
+    }
+
+    /// A point of the world in the engine.
+    pub fn engine_point(&self, point_in_world_m: [f64; 3]) -> Vector {
+        narrow(&(Vector3::from(point_in_world_m) - self.origin_m))
     }
 
     /// One sub-step; contacts go to the log.

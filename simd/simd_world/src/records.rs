@@ -1,5 +1,7 @@
 //! The snapshot: one record per actor, made anew after every step and every change.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::document::BodyBox;
 use schema_frames::snapshot::id_bytes;
@@ -20,6 +22,9 @@ struct Motion {
     spin: Vector3<f64>,
 }
 
+/// What records are made with that changes as they are made: speed limits that were looked up, and booms.
+type Memory<'w> = (&'w mut BTreeMap<ActorId, ([f64; 3], f32)>, &'w mut BTreeMap<ActorId, Boom>);
+
 impl World {
     /// `dt_secs` is the length of the step that led here; without one (a change between steps) accelerations and contact flags stay.
     pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
@@ -30,38 +35,77 @@ impl World {
         let mut limits = std::mem::take(&mut self.speed_limits);
         let mut booms = std::mem::take(&mut self.booms);
         for actor in self.actors.values() {
-            let mut motion = self.motion(actor, &records);
-            if let Some(boom) = booms.get_mut(&actor.id) {
-                self.hang(&mut motion, boom, actor, &records, dt_secs.unwrap_or(0.0));
-            }
-            let mut record = self.record_of(actor, &motion);
-            self.fill_changes(&mut record, before(actor.id), dt_secs);
-            match actor.kind {
-                ActorKind::Vehicle => {
-                    let vehicle = &self.vehicles[&actor.id];
-                    let limit = limits.entry(actor.id).or_insert(([f64::INFINITY; 3], 0.0));
-                    self.look_up_limit(motion.pose.translation_m, limit);
-                    record.flags |= if vehicle.quarantined { ActorRecord::QUARANTINED } else { ActorRecord::PHYSICS };
-                    record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
-                }
-                ActorKind::Walker => {
-                    let walker = &self.walkers[&actor.id];
-                    record.flags |= if walker.lost { ActorRecord::QUARANTINED } else { 0 };
-                    record.set_part(&walker.part());
-                }
-                ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
-                ActorKind::TrafficSign => {
-                    let opendrive_id = actor.attributes.get("opendrive_id").map_or([0; 32], |id| id_bytes(id));
-                    record.set_part(&TrafficSignPart { opendrive_id, reserved: [0; 64] });
-                }
-                _ => {}
-            }
+            let record = self.full_record(actor, &records, before(actor.id), (&mut limits, &mut booms), dt_secs);
             records.push(record);
         }
         self.speed_limits = limits;
         self.booms = booms;
         self.records = records;
         self.previous_records = previous;
+    }
+
+    /// The records of one actor and of what rides on it, after a change between steps to nobody else: a step's worth of commands to a
+    /// thousand vehicles must not make a million records.
+    pub(crate) fn refresh_actor(&mut self, actor: ActorId) {
+        let mut records = std::mem::take(&mut self.records);
+        let mut limits = std::mem::take(&mut self.speed_limits);
+        let mut booms = std::mem::take(&mut self.booms);
+        let mut changed = vec![actor];
+        // What rides on another has a larger id.
+        for (id, other) in self.actors.range(actor..) {
+            let rides = other.parent.is_some_and(|parent| changed.contains(&parent));
+            if rides {
+                changed.push(*id);
+            }
+            if (rides || *id == actor)
+                && let Ok(idx) = records.binary_search_by_key(&id.0, |record| record.id)
+            {
+                records[idx] = self.full_record(other, &records, Some(&records[idx]), (&mut limits, &mut booms), None);
+            }
+        }
+        self.speed_limits = limits;
+        self.booms = booms;
+        self.records = records;
+    }
+
+    fn full_record(
+        &self,
+        actor: &Actor,
+        made: &[ActorRecord],
+        before: Option<&ActorRecord>,
+        (limits, booms): Memory<'_>,
+        dt_secs: Option<f64>,
+    ) -> ActorRecord {
+        let mut motion = self.motion(actor, made);
+        if let Some(boom) = booms.get_mut(&actor.id) {
+            self.hang(&mut motion, boom, actor, made, dt_secs.unwrap_or(0.0));
+        }
+        let mut record = self.record_of(actor, &motion);
+        self.fill_changes(&mut record, before, dt_secs);
+        match actor.kind {
+            ActorKind::Vehicle => {
+                let vehicle = &self.vehicles[&actor.id];
+                let limit = limits.entry(actor.id).or_insert(([f64::INFINITY; 3], 0.0));
+                self.look_up_limit(motion.pose.translation_m, limit);
+                record.flags |= match (vehicle.quarantined, vehicle.switches.simulated) {
+                    (true, _) => ActorRecord::QUARANTINED,
+                    (false, simulated) => ActorRecord::PHYSICS * u32::from(simulated),
+                };
+                record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
+            }
+            ActorKind::Walker => {
+                let walker = &self.walkers[&actor.id];
+                record.flags |= if walker.lost { ActorRecord::QUARANTINED } else { 0 };
+                record.set_part(&walker.part());
+            }
+            ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
+            ActorKind::TrafficSign => {
+                let opendrive_id = actor.attributes.get("opendrive_id").map_or([0; 32], |id| id_bytes(id));
+                record.set_part(&TrafficSignPart { opendrive_id, reserved: [0; 64] });
+            }
+            _ => {}
+        }
+        record
     }
 
     /// Parents have smaller ids than what is attached to them, so their records are made already.
@@ -155,7 +199,10 @@ impl World {
             throttle_ratio: control.throttle_ratio,
             steer_ratio: control.steer_ratio,
             brake_ratio: control.brake_ratio,
-            control_flags: control.hand_brake as u32 | (control.reverse as u32) << 1 | (control.manual_gear_shift as u32) << 2,
+            control_flags: control.hand_brake as u32
+                | (control.reverse as u32) << 1
+                | (control.manual_gear_shift as u32) << 2
+                | (vehicle.is_rolled_over(&self.physics) as u32) << 8,
             gear: vehicle.train.gear,
             engine_radps: vehicle.train.engine_radps,
             speed_limit_mps,
@@ -167,7 +214,7 @@ impl World {
             wheel_spin_rad: [0.0; MAX_WHEELS],
             wheel_travel_m: [0.0; MAX_WHEELS],
         };
-        for (i, wheel) in vehicle.visible_wheels().enumerate() {
+        for (i, wheel) in vehicle.visible_wheels().take(MAX_WHEELS).enumerate() {
             part.wheels_on_ground |= (wheel.on_ground as u32) << i;
             part.wheel_spin_rad[i] = wheel.spin_rad;
             part.wheel_travel_m[i] = wheel.travel_m;

@@ -120,8 +120,8 @@ impl World {
             DynamicInstance { actor, part, mesh, world_from_mesh, tint_rgb: vehicle.tint_rgb, lamps, velocity_in_world_mps }
         };
         out.push(part(BODY_PART, body, *world_from_vehicle));
-        let radius_m = vehicle.model.wheel_radius_m;
         for (i, wheel) in vehicle.visible_wheels().enumerate() {
+            let radius_m = f64::from(vehicle.physics.wheels[i].radius_m);
             out.push(part(1 + i as u16, wheel_mesh, world_from_vehicle * vehicle_from_wheel(&wheel, radius_m)));
         }
     }

@@ -6,10 +6,11 @@ use nalgebra::Vector3;
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::query::intersection_test;
 use rapier3d::parry::shape::Cuboid;
-use schema_frames::{ActorKind, VehicleControl};
+use schema_frames::ActorKind;
 use schema_types::{ActorId, Pose};
 
 use crate::catalogue::{self, FIXED_ATTRIBUTES};
+use crate::friction::{self, FrictionBox};
 use crate::models::{VehicleModel, vehicle_models};
 use crate::physics::Physics;
 use crate::vehicle::{Vehicle, chassis_box};
@@ -124,6 +125,7 @@ impl World {
                 self.actors.insert(id, Actor { id, kind, catalogue_idx, role, parent, pose, attributes, topics: Vec::new() });
                 id
             }
+            None if type_id == friction::TYPE_ID => self.spawn_friction(catalogue_idx, pose, role, attributes)?,
             None => return Err(SpawnError::OfTheMap(type_id.to_owned())),
         };
         self.changed();
@@ -150,12 +152,35 @@ impl World {
         let id = self.new_id();
         let mut vehicle = Vehicle::new(&mut self.physics, model, id.0, &pose.isometry());
         vehicle.tint_rgb = tint_rgb;
-        vehicle.control = VehicleControl::default();
         self.vehicles.insert(id, vehicle);
         let role = role.to_owned();
         self.actors
             .insert(id, Actor { id, kind: ActorKind::Vehicle, catalogue_idx, role, parent: None, pose, attributes, topics: Vec::new() });
         Ok(id)
+    }
+
+    fn spawn_friction(
+        &mut self,
+        catalogue_idx: u32,
+        pose: Pose,
+        role: &str,
+        attributes: &BTreeMap<String, String>,
+    ) -> Result<ActorId, SpawnError> {
+        let type_id = friction::TYPE_ID.to_owned();
+        FrictionBox::new(&pose, attributes).map_err(|(name, value, allowed)| SpawnError::Attribute { type_id, name, value, allowed })?;
+        let id = self.new_id();
+        let (role, attributes) = (role.to_owned(), attributes.clone());
+        let actor = Actor { id, kind: ActorKind::Prop, catalogue_idx, role, parent: None, pose, attributes, topics: Vec::new() };
+        self.actors.insert(id, actor);
+        self.refresh_friction();
+        Ok(id)
+    }
+
+    /// Reads the friction areas from the actors, after one came, went or moved.
+    pub(crate) fn refresh_friction(&mut self) {
+        let Some(kind) = self.catalogue_idx(friction::TYPE_ID) else { return };
+        let areas = self.actors.values().filter(|actor| actor.catalogue_idx == kind);
+        self.friction_boxes = areas.filter_map(|actor| FrictionBox::new(&actor.pose, &actor.attributes).ok()).collect();
     }
 
     fn spawn_walker(
@@ -269,6 +294,7 @@ impl World {
                 self.physics.engine.remove_body(vehicle.body);
             }
         }
+        self.refresh_friction();
         self.changed();
         Ok(gone)
     }

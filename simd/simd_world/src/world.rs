@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
+use rayon::iter::{IntoParallelRefMutIterator as _, ParallelIterator as _};
 use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo, Weather};
 use schema_frames::{ActorKind, ActorRecord, VehicleControl};
 use schema_roads::RoadMap;
@@ -12,8 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::boom::Boom;
 use crate::catalogue;
+use crate::friction::FrictionBox;
 use crate::lights::Lights;
 use crate::map::{LoadError, MapData};
+use crate::motion::Around;
 use crate::physics::{Collision, Physics};
 use crate::props::Prop;
 use crate::scene::ActorMeshes;
@@ -22,6 +25,9 @@ use crate::signs;
 use crate::solids::Solids;
 use crate::vehicle::Vehicle;
 use crate::walkers::{Crowd, Walker};
+
+/// From this number on vehicles are planned on several threads.
+const SIDE_BY_SIDE: usize = 32;
 
 /// What does not change while a world lives.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,6 +122,8 @@ pub struct World {
     pub(crate) weather_acts: bool,
     /// Lights' and signs' boxes on lanes, in their own space.
     pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
+    /// Areas of other friction, of the actors of that kind, by rising id.
+    pub(crate) friction_boxes: Vec<FrictionBox>,
     collisions: Vec<Collision>,
     pub(crate) next_actor: u32,
     pub(crate) actors_revision: u64,
@@ -150,6 +158,7 @@ impl World {
             weather: Weather::default(),
             weather_acts: false,
             trigger_boxes: BTreeMap::new(),
+            friction_boxes: Vec::new(),
             collisions: Vec::new(),
             next_actor: 1,
             actors_revision: 0,
@@ -186,6 +195,7 @@ impl World {
         self.speed_limits.clear();
         self.booms.clear();
         self.collisions.clear();
+        self.friction_boxes.clear();
         self.meshes = ActorMeshes::default();
         self.scenery = SceneryState::of(&self.map);
         self.episode += 1;
@@ -229,8 +239,9 @@ impl World {
         let dt_secs = dt_nanos as f64 * 1e-9;
         let n_sub_steps = (dt_secs / self.options.physics_substep_secs.max(1e-4) - 1e-9).ceil().max(1.0) as u32;
         let sub_step_secs = (dt_secs / n_sub_steps as f64) as f32;
+        self.vehicles.values_mut().for_each(|vehicle| vehicle.begin_tick(&self.physics, dt_secs as f32));
         for _ in 0..n_sub_steps {
-            self.vehicles.values_mut().for_each(|vehicle| vehicle.pre_step(&mut self.physics, sub_step_secs));
+            self.move_vehicles(sub_step_secs);
             self.physics.step(sub_step_secs);
             for (id, vehicle) in &mut self.vehicles {
                 if vehicle.finish_step(&mut self.physics) {
@@ -243,11 +254,28 @@ impl World {
             }
             self.meet_vehicles();
         }
+        self.vehicles.values_mut().for_each(|vehicle| vehicle.end_tick(&self.physics, dt_secs));
         self.lead_crowd(dt_secs);
         self.move_walkers(dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
         self.refresh_records(Some(dt_secs));
+    }
+
+    /// Vehicles plan their sub-step side by side; what they plan is given to the engine in order.
+    fn move_vehicles(&mut self, dt_secs: f32) {
+        let grip_ratio = self.grip_ratio() as f32;
+        let around = Around { physics: &self.physics, friction: &self.friction_boxes, grip_ratio, dt_secs };
+        let plan = |vehicle: &mut Vehicle| Some((vehicle.body, vehicle.plan(&around)?));
+        let motions: Vec<_> = match self.vehicles.len() >= SIDE_BY_SIDE {
+            true => self.vehicles.par_iter_mut().map(|(_, vehicle)| plan(vehicle)).collect(),
+            false => self.vehicles.values_mut().map(plan).collect(),
+        };
+        for (body, motion) in motions.into_iter().flatten() {
+            let body = &mut self.physics.engine.bodies[body];
+            body.set_linvel(motion.linear, true);
+            body.set_angvel(motion.angular, true);
+        }
     }
 
     /// What vehicles and walkers touched in the last step, by (actor, other).
@@ -332,7 +360,7 @@ impl World {
 
     /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not finite counts as 0.
     pub fn set_control(&mut self, actor: ActorId, control: VehicleControl) -> Result<(), ActorError> {
-        self.vehicle_mut(actor)?.control = control.clamped();
+        self.vehicle_mut(actor)?.set_control(control);
         Ok(())
     }
 

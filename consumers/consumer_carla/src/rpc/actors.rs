@@ -18,7 +18,6 @@ pub(crate) const CALLS: Calls = &[
     ("set_actor_transform", Gateway::set_transform),
     ("set_actor_target_velocity", Gateway::set_velocity),
     ("get_actor_bounding_box", Gateway::bounding_box),
-    ("set_actor_simulate_physics", Gateway::simulate_physics),
     ("set_actor_autopilot", |gateway, call| gateway.known_actor(call).map(|_| Answer::Void)),
 ];
 
@@ -29,7 +28,6 @@ pub(crate) const BATCH: Commands = &[
         let velocity_in_world_mps = axes::mirror(fields.vector()?);
         Ok(Item::ask(actor, Command::SetVelocity { actor_id: actor, velocity_in_world_mps }))
     }),
-    (14, |actor, fields| Ok(Item::Nothing { actor, what: if fields.bool()? { None } else { Some("SetSimulatePhysics(False)") } })),
     // The client itself registers the vehicle with its Traffic Manager.
     (16, |actor, _| Ok(Item::Nothing { actor, what: None })),
 ];
@@ -93,14 +91,5 @@ impl Gateway {
         let listed = known.actors.get(&id).map(shapes::box_of);
         let own = || known.own.get(&id).and_then(|own| known.entry(&own.description.type_id)).map(|(_, entry)| entry.body_box);
         Ok(Answer::Value(listed.or_else(own).map_or_else(|| shapes::no_box(id), |body| shapes::bounding_box(&body, id))))
-    }
-
-    /// Never an error either, for the same reason.
-    fn simulate_physics(&self, call: &mut Call<'_>) -> Outcome {
-        let (_, enabled) = (call.u32()?, call.bool()?);
-        if !enabled {
-            self.no_effect("set_simulate_physics(False)");
-        }
-        Ok(Answer::Void)
     }
 }

@@ -39,8 +39,14 @@ pub(crate) type Read = for<'v> fn(u32, &mut Fields<'v>) -> Result<Item<'v>, Wron
 pub(crate) type Commands = &'static [(u8, Read)];
 
 /// All areas.
-const AREAS: &[Commands] =
-    &[super::actors::BATCH, super::spawning::BATCH, super::vehicles::BATCH, super::walkers::BATCH, super::traffic_lights::BATCH];
+const AREAS: &[Commands] = &[
+    super::actors::BATCH,
+    super::spawning::BATCH,
+    super::vehicles::BATCH,
+    super::physics::BATCH,
+    super::walkers::BATCH,
+    super::traffic_lights::BATCH,
+];
 
 pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
 

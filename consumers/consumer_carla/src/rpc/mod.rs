@@ -22,6 +22,7 @@ pub mod drawing;
 pub mod files;
 pub mod managers;
 pub mod maps;
+pub mod physics;
 pub mod queries;
 pub mod recorder;
 pub mod scenery;
@@ -49,6 +50,7 @@ const AREAS: &[Calls] = &[
     spawning::CALLS,
     vehicles::CALLS,
     walkers::CALLS,
+    physics::CALLS,
     traffic_lights::CALLS,
     queries::CALLS,
     drawing::CALLS,

@@ -11,7 +11,7 @@ use crate::rpc::{Call, Calls};
 /// Fastest that a walker goes, m/s; scripts that ask for more get this.
 const MAX_SPEED_MPS: f32 = 15.0;
 
-pub(crate) const CALLS: Calls = &[("apply_control_to_walker", Gateway::control_walker), ("set_actor_collisions", Gateway::set_collisions)];
+pub(crate) const CALLS: Calls = &[("apply_control_to_walker", Gateway::control_walker)];
 
 pub(crate) const BATCH: Commands = &[
     (4, |actor, fields| Ok(Item::ask(actor, Command::ControlWalker { actor_id: actor, control: control(fields)? }))),
@@ -33,15 +33,6 @@ fn control(fields: &mut Fields<'_>) -> Result<WalkerControl, Wrong> {
 }
 
 impl Gateway {
-    /// Asked for walkers that a client's crowd leads: those are where the client says, whatever they run into.
-    fn set_collisions(&self, call: &mut Call<'_>) -> Outcome {
-        let (_, enabled) = (call.u32()?, call.bool()?);
-        if !enabled {
-            self.no_effect("set_collisions(False)");
-        }
-        Ok(Answer::Void)
-    }
-
     fn control_walker(&self, call: &mut Call<'_>) -> Outcome {
         let actor_id = self.known_actor(call)?;
         let control = control(call)?;

@@ -1,0 +1,49 @@
+//! Areas where wheels grip differently: `static.trigger.friction`.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Point3};
+use schema_types::Pose;
+use serde::{Deserialize, Serialize};
+
+/// Catalogue id.
+pub(crate) const TYPE_ID: &str = "static.trigger.friction";
+/// Attributes with what they are without a wish: friction, then half extents in **centimetres**, as in CARLA.
+pub(crate) const ATTRIBUTES: [(&str, &str); 4] = [("friction", "3.5"), ("extent_x", "700.0"), ("extent_y", "700.0"), ("extent_z", "700.0")];
+
+/// A box about a pose, in which tyres have this friction.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct FrictionBox {
+    #[serde(with = "crate::plain::isometry")]
+    pub box_from_world: Isometry3<f64>,
+    pub half_m: [f64; 3],
+    pub friction: f32,
+}
+
+impl FrictionBox {
+    /// The box of an actor, from its attributes.
+    ///
+    /// # Errors
+    /// Name and value of an attribute that is no such number, and what is allowed.
+    pub fn new(pose: &Pose, attributes: &BTreeMap<String, String>) -> Result<FrictionBox, (String, String, String)> {
+        let mut values = [0.0; 4];
+        for ((name, usual), value) in ATTRIBUTES.iter().zip(&mut values) {
+            let text = attributes.get(*name).map_or(*usual, String::as_str);
+            let most = if *name == "friction" { 100.0 } else { 1e6 };
+            *value = text
+                .trim()
+                .parse()
+                .ok()
+                .filter(|number: &f64| (0.0..=most).contains(number))
+                .ok_or_else(|| ((*name).to_owned(), text.to_owned(), format!("it must be a number from 0 to {most}")))?;
+        }
+        let [friction, x, y, z] = values;
+        Ok(FrictionBox { box_from_world: pose.isometry().inverse(), half_m: [x, y, z].map(|cm| cm / 100.0), friction: friction as f32 })
+    }
+
+    /// Whether a point lies inside.
+    pub fn contains(&self, point_in_world_m: &Point3<f64>) -> bool {
+        let at = self.box_from_world * point_in_world_m;
+        (0..3).all(|axis| at[axis].abs() <= self.half_m[axis])
+    }
+}

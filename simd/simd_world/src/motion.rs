@@ -1,0 +1,433 @@
+//! One sub-step of one vehicle: steering, drive train, brakes, air, springs and tyres, solved into new velocities of its body.
+//!
+//! A vehicle reads the engine's world and changes only itself, so vehicles are planned side by side on any number of threads with the same
+//! bits; the new velocities are given to the engine afterwards, in order.
+
+use rapier3d::math::{Pose as EnginePose, Vector};
+use rapier3d::parry::math::Mat3;
+use rapier3d::prelude::*;
+use schema_frames::{VehicleTelemetry, WheelTelemetry};
+
+use crate::drive::{DriveInput, DriveOutput, RADPS_PER_RPM};
+use crate::friction::FrictionBox;
+use crate::physics::{GRAVITY_MPS2, Physics};
+use crate::solver::{Chassis, Contact, Row, Softness, WheelRows, solve};
+use crate::vehicle::{MAX_WHEELS, Vehicle};
+use crate::wheel::{Ground, Mount, ROLLING_RATIO, Wheel};
+
+/// Density of air, kg/m³.
+pub(crate) const AIR_KGPM3: f32 = 1.2;
+/// How fast the front wheels turn, rad/s.
+const STEER_RATE_RADPS: f32 = 3.0;
+/// Turns of the solver: up to 20 ms per sub-step, and beyond.
+const SOLVER_TURNS: [u32; 2] = [6, 16];
+/// Slip over the slip of most grip at which anti-lock brakes and traction control begin, and over which they let go by half.
+const SLIP_CONTROL: [f32; 2] = [1.2, 1.0];
+/// Slip speed below which they do nothing, m/s.
+const SLIP_CONTROL_MPS: f32 = 0.5;
+/// How fast a rider rights a two-wheeler, rad/s, and how fast the lean asked for follows the bend, seconds.
+const BALANCE_RADPS: f32 = 7.0;
+const LEAN_SECS: f32 = 0.15;
+/// Furthest that a rider leans: as far as tyres hold.
+const MOST_LEAN_RAD: f32 = 0.75;
+/// Most that a rider can do, as a share of the torque that would hold the bike lying.
+const BALANCE_RATIO: f32 = 3.0;
+
+/// New velocities of a body: of its centre of mass, and angular.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Motion {
+    pub linear: Vector,
+    pub angular: Vector,
+}
+
+/// What a vehicle needs of the world to plan a sub-step.
+#[derive(Clone, Copy)]
+pub(crate) struct Around<'a> {
+    pub physics: &'a Physics,
+    pub friction: &'a [FrictionBox],
+    /// What the weather leaves of the friction outside such areas.
+    pub grip_ratio: f32,
+    pub dt_secs: f32,
+}
+
+/// The body at the beginning of a sub-step.
+struct Frame {
+    pose: EnginePose,
+    center: Vector,
+    forward: Vector,
+    left: Vector,
+    up: Vector,
+    forward_mps: f32,
+    /// Speed downwards along the springs.
+    falling_mps: f32,
+}
+
+impl Vehicle {
+    /// Plans a sub-step; `None` if nothing moves this vehicle.
+    pub fn plan(&mut self, around: &Around<'_>) -> Option<Motion> {
+        if self.quarantined || !self.switches.simulated {
+            return None;
+        }
+        let body = &around.physics.engine.bodies[self.body];
+        let pose = *body.position();
+        let [forward, left, up] = [Vector::X, Vector::Y, Vector::Z].map(|axis| pose.rotation * axis);
+        let center = pose * Vector::from(self.physics.center_of_mass_m);
+        let frame = Frame { pose, center, forward, left, up, forward_mps: forward.dot(body.linvel()), falling_mps: -up.dot(body.linvel()) };
+        let rotation = Mat3::from_cols(forward, left, up);
+        let inertia = body.mass_properties().local_mprops.principal_inertia();
+        let inv_inertia = rotation * Mat3::from_diagonal(1.0 / inertia) * rotation.transpose();
+        let mass_kg = self.physics.mass_kg;
+        let mut chassis = Chassis { linear: body.linvel(), angular: body.angvel(), inv_mass: 1.0 / mass_kg, inv_inertia };
+        self.steer(frame.forward_mps, around.dt_secs);
+        self.fly(&mut chassis, around.dt_secs);
+        let drive = self.drive(around.dt_secs);
+        let grounds = self.feel(around, &frame);
+        let mut rows = [const { None::<WheelRows> }; MAX_WHEELS].map(|_| no_wheel());
+        let n_wheels = self.wheels.len().min(MAX_WHEELS);
+        for (i, row) in rows.iter_mut().enumerate().take(n_wheels) {
+            *row = self.wheel_rows(i, &drive, &grounds, &frame, &mut chassis, around);
+        }
+        let mut balance = self.balance(&frame, &mut chassis, around.dt_secs);
+        let n_turns = SOLVER_TURNS[usize::from(around.dt_secs > 0.0201)];
+        solve(&mut chassis, &mut rows[..n_wheels], balance.as_mut(), n_turns);
+        for (wheel, rows) in self.wheels.iter_mut().zip(&rows) {
+            take_over(wheel, rows, &chassis, around.dt_secs);
+        }
+        self.hold_velocity(&frame, &mut chassis);
+        Some(Motion { linear: chassis.linear, angular: chassis.angular })
+    }
+
+    fn steer(&mut self, forward_mps: f32, dt_secs: f32) {
+        let wanted_rad = self.control.steer_ratio * self.max_steer_rad(forward_mps);
+        let most = STEER_RATE_RADPS * dt_secs;
+        self.steer_rad += (wanted_rad - self.steer_rad).clamp(-most, most);
+        // Ackermann: every front wheel's axle points to one centre on the line of the rear axle.
+        let (tan, base_m) = (self.steer_rad.tan(), self.model.wheelbase_m as f32);
+        let rear_ratio = self.control.steer_ratio;
+        for wheel in &mut self.wheels {
+            let [x_m, y_m, _] = wheel.spec.physics.position_m;
+            let lock = wheel.spec.physics.max_steer_rad;
+            let angle = if x_m > 0.0 { (base_m * tan).atan2(base_m - y_m * tan) } else { rear_ratio * lock };
+            // Inside of a sharp bend the centre may lie within the track, where no angle points to it.
+            let angle = if angle * self.steer_rad < 0.0 { lock.copysign(self.steer_rad) } else { angle };
+            wheel.steer_rad = angle.clamp(-lock, lock);
+        }
+    }
+
+    /// Gravity, air drag and what pushes from outside.
+    ///
+    /// Gravity comes from here and not from the engine: the engine spreads it over its solver's iterations, the springs' answer comes at
+    /// once, and at rest the difference would show as a constant vertical velocity.
+    fn fly(&self, chassis: &mut Chassis, dt_secs: f32) {
+        let drag_n = -self.drag_n(chassis.linear.length());
+        let force_n = Vector::from(self.force_n) + chassis.linear.normalize_or_zero() * drag_n;
+        chassis.linear += force_n * (chassis.inv_mass * dt_secs);
+        chassis.angular += chassis.inv_inertia * (Vector::from(self.torque_nm) * dt_secs);
+        if self.switches.gravity {
+            chassis.linear.z -= GRAVITY_MPS2 as f32 * dt_secs;
+        }
+    }
+
+    fn drag_n(&self, speed_mps: f32) -> f32 {
+        let area_m2 = self.physics.drag_coefficient * self.model.frontal_area_m2() as f32;
+        0.5 * AIR_KGPM3 * area_m2 * speed_mps * speed_mps
+    }
+
+    fn drive(&mut self, dt_secs: f32) -> DriveOutput {
+        let driven = || self.wheels.iter().filter(|wheel| wheel.spec.driven);
+        let wheel_radps = driven().map(|wheel| wheel.roll_radps).sum::<f32>() / driven().count().max(1) as f32;
+        let input = DriveInput { control: self.control, wheel_radps, dt_secs };
+        self.train.step(&self.model.engine, &self.physics, &input)
+    }
+
+    fn feel(&mut self, around: &Around<'_>, frame: &Frame) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
+        let engine = &around.physics.engine;
+        let filter = QueryFilter::exclude_dynamic().exclude_rigid_body(self.body);
+        let filter = QueryFilter { flags: filter.flags | QueryFilterFlags::EXCLUDE_KINEMATIC, ..filter };
+        let dispatcher = engine.narrow_phase.query_dispatcher();
+        let query = engine.broad_phase.as_query_pipeline(dispatcher, &engine.bodies, &engine.colliders, filter);
+        let sweep = self.physics.sweep_wheels;
+        let mut grounds = [None; MAX_WHEELS];
+        for (wheel, ground) in self.wheels.iter_mut().zip(&mut grounds) {
+            let [x_m, y_m, _] = wheel.spec.physics.position_m;
+            let top = frame.pose * Vector::new(x_m, y_m, wheel.top_m());
+            let (sin, cos) = wheel.steer_rad.sin_cos();
+            let axle = frame.left * cos - frame.forward * sin;
+            let mount = Mount { top, up: frame.up, axle, rotation: frame.pose.rotation };
+            // Ground that the sub-step will reach counts already, or a long one would fall deep into it.
+            let reach_m = (frame.falling_mps * around.dt_secs).max(0.0);
+            let felt = wheel.feel(&mount, &query, sweep, reach_m);
+            wheel.on_ground = felt.is_some_and(|ground| ground.compression_m >= 0.0);
+            wheel.compression_m = felt.map_or(0.0, |ground| ground.compression_m);
+            wheel.friction = wheel.spec.physics.friction * around.grip_ratio;
+            if let Some(felt) = &felt {
+                let inside = around.friction.iter().find(|area| area.contains(&around.physics.world_point(felt.point)));
+                wheel.friction = inside.map_or(wheel.friction, |area| area.friction);
+            }
+            *ground = felt.map(|felt| (felt, mount));
+        }
+        grounds
+    }
+
+    fn wheel_rows(
+        &mut self,
+        i: usize,
+        drive: &DriveOutput,
+        grounds: &[Option<(Ground, Mount)>; MAX_WHEELS],
+        frame: &Frame,
+        chassis: &mut Chassis,
+        around: &Around<'_>,
+    ) -> WheelRows {
+        let dt_secs = around.dt_secs;
+        let share = self.drive_share(i);
+        let n_driven = self.wheels.iter().filter(|wheel| wheel.spec.driven).count().max(1) as f32;
+        let foot = self.control.brake_ratio;
+        let hand = self.control.hand_brake;
+        let wheel = &mut self.wheels[i];
+        let physics = wheel.spec.physics;
+        let driven_ratio = if wheel.spec.driven { 1.0 / n_driven } else { 0.0 };
+        let inertia = wheel.spec.inertia_kgm2 + drive.inertia_kgm2 * driven_ratio;
+        let (drive_most, brake_most) = grip_torques(wheel, inertia, frame.forward_mps);
+        wheel.drive_nm = (drive.torque_nm * share).clamp(-drive_most, drive_most);
+        let brake_nm = (foot * physics.max_brake_nm).min(brake_most);
+        let hand_nm = if hand { physics.max_hand_brake_nm } else { 0.0 };
+        let rolling_nm = ROLLING_RATIO * wheel.load_n * physics.radius_m;
+        let mut rows = WheelRows {
+            contact: None,
+            radps: wheel.roll_radps + wheel.drive_nm * dt_secs / inertia,
+            inertia,
+            most_brake: (brake_nm + hand_nm + rolling_nm) * dt_secs,
+            brake_impulse: 0.0,
+            damping: (physics.damping_nms + drive.damping_nms * driven_ratio) * dt_secs,
+            damping_impulse: 0.0,
+        };
+        rows.damping_impulse = -rows.damping * wheel.roll_radps;
+        rows.radps += rows.damping_impulse / inertia;
+        let before = (wheel.brake_nm * dt_secs).clamp(-rows.most_brake, rows.most_brake);
+        rows.brake_impulse = before;
+        rows.radps += before / inertia;
+        rows.contact = grounds[i].map(|(ground, mount)| contact(wheel, &ground, &mount, frame, chassis, &mut rows, dt_secs));
+        rows
+    }
+
+    /// Share of the engine's torque that goes to a wheel: by load among the driven ones, as limited-slip differentials do it.
+    fn drive_share(&self, i: usize) -> f32 {
+        if !self.wheels[i].spec.driven {
+            return 0.0;
+        }
+        let driven = || self.wheels.iter().filter(|wheel| wheel.spec.driven);
+        let load_n: f32 = driven().map(|wheel| wheel.load_n).sum();
+        if load_n > 0.0 { self.wheels[i].load_n / load_n } else { 1.0 / driven().count() as f32 }
+    }
+
+    /// A rider leans into the bend and balances: a spring about the wheels' line towards the lean that the bend needs.
+    fn balance(&mut self, frame: &Frame, chassis: &mut Chassis, dt_secs: f32) -> Option<(Row, f32)> {
+        // Nobody balances what lies on its side.
+        if !self.model.is_two_wheeler() || frame.up.z < 0.4 {
+            return None;
+        }
+        let gravity = GRAVITY_MPS2 as f32;
+        let lateral_mps2 = frame.forward_mps * chassis.angular.z;
+        let wanted = -(lateral_mps2 / gravity).atan().clamp(-MOST_LEAN_RAD, MOST_LEAN_RAD);
+        self.lean_rad += (wanted - self.lean_rad) * (dt_secs / LEAN_SECS).min(1.0);
+        let (height_m, mass_kg) = (self.physics.center_of_mass_m[2], self.physics.mass_kg);
+        let inertia = 1.0 / frame.forward.dot(chassis.inv_inertia * frame.forward) + mass_kg * height_m * height_m;
+        let stiffness = inertia * BALANCE_RADPS * BALANCE_RADPS;
+        let lean = frame.left.z.clamp(-1.0, 1.0).asin();
+        let soft = Softness { push_n: stiffness * (self.lean_rad - lean), damping: 2.0 * inertia * BALANCE_RADPS + stiffness * dt_secs };
+        let row = Row::about(chassis, frame.forward).soft(soft, dt_secs, 0.0, chassis, &mut 0.0);
+        Some((row, BALANCE_RATIO * mass_kg * gravity * height_m * dt_secs))
+    }
+
+    /// A velocity that is held replaces what came out, except for falling.
+    fn hold_velocity(&self, frame: &Frame, chassis: &mut Chassis) {
+        let Some([x, y, z]) = self.switches.held_mps else { return };
+        let held = frame.forward * x + frame.left * y + frame.up * z;
+        let origin = held + chassis.angular.cross(frame.center - frame.pose.translation);
+        chassis.linear = Vector::new(origin.x, origin.y, if z == 0.0 { chassis.linear.z } else { origin.z });
+    }
+
+    /// What it feels, of the last sub-step.
+    pub fn telemetry(&self, physics: &Physics) -> VehicleTelemetry {
+        let (velocity, _) = self.velocity(physics);
+        let wheel = |wheel: &Wheel| {
+            let (rest_n, grip_n) = (wheel.spec.rest_load_n, wheel.load_n);
+            WheelTelemetry {
+                friction: wheel.friction,
+                lat_slip_rad: wheel.slip[1],
+                long_slip_ratio: wheel.slip[0],
+                roll_radps: wheel.roll_radps,
+                load_n: grip_n,
+                load_ratio: grip_n / rest_n,
+                torque_nm: wheel.drive_nm + wheel.brake_nm,
+                long_n: wheel.force_n[0],
+                lat_n: wheel.force_n[1],
+                steer_rad: wheel.steer_rad,
+                roll_rad: wheel.roll_rad,
+            }
+        };
+        VehicleTelemetry {
+            speed_mps: self.forward_mps(physics),
+            steer_ratio: self.control.steer_ratio,
+            throttle_ratio: self.control.throttle_ratio,
+            brake_ratio: self.control.brake_ratio,
+            engine_rpm: self.train.engine_radps / RADPS_PER_RPM,
+            gear: self.train.gear,
+            drag_n: self.drag_n(velocity.norm() as f32),
+            wheels: self.wheels.iter().map(wheel).collect(),
+        }
+    }
+}
+
+fn no_wheel() -> WheelRows {
+    let nothing = 0.0;
+    WheelRows {
+        contact: None,
+        radps: nothing,
+        inertia: 1.0,
+        most_brake: nothing,
+        brake_impulse: nothing,
+        damping: nothing,
+        damping_impulse: nothing,
+    }
+}
+
+/// Most that traction control lets the engine and anti-lock lets the brakes do to a wheel, N·m: what the road takes at this load, what the
+/// wheel itself takes to change its speed as fast, and less where it slips more than it grips.
+fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32) {
+    if !wheel.on_ground || wheel.load_n <= 0.0 {
+        return (f32::INFINITY, f32::INFINITY);
+    }
+    let radius = wheel.spec.physics.radius_m;
+    let grip_n = wheel.friction * wheel.load_n;
+    let mass_kg = wheel.spec.rest_load_n / GRAVITY_MPS2 as f32;
+    let most_nm = grip_n * radius * (1.0 + inertia_kgm2 / (mass_kg * radius * radius));
+    let stiffness_n = wheel.slip_stiffness_n()[0].max(1.0);
+    let slip_mps = wheel.roll_radps * radius - forward_mps;
+    let over = slip_mps.abs() / forward_mps.abs().max(2.0) / (grip_n / stiffness_n).max(1e-3);
+    let eased = (1.0 - 0.5 * (over - SLIP_CONTROL[0]) / SLIP_CONTROL[1]).clamp(0.3, 1.0);
+    let slips = slip_mps.abs() > SLIP_CONTROL_MPS;
+    // Slip in the direction of travel is the engine's, against it the brakes'.
+    let spins = slips && slip_mps * forward_mps >= 0.0;
+    let blocks = slips && slip_mps * forward_mps < 0.0;
+    (if spins { eased * most_nm } else { most_nm }, if blocks { eased * most_nm } else { most_nm })
+}
+
+fn contact(
+    wheel: &Wheel,
+    ground: &Ground,
+    mount: &Mount,
+    frame: &Frame,
+    chassis: &mut Chassis,
+    rows: &mut WheelRows,
+    dt_secs: f32,
+) -> Contact {
+    let lever = ground.point - frame.center;
+    let normal = ground.normal;
+    let along = mount.axle.cross(normal).normalize_or(frame.forward);
+    let across = normal.cross(along);
+    let radius = wheel.spec.physics.radius_m;
+    let velocity = chassis.linear + chassis.angular.cross(lever);
+    let (vx, vy) = (velocity.dot(along), velocity.dot(across));
+    let speed_mps = vx.hypot(vy).max((rows.radps * radius).abs());
+    let cosine = normal.dot(mount.up).clamp(0.3, 1.0);
+    let (spring, most_load) = wheel.spring(ground, cosine, velocity.dot(normal), dt_secs);
+    let [long_n, lat_n] = wheel.force_n;
+    let (tyre_long, tyre_lat) = (wheel.tyre(0, speed_mps, dt_secs), wheel.tyre(1, speed_mps, dt_secs));
+    let radps = &mut rows.radps;
+    let spring = Row::at(chassis, normal, lever, (0.0, 0.0)).soft(spring, dt_secs, wheel.load_n * dt_secs, chassis, radps);
+    let turns = (radius, 1.0 / rows.inertia);
+    let long = Row::at(chassis, along, lever, turns).soft(tyre_long, dt_secs, long_n * dt_secs, chassis, radps);
+    let lat = Row::at(chassis, across, lever, (0.0, 0.0)).soft(tyre_lat, dt_secs, lat_n * dt_secs, chassis, radps);
+    Contact { spring, long, lat, most_load, friction: wheel.friction }
+}
+
+/// What came out of the solver becomes the wheel's state.
+fn take_over(wheel: &mut Wheel, rows: &WheelRows, chassis: &Chassis, dt_secs: f32) {
+    wheel.roll_radps = rows.radps;
+    wheel.brake_nm = rows.brake_impulse / dt_secs;
+    wheel.roll(dt_secs);
+    let Some(contact) = &rows.contact else {
+        wheel.lift();
+        wheel.slip = [0.0; 2];
+        return;
+    };
+    wheel.load_n = contact.spring.impulse / dt_secs;
+    wheel.force_n = [contact.long.impulse / dt_secs, contact.lat.impulse / dt_secs];
+    let slip_mps = [-contact.long.speed(chassis, rows.radps), -contact.lat.speed(chassis, rows.radps)];
+    let rim_mps = rows.radps * wheel.spec.physics.radius_m;
+    let travel_mps = (rim_mps - slip_mps[0]).abs();
+    wheel.slip = [slip_mps[0] / travel_mps.max(0.5), (-slip_mps[1]).atan2(travel_mps.max(0.5))];
+    wheel.deflect(slip_mps, travel_mps.hypot(slip_mps[1]).max(rim_mps.abs()), dt_secs);
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry3;
+
+    use super::*;
+    use crate::map::MapData;
+    use crate::vehicle_models;
+
+    fn flat_ground() -> Physics {
+        let map = std::sync::Arc::new(MapData::flat(100.0));
+        let solids = crate::solids::Solids::default().of(&map).expect("the flat map is valid");
+        Physics::with_solids(map.origin_m, &solids)
+    }
+
+    fn step(physics: &mut Physics, cars: &mut [Vehicle]) {
+        for car in cars {
+            let around = Around { physics, friction: &[], grip_ratio: 1.0, dt_secs: 0.01 };
+            if let Some(motion) = car.plan(&around) {
+                let body = &mut physics.engine.bodies[car.body];
+                body.set_linvel(motion.linear, true);
+                body.set_angvel(motion.angular, true);
+            }
+        }
+        physics.step(0.01);
+    }
+
+    #[test]
+    fn body_that_is_not_finite_is_put_back_and_harms_nobody_else() {
+        let mut physics = flat_ground();
+        let at = |x: f64| Isometry3::translation(x, 0.0, 0.1);
+        let mut cars: Vec<Vehicle> =
+            (0..2).map(|i| Vehicle::new(&mut physics, &vehicle_models()[0], i + 1, &at(20.0 * i as f64))).collect();
+        let mut reports = 0;
+        for i in 0..200 {
+            if i == 100 {
+                physics.engine.bodies[cars[0].body].set_linvel(Vector::new(f32::NAN, 0.0, 0.0), true);
+            }
+            step(&mut physics, &mut cars);
+            reports += cars.iter_mut().filter_map(|car| car.finish_step(&mut physics).then_some(())).count();
+        }
+        assert_eq!((reports, cars[0].quarantined, cars[1].quarantined), (1, true, false));
+        for (car, x_m) in cars.iter().zip([0.0, 20.0]) {
+            let place = car.pose(&physics).translation.vector;
+            assert!((place.x - x_m).abs() < 0.01 && place.z.abs() < 0.02, "{place}");
+        }
+        // A new pose brings it back to life.
+        cars[0].set_pose(&mut physics, &at(40.0));
+        for _ in 0..300 {
+            step(&mut physics, &mut cars);
+            assert!(!cars[0].finish_step(&mut physics));
+        }
+        let (velocity, spin) = cars[0].velocity(&physics);
+        assert!(velocity.norm() + spin.norm() < 0.01 && cars[0].pose(&physics).translation.z.abs() < 0.02);
+    }
+
+    /// Whatever a vehicle is comes back from its serialised form, bit for bit.
+    #[test]
+    fn a_vehicle_survives_being_written_down() {
+        let mut physics = flat_ground();
+        let mut cars = [Vehicle::new(&mut physics, &vehicle_models()[1], 1, &Isometry3::translation(0.0, 0.0, 0.1))];
+        cars[0].control.throttle_ratio = 0.7;
+        cars[0].control.steer_ratio = 0.2;
+        (0..150).for_each(|_| step(&mut physics, &mut cars));
+        let text = serde_json::to_string(&cars[0]).unwrap();
+        let mut again: Vehicle = serde_json::from_str(&text).unwrap();
+        assert_eq!(serde_json::to_string(&again).unwrap(), text);
+        let around = Around { physics: &physics, friction: &[], grip_ratio: 1.0, dt_secs: 0.01 };
+        assert_eq!(cars[0].plan(&around), again.plan(&around));
+    }
+}
