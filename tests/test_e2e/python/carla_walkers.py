@@ -236,7 +236,10 @@ def main():
     settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
     world.apply_settings(settings)
     world.tick()
-    for check in (check_blueprints, check_control, check_collision, check_props, check_navigation, check_crowd):
+    checks = [check_blueprints, check_control, check_collision, check_props]
+    if sys.argv[2:] == ["crowd"]:
+        checks += [check_navigation, check_crowd]
+    for check in checks:
         check(world)
         print(check.__name__.removeprefix("check_"), "passed", flush=True)
 
