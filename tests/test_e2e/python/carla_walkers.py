@@ -1,8 +1,8 @@
 """People on foot through the stock `carla` 0.9.16 wheel: blueprints, control, collisions, navigation and the client's own crowd.
 
-    carla_walkers.py PORT
+    carla_walkers.py PORT [crowd]
 
-Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
+Navigation and crowd are run only with "crowd". Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
 import faulthandler
