@@ -21,6 +21,16 @@ def golden():
 
 
 class GoldenFrames(unittest.TestCase):
+    def test_a_header_has_every_field_of_the_layout(self):
+        data = bytes((37 * i + 11) % 251 for i in range(256))
+        record, header = np.frombuffer(data, _dtypes.FRAME_HEADER, 1)[0], gantry.Header.from_bytes(data)
+        for name, _, _, _ in _layout.STRUCTS["FrameHeader"][2]:
+            if name == "world_from_sensor":
+                for part in ("translation_m", "rotation_xyzw"):
+                    np.testing.assert_array_equal(getattr(header.world_from_sensor, part), record[name][part])
+            elif not name.startswith("reserved"):
+                np.testing.assert_array_equal(getattr(header, name), record[name], name)
+
     def test_every_modality_has_the_shape_and_type_of_the_specification(self):
         expected = {
             "rgb": ((2, 4, 4), "u1"), "depth": ((2, 4), "<f4"), "semantic": ((2, 4), "u1"), "instance": ((2, 4), "<u4"),

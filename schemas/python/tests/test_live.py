@@ -69,6 +69,21 @@ class Live(unittest.TestCase):
                 assert (array == before).all()
         """)
 
+    def test_a_busy_wait_takes_every_frame_and_ends_in_time(self):
+        self.script("""
+            import time
+            with gantry.open("ego/card/rgb", domain="live") as topic:
+                seqs = [topic.next(timeout=10, busy_wait=10).header.seq for _ in range(20)]
+                assert seqs == list(range(seqs[0], seqs[0] + 20)), seqs
+            with gantry.open("ego/card/collision", domain="live") as topic:
+                while topic.next(timeout=0.0) is not None:
+                    pass
+                began = time.monotonic()
+                while topic.next(timeout=0.0, busy_wait=10) is not None:
+                    pass
+                assert time.monotonic() - began < 10
+        """)
+
     def test_the_newest_is_newer_and_skips_are_counted(self):
         self.script("""
             import time

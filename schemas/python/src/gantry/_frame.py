@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass
-from typing import Any, Optional
+from typing import Any, NamedTuple, Optional
 
 import numpy as np
 
 from . import _layout
-from ._dtypes import ELEMENTS, FRAME_HEADER, IMAGES
+from ._dtypes import ELEMENTS, FRAME_HEADER, IMAGES, unpacker
 from ._errors import FrameFormatError, SchemaVersionError
 
 
-@dataclass(frozen=True)
-class Pose:
+_UNPACK_HEADER = unpacker("FrameHeader").unpack
+
+
+class Pose(NamedTuple):
     """A rigid transform: metres and a unit quaternion [x, y, z, w]."""
 
     translation_m: tuple[float, float, float]
@@ -34,8 +35,7 @@ class Pose:
         return out
 
 
-@dataclass(frozen=True)
-class Header:
+class Header(NamedTuple):
     """The fields of `GantryFrameHeader`, see SPEC.md §3."""
 
     magic: int
@@ -69,19 +69,11 @@ class Header:
     payload_place: int
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> "Header":
-        """Reads 256 bytes; call `check` before believing them."""
-        record = np.frombuffer(data, FRAME_HEADER, 1)[0]
-        fields = {}
-        for name in cls.__dataclass_fields__:
-            value = record[name]
-            if name == "world_from_sensor":
-                fields[name] = Pose(tuple(value["translation_m"].tolist()), tuple(value["rotation_xyzw"].tolist()))
-            elif name == "intrinsics_px":
-                fields[name] = tuple(value.tolist())
-            else:
-                fields[name] = value.item()
-        return cls(**fields)
+    def from_bytes(cls, data: Any) -> "Header":
+        """Reads 256 bytes (any buffer); call `check` before believing them."""
+        numbers = _UNPACK_HEADER(data)
+        pose = Pose(numbers[17:20], numbers[20:24])
+        return cls(*numbers[:17], pose, numbers[24:28], *numbers[28:])
 
     @property
     def modality(self) -> str:
@@ -154,22 +146,29 @@ class Frame:
     (3 of images and clouds): keep `copy()` instead.
     """
 
-    __slots__ = ("header", "array", "topic")
+    __slots__ = ("header", "topic", "_data", "_array")
 
-    def __init__(self, header: Header, data: np.ndarray, topic: str = "") -> None:
+    def __init__(self, header: Header, data: Any, topic: str = "") -> None:
         #: Every field of the header.
         self.header = header
-        #: Read-only view. Images: (h, w), (h, w, 2) flow, (h, w, 4) rgb as B G R A and normals; lists: structured, (n,).
-        self.array = _view(header, data)
         #: Topic it came from.
         self.topic = topic
+        self._data = data
+        self._array: Optional[np.ndarray] = None
+
+    @property
+    def array(self) -> np.ndarray:
+        """Read-only view. Images: (h, w), (h, w, 2) flow, (h, w, 4) rgb as B G R A and normals; lists: structured, (n,)."""
+        if self._array is None:
+            self._array = _view(self.header, np.asarray(self._data))
+        return self._array
 
     @classmethod
-    def of_sample(cls, sample: Any, header_bytes: bytes, sample_bytes: int, topic: str) -> "Frame":
+    def of_sample(cls, sample: Any, header_bytes: Any, sample_bytes: int, topic: str) -> "Frame":
         """Checks and wraps a sample of iceoryx2."""
         header = Header.from_bytes(header_bytes)
         header.check(sample_bytes)
-        return cls(header, np.asarray(_Hold(sample, sample_bytes)), topic)
+        return cls(header, _Hold(sample, sample_bytes), topic)
 
     @property
     def tick(self) -> int:
