@@ -175,6 +175,7 @@ pub fn follow(domain: &str, world: &World, streams: &Streams, stop: &AtomicBool)
         snapshots: None,
         wake: bus.listener(names::WORLD_SNAPSHOT)?,
         info: FollowedDocument::new(names::WORLD_INFO),
+        next_info: None,
         map: FollowedDocument::new(names::WORLD_MAP),
         actors: FollowedDocument::new(names::WORLD_ACTORS),
         catalogue: FollowedDocument::new(names::WORLD_CATALOGUE),
@@ -196,6 +197,8 @@ struct Follower<'w> {
     snapshots: Option<SnapshotReader>,
     wake: Listener,
     info: FollowedDocument,
+    /// The newest `world/info`, with the epoch of its header, until everything that it tells about is known.
+    next_info: Option<(u64, WorldInfo)>,
     map: FollowedDocument,
     actors: FollowedDocument,
     catalogue: FollowedDocument,
@@ -239,6 +242,10 @@ impl Follower<'_> {
     }
 
     fn read_documents(&mut self) -> anyhow::Result<()> {
+        // First: the daemon sends it last, so that the others of its episode are there by now.
+        if let Some(document) = heal(self.info.changed(&self.bus))? {
+            self.next_info = Some((document.header.epoch, document.json().context("world/info")?));
+        }
         if let Some(document) = heal(self.map.changed(&self.bus))? {
             let geo_reference_deg = Some(records::geo_reference_deg(&document.text));
             let text: Arc<str> = roomy(&document.text).into();
@@ -253,21 +260,28 @@ impl Follower<'_> {
             self.world.change(|known| known.spawn_points = Arc::new(points));
         }
         self.read_actors()?;
-        // Last: who waits for a new episode looks at this one.
-        if let Some(document) = heal(self.info.changed(&self.bus))? {
-            let info: WorldInfo = document.json().context("world/info")?;
-            let before = self.world.known().info.as_ref().map(|info| (info.epoch.clone(), info.episode));
-            if before.as_ref() != Some(&(info.epoch.clone(), info.episode)) {
-                tracing::info!(map = info.map, episode = info.episode, "episode begins");
-                self.streams.forget();
-                self.world.change(|known| {
-                    known.own.clear();
-                    known.gone_along.clear();
-                });
-            }
-            self.world.change(|known| known.info = Some(info));
-        }
+        self.adopt_info();
         Ok(())
+    }
+
+    /// Last of all: who waits for an episode looks at its info, and asks for the rest at once. A daemon's first texts come in any order.
+    fn adopt_info(&mut self) {
+        let others = [&self.map, &self.catalogue, &self.spawn_points, &self.actors];
+        let is_known = |epoch: u64| others.iter().all(|other| other.newest().is_some_and(|text| text.header.epoch == epoch));
+        let Some((_, info)) = self.next_info.take_if(|(epoch, _)| is_known(*epoch)) else { return };
+        let before = self.world.known().info.as_ref().map(|info| (info.epoch.clone(), info.episode));
+        let begins = before.as_ref() != Some(&(info.epoch.clone(), info.episode));
+        if begins {
+            tracing::info!(map = info.map, episode = info.episode, "episode begins");
+            self.streams.forget();
+        }
+        self.world.change(|known| {
+            if begins {
+                known.own.clear();
+                known.gone_along.clear();
+            }
+            known.info = Some(info);
+        });
     }
 
     fn read_actors(&mut self) -> anyhow::Result<()> {

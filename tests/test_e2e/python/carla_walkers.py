@@ -1,8 +1,8 @@
 """People on foot through the stock `carla` 0.9.16 wheel: blueprints, control, collisions, navigation and the client's own crowd.
 
-    carla_walkers.py PORT [crowd]
+    carla_walkers.py PORT
 
-Navigation and crowd are run only with "crowd". Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
+Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
 import faulthandler
@@ -236,10 +236,7 @@ def main():
     settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
     world.apply_settings(settings)
     world.tick()
-    checks = [check_blueprints, check_control, check_collision, check_props]
-    if sys.argv[2:] == ["crowd"]:
-        checks += [check_navigation, check_crowd]
-    for check in checks:
+    for check in (check_blueprints, check_control, check_collision, check_props, check_navigation, check_crowd):
         check(world)
         print(check.__name__.removeprefix("check_"), "passed", flush=True)
 

@@ -1,9 +1,65 @@
 //! The gateway and CARLA's own client, from the repository's environment, in a sandbox.
 
+use std::net::TcpListener;
+
 use test_kit::sandbox::repository;
 use test_kit::{Ended, Process, Sandbox};
 
-use crate::{spawn_consumer, venv_program};
+use crate::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+
+/// Launch text of a town without sensors, so that nothing is rendered, and without any cars.
+pub fn empty_town(map: &str) -> String {
+    format!("version = 1\n[scenario]\nmap = {map:?}\nseed = 7\ntick_hz = 20\nvehicles = 0\n")
+}
+
+/// A daemon with a gateway before it, in a sandbox of their own, for scripts under the stock client.
+#[derive(Debug)]
+pub struct Stage {
+    // Processes end before their directory goes.
+    gateway: Process,
+    daemon: Process,
+    /// Port of the calls.
+    pub port: u16,
+    /// Where they run.
+    pub sandbox: Sandbox,
+}
+
+impl Stage {
+    /// Starts both on a launch text.
+    pub fn new(name: &str, launch: &str) -> Stage {
+        Stage::with(Sandbox::new(name), launch, &[])
+    }
+
+    /// As [`Stage::new`] in a sandbox that is there, with more arguments for the daemon.
+    pub fn with(sandbox: Sandbox, launch: &str, extra: &[&str]) -> Stage {
+        let daemon = start_daemon(&sandbox, launch, extra);
+        let (gateway, port, _) = start_gateway(&sandbox);
+        Stage { gateway, daemon, port, sandbox }
+    }
+
+    /// Runs a script with the port and more arguments; as [`run_script`].
+    pub fn run(&self, script: &str, more: &[&str], themes: &[&str]) -> Ended {
+        let port = self.port.to_string();
+        run_script(&self.sandbox, script, &[&[port.as_str()], more].concat(), themes)
+    }
+
+    /// Stops both, asserts that they end well and leave nothing, and returns what the gateway said.
+    pub fn end(self) -> Ended {
+        let said = self.gateway.stop().expect_code(0);
+        self.daemon.stop().expect_code(0);
+        assert_nothing_left(&self.sandbox);
+        said
+    }
+}
+
+/// A port that is free now, for a client's own Traffic Manager.
+///
+/// # Panics
+/// If the machine has none.
+pub fn free_port() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+    listener.local_addr().expect("a bound listener has an address").port()
+}
 
 /// Starts the gateway on ports of its own choice; returns them too, RPC first. Its data folder is the sandbox's `data`.
 pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {

@@ -1,40 +1,21 @@
 //! The stock CARLA client, from the repository's own environment, through `gantry-carla` against a real daemon.
 
 use std::io::{Read as _, Write as _};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::time::Duration;
 
-use test_e2e::carla::{run_script, start_gateway, start_script};
-use test_e2e::{assert_nothing_left, start_daemon};
+use test_e2e::carla::{Stage, empty_town, free_port, start_gateway, start_script};
+use test_e2e::start_daemon;
 use test_kit::Sandbox;
-
-/// No sensors: nothing is rendered.
-const LAUNCH: &str = r#"version = 1
-[scenario]
-map = "Town10HD"
-seed = 7
-tick_hz = 20
-vehicles = 0
-"#;
-
-/// A port that is free now, for the client's own Traffic Manager.
-fn free_port() -> u16 {
-    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
-}
 
 #[test]
 fn the_stock_client_looks_round_steps_and_drives() {
-    let sandbox = Sandbox::new("carla");
-    let daemon = start_daemon(&sandbox, LAUNCH, &[]);
-    let (gateway, port, _) = start_gateway(&sandbox);
-    let (port, manager_port) = (port.to_string(), free_port().to_string());
+    let stage = Stage::new("carla", &empty_town("Town10HD"));
     let themes =
         ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"];
-    run_script(&sandbox, "carla_client.py", &[&port, &manager_port], &themes);
-    run_script(&sandbox, "carla_client.py", &[&port], &["loading"]);
-    gateway.stop().expect_code(0);
-    daemon.stop().expect_code(0);
-    assert_nothing_left(&sandbox);
+    stage.run("carla_client.py", &[&free_port().to_string()], &themes);
+    stage.run("carla_client.py", &[], &["loading"]);
+    stage.end();
 }
 
 /// Sends bytes and returns what came until the server closed the connection.
@@ -88,7 +69,7 @@ fn broken_messages_close_their_connection_and_nothing_else() {
 #[test]
 fn the_world_goes_on_when_the_client_that_stepped_it_is_killed() {
     let sandbox = Sandbox::new("carlalost");
-    let mut daemon = start_daemon(&sandbox, LAUNCH, &[]);
+    let mut daemon = start_daemon(&sandbox, &empty_town("Town10HD"), &[]);
     let (gateway, port, _) = start_gateway(&sandbox);
     let mut client = start_script(&sandbox, "carla_stepper.py", &[&port.to_string()]);
     client.wait_line("stepping");

@@ -1,8 +1,8 @@
 //! Rays and debug drawing through the stock CARLA client.
 
 use schema_frames::Command;
-use test_e2e::carla::{run_script, start_gateway};
-use test_e2e::{ask, assert_nothing_left, join_bus, reader, start_daemon, step};
+use test_e2e::carla::{Stage, run_script, start_gateway};
+use test_e2e::{ask, join_bus, reader, start_daemon, step};
 use test_kit::Sandbox;
 
 const LAUNCH: &str = r#"version = 1
@@ -23,13 +23,9 @@ mount.position_m = [0.6, 0.0, 1.6]
 
 #[test]
 fn rays_meet_roads_and_cars_where_geometry_says() {
-    let sandbox = Sandbox::new("carlarays");
-    let daemon = start_daemon(&sandbox, &LAUNCH.replace("mode = \"stepped\"\n", ""), &[]);
-    let (gateway, port, _) = start_gateway(&sandbox);
-    run_script(&sandbox, "carla_queries.py", &[&port.to_string()], &["ground", "car"]);
-    gateway.stop().expect_code(0);
-    daemon.stop().expect_code(0);
-    assert_nothing_left(&sandbox);
+    let stage = Stage::new("carlarays", &LAUNCH.replace("mode = \"stepped\"\n", ""));
+    stage.run("carla_queries.py", &[], &["ground", "car"]);
+    stage.end();
 }
 
 #[test]
