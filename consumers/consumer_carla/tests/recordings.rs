@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use consumer_carla::axes::Transform;
 use consumer_carla::fields::{Attribute, Description};
-use consumer_carla::recorder::file::{Born, Frame, Head, Pedals, Recording};
+use consumer_carla::recorder::file::{Born, Frame, Head, Light, Pedals, Recording};
 use consumer_carla::recorder::report;
 
 fn who(type_id: &str, role: &str) -> Description {
@@ -30,8 +30,11 @@ fn drive() -> Recording {
         gone: if idx == 3 { vec![8] } else { Vec::new() },
         poses: BTreeMap::from([(7, at(f64::from(idx))), (8, at(9.0))]),
         pedals: BTreeMap::from([(7, Pedals { steer: -0.25, throttle: 0.5, brake: 0.0, hand_brake: false, gear: 2 })]),
-        lights: BTreeMap::from([(3, (1, true))]),
+        lights: BTreeMap::from([(3, Light { state: 1, frozen: true, elapsed_secs: 2.5 })]),
         collisions: if idx == 2 { vec![(7, 8), (7, 0)] } else { Vec::new() },
+        gaits: BTreeMap::from([(9, 1.25)]),
+        lamps: BTreeMap::from([(7, 0b10), (8, 0)]),
+        motions: BTreeMap::from([(7, [[2.0, 0.0, 0.0], [0.0, 0.0, -1.0]])]),
     });
     Recording { head: Head { map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
 }
@@ -89,17 +92,30 @@ fn foreign_and_broken_recordings_are_sentences() {
 fn texts_read_like_carlas() {
     let recording = drive();
     let info = report::info(&recording, false);
-    assert!(info.starts_with("Version: 1\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0.000 seconds\n"), "{info}");
-    assert!(info.contains(" Create 7: vehicle.tesla.model3 at (0.00, -2.00, 0.50)\n  role_name = hero\n"));
-    assert!(info.contains("Frame 4 at 1.500 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
-    assert!(info.ends_with("\nFrames: 4\nDuration: 1.500 seconds\n"));
+    assert!(info.starts_with("Version: 2\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
+    assert!(info.contains(" Create 7: vehicle.tesla.model3 (1) at (0, -200, 50)\n  role_name = hero\n"));
+    assert!(info.contains("Frame 3 at 1 seconds\n Collision id 0 between 7 (hero)  with 8\n Collision id 1 between 7 (hero)  with 0\n"));
+    assert!(info.contains("Frame 4 at 1.5 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
+    assert!(info.ends_with("\nFrames: 4\nDuration: 1.5 seconds\n"));
+    let all = report::info(&recording, true);
+    for line in [
+        "  Id: 7 Location: (300, -200, 50) Rotation: (0, 0, 90)",
+        "  Id: 3 state: 1 frozen: 1 elapsedTime: 2.5",
+        "  Id: 7 Steering: -0.25 Throttle: 0.5 Brake: 0 Handbrake: 0 Gear: 2",
+        "  Id: 9 speed: 125",
+        "  Id: 7 LowBeam",
+        "  Id: 8 None",
+        "  Id: 7 linear_velocity: (200, 0, 0) angular_velocity: (0.0000, 0.0000, -1.0000)",
+    ] {
+        assert!(all.lines().any(|found| found == line), "{line}\n{all}");
+    }
     let row =
         |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
     let hit = report::collisions(&recording, 'v', 'h');
     let words: Vec<String> = row(hit, 8).unwrap().split_whitespace().map(str::to_owned).collect();
-    assert_eq!(words, ["1.00", "v", "h", "8", "vehicle.volkswagen.t2", "7", "vehicle.tesla.model3"]);
+    assert_eq!(words, ["1", "v", "v", "8", "vehicle.volkswagen.t2", "7", "vehicle.tesla.model3"]);
     assert_eq!(row(report::collisions(&recording, 'w', 'a'), 7), None);
     // The van stood for the whole 1.5 s, the hero never for half a second.
     let blocked = report::blocked(&recording, 1.0, 10.0);
-    assert!(row(blocked.clone(), 8).unwrap().trim_end().ends_with("1.50") && row(blocked, 7).is_none());
+    assert!(row(blocked.clone(), 8).unwrap().trim_end().ends_with(" 2") && row(blocked, 7).is_none());
 }

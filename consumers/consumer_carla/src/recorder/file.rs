@@ -14,7 +14,7 @@ use crate::msgpack::{self, DecodeError, Limits, Value};
 /// First field of the head.
 pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
 /// Version of the format; CARLA's texts call it "Version".
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Longest recording that is read, frames: a day at 100 Hz.
 const MAX_FRAMES: usize = 8_640_000;
 /// Largest file that is read, bytes.
@@ -57,6 +57,20 @@ pub struct Pedals {
     pub gear: i32,
 }
 
+/// What a traffic light shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    /// CARLA's number of the state.
+    pub state: u8,
+    /// Whether its timers stand still.
+    pub frozen: bool,
+    /// Seconds in this state.
+    pub elapsed_secs: f32,
+}
+
+/// How fast something moves: m/s, then degrees per second.
+pub type Motion = [[f64; 3]; 2];
+
 /// One tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
@@ -74,10 +88,16 @@ pub struct Frame {
     pub poses: BTreeMap<u32, Transform>,
     /// Controls of vehicles.
     pub pedals: BTreeMap<u32, Pedals>,
-    /// Traffic lights: state and whether they stand still.
-    pub lights: BTreeMap<u32, (u8, bool)>,
+    /// Traffic lights.
+    pub lights: BTreeMap<u32, Light>,
     /// Pairs that began to touch; 0 is scenery.
     pub collisions: Vec<(u32, u32)>,
+    /// Speeds that walkers' limbs show, m/s.
+    pub gaits: BTreeMap<u32, f32>,
+    /// Lamps of vehicles, bits as CARLA's.
+    pub lamps: BTreeMap<u32, u32>,
+    /// Velocities, if they were asked for.
+    pub motions: BTreeMap<u32, Motion>,
 }
 
 /// A recording that was read.
@@ -112,6 +132,7 @@ impl Frame {
         };
         let pose = |(id, at): (&u32, &Transform)| Value::Array([&[Value::from(*id)][..], &floats(at)].concat());
         let pedals = |(id, p): (&u32, &Pedals)| list![*id, p.steer, p.throttle, p.brake, p.hand_brake, p.gear];
+        let motion = |(id, [v, w]): (&u32, &Motion)| list![*id, v[0], v[1], v[2], w[0], w[1], w[2]];
         let frame = list![
             self.tick,
             self.elapsed_secs,
@@ -120,8 +141,11 @@ impl Frame {
             self.gone.iter().map(|id| Value::from(*id)).collect::<Vec<_>>(),
             self.poses.iter().map(pose).collect::<Vec<_>>(),
             self.pedals.iter().map(pedals).collect::<Vec<_>>(),
-            self.lights.iter().map(|(id, (state, frozen))| list![*id, *state, *frozen]).collect::<Vec<_>>(),
+            self.lights.iter().map(|(id, light)| list![*id, light.state, light.frozen, light.elapsed_secs]).collect::<Vec<_>>(),
             self.collisions.iter().map(|(a, b)| list![*a, *b]).collect::<Vec<_>>(),
+            self.gaits.iter().map(|(id, mps)| list![*id, *mps]).collect::<Vec<_>>(),
+            self.lamps.iter().map(|(id, bits)| list![*id, *bits]).collect::<Vec<_>>(),
+            self.motions.iter().map(motion).collect::<Vec<_>>(),
         ];
         msgpack::write(out, &frame);
     }
@@ -147,10 +171,22 @@ impl Frame {
             frame.pedals.insert(id, Pedals { steer, throttle, brake, hand_brake: given.bool()?, gear: given.i32()? });
         }
         for mut light in each(fields, "a light")? {
-            frame.lights.insert(light.u32()?, (light.u8()?, light.bool()?));
+            let id = light.u32()?;
+            frame.lights.insert(id, Light { state: light.u8()?, frozen: light.bool()?, elapsed_secs: light.f32()? });
         }
         for mut pair in each(fields, "a collision")? {
             frame.collisions.push((pair.u32()?, pair.u32()?));
+        }
+        for mut walker in each(fields, "a gait")? {
+            frame.gaits.insert(walker.u32()?, walker.f32()?);
+        }
+        for mut vehicle in each(fields, "lamps")? {
+            frame.lamps.insert(vehicle.u32()?, vehicle.u32()?);
+        }
+        for mut motion in each(fields, "a motion")? {
+            let id = motion.u32()?;
+            let mut three = || Ok::<_, Wrong>([motion.f64()?, motion.f64()?, motion.f64()?]);
+            frame.motions.insert(id, [three()?, three()?]);
         }
         Ok(frame)
     }

@@ -67,17 +67,21 @@ impl Recorder {
     pub fn path(&self, name: &str) -> Result<PathBuf, String> {
         let data = data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
         let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
-        file_in(&data.join("recordings").join("carla"), plain, KIND)
+        let path = file_in(&data.join("recordings").join("carla"), plain, KIND)?;
+        if path.is_symlink() {
+            return Err(format!("{plain:?} is a link; recordings are only read and written in their folder itself"));
+        }
+        Ok(path)
     }
 
     /// Starts a recording; one that runs is finished first.
     ///
     /// # Errors
     /// If the file cannot be made.
-    pub fn start(&self, path: &Path, known: &Known) -> Result<(), String> {
+    pub fn start(&self, path: &Path, known: &Known, with_motion: bool) -> Result<(), String> {
         let mut state = lock(&self.state);
         state.writer = None;
-        state.writer = Some(Writer::create(path, known)?);
+        state.writer = Some(Writer::create(path, known, with_motion)?);
         Ok(())
     }
 
@@ -104,15 +108,15 @@ impl Recorder {
     /// Takes the place of a replay that runs. What the next tick shows is its first moment.
     pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
         let mut state = lock(&self.state);
+        // First, or it would take away what the new one holds.
+        if let Some(before) = state.replay.take() {
+            before.end(commander, true);
+        }
         let snapshot = world.known().snapshot.clone();
         if let Some(snapshot) = snapshot {
             replay.step(&snapshot, commander);
         }
-        let before = state.replay.replace(replay);
-        drop(state);
-        if let Some(before) = before {
-            before.end(commander, true);
-        }
+        state.replay = Some(replay);
     }
 
     /// Ends the replay.

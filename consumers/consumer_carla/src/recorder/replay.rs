@@ -5,15 +5,16 @@ use std::sync::Arc;
 
 use consumer_kit::WorldAt;
 use schema_frames::document::PoseText;
-use schema_frames::{Command, CommandReply, LightState, VehicleControl, VehicleControlRecord};
+use schema_frames::{Attachment, Command, CommandReply, LightState, PhysicsAction, VehicleControl, VehicleControlRecord, WalkerControl};
 use schema_types::Pose;
 
 use super::Settings;
-use super::file::{Frame, Recording};
+use super::file::{Born, Frame, Pedals, Recording};
 use crate::axes::{self, Transform};
-use crate::blueprints;
 use crate::commander::Commander;
-use crate::fields::Description;
+use crate::rpc::spawning::spawn_command;
+use crate::rpc::vehicles::LAMPS;
+use crate::sensors;
 use crate::world::Known;
 
 /// Above this factor poses are not interpolated, as in CARLA.
@@ -33,6 +34,8 @@ pub struct Wish {
     pub follow: u32,
     /// Where the spectator is on the actor that it follows.
     pub offset: Transform,
+    /// Whether recorded sensors are made too.
+    pub with_sensors: bool,
 }
 
 /// A replay that runs.
@@ -44,7 +47,14 @@ pub struct Replay {
     pub settings: Settings,
     /// Ids then and now.
     ids: BTreeMap<u32, u32>,
-    made: BTreeSet<u32>,
+    /// Recorded heroes.
+    heroes: BTreeSet<u32>,
+    /// Today's ids of actors that the replay made, in that order.
+    made: Vec<u32>,
+    /// Vehicles that the engine does not move meanwhile.
+    held: BTreeSet<u32>,
+    /// Walkers that it leads.
+    led: BTreeSet<u32>,
     lights: BTreeMap<u32, u32>,
     spectator: Option<u32>,
     recorded_spectator: Option<u32>,
@@ -57,6 +67,11 @@ pub struct Replay {
 /// Whether a replay moves actors of this type.
 fn is_played(type_id: &str) -> bool {
     ["vehicle.", "walker.", "static.prop."].iter().any(|family| type_id.starts_with(family))
+}
+
+/// Whether it is a sensor that the gateway can make.
+fn is_sensor(type_id: &str) -> bool {
+    sensors::kind(type_id).is_some() || sensors::CLIENT_SIDE.contains(&type_id)
 }
 
 impl Replay {
@@ -73,9 +88,12 @@ impl Replay {
         );
         let mut ids = BTreeMap::new();
         let mut lights = BTreeMap::new();
-        let mut recorded_spectator = None;
+        let (mut recorded_spectator, mut heroes) = (None, BTreeSet::new());
         let snapshot = known.snapshot.clone();
         for (id, description) in recording.names() {
+            if description.attribute("role_name") == Some("hero") {
+                heroes.insert(id);
+            }
             if is_played(&description.type_id) && known.actors.get(&id).is_some_and(|actor| actor.type_id == description.type_id) {
                 ids.insert(id, id);
             } else if description.type_id == "spectator" {
@@ -92,7 +110,10 @@ impl Replay {
             wish,
             settings,
             ids,
-            made: BTreeSet::new(),
+            heroes,
+            made: Vec::new(),
+            held: BTreeSet::new(),
+            led: BTreeSet::new(),
             lights,
             spectator,
             recorded_spectator,
@@ -123,34 +144,50 @@ impl Replay {
         !is_end
     }
 
+    fn is_ignored(&self, recorded: u32) -> bool {
+        self.settings.ignore_hero && self.heroes.contains(&recorded)
+    }
+
     /// Who comes and who goes.
     fn run_events(&mut self, frame: &Frame, commander: &Commander) {
-        for born in frame.born.iter().filter(|born| is_played(&born.description.type_id)) {
-            if self.ids.contains_key(&born.id) {
-                continue;
-            }
-            if self.settings.ignore_hero && born.description.attribute("role_name") == Some("hero") {
-                continue;
-            }
-            let mut at = born.at;
-            at.location_m[2] += MAKE_ABOVE_M + MAKE_APART_M * (self.n_made % 500) as f64;
-            self.n_made += 1;
-            match commander.ask_one(spawn(&born.description, &at)) {
-                Ok((CommandReply::Spawned { actor_id, .. }, _)) => {
-                    self.ids.insert(born.id, actor_id);
-                    self.made.insert(actor_id);
-                    simulate(actor_id, false, commander);
-                }
-                Ok((other, _)) => tracing::warn!(?other, "no answer to a spawn of the replay"),
-                Err(error) => tracing::warn!(type_id = born.description.type_id, error, "the replay goes on without an actor"),
+        for born in &frame.born {
+            let type_id = born.description.type_id.as_str();
+            let is_wanted = is_played(type_id) || self.wish.with_sensors && is_sensor(type_id);
+            if is_wanted && !self.ids.contains_key(&born.id) && !self.is_ignored(born.id) {
+                self.make(born, frame, commander);
             }
         }
         for id in &frame.gone {
             if let Some(now) = self.ids.remove(id)
-                && self.made.remove(&now)
+                && let Some(at) = self.made.iter().position(|made| *made == now)
             {
+                self.made.remove(at);
+                self.held.remove(&now);
+                self.led.remove(&now);
                 commander.tell(Command::Destroy { actor_id: now });
             }
+        }
+    }
+
+    /// Makes an actor anew: high above its place, or on the actor on which it rode.
+    fn make(&mut self, born: &Born, frame: &Frame, commander: &Commander) {
+        let (mut at, mut parent) = (born.at, None);
+        if born.parent != 0 {
+            let (Some(now), Some(carrier)) = (self.ids.get(&born.parent), frame.poses.get(&born.parent)) else { return };
+            at = axes::transform(&Pose::from(axes::pose(carrier).isometry().inverse() * axes::pose(&born.at).isometry()));
+            parent = Some(*now);
+        } else if is_played(&born.description.type_id) {
+            at.location_m[2] += MAKE_ABOVE_M + MAKE_APART_M * (self.n_made % 500) as f64;
+            self.n_made += 1;
+        }
+        let command = spawn_command(&born.description, &at, parent, Attachment::Rigid);
+        match command.and_then(|command| commander.ask_one(command)) {
+            Ok((CommandReply::Spawned { actor_id, .. }, _)) => {
+                self.ids.insert(born.id, actor_id);
+                self.made.push(actor_id);
+            }
+            Ok((other, _)) => tracing::warn!(?other, "no answer to a spawn of the replay"),
+            Err(error) => tracing::warn!(type_id = born.description.type_id, error, "the replay goes on without an actor"),
         }
     }
 
@@ -160,31 +197,33 @@ impl Replay {
         let place = |id: &u32| {
             let now = frame.poses.get(id)?;
             let then = next.and_then(|next| next.poses.get(id)).unwrap_or(now);
-            Some(axes::pose(&between(now, then, share)))
+            Some(between(now, then, share))
         };
         let mut controls = Vec::new();
-        for (id, now) in &self.ids {
-            let Some(pose) = place(id) else { continue };
-            if !self.made.contains(now) && snapshot.actor(*now).is_some() {
-                simulate(*now, false, commander);
+        for (id, now) in self.ids.clone() {
+            if self.is_ignored(id) {
+                self.release(now, commander);
+                continue;
             }
-            commander.tell(Command::SetPose { actor_id: *now, pose: pose.into() });
-            if let Some(pedals) = frame.pedals.get(id) {
-                let control = VehicleControl {
-                    throttle_ratio: pedals.throttle,
-                    steer_ratio: axes::steer(pedals.steer),
-                    brake_ratio: pedals.brake,
-                    hand_brake: pedals.hand_brake,
-                    reverse: pedals.gear < 0,
-                    manual_gear_shift: false,
-                    gear: pedals.gear.clamp(-1, 20) as i8,
-                };
-                controls.push(VehicleControlRecord::new(*now, control.clamped()));
+            let Some(at) = place(&id) else { continue };
+            if let Some(gait_mps) = frame.gaits.get(&id).filter(|_| is_upright(&at)) {
+                self.led.insert(now);
+                commander.tell(lead(now, &at, f64::from(*gait_mps)));
+                continue;
             }
+            if let Some(pedals) = frame.pedals.get(&id) {
+                if self.held.insert(now) {
+                    simulate(now, false, commander);
+                }
+                controls.push(VehicleControlRecord::new(now, control(pedals).clamped()));
+                put_lamps(now, frame.lamps.get(&id), snapshot, commander);
+            }
+            commander.tell(Command::SetPose { actor_id: now, pose: axes::pose(&at).into() });
         }
         if !controls.is_empty() {
             commander.control(controls);
         }
+        let place = |id: &u32| place(id).map(|at| axes::pose(&at));
         let followed = Some(self.wish.follow).filter(|id| *id != 0).and_then(|id| place(&id)).map(|pose| self.beside(&pose));
         let recorded = || self.recorded_spectator.filter(|_| !self.settings.ignore_spectator).and_then(|id| place(&id)).map(PoseText::from);
         if let (Some(spectator), Some(pose)) = (self.spectator, followed.or_else(recorded)) {
@@ -198,10 +237,10 @@ impl Replay {
             commander.tell(Command::FreezeTrafficLights { frozen: true });
         }
         for (id, now) in &self.lights {
-            let Some((state, _)) = frame.lights.get(id) else { continue };
+            let Some(light) = frame.lights.get(id) else { continue };
             let shown = snapshot.actor(*now).and_then(|record| record.traffic_light()).map(|part| part.state);
-            if shown != Some(u32::from(*state)) {
-                let state = LightState::from_code(u32::from(*state)).name().to_owned();
+            if shown != Some(u32::from(light.state)) {
+                let state = LightState::from_code(u32::from(light.state)).name().to_owned();
                 commander.tell(Command::SetTrafficLight { actor_id: *now, state });
             }
         }
@@ -212,14 +251,29 @@ impl Replay {
         Pose::from(followed.isometry() * axes::pose(&self.wish.offset).isometry()).into()
     }
 
-    /// Gives everyone back to the engine, or takes the replay's own actors away.
-    pub fn end(&self, commander: &Commander, keep_actors: bool) {
-        for now in self.ids.values() {
-            if !keep_actors && self.made.contains(now) {
-                commander.tell(Command::Destroy { actor_id: *now });
-            } else {
-                simulate(*now, true, commander);
+    /// Gives a vehicle back to the engine.
+    fn release(&mut self, now: u32, commander: &Commander) {
+        if self.held.remove(&now) {
+            simulate(now, true, commander);
+        }
+    }
+
+    /// Gives everyone back to the engine, or takes the replay's own actors away. Walkers stop.
+    pub fn end(mut self, commander: &Commander, keep_actors: bool) {
+        if !keep_actors {
+            // What rides on an actor came after it.
+            for now in std::mem::take(&mut self.made).into_iter().rev() {
+                self.held.remove(&now);
+                self.led.remove(&now);
+                commander.tell(Command::Destroy { actor_id: now });
             }
+        }
+        for actor_id in std::mem::take(&mut self.led) {
+            let control = WalkerControl { direction: [1.0, 0.0, 0.0], speed_mps: 0.0, jump: false };
+            commander.tell(Command::ControlWalker { actor_id, control });
+        }
+        for now in std::mem::take(&mut self.held) {
+            simulate(now, true, commander);
         }
         if !self.lights.is_empty() {
             commander.tell(Command::FreezeTrafficLights { frozen: false });
@@ -227,21 +281,39 @@ impl Replay {
     }
 }
 
-fn spawn(description: &Description, at: &Transform) -> Command {
-    Command::Spawn {
-        type_id: description.type_id.clone(),
-        pose: axes::pose(at).into(),
-        parent_id: None,
-        role: description.attribute("role_name").unwrap_or_default().to_owned(),
-        attributes: blueprints::settable(description),
+/// Whether the engine moves a vehicle. While it does not, the vehicle's velocity is what it is moved by, and with that it goes on.
+fn simulate(actor_id: u32, enabled: bool, commander: &Commander) {
+    commander.tell(Command::Physics { actor_id, action: PhysicsAction::SetSimulated { enabled } });
+}
+
+fn put_lamps(actor_id: u32, lamps: Option<&u32>, snapshot: &WorldAt, commander: &Commander) {
+    let shown = snapshot.actor(actor_id).and_then(|record| record.vehicle()).map(|part| part.lamps);
+    if let Some(lamps) = lamps.filter(|lamps| shown != Some(**lamps)) {
+        commander.tell(Command::SetLamps { actor_id, lamps: lamps & LAMPS });
     }
 }
 
-/// Whether the engine moves an actor.
-fn simulate(actor_id: u32, enabled: bool, commander: &Commander) {
-    if !enabled {
-        commander.tell(Command::SetVelocity { actor_id, velocity_in_world_mps: [0.0; 3] });
+fn control(pedals: &Pedals) -> VehicleControl {
+    VehicleControl {
+        throttle_ratio: pedals.throttle,
+        steer_ratio: axes::steer(pedals.steer),
+        brake_ratio: pedals.brake,
+        hand_brake: pedals.hand_brake,
+        reverse: pedals.gear < 0,
+        manual_gear_shift: false,
+        gear: pedals.gear.clamp(-1, 20) as i8,
     }
+}
+
+/// A walker that lies was knocked over; one that stands walks there.
+fn is_upright(at: &Transform) -> bool {
+    const TILT_DEG: f64 = 1.0;
+    let [pitch, _, roll] = at.rotation_deg;
+    pitch.abs() < TILT_DEG && roll.abs() < TILT_DEG
+}
+
+fn lead(actor_id: u32, at: &Transform, speed_mps: f64) -> Command {
+    Command::LeadWalker { actor_id, ground_point_m: axes::mirror(at.location_m), yaw_rad: axes::pose(at).yaw_rad(), speed_mps }
 }
 
 /// Between two places: straight, and turned the short way round.

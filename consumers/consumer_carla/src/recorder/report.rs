@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use super::file::{Recording, VERSION};
+use super::file::{Frame, Light, Pedals, Recording, VERSION};
 use crate::fields::Description;
 
 const ROOM: &str = "a text always has room";
@@ -13,78 +13,115 @@ fn opening(recording: &Recording) -> String {
 }
 
 fn closing(out: &mut String, recording: &Recording) {
-    write!(out, "\nFrames: {}\nDuration: {:.3} seconds\n", recording.frames.len(), recording.duration_secs()).expect(ROOM);
+    write!(out, "\nFrames: {}\nDuration: {} seconds\n", recording.frames.len(), round(recording.duration_secs())).expect(ROOM);
+}
+
+/// CARLA's texts give places in centimetres.
+fn centimetres(location_m: [f64; 3]) -> String {
+    let [x, y, z] = location_m.map(|metres| (metres * 1e3).round() / 10.0 + 0.0);
+    format!("({x}, {y}, {z})")
+}
+
+/// CARLA's number of a family of actors.
+fn family(type_id: &str) -> u8 {
+    match type_id {
+        "traffic.traffic_light" => 3,
+        _ if type_id.starts_with("vehicle.") => 1,
+        _ if type_id.starts_with("walker.") => 2,
+        _ => 0,
+    }
 }
 
 /// `show_recorder_file_info`: frames in which something comes, goes or touches; every frame with all its packets if `all`.
 pub fn info(recording: &Recording, all: bool) -> String {
-    let mut out = opening(recording);
+    let (mut out, names) = (opening(recording), recording.names());
+    let mut n_collisions = 0;
     for (idx, frame) in recording.frames.iter().enumerate() {
         let has_events = !(frame.born.is_empty() && frame.gone.is_empty() && frame.collisions.is_empty());
         if !has_events && !all && idx != 0 {
             continue;
         }
-        writeln!(out, "Frame {} at {:.3} seconds", idx + 1, frame.elapsed_secs).expect(ROOM);
+        writeln!(out, "Frame {} at {} seconds", idx + 1, round(frame.elapsed_secs)).expect(ROOM);
         for born in &frame.born {
-            let [x, y, z] = born.at.location_m;
-            writeln!(out, " Create {}: {} at ({x:.2}, {y:.2}, {z:.2})", born.id, born.description.type_id).expect(ROOM);
+            let type_id = born.description.type_id.as_str();
+            writeln!(out, " Create {}: {type_id} ({}) at {}", born.id, family(type_id), centimetres(born.at.location_m)).expect(ROOM);
             for attribute in &born.description.attributes {
                 writeln!(out, "  {} = {}", attribute.name, attribute.value).expect(ROOM);
             }
-            if born.parent != 0 {
-                writeln!(out, " Parenting {} with {} (parent)", born.id, born.parent).expect(ROOM);
-            }
         }
         frame.gone.iter().for_each(|id| writeln!(out, " Destroy {id}").expect(ROOM));
+        for born in frame.born.iter().filter(|born| born.parent != 0) {
+            writeln!(out, " Parenting {} with {} (parent)", born.id, born.parent).expect(ROOM);
+        }
+        let hero = |id: &u32| if is_hero(&names, *id) { " (hero) " } else { "" };
         for (a, b) in &frame.collisions {
-            writeln!(out, " Collision between {a} and {b}").expect(ROOM);
+            writeln!(out, " Collision id {n_collisions} between {a}{} with {b}{}", hero(a), hero(b)).expect(ROOM);
+            n_collisions += 1;
         }
         if all {
-            details(&mut out, recording, idx);
+            details(&mut out, frame);
         }
     }
     closing(&mut out, recording);
     out
 }
 
-fn details(out: &mut String, recording: &Recording, idx: usize) {
-    let frame = &recording.frames[idx];
+/// To a microsecond, without the noise of binary fractions.
+fn round(secs: f64) -> f64 {
+    (secs * 1e6).round() / 1e6
+}
+
+fn details(out: &mut String, frame: &Frame) {
     writeln!(out, " Positions: {}", frame.poses.len()).expect(ROOM);
     for (id, at) in &frame.poses {
-        let ([x, y, z], [pitch, yaw, roll]) = (at.location_m, at.rotation_deg);
-        writeln!(out, "  Id: {id} Location: ({x:.3}, {y:.3}, {z:.3}) Rotation: ({pitch:.2}, {yaw:.2}, {roll:.2})").expect(ROOM);
+        let [pitch, yaw, roll] = at.rotation_deg.map(|degrees| (degrees * 1e4).round() / 1e4 + 0.0);
+        // Unreal's axes: about x, y, z.
+        writeln!(out, "  Id: {id} Location: {} Rotation: ({roll}, {pitch}, {yaw})", centimetres(at.location_m)).expect(ROOM);
     }
     writeln!(out, " State traffic lights: {}", frame.lights.len()).expect(ROOM);
-    for (id, (state, frozen)) in &frame.lights {
-        writeln!(out, "  Id: {id} state: {state} frozen: {}", u8::from(*frozen)).expect(ROOM);
+    for (id, light) in &frame.lights {
+        let Light { state, frozen, elapsed_secs } = light;
+        writeln!(out, "  Id: {id} state: {state} frozen: {} elapsedTime: {elapsed_secs}", u8::from(*frozen)).expect(ROOM);
     }
     writeln!(out, " Vehicle animations: {}", frame.pedals.len()).expect(ROOM);
     for (id, p) in &frame.pedals {
-        let hand_brake = u8::from(p.hand_brake);
-        writeln!(
-            out,
-            "  Id: {id} Steering: {:.3} Throttle: {:.3} Brake: {:.3} Handbrake: {hand_brake} Gear: {}",
-            p.steer, p.throttle, p.brake, p.gear
-        )
-        .expect(ROOM);
+        let Pedals { steer, throttle, brake, hand_brake, gear } = p;
+        let hand_brake = u8::from(*hand_brake);
+        writeln!(out, "  Id: {id} Steering: {steer} Throttle: {throttle} Brake: {brake} Handbrake: {hand_brake} Gear: {gear}").expect(ROOM);
+    }
+    writeln!(out, " Walker animations: {}", frame.gaits.len()).expect(ROOM);
+    frame.gaits.iter().for_each(|(id, mps)| writeln!(out, "  Id: {id} speed: {}", mps * 100.0).expect(ROOM));
+    writeln!(out, " Vehicle light animations: {}", frame.lamps.len()).expect(ROOM);
+    for (id, bits) in &frame.lamps {
+        let on: Vec<&str> = LAMPS.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0).map(|(_, name)| *name).collect();
+        writeln!(out, "  Id: {id} {}", if on.is_empty() { "None".to_owned() } else { on.join(" ") }).expect(ROOM);
+    }
+    if !frame.motions.is_empty() {
+        writeln!(out, " Dynamic actors: {}", frame.motions.len()).expect(ROOM);
+    }
+    for (id, [velocity_mps, turning_deg]) in &frame.motions {
+        let [x, y, z] = turning_deg;
+        let velocity = centimetres(*velocity_mps);
+        writeln!(out, "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})").expect(ROOM);
     }
 }
 
-/// CARLA's letter of what an actor is: hero, vehicle, walker, traffic light, other.
+/// Names of vehicles' lamps by their bits.
+const LAMPS: [&str; 11] =
+    ["Position", "LowBeam", "HighBeam", "Brake", "RightBlinker", "LeftBlinker", "Reverse", "Fog", "Interior", "Special1", "Special2"];
+
+/// CARLA's letter of what an actor is: vehicle, walker, traffic light, other.
 fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {
-    match names.get(&id) {
-        Some(who) if who.attribute("role_name") == Some("hero") => 'h',
-        Some(who) if who.type_id.starts_with("vehicle.") => 'v',
-        Some(who) if who.type_id.starts_with("walker.") => 'w',
-        Some(who) if who.type_id == "traffic.traffic_light" => 't',
-        _ => 'o',
-    }
+    ['o', 'v', 'w', 't'][usize::from(names.get(&id).map_or(0, |who| family(&who.type_id)))]
 }
 
-/// Whether an actor is of the kind a letter asks for; heroes are vehicles too, and `a` is any.
+fn is_hero(names: &BTreeMap<u32, &Description>, id: u32) -> bool {
+    names.get(&id).is_some_and(|who| who.attribute("role_name") == Some("hero"))
+}
+
+/// Whether an actor is of the kind a letter asks for; `h` is a hero, `a` is any.
 fn is_of(names: &BTreeMap<u32, &Description>, id: u32, asked: char) -> bool {
-    let own = letter(names, id);
-    asked == 'a' || own == asked || (asked == 'v' && own == 'h')
+    asked == 'a' || letter(names, id) == asked || asked == 'h' && is_hero(names, id)
 }
 
 /// `show_recorder_collisions`: between actors of two kinds, in either order.
@@ -102,7 +139,7 @@ pub fn collisions(recording: &Recording, first: char, second: char) -> String {
                 _ => continue,
             };
             let kinds = format!(" {} {} ", letter(&names, a), letter(&names, b));
-            writeln!(out, "{:>8.2}  {kinds:5} {a:>6} {:35} {b:>6} {:35}", frame.elapsed_secs, name(a), name(b)).expect(ROOM);
+            writeln!(out, "{:>8.0}  {kinds:5} {a:>6} {:35} {b:>6} {:35}", frame.elapsed_secs, name(a), name(b)).expect(ROOM);
         }
     }
     closing(&mut out, recording);
@@ -117,7 +154,7 @@ pub fn blocked(recording: &Recording, min_secs: f64, min_distance_cm: f64) -> St
     let mut found: Vec<(f64, u32, f64)> = Vec::new();
     let mut since: BTreeMap<u32, (f64, [f64; 3])> = BTreeMap::new();
     for frame in &recording.frames {
-        for (id, at) in frame.poses.iter().filter(|(id, _)| matches!(letter(&names, **id), 'h' | 'v' | 'w')) {
+        for (id, at) in frame.poses.iter().filter(|(id, _)| matches!(letter(&names, **id), 'v' | 'w')) {
             let (start, place) = *since.entry(*id).or_insert((frame.elapsed_secs, at.location_m));
             let moved_m = (0..3).map(|i| (at.location_m[i] - place[i]).powi(2)).sum::<f64>().sqrt();
             if moved_m * 100.0 >= min_distance_cm {
@@ -136,7 +173,7 @@ pub fn blocked(recording: &Recording, min_secs: f64, min_distance_cm: f64) -> St
     found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.1.cmp(&b.1)));
     for (start, id, length) in found {
         let name = names.get(&id).map_or("", |who| who.type_id.as_str());
-        writeln!(out, "{start:>8.2} {id:>6} {name:35} {length:>10.2}").expect(ROOM);
+        writeln!(out, "{start:>8.0} {id:>6} {name:35} {length:>10.0}").expect(ROOM);
     }
     closing(&mut out, recording);
     out

@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use consumer_kit::WorldAt;
 use schema_frames::{ActorKind, ActorRecord};
 
-use super::file::{Born, Frame, Head, Pedals};
+use super::file::{Born, Frame, Head, Light, Pedals};
 use crate::axes;
 use crate::blueprints;
 use crate::fields::{Attribute, Description};
@@ -22,6 +22,7 @@ const TOUCH_M: f64 = 0.3;
 #[derive(Debug)]
 pub struct Writer {
     file: BufWriter<File>,
+    with_motion: bool,
     episode: Option<u64>,
     alive: BTreeSet<u32>,
     touching: BTreeSet<(u32, u32)>,
@@ -29,22 +30,21 @@ pub struct Writer {
     elapsed_nanos: u64,
 }
 
-/// Actors that are recorded: not sensors, which take part in nothing.
-fn is_recorded(record: &ActorRecord) -> bool {
-    !matches!(record.kind(), Some(ActorKind::Sensor) | None)
-}
-
-/// Actors whose place can change.
+/// Actors whose place can change. Sensors on an actor go where that goes.
 fn can_move(record: &ActorRecord) -> bool {
-    matches!(record.kind(), Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator))
+    match record.kind() {
+        Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator) => true,
+        Some(ActorKind::Sensor) => record.parent_id == 0,
+        _ => false,
+    }
 }
 
 impl Writer {
-    /// Makes the file.
+    /// Makes the file; velocities go into it on demand.
     ///
     /// # Errors
     /// A sentence if it cannot be made.
-    pub fn create(path: &Path, known: &Known) -> Result<Writer, String> {
+    pub fn create(path: &Path, known: &Known, with_motion: bool) -> Result<Writer, String> {
         let cannot = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
@@ -52,7 +52,7 @@ impl Writer {
         let mut head = Vec::new();
         Head { map, date: date(SystemTime::now()) }.write(&mut head);
         file.write_all(&head).map_err(cannot)?;
-        Ok(Writer { file, episode: None, alive: BTreeSet::new(), touching: BTreeSet::new(), last_tick: 0, elapsed_nanos: 0 })
+        Ok(Writer { file, with_motion, episode: None, alive: BTreeSet::new(), touching: BTreeSet::new(), last_tick: 0, elapsed_nanos: 0 })
     }
 
     /// Writes a frame.
@@ -73,13 +73,21 @@ impl Writer {
             self.elapsed_nanos += header.period_nanos;
         }
         self.last_tick = header.tick;
+        let frame = self.frame(snapshot, known);
+        let mut bytes = Vec::new();
+        frame.write(&mut bytes);
+        self.file.write_all(&bytes).and_then(|()| self.file.flush()).map_err(|error| format!("cannot write the recording: {error}"))
+    }
+
+    fn frame(&mut self, snapshot: &WorldAt, known: &Known) -> Frame {
+        let header = &snapshot.header;
         let mut frame = Frame {
             tick: header.tick,
             elapsed_secs: self.elapsed_nanos as f64 * 1e-9,
             delta_secs: header.period_nanos as f64 * 1e-9,
             ..Frame::default()
         };
-        let records = || snapshot.records.iter().filter(|record| is_recorded(record));
+        let records = || snapshot.records.iter().filter(|record| record.kind().is_some());
         let now: BTreeSet<u32> = records().map(|record| record.id).collect();
         frame.gone = self.alive.difference(&now).copied().collect();
         for record in records() {
@@ -95,17 +103,24 @@ impl Writer {
                 let hand_brake = part.control_flags & 1 != 0;
                 let pedals = Pedals { steer, throttle: part.throttle_ratio, brake: part.brake_ratio, hand_brake, gear: part.gear };
                 frame.pedals.insert(record.id, pedals);
+                frame.lamps.insert(record.id, part.lamps);
+            }
+            if let Some(part) = record.walker() {
+                frame.gaits.insert(record.id, part.gait_mps);
             }
             if let Some(part) = record.traffic_light() {
-                frame.lights.insert(record.id, (part.state.min(4) as u8, part.flags & 1 != 0));
+                let light = Light { state: part.state.min(4) as u8, frozen: part.flags & 1 != 0, elapsed_secs: part.elapsed_secs };
+                frame.lights.insert(record.id, light);
+            }
+            if self.with_motion && can_move(record) {
+                let turning_deg = axes::angular_velocity_deg(record.angular_velocity_in_world_radps);
+                frame.motions.insert(record.id, [axes::mirror(record.velocity_in_world_mps), turning_deg]);
             }
         }
         let touching = touching(snapshot);
         frame.collisions = touching.difference(&self.touching).copied().collect();
         (self.alive, self.touching) = (now, touching);
-        let mut bytes = Vec::new();
-        frame.write(&mut bytes);
-        self.file.write_all(&bytes).and_then(|()| self.file.flush()).map_err(|error| format!("cannot write the recording: {error}"))
+        frame
     }
 }
 

@@ -68,9 +68,9 @@ fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
 impl Gateway {
     /// Answers with the file's full path.
     fn start_recorder(&self, call: &mut Call<'_>) -> Outcome {
-        let (name, _additional) = (call.text()?, call.bool()?);
+        let (name, with_motion) = (call.text()?, call.bool()?);
         let path = self.recorder.path(name)?;
-        self.recorder.start(&path, &self.world.known())?;
+        self.recorder.start(&path, &self.world.known(), with_motion)?;
         Ok(Answer::Value(path.display().to_string().into()))
     }
 
@@ -90,9 +90,6 @@ impl Gateway {
             Ok(recording) => recording,
             Err(error) => return Ok(Answer::Value(format!("{error}\n").into())),
         };
-        if replay_sensors {
-            self.no_effect("replay_sensors");
-        }
         let opening = format!("Replaying File: {}\n\n", path.display());
         let info = self.info()?;
         if recording.head.map != info.map {
@@ -100,7 +97,7 @@ impl Gateway {
             let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
             begun.ok_or_else(|| Failure::Refused("the recording's map was loaded and no new episode was published".to_owned()))?;
         }
-        let wish = Wish { start_secs, duration_secs, follow, offset };
+        let wish = Wish { start_secs, duration_secs, follow, offset, with_sensors: replay_sensors };
         let (replay, text) = Replay::begin(recording, wish, self.recorder.settings(), &self.world.known());
         self.recorder.play(replay, &self.world, &self.commander);
         Ok(Answer::Value(format!("{opening}{text}").into()))

@@ -1,0 +1,17 @@
+//! What a replay does with the world, through the stock client.
+
+use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::{assert_nothing_left, start_daemon};
+use test_kit::Sandbox;
+
+#[test]
+fn replays_hold_vehicles_make_sensors_and_give_everything_back() {
+    let sandbox = Sandbox::new("carlareplay");
+    let launch = "version = 1\n[scenario]\nmap = \"Town10HD\"\nseed = 7\ntick_hz = 20\nvehicles = 0\n";
+    let daemon = start_daemon(&sandbox, launch, &[]);
+    let (gateway, port, _) = start_gateway(&sandbox);
+    run_script(&sandbox, "carla_replay.py", &[&port.to_string()], &["text", "ignored", "sensors", "kept", "names"]);
+    gateway.stop().expect_code(0);
+    daemon.stop().expect_code(0);
+    assert_nothing_left(&sandbox);
+}
