@@ -181,12 +181,22 @@ impl MeshBuilder {
         self.polygon(surface, &corners_m, &[[0.0; 2]; 3]);
     }
 
-    /// Adds a convex planar polygon as a fan, counter-clockwise from outside, with surface coordinates per corner.
+    /// Adds a convex polygon as a fan, counter-clockwise from outside, with surface coordinates per corner. Where the corners do not lie
+    /// in one plane, each triangle has its own normal.
     pub fn polygon(&mut self, surface: Surface, corners_m: &[[f32; 3]], uv_m: &[[f32; 2]]) {
         assert_eq!(corners_m.len(), uv_m.len(), "one surface coordinate per corner");
         let normal = newell_normal(corners_m);
-        let normals = vec![normal; corners_m.len()];
-        self.polygon_with_normals(surface, corners_m, &normals, uv_m);
+        let fan = |i: usize| [corners_m[0], corners_m[i], corners_m[i + 1]];
+        let is_flat = corners_m.len() <= 3
+            || (1..corners_m.len() - 1).all(|i| is_sliver(&fan(i)) || cosine(&newell_normal(&fan(i)), &normal) > FLAT_COSINE);
+        if is_flat {
+            self.polygon_with_normals(surface, corners_m, &vec![normal; corners_m.len()], uv_m);
+            return;
+        }
+        for i in (1..corners_m.len() - 1).filter(|i| !is_sliver(&fan(*i))) {
+            let corners = fan(i);
+            self.polygon_with_normals(surface, &corners, &[newell_normal(&corners); 3], &[uv_m[0], uv_m[i], uv_m[i + 1]]);
+        }
     }
 
     /// As [`MeshBuilder::polygon`] with a unit normal per corner, for rounded shapes.
@@ -263,6 +273,20 @@ impl MeshBuilder {
     }
 }
 
+/// Cosine of the angle, 0.1°, up to which a triangle lies in the plane of its polygon.
+const FLAT_COSINE: f32 = 0.999_998_5;
+
+fn cosine(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Whether a triangle is so thin, under a tenth of a millimetre, that its normal says nothing.
+fn is_sliver([a, b, c]: &[[f32; 3]; 3]) -> bool {
+    let side = |p: &[f32; 3], q: &[f32; 3]| nalgebra::Vector3::from(*q) - nalgebra::Vector3::from(*p);
+    let (ab, ac, bc) = (side(a, b), side(a, c), side(b, c));
+    ab.cross(&ac).norm() < 1e-4 * ab.norm().max(ac.norm()).max(bc.norm())
+}
+
 /// Newell's method: robust for nearly degenerate polygons; +z for a polygon without area.
 fn newell_normal(corners_m: &[[f32; 3]]) -> [f32; 3] {
     let mut n = [0.0f32; 3];
@@ -279,6 +303,23 @@ fn newell_normal(corners_m: &[[f32; 3]]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_bent_quad_has_the_normals_of_its_triangles_and_a_flat_one_has_four_corners() {
+        let surface = Surface::new(Class::STATIC, Material::Matte, [200; 3]);
+        for (rise_m, n_vertices) in [(0.0, 4), (0.4, 6)] {
+            let mut builder = MeshBuilder::new("quad");
+            builder.quad(surface, [[0.0; 3], [2.0, 0.0, 0.0], [2.0, 1.0, rise_m], [0.0, 1.0, 0.0]], [[0.0; 2]; 4]);
+            let mesh = builder.finish();
+            assert_eq!((mesh.n_triangles(), mesh.vertices.len()), (2, n_vertices));
+            for ([a, b, c], vertex) in mesh.triangles() {
+                let [a, b, c] = [a, b, c].map(nalgebra::Vector3::from);
+                let face = (b - a).cross(&(c - a)).normalize();
+                let stored = nalgebra::Vector3::new(vertex.normal[0], vertex.normal[1], vertex.normal[2]).cast::<f32>().normalize();
+                assert!(face.angle(&stored).to_degrees() < 0.5, "{face} {stored}");
+            }
+        }
+    }
 
     #[test]
     fn cuboid_faces_point_outwards() {

@@ -2,7 +2,9 @@
 
 #![warn(missing_docs)]
 
+pub mod exact;
 pub mod measure;
+pub mod oracle;
 pub mod peer;
 pub mod sheet;
 pub mod stage;

@@ -17,7 +17,8 @@ fn float(bytes: &[u8]) -> f32 {
     f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
 }
 
-fn half(bytes: &[u8]) -> f32 {
+/// An IEEE half, little-endian.
+pub fn half(bytes: &[u8]) -> f32 {
     let bits = u16::from_le_bytes([bytes[0], bytes[1]]);
     let (exponent, mantissa) = ((bits >> 10 & 31) as i32, (bits & 1023) as f32);
     let magnitude = if exponent == 0 { mantissa * 2f32.powi(-24) } else { (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15) };

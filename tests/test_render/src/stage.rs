@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+use schema_frames::ActorKind;
 use schema_frames::document::Weather;
-use schema_types::{SimTime, Tick};
+use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::{DynamicInstance, Scene, SceneAssets};
 use simd_town::Town;
 use simd_world::{MapData, World, WorldOptions};
@@ -51,17 +52,34 @@ impl Stage {
         self.tick += 1;
     }
 
-    /// Switches every vehicle's lamps to these bits.
-    pub fn set_lamps(&mut self, lamps: u32) {
-        let vehicles: Vec<_> = self.vehicles();
-        for actor in vehicles {
-            self.world.set_lamps(actor, lamps).expect("it is a vehicle of this world");
+    /// Puts strollers on pavements; fewer than `n` if there is no room.
+    pub fn add_walkers(&mut self, n: usize) {
+        self.world.spawn_walkers(n);
+    }
+
+    /// Gives every vehicle this control.
+    pub fn drive(&mut self, control: schema_frames::VehicleControl) {
+        for actor in self.actors(ActorKind::Vehicle) {
+            self.world.set_control(actor, control).expect("it is a vehicle of this world");
         }
     }
 
-    fn vehicles(&self) -> Vec<schema_types::ActorId> {
-        let is_vehicle = |record: &&schema_frames::ActorRecord| record.kind == schema_frames::ActorKind::Vehicle as u16;
-        self.world.snapshot_records().iter().filter(is_vehicle).map(|record| schema_types::ActorId(record.id)).collect()
+    /// All actors of a kind, by rising id.
+    pub fn actors(&self, kind: ActorKind) -> Vec<ActorId> {
+        let of_kind = |record: &&schema_frames::ActorRecord| record.kind == kind as u16;
+        self.world.snapshot_records().iter().filter(of_kind).map(|record| ActorId(record.id)).collect()
+    }
+
+    /// The world behind it.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Switches every vehicle's lamps to these bits.
+    pub fn set_lamps(&mut self, lamps: u32) {
+        for actor in self.actors(ActorKind::Vehicle) {
+            self.world.set_lamps(actor, lamps).expect("it is a vehicle of this world");
+        }
     }
 
     /// The world as it stands, in this weather.
