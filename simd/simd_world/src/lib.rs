@@ -17,6 +17,7 @@ mod catalogue;
 mod checkpoint;
 mod command;
 mod drive;
+mod footing;
 mod friction;
 mod lights;
 mod map;

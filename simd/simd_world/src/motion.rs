@@ -5,10 +5,10 @@
 
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::parry::math::Mat3;
-use rapier3d::prelude::*;
 use schema_frames::{VehicleTelemetry, WheelTelemetry};
 
 use crate::drive::{DriveInput, DriveOutput, RADPS_PER_RPM};
+use crate::footing::Feeler;
 use crate::friction::FrictionBox;
 use crate::physics::{GRAVITY_MPS2, Physics};
 use crate::solver::{Chassis, Contact, Row, Softness, WheelRows, solve};
@@ -19,8 +19,8 @@ use crate::wheel::{Ground, Mount, ROLLING_RATIO, Wheel};
 pub(crate) const AIR_KGPM3: f32 = 1.2;
 /// How fast the front wheels turn, rad/s.
 const STEER_RATE_RADPS: f32 = 3.0;
-/// Turns of the solver: up to 20 ms per sub-step, and beyond.
-const SOLVER_TURNS: [u32; 2] = [6, 16];
+/// Turns of the solver in a sub-step.
+const SOLVER_TURNS: u32 = 6;
 /// Slip over the slip of most grip at which anti-lock brakes and traction control begin, and over which they let go by half.
 const SLIP_CONTROL: [f32; 2] = [1.2, 1.0];
 /// Slip speed below which they do nothing, m/s.
@@ -57,6 +57,7 @@ struct Frame {
     forward: Vector,
     left: Vector,
     up: Vector,
+    velocity: Vector,
     forward_mps: f32,
     /// Speed downwards along the springs.
     falling_mps: f32,
@@ -72,7 +73,9 @@ impl Vehicle {
         let pose = *body.position();
         let [forward, left, up] = [Vector::X, Vector::Y, Vector::Z].map(|axis| pose.rotation * axis);
         let center = pose * Vector::from(self.physics.center_of_mass_m);
-        let frame = Frame { pose, center, forward, left, up, forward_mps: forward.dot(body.linvel()), falling_mps: -up.dot(body.linvel()) };
+        let velocity = body.linvel();
+        let (forward_mps, falling_mps) = (forward.dot(velocity), -up.dot(velocity));
+        let frame = Frame { pose, center, forward, left, up, velocity, forward_mps, falling_mps };
         let rotation = Mat3::from_cols(forward, left, up);
         let inertia = body.mass_properties().local_mprops.principal_inertia();
         let inv_inertia = rotation * Mat3::from_diagonal(1.0 / inertia) * rotation.transpose();
@@ -88,8 +91,7 @@ impl Vehicle {
             *row = self.wheel_rows(i, &drive, &grounds, &frame, &mut chassis, around);
         }
         let mut balance = self.balance(&frame, &mut chassis, around.dt_secs);
-        let n_turns = SOLVER_TURNS[usize::from(around.dt_secs > 0.0201)];
-        solve(&mut chassis, &mut rows[..n_wheels], balance.as_mut(), n_turns);
+        solve(&mut chassis, &mut rows[..n_wheels], balance.as_mut(), SOLVER_TURNS);
         for (wheel, rows) in self.wheels.iter_mut().zip(&rows) {
             take_over(wheel, rows, &chassis, around.dt_secs);
         }
@@ -140,27 +142,33 @@ impl Vehicle {
         self.train.step(&self.model.engine, &self.physics, &input)
     }
 
+    /// Where the ground is under each wheel, and what it grips there.
     fn feel(&mut self, around: &Around<'_>, frame: &Frame) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
-        let engine = &around.physics.engine;
-        let filter = QueryFilter::exclude_dynamic().exclude_rigid_body(self.body);
-        let filter = QueryFilter { flags: filter.flags | QueryFilterFlags::EXCLUDE_KINEMATIC, ..filter };
-        let dispatcher = engine.narrow_phase.query_dispatcher();
-        let query = engine.broad_phase.as_query_pipeline(dispatcher, &engine.bodies, &engine.colliders, filter);
-        let sweep = self.physics.sweep_wheels;
+        // Ground that the sub-step will reach counts already, or a long one would fall deep into it.
+        let reach_m = (frame.falling_mps * around.dt_secs).max(0.0);
+        let n_wheels = self.wheels.len().min(MAX_WHEELS);
         let mut grounds = [None; MAX_WHEELS];
-        for (wheel, ground) in self.wheels.iter_mut().zip(&mut grounds) {
-            let [x_m, y_m, _] = wheel.spec.physics.position_m;
-            let top = frame.pose * Vector::new(x_m, y_m, wheel.top_m());
-            let (sin, cos) = wheel.steer_rad.sin_cos();
-            let axle = frame.left * cos - frame.forward * sin;
-            let mount = Mount { top, up: frame.up, axle, rotation: frame.pose.rotation };
-            // Ground that the sub-step will reach counts already, or a long one would fall deep into it.
-            let reach_m = (frame.falling_mps * around.dt_secs).max(0.0);
-            let felt = wheel.feel(&mount, &query, sweep, reach_m);
+        let mut feelers = [Feeler::NONE; MAX_WHEELS];
+        for ((wheel, ground), feeler) in self.wheels.iter().zip(&mut grounds).zip(&mut feelers) {
+            let mount = wheel.mount(frame.pose, [frame.forward, frame.left, frame.up]);
+            *feeler = wheel.feeler(&mount, reach_m);
+            *ground = Some((Ground::default(), mount));
+        }
+        let Physics { engine, still, .. } = around.physics;
+        let sweep = self.physics.sweep_wheels;
+        if !sweep {
+            self.footing.prepare(&feelers[..n_wheels], frame.velocity, still, &engine.colliders);
+        }
+        for ((wheel, ground), feeler) in self.wheels.iter_mut().zip(&mut grounds).zip(&feelers) {
+            let Some((_, mount)) = *ground else { continue };
+            let felt = match sweep {
+                true => wheel.sweep(&mount, &around.physics.ground_query(), reach_m),
+                false => self.footing.feel(feeler, still, &engine.colliders).map(|felt| wheel.ground(&mount, &felt)),
+            };
             wheel.on_ground = felt.is_some_and(|ground| ground.compression_m >= 0.0);
             wheel.compression_m = felt.map_or(0.0, |ground| ground.compression_m);
             wheel.friction = wheel.spec.physics.friction * around.grip_ratio;
-            if let Some(felt) = &felt {
+            if let Some(felt) = felt.filter(|_| !around.friction.is_empty()) {
                 let inside = around.friction.iter().find(|area| area.contains(&around.physics.world_point(felt.point)));
                 wheel.friction = inside.map_or(wheel.friction, |area| area.friction);
             }
@@ -329,7 +337,7 @@ fn contact(
     let radius = wheel.spec.physics.radius_m;
     let velocity = chassis.linear + chassis.angular.cross(lever);
     let (vx, vy) = (velocity.dot(along), velocity.dot(across));
-    let speed_mps = vx.hypot(vy).max((rows.radps * radius).abs());
+    let speed_mps = (vx * vx + vy * vy).sqrt().max((rows.radps * radius).abs());
     let cosine = normal.dot(mount.up).clamp(0.3, 1.0);
     let (spring, most_load) = wheel.spring(ground, cosine, velocity.dot(normal), dt_secs);
     let [long_n, lat_n] = wheel.force_n;
@@ -358,7 +366,8 @@ fn take_over(wheel: &mut Wheel, rows: &WheelRows, chassis: &Chassis, dt_secs: f3
     let rim_mps = rows.radps * wheel.spec.physics.radius_m;
     let travel_mps = (rim_mps - slip_mps[0]).abs();
     wheel.slip = [slip_mps[0] / travel_mps.max(0.5), (-slip_mps[1]).atan2(travel_mps.max(0.5))];
-    wheel.deflect(slip_mps, travel_mps.hypot(slip_mps[1]).max(rim_mps.abs()), dt_secs);
+    let speed_mps = (travel_mps * travel_mps + slip_mps[1] * slip_mps[1]).sqrt();
+    wheel.deflect(slip_mps, speed_mps.max(rim_mps.abs()), dt_secs);
 }
 
 #[cfg(test)]
@@ -376,6 +385,7 @@ mod tests {
     }
 
     fn step(physics: &mut Physics, cars: &mut [Vehicle]) {
+        physics.refresh_still();
         for car in cars {
             let around = Around { physics, friction: &[], grip_ratio: 1.0, dt_secs: 0.01 };
             if let Some(motion) = car.plan(&around) {

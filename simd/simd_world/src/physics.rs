@@ -12,6 +12,7 @@ use rapier3d::prelude::*;
 use schema_types::{ActorId, Class, ObjectId};
 use serde::{Deserialize, Serialize};
 
+use crate::footing::StillThings;
 use crate::map::MapData;
 
 /// Standard gravity, m/s², along world −z.
@@ -61,14 +62,18 @@ pub(crate) struct Physics {
     pub engine: PhysicsWorld,
     #[serde(with = "crate::plain::vector")]
     origin_m: Vector3<f64>,
+    /// To be forgotten by whoever touches something fixed.
+    #[serde(skip)]
+    pub still: StillThings,
     #[serde(skip)]
     contacts: ContactLog,
 }
 
 impl Clone for Physics {
     fn clone(&self) -> Self {
-        let Physics { engine, origin_m, contacts: _ } = self;
-        Physics { engine: crate::checkpoint::copy(engine), origin_m: *origin_m, contacts: ContactLog::default() }
+        let Physics { engine, origin_m, still: _, contacts: _ } = self;
+        let still = StillThings::default();
+        Physics { engine: crate::checkpoint::copy(engine), origin_m: *origin_m, still, contacts: ContactLog::default() }
     }
 }
 
@@ -77,7 +82,7 @@ impl Physics {
     pub fn new(origin_m: [f64; 3]) -> Self {
         let mut engine = PhysicsWorld::new();
         engine.gravity = Vector::new(0.0, 0.0, -GRAVITY_MPS2 as f32);
-        Physics { engine, origin_m: origin_m.into(), contacts: ContactLog::default() }
+        Physics { engine, origin_m: origin_m.into(), still: StillThings::default(), contacts: ContactLog::default() }
     }
 
     /// A world with a map's solid ground.
@@ -94,6 +99,7 @@ impl Physics {
 
     /// Gives the map's solid meshes only those triangles whose object is shown. Colliders stay the same, so that nothing else changes.
     pub fn show_only(&mut self, map: &MapData, hidden: &BTreeSet<ObjectId>) {
+        self.still.forget();
         let mut meshes: Vec<ColliderHandle> = self
             .engine
             .colliders
@@ -125,6 +131,11 @@ impl Physics {
         }
     }
 
+    /// Before wheels are planned: lists the solid things that stand still, if they changed.
+    pub fn refresh_still(&mut self) {
+        self.still.refresh(&self.engine.bodies, &self.engine.colliders);
+    }
+
     /// World pose as the engine's.
     pub fn engine_pose(&self, pose: &Isometry3<f64>) -> EnginePose {
         let t = pose.translation.vector - self.origin_m;
@@ -154,6 +165,13 @@ impl Physics {
         self.engine.integration_parameters.dt = dt_secs;
         self.contacts.dt_secs = dt_secs;
         self.engine.step_with_events(&(), &self.contacts);
+    }
+
+    /// What wheels stand on, as the engine knows it since its last step.
+    pub fn ground_query(&self) -> QueryPipeline<'_> {
+        let filter = QueryFilter::only_fixed();
+        let engine = &self.engine;
+        engine.broad_phase.as_query_pipeline(engine.narrow_phase.query_dispatcher(), &engine.bodies, &engine.colliders, filter)
     }
 
     /// Adds a collision that was found outside the engine.

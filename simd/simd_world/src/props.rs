@@ -257,6 +257,7 @@ impl World {
                 .translation(Vector::new(0.0, 0.0, half.z))
                 .friction(0.6)
                 .user_data(collider_tag(id.0, class));
+            self.physics.still.forget();
             self.physics.engine.insert(body, collider).0
         });
         self.props.insert(id, Prop { model_idx: model_idx as u16, body });
@@ -280,6 +281,7 @@ impl World {
         if let Some(body) = self.props.get(&actor).and_then(|prop| prop.body) {
             let at = self.physics.engine_pose(&pose.isometry());
             self.physics.engine.bodies[body].set_position(at, true);
+            self.physics.still.forget();
         }
     }
 
@@ -287,6 +289,7 @@ impl World {
     pub(crate) fn drop_prop(&mut self, actor: ActorId) {
         if let Some(body) = self.props.remove(&actor).and_then(|prop| prop.body) {
             self.physics.engine.remove_body(body);
+            self.physics.still.forget();
         }
     }
 }

@@ -139,7 +139,7 @@ impl WheelRows {
         contact.spring.solve(0.0, contact.most_load, chassis, &mut self.radps);
         let grip = contact.friction * contact.spring.impulse;
         let (long, lat) = (contact.long.wanted(chassis, self.radps), contact.lat.wanted(chassis, self.radps));
-        let size = long.hypot(lat);
+        let size = (long * long + lat * lat).sqrt();
         let share = if size > grip { grip / size } else { 1.0 };
         let (long_change, lat_change) = (share * long - contact.long.impulse, share * lat - contact.lat.impulse);
         contact.long.push(long_change, chassis, &mut self.radps);

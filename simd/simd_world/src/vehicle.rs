@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ackermann::{Ackermann, Seen};
 use crate::drive::DriveTrain;
+use crate::footing::Footing;
 use crate::models::VehicleModel;
 use crate::physical::{along, rest_load_ratios};
 use crate::physics::{GRAVITY_MPS2, Physics, collider_tag, narrow, widen};
@@ -56,6 +57,9 @@ pub(crate) struct Vehicle {
     /// Where a vehicle without physics was at the end of the last tick, and the velocities that follow from it.
     last_tick: Pose,
     carried: [[f64; 3]; 2],
+    /// Follows from the place and the map.
+    #[serde(skip)]
+    pub footing: Footing,
 }
 
 /// What can be switched about a body.
@@ -112,6 +116,7 @@ impl Vehicle {
             last_good: (*pose).into(),
             last_tick: (*pose).into(),
             carried: [[0.0; 3]; 2],
+            footing: Footing::default(),
         }
     }
 

@@ -10,6 +10,7 @@ use rapier3d::prelude::*;
 use schema_frames::WheelPhysics;
 use serde::{Deserialize, Serialize};
 
+use crate::footing::{Feeler, Felt};
 use crate::physics::GRAVITY_MPS2;
 use crate::solver::Softness;
 
@@ -73,7 +74,7 @@ pub(crate) struct Wheel {
 }
 
 /// The ground under a wheel.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ground {
     pub point: Vector,
     pub normal: Vector,
@@ -130,20 +131,28 @@ impl Wheel {
         self.compression_m.max(0.0) - self.spec.sag_m
     }
 
-    /// What is under the wheel within the spring's reach and a little further.
-    pub fn feel(&self, mount: &Mount, query: &QueryPipeline<'_>, sweep: bool, reach_m: f32) -> Option<Ground> {
-        let radius = self.spec.physics.radius_m;
-        if sweep {
-            return self.feel_swept(mount, query, reach_m);
-        }
-        let ray = Ray::new(mount.top, -mount.up);
-        let (_, hit) = query.cast_ray_and_get_normal(&ray, SPRING_M + radius + reach_m, true)?;
-        let normal = if hit.normal.dot(mount.up) < 0.0 { -hit.normal } else { hit.normal };
-        Some(Ground { point: ray.point_at(hit.time_of_impact), normal, compression_m: SPRING_M + radius - hit.time_of_impact })
+    /// Where it hangs on a vehicle whose axes point forward, left and up.
+    pub fn mount(&self, vehicle: rapier3d::math::Pose, [forward, left, up]: [Vector; 3]) -> Mount {
+        let [x_m, y_m, _] = self.spec.physics.position_m;
+        let top = vehicle * Vector::new(x_m, y_m, self.top_m());
+        let (sin, cos) = self.steer_rad.sin_cos();
+        Mount { top, up, axle: left * cos - forward * sin, rotation: vehicle.rotation }
+    }
+
+    /// Looks for what is under the wheel within the spring's reach and a little further.
+    pub fn feeler(&self, mount: &Mount, reach_m: f32) -> Feeler {
+        Feeler::new(mount.top, -mount.up, SPRING_M + self.spec.physics.radius_m + reach_m)
+    }
+
+    /// What the feeler met is the ground.
+    pub fn ground(&self, mount: &Mount, felt: &Felt) -> Ground {
+        let normal = if felt.normal.dot(mount.up) < 0.0 { -felt.normal } else { felt.normal };
+        let point = mount.top - mount.up * felt.distance_m;
+        Ground { point, normal, compression_m: SPRING_M + self.spec.physics.radius_m - felt.distance_m }
     }
 
     /// A cylinder of the wheel's size comes down along the spring.
-    fn feel_swept(&self, mount: &Mount, query: &QueryPipeline<'_>, reach_m: f32) -> Option<Ground> {
+    pub fn sweep(&self, mount: &Mount, query: &QueryPipeline<'_>, reach_m: f32) -> Option<Ground> {
         let radius = self.spec.physics.radius_m;
         // The engine's cylinders stand along y, which is a wheel's axle.
         let shape = Cylinder::new(HALF_WIDTH_M, radius);
@@ -200,7 +209,7 @@ impl Wheel {
             self.deflection_m[axis] = (self.deflection_m[axis] + dt_secs * slip_mps[axis]) / rolled;
             force[axis] = self.deflection_m[axis] * stiffness[axis] / RELAXATION_M[axis];
         }
-        let (size, grip) = (force[0].hypot(force[1]), self.friction * self.load_n);
+        let (size, grip) = ((force[0] * force[0] + force[1] * force[1]).sqrt(), self.friction * self.load_n);
         if size > grip {
             self.deflection_m = self.deflection_m.map(|u| u * grip / size);
         }

@@ -29,12 +29,16 @@ use crate::walkers::{Crowd, Walker};
 /// From this number on vehicles are planned on several threads.
 const SIDE_BY_SIDE: usize = 32;
 
+/// Beyond, vehicles stay stable but drive off differently.
+const LONGEST_SUBSTEP_SECS: f64 = 0.01;
+
 /// What does not change while a world lives.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldOptions {
     /// Seed of everything that is drawn by lot.
     pub seed: u64,
-    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this.
+    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this and never longer than 10 ms: up to there
+    /// the motion does not depend on it.
     pub physics_substep_secs: f64,
 }
 
@@ -237,9 +241,10 @@ impl World {
     /// Advances by `dt_nanos`: vehicles in equal sub-steps, walkers, then lights, then the records.
     pub fn step(&mut self, dt_nanos: u64) {
         let dt_secs = dt_nanos as f64 * 1e-9;
-        let n_sub_steps = (dt_secs / self.options.physics_substep_secs.max(1e-4) - 1e-9).ceil().max(1.0) as u32;
+        let n_sub_steps = (dt_secs / self.options.physics_substep_secs.clamp(1e-4, LONGEST_SUBSTEP_SECS) - 1e-9).ceil().max(1.0) as u32;
         let sub_step_secs = (dt_secs / n_sub_steps as f64) as f32;
         self.vehicles.values_mut().for_each(|vehicle| vehicle.begin_tick(&self.physics, dt_secs as f32));
+        self.physics.refresh_still();
         for _ in 0..n_sub_steps {
             self.move_vehicles(sub_step_secs);
             self.physics.step(sub_step_secs);
