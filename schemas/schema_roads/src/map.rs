@@ -6,6 +6,7 @@ use crate::graph;
 use crate::index::{Chord, Grid};
 use crate::lane::{Lane, LaneKey};
 use crate::objects::{self, RoadObject};
+use crate::query::CHORD_SLACK_M;
 use crate::raw::RawMap;
 use crate::signals::{self, Controller, Crosswalk, Signal, SignalStop};
 use crate::{MapError, Warning, parse};
@@ -18,6 +19,9 @@ const MAX_LANES: usize = 2_000_000;
 const MAX_CHORDS: f64 = 2.0e6;
 /// Length of a chord where the map is not gigantic, metres.
 const CHORD_M: f64 = 2.0;
+
+/// Most chords that are cut in two for a tight bend; a map that has more such bends is no road network.
+const MAX_HALVINGS: u32 = 100_000;
 
 /// A road network.
 #[derive(Clone, Debug)]
@@ -62,21 +66,39 @@ impl RoadMap {
         let total_m: f64 = self.lanes.iter().map(|lane| lane.length_m).sum();
         let step_m = CHORD_M.max(total_m / MAX_CHORDS);
         let mut chords: Vec<Chord> = Vec::new();
+        let mut halvings = MAX_HALVINGS;
         for (idx, lane) in self.lanes.iter().enumerate() {
             let pieces = (lane.length_m / step_m).ceil().max(1.0) as usize;
             let at = |i: usize| lane.length_m * i as f64 / pieces as f64;
             let mut from_m = self.middle_point(lane, 0.0);
             for i in 0..pieces {
                 let to_m = self.middle_point(lane, at(i + 1));
-                if from_m.iter().chain(&to_m).all(|x| x.is_finite() && x.abs() < 1e9) {
-                    chords.push(Chord { from_m, to_m, lane: idx as u32, s_m: [at(i), at(i + 1)] });
-                }
+                self.add_chords(&mut chords, Chord { from_m, to_m, lane: idx as u32, s_m: [at(i), at(i + 1)] }, &mut halvings);
                 from_m = to_m;
             }
         }
         let reach = |c: &Chord| (c.to_m[0] - c.from_m[0]).hypot(c.to_m[1] - c.from_m[1]);
         self.chord_reach_m = chords.iter().map(reach).fold(0.0, f64::max);
         self.grid = Grid::new(chords);
+    }
+
+    /// The chord, or two for its halves where the lane's middle leaves it by half of what the search allows for: a bend may be tighter than a
+    /// chord is long.
+    fn add_chords(&self, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
+        const SHORTEST_M: f64 = 0.05;
+        let half_s_m = 0.5 * (chord.s_m[0] + chord.s_m[1]);
+        if *halvings > 0 && chord.s_m[1] - chord.s_m[0] > SHORTEST_M {
+            let half_m = self.middle_point(&self.lanes[chord.lane as usize], half_s_m);
+            if chord.foot(half_m).0.sqrt() > 0.5 * CHORD_SLACK_M {
+                *halvings -= 1;
+                self.add_chords(chords, Chord { to_m: half_m, s_m: [chord.s_m[0], half_s_m], ..chord }, halvings);
+                self.add_chords(chords, Chord { from_m: half_m, s_m: [half_s_m, chord.s_m[1]], ..chord }, halvings);
+                return;
+            }
+        }
+        if chord.from_m.iter().chain(&chord.to_m).all(|x| x.is_finite() && x.abs() < 1e9) {
+            chords.push(chord);
+        }
     }
 
     /// What was left out or odd.

@@ -15,7 +15,7 @@ const MAX_BRANCHES: usize = 64;
 /// Most lanes one walk looks at.
 const MAX_VISITS: usize = 4096;
 /// How far the index's chords may lie off the lanes they stand for, metres.
-const CHORD_SLACK_M: f64 = 0.15;
+pub(crate) const CHORD_SLACK_M: f64 = 0.15;
 /// Most points of a polyline.
 const MAX_POINTS: f64 = 1.0e6;
 
@@ -103,8 +103,7 @@ impl RoadMap {
         let place = |(chord, share): &(Chord, f64)| {
             let lane = &self.lanes[chord.lane as usize];
             let at = self.refine(lane, chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]), point);
-            let p = self.middle_point(lane, at.s_m);
-            ((0..3).map(|i| (p[i] - point[i]).powi(2)).sum::<f64>(), at)
+            (self.squared_distance(lane, at.s_m, point), at)
         };
         let best = near.iter().map(place).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.lane.cmp(&b.1.lane)));
         best.map(|(_, at)| at)
@@ -114,31 +113,60 @@ impl RoadMap {
     pub fn project(&self, key: LaneKey, point: [f64; 3]) -> Option<LanePosition> {
         let lane = self.lane(key).filter(|_| point.iter().all(|x| x.is_finite()))?;
         let pieces = (lane.length_m / 4.0).ceil().clamp(1.0, 500.0) as usize;
-        let distance = |s: f64| {
-            let p = self.middle_point(lane, s);
-            (0..3).map(|i| (p[i] - point[i]).powi(2)).sum::<f64>()
-        };
+        let distance = |s: f64| self.squared_distance(lane, s, point);
         let best = (0..=pieces).map(|i| lane.length_m * i as f64 / pieces as f64).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
         Some(self.refine(lane, best, point))
     }
 
-    /// Newton steps towards the foot of the perpendicular.
+    /// The foot of the perpendicular near `start_m`: by Newton's steps, or by search where a bend is so tight that these miss.
     fn refine(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> LanePosition {
+        let start_m = start_m.clamp(0.0, lane.length_m);
+        let by_steps = self.step_to_foot(lane, start_m, point);
+        let s_m = match by_steps {
+            Some(s_m) if self.squared_distance(lane, s_m, point) <= self.squared_distance(lane, start_m, point) + 1e-6 => s_m,
+            _ => self.search_foot(lane, start_m, point),
+        };
+        let pose = self.lane_pose(lane, s_m, 0.0).0;
+        let offset_m = (pose.rotation.inverse() * (Vector3::from(point) - pose.translation.vector)).y;
+        LanePosition { lane: lane.key, s_m, offset_m }
+    }
+
+    fn squared_distance(&self, lane: &Lane, s_m: f64, point: [f64; 3]) -> f64 {
+        let p = self.middle_point(lane, s_m);
+        (0..3).map(|i| (p[i] - point[i]).powi(2)).sum()
+    }
+
+    /// `None` if the steps do not come to rest.
+    fn step_to_foot(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> Option<f64> {
         let point = Vector3::from(point);
-        let mut s_m = start_m.clamp(0.0, lane.length_m);
-        let mut offset_m = 0.0;
+        let mut s_m = start_m;
         for _ in 0..6 {
             let (pose, stretch) = self.lane_pose(lane, s_m, 0.0);
             let local = pose.rotation.inverse() * (point - pose.translation.vector);
-            offset_m = local.y;
             let next = (s_m + local.x / stretch.max(0.2)).clamp(0.0, lane.length_m);
             let moved = (next - s_m).abs();
             s_m = next;
-            if moved < 1e-6 {
-                break;
+            if moved < 1e-4 {
+                return Some(s_m);
             }
         }
-        LanePosition { lane: lane.key, s_m, offset_m }
+        None
+    }
+
+    /// The best of places every quarter of a metre, then closer and closer around it.
+    fn search_foot(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> f64 {
+        const REACH_M: f64 = 3.0;
+        const PIECES: u32 = 12;
+        let (mut best_m, mut reach_m) = (start_m, REACH_M);
+        while reach_m > 1e-6 {
+            let around = (0..=2 * PIECES).map(|i| best_m + reach_m * (f64::from(i) / f64::from(PIECES) - 1.0));
+            let nearer = around
+                .map(|s_m| s_m.clamp(0.0, lane.length_m))
+                .min_by(|a, b| self.squared_distance(lane, *a, point).total_cmp(&self.squared_distance(lane, *b, point)));
+            best_m = nearer.unwrap_or(best_m);
+            reach_m /= f64::from(PIECES) / 2.0;
+        }
+        best_m
     }
 
     /// Whether marks allow a change to the lane on the left.

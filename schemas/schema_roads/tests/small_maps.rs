@@ -127,20 +127,41 @@ fn lights_say_where_to_stop_on_each_lane() {
     assert_eq!(groups, [("1", Some(5), 0, "71".to_owned()), ("2", Some(5), 1, "72".to_owned())]);
 }
 
+/// Random points within `half_m` of `middle`: no lane passes nearer than the one that is found.
+fn assert_nearest_of_everything(map: &RoadMap, middle: [f64; 2], half_m: f64) {
+    let mut random = fastrand::Rng::with_seed(3);
+    for _ in 0..300 {
+        let mut coordinate = |at: f64| at + (random.f64() * 2.0 - 1.0) * half_m;
+        let point = [coordinate(middle[0]), coordinate(middle[1]), coordinate(0.0) / half_m];
+        let found = map.nearest(point, |lane| lane.kind.is_drivable()).unwrap();
+        let (p, _) = at(map, LanePosition { offset_m: 0.0, ..found });
+        let distance = |q: [f64; 3]| (0..3).map(|i| (q[i] - point[i]).powi(2)).sum::<f64>().sqrt();
+        let best = map.lanes().iter().flat_map(|lane| map.centreline(lane.key, 0.02)).map(distance).fold(f64::INFINITY, f64::min);
+        assert!(distance(p) < best + 1e-3, "{point:?}: {} to {found:?}, but {best}", distance(p));
+    }
+}
+
 #[test]
 fn nearest_agrees_with_a_search_of_everything() {
     let map = RoadMap::parse(&t_junction()).unwrap();
-    let mut random = fastrand::Rng::with_seed(3);
-    for _ in 0..300 {
-        let point = [random.f64() * 260.0 - 130.0, random.f64() * 200.0 - 130.0, random.f64() * 2.0];
-        let found = map.nearest(point, |lane| lane.kind.is_drivable()).unwrap();
-        let (p, _) = at(&map, LanePosition { offset_m: 0.0, ..found });
-        let distance = |q: [f64; 3]| (0..3).map(|i| (q[i] - point[i]).powi(2)).sum::<f64>().sqrt();
-        let best = map.lanes().iter().flat_map(|lane| map.centreline(lane.key, 0.05)).map(distance).fold(f64::INFINITY, f64::min);
-        assert!(distance(p) < best + 1e-3, "{point:?}: {} and {best}", distance(p));
-    }
+    assert_nearest_of_everything(&map, [0.0, -30.0], 130.0);
     assert_eq!(map.nearest([f64::NAN, 0.0, 0.0], |_| true), None);
     assert_eq!(map.nearest([0.0; 3], |_| false), None);
+}
+
+/// Turns as network generators make them: tighter than the lane is wide, and one that comes back upon itself, beside a straight road.
+#[test]
+fn nearest_agrees_with_a_search_of_everything_where_bends_are_tight() {
+    let cubic = |b_u: f64, c_u: f64, c_v: f64| {
+        format!(r#"<paramPoly3 aU="0" bU="{b_u}" cU="{c_u}" dU="0" aV="0" bV="0" cV="{c_v}" dV="0" pRange="normalized"/>"#)
+    };
+    let roads = [
+        RoadText::new(1, 16.3085, &geometry(0.0, 0.0, 0.0, -0.27, 16.3085, &cubic(24.336, -19.063, -10.026))),
+        RoadText::new(2, 30.0328, &geometry(0.0, -18.0, 8.0, -0.98, 30.0328, &cubic(61.374, -31.544, -1.276))),
+        RoadText::new(3, 40.0, &geometry(0.0, -20.0, 3.0, 0.0, 40.0, "<line/>")),
+    ];
+    let map = RoadMap::parse(&document(&roads, "")).unwrap();
+    assert_nearest_of_everything(&map, [4.0, -4.0], 16.0);
 }
 
 #[test]

@@ -12,6 +12,32 @@ fn made_maps(sandbox: &Sandbox) -> std::path::PathBuf {
     folder
 }
 
+/// Road networks by lot, as SUMO's netgenerate writes them: U-turns tighter than a lane is wide, several lanes, pavements, lights.
+#[test]
+fn networks_of_sumo_are_read_as_by_the_stock_client() {
+    let sandbox = Sandbox::new("mapsumo");
+    let folder = sandbox.path("sumo");
+    std::fs::create_dir_all(&folder).unwrap();
+    let networks = [
+        ("rand", "--rand --rand.iterations 12 --seed 7 --tls.guess --default.lanenumber 2 --sidewalks.guess --crossings.guess"),
+        (
+            "grid",
+            "--grid --grid.number 3 --default.lanenumber 3 --rand.random-lanenumber --turn-lanes 2 -j traffic_light --seed 5 --perturb-x 20",
+        ),
+        ("spider", "--spider --spider.arm-number 5 --spider.circle-number 2 --spider.omit-center"),
+    ];
+    for (name, words) in networks {
+        let file = folder.join(format!("{name}.xodr"));
+        let args: Vec<&str> = words.split(' ').chain(["--opendrive-output", file.to_str().unwrap()]).collect();
+        sandbox.spawn_program("netgenerate", &venv_program("netgenerate"), &args, &[]).wait().expect_code(0);
+    }
+    let python = venv_program("python");
+    let words = ["map", "check", folder.to_str().unwrap(), "--carla", "always", "--python", python.to_str().unwrap()];
+    let ended = sandbox.spawn("gantry", &words).wait().expect_code(0);
+    assert!(ended.says("3 maps: 3 sound, 0 broken, 0 read otherwise"), "{:#?}", ended.lines);
+    assert!(ended.lines.iter().filter(|line| line.contains("landmarks agree")).count() == 3, "{:#?}", ended.lines);
+}
+
 /// Roads, lane links, places, widths, types, landmarks: all as the client has them, or the check fails.
 #[test]
 fn towns_and_made_maps_are_read_as_by_the_stock_client() {

@@ -82,9 +82,11 @@ fn degrees_between(a: f64, b: f64) -> f64 {
 
 fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
     let mut tilted = false;
+    let mismatch_m = map.length_mismatch_m();
     let (mut missing, mut at_ends, mut junctions, mut changes) = (0, 0, 0, 0);
     let (mut worst_m, mut sum_m, mut n, mut worst_width_m) = (0.0f64, 0.0, 0usize, 0.0f64);
     let mut headings = Vec::new();
+    let mut worst_at = ((0, 0, 0), 0.0);
     for waypoint in &view.waypoints {
         let Some(lane) = lane_of(map, waypoint.lane) else {
             missing += 1;
@@ -92,14 +94,27 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
         };
         let at = LanePosition::new(lane.key, lane.s_at_station_m(waypoint.s));
         let Some(pose) = map.pose(at) else { continue };
-        let p = pose.translation.vector;
         let is_tilted = map.is_tilted(lane.key);
         tilted |= is_tilted;
-        let dz = if is_tilted { 0.0 } else { p.z - waypoint.at[2] };
-        let distance = (p.x - waypoint.at[0]).hypot(p.y + waypoint.at[1]).hypot(dz);
+        let to_theirs = |p: [f64; 3]| {
+            let dz = if is_tilted { 0.0 } else { p[2] - waypoint.at[2] };
+            (p[0] - waypoint.at[0]).hypot(p[1] + waypoint.at[1]).hypot(dz)
+        };
+        let mut distance = to_theirs(pose.translation.vector.into());
+        if distance > PLACE_M.0 {
+            // The client is as far along as the file's lengths are off; in a cusp that is a long way aside.
+            let along = (-10..=10).filter_map(|i| {
+                let at = LanePosition::new(lane.key, (at.s_m + f64::from(i) / 10.0 * mismatch_m).clamp(0.0, lane.length_m));
+                Some(to_theirs(map.pose(at)?.translation.vector.into()))
+            });
+            distance = along.fold(distance, f64::min);
+        }
         if at.s_m.min(lane.length_m - at.s_m) < END_M && distance > PLACE_M.0 {
             at_ends += 1;
             continue;
+        }
+        if distance > worst_m {
+            worst_at = (waypoint.lane, waypoint.s);
         }
         (worst_m, sum_m, n) = (worst_m.max(distance), sum_m + distance, n + 1);
         headings.push(degrees_between(pose.rotation.euler_angles().2.to_degrees(), -waypoint.yaw));
@@ -127,7 +142,6 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
     if n == 0 {
         return;
     }
-    let mismatch_m = map.length_mismatch_m();
     let most = if tilted { PLACE_M.1 } else { PLACE_M.0 } + mismatch_m;
     let mut heights = if tilted { " (tilted roads in plan)".to_owned() } else { String::new() };
     if mismatch_m > 1e-3 {
@@ -138,7 +152,13 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
     }
     out.add(
         worst_m < most,
-        format!("places differ by {:.3} mm at most, {:.4} mm on average{heights}", worst_m * 1e3, sum_m / n as f64 * 1e3),
+        format!(
+            "places differ by {:.3} mm at most (lane {:?}, s {:.2} m), {:.4} mm on average{heights}",
+            worst_m * 1e3,
+            worst_at.0,
+            worst_at.1,
+            sum_m / n as f64 * 1e3
+        ),
     );
     headings.sort_by(f64::total_cmp);
     let nearly_all = headings[(0.999 * (n - 1) as f64) as usize];
@@ -252,6 +272,7 @@ fn landmarks(out: &mut Comparison, map: &RoadMap, view: &View) {
 
 fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
     let (mut same, mut other, mut farther) = (0, 0, 0);
+    let mut first = String::new();
     for asked in &view.nearest {
         let point = [asked.point[0], -asked.point[1], asked.point[2]];
         let found = map.nearest(point, |lane| lane.kind.is_drivable());
@@ -264,10 +285,23 @@ fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
             same += 1;
             continue;
         }
-        // The client projects without the tilt.
-        let slack_m = if map.is_tilted(at.lane) { 0.1 } else { 0.02 };
+        // The client projects without the tilt, and walks curves whose lengths the file states otherwise as they are.
+        let slack_m = if map.is_tilted(at.lane) { 0.1 } else { 0.02 } + map.length_mismatch_m();
         let theirs_m = (asked.at[0] - asked.point[0]).hypot(asked.at[1] - asked.point[1]);
-        if at.offset_m.abs() > theirs_m + slack_m { farther += 1 } else { other += 1 }
+        if at.offset_m.abs() <= theirs_m + slack_m {
+            other += 1;
+            continue;
+        }
+        farther += 1;
+        if first.is_empty() {
+            first = format!(
+                " (the first is ({:.2}, {:.2}): {:.3} m to lane {key:?} here, {theirs_m:.3} m to lane {:?} there)",
+                point[0],
+                point[1],
+                at.offset_m.abs(),
+                asked.lane
+            );
+        }
     }
     let stumbles = match view.stumbles.first() {
         Some([x, y, _]) => format!("; the client's own search fails at {} places, the first ({x:.1}, {:.1})", view.stumbles.len(), -y),
@@ -275,6 +309,8 @@ fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
     };
     out.add(
         farther == 0,
-        format!("nearest lane: {same} the same, {other} others as near (lanes overlap), {farther} farther than the client's{stumbles}"),
+        format!(
+            "nearest lane: {same} the same, {other} others as near (lanes overlap), {farther} farther than the client's{first}{stumbles}"
+        ),
     );
 }
