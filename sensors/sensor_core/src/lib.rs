@@ -7,6 +7,7 @@
 pub mod gnss;
 pub mod imu;
 pub mod lane_marks;
+pub mod lanes;
 pub mod mesh;
 pub mod scene;
 pub mod schedule;

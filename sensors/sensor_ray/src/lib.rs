@@ -1,19 +1,24 @@
 //! Ray sensors on the CPU: lidar, semantic lidar, radar and obstacle detector against the same triangles that cameras draw.
 //!
 //! Two levels: bounding-volume hierarchies over the scenery (built once per episode) and over each moving mesh (shared by its
-//! instances), and a small hierarchy over the instances of the tick. Rays travel in packets of neighbours.
+//! instances), and a small hierarchy over the instances of the tick. Rays with a common origin travel in bundles of neighbours.
 //! Hits are found in `f32` about a near origin and then made exact in `f64`, so that distances hold to well under a millimetre.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 mod ball;
-mod bvh;
+mod beams;
+mod bundle;
+mod cast;
 pub mod lidar;
-mod packet;
+mod near_ball;
+mod outline;
+mod points;
 pub mod radar;
 pub mod scene;
 mod through;
+mod tree;
 
 pub use ball::{BallFilter, BallHit};
 pub use lidar::{Lidar, SensorPath};

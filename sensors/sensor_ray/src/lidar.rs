@@ -7,25 +7,22 @@
 //! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
 //! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3};
 use rayon::prelude::*;
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;
 use schema_types::noise::Noise;
-use sensor_core::vector::{VectorWork, vectorised};
+use sensor_core::lanes::{LaneWork, Lanes, in_lanes};
 use sensor_spec::{LidarScan, LidarSpec};
 
-use crate::scene::{Hit, RayScene, Rays, Stacks};
+use crate::beams::{Beams, Bunch};
+use crate::bundle::{GROUP, Hits};
+use crate::cast::{Caster, Stacks};
+use crate::points::{Point, Returns};
+use crate::scene::RayScene;
 
-/// Channels of a packet.
-const PACKET_CHANNELS: usize = 1;
-/// Columns of a packet: neighbours side by side. CPU ms per turn in `examples/turn_bench.rs` (channels × columns):
-/// 1×1 92, 1×8 43, 2×4 44, 2×8 43, 4×4 48, 4×8 47, 8×4 53.
-const PACKET_COLUMNS: usize = 8;
-const LANES: usize = PACKET_CHANNELS * PACKET_COLUMNS;
-
-/// Channel number of a ray without a return; real ones are below 256.
-const LOST: u16 = u16::MAX;
+/// Bunches of rays that a thread takes at a time.
+const TASK_BUNCHES: usize = 16;
 
 /// Where the sensor was during the turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,9 +40,9 @@ impl SensorPath {
     }
 }
 
-/// Points of a turn, a row per channel, returns at the front of each row.
+/// Points of a turn, bunch after bunch, lost ones included.
 #[derive(Debug)]
-enum Rows {
+enum Points {
     Plain(Vec<LidarPoint>),
     Semantic(Vec<SemanticLidarPoint>),
 }
@@ -56,13 +53,12 @@ pub struct Lidar {
     spec: LidarSpec,
     /// The specification's own, without weather.
     clear_attenuation_per_m: f64,
-    /// Cosine and sine of each channel's elevation.
-    elevations: Vec<(f64, f64)>,
-    /// Cosine and sine of each column's azimuth.
-    azimuths: Vec<(f64, f64)>,
+    beams: Beams,
+    /// Azimuths to which the head has turned since the last scan (scan `sweep`).
+    turned_to_rad: Option<Vec<f64>>,
     /// Time that the head has swept, all firings together (scan `sweep`).
     swept_nanos: u64,
-    rows: Rows,
+    points: Points,
     /// Returns per channel in the last turn.
     n_returns: Vec<u32>,
 }
@@ -71,12 +67,12 @@ impl Lidar {
     /// A lidar after a spec that passed its check.
     pub fn new(spec: LidarSpec) -> Self {
         let mut lidar = Lidar {
-            elevations: (0..spec.channels).map(|channel| cos_sin(spec.elevation_rad(channel))).collect(),
-            azimuths: Vec::new(),
+            beams: Beams::new(&spec, std::iter::empty()),
+            turned_to_rad: None,
             swept_nanos: 0,
-            rows: match spec.semantic {
-                false => Rows::Plain(Vec::new()),
-                true => Rows::Semantic(Vec::new()),
+            points: match spec.semantic {
+                false => Points::Plain(Vec::new()),
+                true => Points::Semantic(Vec::new()),
             },
             n_returns: vec![0; spec.channels as usize],
             clear_attenuation_per_m: spec.attenuation_per_m,
@@ -107,7 +103,7 @@ impl Lidar {
         let n_columns = self.spec.columns_per_frame(tick_secs).min(max_points / self.spec.channels.max(1));
         let step_deg = self.spec.rotation_hz * fov_deg * tick_secs / n_columns.max(1) as f64;
         let azimuth = |column: u32| (0.5 * fov_deg - (was_deg + step_deg * column as f64) % fov_deg).to_radians();
-        self.set_azimuths((0..n_columns).map(azimuth).collect());
+        self.turned_to_rad = Some((0..n_columns).map(azimuth).collect());
     }
 
     /// Azimuth of the head at the end of the frame, radians counter-clockwise from x.
@@ -129,11 +125,11 @@ impl Lidar {
     }
 
     fn set_azimuths(&mut self, azimuths_rad: Vec<f64>) {
-        self.azimuths = azimuths_rad.into_iter().map(cos_sin).collect();
-        let n_points = self.spec.channels as usize * self.azimuths.len();
-        match &mut self.rows {
-            Rows::Plain(points) => points.resize(n_points, bytemuck::Zeroable::zeroed()),
-            Rows::Semantic(points) => points.resize(n_points, bytemuck::Zeroable::zeroed()),
+        self.beams = Beams::new(&self.spec, azimuths_rad.into_iter());
+        let n_slots = self.beams.bunches.len() * self.beams.bunch_rays;
+        match &mut self.points {
+            Points::Plain(points) => points.resize(n_slots, LidarPoint::lost()),
+            Points::Semantic(points) => points.resize(n_slots, SemanticLidarPoint::lost()),
         }
     }
 
@@ -146,22 +142,24 @@ impl Lidar {
     ///
     /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's lidar sees its own car: `None`).
     pub fn scan(&mut self, scene: &RayScene, path: &SensorPath, noise: Noise, ignored: Option<ActorId>) -> u32 {
-        if self.azimuths.is_empty() {
-            self.n_returns.fill(0);
-            return 0;
+        if let Some(azimuths_rad) = self.turned_to_rad.take() {
+            self.set_azimuths(azimuths_rad);
         }
         let turn = Turn {
             scene,
             spec: &self.spec,
-            elevations: &self.elevations,
-            azimuths: &self.azimuths,
-            poses: column_poses(&self.spec, path, self.azimuths.len()),
+            beams: &self.beams,
+            poses: column_poses(&self.spec, path, self.beams.n_columns()),
             noise,
             ignored,
         };
-        match &mut self.rows {
-            Rows::Plain(points) => turn.cast_rows(points, &mut self.n_returns),
-            Rows::Semantic(points) => turn.cast_rows(points, &mut self.n_returns),
+        match &mut self.points {
+            Points::Plain(points) => turn.cast(points),
+            Points::Semantic(points) => turn.cast(points),
+        }
+        match &self.points {
+            Points::Plain(points) => count(&self.beams, points, &mut self.n_returns),
+            Points::Semantic(points) => count(&self.beams, points, &mut self.n_returns),
         }
         self.n_points()
     }
@@ -178,35 +176,41 @@ impl Lidar {
 
     /// Bytes that [`Lidar::write`] will write.
     pub fn payload_bytes(&self) -> usize {
-        self.channel_bytes().map(<[u8]>::len).sum()
+        let point_bytes = match &self.points {
+            Points::Plain(_) => size_of::<LidarPoint>(),
+            Points::Semantic(_) => size_of::<SemanticLidarPoint>(),
+        };
+        self.n_points() as usize * point_bytes
     }
 
     /// Writes the points of the last turn to the front of a frame and returns how many bytes that took.
     ///
     /// Panics if `payload` is shorter than [`Lidar::payload_bytes`].
     pub fn write(&self, payload: &mut [u8]) -> usize {
-        let mut at = 0;
-        for bytes in self.channel_bytes() {
-            payload[at..at + bytes.len()].copy_from_slice(bytes);
-            at += bytes.len();
+        let payload = &mut payload[..self.payload_bytes()];
+        match &self.points {
+            Points::Plain(points) => write(&self.beams, points, payload),
+            Points::Semantic(points) => write(&self.beams, points, payload),
         }
-        at
-    }
-
-    fn channel_bytes(&self) -> impl Iterator<Item = &[u8]> {
-        let n_columns = self.azimuths.len();
-        self.n_returns.iter().enumerate().map(move |(channel, n)| {
-            let row = channel * n_columns..channel * n_columns + *n as usize;
-            match &self.rows {
-                Rows::Plain(points) => bytemuck::cast_slice(&points[row]),
-                Rows::Semantic(points) => bytemuck::cast_slice(&points[row]),
-            }
-        })
+        payload.len()
     }
 }
 
-fn cos_sin(angle_rad: f64) -> (f64, f64) {
-    (angle_rad.cos(), angle_rad.sin())
+/// Counts the returns of each channel.
+fn count<P: Point>(beams: &Beams, points: &[P], n_returns: &mut [u32]) {
+    n_returns.fill(0);
+    let rows = beams.slots.chunks(beams.n_columns().max(1));
+    for (row, n) in rows.zip(n_returns) {
+        *n = row.iter().map(|slot| !points[*slot as usize].is_lost() as u32).sum();
+    }
+}
+
+/// Writes the points that are not lost, channel after channel.
+fn write<P: Point + bytemuck::Pod>(beams: &Beams, points: &[P], payload: &mut [u8]) {
+    let kept = beams.slots.iter().map(|slot| &points[*slot as usize]).filter(|point| !point.is_lost());
+    for (bytes, point) in payload.chunks_exact_mut(size_of::<P>()).zip(kept) {
+        bytes.copy_from_slice(bytemuck::bytes_of(point));
+    }
 }
 
 /// Azimuth of a column of a full turn, radians counter-clockwise from x.
@@ -214,205 +218,123 @@ pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
     0.5 * spec.horizontal_fov_deg.to_radians() * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
 }
 
+/// Where rays leave from, and how the sensor's space is turned.
+struct Pose {
+    origin_m: Point3<f64>,
+    world_from_sensor: Matrix3<f64>,
+}
+
+impl From<&Isometry3<f64>> for Pose {
+    fn from(pose: &Isometry3<f64>) -> Self {
+        Pose { origin_m: pose.translation.vector.into(), world_from_sensor: *pose.rotation.to_rotation_matrix().matrix() }
+    }
+}
+
 /// Pose of the sensor at each column, or a single one for all.
-fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Isometry3<f64>> {
+fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
     if !spec.motion_distortion {
-        return vec![path.world_from_sensor];
+        return vec![(&path.world_from_sensor).into()];
     }
     let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
     let pose = |column: usize| {
         let share = (column + 1) as f64 / n_columns as f64;
-        start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)
+        (&start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)).into()
     };
     (0..n_columns).map(pose).collect()
-}
-
-/// A point format: how a return becomes one.
-trait Point: Copy + Send {
-    const LOSES_RAYS: bool;
-    /// Whether class, object and incidence matter.
-    const NEEDS_SURFACE: bool;
-    fn lost() -> Self;
-    fn is_lost(&self) -> bool;
-    /// The point of a return, or a lost one. `ray` is its number in the turn, for noise.
-    fn of(hit: &Hit, beam: &Beam, spec: &LidarSpec, noise: Noise) -> Self;
-}
-
-/// One ray of the turn.
-struct Beam {
-    ray: u64,
-    channel: u16,
-    direction_in_sensor: Vector3<f64>,
-    direction_in_world: Vector3<f64>,
-}
-
-impl Beam {
-    /// The point `distance_m` along the beam in the sensor's space.
-    fn at(&self, distance_m: f64) -> [f32; 3] {
-        (self.direction_in_sensor * distance_m).cast::<f32>().into()
-    }
-}
-
-impl Point for LidarPoint {
-    const LOSES_RAYS: bool = true;
-    const NEEDS_SURFACE: bool = false;
-
-    fn lost() -> Self {
-        LidarPoint { hit_in_sensor_m: [0.0; 3], intensity: 0, channel: LOST }
-    }
-
-    fn is_lost(&self) -> bool {
-        self.channel == LOST
-    }
-
-    fn of(hit: &Hit, beam: &Beam, spec: &LidarSpec, noise: Noise) -> Self {
-        let mut distance_m = hit.distance_m;
-        if spec.noise_range_stddev_m > 0.0 {
-            distance_m = (distance_m + spec.noise_range_stddev_m * noise.gaussian(beam.ray)).max(0.0);
-        }
-        let intensity = (-spec.attenuation_per_m * distance_m).exp();
-        if intensity < keep_limit(spec) && noise.uniform(2 * beam.ray + 1) >= keep_ratio(spec, intensity) {
-            return Self::lost();
-        }
-        LidarPoint { hit_in_sensor_m: beam.at(distance_m), intensity: (intensity * 65535.0).round() as u16, channel: beam.channel }
-    }
-}
-
-/// Intensity from which on every return is kept.
-fn keep_limit(spec: &LidarSpec) -> f64 {
-    if spec.dropoff_zero_intensity_ratio > 0.0 { spec.dropoff_intensity_limit } else { 0.0 }
-}
-
-/// Share of returns kept at an intensity below the limit: from 1 − zero at 0 up to 1 at the limit.
-fn keep_ratio(spec: &LidarSpec, intensity: f64) -> f64 {
-    1.0 - spec.dropoff_zero_intensity_ratio * (1.0 - intensity / spec.dropoff_intensity_limit)
-}
-
-impl Point for SemanticLidarPoint {
-    const LOSES_RAYS: bool = false;
-    const NEEDS_SURFACE: bool = true;
-
-    fn lost() -> Self {
-        SemanticLidarPoint { channel: LOST, ..bytemuck::Zeroable::zeroed() }
-    }
-
-    fn is_lost(&self) -> bool {
-        self.channel == LOST
-    }
-
-    fn of(hit: &Hit, beam: &Beam, _: &LidarSpec, _: Noise) -> Self {
-        SemanticLidarPoint {
-            hit_in_sensor_m: beam.at(hit.distance_m),
-            cos_incidence: hit.cos_incidence(&beam.direction_in_world) as f32,
-            object_id: hit.object.0,
-            class: hit.class.0,
-            reserved: 0,
-            channel: beam.channel,
-        }
-    }
 }
 
 /// Everything the rays of a turn share.
 struct Turn<'a> {
     scene: &'a RayScene,
     spec: &'a LidarSpec,
-    elevations: &'a [(f64, f64)],
-    azimuths: &'a [(f64, f64)],
-    poses: Vec<Isometry3<f64>>,
+    beams: &'a Beams,
+    poses: Vec<Pose>,
     noise: Noise,
     ignored: Option<ActorId>,
 }
 
 impl Turn<'_> {
-    /// Casts all rays, a band of channels per task, and moves each row's returns to its front.
-    fn cast_rows<P: Point>(&self, points: &mut [P], n_returns: &mut [u32]) {
-        let n_columns = self.azimuths.len();
-        let bands = points.par_chunks_mut(PACKET_CHANNELS * n_columns).zip(n_returns.par_chunks_mut(PACKET_CHANNELS));
-        bands.enumerate().for_each_init(Stacks::default, |stacks, (band, (rows, n_returns))| {
-            vectorised(Band { turn: self, first_channel: band * PACKET_CHANNELS, rows, stacks });
-            for (row, n) in rows.chunks_mut(n_columns).zip(n_returns) {
-                *n = compact(row);
-            }
+    /// Casts all rays, some bunches per task.
+    fn cast<P: Point>(&self, points: &mut [P]) {
+        let n_slots = TASK_BUNCHES * self.beams.bunch_rays;
+        let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
+        points.par_chunks_mut(n_slots).zip(bunches).for_each_init(Stacks::default, |stacks, (points, bunches)| {
+            let caster = Caster { scene: self.scene, ignored: self.ignored, stacks: std::mem::take(stacks) };
+            *stacks = in_lanes(Task { turn: self, caster, bunches, points });
         });
     }
 
-    /// Casts a block of `PACKET_CHANNELS` × `PACKET_COLUMNS` rays into the band's rows.
     #[inline(always)]
-    fn cast_packet<P: Point>(&self, first_channel: usize, first_column: usize, rows: &mut [P], stacks: &mut Stacks) {
-        let n_columns = self.azimuths.len();
-        let beams: [Option<Beam>; LANES] = std::array::from_fn(|lane| {
-            let (channel, column) = (first_channel + lane / PACKET_COLUMNS, first_column + lane % PACKET_COLUMNS);
-            (channel < self.elevations.len() && column < n_columns).then(|| self.beam(channel, column))
-        });
-        let fires = |beam: &Beam| {
-            !(P::LOSES_RAYS && self.spec.dropoff_general_ratio > 0.0 && self.noise.uniform(2 * beam.ray) < self.spec.dropoff_general_ratio)
-        };
-        let rays = Rays::<LANES> {
-            origins_m: std::array::from_fn(|lane| {
-                self.pose((first_column + lane % PACKET_COLUMNS).min(n_columns - 1)).translation.vector.into()
-            }),
-            directions: std::array::from_fn(|lane| beams[lane].as_ref().map_or(Vector3::x(), |beam| beam.direction_in_world)),
-            active: std::array::from_fn(|lane| beams[lane].as_ref().is_some_and(fires)),
-            max_m: self.spec.range_m,
-        };
-        let hits = match P::NEEDS_SURFACE {
-            true => self.scene.cast_packet::<LANES, true>(&rays, self.ignored, stacks),
-            false => self.scene.cast_packet::<LANES, false>(&rays, self.ignored, stacks),
-        };
-        for (lane, (beam, hit)) in beams.iter().zip(&hits).enumerate() {
-            if let Some(beam) = beam {
-                let at = lane / PACKET_COLUMNS * n_columns + first_column + lane % PACKET_COLUMNS;
-                rows[at] = hit.as_ref().map_or(P::lost(), |hit| P::of(hit, beam, self.spec, self.noise));
+    fn cast_bunch<L: Lanes, P: Point>(&self, caster: &mut Caster, bunch: &Bunch, points: &mut [P]) {
+        let Bunch { bundle, rays } = bunch;
+        let pose = &self.poses[if self.poses.len() == 1 { 0 } else { rays[0].1 as usize }];
+        let mut hits = Hits::new(bundle, self.spec.range_m);
+        if P::can_misfire(self.spec) {
+            for (ray, beam) in rays.iter().enumerate() {
+                if P::misfires(self.spec, self.noise, self.beams.number(*beam)) {
+                    hits.switch_off(ray);
+                }
+            }
+        }
+        hits.begin::<L>();
+        caster.cast::<L>(&pose.origin_m, &pose.world_from_sensor, bundle, &mut hits);
+        for (group, (rays, points)) in rays.chunks_exact(GROUP).zip(points.chunks_exact_mut(GROUP)).enumerate() {
+            let mut returns = Returns {
+                scene: self.scene,
+                spec: self.spec,
+                noise: self.noise,
+                bundle,
+                hits: &hits,
+                group,
+                origin_m: pose.origin_m,
+                directions_in_world: [[0.0; GROUP]; 3],
+                directions_in_sensor: [[0.0; GROUP]; 3],
+                rays: [0; GROUP],
+                channels: [0; GROUP],
+            };
+            self.aim(rays, &pose.world_from_sensor, &mut returns);
+            P::write(&returns, points);
+        }
+    }
+
+    #[inline(always)]
+    fn aim(&self, rays: &[(u32, u32)], world_from_sensor: &Matrix3<f64>, returns: &mut Returns) {
+        for (lane, beam) in rays.iter().enumerate().take(GROUP) {
+            returns.rays[lane] = self.beams.number(*beam);
+            returns.channels[lane] = beam.0 as u16;
+            let direction = self.beams.direction(beam.0 as usize, beam.1 as usize);
+            for axis in 0..3 {
+                returns.directions_in_sensor[axis][lane] = direction[axis];
+            }
+        }
+        let m = world_from_sensor;
+        let [x, y, z] = &returns.directions_in_sensor;
+        for axis in 0..3 {
+            let (mx, my, mz) = (m[(axis, 0)], m[(axis, 1)], m[(axis, 2)]);
+            for lane in 0..GROUP {
+                returns.directions_in_world[axis][lane] = mx * x[lane] + my * y[lane] + mz * z[lane];
             }
         }
     }
-
-    #[inline(always)]
-    fn beam(&self, channel: usize, column: usize) -> Beam {
-        let ((cos_e, sin_e), (cos_a, sin_a)) = (self.elevations[channel], self.azimuths[column]);
-        let direction_in_sensor = Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
-        Beam {
-            ray: (channel * self.azimuths.len() + column) as u64,
-            channel: channel as u16,
-            direction_in_world: self.pose(column).rotation * direction_in_sensor,
-            direction_in_sensor,
-        }
-    }
-
-    #[inline(always)]
-    fn pose(&self, column: usize) -> &Isometry3<f64> {
-        if self.poses.len() == 1 { &self.poses[0] } else { &self.poses[column] }
-    }
 }
 
-/// The rays of a few neighbouring channels.
-struct Band<'b, P> {
-    turn: &'b Turn<'b>,
-    first_channel: usize,
-    rows: &'b mut [P],
-    stacks: &'b mut Stacks,
+/// A few bunches and where their points go.
+struct Task<'t, P> {
+    turn: &'t Turn<'t>,
+    caster: Caster<'t>,
+    bunches: &'t [Bunch],
+    points: &'t mut [P],
 }
 
-impl<P: Point> VectorWork for Band<'_, P> {
-    type Out = ();
+impl<P: Point> LaneWork for Task<'_, P> {
+    type Out = Stacks;
 
     #[inline(always)]
-    fn run(self) {
-        let Band { turn, first_channel, rows, stacks } = self;
-        for column in (0..turn.azimuths.len()).step_by(PACKET_COLUMNS) {
-            turn.cast_packet(first_channel, column, rows, stacks);
+    fn run<L: Lanes>(mut self) -> Stacks {
+        let n_slots = self.turn.beams.bunch_rays;
+        for (bunch, points) in self.bunches.iter().zip(self.points.chunks_mut(n_slots)) {
+            self.turn.cast_bunch::<L, P>(&mut self.caster, bunch, points);
         }
+        self.caster.stacks
     }
-}
-
-/// Moves the returns of a row to its front, in order, and counts them.
-fn compact<P: Point>(row: &mut [P]) -> u32 {
-    let mut n = 0;
-    for i in 0..row.len() {
-        if !row[i].is_lost() {
-            row[n] = row[i];
-            n += 1;
-        }
-    }
-    n as u32
 }

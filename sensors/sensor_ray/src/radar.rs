@@ -9,9 +9,7 @@ use schema_types::ActorId;
 use schema_types::noise::Noise;
 use sensor_spec::RadarSpec;
 
-use crate::scene::{RayScene, Rays, Stacks};
-
-const LANES: usize = 8;
+use crate::scene::RayScene;
 
 /// Where a radar is and how it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,31 +30,22 @@ pub fn scan(
     ignored: Option<ActorId>,
     out: &mut Vec<RadarDetection>,
 ) {
-    let mut stacks = Stacks::default();
-    let farthest_m = end_point(spec, 1.0, std::f64::consts::FRAC_PI_4).norm().max(end_point(spec, 1.0, 0.0).norm()) * 2.0;
-    for first in (0..n_rays).step_by(LANES) {
-        let ends: [Vector3<f64>; LANES] = std::array::from_fn(|lane| ray_end(spec, noise, (first as usize + lane) as u64));
-        let directions = ends.map(|end| end.normalize());
-        let rays = Rays::<LANES> {
-            origins_m: [pose.world_from_sensor.translation.vector.into(); LANES],
-            directions: directions.map(|direction| pose.world_from_sensor.rotation * direction),
-            active: std::array::from_fn(|lane| first + (lane as u32) < n_rays),
-            max_m: farthest_m,
-        };
-        for (lane, hit) in scene.cast_packet::<LANES, true>(&rays, ignored, &mut stacks).iter().enumerate() {
-            let Some(hit) = hit.filter(|hit| hit.distance_m <= ends[lane].norm()) else { continue };
-            let forward = &rays.directions[lane];
-            out.push(RadarDetection {
-                velocity_mps: (hit.velocity_in_world_mps - pose.velocity_in_world_mps).dot(forward) as f32,
-                azimuth_rad: directions[lane].y.atan2(directions[lane].x) as f32,
-                altitude_rad: directions[lane].z.asin() as f32,
-                depth_m: hit.distance_m as f32,
-                cos_incidence: hit.cos_incidence(forward) as f32,
-                object_id: hit.object.0,
-                class: hit.class.0,
-                reserved: [0; 7],
-            });
-        }
+    let origin_m = pose.world_from_sensor.translation.vector.into();
+    for ray in 0..n_rays {
+        let end = ray_end(spec, noise, ray as u64);
+        let direction = end.normalize();
+        let forward = pose.world_from_sensor.rotation * direction;
+        let Some(hit) = scene.cast_ignoring(&origin_m, &forward, end.norm(), ignored) else { continue };
+        out.push(RadarDetection {
+            velocity_mps: (hit.velocity_in_world_mps - pose.velocity_in_world_mps).dot(&forward) as f32,
+            azimuth_rad: direction.y.atan2(direction.x) as f32,
+            altitude_rad: direction.z.asin() as f32,
+            depth_m: hit.distance_m as f32,
+            cos_incidence: hit.cos_incidence(&forward) as f32,
+            object_id: hit.object.0,
+            class: hit.class.0,
+            reserved: [0; 7],
+        });
     }
 }
 

@@ -3,13 +3,15 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 use schema_types::{ActorId, Class, ObjectId};
+use sensor_core::lanes::in_lanes;
 use sensor_core::{DynamicInstance, Mesh, SceneAssets};
 
-use crate::bvh::{BoxTree, TriangleTree};
-use crate::packet::{NOWHERE, Packet};
+use crate::bundle::{Bundle, GROUP, Hits, NOWHERE};
+use crate::cast::{Caster, OneBundle, Stacks};
+use crate::tree::{BoxTree, TriangleTree};
 
 /// Side of the squares in which scenery is put into one hierarchy: keeps `f32` coordinates fine to 0.06 mm.
 const TILE_M: f64 = 1024.0;
@@ -41,24 +43,9 @@ impl Hit {
     }
 }
 
-impl Hit {
-    /// A hit of which only the distance is known.
-    fn at(distance_m: f64) -> Hit {
-        Hit {
-            distance_m,
-            normal_in_world: Vector3::zeros(),
-            class: Class::UNLABELED,
-            object: ObjectId::BACKGROUND,
-            material: 0,
-            velocity_in_world_mps: Vector3::zeros(),
-        }
-    }
-}
-
 /// The distance to the plane of what was hit, unless it is a sliver, which has no plane worth the name: its `f32` distance is as good as any.
 #[inline(always)]
-fn exact(plane_m: f64, found_m: f32) -> f64 {
-    let found_m = found_m as f64;
+fn exact(plane_m: f64, found_m: f64) -> f64 {
     if (plane_m - found_m).abs() <= 0.01 + 0.01 * found_m { plane_m.max(0.0) } else { found_m }
 }
 
@@ -92,8 +79,8 @@ pub struct RayScene {
     pub(crate) statics: Vec<Placed>,
     pub(crate) tiles: Vec<Tile>,
     pub(crate) dynamics: Vec<Placed>,
-    dynamics_origin_m: Point3<f64>,
-    dynamics_tree: BoxTree,
+    pub(crate) dynamics_origin_m: Point3<f64>,
+    pub(crate) dynamics_tree: BoxTree,
 }
 
 impl RayScene {
@@ -143,7 +130,8 @@ impl RayScene {
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
         let mut boxes = Vec::with_capacity(dynamics.len());
         self.dynamics.clear();
-        self.dynamics_origin_m = dynamics.first().map_or(Point3::origin(), |i| i.world_from_mesh.translation.vector.into());
+        let first = dynamics.iter().find(|instance| is_finite(&instance.world_from_mesh));
+        self.dynamics_origin_m = first.map_or(Point3::origin(), |i| i.world_from_mesh.translation.vector.into());
         for instance in dynamics {
             let mesh_idx = instance.mesh.0 as usize;
             let Some(mesh) = self.meshes.get(mesh_idx) else { continue };
@@ -167,68 +155,72 @@ impl RayScene {
 
     /// As [`RayScene::cast`], through the parts of one actor.
     pub fn cast_ignoring(&self, origin_m: &Point3<f64>, direction: &Vector3<f64>, max_m: f64, ignored: Option<ActorId>) -> Option<Hit> {
-        let rays = Rays::<1> { origins_m: [*origin_m], directions: [*direction], active: [true], max_m };
-        let [hit] = self.cast_packet::<1, true>(&rays, ignored, &mut Stacks::default());
-        hit
+        let mut caster = Caster { scene: self, ignored, stacks: Stacks::default() };
+        let bundle = Bundle::new(&[Some(*direction)])?;
+        let mut hits = Hits::new(&bundle, max_m);
+        in_lanes(OneBundle { caster: &mut caster, origin_m, bundle: &bundle, hits: &mut hits });
+        self.surface(&hits, &bundle, 0, origin_m, direction).filter(|hit| hit.distance_m <= max_m)
     }
 
-    /// The nearest hits of neighbouring rays. Without `SURFACE` only their distances count; the rest of a hit is left blank.
+    /// What a ray of a bundle has hit; `direction` is its unit vector in the world.
     #[inline(always)]
-    pub(crate) fn cast_packet<const N: usize, const SURFACE: bool>(
+    pub(crate) fn surface(
         &self,
-        rays: &Rays<N>,
-        ignored: Option<ActorId>,
-        stacks: &mut Stacks,
-    ) -> [Option<Hit>; N] {
-        let mut packet = Packet::<N>::empty();
-        for lane in 0..N {
-            // A little beyond the limit: the exact distance decides below.
-            packet.far[lane] = if rays.active[lane] { (rays.max_m * (1.0 + 1e-6) + 1e-3) as f32 } else { -1.0 };
-        }
-        for (place, tile) in self.tiles.iter().enumerate() {
-            rays.aim_about(&tile.origin_m, &mut packet);
-            tile.tree.intersect(&mut packet, place as u32, &mut stacks.triangles);
-        }
-        self.cast_dynamics(rays, ignored, &mut packet, stacks);
-        std::array::from_fn(|lane| {
-            let place = packet.place[lane];
-            if place == NOWHERE {
-                return None;
-            }
-            let (slot, found_m, origin_m, direction) =
-                (packet.triangle[lane], packet.far[lane], &rays.origins_m[lane], &rays.directions[lane]);
-            let hit = match (SURFACE, self.tiles.get(place as usize)) {
-                (false, Some(tile)) => Hit::at(exact(tile.tree.plane_distance(slot, &(origin_m - tile.origin_m), direction), found_m)),
-                _ => self.resolve(place, slot, found_m, origin_m, direction),
-            };
-            (hit.distance_m <= rays.max_m).then_some(hit)
-        })
+        hits: &Hits,
+        bundle: &Bundle,
+        ray: usize,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<Hit> {
+        let (place, slot, found_m) = found(hits, bundle, ray)?;
+        Some(self.resolve(place, slot, found_m, origin_m, direction))
     }
 
+    /// How far away the hits of a group are; NaN without one. `directions` are unit vectors in the world, an axis at a time.
     #[inline(always)]
-    fn cast_dynamics<const N: usize>(&self, rays: &Rays<N>, ignored: Option<ActorId>, packet: &mut Packet<N>, stacks: &mut Stacks) {
-        if self.dynamics.is_empty() {
-            return;
-        }
-        let ignored = ignored.map(ObjectId::from);
-        rays.aim_about(&self.dynamics_origin_m, packet);
-        let Stacks { boxes, triangles } = stacks;
-        self.dynamics_tree.visit(packet, boxes, |packet, idx| {
-            let placed = &self.dynamics[idx as usize];
-            if Some(placed.object) == ignored {
-                return;
+    pub(crate) fn distances_m(
+        &self,
+        hits: &Hits,
+        bundle: &Bundle,
+        group: usize,
+        origin_m: &Point3<f64>,
+        directions: &[[f64; GROUP]; 3],
+    ) -> [f64; GROUP] {
+        let mut corners = [[[0.0f64; GROUP]; 3]; 3];
+        let mut found_m = [f64::NAN; GROUP];
+        let mut moving = 0u32;
+        for lane in 0..GROUP {
+            let (place, slot) = (hits.place[group][lane], hits.slot[group][lane]);
+            if place == NOWHERE {
+                continue;
             }
-            let Some(tree) = &self.mesh_trees[placed.mesh_idx as usize] else { return };
-            let mut local = Packet::<N>::empty();
-            rays.aim_in(&placed.mesh_from_world, &mut local);
-            local.take_hits(packet);
-            tree.intersect(&mut local, self.tiles.len() as u32 + idx, triangles);
-            packet.take_hits(&local);
-        });
+            found_m[lane] = (hits.depth[group][lane] / bundle.depth[group][lane]) as f64;
+            let Some(tile) = self.tiles.get(place as usize) else {
+                moving |= 1 << lane;
+                continue;
+            };
+            let (block, of_block) = (&tile.tree.blocks[slot as usize / GROUP], slot as usize % GROUP);
+            for axis in 0..3 {
+                let from = origin_m[axis] - tile.origin_m[axis];
+                for (corner, of_all) in corners.iter_mut().zip(&block.corner) {
+                    corner[axis][lane] = of_all[axis][of_block] as f64 - from;
+                }
+            }
+        }
+        let mut distances_m = plane_distances(&corners, directions);
+        for lane in 0..GROUP {
+            distances_m[lane] = exact(distances_m[lane], found_m[lane]);
+            if moving >> lane & 1 != 0 {
+                let direction = Vector3::new(directions[0][lane], directions[1][lane], directions[2][lane]);
+                let (place, slot) = (hits.place[group][lane], hits.slot[group][lane]);
+                distances_m[lane] = self.resolve(place, slot, found_m[lane], origin_m, &direction).distance_m;
+            }
+        }
+        distances_m
     }
 
     /// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the mesh's space, in `f64`.
-    fn resolve(&self, place: u32, slot: u32, distance_m: f32, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
+    fn resolve(&self, place: u32, slot: u32, found_m: f64, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
         let (placed, triangle) = match self.tiles.get(place as usize) {
             Some(tile) => {
                 let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
@@ -248,11 +240,11 @@ impl RayScene {
         let normal = (v1 - v0).cross(&(v2 - v0));
         let (origin, forward) = (placed.mesh_from_world * origin_m, placed.mesh_from_world.rotation * direction);
         let slope = normal.dot(&forward);
-        let exact_m = normal.dot(&(v0 - origin)) / slope;
+        let plane_m = normal.dot(&(v0 - origin)) / slope;
         let outwards = if slope > 0.0 { -normal } else { normal };
         let own = ObjectId(vertex(0).object_id);
         Hit {
-            distance_m: exact(exact_m, distance_m),
+            distance_m: exact(plane_m, found_m),
             normal_in_world: placed.mesh_from_world.rotation.inverse_transform_vector(&outwards).try_normalize(0.0).unwrap_or(-direction),
             class: Class(vertex(0).class),
             object: if own == ObjectId::BACKGROUND { placed.object } else { own },
@@ -262,42 +254,27 @@ impl RayScene {
     }
 }
 
-/// Neighbouring rays of one packet, in the world.
-pub(crate) struct Rays<const N: usize> {
-    pub origins_m: [Point3<f64>; N],
-    /// Unit vectors.
-    pub directions: [Vector3<f64>; N],
-    /// Lanes in use.
-    pub active: [bool; N],
-    pub max_m: f64,
+/// Place, slot and rough distance of what a ray has hit.
+#[inline(always)]
+fn found(hits: &Hits, bundle: &Bundle, ray: usize) -> Option<(u32, u32, f64)> {
+    let (group, lane) = (ray / GROUP, ray % GROUP);
+    let place = hits.place[group][lane];
+    (place != NOWHERE).then(|| (place, hits.slot[group][lane], (hits.depth[group][lane] / bundle.depth[group][lane]) as f64))
 }
 
-impl<const N: usize> Rays<N> {
-    /// Sets the packet's rays in world axes about a near origin.
-    #[inline(always)]
-    fn aim_about(&self, origin_m: &Point3<f64>, packet: &mut Packet<N>) {
-        for lane in 0..N {
-            let from: Vector3<f64> = self.origins_m[lane] - origin_m;
-            packet.aim(lane, from.cast::<f32>().into(), self.directions[lane].cast::<f32>().into());
-        }
+/// Distances at which rays from the origin meet the planes of a triangle each.
+#[inline(always)]
+fn plane_distances(corners: &[[[f64; GROUP]; 3]; 3], directions: &[[f64; GROUP]; 3]) -> [f64; GROUP] {
+    let [a, b, c] = corners;
+    let mut distances = [0.0; GROUP];
+    for lane in 0..GROUP {
+        let (x1, y1, z1) = (b[0][lane] - a[0][lane], b[1][lane] - a[1][lane], b[2][lane] - a[2][lane]);
+        let (x2, y2, z2) = (c[0][lane] - a[0][lane], c[1][lane] - a[1][lane], c[2][lane] - a[2][lane]);
+        let (x, y, z) = (y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2);
+        let above = x * a[0][lane] + y * a[1][lane] + z * a[2][lane];
+        distances[lane] = above / (x * directions[0][lane] + y * directions[1][lane] + z * directions[2][lane]);
     }
-
-    /// Sets the packet's rays in a mesh's space.
-    #[inline(always)]
-    fn aim_in(&self, mesh_from_world: &Isometry3<f64>, packet: &mut Packet<N>) {
-        let rotation: Matrix3<f64> = *mesh_from_world.rotation.to_rotation_matrix().matrix();
-        for lane in 0..N {
-            let origin = rotation * self.origins_m[lane].coords + mesh_from_world.translation.vector;
-            packet.aim(lane, origin.cast::<f32>().into(), (rotation * self.directions[lane]).cast::<f32>().into());
-        }
-    }
-}
-
-/// Memory of a walk, reused from packet to packet.
-#[derive(Debug, Default)]
-pub(crate) struct Stacks {
-    triangles: Vec<(u32, f32)>,
-    boxes: Vec<(u32, f32)>,
+    distances
 }
 
 fn mesh_tree(mesh: &Arc<Mesh>) -> TriangleTree {

@@ -1,0 +1,125 @@
+//! The rays of a frame in a lidar's own space, in bundles.
+
+use nalgebra::Vector3;
+use sensor_spec::LidarSpec;
+
+use crate::bundle::{Bundle, GROUP, GROUPS, RAYS};
+
+/// Channels of a bundle whose rays do not leave from one point but a point per column.
+const DISTORTED_CHANNELS: usize = 2 * GROUP;
+
+/// Neighbouring rays of a frame.
+#[derive(Debug)]
+pub(crate) struct Bunch {
+    pub bundle: Bundle,
+    /// Channel and column of each ray in the bundle; those that are not there repeat another one.
+    pub rays: Vec<(u32, u32)>,
+}
+
+/// All rays of a frame.
+#[derive(Debug, Default)]
+pub(crate) struct Beams {
+    /// Cosine and sine of each channel's elevation.
+    elevations: Vec<(f64, f64)>,
+    /// Cosine and sine of each column's azimuth.
+    azimuths: Vec<(f64, f64)>,
+    pub bunches: Vec<Bunch>,
+    /// Rays of a bunch, at most: bunch `i` keeps its points from `i · bunch_rays` on.
+    pub bunch_rays: usize,
+    /// Where the point of each ray is kept, channel after channel.
+    pub slots: Vec<u32>,
+}
+
+impl Beams {
+    /// Beams of a spec whose columns look at these azimuths.
+    pub fn new(spec: &LidarSpec, azimuths_rad: impl Iterator<Item = f64>) -> Self {
+        let mut beams = Beams {
+            elevations: (0..spec.channels).map(|channel| cos_sin(spec.elevation_rad(channel))).collect(),
+            azimuths: azimuths_rad.map(cos_sin).collect(),
+            ..Default::default()
+        };
+        let (n_channels, n_columns) = (beams.elevations.len(), beams.azimuths.len());
+        let [channels, columns] = if spec.motion_distortion { [DISTORTED_CHANNELS, 1] } else { shape(spec, n_columns) };
+        beams.bunch_rays = if spec.motion_distortion { DISTORTED_CHANNELS } else { RAYS };
+        // Upright strips: what one of them fetches, the next one finds near at hand.
+        for column in (0..n_columns).step_by(columns) {
+            for channel in (0..n_channels).step_by(channels) {
+                beams.add([channel, (channel + channels).min(n_channels)], [column, (column + columns).min(n_columns)]);
+            }
+        }
+        beams.slots = vec![0; n_channels * n_columns];
+        for (i, bunch) in beams.bunches.iter().enumerate() {
+            // Those that are not there come last.
+            for (ray, (channel, column)) in bunch.rays.iter().enumerate().rev() {
+                beams.slots[*channel as usize * n_columns + *column as usize] = (i * beams.bunch_rays + ray) as u32;
+            }
+        }
+        beams
+    }
+
+    /// Number of a ray in the frame, channel after channel.
+    #[inline(always)]
+    pub fn number(&self, (channel, column): (u32, u32)) -> u64 {
+        channel as u64 * self.azimuths.len() as u64 + column as u64
+    }
+
+    pub fn n_columns(&self) -> usize {
+        self.azimuths.len()
+    }
+
+    /// Unit vector of a ray in the sensor's space.
+    #[inline(always)]
+    pub fn direction(&self, channel: usize, column: usize) -> Vector3<f64> {
+        let ((cos_e, sin_e), (cos_a, sin_a)) = (self.elevations[channel], self.azimuths[column]);
+        Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e)
+    }
+
+    /// Adds the rays of a block, as one bunch if they lie near enough to one another.
+    fn add(&mut self, channels: [usize; 2], columns: [usize; 2]) {
+        let [n_channels, n_columns] = [channels[1] - channels[0], columns[1] - columns[0]];
+        let mut rays: Vec<Option<(u32, u32)>> = Vec::new();
+        // Groups are as wide as they can be.
+        let by_column = n_columns == 1;
+        let (outer, inner) = if by_column { (columns, channels) } else { (channels, columns) };
+        for i in outer[0]..outer[1] {
+            for j in inner[0]..inner[1] {
+                rays.push(Some(if by_column { (j as u32, i as u32) } else { (i as u32, j as u32) }));
+            }
+            rays.resize(rays.len().next_multiple_of(GROUP), None);
+        }
+        let directions: Vec<_> =
+            rays.iter().map(|ray| ray.map(|(channel, column)| self.direction(channel as usize, column as usize))).collect();
+        match Bundle::new(&directions) {
+            Some(bundle) => {
+                let first = rays.iter().flatten().next().copied().unwrap_or_default();
+                self.bunches.push(Bunch { bundle, rays: rays.into_iter().map(|ray| ray.unwrap_or(first)).collect() });
+            }
+            None if n_columns >= n_channels => {
+                let middle = columns[0] + n_columns / 2;
+                self.add(channels, [columns[0], middle]);
+                self.add(channels, [middle, columns[1]]);
+            }
+            None => {
+                let middle = channels[0] + n_channels / 2;
+                self.add([channels[0], middle], columns);
+                self.add([middle, channels[1]], columns);
+            }
+        }
+    }
+}
+
+/// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as that goes.
+fn shape(spec: &LidarSpec, n_columns: usize) -> [usize; 2] {
+    let between_channels = (spec.upper_fov_deg - spec.lower_fov_deg) / spec.channels.saturating_sub(1).max(1) as f64;
+    let between_columns = spec.horizontal_fov_deg / n_columns.max(1) as f64;
+    let squareness = |n_channels: &usize| {
+        let (height, width) = (*n_channels as f64 * between_channels, (RAYS / n_channels) as f64 * between_columns);
+        (height.max(1e-6) / width.max(1e-6)).ln().abs()
+    };
+    let n_channels = [1, 2, 4, GROUPS].into_iter().min_by(|a, b| squareness(a).total_cmp(&squareness(b))).unwrap_or(GROUPS);
+    [n_channels, RAYS / n_channels]
+}
+
+fn cos_sin(angle_rad: f64) -> (f64, f64) {
+    (angle_rad.cos(), angle_rad.sin())
+}

@@ -1,0 +1,149 @@
+//! Point formats: how a return becomes one, and which returns are lost.
+//!
+//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
+
+use nalgebra::{Point3, Vector3};
+use schema_frames::{LidarPoint, SemanticLidarPoint};
+use schema_types::noise::Noise;
+use sensor_spec::LidarSpec;
+
+use crate::bundle::{Bundle, GROUP, Hits};
+use crate::scene::RayScene;
+
+/// Channel number of a ray without a return; real ones are below 256.
+const LOST: u16 = u16::MAX;
+
+/// The hits of a bundle's group, to be made points.
+pub(crate) struct Returns<'a> {
+    pub scene: &'a RayScene,
+    pub spec: &'a LidarSpec,
+    pub noise: Noise,
+    pub bundle: &'a Bundle,
+    pub hits: &'a Hits,
+    pub group: usize,
+    pub origin_m: Point3<f64>,
+    /// Unit vectors, an axis at a time.
+    pub directions_in_world: [[f64; GROUP]; 3],
+    pub directions_in_sensor: [[f64; GROUP]; 3],
+    /// Numbers in the turn, for noise.
+    pub rays: [u64; GROUP],
+    pub channels: [u16; GROUP],
+}
+
+impl Returns<'_> {
+    /// The point `distance_m` along a ray in the sensor's space.
+    #[inline(always)]
+    fn at(&self, lane: usize, distance_m: f64) -> [f32; 3] {
+        let [x, y, z] = &self.directions_in_sensor;
+        [(x[lane] * distance_m) as f32, (y[lane] * distance_m) as f32, (z[lane] * distance_m) as f32]
+    }
+}
+
+/// A point format.
+pub(crate) trait Point: Copy + Send + Sync {
+    /// A ray without a return.
+    fn lost() -> Self;
+    fn is_lost(&self) -> bool;
+    /// Whether rays can be lost before they are cast.
+    fn can_misfire(spec: &LidarSpec) -> bool;
+    /// Whether a ray is lost before it is cast.
+    fn misfires(spec: &LidarSpec, noise: Noise, ray: u64) -> bool;
+    /// The points of a group, lost ones included.
+    fn write(returns: &Returns, points: &mut [Self]);
+}
+
+impl Point for LidarPoint {
+    #[inline(always)]
+    fn lost() -> Self {
+        LidarPoint { hit_in_sensor_m: [0.0; 3], intensity: 0, channel: LOST }
+    }
+
+    #[inline(always)]
+    fn is_lost(&self) -> bool {
+        self.channel == LOST
+    }
+
+    #[inline(always)]
+    fn can_misfire(spec: &LidarSpec) -> bool {
+        spec.dropoff_general_ratio > 0.0
+    }
+
+    #[inline(always)]
+    fn misfires(spec: &LidarSpec, noise: Noise, ray: u64) -> bool {
+        noise.uniform(2 * ray) < spec.dropoff_general_ratio
+    }
+
+    #[inline(always)]
+    fn write(returns: &Returns, points: &mut [Self]) {
+        let Returns { scene, spec, noise, bundle, hits, group, origin_m, .. } = returns;
+        let mut distances_m = scene.distances_m(hits, bundle, *group, origin_m, &returns.directions_in_world);
+        let is_return = distances_m.map(|distance_m| distance_m <= spec.range_m);
+        if spec.noise_range_stddev_m > 0.0 {
+            for (distance_m, ray) in distances_m.iter_mut().zip(&returns.rays) {
+                *distance_m = (*distance_m + spec.noise_range_stddev_m * noise.gaussian(*ray)).max(0.0);
+            }
+        }
+        let (limit, attenuation_per_m) = (keep_limit(spec), spec.attenuation_per_m);
+        for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
+            let intensity = (-attenuation_per_m * distances_m[lane]).exp();
+            let kept = intensity >= limit || noise.uniform(2 * returns.rays[lane] + 1) < keep_ratio(spec, intensity);
+            *point = LidarPoint {
+                hit_in_sensor_m: returns.at(lane, distances_m[lane]),
+                intensity: (intensity * 65535.0 + 0.5) as u16,
+                channel: if is_return[lane] && kept { returns.channels[lane] } else { LOST },
+            };
+        }
+    }
+}
+
+/// Intensity from which on every return is kept.
+fn keep_limit(spec: &LidarSpec) -> f64 {
+    if spec.dropoff_zero_intensity_ratio > 0.0 { spec.dropoff_intensity_limit } else { 0.0 }
+}
+
+/// Share of returns kept at an intensity below the limit: from 1 − zero at 0 up to 1 at the limit.
+fn keep_ratio(spec: &LidarSpec, intensity: f64) -> f64 {
+    1.0 - spec.dropoff_zero_intensity_ratio * (1.0 - intensity / spec.dropoff_intensity_limit)
+}
+
+impl Point for SemanticLidarPoint {
+    #[inline(always)]
+    fn lost() -> Self {
+        SemanticLidarPoint { channel: LOST, ..bytemuck::Zeroable::zeroed() }
+    }
+
+    #[inline(always)]
+    fn is_lost(&self) -> bool {
+        self.channel == LOST
+    }
+
+    #[inline(always)]
+    fn can_misfire(_: &LidarSpec) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn misfires(_: &LidarSpec, _: Noise, _: u64) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    fn write(returns: &Returns, points: &mut [Self]) {
+        let Returns { scene, spec, bundle, hits, group, origin_m, directions_in_world: [x, y, z], .. } = returns;
+        for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
+            let forward = Vector3::new(x[lane], y[lane], z[lane]);
+            let hit = scene.surface(hits, bundle, group * GROUP + lane, origin_m, &forward);
+            *point = match hit.filter(|hit| hit.distance_m <= spec.range_m) {
+                Some(hit) => SemanticLidarPoint {
+                    hit_in_sensor_m: returns.at(lane, hit.distance_m),
+                    cos_incidence: hit.cos_incidence(&forward) as f32,
+                    object_id: hit.object.0,
+                    class: hit.class.0,
+                    reserved: 0,
+                    channel: returns.channels[lane],
+                },
+                None => Self::lost(),
+            };
+        }
+    }
+}

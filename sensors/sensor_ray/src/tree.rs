@@ -1,0 +1,249 @@
+//! Hierarchies of boxes with eight children per node: built by obvhs (PLOC with reinsertion) as binary ones, then folded.
+
+use std::time::Duration;
+
+use glam::Vec3A;
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::builder::build_bvh2_from_tris;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+use obvhs::triangle::Triangle;
+
+/// Children of a node, triangles of a block.
+pub(crate) const WIDTH: usize = 8;
+
+/// Bit of a child that is a leaf; the rest is the number of its block or item.
+pub(crate) const LEAF: u32 = 1 << 31;
+
+/// Number of a block's lane without a triangle.
+pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
+
+/// Boxes of up to eight children, an axis at a time.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Node {
+    /// `bounds[axis][0]` are the lower sides, `bounds[axis][1]` the upper ones.
+    pub bounds: [[[f32; WIDTH]; 2]; 3],
+    /// A node, or [`LEAF`] and a block or item.
+    pub child: [u32; WIDTH],
+    pub n_children: u32,
+}
+
+impl Node {
+    fn empty() -> Self {
+        Node { bounds: [[[0.0; WIDTH]; 2]; 3], child: [0; WIDTH], n_children: 0 }
+    }
+
+    pub fn low(&self, i: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.bounds[axis][0][i])
+    }
+
+    pub fn high(&self, i: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.bounds[axis][1][i])
+    }
+}
+
+/// A hierarchy without its items. The root is node 0; a tree without nodes is empty.
+#[derive(Debug, Default)]
+pub(crate) struct Tree {
+    pub nodes: Vec<Node>,
+    pub bounds: Option<([f32; 3], [f32; 3])>,
+    /// Largest coordinate of the bounds: what `f32` loses grows with it.
+    pub reach: f32,
+}
+
+/// Folds a binary hierarchy into a wide one.
+struct Folder<'b, F> {
+    bvh: &'b Bvh2,
+    /// Items under each binary node.
+    n_items: Vec<u32>,
+    /// Most items of a leaf.
+    leaf_items: u32,
+    /// Makes a leaf of items and returns its number.
+    make_leaf: F,
+    nodes: Vec<Node>,
+}
+
+impl Tree {
+    /// Folds `bvh`; subtrees of at most `leaf_items` items become leaves, each made by `make_leaf` from indices of items.
+    fn fold(bvh: &Bvh2, leaf_items: u32, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
+        let Some(root) = bvh.nodes.first() else { return Tree::default() };
+        let mut folder = Folder { bvh, n_items: vec![0; bvh.nodes.len()], leaf_items, make_leaf, nodes: Vec::new() };
+        folder.count();
+        folder.fold();
+        let (low, high) = (root.aabb().min.to_array(), root.aabb().max.to_array());
+        let reach = low.iter().chain(&high).fold(0.0f32, |reach, x| reach.max(x.abs()));
+        Tree { nodes: folder.nodes, bounds: Some((low, high)), reach }
+    }
+}
+
+impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
+    fn count(&mut self) {
+        let mut order = vec![0];
+        let mut next = 0;
+        while next < order.len() {
+            let node = &self.bvh.nodes[order[next] as usize];
+            if !node.is_leaf() {
+                order.extend([node.first_index, node.first_index + 1]);
+            }
+            next += 1;
+        }
+        for idx in order.into_iter().rev() {
+            let node = &self.bvh.nodes[idx as usize];
+            self.n_items[idx as usize] = match node.is_leaf() {
+                true => node.prim_count,
+                false => self.n_items[node.first_index as usize] + self.n_items[node.first_index as usize + 1],
+            };
+        }
+    }
+
+    fn is_leaf(&self, idx: u32) -> bool {
+        self.n_items[idx as usize] <= self.leaf_items || self.bvh.nodes[idx as usize].is_leaf()
+    }
+
+    fn fold(&mut self) {
+        self.nodes.push(Node::empty());
+        let mut todo = vec![(0, 0)];
+        while let Some((binary, wide)) = todo.pop() {
+            let children = self.children(binary);
+            for (i, child) in children.iter().enumerate() {
+                let aabb = *self.bvh.nodes[*child as usize].aabb();
+                for axis in 0..3 {
+                    self.nodes[wide as usize].bounds[axis][0][i] = aabb.min[axis];
+                    self.nodes[wide as usize].bounds[axis][1][i] = aabb.max[axis];
+                }
+                self.nodes[wide as usize].child[i] = if self.is_leaf(*child) {
+                    LEAF | self.leaf(*child)
+                } else {
+                    let inner = self.nodes.len() as u32;
+                    self.nodes.push(Node::empty());
+                    todo.push((*child, inner));
+                    inner
+                };
+            }
+            self.nodes[wide as usize].n_children = children.len() as u32;
+        }
+    }
+
+    /// Up to eight binary nodes under `idx`: the one of largest surface is opened as long as there is room.
+    fn children(&self, idx: u32) -> Vec<u32> {
+        let mut children = vec![idx];
+        while children.len() < WIDTH {
+            let area = |i: &usize| self.bvh.nodes[children[*i] as usize].aabb().half_area();
+            let opened = (0..children.len()).filter(|i| !self.is_leaf(children[*i])).max_by(|a, b| area(a).total_cmp(&area(b)));
+            let Some(opened) = opened else { break };
+            let first = self.bvh.nodes[children[opened] as usize].first_index;
+            children[opened] = first;
+            children.push(first + 1);
+        }
+        children
+    }
+
+    fn leaf(&mut self, idx: u32) -> u32 {
+        let (mut items, mut todo) = (Vec::new(), vec![idx]);
+        while let Some(idx) = todo.pop() {
+            let node = &self.bvh.nodes[idx as usize];
+            if node.is_leaf() {
+                let first = node.first_index as usize;
+                items.extend_from_slice(&self.bvh.primitive_indices[first..first + node.prim_count as usize]);
+            } else {
+                todo.extend([node.first_index + 1, node.first_index]);
+            }
+        }
+        (self.make_leaf)(&items)
+    }
+}
+
+/// Up to eight triangles.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+pub(crate) struct Block {
+    /// `corner[vertex][axis]`. Lanes without a triangle are a point, which nothing hits.
+    pub corner: [[[f32; WIDTH]; 3]; 3],
+}
+
+/// Triangles under a hierarchy.
+#[derive(Debug, Default)]
+pub(crate) struct TriangleTree {
+    pub tree: Tree,
+    pub blocks: Vec<Block>,
+    /// Numbers in the order the triangles were given; [`NO_TRIANGLE`] in lanes without one.
+    pub numbers: Vec<[u32; WIDTH]>,
+}
+
+impl TriangleTree {
+    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not finite are left out.
+    pub fn new(corners: &[[[f32; 3]; 3]]) -> Self {
+        let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
+        let numbers: Vec<u32> = (0..corners.len() as u32).filter(|i| finite(&corners[*i as usize])).collect();
+        let triangles: Vec<Triangle> = numbers
+            .iter()
+            .map(|i| {
+                let [v0, v1, v2] = corners[*i as usize].map(Vec3A::from);
+                Triangle { v0, v1, v2 }
+            })
+            .collect();
+        if triangles.is_empty() {
+            return TriangleTree::default();
+        }
+        let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let (mut blocks, mut block_numbers) = (Vec::with_capacity(triangles.len() / 4), Vec::with_capacity(triangles.len() / 4));
+        let tree = Tree::fold(&bvh, WIDTH as u32, |items| {
+            let first = blocks.len() as u32;
+            assert!(items.len() <= WIDTH, "a leaf of {} triangles", items.len());
+            blocks.push(block(items.iter().map(|i| &corners[numbers[*i as usize] as usize])));
+            block_numbers.push([0, 1, 2, 3, 4, 5, 6, 7].map(|lane| items.get(lane).map_or(NO_TRIANGLE, |i| numbers[*i as usize])));
+            first
+        });
+        TriangleTree { tree, blocks, numbers: block_numbers }
+    }
+
+    /// Lower and upper corner of the box around everything; `None` without triangles.
+    pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
+        self.tree.bounds
+    }
+
+    /// Number of the triangle at a slot, as it was given.
+    #[inline(always)]
+    pub fn number(&self, slot: u32) -> u32 {
+        self.numbers[slot as usize / WIDTH][slot as usize % WIDTH]
+    }
+}
+
+fn block<'c>(triangles: impl Iterator<Item = &'c [[f32; 3]; 3]>) -> Block {
+    let mut block = Block { corner: [[[0.0; WIDTH]; 3]; 3] };
+    let mut set = |lane: usize, corners: &[[f32; 3]; 3]| {
+        for (of_all, corner) in block.corner.iter_mut().zip(corners) {
+            for (of_all, x) in of_all.iter_mut().zip(corner) {
+                of_all[lane] = *x;
+            }
+        }
+    };
+    let (mut n, mut last) = (0, [0.0; 3]);
+    for (lane, corners) in triangles.enumerate() {
+        set(lane, corners);
+        (n, last) = (lane + 1, corners[0]);
+    }
+    (n..WIDTH).for_each(|lane| set(lane, &[last; 3]));
+    block
+}
+
+/// Boxes under a hierarchy, each a leaf: what the moving instances of a tick hang in.
+#[derive(Debug, Default)]
+pub(crate) struct BoxTree {
+    pub tree: Tree,
+}
+
+impl BoxTree {
+    /// Builds over (lower, upper) corners; leaves are indices into `boxes`.
+    pub fn new(boxes: &[([f32; 3], [f32; 3])]) -> Self {
+        if boxes.is_empty() {
+            return BoxTree::default();
+        }
+        let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
+        let indices = (0..boxes.len() as u32).collect();
+        let bvh = PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0);
+        BoxTree { tree: Tree::fold(&bvh, 1, |items| items[0]) }
+    }
+}
