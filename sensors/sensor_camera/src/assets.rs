@@ -7,6 +7,7 @@ use sensor_core::{Lod, Mesh, MeshId, SceneAssets, StaticInstance};
 use sensor_gpu::Gpu;
 
 use crate::lamps::{Emitter, emitters_of};
+use crate::switched::{self, StillLamp};
 
 /// Where a mesh lies in the shared buffers.
 #[derive(Clone, Copy, Debug)]
@@ -46,8 +47,10 @@ pub(crate) struct GpuAssets {
     pub indices: wgpu::Buffer,
     /// One per static instance.
     pub spheres: Vec<Sphere>,
-    /// Lamps of scenery, in the world.
-    pub still_lamps: Vec<(Point3<f64>, Emitter)>,
+    /// Lamps of scenery, in the world, but those that are switched off.
+    pub still_lamps: Vec<StillLamp>,
+    /// How lamps are switched, for shaders.
+    pub switched: wgpu::Buffer,
     /// Lamps per mesh.
     emitters: Vec<Vec<Emitter>>,
     ranges: Vec<MeshRange>,
@@ -74,22 +77,41 @@ impl GpuAssets {
         let spheres =
             scene_assets.statics.iter().map(|instance| Sphere::of(scene_assets.mesh(instance.mesh), &instance.world_from_mesh)).collect();
         let emitters: Vec<Vec<Emitter>> = scene_assets.meshes.iter().map(|mesh| emitters_of(mesh)).collect();
-        let lamps = |instance: &StaticInstance| {
-            let pose = instance.world_from_mesh;
-            let own = emitters[instance.mesh.0 as usize].iter();
-            own.map(|emitter| (pose * Point3::from(emitter.place_m.map(f64::from)), emitter.clone())).collect::<Vec<_>>()
-        };
-        let may_shine = |instance: &&StaticInstance| scene_assets.switched.get(&instance.object) != Some(&false);
-        let still_lamps = scene_assets.statics.iter().filter(may_shine).flat_map(lamps).collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
             vertices: gpu.buffer_with("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
             indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
             spheres,
-            still_lamps,
+            still_lamps: switched::still_lamps(scene_assets, &emitters),
+            switched: switched::upload(gpu, scene_assets),
             emitters,
             ranges,
         }
+    }
+
+    /// Whether other assets have the same meshes in the same places, so that at most their lamps are switched otherwise.
+    pub fn shows_the_same(&self, other: &SceneAssets) -> bool {
+        let known = &self.scene_assets;
+        let same_meshes =
+            known.meshes.len() == other.meshes.len() && known.meshes.iter().zip(&other.meshes).all(|(a, b)| Arc::ptr_eq(a, b));
+        let is_same =
+            |(a, b): (&StaticInstance, &StaticInstance)| (a.mesh, a.object, a.world_from_mesh) == (b.mesh, b.object, b.world_from_mesh);
+        known.episode == other.episode
+            && same_meshes
+            && known.statics.len() == other.statics.len()
+            && known.statics.iter().zip(&other.statics).all(is_same)
+    }
+
+    /// Takes over how `other`'s lamps are switched; it shows the same.
+    pub fn switch_lamps(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) {
+        self.still_lamps = switched::still_lamps(other, &self.emitters);
+        self.switched = switched::upload(gpu, other);
+        self.scene_assets = other.clone();
+    }
+
+    /// Whether any lamp of the scenery is not as built.
+    pub fn is_switched(&self) -> bool {
+        !self.scene_assets.switched.is_empty()
     }
 
     /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the last.

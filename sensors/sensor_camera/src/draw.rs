@@ -89,7 +89,7 @@ pub(crate) fn visible(
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.object.0,
             tint: [0; 4],
-            lamps: scenery_lamps(assets.scene_assets.switched.get(&instance.object)),
+            lamps: 0,
             moved: motion.moved() as u32,
         });
     }
@@ -113,15 +113,6 @@ pub(crate) fn visible(
     }
     calls.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
     calls
-}
-
-/// Lamp bits of scenery: 0 shines when the shader finds that it is dark; all of them shine; a bit that no lamp has says "off".
-fn scenery_lamps(switched: Option<&bool>) -> u32 {
-    match switched {
-        None => 0,
-        Some(true) => u32::MAX,
-        Some(false) => 1 << 31,
-    }
 }
 
 /// A rigid transform as three rows of `[rotation | translation]`.

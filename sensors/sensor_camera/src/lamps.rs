@@ -4,13 +4,14 @@
 //! mesh with lamps in it has them shine without a further list; candelas are those of usual lamps.
 
 use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
-use schema_types::Class;
+use schema_types::{Class, ObjectId};
 use sensor_core::{Material, Mesh, Scene};
 use sensor_spec::Intrinsics;
 
 use crate::assets::GpuAssets;
 use crate::draw::{CameraMotion, NEAR_M};
 use crate::renderer::Quality;
+use crate::switched::StillLamp;
 use crate::uniform::LampData;
 
 /// Lamps that one view can have: at most the bits of a tile's set in `lamps.wgsl`, and fewer where every lamp costs the CPU.
@@ -34,6 +35,8 @@ pub(crate) struct Emitter {
     pub place_m: [f32; 3],
     /// Bit that lights it.
     pub bit: u8,
+    /// Object it belongs to; background: the instance's.
+    pub object: ObjectId,
     /// Linear colour of luminance 1.
     rgb: [f32; 3],
     beam: Beam,
@@ -53,14 +56,14 @@ struct Beam {
 /// Lamps of a mesh's finest level.
 pub(crate) fn emitters_of(mesh: &Mesh) -> Vec<Emitter> {
     struct Cluster {
-        key: (u8, [u8; 4], u8),
+        key: (u8, [u8; 4], u8, u32),
         first: [f32; 3],
         sum: [f32; 3],
         n: f32,
     }
     let mut clusters: Vec<Cluster> = Vec::new();
     for (corners, vertex) in mesh.triangles().filter(|(_, vertex)| vertex.material == Material::Lamp as u8) {
-        let key = (vertex.lamp, vertex.color, vertex.class);
+        let key = (vertex.lamp, vertex.color, vertex.class, vertex.object_id);
         for corner in corners {
             let near = |a: &[f32; 3]| (0..3).map(|i| (a[i] - corner[i]).powi(2)).sum::<f32>() < SAME_LAMP_M * SAME_LAMP_M;
             match clusters.iter_mut().find(|cluster| cluster.key == key && near(&cluster.first)) {
@@ -74,8 +77,14 @@ pub(crate) fn emitters_of(mesh: &Mesh) -> Vec<Emitter> {
     }
     let emitter = |cluster: Cluster| {
         let place_m = cluster.sum.map(|x| x / cluster.n);
-        let (bit, color, class) = cluster.key;
-        Emitter { place_m, bit, rgb: unit_luminance(color), beam: beam_of(Class(class), bit, place_m[0] >= 0.0) }
+        let (bit, [r, g, b, _], class, object) = cluster.key;
+        Emitter {
+            place_m,
+            bit,
+            object: ObjectId(object),
+            rgb: unit_luminance([r, g, b]),
+            beam: beam_of(Class(class), bit, place_m[0] >= 0.0),
+        }
     };
     clusters.into_iter().map(emitter).collect()
 }
@@ -99,7 +108,18 @@ fn beam_of(class: Class, bit: u8, in_front: bool) -> Beam {
     }
 }
 
-fn unit_luminance(color: [u8; 4]) -> [f32; 3] {
+impl Emitter {
+    /// The same in another colour and stronger or weaker.
+    pub fn set(mut self, rgb: Option<[u8; 3]>, strength_ratio: f32) -> Emitter {
+        self.rgb = rgb.map_or(self.rgb, unit_luminance);
+        self.beam.candela *= strength_ratio;
+        // As bright at its reach as before; further out than the tiles' culling is made for, it ends.
+        self.beam.reach_m *= strength_ratio.sqrt().clamp(0.1, 3.0);
+        self
+    }
+}
+
+fn unit_luminance(color: [u8; 3]) -> [f32; 3] {
     let linear = |c: usize| (color[c] as f32 / 255.0).powf(2.2);
     let luminance = (0.2126 * linear(0) + 0.7152 * linear(1) + 0.0722 * linear(2)).max(0.02);
     std::array::from_fn(|c| linear(c) / luminance)
@@ -159,9 +179,9 @@ impl LampLists {
                 found.push((distance_m, data, rect));
             }
         };
-        if dark_ratio > 0.0 {
-            for (place, emitter) in &assets.still_lamps {
-                consider(Shining { place: *place, axis: axis_of(emitter), emitter, share: dark_ratio });
+        for StillLamp { place, emitter, is_on } in &assets.still_lamps {
+            if *is_on || dark_ratio > 0.0 {
+                consider(Shining { place: *place, axis: axis_of(emitter), emitter, share: if *is_on { 1.0 } else { dark_ratio } });
             }
         }
         for instance in scene.dynamics.iter().filter(|instance| instance.lamps != 0) {

@@ -25,6 +25,7 @@ mod shade;
 mod shadow;
 mod sky;
 mod submission;
+mod switched;
 mod targets;
 mod uniform;
 mod view;

@@ -98,6 +98,7 @@ impl GeometryPass {
                 sampler(3, wgpu::SamplerBindingType::Filtering),
                 texture(4, wgpu::TextureSampleType::Float { filterable: true }),
                 sampler(5, wgpu::SamplerBindingType::Filtering),
+                storage(6),
             ],
         });
         let view_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -251,7 +252,7 @@ impl GeometryPass {
     }
 
     /// Bind group of what all views share.
-    pub fn bind_scene(&self, gpu: &Gpu, sky: &wgpu::TextureView) -> wgpu::BindGroup {
+    pub fn bind_scene(&self, gpu: &Gpu, sky: &wgpu::TextureView, switched: &wgpu::Buffer) -> wgpu::BindGroup {
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("scene"),
             layout: &self.scene_layout,
@@ -262,6 +263,7 @@ impl GeometryPass {
                 wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sky_sampler) },
                 wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(&self.noise) },
                 wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::Sampler(&self.noise_sampler) },
+                wgpu::BindGroupEntry { binding: 6, resource: switched.as_entire_binding() },
             ],
         })
     }

@@ -132,8 +132,10 @@ impl CameraRenderer {
         for job in &jobs {
             check(job)?;
         }
-        if self.assets.as_ref().is_none_or(|loaded| !Arc::ptr_eq(&loaded.scene_assets, &scene.assets)) {
-            self.load(&scene.assets);
+        match &mut self.assets {
+            Some(loaded) if Arc::ptr_eq(&loaded.scene_assets, &scene.assets) => {}
+            Some(loaded) if loaded.shows_the_same(&scene.assets) => loaded.switch_lamps(&self.gpu, &scene.assets),
+            _ => self.load(&scene.assets),
         }
         for job in &mut jobs {
             begin_firing(&self.gpu, job, scene);
@@ -233,7 +235,7 @@ impl CameraRenderer {
             active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, &active.motion, lit)).collect();
         let calls = active.iter().flat_map(|active| &active.calls);
         self.pass.upload(&self.gpu, &light.data_at(scene.sim_time.as_secs()), &views, instances, &lamps, calls);
-        let scene_group = self.pass.bind_scene(&self.gpu, &light.sky);
+        let scene_group = self.pass.bind_scene(&self.gpu, &light.sky, &assets.switched);
         let mut first_call = 0;
         for (view_idx, (active, lit)) in active.iter().zip(&lit).enumerate() {
             let targets = &jobs[active.job_idx].view.targets;
@@ -247,9 +249,10 @@ impl CameraRenderer {
                     color: active.set.contains(Target::Color) && !developed,
                     radiance: developed,
                     luminance: active.set.contains(Target::Luminance),
-                    lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0,
+                    lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0 || assets.is_switched(),
                     fog: light.has_fog,
                     wet: light.is_wet,
+                    switched: assets.is_switched(),
                 };
                 self.shade.prepare(&self.gpu, key);
                 self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, key);

@@ -41,6 +41,8 @@ pub(crate) struct ShadeKey {
     pub lamps: bool,
     pub fog: bool,
     pub wet: bool,
+    /// Whether somebody switched lamps of the scenery.
+    pub switched: bool,
 }
 
 /// Pixels that one workgroup shades, as `shade_compute.wgsl` has it.
@@ -159,7 +161,7 @@ impl ShadePass {
         })
     }
 
-    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 7] {
+    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 8] {
         let number = |on: bool| on as u32 as f64;
         [
             ("WITH_COLOR", number(key.color)),
@@ -168,6 +170,7 @@ impl ShadePass {
             ("WITH_LAMPS", number(key.lamps)),
             ("WITH_FOG", number(key.fog)),
             ("WITH_WET", number(key.wet)),
+            ("WITH_SWITCHED", number(key.switched)),
             ("SIMPLE", number(self.quality == Quality::Low)),
         ]
     }

@@ -17,5 +17,5 @@ pub use gnss::GeoReference;
 pub use imu::{BodyMotion, BodyState, ImuInput};
 pub use lane_marks::{PaintedLine, PaintedLines};
 pub use mesh::{Lod, Material, Mesh, MeshBuilder, Vertex};
-pub use scene::{DynamicInstance, MeshId, Scene, SceneAssets, StaticInstance, Sun};
+pub use scene::{DynamicInstance, LampSetting, MeshId, Scene, SceneAssets, StaticInstance, Sun};
 pub use schedule::{Firing, Schedule};

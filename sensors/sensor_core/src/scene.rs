@@ -24,6 +24,17 @@ pub struct StaticInstance {
     pub object: ObjectId,
 }
 
+/// How lamps or windows of a scenery object are set.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LampSetting {
+    /// Whether they shine; `None`: when it is dark.
+    pub on: Option<bool>,
+    /// Colour they shine in, sRGB; `None`: their own.
+    pub rgb: Option<[u8; 3]>,
+    /// Light over what they have as built.
+    pub strength_ratio: f32,
+}
+
 /// Everything that does not change within an episode: uploaded to the GPU and put into BVHs once.
 #[derive(Clone, Debug, Default)]
 pub struct SceneAssets {
@@ -33,8 +44,8 @@ pub struct SceneAssets {
     pub meshes: Vec<Arc<Mesh>>,
     /// Scenery.
     pub statics: Vec<StaticInstance>,
-    /// Scenery whose lamps somebody switched on (true) or off; all others shine when it is dark.
-    pub switched: BTreeMap<ObjectId, bool>,
+    /// Scenery whose lamps or windows are not as built.
+    pub switched: BTreeMap<ObjectId, LampSetting>,
 }
 
 impl SceneAssets {

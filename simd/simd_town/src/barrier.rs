@@ -55,11 +55,14 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
 /// Clear height of a tunnel, and thickness of what lies over it.
 const TUNNEL_M: (f64, f64) = (5.6, 1.6);
 
-/// A tunnel over the middle of a road: walls behind the pavements, a ceiling with lamps, grass on top and at the sides.
-pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) {
+/// Distance between a tunnel's lamps.
+const LAMP_PITCH_M: f64 = 8.0;
+
+/// A tunnel over the middle of a road: walls behind the pavements, a ceiling, grass on top and at the sides. Returns where lamps belong,
+/// counter-clockwise from below.
+pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) -> Vec<[[f64; 3]; 4]> {
     let concrete = Surface::new(Class::BUILDINGS, Material::Concrete, [142, 140, 134]).of(object);
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [100, 124, 66]).of(object);
-    let lamp = Surface::lamp(Class::BUILDINGS, [255, 232, 190], 0).of(object);
     let (from, to) = (26.0, road.path.length_m() - 26.0);
     let mut stations: Vec<f64> = road.stations.iter().copied().filter(|&s| s > from + 0.5 && s < to - 0.5).collect();
     stations.insert(0, from);
@@ -70,27 +73,21 @@ pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, objec
         [p.x, p.y, road.elevation.at(s) + z]
     };
     let (ceiling, top) = (TUNNEL_M.0, TUNNEL_M.0 + TUNNEL_M.1);
-    let mut face = |surface: Surface, corners: [[f64; 3]; 4], hard: bool| {
+    let mut face = |surface: Surface, corners: [[f64; 3]; 4]| {
         let key = Key::at(Layer::Building, P2::new(corners[0][0], corners[0][1]));
         let size = |a: [f64; 3], b: [f64; 3]| ((0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()) as f32;
         let (u, v) = (size(corners[0], corners[1]), size(corners[0], corners[3]));
         chunks.polygon(key, 0..=2, surface, &corners, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
-        if hard {
-            solid.polygon(object, &corners);
-        }
+        solid.polygon(object, &corners);
     };
-    for (k, pair) in stations.windows(2).enumerate() {
+    for pair in stations.windows(2) {
         let (a, b) = (pair[0], pair[1]);
-        face(concrete, [at(a, inner, -0.1), at(b, inner, -0.1), at(b, inner, ceiling), at(a, inner, ceiling)], true);
-        face(concrete, [at(b, -inner, -0.1), at(a, -inner, -0.1), at(a, -inner, ceiling), at(b, -inner, ceiling)], true);
-        face(concrete, [at(a, inner, ceiling), at(b, inner, ceiling), at(b, -inner, ceiling), at(a, -inner, ceiling)], true);
-        face(grass, [at(a, -outer, top), at(b, -outer, top), at(b, outer, top), at(a, outer, top)], true);
-        face(grass, [at(b, foot, -0.8), at(a, foot, -0.8), at(a, outer, top), at(b, outer, top)], true);
-        face(grass, [at(a, -foot, -0.8), at(b, -foot, -0.8), at(b, -outer, top), at(a, -outer, top)], true);
-        if k % 2 == 0 {
-            let z = ceiling - 0.06;
-            face(lamp, [at(a, 0.3, z), at(b, 0.3, z), at(b, -0.3, z), at(a, -0.3, z)], false);
-        }
+        face(concrete, [at(a, inner, -0.1), at(b, inner, -0.1), at(b, inner, ceiling), at(a, inner, ceiling)]);
+        face(concrete, [at(b, -inner, -0.1), at(a, -inner, -0.1), at(a, -inner, ceiling), at(b, -inner, ceiling)]);
+        face(concrete, [at(a, inner, ceiling), at(b, inner, ceiling), at(b, -inner, ceiling), at(a, -inner, ceiling)]);
+        face(grass, [at(a, -outer, top), at(b, -outer, top), at(b, outer, top), at(a, outer, top)]);
+        face(grass, [at(b, foot, -0.8), at(a, foot, -0.8), at(a, outer, top), at(b, outer, top)]);
+        face(grass, [at(a, -foot, -0.8), at(b, -foot, -0.8), at(b, -outer, top), at(a, -outer, top)]);
     }
     // The portals: over the opening and beside it.
     for (s, outward) in [(from, false), (to, true)] {
@@ -99,12 +96,18 @@ pub fn tunnel(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, objec
             if outward {
                 corners = [corners[1], corners[0], corners[3], corners[2]];
             }
-            face(concrete, corners, true);
+            face(concrete, corners);
         };
         portal((outer, -outer, ceiling), (outer, -outer, top + 0.6));
         portal((foot, inner, -0.8), (outer, inner, top));
         portal((-inner, -foot, -0.8), (-inner, -outer, top));
     }
+    let n_lamps = ((to - from) / LAMP_PITCH_M) as usize;
+    let lamp = |k: usize| {
+        let (s, z) = (from + (k as f64 + 0.5) * LAMP_PITCH_M, ceiling - 0.06);
+        [at(s, 0.2, z), at(s + 0.8, 0.2, z), at(s + 0.8, -0.2, z), at(s, -0.2, z)]
+    };
+    (0..n_lamps).map(lamp).collect()
 }
 
 fn panel(chunks: &mut Chunks, surface: Surface, levels: Levels, corners: [[f64; 3]; 4]) {

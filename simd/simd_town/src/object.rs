@@ -61,7 +61,7 @@ pub enum LampGroup {
 /// A lamp of the scenery that can be switched.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneryLamp {
-    /// Object whose lamp material shines.
+    /// Object whose lamps or windows shine.
     pub object: ObjectId,
     /// Middle of the light, world.
     pub position_m: [f64; 3],
@@ -71,6 +71,13 @@ pub struct SceneryLamp {
     pub intensity_lm: f32,
     /// Whose it is.
     pub group: LampGroup,
+}
+
+impl SceneryLamp {
+    /// The lit windows of a building.
+    pub(crate) fn windows(object: ObjectId, position_m: [f64; 3]) -> SceneryLamp {
+        SceneryLamp { object, position_m, rgb: [255, 206, 148], intensity_lm: 2000.0, group: LampGroup::Building }
+    }
 }
 
 impl SceneryObject {

@@ -2,9 +2,10 @@
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::{Class, ObjectId};
+use sensor_core::mesh::Surface;
 use sensor_core::{MeshId, SceneAssets};
 
-use crate::chunk::{Chunks, place};
+use crate::chunk::{ALL, Chunks, Key, Layer, place};
 use crate::elevation::Terrain;
 use crate::geometry::{P2, unit};
 use crate::ground::Floor;
@@ -118,6 +119,16 @@ impl Builder<'_> {
         self.pole_at(object, p, z_m, 0.1, lamp.height_m);
     }
 
+    /// A lamp below a tunnel's ceiling.
+    fn tunnel_lamp(&mut self, corners_m: &[[f64; 3]; 4]) {
+        let object = self.object(Class::BUILDINGS, "tunnel_lamp");
+        let rgb = [255, 232, 190];
+        let key = Key::at(Layer::Building, P2::new(corners_m[0][0], corners_m[0][1]));
+        self.chunks.polygon(key, ALL, Surface::lamp(Class::BUILDINGS, rgb, 0).of(object), corners_m, &[[0.0; 2]; 4]);
+        let position_m = std::array::from_fn(|i| 0.25 * corners_m.iter().map(|corner| corner[i]).sum::<f64>());
+        self.lamps.push(SceneryLamp { object, position_m, rgb, intensity_lm: 3000.0, group: LampGroup::Other });
+    }
+
     /// A solid pole on the ground.
     pub fn pole_solid(&mut self, object: ObjectId, p: P2, radius_m: f64, height_m: f64) {
         let z = self.chunks.terrain.at(p);
@@ -143,7 +154,9 @@ impl Builder<'_> {
             }
             if road.tunnel {
                 let object = self.object(Class::BUILDINGS, "tunnel");
-                barrier::tunnel(&mut self.chunks, &mut self.solid, road, object);
+                for corners in barrier::tunnel(&mut self.chunks, &mut self.solid, road, object) {
+                    self.tunnel_lamp(&corners);
+                }
             }
             if road.profile.has_rails() {
                 let object = self.object(Class::GUARD_RAIL, "guard_rail");
@@ -198,7 +211,10 @@ impl Builder<'_> {
         });
         for lot in &lots {
             let object = self.object_in(Some(MapLayer::Buildings), Class::BUILDINGS, "building");
-            building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
+            let height_m = building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
+            let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+            let ground_m = self.chunks.terrain.at(middle);
+            self.lamps.push(SceneryLamp::windows(object, [middle.x, middle.y, ground_m + 0.5 * height_m]));
         }
         if matches!(houses, Houses::Cottages | Houses::Farms) {
             for lot in &lots {

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Point3, Vector3};
 use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
-use simd_town::Town;
+use simd_town::{LampGroup, Town};
 
 fn town(name: &str) -> (Town, RoadMap) {
     let town = Town::generate(name, 1).expect("a name of the list");
@@ -294,6 +294,9 @@ fn objects_have_boxes_about_their_triangles_and_layers_by_kind() {
             }
         }
         assert!(town.lamps.iter().all(|lamp| by_id.contains_key(&lamp.object.0)));
-        assert_eq!(town.lamps.len(), layers[&MapLayer::StreetLights]);
+        let lamps = |group: LampGroup| town.lamps.iter().filter(|lamp| lamp.group == group).count();
+        assert_eq!(lamps(LampGroup::Street), layers[&MapLayer::StreetLights]);
+        assert_eq!(lamps(LampGroup::Building), layers[&MapLayer::Buildings]);
+        assert_eq!(lamps(LampGroup::Other) > 5, name == "Town03", "lamps of its tunnel");
     }
 }

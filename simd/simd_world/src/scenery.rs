@@ -7,6 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use schema_frames::CommandReply;
 use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
 use schema_types::ObjectId;
+use sensor_core::LampSetting;
 use simd_town::{LampGroup, SceneryLamp};
 
 use crate::map::MapData;
@@ -59,11 +60,17 @@ impl World {
         &self.scenery.hidden
     }
 
-    /// Objects whose lamps do not follow the dark: whether they shine.
-    pub fn switched_lamps(&self) -> BTreeMap<ObjectId, bool> {
+    /// Objects whose lamps are not as built.
+    pub fn switched_lamps(&self) -> BTreeMap<ObjectId, LampSetting> {
         let lamps = self.map.lamps.iter().zip(&self.scenery.lamps);
-        let switched = |lamp: &Lamp| lamp.on.or(self.scenery.no_cycle.then_some(false));
-        lamps.filter_map(|(site, lamp)| switched(lamp).map(|on| (site.object, on))).collect()
+        let setting = |(site, lamp): (&SceneryLamp, &Lamp)| {
+            let on = lamp.on.or(self.scenery.no_cycle.then_some(false));
+            let rgb = (lamp.rgb != site.rgb).then_some(lamp.rgb);
+            let strength_ratio = lamp.intensity_lm / site.intensity_lm;
+            let set = on.is_some() || rgb.is_some() || strength_ratio != 1.0;
+            set.then_some((site.object, LampSetting { on, rgb, strength_ratio }))
+        };
+        lamps.filter_map(setting).collect()
     }
 
     /// Counts of changes in this episode: of what is shown, and of lamps.

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use schema_frames::ActorKind;
 use schema_frames::document::Weather;
+use schema_frames::{ActorKind, Command, CommandReply};
 use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::{DynamicInstance, Scene, SceneAssets};
 use simd_town::Town;
@@ -68,6 +68,22 @@ impl Stage {
     pub fn actors(&self, kind: ActorKind) -> Vec<ActorId> {
         let of_kind = |record: &&schema_frames::ActorRecord| record.kind == kind as u16;
         self.world.snapshot_records().iter().filter(of_kind).map(|record| ActorId(record.id)).collect()
+    }
+
+    /// Does what a client would ask for.
+    ///
+    /// # Errors
+    /// The world's own words, if it refuses.
+    pub fn apply(&mut self, command: &Command) -> Result<CommandReply, String> {
+        let reply = self.world.apply(command);
+        let switched = self.world.switched_lamps();
+        if self.assets.switched != switched {
+            self.assets = Arc::new(SceneAssets { switched, ..(*self.assets).clone() });
+        }
+        match reply {
+            CommandReply::Refused { error } => Err(error),
+            reply => Ok(reply),
+        }
     }
 
     /// The world behind it.

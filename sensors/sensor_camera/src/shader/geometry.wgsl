@@ -49,8 +49,8 @@ fn vs_main(
     if labels.y == MATERIAL_CAR_PAINT && (marks.y >> 24u) != 0u {
         rgb = marks.y;
     }
-    // Bit 0: shines; bit 1: scenery's lamp that nobody switched, which shines when it is dark.
-    let by_itself = select(0u, 2u, (id >> 31u) == 1u && marks.z == 0u);
+    // Bit 0: shines; bit 1: scenery's lamp, which shines when it is dark or when somebody switched it.
+    let by_itself = select(0u, 2u, (id >> 31u) == 1u);
     let lit = select(0u, ((marks.z >> labels.z) & 1u) | by_itself, labels.y == MATERIAL_LAMP && labels.z < 31u);
     out.labels = vec4(id, labels.x | (labels.y << 8u) | (lit << 16u), rgb, instance);
     return out;

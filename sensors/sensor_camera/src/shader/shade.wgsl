@@ -99,13 +99,15 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     var radiance = albedo * (light.ambient_rgb.rgb + light.sun_rgb.rgb * direct * 0.6) * 0.318309886;
     if WITH_LAMPS {
         let material = (packed.y >> 24u) & 0x1fu;
-        let on = max(f32((packed.y >> 29u) & 1u), light.air.x * f32((packed.y >> 30u) & 1u)) * light.mirrors[min(material, 16u)].w;
-        radiance += albedo * (light.lamps.x * on);
+        let shining = as_switched(id, albedo, light.air.x);
+        let on = max(f32((packed.y >> 29u) & 1u), shining.w * f32((packed.y >> 30u) & 1u)) * light.mirrors[min(material, 16u)].w;
+        radiance += shining.rgb * (light.lamps.x * on);
         if material == MATERIAL_FACADE || material == MATERIAL_SHOP_FRONT {
             let uv_m = bitcast<vec2<f32>>(packed.zw);
             let window = window_at(uv_m, lot_of(id).barg, 0.05, material == MATERIAL_SHOP_FRONT, id);
-            let is_lit = f32(window.lot.b < light.air.w * select(0.34, 0.8, material == MATERIAL_SHOP_FRONT));
-            radiance += vec3(1.0, 0.72, 0.45) * (light.lamps.y * is_lit * window.pane * 0.5);
+            let warm = as_switched(id, vec3(1.0, 0.72, 0.45), light.air.w);
+            let is_lit = f32(window.lot.b < warm.w * select(0.34, 0.8, material == MATERIAL_SHOP_FRONT));
+            radiance += warm.rgb * (light.lamps.y * is_lit * window.pane * 0.5);
         }
     }
     return radiance;

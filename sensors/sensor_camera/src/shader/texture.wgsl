@@ -23,6 +23,21 @@ fn lot_of(number: u32) -> vec4<f32> {
     return unpack4x8unorm((word >> 22u) ^ word);
 }
 
+// Whether somebody switched lamps or windows of the scenery, and how, by object number: words as switched.rs makes them.
+override WITH_SWITCHED: bool = false;
+@group(0) @binding(6) var<storage, read> switched: array<vec2<u32>>;
+
+// The light of lamps or windows: their colour, and how many of them shine.
+fn as_switched(id: u32, rgb: vec3<f32>, share: f32) -> vec4<f32> {
+    if !WITH_SWITCHED || (id >> 31u) == 0u {
+        return vec4(rgb, share);
+    }
+    let words = switched[min(id & 0x7fffffffu, arrayLength(&switched) - 1u)];
+    let state = (words.x >> 25u) & 3u;
+    let color = select(rgb, linear_of(words.x), ((words.x >> 24u) & 1u) == 1u);
+    return vec4(color * bitcast<f32>(words.y), select(share, f32(state == 1u), state != 0u));
+}
+
 const MATERIAL_ASPHALT: u32 = 1u;
 const MATERIAL_CONCRETE: u32 = 2u;
 const MATERIAL_PAINT: u32 = 3u;
@@ -113,17 +128,21 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     albedo = mix(albedo, mix(room, vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), pane);
     out.emitted = vec3(0.0);
     if WITH_LAMPS {
-        let is_lit = f32(window.lot.b < light.air.w * select(0.34, 0.8, is_shop));
-        let warm = mix(vec3(1.0, 0.62, 0.30), vec3(0.85, 0.92, 1.0), f32(window.lot.a > 0.8));
+        let own = mix(vec3(1.0, 0.62, 0.30), vec3(0.85, 0.92, 1.0), f32(window.lot.a > 0.8));
+        let warm = as_switched(id, own, light.air.w);
+        let is_lit = f32(window.lot.b < warm.w * select(0.34, 0.8, is_shop));
         // Brighter below the ceiling lamp, and not two rooms alike.
         let floor_up = fract(uv_m.y / select(3.1, 3.6, is_shop));
-        out.emitted = warm * (light.lamps.y * is_lit * pane * (0.12 + 0.88 * window.lot.a * window.lot.g) * (0.45 + 0.9 * floor_up));
+        out.emitted = warm.rgb * (light.lamps.y * is_lit * pane * (0.12 + 0.88 * window.lot.a * window.lot.g) * (0.45 + 0.9 * floor_up));
     }
 
     // A lamp is on when told to, scenery's lamps also when it is dark.
-    let on = max(lit_lamp.x, light.air.x * lit_lamp.y) * gloss.w;
-    out.emitted += albedo * (light.lamps.x * on);
-    albedo *= 1.0 - 0.6 * gloss.w;
+    let shining = as_switched(id, albedo, light.air.x);
+    let on = max(lit_lamp.x, shining.w * lit_lamp.y) * gloss.w;
+    out.emitted += shining.rgb * (light.lamps.x * on);
+    // Unlit, coloured glass is dark.
+    let palest = min(albedo.r, min(albedo.g, albedo.b)) / max(max(albedo.r, max(albedo.g, albedo.b)), 0.01);
+    albedo *= 1.0 - gloss.w * mix(0.88, 0.6, palest);
 
     out.mirror = max(gloss.x, 0.16 * pane);
     out.rough = mix(gloss.y, 2.0, pane);

@@ -10,6 +10,7 @@ use super::scene::Scene;
 use super::surface::is_pavement;
 use crate::building::{self, Lot};
 use crate::geometry::{self, P2, heading};
+use crate::object::SceneryLamp;
 use crate::plan::Houses;
 use crate::random::Random;
 use crate::{furniture, greenery};
@@ -139,7 +140,9 @@ fn houses(scene: &mut Scene, verge: &Verge, lots: &mut Vec<Lot>, tries: &mut usi
             continue;
         }
         let object = scene.object(Class::BUILDINGS, "building");
-        building::build(&mut scene.chunks, &mut scene.solid, &lot, style, object, random);
+        let height_m = building::build(&mut scene.chunks, &mut scene.solid, &lot, style, object, random);
+        let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
+        scene.lamps.push(SceneryLamp::windows(object, [middle.x, middle.y, high + 0.5 * height_m]));
         lots.push(lot);
         l += width + if random.chance(0.3) { gap * random.between(2.0, 5.0) } else { gap };
     }
