@@ -79,8 +79,12 @@ impl GpuAssets {
         let emitters: Vec<Vec<Emitter>> = scene_assets.meshes.iter().map(|mesh| emitters_of(mesh)).collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
-            vertices: gpu.buffer_with("vertices", bytemuck::cast_slice(&vertices), wgpu::BufferUsages::VERTEX),
-            indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX),
+            vertices: gpu.buffer_with(
+                "vertices",
+                bytemuck::cast_slice(&vertices),
+                wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
+            ),
+            indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE),
             spheres,
             still_lamps: switched::still_lamps(scene_assets, &emitters),
             switched: switched::upload(gpu, scene_assets),

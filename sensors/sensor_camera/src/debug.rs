@@ -83,6 +83,12 @@ impl DebugPass {
         if corners.is_empty() {
             return;
         }
+        let depth = wgpu::BindingResource::TextureView(&targets.get(Target::Depth).view);
+        let bound = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("debug"),
+            layout: &self.pipeline.get_bind_group_layout(0),
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: depth }],
+        });
         let buffer = gpu.buffer_with("debug strokes", bytemuck::cast_slice(&corners), wgpu::BufferUsages::VERTEX);
         let kept = wgpu::StoreOp::Store;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -95,12 +101,14 @@ impl DebugPass {
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &targets.z_buffer().view,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Discard }),
+                // Among strokes; the scene's depth is looked up.
+                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
                 stencil_ops: None,
             }),
             ..Default::default()
         });
         pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &bound, &[]);
         pass.set_vertex_buffer(0, buffer.slice(..));
         pass.draw(0..corners.len() as u32, 0..1);
     }

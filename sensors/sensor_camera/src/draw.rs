@@ -8,12 +8,22 @@ use crate::assets::{GpuAssets, MeshDraw, Sphere};
 use crate::uniform::InstanceData;
 use crate::view::Firing;
 
-/// One draw call: a mesh range and the number of its instance in the instance buffer.
+/// One draw call: a mesh range and the number of its instance among those of the view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DrawCall {
     pub mesh: MeshDraw,
     pub instance_idx: u32,
     distance_m: f64,
+}
+
+/// What a view draws.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Drawn {
+    /// Nearest first.
+    pub calls: Vec<DrawCall>,
+    pub instances: Vec<InstanceData>,
+    /// Where the view's instances begin in the list of all views'.
+    pub first_instance: u32,
 }
 
 /// Near plane, metres.
@@ -63,17 +73,10 @@ impl Frustum {
     }
 }
 
-/// Appends the visible instances of `scene` to `instances` and returns their draw calls, nearest first.
-pub(crate) fn visible(
-    scene: &Scene,
-    assets: &GpuAssets,
-    lens: &Intrinsics,
-    motion: &CameraMotion,
-    previous: Option<&Firing>,
-    instances: &mut Vec<InstanceData>,
-) -> Vec<DrawCall> {
+/// The visible instances of `scene`.
+pub(crate) fn visible(scene: &Scene, assets: &GpuAssets, lens: &Intrinsics, motion: &CameraMotion, previous: Option<&Firing>) -> Drawn {
     let frustum = Frustum::new(lens);
-    let mut calls = Vec::new();
+    let (mut calls, mut instances) = (Vec::new(), Vec::new());
     let level_if_seen = |sphere: &Sphere, mesh| {
         let centre = (motion.camera_from_world * sphere.centre_m).coords;
         let distance_m = (centre.norm() - sphere.radius_m).max(0.0);
@@ -112,7 +115,7 @@ pub(crate) fn visible(
         });
     }
     calls.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-    calls
+    Drawn { calls, instances, first_instance: 0 }
 }
 
 /// A rigid transform as three rows of `[rotation | translation]`.

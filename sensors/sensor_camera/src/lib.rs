@@ -20,6 +20,7 @@ mod material;
 mod merge;
 mod pass;
 mod post;
+mod raster;
 mod renderer;
 mod shade;
 mod shadow;
@@ -31,6 +32,7 @@ mod uniform;
 mod view;
 
 pub use post::PostData;
+pub use raster::{RasterDraw, RasterView, Rasteriser};
 pub use renderer::{CameraRenderer, Quality, RenderError};
 pub use sensor_gpu::Place;
 pub use submission::{OutputResult, Submission, ViewResult};
@@ -42,8 +44,10 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
     vec![
         ("geometry", pass::geometry_wgsl(false)),
         ("geometry, immediate", pass::geometry_wgsl(true)),
-        ("shade, computed", shade::shade_wgsl(Quality::High)),
-        ("shade, drawn", shade::shade_wgsl(Quality::Low)),
+        ("shade, computed", shade::shade_wgsl(false)),
+        ("shade, drawn", shade::shade_wgsl(true)),
+        ("raster", raster::raster_wgsl()),
+        ("resolve", raster::resolve_wgsl()),
         ("post", post::post_wgsl()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
     ]

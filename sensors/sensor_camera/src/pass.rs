@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use sensor_gpu::Gpu;
 
 use crate::assets::GpuAssets;
-use crate::draw::DrawCall;
+use crate::draw::{DrawCall, Drawn};
 use crate::lamps::LampLists;
 use crate::material;
 use crate::targets::{Target, TargetSet, Targets};
@@ -14,7 +14,7 @@ use crate::uniform::{InstanceData, LampData, LightData, ViewData};
 /// Text of the geometry shader, with instances that come with the draw call or lie in a list.
 pub(crate) fn geometry_wgsl(immediate: bool) -> String {
     let instances = if immediate { include_str!("shader/instance_immediate.wgsl") } else { include_str!("shader/instance_storage.wgsl") };
-    [include_str!("shader/scene.wgsl"), instances, include_str!("shader/geometry.wgsl")].concat()
+    [include_str!("shader/scene.wgsl"), instances, include_str!("shader/surface.wgsl"), include_str!("shader/geometry.wgsl")].concat()
 }
 
 /// Attributes of [`sensor_core::Vertex`].
@@ -48,7 +48,8 @@ pub(crate) struct GeometryPass {
     pipelines: BTreeMap<u16, Pipelines>,
     light: wgpu::Buffer,
     views: wgpu::Buffer,
-    instances: wgpu::Buffer,
+    /// Instances of all views, where they do not come with draw calls.
+    pub instances: wgpu::Buffer,
     lamps: wgpu::Buffer,
     lamp_tiles: wgpu::Buffer,
     calls: wgpu::Buffer,
@@ -78,8 +79,8 @@ const VIEW_STRIDE_BYTES: u64 = (size_of::<ViewData>() as u64).next_multiple_of(2
 pub(crate) struct ViewPass<'p> {
     pub targets: &'p Targets,
     pub set: TargetSet,
-    pub calls: &'p [DrawCall],
-    /// Number of the first of `calls` among those of all views.
+    pub drawn: &'p Drawn,
+    /// Number of the first of its draw calls among those of all views.
     pub first_call: usize,
     pub view_idx: usize,
     /// Shadow maps: near, far.
@@ -219,16 +220,8 @@ impl GeometryPass {
         })
     }
 
-    /// Uploads what changes from tick to tick; `calls` are those of all views, one view's after the other's.
-    pub fn upload<'c>(
-        &mut self,
-        gpu: &Gpu,
-        light: &LightData,
-        views: &[ViewData],
-        instances: &[InstanceData],
-        lamps: &LampLists,
-        calls: impl Iterator<Item = &'c DrawCall>,
-    ) {
+    /// Uploads what changes from tick to tick; `listed`: a compute shader asks for the instances.
+    pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], drawn: &[&Drawn], lamps: &LampLists, listed: bool) {
         grow(gpu, &mut self.views, VIEW_STRIDE_BYTES * views.len() as u64);
         gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
         for (i, view) in views.iter().enumerate() {
@@ -238,14 +231,25 @@ impl GeometryPass {
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
         gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
         gpu.queue().write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
-        if self.submit != Submit::Immediate {
-            grow(gpu, &mut self.instances, INSTANCE_BYTES * instances.len() as u64);
-            gpu.queue().write_buffer(&self.instances, 0, bytemuck::cast_slice(instances));
+        if listed || self.submit != Submit::Immediate {
+            let n_instances: usize = drawn.iter().map(|drawn| drawn.instances.len()).sum();
+            grow(gpu, &mut self.instances, INSTANCE_BYTES * n_instances as u64);
+            for drawn in drawn {
+                let begin = INSTANCE_BYTES * drawn.first_instance as u64;
+                gpu.queue().write_buffer(&self.instances, begin, bytemuck::cast_slice(&drawn.instances));
+            }
         }
-        if self.submit == Submit::Indirect {
+        if !listed && self.submit == Submit::Indirect {
             // Index count, instance count, first index, base vertex, first instance.
-            let words: Vec<[u32; 5]> =
-                calls.map(|call| [call.mesh.n_indices, 1, call.mesh.first_idx, call.mesh.base_vertex as u32, call.instance_idx]).collect();
+            let words = |drawn: &&Drawn| {
+                let first = drawn.first_instance;
+                let word = move |call: &DrawCall| {
+                    let mesh = call.mesh;
+                    [mesh.n_indices, 1, mesh.first_idx, mesh.base_vertex as u32, first + call.instance_idx]
+                };
+                drawn.calls.iter().map(word).collect::<Vec<[u32; 5]>>()
+            };
+            let words: Vec<[u32; 5]> = drawn.iter().flat_map(words).collect();
             grow(gpu, &mut self.calls, CALL_BYTES * words.len() as u64);
             gpu.queue().write_buffer(&self.calls, 0, bytemuck::cast_slice(&words));
         }
@@ -268,7 +272,8 @@ impl GeometryPass {
         })
     }
 
-    fn bind_view(&self, gpu: &Gpu, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
+    /// Bind group of one view and the lamps of all.
+    pub fn bind_view(&self, gpu: &Gpu, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
         let size = std::num::NonZeroU64::new(size_of::<ViewData>() as u64);
         let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size };
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
@@ -290,16 +295,15 @@ impl GeometryPass {
         (view_idx as u64 * VIEW_STRIDE_BYTES) as u32
     }
 
-    /// Records one view; returns its bind group for the shading pass.
+    /// Records the drawing of one view.
     pub fn record(
         &self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         assets: &GpuAssets,
-        scene: &wgpu::BindGroup,
-        instances: &[InstanceData],
+        [scene, bound]: [&wgpu::BindGroup; 2],
         view: &ViewPass<'_>,
-    ) -> wgpu::BindGroup {
+    ) {
         let attachment = |target: Target| {
             view.set.drawn().contains(target).then(|| wgpu::RenderPassColorAttachment {
                 view: &view.targets.get(target).view,
@@ -309,7 +313,6 @@ impl GeometryPass {
                 ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
             })
         };
-        let bound = self.bind_view(gpu, view.shadows);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("geometry"),
             color_attachments: &Target::DRAWN.map(attachment),
@@ -325,14 +328,15 @@ impl GeometryPass {
         gpu.counters().add_pass();
         let pipelines = &self.pipelines[&view.set.drawn().0];
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, &bound, &[Self::offset_of(view.view_idx)]);
+        pass.set_bind_group(1, bound, &[Self::offset_of(view.view_idx)]);
         pass.set_vertex_buffer(0, assets.vertices.slice(..));
         pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
         pass.set_pipeline(&pipelines.meshes);
-        if self.submit == Submit::Indirect && !view.calls.is_empty() {
-            pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, view.calls.len() as u32);
+        let Drawn { calls, instances, first_instance } = view.drawn;
+        if self.submit == Submit::Indirect && !calls.is_empty() {
+            pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, calls.len() as u32);
         }
-        for DrawCall { mesh, instance_idx, .. } in view.calls {
+        for DrawCall { mesh, instance_idx, .. } in calls {
             gpu.counters().add_draw(mesh.n_indices as u64 / 3);
             if self.submit == Submit::Indirect {
                 continue;
@@ -340,14 +344,12 @@ impl GeometryPass {
             if self.submit == Submit::Immediate {
                 pass.set_immediates(0, bytemuck::bytes_of(&instances[*instance_idx as usize]));
             }
-            let first = if self.submit == Submit::Immediate { 0 } else { *instance_idx };
+            let first = if self.submit == Submit::Immediate { 0 } else { first_instance + instance_idx };
             pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, first..first + 1);
         }
         pass.set_pipeline(&pipelines.sky);
         pass.draw(0..3, 0..1);
         gpu.counters().add_draw(1);
-        drop(pass);
-        bound
     }
 }
 
@@ -385,7 +387,7 @@ pub(crate) fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayou
     wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
 }
 
-fn uniform(binding: u32, n_bytes: u64, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn uniform(binding: u32, n_bytes: u64, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
     let min_binding_size = std::num::NonZeroU64::new(n_bytes);
     entry(binding, wgpu::BindingType::Buffer { ty: wgpu::BufferBindingType::Uniform, has_dynamic_offset, min_binding_size })
 }

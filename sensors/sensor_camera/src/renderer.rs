@@ -3,26 +3,28 @@
 use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;
+use rayon::prelude::*;
 use schema_frames::Modality;
 use schema_types::space::sensor_from_camera;
 use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{CopyBatch, Gpu};
-use sensor_spec::ExposureMode;
+use sensor_spec::{ExposureMode, Intrinsics};
 
 use crate::assets::GpuAssets;
 use crate::debug::DebugPass;
-use crate::draw::{self, CameraMotion, DrawCall, NEAR_M};
+use crate::draw::{self, CameraMotion, Drawn, NEAR_M};
 use crate::dvs::EventCamera;
 use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
 use crate::pass::{GeometryPass, ViewPass};
 use crate::post::{self, PostJob, PostPass};
+use crate::raster::{RasterJob, RasterPass, Rasteriser, can_compute};
 use crate::shade::{ShadeKey, ShadePass};
 use crate::shadow::{Cascade, ShadowLookup, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet, Targets};
-use crate::uniform::{InstanceData, ViewData};
+use crate::uniform::ViewData;
 use crate::view::{Firing, InstancePoses, Output, View, ViewJob, ViewSpec};
 
 /// How much work colour gets. Everything else is the same in both.
@@ -76,6 +78,8 @@ pub struct CameraRenderer {
     assets: Option<GpuAssets>,
     light: Option<Light>,
     pass: GeometryPass,
+    /// Instead of drawing.
+    raster: Option<RasterPass>,
     shade: ShadePass,
     post: PostPass,
     shadows: Shadows,
@@ -89,20 +93,27 @@ struct Active {
     job_idx: usize,
     set: TargetSet,
     motion: CameraMotion,
-    calls: Vec<DrawCall>,
+    drawn: Drawn,
 }
 
 impl CameraRenderer {
     /// A renderer without a scene.
     pub fn new(gpu: &Gpu, quality: Quality) -> Self {
+        Self::with_rasteriser(gpu, quality, Rasteriser::default_for(gpu))
+    }
+
+    /// The same, with a rasteriser of one's choice; an adapter that cannot compute draws all the same.
+    pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
         let pass = GeometryPass::new(gpu);
+        let computes = rasteriser == Rasteriser::Computed && can_compute(gpu);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
             assets: None,
             light: None,
-            shade: ShadePass::new(gpu, &pass, quality),
+            shade: ShadePass::new(gpu, &pass, quality, quality == Quality::Low && !computes),
             post: PostPass::new(gpu),
+            raster: computes.then(|| RasterPass::new(gpu, &pass)),
             pass,
             shadows: Shadows::new(gpu, Cascade::near(quality)),
             far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
@@ -152,7 +163,7 @@ impl CameraRenderer {
 
     fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let mut instances = Vec::new();
+        let computes = self.raster.is_some() && RasterPass::takes(&self.gpu, assets);
         let mut active = Vec::new();
         let leaders = merge::leaders(jobs);
         for job_idx in (0..jobs.len()).filter(|idx| leaders[*idx] == *idx) {
@@ -171,17 +182,21 @@ impl CameraRenderer {
                 continue;
             }
             let lens = job.view.spec.intrinsics;
-            job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set);
-            self.pass.prepare(&self.gpu, set);
+            job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set, self.raster.is_some());
+            if !computes {
+                self.pass.prepare(&self.gpu, set);
+            }
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
-            let calls = draw::visible(scene, assets, &lens, &motion, job.view.previous.as_ref(), &mut instances);
-            active.push(Active { job_idx, set, motion, calls });
+            active.push(Active { job_idx, set, motion, drawn: Drawn::default() });
         }
         if active.is_empty() {
             return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
         }
+        self.gpu.time("visible", || find_visible(scene, assets, jobs, &mut active));
         let mut encoder = self.gpu.encoder("views");
-        self.record(scene, &active, jobs, &instances, &mut encoder);
+        self.gpu.mark(&mut encoder, "begin");
+        let gpu = self.gpu.clone();
+        gpu.time("record", || self.record(scene, &active, jobs, computes, &mut encoder));
         let mut batch = CopyBatch::new();
         let plans = (0..jobs.len())
             .map(|idx| {
@@ -192,14 +207,7 @@ impl CameraRenderer {
         Submission { in_flight: Some(batch.submit(&self.gpu, encoder)), plans }
     }
 
-    fn record(
-        &mut self,
-        scene: &Scene,
-        active: &[Active],
-        jobs: &[ViewJob<'_, '_>],
-        instances: &[InstanceData],
-        encoder: &mut wgpu::CommandEncoder,
-    ) {
+    fn record(&mut self, scene: &Scene, active: &[Active], jobs: &[ViewJob<'_, '_>], computes: bool, encoder: &mut wgpu::CommandEncoder) {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
         if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
@@ -210,8 +218,9 @@ impl CameraRenderer {
         let cast = |shadows: &mut Shadows, encoder: &mut wgpu::CommandEncoder| {
             if eyes.is_empty() { Vec::new() } else { shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
         };
-        let near = cast(&mut self.shadows, encoder);
+        let near = self.gpu.time("record: shadows", || cast(&mut self.shadows, encoder));
         let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, encoder));
+        self.gpu.mark(encoder, "shadows");
         let (mut near, mut far) = (near.into_iter(), far.into_iter());
         let none = self.shadows.none();
         let mut lamps = LampLists::new(self.quality);
@@ -231,18 +240,45 @@ impl CameraRenderer {
                 Lit { near: next(&mut near), far: next(&mut far), lamps: range }
             })
             .collect();
-        let views: Vec<ViewData> =
-            active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, &active.motion, lit)).collect();
-        let calls = active.iter().flat_map(|active| &active.calls);
-        self.pass.upload(&self.gpu, &light.data_at(scene.sim_time.as_secs()), &views, instances, &lamps, calls);
+        let mut views: Vec<ViewData> =
+            active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit)).collect();
+        let raster = self.raster.as_mut().filter(|_| computes);
+        let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
+        let plan = self.gpu.time("record: upload", || {
+            let plan = raster.map(|raster| {
+                let jobs: Vec<RasterJob<'_>> = views.iter().zip(&drawn).map(|(view, drawn)| RasterJob::new(view, drawn)).collect();
+                let plan = raster.upload(&self.gpu, &jobs);
+                views.iter_mut().zip(&plan.places).for_each(|(view, place)| view.raster[..3].copy_from_slice(&place.words()));
+                plan
+            });
+            self.pass.upload(&self.gpu, &light.data_at(scene.sim_time.as_secs()), &views, &drawn, &lamps, computes);
+            plan
+        });
+        let raster = self.raster.as_ref().zip(plan.as_ref());
         let scene_group = self.pass.bind_scene(&self.gpu, &light.sky, &assets.switched);
-        let mut first_call = 0;
+        let (mut first_call, mut batch) = (0, None);
         for (view_idx, (active, lit)) in active.iter().zip(&lit).enumerate() {
             let targets = &jobs[active.job_idx].view.targets;
             let view =
-                ViewPass { targets, set: active.set, calls: &active.calls, first_call, view_idx, shadows: [&lit.near.view, &lit.far.view] };
-            let bound = self.pass.record(&self.gpu, encoder, assets, &scene_group, instances, &view);
-            first_call += active.calls.len();
+                ViewPass { targets, set: active.set, drawn: &active.drawn, first_call, view_idx, shadows: [&lit.near.view, &lit.far.view] };
+            let bound = self.pass.bind_view(&self.gpu, view.shadows);
+            match raster {
+                Some((raster, plan)) => {
+                    let own = plan.places[view_idx].batch;
+                    if batch != Some(own) {
+                        raster.record(&self.gpu, encoder, assets, &self.pass.instances, plan, own);
+                        self.gpu.mark(encoder, "raster");
+                        batch = Some(own);
+                    }
+                    raster.resolve(&self.gpu, encoder, assets, [&scene_group, &bound], &view);
+                    self.gpu.mark(encoder, "resolve");
+                }
+                None => {
+                    self.pass.record(&self.gpu, encoder, assets, [&scene_group, &bound], &view);
+                    self.gpu.mark(encoder, "geometry");
+                }
+            }
+            first_call += active.drawn.calls.len();
             if active.set.is_lit() {
                 let developed = active.set.contains(Target::Radiance);
                 let key = ShadeKey {
@@ -256,6 +292,7 @@ impl CameraRenderer {
                 };
                 self.shade.prepare(&self.gpu, key);
                 self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, key);
+                self.gpu.mark(encoder, "shade");
                 if developed {
                     let view = &*jobs[active.job_idx].view;
                     let previous = view.previous.as_ref().map_or(scene.sim_time.0, |firing| firing.sim_time.0);
@@ -268,6 +305,7 @@ impl CameraRenderer {
                         smooth_edges: self.quality == Quality::High,
                     };
                     self.post.record(&self.gpu, encoder, &job);
+                    self.gpu.mark(encoder, "post");
                 }
             }
             if active.set.contains(Target::Color) && !scene.debug.is_empty() {
@@ -275,6 +313,21 @@ impl CameraRenderer {
                 self.debug.record(&self.gpu, encoder, &scene.debug, &lens, &active.motion.world_from_camera, targets);
             }
         }
+    }
+}
+
+/// What each view sees, found side by side.
+fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) {
+    let seen: Vec<(Intrinsics, Option<&Firing>)> =
+        active.iter().map(|active| &*jobs[active.job_idx].view).map(|view| (view.spec.intrinsics, view.previous.as_ref())).collect();
+    let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
+        active.drawn = draw::visible(scene, assets, &lens, &active.motion, previous);
+    };
+    active.par_iter_mut().zip(seen).for_each(find);
+    let mut first_instance = 0;
+    for active in active {
+        active.drawn.first_instance = first_instance;
+        first_instance += active.drawn.instances.len() as u32;
     }
 }
 
@@ -393,7 +446,8 @@ fn event_camera(spec: &ViewSpec) -> EventCamera {
     EventCamera::new(spec.dvs.clone(), size_px, spec.seed, spec.sensor_id as u64)
 }
 
-fn view_data(view: &View, motion: &CameraMotion, lit: &Lit) -> ViewData {
+fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
+    let motion = &active.motion;
     let lens = view.spec.intrinsics;
     let mut world_from_camera = draw::rows(&motion.world_from_camera);
     let eye = motion.world_from_camera.translation.vector;
@@ -410,5 +464,6 @@ fn view_data(view: &View, motion: &CameraMotion, lit: &Lit) -> ViewData {
         far_shadow_from_camera: lit.far.shadow_from_camera,
         options: [motion.moved() as u32 as f32, lit.near.on as u32 as f32, 0.0, lit.near.texel_depth],
         lamps: [lit.lamps.first_lamp, lit.lamps.first_tile, lit.far.texel_depth.to_bits(), 0],
+        raster: [0, 0, 0, active.set.0 as u32],
     }
 }

@@ -1,7 +1,7 @@
 //! The shading pass: light on what the geometry pass saw, once per pixel, however often it was drawn over.
 //!
-//! High quality shades in one compute dispatch per view, because GPUs made for computing have many times more arithmetic there than in
-//! fragment shaders. A software rasteriser draws triangles over the image, and its depth test sorts sky from surfaces.
+//! One compute dispatch per view, because GPUs made for computing have many times more arithmetic there than in fragment shaders. In low
+//! quality a software rasteriser draws triangles over the image instead, and its depth test sorts sky from surfaces.
 
 use std::collections::BTreeMap;
 
@@ -12,11 +12,8 @@ use crate::renderer::Quality;
 use crate::targets::{Image, Target, image};
 
 /// Text of the shading shader.
-pub(crate) fn shade_wgsl(quality: Quality) -> String {
-    let entries = match quality {
-        Quality::High => include_str!("shader/shade_compute.wgsl"),
-        Quality::Low => include_str!("shader/shade_raster.wgsl"),
-    };
+pub(crate) fn shade_wgsl(drawn: bool) -> String {
+    let entries = if drawn { include_str!("shader/shade_raster.wgsl") } else { include_str!("shader/shade_compute.wgsl") };
     [
         include_str!("shader/scene.wgsl"),
         include_str!("shader/film.wgsl"),
@@ -52,6 +49,8 @@ const GROUP_PX: [u32; 2] = [16, 8];
 #[derive(Debug)]
 pub(crate) struct ShadePass {
     quality: Quality,
+    /// Triangles over the image in place of a dispatch.
+    drawn: bool,
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
@@ -67,7 +66,7 @@ enum Pipelines {
 }
 
 impl ShadePass {
-    pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality) -> Self {
+    pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality, drawn: bool) -> Self {
         let device = gpu.device();
         let written = |binding: u32, format: wgpu::TextureFormat| {
             let access = wgpu::StorageTextureAccess::WriteOnly;
@@ -78,7 +77,7 @@ impl ShadePass {
             texture(1, wgpu::TextureSampleType::Float { filterable: false }),
             texture(2, wgpu::TextureSampleType::Uint),
         ];
-        if quality == Quality::High {
+        if !drawn {
             entries.extend([
                 written(3, Target::Color.format()),
                 written(4, Target::Luminance.format()),
@@ -95,20 +94,19 @@ impl ShadePass {
         });
         let nowhere = [Target::Color, Target::Luminance, Target::Radiance]
             .map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
-        let shader = gpu.shader("shade", &shade_wgsl(quality));
-        ShadePass { quality, shader, layout, images_layout, pipelines: BTreeMap::new(), nowhere }
+        let shader = gpu.shader("shade", &shade_wgsl(drawn));
+        ShadePass { quality, drawn, shader, layout, images_layout, pipelines: BTreeMap::new(), nowhere }
     }
 
     /// Makes the pipelines for `key`, once.
     pub fn prepare(&mut self, gpu: &Gpu, key: ShadeKey) {
         if !self.pipelines.contains_key(&key) {
-            let pipelines = match self.quality {
-                Quality::High => Pipelines::Computed(self.computed(gpu, key)),
-                Quality::Low => Pipelines::Drawn {
-                    // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was drawn.
-                    surface: self.drawn(gpu, key, "fs_surface", wgpu::CompareFunction::Less),
-                    sky: self.drawn(gpu, key, "fs_sky", wgpu::CompareFunction::Equal),
-                },
+            let pipelines = if self.drawn {
+                // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was drawn.
+                let surface = self.drawn_over(gpu, key, "fs_surface", wgpu::CompareFunction::Less);
+                Pipelines::Drawn { surface, sky: self.drawn_over(gpu, key, "fs_sky", wgpu::CompareFunction::Equal) }
+            } else {
+                Pipelines::Computed(self.computed(gpu, key))
             };
             self.pipelines.insert(key, pipelines);
         }
@@ -126,7 +124,7 @@ impl ShadePass {
         })
     }
 
-    fn drawn(&self, gpu: &Gpu, key: ShadeKey, fragment: &str, depth_compare: wgpu::CompareFunction) -> wgpu::RenderPipeline {
+    fn drawn_over(&self, gpu: &Gpu, key: ShadeKey, fragment: &str, depth_compare: wgpu::CompareFunction) -> wgpu::RenderPipeline {
         let constants = self.constants(key);
         let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let state = |on: bool, target: Target| {
@@ -161,18 +159,24 @@ impl ShadePass {
         })
     }
 
-    fn constants(&self, key: ShadeKey) -> [(&'static str, f64); 8] {
+    /// Which of the work there is: of the scene, and (drawn only) of what is read.
+    fn constants(&self, key: ShadeKey) -> Vec<(&'static str, f64)> {
         let number = |on: bool| on as u32 as f64;
-        [
-            ("WITH_COLOR", number(key.color)),
-            ("WITH_LUMINANCE", number(key.luminance)),
-            ("WITH_RADIANCE", number(key.radiance)),
+        let mut constants = vec![
             ("WITH_LAMPS", number(key.lamps)),
             ("WITH_FOG", number(key.fog)),
             ("WITH_WET", number(key.wet)),
             ("WITH_SWITCHED", number(key.switched)),
             ("SIMPLE", number(self.quality == Quality::Low)),
-        ]
+        ];
+        if self.drawn {
+            constants.extend([
+                ("WITH_COLOR", number(key.color)),
+                ("WITH_LUMINANCE", number(key.luminance)),
+                ("WITH_RADIANCE", number(key.radiance)),
+            ]);
+        }
+        constants
     }
 
     /// Records the shading of one view that the geometry pass has drawn; `bound_view` is what that pass returned.
@@ -240,7 +244,7 @@ impl ShadePass {
     fn bind_images(&self, gpu: &Gpu, view: &ViewPass<'_>, key: ShadeKey) -> wgpu::BindGroup {
         let read = |target: Target| &view.targets.get(target).view;
         let mut images = vec![read(Target::Surface), read(Target::Depth), read(Target::Instance)];
-        if self.quality == Quality::High {
+        if !self.drawn {
             images.push(if key.color { read(Target::Color) } else { &self.nowhere[0].view });
             images.push(if key.luminance { read(Target::Luminance) } else { &self.nowhere[1].view });
             images.push(if key.radiance { read(Target::Radiance) } else { &self.nowhere[2].view });

@@ -55,10 +55,12 @@ impl Target {
         }
     }
 
-    fn usage(self) -> wgpu::TextureUsages {
+    /// `stored`: compute shaders write what drawing writes elsewhere.
+    fn usage(self, stored: bool) -> wgpu::TextureUsages {
         let more = match self {
             Target::Color | Target::Luminance => wgpu::TextureUsages::STORAGE_BINDING,
             Target::Radiance => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            _ if stored => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
             _ => wgpu::TextureUsages::TEXTURE_BINDING,
         };
         more | wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC
@@ -109,9 +111,9 @@ pub(crate) struct Targets {
 
 impl Targets {
     /// Makes what `set` lacks.
-    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet) {
+    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool) {
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
-            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), target.usage()));
+            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), target.usage(stored)));
         }
         self.z_buffer.get_or_insert_with(|| {
             image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)
@@ -121,6 +123,12 @@ impl Targets {
     /// A target that [`Targets::ensure`] made.
     pub fn get(&self, target: Target) -> &Image {
         self.images[target as usize].as_ref().expect("ensure() made every target of the set")
+    }
+
+    /// Width and height of the targets of a set that is not empty.
+    pub fn size_px(&self, set: TargetSet) -> [u32; 2] {
+        let known = Target::ALL.into_iter().filter(|target| set.contains(*target)).find_map(|target| self.images[target as usize].as_ref());
+        known.map_or([0; 2], |image| [image.texture.width(), image.texture.height()])
     }
 
     pub fn z_buffer(&self) -> &Image {

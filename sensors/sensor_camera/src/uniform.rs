@@ -42,6 +42,8 @@ pub struct ViewData {
     pub options: [f32; 4],
     /// First lamp, first tile of lamps, bits of an `f32`: a texel of the far shadow map in units of its depth; 0.
     pub lamps: [u32; 4],
+    /// First draw call, their number, first pixel in the list of what was seen (where the compute shader rasterises); wanted targets.
+    pub raster: [u32; 4],
 }
 
 /// Mirror of `Lamp` in `shader/lamps.wgsl`.

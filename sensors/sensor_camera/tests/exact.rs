@@ -5,7 +5,7 @@ mod kit;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schema_frames::Modality;
-use sensor_camera::{CameraRenderer, Quality};
+use sensor_camera::{CameraRenderer, Quality, Rasteriser};
 use sensor_core::Scene;
 use sensor_spec::Intrinsics;
 
@@ -122,9 +122,9 @@ fn two_firings(origin: Vector3<f64>) -> (Scene, Scene, [Isometry3<f64>; 2]) {
     (before, now, [at(kit::pose(0.0, -1.0, 1.5, [0.0, 2.0, 0.0])), at(kit::pose(0.5, -0.9, 1.52, [1.0, 2.5, 1.5]))])
 }
 
-fn check_against_rays(origin: Vector3<f64>) {
+fn check_against_rays(origin: Vector3<f64>, rasteriser: Rasteriser) {
     let gpu = kit::gpu();
-    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
+    let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
     let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
     let lens = view.intrinsics();
     let (before, now, poses) = two_firings(origin);
@@ -185,12 +185,16 @@ fn check_against_rays(origin: Vector3<f64>) {
 
 #[test]
 fn every_modality_agrees_with_a_ray_caster() {
-    check_against_rays(Vector3::zeros());
+    for rasteriser in kit::rasterisers(&kit::gpu()) {
+        check_against_rays(Vector3::zeros(), rasteriser);
+    }
 }
 
 #[test]
 fn ten_kilometres_from_the_origin_is_as_sharp_as_at_it() {
-    check_against_rays(Vector3::new(10_000.0, -7_000.0, 120.0));
+    for rasteriser in kit::rasterisers(&kit::gpu()) {
+        check_against_rays(Vector3::new(10_000.0, -7_000.0, 120.0), rasteriser);
+    }
 }
 
 #[test]

@@ -9,11 +9,15 @@ fn module(name: &str) -> naga::Module {
     naga::front::wgsl::parse_str(&text).unwrap_or_else(|error| panic!("{}", error.emit_to_string(&text)))
 }
 
+const CAPABILITIES: naga::valid::Capabilities = naga::valid::Capabilities::IMMEDIATES
+    .union(naga::valid::Capabilities::SHADER_INT64)
+    .union(naga::valid::Capabilities::SHADER_INT64_ATOMIC_MIN_MAX);
+
 #[test]
 fn every_shader_validates() {
     for (name, _) in shader_sources() {
         let module = module(name);
-        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::IMMEDIATES);
+        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), CAPABILITIES);
         validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
     }
 }
@@ -53,6 +57,7 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(ViewData, far_shadow_from_camera),
             offset_of!(ViewData, options),
             offset_of!(ViewData, lamps),
+            offset_of!(ViewData, raster),
         ],
     );
     check(

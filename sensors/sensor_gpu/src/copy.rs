@@ -12,6 +12,7 @@ use wgpu::wgt;
 
 use crate::device::{Gpu, GpuError};
 use crate::target::ShmTarget;
+use crate::timing::Pending;
 
 /// Where bytes go.
 #[derive(Debug)]
@@ -149,8 +150,11 @@ impl<'a> CopyBatch<'a> {
                 item.staging = Some(record_staged(gpu, &mut encoder, &item.source));
             }
         }
+        let pending;
         let submission = if direct.is_empty() {
-            gpu.queue().submit([encoder.finish()])
+            gpu.mark(&mut encoder, "copies");
+            pending = gpu.close_marks(&mut encoder);
+            gpu.time("submit", || gpu.queue().submit([encoder.finish()]))
         } else {
             let direct: Vec<&Item<'_>> = direct.iter().map(|i| &self.items[*i]).collect();
             record_transitions(&mut encoder, &direct);
@@ -162,13 +166,18 @@ impl<'a> CopyBatch<'a> {
                 transitions.iter().map(|t| wgt::BufferTransition { buffer: &t.buffer, state: t.state }),
                 std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>(),
             );
-            gpu.queue().submit([encoder.finish(), raw, visible.finish()])
+            gpu.mark(&mut visible, "copies");
+            pending = gpu.close_marks(&mut visible);
+            gpu.time("submit", || gpu.queue().submit([encoder.finish(), raw, visible.finish()]))
         };
+        if let Some(pending) = &pending {
+            pending.map();
+        }
         gpu.counters().add_submission(self.items.len() as u64);
         for staging in self.items.iter().filter_map(|item| item.staging.as_ref()) {
             staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
-        InFlight { gpu: gpu.clone(), items: self.items, submission: Some(submission) }
+        InFlight { gpu: gpu.clone(), items: self.items, submission: Some(submission), pending }
     }
 }
 
@@ -292,6 +301,7 @@ pub struct InFlight<'a> {
     gpu: Gpu,
     items: Vec<Item<'a>>,
     submission: Option<wgpu::SubmissionIndex>,
+    pending: Option<Pending>,
 }
 
 /// Bytes left mapped for the CPU.
@@ -343,6 +353,9 @@ impl InFlight<'_> {
     /// The device was lost.
     pub fn wait(mut self) -> Result<Vec<CopyOutcome>, GpuError> {
         self.wait_for_gpu()?;
+        if let Some(pending) = self.pending.take() {
+            self.gpu.read_marks(&pending);
+        }
         std::mem::take(&mut self.items).into_iter().map(|item| finish(&self.gpu, item)).collect()
     }
 

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use crate::counters::Counters;
 use crate::import::{self, ImportCaps};
+use crate::timing::Timing;
 
 /// What to open.
 #[derive(Clone, Debug)]
@@ -64,6 +65,7 @@ struct Inner {
     queue: wgpu::Queue,
     import: Option<ImportCaps>,
     counters: Counters,
+    timing: Timing,
     staging: Mutex<Vec<wgpu::Buffer>>,
 }
 
@@ -120,6 +122,7 @@ impl Gpu {
             queue,
             import,
             counters: Counters::default(),
+            timing: Timing::default(),
             staging: Mutex::default(),
         })))
     }
@@ -167,6 +170,10 @@ impl Gpu {
     /// Counts of passes, draws, copies and submissions.
     pub fn counters(&self) -> &Counters {
         &self.0.counters
+    }
+
+    pub(crate) fn timing(&self) -> &Timing {
+        &self.0.timing
     }
 
     pub(crate) fn import_caps(&self) -> Option<ImportCaps> {

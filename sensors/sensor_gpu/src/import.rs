@@ -23,7 +23,14 @@ pub(crate) fn has_import(adapter: &wgpu::Adapter) -> bool {
 ///
 /// Errors are the driver's words.
 pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue, Option<ImportCaps>), String> {
-    let wanted = wgpu::Features::FLOAT32_FILTERABLE | wgpu::Features::IMMEDIATES | wgpu::Features::INDIRECT_FIRST_INSTANCE;
+    let wanted = wgpu::Features::FLOAT32_FILTERABLE
+        | wgpu::Features::IMMEDIATES
+        | wgpu::Features::INDIRECT_FIRST_INSTANCE
+        | wgpu::Features::SHADER_INT64
+        | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX
+        | wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES
+        | wgpu::Features::TIMESTAMP_QUERY
+        | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
     let features = adapter.features() & wanted;
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("gantry"),

@@ -14,8 +14,10 @@ pub mod device;
 mod import;
 pub mod resource;
 pub mod target;
+pub mod timing;
 
 pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, Place};
 pub use counters::{Counters, Counts};
 pub use device::{AdapterInfo, Gpu, GpuError, GpuOptions};
 pub use target::ShmTarget;
+pub use timing::Span;

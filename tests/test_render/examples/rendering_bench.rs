@@ -1,7 +1,7 @@
 //! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
 //!
 //! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `peer` (default: all but `peer`, which needs `ply=FILE`).
-//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE`.
+//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take).
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
 use std::sync::Arc;
@@ -29,6 +29,7 @@ struct Options {
     place: usize,
     weather: String,
     ply: Option<String>,
+    times: bool,
 }
 
 fn options() -> Result<Options, String> {
@@ -43,6 +44,7 @@ fn options() -> Result<Options, String> {
         place: 0,
         weather: "day".into(),
         ply: None,
+        times: false,
     };
     for word in std::env::args().skip(1) {
         let Some((key, value)) = word.split_once('=') else {
@@ -60,6 +62,7 @@ fn options() -> Result<Options, String> {
             "inflight" => options.in_flight = Some(number(value)?.max(1)),
             "place" => options.place = number(value)?,
             "weather" => options.weather = value.into(),
+            "times" => options.times = number(value)? != 0,
             "ply" => options.ply = Some(value.into()),
             "size" => {
                 let (width, height) = value.split_once('x').ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
@@ -97,11 +100,18 @@ impl Bench {
 
     fn town(&self, name: &str, size_px: [u32; 2], asked: &[&[Modality]], pose: impl Fn(usize, f64) -> Isometry3<f64>) -> Figures {
         let mut cameras = Cameras::new(&self.gpu, self.quality, self.lens(size_px), asked, self.in_flight);
+        self.gpu.set_timing(self.options.times);
         let figures = cameras.run(self.options.frames, |frame| {
             let along_m = 0.4 * frame as f64;
             (self.scene.clone(), (0..asked.len()).map(|i| pose(i, along_m)).collect())
         });
         print(name, &figures, asked.len());
+        if self.options.times {
+            let n_frames = (self.options.frames + test_render::measure::WARM_UP) as f64;
+            let spans = self.gpu.take_spans();
+            let texts = spans.iter().map(|span| format!("{} {} {:.3}", span.place, span.label, span.millis / n_frames));
+            println!("    ms a frame, first frames counted too: {}", texts.collect::<Vec<_>>().join(", "));
+        }
         figures
     }
 

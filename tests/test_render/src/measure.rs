@@ -44,7 +44,7 @@ pub struct Figures {
 }
 
 /// Frames before counting: pipelines compile, shadow maps are drawn.
-const WARM_UP: usize = 4;
+pub const WARM_UP: usize = 4;
 
 impl Cameras {
     /// One view per list of `asked`, all of this lens; `n_in_flight` frames may be on their way at once.

@@ -22,6 +22,8 @@ struct ViewUniform {
     options: vec4<f32>,
     // First lamp, first tile of lamps, a texel of the far shadow map in its depth.
     lamps: vec4<u32>,
+    // First draw call, their number, first pixel in the list of what was seen (resolve.wgsl); bits of the targets that are wanted.
+    raster: vec4<u32>,
 }
 
 // Mirror of LightData.
@@ -48,9 +50,6 @@ struct LightUniform {
 @group(1) @binding(1) var shadow_map: texture_depth_2d;
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
 @group(1) @binding(5) var far_shadow_map: texture_depth_2d;
-
-// Targets are attached only if somebody reads them; this switches off the work behind the others.
-override WITH_FLOW: bool = true;
 
 // Rows of [rotation | translation] applied to a point.
 fn transform(m: array<vec4<f32>, 3>, point: vec3<f32>) -> vec3<f32> {

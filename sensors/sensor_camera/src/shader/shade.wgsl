@@ -5,10 +5,6 @@
 @group(2) @binding(1) var depth_map: texture_2d<f32>;
 @group(2) @binding(2) var instance_map: texture_2d<u32>;
 
-override WITH_COLOR: bool = true;
-override WITH_LUMINANCE: bool = true;
-override WITH_RADIANCE: bool = true;
-
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;
 

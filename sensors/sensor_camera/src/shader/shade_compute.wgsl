@@ -4,6 +4,11 @@
 @group(2) @binding(4) var luminance_map: texture_storage_2d<r32float, write>;
 @group(2) @binding(5) var radiance_map: texture_storage_2d<rgba16float, write>;
 
+// Whether the target of this number (targets.rs) is wanted.
+fn wants(number: u32) -> bool {
+    return ((view.raster.w >> number) & 1u) != 0u;
+}
+
 @compute @workgroup_size(16, 8)
 fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     if f32(at.x) >= view.frame.x || f32(at.y) >= view.frame.y {
@@ -17,13 +22,14 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     } else {
         radiance = sky_at(ray);
     }
-    if WITH_LUMINANCE {
+    // Not overrides: one pipeline for all, so that no compiler rounds a target in another way because of who else reads.
+    if wants(7u) {
         textureStore(luminance_map, at.xy, vec4(luminance_of(radiance), 0.0, 0.0, 0.0));
     }
-    if WITH_RADIANCE {
+    if wants(8u) {
         textureStore(radiance_map, at.xy, vec4(min(radiance, vec3(60000.0)), 1.0));
     }
-    if WITH_COLOR {
+    if wants(6u) && !wants(8u) {
         textureStore(color_map, at.xy, vec4(packed_color(radiance), 0u, 0u, 0u));
     }
 }

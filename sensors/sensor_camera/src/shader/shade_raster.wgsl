@@ -1,5 +1,9 @@
 // Shading by a triangle over the image; the depth test tells sky from surfaces before the shader runs.
 
+override WITH_COLOR: bool = true;
+override WITH_LUMINANCE: bool = true;
+override WITH_RADIANCE: bool = true;
+
 struct Lit {
     @location(0) color: u32,
     @location(1) luminance: f32,
@@ -21,7 +25,7 @@ fn lit(radiance: vec3<f32>) -> Lit {
 }
 
 @vertex
-fn vs_main(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
+fn vs_main(@builtin(vertex_index) corner: u32) -> @builtin(position) @invariant vec4<f32> {
     let xy = vec2(f32((corner << 1u) & 2u), f32(corner & 2u)) * 2.0 - 1.0;
     return vec4(xy, 0.0, 1.0);
 }

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::Modality;
 use schema_frames::document::Weather;
 use schema_types::{ActorId, Class, ObjectId, SimTime, Tick};
-use sensor_camera::{CameraRenderer, Output, OutputResult, Place, View, ViewJob, ViewSpec};
+use sensor_camera::{CameraRenderer, Output, OutputResult, Place, Rasteriser, View, ViewJob, ViewSpec};
 use sensor_core::mesh::Surface;
 use sensor_core::{DynamicInstance, Material, Mesh, MeshBuilder, MeshId, Scene, SceneAssets, StaticInstance};
 use sensor_gpu::{Gpu, GpuOptions};
@@ -16,6 +16,12 @@ use sensor_spec::{DvsSpec, Intrinsics};
 
 pub fn gpu() -> Gpu {
     Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Rasterisers that the product uses on this adapter. A GPU's own finds depth too coarsely (to 7e-4 of it on an H200), so it only draws
+/// where nothing can be computed; software adapters can do both.
+pub fn rasterisers(gpu: &Gpu) -> Vec<Rasteriser> {
+    if gpu.is_software() { vec![Rasteriser::Drawn, Rasteriser::Computed] } else { vec![Rasteriser::default_for(gpu)] }
 }
 
 pub fn view(gpu: &Gpu, width_px: u32, height_px: u32) -> View {

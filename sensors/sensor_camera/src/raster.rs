@@ -1,0 +1,411 @@
+//! Triangles to pixels without the GPU's rasteriser: pipelines and lists for `raster.wgsl` and `resolve.wgsl`.
+//!
+//! GPUs made for computing have one or two per cent of their arithmetic behind the rasteriser. There a compute shader finds the nearest
+//! triangle of every pixel, and a second one writes what each modality keeps of it into the same targets that drawing fills.
+
+use bytemuck::{Pod, Zeroable};
+use sensor_gpu::Gpu;
+
+use crate::assets::GpuAssets;
+use crate::draw::{Drawn, NEAR_M};
+use crate::pass::{GeometryPass, ViewPass, grow, storage, uniform};
+use crate::targets::{Image, Target, image};
+use crate::uniform::ViewData;
+
+/// How triangles become pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rasteriser {
+    /// As the adapter draws them.
+    Drawn,
+    /// In compute shaders.
+    Computed,
+}
+
+impl Rasteriser {
+    /// Computed on GPUs that can, drawn on software adapters and all others.
+    pub fn default_for(gpu: &Gpu) -> Self {
+        if !gpu.is_software() && can_compute(gpu) { Rasteriser::Computed } else { Rasteriser::Drawn }
+    }
+}
+
+/// Whether the adapter has what the compute shaders need.
+pub(crate) fn can_compute(gpu: &Gpu) -> bool {
+    let wanted = wgpu::Features::SHADER_INT64
+        | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX
+        | wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
+    gpu.device().features().contains(wanted)
+}
+
+/// Text of the rasterising shader.
+pub(crate) fn raster_wgsl() -> String {
+    include_str!("shader/raster.wgsl").to_owned()
+}
+
+/// Text of the resolving shader.
+pub(crate) fn resolve_wgsl() -> String {
+    [
+        include_str!("shader/scene.wgsl"),
+        include_str!("shader/instance_storage.wgsl"),
+        include_str!("shader/surface.wgsl"),
+        include_str!("shader/resolve.wgsl"),
+    ]
+    .concat()
+}
+
+/// Mirror of `RasterView` in `raster.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct RasterView {
+    /// Focal length x, y, principal point x, y, pixels.
+    pub lens_px: [f32; 4],
+    /// Width, height.
+    pub size_px: [u32; 2],
+    /// Where its pixels begin in the list of what was seen.
+    pub first_pixel: u32,
+    /// Near plane.
+    pub near_m: f32,
+}
+
+/// Mirror of `Draw` in `raster.wgsl` and `resolve.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct RasterDraw {
+    /// Number of its first triangle among those of the view.
+    pub first_triangle: u32,
+    /// Triangles.
+    pub n_triangles: u32,
+    /// First index of the mesh's range.
+    pub first_idx: u32,
+    /// What is added to each index.
+    pub base_vertex: u32,
+    /// Number in the list of instances.
+    pub instance: u32,
+    /// Number of the view.
+    pub view: u32,
+    /// Unused.
+    pub rest: [u32; 2],
+}
+
+/// Mirror of `Batch` in `raster.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+struct RasterBatch {
+    first_chunk: u32,
+    n_chunks: u32,
+    n_across: u32,
+    max_tiles: u32,
+}
+
+/// Triangles of a workgroup.
+const CHUNK: u32 = 64;
+/// Most workgroups across a dispatch.
+const MAX_ACROSS: u32 = 32_768;
+/// Places for tiles in the queue; beyond, one group of threads fills a whole triangle.
+const MAX_TILES: u32 = 1 << 20;
+/// Most pixels that are rasterised before they are resolved.
+const MAX_PIXELS: u64 = 1 << 26;
+const SEEN_BYTES: u64 = 8;
+const ITEM_BYTES: u64 = 16;
+const QUEUE_HEAD_BYTES: u64 = 16;
+const BATCH_STRIDE_BYTES: u64 = 256;
+
+/// A view to rasterise.
+pub(crate) struct RasterJob<'r> {
+    lens_px: [f32; 4],
+    size_px: [u32; 2],
+    drawn: &'r Drawn,
+}
+
+impl<'r> RasterJob<'r> {
+    pub fn new(view: &ViewData, drawn: &'r Drawn) -> Self {
+        RasterJob { lens_px: view.lens_px, size_px: [view.frame[0] as u32, view.frame[1] as u32], drawn }
+    }
+}
+
+/// Where the lists have a view.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Place {
+    /// Views of one batch are rasterised together.
+    pub batch: usize,
+    first_draw: u32,
+    n_draws: u32,
+    first_pixel: u32,
+}
+
+impl Place {
+    /// As `ViewUniform` has it.
+    pub fn words(&self) -> [u32; 3] {
+        [self.first_draw, self.n_draws, self.first_pixel]
+    }
+}
+
+/// What [`RasterPass::upload`] put where.
+#[derive(Debug, Default)]
+pub(crate) struct RasterPlan {
+    pub places: Vec<Place>,
+    batches: Vec<RasterBatch>,
+    n_pixels: Vec<u64>,
+}
+
+/// Pipelines and lists.
+#[derive(Debug)]
+pub(crate) struct RasterPass {
+    layout: wgpu::BindGroupLayout,
+    arguments_layout: wgpu::BindGroupLayout,
+    small: wgpu::ComputePipeline,
+    arguments_of: wgpu::ComputePipeline,
+    tiles: wgpu::ComputePipeline,
+    lists_layout: wgpu::BindGroupLayout,
+    images_layout: wgpu::BindGroupLayout,
+    resolve: wgpu::ComputePipeline,
+    views: wgpu::Buffer,
+    draws: wgpu::Buffer,
+    chunks: wgpu::Buffer,
+    seen: wgpu::Buffer,
+    queue: wgpu::Buffer,
+    arguments: wgpu::Buffer,
+    batches: wgpu::Buffer,
+    /// Bound in place of what nobody reads.
+    nowhere: Vec<Image>,
+}
+
+impl RasterPass {
+    pub fn new(gpu: &Gpu, geometry: &GeometryPass) -> Self {
+        let device = gpu.device();
+        let compute = |mut entry: wgpu::BindGroupLayoutEntry| {
+            entry.visibility = wgpu::ShaderStages::COMPUTE;
+            entry
+        };
+        let written = |binding| {
+            let ty = wgpu::BufferBindingType::Storage { read_only: false };
+            let ty = wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
+            wgpu::BindGroupLayoutEntry { ty, ..storage(binding) }
+        };
+        let mut entries: Vec<_> = (0..6).map(storage).collect();
+        entries.extend([written(6), written(7), uniform(8, size_of::<RasterBatch>() as u64, true)]);
+        let entries: Vec<_> = entries.into_iter().map(compute).collect();
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("raster"), entries: &entries });
+        let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some("raster arguments"), entries: &[compute(written(0))] };
+        let arguments_layout = device.create_bind_group_layout(&descriptor);
+        let layout_of = |layouts: &[Option<&wgpu::BindGroupLayout>]| {
+            let descriptor = wgpu::PipelineLayoutDescriptor { label: Some("raster"), bind_group_layouts: layouts, immediate_size: 0 };
+            device.create_pipeline_layout(&descriptor)
+        };
+        let (lists_only, with_arguments) = (layout_of(&[Some(&layout)]), layout_of(&[Some(&layout), Some(&arguments_layout)]));
+        let shader = gpu.shader("raster", &raster_wgsl());
+        let pipeline = |entry_point, layout| {
+            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry_point),
+                layout: Some(layout),
+                module: &shader,
+                entry_point: Some(entry_point),
+                compilation_options: Default::default(),
+                cache: None,
+            })
+        };
+        let lists: Vec<_> = (0..4).map(|binding| compute(storage(binding))).collect();
+        let lists_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("seen"), entries: &lists });
+        let images: Vec<_> = (0..).zip(Target::DRAWN).map(|(binding, target)| written_image(binding, target)).collect();
+        let images_layout =
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("resolved images"), entries: &images });
+        let resolve_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("resolve"),
+            bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.view_layout), Some(&lists_layout), Some(&images_layout)],
+            immediate_size: 0,
+        });
+        let resolve = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some("resolve"),
+            layout: Some(&resolve_layout),
+            module: &gpu.shader("resolve", &resolve_wgsl()),
+            entry_point: Some("cs_resolve"),
+            compilation_options: Default::default(),
+            cache: None,
+        });
+        let list = |label, n_bytes| gpu.buffer(label, n_bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
+        let nowhere = Target::DRAWN.map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
+        RasterPass {
+            small: pipeline("cs_small", &lists_only),
+            arguments_of: pipeline("cs_arguments", &with_arguments),
+            tiles: pipeline("cs_tiles", &lists_only),
+            layout,
+            arguments_layout,
+            lists_layout,
+            images_layout,
+            resolve,
+            views: list("raster views", size_of::<RasterView>() as u64),
+            draws: list("raster draws", size_of::<RasterDraw>() as u64),
+            chunks: list("raster chunks", 8),
+            seen: list("seen", SEEN_BYTES),
+            queue: list("raster queue", QUEUE_HEAD_BYTES + ITEM_BYTES * MAX_TILES as u64),
+            arguments: gpu.buffer("raster arguments", 12, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT),
+            batches: gpu.buffer("raster batches", BATCH_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            nowhere: nowhere.into(),
+        }
+    }
+
+    /// Whether an episode's meshes fit into lists that shaders can read.
+    pub fn takes(gpu: &Gpu, assets: &GpuAssets) -> bool {
+        let limit = gpu.device().limits().max_storage_buffer_binding_size;
+        assets.vertices.size() <= limit && assets.indices.size() <= limit
+    }
+
+    /// Uploads the lists of all views.
+    pub fn upload(&mut self, gpu: &Gpu, jobs: &[RasterJob<'_>]) -> RasterPlan {
+        let limit = gpu.device().limits().max_storage_buffer_binding_size / SEEN_BYTES;
+        let max_pixels = limit.min(MAX_PIXELS);
+        let mut plan = RasterPlan::default();
+        let (mut views, mut draws, mut chunks) = (Vec::new(), Vec::new(), Vec::new());
+        for (view, job) in (0..).zip(jobs) {
+            let n_pixels = job.size_px[0] as u64 * job.size_px[1] as u64;
+            if plan.n_pixels.last().is_none_or(|before| before + n_pixels > max_pixels) {
+                let batch = RasterBatch { first_chunk: chunks.len() as u32, n_chunks: 0, n_across: 0, max_tiles: MAX_TILES };
+                plan.batches.push(batch);
+                plan.n_pixels.push(0);
+            }
+            let batch = plan.batches.len() - 1;
+            let first_pixel = plan.n_pixels[batch] as u32;
+            plan.n_pixels[batch] += n_pixels;
+            let first_draw = draws.len() as u32;
+            plan.places.push(Place { batch, first_draw, n_draws: job.drawn.calls.len() as u32, first_pixel });
+            views.push(RasterView { lens_px: job.lens_px, size_px: job.size_px, first_pixel, near_m: NEAR_M as f32 });
+            let mut first_triangle = 0;
+            for call in &job.drawn.calls {
+                let n_triangles = call.mesh.n_indices / 3;
+                gpu.counters().add_draw(n_triangles as u64);
+                chunks.extend((0..n_triangles).step_by(CHUNK as usize).map(|first| [draws.len() as u32, first]));
+                draws.push(RasterDraw {
+                    first_triangle,
+                    n_triangles,
+                    first_idx: call.mesh.first_idx,
+                    base_vertex: call.mesh.base_vertex as u32,
+                    instance: job.drawn.first_instance + call.instance_idx,
+                    view,
+                    rest: [0; 2],
+                });
+                first_triangle += n_triangles;
+            }
+            plan.batches[batch].n_chunks = chunks.len() as u32 - plan.batches[batch].first_chunk;
+        }
+        self.write(gpu, &mut plan, &views, &draws, &chunks);
+        plan
+    }
+
+    fn write(&mut self, gpu: &Gpu, plan: &mut RasterPlan, views: &[RasterView], draws: &[RasterDraw], chunks: &[[u32; 2]]) {
+        let mut most_chunks = 0;
+        grow(gpu, &mut self.batches, BATCH_STRIDE_BYTES * plan.batches.len() as u64);
+        for (i, batch) in plan.batches.iter_mut().enumerate() {
+            batch.n_across = batch.n_chunks.div_ceil(batch.n_chunks.div_ceil(MAX_ACROSS).max(1));
+            most_chunks = most_chunks.max(batch.n_chunks);
+            gpu.queue().write_buffer(&self.batches, i as u64 * BATCH_STRIDE_BYTES, bytemuck::bytes_of(batch));
+        }
+        let lists: [(&mut wgpu::Buffer, &[u8]); 3] = [
+            (&mut self.views, bytemuck::cast_slice(views)),
+            (&mut self.draws, bytemuck::cast_slice(draws)),
+            (&mut self.chunks, bytemuck::cast_slice(chunks)),
+        ];
+        for (buffer, bytes) in lists {
+            grow(gpu, buffer, bytes.len() as u64);
+            gpu.queue().write_buffer(buffer, 0, bytes);
+        }
+        let most_pixels = plan.n_pixels.iter().copied().max().unwrap_or(0);
+        if self.seen.size() < SEEN_BYTES * most_pixels {
+            self.seen = gpu.buffer("seen", SEEN_BYTES * most_pixels, self.seen.usage());
+        }
+        // Every triangle may need a place behind those of the tiles.
+        let items = MAX_TILES as u64 + CHUNK as u64 * most_chunks as u64;
+        grow(gpu, &mut self.queue, QUEUE_HEAD_BYTES + ITEM_BYTES * items);
+    }
+
+    /// Records the rasterising of one batch: what its views see stands in the list until the next batch is recorded.
+    pub fn record(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        instances: &wgpu::Buffer,
+        plan: &RasterPlan,
+        batch_idx: usize,
+    ) {
+        let batch = &plan.batches[batch_idx];
+        encoder.clear_buffer(&self.seen, 0, Some(SEEN_BYTES * plan.n_pixels[batch_idx]));
+        if batch.n_chunks == 0 {
+            return;
+        }
+        encoder.clear_buffer(&self.queue, 0, Some(QUEUE_HEAD_BYTES));
+        let size = std::num::NonZeroU64::new(size_of::<RasterBatch>() as u64);
+        let lists = [&self.views, instances, &self.draws, &self.chunks, &assets.vertices, &assets.indices, &self.seen, &self.queue];
+        let mut entries: Vec<_> = (0..).zip(lists).map(|(binding, buffer)| whole(binding, buffer)).collect();
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.batches, offset: 0, size });
+        entries.push(wgpu::BindGroupEntry { binding: 8, resource });
+        let group =
+            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("raster"), layout: &self.layout, entries: &entries });
+        let arguments = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("raster arguments"),
+            layout: &self.arguments_layout,
+            entries: &[whole(0, &self.arguments)],
+        });
+        let offset = [(batch_idx as u64 * BATCH_STRIDE_BYTES) as u32];
+        let mut run = |pipeline: &wgpu::ComputePipeline, arguments: Option<&wgpu::BindGroup>, groups: Option<[u32; 2]>| {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("raster"), timestamp_writes: None });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &group, &offset);
+            if let Some(arguments) = arguments {
+                pass.set_bind_group(1, arguments, &[]);
+            }
+            match groups {
+                Some([across, down]) => pass.dispatch_workgroups(across, down, 1),
+                None => pass.dispatch_workgroups_indirect(&self.arguments, 0),
+            }
+        };
+        run(&self.small, None, Some([batch.n_across, batch.n_chunks.div_ceil(batch.n_across)]));
+        run(&self.arguments_of, Some(&arguments), Some([1, 1]));
+        run(&self.tiles, None, None);
+    }
+
+    /// Records the way from what a view sees to its targets.
+    pub fn resolve(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        [scene, bound]: [&wgpu::BindGroup; 2],
+        view: &ViewPass<'_>,
+    ) {
+        let (targets, set) = (view.targets, view.set.drawn());
+        let lists = [&self.draws, &assets.vertices, &assets.indices, &self.seen];
+        let entries: Vec<_> = (0..).zip(lists).map(|(binding, buffer)| whole(binding, buffer)).collect();
+        let lists = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("seen"),
+            layout: &self.lists_layout,
+            entries: &entries,
+        });
+        let view_of = |i: usize, target: Target| if set.contains(target) { &targets.get(target).view } else { &self.nowhere[i].view };
+        let images = Target::DRAWN.into_iter().enumerate().map(|(i, target)| (i as u32, view_of(i, target)));
+        let entries: Vec<_> =
+            images.map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }).collect();
+        let images = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("resolved images"),
+            layout: &self.images_layout,
+            entries: &entries,
+        });
+        let [width, height] = targets.size_px(set);
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("resolve"), timestamp_writes: None });
+        pass.set_pipeline(&self.resolve);
+        pass.set_bind_group(0, scene, &[]);
+        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
+        pass.set_bind_group(2, &lists, &[]);
+        pass.set_bind_group(3, &images, &[]);
+        pass.dispatch_workgroups(width.div_ceil(16), height.div_ceil(8), 1);
+        gpu.counters().add_pass();
+    }
+}
+
+fn whole(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+fn written_image(binding: u32, target: Target) -> wgpu::BindGroupLayoutEntry {
+    let access = wgpu::StorageTextureAccess::WriteOnly;
+    let ty = wgpu::BindingType::StorageTexture { access, format: target.format(), view_dimension: wgpu::TextureViewDimension::D2 };
+    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
+}

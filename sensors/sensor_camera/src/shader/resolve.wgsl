@@ -1,0 +1,121 @@
+// From the triangle that a pixel shows to what each modality keeps of it: the computed counterpart of drawing. Mirrors: raster.rs.
+
+// Mirror of RasterDraw, as in raster.wgsl.
+struct Draw {
+    first_triangle: u32,
+    n_triangles: u32,
+    first_idx: u32,
+    base_vertex: u32,
+    instance: u32,
+    view: u32,
+    rest: vec2<u32>,
+}
+
+@group(2) @binding(0) var<storage, read> draws: array<Draw>;
+@group(2) @binding(1) var<storage, read> vertices: array<u32>;
+@group(2) @binding(2) var<storage, read> indices: array<u32>;
+// Per pixel: the triangle's number, bits of 1 / depth (0: sky).
+@group(2) @binding(3) var<storage, read> seen: array<vec2<u32>>;
+@group(3) @binding(0) var surface_out: texture_storage_2d<rgba32uint, write>;
+@group(3) @binding(1) var depth_out: texture_storage_2d<r32float, write>;
+@group(3) @binding(2) var class_out: texture_storage_2d<r8uint, write>;
+@group(3) @binding(3) var instance_out: texture_storage_2d<r32uint, write>;
+@group(3) @binding(4) var flow_out: texture_storage_2d<rg32float, write>;
+@group(3) @binding(5) var normal_out: texture_storage_2d<rgba16float, write>;
+
+// Whether the target of this number (targets.rs) is wanted. Not an override: one pipeline for all, so that no compiler rounds a
+// target in another way because of who else reads.
+fn wants(number: u32) -> bool {
+    return ((view.raster.w >> number) & 1u) != 0u;
+}
+
+fn wants_flow() -> bool {
+    return wants(4u);
+}
+
+const VERTEX_WORDS: u32 = 9u;
+
+// The draw call of the view that holds this triangle: the last one that begins at or before it.
+fn draw_with(triangle: u32) -> u32 {
+    var low = view.raster.x;
+    var n = view.raster.y;
+    while n > 1u {
+        let half = n / 2u;
+        let is_behind = draws[low + half].first_triangle <= triangle;
+        low = select(low, low + half, is_behind);
+        n = select(half, n - half, is_behind);
+    }
+    return low;
+}
+
+fn position_of(vertex: u32) -> vec3<f32> {
+    let at = vertex * VERTEX_WORDS;
+    return bitcast<vec3<f32>>(vec3(vertices[at], vertices[at + 1u], vertices[at + 2u]));
+}
+
+fn normal_of(vertex: u32) -> vec3<f32> {
+    return unpack4x8snorm(vertices[vertex * VERTEX_WORDS + 3u]).xyz;
+}
+
+fn uv_of(vertex: u32) -> vec2<f32> {
+    let at = vertex * VERTEX_WORDS + 7u;
+    return bitcast<vec2<f32>>(vec2(vertices[at], vertices[at + 1u]));
+}
+
+fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
+    let depth_m = 1.0 / bitcast<f32>(found.y);
+    let draw = draws[draw_with(found.x)];
+    let first = draw.first_idx + 3u * (found.x - draw.first_triangle);
+    let corners = vec3(indices[first], indices[first + 1u], indices[first + 2u]) + draw.base_vertex;
+    let a = point_in_camera(draw.instance, position_of(corners.x));
+    let along = point_in_camera(draw.instance, position_of(corners.y)) - a;
+    let aside = point_in_camera(draw.instance, position_of(corners.z)) - a;
+    // Shares of the corners at this point of the plane; rounding must not lead outside.
+    let offset = ray_in_camera(at) * depth_m - a;
+    let normal = cross(along, aside);
+    let per_area = 1.0 / max(dot(normal, normal), 1e-37);
+    let second = clamp(dot(cross(offset, aside), normal) * per_area, 0.0, 1.0);
+    let third = clamp(dot(cross(along, offset), normal) * per_area, 0.0, 1.0 - second);
+    let shares = vec3(1.0 - second - third, second, third);
+    let in_mesh = normal_of(corners.x) * shares.x + normal_of(corners.y) * shares.y + normal_of(corners.z) * shares.z;
+    let uv_m = uv_of(corners.x) * shares.x + uv_of(corners.y) * shares.y + uv_of(corners.z) * shares.z;
+    let words = corners.x * VERTEX_WORDS;
+    let codes = vertices[words + 5u];
+    let labels = vec4(codes & 0xffu, (codes >> 8u) & 0xffu, (codes >> 16u) & 0xffu, codes >> 24u);
+    let marks = labels_of(vertices[words + 4u], labels, vertices[words + 6u], marks_of(draw.instance));
+    return surface_pixel(at, depth_m, direction_in_world(draw.instance, in_mesh), uv_m, marks, draw.instance);
+}
+
+@compute @workgroup_size(16, 8)
+fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
+    let size = vec2<u32>(view.frame.xy);
+    if at.x >= size.x || at.y >= size.y {
+        return;
+    }
+    let found = seen[view.raster.z + at.y * size.x + at.x];
+    let middle = vec2<f32>(at.xy) + 0.5;
+    var pixel: Pixel;
+    if found.y == 0u {
+        pixel = sky_pixel(middle);
+    } else {
+        pixel = seen_pixel(middle, found);
+    }
+    if wants(0u) {
+        textureStore(surface_out, at.xy, pixel.surface);
+    }
+    if wants(1u) {
+        textureStore(depth_out, at.xy, vec4(pixel.depth_m, 0.0, 0.0, 0.0));
+    }
+    if wants(2u) {
+        textureStore(class_out, at.xy, vec4(pixel.class_code, 0u, 0u, 0u));
+    }
+    if wants(3u) {
+        textureStore(instance_out, at.xy, vec4(pixel.instance, 0u, 0u, 0u));
+    }
+    if wants(4u) {
+        textureStore(flow_out, at.xy, vec4(pixel.flow_px, 0.0, 0.0));
+    }
+    if wants(5u) {
+        textureStore(normal_out, at.xy, pixel.normal);
+    }
+}

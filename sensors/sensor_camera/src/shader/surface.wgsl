@@ -1,0 +1,65 @@
+// What each modality keeps of a surface or of the sky. Drawn (geometry.wgsl) and computed (resolve.wgsl) pictures share it.
+
+// Attachments; locations are the numbers of Target in targets.rs.
+struct Pixel {
+    // For shade.wgsl: normal; albedo, material, lit; texture coordinates.
+    @location(0) surface: vec4<u32>,
+    @location(1) depth_m: f32,
+    @location(2) class_code: u32,
+    @location(3) instance: u32,
+    @location(4) flow_px: vec2<f32>,
+    @location(5) normal: vec4<f32>,
+}
+
+const MATERIAL_CAR_PAINT: u32 = 10u;
+const MATERIAL_LAMP: u32 = 14u;
+
+// From a corner's attributes and its instance: object id; class, material, lit; albedo R G B A.
+fn labels_of(albedo: u32, labels: vec4<u32>, object_id: u32, marks: vec4<u32>) -> vec3<u32> {
+    let id = select(object_id, marks.x, object_id == 0u);
+    let rgb = select(albedo, marks.y, labels.y == MATERIAL_CAR_PAINT && (marks.y >> 24u) != 0u);
+    // Bit 0: shines; bit 1: scenery's lamp, which shines when it is dark or when somebody switched it.
+    let by_itself = select(0u, 2u, (id >> 31u) == 1u);
+    let lit = select(0u, ((marks.z >> (labels.z & 31u)) & 1u) | by_itself, labels.y == MATERIAL_LAMP && labels.z < 31u);
+    return vec3(id, labels.x | (labels.y << 8u) | (lit << 16u), rgb);
+}
+
+// A point of an instance's surface at a pixel; the normal as interpolated, not of unit length: shading makes it so.
+fn surface_pixel(at: vec2<f32>, depth_m: f32, normal_in_world: vec3<f32>, uv_m: vec2<f32>, labels: vec3<u32>, instance: u32) -> Pixel {
+    var out: Pixel;
+    let point = ray_in_camera(at) * depth_m;
+    out.depth_m = depth_m;
+    out.class_code = labels.y & 0xffu;
+    out.instance = labels.x;
+    out.normal = vec4(normalize(normal_in_world), 0.0);
+    if wants_flow() && marks_of(instance).w != 0u {
+        let before = point_before(instance, point);
+        // A point that was behind the near plane was nowhere in the image: no flow.
+        if before.z >= view.frame.z {
+            out.flow_px = at - pixel_of(before);
+        }
+    }
+    let n = vec3<u32>(clamp(normal_in_world * 0.5 + 0.5, vec3(0.0), vec3(1.0)) * vec3(2046.0, 2046.0, 1022.0) + 0.5);
+    let look = (labels.z & 0xffffffu) | ((labels.y & 0x1f00u) << 16u) | ((labels.y >> 16u) << 29u);
+    out.surface = vec4(n.x | (n.y << 11u) | (n.z << 22u), look, bitcast<vec2<u32>>(uv_m));
+    return out;
+}
+
+const CLASS_SKY: u32 = 11u;
+
+fn sky_pixel(at: vec2<f32>) -> Pixel {
+    var out: Pixel;
+    out.surface = vec4(0u);
+    out.depth_m = view.frame.w;
+    out.class_code = CLASS_SKY;
+    out.instance = 0u;
+    out.normal = vec4(0.0);
+    if wants_flow() && view.options.x != 0.0 {
+        // Points at infinity move by the rotation alone.
+        let before = rotate_rows(view.previous_from_camera, ray_in_camera(at));
+        if before.z > 0.0 {
+            out.flow_px = at - pixel_of(before);
+        }
+    }
+    return out;
+}

@@ -1,0 +1,128 @@
+//! Where the time of a submission goes, on the GPU and while it is prepared: for benchmarks. Off until asked for, and then no cost.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use crate::device::Gpu;
+
+/// Most marks of one submission; further ones are left out.
+const MAX_MARKS: u32 = 4096;
+
+/// Sums of times by label.
+#[derive(Debug, Default)]
+pub struct Timing {
+    on: AtomicBool,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    open: Option<Marks>,
+    /// (place, label) to nanoseconds.
+    spans: BTreeMap<(&'static str, &'static str), f64>,
+}
+
+/// Marks of a submission that is being recorded.
+#[derive(Debug)]
+struct Marks {
+    queries: wgpu::QuerySet,
+    labels: Vec<&'static str>,
+}
+
+/// Marks of a submission on its way.
+#[derive(Debug)]
+pub(crate) struct Pending {
+    labels: Vec<&'static str>,
+    values: wgpu::Buffer,
+}
+
+/// One sum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Span {
+    /// `GPU`, or `CPU` for what prepares a submission.
+    pub place: &'static str,
+    /// What it was.
+    pub label: &'static str,
+    /// Milliseconds since the sums were last taken.
+    pub millis: f64,
+}
+
+impl Timing {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Gpu {
+    /// Begins or ends timing. `false` if the adapter cannot say when it is where.
+    pub fn set_timing(&self, on: bool) -> bool {
+        let wanted = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
+        let can = self.device().features().contains(wanted);
+        self.timing().on.store(on && can, Relaxed);
+        can
+    }
+
+    /// Times since the last call, by label.
+    pub fn take_spans(&self) -> Vec<Span> {
+        let spans = std::mem::take(&mut self.timing().state().spans);
+        spans.into_iter().map(|((place, label), nanos)| Span { place, label, millis: nanos * 1e-6 }).collect()
+    }
+
+    /// Ends the span `label` of the submission that is being recorded; the first mark of a submission only begins one.
+    pub fn mark(&self, encoder: &mut wgpu::CommandEncoder, label: &'static str) {
+        if !self.timing().on.load(Relaxed) {
+            return;
+        }
+        let mut state = self.timing().state();
+        let marks = state.open.get_or_insert_with(|| {
+            let descriptor = wgpu::QuerySetDescriptor { label: Some("marks"), ty: wgpu::QueryType::Timestamp, count: MAX_MARKS };
+            Marks { queries: self.device().create_query_set(&descriptor), labels: Vec::new() }
+        });
+        if (marks.labels.len() as u32) < MAX_MARKS {
+            encoder.write_timestamp(&marks.queries, marks.labels.len() as u32);
+            marks.labels.push(label);
+        }
+    }
+
+    /// Does `work`, and counts its time as the CPU's.
+    pub fn time<T>(&self, label: &'static str, work: impl FnOnce() -> T) -> T {
+        if !self.timing().on.load(Relaxed) {
+            return work();
+        }
+        let begin = Instant::now();
+        let out = work();
+        *self.timing().state().spans.entry(("CPU", label)).or_default() += begin.elapsed().as_nanos() as f64;
+        out
+    }
+
+    /// Records the marks' way home, in the last encoder of a submission.
+    pub(crate) fn close_marks(&self, encoder: &mut wgpu::CommandEncoder) -> Option<Pending> {
+        let marks = self.timing().state().open.take()?;
+        let n_bytes = 8 * marks.labels.len() as u64;
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let resolved = self.buffer("marks", n_bytes, usage);
+        let values = self.buffer("marks", n_bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
+        encoder.resolve_query_set(&marks.queries, 0..marks.labels.len() as u32, &resolved, 0);
+        encoder.copy_buffer_to_buffer(&resolved, 0, &values, 0, n_bytes);
+        Some(Pending { labels: marks.labels, values })
+    }
+
+    /// Adds up the marks of a submission that is done.
+    pub(crate) fn read_marks(&self, pending: &Pending) {
+        let Ok(view) = pending.values.get_mapped_range(..) else { return };
+        let at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| view[8 * i + k]));
+        let period_nanos = self.queue().get_timestamp_period() as f64;
+        let mut state = self.timing().state();
+        for (i, label) in pending.labels.iter().enumerate().skip(1) {
+            *state.spans.entry(("GPU", label)).or_default() += at(i).saturating_sub(at(i - 1)) as f64 * period_nanos;
+        }
+    }
+}
+
+impl Pending {
+    pub(crate) fn map(&self) {
+        self.values.map_async(wgpu::MapMode::Read, .., |_| {});
+    }
+}
