@@ -230,6 +230,16 @@ fn signal(out: &mut String, signal: &Signal, profile: &Profile) {
     line!(out, "      </signal>");
 }
 
+/// Speed, km/h in steps of five, at which a turn asks for side forces below 0.45 of the weight: brisk, and half of what tyres hold when dry.
+/// What bends by less than a quarter of a right angle is no turn.
+fn turn_kmh(path: &Path) -> u32 {
+    const SIDE_FRICTION: f64 = 0.45;
+    let turns = path.segments.iter().filter(|segment| (segment.curvature_per_m * segment.length_m).abs() > PI / 8.0);
+    let sharpest_per_m = turns.map(|segment| segment.curvature_per_m.abs()).fold(1e-4, f64::max);
+    let kmh = 3.6 * (SIDE_FRICTION * 9.81 / sharpest_per_m).sqrt();
+    5 * (kmh / 5.0).max(3.0) as u32
+}
+
 fn connecting_road(out: &mut String, network: &Network, link: &Link) {
     let junction = &network.junctions[link.junction];
     let length = link.path.length_m();
@@ -242,7 +252,8 @@ fn connecting_road(out: &mut String, network: &Network, link: &Link) {
         line!(out, r#"      <{which} elementType="road" elementId="{}" contactPoint="{}"/>"#, road.id, contact(arm.at_start));
     }
     line!(out, "    </link>");
-    let speed = network.roads[from.road].profile.speed_kmh.min(network.roads[to.road].profile.speed_kmh);
+    let roads_kmh = network.roads[from.road].profile.speed_kmh.min(network.roads[to.road].profile.speed_kmh);
+    let speed = roads_kmh.min(turn_kmh(&link.path));
     line!(out, r#"    <type s="0" type="{}"><speed max="{speed}" unit="km/h"/></type>"#, kind(speed));
     plan_view(out, &link.path, &Elevation::between(length, junction.height_m, junction.height_m, &[]));
     let (a, change) = (link.width_m.0, link.width_m.1 - link.width_m.0);

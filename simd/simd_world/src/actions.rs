@@ -44,6 +44,8 @@ impl World {
             SetAckermannGains { gains } => self.set_ackermann_gains(actor, *gains)?,
             ControlAckermann { control } => self.set_ackermann(actor, *control).map_err(text)?,
             SetGravity { enabled } => self.switch(actor, |vehicle, _| vehicle.switches.gravity = *enabled).map_err(text)?,
+            SetSimulated { enabled } if self.walkers.contains_key(&actor) => self.walker_mut(actor).map_err(text)?.simulated = *enabled,
+            SetCollisions { enabled } if self.walkers.contains_key(&actor) => self.walker_mut(actor).map_err(text)?.collides = *enabled,
             SetSimulated { enabled } => self.switch(actor, |vehicle, physics| vehicle.set_simulated(physics, *enabled)).map_err(text)?,
             SetCollisions { enabled } => self.switch(actor, |vehicle, physics| vehicle.set_collides(physics, *enabled)).map_err(text)?,
             HoldVelocity { velocity_in_vehicle_mps } => self.hold_velocity(actor, *velocity_in_vehicle_mps).map_err(text)?,

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use nalgebra::Vector3;
 use schema_frames::command::{Command, CommandReply};
-use schema_frames::{ActorKind, ActorRecord, WalkerControl, WalkerPart};
+use schema_frames::{ActorKind, ActorRecord, PhysicsAction, WalkerControl, WalkerPart};
 use schema_types::{ActorId, Class, Pose};
 use sensor_core::SceneAssets;
 use simd_world::{CollisionMesh, MapData, World, WorldOptions, vehicle_models, walker_models};
@@ -188,6 +188,31 @@ fn an_invincible_walker_is_only_pushed() {
     let local = car_at.isometry().inverse() * nalgebra::Point3::from(at.translation_m);
     let half = vehicle_models()[0].half_m;
     assert!(local.x.abs() > half[0] || local.y.abs() > half[1] - 0.25, "{local}");
+}
+
+#[test]
+fn switches_let_a_walker_hang_in_the_air_and_cars_pass_through_it() {
+    let mut world = street();
+    let switch = |world: &mut World, walker: ActorId, action: PhysicsAction| {
+        assert_eq!(world.apply(&Command::Physics { actor_id: walker.0, action }), CommandReply::Done);
+    };
+    let car = spawn(&mut world, "vehicle.tesla.model3", Pose::from_xyz_yaw(-20.0, 0.0, 0.02, 0.0), &[]);
+    let ghost = walker_at(&mut world, -14.0, 0.0);
+    (0..40).for_each(|_| world.step(TICK_NANOS));
+    switch(&mut world, ghost, PhysicsAction::SetCollisions { enabled: false });
+    switch(&mut world, ghost, PhysicsAction::SetSimulated { enabled: false });
+    let up = Pose::from_xyz_yaw(-14.0, 0.0, 1.4, 0.0);
+    assert_eq!(world.apply(&Command::SetPose { actor_id: ghost.0, pose: up.into() }), CommandReply::Done);
+    world.set_velocity(car, [8.0, 0.0, 0.0]).unwrap();
+    for _ in 0..60 {
+        world.step(TICK_NANOS);
+        assert!(world.collisions().is_empty());
+        assert_eq!(world.record(ghost).unwrap().world_from_actor.translation_m, up.translation_m);
+    }
+    assert!(world.record(car).unwrap().world_from_actor.translation_m[0] > -12.0, "the car went past");
+    switch(&mut world, ghost, PhysicsAction::SetSimulated { enabled: true });
+    (0..40).for_each(|_| world.step(TICK_NANOS));
+    assert!((world.record(ghost).unwrap().world_from_actor.translation_m[2] - half_m(&world, ghost)).abs() < 0.02, "it falls again");
 }
 
 #[test]

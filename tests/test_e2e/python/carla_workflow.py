@@ -61,6 +61,40 @@ def check_maps(client):
     return loaded
 
 
+def check_layers(client):
+    """A map loaded with some of its layers; one that is taken out and put back."""
+    world = client.load_world("Town10HD_Opt", map_layers=carla.MapLayer.Buildings)
+
+    def n_shown(label):
+        return len(world.get_level_bbs(label))
+
+    assert n_shown(carla.CityObjectLabel.Buildings) > 10 and n_shown(carla.CityObjectLabel.Vegetation) == 0
+    world.unload_map_layer(carla.MapLayer.Buildings)
+    world.wait_for_tick()
+    assert n_shown(carla.CityObjectLabel.Buildings) == 0
+    world.load_map_layer(carla.MapLayer.All)
+    world.wait_for_tick()
+    assert n_shown(carla.CityObjectLabel.Buildings) > 10 and n_shown(carla.CityObjectLabel.Vegetation) > 10
+
+
+def check_generated(client):
+    """A world from an OpenDRIVE text with every parameter of its generation; cars stand on it."""
+    town = client.load_world("Town02").get_map()
+    parameters = carla.OpendriveGenerationParameters(
+        vertex_distance=2.0, max_road_length=50.0, wall_height=1.0, additional_width=0.6, smooth_junctions=True, enable_mesh_visibility=True
+    )
+    world = client.generate_opendrive_world(town.to_opendrive(), parameters)
+    assert world.get_map().name.endswith("OpenDriveMap"), world.get_map().name
+    assert len(world.get_map().get_topology()) == len(town.get_topology())
+    place = town.generate_waypoints(20.0)[3].transform
+    place.location.z += 0.5
+    car = world.try_spawn_actor(world.get_blueprint_library().find("vehicle.audi.tt"), place)
+    assert car is not None
+    for _ in range(30):
+        world.wait_for_tick()
+    assert abs(car.get_location().z - place.location.z + 0.5) < 0.3, (car.get_location(), place)
+
+
 def check_blueprints(world):
     """Wildcards, tags and attributes."""
     library = world.get_blueprint_library()
@@ -163,13 +197,12 @@ def check_traffic_manager(client, world, ego):
     manager.set_hybrid_physics_mode(True)
     manager.set_hybrid_physics_radius(70.0)
     starts = [car.get_location() for car in cars]
-    nearest = [min(point.distance(cars[0].get_location()) for point in route[-1:])]
+    # Whether paths, lights and the hybrid mode are kept to is a matter of `carla_traffic.py`.
     for _ in range(400):
         world.tick()
-        nearest.append(route[-1].distance(cars[0].get_location()))
-        if min(nearest) < 4.0 and sum(car.get_location().distance(at) > 10.0 for car, at in zip(cars, starts)) >= 5:
+        if sum(car.get_location().distance(at) > 10.0 for car, at in zip(cars, starts)) >= 5:
             break
-    moved = [round(car.get_location().distance(at), 1) for car, at in zip(cars, starts)]
+    moved = [car.get_location().distance(at) for car, at in zip(cars, starts)]
     assert sum(metres > 10.0 for metres in moved) >= len(cars) // 2, moved
     manager.shut_down()
     for car in (*cars, ego):
@@ -194,6 +227,11 @@ def main():
     print("settings passed")
     world = check_maps(client)
     print("maps passed")
+    check_layers(client)
+    print("layers passed")
+    check_generated(client)
+    print("generated world passed")
+    world = client.load_world("Town10HD")
     original = check_settings(world)
     blueprint = check_blueprints(world)
     print("blueprints passed")

@@ -7,16 +7,18 @@ use schema_frames::{Attachment, Command, CommandReply, StepMode};
 use crate::axes::Transform;
 use crate::blueprints;
 use crate::fields::{Description, Wrong};
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::gateway::{Answer, Failure, Gateway, Outcome, lock};
 use crate::rpc::actors::pose;
 use crate::rpc::batch::{Commands, Item};
 use crate::rpc::{Call, Calls};
 use crate::sensors::spec;
 use crate::shapes;
-use crate::world::Own;
+use crate::world::{Known, Own};
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
 const FIRST_SEEN: Duration = Duration::from_secs(2);
+/// Longest wait for the first snapshot without a destroyed one.
+const ABSENCE_WAIT: Duration = Duration::from_secs(2);
 
 pub(crate) const CALLS: Calls = &[
     ("spawn_actor", |gateway, call| gateway.spawn(call, false)),
@@ -90,7 +92,22 @@ impl Gateway {
         if !self.world.change(|known| known.gone_along.remove(&actor_id)) {
             self.commander.ask_one(Command::Destroy { actor_id })?;
             self.world.change(|known| known.forget(actor_id));
+            self.await_absence(actor_id);
         }
         Ok(Answer::Value(true.into()))
+    }
+
+    /// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it, and ends its process if the script has
+    /// destroyed it by then; so the answer comes after that snapshot. In a stepped world there is none before the next tick, which waits.
+    fn await_absence(&self, actor_id: u32) {
+        let has_manager = !lock(&self.traffic_managers).is_empty();
+        let is_free = self.world.known().info.as_ref().is_some_and(|info| info.mode == StepMode::FreeRunning);
+        if has_manager && is_free {
+            let has_gone = |known: &Known| {
+                let snapshot = known.snapshot.as_ref()?;
+                snapshot.records.iter().all(|record| record.id != actor_id).then_some(())
+            };
+            self.world.wait_for(ABSENCE_WAIT, has_gone);
+        }
     }
 }
