@@ -83,8 +83,6 @@ pub(crate) struct ViewPass<'p> {
     /// Number of the first of its draw calls among those of all views.
     pub first_call: usize,
     pub view_idx: usize,
-    /// Shadow maps: near, far.
-    pub shadows: [&'p wgpu::TextureView; 2],
 }
 
 impl GeometryPass {
@@ -224,9 +222,11 @@ impl GeometryPass {
     pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], drawn: &[&Drawn], lamps: &LampLists, listed: bool) {
         grow(gpu, &mut self.views, VIEW_STRIDE_BYTES * views.len() as u64);
         gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
-        for (i, view) in views.iter().enumerate() {
-            gpu.queue().write_buffer(&self.views, i as u64 * VIEW_STRIDE_BYTES, bytemuck::bytes_of(view));
+        let mut bytes = vec![0; VIEW_STRIDE_BYTES as usize * views.len()];
+        for (view, place) in views.iter().zip(bytes.chunks_exact_mut(VIEW_STRIDE_BYTES as usize)) {
+            place[..size_of::<ViewData>()].copy_from_slice(bytemuck::bytes_of(view));
         }
+        gpu.queue().write_buffer(&self.views, 0, &bytes);
         grow(gpu, &mut self.lamps, LAMP_BYTES * lamps.lamps.len() as u64);
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
         gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));

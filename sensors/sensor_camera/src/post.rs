@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 use sensor_spec::{ExposureMode, OpticsSpec};
 
-use crate::pass::{entry, texture};
+use crate::pass::{entry, grow, texture, uniform};
 use crate::targets::{Image, Target, Targets, image};
 
 /// Text of the shader.
@@ -36,6 +36,8 @@ pub struct PostData {
 
 /// One view's work.
 pub(crate) struct PostJob<'p> {
+    /// Number of its view in this submission.
+    pub view_idx: usize,
     pub optics: &'p OpticsSpec,
     pub targets: &'p Targets,
     /// State of automatic exposure, if the mode has one.
@@ -64,10 +66,14 @@ pub(crate) struct PostPass {
     sampler: wgpu::Sampler,
     /// Bound where a pass has nothing to write, or no glow to read.
     no_color: Image,
-    no_glow: Image,
     black: Image,
-    no_meter: wgpu::Buffer,
+    /// What stands in for a view's meter and glow: each view has its own, for what is shared makes the GPU do one view after the other.
+    spares: Vec<(wgpu::Buffer, Image)>,
+    data: wgpu::Buffer,
 }
+
+/// Distance between two views' uniforms: Vulkan's largest required alignment is 256.
+const STRIDE_BYTES: u64 = (size_of::<PostData>() as u64).next_multiple_of(256);
 
 impl PostPass {
     pub fn new(gpu: &Gpu) -> Self {
@@ -78,7 +84,7 @@ impl PostPass {
         };
         let buffer = |binding, ty| entry(binding, wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None });
         let mut entries = [
-            buffer(0, wgpu::BufferBindingType::Uniform),
+            uniform(0, size_of::<PostData>() as u64, true),
             texture(1, wgpu::TextureSampleType::Float { filterable: true }),
             entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             buffer(3, wgpu::BufferBindingType::Storage { read_only: false }),
@@ -115,26 +121,50 @@ impl PostPass {
                 ..Default::default()
             }),
             no_color: image(gpu, "nowhere", [1, 1], Target::Color.format(), wgpu::TextureUsages::STORAGE_BINDING),
-            no_glow: image(gpu, "nowhere", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::STORAGE_BINDING),
             black: image(gpu, "no glow", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING),
-            no_meter: meter(gpu),
+            spares: Vec::new(),
+            data: gpu.buffer("post", STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
         }
     }
 
-    /// Records the way from `Radiance` to `Color`.
-    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, job: &PostJob<'_>) {
+    /// Uploads what the views of a submission need, of `n_views` in all.
+    pub fn upload(&mut self, gpu: &Gpu, jobs: &[&PostJob<'_>], n_views: usize) {
+        if jobs.is_empty() {
+            return;
+        }
+        while self.spares.len() < n_views {
+            self.spares.push((meter(gpu), image(gpu, "nowhere", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::STORAGE_BINDING)));
+        }
+        let mut bytes = vec![0; STRIDE_BYTES as usize * n_views];
+        for job in jobs {
+            let data = post_data(job, job.targets.size_px(Target::Radiance.bit()));
+            bytes[STRIDE_BYTES as usize * job.view_idx..][..size_of::<PostData>()].copy_from_slice(bytemuck::bytes_of(&data));
+        }
+        grow(gpu, &mut self.data, bytes.len() as u64);
+        gpu.queue().write_buffer(&self.data, 0, &bytes);
+    }
+
+    /// Records the way from `Radiance` to `Color` of these views.
+    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, jobs: &[&PostJob<'_>]) {
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
+        jobs.iter().for_each(|job| self.develop(gpu, &mut pass, job));
+    }
+
+    fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
         let radiance = job.targets.get(Target::Radiance);
         let size_px = [radiance.texture.width(), radiance.texture.height()];
-        let data = gpu.buffer_with("post", bytemuck::bytes_of(&post_data(job, size_px)), wgpu::BufferUsages::UNIFORM);
-        let meter = job.meter.unwrap_or(&self.no_meter);
-        let (no_color, no_glow, black) = (&self.no_color.view, &self.no_glow.view, &self.black.view);
+        let (no_meter, no_glow) = &self.spares[job.view_idx];
+        let meter = job.meter.unwrap_or(no_meter);
+        let (no_color, no_glow, black) = (&self.no_color.view, &no_glow.view, &self.black.view);
+        let size = std::num::NonZeroU64::new(size_of::<PostData>() as u64);
+        let data = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.data, offset: 0, size });
         let bind = |from: &wgpu::TextureView, color: &wgpu::TextureView, glow: &wgpu::TextureView, glow_out: &wgpu::TextureView| {
             let view = |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
             gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
                 label: Some("post"),
                 layout: &self.layout,
                 entries: &[
-                    buffer_entry(0, &data),
+                    wgpu::BindGroupEntry { binding: 0, resource: data.clone() },
                     view(1, from),
                     wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.sampler) },
                     buffer_entry(3, meter),
@@ -145,9 +175,8 @@ impl PostPass {
             })
         };
         let mut run = |pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, groups: [u32; 2]| {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
             pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, group, &[]);
+            pass.set_bind_group(0, group, &[(STRIDE_BYTES * job.view_idx as u64) as u32]);
             pass.dispatch_workgroups(groups[0], groups[1], 1);
         };
         let groups = |size: [u32; 2]| [size[0].div_ceil(GROUP_PX[0]), size[1].div_ceil(GROUP_PX[1])];

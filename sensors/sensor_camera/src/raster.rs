@@ -9,7 +9,7 @@ use sensor_gpu::Gpu;
 use crate::assets::GpuAssets;
 use crate::draw::{Drawn, NEAR_M};
 use crate::pass::{GeometryPass, ViewPass, grow, storage, uniform};
-use crate::targets::{Image, Target, image};
+use crate::targets::Target;
 use crate::uniform::ViewData;
 
 /// How triangles become pixels.
@@ -165,8 +165,6 @@ pub(crate) struct RasterPass {
     queue: wgpu::Buffer,
     arguments: wgpu::Buffer,
     batches: wgpu::Buffer,
-    /// Bound in place of what nobody reads.
-    nowhere: Vec<Image>,
 }
 
 impl RasterPass {
@@ -222,7 +220,6 @@ impl RasterPass {
             cache: None,
         });
         let list = |label, n_bytes| gpu.buffer(label, n_bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
-        let nowhere = Target::DRAWN.map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
         RasterPass {
             small: pipeline("cs_small", &lists_only),
             arguments_of: pipeline("cs_arguments", &with_arguments),
@@ -239,7 +236,6 @@ impl RasterPass {
             queue: list("raster queue", QUEUE_HEAD_BYTES + ITEM_BYTES * MAX_TILES as u64),
             arguments: gpu.buffer("raster arguments", 12, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT),
             batches: gpu.buffer("raster batches", BATCH_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
-            nowhere: nowhere.into(),
         }
     }
 
@@ -362,25 +358,17 @@ impl RasterPass {
         run(&self.tiles, None, None);
     }
 
-    /// Records the way from what a view sees to its targets.
-    pub fn resolve(
-        &self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        assets: &GpuAssets,
-        [scene, bound]: [&wgpu::BindGroup; 2],
-        view: &ViewPass<'_>,
-    ) {
-        let (targets, set) = (view.targets, view.set.drawn());
+    /// Bind group of what resolving reads of all views.
+    pub fn bind_lists(&self, gpu: &Gpu, assets: &GpuAssets) -> wgpu::BindGroup {
         let lists = [&self.draws, &assets.vertices, &assets.indices, &self.seen];
         let entries: Vec<_> = (0..).zip(lists).map(|(binding, buffer)| whole(binding, buffer)).collect();
-        let lists = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("seen"),
-            layout: &self.lists_layout,
-            entries: &entries,
-        });
-        let view_of = |i: usize, target: Target| if set.contains(target) { &targets.get(target).view } else { &self.nowhere[i].view };
-        let images = Target::DRAWN.into_iter().enumerate().map(|(i, target)| (i as u32, view_of(i, target)));
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("seen"), layout: &self.lists_layout, entries: &entries })
+    }
+
+    /// Records the way from what a view sees to its targets.
+    pub fn resolve(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, [scene, bound, lists]: [&wgpu::BindGroup; 3], view: &ViewPass<'_>) {
+        let (targets, set) = (view.targets, view.set.drawn());
+        let images = (0..).zip(Target::DRAWN).map(|(binding, target)| (binding, targets.get_or_nowhere(target, set)));
         let entries: Vec<_> =
             images.map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }).collect();
         let images = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
@@ -389,11 +377,10 @@ impl RasterPass {
             entries: &entries,
         });
         let [width, height] = targets.size_px(set);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("resolve"), timestamp_writes: None });
         pass.set_pipeline(&self.resolve);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
-        pass.set_bind_group(2, &lists, &[]);
+        pass.set_bind_group(2, lists, &[]);
         pass.set_bind_group(3, &images, &[]);
         pass.dispatch_workgroups(width.div_ceil(16), height.div_ceil(8), 1);
         gpu.counters().add_pass();

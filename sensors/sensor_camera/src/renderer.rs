@@ -1,5 +1,7 @@
 //! Draws every view of a tick in one submission.
 
+mod recording;
+
 use std::sync::{Arc, Mutex};
 
 use nalgebra::Isometry3;
@@ -12,19 +14,17 @@ use sensor_spec::{ExposureMode, Intrinsics};
 
 use crate::assets::GpuAssets;
 use crate::debug::DebugPass;
-use crate::draw::{self, CameraMotion, Drawn, NEAR_M};
+use crate::draw::{self, CameraMotion, Drawn};
 use crate::dvs::EventCamera;
-use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
-use crate::pass::{GeometryPass, ViewPass};
-use crate::post::{self, PostJob, PostPass};
-use crate::raster::{RasterJob, RasterPass, Rasteriser, can_compute};
-use crate::shade::{ShadeKey, ShadePass};
-use crate::shadow::{Cascade, ShadowLookup, Shadows};
+use crate::pass::GeometryPass;
+use crate::post::{self, PostPass};
+use crate::raster::{RasterPass, Rasteriser, can_compute};
+use crate::shade::ShadePass;
+use crate::shadow::{Cascade, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet, Targets};
-use crate::uniform::ViewData;
 use crate::view::{Firing, InstancePoses, Output, View, ViewJob, ViewSpec};
 
 /// How much work colour gets. Everything else is the same in both.
@@ -206,114 +206,6 @@ impl CameraRenderer {
             .collect();
         Submission { in_flight: Some(batch.submit(&self.gpu, encoder)), plans }
     }
-
-    fn record(&mut self, scene: &Scene, active: &[Active], jobs: &[ViewJob<'_, '_>], computes: bool, encoder: &mut wgpu::CommandEncoder) {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
-            self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
-        }
-        let light = self.light.as_ref().expect("just made");
-        let eyes: Vec<Isometry3<f64>> =
-            active.iter().filter(|active| active.set.is_lit() && light.has_shadows).map(|active| active.motion.world_from_camera).collect();
-        let cast = |shadows: &mut Shadows, encoder: &mut wgpu::CommandEncoder| {
-            if eyes.is_empty() { Vec::new() } else { shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
-        };
-        let near = self.gpu.time("record: shadows", || cast(&mut self.shadows, encoder));
-        let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, encoder));
-        self.gpu.mark(encoder, "shadows");
-        let (mut near, mut far) = (near.into_iter(), far.into_iter());
-        let none = self.shadows.none();
-        let mut lamps = LampLists::new(self.quality);
-        let lit: Vec<Lit> = active
-            .iter()
-            .map(|active| {
-                let has_shadows = active.set.is_lit() && light.has_shadows;
-                let next = |lookups: &mut std::vec::IntoIter<ShadowLookup>| {
-                    Some(()).filter(|_| has_shadows).and_then(|_| lookups.next()).unwrap_or_else(|| none.clone())
-                };
-                let range = if active.set.is_lit() {
-                    let lens = jobs[active.job_idx].view.spec.intrinsics;
-                    lamps.add_view(scene, assets, &lens, &active.motion, light.exposure, light.dark_ratio)
-                } else {
-                    LampRange::default()
-                };
-                Lit { near: next(&mut near), far: next(&mut far), lamps: range }
-            })
-            .collect();
-        let mut views: Vec<ViewData> =
-            active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit)).collect();
-        let raster = self.raster.as_mut().filter(|_| computes);
-        let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
-        let plan = self.gpu.time("record: upload", || {
-            let plan = raster.map(|raster| {
-                let jobs: Vec<RasterJob<'_>> = views.iter().zip(&drawn).map(|(view, drawn)| RasterJob::new(view, drawn)).collect();
-                let plan = raster.upload(&self.gpu, &jobs);
-                views.iter_mut().zip(&plan.places).for_each(|(view, place)| view.raster[..3].copy_from_slice(&place.words()));
-                plan
-            });
-            self.pass.upload(&self.gpu, &light.data_at(scene.sim_time.as_secs()), &views, &drawn, &lamps, computes);
-            plan
-        });
-        let raster = self.raster.as_ref().zip(plan.as_ref());
-        let scene_group = self.pass.bind_scene(&self.gpu, &light.sky, &assets.switched);
-        let (mut first_call, mut batch) = (0, None);
-        for (view_idx, (active, lit)) in active.iter().zip(&lit).enumerate() {
-            let targets = &jobs[active.job_idx].view.targets;
-            let view =
-                ViewPass { targets, set: active.set, drawn: &active.drawn, first_call, view_idx, shadows: [&lit.near.view, &lit.far.view] };
-            let bound = self.pass.bind_view(&self.gpu, view.shadows);
-            match raster {
-                Some((raster, plan)) => {
-                    let own = plan.places[view_idx].batch;
-                    if batch != Some(own) {
-                        raster.record(&self.gpu, encoder, assets, &self.pass.instances, plan, own);
-                        self.gpu.mark(encoder, "raster");
-                        batch = Some(own);
-                    }
-                    raster.resolve(&self.gpu, encoder, assets, [&scene_group, &bound], &view);
-                    self.gpu.mark(encoder, "resolve");
-                }
-                None => {
-                    self.pass.record(&self.gpu, encoder, assets, [&scene_group, &bound], &view);
-                    self.gpu.mark(encoder, "geometry");
-                }
-            }
-            first_call += active.drawn.calls.len();
-            if active.set.is_lit() {
-                let developed = active.set.contains(Target::Radiance);
-                let key = ShadeKey {
-                    color: active.set.contains(Target::Color) && !developed,
-                    radiance: developed,
-                    luminance: active.set.contains(Target::Luminance),
-                    lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0 || assets.is_switched(),
-                    fog: light.has_fog,
-                    wet: light.is_wet,
-                    switched: assets.is_switched(),
-                };
-                self.shade.prepare(&self.gpu, key);
-                self.shade.record(&self.gpu, encoder, &scene_group, &bound, &view, key);
-                self.gpu.mark(encoder, "shade");
-                if developed {
-                    let view = &*jobs[active.job_idx].view;
-                    let previous = view.previous.as_ref().map_or(scene.sim_time.0, |firing| firing.sim_time.0);
-                    let job = PostJob {
-                        optics: &view.spec.optics,
-                        targets,
-                        meter: view.meter.as_ref(),
-                        exposure: light.exposure,
-                        since_secs: scene.sim_time.0.saturating_sub(previous) as f32 * 1e-9,
-                        smooth_edges: self.quality == Quality::High,
-                    };
-                    self.post.record(&self.gpu, encoder, &job);
-                    self.gpu.mark(encoder, "post");
-                }
-            }
-            if active.set.contains(Target::Color) && !scene.debug.is_empty() {
-                let lens = jobs[active.job_idx].view.spec.intrinsics;
-                self.debug.record(&self.gpu, encoder, &scene.debug, &lens, &active.motion.world_from_camera, targets);
-            }
-        }
-    }
 }
 
 /// What each view sees, found side by side.
@@ -329,13 +221,6 @@ fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], act
         active.drawn.first_instance = first_instance;
         first_instance += active.drawn.instances.len() as u32;
     }
-}
-
-/// Light of one view.
-struct Lit {
-    near: ShadowLookup,
-    far: ShadowLookup,
-    lamps: LampRange,
 }
 
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
@@ -444,26 +329,4 @@ fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, targets: &Targets, scene: &Scene,
 fn event_camera(spec: &ViewSpec) -> EventCamera {
     let size_px = [spec.intrinsics.width_px, spec.intrinsics.height_px];
     EventCamera::new(spec.dvs.clone(), size_px, spec.seed, spec.sensor_id as u64)
-}
-
-fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
-    let motion = &active.motion;
-    let lens = view.spec.intrinsics;
-    let mut world_from_camera = draw::rows(&motion.world_from_camera);
-    let eye = motion.world_from_camera.translation.vector;
-    // Patterns repeat every 1024 m, so that they stay sharp far from the origin.
-    world_from_camera[0][3] = eye.x.rem_euclid(1024.0) as f32;
-    world_from_camera[1][3] = eye.y.rem_euclid(1024.0) as f32;
-    let turn = motion.previous_camera_from_world.rotation * motion.world_from_camera.rotation;
-    ViewData {
-        lens_px: lens.as_array().map(|x| x as f32),
-        frame: [lens.width_px as f32, lens.height_px as f32, NEAR_M as f32, f32::INFINITY],
-        world_from_camera,
-        previous_from_camera: draw::rows(&Isometry3::from_parts(Default::default(), turn)),
-        shadow_from_camera: lit.near.shadow_from_camera,
-        far_shadow_from_camera: lit.far.shadow_from_camera,
-        options: [motion.moved() as u32 as f32, lit.near.on as u32 as f32, 0.0, lit.near.texel_depth],
-        lamps: [lit.lamps.first_lamp, lit.lamps.first_tile, lit.far.texel_depth.to_bits(), 0],
-        raster: [0, 0, 0, active.set.0 as u32],
-    }
 }

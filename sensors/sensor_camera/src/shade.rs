@@ -9,7 +9,7 @@ use sensor_gpu::Gpu;
 
 use crate::pass::{GeometryPass, ViewPass, entry, texture};
 use crate::renderer::Quality;
-use crate::targets::{Image, Target, image};
+use crate::targets::{Target, TargetSet};
 
 /// Text of the shading shader.
 pub(crate) fn shade_wgsl(drawn: bool) -> String {
@@ -55,8 +55,6 @@ pub(crate) struct ShadePass {
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
     pipelines: BTreeMap<ShadeKey, Pipelines>,
-    /// Bound in place of what nobody reads.
-    nowhere: [Image; 3],
 }
 
 #[derive(Debug)]
@@ -92,10 +90,8 @@ impl ShadePass {
             bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.view_layout), Some(&images_layout)],
             immediate_size: 0,
         });
-        let nowhere = [Target::Color, Target::Luminance, Target::Radiance]
-            .map(|target| image(gpu, "nowhere", [1, 1], target.format(), wgpu::TextureUsages::STORAGE_BINDING));
         let shader = gpu.shader("shade", &shade_wgsl(drawn));
-        ShadePass { quality, drawn, shader, layout, images_layout, pipelines: BTreeMap::new(), nowhere }
+        ShadePass { quality, drawn, shader, layout, images_layout, pipelines: BTreeMap::new() }
     }
 
     /// Makes the pipelines for `key`, once.
@@ -179,39 +175,47 @@ impl ShadePass {
         constants
     }
 
-    /// Records the shading of one view that the geometry pass has drawn; `bound_view` is what that pass returned.
-    pub fn record(
+    /// Whether views are shaded by [`ShadePass::draw`]; else by [`ShadePass::compute`].
+    pub fn is_drawn(&self) -> bool {
+        self.drawn
+    }
+
+    /// Records the shading of one view whose geometry is there.
+    pub fn compute(
         &self,
         gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        scene: &wgpu::BindGroup,
-        bound_view: &wgpu::BindGroup,
+        pass: &mut wgpu::ComputePass<'_>,
+        [scene, bound]: [&wgpu::BindGroup; 2],
         view: &ViewPass<'_>,
         key: ShadeKey,
     ) {
+        let Pipelines::Computed(pipeline) = &self.pipelines[&key] else { return };
         let surface = &view.targets.get(Target::Surface).texture;
-        let size_px = [surface.width(), surface.height()];
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, scene, &[]);
+        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
+        pass.set_bind_group(2, &self.bind_images(gpu, view, key), &[]);
+        pass.dispatch_workgroups(surface.width().div_ceil(GROUP_PX[0]), surface.height().div_ceil(GROUP_PX[1]), 1);
+    }
+
+    /// Records the shading of one view that the geometry pass has drawn.
+    pub fn draw(
+        &self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        [scene, bound]: [&wgpu::BindGroup; 2],
+        view: &ViewPass<'_>,
+        key: ShadeKey,
+    ) {
+        let Pipelines::Drawn { surface, sky } = &self.pipelines[&key] else { return };
         let images = self.bind_images(gpu, view, key);
-        let offset = [GeometryPass::offset_of(view.view_idx)];
-        match &self.pipelines[&key] {
-            Pipelines::Computed(pipeline) => {
-                let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("shade"), timestamp_writes: None });
-                pass.set_pipeline(pipeline);
-                pass.set_bind_group(0, scene, &[]);
-                pass.set_bind_group(1, bound_view, &offset);
-                pass.set_bind_group(2, &images, &[]);
-                pass.dispatch_workgroups(size_px[0].div_ceil(GROUP_PX[0]), size_px[1].div_ceil(GROUP_PX[1]), 1);
-            }
-            Pipelines::Drawn { surface, sky } => {
-                let mut pass = self.begin_drawing(encoder, view, key);
-                pass.set_bind_group(0, scene, &[]);
-                pass.set_bind_group(1, bound_view, &offset);
-                pass.set_bind_group(2, &images, &[]);
-                for pipeline in [surface, sky] {
-                    pass.set_pipeline(pipeline);
-                    pass.draw(0..3, 0..1);
-                }
-            }
+        let mut pass = self.begin_drawing(encoder, view, key);
+        pass.set_bind_group(0, scene, &[]);
+        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
+        pass.set_bind_group(2, &images, &[]);
+        for pipeline in [surface, sky] {
+            pass.set_pipeline(pipeline);
+            pass.draw(0..3, 0..1);
         }
     }
 
@@ -245,9 +249,9 @@ impl ShadePass {
         let read = |target: Target| &view.targets.get(target).view;
         let mut images = vec![read(Target::Surface), read(Target::Depth), read(Target::Instance)];
         if !self.drawn {
-            images.push(if key.color { read(Target::Color) } else { &self.nowhere[0].view });
-            images.push(if key.luminance { read(Target::Luminance) } else { &self.nowhere[1].view });
-            images.push(if key.radiance { read(Target::Radiance) } else { &self.nowhere[2].view });
+            let on = |on: bool, target: Target| if on { target.bit() } else { TargetSet::default() };
+            let written = [(key.color, Target::Color), (key.luminance, Target::Luminance), (key.radiance, Target::Radiance)];
+            images.extend(written.map(|(is_on, target)| view.targets.get_or_nowhere(target, on(is_on, target))));
         }
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(images)

@@ -47,6 +47,18 @@ impl Cascade {
     }
 }
 
+/// A lit camera.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Eye {
+    pub world_from_camera: Isometry3<f64>,
+    pub focal_px: f64,
+}
+
+/// Focal length from which on a camera gets the largest map. One of half the length sees shadows half as sharp: half the side is enough.
+const SHARP_FOCAL_PX: f64 = 300.0;
+/// Smallest side of a map.
+const MIN_SIDE_PX: u32 = 1024;
+
 /// Maps kept; more only while more are needed at once.
 const MAX_KEPT: usize = 4;
 
@@ -56,6 +68,7 @@ type Rows = [[f32; 4]; 3];
 #[derive(Debug)]
 struct Map {
     cell: [i64; 3],
+    side_px: u32,
     still: Image,
     /// `still` with what moves drawn over it; made when something first moves here.
     all: Option<Image>,
@@ -74,8 +87,7 @@ impl Map {
 
     /// All of `all` is to be made anew.
     fn forget(&mut self) {
-        let whole = self.still.texture.width();
-        self.dirty_px = vec![[0, 0, whole, whole]];
+        self.dirty_px = vec![[0, 0, self.side_px, self.side_px]];
     }
 }
 
@@ -177,23 +189,25 @@ impl Shadows {
         assets: &GpuAssets,
         scene: &Scene,
         sun_towards: Vector3<f64>,
-        eyes: &[Isometry3<f64>],
+        eyes: &[Eye],
     ) -> Vec<ShadowLookup> {
         if self.sun_towards != sun_towards {
             self.maps.clear();
             self.sun_towards = sun_towards;
         }
         self.n_uses += 1;
-        let cascade = self.cascade;
-        let cells: Vec<[i64; 3]> = eyes.iter().map(|eye| cascade.cell_of(eye)).collect();
-        let mut drawn: Vec<([i64; 3], wgpu::TextureView)> = Vec::new();
+        let moving = if self.cascade.moving { MovingCaster::all_of(assets, scene) } else { Vec::new() };
+        let places: Vec<(Cascade, [i64; 3])> =
+            eyes.iter().map(|eye| (self.cascade.seen_with(eye.focal_px), self.cascade.cell_of(&eye.world_from_camera))).collect();
+        let mut drawn: Vec<((u32, [i64; 3]), wgpu::TextureView)> = Vec::new();
         let mut casters: Vec<Caster> = Vec::new();
         let mut passes: Vec<Pass> = Vec::new();
-        for cell in &cells {
-            if drawn.iter().any(|(known, _)| known == cell) {
+        for (cascade, cell) in &places {
+            let key = (cascade.side_px, *cell);
+            if drawn.iter().any(|(known, _)| *known == key) {
                 continue;
             }
-            let map_idx = self.map_of(gpu, *cell);
+            let map_idx = self.map_of(gpu, *cell, cascade.side_px);
             let map = &mut self.maps[map_idx];
             if !map.fresh {
                 let begin = casters.len() as u32;
@@ -202,22 +216,19 @@ impl Shadows {
                 map.fresh = true;
             }
             let begin = casters.len() as u32;
-            if cascade.moving {
-                casters.extend(cascade.moving_casters(assets, scene, *cell, sun_towards));
-            }
+            casters.extend(cascade.moving_casters(assets, &moving, *cell, sun_towards));
             if casters.len() as u32 > begin {
-                let side_px = cascade.side_px;
-                let all = map.all.get_or_insert_with(|| shadow_image(gpu, side_px));
+                let all = map.all.get_or_insert_with(|| shadow_image(gpu, cascade.side_px));
                 passes.push(Pass { map_idx, over_still: true, casters: begin..casters.len() as u32 });
-                drawn.push((*cell, all.view.clone()));
+                drawn.push((key, all.view.clone()));
             } else {
-                drawn.push((*cell, map.still.view.clone()));
+                drawn.push((key, map.still.view.clone()));
             }
         }
         self.draw(gpu, encoder, assets, &casters, &passes);
-        let lookup = |(eye, cell): (&Isometry3<f64>, &[i64; 3])| {
-            let (_, view) = drawn.iter().find(|(known, _)| known == cell).expect("every cell was drawn");
-            let shadow_from_camera = cascade.shadow_from_world(*cell, sun_towards) * eye.to_homogeneous();
+        let lookup = |(eye, (cascade, cell)): (&Eye, &(Cascade, [i64; 3]))| {
+            let (_, view) = drawn.iter().find(|(known, _)| *known == (cascade.side_px, *cell)).expect("every cell was drawn");
+            let shadow_from_camera = cascade.shadow_from_world(*cell, sun_towards) * eye.world_from_camera.to_homogeneous();
             let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
             ShadowLookup {
                 view: view.clone(),
@@ -226,25 +237,29 @@ impl Shadows {
                 on: true,
             }
         };
-        eyes.iter().zip(&cells).map(lookup).collect()
+        eyes.iter().zip(&places).map(lookup).collect()
     }
 
     /// The map of a cell, made or taken over if there is none.
-    fn map_of(&mut self, gpu: &Gpu, cell: [i64; 3]) -> usize {
+    fn map_of(&mut self, gpu: &Gpu, cell: [i64; 3], side_px: u32) -> usize {
         let used = self.n_uses;
-        if let Some(idx) = self.maps.iter().position(|map| map.cell == cell) {
+        if let Some(idx) = self.maps.iter().position(|map| (map.cell, map.side_px) == (cell, side_px)) {
             self.maps[idx].used = used;
             return idx;
         }
         let oldest = (0..self.maps.len()).filter(|idx| self.maps[*idx].used < used).min_by_key(|idx| self.maps[*idx].used);
         match oldest {
             Some(idx) if self.maps.len() >= MAX_KEPT => {
-                self.maps[idx].take_over(cell, used);
+                let map = &mut self.maps[idx];
+                if map.side_px != side_px {
+                    (map.side_px, map.still, map.all) = (side_px, shadow_image(gpu, side_px), None);
+                }
+                map.take_over(cell, used);
                 idx
             }
             _ => {
-                let still = shadow_image(gpu, self.cascade.side_px);
-                let mut map = Map { cell, still, all: None, dirty_px: Vec::new(), fresh: false, used };
+                let still = shadow_image(gpu, side_px);
+                let mut map = Map { cell, side_px, still, all: None, dirty_px: Vec::new(), fresh: false, used };
                 map.forget();
                 self.maps.push(map);
                 self.maps.len() - 1
@@ -293,8 +308,8 @@ impl Shadows {
                     pass.set_scissor_rect(x, y, width, height);
                     pass.draw(0..3, 0..1);
                 }
-                pass.set_scissor_rect(0, 0, self.cascade.side_px, self.cascade.side_px);
-                map.dirty_px.extend(drawn.iter().map(|caster| caster.rect_px));
+                pass.set_scissor_rect(0, 0, map.side_px, map.side_px);
+                drawn.iter().for_each(|caster| add_rect(&mut map.dirty_px, caster.rect_px));
             } else {
                 // What was drawn over the old one is of no use any more.
                 map.forget();
@@ -308,6 +323,15 @@ impl Shadows {
                 gpu.counters().add_draw(mesh.n_indices as u64 / 3);
             }
         }
+    }
+}
+
+/// Adds a rectangle unless another one holds it: wheels lie within their car.
+fn add_rect(rects: &mut Vec<[u32; 4]>, new: [u32; 4]) {
+    let holds =
+        |[x, y, width, height]: &[u32; 4]| *x <= new[0] && *y <= new[1] && x + width >= new[0] + new[2] && y + height >= new[1] + new[3];
+    if !rects.iter().any(holds) {
+        rects.push(new);
     }
 }
 
@@ -361,7 +385,30 @@ fn axes(sun_towards: Vector3<f64>) -> [Vector3<f64>; 3] {
     [right, along.cross(&right), along]
 }
 
+/// What moves, with its sphere.
+struct MovingCaster<'s> {
+    instance: &'s DynamicInstance,
+    sphere: Sphere,
+}
+
+impl<'s> MovingCaster<'s> {
+    fn all_of(assets: &GpuAssets, scene: &'s Scene) -> Vec<MovingCaster<'s>> {
+        let sphere = |instance: &DynamicInstance| Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
+        scene.dynamics.iter().map(|instance| MovingCaster { instance, sphere: sphere(instance) }).collect()
+    }
+}
+
 impl Cascade {
+    /// The same for a camera of this focal length.
+    fn seen_with(&self, focal_px: f64) -> Cascade {
+        let mut side_px = self.side_px;
+        let mut sharp_px = SHARP_FOCAL_PX;
+        while focal_px < sharp_px && side_px / 2 >= MIN_SIDE_PX {
+            (side_px, sharp_px) = (side_px / 2, sharp_px / 2.0);
+        }
+        Cascade { side_px, ..*self }
+    }
+
     fn cell_of(&self, eye: &Isometry3<f64>) -> [i64; 3] {
         std::array::from_fn(|axis| (eye.translation.vector[axis] / self.cell_m).round() as i64)
     }
@@ -399,16 +446,11 @@ impl Cascade {
             .collect()
     }
 
-    fn moving_casters(&self, assets: &GpuAssets, scene: &Scene, cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
+    fn moving_casters(&self, assets: &GpuAssets, moving: &[MovingCaster<'_>], cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
         let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
-        let seen = |instance: &DynamicInstance| {
-            let sphere = Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
-            self.touches(&sphere, cell, &axes).then_some(sphere)
-        };
-        let caster = |instance: &DynamicInstance| {
-            seen(instance).and_then(|sphere| self.caster(assets, instance.mesh, &instance.world_from_mesh, &sphere, &matrix))
-        };
-        scene.dynamics.iter().filter_map(caster).collect()
+        let near = moving.iter().filter(|moving| self.touches(&moving.sphere, cell, &axes));
+        near.filter_map(|MovingCaster { instance, sphere }| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, &matrix))
+            .collect()
     }
 
     fn caster(

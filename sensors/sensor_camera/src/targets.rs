@@ -106,6 +106,9 @@ pub(crate) struct Image {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Targets {
     images: [Option<Image>; 9],
+    /// One pixel each, bound where compute shaders could write what nobody reads. A view's own: shared ones would make the GPU do one view
+    /// after the other.
+    nowhere: [Option<Image>; 9],
     z_buffer: Option<Image>,
 }
 
@@ -114,6 +117,14 @@ impl Targets {
     pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool) {
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
             self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), target.usage(stored)));
+        }
+        for target in Target::ALL {
+            let lit = matches!(target, Target::Color | Target::Luminance | Target::Radiance);
+            // Colour may be wanted and made from radiance in a second step.
+            if (lit || stored) && (!set.contains(target) || target == Target::Color) {
+                let usage = wgpu::TextureUsages::STORAGE_BINDING;
+                self.nowhere[target as usize].get_or_insert_with(|| image(gpu, "nowhere", [1, 1], target.format(), usage));
+            }
         }
         self.z_buffer.get_or_insert_with(|| {
             image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)
@@ -129,6 +140,12 @@ impl Targets {
     pub fn size_px(&self, set: TargetSet) -> [u32; 2] {
         let known = Target::ALL.into_iter().filter(|target| set.contains(*target)).find_map(|target| self.images[target as usize].as_ref());
         known.map_or([0; 2], |image| [image.texture.width(), image.texture.height()])
+    }
+
+    /// A target of the set, or a pixel that nobody reads.
+    pub fn get_or_nowhere(&self, target: Target, set: TargetSet) -> &wgpu::TextureView {
+        let images = if set.contains(target) { &self.images } else { &self.nowhere };
+        &images[target as usize].as_ref().expect("ensure() made it").view
     }
 
     pub fn z_buffer(&self) -> &Image {

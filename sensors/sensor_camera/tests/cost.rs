@@ -6,8 +6,9 @@ mod kit;
 use std::collections::BTreeMap;
 
 use schema_frames::Modality;
-use sensor_camera::{CameraRenderer, Output, Place, Quality, RenderError, ViewJob};
+use sensor_camera::{CameraRenderer, Output, Place, Quality, Rasteriser, RenderError, ViewJob};
 use sensor_gpu::Counts;
+use sensor_gpu::Gpu;
 
 const ALL: [Modality; 7] =
     [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Dvs];
@@ -90,17 +91,18 @@ fn sensors_that_see_the_same_are_drawn_once() {
 
 #[test]
 fn readers_change_no_ones_bytes_and_runs_repeat() {
-    for quality in [Quality::Low, Quality::High] {
-        readers_change_nothing(quality);
+    let gpu = kit::gpu();
+    for rasteriser in kit::rasterisers(&gpu) {
+        readers_change_nothing(&gpu, Quality::Low, rasteriser);
+        readers_change_nothing(&gpu, Quality::High, rasteriser);
     }
 }
 
-fn readers_change_nothing(quality: Quality) {
-    let gpu = kit::gpu();
+fn readers_change_nothing(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) {
     let (assets, car) = kit::street();
     let run = |modalities: &[Modality]| {
-        let mut renderer = CameraRenderer::new(&gpu, quality);
-        let mut view = kit::view(&gpu, 96, 64);
+        let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
+        let mut view = kit::view(gpu, 96, 64);
         let mut frames = BTreeMap::new();
         for step in 1..5u64 {
             let scene =

@@ -119,7 +119,7 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
 }
 
 /// Goal: whoever rasterises, the picture is the same but for pixels at edges, whose corners are rounded in other ways. Tolerances leave
-/// room for the coarse depth of a GPU's own rasteriser.
+/// room for the coarse depth and normals of a GPU's own rasteriser.
 #[test]
 fn computed_pictures_are_drawn_pictures() {
     let gpu = kit::gpu();
@@ -154,7 +154,7 @@ fn computed_pictures_are_drawn_pictures() {
                 _ => a != b,
             };
             let n_differ = pairs.filter(|pair| differ(*pair)).count();
-            assert!(n_differ * 200 < n_pixels, "{quality:?} {modality:?}: {n_differ} of {n_pixels} pixels differ");
+            assert!(n_differ * 100 < n_pixels, "{quality:?} {modality:?}: {n_differ} of {n_pixels} pixels differ");
         }
     }
 }
