@@ -21,6 +21,11 @@ impl Noise {
         Noise(mix(mix(mix(seed) ^ stream) ^ tick))
     }
 
+    /// The key itself, for those who count elsewhere.
+    pub const fn key(self) -> u64 {
+        self.0
+    }
+
     /// 64 uniform bits for sample number `sample`.
     pub const fn bits(self, sample: u64) -> u64 {
         mix(self.0 ^ mix(sample))

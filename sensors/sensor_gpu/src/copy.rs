@@ -126,6 +126,13 @@ impl<'a> CopyBatch<'a> {
         self.items.len() - 1
     }
 
+    /// Copies part of a buffer to where [`InFlight::wait`] leaves it mapped for the CPU; conditions as for [`CopyBatch::buffer`].
+    pub fn map_buffer(&mut self, buffer: &wgpu::Buffer, offset_bytes: u64, n_bytes: usize) -> usize {
+        let source = Source::Buffer { buffer: buffer.clone(), offset_bytes, n_bytes };
+        self.items.push(Item { source, sink: Sink::Mapped, staging: None });
+        self.items.len() - 1
+    }
+
     fn push(&mut self, source: Source, place: Place<'a>) -> usize {
         let (needed, room) = (source.n_bytes(), place.capacity_bytes());
         assert!(needed <= room, "a copy of {needed} bytes does not fit {room} bytes");
@@ -335,6 +342,9 @@ impl Drop for Mapped {
     }
 }
 
+/// How long [`InFlight::wait_awake`] stays awake.
+const AWAKE: std::time::Duration = std::time::Duration::from_micros(500);
+
 /// What became of one copy.
 #[derive(Debug)]
 pub struct CopyOutcome {
@@ -357,6 +367,23 @@ impl InFlight<'_> {
             self.gpu.read_marks(&pending);
         }
         std::mem::take(&mut self.items).into_iter().map(|item| finish(&self.gpu, item)).collect()
+    }
+
+    /// As [`InFlight::wait`], but awake for the first half millisecond: short work on a GPU of its own is over before a thread wakes up.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait_awake(self) -> Result<Vec<CopyOutcome>, GpuError> {
+        if !self.gpu.is_software() {
+            let begin = std::time::Instant::now();
+            while begin.elapsed() < AWAKE {
+                match self.gpu.device().poll(wgpu::PollType::Poll) {
+                    Ok(status) if !status.is_queue_empty() => std::hint::spin_loop(),
+                    _ => break,
+                }
+            }
+        }
+        self.wait()
     }
 
     fn wait_for_gpu(&mut self) -> Result<(), GpuError> {

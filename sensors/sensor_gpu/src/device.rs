@@ -147,6 +147,11 @@ impl Gpu {
         self.0.device.features().contains(wgpu::Features::IMMEDIATES) && self.0.device.limits().max_immediate_size >= n_bytes
     }
 
+    /// Whether shaders can count in `f64` and `u64`.
+    pub fn has_wide_numbers(&self) -> bool {
+        self.0.device.features().contains(wgpu::Features::SHADER_F64 | wgpu::Features::SHADER_INT64)
+    }
+
     /// Whether draw calls that lie in a buffer can begin at any instance.
     pub fn has_indirect_instances(&self) -> bool {
         self.0.device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)

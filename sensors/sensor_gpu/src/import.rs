@@ -26,6 +26,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu
     let wanted = wgpu::Features::FLOAT32_FILTERABLE
         | wgpu::Features::IMMEDIATES
         | wgpu::Features::INDIRECT_FIRST_INSTANCE
+        | wgpu::Features::SHADER_F64
         | wgpu::Features::SHADER_INT64
         | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX
         | wgpu::Features::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES

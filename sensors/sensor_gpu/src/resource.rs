@@ -50,6 +50,16 @@ impl Gpu {
             .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) })
     }
 
+    /// A shader from WGSL text of ours, without the checks that a stranger's would need: of indices, and that loops end.
+    ///
+    /// # Safety
+    /// The shader stays inside its buffers and arrays, and its loops end.
+    pub unsafe fn shader_unchecked(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
+        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        // SAFETY: the caller promises what the callee asks.
+        unsafe { self.device().create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
+    }
+
     /// An encoder for one submission.
     pub fn encoder(&self, label: &str) -> wgpu::CommandEncoder {
         self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })

@@ -20,9 +20,9 @@ pub(crate) struct Bunch {
 #[derive(Debug, Default)]
 pub(crate) struct Beams {
     /// Cosine and sine of each channel's elevation.
-    elevations: Vec<(f64, f64)>,
+    pub elevations: Vec<(f64, f64)>,
     /// Cosine and sine of each column's azimuth.
-    azimuths: Vec<(f64, f64)>,
+    pub azimuths: Vec<(f64, f64)>,
     pub bunches: Vec<Bunch>,
     /// Rays of a bunch, at most: bunch `i` keeps its points from `i · bunch_rays` on.
     pub bunch_rays: usize,
@@ -31,30 +31,36 @@ pub(crate) struct Beams {
 }
 
 impl Beams {
-    /// Beams of a spec whose columns look at these azimuths.
+    /// Beams of a spec whose columns look at these azimuths, not in bunches yet.
     pub fn new(spec: &LidarSpec, azimuths_rad: impl Iterator<Item = f64>) -> Self {
-        let mut beams = Beams {
+        Beams {
             elevations: (0..spec.channels).map(|channel| cos_sin(spec.elevation_rad(channel))).collect(),
             azimuths: azimuths_rad.map(cos_sin).collect(),
             ..Default::default()
-        };
-        let (n_channels, n_columns) = (beams.elevations.len(), beams.azimuths.len());
+        }
+    }
+
+    /// Puts the rays into bunches, once.
+    pub fn bunch(&mut self, spec: &LidarSpec) {
+        let (n_channels, n_columns) = (self.elevations.len(), self.azimuths.len());
+        if !self.bunches.is_empty() || n_columns == 0 {
+            return;
+        }
         let [channels, columns] = if spec.motion_distortion { [DISTORTED_CHANNELS, 1] } else { shape(spec, n_columns) };
-        beams.bunch_rays = if spec.motion_distortion { DISTORTED_CHANNELS } else { RAYS };
+        self.bunch_rays = if spec.motion_distortion { DISTORTED_CHANNELS } else { RAYS };
         // Upright strips: what one of them fetches, the next one finds near at hand.
         for column in (0..n_columns).step_by(columns) {
             for channel in (0..n_channels).step_by(channels) {
-                beams.add([channel, (channel + channels).min(n_channels)], [column, (column + columns).min(n_columns)]);
+                self.add([channel, (channel + channels).min(n_channels)], [column, (column + columns).min(n_columns)]);
             }
         }
-        beams.slots = vec![0; n_channels * n_columns];
-        for (i, bunch) in beams.bunches.iter().enumerate() {
+        self.slots = vec![0; n_channels * n_columns];
+        for (i, bunch) in self.bunches.iter().enumerate() {
             // Those that are not there come last.
             for (ray, (channel, column)) in bunch.rays.iter().enumerate().rev() {
-                beams.slots[*channel as usize * n_columns + *column as usize] = (i * beams.bunch_rays + ray) as u32;
+                self.slots[*channel as usize * n_columns + *column as usize] = (i * self.bunch_rays + ray) as u32;
             }
         }
-        beams
     }
 
     /// Number of a ray in the frame, channel after channel.

@@ -4,13 +4,13 @@
 //! instances), and a small hierarchy over the instances of the tick. Rays with a common origin travel in bundles of neighbours.
 //! Hits are found in `f32` about a near origin and then made exact in `f64`, so that distances hold to well under a millimetre.
 
-#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 mod ball;
 mod beams;
 mod bundle;
 mod cast;
+mod gpu;
 pub mod lidar;
 mod near_ball;
 mod outline;
@@ -21,6 +21,7 @@ mod through;
 mod tree;
 
 pub use ball::{BallFilter, BallHit};
+pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans};
 pub use lidar::{Lidar, SensorPath};
 pub use radar::RadarPose;
 pub use scene::{Hit, RayScene};

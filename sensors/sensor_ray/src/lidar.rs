@@ -54,7 +54,7 @@ pub struct Lidar {
     /// The specification's own, without weather.
     clear_attenuation_per_m: f64,
     beams: Beams,
-    /// Azimuths to which the head has turned since the last scan (scan `sweep`).
+    /// Azimuths to which the head has turned since the last scan.
     turned_to_rad: Option<Vec<f64>>,
     /// Time that the head has swept, all firings together (scan `sweep`).
     swept_nanos: u64,
@@ -79,7 +79,7 @@ impl Lidar {
             spec,
         };
         if lidar.spec.scan == LidarScan::Turn {
-            lidar.set_azimuths((0..lidar.spec.columns).map(|column| azimuth_rad(&lidar.spec, column)).collect());
+            lidar.turned_to_rad = Some((0..lidar.spec.columns).map(|column| azimuth_rad(&lidar.spec, column)).collect());
         }
         lidar
     }
@@ -124,8 +124,16 @@ impl Lidar {
         self.spec.horizontal_fov_deg * (self.spec.rotation_hz * self.swept_nanos as f64 * 1e-9).fract()
     }
 
-    fn set_azimuths(&mut self, azimuths_rad: Vec<f64>) {
-        self.beams = Beams::new(&self.spec, azimuths_rad.into_iter());
+    /// Beams as the head stands now.
+    pub(crate) fn aim(&mut self) -> &Beams {
+        if let Some(azimuths_rad) = self.turned_to_rad.take() {
+            self.beams = Beams::new(&self.spec, azimuths_rad.into_iter());
+        }
+        &self.beams
+    }
+
+    fn make_room(&mut self) {
+        self.beams.bunch(&self.spec);
         let n_slots = self.beams.bunches.len() * self.beams.bunch_rays;
         match &mut self.points {
             Points::Plain(points) => points.resize(n_slots, LidarPoint::lost()),
@@ -142,9 +150,8 @@ impl Lidar {
     ///
     /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's lidar sees its own car: `None`).
     pub fn scan(&mut self, scene: &RayScene, path: &SensorPath, noise: Noise, ignored: Option<ActorId>) -> u32 {
-        if let Some(azimuths_rad) = self.turned_to_rad.take() {
-            self.set_azimuths(azimuths_rad);
-        }
+        self.aim();
+        self.make_room();
         let turn = Turn {
             scene,
             spec: &self.spec,
@@ -219,9 +226,9 @@ pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
 }
 
 /// Where rays leave from, and how the sensor's space is turned.
-struct Pose {
-    origin_m: Point3<f64>,
-    world_from_sensor: Matrix3<f64>,
+pub(crate) struct Pose {
+    pub origin_m: Point3<f64>,
+    pub world_from_sensor: Matrix3<f64>,
 }
 
 impl From<&Isometry3<f64>> for Pose {
@@ -231,7 +238,7 @@ impl From<&Isometry3<f64>> for Pose {
 }
 
 /// Pose of the sensor at each column, or a single one for all.
-fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
+pub(crate) fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
     if !spec.motion_distortion {
         return vec![(&path.world_from_sensor).into()];
     }
@@ -256,7 +263,7 @@ struct Turn<'a> {
 impl Turn<'_> {
     /// Casts all rays, some bunches per task.
     fn cast<P: Point>(&self, points: &mut [P]) {
-        let n_slots = TASK_BUNCHES * self.beams.bunch_rays;
+        let n_slots = (TASK_BUNCHES * self.beams.bunch_rays).max(1);
         let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
         points.par_chunks_mut(n_slots).zip(bunches).for_each_init(Stacks::default, |stacks, (points, bunches)| {
             let caster = Caster { scene: self.scene, ignored: self.ignored, stacks: std::mem::take(stacks) };

@@ -97,7 +97,7 @@ impl Point for LidarPoint {
 }
 
 /// Intensity from which on every return is kept.
-fn keep_limit(spec: &LidarSpec) -> f64 {
+pub(crate) fn keep_limit(spec: &LidarSpec) -> f64 {
     if spec.dropoff_zero_intensity_ratio > 0.0 { spec.dropoff_intensity_limit } else { 0.0 }
 }
 

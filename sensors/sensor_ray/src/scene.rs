@@ -73,6 +73,8 @@ pub(crate) struct Placed {
 #[derive(Debug)]
 pub struct RayScene {
     episode: u32,
+    /// Whether hierarchies are packed for the GPU too.
+    for_gpu: bool,
     pub(crate) meshes: Vec<Arc<Mesh>>,
     /// By mesh; built at load for meshes that are no scenery, else when first seen moving.
     pub(crate) mesh_trees: Vec<Option<TriangleTree>>,
@@ -86,6 +88,15 @@ pub struct RayScene {
 impl RayScene {
     /// Builds the hierarchies of an episode: about a microsecond per triangle and core. Level of detail 0 only.
     pub fn load(assets: &SceneAssets) -> Self {
+        Self::build(assets, false)
+    }
+
+    /// As [`RayScene::load`], with what [`crate::GpuRays`] needs.
+    pub fn load_for_gpu(assets: &SceneAssets) -> Self {
+        Self::build(assets, true)
+    }
+
+    fn build(assets: &SceneAssets, for_gpu: bool) -> Self {
         let mut is_scenery = vec![false; assets.meshes.len()];
         for instance in &assets.statics {
             is_scenery[instance.mesh.0 as usize] = true;
@@ -101,11 +112,12 @@ impl RayScene {
             })
             .collect();
         let squares: Vec<_> = squares(assets).into_iter().collect();
-        let tiles = squares.par_iter().map(|(square, members)| tile(assets, *square, members)).collect();
-        let build = |(mesh, is_scenery): (&Arc<Mesh>, &bool)| if *is_scenery { None } else { Some(mesh_tree(mesh)) };
+        let tiles = squares.par_iter().map(|(square, members)| tile(assets, *square, members, for_gpu)).collect();
+        let build = |(mesh, is_scenery): (&Arc<Mesh>, &bool)| if *is_scenery { None } else { Some(mesh_tree(mesh, for_gpu)) };
         let mesh_trees = assets.meshes.par_iter().zip(&is_scenery).map(build).collect();
         RayScene {
             episode: assets.episode,
+            for_gpu,
             meshes: assets.meshes.clone(),
             mesh_trees,
             statics,
@@ -135,7 +147,7 @@ impl RayScene {
         for instance in dynamics {
             let mesh_idx = instance.mesh.0 as usize;
             let Some(mesh) = self.meshes.get(mesh_idx) else { continue };
-            let tree = self.mesh_trees[mesh_idx].get_or_insert_with(|| mesh_tree(mesh));
+            let tree = self.mesh_trees[mesh_idx].get_or_insert_with(|| mesh_tree(mesh, self.for_gpu));
             let (Some(bounds), true) = (tree.bounds(), is_finite(&instance.world_from_mesh)) else { continue };
             boxes.push(box_about(&self.dynamics_origin_m, &instance.world_from_mesh, bounds));
             self.dynamics.push(Placed {
@@ -219,6 +231,13 @@ impl RayScene {
         distances_m
     }
 
+    /// Own object id (0: its instance's) and class of a mesh's triangle.
+    pub(crate) fn labels(&self, mesh_idx: u32, triangle: u32) -> (u32, u8) {
+        let mesh = &self.meshes[mesh_idx as usize];
+        let vertex = &mesh.vertices[mesh.indices[mesh.lods[0].first_idx as usize + 3 * triangle as usize] as usize];
+        (vertex.object_id, vertex.class)
+    }
+
     /// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the mesh's space, in `f64`.
     fn resolve(&self, place: u32, slot: u32, found_m: f64, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
         let (placed, triangle) = match self.tiles.get(place as usize) {
@@ -277,9 +296,9 @@ fn plane_distances(corners: &[[[f64; GROUP]; 3]; 3], directions: &[[f64; GROUP];
     distances
 }
 
-fn mesh_tree(mesh: &Arc<Mesh>) -> TriangleTree {
+fn mesh_tree(mesh: &Arc<Mesh>, for_gpu: bool) -> TriangleTree {
     let corners: Vec<_> = mesh.triangles().map(|(corners, _)| corners).collect();
-    TriangleTree::new(&corners)
+    TriangleTree::new(&corners, for_gpu)
 }
 
 /// Static instances by the square of the map in which their mesh's centre lies.
@@ -296,7 +315,7 @@ fn squares(assets: &SceneAssets) -> BTreeMap<(i64, i64), Vec<u32>> {
 }
 
 /// The hierarchy of one square.
-fn tile(assets: &SceneAssets, square: (i64, i64), members: &[u32]) -> Tile {
+fn tile(assets: &SceneAssets, square: (i64, i64), members: &[u32], for_gpu: bool) -> Tile {
     let origin_m = Point3::new(square.0 as f64 * TILE_M, square.1 as f64 * TILE_M, 0.0);
     let (mut corners, mut sources) = (Vec::new(), Vec::new());
     for instance_idx in members {
@@ -309,11 +328,15 @@ fn tile(assets: &SceneAssets, square: (i64, i64), members: &[u32]) -> Tile {
             sources.push((*instance_idx, i as u32));
         }
     }
-    Tile { origin_m, tree: TriangleTree::new(&corners), sources }
+    Tile { origin_m, tree: TriangleTree::new(&corners, for_gpu), sources }
 }
 
 /// Box about an instance, relative to `origin_m`.
-fn box_about(origin_m: &Point3<f64>, world_from_mesh: &Isometry3<f64>, (low, high): ([f32; 3], [f32; 3])) -> ([f32; 3], [f32; 3]) {
+pub(crate) fn box_about(
+    origin_m: &Point3<f64>,
+    world_from_mesh: &Isometry3<f64>,
+    (low, high): ([f32; 3], [f32; 3]),
+) -> ([f32; 3], [f32; 3]) {
     let (low, high) = (Vector3::from(low.map(f64::from)), Vector3::from(high.map(f64::from)));
     let centre = world_from_mesh * Point3::from(0.5 * (low + high)) - origin_m;
     let half = world_from_mesh.rotation.to_rotation_matrix().matrix().abs() * (0.5 * (high - low)) + Vector3::repeat(BOX_MARGIN_M);

@@ -10,8 +10,16 @@ use obvhs::bvh2::builder::build_bvh2_from_tris;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::triangle::Triangle;
 
+use crate::gpu::pack::Packed;
+
 /// Children of a node, triangles of a block.
 pub(crate) const WIDTH: usize = 8;
+
+/// Most triangles of a leaf on the GPU.
+const GPU_LEAF: u32 = 4;
+
+/// Share of the largest coordinate by which boxes are widened for the GPU.
+const MARGIN: f32 = 1e-6;
 
 /// Bit of a child that is a leaf; the rest is the number of its block or item.
 pub(crate) const LEAF: u32 = 1 << 31;
@@ -31,7 +39,7 @@ pub(crate) struct Node {
 }
 
 impl Node {
-    fn empty() -> Self {
+    pub fn empty() -> Self {
         Node { bounds: [[[0.0; WIDTH]; 2]; 3], child: [0; WIDTH], n_children: 0 }
     }
 
@@ -67,7 +75,7 @@ struct Folder<'b, F> {
 
 impl Tree {
     /// Folds `bvh`; subtrees of at most `leaf_items` items become leaves, each made by `make_leaf` from indices of items.
-    fn fold(bvh: &Bvh2, leaf_items: u32, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
+    pub(crate) fn fold(bvh: &Bvh2, leaf_items: u32, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
         let Some(root) = bvh.nodes.first() else { return Tree::default() };
         let mut folder = Folder { bvh, n_items: vec![0; bvh.nodes.len()], leaf_items, make_leaf, nodes: Vec::new() };
         folder.count();
@@ -170,11 +178,13 @@ pub(crate) struct TriangleTree {
     pub blocks: Vec<Block>,
     /// Numbers in the order the triangles were given; [`NO_TRIANGLE`] in lanes without one.
     pub numbers: Vec<[u32; WIDTH]>,
+    /// The same hierarchy for the GPU, if it was asked for; items are numbers.
+    pub packed: Option<Packed>,
 }
 
 impl TriangleTree {
     /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not finite are left out.
-    pub fn new(corners: &[[[f32; 3]; 3]]) -> Self {
+    pub fn new(corners: &[[[f32; 3]; 3]], for_gpu: bool) -> Self {
         let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
         let numbers: Vec<u32> = (0..corners.len() as u32).filter(|i| finite(&corners[*i as usize])).collect();
         let triangles: Vec<Triangle> = numbers
@@ -187,7 +197,11 @@ impl TriangleTree {
         if triangles.is_empty() {
             return TriangleTree::default();
         }
-        let bvh = build_bvh2_from_tris(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
+        let bvh = build_bvh2_from_tris(
+            &triangles,
+            BvhBuildParams { max_prims_per_leaf: GPU_LEAF, ..BvhBuildParams::medium_build() },
+            &mut Duration::default(),
+        );
         let (mut blocks, mut block_numbers) = (Vec::with_capacity(triangles.len() / 4), Vec::with_capacity(triangles.len() / 4));
         let tree = Tree::fold(&bvh, WIDTH as u32, |items| {
             let first = blocks.len() as u32;
@@ -196,7 +210,17 @@ impl TriangleTree {
             block_numbers.push([0, 1, 2, 3, 4, 5, 6, 7].map(|lane| items.get(lane).map_or(NO_TRIANGLE, |i| numbers[*i as usize])));
             first
         });
-        TriangleTree { tree, blocks, numbers: block_numbers }
+        let packed = for_gpu.then(|| {
+            let mut leaves: Vec<Vec<u32>> = Vec::new();
+            let narrow = Tree::fold(&bvh, GPU_LEAF, |items| {
+                leaves.push(items.iter().map(|i| numbers[*i as usize]).collect());
+                leaves.len() as u32 - 1
+            });
+            let mut packed = Packed::new(&narrow, |leaf| &leaves[leaf as usize], MARGIN * narrow.reach);
+            packed.corners = packed.items.iter().map(|number| corners[*number as usize]).collect();
+            packed
+        });
+        TriangleTree { tree, blocks, numbers: block_numbers, packed }
     }
 
     /// Lower and upper corner of the box around everything; `None` without triangles.
@@ -241,9 +265,22 @@ impl BoxTree {
         if boxes.is_empty() {
             return BoxTree::default();
         }
-        let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
-        let indices = (0..boxes.len() as u32).collect();
-        let bvh = PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0);
-        BoxTree { tree: Tree::fold(&bvh, 1, |items| items[0]) }
+        BoxTree { tree: Tree::fold(&box_hierarchy(boxes), 1, |items| items[0]) }
     }
+
+    /// The same for the GPU; items are indices into `boxes`.
+    pub fn packed(boxes: &[([f32; 3], [f32; 3])]) -> Packed {
+        if boxes.is_empty() {
+            return Packed::default();
+        }
+        let items: Vec<u32> = (0..boxes.len() as u32).collect();
+        let tree = Tree::fold(&box_hierarchy(boxes), 1, |items| items[0]);
+        Packed::new(&tree, |leaf| std::slice::from_ref(&items[leaf as usize]), MARGIN * tree.reach)
+    }
+}
+
+fn box_hierarchy(boxes: &[([f32; 3], [f32; 3])]) -> Bvh2 {
+    let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
+    let indices = (0..boxes.len() as u32).collect();
+    PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0)
 }

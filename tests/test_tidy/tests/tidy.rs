@@ -22,7 +22,7 @@ fn allowed(from: &str, to: &str) -> bool {
         ("schema_frames" | "schema_roads", "schema_types") => true,
         (_, to) if district(to) == "schema" => district(from) != "schema",
         ("sensor_core", "sensor_spec") | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
-        ("sensor_camera", "sensor_gpu") => true,
+        ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
         ("sensor_gpu", "sensor_core") => true,
         (from, "consumer_kit") => district(from) == "consumer",
         _ => false,

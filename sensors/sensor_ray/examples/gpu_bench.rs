@@ -1,0 +1,146 @@
+//! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in (imported) memory, and rays per second over
+//! a batch of lidars at different places.
+//!
+//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; the mesh's format is that of `mesh_bench`.
+
+#![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Vector3};
+use schema_types::noise::Noise;
+use schema_types::{Class, ObjectId};
+use sensor_core::mesh::Surface;
+use sensor_core::{Material, MeshBuilder, SceneAssets, StaticInstance};
+use sensor_gpu::{Gpu, GpuOptions, Place, ShmTarget};
+use sensor_ray::{GpuRayOptions, GpuRays, Lidar, RayScene, ScanJob, SensorPath};
+use sensor_spec::LidarSpec;
+
+fn main() {
+    let mut args = std::env::args().skip(1);
+    let path = args.next().expect("the first argument is the mesh file");
+    let turns: usize = args.next().map_or(20, |text| text.parse().expect("turns are a whole number"));
+    let gpu = Gpu::open(&GpuOptions { adapter: args.next(), allow_import: true }).unwrap_or_else(|error| panic!("{error}"));
+    println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
+    assert!(GpuRays::is_supported(&gpu), "no f64 or u64 in shaders");
+    let assets = read(&path);
+    let scene = RayScene::load_for_gpu(&assets);
+    println!("{} triangles", scene.n_static_triangles());
+    let (base, len) = segment(BATCH * SLOT_BYTES);
+    // SAFETY: the memory is leaked, and only the scans write to it.
+    let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
+    for checked in [false] {
+        for block_columns in [4, 8, 16, 32] {
+            let mut rays = GpuRays::new(&gpu, GpuRayOptions { block_columns, checked });
+            assert!(rays.update(&scene), "the hierarchy is too deep");
+            println!("blocks {block_columns} columns wide{}", if checked { ", checked" } else { "" });
+            for n_lidars in [1, 4, 16, BATCH] {
+                measure(&mut rays, &target, n_lidars, turns, true);
+            }
+        }
+    }
+    let mut rays = GpuRays::new(&gpu, GpuRayOptions::default());
+    assert!(rays.update(&scene), "the hierarchy is too deep");
+    if gpu.set_timing(true) {
+        for n_lidars in [1, BATCH] {
+            gpu.take_spans();
+            measure(&mut rays, &target, n_lidars, turns, true);
+            for span in gpu.take_spans() {
+                println!("    {} {}: {:.4} ms", span.place, span.label, span.millis / (turns + 3) as f64);
+            }
+        }
+        gpu.set_timing(false);
+    }
+    println!("few rays: what a submission costs");
+    measure(&mut rays, &target, 1, turns, false);
+    compare(&mut rays, &scene);
+}
+
+const BATCH: usize = 32;
+const SLOT_BYTES: usize = 64 * 2048 * 16 + 4096;
+
+fn spec(columns: u32) -> LidarSpec {
+    LidarSpec { channels: 64, columns, upper_fov_deg: 2.0, lower_fov_deg: -24.8, range_m: 1e4, ..Default::default() }
+}
+
+/// The place of the comparison with other ray casters, then others along the street.
+fn place(i: usize) -> SensorPath {
+    let turn = Vector3::new(0.0, 0.0, 0.4 * i as f64);
+    SensorPath::still(Isometry3::new(Vector3::new(3.0 * i as f64, -1.7, 1.9), turn))
+}
+
+fn measure(rays: &mut GpuRays, target: &Arc<ShmTarget>, n_lidars: usize, turns: usize, whole: bool) {
+    let spec = spec(if whole { 2048 } else { 16 });
+    let mut lidars: Vec<Lidar> = (0..n_lidars).map(|_| Lidar::new(spec.clone())).collect();
+    let (mut after_submit, mut with_recording) = (Vec::new(), Vec::new());
+    let mut n_points = 0;
+    for turn in 0..turns + 3 {
+        let place_of = |i| Place::Shm { target: target.clone(), offset_bytes: i * SLOT_BYTES, capacity_bytes: SLOT_BYTES };
+        let noise = Noise::new(1, 2, turn as u64);
+        let begin = Instant::now();
+        let job = |(i, lidar)| ScanJob { lidar, path: place(i), noise, ignored: None, place: place_of(i) };
+        let scans = rays.scan(lidars.iter_mut().enumerate().map(job).collect());
+        let submitted = Instant::now();
+        let outcomes = scans.wait().unwrap_or_else(|error| panic!("{error}"));
+        let end = Instant::now();
+        n_points = outcomes.iter().map(|outcome| outcome.n_points).sum();
+        if turn >= 3 {
+            after_submit.push((end - submitted).as_secs_f64() * 1e3);
+            with_recording.push((end - begin).as_secs_f64() * 1e3);
+        }
+    }
+    after_submit.sort_by(f64::total_cmp);
+    with_recording.sort_by(f64::total_cmp);
+    let n_rays = n_lidars as f64 * (spec.channels * spec.columns) as f64;
+    let (after, whole) = (after_submit[turns / 2], with_recording[turns / 2]);
+    println!(
+        "  {n_lidars:2} lidars: median {after:.3} ms after submission (best {:.3}), {whole:.3} ms with recording (best {:.3}), {:.0} Mray/s, {:.3} of rays return",
+        after_submit[0],
+        with_recording[0],
+        n_rays / whole * 1e-3,
+        n_points as f64 / n_rays
+    );
+}
+
+/// The points of the GPU against the CPU's.
+fn compare(rays: &mut GpuRays, scene: &RayScene) {
+    let (mut on_gpu, mut on_cpu) = (Lidar::new(spec(2048)), Lidar::new(spec(2048)));
+    let mut bytes = vec![0u8; SLOT_BYTES];
+    let noise = Noise::new(1, 2, 3);
+    let job = ScanJob { lidar: &mut on_gpu, path: place(0), noise, ignored: None, place: Place::Memory(&mut bytes) };
+    let outcome = rays.scan(vec![job]).wait().unwrap_or_else(|error| panic!("{error}"));
+    let n_points = on_cpu.scan(scene, &place(0), noise, None);
+    let mut expected = vec![0u8; on_cpu.payload_bytes()];
+    on_cpu.write(&mut expected);
+    let points = |bytes: &[u8]| bytemuck::pod_collect_to_vec::<u8, schema_frames::LidarPoint>(bytes);
+    let (ours, theirs) = (points(&bytes[..16 * outcome[0].n_points as usize]), points(&expected));
+    let gaps: Vec<f32> =
+        ours.iter().zip(&theirs).map(|(a, b)| (Vector3::from(a.hit_in_sensor_m) - Vector3::from(b.hit_in_sensor_m)).norm()).collect();
+    let n_far = gaps.iter().filter(|gap| **gap > 1e-3).count();
+    println!("{} points on the GPU, {n_points} on the CPU, {n_far} farther than 1 mm apart", outcome[0].n_points);
+}
+
+/// Page-aligned memory that lives as long as the process.
+fn segment(n_bytes: usize) -> (*mut u8, usize) {
+    let len = n_bytes.next_multiple_of(4096);
+    let memory: &'static mut [u8] = vec![0u8; len + 4096].leak();
+    let aligned = memory.as_ptr().align_offset(4096);
+    (memory[aligned..aligned + len].as_mut_ptr(), len)
+}
+
+fn read(path: &str) -> SceneAssets {
+    let bytes = std::fs::read(path).expect("the mesh file can be read");
+    let word = |at: usize| u32::from_le_bytes(bytes[4 * at..4 * at + 4].try_into().expect("four bytes"));
+    let (n_vertices, n_triangles) = (word(0) as usize, word(1) as usize);
+    let vertex = |i: u32| std::array::from_fn(|axis| f32::from_bits(word(2 + 3 * i as usize + axis)));
+    let surface = Surface::new(Class::BUILDINGS, Material::Matte, [128; 3]);
+    let mut builder = MeshBuilder::new("mesh");
+    for triangle in 0..n_triangles {
+        builder.triangle(surface, [0, 1, 2].map(|corner| vertex(word(2 + 3 * n_vertices + 3 * triangle + corner))));
+    }
+    let mut assets = SceneAssets::default();
+    let mesh = assets.add_mesh(builder.finish());
+    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(1) });
+    assets
+}
