@@ -11,6 +11,7 @@ use crate::control::{VehicleControl, WalkerControl};
 use crate::document::{PoseText, StepMode, Weather};
 use crate::physics::{PhysicsAction, PhysicsAnswer};
 use crate::query::{DebugShape, PosedBox, RayHit, RaySegment};
+use crate::skeleton::{BoneReading, SkeletonAction};
 
 /// Version of the command codec.
 pub const COMMAND_VERSION: u32 = 1;
@@ -135,6 +136,13 @@ pub enum Command {
         yaw_rad: f64,
         /// Speed that its limbs show, m/s.
         speed_mps: f64,
+    },
+    /// Holds or reads the bones of a walker.
+    Skeleton {
+        /// The actor.
+        actor_id: u32,
+        /// What.
+        action: SkeletonAction,
     },
     /// Does something to an actor's body, or asks about a vehicle's.
     Physics {
@@ -401,6 +409,11 @@ pub enum CommandReply {
     Boxes {
         /// In the world.
         boxes: Vec<PosedBox>,
+    },
+    /// Answer to `skeleton` with `read`.
+    Bones {
+        /// Parents before children.
+        bones: Vec<BoneReading>,
     },
     /// Answer to `cast_rays`.
     Hits {

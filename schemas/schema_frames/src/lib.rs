@@ -21,6 +21,7 @@ pub mod physics;
 pub mod query;
 pub mod radar;
 pub mod scenery;
+pub mod skeleton;
 pub mod snapshot;
 
 pub use attachment::Attachment;
@@ -39,6 +40,7 @@ pub use physics::{
 };
 pub use query::{DebugDraw, DebugShape, PosedBox, RayHit, RaySegment};
 pub use radar::RadarDetection;
+pub use skeleton::{BoneReading, HeldBone, SkeletonAction};
 pub use snapshot::{ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart};
 
 /// Version of every layout in this crate. A reader refuses any other.

@@ -31,6 +31,7 @@ impl World {
                 self.refresh_actor(ActorId(*actor_id));
                 done(result.map_err(text))
             }
+            Command::Skeleton { actor_id, action } => self.act_on_skeleton(ActorId(*actor_id), action),
             Command::Physics { actor_id, action } => self.act(ActorId(*actor_id), action),
             Command::ControlWalker { actor_id, control } => done(self.control_walker(ActorId(*actor_id), *control).map_err(text)),
             Command::LeadWalker { actor_id, ground_point_m, yaw_rad, speed_mps } => {

@@ -84,9 +84,8 @@ impl World {
 
     fn add_walker(&self, out: &mut Vec<DynamicInstance>, actor: ActorId, walker: &Walker) {
         let Some((parts, wheelchair)) = self.meshes.walkers.get(walker.model_idx as usize) else { return };
-        let shape = &walker.model().shape;
         let posture = walker.posture();
-        let world_from_ground = walker.pose() * Translation3::new(0.0, 0.0, -0.5 * shape.height_m);
+        let world_from_ground = walker.world_from_ground();
         let velocity_in_world_mps = Vector3::from(walker.velocity_mps);
         let part = |part: usize, mesh: MeshId, ground_from_mesh: &Isometry3<f64>| DynamicInstance {
             actor,
@@ -97,7 +96,7 @@ impl World {
             lamps: 0,
             velocity_in_world_mps,
         };
-        let poses = shape.skeleton().parts(posture);
+        let poses = walker.parts();
         out.extend(poses.iter().enumerate().map(|(idx, pose)| part(idx, parts[mesh_of(idx)], pose)));
         if posture == Posture::Seated {
             out.push(part(poses.len(), *wheelchair, &Isometry3::identity()));

@@ -7,9 +7,11 @@ Prints "NAME passed" per theme; the first thing that is not as it should be ends
 
 import faulthandler
 import math
+import queue
 import sys
 
 import carla
+import numpy as np
 
 STEP_SECS = 0.05
 
@@ -227,6 +229,76 @@ def check_crowd(world):
         walker.destroy()
 
 
+def check_bones(world):
+    library = world.get_blueprint_library()
+    at = pavement(world)
+    at.location.z += 1.0
+    walker = world.spawn_actor(library.find("walker.pedestrian.0001"), at)
+    # From the side, 3 m away: what the arm covers in front of the body.
+    blueprint = library.find("sensor.camera.instance_segmentation")
+    for name, value in (("image_size_x", "200"), ("image_size_y", "200"), ("fov", "50")):
+        blueprint.set_attribute(name, value)
+    beside = carla.Transform(carla.Location(y=3.0), carla.Rotation(yaw=-90.0))
+    camera = world.spawn_actor(blueprint, beside, attach_to=walker)
+    pictures = queue.Queue()
+    camera.listen(pictures.put)
+
+    def columns():
+        tick = world.tick()
+        while True:
+            picture = pictures.get(timeout=60.0)
+            if picture.frame == tick:
+                pixels = np.frombuffer(picture.raw_data, np.uint8).reshape(200, 200, 4)
+                return int((pixels[..., 2] == 12).any(axis=0).sum())
+
+    def bones():
+        return {bone.name: bone for bone in walker.get_bones().bone_transforms}
+
+    for _ in range(20):
+        world.tick()
+    hanging, before = columns(), bones()
+    assert len(before) == 66 and {"crl_root", "crl_hips__C", "crl_Head__C", "crl_hand__R", "crl_toeEnd__L"} <= set(before), sorted(before)
+    root, head, hand = (before[name] for name in ("crl_root", "crl_Head__C", "crl_hand__R"))
+    height = 2.0 * walker.bounding_box.extent.z
+    assert near(root.world.location.z, walker.get_location().z - 0.5 * height, 1e-3) and 0.8 < head.component.location.z / height < 0.97
+    # In CARLA's axes the right hand is at positive y.
+    assert hand.component.location.y > 0.1 > 0 > before["crl_hand__L"].component.location.y
+    length = before["crl_arm__R"].component.location.z - before["crl_foreArm__R"].component.location.z
+    assert 0.2 < length < 0.4, length
+    # The arm straight forward, first kept back, then shown by half, then wholly.
+    walker.set_bones(carla.WalkerBoneControlIn([(f"crl_arm__{side}", carla.Transform(before[f"crl_arm__{side}"].relative.location, carla.Rotation(pitch=90.0))) for side in "LR"]))
+    assert columns() == hanging
+    walker.blend_pose(0.5)
+    half = columns()
+    elbow = bones()
+    forward = elbow["crl_foreArm__R"].component.location.x - elbow["crl_arm__R"].component.location.x
+    assert 0.55 * length < forward < 0.85 * length, (forward, length)
+    walker.show_pose()
+    whole = columns()
+    after = bones()
+    forward = after["crl_foreArm__R"].component.location.x - after["crl_arm__R"].component.location.x
+    assert near(forward, length, 0.01), (forward, length)
+    assert hanging + 5 < half < whole - 5, (hanging, half, whole)
+    walker.hide_pose()
+    assert columns() == hanging
+    # The gait's own pose, held, stays while the walker walks on.
+    walker.apply_control(carla.WalkerControl(direction=at.get_forward_vector(), speed=1.3))
+    for _ in range(20):
+        world.tick()
+    walker.get_pose_from_animation()
+    walker.show_pose()
+    world.tick()
+    held = bones()["crl_leg__L"].component.location
+    for _ in range(7):
+        world.tick()
+        assert bones()["crl_leg__L"].component.location.distance(held) < 1e-4
+    walker.hide_pose()
+    world.tick()
+    assert bones()["crl_leg__L"].component.location.distance(held) > 0.01
+    camera.destroy()
+    walker.destroy()
+
+
 def main():
     global world_client
     world_client = client = carla.Client("127.0.0.1", int(sys.argv[1]))
@@ -236,7 +308,7 @@ def main():
     settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
     world.apply_settings(settings)
     world.tick()
-    for check in (check_blueprints, check_control, check_collision, check_props, check_navigation, check_crowd):
+    for check in (check_blueprints, check_control, check_collision, check_bones, check_props, check_navigation, check_crowd):
         check(world)
         print(check.__name__.removeprefix("check_"), "passed", flush=True)
 

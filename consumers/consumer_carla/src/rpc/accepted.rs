@@ -30,20 +30,10 @@ pub(crate) const CALLS: Calls = &[
         Ok(Answer::Value(shapes::transform(&Transform::default())))
     }),
     ("get_actor_component_names", Gateway::no_parts),
-    ("get_actor_bone_names", Gateway::no_parts),
-    ("get_actor_bone_world_transforms", Gateway::no_parts),
-    ("get_actor_bone_relative_transforms", Gateway::no_parts),
     ("get_actor_socket_names", Gateway::no_parts),
     ("get_actor_socket_world_transforms", Gateway::no_parts),
     ("get_actor_socket_relative_transforms", Gateway::no_parts),
     ("get_vehicle_bone_world_transforms", Gateway::no_parts),
-    ("get_bones_transform", |gateway, call| {
-        gateway.known_actor(call)?;
-        Ok(Answer::Value(list![list![]]))
-    }),
-    ("set_bones_transform", Gateway::accept),
-    ("blend_pose", Gateway::accept),
-    ("get_pose_from_animation", Gateway::accept),
     // Other simulators of vehicles.
     ("enable_carsim", Gateway::accept),
     ("use_carsim_road", Gateway::accept),

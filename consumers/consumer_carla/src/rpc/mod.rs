@@ -17,6 +17,7 @@ use crate::server::Request;
 pub mod accepted;
 pub mod actors;
 pub mod batch;
+pub mod bones;
 pub mod catalogue;
 pub mod drawing;
 pub mod files;
@@ -50,6 +51,7 @@ const AREAS: &[Calls] = &[
     spawning::CALLS,
     vehicles::CALLS,
     walkers::CALLS,
+    bones::CALLS,
     physics::CALLS,
     traffic_lights::CALLS,
     queries::CALLS,

@@ -5,6 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 mod body;
+pub mod bones;
 mod gait;
 pub(crate) mod stack;
 mod wheelchair;

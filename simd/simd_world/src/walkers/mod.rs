@@ -3,6 +3,7 @@
 //! A walker is no body of the physics engine: it asks the engine where walls and ground are and moves by itself. What a vehicle does to it
 //! is an inelastic collision of two masses, so that the vehicle feels it too.
 
+mod bones;
 mod crowd;
 mod impact;
 mod models;
@@ -14,6 +15,7 @@ use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 use simd_town::person::Posture;
 
+pub(crate) use bones::OwnPose;
 pub(crate) use crowd::Crowd;
 pub use models::{WalkerModel, walker_models};
 use motion::{MAX_PIECE_SECS, Standing, eased_mps, ground_below};
@@ -76,6 +78,8 @@ pub(crate) struct Walker {
     pub last_feet_m: [f64; 3],
     /// Fell out of the world.
     pub lost: bool,
+    /// Bones that somebody holds.
+    pub own_pose: Option<OwnPose>,
 }
 
 impl Walker {
@@ -100,6 +104,7 @@ impl Walker {
             led: None,
             last_feet_m: feet_m,
             lost: false,
+            own_pose: None,
         }
     }
 
