@@ -15,6 +15,12 @@ const COLOR: u8 = 5;
 
 /// What vehicles have beside what the catalogue says, and cannot be set.
 const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, ""), ("has_dynamic_doors", BOOL, "false")];
+/// What scripts may set on every vehicle and what is kept for them without effect.
+const VEHICLE_KEPT: &[(&str, u8, &str)] = &[("terramechanics", BOOL, "false")];
+/// The same of two-wheelers.
+const RIDER_KEPT: &[(&str, u8, &str)] = &[("driver_id", INT, "0")];
+/// Roles that CARLA recommends for sensors.
+const SENSOR_ROLES: [&str; 8] = ["front", "back", "left", "right", "front_left", "front_right", "back_left", "back_right"];
 /// Attributes of the catalogue that CARLA has too, with their type and whether a script may set them.
 const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("base_type", TEXT, false),
@@ -141,22 +147,71 @@ const GNSS: &[Spec] = &[
 ];
 const OBSTACLE: &[Spec] =
     &[("distance", FLOAT, "5.0"), ("hit_radius", FLOAT, "0.5"), ("only_dynamics", BOOL, "false"), ("debug_linetrace", BOOL, "false")];
+const RADIO: &[Spec] = &[
+    ("noise_seed", INT, "0"),
+    ("transmit_power", FLOAT, "21.5"),
+    ("receiver_sensitivity", FLOAT, "-99.0"),
+    ("frequency_ghz", FLOAT, "5.9"),
+    ("combined_antenna_gain", FLOAT, "10.0"),
+    ("scenario", TEXT, "highway"),
+    ("path_loss_model", TEXT, "geometric"),
+    ("path_loss_exponent", FLOAT, "2.7"),
+    ("d_ref", FLOAT, "1.0"),
+    ("filter_distance", FLOAT, "500.0"),
+    ("use_etsi_fading", BOOL, "true"),
+    ("custom_fading_stddev", FLOAT, "0.0"),
+];
+const AWARENESS: &[Spec] = &[
+    ("gen_cam_min", FLOAT, "0.1"),
+    ("gen_cam_max", FLOAT, "1.0"),
+    ("fixed_rate", BOOL, "false"),
+    ("noise_vel_stddev_x", FLOAT, "0.0"),
+    ("noise_accel_stddev_x", FLOAT, "0.0"),
+    ("noise_accel_stddev_y", FLOAT, "0.0"),
+    ("noise_accel_stddev_z", FLOAT, "0.0"),
+    ("noise_yawrate_stddev", FLOAT, "0.0"),
+    ("noise_yawrate_bias", FLOAT, "0.0"),
+    ("noise_lat_stddev", FLOAT, "0.0"),
+    ("noise_lat_bias", FLOAT, "0.0"),
+    ("noise_lon_stddev", FLOAT, "0.0"),
+    ("noise_lon_bias", FLOAT, "0.0"),
+    ("noise_alt_stddev", FLOAT, "0.0"),
+    ("noise_alt_bias", FLOAT, "0.0"),
+    ("noise_head_stddev", FLOAT, "0.0"),
+    ("noise_head_bias", FLOAT, "0.0"),
+];
+/// Ours: CARLA's counterpart is `two_frame`.
+const DVS_MODE: &[Spec] = &[("gantry_mode", TEXT, "motion")];
+/// Values that an attribute can have.
+const CHOICES: &[(&str, &[&str])] = &[
+    ("scenario", &["highway", "rural", "urban"]),
+    ("path_loss_model", &["winner", "geometric"]),
+    ("gantry_mode", &["motion", "two_frame"]),
+    ("exposure_mode", &["manual", "histogram"]),
+];
 const SENSOR_TICK: &[Spec] = &[("sensor_tick", FLOAT, "0.0")];
 
 /// The attribute tables of a sensor's blueprint.
 fn sensor_specs(type_id: &str) -> Vec<&'static [Spec]> {
     match type_id {
         "sensor.camera.rgb" => vec![SENSOR_TICK, CAMERA, COLOUR],
-        "sensor.camera.dvs" => vec![SENSOR_TICK, CAMERA, COLOUR, DVS],
+        "sensor.camera.dvs" => vec![SENSOR_TICK, CAMERA, COLOUR, DVS, DVS_MODE],
         _ if type_id.starts_with("sensor.camera.") => vec![SENSOR_TICK, CAMERA],
         "sensor.lidar.ray_cast" => vec![SENSOR_TICK, LIDAR, LIDAR_NOISE],
         "sensor.lidar.ray_cast_semantic" => vec![SENSOR_TICK, LIDAR],
         "sensor.other.radar" => vec![SENSOR_TICK, RADAR],
         "sensor.other.imu" => vec![SENSOR_TICK, IMU],
         "sensor.other.gnss" => vec![SENSOR_TICK, GNSS],
+        crate::v2x::AWARENESS => vec![SENSOR_TICK, RADIO, AWARENESS],
+        crate::v2x::CUSTOM => vec![SENSOR_TICK, RADIO],
         "sensor.other.obstacle" => vec![SENSOR_TICK, OBSTACLE],
         _ => vec![],
     }
+}
+
+/// Names of the attributes that a sensor's blueprint has beside `role_name` and `ros_name`.
+pub fn sensor_attributes(type_id: &str) -> impl Iterator<Item = &'static str> {
+    sensor_specs(type_id).into_iter().flatten().map(|(name, _, _)| *name)
 }
 
 /// One attribute of a blueprint.
@@ -184,10 +239,21 @@ fn lines(entry: &CatalogueEntry) -> Vec<Line> {
         });
         let constants = if *kind == "vehicle" { VEHICLE_CONSTANTS } else { &[] };
         let constant = constants.iter().map(|(name, kind, value)| Line::new(name, *kind, value, false));
-        return known.chain(constant).chain([Line::new("role_name", TEXT, role, true)]).collect();
+        let rides = entry.attributes.get("number_of_wheels").is_some_and(|wheels| wheels == "2");
+        let of_riders = if rides { RIDER_KEPT } else { &[] };
+        let of_vehicles = if *kind == "vehicle" { VEHICLE_KEPT } else { &[] };
+        let kept = of_vehicles.iter().chain(of_riders).map(|(name, kind, value)| Line::new(name, *kind, value, true));
+        return known.chain(constant).chain(kept).chain([Line::new("role_name", TEXT, role, true)]).collect();
     }
-    let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| Line::new(name, *kind, value, true));
-    own.chain([Line::new("role_name", TEXT, "default", true), Line::new("ros_name", TEXT, last, true)]).collect()
+    let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| {
+        let mut line = Line::new(name, *kind, value, true);
+        let choices = CHOICES.iter().find(|(of, _)| of == name).map_or(&[][..], |(_, choices)| choices);
+        line.recommended = choices.iter().map(|choice| (*choice).into()).collect();
+        line
+    });
+    let mut role = Line::new("role_name", TEXT, "default", true);
+    role.recommended = SENSOR_ROLES.map(Value::from).into();
+    own.chain([role, Line::new("ros_name", TEXT, last, true)]).collect()
 }
 
 /// Whether scripts see it in the blueprint library.

@@ -1,4 +1,4 @@
-//! Streams of sensors: one reader of the bus per connection, so that a slow client holds up nobody but itself.
+//! Streams of sensors: a reader of the bus for the first client that listens, and one for all others of the same sensor together.
 //!
 //! A client asks for a stream's place right before it connects, and may step the world in between. So the reader is opened with the question
 //! and waits for its connection: what the sensor sees from then on is not lost.
@@ -18,9 +18,11 @@ use std::time::{Duration, Instant};
 use schema_bus::{Bus, BusError, Frame, FrameReader, WaitSet, mono_now};
 
 use crate::gateway::lock;
+use crate::relay::{Relay, Sent};
 use crate::sensors::message::{Context, Encoder};
 use crate::sensors::{actor_of, events, records};
 use crate::stream::{Streams, has_ended, send, wait_for_end};
+use crate::v2x::V2x;
 use crate::world::World;
 
 /// How long a reader waits for the connection it was opened for.
@@ -31,25 +33,69 @@ const CONNECT_STEP: Duration = Duration::from_secs(1);
 const WRITE_STEP: Duration = Duration::from_secs(5);
 /// Readers that may wait for connections at a time.
 const MAX_WAITING: usize = 256;
+/// Messages that wait for each listener beyond the first.
+const BACKLOG: usize = 4;
+/// How long turning cameras on or off waits for all of them.
+const SWITCH: Duration = Duration::from_secs(2);
 /// How often a quiet stream is looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// How far a reader is, for those who wait for it.
 #[derive(Debug)]
-struct Progress {
+pub struct Progress {
     stream: u32,
     /// Everything published before this `CLOCK_MONOTONIC` was taken.
     taken_nanos: AtomicU64,
     is_connected: AtomicBool,
     /// Found too slow to wait for; until it has caught up.
     lags: AtomicBool,
+    /// A camera's that is not to be read; `None` for what has no readers of its own.
+    is_shut: Option<AtomicBool>,
     poke: UnixStream,
+}
+
+impl Progress {
+    /// Its client has come.
+    pub(crate) fn connect(&self) {
+        self.is_connected.store(true, Ordering::Release);
+    }
+
+    /// Everything published before was taken.
+    pub(crate) fn take(&self, nanos: u64) {
+        self.taken_nanos.store(nanos, Ordering::Release);
+        self.lags.store(false, Ordering::Release);
+    }
+
+    /// Nobody waits for what has ended.
+    pub(crate) fn finish(&self) {
+        self.taken_nanos.store(u64::MAX, Ordering::Release);
+    }
+}
+
+/// Where a feed's messages go.
+enum Outlet<'a> {
+    Client(&'a mut TcpStream),
+    Relay(&'a Relay),
+}
+
+impl Outlet<'_> {
+    fn send(&mut self, tick: u64, head: &[u8], body: &[u8]) -> std::io::Result<()> {
+        match self {
+            Outlet::Client(connection) => send(connection, head, body),
+            Outlet::Relay(relay) => {
+                relay.send(&Sent { tick, bytes: [head, body].concat().into() });
+                Ok(())
+            }
+        }
+    }
 }
 
 /// A reader with what it takes to write messages.
 struct Feed {
     actor: u32,
     was_listed: bool,
+    is_camera: bool,
+    topics: Vec<String>,
     readers: Vec<FrameReader>,
     waiting: Vec<Option<Frame>>,
     wake: WaitSet,
@@ -64,6 +110,11 @@ pub struct Feeds {
     world: Arc<World>,
     streams: Arc<Streams>,
     bus: OnceLock<Bus>,
+    /// Stations, whose messages the gateway makes itself.
+    pub v2x: V2x,
+    /// Whether cameras stay dark.
+    no_rendering: AtomicBool,
+    relays: Mutex<BTreeMap<u32, Arc<Relay>>>,
     waiting: Mutex<BTreeMap<u32, VecDeque<(Instant, Feed)>>>,
     active: Mutex<Vec<Arc<Progress>>>,
     taken: Condvar,
@@ -78,7 +129,17 @@ impl std::fmt::Debug for Feed {
 impl Feeds {
     /// No streams, and no bus: nothing can be read before [`Feeds::join`].
     pub fn new(world: Arc<World>, streams: Arc<Streams>) -> Self {
-        Feeds { world, streams, bus: OnceLock::new(), waiting: Mutex::default(), active: Mutex::default(), taken: Condvar::new() }
+        Feeds {
+            world,
+            streams,
+            bus: OnceLock::new(),
+            v2x: V2x::default(),
+            no_rendering: AtomicBool::new(false),
+            relays: Mutex::default(),
+            waiting: Mutex::default(),
+            active: Mutex::default(),
+            taken: Condvar::new(),
+        }
     }
 
     /// Reads from this bus.
@@ -88,8 +149,14 @@ impl Feeds {
     }
 
     /// A client is about to connect to this stream: reads for it from now on.
-    pub fn expect(&self, stream: u32) {
+    pub fn expect(self: &Arc<Self>, stream: u32) {
         self.sweep();
+        if self.is_station(stream) {
+            return self.v2x.expect(stream);
+        }
+        if self.beside(stream, |relay, progress| relay.expect(Some(progress))).is_some() {
+            return;
+        }
         if lock(&self.waiting).values().map(VecDeque::len).sum::<usize>() >= MAX_WAITING {
             tracing::warn!(
                 stream,
@@ -100,6 +167,130 @@ impl Feeds {
         if let Some(feed) = self.open(stream) {
             lock(&self.waiting).entry(stream).or_default().push_back((Instant::now(), feed));
         }
+    }
+
+    fn is_station(&self, stream: u32) -> bool {
+        let known = self.world.known();
+        actor_of(stream).and_then(|actor| known.sensor(actor)).is_some_and(|(kind, _)| kind.modalities.is_empty())
+    }
+
+    /// If somebody reads this stream already: takes a place in the relay that sends to all others.
+    fn beside<R>(self: &Arc<Self>, stream: u32, join: impl FnOnce(&Relay, Arc<Progress>) -> R) -> Option<R> {
+        let mut relays = lock(&self.relays);
+        let is_read = |progress: &&Arc<Progress>| progress.stream == stream && Arc::strong_count(progress) > 1;
+        let relay = match relays.get(&stream) {
+            Some(relay) => relay.clone(),
+            None => {
+                lock(&self.active).iter().find(is_read)?;
+                let feed = self.open(stream)?;
+                feed.progress.connect();
+                let relay = Arc::new(Relay::new(BACKLOG));
+                let (feeds, to) = (self.clone(), relay.clone());
+                let spawned = std::thread::Builder::new().name("relay".into()).spawn(move || feeds.relay(stream, feed, &to));
+                if let Err(error) = spawned {
+                    tracing::warn!(stream, %error, "cannot start a thread for the listeners of a stream");
+                    return None;
+                }
+                relays.insert(stream, relay.clone());
+                relay
+            }
+        };
+        // Who waits for a listener wakes the relay's feed, on which it depends.
+        let mut active = lock(&self.active);
+        let poke = active.iter().rev().find(is_read)?.poke.try_clone().ok()?;
+        let progress = Arc::new(Progress {
+            stream,
+            taken_nanos: AtomicU64::new(mono_now().0),
+            is_connected: AtomicBool::new(false),
+            lags: AtomicBool::new(false),
+            is_shut: None,
+            poke,
+        });
+        active.push(progress.clone());
+        drop(active);
+        // Before the lock is given back: a relay without listeners ends.
+        Some(join(&relay, progress))
+    }
+
+    /// Reads for all listeners of a stream but the first, until there are none.
+    fn relay(&self, stream: u32, mut feed: Feed, relay: &Arc<Relay>) {
+        const IDLE: Duration = Duration::from_secs(2);
+        let mut last_heard = Instant::now();
+        while !self.is_over(&mut feed) {
+            if relay.has_listeners() {
+                last_heard = Instant::now();
+            } else if last_heard.elapsed() > IDLE {
+                let mut relays = lock(&self.relays);
+                if !relay.has_listeners() {
+                    relays.remove(&stream);
+                    return;
+                }
+            }
+            let done = self.pass_on(&mut feed, &mut Outlet::Relay(relay));
+            let waited = feed.wake.wait_beside(&[feed.poked.as_fd()], LOOK);
+            match (done, waited) {
+                (Ok(nanos), Ok(ready)) => {
+                    relay.promise(nanos);
+                    if ready[0] {
+                        // All that matters is that something came.
+                        let _ = feed.poked.read(&mut [0; 64]);
+                    }
+                }
+                (Err(error), _) => {
+                    tracing::warn!(stream, %error, "the listeners of a stream end");
+                    break;
+                }
+                (_, Err(error)) => {
+                    tracing::warn!(stream, %error, "the listeners of a stream end");
+                    break;
+                }
+            }
+        }
+        lock(&self.relays).remove(&stream);
+        relay.close();
+    }
+
+    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them. Returns when all have changed.
+    pub fn set_no_rendering(&self, on: bool) {
+        if self.no_rendering.swap(on, Ordering::AcqRel) == on {
+            return;
+        }
+        for (_, feed) in lock(&self.waiting).values_mut().flatten() {
+            self.shut_or_open(feed);
+        }
+        let is_late = |progress: &&Arc<Progress>| {
+            let differs = progress.is_shut.as_ref().is_some_and(|shut| shut.load(Ordering::Acquire) != on);
+            differs && progress.is_connected.load(Ordering::Acquire) && Arc::strong_count(progress) > 1
+        };
+        let began = Instant::now();
+        let mut active = lock(&self.active);
+        while active.iter().any(|progress| is_late(&progress)) && began.elapsed() < SWITCH {
+            for late in active.iter().filter(is_late) {
+                // A full pipe wakes as well as one byte more.
+                let _ = (&late.poke).write(&[1]);
+            }
+            active = self.taken.wait_timeout(active, Duration::from_millis(20)).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Lets go of a camera's readers, or takes them again.
+    fn shut_or_open(&self, feed: &mut Feed) {
+        let progress = feed.progress.clone();
+        let Some(is_shut) = &progress.is_shut else { return };
+        let shut = self.no_rendering.load(Ordering::Acquire);
+        if is_shut.load(Ordering::Acquire) == shut {
+            return;
+        }
+        if shut {
+            feed.waiting.clear();
+            feed.readers.clear();
+            feed.wake = WaitSet::new();
+        } else if let Some(Err(error)) = self.bus.get().map(|bus| feed.read_topics(bus)) {
+            tracing::warn!(actor = feed.actor, %error, "cannot read a camera again");
+        }
+        is_shut.store(shut, Ordering::Release);
+        drop(lock(&self.active));
+        self.taken.notify_all();
     }
 
     /// Forgets readers whose clients never came.
@@ -119,26 +310,40 @@ impl Feeds {
             let known = self.world.known();
             (known.sensor(actor)?, known.fov_rad(actor))
         };
+        let is_camera = kind.type_id.starts_with("sensor.camera.");
         let opened = || -> Result<Feed, BusError> {
-            let mut wake = WaitSet::new();
-            let mut readers = Vec::new();
-            for topic in &topics {
-                wake.add(bus.listener(topic)?);
-                readers.push(bus.frame_reader(topic)?);
-            }
-            let pipe =
-                |error: std::io::Error| BusError::Service { action: "wake up", service: topics[0].clone(), cause: error.to_string() };
+            let pipe = |error: std::io::Error| BusError::Service {
+                action: "wake up",
+                service: topics.first().cloned().unwrap_or_default(),
+                cause: error.to_string(),
+            };
             let (poke, poked) = UnixStream::pair().map_err(pipe)?;
             poke.set_nonblocking(true).and_then(|()| poked.set_nonblocking(true)).map_err(pipe)?;
+            let shut = is_camera && self.no_rendering.load(Ordering::Acquire);
             let progress = Arc::new(Progress {
                 stream,
                 taken_nanos: AtomicU64::new(mono_now().0),
                 is_connected: AtomicBool::new(false),
                 lags: AtomicBool::new(false),
+                is_shut: is_camera.then_some(AtomicBool::new(shut)),
                 poke,
             });
-            let waiting = readers.iter().map(|_| None).collect();
-            Ok(Feed { actor, was_listed: false, readers, waiting, wake, poked, encoder: Encoder::new(kind, fov_rad), progress })
+            let mut feed = Feed {
+                actor,
+                was_listed: false,
+                is_camera,
+                topics,
+                readers: Vec::new(),
+                waiting: Vec::new(),
+                wake: WaitSet::new(),
+                poked,
+                encoder: Encoder::new(kind, fov_rad),
+                progress,
+            };
+            if !shut {
+                feed.read_topics(bus)?;
+            }
+            Ok(feed)
         };
         match opened() {
             Ok(feed) => {
@@ -153,15 +358,23 @@ impl Feeds {
     }
 
     /// Sends a sensor's messages to a client until it goes.
-    pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+    pub(crate) fn serve(self: &Arc<Self>, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+        if self.is_station(stream) {
+            return self.v2x.serve(stream, connection, &self.streams);
+        }
         let expected = lock(&self.waiting).get_mut(&stream).and_then(VecDeque::pop_front).map(|(_, feed)| feed);
+        if expected.is_none()
+            && let Some(listener) = self.beside(stream, |relay, progress| relay.listener(Some(progress)))
+        {
+            return listener.serve(connection, &self.streams, &|| self.tell_taken());
+        }
         let Some(mut feed) = expected.or_else(|| self.open(stream)) else {
             tracing::debug!(stream, "a client waits for a stream that does not exist");
             return wait_for_end(&connection);
         };
-        feed.progress.is_connected.store(true, Ordering::Release);
+        feed.progress.connect();
         while !self.is_over(&mut feed) {
-            self.pass_on(&mut feed, &mut connection)?;
+            self.pass_on(&mut feed, &mut Outlet::Client(&mut connection))?;
             let ready = feed.wake.wait_beside(&[connection.as_fd(), feed.poked.as_fd()], LOOK).map_err(std::io::Error::other)?;
             if ready[0] && has_ended(&connection)? {
                 return Ok(());
@@ -175,6 +388,11 @@ impl Feeds {
         wait_for_end(&connection)
     }
 
+    fn tell_taken(&self) {
+        drop(lock(&self.active));
+        self.taken.notify_all();
+    }
+
     /// Whether the sensor is gone: it was on the list of actors and is no longer.
     fn is_over(&self, feed: &mut Feed) -> bool {
         let is_listed = self.world.known().actors.contains_key(&feed.actor);
@@ -182,27 +400,30 @@ impl Feeds {
         feed.was_listed && !is_listed
     }
 
-    /// Takes everything that waits and writes it.
-    fn pass_on(&self, feed: &mut Feed, connection: &mut TcpStream) -> std::io::Result<()> {
+    /// Takes everything that waits and writes it. Returns the moment before which everything published was taken.
+    fn pass_on(&self, feed: &mut Feed, outlet: &mut Outlet<'_>) -> std::io::Result<u64> {
+        self.shut_or_open(feed);
         let began_nanos = mono_now().0;
         while let Some(frames) = feed.next()? {
-            self.streams.await_snapshot(frames[0].header().tick);
+            if feed.is_camera && self.no_rendering.load(Ordering::Acquire) {
+                continue;
+            }
+            let tick = frames[0].header().tick;
+            self.streams.await_snapshot(tick);
             let Some(context) = self.context(&frames[0]) else { continue };
             let events = events::bodies(&self.world.known(), &frames[0]);
             if let Some(bodies) = events {
                 for body in bodies {
                     let message = feed.encoder.event(frames[0].header(), &body, &context);
-                    send(connection, message.head, message.body)?;
+                    outlet.send(tick, message.head, message.body)?;
                 }
             } else if let Some(message) = feed.encoder.encode(&frames, &context) {
-                send(connection, message.head, message.body)?;
+                outlet.send(tick, message.head, message.body)?;
             }
         }
-        feed.progress.taken_nanos.store(began_nanos, Ordering::Release);
-        feed.progress.lags.store(false, Ordering::Release);
-        drop(lock(&self.active));
-        self.taken.notify_all();
-        Ok(())
+        feed.progress.take(began_nanos);
+        self.tell_taken();
+        Ok(began_nanos)
     }
 
     /// What a frame's message needs to know; `None` for a frame of an episode that is over.
@@ -241,8 +462,24 @@ impl Feeds {
 }
 
 impl Feed {
+    /// Opens a reader of each topic.
+    fn read_topics(&mut self, bus: &Bus) -> Result<(), BusError> {
+        let mut wake = WaitSet::new();
+        let mut readers = Vec::new();
+        for topic in &self.topics {
+            wake.add(bus.listener(topic)?);
+            readers.push(bus.frame_reader(topic)?);
+        }
+        self.waiting = readers.iter().map(|_| None).collect();
+        (self.readers, self.wake) = (readers, wake);
+        Ok(())
+    }
+
     /// The oldest frames of one tick, one of each topic.
     fn next(&mut self) -> std::io::Result<Option<Vec<Frame>>> {
+        if self.readers.is_empty() {
+            return Ok(None);
+        }
         loop {
             for (slot, reader) in self.waiting.iter_mut().zip(&mut self.readers) {
                 while slot.is_none() {
@@ -268,6 +505,6 @@ impl Feed {
 impl Drop for Feed {
     /// Nobody waits for what has ended.
     fn drop(&mut self) {
-        self.progress.taken_nanos.store(u64::MAX, Ordering::Release);
+        self.progress.finish();
     }
 }

@@ -89,6 +89,7 @@ impl Gateway {
     /// After each snapshot, before clients see it.
     pub fn after_snapshot(&self) {
         self.recorder.step(&self.world, &self.commander);
+        self.feeds.v2x.step(&self.world, &self.commander);
     }
 
     /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has

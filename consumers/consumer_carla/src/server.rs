@@ -1,17 +1,18 @@
 //! The RPC server: msgpack-rpc requests in, responses out, one thread per connection, in order of arrival.
 
+use std::collections::BTreeMap;
 use std::io::{BufReader, Write as _};
-use std::net::{TcpListener, TcpStream};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 use crate::fields::Fields;
-use crate::gateway::{Answer, Failure, Gateway};
+use crate::gateway::{Answer, Failure, Gateway, lock};
 use crate::list;
 use crate::msgpack::{self, DecodeError, Limits, Value};
 
 /// Open RPC connections.
-const MAX_CONNECTIONS: usize = 64;
+const MAX_CONNECTIONS: usize = 256;
 
 /// A request of msgpack-rpc.
 #[derive(Debug, PartialEq)]
@@ -63,36 +64,64 @@ pub fn response(id: u32, is_void: bool, outcome: Result<Answer, Failure>) -> Vec
     bytes
 }
 
+/// One open connection.
+struct Open {
+    connection: TcpStream,
+    /// Whether a whole request has come.
+    has_asked: Arc<AtomicBool>,
+}
+
+/// Open connections by number, which rises.
+type Table = Arc<Mutex<BTreeMap<u64, Open>>>;
+
+/// Makes room for one more. Who connects and never asks anything must not keep others out.
+fn make_room(table: &Table) -> bool {
+    let mut open = lock(table);
+    if open.len() < MAX_CONNECTIONS {
+        return true;
+    }
+    let Some(number) = open.iter().find(|(_, one)| !one.has_asked.load(Ordering::Acquire)).map(|(number, _)| *number) else {
+        tracing::warn!("refused an RPC connection: {MAX_CONNECTIONS} are open and in use");
+        return false;
+    };
+    if let Some(silent) = open.remove(&number) {
+        tracing::warn!("closed the oldest RPC connection that never asked anything: {MAX_CONNECTIONS} are open");
+        // It ends with its thread.
+        let _ = silent.connection.shutdown(Shutdown::Both);
+    }
+    true
+}
+
 /// Accepts clients for ever.
 pub fn serve(listener: &TcpListener, gateway: &Arc<Gateway>) {
     static NEXT: AtomicU64 = AtomicU64::new(1);
-    let open = Arc::new(AtomicUsize::new(0));
+    let table = Table::default();
     for connection in listener.incoming() {
         let Ok(connection) = connection else { continue };
-        if open.fetch_add(1, Ordering::AcqRel) >= MAX_CONNECTIONS {
-            tracing::warn!("refused an RPC connection: {MAX_CONNECTIONS} are open");
-            open.fetch_sub(1, Ordering::AcqRel);
+        let Ok(other_end) = connection.try_clone() else { continue };
+        if !make_room(&table) {
             continue;
         }
-        let (gateway, open_here) = (gateway.clone(), open.clone());
+        let (gateway, here, has_asked) = (gateway.clone(), table.clone(), Arc::new(AtomicBool::new(false)));
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        lock(&table).insert(number, Open { connection: other_end, has_asked: has_asked.clone() });
         let spawned = std::thread::Builder::new().name("rpc".into()).spawn(move || {
             let peer = connection.peer_addr().map_or_else(|_| "?".to_owned(), |peer| peer.to_string());
             tracing::debug!(peer, "connected");
-            if let Err(error) = serve_one(connection, &gateway, number) {
+            if let Err(error) = serve_one(connection, &gateway, number, &has_asked) {
                 tracing::warn!(peer, error, "closed an RPC connection");
             }
             gateway.closed(number);
-            open_here.fetch_sub(1, Ordering::AcqRel);
+            lock(&here).remove(&number);
         });
         if let Err(error) = spawned {
             tracing::warn!(%error, "cannot start a thread for an RPC connection");
-            open.fetch_sub(1, Ordering::AcqRel);
+            lock(&table).remove(&number);
         }
     }
 }
 
-fn serve_one(mut connection: TcpStream, gateway: &Gateway, number: u64) -> Result<(), String> {
+fn serve_one(mut connection: TcpStream, gateway: &Gateway, number: u64, has_asked: &AtomicBool) -> Result<(), String> {
     connection.set_nodelay(true).map_err(|error| error.to_string())?;
     let mut reader = BufReader::with_capacity(1 << 16, connection.try_clone().map_err(|error| error.to_string())?);
     loop {
@@ -104,6 +133,7 @@ fn serve_one(mut connection: TcpStream, gateway: &Gateway, number: u64) -> Resul
             Err(error) => return Err(error.to_string()),
         };
         let request = parse(message)?;
+        has_asked.store(true, Ordering::Release);
         let outcome = gateway.call(number, &request);
         match &outcome {
             Err(Failure::Unknown(error)) => tracing::warn!(error, "unknown call"),

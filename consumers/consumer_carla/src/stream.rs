@@ -185,7 +185,7 @@ pub fn serve(listener: &TcpListener, streams: &Arc<Streams>, feeds: &Arc<Feeds>)
     }
 }
 
-fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Feeds) -> std::io::Result<()> {
+fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Arc<Feeds>) -> std::io::Result<()> {
     connection.set_nodelay(true)?;
     connection.set_read_timeout(Some(HANDSHAKE))?;
     connection.set_write_timeout(Some(WRITE))?;

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_carla::{rpc, sensors};
+use consumer_carla::{blueprints, rpc, sensors};
 
 /// What a row may say.
 const VERDICTS: &[&str] = &["works", "differs", "no effect", "not there"];
@@ -58,4 +58,42 @@ fn every_sensor_has_a_row_that_says_whether_it_is_there() {
     let there: BTreeSet<&str> = kinds.collect();
     let listed: BTreeSet<&str> = rows.iter().filter(|(_, verdict)| *verdict != "not there").map(|(name, _)| name.as_str()).collect();
     assert_eq!(there, listed);
+}
+
+/// Rows of the chapter about attributes: ``| sensors | `name`, `name` | works | how |``.
+#[test]
+fn every_attribute_of_a_sensor_has_exactly_one_row_that_says_what_it_does() {
+    let document = document();
+    let (_, after) = document.split_once("\n## Sensor attributes\n").expect("the document has this chapter");
+    let chapter = after.split("\n## ").next().unwrap_or_default();
+    let mut listed: BTreeMap<(String, String), u32> = BTreeMap::new();
+    for line in chapter.lines().filter(|line| line.starts_with("| `") || line.starts_with("| all")) {
+        let cells: Vec<&str> = line.split('|').map(str::trim).collect();
+        let (sensors, names, verdict, how) = (cells[1], cells[2], cells[3], cells[4]);
+        assert!(VERDICTS.contains(&verdict) && verdict != "not there", "{names}: {verdict:?}");
+        assert!(verdict == "works" || !how.is_empty(), "{names} {verdict}, but the row does not say how or why");
+        let quoted = |text: &str| text.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
+        let is_meant = |type_id: &str| {
+            let matches = |pattern: &String| match pattern.strip_suffix('*') {
+                Some(start) => type_id.starts_with(&format!("sensor.{start}")),
+                None => type_id == format!("sensor.{pattern}"),
+            };
+            sensors == "all" || quoted(sensors).iter().any(matches)
+        };
+        for kind in sensors::KINDS.iter().filter(|kind| is_meant(kind.type_id)) {
+            for name in quoted(names) {
+                *listed.entry((kind.type_id.to_owned(), name)).or_default() += 1;
+            }
+        }
+    }
+    let has = |type_id: &'static str| blueprints::sensor_attributes(type_id).map(move |name| (type_id.to_owned(), name.to_owned()));
+    let there: BTreeSet<(String, String)> = sensors::KINDS.iter().flat_map(|kind| has(kind.type_id)).collect();
+    for pair in &there {
+        assert_eq!(listed.get(pair), Some(&1), "rows for {pair:?}");
+    }
+    // A row for several sensors may name what one of them lacks, but not what none has.
+    let names: BTreeSet<&String> = there.iter().map(|(_, name)| name).collect();
+    for (_, name) in listed.keys() {
+        assert!(names.contains(name), "{name} is no sensor's attribute");
+    }
 }

@@ -19,7 +19,7 @@ pub struct Qos {
 
 /// Images and point clouds. History 0: a topic nobody read for a minute would greet its next reader with a minute-old frame.
 pub const FRAME: Qos = Qos { readers: 8, publishers: 2, buffer: 2, borrowed: 3, history: 0 };
-/// Readers of frames of sensors that were spawned at run time.
+/// Readers that every topic of a sensor spawned at run time can have; small ones have more.
 pub const RUN_TIME_FRAME_READERS: usize = 4;
 /// IMU, GNSS and the event sensors: small and frequent.
 pub const SMALL_FRAME: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 0 };

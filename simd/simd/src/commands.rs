@@ -58,8 +58,10 @@ impl Daemon {
                 Err(error) => refused(&format!("{error:#}")),
             },
             Command::Counters => CommandReply::Counters { counters: self.counters() },
-            // A lane-invasion sensor is an actor that measures nothing here: CARLA's clients compute it themselves.
-            Command::Spawn { type_id, .. } if type_id.starts_with("sensor.") && type_id != "sensor.other.lane_invasion" => {
+            // CARLA's clients compute lane invasions themselves, and its gateway the radio.
+            Command::Spawn { type_id, .. }
+                if type_id.starts_with("sensor.") && !simd_world::PASSIVE_SENSORS.contains(&type_id.as_str()) =>
+            {
                 refused(&format!("{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"))
             }
             Command::SpawnSensor { type_id, pose, parent_id, attachment, interval_nanos, spec, attributes } => {

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use nalgebra::Isometry3;
+use schema_bus::qos::{self, Qos};
 use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
 use schema_frames::{Modality, RadarDetection, SensorKind};
@@ -154,8 +155,15 @@ pub struct Topic {
 /// Memory of a topic made at run time outlives its last reader by this much, so that a reader that comes back soon costs nothing.
 const LINGER_NANOS: u64 = 5_000_000_000;
 
-/// Readers a topic made at run time can have: segments grow with it, and such sensors may be many.
-const MAX_READERS_ON_DEMAND: usize = 4;
+/// Shared memory that a topic made at run time may take for more readers than the fewest: such sensors may be many.
+const ON_DEMAND_BYTES: usize = 64 << 20;
+
+/// Readers that a topic made at run time can have: as many as its share of memory allows. It depends on the size alone, so that a service that
+/// outlived a daemon fits the next.
+fn readers_on_demand(modality: Modality, max_payload_bytes: usize) -> usize {
+    let bytes = |readers: usize| Qos { readers, ..Qos::of(modality) }.slots(qos::SPARE_LOANS).saturating_mul(max_payload_bytes);
+    [16, 8].into_iter().find(|readers| bytes(*readers) <= ON_DEMAND_BYTES).unwrap_or(qos::RUN_TIME_FRAME_READERS)
+}
 
 /// What [`Sensor::open`] needs besides the sensor.
 #[derive(Clone, Copy, Debug)]
@@ -182,7 +190,7 @@ impl Topic {
         options: &TopicOptions,
     ) -> anyhow::Result<Topic> {
         let usual = FrameTopic::new(modality, max_payload_bytes);
-        let max_readers = if options.on_demand { MAX_READERS_ON_DEMAND } else { usual.max_readers };
+        let max_readers = if options.on_demand { readers_on_demand(modality, max_payload_bytes) } else { usual.max_readers };
         let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, max_readers, ..usual };
         let service = bus.frame_service(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
         if let Some(free_bytes) = schema_bus::shared_memory_free().filter(|free_bytes| service.segment_bytes() > *free_bytes) {

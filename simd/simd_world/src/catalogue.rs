@@ -29,7 +29,12 @@ const SENSORS: &[&str] = &[
     "sensor.other.collision",
     "sensor.other.lane_invasion",
     "sensor.other.obstacle",
+    "sensor.camera.cosmos_visualization",
+    "sensor.other.v2x",
+    "sensor.other.v2x_custom",
 ];
+/// Sensors that measure nothing here, because others make their messages: an actor is all that there is of them.
+pub const PASSIVE_SENSORS: &[&str] = &["sensor.other.lane_invasion", "sensor.other.v2x", "sensor.other.v2x_custom"];
 /// Brought by the map; they cannot be spawned by hand.
 const OF_THE_MAP: &[(&str, &str, Class)] = &[
     ("spectator", "spectator", Class::UNLABELED),

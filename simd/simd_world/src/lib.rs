@@ -41,6 +41,7 @@ mod weather;
 mod wheel;
 mod world;
 
+pub use catalogue::PASSIVE_SENSORS;
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use drive::{DriveInput, DriveOutput, DriveTrain, EngineSpec};
 pub use map::{CollisionMesh, LightHeads, LoadError, MapData};

@@ -43,7 +43,7 @@ pub(crate) const CALLS: Calls = &[
     ("enable_sensor_for_ros", Gateway::accept),
     ("disable_sensor_for_ros", Gateway::accept),
     ("is_sensor_enabled_for_ros", |_, _| Ok(Answer::Value(false.into()))),
-    ("send", Gateway::accept),
+    ("send", Gateway::send_custom),
     ("set_ignored_vehicles", Gateway::accept),
     ("enable_gbuffers", Gateway::accept),
     ("are_gbuffers_enabled", |_, _| Ok(Answer::Value(false.into()))),
@@ -53,6 +53,13 @@ pub(crate) const CALLS: Calls = &[
 impl Gateway {
     fn accept(&self, call: &mut Call<'_>) -> Outcome {
         self.no_effect(call.method);
+        Ok(Answer::Void)
+    }
+
+    /// A text on the air.
+    fn send_custom(&self, call: &mut Call<'_>) -> Outcome {
+        let station = self.known_actor(call)?;
+        self.feeds.v2x.send(station, call.text()?)?;
         Ok(Answer::Void)
     }
 

@@ -126,9 +126,7 @@ impl Gateway {
         let period_nanos = delta.map_or(own_period_nanos, |secs| (secs * 1e9).round().min(u64::MAX as f64) as u64);
         let mode = if synchronous { StepMode::Stepped } else { StepMode::FreeRunning };
         let (_, tick) = self.configure(mode, period_nanos)?;
-        if no_rendering {
-            self.no_effect("no_rendering_mode");
-        }
+        self.feeds.set_no_rendering(no_rendering);
         *lock(&self.settings) = settings;
         Ok(Answer::Value(tick.into()))
     }
@@ -170,6 +168,7 @@ impl Gateway {
             let period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
             self.configure(StepMode::FreeRunning, period_nanos)?;
             *lock(&self.settings) = Settings { own_period_nanos: Some(period_nanos), ..Settings::default() };
+            self.feeds.set_no_rendering(false);
         }
         let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
         begun.ok_or_else(|| Failure::Refused("the simulator loaded the map and published no new episode".to_owned()))?;

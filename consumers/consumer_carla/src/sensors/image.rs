@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 
 use schema_bus::Frame;
 use schema_frames::FrameHeader;
+use schema_types::Class;
 
 /// Depth that is full scale.
 const FULL_DEPTH_M: f64 = 1000.0;
@@ -59,6 +60,14 @@ pub fn depth(out: &mut Vec<u8>, frame: &Frame) {
 /// The class in red.
 pub fn semantic(out: &mut Vec<u8>, frame: &Frame) {
     push_pixels(out, frame, |[class]| u32::from(class) << 16 | OPAQUE);
+}
+
+/// The class in its display colour.
+pub fn palette(out: &mut Vec<u8>, frame: &Frame) {
+    push_pixels(out, frame, |[class]| {
+        let [red, green, blue] = Class(class).info().map_or([0; 3], |info| info.rgb).map(u32::from);
+        blue | green << 8 | red << 16 | OPAQUE
+    });
 }
 
 /// Class in red, 16 bits of the object's id in green and blue, green lowest.

@@ -4,7 +4,7 @@ use schema_bus::Frame;
 use schema_frames::{FrameHeader, Modality};
 
 use crate::axes;
-use crate::sensors::{Kind, image, points, records};
+use crate::sensors::{self, Kind, image, points, records};
 
 /// What a message needs to know beside its frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +64,7 @@ impl Encoder {
             }
             Modality::Rgb => image::rgb(body, frame),
             Modality::Depth => image::depth(body, frame),
+            Modality::Semantic if self.kind.number == sensors::COSMOS => image::palette(body, frame),
             Modality::Semantic => image::semantic(body, frame),
             Modality::Instance => image::instance(body, frame, frames.get(1)?),
             Modality::Normals => image::normals(body, frame),
@@ -88,10 +89,15 @@ impl Encoder {
 
 /// The 48 bytes in front of every message.
 pub fn push_header(out: &mut Vec<u8>, number: u64, header: &FrameHeader, context: &Context) {
-    let transform = axes::transform(&header.world_from_sensor);
+    let nanos = header.sim_nanos.saturating_sub(context.episode_start_nanos);
+    push_prefix(out, number, header.tick, nanos, &axes::transform(&header.world_from_sensor));
+}
+
+/// The same of a message that is no frame; `nanos` since the episode began.
+pub fn push_prefix(out: &mut Vec<u8>, number: u64, tick: u64, nanos: u64, transform: &axes::Transform) {
     out.extend(number.to_le_bytes());
-    out.extend(header.tick.to_le_bytes());
-    out.extend((header.sim_nanos.saturating_sub(context.episode_start_nanos) as f64 * 1e-9).to_le_bytes());
+    out.extend(tick.to_le_bytes());
+    out.extend((nanos as f64 * 1e-9).to_le_bytes());
     for x in transform.location_m.into_iter().chain(transform.rotation_deg) {
         out.extend((x as f32).to_le_bytes());
     }

@@ -23,7 +23,7 @@ pub struct Kind {
     pub type_id: &'static str,
     /// CARLA's number in front of every message; a wrong one ends the client.
     pub number: u64,
-    /// What it takes of the simulator to make one message, all of the same tick.
+    /// What it takes of the simulator to make one message, all of the same tick. Empty: the gateway makes them itself.
     pub modalities: &'static [Modality],
 }
 
@@ -44,7 +44,13 @@ pub const KINDS: &[Kind] = &[
     Kind { type_id: "sensor.camera.semantic_segmentation", number: 14, modalities: &[Semantic] },
     // CARLA's picture holds the class beside the id.
     Kind { type_id: "sensor.camera.instance_segmentation", number: 15, modalities: &[Instance, Semantic] },
+    Kind { type_id: "sensor.camera.cosmos_visualization", number: COSMOS, modalities: &[Semantic] },
+    Kind { type_id: crate::v2x::AWARENESS, number: 20, modalities: &[] },
+    Kind { type_id: crate::v2x::CUSTOM, number: 21, modalities: &[] },
 ];
+
+/// Number of the camera whose pictures are classes in their colours.
+pub const COSMOS: u64 = 16;
 
 /// Sensors that clients compute themselves: actors without a stream.
 pub const CLIENT_SIDE: &[&str] = &["sensor.other.lane_invasion"];

@@ -28,7 +28,7 @@ pub fn gnss(out: &mut Vec<u8>, sample: &GnssSample, header: &FrameHeader, geo_re
 
 /// Latitude and longitude of a point east and north of the map's origin: a transverse Mercator projection of a sphere
 /// (Snyder, *Map Projections*, USGS 1395, equations 8-6 and 8-7).
-fn locate_deg(east_m: f64, north_m: f64, [latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 2] {
+pub fn locate_deg(east_m: f64, north_m: f64, [latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 2] {
     const SCALED_RADIUS_M: f64 = 6_378_137.0 * 0.9996;
     let (x, d) = (east_m / SCALED_RADIUS_M, north_m / SCALED_RADIUS_M + latitude_deg.to_radians());
     let longitude = longitude_deg + x.sinh().atan2(d.cos()).to_degrees();

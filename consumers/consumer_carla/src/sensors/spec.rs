@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use crate::fields::{Description, Wrong};
 use crate::sensors::optics::optics;
 use crate::sensors::{CLIENT_SIDE, Kind, kind, lenient};
+use crate::v2x;
 
 /// Attributes of one sensor, by name, read leniently.
 pub struct Attributes<'d>(&'d Description);
@@ -70,6 +71,10 @@ pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>
             "{type_id:?} cannot be spawned: the simulator has no such sensor; docs/carla-compatibility.md lists those it has"
         ));
     };
+    if kind.modalities.is_empty() {
+        v2x::check(description)?;
+        return Ok(Command::Spawn { type_id, pose, parent_id, role: String::new(), attributes: BTreeMap::new() });
+    }
     let given = Attributes(description);
     let interval_secs = given.float("sensor_tick", 0.0);
     let interval_nanos = if interval_secs > 0.0 { (interval_secs * 1e9).round().min(1e18) as u64 } else { 0 };
@@ -116,6 +121,7 @@ fn camera(kind: &Kind, given: &Attributes<'_>) -> Value {
             "refractory_nanos": given.int("refractory_period_ns", 0),
             "use_log": given.bool("use_log", true),
             "log_eps": given.float("log_eps", 0.001),
+            "mode": given.text("gantry_mode").unwrap_or("motion"),
         });
     }
     keys
