@@ -214,10 +214,11 @@ def check_walkers(library, page):
         found = {attribute.id: attribute for attribute in blueprint}
         kinds = {
             "gender": (TEXT, False), "age": (TEXT, False), "generation": (INT, False), "speed": (FLOAT, True), "is_invincible": (BOOL, True),
-            "can_use_wheelchair": (BOOL, False), "role_name": (TEXT, True),
+            "role_name": (TEXT, True),
         }
-        if blueprint.has_attribute("use_wheelchair"):
-            kinds["use_wheelchair"] = (BOOL, True)
+        # The page says: where they apply.
+        if blueprint.has_attribute("can_use_wheelchair"):
+            kinds |= {"can_use_wheelchair": (BOOL, False), "use_wheelchair": (BOOL, True)}
         assert set(found) == set(kinds), (type_id, set(found).symmetric_difference(kinds))
         for attribute, (kind, modifiable) in kinds.items():
             assert found[attribute].type == kind and found[attribute].is_modifiable == modifiable, (type_id, attribute)
