@@ -156,7 +156,7 @@ impl LampLists {
         LampLists { quality, lamps: Vec::new(), tiles: Vec::new() }
     }
 
-    /// Adds the lamps that reach into a view, nearest first. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
+    /// Adds the lamps that reach into a view, those that throw most light to the eye first. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
     pub fn add_view(
         &mut self,
         scene: &Scene,
@@ -176,7 +176,7 @@ impl LampLists {
             }
             let (data, centre, radius_m) = in_camera(&lamp, strength, &motion.camera_from_world);
             if let Some(rect) = tiles_of(lens, centre, radius_m) {
-                found.push((distance_m, data, rect));
+                found.push((distance_m / f64::from(strength).sqrt(), data, rect));
             }
         };
         for StillLamp { place, emitter, is_on } in &assets.still_lamps {
@@ -193,6 +193,7 @@ impl LampLists {
                 consider(Shining { place, axis: pose.rotation * axis_of(emitter), emitter, share: 1.0 });
             }
         }
+        // Where there are too many, those count that throw most light to where the eye is.
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         found.truncate(max_per_view(self.quality));
         let range = LampRange { first_lamp: self.lamps.len() as u32, first_tile: self.tiles.len() as u32, n: found.len() as u32 };

@@ -7,7 +7,7 @@ use sensor_gpu::Gpu;
 
 use crate::material;
 use crate::renderer::Quality;
-use crate::sky::{SkyLook, SkyMap, luminance};
+use crate::sky::{MIE_DEPTH, RAYLEIGH_DEPTH, SkyLook, SkyMap, luminance};
 use crate::uniform::LightData;
 
 /// Light of one weather, with the sky on the GPU.
@@ -28,6 +28,10 @@ pub(crate) struct Light {
     pub has_fog: bool,
     pub is_wet: bool,
 }
+
+/// The weather's scales on an ordinary clear day.
+const RAYLEIGH_USUAL: f32 = 0.0331;
+const MIE_USUAL: f32 = 0.03;
 
 /// Lowest sun that throws shadows: below, they are longer than the map.
 const MIN_SHADOW_SUN_Z: f64 = 0.05;
@@ -112,8 +116,17 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     let night_ratio = smoothstep(5.0, -4.0, altitude_deg);
     let night_klx = [0.000_30, 0.000_42, 0.000_80].map(|x| x * night_ratio);
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
-    let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio)) * (-4.0 * fog_ratio * fog_ratio).exp();
-    let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx };
+    let dust_ratio = (weather.dust_storm / 100.0).clamp(0.0, 1.0);
+    let hidden = 4.0 * fog_ratio * fog_ratio + 3.0 * dust_ratio * dust_ratio;
+    let sun_share = (1.0 - 0.25 * clouds_ratio) * (1.0 - smoothstep(0.55, 0.95, clouds_ratio)) * (-hidden).exp();
+    let (rayleigh_ratio, mie_ratio) =
+        (weather.rayleigh_scattering_scale.max(0.0) / RAYLEIGH_USUAL, weather.mie_scattering_scale.max(0.0) / MIE_USUAL);
+    // More or less air on the sun's way than the extinctions above have.
+    let sun_klx = std::array::from_fn(|c| {
+        let more = RAYLEIGH_DEPTH[c] * (rayleigh_ratio - 1.0) + MIE_DEPTH * (mie_ratio - 1.0);
+        sun_klx[c] * (-more * air_mass).exp()
+    });
+    let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx, rayleigh_ratio, mie_ratio };
     let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share
         + clear_klx * (1.0 + 0.6 * clouds_ratio)
         + luminance(night_klx)
@@ -146,14 +159,21 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     let slopes = pairs.map(|(a, b)| pad(std::array::from_fn(|c| 0.5 * (a[c] - b[c])), 0.0));
     let horizon = coarse.horizon();
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
+    let dust_ratio = (weather.dust_storm / 100.0).clamp(0.0, 1.0);
     let rain_ratio = (weather.precipitation / 100.0).clamp(0.0, 1.0);
     // Visibility (5 % contrast) of 67 m at density 100, of 270 m at 50; rain takes some more.
-    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.0025 * rain_ratio;
+    // Visibility of 100 m in a storm of dust.
+    let dust_per_m = 0.039 * dust_ratio;
+    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.0025 * rain_ratio + dust_per_m;
     // Falloff 1 reaches the roofs of usual houses, 5 a car's roof, 0 fills the air.
     let falloff_per_m = (0.1 * weather.fog_falloff).clamp(0.0, 2.0);
     let above_m = if falloff_per_m > 1.0 / 150.0 { 1.0 / falloff_per_m } else { 150.0 };
     let grey = luminance(horizon);
     let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
+    // Dust is brown, as much of what is in the air as it takes of the light.
+    let dusty = dust_per_m / fog_per_m.max(1e-6);
+    let brown = [0.95, 0.68, 0.40].map(|c: f32| c * grey * (1.0 - 0.45 * dust_ratio));
+    let fog_rgb: [f32; 3] = std::array::from_fn(|c| fog_rgb[c] + (brown[c] - fog_rgb[c]) * dusty);
     // Town lights redden the air at night.
     let glow = [1.0, 0.72, 0.45].map(|c: f32| c * 0.02 * exposed.night_ratio * (0.3 + fog_ratio));
     let wet = (weather.wetness.max(0.8 * weather.precipitation).max(0.7 * weather.precipitation_deposits) / 100.0).clamp(0.0, 1.0);
@@ -166,9 +186,9 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         ambient_rgb: pad(constant, 0.0),
         ambient_slope_rgb: slopes,
         fog_rgb: pad(std::array::from_fn(|c| fog_rgb[c] + glow[c]), 0.0),
-        air: [exposed.night_ratio, weather.fog_distance_m.max(0.0), wet, exposed.night_ratio],
+        air: [exposed.night_ratio, weather.fog_distance_m.max(0.0) * (1.0 - dusty), wet, exposed.night_ratio],
         lamps: [2.2 + 6.0 * exposed.night_ratio, 0.75, 1.0 / 4500.0, 0.0],
-        fog: [fog_per_m, falloff_per_m, above_m, 0.0],
+        fog: [fog_per_m, falloff_per_m, above_m, 0.12 * weather.scattering_intensity.clamp(0.0, 10.0)],
         // The noise's clouds lie about 0.5, most of them within 0.25 of it.
         rain: [rain_ratio, 0.35 * wind_ratio, 0.0, if puddle_ratio > 0.0 { 0.30 + 0.26 * puddle_ratio } else { 0.0 }],
         materials: std::array::from_fn(|i| material::LOOKS[i].0),

@@ -24,7 +24,7 @@ pub(crate) struct Cascade {
     half_side_m: f64,
     /// Half the depth of what a map covers, metres.
     half_depth_m: f64,
-    /// Casters are drawn in the level of detail of this distance.
+    /// Casters are drawn in the level of detail of this distance, or of that from the cell's middle if they are further away.
     caster_distance_m: f64,
     side_px: u32,
     /// Whether what moves throws shadows.
@@ -442,14 +442,14 @@ impl Cascade {
         let instances = assets.scene_assets.statics.iter().zip(&assets.spheres);
         instances
             .filter(|(instance, sphere)| assets.casts_shadow(instance.mesh) && self.touches(sphere, cell, &axes))
-            .filter_map(|(instance, sphere)| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, &matrix))
+            .filter_map(|(instance, sphere)| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix)))
             .collect()
     }
 
     fn moving_casters(&self, assets: &GpuAssets, moving: &[MovingCaster<'_>], cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
         let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
         let near = moving.iter().filter(|moving| self.touches(&moving.sphere, cell, &axes));
-        near.filter_map(|MovingCaster { instance, sphere }| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, &matrix))
+        near.filter_map(|MovingCaster { instance, sphere }| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix)))
             .collect()
     }
 
@@ -459,9 +459,10 @@ impl Cascade {
         mesh: MeshId,
         world_from_mesh: &Isometry3<f64>,
         sphere: &Sphere,
-        shadow_from_world: &Matrix4<f64>,
+        (cell, shadow_from_world): ([i64; 3], &Matrix4<f64>),
     ) -> Option<Caster> {
-        let mesh = assets.level(mesh, self.caster_distance_m)?;
+        let away_m = (sphere.centre_m - Point3::from(self.centre_m(cell))).norm() - sphere.radius_m;
+        let mesh = assets.level(mesh, away_m.max(self.caster_distance_m))?;
         let centre = shadow_from_world.transform_point(&sphere.centre_m);
         let (side_px, radius_px) = (self.side_px as f64, sphere.radius_m / (2.0 * self.half_side_m) * self.side_px as f64 + 1.0);
         let span = |middle: f64| {

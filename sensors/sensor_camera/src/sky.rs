@@ -28,6 +28,9 @@ pub(crate) struct SkyLook {
     pub sun_klx: [f32; 3],
     /// Colour and strength of the glow that remains at night, kilolux.
     pub night_klx: [f32; 3],
+    /// Air molecules and haze over what they are on an ordinary clear day.
+    pub rayleigh_ratio: f32,
+    pub mie_ratio: f32,
 }
 
 /// Direction of a map position in 0..=1: inverse of `sky_sample` in `material.wgsl`.
@@ -155,10 +158,43 @@ fn radiance(look: &SkyLook, clear: &ClearSky, direction: Vector3<f32>) -> [f32; 
     let body = 0.55 - 0.3 * cover * cover * look.clouds_ratio.max(0.45) + rim * 0.4;
     let tint: [f32; 3] = std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
     let starlight = if look.night_klx[0] > 0.0 { star(direction) * (1.0 - cover) * smoothstep(0.02, 0.25, direction.z) } else { 0.0 };
+    let (moon, haze) = (moon(look, direction) * (1.0 - 0.92 * cover), aureole(look, direction));
     std::array::from_fn(|c| {
         let white = day_klx * body / PI * tint[c] * (1.0 + (overcast - 1.0) * look.clouds_ratio);
-        blue[c] + (white - blue[c]) * cover + look.night_klx[c] / PI * (1.3 - direction.z) + starlight * look.night_klx[c]
+        let air = blue[c] * molecules(c, look.rayleigh_ratio) + haze * look.sun_klx[c];
+        air + (white - air) * cover + look.night_klx[c] / PI * (1.3 - direction.z) + starlight * look.night_klx[c] + moon
     })
+}
+
+/// Optical depth of the air's molecules towards the zenith at 650, 550 and 450 nm (Bucholtz 1995).
+pub(crate) const RAYLEIGH_DEPTH: [f32; 3] = [0.048, 0.096, 0.219];
+
+/// The same of usual haze.
+pub(crate) const MIE_DEPTH: f32 = 0.03;
+
+/// Light that `ratio` times as many molecules scatter, over what the usual ones do.
+fn molecules(channel: usize, ratio: f32) -> f32 {
+    let scattered = |ratio: f32| 1.0 - (-RAYLEIGH_DEPTH[channel] * ratio).exp();
+    scattered(ratio) / scattered(1.0)
+}
+
+/// Radiance of haze beyond the usual per irradiance of the sun: Henyey and Greenstein's phase function, scattered once.
+fn aureole(look: &SkyLook, direction: Vector3<f32>) -> f32 {
+    const G: f32 = 0.76;
+    let phase = (1.0 - G * G) / (4.0 * PI * (1.0 + G * G - 2.0 * G * direction.dot(&look.sun_towards)).powf(1.5));
+    let depth = MIE_DEPTH * (look.mie_ratio - 1.0).max(0.0) / (direction.z.max(0.0) + 0.08);
+    (1.0 - (-depth).exp()) * phase
+}
+
+/// Radiance of a full moon opposite the sun, kilolux per steradian. It is twice as wide as the true one, so that the map's texels show it, and
+/// far dimmer: white in pictures of streets under lamps.
+fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
+    if look.sun_towards.z >= 0.0 {
+        return 0.0;
+    }
+    let away_deg = direction.angle(&-look.sun_towards).to_degrees();
+    let rise = smoothstep(0.0, 0.1, -look.sun_towards.z);
+    (0.045 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
 }
 
 /// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of cells, few of them bright.
@@ -242,9 +278,35 @@ mod tests {
     #[test]
     fn clear_sky_gives_the_illuminance_asked_for() {
         let sun_towards = Vector3::new(0.6, 0.0, 0.8);
-        let look = SkyLook { sun_towards, clouds_ratio: 0.0, clear_klx: 12.0, sun_klx: [90.0; 3], night_klx: [0.0; 3] };
+        let look = SkyLook {
+            sun_towards,
+            clouds_ratio: 0.0,
+            clear_klx: 12.0,
+            sun_klx: [90.0; 3],
+            night_klx: [0.0; 3],
+            rayleigh_ratio: 1.0,
+            mie_ratio: 1.0,
+        };
         let up = SkyMap::paint(&look, 64).irradiance(Vector3::z());
         assert!((luminance(up) - 12.0).abs() < 1.5, "{up:?}");
+    }
+
+    #[test]
+    fn air_scatters_blue_most_and_a_moon_stands_opposite_the_sun() {
+        assert!(molecules(0, 1.0) == 1.0 && molecules(2, 0.0) == 0.0);
+        // Thin air scatters in proportion; ten times the air is past that, in blue more than in red.
+        assert!((molecules(0, 0.1) - 0.1).abs() < 0.01 && molecules(0, 10.0) / 10.0 > 0.75 && molecules(2, 10.0) / 10.0 < 0.5);
+        let sun_towards = Vector3::new(0.6, 0.0, -0.8);
+        let look = SkyLook {
+            sun_towards,
+            clouds_ratio: 0.0,
+            clear_klx: 0.0,
+            sun_klx: [0.0; 3],
+            night_klx: [0.0; 3],
+            rayleigh_ratio: 1.0,
+            mie_ratio: 1.0,
+        };
+        assert!(moon(&look, -sun_towards) > 0.04 && moon(&look, Vector3::z()) < 1e-4);
     }
 
     #[test]

@@ -76,7 +76,8 @@ pub struct LightData {
     pub air: [f32; 4],
     /// Radiance of lamps, radiance of lit windows, extinction of clear air per metre, 0.
     pub lamps: [f32; 4],
-    /// Extinction of fog per metre at height 0, its fall per metre of height, metres of fog above the eye towards the zenith, 0.
+    /// Extinction of fog per metre at height 0, its fall per metre of height, metres of fog above the eye towards the zenith, how much of the
+    /// sun's light it throws forward.
     pub fog: [f32; 4],
     /// Rain 0..=1, lean of its streaks, time in seconds (wrapped), share of roads under puddles (on the scale of the noise's clouds).
     pub rain: [f32; 4],

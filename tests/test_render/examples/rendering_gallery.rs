@@ -1,5 +1,6 @@
 //! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of docs/gallery/sensors;
-//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look at.
+//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look at; `rendering_gallery front OUT_DIR` the
+//! picture of the README.
 
 use std::path::Path;
 
@@ -86,16 +87,25 @@ fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
     Ok(())
 }
 
+/// Six modalities of one view behind the traffic of Town10HD.
+fn front(gpu: &Gpu, folder: &Path) -> Result<(), String> {
+    let mut studio = Studio::new(gpu, "Town10HD", Quality::High)?;
+    let shown = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs];
+    let all: Vec<Picture> = studio.shoot(57, "day", [960, 720], &shown)?.iter().map(|picture| picture.shrunk(2)).collect();
+    Picture::sheet(&all, 3).write_small(&folder.join("front.png"))
+}
+
 fn run() -> Result<(), String> {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let [command, folder, rest @ ..] = words.as_slice() else { return Err("say sheets OUT_DIR or look OUT_DIR …".into()) };
+    let [command, folder, rest @ ..] = words.as_slice() else { return Err("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR".into()) };
     let folder = Path::new(folder);
     std::fs::create_dir_all(folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
     let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;
     match command.as_str() {
         "look" => look(&gpu, folder, rest),
         "sheets" => sheets(&gpu, folder),
-        _ => Err(format!("{command:?} is neither sheets nor look")),
+        "front" => front(&gpu, folder),
+        _ => Err(format!("{command:?} is none of sheets, look and front")),
     }
 }
 

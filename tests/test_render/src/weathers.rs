@@ -3,7 +3,7 @@
 use schema_frames::document::Weather;
 
 /// Names and what they mean.
-pub const NAMES: [&str; 7] = ["day", "overcast", "dusk", "night", "rain", "fog", "rainy_night"];
+pub const NAMES: [&str; 9] = ["day", "overcast", "dusk", "night", "rain", "fog", "rainy_night", "dust", "hazy"];
 
 /// The weather of that name; `None` if there is none.
 pub fn named(name: &str) -> Option<Weather> {
@@ -19,6 +19,10 @@ pub fn named(name: &str) -> Option<Weather> {
         "rain" => rain,
         "fog" => Weather { fog_density: 55.0, fog_distance_m: 5.0, fog_falloff: 0.4, cloudiness: 70.0, ..clear },
         "rainy_night" => Weather { sun_altitude_deg: -40.0, ..rain },
+        "dust" => Weather { dust_storm: 100.0, wind_intensity: 100.0, ..clear },
+        "hazy" => {
+            Weather { sun_azimuth_deg: 20.0, sun_altitude_deg: 12.0, mie_scattering_scale: 0.4, rayleigh_scattering_scale: 0.08, ..clear }
+        }
         _ => return None,
     })
 }

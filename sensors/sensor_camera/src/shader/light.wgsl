@@ -103,7 +103,7 @@ fn shade(point: Point) -> vec3<f32> {
     let sunlit = mix(0.5 * shine, 5.0 * keen, sharp) * lit;
     radiance = mix(radiance, seen + light.sun_rgb.rgb * sunlit + glint, fresnel);
 
-    return rain_over(mix(radiance, light.fog_rgb.rgb, haze(towards_point.z, distance_m)), towards_point, distance_m);
+    return rain_over(mix(radiance, air_rgb(towards_point), haze(towards_point.z, distance_m)), towards_point, distance_m);
 }
 
 fn camera_from_world(direction: vec3<f32>) -> vec3<f32> {

@@ -24,6 +24,17 @@ fn haze(direction_z: f32, distance_m: f32) -> f32 {
     return 1.0 - exp(-depth);
 }
 
+// Light of the air itself in a direction: fog glows towards the sun.
+fn air_rgb(direction: vec3<f32>) -> vec3<f32> {
+    if !WITH_FOG {
+        return light.fog_rgb.rgb;
+    }
+    var forward = max(dot(direction, light.sun_towards.xyz), 0.0);
+    forward = forward * forward;
+    forward = forward * forward;
+    return light.fog_rgb.rgb + light.sun_rgb.rgb * (light.fog.w * forward * forward);
+}
+
 fn sky_radiance(direction: vec3<f32>) -> vec3<f32> {
     var rgb = sky_sample(direction, 0.0);
     let towards = dot(direction, light.sun_towards.xyz);
@@ -35,7 +46,7 @@ fn sky_radiance(direction: vec3<f32>) -> vec3<f32> {
     // Below the horizon: ground far away, as the air shows it.
     rgb = mix(rgb, light.fog_rgb.rgb * 0.75, clamp(-direction.z * 12.0, 0.0, 1.0));
     if WITH_FOG {
-        rgb = mix(rgb, light.fog_rgb.rgb, haze(direction.z, light.fog.z / (max(direction.z, 0.0) + 0.03)));
+        rgb = mix(rgb, air_rgb(direction), haze(direction.z, light.fog.z / (max(direction.z, 0.0) + 0.03)));
     }
     return rgb;
 }
