@@ -7,7 +7,7 @@ use sensor_gpu::Gpu;
 
 use crate::material;
 use crate::renderer::Quality;
-use crate::sky::{MIE_DEPTH, RAYLEIGH_DEPTH, SkyLook, SkyMap, luminance};
+use crate::sky::{MIE_DEPTH, RAYLEIGH_DEPTH, SkyLook, SkyMap, luminance, molecules};
 use crate::uniform::LightData;
 
 /// Light of one weather, with the sky on the GPU.
@@ -128,7 +128,8 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     });
     let look = SkyLook { sun_towards: towards, clouds_ratio, clear_klx, sun_klx, night_klx, rayleigh_ratio, mie_ratio };
     let total_klx = luminance(sun_klx) * towards.z.max(0.0) * sun_share
-        + clear_klx * (1.0 + 0.6 * clouds_ratio)
+        + clear_klx * molecules(1, rayleigh_ratio) * (1.0 + 0.6 * clouds_ratio)
+        + luminance(sun_klx) * (1.0 - (-2.0 * MIE_DEPTH * (mie_ratio - 1.0).max(0.0)).exp())
         + luminance(night_klx)
         + LAMP_LIT_KLX * night_ratio;
     // The eye and a camera's programme give dim scenes a darker picture; below a kilolux twice as much so.

@@ -173,7 +173,7 @@ pub(crate) const RAYLEIGH_DEPTH: [f32; 3] = [0.048, 0.096, 0.219];
 pub(crate) const MIE_DEPTH: f32 = 0.03;
 
 /// Light that `ratio` times as many molecules scatter, over what the usual ones do.
-fn molecules(channel: usize, ratio: f32) -> f32 {
+pub(crate) fn molecules(channel: usize, ratio: f32) -> f32 {
     let scattered = |ratio: f32| 1.0 - (-RAYLEIGH_DEPTH[channel] * ratio).exp();
     scattered(ratio) / scattered(1.0)
 }
@@ -194,7 +194,7 @@ fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     }
     let away_deg = direction.angle(&-look.sun_towards).to_degrees();
     let rise = smoothstep(0.0, 0.1, -look.sun_towards.z);
-    (0.045 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
+    (0.09 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
 }
 
 /// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of cells, few of them bright.
@@ -306,7 +306,7 @@ mod tests {
             rayleigh_ratio: 1.0,
             mie_ratio: 1.0,
         };
-        assert!(moon(&look, -sun_towards) > 0.04 && moon(&look, Vector3::z()) < 1e-4);
+        assert!(moon(&look, -sun_towards) > 0.08 && moon(&look, Vector3::z()) < 1e-4);
     }
 
     #[test]
