@@ -449,8 +449,10 @@ impl Cascade {
     fn moving_casters(&self, assets: &GpuAssets, moving: &[MovingCaster<'_>], cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
         let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
         let near = moving.iter().filter(|moving| self.touches(&moving.sphere, cell, &axes));
-        near.filter_map(|MovingCaster { instance, sphere }| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix)))
-            .collect()
+        near.filter_map(|MovingCaster { instance, sphere }| {
+            self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix))
+        })
+        .collect()
     }
 
     fn caster(
