@@ -6,6 +6,9 @@
 //! A frame that cannot be written waits in shared memory, where newer ones push it out (two fit): a slow client loses frames. In synchronous
 //! mode nothing may be lost, so [`Feeds::settle`] holds the next step back until every reader has taken what there was.
 
+mod dark;
+mod sharing;
+
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -33,10 +36,6 @@ const CONNECT_STEP: Duration = Duration::from_secs(1);
 const WRITE_STEP: Duration = Duration::from_secs(5);
 /// Readers that may wait for connections at a time.
 const MAX_WAITING: usize = 256;
-/// Messages that wait for each listener beyond the first.
-const BACKLOG: usize = 4;
-/// How long turning cameras on or off waits for all of them.
-const SWITCH: Duration = Duration::from_secs(2);
 /// How often a quiet stream is looked at.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -172,125 +171,6 @@ impl Feeds {
     fn is_station(&self, stream: u32) -> bool {
         let known = self.world.known();
         actor_of(stream).and_then(|actor| known.sensor(actor)).is_some_and(|(kind, _)| kind.modalities.is_empty())
-    }
-
-    /// If somebody reads this stream already: takes a place in the relay that sends to all others.
-    fn beside<R>(self: &Arc<Self>, stream: u32, join: impl FnOnce(&Relay, Arc<Progress>) -> R) -> Option<R> {
-        let mut relays = lock(&self.relays);
-        let is_read = |progress: &&Arc<Progress>| progress.stream == stream && Arc::strong_count(progress) > 1;
-        let relay = match relays.get(&stream) {
-            Some(relay) => relay.clone(),
-            None => {
-                lock(&self.active).iter().find(is_read)?;
-                let feed = self.open(stream)?;
-                feed.progress.connect();
-                let relay = Arc::new(Relay::new(BACKLOG));
-                let (feeds, to) = (self.clone(), relay.clone());
-                let spawned = std::thread::Builder::new().name("relay".into()).spawn(move || feeds.relay(stream, feed, &to));
-                if let Err(error) = spawned {
-                    tracing::warn!(stream, %error, "cannot start a thread for the listeners of a stream");
-                    return None;
-                }
-                relays.insert(stream, relay.clone());
-                relay
-            }
-        };
-        // Who waits for a listener wakes the relay's feed, on which it depends.
-        let mut active = lock(&self.active);
-        let poke = active.iter().rev().find(is_read)?.poke.try_clone().ok()?;
-        let progress = Arc::new(Progress {
-            stream,
-            taken_nanos: AtomicU64::new(mono_now().0),
-            is_connected: AtomicBool::new(false),
-            lags: AtomicBool::new(false),
-            is_shut: None,
-            poke,
-        });
-        active.push(progress.clone());
-        drop(active);
-        // Before the lock is given back: a relay without listeners ends.
-        Some(join(&relay, progress))
-    }
-
-    /// Reads for all listeners of a stream but the first, until there are none.
-    fn relay(&self, stream: u32, mut feed: Feed, relay: &Arc<Relay>) {
-        const IDLE: Duration = Duration::from_secs(2);
-        let mut last_heard = Instant::now();
-        while !self.is_over(&mut feed) {
-            if relay.has_listeners() {
-                last_heard = Instant::now();
-            } else if last_heard.elapsed() > IDLE {
-                let mut relays = lock(&self.relays);
-                if !relay.has_listeners() {
-                    relays.remove(&stream);
-                    return;
-                }
-            }
-            let done = self.pass_on(&mut feed, &mut Outlet::Relay(relay));
-            let waited = feed.wake.wait_beside(&[feed.poked.as_fd()], LOOK);
-            match (done, waited) {
-                (Ok(nanos), Ok(ready)) => {
-                    relay.promise(nanos);
-                    if ready[0] {
-                        // All that matters is that something came.
-                        let _ = feed.poked.read(&mut [0; 64]);
-                    }
-                }
-                (Err(error), _) => {
-                    tracing::warn!(stream, %error, "the listeners of a stream end");
-                    break;
-                }
-                (_, Err(error)) => {
-                    tracing::warn!(stream, %error, "the listeners of a stream end");
-                    break;
-                }
-            }
-        }
-        lock(&self.relays).remove(&stream);
-        relay.close();
-    }
-
-    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them. Returns when all have changed.
-    pub fn set_no_rendering(&self, on: bool) {
-        if self.no_rendering.swap(on, Ordering::AcqRel) == on {
-            return;
-        }
-        for (_, feed) in lock(&self.waiting).values_mut().flatten() {
-            self.shut_or_open(feed);
-        }
-        let is_late = |progress: &&Arc<Progress>| {
-            let differs = progress.is_shut.as_ref().is_some_and(|shut| shut.load(Ordering::Acquire) != on);
-            differs && progress.is_connected.load(Ordering::Acquire) && Arc::strong_count(progress) > 1
-        };
-        let began = Instant::now();
-        let mut active = lock(&self.active);
-        while active.iter().any(|progress| is_late(&progress)) && began.elapsed() < SWITCH {
-            for late in active.iter().filter(is_late) {
-                // A full pipe wakes as well as one byte more.
-                let _ = (&late.poke).write(&[1]);
-            }
-            active = self.taken.wait_timeout(active, Duration::from_millis(20)).unwrap_or_else(PoisonError::into_inner).0;
-        }
-    }
-
-    /// Lets go of a camera's readers, or takes them again.
-    fn shut_or_open(&self, feed: &mut Feed) {
-        let progress = feed.progress.clone();
-        let Some(is_shut) = &progress.is_shut else { return };
-        let shut = self.no_rendering.load(Ordering::Acquire);
-        if is_shut.load(Ordering::Acquire) == shut {
-            return;
-        }
-        if shut {
-            feed.waiting.clear();
-            feed.readers.clear();
-            feed.wake = WaitSet::new();
-        } else if let Some(Err(error)) = self.bus.get().map(|bus| feed.read_topics(bus)) {
-            tracing::warn!(actor = feed.actor, %error, "cannot read a camera again");
-        }
-        is_shut.store(shut, Ordering::Release);
-        drop(lock(&self.active));
-        self.taken.notify_all();
     }
 
     /// Forgets readers whose clients never came.
