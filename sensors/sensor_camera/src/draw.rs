@@ -73,10 +73,19 @@ impl Frustum {
     }
 }
 
-/// The visible instances of `scene`.
-pub(crate) fn visible(scene: &Scene, assets: &GpuAssets, lens: &Intrinsics, motion: &CameraMotion, previous: Option<&Firing>) -> Drawn {
+/// The visible instances of `scene`, in the memory of an earlier call.
+pub(crate) fn visible(
+    scene: &Scene,
+    assets: &GpuAssets,
+    lens: &Intrinsics,
+    motion: &CameraMotion,
+    previous: Option<&Firing>,
+    Drawn { calls, instances, first_instance }: &mut Drawn,
+) {
+    calls.clear();
+    instances.clear();
+    *first_instance = 0;
     let frustum = Frustum::new(lens);
-    let (mut calls, mut instances) = (Vec::new(), Vec::new());
     let level_if_seen = |sphere: &Sphere, mesh| {
         let centre = (motion.camera_from_world * sphere.centre_m).coords;
         let distance_m = (centre.norm() - sphere.radius_m).max(0.0);
@@ -115,7 +124,6 @@ pub(crate) fn visible(scene: &Scene, assets: &GpuAssets, lens: &Intrinsics, moti
         });
     }
     calls.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
-    Drawn { calls, instances, first_instance: 0 }
 }
 
 /// A rigid transform as three rows of `[rotation | translation]`.

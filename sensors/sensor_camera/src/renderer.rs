@@ -86,6 +86,8 @@ pub struct CameraRenderer {
     /// High quality only.
     far_shadows: Option<Shadows>,
     debug: DebugPass,
+    /// Memory of earlier submissions.
+    spare_drawn: Vec<Drawn>,
 }
 
 /// A job with something to draw.
@@ -118,6 +120,7 @@ impl CameraRenderer {
             shadows: Shadows::new(gpu, Cascade::near(quality)),
             far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
             debug: DebugPass::new(gpu),
+            spare_drawn: Vec::new(),
         }
     }
 
@@ -187,7 +190,7 @@ impl CameraRenderer {
                 self.pass.prepare(&self.gpu, set);
             }
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
-            active.push(Active { job_idx, set, motion, drawn: Drawn::default() });
+            active.push(Active { job_idx, set, motion, drawn: self.spare_drawn.pop().unwrap_or_default() });
         }
         if active.is_empty() {
             return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
@@ -197,6 +200,7 @@ impl CameraRenderer {
         self.gpu.mark(&mut encoder, "begin");
         let gpu = self.gpu.clone();
         gpu.time("record", || self.record(scene, &active, jobs, computes, &mut encoder));
+        self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
         let mut batch = CopyBatch::new();
         let plans = (0..jobs.len())
             .map(|idx| {
@@ -213,7 +217,7 @@ fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], act
     let seen: Vec<(Intrinsics, Option<&Firing>)> =
         active.iter().map(|active| &*jobs[active.job_idx].view).map(|view| (view.spec.intrinsics, view.previous.as_ref())).collect();
     let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
-        active.drawn = draw::visible(scene, assets, &lens, &active.motion, previous);
+        draw::visible(scene, assets, &lens, &active.motion, previous, &mut active.drawn);
     };
     active.par_iter_mut().zip(seen).for_each(find);
     let mut first_instance = 0;
