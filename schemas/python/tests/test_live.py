@@ -69,12 +69,13 @@ class Live(unittest.TestCase):
                 assert (array == before).all()
         """)
 
-    def test_a_busy_wait_takes_every_frame_and_ends_in_time(self):
+    def test_a_busy_wait_takes_frames_in_order_and_ends_in_time(self):
         self.script("""
             import time
             with gantry.open("ego/card/rgb", domain="live") as topic:
                 seqs = [topic.next(timeout=10, busy_wait=10).header.seq for _ in range(20)]
-                assert seqs == list(range(seqs[0], seqs[0] + 20)), seqs
+                # A reader that the machine leaves waiting loses its oldest frames, and counts them.
+                assert all(a < b for a, b in zip(seqs, seqs[1:])) and seqs[-1] - seqs[0] == 19 + topic.counts.lost, (seqs, topic.counts)
             with gantry.open("ego/card/collision", domain="live") as topic:
                 while topic.next(timeout=0.0) is not None:
                     pass
