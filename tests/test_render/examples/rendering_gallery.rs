@@ -92,7 +92,7 @@ fn front(gpu: &Gpu, folder: &Path) -> Result<(), String> {
     let mut studio = Studio::new(gpu, "Town10HD", Quality::High)?;
     let shown = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs];
     let all: Vec<Picture> = studio.shoot(57, "day", [960, 720], &shown)?.iter().map(|picture| picture.shrunk(2)).collect();
-    Picture::sheet(&all, 3).write_small(&folder.join("front.png"))
+    Picture::sheet(&all, 3).write(&folder.join("front.png"))
 }
 
 fn run() -> Result<(), String> {
