@@ -31,7 +31,7 @@ type Shot = (&'static str, &'static str, [f64; 3], f64, f64, &'static str);
 const SHOTS: [Shot; 12] = [
     ("town01_small_town", "Town01", [-96.0, -20.0, 26.0], 24.0, -18.0, "noon"),
     ("town02_terraces", "Town02", [5.5, -50.0, 1.9], 90.0, 0.0, "evening"),
-    ("town03_roundabout", "Town03", [0.0, -58.0, 33.0], 90.0, -30.0, "overcast"),
+    ("town03_roundabout", "Town03", [0.0, -62.0, 48.0], 90.0, -42.0, "overcast"),
     ("town03_tunnel", "Town03", [16.0, 223.2, 9.0], 0.0, 0.0, "overcast"),
     ("town04_interchange", "Town04", [470.0, -100.0, 34.0], 62.0, -18.0, "noon"),
     ("town04_motorway", "Town04", [-82.0, 10.0, 15.0], -5.0, -9.0, "evening"),
