@@ -14,7 +14,7 @@ const TEXT: u8 = 4;
 const COLOR: u8 = 5;
 
 /// What vehicles have beside what the catalogue says, and cannot be set.
-const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, ""), ("has_dynamic_doors", BOOL, "false")];
+const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, "")];
 /// What scripts may set on every vehicle and what is kept for them without effect.
 const VEHICLE_KEPT: &[(&str, u8, &str)] = &[("terramechanics", BOOL, "false")];
 /// The same of two-wheelers.
@@ -28,6 +28,7 @@ const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("generation", INT, false),
     ("number_of_wheels", INT, false),
     ("has_lights", BOOL, false),
+    ("has_dynamic_doors", BOOL, false),
     ("color", COLOR, true),
     ("sticky_control", BOOL, true),
     ("age", TEXT, false),
@@ -41,6 +42,9 @@ const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("extent_x", FLOAT, true),
     ("extent_y", FLOAT, true),
     ("extent_z", FLOAT, true),
+    ("mesh_path", TEXT, true),
+    ("scale", FLOAT, true),
+    ("mass", FLOAT, true),
 ];
 /// Kinds whose attributes stand in the catalogue, and the role that CARLA gives them.
 const BODIES: &[(&str, &str)] = &[("vehicle", "autopilot"), ("walker", "pedestrian"), ("prop", "prop"), ("controller", "default")];

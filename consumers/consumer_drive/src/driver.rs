@@ -334,7 +334,11 @@ impl Driver {
             let lateral = me.half_m[1] + if other.is_vehicle { margin_m } else { margin_m + 0.4 };
             let from = self.foot.arc_m + 0.5 * me.front_m();
             let reach_at = |arc: f64, left: bool| lateral + self.swing_at(me, arc, left);
-            let hits = other.outline().into_iter().filter_map(|p| self.path.first_within(p, from, front + reach, reach_at));
+            let hits = other
+                .outline()
+                .into_iter()
+                .chain(other.steps_ahead())
+                .filter_map(|p| self.path.first_within(p, from, front + reach, reach_at));
             let hit = hits.min_by(|a, b| a.arc_m.total_cmp(&b.arc_m));
             let Some(Foot { arc_m: arc, heading_rad: heading, offset_m }) = hit else { continue };
             // Somebody alongside whose middle is behind ours is not ahead of us.

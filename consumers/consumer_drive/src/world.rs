@@ -6,6 +6,12 @@ use schema_frames::{ActorKind, ActorList, ActorRecord, LightState};
 
 use crate::path::distance;
 
+/// How far ahead the way of somebody on foot is foreseen, and in how many steps, seconds.
+const FORESIGHT_SECS: f64 = 2.5;
+const FORESIGHT_STEPS: u32 = 5;
+/// Slower than this somebody stands, m/s.
+const STROLLING_MPS: f64 = 0.2;
+
 /// A vehicle or walker.
 #[derive(Clone, Debug, Default)]
 pub struct Mover {
@@ -68,6 +74,14 @@ impl Mover {
         points.push(self.point(self.centre_m[0] - half_x, self.centre_m[1]));
         points.push(self.point(self.centre_m[0] + half_x, self.centre_m[1]));
         points
+    }
+
+    /// Where somebody on foot will be in the next moments if the way goes on as it does; nothing for vehicles and for who stands.
+    pub fn steps_ahead(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        let [vx, vy] = self.velocity_mps;
+        let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS { 0 } else { FORESIGHT_STEPS };
+        let [x, y] = self.middle();
+        (1..=n).map(move |i| f64::from(i) * FORESIGHT_SECS / f64::from(FORESIGHT_STEPS)).map(move |t| [x + vx * t, y + vy * t])
     }
 
     /// Whether two boxes overlap (separating axes), grown by `margin_m` together.

@@ -1,4 +1,5 @@
-//! Closed loop on generated towns with the daemon's own physics: light traffic that must flow, dense traffic that must not lock up.
+//! Closed loop on generated towns with the daemon's own physics: light traffic that must flow, dense traffic that must not lock up, people
+//! on foot whom nobody may touch.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,26 +21,41 @@ struct Log {
     worst_offset_m: f64,
     last: Option<[f64; 2]>,
     n_touches: u32,
+    /// Ticks with its middle on the road's drivable lanes, for people on foot.
+    n_on_road: u32,
 }
 
 struct Stage {
     world: simd_world::World,
     fleet: Fleet,
+    roads: Arc<RoadMap>,
     actors: ActorList,
     logs: BTreeMap<u32, Log>,
     tick: u64,
 }
 
+/// Whether a point lies on a lane for vehicles rather than beside it.
+fn is_on_road(roads: &RoadMap, point_m: [f64; 3]) -> bool {
+    let Some(at) = roads.nearest(point_m, |lane| lane.kind.is_drivable()) else { return false };
+    let middle = roads.pose(at).map(|pose| [pose.translation.x, pose.translation.y]);
+    middle.is_some_and(|middle| distance(middle, [point_m[0], point_m[1]]) < 0.5 * roads.width_m(at))
+}
+
 impl Stage {
     fn new(town: &str, n_others: usize, seed: u64) -> Stage {
+        Stage::with_walkers(town, n_others, 0, seed)
+    }
+
+    fn with_walkers(town: &str, n_others: usize, n_walkers: usize, seed: u64) -> Stage {
         let town = simd_town::Town::generate(town, 1).unwrap();
         let mut world = simd_world::World::new(WorldOptions { seed, ..WorldOptions::default() });
         world.load(&MapData::from(&town)).unwrap();
         world.spawn_scenario("vehicle.tesla.model3", 0, n_others).unwrap();
+        assert_eq!(world.spawn_walkers(n_walkers).len(), n_walkers);
         let roads = Arc::new(RoadMap::parse(&town.open_drive).unwrap());
         assert!(roads.warnings().is_empty(), "{:?}", roads.warnings());
         let actors = world.actor_list();
-        Stage { world, fleet: Fleet::new(roads, seed, 1.0), actors, logs: BTreeMap::new(), tick: 0 }
+        Stage { world, fleet: Fleet::new(roads.clone(), seed, 1.0), roads, actors, logs: BTreeMap::new(), tick: 0 }
     }
 
     fn drive(&mut self, minutes: u64) {
@@ -53,7 +69,7 @@ impl Stage {
         self.tick += 1;
         let view = World::from_records(self.tick, self.tick * PERIOD_NANOS, PERIOD_NANOS, self.world.snapshot_records(), &self.actors);
         if self.tick == 1 {
-            let ids: Vec<u32> = view.movers.iter().map(|m| m.id).collect();
+            let ids: Vec<u32> = view.movers.iter().filter(|m| m.is_vehicle).map(|m| m.id).collect();
             let attribute = |id: u32, name: &str| {
                 let actor = self.actors.actors.iter().find(|a| a.id == id)?;
                 actor.attributes.get(name)?.parse::<f64>().ok()
@@ -79,13 +95,17 @@ impl Stage {
             }
             let record = self.world.record(ActorId(mover.id)).unwrap();
             log.n_touches += u32::from(record.flags & ActorRecord::TOUCHED != 0);
-            let offset_m = self.fleet.drivers()[&mover.id].foot().offset_m.abs();
-            log.worst_offset_m = log.worst_offset_m.max(offset_m);
+            match self.fleet.drivers().get(&mover.id) {
+                Some(driver) => log.worst_offset_m = log.worst_offset_m.max(driver.foot().offset_m.abs()),
+                None => {
+                    log.n_on_road += u32::from(is_on_road(&self.roads, mover.position_m));
+                }
+            }
         }
     }
 
     fn driven_m(&self) -> f64 {
-        self.logs.values().map(|log| log.driven_m).sum()
+        self.logs.iter().filter(|(id, _)| self.fleet.drivers().contains_key(id)).map(|(_, log)| log.driven_m).sum()
     }
 
     /// Vehicles that touched something, with the place of the last tick.
@@ -118,4 +138,58 @@ fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     let last_m = stage.driven_m() - before_m;
     assert_eq!(stage.touched().len(), 0, "{:?}", stage.touched());
     assert!(last_m > 0.6 * first_m, "{first_m:.0} m in the first two minutes, {last_m:.0} m in the last two");
+}
+
+/// Eighty people stroll on the pavements and cross at the lights; twenty-one vehicles drive as far as they would without them, or nearly.
+#[test]
+fn people_on_foot_cross_untouched_and_traffic_flows() {
+    let mut stage = Stage::with_walkers("Town10HD", 20, 80, 1);
+    stage.drive(3);
+    let first_m = stage.driven_m();
+    stage.drive(2);
+    let last_m = stage.driven_m() - first_m;
+    assert_eq!(stage.touched().len(), 0, "{:?}", stage.touched());
+    let n_crossed = stage.logs.values().filter(|log| log.n_on_road > 60).count();
+    assert!(n_crossed > 15, "only {n_crossed} of 80 were on the road for 3 s");
+    assert!(last_m > 0.5 * first_m, "{first_m:.0} m in the first three minutes, {last_m:.0} m in the last two");
+    assert!(first_m + last_m > 21.0 * 500.0, "{first_m:.0} + {last_m:.0} m");
+}
+
+/// Somebody walks across the street where no light helps: whoever comes stops before the line that is walked.
+#[test]
+fn a_vehicle_stops_for_somebody_who_walks_into_its_way() {
+    use schema_frames::{Command, CommandReply, WalkerControl};
+    let mut stage = Stage::new("Town06", 0, 1);
+    let ego = stage.world.actor_with_role("ego_vehicle").unwrap();
+    // Drive until it is fast, with a straight way ahead.
+    let mut walker = None;
+    let mut nearest_m = f64::MAX;
+    for _ in 0..60 * 20 {
+        stage.step();
+        let record = *stage.world.record(ego).unwrap();
+        let pose = record.world_from_actor.isometry();
+        match walker {
+            None if record.speed_mps() > 7.0 && record.angular_velocity_in_world_radps[2].abs() < 0.01 => {
+                // 35 m ahead, 5 m to the right of the way, walking to the left at 1.5 m/s.
+                let place = pose * nalgebra::Point3::new(35.0, -5.0, 1.2);
+                let at = schema_types::Pose::from_xyz_yaw(place.x, place.y, place.z, 0.0);
+                let Ok(id) = stage.world.spawn("walker.pedestrian.0001", at, None, "", &BTreeMap::new()) else { continue };
+                let across = pose.rotation * nalgebra::Vector3::y();
+                let control = WalkerControl { direction: [across.x as f32, across.y as f32, 0.0], speed_mps: 1.5, jump: false };
+                assert_eq!(stage.world.apply(&Command::ControlWalker { actor_id: id.0, control }), CommandReply::Done);
+                stage.actors = stage.world.actor_list();
+                walker = Some(id);
+            }
+            Some(id) => {
+                let there = stage.world.record(id).unwrap().world_from_actor.translation_m;
+                let [x, y] = [there[0] - pose.translation.x, there[1] - pose.translation.y];
+                nearest_m = nearest_m.min(x.hypot(y));
+                assert_eq!(record.flags & ActorRecord::TOUCHED, 0, "it ran into the walker");
+            }
+            None => {}
+        }
+    }
+    assert!(walker.is_some() && (3.0..15.0).contains(&nearest_m), "it came within {nearest_m} m of the walker");
+    assert_eq!(stage.touched().len(), 0);
+    assert!(stage.logs[&ego.0].driven_m > 150.0, "and then drove on: {:?}", stage.logs[&ego.0]);
 }

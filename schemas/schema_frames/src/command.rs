@@ -158,6 +158,15 @@ pub enum Command {
         /// Bits as in `VehiclePart::lamps`.
         lamps: u32,
     },
+    /// Opens or shuts doors of a vehicle whose `has_dynamic_doors` is `true`; they take 0.8 s.
+    SetDoors {
+        /// The actor.
+        actor_id: u32,
+        /// Sum of 1 front left, 2 front right, 4 rear left, 8 rear right.
+        doors: u8,
+        /// Whether they are to be open.
+        open: bool,
+    },
     /// Gives a traffic light a state; its timers run on.
     SetTrafficLight {
         /// The actor.

@@ -188,5 +188,7 @@ pub(crate) struct RawMap {
     pub controllers: Vec<RawController>,
     pub crosswalks: Vec<RawCrosswalk>,
     pub objects: Vec<RawObject>,
+    /// Corners of their outlines together, as they are counted against the limit.
+    pub n_object_corners: usize,
     pub warnings: Vec<Warning>,
 }

@@ -217,3 +217,19 @@ fn positions_agree_with_another_reader() {
         }
     }
 }
+
+/// A few kilobytes must not become millions of triangles: outlines of many corners, repeated.
+#[test]
+fn outlines_are_bounded_over_the_whole_map() {
+    let corners: String = (0..1000).map(|i| format!(r#"<cornerLocal u="{}" v="{}" z="0" height="1"/>"#, i % 37, i % 41)).collect();
+    let object = |id: usize| {
+        let repeats = r#"<repeat s="0" length="90" distance="0.1"/>"#.repeat(60);
+        format!(r#"<object id="{id}" type="building" s="5" t="20">{repeats}<outline>{corners}</outline></object>"#)
+    };
+    let mut road = RoadText::new(7, 100.0, &geometry(0.0, 10.0, 20.0, 0.0, 100.0, "<line/>"));
+    road.signals = format!("<objects>{}</objects>", (0..12).map(object).collect::<String>());
+    let map = RoadMap::parse(&document(&[road], "")).unwrap();
+    let n_corners: usize = map.objects().iter().map(|object| object.outline.len()).sum();
+    assert!((400_000..=500_000).contains(&n_corners), "{n_corners}");
+    assert!(map.warnings().iter().any(|warning| warning.to_string().contains("500000 corners")), "{:?}", map.warnings());
+}

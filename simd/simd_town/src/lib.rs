@@ -46,4 +46,5 @@ pub mod vehicle;
 pub use object::{LampGroup, MapLayer, SceneryLamp, SceneryObject};
 pub use person::{PersonMeshes, PersonShape, person_meshes};
 pub use town::{CollisionMesh, LightSite, Town, TownError};
+pub use vehicle::door::{Door, DoorMeshes, DoorMotion, door_meshes};
 pub use vehicle::{BodyStyle, VehicleMeshes, VehicleShape, WheelSite, vehicle_meshes};

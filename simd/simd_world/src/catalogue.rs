@@ -63,6 +63,7 @@ pub(crate) fn catalogue() -> Catalogue {
     let sensors = SENSORS.iter().map(|type_id| bare(type_id, "sensor", Class::UNLABELED));
     let map = OF_THE_MAP.iter().map(|(type_id, kind, class)| bare(type_id, kind, *class));
     let limits = SPEED_LIMITS.iter().map(|kmh| bare(&format!("traffic.speed_limit.{kmh}"), "traffic_sign", Class::TRAFFIC_SIGNS));
+    let empty = bare("util.actor.empty", "controller", Class::UNLABELED);
     let friction = CatalogueEntry {
         attributes: friction::ATTRIBUTES.map(|(name, value)| (name.to_owned(), value.to_owned())).into(),
         ..bare(friction::TYPE_ID, "prop", Class::UNLABELED)
@@ -75,7 +76,7 @@ pub(crate) fn catalogue() -> Catalogue {
             .chain(sensors)
             .chain(map)
             .chain(limits)
-            .chain([friction])
+            .chain([friction, empty])
             .collect(),
     }
 }
@@ -98,6 +99,7 @@ pub(crate) const FIXED_ATTRIBUTES: &[&str] = &[
     "generation",
     "number_of_wheels",
     "has_lights",
+    "has_dynamic_doors",
     "mass_kg",
     "wheelbase_m",
     "max_steer_rad",
@@ -111,6 +113,7 @@ fn vehicle_attributes(model: &VehicleModel) -> BTreeMap<String, String> {
         ("generation", model.generation.to_string()),
         ("number_of_wheels", model.n_wheels().to_string()),
         ("has_lights", (model.style != BodyStyle::Bicycle).to_string()),
+        ("has_dynamic_doors", model.has_dynamic_doors().to_string()),
         ("mass_kg", model.mass_kg.to_string()),
         ("wheelbase_m", model.wheelbase_m.to_string()),
         ("max_steer_rad", model.max_steer_rad().to_string()),
@@ -118,7 +121,8 @@ fn vehicle_attributes(model: &VehicleModel) -> BTreeMap<String, String> {
         ("color", color_text(model.colors[0])),
         ("sticky_control", "true".to_owned()),
     ];
-    pairs.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    let driver = model.is_two_wheeler().then(|| ("driver_id", "0".to_owned()));
+    pairs.into_iter().chain(driver).map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
 /// `r,g,b`.

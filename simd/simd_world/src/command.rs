@@ -42,6 +42,7 @@ impl World {
                 self.refresh_actor(ActorId(*actor_id));
                 done(result.map_err(text))
             }
+            Command::SetDoors { actor_id, doors, open } => done(self.set_doors(ActorId(*actor_id), *doors, *open).map_err(text)),
             Command::SetTrafficLight { actor_id, state } => done(self.set_traffic_light(ActorId(*actor_id), state)),
             Command::FreezeTrafficLights { frozen } => {
                 self.lights.frozen = *frozen;

@@ -16,6 +16,7 @@ mod boom;
 mod catalogue;
 mod checkpoint;
 mod command;
+mod doors;
 mod drive;
 mod footing;
 mod friction;

@@ -199,6 +199,19 @@ const MOTORBIKE: EngineSpec = EngineSpec {
     drag_nm_s: 0.015,
     inertia_kgm2: 0.02,
 };
+/// A belt drive, as six close steps.
+const SCOOTER: EngineSpec = EngineSpec {
+    torque_curve: &[(1500.0, 6.0), (4000.0, 9.0), (6500.0, 9.6), (8500.0, 8.2), (9500.0, 6.0)],
+    idle_rpm: 1600.0,
+    launch_rpm: 4000.0,
+    max_rpm: 9500.0,
+    ratios: &[2.6, 2.0, 1.55, 1.2, 0.95, 0.8],
+    reverse_ratio: 2.6,
+    final_ratio: 8.5,
+    drag_nm_s: 0.004,
+    inertia_kgm2: 0.008,
+    ..MOTORBIKE
+};
 const LEGS: EngineSpec = EngineSpec {
     torque_curve: &[(0.0, 55.0), (60.0, 45.0), (120.0, 5.0)],
     idle_rpm: 0.0,
@@ -230,6 +243,7 @@ const PAINTS: &[[u8; 3]] = &[
 const TRUCK_PAINTS: &[[u8; 3]] = &[[214, 216, 218], [26, 76, 140], [186, 36, 30], [224, 168, 24], [52, 96, 60]];
 const BUS_PAINTS: &[[u8; 3]] = &[[206, 44, 36], [238, 196, 40], [34, 110, 168], [230, 232, 232]];
 const FIRE_PAINTS: &[[u8; 3]] = &[[196, 22, 20]];
+const STEEL_PAINTS: &[[u8; 3]] = &[[150, 152, 156]];
 const POLICE_PAINTS: &[[u8; 3]] = &[[20, 20, 24]];
 const TAXI_PAINTS: &[[u8; 3]] = &[[238, 190, 20]];
 const AMBULANCE_PAINTS: &[[u8; 3]] = &[[240, 240, 236]];
@@ -496,9 +510,71 @@ static MODELS: &[VehicleModel] = &[
     },
     VehicleModel { type_id: "vehicle.kawasaki.ninja", half_m: [1.017, 0.401, 0.600], ..MOTORCYCLE },
     VehicleModel { type_id: "vehicle.yamaha.yzf", half_m: [1.105, 0.434, 0.626], ..MOTORCYCLE },
-    VehicleModel { type_id: "vehicle.bh.crossbike", half_m: [0.744, 0.430, 0.638], ..BICYCLE },
-    VehicleModel { type_id: "vehicle.diamondback.century", half_m: [0.821, 0.186, 0.748], ..BICYCLE },
+    VehicleModel { type_id: "vehicle.bh.crossbike", half_m: [0.744, 0.430, 0.638], wheelbase_m: 0.86, wheel_radius_m: 0.31, ..BICYCLE },
+    VehicleModel {
+        type_id: "vehicle.diamondback.century",
+        half_m: [0.821, 0.186, 0.748],
+        wheelbase_m: 0.97,
+        wheel_radius_m: 0.335,
+        ..BICYCLE
+    },
     VehicleModel { type_id: "vehicle.gazelle.omafiets", half_m: [0.918, 0.16, 0.586], ..BICYCLE },
+    VehicleModel {
+        type_id: "vehicle.dodge.charger_police_2020",
+        special_type: "emergency",
+        generation: 2,
+        half_m: [2.619, 1.049, 0.819],
+        wheelbase_m: 3.05,
+        mass_kg: 2050.0,
+        engine: PETROL_LARGE,
+        colors: POLICE_PAINTS,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.mini.cooper_s_2021",
+        generation: 2,
+        half_m: [2.276, 1.049, 0.884],
+        wheelbase_m: 2.67,
+        mass_kg: 1390.0,
+        engine: PETROL_STRONG,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.tesla.cybertruck",
+        style: BodyStyle::Wedge,
+        class: Class::TRUCK,
+        base_type: "truck",
+        special_type: "electric",
+        generation: 2,
+        half_m: [3.137, 1.195, 1.049],
+        wheelbase_m: 3.81,
+        wheel_radius_m: 0.44,
+        mass_kg: 3000.0,
+        drag_area_m2: 1.1,
+        engine: ELECTRIC,
+        front_driven: true,
+        colors: STEEL_PAINTS,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.volkswagen.t2_2021",
+        generation: 2,
+        half_m: [2.221, 0.939, 0.994],
+        wheelbase_m: 2.4,
+        wheel_radius_m: 0.33,
+        mass_kg: 1600.0,
+        engine: PETROL_SMALL,
+        ..VAN
+    },
+    VehicleModel {
+        type_id: "vehicle.vespa.zx125",
+        half_m: [0.902, 0.36, 0.618],
+        wheelbase_m: 1.26,
+        wheel_radius_m: 0.24,
+        mass_kg: 185.0,
+        engine: SCOOTER,
+        ..MOTORCYCLE
+    },
 ];
 
 /// Every vehicle; the index is also its place in the catalogue.
@@ -520,8 +596,17 @@ mod tests {
     #[test]
     fn every_style_is_there() {
         use BodyStyle::*;
-        for style in [Saloon, Hatch, Suv, Van, Bus, Lorry, Motorcycle, Bicycle] {
+        for style in [Saloon, Hatch, Suv, Van, Wedge, Bus, Lorry, Motorcycle, Bicycle] {
             assert!(MODELS.iter().any(|model| model.style == style), "{style:?}");
+        }
+    }
+
+    /// What one sees is of the class that the record says.
+    #[test]
+    fn meshes_are_of_the_models_class() {
+        for model in MODELS {
+            let meshes = simd_town::vehicle_meshes(&model.shape());
+            assert!(meshes.body.vertices.iter().any(|vertex| vertex.class == model.class.0), "{}", model.type_id);
         }
     }
 }

@@ -144,6 +144,10 @@ const ROWS: &[Row] = &[
     ("cypresstree", Tree, [180, 180, 750], BROWN, GREEN),
 ];
 
+/// The prop that stands for a mesh of somebody's own, and what it has beside its size.
+const MESH: &str = "static.prop.mesh";
+const MESH_ATTRIBUTES: &[(&str, &str)] = &[("mesh_path", ""), ("scale", "1.0"), ("mass", "1.0")];
+
 /// One kind of thing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PropModel {
@@ -184,6 +188,29 @@ impl PropModel {
         }
     }
 
+    fn attributes(&self) -> BTreeMap<String, String> {
+        let size = [("size", self.size)];
+        let of_mesh = if self.type_id == MESH { MESH_ATTRIBUTES } else { &[] };
+        size.iter().chain(of_mesh).map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+    }
+
+    /// Why an attribute cannot have this value.
+    fn refusal(&self, name: &str, value: &str) -> Option<String> {
+        let attributes = self.attributes();
+        let is_positive = value.parse::<f64>().is_ok_and(|number| number > 0.0 && number.is_finite());
+        match (name, attributes.get(name)) {
+            (_, Some(is)) if is == value => None,
+            // A file of CARLA's engine, which nobody here can read: a box of a metre stands for it, and nothing that was put down moves.
+            ("mesh_path", Some(_)) => None,
+            ("mass", Some(_)) if is_positive => None,
+            ("mass", Some(_)) => Some("it must be a number above 0".to_owned()),
+            ("scale", Some(_)) if value.parse() == Ok(1.0f64) => None,
+            ("scale", Some(_)) => Some("only 1.0 is supported: a box of 1 m stands for the mesh".to_owned()),
+            (_, Some(is)) => Some(format!("it is fixed at {is:?}")),
+            (_, None) => Some(format!("this prop has only {}", attributes.keys().cloned().collect::<Vec<_>>().join(", "))),
+        }
+    }
+
     pub(crate) fn catalogue_entry(&self) -> CatalogueEntry {
         let half_m = self.shape.half_m.map(|x| x as f32);
         CatalogueEntry {
@@ -191,7 +218,7 @@ impl PropModel {
             kind: "prop".to_owned(),
             class: self.shape.class.0,
             body_box: BodyBox { centre_m: [0.0, 0.0, half_m[2]], half_m },
-            attributes: BTreeMap::from([("size".to_owned(), self.size.to_owned())]),
+            attributes: self.attributes(),
             recommended: BTreeMap::new(),
         }
     }
@@ -235,13 +262,12 @@ impl World {
         given: &BTreeMap<String, String>,
     ) -> Result<ActorId, SpawnError> {
         let model_idx = prop_models().iter().position(|model| model.type_id == type_id).expect("the catalogue lists only these");
-        let attributes = self.catalogue.entries[catalogue_idx as usize].attributes.clone();
-        if let Some((name, value)) = given.iter().find(|(name, value)| attributes.get(*name) != Some(value)) {
-            let allowed = match attributes.get(name) {
-                Some(is) => format!("it is fixed at {is:?}"),
-                None => "a prop has only size".to_owned(),
-            };
-            return Err(SpawnError::Attribute { type_id: type_id.to_owned(), name: name.clone(), value: value.clone(), allowed });
+        let mut attributes = self.catalogue.entries[catalogue_idx as usize].attributes.clone();
+        for (name, value) in given {
+            if let Some(allowed) = prop_models()[model_idx].refusal(name, value) {
+                return Err(SpawnError::Attribute { type_id: type_id.to_owned(), name: name.clone(), value: value.clone(), allowed });
+            }
+            attributes.insert(name.clone(), value.clone());
         }
         let half = half_of(&prop_models()[model_idx]);
         if parent.is_none()

@@ -202,7 +202,8 @@ impl World {
             control_flags: control.hand_brake as u32
                 | (control.reverse as u32) << 1
                 | (control.manual_gear_shift as u32) << 2
-                | (vehicle.is_rolled_over(&self.physics) as u32) << 8,
+                | (vehicle.is_rolled_over(&self.physics) as u32) << 8
+                | vehicle.doors.flags(),
             gear: vehicle.train.gear,
             engine_radps: vehicle.train.engine_radps,
             speed_limit_mps,

@@ -1,6 +1,7 @@
 //! What sensors see of the actors: bodies, wheels, limbs, lamp heads.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::LightState;
@@ -8,7 +9,7 @@ use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
 use simd_town::person::{Posture, mesh_of};
 use simd_town::prop::prop_mesh;
-use simd_town::{person_meshes, vehicle_meshes};
+use simd_town::{Door, door_meshes, person_meshes, vehicle_meshes};
 
 use crate::models::vehicle_models;
 use crate::props::prop_models;
@@ -16,14 +17,20 @@ use crate::vehicle::{Vehicle, WheelState};
 use crate::walkers::{Walker, walker_models};
 use crate::world::World;
 
-/// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0.
+/// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0, doors from here.
 const BODY_PART: u16 = 0;
+const FIRST_DOOR_PART: u16 = 16;
+
+/// A body that shows its interior, and its doors with their meshes.
+type OpenBody = (MeshId, Vec<(MeshId, Door)>);
 
 /// Meshes of this episode's actors.
 #[derive(Clone, Default)]
 pub(crate) struct ActorMeshes {
     /// Body and wheel per vehicle model, by its index.
     vehicles: Vec<(MeshId, MeshId)>,
+    /// By the same index, for those whose doors open.
+    open_bodies: BTreeMap<u32, Arc<OpenBody>>,
     /// Parts of the body and wheelchair per walker model, by its index.
     walkers: Vec<([MeshId; 7], MeshId)>,
     /// Mesh per prop model, by its index.
@@ -41,6 +48,13 @@ impl World {
             (assets.add_mesh(meshes.body), assets.add_mesh(meshes.wheel))
         });
         let vehicles = vehicles.collect();
+        let mut open_bodies = BTreeMap::new();
+        for (idx, model) in vehicle_models().iter().enumerate().filter(|(_, model)| model.has_dynamic_doors()) {
+            let Some(meshes) = door_meshes(&model.shape()) else { continue };
+            let body = assets.add_mesh(meshes.body);
+            let mut add = |mut door: Door| (assets.add_mesh(std::mem::take(&mut door.mesh)), door);
+            open_bodies.insert(idx as u32, Arc::new((body, meshes.doors.into_iter().map(&mut add).collect())));
+        }
         let walkers = walker_models().iter().map(|model| {
             let meshes = person_meshes(&model.shape);
             (meshes.parts.map(|part| assets.add_mesh(part)), assets.add_mesh(meshes.wheelchair))
@@ -48,7 +62,7 @@ impl World {
         let walkers = walkers.collect();
         let props = prop_models().iter().map(|model| assets.add_mesh(prop_mesh(&model.shape))).collect();
         let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
-        self.meshes = ActorMeshes { vehicles, walkers, props, light_head, heads: BTreeMap::new() };
+        self.meshes = ActorMeshes { vehicles, open_bodies, walkers, props, light_head, heads: BTreeMap::new() };
         self.find_light_heads();
     }
 
@@ -66,7 +80,9 @@ impl World {
             if let Some(vehicle) = self.vehicles.get(&actor) {
                 if let Some((body, wheel)) = self.meshes.vehicles.get(record.catalogue_idx as usize) {
                     let world_from_vehicle = record.world_from_actor.isometry();
-                    self.add_vehicle(out, actor, vehicle, &world_from_vehicle, (*body, *wheel));
+                    let open = self.meshes.open_bodies.get(&record.catalogue_idx).filter(|_| !vehicle.doors.are_shut());
+                    let body = open.map_or(*body, |open| open.0);
+                    self.add_vehicle(out, actor, vehicle, &world_from_vehicle, (body, *wheel), open.map(Arc::as_ref));
                 }
             } else if let Some(walker) = self.walkers.get(&actor) {
                 self.add_walker(out, actor, walker);
@@ -110,6 +126,7 @@ impl World {
         vehicle: &Vehicle,
         world_from_vehicle: &Isometry3<f64>,
         (body, wheel_mesh): (MeshId, MeshId),
+        open: Option<&OpenBody>,
     ) {
         let (velocity, spin) = vehicle.velocity(&self.physics);
         let lamps = vehicle.shining_lamps();
@@ -122,6 +139,10 @@ impl World {
         for (i, wheel) in vehicle.visible_wheels().enumerate() {
             let radius_m = f64::from(vehicle.physics.wheels[i].radius_m);
             out.push(part(1 + i as u16, wheel_mesh, world_from_vehicle * vehicle_from_wheel(&wheel, radius_m)));
+        }
+        for (i, (mesh, door)) in open.iter().flat_map(|open| &open.1).enumerate() {
+            let vehicle_from_door = door.vehicle_from_mesh(vehicle.doors.visible(i));
+            out.push(part(FIRST_DOOR_PART + i as u16, *mesh, world_from_vehicle * vehicle_from_door));
         }
     }
 }

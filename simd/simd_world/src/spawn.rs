@@ -117,7 +117,7 @@ impl World {
             None if type_id.starts_with("walker.") && parent.is_some() => return Err(SpawnError::Attached(type_id.to_owned())),
             None if type_id.starts_with("walker.") => self.spawn_walker(type_id, catalogue_idx, pose, role, attributes)?,
             None if type_id.starts_with("static.prop.") => self.spawn_prop(type_id, catalogue_idx, pose, parent, role, attributes)?,
-            None if type_id.starts_with("sensor.") || type_id.starts_with("controller.") => {
+            None if ["sensor.", "controller.", "util."].iter().any(|family| type_id.starts_with(family)) => {
                 let id = self.new_id();
                 let role = role.to_owned();
                 let attributes = attributes.clone();
@@ -318,6 +318,11 @@ fn check_attribute(model: &VehicleModel, name: &str, value: &str, known: &BTreeM
     match name {
         "color" if catalogue::parse_color(value).is_none() => Err(refuse("it must be \"r,g,b\" with each 0 to 255".to_owned())),
         "sticky_control" if value != "true" => Err(refuse("only \"true\" is supported: a control stays until it is replaced".to_owned())),
+        // Who rides: every rider looks alike.
+        "driver_id" if known.contains_key(name) => match value.parse::<u32>() {
+            Ok(_) => Ok(()),
+            Err(_) => Err(refuse("it must be a whole number from 0".to_owned())),
+        },
         "color" | "sticky_control" => Ok(()),
         _ => Err(refuse(format!("a vehicle has only {}", known.keys().cloned().collect::<Vec<_>>().join(", ")))),
     }

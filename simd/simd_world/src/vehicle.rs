@@ -13,6 +13,7 @@ use schema_types::Pose;
 use serde::{Deserialize, Serialize};
 
 use crate::ackermann::{Ackermann, Seen};
+use crate::doors::Doors;
 use crate::drive::DriveTrain;
 use crate::footing::Footing;
 use crate::models::VehicleModel;
@@ -42,6 +43,7 @@ pub(crate) struct Vehicle {
     pub ackermann: Option<Ackermann>,
     pub gains: AckermannGains,
     pub lamps: u32,
+    pub doors: Doors,
     pub tint_rgb: [u8; 3],
     /// Mean angle of the front wheels, radians, positive to the left.
     pub steer_rad: f32,
@@ -106,6 +108,7 @@ impl Vehicle {
             ackermann: None,
             gains: AckermannGains::default(),
             lamps: 0,
+            doors: Doors::default(),
             tint_rgb: model.colors[0],
             steer_rad: 0.0,
             lean_rad: 0.0,
@@ -157,10 +160,11 @@ impl Vehicle {
         self.ackermann = Some(ackermann);
     }
 
-    /// After the sub-steps of a tick: pushes are over; one without physics has the velocity of its displacement.
+    /// After the sub-steps of a tick: pushes are over, doors move; one without physics has the velocity of its displacement.
     pub fn end_tick(&mut self, physics: &Physics, dt_secs: f64) {
         self.force_n = [0.0; 3];
         self.torque_nm = [0.0; 3];
+        self.doors.step(dt_secs);
         if self.switches.simulated {
             return;
         }

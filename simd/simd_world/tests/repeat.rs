@@ -5,6 +5,7 @@ use schema_types::noise::Noise;
 use simd_world::{MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
+const N_TICKS: u64 = 1000;
 
 /// Hash of all records of all ticks (FNV-1a): vehicles that drive at random, bump into each other and are pushed.
 /// Ids go on counting over loads, so they are taken from the first one on.
@@ -46,14 +47,14 @@ fn fresh() -> World {
 fn a_hundred_vehicles_repeat_bit_for_bit_after_a_load_and_on_any_number_of_threads() {
     let on_threads = |n_threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
-        pool.install(|| run(&mut fresh(), 100, 200))
+        pool.install(|| run(&mut fresh(), 100, N_TICKS))
     };
     let (hash, n_touched) = on_threads(1);
     assert!(n_touched > 0, "the run is meant to have crashes");
     assert_eq!(on_threads(2).0, hash, "two threads");
     assert_eq!(on_threads(5).0, hash, "five threads");
     let mut world = fresh();
-    assert_eq!(run(&mut world, 100, 200).0, hash, "again");
-    assert_eq!(run(&mut world, 100, 200).0, hash, "after a load");
-    assert_ne!(run(&mut world, 99, 200).0, hash);
+    assert_eq!(run(&mut world, 100, N_TICKS).0, hash, "again");
+    assert_eq!(run(&mut world, 100, N_TICKS).0, hash, "after a load");
+    assert_ne!(run(&mut world, 99, N_TICKS).0, hash);
 }

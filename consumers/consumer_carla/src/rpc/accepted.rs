@@ -22,8 +22,6 @@ pub(crate) const CALLS: Calls = &[
     ("set_imui_gravity", Gateway::accept),
     // Parts of actors.
     ("set_actor_dead", Gateway::accept),
-    ("open_vehicle_door", Gateway::accept),
-    ("close_vehicle_door", Gateway::accept),
     ("get_actor_component_world_transform", Gateway::component_in_world),
     ("get_actor_component_relative_transform", |gateway, call| {
         gateway.known_actor(call)?;

@@ -1,4 +1,4 @@
-//! Calls about vehicles: controls and lamps.
+//! Calls about vehicles: controls, lamps and doors.
 
 use schema_frames::{Command, VehicleControlRecord};
 
@@ -11,10 +11,15 @@ use crate::rpc::{Call, Calls};
 /// Lamps that exist; `VehicleLightState.All` has every bit.
 pub(crate) const LAMPS: u32 = 0x7ff;
 
+/// `VehicleDoor.All`.
+const ALL_DOORS: u8 = 6;
+
 pub(crate) const CALLS: Calls = &[
     ("apply_control_to_vehicle", Gateway::apply_control),
     ("get_vehicle_light_state", Gateway::vehicle_lamps),
     ("set_vehicle_light_state", Gateway::set_vehicle_lamps),
+    ("open_vehicle_door", |gateway, call| gateway.set_doors(call, true)),
+    ("close_vehicle_door", |gateway, call| gateway.set_doors(call, false)),
     ("get_vehicle_light_states", |gateway, _| Ok(Answer::Value(gateway.all_lamps()))),
 ];
 
@@ -40,6 +45,19 @@ impl Gateway {
     fn set_vehicle_lamps(&self, call: &mut Call<'_>) -> Outcome {
         let (actor_id, lamps) = (self.known_actor(call)?, call.fields("a light state")?.u32()?);
         self.commander.tell(Command::SetLamps { actor_id, lamps: lamps & LAMPS });
+        Ok(Answer::Void)
+    }
+
+    /// The simulator leaves vehicles without doors that open as they are, as CARLA does.
+    fn set_doors(&self, call: &mut Call<'_>, open: bool) -> Outcome {
+        let (actor_id, door) = (self.known_actor(call)?, call.u8()?);
+        let doors = match door {
+            0..=3 => 1 << door,
+            ALL_DOORS => 15,
+            // Bonnet and boot do not open.
+            _ => return Ok(Answer::Void),
+        };
+        self.commander.tell(Command::SetDoors { actor_id, doors, open });
         Ok(Answer::Void)
     }
 

@@ -40,6 +40,7 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
         controllers: children(root, "controller").map(controller).collect(),
         crosswalks: Vec::new(),
         objects: Vec::new(),
+        n_object_corners: 0,
         warnings: Vec::new(),
     };
     read_roads(&mut reader, root, &mut map)?;

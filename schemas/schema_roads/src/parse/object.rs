@@ -8,6 +8,8 @@ use crate::raw::{RawMap, RawObject};
 
 /// Most objects of a map, repetitions counted.
 const MAX_OBJECTS: usize = 50_000;
+/// Most corners of all objects together; one without an outline counts for eight.
+const MAX_CORNERS: usize = 500_000;
 /// Most repetitions of one object.
 const MAX_REPEATS: usize = 5_000;
 /// Length of the pieces that an unbroken repetition is cut into, metres.
@@ -24,15 +26,29 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
             return;
         }
         let object = object(reader, n, road, length_m);
+        let room = |used: usize| MAX_CORNERS.saturating_sub(used) / cost(&object);
         let mut repeated = false;
         for repeat in children(n, "repeat").take(64) {
             repeated = true;
-            repeats(reader, repeat, &object, length_m, &mut map.objects);
+            let most = room(map.n_object_corners);
+            let before = map.objects.len();
+            repeats(reader, repeat, &object, length_m, most, &mut map.objects);
+            map.n_object_corners += cost(&object) * (map.objects.len() - before);
         }
-        if !repeated {
-            map.objects.push(object);
+        if !repeated && room(map.n_object_corners) > 0 {
+            map.n_object_corners += cost(&object);
+            map.objects.push(object.clone());
+        }
+        if room(map.n_object_corners) == 0 {
+            reader
+                .warn(n, format!("the outlines of the map's objects have more than {MAX_CORNERS} corners; what does not fit is left out"));
         }
     }
+}
+
+/// What an object counts for.
+fn cost(object: &RawObject) -> usize {
+    object.corners.len().max(8)
 }
 
 fn size(reader: &mut Reader, node: Node, name: &str) -> f64 {
@@ -59,7 +75,7 @@ fn object(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> RawObj
 }
 
 /// One object per distance; without a distance pieces that touch.
-fn repeats(reader: &mut Reader, node: Node, object: &RawObject, road_m: f64, out: &mut Vec<RawObject>) {
+fn repeats(reader: &mut Reader, node: Node, object: &RawObject, road_m: f64, most: usize, out: &mut Vec<RawObject>) {
     let from_m = reader.number(node, "s", 0.0).clamp(0.0, road_m);
     let length_m = reader.number(node, "length", 0.0).clamp(0.0, road_m - from_m);
     let distance_m = reader.number(node, "distance", 0.0);
@@ -67,7 +83,7 @@ fn repeats(reader: &mut Reader, node: Node, object: &RawObject, road_m: f64, out
     let step_m = if unbroken { PIECE_M } else { distance_m };
     let n = if unbroken { (length_m / step_m).ceil().max(1.0) } else { (length_m / step_m + 1e-9).floor() + 1.0 };
     // Repetitions of an outline cost as much as its corners.
-    let n = (n as usize).min(MAX_REPEATS / (1 + object.corners.len() / 8)).min(MAX_OBJECTS.saturating_sub(out.len()));
+    let n = (n as usize).min(MAX_REPEATS / (1 + object.corners.len() / 8)).min(MAX_OBJECTS.saturating_sub(out.len())).min(most);
     let step_m = if unbroken { length_m / n.max(1) as f64 } else { step_m };
     let mut range = |name: &str, fallback: f64| {
         let from = reader.optional_number(node, &format!("{name}Start")).unwrap_or(fallback);

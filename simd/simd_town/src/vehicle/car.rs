@@ -4,12 +4,12 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::loft::{Section, loft};
+use super::loft::{Section, loft, loft_with_holes};
 use super::{BodyStyle, Frame};
 
 /// What the skin is from one station to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Part {
+pub(super) enum Part {
     /// Painted all round.
     Panel,
     /// Side windows under a painted roof.
@@ -24,7 +24,7 @@ enum Part {
 use Part::{Cabin, Gap, Panel, Pillar, Screen};
 
 /// (place from the front 0…1, belt line, roof line, width, roof width, part behind it); heights and widths are shares of the box.
-type Station = (f32, f32, f32, f32, f32, Part);
+pub(super) type Station = (f32, f32, f32, f32, f32, Part);
 
 const SALOON: &[Station] = &[
     (0.000, 0.40, 0.43, 0.74, 0.90, Panel),
@@ -102,15 +102,67 @@ const VAN: &[Station] = &[
     (1.000, 0.500, 0.970, 0.960, 0.85, Panel),
 ];
 
-/// Adds one level of a car's body; `detail` 0 is the finest of three.
-pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
-    let table = match style {
+const WEDGE: &[Station] = &[
+    (0.000, 0.47, 0.50, 0.84, 0.92, Panel),
+    (0.012, 0.51, 0.54, 0.93, 0.92, Panel),
+    (0.050, 0.535, 0.565, 0.970, 0.92, Panel),
+    (0.170, 0.575, 0.655, 1.000, 0.91, Screen),
+    (0.300, 0.598, 0.837, 1.000, 0.84, Screen),
+    (0.345, 0.606, 0.900, 1.000, 0.81, Cabin),
+    (0.417, 0.614, 1.000, 1.000, 0.76, Cabin),
+    (0.500, 0.620, 0.952, 1.000, 0.77, Pillar),
+    (0.525, 0.622, 0.938, 1.000, 0.775, Gap),
+    (0.529, 0.622, 0.936, 1.000, 0.775, Cabin),
+    (0.640, 0.632, 0.873, 1.000, 0.80, Panel),
+    (0.800, 0.645, 0.781, 1.000, 0.86, Panel),
+    (0.960, 0.655, 0.700, 0.990, 0.91, Panel),
+    (0.990, 0.620, 0.660, 0.960, 0.91, Panel),
+    (1.000, 0.540, 0.580, 0.880, 0.91, Panel),
+];
+
+pub(super) fn table(style: BodyStyle) -> &'static [Station] {
+    match style {
         BodyStyle::Saloon => SALOON,
         BodyStyle::Suv => SUV,
         BodyStyle::Van => VAN,
+        BodyStyle::Wedge => WEDGE,
         _ => HATCH,
+    }
+}
+
+/// What a strip of the finest level is made of.
+pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) -> Surface {
+    match (strip, part) {
+        (0, _) => frame.dark(),
+        (1, _) => frame.trim(),
+        (2..=4, Gap) => frame.dark(),
+        (5, Cabin | Screen | Gap) => frame.glass(),
+        (5, Pillar) if style != BodyStyle::Van => frame.dark(),
+        (7, Screen) => frame.glass(),
+        _ => frame.paint(),
+    }
+}
+
+/// The finest level without the sides of doors: where they begin and end.
+pub(super) fn open_body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, doors: [[f32; 2]; 2]) {
+    let table = table(style);
+    let stations = stations(frame, table, 0, doors.as_flattened());
+    let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
+    let surface = |segment: usize, strip: usize| {
+        let middle = 0.5 * (stations[segment].0 + stations[segment + 1].0);
+        let is_door = (2..=5).contains(&strip) && doors.iter().any(|[from, to]| (*from..*to).contains(&middle));
+        (!is_door).then(|| skin(frame, style, stations[segment].5, strip))
     };
-    let stations = stations(frame, table, detail);
+    loft_with_holes(builder, &sections, surface, [frame.paint(); 2]);
+    front(builder, frame, table, 0);
+    rear(builder, frame, table, style, 0);
+    mirrors(builder, frame, table);
+}
+
+/// Adds one level of a car's body; `detail` 0 is the finest of three.
+pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
+    let table = table(style);
+    let stations = stations(frame, table, detail, &[]);
     let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, detail)).collect();
     let paint = frame.paint();
     let surface = |segment: usize, strip: usize| {
@@ -121,15 +173,7 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
             1 => [0, 2, 4, 5, 7][strip],
             _ => [0, 2, 5, 7][strip],
         };
-        match (strip, part) {
-            (0, _) => frame.dark(),
-            (1, _) => frame.trim(),
-            (2..=4, Gap) => frame.dark(),
-            (5, Cabin | Screen | Gap) => frame.glass(),
-            (5, Pillar) if style != BodyStyle::Van => frame.dark(),
-            (7, Screen) => frame.glass(),
-            _ => paint,
-        }
+        skin(frame, style, part, strip)
     };
     loft(builder, &sections, surface, [paint, paint]);
     front(builder, frame, table, detail);
@@ -139,8 +183,8 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
     }
 }
 
-/// The table with stations for wheel arches put in; far levels keep what shapes the outline.
-fn stations(frame: &Frame, table: &[Station], detail: usize) -> Vec<Station> {
+/// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the outline.
+pub(super) fn stations(frame: &Frame, table: &[Station], detail: usize, also: &[f32]) -> Vec<Station> {
     let mut places: Vec<f32> = table.iter().map(|s| s.0).collect();
     match detail {
         0 => places.extend(frame.arch_places(&[-1.0, -0.96, -0.8, -0.5, 0.0, 0.5, 0.8, 0.96, 1.0])),
@@ -155,12 +199,14 @@ fn stations(frame: &Frame, table: &[Station], detail: usize) -> Vec<Station> {
             places = (0..table.len()).filter(|&i| keep(i)).map(|i| table[i].0).collect();
         }
     }
+    places.retain(|u| also.iter().all(|place| (u - place).abs() > 0.002));
+    places.extend(also);
     places.sort_by(f32::total_cmp);
     places.dedup_by(|a, b| (*a - *b).abs() < 0.002);
     places.iter().map(|&u| interpolate(table, u)).collect()
 }
 
-fn interpolate(table: &[Station], u: f32) -> Station {
+pub(super) fn interpolate(table: &[Station], u: f32) -> Station {
     let next = table.iter().position(|s| s.0 > u + 1e-5).unwrap_or(table.len() - 1).max(1);
     let (a, b) = (table[next - 1], table[next]);
     let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
@@ -169,7 +215,7 @@ fn interpolate(table: &[Station], u: f32) -> Station {
     (u, mix(a.1, b.1), mix(a.2, b.2), mix(a.3, b.3), mix(a.4, b.4), part)
 }
 
-fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, detail: usize) -> Section {
+pub(super) fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, detail: usize) -> Section {
     let (w, h) = (frame.body_half_m * width, frame.height());
     let (belt, top) = (belt * h, top * h);
     let nose = (0.10 - u).max(u - 0.90).max(0.0) * 10.0;
@@ -232,7 +278,7 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: Body
     let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
     let last = table[table.len() - 1];
     let lamp_z = if style == BodyStyle::Van { 0.40 * h } else { (last.1 - 0.055) * h };
-    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van) { 0.05 } else { 0.036 };
+    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge) { 0.05 } else { 0.036 };
     let flat = last.3 - 0.01;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
@@ -288,7 +334,7 @@ fn mirrors(builder: &mut MeshBuilder, frame: &Frame, table: &[Station]) {
 pub fn class_of(style: BodyStyle) -> Class {
     match style {
         BodyStyle::Bus => Class::BUS,
-        BodyStyle::Lorry => Class::TRUCK,
+        BodyStyle::Lorry | BodyStyle::Wedge => Class::TRUCK,
         BodyStyle::Motorcycle => Class::MOTORCYCLE,
         BodyStyle::Bicycle => Class::BICYCLE,
         _ => Class::CAR,

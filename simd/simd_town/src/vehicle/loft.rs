@@ -34,6 +34,16 @@ const CREASE: f32 = 0.62;
 
 /// Skins the sections from front to rear, both sides, and closes the two ends; `surface(segment, strip)` says with what.
 pub fn loft(builder: &mut MeshBuilder, sections: &[Section], surface: impl Fn(usize, usize) -> Surface, caps: [Surface; 2]) {
+    loft_with_holes(builder, sections, |segment, strip| Some(surface(segment, strip)), caps);
+}
+
+/// As [`loft`], without the faces for which there is no surface.
+pub fn loft_with_holes(
+    builder: &mut MeshBuilder,
+    sections: &[Section],
+    surface: impl Fn(usize, usize) -> Option<Surface>,
+    caps: [Surface; 2],
+) {
     let point = |i: usize, j: usize| [sections[i].x_m, sections[i].ring_m[j][0], sections[i].ring_m[j][1]];
     let (n_segments, n_strips) = (sections.len() - 1, sections[0].ring_m.len() - 1);
     let face = |i: usize, j: usize| normalize(cross(sub(point(i + 1, j + 1), point(i, j)), sub(point(i, j + 1), point(i + 1, j))));
@@ -55,15 +65,16 @@ pub fn loft(builder: &mut MeshBuilder, sections: &[Section], surface: impl Fn(us
     };
     for (i, strip) in faces.iter().enumerate() {
         for (j, own) in strip.iter().copied().enumerate() {
+            let Some(surface) = surface(i, j) else { continue };
             let corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
             let points = corners.map(|(a, b)| point(a, b));
             let normals = corners.map(|(a, b)| corner_normal(a, b, own));
             let uv = points.map(|p| [p[0], p[2]]);
-            builder.polygon_with_normals(surface(i, j), &points, &normals, &uv);
+            builder.polygon_with_normals(surface, &points, &normals, &uv);
             let mirror = |v: [f32; 3]| [v[0], -v[1], v[2]];
             let order = [3, 2, 1, 0];
             builder.polygon_with_normals(
-                surface(i, j),
+                surface,
                 &order.map(|k| mirror(points[k])),
                 &order.map(|k| mirror(normals[k])),
                 &order.map(|k| uv[k]),
@@ -75,7 +86,8 @@ pub fn loft(builder: &mut MeshBuilder, sections: &[Section], surface: impl Fn(us
     }
 }
 
-fn end_cap(builder: &mut MeshBuilder, section: &Section, surface: Surface, front: bool) {
+/// Closes a body at a section; to the front or to the rear.
+pub fn end_cap(builder: &mut MeshBuilder, section: &Section, surface: Surface, front: bool) {
     // Strips of trapezoids between mirrored points keep every face convex.
     for pair in section.ring_m.windows(2) {
         let [[y0, z0], [y1, z1]] = [pair[0], pair[1]];

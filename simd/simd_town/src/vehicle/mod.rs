@@ -5,6 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 mod car;
+pub mod door;
 mod heavy;
 pub(crate) mod loft;
 mod two_wheeler;
@@ -21,6 +22,8 @@ pub enum BodyStyle {
     Suv,
     /// One box with a short bonnet.
     Van,
+    /// Pick-up of flat plates: one straight line from the nose to the top, another to the tail.
+    Wedge,
     /// City bus.
     Bus,
     /// Cab and cargo box.
@@ -186,7 +189,7 @@ fn tyre(style: BodyStyle) -> (f32, usize) {
         BodyStyle::Bus | BodyStyle::Lorry => (0.30, 8),
         BodyStyle::Motorcycle => (0.14, 6),
         BodyStyle::Bicycle => (0.045, 12),
-        BodyStyle::Suv | BodyStyle::Van => (0.24, 6),
+        BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge => (0.24, 6),
         _ => (0.215, 5),
     }
 }

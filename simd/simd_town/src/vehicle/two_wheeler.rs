@@ -7,6 +7,9 @@ use sensor_core::{Material, MeshBuilder};
 use super::loft::{ellipsoid, tube};
 use super::{BodyStyle, Frame};
 
+/// Half the width of a rider at the shoulders, metres.
+const WIDTH_M: f32 = 0.216;
+
 /// One level of a two-wheeler with its rider.
 pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
     let n = [10, 6, 4][detail];
@@ -76,9 +79,11 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
     let h = frame.height();
     let cloth = |rgb| Surface::new(Class::RIDER, Material::Cloth, rgb);
     let (jacket, trousers, skin) = (cloth([58, 74, 110]), cloth([46, 48, 56]), cloth([214, 170, 140]));
+    // A narrow box has a narrow rider.
+    let slim = (frame.half[1] / WIDTH_M).min(1.0);
     let top = h;
     let (hip, shoulder) = ([-0.20, 0.0, 0.62 * h], [0.03, 0.0, top - 0.34]);
-    tube(builder, jacket, (hip, 0.15), (shoulder, 0.17), n);
+    tube(builder, jacket, (hip, 0.15 * slim), (shoulder, 0.17 * slim), n);
     ellipsoid(builder, if motor { frame.paint() } else { cloth([40, 120, 90]) }, [0.08, 0.0, top - 0.135], [0.135, 0.12, 0.135], n);
     if !motor {
         ellipsoid(builder, skin, [0.11, 0.0, top - 0.19], [0.10, 0.09, 0.11], n);
@@ -87,12 +92,12 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
     let foot = frame.wheel_radius_m * 0.75;
     for side in [1.0f32, -1.0] {
         let width = (frame.half[1] - 0.06).min(0.26);
-        let elbow = [0.5 * (shoulder[0] + bar[0]), side * (width + 0.02), 0.5 * (shoulder[2] + bar[1]) - 0.05];
-        tube(builder, jacket, ([shoulder[0], side * 0.16, shoulder[2] - 0.02], 0.055), (elbow, 0.045), n);
-        tube(builder, jacket, (elbow, 0.045), ([bar[0], side * width, bar[1] + 0.02], 0.035), n);
-        let knee = [0.20, side * 0.14, 0.5 * h];
-        tube(builder, trousers, ([hip[0], side * 0.09, hip[2]], 0.085), (knee, 0.065), n);
-        tube(builder, trousers, (knee, 0.065), ([-0.02, side * 0.13, foot], 0.05), n);
-        builder.cuboid(frame.dark(), [0.05, side * 0.13, foot - 0.03], [0.12, 0.04, 0.035]);
+        let elbow = [0.5 * (shoulder[0] + bar[0]), side * slim * (width + 0.02), 0.5 * (shoulder[2] + bar[1]) - 0.05];
+        tube(builder, jacket, ([shoulder[0], side * slim * 0.16, shoulder[2] - 0.02], 0.055 * slim), (elbow, 0.045 * slim), n);
+        tube(builder, jacket, (elbow, 0.045 * slim), ([bar[0], side * slim * width, bar[1] + 0.02], 0.035), n);
+        let knee = [0.20, side * slim * 0.14, 0.5 * h];
+        tube(builder, trousers, ([hip[0], side * slim * 0.09, hip[2]], 0.085 * slim), (knee, 0.065 * slim), n);
+        tube(builder, trousers, (knee, 0.065 * slim), ([-0.02, side * slim * 0.13, foot], 0.05 * slim), n);
+        builder.cuboid(frame.dark(), [0.05, side * slim * 0.13, foot - 0.03], [0.12, 0.04 * slim, 0.035]);
     }
 }

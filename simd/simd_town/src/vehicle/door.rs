@@ -1,0 +1,226 @@
+//! Doors that open: a body with door openings and an interior behind them, and a slab for each door.
+//!
+//! Most of the time every door is shut, and then the plain body is drawn. The two are the same from outside.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use sensor_core::mesh::Surface;
+use sensor_core::{Material, Mesh, MeshBuilder};
+
+use super::car::{self, Station, interpolate, section};
+use super::loft::{Section, end_cap};
+use super::{BodyStyle, Frame, VehicleShape};
+
+/// Thickness of a door and of the lining of the body, metres.
+const THICKNESS_M: f32 = 0.05;
+const LINING_M: f32 = 0.03;
+/// Widest angle of a hinged door.
+const WIDEST_RAD: f64 = 1.15;
+/// How far a sliding door comes out before it runs back, metres.
+const SLIDE_OUT_M: f64 = 0.09;
+/// Rings of a fine section between sill and roof edge.
+const FIRST_RING: usize = 2;
+const LAST_RING: usize = 6;
+
+/// How a door moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DoorMotion {
+    /// About the vertical through its front edge.
+    Hinged,
+    /// Out and then back along the body, by this length, metres.
+    Sliding(f64),
+}
+
+/// One door.
+#[derive(Clone, Debug)]
+pub struct Door {
+    /// About the lower end of its hinge.
+    pub mesh: Mesh,
+    /// The hinge when the door is shut, vehicle space, metres.
+    pub hinge_m: [f64; 3],
+    /// How it moves.
+    pub motion: DoorMotion,
+    /// On the left side.
+    pub left: bool,
+}
+
+impl Door {
+    /// Where the mesh is in the vehicle; `opening` from 0, shut, to 1.
+    pub fn vehicle_from_mesh(&self, opening: f64) -> Isometry3<f64> {
+        let outwards = if self.left { 1.0 } else { -1.0 };
+        let hinge = Translation3::from(Vector3::from(self.hinge_m));
+        match self.motion {
+            DoorMotion::Hinged => {
+                let angle = -outwards * WIDEST_RAD * opening;
+                hinge * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle)
+            }
+            DoorMotion::Sliding(length_m) => {
+                let out_m = SLIDE_OUT_M * (opening * 5.0).min(1.0);
+                Isometry3::from(Translation3::new(-length_m * opening, outwards * out_m, 0.0) * hinge)
+            }
+        }
+    }
+}
+
+/// A body that shows its interior through its doors.
+#[derive(Clone, Debug)]
+pub struct DoorMeshes {
+    /// In place of the plain body while any door is open.
+    pub body: Mesh,
+    /// Front left, front right, rear left, rear right.
+    pub doors: Vec<Door>,
+}
+
+/// Where the front and the rear door begin and end, as shares of the length from the front.
+pub(super) fn spans(style: BodyStyle) -> Option<[[f32; 2]; 2]> {
+    match style {
+        BodyStyle::Saloon => Some([[0.355, 0.545], [0.549, 0.690]]),
+        BodyStyle::Hatch => Some([[0.335, 0.560], [0.565, 0.720]]),
+        BodyStyle::Suv => Some([[0.330, 0.535], [0.539, 0.700]]),
+        BodyStyle::Van => Some([[0.200, 0.375], [0.379, 0.560]]),
+        _ => None,
+    }
+}
+
+/// The meshes of a body's doors; `None` for bodies whose doors do not open.
+pub fn door_meshes(shape: &VehicleShape) -> Option<DoorMeshes> {
+    let spans = spans(shape.style)?;
+    let frame = Frame::new(shape);
+    let table = car::table(shape.style);
+    let mut builder = MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
+    car::open_body(&mut builder, &frame, shape.style, spans);
+    interior(&mut builder, &frame, table, spans);
+    builder.end_level(45.0);
+    car::body(&mut builder, &frame, shape.style, 2);
+    builder.end_level(f32::INFINITY);
+    let mut doors = Vec::new();
+    for (row, span) in spans.into_iter().enumerate() {
+        for left in [true, false] {
+            doors.push(door(&frame, shape.style, span, row == 1 && shape.style == BodyStyle::Van, left));
+        }
+    }
+    Some(DoorMeshes { body: builder.finish(), doors })
+}
+
+/// Adds a polygon so that it faces a direction.
+fn facing(builder: &mut MeshBuilder, surface: Surface, corners: &[[f32; 3]], direction: [f32; 3]) {
+    let mut corners = corners.to_vec();
+    let [a, b, c] = [0, 1, 2].map(|i| Vector3::from(corners[i]));
+    // Quads may come to a point at their first edge.
+    let first = (b - a).cross(&(c - a));
+    let normal = match corners.get(3) {
+        Some(d) => first + (c - a).cross(&(Vector3::from(*d) - a)),
+        None => first,
+    };
+    if normal.norm() < 1e-9 {
+        return;
+    }
+    if normal.dot(&Vector3::from(direction)) < 0.0 {
+        corners.reverse();
+    }
+    let uv: Vec<[f32; 2]> = corners.iter().map(|p| [p[0], p[2]]).collect();
+    builder.polygon(surface, &corners, &uv);
+}
+
+/// Stations of the fine body between two places, both ends included.
+fn stations_between(frame: &Frame, table: &[Station], [from, to]: [f32; 2]) -> Vec<Station> {
+    let inside = car::stations(frame, table, 0, &[]).into_iter().filter(|s| s.0 > from + 0.003 && s.0 < to - 0.003);
+    let mut all = vec![interpolate(table, from)];
+    all.extend(inside);
+    all.push(interpolate(table, to));
+    all
+}
+
+fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: bool) -> Door {
+    let table = car::table(style);
+    let stations = stations_between(frame, table, span);
+    let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
+    let side = if left { 1.0f32 } else { -1.0 };
+    let hinge = [sections[0].x_m, side * (sections[0].ring_m[4][0] - 0.5 * THICKNESS_M), 0.0];
+    let at = |i: usize, j: usize, inwards_m: f32| {
+        let [y, z] = sections[i].ring_m[j];
+        [sections[i].x_m - hinge[0], side * (y - inwards_m) - hinge[1], z]
+    };
+    let trim = Surface::new(frame.class, Material::Matte, [62, 58, 54]);
+    let mut builder = MeshBuilder::new("door");
+    for (i, station) in stations.iter().enumerate().take(sections.len() - 1) {
+        for j in FIRST_RING..LAST_RING {
+            let quad =
+                |inwards_m: f32| [at(i, j, inwards_m), at(i + 1, j, inwards_m), at(i + 1, j + 1, inwards_m), at(i, j + 1, inwards_m)];
+            let skin = car::skin(frame, style, station.5, j);
+            facing(&mut builder, skin, &quad(0.0), [0.0, side, 0.0]);
+            facing(&mut builder, if j == 5 { skin } else { trim }, &quad(THICKNESS_M), [0.0, -side, 0.0]);
+        }
+        for (ring, up) in [(FIRST_RING, -1.0), (LAST_RING, 1.0)] {
+            let edge = [at(i, ring, 0.0), at(i + 1, ring, 0.0), at(i + 1, ring, THICKNESS_M), at(i, ring, THICKNESS_M)];
+            facing(&mut builder, frame.dark(), &edge, [0.0, 0.0, up]);
+        }
+    }
+    for (i, forward) in [(0, 1.0), (sections.len() - 1, -1.0)] {
+        for j in FIRST_RING..LAST_RING {
+            let edge = [at(i, j, 0.0), at(i, j + 1, 0.0), at(i, j + 1, THICKNESS_M), at(i, j, THICKNESS_M)];
+            facing(&mut builder, frame.dark(), &edge, [forward, 0.0, 0.0]);
+        }
+    }
+    let length_m = sections[0].x_m - sections[sections.len() - 1].x_m;
+    // The handle, below the window near the rear edge.
+    let [handle_x, handle_y, handle_z] = at(sections.len() - 2, 4, 0.0);
+    let handle_x = handle_x.max(0.15 - length_m);
+    builder.cuboid(frame.dark(), [handle_x - 0.02, handle_y + side * 0.008, handle_z - 0.03], [0.07, 0.012, 0.011]);
+    builder.end_level(f32::INFINITY);
+    let motion = if slides { DoorMotion::Sliding(0.95 * f64::from(length_m)) } else { DoorMotion::Hinged };
+    Door { mesh: builder.finish(), hinge_m: hinge.map(f64::from), motion, left }
+}
+
+/// Lining, bulkheads and seats: what one sees through the openings.
+fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f32; 2]; 2]) {
+    let lining = Surface::new(frame.class, Material::Matte, [74, 72, 70]);
+    let carpet = Surface::new(frame.class, Material::Matte, [34, 33, 33]);
+    let [from, to] = [spans[0][0] - 0.012, spans[1][1] + 0.012];
+    let stations = stations_between(frame, table, [from, to]);
+    let shrunk = |s: &Station| {
+        let mut section = section(frame, s, 0);
+        for (j, [y, z]) in section.ring_m.iter_mut().enumerate() {
+            *y = (*y - LINING_M).max(0.0);
+            *z += if j < FIRST_RING { LINING_M } else { -LINING_M * (j as f32 - 4.0).clamp(0.0, 1.0) };
+        }
+        section
+    };
+    let sections: Vec<Section> = stations.iter().map(shrunk).collect();
+    let in_door = |i: usize| {
+        let middle = 0.5 * (stations[i].0 + stations[i + 1].0);
+        spans.iter().any(|[a, b]| (*a..*b).contains(&middle))
+    };
+    for i in 0..sections.len() - 1 {
+        for j in 0..sections[0].ring_m.len() - 1 {
+            if in_door(i) && (FIRST_RING..LAST_RING).contains(&j) {
+                continue;
+            }
+            for side in [1.0f32, -1.0] {
+                let at = |i: usize, j: usize| [sections[i].x_m, side * sections[i].ring_m[j][0], sections[i].ring_m[j][1]];
+                let inwards = if j == 0 { [0.0, 0.0, 1.0] } else { [0.0, -side, if j > 5 { -4.0 } else { 0.0 }] };
+                let surface = if j < FIRST_RING { carpet } else { lining };
+                facing(builder, surface, &[at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)], inwards);
+            }
+        }
+    }
+    end_cap(builder, &sections[0], carpet, false);
+    end_cap(builder, &sections[sections.len() - 1], lining, true);
+    seats(builder, frame, table, spans);
+}
+
+fn seats(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f32; 2]; 2]) {
+    let cloth = Surface::new(frame.class, Material::Matte, [48, 50, 58]);
+    let half_y = 0.21 * frame.body_half_m;
+    for [from, to] in spans {
+        let u = from + 0.72 * (to - from);
+        let room_m = interpolate(table, u).2 * frame.height() - frame.sill_m;
+        let x = frame.x(u);
+        for side in [1.0f32, -1.0] {
+            let y = side * 0.42 * frame.body_half_m;
+            let cushion_z = frame.sill_m + 0.24 * room_m;
+            builder.cuboid(cloth, [x + 0.22, y, cushion_z], [0.24, half_y, 0.07 * room_m]);
+            builder.cuboid(cloth, [x - 0.04, y, cushion_z + 0.25 * room_m], [0.06, half_y, 0.29 * room_m]);
+            builder.cuboid(cloth, [x - 0.05, y, cushion_z + 0.60 * room_m], [0.04, 0.6 * half_y, 0.06 * room_m]);
+        }
+    }
+}

@@ -1,0 +1,192 @@
+"""Vehicles through the stock client: the catalogue, friction areas, collision impulses, doors.
+
+Usage: carla_vehicles.py PORT. Prints "<theme> passed" after each theme. Expected values are CARLA's list and Newton's laws.
+"""
+
+import math
+import sys
+
+import carla
+
+G = 9.81
+DT = 0.05
+DOORS = {"vehicle.dodge.charger_2020", "vehicle.dodge.charger_police_2020", "vehicle.ford.crown", "vehicle.lincoln.mkz_2020"}
+
+client = carla.Client("127.0.0.1", int(sys.argv[1]))
+client.set_timeout(60.0)
+world = client.get_world()
+settings = world.get_settings()
+settings.synchronous_mode, settings.fixed_delta_seconds = True, DT
+world.apply_settings(settings)
+library = world.get_blueprint_library()
+
+
+def passed(theme):
+    print(theme, "passed", flush=True)
+
+
+def near(value, wanted, share, what):
+    assert abs(value - wanted) <= share * abs(wanted), f"{what} is {value:.3f}, but {wanted:.3f} within {share:.0%} is expected"
+
+
+def ticks(n):
+    for _ in range(n):
+        world.tick()
+
+
+def unevenness(point):
+    """How far the next 140 m are from straight and level: degrees of turn and of slope."""
+    here = world.get_map().get_waypoint(point.location)
+    worst = 0.0
+    for metres in (30.0, 60.0, 100.0, 140.0):
+        places = here.next(metres)
+        if not places:
+            return 360.0
+        for place in places:
+            turn = math.radians(place.transform.rotation.yaw - here.transform.rotation.yaw)
+            rise = place.transform.location.z - here.transform.location.z
+            worst = max(worst, abs(math.degrees(math.remainder(turn, 2 * math.pi))), math.degrees(math.atan2(abs(rise), metres)))
+    return worst
+
+
+START = min(world.get_map().get_spawn_points(), key=unevenness)
+AHEAD = START.get_forward_vector()
+
+
+def ahead(metres, up=0.0):
+    at = START.location + carla.Location(AHEAD.x * metres, AHEAD.y * metres, up)
+    return carla.Transform(at, START.rotation)
+
+
+def spawn(name, place, **attributes):
+    blueprint = library.find(name)
+    for key, value in attributes.items():
+        blueprint.set_attribute(key, value)
+    return world.spawn_actor(blueprint, place)
+
+
+def along(vector):
+    return vector.x * AHEAD.x + vector.y * AHEAD.y + vector.z * AHEAD.z
+
+
+# The catalogue: 41 vehicles; two-wheelers have riders, cars of the second generation doors; helpers can be made.
+vehicles = {blueprint.id: blueprint for blueprint in library.filter("vehicle.*")}
+assert len(vehicles) == 41, len(vehicles)
+for name in ("dodge.charger_police_2020", "mini.cooper_s_2021", "tesla.cybertruck", "volkswagen.t2_2021", "vespa.zx125"):
+    assert f"vehicle.{name}" in vehicles, name
+assert DOORS <= {name for name, blueprint in vehicles.items() if blueprint.get_attribute("has_dynamic_doors").as_bool()}
+assert all(vehicles[name].has_attribute("driver_id") == (int(vehicles[name].get_attribute("number_of_wheels")) == 2) for name in vehicles)
+vespa = spawn("vehicle.vespa.zx125", ahead(0.0), driver_id="3")
+near(vespa.bounding_box.extent.x, 0.902, 1e-3, "half length of the Vespa")
+vespa.destroy()
+empty = spawn("util.actor.empty", ahead(5.0, 2.0))
+mesh = spawn("static.prop.mesh", ahead(12.0), mesh_path="/Game/Own/Thing")
+world.tick()
+assert empty.get_location().distance(ahead(5.0, 2.0).location) < 1e-3
+assert empty.destroy() and mesh.destroy()
+passed("catalogue")
+
+
+# A friction area: v² / (2 µ g) inside it, whatever the tyres are.
+def braking_m(friction):
+    area = spawn(
+        "static.trigger.friction", ahead(60.0), friction=str(friction), extent_x="9000.0", extent_y="9000.0", extent_z="1000.0"
+    )
+    car = spawn("vehicle.tesla.model3", START)
+    ticks(20)
+    for _ in range(400):
+        if car.get_velocity().length() > 9.0:
+            break
+        car.apply_control(carla.VehicleControl(throttle=0.6))
+        world.tick()
+    car.apply_control(carla.VehicleControl(brake=1.0))
+    world.tick()
+    begin, v = car.get_location(), car.get_velocity().length()
+    assert v > 8.0, v
+    for _ in range(600):
+        world.tick()
+        if car.get_velocity().length() < 0.05:
+            break
+    way = begin.distance(car.get_location())
+    car.destroy()
+    area.destroy()
+    return way, v * v / (2 * friction * G)
+
+
+for friction in (0.2, 0.6):
+    near(*braking_m(friction), 0.1, f"braking distance in an area of friction {friction}")
+passed("friction area")
+
+# A collision: both feel the same impulse in opposite directions, and it is the change of momentum of each.
+hit, stood = spawn("vehicle.tesla.model3", START), spawn("vehicle.nissan.patrol_2021", ahead(25.0))
+felt = {hit.id: [], stood.id: []}
+sensors = []
+for car in (hit, stood):
+    sensor = world.spawn_actor(library.find("sensor.other.collision"), carla.Transform(), attach_to=car)
+    sensor.listen(lambda event: felt[event.actor.id].append((event.frame, event.other_actor.id, event.normal_impulse)))
+    sensors.append(sensor)
+ticks(20)
+mass = {car.id: car.get_physics_control().mass for car in (hit, stood)}
+neutral = carla.VehicleControl(manual_gear_shift=True, gear=0)
+hit.apply_control(neutral)
+stood.apply_control(neutral)
+hit.set_target_velocity(carla.Vector3D(AHEAD.x * 8.0, AHEAD.y * 8.0, 0.0))
+speeds = []
+for _ in range(80):
+    frame = world.tick()
+    speeds.append((frame, along(hit.get_velocity()), along(stood.get_velocity())))
+frames = sorted({frame for frame, other, _ in felt[hit.id] if other == stood.id})
+assert frames, "nothing was felt"
+first, last = frames[0], frames[-1]
+before = [row for row in speeds if row[0] == first - 1][0]
+after = [row for row in speeds if row[0] == min(last, speeds[-1][0])][0]
+impulses = {}
+for me, you in ((hit, stood), (stood, hit)):
+    impulses[me.id] = sum(along(impulse) for frame, other, impulse in felt[me.id] if other == you.id and frame <= after[0])
+for me, column in ((hit, 1), (stood, 2)):
+    near(impulses[me.id], mass[me.id] * (after[column] - before[column]), 0.15, f"impulse on {me.type_id}")
+near(impulses[hit.id], -impulses[stood.id], 0.01, "impulse on one against that on the other")
+assert impulses[hit.id] < -2000.0, impulses
+for actor in (*sensors, hit, stood):
+    actor.destroy()
+passed("collision impulse")
+
+# Doors: a ray from the side meets the flank, and through an open door the inside.
+car = spawn("vehicle.dodge.charger_2020", START)
+ticks(30)
+
+
+def depth(left, metres_forward=0.15):
+    """How far behind the car's box a ray from the side meets it, at the height of the window's lower edge."""
+    box = car.bounding_box.extent
+    right = car.get_transform().get_right_vector() * (-1.0 if left else 1.0)
+    middle = car.get_location() + car.get_transform().get_forward_vector() * metres_forward + carla.Location(0, 0, 1.0 * box.z)
+    from_m = box.y + 3.0
+    start = middle + carla.Location(right.x * from_m, right.y * from_m, 0)
+    beyond = middle - carla.Location(right.x * box.y, right.y * box.y, 0)
+    points = world.cast_ray(start, beyond)
+    # Through two open doors it may meet nothing at all.
+    return min((start.distance(point.location) for point in points), default=math.inf) - 3.0
+
+
+shut = depth(True), depth(False)
+assert max(shut) < 0.3, shut
+car.open_door(carla.VehicleDoor.FL)
+ticks(20)
+assert depth(True) > shut[0] + 0.1, (depth(True), shut)
+assert abs(depth(False) - shut[1]) < 0.03
+car.close_door(carla.VehicleDoor.FL)
+ticks(20)
+assert abs(depth(True) - shut[0]) < 0.03
+car.open_door(carla.VehicleDoor.All)
+ticks(20)
+assert depth(True) > shut[0] + 0.1 and depth(False) > shut[1] + 0.1
+car.destroy()
+plain = spawn("vehicle.tesla.model3", START)
+plain.open_door(carla.VehicleDoor.FL)
+ticks(2)
+plain.destroy()
+passed("doors")
+
+settings.synchronous_mode = False
+world.apply_settings(settings)
