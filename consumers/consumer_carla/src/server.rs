@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{BufReader, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -134,7 +135,9 @@ fn serve_one(mut connection: TcpStream, gateway: &Gateway, number: u64, has_aske
         };
         let request = parse(message)?;
         has_asked.store(true, Ordering::Release);
-        let outcome = gateway.call(number, &request);
+        // Without an answer the client would wait until its time-out.
+        let outcome = catch_unwind(AssertUnwindSafe(|| gateway.call(number, &request)))
+            .unwrap_or_else(|_| Err(Failure::Refused(format!("{} failed inside the gateway, whose log says where", request.method))));
         match &outcome {
             Err(Failure::Unknown(error)) => tracing::warn!(error, "unknown call"),
             Err(Failure::Refused(error)) if request.is_async => {

@@ -75,10 +75,17 @@ impl Scenario {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ego {
-    /// Catalogue id of the vehicle.
+    /// Catalogue id of the vehicle, or `none` for a town without one.
     pub type_id: String,
     /// Index into the map's spawn points, modulo their number.
     pub spawn_point: u32,
+}
+
+impl Ego {
+    /// Whether there is no ego vehicle.
+    pub fn is_none(&self) -> bool {
+        self.type_id == "none"
+    }
 }
 
 impl Default for Ego {

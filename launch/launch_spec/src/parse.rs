@@ -79,8 +79,18 @@ fn launch(file: &Table, errors: &mut Errors) -> Launch {
     let ego = fill_entry(&Ego::default(), file.get("ego"), "ego", &[], errors);
     let rigs = rigs(file, &scenario, errors);
     let sensors = sensors(file, &scenario, &rigs, errors);
+    check_ego(&ego, file, &rigs, &sensors, errors);
     let processes = processes::read(file, errors);
     Launch { scenario, ego, rigs, sensors, processes }
+}
+
+/// What rides on the ego vehicle needs one.
+fn check_ego(ego: &Ego, file: &Table, rigs: &BTreeMap<String, Rig>, sensors: &BTreeMap<String, Sensor>, errors: &mut Errors) {
+    let rides = |sensor: &Sensor| sensor.rigs.iter().any(|rig| rigs.get(rig) == Some(&Rig::Ego));
+    if let Some((name, _)) = sensors.iter().find(|(_, sensor)| ego.is_none() && rides(sensor)) {
+        let at = nearest_place(file, &format!("sensor.{name}"));
+        errors.push(at, format!("sensor.{name} rides on the ego vehicle, but ego.type_id is \"none\"; give one of them another value"));
+    }
 }
 
 fn check_version(file: &Table, errors: &mut Errors) {

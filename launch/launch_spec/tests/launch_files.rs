@@ -247,3 +247,13 @@ fn mutated_files_never_panic() {
     }
     assert!(n_accepted > 0, "the mutator breaks every file; it tests nothing behind the syntax");
 }
+
+#[test]
+fn sensors_on_no_ego_vehicle_are_refused() {
+    let town = "version = 1\n[ego]\ntype_id = \"none\"\n";
+    assert!(Launch::parse(town, "town.toml").unwrap().ego.is_none());
+    let pole = "[rig.pole]\npose.position_m = [0.0, 0.0, 6.0]\n[sensor.imu]\nkind = \"imu\"\n";
+    Launch::parse(&format!("{town}{pole}rig = \"pole\"\n"), "town.toml").unwrap();
+    let errors = Launch::parse(&format!("{town}{pole}"), "town.toml").unwrap_err().to_string();
+    assert!(errors.contains("sensor.imu rides on the ego vehicle, but ego.type_id is \"none\""), "{errors}");
+}

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use launch_cli::{Shutdown, wrong_usage};
-use launch_spec::{Launch, Rig as RigSpec};
+use launch_spec::{Ego, Launch, Rig as RigSpec};
 use schema_bus::{Bus, mono_now, names};
 use schema_types::time::TickClock;
 use schema_types::{ActorId, Pose, SimTime, Tick};
@@ -154,8 +154,9 @@ pub fn begin_episode(
     world.register_meshes(&mut assets);
     world.set_weather(launch.scenario.weather).map_err(wrong_usage)?;
     world.set_weather_effects(launch.scenario.weather_effects);
+    let ego_type_id = if launch.ego.is_none() { Ego::default().type_id } else { launch.ego.type_id.clone() };
     let scenario = world.spawn_scenario(
-        &launch.ego.type_id,
+        &ego_type_id,
         launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
         launch.scenario.vehicles as usize,
     )?;
@@ -165,6 +166,9 @@ pub fn begin_episode(
             placed = scenario.others.len(),
             "the map has no free spawn point for more vehicles"
         );
+    }
+    if launch.ego.is_none() {
+        world.destroy(scenario.ego)?;
     }
     let n_walkers = world.spawn_walkers(launch.scenario.walkers as usize).len();
     if n_walkers < launch.scenario.walkers as usize {

@@ -203,7 +203,7 @@ def check_crowd(world):
         controller.start()
         controller.go_to_location(world.get_random_location_from_navigation())
         controller.set_max_speed(1.4)
-    ways, crossed, seen = [0.0] * 20, 0, {"pavement": 0, "crosswalk": 0, "road": 0}
+    ways, speeds, seen = [0.0] * 20, [], {"pavement": 0, "crosswalk": 0, "road": 0}
     last = [walker.get_location() for walker in walkers]
     for tick in range(1200):
         world.tick()
@@ -217,9 +217,11 @@ def check_crowd(world):
             # Feet on the ground: the middle of the body is half its height over pavement or road.
             ground = world.get_map().get_waypoint(at, lane_type=carla.LaneType.Any).transform.location.z
             assert -0.05 < at.z - walker.bounding_box.extent.z - ground < 0.4, (at, ground)
-            assert walker.get_velocity().length() < 3.0
+            speeds.append(walker.get_velocity().length())
     print(f"20 walkers, 60 s: {min(ways):.0f} to {max(ways):.0f} m each, seen {seen}")
     assert seen["road"] <= 0.01 * sum(seen.values()), seen
+    # At 1.4 m/s; who runs into another is pushed aside at once by the client.
+    assert sum(mps > 1.6 for mps in speeds) <= 0.02 * len(speeds), sorted(speeds)[-60:]
     assert sorted(ways)[5] > 25.0, "three of four walk most of the time"
     assert seen["crosswalk"] > 0, "somebody crosses"
     for controller in controllers:

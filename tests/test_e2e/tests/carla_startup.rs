@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::time::Duration;
 
 use schema_bus::names;
+use schema_frames::ActorList;
 use test_e2e::carla::{empty_town, start_gateway};
 use test_e2e::{document, join_bus, start_daemon};
 use test_kit::Sandbox;
@@ -53,4 +54,17 @@ fn no_call_is_answered_from_a_world_that_is_half_known() {
     let text = String::from_utf8_lossy(&answer[..n]).into_owned();
     assert!(text.contains("/Nav/") && text.ends_with("Town02.bin"), "{text}");
     gateway.stop().expect_code(0);
+}
+
+/// Nobody takes a spawn point or stands in the way where the launch file asks for no ego vehicle.
+#[test]
+fn a_town_without_an_ego_vehicle_is_empty() {
+    let sandbox = Sandbox::new("carlaempty");
+    let daemon = start_daemon(&sandbox, &(empty_town("Town02") + "[ego]\ntype_id = \"none\"\n"), &[]);
+    let bus = join_bus(&sandbox, "test");
+    let actors: ActorList = document(&bus, names::WORLD_ACTORS).json().unwrap();
+    assert!(!actors.actors.is_empty(), "lights and signs");
+    assert!(actors.actors.iter().all(|actor| !actor.type_id.starts_with("vehicle.")), "{actors:?}");
+    drop(bus);
+    daemon.stop().expect_code(0);
 }

@@ -5,16 +5,16 @@ use std::collections::{BTreeMap, HashMap};
 use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation as _};
 
+use super::arrange::{Arrangement, STEPS_PER_M, Step};
 use super::outlines::{Outline, inside};
 use super::{Ground, WalkFace, WalkMesh, turn};
 
-/// Corners are put on a grid of this width, metres, so that outlines that touch share their points.
-const GRID_M: f64 = 1e-3;
 /// Most corners of a face.
 const MAX_CORNERS: usize = 6;
 /// Width of the cells in which outlines are looked up, metres.
 const CELL_M: f64 = 20.0;
 
+/// A point of the net: steps of the grid, which numbers hold exactly, and the height in metres.
 #[derive(Clone, Copy)]
 struct Corner {
     at: [f64; 3],
@@ -29,27 +29,9 @@ impl HasPosition for Corner {
 
 /// The mesh of the outlines; where several lie over each other the first kind of [`Ground`] counts.
 pub fn mesh(outlines: &[Outline]) -> WalkMesh {
-    let mut net: ConstrainedDelaunayTriangulation<Corner> = ConstrainedDelaunayTriangulation::new();
-    for outline in outlines {
-        let mut ring: Vec<FixedVertexHandle> = Vec::new();
-        for corner in &outline.corners_m {
-            let snapped = [(corner[0] / GRID_M).round() * GRID_M, (corner[1] / GRID_M).round() * GRID_M, corner[2]];
-            // Only a number that is not finite is refused.
-            let Ok(handle) = net.insert(Corner { at: snapped }) else { continue };
-            if ring.last() != Some(&handle) {
-                ring.push(handle);
-            }
-        }
-        for i in 0..ring.len() {
-            let (from, to) = (ring[i], ring[(i + 1) % ring.len()]);
-            if from != to {
-                let (a, b) = (net.vertex(from).data().at, net.vertex(to).data().at);
-                net.add_constraint_and_split(from, to, |p| Corner { at: [p.x, p.y, height_between(a, b, [p.x, p.y])] });
-            }
-        }
-    }
+    let net = net(&Arrangement::new(outlines));
     let lookup = Lookup::new(outlines);
-    let vertices_m: Vec<[f64; 3]> = net.vertices().map(|vertex| vertex.data().at).collect();
+    let vertices_m: Vec<[f64; 3]> = net.vertices().map(|vertex| metres(vertex.data().at)).collect();
     let mut polygons: Vec<(Vec<u32>, Ground)> = Vec::new();
     for face in net.inner_faces() {
         let corners = face.vertices().map(|vertex| vertex.index() as u32);
@@ -62,12 +44,25 @@ pub fn mesh(outlines: &[Outline]) -> WalkMesh {
     finish(vertices_m, merged(polygons, &net))
 }
 
-/// Height of the line from `a` to `b` beside `p`.
-fn height_between(a: [f64; 3], b: [f64; 3], p: [f64; 2]) -> f64 {
-    let along = [b[0] - a[0], b[1] - a[1]];
-    let length2 = (along[0] * along[0] + along[1] * along[1]).max(1e-12);
-    let share = ((p[0] - a[0]) * along[0] + (p[1] - a[1]) * along[1]) / length2;
-    a[2] + share.clamp(0.0, 1.0) * (b[2] - a[2])
+fn metres([x, y, height_m]: [f64; 3]) -> [f64; 3] {
+    [x / STEPS_PER_M, y / STEPS_PER_M, height_m]
+}
+
+/// The triangulation. Segments that cross others all the same would be left out; an arrangement has none.
+fn net(all: &Arrangement) -> ConstrainedDelaunayTriangulation<Corner> {
+    let mut net: ConstrainedDelaunayTriangulation<Corner> = ConstrainedDelaunayTriangulation::new();
+    let mut handles: BTreeMap<Step, FixedVertexHandle> = BTreeMap::new();
+    for (place, height_m) in &all.heights_m {
+        if let Ok(handle) = net.insert(Corner { at: [place[0] as f64, place[1] as f64, *height_m] }) {
+            handles.insert(*place, handle);
+        }
+    }
+    for ends in &all.segments {
+        if let [Some(from), Some(to)] = ends.map(|end| handles.get(&end)) {
+            net.try_add_constraint(*from, *to);
+        }
+    }
+    net
 }
 
 /// Outlines by cell.

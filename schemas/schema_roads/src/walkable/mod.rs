@@ -4,6 +4,7 @@
 //! seldom have pavement lanes, the pavements of neighbouring arms are joined by a curve. Crosswalks reach over the kerb onto the pavement.
 //! The outlines go into a constrained Delaunay triangulation, whose triangles are named by what they lie in and merged to convex faces.
 
+mod arrange;
 mod faces;
 mod outlines;
 
