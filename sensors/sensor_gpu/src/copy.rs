@@ -376,11 +376,9 @@ impl InFlight<'_> {
     pub fn wait_awake(self) -> Result<Vec<CopyOutcome>, GpuError> {
         if !self.gpu.is_software() {
             let begin = std::time::Instant::now();
-            while begin.elapsed() < AWAKE {
-                match self.gpu.device().poll(wgpu::PollType::Poll) {
-                    Ok(status) if !status.is_queue_empty() => std::hint::spin_loop(),
-                    _ => break,
-                }
+            let now = wgpu::PollType::Wait { submission_index: self.submission.clone(), timeout: Some(std::time::Duration::ZERO) };
+            while begin.elapsed() < AWAKE && matches!(self.gpu.device().poll(now.clone()), Err(wgpu::PollError::Timeout)) {
+                std::hint::spin_loop();
             }
         }
         self.wait()

@@ -55,7 +55,8 @@ pub struct ScanOutcome {
 #[must_use = "the points are there only after wait()"]
 pub struct Scans<'p> {
     copies: Option<InFlight<'p>>,
-    n_lidars: usize,
+    /// Which copy is a job's; `None` for a job without rays.
+    of_jobs: Vec<Option<usize>>,
 }
 
 impl Scans<'_> {
@@ -68,9 +69,11 @@ impl Scans<'_> {
         let outcomes = copies.wait_awake()?;
         let totals = outcomes.last().and_then(|outcome| outcome.mapped.as_ref()).expect("the last copy is that of the totals");
         let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
-        let scan =
-            |(outcome, n_points): (&sensor_gpu::CopyOutcome, &u32)| ScanOutcome { n_points: *n_points, cpu_copies: outcome.cpu_copies };
-        Ok(outcomes.iter().zip(&totals).take(self.n_lidars).map(scan).collect())
+        let scan = |(copy, n_points): (&Option<usize>, &u32)| ScanOutcome {
+            n_points: *n_points,
+            cpu_copies: copy.map_or(0, |copy| outcomes[copy].cpu_copies),
+        };
+        Ok(self.of_jobs.iter().zip(&totals).map(scan).collect())
     }
 }
 
@@ -194,7 +197,7 @@ impl GpuRays {
         }
         let n_lidars = frame.lidars.len();
         if n_lidars == 0 {
-            return Scans { copies: None, n_lidars };
+            return Scans { copies: None, of_jobs: Vec::new() };
         }
         self.upload(&frame);
         let mut encoder = self.gpu.encoder("lidars");
@@ -224,13 +227,13 @@ impl GpuRays {
             self.gpu.mark(&mut encoder, label);
         }
         let mut batch = CopyBatch::new();
+        let mut of_jobs = Vec::with_capacity(n_lidars);
         for (lidar, place) in frame.lidars.iter().zip(places) {
-            // No copy is empty, not even that of a frame without rays.
-            let n_bytes = 4 * (lidar.noise[3] * lidar.shape[0] * lidar.shape[1]).max(1) as usize;
-            batch.buffer(&self.packed.buffer, 4 * lidar.place[2] as u64, n_bytes, place);
+            let n_bytes = 4 * (lidar.noise[3] * lidar.shape[0] * lidar.shape[1]) as usize;
+            of_jobs.push((n_bytes > 0).then(|| batch.buffer(&self.packed.buffer, 4 * lidar.place[2] as u64, n_bytes, place)));
         }
         batch.map_buffer(&self.totals.buffer, 0, 4 * n_lidars);
-        Scans { copies: Some(batch.submit(&self.gpu, encoder)), n_lidars }
+        Scans { copies: Some(batch.submit(&self.gpu, encoder)), of_jobs }
     }
 
     fn upload(&mut self, frame: &Frame) {

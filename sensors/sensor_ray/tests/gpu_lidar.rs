@@ -204,5 +204,10 @@ fn a_world_without_triangles_returns_nothing() {
     let gpu = gpu();
     let mut gpu_rays = rays(&gpu);
     let scene = RayScene::load_for_gpu(&SceneAssets::default());
-    assert!(scan(&mut gpu_rays, &scene, &spec(false, 4, 100), &SensorPath::still(Isometry3::identity()), None).is_empty());
+    let still = SensorPath::still(Isometry3::identity());
+    assert!(scan(&mut gpu_rays, &scene, &spec(false, 4, 100), &still, None).is_empty());
+    // A head that has not turned has no rays.
+    let mut lidar = Lidar::new(LidarSpec { scan: LidarScan::Sweep, ..spec(false, 4, 1) });
+    let job = ScanJob { lidar: &mut lidar, path: still, noise: Noise::new(1, 2, 3), ignored: None, place: Place::Memory(&mut []) };
+    assert_eq!(gpu_rays.scan(vec![job]).wait().unwrap(), [ScanOutcome { n_points: 0, cpu_copies: 0 }]);
 }

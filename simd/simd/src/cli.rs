@@ -45,6 +45,10 @@ pub struct Args {
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
 
+    /// What casts the rays of lidars; points are the same but for rounding [default: a real GPU if its shaders have 64-bit numbers, else cpu]
+    #[arg(long, value_enum)]
+    pub lidars_on: Option<LidarsOnArg>,
+
     /// Copy frames once on the CPU instead of letting the GPU write into shared memory
     #[arg(long)]
     pub staged: bool,
@@ -88,6 +92,15 @@ pub enum QualityArg {
     Low,
     /// For GPUs.
     High,
+}
+
+/// Choice for `--lidars-on`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LidarsOnArg {
+    /// Bundles of rays on the processor.
+    Cpu,
+    /// A compute shader of the adapter that renders.
+    Gpu,
 }
 
 /// Choice for `--on-lost-client`.

@@ -16,13 +16,14 @@ use sensor_core::lane_marks::{Corners, PaintedLines};
 use sensor_core::scene::{Scene, SceneAssets};
 use sensor_core::schedule::Firing;
 use sensor_gpu::Gpu;
-use sensor_ray::RayScene;
+use sensor_ray::{GpuRayOptions, GpuRays, RayScene};
 
 use crate::hash::BytesHash;
 use crate::rig::{Model, Rig, Sensor, Topic};
 pub use cpu::TickEvents;
 
 mod cpu;
+mod lidar;
 
 /// State of an actor that sensors need: its own and that of the body that carries it.
 #[derive(Clone, Copy, Debug)]
@@ -59,6 +60,8 @@ pub struct Sensors {
     gpu: Gpu,
     renderer: CameraRenderer,
     rays: Option<RayScene>,
+    /// Casts lidars; `None` leaves that to the CPU.
+    lidar_gpu: Option<GpuRays>,
     /// Made when a lane invasion detector first asks.
     painted: Option<PaintedLines>,
     /// Length of the tick that the topics' memory was made for.
@@ -85,14 +88,23 @@ struct PendingFrame {
 }
 
 impl Sensors {
-    /// Sensors that render on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
-    pub fn new(gpu: Gpu, renderer: CameraRenderer, sensors: Vec<Sensor>, max_in_flight: u32, read_everything: bool) -> Self {
+    /// Sensors that render, and cast lidars if `lidars_on_gpu`, on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
+    pub fn new(
+        gpu: Gpu,
+        renderer: CameraRenderer,
+        sensors: Vec<Sensor>,
+        max_in_flight: u32,
+        read_everything: bool,
+        lidars_on_gpu: bool,
+    ) -> Self {
+        let lidar_gpu = lidars_on_gpu.then(|| GpuRays::new(&gpu, GpuRayOptions::default()));
         let max_in_flight = if read_everything { 1 } else { max_in_flight as usize };
         Sensors {
             sensors,
             gpu,
             renderer,
             rays: None,
+            lidar_gpu,
             painted: None,
             fitted_period_nanos: 0,
             in_flight: VecDeque::new(),
@@ -109,7 +121,8 @@ impl Sensors {
 
     /// The world that rays see, as in `scene`.
     pub fn rays(&mut self, scene: &Scene) -> &RayScene {
-        let rays = self.rays.get_or_insert_with(|| RayScene::load(&scene.assets));
+        let for_gpu = self.lidar_gpu.is_some();
+        let rays = self.rays.get_or_insert_with(|| load_rays(&scene.assets, for_gpu));
         rays.update(&scene.dynamics);
         rays
     }
@@ -125,7 +138,7 @@ impl Sensors {
         self.renderer.load(assets);
         // Building takes the better part of a second: now, and not in the tick in which the first reader comes.
         let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
-        self.rays = casts_rays.then(|| RayScene::load(assets));
+        self.rays = casts_rays.then(|| load_rays(assets, self.lidar_gpu.is_some()));
         self.painted = None;
         Ok(())
     }
@@ -149,8 +162,12 @@ impl Sensors {
                 due.push((idx, firing, carrier));
             }
         }
+        let lidars = self.submit_lidars(scene, stamp, &due);
         let pending = self.submit_views(scene, stamp, &due)?;
-        let waking = self.fire_on_cpu(scene, stamp, events, &due)?;
+        let mut waking = self.fire_on_cpu(scene, stamp, events, &due, lidars.is_some())?;
+        if let Some(lidars) = lidars {
+            self.finish_lidars(lidars, &mut waking)?;
+        }
         match pending {
             Some(pending) => self.in_flight.push_back(pending),
             None => wake(&waking),
@@ -164,7 +181,7 @@ impl Sensors {
     /// Takes in a sensor made at run time; its actor id is the highest.
     pub fn add(&mut self, sensor: Sensor, assets: &Arc<SceneAssets>) {
         if sensor.model.casts_rays() && self.rays.is_none() {
-            self.rays = Some(RayScene::load(assets));
+            self.rays = Some(load_rays(assets, self.lidar_gpu.is_some()));
         }
         self.sensors.push(sensor);
     }
@@ -293,6 +310,11 @@ impl Sensors {
         }
         finished
     }
+}
+
+/// The world as rays see it.
+fn load_rays(assets: &SceneAssets, for_gpu: bool) -> RayScene {
+    if for_gpu { RayScene::load_for_gpu(assets) } else { RayScene::load(assets) }
 }
 
 /// Notes a rig whose readers are to be woken, once.

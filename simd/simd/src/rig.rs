@@ -144,6 +144,8 @@ pub struct Topic {
     /// Events that did not fit into their frame.
     pub n_overflowed: u64,
     outlet: Outlet,
+    /// Whether the GPU writes its frames.
+    by_gpu: bool,
     spec: FrameTopic,
     /// Memory comes with the first reader and goes [`LINGER_NANOS`] after the last.
     on_demand: bool,
@@ -172,6 +174,8 @@ pub struct TopicOptions {
     pub frames_in_flight: u32,
     /// Copy on the CPU even if the GPU could write in place.
     pub staged: bool,
+    /// Whether the GPU casts lidars.
+    pub lidars_on_gpu: bool,
     /// Seed of the run.
     pub seed: u64,
     /// Memory only while somebody reads.
@@ -198,7 +202,12 @@ impl Topic {
             bail!("{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free", mib(service.segment_bytes()), mib(free_bytes));
         }
         let wake = bus.notifier(&name)?;
-        let outlet = if options.on_demand { Outlet::Idle(service) } else { open_outlet(service, gpu, modality, options.staged)? };
+        let by_gpu = match modality.sensor_kind() {
+            SensorKind::Camera => true,
+            SensorKind::Lidar => options.lidars_on_gpu,
+            _ => false,
+        };
+        let outlet = if options.on_demand { Outlet::Idle(service) } else { open_outlet(service, gpu, by_gpu, options.staged)? };
         Ok(Topic {
             name,
             modality,
@@ -207,6 +216,7 @@ impl Topic {
             n_sent: 0,
             n_dropped: 0,
             n_overflowed: 0,
+            by_gpu,
             outlet,
             spec,
             on_demand: options.on_demand,
@@ -264,7 +274,7 @@ impl Topic {
             return self.grow(bus, gpu, staged);
         }
         self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
-            Outlet::Idle(service) => open_outlet(service, gpu, self.modality, staged)?,
+            Outlet::Idle(service) => open_outlet(service, gpu, self.by_gpu, staged)?,
             Outlet::Open { publisher, target } => {
                 close_outlet(publisher, target, gpu);
                 Outlet::Idle(bus.frame_service(&self.name, self.spec)?)
@@ -284,7 +294,7 @@ impl Topic {
             close_outlet(publisher, target, gpu);
         }
         self.max_payload_bytes = self.spec.max_payload_bytes;
-        self.outlet = if was_open { open_outlet(service, gpu, self.modality, staged)? } else { Outlet::Idle(service) };
+        self.outlet = if was_open { open_outlet(service, gpu, self.by_gpu, staged)? } else { Outlet::Idle(service) };
         Ok(())
     }
 
@@ -296,11 +306,10 @@ impl Topic {
     }
 }
 
-fn open_outlet(service: FrameService, gpu: &Gpu, modality: Modality, staged: bool) -> anyhow::Result<Outlet> {
+fn open_outlet(service: FrameService, gpu: &Gpu, by_gpu: bool, staged: bool) -> anyhow::Result<Outlet> {
     let publisher = service.publisher()?;
     publisher.touch()?;
     let segment = publisher.segment()?;
-    let by_gpu = modality.sensor_kind() == SensorKind::Camera;
     let target = by_gpu.then(|| Arc::new(import::target(gpu, &segment, staged)));
     Ok(Outlet::Open { publisher, target })
 }

@@ -10,6 +10,7 @@ use schema_types::{ActorId, Pose};
 use sensor_core::schedule::Schedule;
 use sensor_spec::SensorSpec;
 
+use crate::cli::LidarsOnArg;
 use crate::daemon::Daemon;
 use crate::rig::{Rig, Sensor, SensorPlace, TopicOptions, noise_stream};
 
@@ -63,6 +64,7 @@ impl Daemon {
         let options = TopicOptions {
             frames_in_flight: self.args.frames_in_flight,
             staged: self.args.staged,
+            lidars_on_gpu: self.args.lidars_on == Some(LidarsOnArg::Gpu),
             seed: self.launch.scenario.seed,
             on_demand: true,
             period_nanos: self.clock.period_nanos(),

@@ -14,9 +14,10 @@ use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_gpu::{Gpu, GpuOptions};
+use sensor_ray::GpuRays;
 use simd_world::{Scenario, World, WorldOptions};
 
-use crate::cli::{Args, QualityArg};
+use crate::cli::{Args, LidarsOnArg, QualityArg};
 use crate::daemon::{Daemon, Episode, Ports};
 use crate::documents::Documents;
 use crate::frames::{Sensors, Stamp};
@@ -48,8 +49,20 @@ fn toml_text(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
+/// Whether `gpu` casts the lidars: if asked, else if it is a real one that can.
+fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>) -> anyhow::Result<bool> {
+    let can = GpuRays::is_supported(gpu);
+    if asked == Some(LidarsOnArg::Gpu) && !can {
+        let name = gpu.name();
+        return Err(wrong_usage(format!(
+            "--lidars-on gpu: shaders of {name:?} have no 64-bit numbers; say cpu, or choose another --adapter"
+        )));
+    }
+    Ok(asked.map_or(can && !gpu.is_software(), |asked| asked == LidarsOnArg::Gpu))
+}
+
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is short.
-pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
+pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     let launch = read_launch(&args)?;
     let bus = Bus::open(&args.common.domain, "simd")?;
     if bus.daemon_alive()? {
@@ -66,6 +79,8 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         None => Quality::default_for(&gpu),
     };
     tracing::info!(adapter = gpu.name(), ?quality, import = gpu.can_import() && !args.staged, "rendering");
+    let lidars_on_gpu = casts_lidars(&gpu, args.lidars_on)?;
+    args.lidars_on = Some(if lidars_on_gpu { LidarsOnArg::Gpu } else { LidarsOnArg::Cpu });
     let renderer = CameraRenderer::new(&gpu, quality);
     let period_nanos = launch.scenario.period_nanos();
     let mut world = World::new(WorldOptions { seed: launch.scenario.seed, ..Default::default() });
@@ -74,7 +89,7 @@ pub fn start(args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     let map = maps.load(&launch.scenario.map, launch.scenario.seed)?;
     let episode = begin_episode(&mut world, &launch, &map, epoch, 1, SimTime(0))?;
     let sensors = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
-    let mut sensors = Sensors::new(gpu, renderer, sensors, args.frames_in_flight, args.hash);
+    let mut sensors = Sensors::new(gpu, renderer, sensors, args.frames_in_flight, args.hash, lidars_on_gpu);
     sensors.load(&episode.assets)?;
     let ports = open_ports(&bus)?;
     let now = mono_now().0;
@@ -192,6 +207,7 @@ fn open_sensors(
     let options = TopicOptions {
         frames_in_flight: args.frames_in_flight,
         staged: args.staged,
+        lidars_on_gpu: args.lidars_on == Some(LidarsOnArg::Gpu),
         seed: launch.scenario.seed,
         on_demand: false,
         period_nanos,

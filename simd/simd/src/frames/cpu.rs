@@ -12,8 +12,8 @@ use sensor_core::lane_marks::PaintedLines;
 use sensor_core::scene::Scene;
 use sensor_core::schedule::Firing;
 use sensor_core::{gnss, imu};
-use sensor_ray::{BallFilter, RadarPose, RayScene, SensorPath, radar};
-use sensor_spec::{LidarScan, MAX_EVENTS_PER_TICK, ObstacleSpec, SensorSpec};
+use sensor_ray::{BallFilter, RadarPose, RayScene, radar};
+use sensor_spec::{MAX_EVENTS_PER_TICK, ObstacleSpec, SensorSpec};
 use simd_world::Collision;
 
 use super::{Carrier, Sensors, Stamp, base_header, remember};
@@ -28,34 +28,34 @@ pub struct TickEvents<'a> {
 }
 
 /// One sensor in one tick.
-struct Shot<'a> {
-    scene: &'a Scene,
+pub(super) struct Shot<'a> {
+    pub scene: &'a Scene,
     stamp: &'a Stamp,
     firing: &'a Firing,
     carrier: &'a Carrier,
-    world_from_sensor: Isometry3<f64>,
-    noise: Noise,
+    pub world_from_sensor: Isometry3<f64>,
+    pub noise: Noise,
 }
 
 impl Sensors {
-    /// Fires what is due and not the GPU's; returns the rigs whose readers are to be woken.
+    /// Fires what is due and not the GPU's (`lidars_are_cast`: nor are lidars, and the rays are brought up to the tick); returns the rigs whose readers are to be woken.
     pub(super) fn fire_on_cpu(
         &mut self,
         scene: &Scene,
         stamp: &Stamp,
         events: &TickEvents<'_>,
         due: &[(usize, Firing, Carrier)],
+        lidars_are_cast: bool,
     ) -> anyhow::Result<Vec<Rc<Rig>>> {
         let mut waking = Vec::new();
         let read_everything = self.read_everything;
-        let mut rays = TickRays { scene: self.rays.as_mut(), tick: scene, is_current: false };
+        let mut rays = TickRays { scene: self.rays.as_mut(), tick: scene, is_current: lidars_are_cast };
         for (sensor_idx, firing, carrier) in due {
             let sensor = &mut self.sensors[*sensor_idx];
-            let world_from_sensor = carrier.world_from_sensor.isometry();
-            let noise = Noise::new(stamp.seed, sensor.stream, scene.tick.0);
-            let shot = Shot { scene, stamp, firing, carrier, world_from_sensor, noise };
+            let shot = Shot::new(scene, stamp, firing, carrier, sensor);
             let sent = match (&sensor.model, &sensor.spec) {
                 (Model::View(_), _) => continue,
+                (Model::Lidar { .. }, _) if lidars_are_cast => continue,
                 (Model::Lidar { .. }, _) => {
                     let cast = shot.lidar(sensor, &mut rays, read_everything);
                     self.n_lidar_turns += cast as u64;
@@ -85,14 +85,14 @@ impl Sensors {
 }
 
 /// The ray scene, brought up to the tick when first asked for.
-struct TickRays<'a> {
+pub(super) struct TickRays<'a> {
     scene: Option<&'a mut RayScene>,
     tick: &'a Scene,
     is_current: bool,
 }
 
 impl TickRays<'_> {
-    fn current(&mut self) -> &RayScene {
+    pub fn current(&mut self) -> &RayScene {
         let scene = self.scene.as_mut().expect("loaded with the map because there is a sensor that casts rays");
         if !std::mem::replace(&mut self.is_current, true) {
             scene.update(&self.tick.dynamics);
@@ -101,36 +101,21 @@ impl TickRays<'_> {
     }
 }
 
-impl Shot<'_> {
-    fn header(&self, sensor: &Sensor, topic_idx: usize) -> FrameHeader {
+impl<'a> Shot<'a> {
+    pub fn new(scene: &'a Scene, stamp: &'a Stamp, firing: &'a Firing, carrier: &'a Carrier, sensor: &Sensor) -> Self {
+        let world_from_sensor = carrier.world_from_sensor.isometry();
+        let noise = Noise::new(stamp.seed, sensor.stream, scene.tick.0);
+        Shot { scene, stamp, firing, carrier, world_from_sensor, noise }
+    }
+
+    pub fn header(&self, sensor: &Sensor, topic_idx: usize) -> FrameHeader {
         base_header(sensor.topics[topic_idx].modality, self.scene, self.stamp, sensor.actor, self.firing, self.carrier)
     }
 
     /// Sends a filled loan of the sensor's only topic.
-    fn send(&self, sensor: &mut Sensor, loan: FrameLoan, mut header: FrameHeader, print_hash: bool) {
+    pub fn send(&self, sensor: &mut Sensor, loan: FrameLoan, mut header: FrameHeader, print_hash: bool) {
         header.rendered_mono_nanos = mono_now().0;
         sensor.topics[0].send(loan, header, print_hash);
-    }
-
-    fn lidar(&self, sensor: &mut Sensor, rays: &mut TickRays<'_>, read_everything: bool) -> bool {
-        let mut header = self.header(sensor, 0);
-        let (topic, Model::Lidar { lidar, previous, ticks }) = (&mut sensor.topics[0], &mut sensor.model) else { return false };
-        lidar.turn_head(self.scene.period_nanos, (topic.max_payload_bytes / topic.modality.element_bytes()) as u32);
-        let start = match lidar.spec().scan {
-            LidarScan::Turn => previous.replace(self.world_from_sensor),
-            LidarScan::Sweep => ticks[0],
-        };
-        let Some(mut loan) = topic.loan_if_read(read_everything) else { return false };
-        let path =
-            SensorPath { world_from_sensor_start: start.unwrap_or(self.world_from_sensor), world_from_sensor: self.world_from_sensor };
-        lidar.set_extinction(self.scene.lidar_extinction_per_m);
-        header.set_list(lidar.scan(rays.current(), &path, self.noise, None));
-        lidar.write(loan.payload_mut());
-        header.range_limit_m = lidar.spec().range_m as f32;
-        header.n_channels = lidar.spec().channels;
-        header.azimuth_rad = lidar.head_rad() as f32;
-        self.send(sensor, loan, header, read_everything);
-        true
     }
 
     fn radar(&self, sensor: &mut Sensor, rays: &mut TickRays<'_>, read_everything: bool) -> bool {
