@@ -174,8 +174,8 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
     var order = order_of(direction);
     var instance = nothing;
     var first_triangle = 0u;
-    // What is still to be visited: first child and hits << 8 | inner slots, or first instance, the top bit and a bit for each. A stack in
-    // the workgroup's memory leaves room for fewer rays at a time and is a third slower.
+    // What is still to be visited: first child and hits << 8 | inner slots, or first instance, the top bit and a bit for each. In
+    // the workgroup's memory it leaves room for fewer rays at a time.
     var stack: array<vec2<u32>, 32>;
     var depth = 0u;
     // The walk of an instance ends where it began.
