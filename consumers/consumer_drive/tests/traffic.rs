@@ -1,5 +1,5 @@
 //! Closed loop on generated towns with the daemon's own physics: light traffic that must flow, dense traffic that must not lock up, people
-//! on foot whom nobody may touch.
+//! on foot whom nobody may drive into.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,6 +13,8 @@ use simd_world::{MapData, WorldOptions};
 
 const PERIOD_NANOS: u64 = 50_000_000;
 const TICKS_PER_MINUTE: u64 = 1200;
+/// A vehicle slower than this stands.
+const STANDING_MPS: f64 = 0.1;
 
 /// What happened to one vehicle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -94,7 +96,9 @@ impl Stage {
                 log.driven_m += distance(last, at);
             }
             let record = self.world.record(ActorId(mover.id)).unwrap();
-            log.n_touches += u32::from(record.flags & ActorRecord::TOUCHED != 0);
+            // Strollers may walk up against a car that stands; that is no driver's doing.
+            let moves = mover.is_vehicle && mover.speed_mps.abs() > STANDING_MPS;
+            log.n_touches += u32::from(moves && record.flags & ActorRecord::TOUCHED != 0);
             match self.fleet.drivers().get(&mover.id) {
                 Some(driver) => log.worst_offset_m = log.worst_offset_m.max(driver.foot().offset_m.abs()),
                 None => {
@@ -108,7 +112,7 @@ impl Stage {
         self.logs.iter().filter(|(id, _)| self.fleet.drivers().contains_key(id)).map(|(_, log)| log.driven_m).sum()
     }
 
-    /// Vehicles that touched something, with the place of the last tick.
+    /// Vehicles that touched something while they drove, with the place of the last tick.
     fn touched(&self) -> Vec<(u32, Log)> {
         self.logs.iter().filter(|(_, log)| log.n_touches > 0).map(|(id, log)| (*id, *log)).collect()
     }

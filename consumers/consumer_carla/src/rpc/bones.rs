@@ -54,6 +54,10 @@ fn bone(bone: &BoneReading) -> Value {
 impl Gateway {
     /// Bones of a walker; none of anything else.
     fn bones(&self, actor_id: u32) -> Result<Vec<BoneReading>, Failure> {
+        let is_walker = self.world.known().actors.get(&actor_id).is_some_and(|actor| actor.type_id.starts_with("walker."));
+        if !is_walker {
+            return Ok(Vec::new());
+        }
         match self.commander.ask_one(Command::Skeleton { actor_id, action: SkeletonAction::Read })? {
             (CommandReply::Bones { bones }, _) => Ok(bones),
             _ => Ok(Vec::new()),
