@@ -19,10 +19,8 @@ mod world;
 
 /// Rays whose returns are counted together, as in the shader.
 const CHUNK_RAYS: u32 = 1024;
-/// Levels of a mesh's hierarchy that the shader's stack of 32 has room for, beside two entries for each level of instances.
-const MESH_LEVELS: u32 = 20;
-/// Levels of the hierarchy over instances.
-const UPPER_LEVELS: u32 = 6;
+/// Entries of the shader's stack: one for each level of the deepest mesh and two for each level of the hierarchy over instances.
+const STACK_ENTRIES: u32 = 32;
 /// Rays of a workgroup.
 const BLOCK_RAYS: u32 = 64;
 

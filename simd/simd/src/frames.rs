@@ -62,6 +62,8 @@ pub struct Sensors {
     rays: Option<RayScene>,
     /// Casts lidars; `None` leaves that to the CPU.
     lidar_gpu: Option<GpuRays>,
+    /// The GPU had to leave them to the CPU once.
+    lidars_were_too_deep: bool,
     /// Made when a lane invasion detector first asks.
     painted: Option<PaintedLines>,
     /// Length of the tick that the topics' memory was made for.
@@ -105,6 +107,7 @@ impl Sensors {
             renderer,
             rays: None,
             lidar_gpu,
+            lidars_were_too_deep: false,
             painted: None,
             fitted_period_nanos: 0,
             in_flight: VecDeque::new(),

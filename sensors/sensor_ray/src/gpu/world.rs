@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
 
 use super::pack::{FIRST_CHILD, NODE_WORDS, Packed, empty_node};
-use super::{MESH_LEVELS, UPPER_LEVELS, rows_of, shift_from};
+use super::{STACK_ENTRIES, rows_of, shift_from};
 use crate::scene::{RayScene, box_about};
 use crate::tree::{BoxTree, TriangleTree};
 
@@ -57,7 +57,7 @@ impl World {
     /// Uploads what is new and says whether buffers are others than before; `None` if a hierarchy is too deep.
     pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Option<bool> {
         let (instances, upper) = upper_level(scene);
-        if upper.n_levels > UPPER_LEVELS || n_levels(scene) > MESH_LEVELS {
+        if n_levels(scene) + 2 * upper.n_levels > STACK_ENTRIES {
             return None;
         }
         let n_trees = scene.mesh_trees.iter().flatten().count();

@@ -41,7 +41,12 @@ impl Sensors {
         let (Some(gpu), Some(rays)) = (&mut self.lidar_gpu, &mut self.rays) else { return None };
         rays.update(&scene.dynamics);
         if !gpu.update(rays) {
-            tracing::warn!(tick = scene.tick.0, "lidars are cast on the CPU: a mesh's hierarchy is too deep for the GPU");
+            if !std::mem::replace(&mut self.lidars_were_too_deep, true) {
+                tracing::warn!(
+                    tick = scene.tick.0,
+                    "lidars are cast on the CPU while a hierarchy of boxes is too deep for the GPU; said once"
+                );
+            }
             return None;
         }
         let (mut jobs, mut frames) = (Vec::new(), Vec::new());
