@@ -6,34 +6,14 @@
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;
+#[path = "dvs_shots/mod.rs"]
+mod shots;
 
-use schema_frames::Modality;
-use sensor_camera::dvs::{EventCamera, EventImages, Rows};
-use sensor_camera::{CameraRenderer, Quality};
+use sensor_camera::dvs::EventCamera;
 use sensor_spec::{DvsMode, DvsSpec};
+use shots::{Shot, cpu_secs, drive};
 
 const WINDOW_NANOS: u64 = 50_000_000;
-
-/// Images of one firing in memory.
-struct Shot {
-    luminance: Vec<u8>,
-    flow: Vec<u8>,
-    depth: Vec<u8>,
-    instance: Vec<u8>,
-    class: Vec<u8>,
-}
-
-impl Shot {
-    fn images(&self, width: usize) -> EventImages<'_> {
-        EventImages {
-            luminance: Rows::tight(&self.luminance, 4 * width),
-            flow: Rows::tight(&self.flow, 8 * width),
-            depth: Rows::tight(&self.depth, 4 * width),
-            instance: Rows::tight(&self.instance, 4 * width),
-            class: Rows::tight(&self.class, width),
-        }
-    }
-}
 
 fn main() {
     let numbers: Vec<u32> = std::env::args().skip(1).map(|text| text.parse().expect("arguments are whole numbers")).collect();
@@ -42,7 +22,8 @@ fn main() {
         _ => ([800, 600], 3, 1),
     };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
-    let drive = drive(size_px);
+    // Six firings, 0.4 m apart.
+    let drive = drive(size_px, (0..6u64).map(|step| (step as f64 * 0.4, (step + 1) * WINDOW_NANOS)));
     pool.install(|| {
         let base = DvsSpec { max_events: 20_000_000, ..Default::default() };
         measure("drive, steps of 1 px", &drive, size_px, rounds, &base);
@@ -82,38 +63,6 @@ fn measure(name: &str, shots: &[Shot], size_px: [u32; 2], rounds: u32, spec: &Dv
         n_events as f64 / n_frames,
         n_events as f64 / best * 1e-6
     );
-}
-
-fn cpu_secs() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
-    let secs = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
-    secs(usage.user_time()) + secs(usage.system_time())
-}
-
-/// Six firings of a drive along the test street; luminance from the picture's green.
-fn drive(size_px: [u32; 2]) -> Vec<Shot> {
-    let gpu = kit::gpu();
-    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let (assets, car) = kit::street();
-    let mut view = kit::view(&gpu, size_px[0], size_px[1]);
-    let asked = [Modality::Rgb, Modality::Flow, Modality::Depth, Modality::Instance, Modality::Semantic];
-    let shot = |step: u32| {
-        let x_m = step as f64 * 0.4;
-        let cars = (0..8).map(|i| kit::moving(20 + i, car, kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]))).collect();
-        let scene = kit::scene(&assets, cars, (step as u64 + 1) * WINDOW_NANOS);
-        let mut frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]), &asked);
-        let mut take = |modality| frames.remove(&modality).expect("asked for").0;
-        let rgb = take(Modality::Rgb);
-        let linear = |value: u8| ((value as f32 / 255.0 + 0.055) / 1.055).powf(2.4);
-        Shot {
-            luminance: rgb.chunks_exact(4).flat_map(|pixel| linear(pixel[1]).to_le_bytes()).collect(),
-            flow: take(Modality::Flow),
-            depth: take(Modality::Depth),
-            instance: take(Modality::Instance),
-            class: take(Modality::Semantic),
-        }
-    };
-    (0..6).map(shot).collect()
 }
 
 /// Two grey pictures, the second 0.65 of the logarithm brighter, by turns.

@@ -7,38 +7,18 @@
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;
+#[path = "dvs_shots/mod.rs"]
+mod shots;
 
 use std::io::Write as _;
 
-use schema_frames::Modality;
-use sensor_camera::dvs::{EventCamera, EventImages, Rows};
-use sensor_camera::{CameraRenderer, Quality};
+use sensor_camera::dvs::EventCamera;
 use sensor_spec::{DvsMode, DvsSpec};
+use shots::{Shot, cpu_secs, drive};
 
-const N_FRAMES: usize = 101;
+const N_FRAMES: u64 = 101;
 const STEP_NANOS: u64 = 1_000_000;
 const SPEED_MPS: f64 = 8.0;
-
-/// Images of one moment in memory; flow is the motion since `since` frames before.
-struct Shot {
-    luminance: Vec<u8>,
-    flow: Vec<u8>,
-    depth: Vec<u8>,
-    instance: Vec<u8>,
-    class: Vec<u8>,
-}
-
-impl Shot {
-    fn images(&self, width: usize) -> EventImages<'_> {
-        EventImages {
-            luminance: Rows::tight(&self.luminance, 4 * width),
-            flow: Rows::tight(&self.flow, 8 * width),
-            depth: Rows::tight(&self.depth, 4 * width),
-            instance: Rows::tight(&self.instance, 4 * width),
-            class: Rows::tight(&self.class, width),
-        }
-    }
-}
 
 fn main() -> std::io::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -49,8 +29,8 @@ fn main() -> std::io::Result<()> {
     };
     let folder = std::path::Path::new(folder);
     std::fs::create_dir_all(folder)?;
-    let fine = drive(size_px, 1);
-    let coarse = drive(size_px, 50);
+    let fine = frames(size_px, 1);
+    let coarse = frames(size_px, 50);
     let mut file = std::io::BufWriter::new(std::fs::File::create(folder.join("luminance.f32"))?);
     fine.iter().try_for_each(|shot| file.write_all(&shot.luminance))?;
     file.flush()?;
@@ -90,35 +70,8 @@ fn write_events(path: &std::path::Path, shots: &[Shot], size_px: [u32; 2], step:
     Ok(secs)
 }
 
-fn cpu_secs() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
-    let secs = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
-    secs(usage.user_time()) + secs(usage.system_time())
-}
-
-/// Every `step`-th frame of the drive; luminance from the picture's green.
-fn drive(size_px: [u32; 2], step: usize) -> Vec<Shot> {
-    let gpu = kit::gpu();
-    let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let (assets, car) = kit::street();
-    let mut view = kit::view(&gpu, size_px[0], size_px[1]);
-    let asked = [Modality::Rgb, Modality::Flow, Modality::Depth, Modality::Instance, Modality::Semantic];
-    let mut shot = |frame: usize| {
-        let secs = frame as f64 * STEP_NANOS as f64 * 1e-9;
-        let x_m = secs * SPEED_MPS;
-        let cars = (0..8).map(|i| kit::moving(20 + i, car, kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]))).collect();
-        let scene = kit::scene(&assets, cars, (frame / step + 1) as u64 * step as u64 * STEP_NANOS);
-        let mut frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]), &asked);
-        let mut take = |modality| frames.remove(&modality).expect("asked for").0;
-        let rgb = take(Modality::Rgb);
-        let linear = |value: u8| ((value as f32 / 255.0 + 0.055) / 1.055).powf(2.4);
-        Shot {
-            luminance: rgb.chunks_exact(4).flat_map(|pixel| linear(pixel[1]).to_le_bytes()).collect(),
-            flow: take(Modality::Flow),
-            depth: take(Modality::Depth),
-            instance: take(Modality::Instance),
-            class: take(Modality::Semantic),
-        }
-    };
-    (0..N_FRAMES).step_by(step).map(&mut shot).collect()
+/// Every `step`-th frame of the drive.
+fn frames(size_px: [u32; 2], step: u64) -> Vec<Shot> {
+    let moment = |frame: u64| (frame as f64 * STEP_NANOS as f64 * 1e-9 * SPEED_MPS, (frame + step) * STEP_NANOS);
+    drive(size_px, (0..N_FRAMES).step_by(step as usize).map(moment))
 }

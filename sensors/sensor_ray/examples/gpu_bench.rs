@@ -1,18 +1,18 @@
 //! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in (imported) memory, and rays per second over
 //! a batch of lidars at different places.
 //!
-//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; the mesh's format is that of `mesh_bench`.
+//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; `mesh_file` has the format of MESH.
 
 #![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
+
+#[path = "mesh_file/mod.rs"]
+mod mesh_file;
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::noise::Noise;
-use schema_types::{Class, ObjectId};
-use sensor_core::mesh::Surface;
-use sensor_core::{Material, MeshBuilder, SceneAssets, StaticInstance};
 use sensor_gpu::{Gpu, GpuOptions, Place, ShmTarget};
 use sensor_ray::{GpuRayOptions, GpuRays, Lidar, RayScene, ScanJob, SensorPath};
 use sensor_spec::LidarSpec;
@@ -24,20 +24,18 @@ fn main() {
     let gpu = Gpu::open(&GpuOptions { adapter: args.next(), allow_import: true }).unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
     assert!(GpuRays::is_supported(&gpu), "no f64 or u64 in shaders");
-    let assets = read(&path);
+    let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);
     println!("{} triangles", scene.n_static_triangles());
     let (base, len) = segment(BATCH * SLOT_BYTES);
     // SAFETY: the memory is leaked, and only the scans write to it.
     let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
-    for checked in [false] {
-        for block_columns in [4, 8, 16, 32] {
-            let mut rays = GpuRays::new(&gpu, GpuRayOptions { block_columns, checked });
-            assert!(rays.update(&scene), "the hierarchy is too deep");
-            println!("blocks {block_columns} columns wide{}", if checked { ", checked" } else { "" });
-            for n_lidars in [1, 4, 16, BATCH] {
-                measure(&mut rays, &target, n_lidars, turns, true);
-            }
+    for block_columns in [4, 8, 16, 32] {
+        let mut rays = GpuRays::new(&gpu, GpuRayOptions { block_columns });
+        assert!(rays.update(&scene), "the hierarchy is too deep");
+        println!("blocks {block_columns} columns wide");
+        for n_lidars in [1, 4, 16, BATCH] {
+            measure(&mut rays, &target, n_lidars, turns, true);
         }
     }
     let mut rays = GpuRays::new(&gpu, GpuRayOptions::default());
@@ -127,20 +125,4 @@ fn segment(n_bytes: usize) -> (*mut u8, usize) {
     let memory: &'static mut [u8] = vec![0u8; len + 4096].leak();
     let aligned = memory.as_ptr().align_offset(4096);
     (memory[aligned..aligned + len].as_mut_ptr(), len)
-}
-
-fn read(path: &str) -> SceneAssets {
-    let bytes = std::fs::read(path).expect("the mesh file can be read");
-    let word = |at: usize| u32::from_le_bytes(bytes[4 * at..4 * at + 4].try_into().expect("four bytes"));
-    let (n_vertices, n_triangles) = (word(0) as usize, word(1) as usize);
-    let vertex = |i: u32| std::array::from_fn(|axis| f32::from_bits(word(2 + 3 * i as usize + axis)));
-    let surface = Surface::new(Class::BUILDINGS, Material::Matte, [128; 3]);
-    let mut builder = MeshBuilder::new("mesh");
-    for triangle in 0..n_triangles {
-        builder.triangle(surface, [0, 1, 2].map(|corner| vertex(word(2 + 3 * n_vertices + 3 * triangle + corner))));
-    }
-    let mut assets = SceneAssets::default();
-    let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(1) });
-    assets
 }

@@ -1,16 +1,16 @@
 //! Rays per second against a triangle mesh from a file, for comparison with other ray casters on the same mesh, rays and threads.
 //!
-//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. MESH is little-endian: `u32` vertices, `u32` triangles,
-//! then `f32` × 3 per vertex, then `u32` × 3 per triangle. The lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and 2048 azimuths;
+//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. `mesh_file` has the format of MESH. The
+//! lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and 2048 azimuths;
 //! what is timed ends with the points in a frame's bytes, distances made exact in `f64`. CPU time does not count what neighbours take.
+
+#[path = "mesh_file/mod.rs"]
+mod mesh_file;
 
 use std::time::Instant;
 
 use nalgebra::Isometry3;
 use schema_types::noise::Noise;
-use schema_types::{Class, ObjectId};
-use sensor_core::mesh::Surface;
-use sensor_core::{Material, MeshBuilder, SceneAssets, StaticInstance};
 use sensor_ray::{Lidar, RayScene, SensorPath};
 use sensor_spec::LidarSpec;
 
@@ -24,7 +24,7 @@ fn main() {
 }
 
 fn run(path: &str, threads: usize, turns: usize) {
-    let assets = read(path);
+    let assets = mesh_file::read(path);
     let begin = Instant::now();
     let scene = RayScene::load(&assets);
     println!("{} triangles, built in {:.0} ms", scene.n_static_triangles(), begin.elapsed().as_secs_f64() * 1e3);
@@ -59,20 +59,4 @@ fn cpu_millis() -> f64 {
     let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
     let millis = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 * 1e3 + t.tv_usec() as f64 * 1e-3;
     millis(usage.user_time()) + millis(usage.system_time())
-}
-
-fn read(path: &str) -> SceneAssets {
-    let bytes = std::fs::read(path).expect("the mesh file can be read");
-    let word = |at: usize| u32::from_le_bytes(bytes[4 * at..4 * at + 4].try_into().expect("four bytes"));
-    let (n_vertices, n_triangles) = (word(0) as usize, word(1) as usize);
-    let vertex = |i: u32| std::array::from_fn(|axis| f32::from_bits(word(2 + 3 * i as usize + axis)));
-    let surface = Surface::new(Class::BUILDINGS, Material::Matte, [128; 3]);
-    let mut builder = MeshBuilder::new("mesh");
-    for triangle in 0..n_triangles {
-        builder.triangle(surface, [0, 1, 2].map(|corner| vertex(word(2 + 3 * n_vertices + 3 * triangle + corner))));
-    }
-    let mut assets = SceneAssets::default();
-    let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(1) });
-    assets
 }

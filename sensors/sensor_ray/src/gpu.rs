@@ -114,13 +114,11 @@ impl Growing {
 pub struct GpuRayOptions {
     /// Width of a workgroup's block of 64 rays: a power of two up to 64.
     pub block_columns: u32,
-    /// Keep the checks of indices and loops that shaders of strangers get.
-    pub checked: bool,
 }
 
 impl Default for GpuRayOptions {
     fn default() -> Self {
-        GpuRayOptions { block_columns: 16, checked: false }
+        GpuRayOptions { block_columns: 16 }
     }
 }
 
@@ -269,15 +267,11 @@ fn pipelines(gpu: &Gpu, options: GpuRayOptions) -> (wgpu::BindGroupLayout, wgpu:
         bind_group_layouts: &[Some(&layout)],
         immediate_size: 0,
     });
-    let text = include_str!("gpu/lidar.wgsl");
+    // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by `Frame`,
+    // after which the buffers are sized; a walk visits a node once, its stack holds what [`GpuRays::update`] lets through, and all other
+    // loops count bits or lanes.
     #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
-    let shader = match options.checked {
-        true => gpu.shader("lidars", text),
-        // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by
-        // `Frame`, after which the buffers are sized; a walk visits a node once, its stack holds what [`GpuRays::update`] lets through,
-        // and all other loops count bits or lanes.
-        false => unsafe { gpu.shader_unchecked("lidars", text) },
-    };
+    let shader = unsafe { gpu.shader_unchecked("lidars", include_str!("gpu/lidar.wgsl")) };
     let pipeline = |entry_point: &str, constants: &[(&str, f64)]| {
         gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(entry_point),
