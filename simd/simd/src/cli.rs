@@ -53,7 +53,7 @@ pub struct Args {
     #[arg(long)]
     pub staged: bool,
 
-    /// Frames of one sensor that may be on the GPU at once in free-running mode, 1 to 4
+    /// Ticks that the world may go on while a camera's frame is on the GPU, in free-running mode: 1 to 4
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=4))]
     pub frames_in_flight: u32,
 

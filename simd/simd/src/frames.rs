@@ -69,7 +69,7 @@ pub struct Sensors {
     /// Length of the tick that the topics' memory was made for.
     fitted_period_nanos: u64,
     in_flight: VecDeque<PendingTick>,
-    max_in_flight: usize,
+    max_in_flight: u64,
     read_everything: bool,
     n_lidar_turns: u64,
 }
@@ -100,7 +100,7 @@ impl Sensors {
         lidars_on_gpu: bool,
     ) -> Self {
         let lidar_gpu = lidars_on_gpu.then(|| GpuRays::new(&gpu, GpuRayOptions::default()));
-        let max_in_flight = if read_everything { 1 } else { max_in_flight as usize };
+        let max_in_flight = if read_everything { 1 } else { u64::from(max_in_flight) };
         Sensors {
             sensors,
             gpu,
@@ -154,7 +154,8 @@ impl Sensors {
         events: &TickEvents<'_>,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
     ) -> anyhow::Result<()> {
-        while self.in_flight.len() >= self.max_in_flight {
+        // By age, not by number: a camera that fires rarely has no successor that would push its frame out.
+        while self.in_flight.front().is_some_and(|oldest| scene.tick.0 - oldest.tick >= self.max_in_flight) {
             self.finish_oldest(scene.tick.0)?;
         }
         let mut due = Vec::with_capacity(self.sensors.len());

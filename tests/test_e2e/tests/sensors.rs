@@ -70,6 +70,22 @@ fn spawned_sensors_publish_until_they_are_destroyed() {
     assert!(snapshot.actor(actor_id).is_none() && snapshot.actor(lidar_id).is_none());
 }
 
+/// A camera that fires once in ten ticks of a world that runs as fast as it can: its frame does not wait for the next one to push it out.
+#[test]
+fn a_frame_is_sent_after_two_ticks_at_the_latest() {
+    let sandbox = Sandbox::new("latency");
+    let _daemon = start_daemon(&sandbox, SMALL_RIG, &["--unpaced"]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let rare = serde_json::json!({ "kind": "camera", "width_px": 64, "height_px": 48, "modalities": ["depth"] });
+    let CommandReply::Spawned { topics, .. } = ask(&mut client, wish(None, 500_000_000, rare)) else { panic!("must be made") };
+    let mut depth = reader(&bus, &topics[0]);
+    for _ in 0..6 {
+        let frame = eventually("a frame", || depth.latest().unwrap());
+        assert!(frame.header().ticks_in_flight <= 2, "sent {} ticks late", frame.header().ticks_in_flight);
+    }
+}
+
 /// A hundred sensors come and go; what they leave is nothing.
 #[test]
 fn sensors_that_come_and_go_leave_nothing() {
