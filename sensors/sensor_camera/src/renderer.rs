@@ -130,7 +130,7 @@ impl CameraRenderer {
         self.assets = None;
         self.assets = Some(GpuAssets::upload(&self.gpu, assets));
         // An upload waits for the next submission, and what was dropped for the one after; a world that nobody looks at has none.
-        self.gpu.queue().submit([]);
+        self.gpu.submit([]);
         self.gpu.wait_idle();
         self.shadows.clear();
         if let Some(far) = &mut self.far_shadows {

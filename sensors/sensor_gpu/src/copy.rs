@@ -11,6 +11,7 @@ use wgpu::hal::api::Vulkan;
 use wgpu::wgt;
 
 use crate::device::{Gpu, GpuError};
+use crate::direct::AWAKE;
 use crate::target::ShmTarget;
 use crate::timing::Pending;
 
@@ -161,7 +162,7 @@ impl<'a> CopyBatch<'a> {
         let submission = if direct.is_empty() {
             gpu.mark(&mut encoder, "copies");
             pending = gpu.close_marks(&mut encoder);
-            gpu.time("submit", || gpu.queue().submit([encoder.finish()]))
+            gpu.time("submit", || gpu.submit([encoder.finish()]))
         } else {
             let direct: Vec<&Item<'_>> = direct.iter().map(|i| &self.items[*i]).collect();
             record_transitions(&mut encoder, &direct);
@@ -175,7 +176,7 @@ impl<'a> CopyBatch<'a> {
             );
             gpu.mark(&mut visible, "copies");
             pending = gpu.close_marks(&mut visible);
-            gpu.time("submit", || gpu.queue().submit([encoder.finish(), raw, visible.finish()]))
+            gpu.time("submit", || gpu.submit([encoder.finish(), raw, visible.finish()]))
         };
         if let Some(pending) = &pending {
             pending.map();
@@ -341,9 +342,6 @@ impl Drop for Mapped {
         self.gpu.give_staging(self.buffer.clone());
     }
 }
-
-/// How long [`InFlight::wait_awake`] stays awake.
-const AWAKE: std::time::Duration = std::time::Duration::from_micros(500);
 
 /// What became of one copy.
 #[derive(Debug)]

@@ -3,6 +3,7 @@
 use std::sync::{Arc, Mutex};
 
 use crate::counters::Counters;
+use crate::direct::Timeline;
 use crate::import::{self, ImportCaps};
 use crate::timing::Timing;
 
@@ -67,6 +68,20 @@ struct Inner {
     counters: Counters,
     timing: Timing,
     staging: Mutex<Vec<wgpu::Buffer>>,
+    /// Held while a submission is given to the queue; `None` inside where there are none.
+    timeline: Mutex<Option<Timeline>>,
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        let timeline = self.timeline.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+        if let Some(timeline) = timeline
+            && self.device.poll(wgpu::PollType::wait_indefinitely()).is_ok()
+        {
+            // SAFETY: made from this device, which has finished everything.
+            unsafe { timeline.destroy(&self.device) };
+        }
+    }
 }
 
 /// A GPU that could be opened.
@@ -116,6 +131,7 @@ impl Gpu {
         let software = info.device_type == wgpu::DeviceType::Cpu;
         tracing::info!(adapter = info.name, driver = info.driver_info, software, can_import = import.is_some(), "opened GPU");
         Ok(Gpu(Arc::new(Inner {
+            timeline: Mutex::new(Timeline::new(&device, &adapter)),
             name: info.name,
             software,
             device,
@@ -167,7 +183,7 @@ impl Gpu {
         &self.0.device
     }
 
-    /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`].
+    /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`] and [`Gpu::submit`].
     pub fn queue(&self) -> &wgpu::Queue {
         &self.0.queue
     }
@@ -175,6 +191,10 @@ impl Gpu {
     /// Counts of passes, draws, copies and submissions.
     pub fn counters(&self) -> &Counters {
         &self.0.counters
+    }
+
+    pub(crate) fn timeline(&self) -> &Mutex<Option<Timeline>> {
+        &self.0.timeline
     }
 
     pub(crate) fn timing(&self) -> &Timing {

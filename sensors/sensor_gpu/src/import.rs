@@ -69,7 +69,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu
     Ok((device, queue, caps))
 }
 
-/// Wraps host memory as a GPU buffer that can be copied to. Errors are sentences that say why not.
+/// Wraps host memory as a GPU buffer that can be copied to and bound to shaders. Errors are sentences that say why not.
 ///
 /// # Safety
 /// `base..base + len` stays mapped and writable until the returned buffer is dropped and the device has been polled.
@@ -90,7 +90,7 @@ pub(crate) unsafe fn import_host_memory(gpu: &Gpu, base: *mut u8, len: usize) ->
     let descriptor = wgpu::BufferDescriptor {
         label: Some("imported shared memory"),
         size: len,
-        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::STORAGE,
         mapped_at_creation: false,
     };
     // SAFETY: made from this device with this size; the Vulkan usage flags include those of the descriptor. The contents are whatever
@@ -116,7 +116,7 @@ unsafe fn create_imported_buffer(
     }
     .result()?;
     let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(HOST);
-    let usage = vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC;
+    let usage = vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::STORAGE_BUFFER;
     let info = vk::BufferCreateInfo::default().size(len).usage(usage).push_next(&mut external);
     // SAFETY: a well-formed create info; the buffer is destroyed below on failure, by wgpu-hal on success.
     let buffer = unsafe { raw.create_buffer(&info, None) }?;

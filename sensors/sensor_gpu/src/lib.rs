@@ -2,6 +2,7 @@
 //!
 //! A frame is born in its reader's memory: [`ShmTarget::import`] wraps a whole shared-memory segment as a GPU buffer
 //! (`VK_EXT_external_memory_host`), and [`CopyBatch`] records copies from textures and buffers to offsets in it, with tight rows.
+//! Shaders that know where their results go write there themselves ([`Gpu::submit_direct`]).
 //! Where the driver cannot do that, the same calls go through a staging buffer and one CPU copy; `cpu_copies` tells which.
 //! Vulkan only. Sensors describe their passes; this crate owns the device, the submission and the wait.
 
@@ -11,6 +12,8 @@
 pub mod copy;
 pub mod counters;
 pub mod device;
+pub mod direct;
+pub mod host;
 mod import;
 pub mod resource;
 pub mod target;
@@ -19,5 +22,7 @@ pub mod timing;
 pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, Place};
 pub use counters::{Counters, Counts};
 pub use device::{AdapterInfo, Gpu, GpuError, GpuOptions};
+pub use direct::Direct;
+pub use host::HostMemory;
 pub use target::ShmTarget;
 pub use timing::Span;

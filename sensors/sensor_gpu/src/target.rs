@@ -66,6 +66,12 @@ impl ShmTarget {
         self.base as usize
     }
 
+    /// The memory as a buffer that shaders read and write; `None` if it is staged, or longer than what a shader can be given.
+    pub fn storage(&self) -> Option<&wgpu::Buffer> {
+        let (buffer, gpu) = self.imported.as_ref()?;
+        (buffer.size() <= gpu.device().limits().max_storage_buffer_binding_size).then_some(buffer)
+    }
+
     pub(crate) fn imported(&self) -> Option<&wgpu::Buffer> {
         self.imported.as_ref().map(|(buffer, _)| buffer)
     }

@@ -30,15 +30,18 @@ fn main() {
     let (base, len) = segment(BATCH * SLOT_BYTES);
     // SAFETY: the memory is leaked, and only the scans write to it.
     let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
-    for block_columns in [4, 8, 16, 32] {
-        let mut rays = GpuRays::new(&gpu, GpuRayOptions { block_columns });
+    let default = GpuRayOptions::default();
+    let of_blocks = [4, 8, 16, 32].map(|block_columns| GpuRayOptions { block_columns, ..default });
+    let of_groups = [1 << 18, 1 << 19, 1 << 21, 1 << 30].map(|group_rays| GpuRayOptions { group_rays, ..default });
+    for options in of_blocks.into_iter().chain(of_groups).chain([GpuRayOptions { writes_directly: false, ..default }]) {
+        let mut rays = GpuRays::new(&gpu, options);
         assert!(rays.update(&scene), "the hierarchy is too deep");
-        println!("blocks {block_columns} columns wide");
+        println!("{options:?}");
         for n_lidars in [1, 4, 16, BATCH] {
             measure(&mut rays, &target, n_lidars, turns, true);
         }
     }
-    let mut rays = GpuRays::new(&gpu, GpuRayOptions::default());
+    let mut rays = GpuRays::new(&gpu, default);
     assert!(rays.update(&scene), "the hierarchy is too deep");
     if gpu.set_timing(true) {
         for n_lidars in [1, BATCH] {

@@ -1,24 +1,31 @@
 //! Lidars on the GPU: the hierarchies that the CPU walks, walked by a compute shader, many lidars to a submission.
 //!
 //! Hits are made exact in `f64` there too, noise and drop-off come from the same integers, and points are packed in the same order, so that
-//! frames agree with the CPU's to a rounding of the last step (`exp`, the normal deviate).
+//! frames agree with the CPU's to a rounding of the last step (`exp`, the normal deviate). Where readers' memory is imported, the shader that
+//! packs writes into it; else points are packed in the GPU's memory and copied.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use std::ops::Range;
+use std::sync::Arc;
+
+use schema_types::ActorId;
 use schema_types::noise::Noise;
-use schema_types::{ActorId, ObjectId};
-use sensor_gpu::{CopyBatch, Gpu, GpuError, InFlight, Place};
-use sensor_spec::LidarSpec;
+use sensor_gpu::{CopyBatch, Direct, Gpu, GpuError, HostMemory, InFlight, Place, ShmTarget};
 
-use crate::lidar::{Lidar, SensorPath, column_poses};
-use crate::points::keep_limit;
+use crate::lidar::{Lidar, SensorPath};
 use crate::scene::RayScene;
+use frame::{Frame, LidarWords};
+use memory::{Growing, Memory};
+use pipelines::{MAX_OUTPUTS, Pipelines, Turn, bind};
 use world::World;
 
+mod frame;
+mod memory;
 pub(crate) mod pack;
+mod pipelines;
 mod world;
 
 /// Rays whose returns are counted together, as in the shader.
-const CHUNK_RAYS: u32 = 1024;
+const CHUNK_RAYS: u32 = 256;
 /// Entries of the shader's stack: one for each level of the deepest mesh and two for each level of the hierarchy over instances.
 const STACK_ENTRIES: u32 = 32;
 /// Rays of a workgroup.
@@ -51,10 +58,16 @@ pub struct ScanOutcome {
 /// Scans on their way.
 #[derive(Debug)]
 #[must_use = "the points are there only after wait()"]
-pub struct Scans<'p> {
-    copies: Option<InFlight<'p>>,
-    /// Which copy is a job's; `None` for a job without rays.
-    of_jobs: Vec<Option<usize>>,
+pub struct Scans<'p>(Way<'p>);
+
+#[derive(Debug)]
+enum Way<'p> {
+    /// There were no jobs.
+    None,
+    /// Points are copied; which copy is a job's, `None` for a job without rays.
+    Copied { copies: InFlight<'p>, of_jobs: Vec<Option<usize>> },
+    /// The shader writes points and their number where they belong.
+    Direct { flight: Direct, totals: Arc<HostMemory>, n_jobs: usize },
 }
 
 impl Scans<'_> {
@@ -63,86 +76,66 @@ impl Scans<'_> {
     /// # Errors
     /// The device was lost.
     pub fn wait(self) -> Result<Vec<ScanOutcome>, GpuError> {
-        let Some(copies) = self.copies else { return Ok(Vec::new()) };
-        let outcomes = copies.wait_awake()?;
-        let totals = outcomes.last().and_then(|outcome| outcome.mapped.as_ref()).expect("the last copy is that of the totals");
-        let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
-        let scan = |(copy, n_points): (&Option<usize>, &u32)| ScanOutcome {
-            n_points: *n_points,
-            cpu_copies: copy.map_or(0, |copy| outcomes[copy].cpu_copies),
-        };
-        Ok(self.of_jobs.iter().zip(&totals).map(scan).collect())
-    }
-}
-
-/// A lidar as the shader reads it.
-#[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
-struct LidarWords {
-    shape: [u32; 4],
-    place: [u32; 4],
-    what: [u32; 4],
-    noise: [u32; 4],
-    range: [f32; 4],
-    loss: [f32; 4],
-}
-
-/// A buffer that grows.
-struct Growing {
-    label: &'static str,
-    usage: wgpu::BufferUsages,
-    buffer: wgpu::Buffer,
-}
-
-impl Growing {
-    fn new(gpu: &Gpu, label: &'static str, usage: wgpu::BufferUsages) -> Self {
-        Growing { label, usage, buffer: gpu.buffer(label, 256, usage) }
-    }
-
-    /// Makes room for `n_bytes` and says whether the buffer is another one.
-    fn fit(&mut self, gpu: &Gpu, n_bytes: u64) -> bool {
-        if self.buffer.size() >= n_bytes {
-            return false;
+        match self.0 {
+            Way::None => Ok(Vec::new()),
+            Way::Copied { copies, of_jobs } => {
+                let outcomes = copies.wait_awake()?;
+                let totals = outcomes.last().and_then(|outcome| outcome.mapped.as_ref()).expect("the last copy is that of the totals");
+                let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
+                let scan = |(copy, n_points): (&Option<usize>, &u32)| ScanOutcome {
+                    n_points: *n_points,
+                    cpu_copies: copy.map_or(0, |copy| outcomes[copy].cpu_copies),
+                };
+                Ok(of_jobs.iter().zip(&totals).map(scan).collect())
+            }
+            Way::Direct { flight, totals, n_jobs } => {
+                flight.wait_awake()?;
+                let mut n_points = vec![0u32; n_jobs];
+                totals.read(0, bytemuck::cast_slice_mut(&mut n_points));
+                Ok(n_points.into_iter().map(|n_points| ScanOutcome { n_points, cpu_copies: 0 }).collect())
+            }
         }
-        self.buffer = gpu.buffer(self.label, n_bytes.next_power_of_two(), self.usage);
-        true
     }
 }
 
-/// How the shader is built.
+/// How the shader is built and used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuRayOptions {
     /// Width of a workgroup's block of 64 rays: a power of two up to 64.
     pub block_columns: u32,
+    /// Rays from which on lidars are traced while those before them are packed.
+    pub group_rays: u32,
+    /// Whether the shader writes into imported memory itself where it can.
+    pub writes_directly: bool,
 }
 
 impl Default for GpuRayOptions {
     fn default() -> Self {
-        GpuRayOptions { block_columns: 16 }
+        GpuRayOptions { block_columns: 16, group_rays: 1 << 20, writes_directly: true }
     }
 }
 
 /// Casts lidars on a GPU. One submission at a time: wait for the scans before the next ones.
 pub struct GpuRays {
     gpu: Gpu,
-    layout: wgpu::BindGroupLayout,
-    trace: wgpu::ComputePipeline,
-    pack: wgpu::ComputePipeline,
-    block_columns: u32,
+    options: GpuRayOptions,
+    pipelines: Pipelines,
     world: World,
-    lidars: Growing,
-    tables: Growing,
-    points: Growing,
-    kept: Growing,
-    packed: Growing,
-    totals: Growing,
+    memory: Memory,
+    /// World and scratch memory, as they are bound.
     bindings: Option<wgpu::BindGroup>,
+}
+
+/// Lidars that are traced by one dispatch and packed by the next, and where their points go: nowhere if they are to be copied.
+struct Group {
+    lidars: Range<usize>,
+    targets: Vec<Arc<ShmTarget>>,
 }
 
 impl GpuRays {
     /// Whether an adapter can do it: its shaders count in `f64` and `u64`.
     pub fn is_supported(gpu: &Gpu) -> bool {
-        gpu.has_wide_numbers()
+        gpu.has_wide_numbers() && gpu.has_immediates(size_of::<Turn>() as u32)
     }
 
     /// Pipelines on a GPU that supports it.
@@ -150,21 +143,11 @@ impl GpuRays {
         let block_columns = options.block_columns;
         assert!(Self::is_supported(gpu), "{} has no f64 or u64 in shaders", gpu.name());
         assert!(block_columns.is_power_of_two() && block_columns <= BLOCK_RAYS, "blocks {block_columns} columns wide");
-        let (layout, trace, pack) = pipelines(gpu, options);
-        use wgpu::BufferUsages as U;
-        let buffer = |label, usage| Growing::new(gpu, label, usage | U::STORAGE);
         GpuRays {
-            layout,
-            trace,
-            pack,
-            block_columns,
+            options,
+            pipelines: Pipelines::new(gpu, options),
             world: World::new(gpu),
-            lidars: buffer("lidars", U::COPY_DST),
-            tables: buffer("lidar beams", U::COPY_DST),
-            points: buffer("lidar points", U::empty()),
-            kept: buffer("lidar returns per chunk", U::COPY_DST),
-            packed: buffer("packed lidar points", U::COPY_SRC),
-            totals: buffer("lidar returns", U::COPY_SRC),
+            memory: Memory::new(gpu),
             bindings: None,
             gpu: gpu.clone(),
         }
@@ -191,180 +174,133 @@ impl GpuRays {
         for job in jobs {
             places.push(frame.add(job));
         }
-        let n_lidars = frame.lidars.len();
-        if n_lidars == 0 {
-            return Scans { copies: None, of_jobs: Vec::new() };
+        if frame.lidars.is_empty() {
+            return Scans(Way::None);
         }
-        self.upload(&frame);
+        let writes_directly = self.options.writes_directly && self.gpu.can_write_directly() && places.iter().all(is_reachable);
+        let groups = groups(&mut frame, &places, self.options.group_rays, writes_directly);
         let mut encoder = self.gpu.encoder("lidars");
-        encoder.clear_buffer(&self.kept.buffer, 0, None);
-        let bindings = self.bindings.get_or_insert_with(|| {
-            let world = &self.world;
-            let scratch = [&self.lidars, &self.tables, &self.points, &self.kept, &self.packed, &self.totals].map(|b| &b.buffer);
-            let buffers = [&world.nodes, &world.triangles, &world.instances].into_iter().chain(scratch);
-            let entries: Vec<_> = buffers
-                .enumerate()
-                .map(|(i, buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() })
-                .collect();
-            self.gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &self.layout, entries: &entries })
-        });
-        let blocks =
-            |lidar: &LidarWords| lidar.shape[0].div_ceil(BLOCK_RAYS / self.block_columns) * lidar.shape[1].div_ceil(self.block_columns);
-        let n_blocks = frame.lidars.iter().map(blocks).max().unwrap_or(0);
-        let n_chunks = frame.lidars.iter().map(|lidar| lidar.noise[2]).max().unwrap_or(0);
-        self.gpu.mark(&mut encoder, "begin");
-        for (label, pipeline, n_groups) in [("lidar trace", &self.trace, n_blocks), ("lidar pack", &self.pack, n_chunks)] {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
-            pass.set_bind_group(0, &*bindings, &[]);
-            pass.set_pipeline(pipeline);
-            pass.dispatch_workgroups(n_groups, n_lidars as u32, 1);
-            drop(pass);
-            self.gpu.counters().add_pass();
-            self.gpu.mark(&mut encoder, label);
-        }
-        let mut batch = CopyBatch::new();
-        let mut of_jobs = Vec::with_capacity(n_lidars);
-        for (lidar, place) in frame.lidars.iter().zip(places) {
-            let n_bytes = 4 * (lidar.noise[3] * lidar.shape[0] * lidar.shape[1]) as usize;
-            of_jobs.push((n_bytes > 0).then(|| batch.buffer(&self.packed.buffer, 4 * lidar.place[2] as u64, n_bytes, place)));
-        }
-        batch.map_buffer(&self.totals.buffer, 0, 4 * n_lidars);
-        Scans { copies: Some(batch.submit(&self.gpu, encoder)), of_jobs }
-    }
-
-    fn upload(&mut self, frame: &Frame) {
-        let (lidars, tables): (&[u8], &[u8]) = (bytemuck::cast_slice(&frame.lidars), bytemuck::cast_slice(&frame.tables));
-        let points_bytes = 4 * frame.n_words as u64;
-        let mut is_new = self.lidars.fit(&self.gpu, lidars.len() as u64);
-        is_new |= self.tables.fit(&self.gpu, tables.len() as u64);
-        is_new |= self.points.fit(&self.gpu, points_bytes);
-        is_new |= self.packed.fit(&self.gpu, points_bytes);
-        is_new |= self.kept.fit(&self.gpu, 4 * frame.n_chunks as u64);
-        is_new |= self.totals.fit(&self.gpu, 4 * frame.lidars.len() as u64);
-        if is_new {
+        if self.memory.upload(&self.gpu, &mut encoder, &mut frame) {
             self.bindings = None;
         }
-        self.gpu.queue().write_buffer(&self.lidars.buffer, 0, lidars);
-        self.gpu.queue().write_buffer(&self.tables.buffer, 0, tables);
-    }
-}
-
-fn pipelines(gpu: &Gpu, options: GpuRayOptions) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline, wgpu::ComputePipeline) {
-    let entry = |binding: u32| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: binding < 5 },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        count: None,
-    };
-    let entries: Vec<_> = (0..9).map(entry).collect();
-    let layout = gpu.device().create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("lidars"), entries: &entries });
-    let of_pipeline = gpu.device().create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("lidars"),
-        bind_group_layouts: &[Some(&layout)],
-        immediate_size: 0,
-    });
-    // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by `Frame`,
-    // after which the buffers are sized; a walk visits a node once, its stack holds what [`GpuRays::update`] lets through, and all other
-    // loops count bits or lanes.
-    #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
-    let shader = unsafe { gpu.shader_unchecked("lidars", include_str!("gpu/lidar.wgsl")) };
-    let pipeline = |entry_point: &str, constants: &[(&str, f64)]| {
-        gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(entry_point),
-            layout: Some(&of_pipeline),
-            module: &shader,
-            entry_point: Some(entry_point),
-            compilation_options: wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false },
-            cache: None,
-        })
-    };
-    let trace = pipeline("trace", &[("block_columns", options.block_columns as f64)]);
-    let pack = pipeline("pack", &[]);
-    (layout, trace, pack)
-}
-
-/// What is uploaded for one submission.
-#[derive(Default)]
-struct Frame {
-    lidars: Vec<LidarWords>,
-    tables: Vec<[f32; 4]>,
-    n_words: u32,
-    n_chunks: u32,
-}
-
-impl Frame {
-    /// Adds a job and returns where its points go.
-    fn add<'p>(&mut self, job: ScanJob<'_, 'p>) -> Place<'p> {
-        let ScanJob { lidar, path, noise, ignored, place } = job;
-        let spec = lidar.spec().clone();
-        let beams = lidar.aim();
-        let (n_channels, n_columns) = (beams.elevations.len() as u32, beams.azimuths.len() as u32);
-        let first_elevation = self.tables.len() as u32;
-        self.tables.extend(beams.elevations.iter().map(pair_of_pairs));
-        let first_azimuth = self.tables.len() as u32;
-        self.tables.extend(beams.azimuths.iter().map(pair_of_pairs));
-        let poses = column_poses(&spec, &path, n_columns as usize);
-        let first_pose = self.tables.len() as u32;
-        for pose in &poses {
-            self.tables.extend(rows(&pose.world_from_sensor, &pose.origin_m.coords));
+        self.gpu.mark(&mut encoder, "begin");
+        let host = self.memory.host().filter(|_| writes_directly).cloned();
+        self.record(&mut encoder, &frame, &groups, host.as_deref());
+        if let Some(host) = host {
+            let targets = groups.into_iter().flat_map(|group| group.targets).chain([host.target().clone()]).collect();
+            let flight = self.gpu.submit_direct(encoder, targets);
+            return Scans(Way::Direct { flight, totals: host, n_jobs: places.len() });
         }
-        let (n_rays, point_words) = (n_channels * n_columns, if spec.semantic { 6 } else { 4 });
-        let n_chunks = n_rays.div_ceil(CHUNK_RAYS).max(1);
-        let ignored = ignored.map_or(0, |actor| ObjectId::from(actor).0);
-        let misfires = misfires(&spec);
-        let key = noise.key();
-        let [range_high, range_low] = pair(spec.range_m);
-        self.lidars.push(LidarWords {
-            shape: [n_channels, n_columns, first_elevation, first_azimuth],
-            place: [first_pose, poses.len() as u32, self.n_words, self.n_chunks],
-            what: [spec.semantic as u32, ignored, misfires as u32, (misfires >> 32) as u32],
-            noise: [key as u32, (key >> 32) as u32, n_chunks, point_words],
-            range: [range_high, range_low, spec.attenuation_per_m as f32, spec.noise_range_stddev_m as f32],
-            loss: [keep_limit(&spec) as f32, spec.dropoff_intensity_limit as f32, spec.dropoff_zero_intensity_ratio as f32, 0.0],
+        let mut batch = CopyBatch::new();
+        let mut of_jobs = Vec::with_capacity(places.len());
+        for (lidar, place) in frame.lidars.iter().zip(places) {
+            let (begin, n_bytes) = (4 * lidar.first_word() as u64, lidar.n_bytes());
+            of_jobs.push((n_bytes > 0).then(|| batch.buffer(&self.memory.packed.buffer, begin, n_bytes, place)));
+        }
+        batch.map_buffer(&self.memory.totals.buffer, 0, 4 * frame.lidars.len());
+        Scans(Way::Copied { copies: batch.submit(&self.gpu, encoder), of_jobs })
+    }
+
+    /// Records tracing of each group with packing of the one before it.
+    fn record(&mut self, encoder: &mut wgpu::CommandEncoder, frame: &Frame, groups: &[Group], host: Option<&HostMemory>) {
+        let bindings = self.bindings.get_or_insert_with(|| {
+            let (world, memory) = (&self.world, &self.memory);
+            let scratch = [&memory.lidars, &memory.tables, &memory.points, &memory.kept].map(|growing: &Growing| &growing.buffer);
+            let buffers = [&world.nodes, &world.triangles, &world.instances].into_iter().chain(scratch);
+            bind(&self.gpu, &self.pipelines.scene, buffers)
         });
-        self.n_words += n_rays * point_words;
-        self.n_chunks += n_chunks;
-        place
-    }
-}
-
-/// Numerator over 2⁵³ below which a uniform number loses a ray: `k/2⁵³ < ratio` exactly if `k` is below it.
-fn misfires(spec: &LidarSpec) -> u64 {
-    if spec.semantic { 0 } else { (spec.dropoff_general_ratio * (1u64 << 53) as f64).ceil() as u64 }
-}
-
-/// A number as the sum of two `f32`.
-fn pair(x: f64) -> [f32; 2] {
-    let high = x as f32;
-    [high, (x - high as f64) as f32]
-}
-
-fn pair_of_pairs((cos, sin): &(f64, f64)) -> [f32; 4] {
-    let ([a, b], [c, d]) = (pair(*cos), pair(*sin));
-    [a, b, c, d]
-}
-
-/// Rows of a turn with a shift in w: high parts, then low parts.
-fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
-    let mut rows = [[0.0; 4]; 6];
-    for i in 0..3 {
-        for (j, x) in [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)], shift[i]].into_iter().enumerate() {
-            [rows[i][j], rows[i + 3][j]] = pair(x);
+        let bindings = bindings.clone();
+        for step in 0..=groups.len() {
+            let (traced, packed) = (groups.get(step), step.checked_sub(1).map(|before| &groups[before]));
+            let (of_traced, of_packed) = (lidars_of(traced), lidars_of(packed));
+            let turn = Turn {
+                first_traced: of_traced.start as u32,
+                n_traced: of_traced.len() as u32,
+                first_packed: of_packed.start as u32,
+                n_packed: of_packed.len() as u32,
+                n_blocks: frame.lidars[of_traced].iter().map(|lidar| self.n_blocks(lidar)).max().unwrap_or(0).max(1),
+                n_chunks: frame.lidars[of_packed].iter().map(LidarWords::n_chunks).max().unwrap_or(0),
+            };
+            let outputs = self.bind_outputs(packed.or(traced), host);
+            let (pipeline, label) = self.pipelines.of(&turn);
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bindings, &[]);
+            pass.set_bind_group(1, &outputs, &[]);
+            pass.set_immediates(0, bytemuck::bytes_of(&turn));
+            let [x, y, z] = turn.size();
+            pass.dispatch_workgroups(x, y, z);
+            drop(pass);
+            self.gpu.counters().add_pass();
+            self.gpu.mark(encoder, label);
         }
     }
-    rows
+
+    fn n_blocks(&self, lidar: &LidarWords) -> u32 {
+        let columns = self.options.block_columns;
+        lidar.shape[0].div_ceil(BLOCK_RAYS / columns) * lidar.shape[1].div_ceil(columns)
+    }
+
+    /// Where a group's points go, and their number.
+    fn bind_outputs(&self, group: Option<&Group>, host: Option<&HostMemory>) -> wgpu::BindGroup {
+        let memory = &self.memory;
+        let (totals, scratch) = match host {
+            Some(host) => (host.buffer(), &memory.unused),
+            None => (&memory.totals.buffer, &memory.packed.buffer),
+        };
+        let targets = group.map_or(&[][..], |group| &group.targets);
+        let targets = targets.iter().map(|target| target.storage().expect("only reachable targets are written to"));
+        let outputs = targets.chain(std::iter::once(scratch)).chain(std::iter::repeat(&memory.unused)).take(MAX_OUTPUTS);
+        bind(&self.gpu, &self.pipelines.outputs, std::iter::once(totals).chain(outputs))
+    }
 }
 
-/// The same of a pose.
-fn rows_of(pose: &Isometry3<f64>) -> [[f32; 4]; 6] {
-    rows(pose.rotation.to_rotation_matrix().matrix(), &pose.translation.vector)
+fn lidars_of(group: Option<&Group>) -> Range<usize> {
+    group.map_or(0..0, |group| group.lidars.clone())
 }
 
-/// The pose that shifts a point to the origin.
-fn shift_from(origin_m: &Point3<f64>) -> Isometry3<f64> {
-    Isometry3::translation(-origin_m.x, -origin_m.y, -origin_m.z)
+/// Whether a shader can write there.
+fn is_reachable(place: &Place<'_>) -> bool {
+    matches!(place, Place::Shm { target, .. } if target.storage().is_some())
+}
+
+/// Puts lidars into groups of `group_rays` or a little more, and tells each where its points go.
+fn groups(frame: &mut Frame, places: &[Place<'_>], group_rays: u32, writes_directly: bool) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    let mut n_rays = 0;
+    for (i, (lidar, place)) in frame.lidars.iter_mut().zip(places).enumerate() {
+        let target = match place {
+            Place::Shm { target, offset_bytes, .. } if writes_directly => {
+                let (n_bytes, end) = (lidar.n_bytes(), offset_bytes + lidar.n_bytes());
+                assert!(n_bytes <= place.capacity_bytes(), "{n_bytes} bytes do not fit {} bytes", place.capacity_bytes());
+                assert!(offset_bytes.is_multiple_of(4) && end <= target.n_bytes(), "bytes {offset_bytes} to {end} of {}", target.n_bytes());
+                Some((target, offset_bytes / 4))
+            }
+            _ => None,
+        };
+        let is_full = groups.last().is_none_or(|group| {
+            let is_new = target.is_some_and(|(target, _)| !group.targets.iter().any(|known| Arc::ptr_eq(known, target)));
+            n_rays >= group_rays || is_new && group.targets.len() == MAX_OUTPUTS
+        });
+        if is_full {
+            groups.push(Group { lidars: i..i, targets: Vec::new() });
+            n_rays = 0;
+        }
+        let group = groups.last_mut().expect("there is one by now");
+        n_rays += lidar.n_rays();
+        group.lidars.end = i + 1;
+        let first_word = lidar.first_word();
+        lidar.out[..2].copy_from_slice(&match target {
+            Some((target, first_word)) => {
+                let known = group.targets.iter().position(|known| Arc::ptr_eq(known, target));
+                let output = known.unwrap_or_else(|| {
+                    group.targets.push(target.clone());
+                    group.targets.len() - 1
+                });
+                [output as u32, first_word as u32]
+            }
+            None => [0, first_word],
+        });
+    }
+    groups
 }

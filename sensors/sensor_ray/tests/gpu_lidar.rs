@@ -152,18 +152,26 @@ fn segment(n_bytes: usize) -> (*mut u8, usize) {
     (memory[aligned..aligned + len].as_mut_ptr(), len)
 }
 
+fn target(gpu: &Gpu, n_bytes: usize, is_imported: bool) -> (Arc<ShmTarget>, &'static [u8]) {
+    let (base, len) = segment(n_bytes);
+    // SAFETY: the memory is leaked, and read only after scans are done.
+    unsafe {
+        let target = if is_imported { ShmTarget::import(gpu, base, len) } else { ShmTarget::staged(base, len) };
+        (Arc::new(target), std::slice::from_raw_parts(base, len))
+    }
+}
+
 fn scan_to(target: &Arc<ShmTarget>, rays: &mut GpuRays, lidars: &mut [Lidar], path: &SensorPath) -> Vec<ScanOutcome> {
     let place = |i: usize| Place::Shm { target: target.clone(), offset_bytes: 384 + i * 300_000, capacity_bytes: 290_000 };
     let job = |(i, lidar)| ScanJob { lidar, path: *path, noise: Noise::new(i as u64, 5, 6), ignored: None, place: place(i) };
     rays.scan(lidars.iter_mut().enumerate().map(job).collect()).wait().unwrap()
 }
 
+/// The same bytes whatever way they take: written by the shader, copied by the GPU or by the CPU; in one group or in several.
 #[test]
-fn many_lidars_in_one_submission_bring_the_same_bytes_alone_twice_and_by_either_way() {
+fn many_lidars_in_one_submission_bring_the_same_bytes_alone_twice_and_by_every_way() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(23));
     let (_, scene, _) = world(&mut rng, [0.0; 3]);
-    let mut gpu_rays = rays(&gpu);
-    assert!(gpu_rays.update(&scene));
     let path = moving_path(&mut rng, [0.0; 3]);
     let sweep = LidarSpec { scan: LidarScan::Sweep, points_per_second: 60_000, ..spec(false, 16, 1) };
     let specs = [spec(false, 40, 111), spec(true, 7, 999), LidarSpec { motion_distortion: true, ..spec(false, 16, 500) }, sweep];
@@ -172,30 +180,82 @@ fn many_lidars_in_one_submission_bring_the_same_bytes_alone_twice_and_by_either_
         lidars.iter_mut().for_each(|lidar| lidar.turn_head(50_000_000, 100_000));
         lidars
     };
+    let default = GpuRayOptions::default();
+    let ways = [
+        (default, true),
+        (GpuRayOptions { group_rays: 5000, ..default }, true),
+        (GpuRayOptions { group_rays: 1, block_columns: 4, ..default }, true),
+        (GpuRayOptions { writes_directly: false, ..default }, true),
+        (default, false),
+    ];
     let mut runs = Vec::new();
-    for way in 0..3 {
-        let (base, len) = segment(1_300_000);
-        // SAFETY: the memory is leaked and read only after the scans are done.
-        let target = Arc::new(unsafe { if way == 2 { ShmTarget::staged(base, len) } else { ShmTarget::import(&gpu, base, len) } });
-        let outcomes = scan_to(&target, &mut gpu_rays, &mut fresh(), &path);
-        assert!(outcomes.iter().all(|outcome| outcome.cpu_copies == target.cpu_copies()));
-        // SAFETY: as above.
-        let memory = unsafe { std::slice::from_raw_parts(base, len) };
-        let bytes = |(i, outcome): (usize, &ScanOutcome)| {
-            let n_bytes = outcome.n_points as usize * if specs[i].semantic { 24 } else { 16 };
-            memory[384 + i * 300_000..][..n_bytes].to_vec()
-        };
-        runs.push(outcomes.iter().enumerate().map(bytes).collect::<Vec<_>>());
+    for (options, is_imported) in ways {
+        let mut gpu_rays = GpuRays::new(&gpu, options);
+        assert!(gpu_rays.update(&scene));
+        for _ in 0..2 {
+            let (target, memory) = target(&gpu, 1_300_000, is_imported);
+            let outcomes = scan_to(&target, &mut gpu_rays, &mut fresh(), &path);
+            assert!(outcomes.iter().all(|outcome| outcome.cpu_copies == target.cpu_copies()));
+            let bytes = |(i, outcome): (usize, &ScanOutcome)| {
+                let n_bytes = outcome.n_points as usize * if specs[i].semantic { 24 } else { 16 };
+                memory[384 + i * 300_000..][..n_bytes].to_vec()
+            };
+            runs.push(outcomes.iter().enumerate().map(bytes).collect::<Vec<_>>());
+        }
     }
     assert!(runs[0].iter().all(|bytes| bytes.len() > 5000), "{:?}", runs[0].iter().map(Vec::len).collect::<Vec<_>>());
-    assert!(runs[0] == runs[1], "twice");
-    assert!(runs[0] == runs[2], "imported and staged");
+    for (i, run) in runs.iter().enumerate() {
+        assert!(*run == runs[0], "run {i}: {:?}", ways[i / 2]);
+    }
+    let mut gpu_rays = rays(&gpu);
+    assert!(gpu_rays.update(&scene));
     for (i, mut lidar) in fresh().into_iter().enumerate() {
         let mut bytes = vec![0; 300_000];
         let noise = Noise::new(i as u64, 5, 6);
         let job = ScanJob { lidar: &mut lidar, path, noise, ignored: None, place: Place::Memory(&mut bytes) };
         assert!(gpu_rays.scan(vec![job]).wait().is_ok());
         assert!(bytes[..runs[0][i].len()] == runs[0][i][..], "lidar {i} alone");
+    }
+}
+
+/// Each topic has a segment of its own, and more of them fire than one dispatch writes to; nothing of a submission is left for the next.
+#[test]
+fn lidars_with_memory_of_their_own_write_there_and_nowhere_else() {
+    let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(24));
+    let (_, scene, _) = world(&mut rng, [0.0; 3]);
+    let mut gpu_rays = rays(&gpu);
+    assert!(gpu_rays.update(&scene));
+    let spec = LidarSpec { dropoff_general_ratio: 0.3, ..spec(false, 16, 130) };
+    let paths: Vec<_> = (0..19).map(|_| SensorPath::still(random_pose(&mut rng, [0.0; 3], 8.0))).collect();
+    let capacity_bytes = (16 * 16 * 130) as usize;
+    for n in [19, 3, 19, 1, 8] {
+        let targets: Vec<_> = (0..n).map(|_| target(&gpu, 4096 + 2 * capacity_bytes, true)).collect();
+        let mut lidars: Vec<_> = (0..n).map(|_| Lidar::new(spec.clone())).collect();
+        let offset_bytes = 4 * rng.usize(1..500);
+        let job = |(i, lidar): (usize, _)| {
+            let place = Place::Shm { target: targets[i].0.clone(), offset_bytes, capacity_bytes };
+            ScanJob { lidar, path: paths[i], noise: Noise::new(i as u64, 5, 6), ignored: None, place }
+        };
+        let outcomes = gpu_rays.scan(lidars.iter_mut().enumerate().map(job).collect()).wait().unwrap();
+        for (i, outcome) in outcomes.iter().enumerate() {
+            let end = offset_bytes + 16 * outcome.n_points as usize;
+            let mut lidar = Lidar::new(spec.clone());
+            lidar.scan(&scene, &paths[i], Noise::new(i as u64, 5, 6), None);
+            assert_eq!(lidar.payload_bytes(), end - offset_bytes, "{n} lidars, {i}");
+            let mut expected = vec![0; end - offset_bytes];
+            lidar.write(&mut expected);
+            let points = |bytes: &[u8]| bytemuck::pod_collect_to_vec::<u8, LidarPoint>(bytes);
+            let gap = |(a, b): (&LidarPoint, &LidarPoint)| (Vector3::from(a.hit_in_sensor_m) - Vector3::from(b.hit_in_sensor_m)).norm();
+            let (ours, theirs) = (points(&targets[i].1[offset_bytes..end]), points(&expected));
+            let n_far = ours.iter().zip(&theirs).map(gap).filter(|gap| *gap > 1e-3).count();
+            assert!(
+                n_far * 1000 <= ours.len() && outcome.n_points > 100,
+                "{n} lidars, {i}: {n_far} of {} points are elsewhere",
+                ours.len()
+            );
+            let outside = targets[i].1[..offset_bytes].iter().chain(&targets[i].1[offset_bytes + capacity_bytes..]);
+            assert!(outside.copied().all(|byte| byte == 0), "{n} lidars, {i}: bytes outside its place");
+        }
     }
 }
 

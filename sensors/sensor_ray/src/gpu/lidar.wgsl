@@ -25,6 +25,18 @@ struct Lidar {
     range: vec4<f32>,
     // Intensity from which on every return is kept, the same for the ratio, share lost at intensity 0.
     loss: vec4<f32>,
+    // Output of its points, first word there, first of the counts that are cleared for the next submission.
+    target_of: vec4<u32>,
+}
+
+// What a dispatch does: first lidar to be traced, how many, first lidar to be packed, how many; blocks and chunks of the longest.
+struct Turn {
+    first_traced: u32,
+    n_traced: u32,
+    first_packed: u32,
+    n_packed: u32,
+    n_blocks: u32,
+    n_chunks: u32,
 }
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4<u32>>;
@@ -34,13 +46,23 @@ struct Lidar {
 @group(0) @binding(4) var<storage, read> tables: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> points: array<u32>;
 @group(0) @binding(6) var<storage, read_write> kept: array<atomic<u32>>;
-@group(0) @binding(7) var<storage, read_write> packed_points: array<u32>;
-@group(0) @binding(8) var<storage, read_write> totals: array<u32>;
+// Counts of returns, and up to eight places where points go: scratch memory, or that of readers.
+@group(1) @binding(0) var<storage, read_write> totals: array<u32>;
+@group(1) @binding(1) var<storage, read_write> out0: array<u32>;
+@group(1) @binding(2) var<storage, read_write> out1: array<u32>;
+@group(1) @binding(3) var<storage, read_write> out2: array<u32>;
+@group(1) @binding(4) var<storage, read_write> out3: array<u32>;
+@group(1) @binding(5) var<storage, read_write> out4: array<u32>;
+@group(1) @binding(6) var<storage, read_write> out5: array<u32>;
+@group(1) @binding(7) var<storage, read_write> out6: array<u32>;
+@group(1) @binding(8) var<storage, read_write> out7: array<u32>;
+
+var<immediate> turn: Turn;
 
 // Columns of a workgroup's block of 64 rays.
 override block_columns: u32 = 8u;
 
-const chunk_rays: u32 = 1024u;
+const chunk_rays: u32 = 256u;
 const lost: u32 = 0xffffu;
 const nothing: u32 = 0xffffffffu;
 const is_instances: u32 = 0x80000000u;
@@ -304,16 +326,14 @@ fn put_lost(lidar: u32, ray: u32) {
     points[lidars[lidar].place.z + words * ray + words - 1u] = lost << 16u;
 }
 
-@compute @workgroup_size(64)
-fn trace(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let lidar = block.y;
+fn trace_block(lidar: u32, block: u32, lane: u32) {
     let shape = lidars[lidar].shape;
     let place = lidars[lidar].place;
     let what = lidars[lidar].what;
     let block_channels = 64u / block_columns;
     let across = (shape.y + block_columns - 1u) / block_columns;
-    let column = (block.x % across) * block_columns + lane % block_columns;
-    let channel = (block.x / across) * block_channels + lane / block_columns;
+    let column = (block % across) * block_columns + lane % block_columns;
+    let channel = (block / across) * block_channels + lane / block_columns;
     if (channel >= shape.x || column >= shape.y) {
         return;
     }
@@ -393,13 +413,15 @@ fn trace(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_inde
     atomicAdd(&kept[place.w + ray / chunk_rays], 1u);
 }
 
-var<workgroup> sums: array<u32, 256>;
+var<workgroup> sums: array<u32, 64>;
+// Rays of a chunk that return.
+var<workgroup> returned: array<u32, 256>;
 
 // Sums of the lanes up to and with each.
 fn scan(lane: u32, value: u32) -> u32 {
     sums[lane] = value;
     workgroupBarrier();
-    for (var step = 1u; step < 256u; step *= 2u) {
+    for (var step = 1u; step < 64u; step *= 2u) {
         var before = 0u;
         if (lane >= step) {
             before = sums[lane - step];
@@ -411,24 +433,36 @@ fn scan(lane: u32, value: u32) -> u32 {
     return sums[lane];
 }
 
-// Moves the returns of a chunk of 1024 rays to behind those of all chunks before it.
-@compute @workgroup_size(256)
-fn pack(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    let lidar = block.y;
+fn put(output: u32, at: u32, word: u32) {
+    switch (output) {
+        case 0u: { out0[at] = word; }
+        case 1u: { out1[at] = word; }
+        case 2u: { out2[at] = word; }
+        case 3u: { out3[at] = word; }
+        case 4u: { out4[at] = word; }
+        case 5u: { out5[at] = word; }
+        case 6u: { out6[at] = word; }
+        default: { out7[at] = word; }
+    }
+}
+
+// Writes the returns of a chunk of 256 rays behind those of all chunks before it.
+fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
     let n_rays = lidars[lidar].shape.x * lidars[lidar].shape.y;
     let n_chunks = lidars[lidar].noise.z;
     let words = lidars[lidar].noise.w;
     let first_word = lidars[lidar].place.z;
     let first_chunk = lidars[lidar].place.w;
-    let is_used = block.x < n_chunks;
+    let home = lidars[lidar].target_of;
+    let is_used = chunk < n_chunks;
     var before = 0u;
-    for (var chunk = lane; chunk < min(block.x, n_chunks); chunk += 256u) {
-        before += atomicLoad(&kept[first_chunk + chunk]);
+    for (var other = lane; other < min(chunk, n_chunks); other += 64u) {
+        before += atomicLoad(&kept[first_chunk + other]);
     }
     scan(lane, before);
-    let base = sums[255];
+    let base = sums[63];
     workgroupBarrier();
-    let first_ray = block.x * chunk_rays + 4u * lane;
+    let first_ray = chunk * chunk_rays + 4u * lane;
     var flags = 0u;
     for (var i = 0u; i < 4u; i++) {
         let ray = first_ray + i;
@@ -437,16 +471,58 @@ fn pack(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index
         }
     }
     let n_own = countOneBits(flags);
-    var at = base + scan(lane, n_own) - n_own;
-    if (is_used && block.x + 1u == n_chunks && lane == 255u) {
-        totals[lidar] = base + sums[255];
-    }
+    var at = scan(lane, n_own) - n_own;
     while (flags != 0u) {
-        let ray = first_ray + firstTrailingBit(flags);
+        returned[at] = first_ray + firstTrailingBit(flags);
         flags = flags & (flags - 1u);
-        for (var i = 0u; i < words; i++) {
-            packed_points[first_word + words * at + i] = points[first_word + words * ray + i];
-        }
         at += 1u;
+    }
+    workgroupBarrier();
+    let n_returned = sums[63];
+    if (is_used && lane == 0u) {
+        atomicStore(&kept[home.z + chunk], 0u);
+        if (chunk + 1u == n_chunks) {
+            totals[lidar] = base + n_returned;
+        }
+    }
+    // Word by word from a multiple of 128 bytes on: memory of the host is reached over a bus that wants whole lines.
+    let first_out = home.y + words * base;
+    let skipped = first_out & 31u;
+    let n_words = n_returned * words;
+    for (var i = lane; i < n_words + skipped; i += 64u) {
+        if (i >= skipped) {
+            let word = i - skipped;
+            let ray = returned[word / words];
+            put(home.x, first_out + word, points[first_word + words * ray + word % words]);
+        }
+    }
+}
+
+@compute @workgroup_size(64)
+fn trace(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    trace_block(turn.first_traced + block.y, block.x, lane);
+}
+
+@compute @workgroup_size(64)
+fn pack(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    pack_chunk(turn.first_packed + block.y, block.x, lane);
+}
+
+// Some lidars are packed while the next ones are traced, so that the bus has work all the time: of five workgroups one packs. If all that
+// pack came first, they would fill the GPU and wait for the bus together.
+@compute @workgroup_size(64)
+fn both(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    let place = block.z * 65535u + block.y;
+    if (block.x == 0u) {
+        let packed = place / turn.n_chunks;
+        if (packed < turn.n_packed) {
+            pack_chunk(turn.first_packed + packed, place % turn.n_chunks, lane);
+        }
+    } else {
+        let own = 4u * place + block.x - 1u;
+        let traced = own / turn.n_blocks;
+        if (traced < turn.n_traced) {
+            trace_block(turn.first_traced + traced, own % turn.n_blocks, lane);
+        }
     }
 }

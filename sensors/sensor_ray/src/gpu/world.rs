@@ -3,8 +3,9 @@
 use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
 
+use super::STACK_ENTRIES;
+use super::frame::{rows_of, shift_from};
 use super::pack::{FIRST_CHILD, NODE_WORDS, Packed, empty_node};
-use super::{STACK_ENTRIES, rows_of, shift_from};
 use crate::scene::{RayScene, box_about};
 use crate::tree::{BoxTree, TriangleTree};
 

@@ -1,0 +1,96 @@
+//! Memory of the process that shaders read and write where it lies.
+
+use std::alloc::Layout;
+use std::sync::Arc;
+
+use crate::device::Gpu;
+use crate::target::ShmTarget;
+
+/// Page-aligned memory that the GPU has imported.
+#[derive(Debug)]
+pub struct HostMemory {
+    target: Option<Arc<ShmTarget>>,
+    base: *mut u8,
+    layout: Layout,
+}
+
+// SAFETY: the memory belongs to the value; it is only read and written through the methods, which copy.
+unsafe impl Send for HostMemory {}
+// SAFETY: as above; `read` and `write` of one range at one time are the caller's to keep apart, as with the GPU's accesses.
+unsafe impl Sync for HostMemory {}
+
+/// Imports want whole pages; 64 KiB are pages wherever Vulkan runs.
+const ALIGN_BYTES: usize = 65_536;
+
+impl HostMemory {
+    /// Zeroed memory of at least `n_bytes`; `None` if shaders cannot reach memory of the process.
+    pub fn new(gpu: &Gpu, n_bytes: usize) -> Option<HostMemory> {
+        if !gpu.can_write_directly() {
+            return None;
+        }
+        let layout = Layout::from_size_align(n_bytes.max(1).next_multiple_of(ALIGN_BYTES), ALIGN_BYTES).ok()?;
+        // SAFETY: the layout is not empty.
+        let base = unsafe { std::alloc::alloc_zeroed(layout) };
+        if base.is_null() {
+            return None;
+        }
+        let mut memory = HostMemory { target: None, base, layout };
+        // SAFETY: the memory lives until `drop` has dropped the target, and nobody has a reference to it.
+        let target = unsafe { ShmTarget::import(gpu, base, layout.size()) };
+        target.storage()?;
+        memory.target = Some(Arc::new(target));
+        Some(memory)
+    }
+
+    /// As a target, to be named among those that a submission writes to.
+    pub fn target(&self) -> &Arc<ShmTarget> {
+        self.target.as_ref().expect("taken only by drop")
+    }
+
+    /// As a buffer for shaders and copies.
+    pub fn buffer(&self) -> &wgpu::Buffer {
+        self.target().storage().expect("checked when it was made")
+    }
+
+    /// Length, bytes.
+    pub fn n_bytes(&self) -> usize {
+        self.layout.size()
+    }
+
+    /// Copies bytes out. No submission that writes there may be on its way.
+    ///
+    /// Panics if the range leaves the memory.
+    pub fn read(&self, offset_bytes: usize, into: &mut [u8]) {
+        assert!(offset_bytes + into.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", into.len(), self.n_bytes());
+        // SAFETY: in bounds, initialised, and `into` is other memory because nobody has a reference to this.
+        unsafe { std::ptr::copy_nonoverlapping(self.base.add(offset_bytes), into.as_mut_ptr(), into.len()) };
+    }
+
+    /// Copies bytes in. No submission that reads there may be on its way.
+    ///
+    /// Panics if the range leaves the memory.
+    pub fn write(&self, offset_bytes: usize, from: &[u8]) {
+        assert!(offset_bytes + from.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", from.len(), self.n_bytes());
+        // SAFETY: in bounds, and `from` is other memory because nobody has a reference to this.
+        unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len()) };
+    }
+}
+
+impl Drop for HostMemory {
+    fn drop(&mut self) {
+        let Some(target) = self.target.take() else {
+            // SAFETY: allocated with this layout, imported by nobody.
+            unsafe { std::alloc::dealloc(self.base, self.layout) };
+            return;
+        };
+        match Arc::try_unwrap(target) {
+            Ok(target) => {
+                // Waits until the device has let go.
+                drop(target);
+                // SAFETY: allocated with this layout; the device no longer has it.
+                unsafe { std::alloc::dealloc(self.base, self.layout) };
+            }
+            Err(_) => tracing::error!("a submission outlived the memory it writes to, which is therefore kept"),
+        }
+    }
+}

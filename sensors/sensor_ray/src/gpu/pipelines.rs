@@ -1,0 +1,114 @@
+//! Pipelines of the lidar shader.
+
+use sensor_gpu::Gpu;
+
+use super::GpuRayOptions;
+
+/// Places that the points of one dispatch may go to, as in the shader.
+pub(super) const MAX_OUTPUTS: usize = 8;
+
+/// What a dispatch does, as the shader reads it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+pub(super) struct Turn {
+    pub first_traced: u32,
+    pub n_traced: u32,
+    pub first_packed: u32,
+    pub n_packed: u32,
+    /// Blocks of rays of the lidar that has most of them.
+    pub n_blocks: u32,
+    /// Chunks of the lidar that has most of them.
+    pub n_chunks: u32,
+}
+
+/// Workgroups that trace for one that packs, where a dispatch does both.
+const TRACING: u32 = 4;
+/// Most workgroups along one side of a dispatch.
+const MAX_SIDE: u32 = 65_535;
+
+impl Turn {
+    /// Workgroups, as the shader numbers them.
+    pub fn size(&self) -> [u32; 3] {
+        match (self.n_traced, self.n_packed) {
+            (n_traced, 0) => [self.n_blocks, n_traced, 1],
+            (0, n_packed) => [self.n_chunks, n_packed, 1],
+            (n_traced, n_packed) => {
+                let places = (n_packed * self.n_chunks).max((n_traced * self.n_blocks).div_ceil(TRACING));
+                [1 + TRACING, places.min(MAX_SIDE), places.div_ceil(MAX_SIDE)]
+            }
+        }
+    }
+}
+
+/// Pipelines and the layouts of what is bound to them.
+pub(super) struct Pipelines {
+    /// World, lidars and scratch memory.
+    pub scene: wgpu::BindGroupLayout,
+    /// Counts of returns and outputs.
+    pub outputs: wgpu::BindGroupLayout,
+    trace: wgpu::ComputePipeline,
+    pack: wgpu::ComputePipeline,
+    both: wgpu::ComputePipeline,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &Gpu, options: GpuRayOptions) -> Self {
+        let scene = layout(gpu, "lidars", 7, 5);
+        let outputs = layout(gpu, "lidar outputs", 1 + MAX_OUTPUTS as u32, 0);
+        let of_pipeline = gpu.device().create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some("lidars"),
+            bind_group_layouts: &[Some(&scene), Some(&outputs)],
+            immediate_size: size_of::<Turn>() as u32,
+        });
+        // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by
+        // `Frame`, after which the buffers are sized and the outputs checked; a walk visits a node once, its stack holds what
+        // [`super::GpuRays::update`] lets through, and all other loops count bits, lanes or words.
+        #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
+        let shader = unsafe { gpu.shader_unchecked("lidars", include_str!("lidar.wgsl")) };
+        let pipeline = |entry_point: &str| {
+            let constants: &[(&str, f64)] = if entry_point == "pack" { &[] } else { &[("block_columns", options.block_columns as f64)] };
+            gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry_point),
+                layout: Some(&of_pipeline),
+                module: &shader,
+                entry_point: Some(entry_point),
+                compilation_options: wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false },
+                cache: None,
+            })
+        };
+        let [trace, pack, both] = ["trace", "pack", "both"].map(pipeline);
+        Pipelines { scene, outputs, trace, pack, both }
+    }
+
+    /// What does this, and the name of its time.
+    pub fn of(&self, turn: &Turn) -> (&wgpu::ComputePipeline, &'static str) {
+        match (turn.n_traced > 0, turn.n_packed > 0) {
+            (true, false) => (&self.trace, "lidar trace"),
+            (false, _) => (&self.pack, "lidar pack"),
+            (true, true) => (&self.both, "lidar trace and pack"),
+        }
+    }
+}
+
+/// Storage buffers, of which the first `n_read` are only read.
+fn layout(gpu: &Gpu, label: &str, n: u32, n_read: u32) -> wgpu::BindGroupLayout {
+    let entry = |binding: u32| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only: binding < n_read },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        count: None,
+    };
+    let entries: Vec<_> = (0..n).map(entry).collect();
+    gpu.device().create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}
+
+/// Binds whole buffers in order.
+pub(super) fn bind<'b>(gpu: &Gpu, layout: &wgpu::BindGroupLayout, buffers: impl IntoIterator<Item = &'b wgpu::Buffer>) -> wgpu::BindGroup {
+    let entry = |(i, buffer): (usize, &'b wgpu::Buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() };
+    let entries: Vec<_> = buffers.into_iter().enumerate().map(entry).collect();
+    gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+}
