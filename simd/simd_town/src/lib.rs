@@ -24,6 +24,7 @@ mod geometry;
 mod greenery;
 mod ground;
 pub mod imported;
+mod kerb;
 mod kit;
 mod motorway;
 mod network;

@@ -27,6 +27,8 @@ const RAMP: Profile = Profile { n_lanes: 1, lane_m: 4.0, edge_m: 1.0, pavement_m
 const LINK: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.8, pavement_m: 1.8, speed_kmh: 60, main: true, verge: true, ..LANE };
 /// From an interchange into the country.
 const LANE_OUT: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.8, pavement_m: 1.8, speed_kmh: 60, verge: true, ..LANE };
+/// A highway where it passes houses: pavements, crosswalks, slower.
+const BUILT_UP: Profile = Profile { pavement_m: 3.5, speed_kmh: 60, verge: false, ..HIGHWAY };
 /// Grass between the verges of both carriageways.
 const MEDIAN_M: f64 = 3.0;
 /// Clear height and deck of a bridge.
@@ -240,7 +242,39 @@ pub fn figure_of_eight(name: &str, seed: u64) -> Plan {
     s.plan
 }
 
-/// Town06: a long motorway of eight lanes between two highways, three interchanges.
+/// The southern highway, which passes through a village in its middle: pavements along it, and two streets behind it.
+fn built_up_stretch(s: &mut Sketch, south: &[usize]) {
+    let middle = s.plan.nodes_m[south[1]];
+    let [far_west, west, east, far_east] = s.moved([-215.0, -106.0, 108.0, 212.0], 5.0).map(|x| x + middle.x);
+    let [first, second] = s.moved([-84.0, -158.0], 3.0).map(|y| y + middle.y);
+    let [from, to] = [far_west, far_east].map(|x| s.node(x, middle.y));
+    s.chain(&[south[0], from], HIGHWAY);
+    s.chain(&[from, south[1], to], BUILT_UP);
+    s.chain(&[to, south[2]], HIGHWAY);
+    let row = [far_west, west, middle.x, east, far_east].map(|x| s.node(x, first));
+    let back = [west, middle.x, east].map(|x| s.node(x, second));
+    s.chain(&row, HIGH_STREET);
+    s.chain(&back, LANE);
+    for (ahead, behind) in [(from, row[0]), (south[1], row[2]), (to, row[4])] {
+        s.chain(&[ahead, behind], LANE);
+    }
+    for k in 0..3 {
+        s.chain(&[row[k + 1], back[k]], LANE);
+    }
+    s.street(row[0], back[0], &[(far_west, second, 22.0)], LANE);
+    s.street(row[4], back[2], &[(far_east, second, 22.0)], LANE);
+    let (before, between) = (0.5 * (middle.y + first), 0.5 * (first + second));
+    s.plan.cottages_m = vec![
+        P2::new(0.5 * (far_west + middle.x), before),
+        P2::new(0.5 * (middle.x + far_east), before),
+        P2::new(0.5 * (far_west + west), between),
+        P2::new(0.5 * (west + middle.x), between),
+        P2::new(0.5 * (middle.x + east), between),
+    ];
+    s.plan.parks_m.push(P2::new(0.5 * (east + far_east), between));
+}
+
+/// Town06: a long motorway of eight lanes between two highways, three interchanges; the southern highway passes through a village.
 pub fn long_highways(name: &str, seed: u64) -> Plan {
     let mut s = Sketch::new(name, seed, 0x106, (42.33, -83.05), Houses::Farms);
     let xs = s.moved([-430.0, 0.0, 430.0], 10.0);
@@ -274,7 +308,7 @@ pub fn long_highways(name: &str, seed: u64) -> Plan {
         north.push(high);
     }
     ways.into_iter().for_each(|way| way.lay(&mut s));
-    s.chain(&south, HIGHWAY);
+    built_up_stretch(&mut s, &south);
     s.chain(&north, HIGHWAY);
     for (end, side, low, high) in [(ends[0], -1.0, south[0], north[0]), (ends[1], 1.0, south[2], north[2])] {
         s.street(low, end, &[(side * (w + 6.0), -h, 90.0)], HIGHWAY);

@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use crate::elevation::Elevation;
 use crate::geometry::{P2, Path, left, unit, wrap};
+use crate::kerb::corner;
 use crate::plan::{Plan, Profile, Street};
-use crate::ring::corner;
 
 /// Radius of kerbs at corners.
 pub const CORNER_RADIUS_M: f64 = 6.5;

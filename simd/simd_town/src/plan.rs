@@ -185,6 +185,8 @@ pub struct Plan {
     pub parks_m: Vec<P2>,
     /// What is built in the blocks.
     pub houses: Houses,
+    /// Points inside blocks of cottages, whatever is built elsewhere.
+    pub cottages_m: Vec<P2>,
 }
 
 const COLUMNS_M: [f64; 6] = [-205.0, -128.0, -48.0, 38.0, 122.0, 205.0];
@@ -246,6 +248,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         ponds_m: Vec::new(),
         parks_m,
         houses: Houses::Towers { within_m: 150.0 },
+        cottages_m: Vec::new(),
     }
 }
 

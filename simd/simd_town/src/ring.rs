@@ -1,15 +1,11 @@
 //! Closed lines round every block: the kerb and the back of the pavement.
 
-use std::f64::consts::PI;
-
 use crate::fill::{Border, Fill, Pond};
-use crate::geometry::{P2, Path, cross, left, unit};
-use crate::network::{Arm, CORNER_RADIUS_M, CROSSWALK_M, Network, Road};
+use crate::geometry::{P2, cross};
+use crate::kerb::corner;
+use crate::network::{CROSSWALK_M, Network, Road};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Plan;
-
-/// Points of a corner's arc.
-const ARC_STEPS: usize = 7;
 
 /// The border of a block, walked with the block on the left. `kerb_m[i]` lies opposite `back_m[i]`.
 #[derive(Clone, Debug, Default)]
@@ -34,45 +30,6 @@ pub struct Ring {
     pub ponds: Vec<Pond>,
     /// Outside of the town: the block is the rest of the world.
     pub outside: bool,
-}
-
-/// The kerb from the left side of one arm round the corner to the right side of the next, and the pavement's back likewise.
-#[derive(Clone, Debug)]
-pub struct Corner {
-    /// Along the kerb.
-    pub kerb_m: Vec<P2>,
-    /// Along the back of the pavement.
-    pub back_m: Vec<P2>,
-}
-
-/// The corner behind arm `i` of a junction, counter-clockwise.
-pub fn corner(network: &Network, junction: usize, i: usize) -> Corner {
-    let arms = &network.junctions[junction].arms;
-    let (a, b) = (&arms[i], &arms[(i + 1) % arms.len()]);
-    let curve = |offset: fn(&crate::plan::Profile) -> f64, radius: f64| {
-        let ((pa, ha), (pb, hb)) = (network.arm_end(a), network.arm_end(b));
-        let from = pa + left(unit(ha)) * offset(&network.roads[a.road].profile);
-        let to = pb - left(unit(hb)) * offset(&network.roads[b.road].profile);
-        corner_points(&Path::corner((from, ha + PI), (to, hb), radius))
-    };
-    let pavement = |arm: &Arm| network.roads[arm.road].profile.pavement_m;
-    let inner = (CORNER_RADIUS_M - pavement(a).max(pavement(b))).max(1.0);
-    Corner { kerb_m: curve(|p| p.kerb_m(), CORNER_RADIUS_M), back_m: curve(|p| p.back_m(), inner) }
-}
-
-/// Always the same number of points, those of the arc where there is one.
-fn corner_points(path: &Path) -> Vec<P2> {
-    let length = path.length_m();
-    let arcs: Vec<usize> = (0..path.segments.len()).filter(|&i| path.segments[i].curvature_per_m != 0.0).collect();
-    let n = ARC_STEPS + 3;
-    if let [arc] = arcs[..] {
-        let arc = &path.segments[arc];
-        let mut points = vec![path.at(0.0).0];
-        points.extend((0..=ARC_STEPS).map(|k| arc.at(arc.length_m * k as f64 / ARC_STEPS as f64).0));
-        points.push(path.at(length).0);
-        return points;
-    }
-    (0..n).map(|k| path.at(length * k as f64 / (n - 1) as f64).0).collect()
 }
 
 /// Every block's ring, and the one round the town.

@@ -202,6 +202,7 @@ impl Builder<'_> {
         let houses = match self.plan.houses {
             Houses::Towers { .. } if ring.outside => Houses::Towers { within_m: 0.0 },
             Houses::Cottages if ring.outside => Houses::Farms,
+            _ if !ring.outside && self.plan.cottages_m.iter().any(|&p| contains(&ring.kerb_m, p)) => Houses::Cottages,
             other => other,
         };
         let mut lots = building::lots(ring, houses, &mut random);

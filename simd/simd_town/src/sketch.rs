@@ -58,6 +58,7 @@ impl Sketch {
             ponds_m: Vec::new(),
             parks_m: Vec::new(),
             houses,
+            cottages_m: Vec::new(),
         };
         Sketch { plan, random: Random::new(seed, stream, 0) }
     }

@@ -87,12 +87,9 @@ fn imported(name: &str, text: &str) -> MapData {
 fn maps() -> Vec<MapData> {
     // The roundabouts' town has slopes; its text is also read as anybody's file.
     let slopes = Town::generate("Town03", 1).unwrap();
-    vec![
-        imported("hard", &hard_roads()),
-        imported("slopes", &slopes.open_drive),
-        MapData::from(&slopes),
-        MapData::from(&Town::generate("Town10HD", 1).unwrap()),
-    ]
+    let mut maps = vec![imported("hard", &hard_roads()), imported("slopes", &slopes.open_drive)];
+    maps.extend(Town::NAMES.map(|name| MapData::from(&Town::generate(name, 1).unwrap())));
+    maps
 }
 
 fn roads_of(map: &MapData) -> RoadMap {

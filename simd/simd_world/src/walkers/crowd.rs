@@ -4,14 +4,16 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
 use std::sync::Arc;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Isometry2, Vector2, Vector3};
 use schema_frames::{LightState, WalkerControl};
 use schema_roads::walkable::{Ground, WalkMesh};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
+use super::detour::{self, Obstacle, Step};
 use super::walker_models;
+use crate::vehicle::Vehicle;
 use crate::world::World;
 
 /// Keeps this lottery apart from every other use of the seed.
@@ -26,6 +28,12 @@ const ASIDE_M: f64 = 0.3;
 const PATIENCE_SECS: f64 = 4.0;
 /// A vehicle that could be at a crosswalk within this time keeps walkers from stepping on it, seconds.
 const GAP_SECS: f64 = 4.0;
+/// A vehicle slower than this stands, m/s.
+const STANDS_MPS: f64 = 0.3;
+/// Vehicles beyond this are not looked at, metres between the middles.
+const SEES_M: f64 = 12.0;
+/// A vehicle whose middle is this much higher or lower is on another level, metres.
+const LEVEL_M: f64 = 4.0;
 /// Farthest that a light's stop line may lie from the crosswalk that it guards, metres.
 const GUARD_M: f64 = 16.0;
 
@@ -222,8 +230,9 @@ impl World {
         let Some(ground) = self.crowd.ground.clone() else { return };
         let mut strollers = std::mem::take(&mut self.crowd.strollers);
         strollers.retain(|stroller| self.walkers.contains_key(&stroller.actor));
+        let vehicles = self.obstacles();
         for stroller in &mut strollers {
-            let control = self.stroll(&ground, stroller, dt_secs);
+            let control = self.stroll(&ground, stroller, &vehicles, dt_secs);
             if let Some(walker) = self.walkers.get_mut(&stroller.actor).filter(|walker| walker.led.is_none()) {
                 walker.control = control;
             }
@@ -231,7 +240,7 @@ impl World {
         self.crowd.strollers = strollers;
     }
 
-    fn stroll(&self, ground: &Pavements, stroller: &mut Stroller, dt_secs: f64) -> WalkerControl {
+    fn stroll(&self, ground: &Pavements, stroller: &mut Stroller, vehicles: &[(Vector3<f64>, Obstacle)], dt_secs: f64) -> WalkerControl {
         let walker = &self.walkers[&stroller.actor];
         let at = walker.feet_m;
         if stroller.next >= stroller.path.len() || stroller.stuck_secs > PATIENCE_SECS {
@@ -246,18 +255,42 @@ impl World {
             stroller.next += 1;
             stroller.nearest_m = f64::MAX;
         }
-        let Some((corner, _)) = stroller.path.get(stroller.next) else { return WalkerControl { speed_mps: 0.0, ..walker.control } };
-        let left_m = away(corner);
+        let stands = WalkerControl { speed_mps: 0.0, ..walker.control };
+        let Some(&(corner, into)) = stroller.path.get(stroller.next) else { return stands };
+        let left_m = away(&corner);
         if left_m < stroller.nearest_m - 0.05 {
             (stroller.nearest_m, stroller.stuck_secs) = (left_m, 0.0);
         } else {
             stroller.stuck_secs += dt_secs;
         }
-        WalkerControl {
-            direction: [(corner[0] - at[0]) as f32, (corner[1] - at[1]) as f32, 0.0],
-            speed_mps: stroller.speed_mps,
-            jump: false,
-        }
+        let is_near = |middle: &Vector3<f64>| (middle.x - at[0]).hypot(middle.y - at[1]) < SEES_M && (middle.z - at[2]).abs() < LEVEL_M;
+        let near: Vec<Obstacle> = vehicles.iter().filter(|(middle, _)| is_near(middle)).map(|(_, obstacle)| *obstacle).collect();
+        let to = match detour::step(Vector2::new(at[0], at[1]), corner.into(), walker.model().radius_m(), &near) {
+            Step::Ahead => Vector2::from(corner),
+            Step::Via(place) => place,
+            Step::Wait => return stands,
+            Step::Taken => {
+                if self.may_enter(ground, at, into as usize) {
+                    stroller.next += 1;
+                    stroller.nearest_m = f64::MAX;
+                }
+                return stands;
+            }
+        };
+        WalkerControl { direction: [(to.x - at[0]) as f32, (to.y - at[1]) as f32, 0.0], speed_mps: stroller.speed_mps, jump: false }
+    }
+
+    /// Every vehicle with its middle.
+    fn obstacles(&self) -> Vec<(Vector3<f64>, Obstacle)> {
+        let obstacle = |vehicle: &Vehicle| {
+            let pose = vehicle.pose(&self.physics);
+            let [length, width, _] = vehicle.model.solid_half_m();
+            let forward = pose.rotation * Vector3::x();
+            let world_from_box = Isometry2::new(pose.translation.vector.xy(), forward.y.atan2(forward.x));
+            let moves = vehicle.velocity(&self.physics).0.norm() > STANDS_MPS;
+            (pose.translation.vector, Obstacle { world_from_box, half_m: Vector2::new(length, width), moves })
+        };
+        self.vehicles.values().map(obstacle).collect()
     }
 
     /// A new way to a place within reach; stays put for a while if there is none.

@@ -5,6 +5,7 @@
 
 mod bones;
 mod crowd;
+mod detour;
 mod impact;
 mod models;
 mod motion;
