@@ -18,7 +18,7 @@ struct MeshRange {
 }
 
 /// A draw call's range.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MeshDraw {
     pub first_idx: u32,
     pub n_indices: u32,

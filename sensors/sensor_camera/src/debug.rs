@@ -77,24 +77,24 @@ impl DebugPass {
         strokes: &[DebugStroke],
         lens: &Intrinsics,
         world_from_camera: &Isometry3<f64>,
-        targets: &Targets,
+        (targets, layer): (&Targets, u32),
     ) {
         let corners: Vec<Corner> = strokes.iter().flat_map(|stroke| corners(stroke, lens, world_from_camera)).flatten().collect();
         if corners.is_empty() {
             return;
         }
-        let depth = wgpu::BindingResource::TextureView(&targets.get(Target::Depth).view);
+        let [color, depth] = [Target::Color, Target::Depth].map(|target| targets.get(target).layer(layer));
         let bound = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("debug"),
             layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: depth }],
+            entries: &[wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&depth) }],
         });
         let buffer = gpu.buffer_with("debug strokes", bytemuck::cast_slice(&corners), wgpu::BufferUsages::VERTEX);
         let kept = wgpu::StoreOp::Store;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("debug"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &targets.get(Target::Color).view,
+                view: &color,
                 depth_slice: None,
                 resolve_target: None,
                 ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: kept },

@@ -19,6 +19,7 @@ mod light;
 mod material;
 mod merge;
 mod pass;
+mod pool;
 mod post;
 mod raster;
 mod renderer;

@@ -9,12 +9,13 @@ use crate::draw::{DrawCall, Drawn};
 use crate::lamps::LampLists;
 use crate::material;
 use crate::targets::{Target, TargetSet, Targets};
-use crate::uniform::{InstanceData, LampData, LightData, ViewData};
+use crate::uniform::{InstanceData, LampData, LightData, MAX_TOGETHER, ViewData};
 
 /// Text of the geometry shader, with instances that come with the draw call or lie in a list.
 pub(crate) fn geometry_wgsl(immediate: bool) -> String {
     let instances = if immediate { include_str!("shader/instance_immediate.wgsl") } else { include_str!("shader/instance_storage.wgsl") };
-    [include_str!("shader/scene.wgsl"), instances, include_str!("shader/surface.wgsl"), include_str!("shader/geometry.wgsl")].concat()
+    let (scene, drawn) = (include_str!("shader/scene.wgsl"), include_str!("shader/view_drawn.wgsl"));
+    [scene, drawn, instances, include_str!("shader/surface.wgsl"), include_str!("shader/geometry.wgsl")].concat()
 }
 
 /// Attributes of [`sensor_core::Vertex`].
@@ -40,7 +41,10 @@ pub(crate) struct GeometryPass {
     submit: Submit,
     layout: wgpu::PipelineLayout,
     pub scene_layout: wgpu::BindGroupLayout,
+    /// Of one view that is drawn.
     pub view_layout: wgpu::BindGroupLayout,
+    /// Of views that are computed.
+    pub views_layout: wgpu::BindGroupLayout,
     sky_sampler: wgpu::Sampler,
     noise: wgpu::TextureView,
     noise_sampler: wgpu::Sampler,
@@ -72,8 +76,11 @@ struct Pipelines {
     sky: wgpu::RenderPipeline,
 }
 
-/// Distance between two views' uniforms: Vulkan's largest required alignment is 256.
-const VIEW_STRIDE_BYTES: u64 = (size_of::<ViewData>() as u64).next_multiple_of(256);
+/// Distance between two views' uniforms; Vulkan's largest required alignment is 256.
+const VIEW_BYTES: u64 = size_of::<ViewData>() as u64;
+const _: () = assert!(VIEW_BYTES.is_multiple_of(256));
+/// What one binding holds.
+const VIEWS_BYTES: u64 = VIEW_BYTES * MAX_TOGETHER as u64;
 
 /// One view to draw.
 pub(crate) struct ViewPass<'p> {
@@ -83,6 +90,15 @@ pub(crate) struct ViewPass<'p> {
     /// Number of the first of its draw calls among those of all views.
     pub first_call: usize,
     pub view_idx: usize,
+}
+
+/// Views one after the other whose targets are layers of the same textures: compute shaders do them together.
+pub(crate) struct Together<'t> {
+    pub targets: &'t Targets,
+    /// What the targets have, wanted or not.
+    pub kept: TargetSet,
+    pub first: usize,
+    pub n: usize,
 }
 
 impl GeometryPass {
@@ -100,17 +116,20 @@ impl GeometryPass {
                 storage(6),
             ],
         });
-        let view_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-            label: Some("view"),
-            entries: &[
-                uniform(0, size_of::<ViewData>() as u64, true),
-                texture(1, wgpu::TextureSampleType::Depth),
-                sampler(2, wgpu::SamplerBindingType::Comparison),
-                storage(3),
-                storage(4),
-                texture(5, wgpu::TextureSampleType::Depth),
-            ],
-        });
+        let layout_of_views = |view_dimension| {
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some("view"),
+                entries: &[
+                    uniform(0, VIEWS_BYTES, true),
+                    texture_of(1, wgpu::TextureSampleType::Depth, view_dimension),
+                    sampler(2, wgpu::SamplerBindingType::Comparison),
+                    storage(3),
+                    storage(4),
+                    texture_of(5, wgpu::TextureSampleType::Depth, view_dimension),
+                ],
+            })
+        };
+        let [view_layout, views_layout] = [wgpu::TextureViewDimension::D2, wgpu::TextureViewDimension::D2Array].map(layout_of_views);
         let submit = match (gpu.is_software() && gpu.has_immediates(INSTANCE_BYTES as u32), gpu.has_indirect_instances()) {
             (true, _) => Submit::Immediate,
             (false, true) => Submit::Indirect,
@@ -151,9 +170,10 @@ impl GeometryPass {
             layout,
             scene_layout,
             view_layout,
+            views_layout,
             pipelines: BTreeMap::new(),
             light: gpu.buffer("light", size_of::<LightData>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
-            views: gpu.buffer("views", VIEW_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            views: gpu.buffer("views", VIEWS_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
             instances: gpu.buffer("instances", INSTANCE_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
             lamps: gpu.buffer("lamps", LAMP_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
             lamp_tiles: gpu.buffer("lamp tiles", 8, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
@@ -220,13 +240,10 @@ impl GeometryPass {
 
     /// Uploads what changes from tick to tick; `listed`: a compute shader asks for the instances.
     pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], drawn: &[&Drawn], lamps: &LampLists, listed: bool) {
-        grow(gpu, &mut self.views, VIEW_STRIDE_BYTES * views.len() as u64);
+        // The last view's binding reaches beyond it.
+        grow(gpu, &mut self.views, VIEW_BYTES * views.len() as u64 + VIEWS_BYTES);
         gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
-        let mut bytes = vec![0; VIEW_STRIDE_BYTES as usize * views.len()];
-        for (view, place) in views.iter().zip(bytes.chunks_exact_mut(VIEW_STRIDE_BYTES as usize)) {
-            place[..size_of::<ViewData>()].copy_from_slice(bytemuck::bytes_of(view));
-        }
-        gpu.queue().write_buffer(&self.views, 0, &bytes);
+        gpu.queue().write_buffer(&self.views, 0, bytemuck::cast_slice(views));
         grow(gpu, &mut self.lamps, LAMP_BYTES * lamps.lamps.len() as u64);
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
         gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
@@ -272,13 +289,21 @@ impl GeometryPass {
         })
     }
 
-    /// Bind group of one view and the lamps of all.
-    pub fn bind_view(&self, gpu: &Gpu, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
-        let size = std::num::NonZeroU64::new(size_of::<ViewData>() as u64);
-        let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size };
+    /// Bind group of a view that is drawn and the lamps of all.
+    pub fn bind_view(&self, gpu: &Gpu, shadows: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
+        self.bind(gpu, &self.view_layout, shadows)
+    }
+
+    /// Bind group of views that are computed, whose shadow maps are layers, and the lamps of all.
+    pub fn bind_views(&self, gpu: &Gpu, shadows: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
+        self.bind(gpu, &self.views_layout, shadows)
+    }
+
+    fn bind(&self, gpu: &Gpu, layout: &wgpu::BindGroupLayout, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
+        let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size: std::num::NonZeroU64::new(VIEWS_BYTES) };
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("view"),
-            layout: &self.view_layout,
+            layout,
             entries: &[
                 wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(view) },
                 wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(near) },
@@ -292,7 +317,7 @@ impl GeometryPass {
 
     /// Where a view's uniform begins.
     pub fn offset_of(view_idx: usize) -> u32 {
-        (view_idx as u64 * VIEW_STRIDE_BYTES) as u32
+        (view_idx as u64 * VIEW_BYTES) as u32
     }
 
     /// Records the drawing of one view.
@@ -404,7 +429,22 @@ pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
 }
 
 pub(crate) fn texture(binding: u32, sample_type: wgpu::TextureSampleType) -> wgpu::BindGroupLayoutEntry {
-    entry(binding, wgpu::BindingType::Texture { sample_type, view_dimension: wgpu::TextureViewDimension::D2, multisampled: false })
+    texture_of(binding, sample_type, wgpu::TextureViewDimension::D2)
+}
+
+pub(crate) fn texture_of(
+    binding: u32,
+    sample_type: wgpu::TextureSampleType,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindGroupLayoutEntry {
+    entry(binding, wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
+}
+
+/// Layers that a compute shader writes.
+pub(crate) fn written_layers(binding: u32, format: wgpu::TextureFormat) -> wgpu::BindGroupLayoutEntry {
+    let access = wgpu::StorageTextureAccess::WriteOnly;
+    let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2Array };
+    wgpu::BindGroupLayoutEntry { visibility: wgpu::ShaderStages::COMPUTE, ..entry(binding, ty) }
 }
 
 fn sampler(binding: u32, kind: wgpu::SamplerBindingType) -> wgpu::BindGroupLayoutEntry {

@@ -6,8 +6,9 @@ use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 use sensor_spec::{ExposureMode, OpticsSpec};
 
-use crate::pass::{entry, grow, texture, uniform};
+use crate::pass::{Together, entry, grow, texture, texture_of, uniform, written_layers};
 use crate::targets::{Image, Target, Targets, image};
+use crate::uniform::MAX_TOGETHER;
 
 /// Text of the shader.
 pub(crate) fn post_wgsl() -> String {
@@ -32,6 +33,10 @@ pub struct PostData {
     pub rim: [f32; 4],
     /// White balance.
     pub white: [f32; 4],
+    /// Layer of the picture; 0.
+    pub layers: [u32; 4],
+    /// Unused: a uniform's offset can be a multiple of 256 only.
+    pub rest: [[u32; 4]; 8],
 }
 
 /// One view's work.
@@ -40,6 +45,8 @@ pub(crate) struct PostJob<'p> {
     pub view_idx: usize,
     pub optics: &'p OpticsSpec,
     pub targets: &'p Targets,
+    /// Its layer there.
+    pub layer: u32,
     /// State of automatic exposure, if the mode has one.
     pub meter: Option<&'p wgpu::Buffer>,
     /// Kilolux to what was shaded: 1 is white.
@@ -47,6 +54,17 @@ pub(crate) struct PostJob<'p> {
     /// Simulated time since the previous firing.
     pub since_secs: f32,
     pub smooth_edges: bool,
+}
+
+impl PostJob<'_> {
+    fn has_bloom(&self) -> bool {
+        self.optics.postprocess && self.optics.bloom_intensity > 0.0
+    }
+
+    /// Whether it needs no memory and no pictures of its own, so that it can be developed together with its likes.
+    pub fn is_plain(&self) -> bool {
+        self.meter.is_none() && !self.has_bloom()
+    }
 }
 
 /// Pixels of one workgroup, as `post.wgsl` has it.
@@ -72,8 +90,11 @@ pub(crate) struct PostPass {
     data: wgpu::Buffer,
 }
 
-/// Distance between two views' uniforms: Vulkan's largest required alignment is 256.
-const STRIDE_BYTES: u64 = (size_of::<PostData>() as u64).next_multiple_of(256);
+/// Distance between two views' uniforms; Vulkan's largest required alignment is 256.
+const POST_BYTES: u64 = size_of::<PostData>() as u64;
+const _: () = assert!(POST_BYTES.is_multiple_of(256));
+/// What one binding holds.
+const POSTS_BYTES: u64 = POST_BYTES * MAX_TOGETHER as u64;
 
 impl PostPass {
     pub fn new(gpu: &Gpu) -> Self {
@@ -84,11 +105,11 @@ impl PostPass {
         };
         let buffer = |binding, ty| entry(binding, wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None });
         let mut entries = [
-            uniform(0, size_of::<PostData>() as u64, true),
-            texture(1, wgpu::TextureSampleType::Float { filterable: true }),
+            uniform(0, POSTS_BYTES, true),
+            texture_of(1, wgpu::TextureSampleType::Float { filterable: true }, wgpu::TextureViewDimension::D2Array),
             entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             buffer(3, wgpu::BufferBindingType::Storage { read_only: false }),
-            written(4, Target::Color.format()),
+            written_layers(4, Target::Color.format()),
             texture(5, wgpu::TextureSampleType::Float { filterable: true }),
             written(6, GLOW_FORMAT),
         ];
@@ -123,7 +144,7 @@ impl PostPass {
             no_color: image(gpu, "nowhere", [1, 1], Target::Color.format(), wgpu::TextureUsages::STORAGE_BINDING),
             black: image(gpu, "no glow", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING),
             spares: Vec::new(),
-            data: gpu.buffer("post", STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            data: gpu.buffer("post", POSTS_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
         }
     }
 
@@ -135,69 +156,93 @@ impl PostPass {
         while self.spares.len() < n_views {
             self.spares.push((meter(gpu), image(gpu, "nowhere", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::STORAGE_BINDING)));
         }
-        let mut bytes = vec![0; STRIDE_BYTES as usize * n_views];
+        let mut data = vec![PostData::zeroed(); n_views];
         for job in jobs {
-            let data = post_data(job, job.targets.size_px(Target::Radiance.bit()));
-            bytes[STRIDE_BYTES as usize * job.view_idx..][..size_of::<PostData>()].copy_from_slice(bytemuck::bytes_of(&data));
+            data[job.view_idx] = post_data(job, job.targets.size_px(Target::Radiance.bit()));
         }
-        grow(gpu, &mut self.data, bytes.len() as u64);
-        gpu.queue().write_buffer(&self.data, 0, &bytes);
+        // The last view's binding reaches beyond it.
+        grow(gpu, &mut self.data, POST_BYTES * n_views as u64 + POSTS_BYTES);
+        gpu.queue().write_buffer(&self.data, 0, bytemuck::cast_slice(&data));
     }
 
-    /// Records the way from `Radiance` to `Color` of these views.
-    pub fn record(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, jobs: &[&PostJob<'_>]) {
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
-        jobs.iter().for_each(|job| self.develop(gpu, &mut pass, job));
+    /// Records the way from `Radiance` to `Color` of plain views whose targets are layers of the same textures.
+    pub fn develop_plain(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, views: &Together<'_>) {
+        let radiance = views.targets.get(Target::Radiance);
+        let color = &views.targets.get(Target::Color).layers;
+        let (no_meter, no_glow) = &self.spares[views.first];
+        let bound = self.bind(gpu, &radiance.layers, no_meter, [color, &self.black.view, &no_glow.view]);
+        let [across, down] = groups([radiance.texture.width(), radiance.texture.height()]);
+        pass.set_pipeline(&self.main);
+        pass.set_bind_group(0, &bound, &[offset_of(views.first)]);
+        pass.dispatch_workgroups(across, down, views.n as u32);
     }
 
-    fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
+    /// Records the same of one view that measures its light or blooms.
+    pub fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
         let radiance = job.targets.get(Target::Radiance);
         let size_px = [radiance.texture.width(), radiance.texture.height()];
+        let [radiance, color] = [radiance, job.targets.get(Target::Color)].map(|image| image.single_layer(job.layer));
         let (no_meter, no_glow) = &self.spares[job.view_idx];
         let meter = job.meter.unwrap_or(no_meter);
-        let (no_color, no_glow, black) = (&self.no_color.view, &no_glow.view, &self.black.view);
-        let size = std::num::NonZeroU64::new(size_of::<PostData>() as u64);
-        let data = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.data, offset: 0, size });
-        let bind = |from: &wgpu::TextureView, color: &wgpu::TextureView, glow: &wgpu::TextureView, glow_out: &wgpu::TextureView| {
-            let view = |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
-            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some("post"),
-                layout: &self.layout,
-                entries: &[
-                    wgpu::BindGroupEntry { binding: 0, resource: data.clone() },
-                    view(1, from),
-                    wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.sampler) },
-                    buffer_entry(3, meter),
-                    view(4, color),
-                    view(5, glow),
-                    view(6, glow_out),
-                ],
-            })
-        };
-        let mut run = |pipeline: &wgpu::ComputePipeline, group: &wgpu::BindGroup, groups: [u32; 2]| {
+        let (no_color, no_glow, black) = (&self.no_color.layers, &no_glow.view, &self.black.view);
+        let mut run = |pipeline: &wgpu::ComputePipeline, from: &wgpu::TextureView, images: [&wgpu::TextureView; 3], groups: [u32; 2]| {
             pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, group, &[(STRIDE_BYTES * job.view_idx as u64) as u32]);
+            pass.set_bind_group(0, &self.bind(gpu, from, meter, images), &[offset_of(job.view_idx)]);
             pass.dispatch_workgroups(groups[0], groups[1], 1);
         };
-        let groups = |size: [u32; 2]| [size[0].div_ceil(GROUP_PX[0]), size[1].div_ceil(GROUP_PX[1])];
         if job.meter.is_some() {
-            run(&self.metering, &bind(&radiance.view, no_color, black, no_glow), [1, 1]);
+            run(&self.metering, &radiance, [no_color, black, no_glow], [1, 1]);
         }
         let mut glows: Vec<Image> = Vec::new();
-        if job.optics.postprocess && job.optics.bloom_intensity > 0.0 {
+        if job.has_bloom() {
             let mut size = size_px;
             for _ in 0..N_GLOW {
                 size = size.map(|side| side.div_ceil(2));
                 let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
                 let smaller = image(gpu, "glow", size, GLOW_FORMAT, usage);
-                let from = glows.last().map_or(&radiance.view, |glow| &glow.view);
-                run(&self.shrink, &bind(from, no_color, black, &smaller.view), groups(size));
+                let from = glows.last().map_or(&radiance, |glow| &glow.layers);
+                run(&self.shrink, from, [no_color, black, &smaller.view], groups(size));
                 glows.push(smaller);
             }
         }
         let glow = glows.last().map_or(black, |glow| &glow.view);
-        run(&self.main, &bind(&radiance.view, &job.targets.get(Target::Color).view, glow, no_glow), groups(size_px));
+        run(&self.main, &radiance, [&color, glow, no_glow], groups(size_px));
     }
+
+    /// Bind group of what is read, the meter, and color, glow, and what glow is written to.
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        from: &wgpu::TextureView,
+        meter: &wgpu::Buffer,
+        [color, glow, glow_out]: [&wgpu::TextureView; 3],
+    ) -> wgpu::BindGroup {
+        let view = |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
+        let data = wgpu::BufferBinding { buffer: &self.data, offset: 0, size: std::num::NonZeroU64::new(POSTS_BYTES) };
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("post"),
+            layout: &self.layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(data) },
+                view(1, from),
+                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.sampler) },
+                buffer_entry(3, meter),
+                view(4, color),
+                view(5, glow),
+                view(6, glow_out),
+            ],
+        })
+    }
+}
+
+/// Workgroups for a picture of this size.
+fn groups(size: [u32; 2]) -> [u32; 2] {
+    [size[0].div_ceil(GROUP_PX[0]), size[1].div_ceil(GROUP_PX[1])]
+}
+
+/// Where a view's uniform begins.
+fn offset_of(view_idx: usize) -> u32 {
+    (view_idx as u64 * POST_BYTES) as u32
 }
 
 const GLOW_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
@@ -240,6 +285,9 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
         lens: [optics.distortion_k, optics.distortion_k_cubed, optics.distortion_size[0], optics.distortion_size[1]],
         rim: [optics.vignette_multiplier, optics.vignette_falloff, optics.chromatic_aberration, optics.chromatic_aberration_start],
         white: [r, g, b, 0.0],
+        // Others look at their layer alone.
+        layers: [if job.is_plain() { job.layer } else { 0 }, 0, 0, 0],
+        rest: [[0; 4]; 8],
     }
 }
 

@@ -8,7 +8,7 @@ use sensor_gpu::Gpu;
 
 use crate::assets::GpuAssets;
 use crate::draw::{Drawn, NEAR_M};
-use crate::pass::{GeometryPass, ViewPass, grow, storage, uniform};
+use crate::pass::{GeometryPass, Together, grow, storage, uniform, written_layers};
 use crate::targets::Target;
 use crate::uniform::ViewData;
 
@@ -45,6 +45,7 @@ pub(crate) fn raster_wgsl() -> String {
 pub(crate) fn resolve_wgsl() -> String {
     [
         include_str!("shader/scene.wgsl"),
+        include_str!("shader/view_computed.wgsl"),
         include_str!("shader/instance_storage.wgsl"),
         include_str!("shader/surface.wgsl"),
         include_str!("shader/resolve.wgsl"),
@@ -147,6 +148,13 @@ pub(crate) struct RasterPlan {
     n_pixels: Vec<u64>,
 }
 
+impl RasterPlan {
+    /// Number of the batch that a view is rasterised with.
+    pub fn batch_of(&self, view_idx: usize) -> usize {
+        self.places[view_idx].batch
+    }
+}
+
 /// Pipelines and lists.
 #[derive(Debug)]
 pub(crate) struct RasterPass {
@@ -203,12 +211,12 @@ impl RasterPass {
         };
         let lists: Vec<_> = (0..4).map(|binding| compute(storage(binding))).collect();
         let lists_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("seen"), entries: &lists });
-        let images: Vec<_> = (0..).zip(Target::DRAWN).map(|(binding, target)| written_image(binding, target)).collect();
+        let images: Vec<_> = (0..).zip(Target::DRAWN).map(|(binding, target)| written_layers(binding, target.format())).collect();
         let images_layout =
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("resolved images"), entries: &images });
         let resolve_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("resolve"),
-            bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.view_layout), Some(&lists_layout), Some(&images_layout)],
+            bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.views_layout), Some(&lists_layout), Some(&images_layout)],
             immediate_size: 0,
         });
         let resolve = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -365,9 +373,9 @@ impl RasterPass {
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("seen"), layout: &self.lists_layout, entries: &entries })
     }
 
-    /// Records the way from what a view sees to its targets.
-    pub fn resolve(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, [scene, bound, lists]: [&wgpu::BindGroup; 3], view: &ViewPass<'_>) {
-        let (targets, set) = (view.targets, view.set.drawn());
+    /// Records the way from what views see to their targets.
+    pub fn resolve(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, [scene, bound, lists]: [&wgpu::BindGroup; 3], views: &Together<'_>) {
+        let (targets, set) = (views.targets, views.kept);
         let images = (0..).zip(Target::DRAWN).map(|(binding, target)| (binding, targets.get_or_nowhere(target, set)));
         let entries: Vec<_> =
             images.map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }).collect();
@@ -379,20 +387,14 @@ impl RasterPass {
         let [width, height] = targets.size_px(set);
         pass.set_pipeline(&self.resolve);
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
+        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(views.first)]);
         pass.set_bind_group(2, lists, &[]);
         pass.set_bind_group(3, &images, &[]);
-        pass.dispatch_workgroups(width.div_ceil(16), height.div_ceil(8), 1);
-        gpu.counters().add_pass();
+        pass.dispatch_workgroups(width.div_ceil(16), height.div_ceil(8), views.n as u32);
+        (0..views.n).for_each(|_| gpu.counters().add_pass());
     }
 }
 
 fn whole(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
-}
-
-fn written_image(binding: u32, target: Target) -> wgpu::BindGroupLayoutEntry {
-    let access = wgpu::StorageTextureAccess::WriteOnly;
-    let ty = wgpu::BindingType::StorageTexture { access, format: target.format(), view_dimension: wgpu::TextureViewDimension::D2 };
-    wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
 }

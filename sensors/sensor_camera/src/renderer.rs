@@ -16,9 +16,11 @@ use crate::assets::GpuAssets;
 use crate::debug::DebugPass;
 use crate::draw::{self, CameraMotion, Drawn};
 use crate::dvs::EventCamera;
+use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
 use crate::pass::GeometryPass;
+use crate::pool::{PoolKey, TargetPool};
 use crate::post::{self, PostPass};
 use crate::raster::{RasterPass, Rasteriser, can_compute};
 use crate::shade::ShadePass;
@@ -86,6 +88,7 @@ pub struct CameraRenderer {
     /// High quality only.
     far_shadows: Option<Shadows>,
     debug: DebugPass,
+    pool: TargetPool,
     /// Memory of earlier submissions.
     spare_drawn: Vec<Drawn>,
 }
@@ -96,6 +99,10 @@ struct Active {
     set: TargetSet,
     motion: CameraMotion,
     drawn: Drawn,
+    lamps: LampRange,
+    targets: Arc<Targets>,
+    /// Its layer there.
+    layer: u32,
 }
 
 impl CameraRenderer {
@@ -108,18 +115,21 @@ impl CameraRenderer {
     pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
         let pass = GeometryPass::new(gpu);
         let computes = rasteriser == Rasteriser::Computed && can_compute(gpu);
+        let shade = ShadePass::new(gpu, &pass, quality, quality == Quality::Low && !computes);
+        let shadows = |cascade| Shadows::new(gpu, cascade, !shade.is_drawn());
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
             assets: None,
             light: None,
-            shade: ShadePass::new(gpu, &pass, quality, quality == Quality::Low && !computes),
             post: PostPass::new(gpu),
             raster: computes.then(|| RasterPass::new(gpu, &pass)),
             pass,
-            shadows: Shadows::new(gpu, Cascade::near(quality)),
-            far_shadows: (quality == Quality::High).then(|| Shadows::new(gpu, Cascade::far())),
+            shadows: shadows(Cascade::near(quality)),
+            far_shadows: (quality == Quality::High).then(|| shadows(Cascade::far())),
+            shade,
             debug: DebugPass::new(gpu),
+            pool: TargetPool::default(),
             spare_drawn: Vec::new(),
         }
     }
@@ -165,16 +175,42 @@ impl CameraRenderer {
     }
 
     fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
+        let leaders = merge::leaders(jobs);
+        let mut active = self.activate(jobs, &leaders);
+        if active.is_empty() {
+            return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
+        }
+        let gpu = self.gpu.clone();
+        let mut lamps = LampLists::new(self.quality);
+        self.gather_lamps(scene, jobs, &mut active, &mut lamps);
         let assets = self.assets.as_ref().expect("render() loaded the assets");
         let computes = self.raster.is_some() && RasterPass::takes(&self.gpu, assets);
+        self.take_targets(jobs, &mut active, computes);
+        let assets = self.assets.as_ref().expect("render() loaded the assets");
+        gpu.time("visible", || find_visible(scene, assets, jobs, &mut active));
+        let mut encoder = gpu.encoder("views");
+        gpu.mark(&mut encoder, "begin");
+        gpu.time("record", || self.record(scene, &active, jobs, &lamps, computes, &mut encoder));
+        let mut batch = CopyBatch::new();
+        let mut images = vec![None; jobs.len()];
+        active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
+        self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
+        let plans = jobs.iter_mut().zip(&leaders).map(|(job, leader)| match &images[*leader] {
+            Some((targets, layer)) => plan_outputs(job, (targets, *layer), scene, &mut batch),
+            None => Vec::new(),
+        });
+        let plans = plans.collect();
+        Submission { in_flight: Some(batch.submit(&gpu, encoder)), plans }
+    }
+
+    /// Who has something to draw, and what.
+    fn activate(&mut self, jobs: &mut [ViewJob<'_, '_>], leaders: &[usize]) -> Vec<Active> {
         let mut active = Vec::new();
-        let leaders = merge::leaders(jobs);
-        for job_idx in (0..jobs.len()).filter(|idx| leaders[*idx] == *idx) {
-            let members = jobs.iter().zip(&leaders).filter(|(_, leader)| **leader == job_idx);
-            let asked =
-                members.flat_map(|(job, _)| &job.outputs).fold(TargetSet::default(), |set, output| set.union(targets_of(output.modality)));
-            let job = &mut jobs[job_idx];
-            let mut set = asked;
+        let mut asked = vec![TargetSet::default(); jobs.len()];
+        for (job, leader) in jobs.iter().zip(leaders) {
+            asked[*leader] = job.outputs.iter().fold(asked[*leader], |set, output| set.union(targets_of(output.modality)));
+        }
+        for (job_idx, (job, mut set)) in jobs.iter_mut().zip(asked).enumerate() {
             if set.contains(Target::Color) && (self.quality == Quality::High || !job.view.spec.optics.is_neutral()) {
                 set = set.union(Target::Radiance.bit());
             }
@@ -184,31 +220,56 @@ impl CameraRenderer {
             if set == TargetSet::default() {
                 continue;
             }
-            let lens = job.view.spec.intrinsics;
-            job.view.targets.ensure(&self.gpu, [lens.width_px, lens.height_px], set, self.raster.is_some());
-            if !computes {
-                self.pass.prepare(&self.gpu, set);
-            }
+            job.view.kept = job.view.kept.union(set);
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
-            active.push(Active { job_idx, set, motion, drawn: self.spare_drawn.pop().unwrap_or_default() });
+            let drawn = self.spare_drawn.pop().unwrap_or_default();
+            active.push(Active { job_idx, set, motion, drawn, lamps: LampRange::default(), targets: Arc::default(), layer: 0 });
         }
-        if active.is_empty() {
-            return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
+        active
+    }
+
+    /// Makes the weather's light, and finds the lamps that reach into each view.
+    fn gather_lamps(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active], lamps: &mut LampLists) {
+        if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
+            self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
-        self.gpu.time("visible", || find_visible(scene, assets, jobs, &mut active));
-        let mut encoder = self.gpu.encoder("views");
-        self.gpu.mark(&mut encoder, "begin");
-        let gpu = self.gpu.clone();
-        gpu.time("record", || self.record(scene, &active, jobs, computes, &mut encoder));
-        self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
-        let mut batch = CopyBatch::new();
-        let plans = (0..jobs.len())
-            .map(|idx| {
-                let targets = jobs[leaders[idx]].view.targets.clone();
-                plan_outputs(&mut jobs[idx], &targets, scene, &mut batch)
-            })
-            .collect();
-        Submission { in_flight: Some(batch.submit(&self.gpu, encoder)), plans }
+        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return };
+        for active in active.iter_mut().filter(|active| active.set.is_lit()) {
+            let lens = jobs[active.job_idx].view.spec.intrinsics;
+            active.lamps = lamps.add_view(scene, assets, &lens, &active.motion, light.exposure, light.dark_ratio);
+        }
+    }
+
+    /// Gives every view its targets. Views that compute shaders do alike come to stand one after the other, and share textures.
+    fn take_targets(&mut self, jobs: &mut [ViewJob<'_, '_>], active: &mut [Active], computes: bool) {
+        if !computes {
+            for active in active {
+                self.pass.prepare(&self.gpu, active.set);
+                let view = &mut *jobs[active.job_idx].view;
+                let Intrinsics { width_px, height_px, .. } = view.spec.intrinsics;
+                Arc::make_mut(&mut view.targets).ensure(&self.gpu, [width_px, height_px], view.kept);
+                active.targets = view.targets.clone();
+            }
+            return;
+        }
+        let key = |active: &Active| {
+            let view = &jobs[active.job_idx].view;
+            (([view.spec.intrinsics.width_px, view.spec.intrinsics.height_px], view.kept), active.set, active.lamps.n > 0)
+        };
+        active.sort_by_key(key);
+        for alike in active.chunk_by_mut(|a, b| key(a).0 == key(b).0) {
+            let (size_px, set) = key(&alike[0]).0;
+            let most = TargetPool::max_layers(&self.gpu, size_px);
+            for (part, alike) in (0..).zip(alike.chunks_mut(most as usize)) {
+                let targets = self.pool.take(&self.gpu, PoolKey { size_px, set, part }, alike.len() as u32);
+                for (layer, active) in (0..).zip(alike) {
+                    (active.targets, active.layer) = (targets.clone(), layer);
+                }
+            }
+        }
+        for active in active {
+            jobs[active.job_idx].view.targets = active.targets.clone();
+        }
     }
 }
 
@@ -219,7 +280,12 @@ fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], act
     let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
         draw::visible(scene, assets, &lens, &active.motion, previous, &mut active.drawn);
     };
-    active.par_iter_mut().zip(seen).for_each(find);
+    // One is done before other threads wake up.
+    if active.len() == 1 {
+        active.iter_mut().zip(seen).for_each(find);
+    } else {
+        active.par_iter_mut().zip(seen).for_each(find);
+    }
     let mut first_instance = 0;
     for active in active {
         active.drawn.first_instance = first_instance;
@@ -300,7 +366,12 @@ fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) {
 }
 
 /// Records the copies of a job and says what to do with them after the fence.
-fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, targets: &Targets, scene: &Scene, batch: &mut CopyBatch<'a>) -> Vec<Plan<'a>> {
+fn plan_outputs<'a>(
+    job: &mut ViewJob<'_, 'a>,
+    (targets, layer): (&Targets, u32),
+    scene: &Scene,
+    batch: &mut CopyBatch<'a>,
+) -> Vec<Plan<'a>> {
     let view: &mut View = job.view;
     let window_nanos = view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0));
     let mut plans = Vec::with_capacity(job.outputs.len());
@@ -310,11 +381,11 @@ fn plan_outputs<'a>(job: &mut ViewJob<'_, 'a>, targets: &Targets, scene: &Scene,
             Some(target) => {
                 let is_flow = modality == Modality::Flow;
                 let first = is_flow && view.previous.is_none() || modality == Modality::Rgb && view.meter_begins;
-                let copy = batch.texture(texture(target), target.element_bytes(), place);
+                let copy = batch.texture_layer(texture(target), layer, target.element_bytes(), place);
                 plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
             }
             None => {
-                let mut map = |target: Target| batch.map_texture(texture(target), target.element_bytes());
+                let mut map = |target: Target| batch.map_texture(texture(target), layer, target.element_bytes());
                 let maps = DvsMaps {
                     luminance: map(Target::Luminance),
                     flow: map(Target::Flow),

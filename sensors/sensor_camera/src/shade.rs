@@ -7,15 +7,17 @@ use std::collections::BTreeMap;
 
 use sensor_gpu::Gpu;
 
-use crate::pass::{GeometryPass, ViewPass, entry, texture};
+use crate::pass::{GeometryPass, Together, ViewPass, texture_of, written_layers};
 use crate::renderer::Quality;
-use crate::targets::{Target, TargetSet};
+use crate::targets::Target;
 
 /// Text of the shading shader.
 pub(crate) fn shade_wgsl(drawn: bool) -> String {
     let entries = if drawn { include_str!("shader/shade_raster.wgsl") } else { include_str!("shader/shade_compute.wgsl") };
+    let view = if drawn { include_str!("shader/view_drawn.wgsl") } else { include_str!("shader/view_computed.wgsl") };
     [
         include_str!("shader/scene.wgsl"),
+        view,
         include_str!("shader/film.wgsl"),
         include_str!("shader/sky.wgsl"),
         include_str!("shader/texture.wgsl"),
@@ -66,28 +68,26 @@ enum Pipelines {
 impl ShadePass {
     pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality, drawn: bool) -> Self {
         let device = gpu.device();
-        let written = |binding: u32, format: wgpu::TextureFormat| {
-            let access = wgpu::StorageTextureAccess::WriteOnly;
-            entry(binding, wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2 })
+        let read = |binding: u32, sample_type: wgpu::TextureSampleType| {
+            let dimension = if drawn { wgpu::TextureViewDimension::D2 } else { wgpu::TextureViewDimension::D2Array };
+            texture_of(binding, sample_type, dimension)
         };
         let mut entries = vec![
-            texture(0, wgpu::TextureSampleType::Uint),
-            texture(1, wgpu::TextureSampleType::Float { filterable: false }),
-            texture(2, wgpu::TextureSampleType::Uint),
+            read(0, wgpu::TextureSampleType::Uint),
+            read(1, wgpu::TextureSampleType::Float { filterable: false }),
+            read(2, wgpu::TextureSampleType::Uint),
         ];
         if !drawn {
-            entries.extend([
-                written(3, Target::Color.format()),
-                written(4, Target::Luminance.format()),
-                written(5, Target::Radiance.format()),
-            ]);
             entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+            entries
+                .extend([Target::Color, Target::Luminance, Target::Radiance].iter().zip(3..).map(|(t, i)| written_layers(i, t.format())));
         }
         let images_layout =
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("shaded images"), entries: &entries });
+        let views = if drawn { &geometry.view_layout } else { &geometry.views_layout };
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("shade"),
-            bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.view_layout), Some(&images_layout)],
+            bind_group_layouts: &[Some(&geometry.scene_layout), Some(views), Some(&images_layout)],
             immediate_size: 0,
         });
         let shader = gpu.shader("shade", &shade_wgsl(drawn));
@@ -180,22 +180,25 @@ impl ShadePass {
         self.drawn
     }
 
-    /// Records the shading of one view whose geometry is there.
+    /// Records the shading of views whose geometry is there.
     pub fn compute(
         &self,
         gpu: &Gpu,
         pass: &mut wgpu::ComputePass<'_>,
         [scene, bound]: [&wgpu::BindGroup; 2],
-        view: &ViewPass<'_>,
+        views: &Together<'_>,
         key: ShadeKey,
     ) {
         let Pipelines::Computed(pipeline) = &self.pipelines[&key] else { return };
-        let surface = &view.targets.get(Target::Surface).texture;
+        let [width, height] = views.targets.size_px(views.kept);
+        let read = [Target::Surface, Target::Depth, Target::Instance].map(|target| &views.targets.get(target).layers);
+        let written = [Target::Color, Target::Luminance, Target::Radiance].map(|target| views.targets.get_or_nowhere(target, views.kept));
+        let images: Vec<&wgpu::TextureView> = read.into_iter().chain(written).collect();
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
-        pass.set_bind_group(2, &self.bind_images(gpu, view, key), &[]);
-        pass.dispatch_workgroups(surface.width().div_ceil(GROUP_PX[0]), surface.height().div_ceil(GROUP_PX[1]), 1);
+        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(views.first)]);
+        pass.set_bind_group(2, &self.bind_images(gpu, &images), &[]);
+        pass.dispatch_workgroups(width.div_ceil(GROUP_PX[0]), height.div_ceil(GROUP_PX[1]), views.n as u32);
     }
 
     /// Records the shading of one view that the geometry pass has drawn.
@@ -208,7 +211,8 @@ impl ShadePass {
         key: ShadeKey,
     ) {
         let Pipelines::Drawn { surface, sky } = &self.pipelines[&key] else { return };
-        let images = self.bind_images(gpu, view, key);
+        let images = [Target::Surface, Target::Depth, Target::Instance].map(|target| &view.targets.get(target).view);
+        let images = self.bind_images(gpu, &images);
         let mut pass = self.begin_drawing(encoder, view, key);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
@@ -245,18 +249,9 @@ impl ShadePass {
         })
     }
 
-    fn bind_images(&self, gpu: &Gpu, view: &ViewPass<'_>, key: ShadeKey) -> wgpu::BindGroup {
-        let read = |target: Target| &view.targets.get(target).view;
-        let mut images = vec![read(Target::Surface), read(Target::Depth), read(Target::Instance)];
-        if !self.drawn {
-            let on = |on: bool, target: Target| if on { target.bit() } else { TargetSet::default() };
-            let written = [(key.color, Target::Color), (key.luminance, Target::Luminance), (key.radiance, Target::Radiance)];
-            images.extend(written.map(|(is_on, target)| view.targets.get_or_nowhere(target, on(is_on, target))));
-        }
-        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
-            .zip(images)
-            .map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) })
-            .collect();
+    fn bind_images(&self, gpu: &Gpu, images: &[&wgpu::TextureView]) -> wgpu::BindGroup {
+        let entry = |(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
+        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..).zip(images.iter().copied()).map(entry).collect();
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shaded images"),
             layout: &self.images_layout,

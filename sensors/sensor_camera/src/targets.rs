@@ -72,7 +72,7 @@ impl Target {
 }
 
 /// A set of [`Target`]s.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct TargetSet(pub u16);
 
 impl TargetSet {
@@ -95,45 +95,97 @@ impl TargetSet {
     }
 }
 
-/// A texture and its view.
+/// A texture, its first layer, and all its layers.
 #[derive(Clone, Debug)]
 pub(crate) struct Image {
     pub texture: wgpu::Texture,
     pub view: wgpu::TextureView,
+    pub layers: wgpu::TextureView,
 }
 
-/// The textures of one view.
+impl Image {
+    /// One layer as an image without layers.
+    pub fn layer(&self, layer: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+
+    /// One layer as the only one.
+    pub fn single_layer(&self, layer: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+}
+
+/// The textures of a view, or of several with a layer for each.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Targets {
     images: [Option<Image>; 9],
-    /// One pixel each, bound where compute shaders could write what nobody reads. A view's own: shared ones would make the GPU do one view
+    /// One pixel each, bound where compute shaders could write what nobody reads. No one else's: shared ones would make the GPU do one
     /// after the other.
     nowhere: [Option<Image>; 9],
     z_buffer: Option<Image>,
+    n_layers: u32,
+    /// Made by [`Targets::ensure`].
+    drawn: bool,
 }
 
 impl Targets {
-    /// Makes what `set` lacks.
-    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool) {
+    /// Those of `set`, for compute shaders, in so many layers.
+    pub fn layered(gpu: &Gpu, size_px: [u32; 2], set: TargetSet, n_layers: u32) -> Targets {
+        let mut targets = Targets { n_layers, ..Default::default() };
+        targets.make(gpu, size_px, set, true);
+        // For debug strokes.
+        targets.ensure_z(gpu, size_px);
+        targets
+    }
+
+    /// Makes what `set` lacks, to be drawn, in one layer.
+    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet) {
+        if !self.drawn {
+            *self = Targets { n_layers: 1, drawn: true, ..Default::default() };
+        }
+        self.make(gpu, size_px, set, false);
+        self.ensure_z(gpu, size_px);
+    }
+
+    fn make(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool) {
+        let n_layers = self.n_layers;
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
-            self.images[target as usize].get_or_insert_with(|| image(gpu, "view target", size_px, target.format(), target.usage(stored)));
+            let make = || layered_image(gpu, "view target", size_px, n_layers, target.format(), target.usage(stored));
+            self.images[target as usize].get_or_insert_with(make);
         }
         for target in Target::ALL {
             let lit = matches!(target, Target::Color | Target::Luminance | Target::Radiance);
-            // Colour may be wanted and made from radiance in a second step.
-            if (lit || stored) && (!set.contains(target) || target == Target::Color) {
+            if (lit || stored) && !set.contains(target) {
                 let usage = wgpu::TextureUsages::STORAGE_BINDING;
                 self.nowhere[target as usize].get_or_insert_with(|| image(gpu, "nowhere", [1, 1], target.format(), usage));
             }
         }
+    }
+
+    fn ensure_z(&mut self, gpu: &Gpu, size_px: [u32; 2]) {
         self.z_buffer.get_or_insert_with(|| {
             image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)
         });
     }
 
-    /// A target that [`Targets::ensure`] made.
+    /// How many views they have room for.
+    pub fn n_layers(&self) -> u32 {
+        self.n_layers
+    }
+
+    /// A target that was made.
     pub fn get(&self, target: Target) -> &Image {
-        self.images[target as usize].as_ref().expect("ensure() made every target of the set")
+        self.images[target as usize].as_ref().expect("every target of the set was made")
     }
 
     /// Width and height of the targets of a set that is not empty.
@@ -142,19 +194,32 @@ impl Targets {
         known.map_or([0; 2], |image| [image.texture.width(), image.texture.height()])
     }
 
-    /// A target of the set, or a pixel that nobody reads.
+    /// All layers of a target of the set, or a pixel that nobody reads.
     pub fn get_or_nowhere(&self, target: Target, set: TargetSet) -> &wgpu::TextureView {
         let images = if set.contains(target) { &self.images } else { &self.nowhere };
-        &images[target as usize].as_ref().expect("ensure() made it").view
+        &images[target as usize].as_ref().expect("it was made with the set").layers
     }
 
     pub fn z_buffer(&self) -> &Image {
-        self.z_buffer.as_ref().expect("ensure() made the z buffer")
+        self.z_buffer.as_ref().expect("it was made with the targets")
     }
 }
 
 pub(crate) fn image(gpu: &Gpu, label: &str, size_px: [u32; 2], format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> Image {
-    let texture = gpu.texture(label, size_px, 1, format, usage);
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    Image { texture, view }
+    layered_image(gpu, label, size_px, 1, format, usage)
+}
+
+pub(crate) fn layered_image(
+    gpu: &Gpu,
+    label: &str,
+    size_px: [u32; 2],
+    n_layers: u32,
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> Image {
+    let texture = gpu.texture_layers(label, size_px, n_layers, format, usage);
+    let [view, layers] = [(wgpu::TextureViewDimension::D2, 1), (wgpu::TextureViewDimension::D2Array, n_layers)].map(|(dimension, n)| {
+        texture.create_view(&wgpu::TextureViewDescriptor { dimension: Some(dimension), array_layer_count: Some(n), ..Default::default() })
+    });
+    Image { texture, view, layers }
 }

@@ -44,7 +44,16 @@ pub struct ViewData {
     pub lamps: [u32; 4],
     /// First draw call, their number, first pixel in the list of what was seen (where the compute shader rasterises); wanted targets.
     pub raster: [u32; 4],
+    /// Layer of its targets, of its shadow map and of its far shadow map, for compute shaders; 0.
+    pub layers: [u32; 4],
+    /// Where its shadow map lies in the layer: x, y in sides of the map, its side in sides of the layer; 0.
+    pub tile: [f32; 4],
+    /// Unused: a uniform's offset can be a multiple of 256 only.
+    pub rest: [[u32; 4]; 13],
 }
+
+/// Views that one binding holds, and so one dispatch can do: 16 KiB of uniforms are what every adapter can bind.
+pub(crate) const MAX_TOGETHER: usize = 32;
 
 /// Mirror of `Lamp` in `shader/lamps.wgsl`.
 #[repr(C)]

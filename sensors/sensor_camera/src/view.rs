@@ -10,7 +10,7 @@ use sensor_gpu::{Gpu, Place};
 use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
 use crate::dvs::EventCamera;
-use crate::targets::Targets;
+use crate::targets::{TargetSet, Targets};
 
 /// What a view is for as long as it lives.
 #[derive(Clone, Debug)]
@@ -37,7 +37,10 @@ impl ViewSpec {
 /// Persistent state of one camera. Render targets are made when they are first needed.
 pub struct View {
     pub(crate) spec: ViewSpec,
-    pub(crate) targets: Targets,
+    /// Its own where it is drawn; shared with its likes where compute shaders write them.
+    pub(crate) targets: Arc<Targets>,
+    /// Everything that was ever asked of it: targets stay.
+    pub(crate) kept: TargetSet,
     pub(crate) previous: Option<Firing>,
     pub(crate) dvs: Option<Arc<Mutex<EventCamera>>>,
     /// Of automatic exposure: EV100, and whether there is one.
@@ -80,7 +83,7 @@ impl InstancePoses {
 impl View {
     /// A view that has not fired. Allocates nothing on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
-        View { spec, targets: Targets::default(), previous: None, dvs: None, meter: None, meter_begins: false }
+        View { spec, targets: Arc::default(), kept: TargetSet::default(), previous: None, dvs: None, meter: None, meter_begins: false }
     }
 
     /// Its lens.

@@ -58,6 +58,9 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(ViewData, options),
             offset_of!(ViewData, lamps),
             offset_of!(ViewData, raster),
+            offset_of!(ViewData, layers),
+            offset_of!(ViewData, tile),
+            offset_of!(ViewData, rest),
         ],
     );
     check(
@@ -89,6 +92,8 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(PostData, lens),
             offset_of!(PostData, rim),
             offset_of!(PostData, white),
+            offset_of!(PostData, layers),
+            offset_of!(PostData, rest),
         ],
     );
 }

@@ -62,7 +62,7 @@ impl Place<'_> {
 /// Where a copy comes from.
 #[derive(Clone, Debug)]
 enum Source {
-    Texture { texture: wgpu::Texture, row_bytes: usize, n_rows: usize },
+    Texture { texture: wgpu::Texture, layer: u32, row_bytes: usize, n_rows: usize },
     Buffer { buffer: wgpu::Buffer, offset_bytes: u64, n_bytes: usize },
 }
 
@@ -112,8 +112,12 @@ impl<'a> CopyBatch<'a> {
 
     /// Copies a whole colour texture, rows tight. Its usage must contain `COPY_SRC`; `element_bytes` is the size of a texel.
     pub fn texture(&mut self, texture: &wgpu::Texture, element_bytes: usize, place: Place<'a>) -> usize {
-        let source = texture_source(texture, element_bytes);
-        self.push(source, place)
+        self.texture_layer(texture, 0, element_bytes, place)
+    }
+
+    /// The same for one layer of a texture.
+    pub fn texture_layer(&mut self, texture: &wgpu::Texture, layer: u32, element_bytes: usize, place: Place<'a>) -> usize {
+        self.push(texture_source(texture, layer, element_bytes), place)
     }
 
     /// Copies part of a buffer; `offset_bytes` and `n_bytes` are multiples of 4 and its usage contains `COPY_SRC`.
@@ -121,9 +125,9 @@ impl<'a> CopyBatch<'a> {
         self.push(Source::Buffer { buffer: buffer.clone(), offset_bytes, n_bytes }, place)
     }
 
-    /// Copies a whole colour texture to where [`InFlight::wait`] leaves it mapped for the CPU.
-    pub fn map_texture(&mut self, texture: &wgpu::Texture, element_bytes: usize) -> usize {
-        self.items.push(Item { source: texture_source(texture, element_bytes), sink: Sink::Mapped, staging: None });
+    /// Copies a layer of a colour texture to where [`InFlight::wait`] leaves it mapped for the CPU.
+    pub fn map_texture(&mut self, texture: &wgpu::Texture, layer: u32, element_bytes: usize) -> usize {
+        self.items.push(Item { source: texture_source(texture, layer, element_bytes), sink: Sink::Mapped, staging: None });
         self.items.len() - 1
     }
 
@@ -189,8 +193,10 @@ impl<'a> CopyBatch<'a> {
     }
 }
 
-fn texture_source(texture: &wgpu::Texture, element_bytes: usize) -> Source {
-    Source::Texture { texture: texture.clone(), row_bytes: texture.width() as usize * element_bytes, n_rows: texture.height() as usize }
+fn texture_source(texture: &wgpu::Texture, layer: u32, element_bytes: usize) -> Source {
+    assert!(layer < texture.depth_or_array_layers(), "layer {layer} of a texture that has {}", texture.depth_or_array_layers());
+    let (row_bytes, n_rows) = (texture.width() as usize * element_bytes, texture.height() as usize);
+    Source::Texture { texture: texture.clone(), layer, row_bytes, n_rows }
 }
 
 fn direct_target<'i>(item: &'i Item<'_>) -> Option<&'i wgpu::Buffer> {
@@ -219,10 +225,13 @@ fn unique_buffers<'i, 'a>(direct: &[&'i Item<'a>]) -> Vec<&'i Item<'a>> {
 fn record_staged(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, source: &Source) -> wgpu::Buffer {
     let (_, stride) = source.staged_rows();
     match source {
-        Source::Texture { texture, n_rows, .. } => {
+        Source::Texture { texture, layer, n_rows, .. } => {
             let staging = gpu.take_staging((stride * n_rows) as u64);
             let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride as u32), rows_per_image: None };
-            encoder.copy_texture_to_buffer(texture.as_image_copy(), wgpu::TexelCopyBufferInfo { buffer: &staging, layout }, texture.size());
+            let origin = wgpu::Origin3d { x: 0, y: 0, z: *layer };
+            let from = wgpu::TexelCopyTextureInfo { origin, ..texture.as_image_copy() };
+            let size = wgpu::Extent3d { depth_or_array_layers: 1, ..texture.size() };
+            encoder.copy_texture_to_buffer(from, wgpu::TexelCopyBufferInfo { buffer: &staging, layout }, size);
             staging
         }
         Source::Buffer { buffer, offset_bytes, .. } => {
@@ -259,35 +268,44 @@ fn record_direct(gpu: &Gpu, direct: &[&Item<'_>]) -> wgpu::CommandBuffer {
     let mut encoder = gpu.encoder("copies to shared memory");
     // SAFETY: the guard only lends the device for recording.
     let device = unsafe { gpu.device().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan").raw_device().clone();
+    // Copies between one texture and one segment are one command.
+    let mut groups: Vec<Vec<&Item<'_>>> = Vec::new();
     for item in direct {
-        let Sink::Place(Place::Shm { offset_bytes, .. }) = &item.sink else { continue };
+        match groups.iter_mut().find(|group| is_alike(group[0], item)) {
+            Some(group) => group.push(item),
+            None => groups.push(vec![item]),
+        }
+    }
+    for alike in &groups {
+        let first = alike[0];
         // SAFETY: the handles are used while their wgpu objects live: the items own them until the submission is done.
-        let to = unsafe { imported(item).as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
-        match &item.source {
+        let to = unsafe { imported(first).as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
+        match &first.source {
             Source::Texture { texture, .. } => {
                 // SAFETY: as for `to`.
                 let from = unsafe { texture.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
-                let region = image_region(texture, *offset_bytes as u64);
+                let regions: Vec<vk::BufferImageCopy> = alike.iter().filter_map(|item| image_region(item)).collect();
                 let layout = vk::ImageLayout::TRANSFER_SRC_OPTIMAL;
-                // SAFETY: the first encoder left the image in this layout and the buffer writable for transfers; the region lies inside
-                // both (checked in `push`), row length 0 means tight rows, and the offset is a multiple of 4 and of the texel size.
+                // SAFETY: the first encoder left the image in this layout and the buffer writable for transfers; the regions lie inside
+                // both (checked in `push` and `texture_source`), row length 0 means tight rows, and the offsets are multiples of 4 and of
+                // the texel size.
                 unsafe {
                     encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
                         let commands = hal.expect("made by Vulkan").raw_handle();
-                        device.cmd_copy_image_to_buffer(commands, from, layout, to, &[region]);
+                        device.cmd_copy_image_to_buffer(commands, from, layout, to, &regions);
                     });
                 }
             }
-            Source::Buffer { buffer, offset_bytes: from_bytes, n_bytes } => {
+            Source::Buffer { buffer, .. } => {
                 // SAFETY: as for `to`.
                 let from = unsafe { buffer.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
-                let region = vk::BufferCopy { src_offset: *from_bytes, dst_offset: *offset_bytes as u64, size: *n_bytes as u64 };
-                // SAFETY: both ranges lie inside their buffers (checked in `push` for the target, by the caller's contract for the
+                let regions: Vec<vk::BufferCopy> = alike.iter().filter_map(|item| buffer_region(item)).collect();
+                // SAFETY: all ranges lie inside their buffers (checked in `push` for the target, by the caller's contract for the
                 // source), and the first encoder made them readable and writable for transfers.
                 unsafe {
                     encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
                         let commands = hal.expect("made by Vulkan").raw_handle();
-                        device.cmd_copy_buffer(commands, from, to, &[region]);
+                        device.cmd_copy_buffer(commands, from, to, &regions);
                     });
                 }
             }
@@ -296,10 +314,35 @@ fn record_direct(gpu: &Gpu, direct: &[&Item<'_>]) -> wgpu::CommandBuffer {
     encoder.finish()
 }
 
-fn image_region(texture: &wgpu::Texture, offset_bytes: u64) -> vk::BufferImageCopy {
-    let layers = vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: 0, layer_count: 1 };
+/// Whether two copies read one texture or buffer and write one segment.
+fn is_alike(a: &Item<'_>, b: &Item<'_>) -> bool {
+    let same_source = match (&a.source, &b.source) {
+        (Source::Texture { texture: a, .. }, Source::Texture { texture: b, .. }) => a == b,
+        (Source::Buffer { buffer: a, .. }, Source::Buffer { buffer: b, .. }) => a == b,
+        _ => false,
+    };
+    same_source && imported(a) == imported(b)
+}
+
+/// Where the target of a direct copy begins in its segment.
+fn target_offset(item: &Item<'_>) -> Option<u64> {
+    match &item.sink {
+        Sink::Place(Place::Shm { offset_bytes, .. }) => Some(*offset_bytes as u64),
+        _ => None,
+    }
+}
+
+fn image_region(item: &Item<'_>) -> Option<vk::BufferImageCopy> {
+    let Source::Texture { texture, layer, .. } = &item.source else { return None };
+    let layers =
+        vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: *layer, layer_count: 1 };
     let extent = vk::Extent3D { width: texture.width(), height: texture.height(), depth: 1 };
-    vk::BufferImageCopy::default().buffer_offset(offset_bytes).image_subresource(layers).image_extent(extent)
+    Some(vk::BufferImageCopy::default().buffer_offset(target_offset(item)?).image_subresource(layers).image_extent(extent))
+}
+
+fn buffer_region(item: &Item<'_>) -> Option<vk::BufferCopy> {
+    let Source::Buffer { offset_bytes, n_bytes, .. } = &item.source else { return None };
+    Some(vk::BufferCopy { src_offset: *offset_bytes, dst_offset: target_offset(item)?, size: *n_bytes as u64 })
 }
 
 /// A submission on its way. Dropping it waits too, so that nothing is written to memory that the caller takes back.

@@ -32,9 +32,32 @@ impl Gpu {
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
     ) -> wgpu::Texture {
+        self.texture_of(label, size_px, [1, n_mips], format, usage)
+    }
+
+    /// One of several layers, each of one level.
+    pub fn texture_layers(
+        &self,
+        label: &str,
+        size_px: [u32; 2],
+        n_layers: u32,
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
+        self.texture_of(label, size_px, [n_layers, 1], format, usage)
+    }
+
+    fn texture_of(
+        &self,
+        label: &str,
+        [width, height]: [u32; 2],
+        [n_layers, n_mips]: [u32; 2],
+        format: wgpu::TextureFormat,
+        usage: wgpu::TextureUsages,
+    ) -> wgpu::Texture {
         self.device().create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
-            size: wgpu::Extent3d { width: size_px[0], height: size_px[1], depth_or_array_layers: 1 },
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: n_layers },
             mip_level_count: n_mips,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,

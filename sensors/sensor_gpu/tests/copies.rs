@@ -108,7 +108,7 @@ fn ordinary_memory_and_mapped_rows_carry_the_same_bytes() {
     let before = gpu.counters().counts();
     let mut batch = CopyBatch::new();
     batch.texture(&texture, 4, Place::Memory(&mut memory));
-    let mapped = batch.map_texture(&texture, 4);
+    let mapped = batch.map_texture(&texture, 0, 4);
     let mut outcomes = batch.submit(&gpu, gpu.encoder("test")).wait().unwrap();
     assert_eq!((outcomes[0].n_bytes, outcomes[0].cpu_copies), (expected.len(), 1));
     let rows = outcomes[mapped].mapped.take().unwrap();

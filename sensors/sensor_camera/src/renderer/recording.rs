@@ -5,32 +5,57 @@ use sensor_core::Scene;
 
 use super::{Active, CameraRenderer, Quality};
 use crate::draw::{self, Drawn, NEAR_M};
-use crate::lamps::{LampLists, LampRange};
-use crate::light::Light;
-use crate::pass::ViewPass;
+use crate::lamps::LampLists;
+use crate::pass::{Together, ViewPass};
 use crate::post::PostJob;
 use crate::raster::{RasterJob, RasterPlan};
 use crate::shade::ShadeKey;
 use crate::shadow::{Eye, ShadowLookup, Shadows};
 use crate::targets::{Target, Targets};
-use crate::uniform::ViewData;
+use crate::uniform::{MAX_TOGETHER, ViewData};
 use crate::view::{View, ViewJob};
 
 /// Light of one view.
 struct Lit {
     near: ShadowLookup,
     far: ShadowLookup,
-    lamps: LampRange,
 }
 
 /// A view on its way through the passes.
 struct Work<'w> {
     view: ViewPass<'w>,
-    bound: wgpu::BindGroup,
     /// If it is lit.
     shade: Option<ShadeKey>,
     /// If its picture is developed.
     post: Option<PostJob<'w>>,
+}
+
+/// What views are bound to on their way: the scene, and the views that are computed.
+struct Bound {
+    scene: wgpu::BindGroup,
+    views: wgpu::BindGroup,
+}
+
+/// Views that go through every step together.
+struct Run<'w> {
+    works: &'w [Work<'w>],
+    views: Together<'w>,
+}
+
+impl<'w> Run<'w> {
+    /// Runs of views in their order, of at most [`MAX_TOGETHER`].
+    fn all_of(works: &'w [Work<'w>], active: &'w [Active], jobs: &'w [ViewJob<'_, '_>]) -> Vec<Run<'w>> {
+        let is_alike = |a: &Work<'_>, b: &Work<'_>| {
+            let is_plain = |work: &Work<'_>| work.post.as_ref().map(PostJob::is_plain);
+            std::ptr::eq(a.view.targets, b.view.targets) && a.shade == b.shade && is_plain(a) == is_plain(b)
+        };
+        let run = |works: &'w [Work<'w>]| {
+            let (first, targets) = (works[0].view.view_idx, works[0].view.targets);
+            let kept = jobs[active[first].job_idx].view.kept;
+            Run { works, views: Together { targets, kept, first, n: works.len() } }
+        };
+        works.chunk_by(is_alike).flat_map(|alike| alike.chunks(MAX_TOGETHER)).map(run).collect()
+    }
 }
 
 impl CameraRenderer {
@@ -39,48 +64,49 @@ impl CameraRenderer {
         scene: &Scene,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
+        lamps: &LampLists,
         computes: bool,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
-            self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
-        }
         let gpu = self.gpu.clone();
-        let mut lamps = LampLists::new(self.quality);
-        let lit = gpu.time("record: light", || self.light_up(scene, active, jobs, &mut lamps, encoder));
+        let lit = gpu.time("record: light", || self.light_up(scene, active, jobs, encoder));
         let mut views: Vec<ViewData> =
             active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit)).collect();
-        let plan = gpu.time("record: upload", || self.upload(scene, active, &mut views, &lamps, computes));
-        let works = gpu.time("record: works", || self.works(scene, active, jobs, &lit));
-        let scene_group = self.bind_scene();
-        // Views of one batch go through each step together; what is drawn goes view by view and stays in the processor's caches.
-        let batch_of = |i: usize| plan.as_ref().map_or(i, |plan| plan.places[i].batch);
-        let mut begin = 0;
-        while begin < works.len() {
-            let end = (begin..works.len()).find(|i| batch_of(*i) != batch_of(begin)).unwrap_or(works.len());
-            self.record_geometry(&works[begin..end], plan.as_ref().map(|plan| (plan, batch_of(begin))), &scene_group, encoder);
-            self.record_light(&works[begin..end], &scene_group, encoder);
-            begin = end;
-        }
-        for (work, active) in works.iter().zip(active) {
+        let plan = gpu.time("record: upload", || self.upload(scene, active, &mut views, lamps, computes));
+        let works = gpu.time("record: works", || self.works(scene, active, jobs));
+        let bound = Bound { scene: self.bind_scene(), views: self.bind_views() };
+        gpu.time("record: passes", || match &plan {
+            Some(plan) => {
+                let batches: Vec<&[Work<'_>]> =
+                    works.chunk_by(|a, b| plan.batch_of(a.view.view_idx) == plan.batch_of(b.view.view_idx)).collect();
+                for (batch, works) in batches.into_iter().enumerate() {
+                    let runs = Run::all_of(works, active, jobs);
+                    self.rasterise(&runs, (plan, batch), &bound, encoder);
+                    self.record_light(&runs, &lit, &bound, encoder);
+                }
+            }
+            // What is drawn goes view by view and stays in the processor's caches.
+            None => {
+                for work in works.chunks(1) {
+                    let runs = Run::all_of(work, active, jobs);
+                    self.draw_geometry(&work[0], &lit, &bound, encoder);
+                    self.record_light(&runs, &lit, &bound, encoder);
+                }
+            }
+        });
+        for active in active {
             if active.set.contains(Target::Color) && !scene.debug.is_empty() {
                 let lens = jobs[active.job_idx].view.spec.intrinsics;
-                self.debug.record(&self.gpu, encoder, &scene.debug, &lens, &active.motion.world_from_camera, work.view.targets);
+                let targets = (&*active.targets, active.layer);
+                self.debug.record(&self.gpu, encoder, &scene.debug, &lens, &active.motion.world_from_camera, targets);
             }
         }
     }
 
-    /// Draws shadow maps and gathers lamps.
-    fn light_up(
-        &mut self,
-        scene: &Scene,
-        active: &[Active],
-        jobs: &[ViewJob<'_, '_>],
-        lamps: &mut LampLists,
-        encoder: &mut wgpu::CommandEncoder,
-    ) -> Vec<Lit> {
+    /// Draws shadow maps.
+    fn light_up(&mut self, scene: &Scene, active: &[Active], jobs: &[ViewJob<'_, '_>], encoder: &mut wgpu::CommandEncoder) -> Vec<Lit> {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("record() made the light");
+        let light = self.light.as_ref().expect("draw() made the light");
         let eye = |active: &Active| Eye {
             world_from_camera: active.motion.world_from_camera,
             focal_px: jobs[active.job_idx].view.spec.intrinsics.focal_px,
@@ -99,13 +125,7 @@ impl CameraRenderer {
             let next = |lookups: &mut std::vec::IntoIter<ShadowLookup>| {
                 Some(()).filter(|_| has_shadows).and_then(|_| lookups.next()).unwrap_or_else(|| none.clone())
             };
-            let range = if active.set.is_lit() {
-                let lens = jobs[active.job_idx].view.spec.intrinsics;
-                lamps.add_view(scene, assets, &lens, &active.motion, light.exposure, light.dark_ratio)
-            } else {
-                LampRange::default()
-            };
-            Lit { near: next(&mut near), far: next(&mut far), lamps: range }
+            Lit { near: next(&mut near), far: next(&mut far) }
         };
         active.iter().map(lit).collect()
     }
@@ -119,7 +139,7 @@ impl CameraRenderer {
         lamps: &LampLists,
         computes: bool,
     ) -> Option<RasterPlan> {
-        let light = self.light.as_ref().expect("record() made the light");
+        let light = self.light.as_ref().expect("draw() made the light");
         let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
         let plan = self.raster.as_mut().filter(|_| computes).map(|raster| {
             let jobs: Vec<RasterJob<'_>> = views.iter().zip(&drawn).map(|(view, drawn)| RasterJob::new(view, drawn)).collect();
@@ -133,24 +153,30 @@ impl CameraRenderer {
 
     fn bind_scene(&self) -> wgpu::BindGroup {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("record() made the light");
+        let light = self.light.as_ref().expect("draw() made the light");
         self.pass.bind_scene(&self.gpu, &light.sky, &assets.switched)
     }
 
+    /// What computed views look up.
+    fn bind_views(&self) -> wgpu::BindGroup {
+        let near = self.shadows.lookup();
+        self.pass.bind_views(&self.gpu, [near, self.far_shadows.as_ref().map_or(near, Shadows::lookup)])
+    }
+
     /// Says what each view goes through, and makes the pipelines for it.
-    fn works<'w>(&mut self, scene: &Scene, active: &'w [Active], jobs: &'w [ViewJob<'_, '_>], lit: &'w [Lit]) -> Vec<Work<'w>> {
+    fn works<'w>(&mut self, scene: &Scene, active: &'w [Active], jobs: &'w [ViewJob<'_, '_>]) -> Vec<Work<'w>> {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("record() made the light");
+        let light = self.light.as_ref().expect("draw() made the light");
         let (mut works, mut first_call) = (Vec::with_capacity(active.len()), 0);
-        for (view_idx, (active, lit)) in active.iter().zip(lit).enumerate() {
+        for (view_idx, active) in active.iter().enumerate() {
             let view = &*jobs[active.job_idx].view;
-            let targets: &Targets = &view.targets;
+            let targets: &Targets = &active.targets;
             let developed = active.set.contains(Target::Radiance);
             let shade = active.set.is_lit().then(|| ShadeKey {
                 color: active.set.contains(Target::Color) && !developed,
                 radiance: developed,
                 luminance: active.set.contains(Target::Luminance),
-                lamps: lit.lamps.n > 0 || light.dark_ratio > 0.0 || assets.is_switched(),
+                lamps: active.lamps.n > 0 || light.dark_ratio > 0.0 || assets.is_switched(),
                 fog: light.has_fog,
                 wet: light.is_wet,
                 switched: assets.is_switched(),
@@ -160,6 +186,7 @@ impl CameraRenderer {
                 view_idx,
                 optics: &view.spec.optics,
                 targets,
+                layer: active.layer,
                 meter: view.meter.as_ref(),
                 exposure: light.exposure,
                 since_secs: scene.sim_time.0.saturating_sub(previous) as f32 * 1e-9,
@@ -168,64 +195,70 @@ impl CameraRenderer {
             if let Some(key) = shade {
                 self.shade.prepare(&self.gpu, key);
             }
-            let shadows = [&lit.near.view, &lit.far.view];
-            let bound = self.pass.bind_view(&self.gpu, shadows);
             let pass = ViewPass { targets, set: active.set, drawn: &active.drawn, first_call, view_idx };
             first_call += active.drawn.calls.len();
-            works.push(Work { view: pass, bound, shade, post });
+            works.push(Work { view: pass, shade, post });
         }
         let developed: Vec<&PostJob<'_>> = works.iter().filter_map(|work| work.post.as_ref()).collect();
         self.post.upload(&self.gpu, &developed, works.len());
         works
     }
 
-    fn record_geometry(
-        &self,
-        works: &[Work<'_>],
-        computed: Option<(&RasterPlan, usize)>,
-        scene_group: &wgpu::BindGroup,
-        encoder: &mut wgpu::CommandEncoder,
-    ) {
+    /// What a drawn view looks up.
+    fn bind_view(&self, lit: &Lit) -> wgpu::BindGroup {
+        self.pass.bind_view(&self.gpu, [&lit.near.view, &lit.far.view])
+    }
+
+    fn draw_geometry(&self, work: &Work<'_>, lit: &[Lit], bound: &Bound, encoder: &mut wgpu::CommandEncoder) {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let Some((raster, (plan, batch))) = self.raster.as_ref().zip(computed) else {
-            for work in works {
-                self.pass.record(&self.gpu, encoder, assets, [scene_group, &work.bound], &work.view);
-                self.gpu.mark(encoder, "geometry");
-            }
-            return;
-        };
+        let view = self.bind_view(&lit[work.view.view_idx]);
+        self.pass.record(&self.gpu, encoder, assets, [&bound.scene, &view], &work.view);
+        self.gpu.mark(encoder, "geometry");
+    }
+
+    fn rasterise(&self, runs: &[Run<'_>], (plan, batch): (&RasterPlan, usize), bound: &Bound, encoder: &mut wgpu::CommandEncoder) {
+        let assets = self.assets.as_ref().expect("render() loaded the assets");
+        let raster = self.raster.as_ref().expect("only it makes plans");
         raster.record(&self.gpu, encoder, assets, &self.pass.instances, plan, batch);
         self.gpu.mark(encoder, "raster");
         let lists = raster.bind_lists(&self.gpu, assets);
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("resolve"), timestamp_writes: None });
-        for work in works {
-            raster.resolve(&self.gpu, &mut pass, [scene_group, &work.bound, &lists], &work.view);
+        for run in runs {
+            raster.resolve(&self.gpu, &mut pass, [&bound.scene, &bound.views, &lists], &run.views);
         }
         drop(pass);
         self.gpu.mark(encoder, "resolve");
     }
 
-    fn record_light(&self, works: &[Work<'_>], scene_group: &wgpu::BindGroup, encoder: &mut wgpu::CommandEncoder) {
-        let lit: Vec<(&Work<'_>, ShadeKey)> = works.iter().filter_map(|work| work.shade.map(|key| (work, key))).collect();
-        if lit.is_empty() {
+    fn record_light(&self, runs: &[Run<'_>], lit: &[Lit], bound: &Bound, encoder: &mut wgpu::CommandEncoder) {
+        let shaded = || runs.iter().filter_map(|run| Some((run, run.works[0].shade?)));
+        if shaded().next().is_none() {
             return;
         }
         if self.shade.is_drawn() {
-            for (work, key) in &lit {
-                self.shade.draw(&self.gpu, encoder, [scene_group, &work.bound], &work.view, *key);
+            for (work, key) in shaded().flat_map(|(run, key)| run.works.iter().map(move |work| (work, key))) {
+                let view = self.bind_view(&lit[work.view.view_idx]);
+                self.shade.draw(&self.gpu, encoder, [&bound.scene, &view], &work.view, key);
             }
         } else {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("shade"), timestamp_writes: None });
-            for (work, key) in &lit {
-                self.shade.compute(&self.gpu, &mut pass, [scene_group, &work.bound], &work.view, *key);
+            for (run, key) in shaded() {
+                self.shade.compute(&self.gpu, &mut pass, [&bound.scene, &bound.views], &run.views, key);
             }
         }
         self.gpu.mark(encoder, "shade");
-        let developed: Vec<&PostJob<'_>> = works.iter().filter_map(|work| work.post.as_ref()).collect();
-        if !developed.is_empty() {
-            self.post.record(&self.gpu, encoder, &developed);
-            self.gpu.mark(encoder, "post");
+        if runs.iter().flat_map(|run| run.works).all(|work| work.post.is_none()) {
+            return;
         }
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
+        for run in runs {
+            match run.works[0].post.as_ref().map(PostJob::is_plain) {
+                Some(true) => self.post.develop_plain(&self.gpu, &mut pass, &run.views),
+                _ => run.works.iter().filter_map(|work| work.post.as_ref()).for_each(|job| self.post.develop(&self.gpu, &mut pass, job)),
+            }
+        }
+        drop(pass);
+        self.gpu.mark(encoder, "post");
     }
 }
 
@@ -246,7 +279,10 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
         shadow_from_camera: lit.near.shadow_from_camera,
         far_shadow_from_camera: lit.far.shadow_from_camera,
         options: [motion.moved() as u32 as f32, lit.near.on as u32 as f32, 0.0, lit.near.texel_depth],
-        lamps: [lit.lamps.first_lamp, lit.lamps.first_tile, lit.far.texel_depth.to_bits(), 0],
+        lamps: [active.lamps.first_lamp, active.lamps.first_tile, lit.far.texel_depth.to_bits(), 0],
         raster: [0, 0, 0, active.set.0 as u32],
+        layers: [active.layer, lit.near.layer, lit.far.layer, 0],
+        tile: [lit.near.tile[0], lit.near.tile[1], lit.near.tile[2], 0.0],
+        rest: [[0; 4]; 13],
     }
 }

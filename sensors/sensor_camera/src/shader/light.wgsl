@@ -8,21 +8,21 @@ override WITH_FOG: bool = true;
 override WITH_WET: bool = true;
 
 fn shadow_at(point_in_camera: vec3<f32>, facing: f32) -> f32 {
-    let at = transform(view.shadow_from_camera, point_in_camera);
+    let at = transform(views[which].shadow_from_camera, point_in_camera);
     let edge = max(abs(at.x - 0.5), abs(at.y - 0.5));
     // Slope-scaled: a texel seen at a grazing angle spans a range of depths.
-    let biased = at.z - view.options.w * (0.6 + 3.0 * (1.0 - abs(facing)));
-    let near = textureSampleCompareLevel(shadow_map, shadow_sampler, at.xy, biased);
+    let biased = at.z - views[which].options.w * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let near = near_shadow(at.xy, biased);
     // How much the near map says; beyond it the far map, beyond that no shadow.
-    let inside = view.options.y * (1.0 - smoothstep(0.42, 0.49, edge));
+    let inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, edge));
     if SIMPLE {
         return mix(1.0, near, inside);
     }
-    let far_at = transform(view.far_shadow_from_camera, point_in_camera);
+    let far_at = transform(views[which].far_shadow_from_camera, point_in_camera);
     let far_edge = max(abs(far_at.x - 0.5), abs(far_at.y - 0.5));
-    let far_biased = far_at.z - bitcast<f32>(view.lamps.z) * (0.6 + 3.0 * (1.0 - abs(facing)));
-    let far = textureSampleCompareLevel(far_shadow_map, shadow_sampler, far_at.xy, far_biased);
-    let far_inside = view.options.y * (1.0 - smoothstep(0.42, 0.49, far_edge));
+    let far_biased = far_at.z - bitcast<f32>(views[which].lamps.z) * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let far = far_shadow(far_at.xy, far_biased);
+    let far_inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, far_edge));
     return mix(mix(1.0, far, far_inside), near, inside);
 }
 
@@ -43,8 +43,8 @@ struct Point {
 // Radiance towards the eye, with the air in between.
 fn shade(point: Point) -> vec3<f32> {
     let normal = point.normal;
-    let offset = rotate_rows(view.world_from_camera, point.in_camera);
-    let world_m = offset + vec3(view.world_from_camera[0].w, view.world_from_camera[1].w, view.world_from_camera[2].w);
+    let offset = rotate_rows(views[which].world_from_camera, point.in_camera);
+    let world_m = offset + vec3(views[which].world_from_camera[0].w, views[which].world_from_camera[1].w, views[which].world_from_camera[2].w);
     let distance_m = length(offset);
     let towards_point = offset / distance_m;
     let cosine = clamp(-dot(towards_point, normal), 0.0, 1.0);
@@ -107,6 +107,6 @@ fn shade(point: Point) -> vec3<f32> {
 }
 
 fn camera_from_world(direction: vec3<f32>) -> vec3<f32> {
-    return view.world_from_camera[0].xyz * direction.x + view.world_from_camera[1].xyz * direction.y
-        + view.world_from_camera[2].xyz * direction.z;
+    return views[which].world_from_camera[0].xyz * direction.x + views[which].world_from_camera[1].xyz * direction.y
+        + views[which].world_from_camera[2].xyz * direction.z;
 }

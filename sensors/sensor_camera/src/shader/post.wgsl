@@ -16,6 +16,10 @@ struct Post {
     rim: vec4<f32>,
     // Gains of red, green, blue.
     white: vec4<f32>,
+    // Layer of its picture.
+    layers: vec4<u32>,
+    // A uniform's offset can be a multiple of 256 only.
+    rest: array<vec4<u32>, 8>,
 }
 
 struct Meter {
@@ -24,13 +28,16 @@ struct Meter {
     known: f32,
 }
 
-@group(0) @binding(0) var<uniform> post: Post;
-@group(0) @binding(1) var radiance_map: texture_2d<f32>;
+// Views from the one on at which the binding begins; a dispatch does many, one per z.
+@group(0) @binding(0) var<uniform> posts: array<Post, 32>;
+@group(0) @binding(1) var radiance_maps: texture_2d_array<f32>;
 @group(0) @binding(2) var smooth_sampler: sampler;
 @group(0) @binding(3) var<storage, read_write> meter: Meter;
-@group(0) @binding(4) var color_map: texture_storage_2d<r32uint, write>;
+@group(0) @binding(4) var color_maps: texture_storage_2d_array<r32uint, write>;
 @group(0) @binding(5) var glow_map: texture_2d<f32>;
 @group(0) @binding(6) var glow_out: texture_storage_2d<rgba16float, write>;
+
+var<private> which: u32;
 
 const N_BINS: u32 = 128u;
 // Luminance of the lowest bin: 2^-18 of white; 5 bins a stop.
@@ -47,8 +54,8 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     }
     workgroupBarrier();
     for (var i = thread; i < 4096u; i += 256u) {
-        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * post.size_px.xy;
-        let luminance = luminance_of(textureLoad(radiance_map, vec2<u32>(at), 0).rgb);
+        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * posts[which].size_px.xy;
+        let luminance = luminance_of(textureLoad(radiance_maps, vec2<u32>(at), posts[which].layers.x, 0).rgb);
         let bin = (log2(max(luminance, 1e-9)) - LOWEST) * BINS_PER_STOP;
         atomicAdd(&bins[u32(clamp(bin, 0.0, f32(N_BINS) - 1.0))], 1u);
     }
@@ -66,12 +73,12 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
         weight += counted;
         before += n;
     }
-    let log_mean = sum / max(weight, 1.0) / BINS_PER_STOP + LOWEST + log2(post.meter.x);
-    let asked = clamp(log_mean + log2(100.0 / post.meter.y), post.range.x, post.range.y);
+    let log_mean = sum / max(weight, 1.0) / BINS_PER_STOP + LOWEST + log2(posts[which].meter.x);
+    let asked = clamp(log_mean + log2(100.0 / posts[which].meter.y), posts[which].range.x, posts[which].range.y);
     if meter.known == 0.0 {
         meter.ev100 = asked;
     } else {
-        meter.ev100 += (asked - meter.ev100) * select(post.range.w, post.range.z, asked > meter.ev100);
+        meter.ev100 += (asked - meter.ev100) * select(posts[which].range.w, posts[which].range.z, asked > meter.ev100);
     }
     meter.known = 1.0;
 }
@@ -84,40 +91,40 @@ fn cs_shrink(@builtin(global_invocation_id) at: vec3<u32>) {
         return;
     }
     let middle = (vec2<f32>(at.xy) + 0.5) / vec2<f32>(size);
-    let step = 1.0 / vec2<f32>(textureDimensions(radiance_map));
+    let step = 1.0 / vec2<f32>(textureDimensions(radiance_maps));
     var sum = vec3(0.0);
     for (var i = 0; i < 4; i++) {
         let away = vec2(f32(i & 1) * 2.0 - 1.0, f32(i >> 1u) * 2.0 - 1.0);
-        sum += min(textureSampleLevel(radiance_map, smooth_sampler, middle + away * step, 0.0).rgb, vec3(200.0));
+        sum += min(textureSampleLevel(radiance_maps, smooth_sampler, middle + away * step, posts[which].layers.x, 0.0).rgb, vec3(200.0));
     }
     textureStore(glow_out, at.xy, vec4(sum * 0.25, 1.0));
 }
 
 fn exposed() -> f32 {
-    if post.exposure.y == 0.0 {
-        return post.exposure.x;
+    if posts[which].exposure.y == 0.0 {
+        return posts[which].exposure.x;
     }
-    return post.exposure.x * post.meter.x / (1.2 * exp2(meter.ev100));
+    return posts[which].exposure.x * posts[which].meter.x / (1.2 * exp2(meter.ev100));
 }
 
 // From radiance to the display, 0 to 1.
 fn developed(radiance: vec3<f32>) -> vec3<f32> {
-    let rgb = max(radiance * post.white.rgb, vec3(0.0));
-    if post.exposure.w == 0.0 {
-        return pow(min(rgb, vec3(1.0)), vec3(post.exposure.z / 2.2));
+    let rgb = max(radiance * posts[which].white.rgb, vec3(0.0));
+    if posts[which].exposure.w == 0.0 {
+        return pow(min(rgb, vec3(1.0)), vec3(posts[which].exposure.z / 2.2));
     }
-    return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(post.exposure.z));
+    return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(posts[which].exposure.z));
 }
 
 fn radiance_at(at: vec2<f32>, factor: f32) -> vec3<f32> {
-    return textureSampleLevel(radiance_map, smooth_sampler, at, 0.0).rgb * factor;
+    return textureSampleLevel(radiance_maps, smooth_sampler, at, posts[which].layers.x, 0.0).rgb * factor;
 }
 
 // Smooth edges: where neighbours differ, the mean along the edge (after Lottes, FXAA, 2009).
 fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
-    let px = post.size_px.zw;
+    let px = posts[which].size_px.zw;
     let middle = developed(radiance_at(at, factor));
-    if post.meter.z == 0.0 {
+    if posts[which].meter.z == 0.0 {
         return middle;
     }
     let weights = vec3(0.299, 0.587, 0.114);
@@ -142,30 +149,31 @@ fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
 
 @compute @workgroup_size(16, 8)
 fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
-    if f32(at.x) >= post.size_px.x || f32(at.y) >= post.size_px.y {
+    which = at.z;
+    if f32(at.x) >= posts[which].size_px.x || f32(at.y) >= posts[which].size_px.y {
         return;
     }
-    let from_middle = (vec2<f32>(at.xy) + 0.5) * post.size_px.zw - 0.5;
-    let scaled = from_middle * post.lens.zw;
+    let from_middle = (vec2<f32>(at.xy) + 0.5) * posts[which].size_px.zw - 0.5;
+    let scaled = from_middle * posts[which].lens.zw;
     let squared = dot(scaled, scaled);
-    let bent = from_middle * (1.0 + squared * (post.lens.x + post.lens.y * sqrt(squared)));
+    let bent = from_middle * (1.0 + squared * (posts[which].lens.x + posts[which].lens.y * sqrt(squared)));
     let to_corner = length(from_middle) * 1.41421356;
     var factor = exposed();
-    if post.exposure.w != 0.0 {
-        factor *= clamp(1.0 - post.rim.x * pow(to_corner, post.rim.y), 0.0, 1.0);
+    if posts[which].exposure.w != 0.0 {
+        factor *= clamp(1.0 - posts[which].rim.x * pow(to_corner, posts[which].rim.y), 0.0, 1.0);
     }
     var rgb: vec3<f32>;
-    if post.rim.z == 0.0 && post.meter.w == 0.0 {
+    if posts[which].rim.z == 0.0 && posts[which].meter.w == 0.0 {
         rgb = smoothed(bent + 0.5, factor);
     } else {
-        let drift = post.rim.z * 0.01 * max(to_corner - post.rim.w, 0.0);
+        let drift = posts[which].rim.z * 0.01 * max(to_corner - posts[which].rim.w, 0.0);
         var radiance = vec3(
             radiance_at(bent * (1.0 + drift) + 0.5, factor).r,
             radiance_at(bent + 0.5, factor).g,
             radiance_at(bent * (1.0 - drift) + 0.5, factor).b,
         );
-        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * post.meter.w);
+        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * posts[which].meter.w);
         rgb = developed(radiance);
     }
-    textureStore(color_map, at.xy, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));
+    textureStore(color_maps, at.xy, posts[which].layers.x, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));
 }

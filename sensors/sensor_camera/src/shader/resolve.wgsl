@@ -16,17 +16,17 @@ struct Draw {
 @group(2) @binding(2) var<storage, read> indices: array<u32>;
 // Per pixel: the triangle's number, bits of 1 / depth (0: sky).
 @group(2) @binding(3) var<storage, read> seen: array<vec2<u32>>;
-@group(3) @binding(0) var surface_out: texture_storage_2d<rgba32uint, write>;
-@group(3) @binding(1) var depth_out: texture_storage_2d<r32float, write>;
-@group(3) @binding(2) var class_out: texture_storage_2d<r8uint, write>;
-@group(3) @binding(3) var instance_out: texture_storage_2d<r32uint, write>;
-@group(3) @binding(4) var flow_out: texture_storage_2d<rg32float, write>;
-@group(3) @binding(5) var normal_out: texture_storage_2d<rgba16float, write>;
+@group(3) @binding(0) var surface_out: texture_storage_2d_array<rgba32uint, write>;
+@group(3) @binding(1) var depth_out: texture_storage_2d_array<r32float, write>;
+@group(3) @binding(2) var class_out: texture_storage_2d_array<r8uint, write>;
+@group(3) @binding(3) var instance_out: texture_storage_2d_array<r32uint, write>;
+@group(3) @binding(4) var flow_out: texture_storage_2d_array<rg32float, write>;
+@group(3) @binding(5) var normal_out: texture_storage_2d_array<rgba16float, write>;
 
 // Whether the target of this number (targets.rs) is wanted. Not an override: one pipeline for all, so that no compiler rounds a
 // target in another way because of who else reads.
 fn wants(number: u32) -> bool {
-    return ((view.raster.w >> number) & 1u) != 0u;
+    return ((views[which].raster.w >> number) & 1u) != 0u;
 }
 
 fn wants_flow() -> bool {
@@ -37,8 +37,8 @@ const VERTEX_WORDS: u32 = 9u;
 
 // The draw call of the view that holds this triangle: the last one that begins at or before it.
 fn draw_with(triangle: u32) -> u32 {
-    var low = view.raster.x;
-    var n = view.raster.y;
+    var low = views[which].raster.x;
+    var n = views[which].raster.y;
     while n > 1u {
         let half = n / 2u;
         let is_behind = draws[low + half].first_triangle <= triangle;
@@ -88,11 +88,12 @@ fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
 
 @compute @workgroup_size(16, 8)
 fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
-    let size = vec2<u32>(view.frame.xy);
+    which = at.z;
+    let size = vec2<u32>(views[which].frame.xy);
     if at.x >= size.x || at.y >= size.y {
         return;
     }
-    let found = seen[view.raster.z + at.y * size.x + at.x];
+    let found = seen[views[which].raster.z + at.y * size.x + at.x];
     let middle = vec2<f32>(at.xy) + 0.5;
     var pixel: Pixel;
     if found.y == 0u {
@@ -100,22 +101,23 @@ fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
     } else {
         pixel = seen_pixel(middle, found);
     }
+    let layer = views[which].layers.x;
     if wants(0u) {
-        textureStore(surface_out, at.xy, pixel.surface);
+        textureStore(surface_out, at.xy, layer, pixel.surface);
     }
     if wants(1u) {
-        textureStore(depth_out, at.xy, vec4(pixel.depth_m, 0.0, 0.0, 0.0));
+        textureStore(depth_out, at.xy, layer, vec4(pixel.depth_m, 0.0, 0.0, 0.0));
     }
     if wants(2u) {
-        textureStore(class_out, at.xy, vec4(pixel.class_code, 0u, 0u, 0u));
+        textureStore(class_out, at.xy, layer, vec4(pixel.class_code, 0u, 0u, 0u));
     }
     if wants(3u) {
-        textureStore(instance_out, at.xy, vec4(pixel.instance, 0u, 0u, 0u));
+        textureStore(instance_out, at.xy, layer, vec4(pixel.instance, 0u, 0u, 0u));
     }
     if wants(4u) {
-        textureStore(flow_out, at.xy, vec4(pixel.flow_px, 0.0, 0.0));
+        textureStore(flow_out, at.xy, layer, vec4(pixel.flow_px, 0.0, 0.0));
     }
     if wants(5u) {
-        textureStore(normal_out, at.xy, pixel.normal);
+        textureStore(normal_out, at.xy, layer, pixel.normal);
     }
 }

@@ -24,6 +24,12 @@ struct ViewUniform {
     lamps: vec4<u32>,
     // First draw call, their number, first pixel in the list of what was seen (resolve.wgsl); bits of the targets that are wanted.
     raster: vec4<u32>,
+    // Where compute shaders find its images and shadow maps: layer of its targets, of the near map, of the far map.
+    layers: vec4<u32>,
+    // Where in those layers: x, y of the near map in sides of itself, its side in sides of the layer.
+    tile: vec4<f32>,
+    // A uniform's offset can be a multiple of 256 only.
+    rest: array<vec4<u32>, 13>,
 }
 
 // Mirror of LightData.
@@ -46,10 +52,9 @@ struct LightUniform {
 @group(0) @binding(3) var sky_sampler: sampler;
 @group(0) @binding(4) var noise_map: texture_2d<f32>;
 @group(0) @binding(5) var noise_sampler: sampler;
-@group(1) @binding(0) var<uniform> view: ViewUniform;
-@group(1) @binding(1) var shadow_map: texture_depth_2d;
+// Views from the one on at which the binding begins; `which` of them is meant: view_drawn.wgsl, view_computed.wgsl.
+@group(1) @binding(0) var<uniform> views: array<ViewUniform, 32>;
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
-@group(1) @binding(5) var far_shadow_map: texture_depth_2d;
 
 // Rows of [rotation | translation] applied to a point.
 fn transform(m: array<vec4<f32>, 3>, point: vec3<f32>) -> vec3<f32> {
@@ -68,9 +73,9 @@ fn rotate(q: vec4<f32>, v: vec3<f32>) -> vec3<f32> {
 
 // Direction through a pixel with camera z = 1: times the depth it is the point.
 fn ray_in_camera(pixel: vec2<f32>) -> vec3<f32> {
-    return vec3((pixel - view.lens_px.zw) / view.lens_px.xy, 1.0);
+    return vec3((pixel - views[which].lens_px.zw) / views[which].lens_px.xy, 1.0);
 }
 
 fn pixel_of(point_in_camera: vec3<f32>) -> vec2<f32> {
-    return point_in_camera.xy / point_in_camera.z * view.lens_px.xy + view.lens_px.zw;
+    return point_in_camera.xy / point_in_camera.z * views[which].lens_px.xy + views[which].lens_px.zw;
 }

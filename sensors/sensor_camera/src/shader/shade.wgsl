@@ -1,10 +1,6 @@
 // The shading pass: light on what the geometry pass saw, once per pixel. Mirrors: shade.rs, targets.rs.
 // GPUs made for computing have far more arithmetic in compute shaders; a software rasteriser is fastest with one triangle over the image.
 
-@group(2) @binding(0) var surface_map: texture_2d<u32>;
-@group(2) @binding(1) var depth_map: texture_2d<f32>;
-@group(2) @binding(2) var instance_map: texture_2d<u32>;
-
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;
 
@@ -14,15 +10,15 @@ fn normal_of(packed: u32) -> vec3<f32> {
 }
 
 fn surface_radiance(at: vec2<u32>, depth_m: f32, ray: vec3<f32>) -> vec3<f32> {
-    let packed = textureLoad(surface_map, at, 0);
-    let id = textureLoad(instance_map, at, 0).r;
+    let packed = surface_at(at);
+    let id = id_at(at);
     var point: Point;
     point.pixel = at;
     point.in_camera = ray * depth_m;
     point.normal = normal_of(packed.x);
     point.uv_m = bitcast<vec2<f32>>(packed.zw);
     point.labels = vec4(id, (packed.y >> 16u) & 0x1f00u | (packed.y >> 29u) << 16u, packed.y, 0u);
-    point.pixel_m = depth_m / view.lens_px.x;
+    point.pixel_m = depth_m / views[which].lens_px.x;
     point.open = 1.0;
     if !SIMPLE {
         point.open = open_sky(point);
@@ -31,7 +27,7 @@ fn surface_radiance(at: vec2<u32>, depth_m: f32, ray: vec3<f32>) -> vec3<f32> {
 }
 
 fn sky_at(ray: vec3<f32>) -> vec3<f32> {
-    let direction = normalize(rotate_rows(view.world_from_camera, ray));
+    let direction = normalize(rotate_rows(views[which].world_from_camera, ray));
     return rain_over(sky_radiance(direction), direction, 1e4);
 }
 
@@ -41,15 +37,15 @@ fn open_sky(point: Point) -> f32 {
     const N: i32 = 12;
     const REACH_M: f32 = 0.9;
     let normal = camera_from_world(point.normal);
-    let reach_px = clamp(REACH_M / point.pixel_m, 2.0, 0.12 * view.frame.x);
+    let reach_px = clamp(REACH_M / point.pixel_m, 2.0, 0.12 * views[which].frame.x);
     let turn = 6.2831853 * fract(52.9829189 * fract(dot(vec2<f32>(point.pixel), vec2(0.06711056, 0.00583715))));
     var hidden = 0.0;
     for (var i = 0; i < N; i++) {
         let share = (f32(i) + 0.5) / f32(N);
         let angle = turn + share * 6.2831853 * 5.0;
         let at = vec2<f32>(point.pixel) + 0.5 + vec2(cos(angle), sin(angle)) * (share * reach_px);
-        let pixel = vec2<u32>(clamp(at, vec2(0.0), view.frame.xy - 1.0));
-        let depth_m = textureLoad(depth_map, pixel, 0).r;
+        let pixel = vec2<u32>(clamp(at, vec2(0.0), views[which].frame.xy - 1.0));
+        let depth_m = depth_at(pixel);
         let away = ray_in_camera(vec2<f32>(pixel) + 0.5) * min(depth_m, FAR_M) - point.in_camera;
         let squared = dot(away, away);
         let near = max(1.0 - squared / (REACH_M * REACH_M * 2.0), 0.0);
@@ -67,19 +63,19 @@ fn mirrored_on_screen(point: Point, direction: vec3<f32>, sharp: f32) -> vec4<f3
     var step_m = 0.25 + 0.04 * point.in_camera.z;
     var at = point.in_camera + direction * step_m * (0.5 + 0.5 * fract(52.9829189 * fract(dot(vec2<f32>(point.pixel), vec2(0.00583715, 0.06711056)))));
     for (var i = 0; i < 22; i++) {
-        if at.z < view.frame.z {
+        if at.z < views[which].frame.z {
             return vec4(0.0);
         }
         let pixel = pixel_of(at);
-        if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x >= view.frame.x || pixel.y >= view.frame.y {
+        if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x >= views[which].frame.x || pixel.y >= views[which].frame.y {
             return vec4(0.0);
         }
         let found = vec2<u32>(pixel);
-        let depth_m = textureLoad(depth_map, found, 0).r;
+        let depth_m = depth_at(found);
         if depth_m < at.z && depth_m > at.z - 2.0 * step_m - 0.3 {
-            let packed = textureLoad(surface_map, found, 0);
-            let rim = min(min(pixel.x, view.frame.x - pixel.x), min(pixel.y, view.frame.y - pixel.y)) / (0.08 * view.frame.y);
-            return vec4(rough_radiance(packed, textureLoad(instance_map, found, 0).r), clamp(rim, 0.0, 1.0) * clamp(sharp * 1.5 - 0.2, 0.0, 1.0));
+            let packed = surface_at(found);
+            let rim = min(min(pixel.x, views[which].frame.x - pixel.x), min(pixel.y, views[which].frame.y - pixel.y)) / (0.08 * views[which].frame.y);
+            return vec4(rough_radiance(packed, id_at(found)), clamp(rim, 0.0, 1.0) * clamp(sharp * 1.5 - 0.2, 0.0, 1.0));
         }
         at += direction * step_m;
         step_m *= 1.16;

@@ -4,6 +4,22 @@ override WITH_COLOR: bool = true;
 override WITH_LUMINANCE: bool = true;
 override WITH_RADIANCE: bool = true;
 
+@group(2) @binding(0) var surface_map: texture_2d<u32>;
+@group(2) @binding(1) var depth_map: texture_2d<f32>;
+@group(2) @binding(2) var instance_map: texture_2d<u32>;
+
+fn surface_at(pixel: vec2<u32>) -> vec4<u32> {
+    return textureLoad(surface_map, pixel, 0);
+}
+
+fn depth_at(pixel: vec2<u32>) -> f32 {
+    return textureLoad(depth_map, pixel, 0).r;
+}
+
+fn id_at(pixel: vec2<u32>) -> u32 {
+    return textureLoad(instance_map, pixel, 0).r;
+}
+
 struct Lit {
     @location(0) color: u32,
     @location(1) luminance: f32,
@@ -33,7 +49,7 @@ fn vs_main(@builtin(vertex_index) corner: u32) -> @builtin(position) @invariant 
 @fragment
 fn fs_surface(@builtin(position) at: vec4<f32>) -> Lit {
     let pixel = vec2<u32>(at.xy);
-    return lit(surface_radiance(pixel, textureLoad(depth_map, pixel, 0).r, ray_in_camera(at.xy)));
+    return lit(surface_radiance(pixel, depth_at(pixel), ray_in_camera(at.xy)));
 }
 
 @fragment

@@ -1,4 +1,4 @@
-// Depth of shadow casters as the sun sees them. Mirror of `shadow_from_mesh`: shadow.rs.
+// Depth of shadow casters as the sun sees them. Mirror of `shadow_from_mesh`: shadow/draw.rs.
 
 @group(0) @binding(0) var<storage, read> shadow_from_mesh: array<array<vec4<f32>, 3>>;
 
@@ -11,11 +11,14 @@ fn vs_main(@location(0) position_m: vec3<f32>, @builtin(instance_index) instance
 }
 
 @group(0) @binding(0) var still_map: texture_depth_2d;
+// Parts of a layer in clip space: left, top, right, bottom.
+@group(0) @binding(1) var<storage, read> parts: array<vec4<f32>>;
 
+// A part as a strip of two triangles, at the depth of what lies furthest.
 @vertex
-fn vs_full(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4<f32> {
-    let xy = vec2(f32((corner << 1u) & 2u), f32(corner & 2u)) * 2.0 - 1.0;
-    return vec4(xy, 0.0, 1.0);
+fn vs_part(@builtin(vertex_index) corner: u32, @builtin(instance_index) part: u32) -> @builtin(position) vec4<f32> {
+    let sides = parts[part];
+    return vec4(select(sides.x, sides.z, (corner & 1u) != 0u), select(sides.y, sides.w, (corner & 2u) != 0u), 1.0, 1.0);
 }
 
 @fragment

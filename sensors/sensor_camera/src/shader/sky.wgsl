@@ -14,7 +14,7 @@ fn haze(direction_z: f32, distance_m: f32) -> f32 {
     if WITH_FOG {
         let through_m = max(distance_m - light.air.y, 0.0);
         // Integral of exp(-falloff · z) along the ray, from where the fog begins.
-        let eye_z = view.world_from_camera[2].w + direction_z * light.air.y;
+        let eye_z = views[which].world_from_camera[2].w + direction_z * light.air.y;
         let rise = light.fog.y * direction_z;
         let slope = select(rise, 1e-4, abs(rise) < 1e-4);
         let climb = clamp(slope * through_m, -30.0, 30.0);

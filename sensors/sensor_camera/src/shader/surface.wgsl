@@ -35,7 +35,7 @@ fn surface_pixel(at: vec2<f32>, depth_m: f32, normal_in_world: vec3<f32>, uv_m: 
     if wants_flow() && marks_of(instance).w != 0u {
         let before = point_before(instance, point);
         // A point that was behind the near plane was nowhere in the image: no flow.
-        if before.z >= view.frame.z {
+        if before.z >= views[which].frame.z {
             out.flow_px = at - pixel_of(before);
         }
     }
@@ -50,13 +50,13 @@ const CLASS_SKY: u32 = 11u;
 fn sky_pixel(at: vec2<f32>) -> Pixel {
     var out: Pixel;
     out.surface = vec4(0u);
-    out.depth_m = view.frame.w;
+    out.depth_m = views[which].frame.w;
     out.class_code = CLASS_SKY;
     out.instance = 0u;
     out.normal = vec4(0.0);
-    if wants_flow() && view.options.x != 0.0 {
+    if wants_flow() && views[which].options.x != 0.0 {
         // Points at infinity move by the rotation alone.
-        let before = rotate_rows(view.previous_from_camera, ray_in_camera(at));
+        let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(at));
         if before.z > 0.0 {
             out.flow_px = at - pixel_of(before);
         }

@@ -85,7 +85,7 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
     return out;
 }
 
-// The surface of a wall, a road, a leaf. pixel_m: width of a pixel at this depth; cosine: of the angle of view.
+// The surface of a wall, a road, a leaf. pixel_m: width of a pixel at this depth; cosine: of the angle of views[which].
 fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec4<u32>, pixel_m: f32, cosine: f32) -> Finish {
     let id = labels.x;
     let material = (labels.y >> 8u) & 0xffu;

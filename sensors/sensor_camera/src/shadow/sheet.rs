@@ -1,0 +1,161 @@
+//! Where shadow maps lie: in the layers of two textures of one size, one layer after the other as they are needed.
+//!
+//! Where compute shaders look them up, all maps of a cascade lie in one pair of textures, small ones several to a layer; a map's place in
+//! its layer follows from its cell, so that it is drawn the same whoever else needs maps. Where views are drawn, each map is a layer of
+//! textures of its size.
+
+use sensor_gpu::Gpu;
+
+use crate::targets::{Image, layered_image};
+
+/// Where a map lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Slot {
+    pub layer: u32,
+    /// Counted in sides of the map.
+    pub tile: [u32; 2],
+}
+
+/// Layer of maps of one size.
+#[derive(Clone, Debug)]
+struct Layer {
+    side_px: u32,
+    taken: Vec<[u32; 2]>,
+}
+
+/// Layers of equal size.
+#[derive(Debug)]
+pub(crate) struct Sheet {
+    pub page_px: u32,
+    layers: Vec<Layer>,
+    images: Option<Images>,
+    /// Whether there is need for maps with what moves.
+    moving: bool,
+}
+
+/// Maps of what stands still, and the same with what moves over it; all layers, and each.
+#[derive(Debug)]
+struct Images {
+    still: Paged,
+    all: Option<Paged>,
+}
+
+#[derive(Debug)]
+struct Paged {
+    image: Image,
+    pages: Vec<wgpu::TextureView>,
+}
+
+impl Sheet {
+    pub fn new(page_px: u32, moving: bool) -> Self {
+        Sheet { page_px, layers: Vec::new(), images: None, moving }
+    }
+
+    /// A place for a cell's map, if there is room.
+    pub fn take(&mut self, cell: [i64; 3], side_px: u32) -> Option<Slot> {
+        let n = i64::from(self.page_px / side_px);
+        let tile = [cell[0], cell[1]].map(|i| i.rem_euclid(n) as u32);
+        let has_room = |layer: &Layer| layer.taken.is_empty() || layer.side_px == side_px && !layer.taken.contains(&tile);
+        let layer = self.layers.iter().position(has_room)?;
+        self.layers[layer].side_px = side_px;
+        self.layers[layer].taken.push(tile);
+        Some(Slot { layer: layer as u32, tile })
+    }
+
+    /// Makes room by one layer.
+    pub fn grow(&mut self) {
+        self.layers.push(Layer { side_px: self.page_px, taken: Vec::new() });
+    }
+
+    pub fn give_back(&mut self, slot: Slot) {
+        self.layers[slot.layer as usize].taken.retain(|tile| *tile != slot.tile);
+    }
+
+    pub fn clear(&mut self) {
+        self.layers.iter_mut().for_each(|layer| layer.taken.clear());
+    }
+
+    /// Makes the textures large enough for every place that was taken, with some layers to spare; what was drawn stays.
+    pub fn ensure(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, n_spare: u32) {
+        let known = self.images.as_ref().map_or(0, |images| images.still.pages.len() as u32);
+        let needed = self.layers.len() as u32;
+        if needed <= known {
+            return;
+        }
+        // Whoever drives about needs another one now and then.
+        let n_layers = needed + n_spare.max(known / 4);
+        (needed..n_layers).for_each(|_| self.grow());
+        let mut grown = |old: Option<&Paged>| {
+            let new = paged(gpu, self.page_px, n_layers);
+            if let Some(old) = old {
+                let size = wgpu::Extent3d { depth_or_array_layers: known, ..old.image.texture.size() };
+                encoder.copy_texture_to_texture(old.image.texture.as_image_copy(), new.image.texture.as_image_copy(), size);
+            }
+            new
+        };
+        let old = self.images.take();
+        let still = grown(old.as_ref().map(|images| &images.still));
+        let all = self.moving.then(|| grown(old.as_ref().and_then(|images| images.all.as_ref())));
+        self.images = Some(Images { still, all });
+    }
+
+    fn images(&self) -> &Images {
+        self.images.as_ref().expect("ensure() made them")
+    }
+
+    /// A layer of maps of what stands still.
+    pub fn still(&self, layer: u32) -> &wgpu::TextureView {
+        &self.images().still.pages[layer as usize]
+    }
+
+    /// A layer of maps with what moves.
+    pub fn all(&self, layer: u32) -> &wgpu::TextureView {
+        &self.images().all.as_ref().expect("it is for what moves").pages[layer as usize]
+    }
+
+    /// All layers of what shaders look up.
+    pub fn lookup(&self) -> &wgpu::TextureView {
+        let Images { still, all } = self.images();
+        &all.as_ref().unwrap_or(still).image.layers
+    }
+}
+
+fn paged(gpu: &Gpu, side_px: u32, n_layers: u32) -> Paged {
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
+        | wgpu::TextureUsages::TEXTURE_BINDING
+        | wgpu::TextureUsages::COPY_SRC
+        | wgpu::TextureUsages::COPY_DST;
+    let image = layered_image(gpu, "shadow maps", [side_px; 2], n_layers, wgpu::TextureFormat::Depth16Unorm, usage);
+    let pages = (0..n_layers).map(|layer| image.layer(layer)).collect();
+    Paged { image, pages }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A map's place in its layer follows from its cell alone, no two maps have one place, and a layer holds maps of one size.
+    #[test]
+    fn maps_have_places_of_their_own_that_follow_from_their_cells() {
+        let mut rng = fastrand::Rng::with_seed(3);
+        let mut sheet = Sheet::new(4096, true);
+        let mut held: Vec<(u32, Slot)> = Vec::new();
+        for _ in 0..2000 {
+            if held.len() > 40 || (!held.is_empty() && rng.bool()) {
+                let (_, slot) = held.swap_remove(rng.usize(..held.len()));
+                sheet.give_back(slot);
+                continue;
+            }
+            let side_px = [1024, 2048, 4096][rng.usize(..3)];
+            let cell = [rng.i64(-20..20), rng.i64(-20..20), 0];
+            let slot = sheet.take(cell, side_px).unwrap_or_else(|| {
+                sheet.grow();
+                sheet.take(cell, side_px).unwrap()
+            });
+            let n = i64::from(4096 / side_px);
+            assert_eq!(slot.tile, [cell[0].rem_euclid(n) as u32, cell[1].rem_euclid(n) as u32]);
+            assert!(held.iter().all(|(side, other)| other.layer != slot.layer || *side == side_px && other.tile != slot.tile));
+            held.push((side_px, slot));
+        }
+    }
+}
