@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
-use sensor_core::{Lod, Mesh, MeshId, SceneAssets, StaticInstance};
+use sensor_core::{Lod, Material, Mesh, MeshId, SceneAssets, StaticInstance};
 use sensor_gpu::Gpu;
 
 use crate::lamps::{Emitter, emitters_of};
@@ -14,7 +14,10 @@ use crate::switched::{self, StillLamp};
 struct MeshRange {
     base_vertex: i32,
     first_idx: u32,
+    /// Room for indices.
+    n_places: u32,
     casts_shadow: bool,
+    has_walls: bool,
 }
 
 /// A draw call's range.
@@ -23,6 +26,8 @@ pub(crate) struct MeshDraw {
     pub first_idx: u32,
     pub n_indices: u32,
     pub base_vertex: i32,
+    /// Whether any of it may have windows.
+    pub has_walls: bool,
 }
 
 /// Bounding sphere of a static instance in the world.
@@ -59,6 +64,9 @@ pub(crate) struct GpuAssets {
 /// Flatter meshes (roads, ground) receive shadows but cast none.
 const MIN_CASTER_HEIGHT_M: f32 = 0.3;
 
+/// Materials with windows.
+const WALLS: [u8; 2] = [Material::Facade as u8, Material::ShopFront as u8];
+
 impl GpuAssets {
     pub fn upload(gpu: &Gpu, scene_assets: &Arc<SceneAssets>) -> Self {
         let n_vertices: usize = scene_assets.meshes.iter().map(|mesh| mesh.vertices.len()).sum();
@@ -69,13 +77,14 @@ impl GpuAssets {
             ranges.push(MeshRange {
                 base_vertex: vertices.len() as i32,
                 first_idx: indices.len() as u32,
+                n_places: mesh.indices.len() as u32,
                 casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
+                has_walls: mesh.vertices.iter().any(|vertex| WALLS.contains(&vertex.material)),
             });
             vertices.extend_from_slice(&mesh.vertices);
             indices.extend_from_slice(&mesh.indices);
         }
-        let spheres =
-            scene_assets.statics.iter().map(|instance| Sphere::of(scene_assets.mesh(instance.mesh), &instance.world_from_mesh)).collect();
+        let spheres = spheres_of(scene_assets);
         let emitters: Vec<Vec<Emitter>> = scene_assets.meshes.iter().map(|mesh| emitters_of(mesh)).collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
@@ -106,6 +115,40 @@ impl GpuAssets {
             && known.statics.iter().zip(&other.statics).all(is_same)
     }
 
+    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes; gives the bytes that went to the GPU,
+    /// which are the indices of the meshes that changed. `None`: they are others, or need more room; nothing was taken over then.
+    pub fn take_over(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) -> Option<u64> {
+        let known = &self.scene_assets;
+        if known.episode != other.episode || known.meshes.len() != other.meshes.len() {
+            return None;
+        }
+        let pairs = known.meshes.iter().zip(&other.meshes);
+        let changed: Vec<usize> = pairs.enumerate().filter(|(_, (a, b))| !Arc::ptr_eq(a, b)).map(|(i, _)| i).collect();
+        let fits = |i: &usize| {
+            let (old, new) = (&known.meshes[*i], &other.meshes[*i]);
+            new.indices.len() <= self.ranges[*i].n_places as usize && old.vertices == new.vertices
+        };
+        if !changed.iter().all(fits) {
+            return None;
+        }
+        let mut n_bytes = 0;
+        for i in changed {
+            let mesh = &other.meshes[i];
+            let bytes: &[u8] = bytemuck::cast_slice(&mesh.indices);
+            gpu.queue().write_buffer(&self.indices, 4 * self.ranges[i].first_idx as u64, bytes);
+            n_bytes += bytes.len() as u64;
+            self.emitters[i] = emitters_of(mesh);
+        }
+        self.spheres = spheres_of(other);
+        self.switch_lamps(gpu, other);
+        Some(n_bytes)
+    }
+
+    /// Bytes of meshes on the GPU.
+    pub fn n_bytes(&self) -> u64 {
+        self.vertices.size() + self.indices.size()
+    }
+
     /// Takes over how `other`'s lamps are switched; it shows the same.
     pub fn switch_lamps(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) {
         self.still_lamps = switched::still_lamps(other, &self.emitters);
@@ -123,7 +166,12 @@ impl GpuAssets {
         let lods: &[Lod] = &self.scene_assets.mesh(mesh).lods;
         let lod = lods.iter().find(|lod| distance_m < lod.until_m as f64 && lod.n_indices > 0)?;
         let range = &self.ranges[mesh.0 as usize];
-        Some(MeshDraw { first_idx: range.first_idx + lod.first_idx, n_indices: lod.n_indices, base_vertex: range.base_vertex })
+        Some(MeshDraw {
+            first_idx: range.first_idx + lod.first_idx,
+            n_indices: lod.n_indices,
+            base_vertex: range.base_vertex,
+            has_walls: range.has_walls,
+        })
     }
 
     /// Lamps of a mesh.
@@ -134,6 +182,10 @@ impl GpuAssets {
     pub fn casts_shadow(&self, mesh: MeshId) -> bool {
         self.ranges[mesh.0 as usize].casts_shadow
     }
+}
+
+fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {
+    assets.statics.iter().map(|instance| Sphere::of(assets.mesh(instance.mesh), &instance.world_from_mesh)).collect()
 }
 
 fn height_m(mesh: &Mesh) -> f32 {

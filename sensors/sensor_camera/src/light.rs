@@ -194,6 +194,7 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         rain: [rain_ratio, 0.35 * wind_ratio, 0.0, if puddle_ratio > 0.0 { 0.30 + 0.26 * puddle_ratio } else { 0.0 }],
         materials: std::array::from_fn(|i| material::LOOKS[i].0),
         mirrors: std::array::from_fn(|i| material::LOOKS[i].1),
+        looks: std::array::from_fn(|i| material::in_bytes(material::LOOKS[i])),
     }
 }
 

@@ -25,6 +25,14 @@ pub(crate) const LOOKS: [([f32; 4], [f32; 4]); 17] = [
     ([4.0, 0.20, 1.0, 0.30], [0.05, 1.0, 0.0, 0.0]),  // water
 ];
 
+/// A row of [`LOOKS`] as `LightData::looks`.
+pub(crate) fn in_bytes((material, mirror): ([f32; 4], [f32; 4])) -> [u32; 4] {
+    let word = |values: [f32; 4], whole: [f32; 4]| {
+        u32::from_le_bytes(std::array::from_fn(|i| (values[i] / whole[i] * 255.0).round().clamp(0.0, 255.0) as u8))
+    };
+    [word(material, [255.0, 2.0, 255.0, 2.0]), word(mirror, [1.0, 5.0, 1.0, 1.0]), 0, 0]
+}
+
 const SIDE_PX: u32 = 256;
 
 /// The noise texture with its mip levels: R grain, G clouds of many sizes, B and A white noise; repeats.
@@ -98,6 +106,20 @@ fn smooth(x: u32, y: u32, pitch: u32, channel: u64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn looks_in_bytes_are_those_of_the_table() {
+        for (material, mirror) in LOOKS {
+            let [first, second, ..] = in_bytes((material, mirror));
+            let check = |word: u32, values: [f32; 4], whole: [f32; 4]| {
+                for ((byte, value), whole) in word.to_le_bytes().into_iter().zip(values).zip(whole) {
+                    assert!((byte as f32 / 255.0 * whole - value).abs() <= 0.51 / 255.0 * whole, "{value}");
+                }
+            };
+            check(first, material, [255.0, 2.0, 255.0, 2.0]);
+            check(second, mirror, [1.0, 5.0, 1.0, 1.0]);
+        }
+    }
 
     #[test]
     fn noise_has_a_middle_mean_so_that_albedo_keeps_its_own() {

@@ -8,14 +8,20 @@ use crate::assets::GpuAssets;
 use crate::draw::{DrawCall, Drawn};
 use crate::lamps::LampLists;
 use crate::material;
-use crate::targets::{Target, TargetSet, Targets};
+use crate::targets::{Image, Target, TargetSet, Targets, image};
 use crate::uniform::{InstanceData, LampData, LightData, MAX_TOGETHER, ViewData};
 
-/// Text of the geometry shader, with instances that come with the draw call or lie in a list.
-pub(crate) fn geometry_wgsl(immediate: bool) -> String {
+/// Text of the geometry shader: with instances that come with the draw call or lie in a list; with slim surfaces or wide ones.
+pub(crate) fn geometry_wgsl(immediate: bool, slim: bool) -> String {
     let instances = if immediate { include_str!("shader/instance_immediate.wgsl") } else { include_str!("shader/instance_storage.wgsl") };
+    let surfaces = if slim {
+        [include_str!("shader/wall.wgsl"), include_str!("shader/surface_slim.wgsl")]
+    } else {
+        ["", include_str!("shader/surface_wide.wgsl")]
+    };
     let (scene, drawn) = (include_str!("shader/scene.wgsl"), include_str!("shader/view_drawn.wgsl"));
-    [scene, drawn, instances, include_str!("shader/surface.wgsl"), include_str!("shader/geometry.wgsl")].concat()
+    let parts = [scene, drawn, instances, surfaces[0], surfaces[1], include_str!("shader/surface.wgsl")];
+    parts.concat() + include_str!("shader/geometry.wgsl")
 }
 
 /// Attributes of [`sensor_core::Vertex`].
@@ -39,6 +45,10 @@ pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 pub(crate) struct GeometryPass {
     shader: wgpu::ShaderModule,
     submit: Submit,
+    /// Whether surfaces are slim: what draws in low quality shades them by drawing too.
+    slim: bool,
+    /// What [`GeometryPass::hand_over`] draws nothing into.
+    interlude: Image,
     layout: wgpu::PipelineLayout,
     pub scene_layout: wgpu::BindGroupLayout,
     /// Of one view that is drawn.
@@ -73,8 +83,13 @@ enum Submit {
 #[derive(Clone, Debug)]
 struct Pipelines {
     meshes: wgpu::RenderPipeline,
+    /// For meshes without walls.
+    plain: wgpu::RenderPipeline,
     sky: wgpu::RenderPipeline,
 }
+
+/// Triangles after which a software rasteriser is to begin with them.
+const HANDED_OVER_TRIANGLES: u32 = 3000;
 
 /// Distance between two views' uniforms; Vulkan's largest required alignment is 256.
 const VIEW_BYTES: u64 = size_of::<ViewData>() as u64;
@@ -102,7 +117,7 @@ pub(crate) struct Together<'t> {
 }
 
 impl GeometryPass {
-    pub fn new(gpu: &Gpu) -> Self {
+    pub fn new(gpu: &Gpu, slim: bool) -> Self {
         let device = gpu.device();
         let scene_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("scene"),
@@ -161,8 +176,10 @@ impl GeometryPass {
             ..linear.clone()
         };
         GeometryPass {
-            shader: gpu.shader("geometry", &geometry_wgsl(immediate)),
+            shader: gpu.shader("geometry", &geometry_wgsl(immediate, slim)),
             submit,
+            slim,
+            interlude: image(gpu, "interlude", [1, 1], wgpu::TextureFormat::R8Unorm, wgpu::TextureUsages::RENDER_ATTACHMENT),
             sky_sampler: device.create_sampler(&linear),
             noise: material::noise_texture(gpu),
             noise_sampler: device.create_sampler(&repeat),
@@ -185,21 +202,27 @@ impl GeometryPass {
     pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet) {
         let set = set.drawn();
         if !self.pipelines.contains_key(&set.0) {
-            let pipelines = Pipelines { meshes: self.pipeline(gpu, set, Kind::Meshes), sky: self.pipeline(gpu, set, Kind::Sky) };
-            self.pipelines.insert(set.0, pipelines);
+            let meshes = self.pipeline(gpu, set, Kind::Meshes);
+            let has_plain = self.slim && self.submit != Submit::Indirect;
+            let plain = if has_plain { self.pipeline(gpu, set, Kind::Plain) } else { meshes.clone() };
+            self.pipelines.insert(set.0, Pipelines { meshes, plain, sky: self.pipeline(gpu, set, Kind::Sky) });
         }
     }
 
     fn pipeline(&self, gpu: &Gpu, set: TargetSet, kind: Kind) -> wgpu::RenderPipeline {
         let state = |target: Target| {
             set.contains(target).then(|| wgpu::ColorTargetState {
-                format: target.format(),
+                format: target.format_if(self.slim),
                 blend: None,
                 write_mask: wgpu::ColorWrites::ALL,
             })
         };
         let targets = Target::DRAWN.map(state);
-        let constants = [("WITH_FLOW", set.contains(Target::Flow) as u32 as f64)];
+        let mut constants = vec![("WITH_FLOW", set.contains(Target::Flow) as u32 as f64)];
+        if self.slim {
+            let with_walls = kind == Kind::Meshes && set.contains(Target::Surface);
+            constants.extend([("WITH_WALLS", with_walls as u32 as f64), ("WITH_SWITCHED", 1.0)]);
+        }
         let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
         let buffers = [Some(wgpu::VertexBufferLayout {
             array_stride: VERTEX_BYTES,
@@ -219,7 +242,7 @@ impl GeometryPass {
             primitive: wgpu::PrimitiveState { cull_mode: (kind != Kind::Sky).then_some(wgpu::Face::Back), ..Default::default() },
             depth_stencil: Some(wgpu::DepthStencilState {
                 format: wgpu::TextureFormat::Depth32Float,
-                depth_write_enabled: Some(kind == Kind::Meshes),
+                depth_write_enabled: Some(kind != Kind::Sky),
                 // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what nothing was drawn to. Of surfaces at equal depth
                 // the last one counts.
                 depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
@@ -338,25 +361,33 @@ impl GeometryPass {
                 ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
             })
         };
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("geometry"),
-            color_attachments: &Target::DRAWN.map(attachment),
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: &view.targets.z_buffer().view,
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Store }),
-                stencil_ops: None,
-            }),
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        });
-        gpu.counters().add_pass();
+        let attachments = Target::DRAWN.map(attachment);
         let pipelines = &self.pipelines[&view.set.drawn().0];
-        pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound, &[Self::offset_of(view.view_idx)]);
-        pass.set_vertex_buffer(0, assets.vertices.slice(..));
-        pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
-        pass.set_pipeline(&pipelines.meshes);
+        let begin = |encoder: &mut wgpu::CommandEncoder, load: wgpu::LoadOp<f32>| {
+            let mut pass = encoder
+                .begin_render_pass(&wgpu::RenderPassDescriptor {
+                    label: Some("geometry"),
+                    color_attachments: &attachments,
+                    depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+                        view: &view.targets.z_buffer().view,
+                        depth_ops: Some(wgpu::Operations { load, store: wgpu::StoreOp::Store }),
+                        stencil_ops: None,
+                    }),
+                    timestamp_writes: None,
+                    occlusion_query_set: None,
+                    multiview_mask: None,
+                })
+                .forget_lifetime();
+            pass.set_bind_group(0, scene, &[]);
+            pass.set_bind_group(1, bound, &[Self::offset_of(view.view_idx)]);
+            pass.set_vertex_buffer(0, assets.vertices.slice(..));
+            pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
+            pass.set_pipeline(&pipelines.meshes);
+            pass
+        };
+        let mut pass = begin(encoder, wgpu::LoadOp::Clear(0.0));
+        gpu.counters().add_pass();
+        let (mut is_plain, mut n_waiting) = (false, 0);
         let Drawn { calls, instances, first_instance } = view.drawn;
         if self.submit == Submit::Indirect && !calls.is_empty() {
             pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, calls.len() as u32);
@@ -365,6 +396,20 @@ impl GeometryPass {
             gpu.counters().add_draw(mesh.n_indices as u64 / 3);
             if self.submit == Submit::Indirect {
                 continue;
+            }
+            if self.slim && is_plain == mesh.has_walls {
+                is_plain = !is_plain;
+                pass.set_pipeline(if is_plain { &pipelines.plain } else { &pipelines.meshes });
+            }
+            n_waiting += mesh.n_indices / 3;
+            if self.submit == Submit::Immediate && n_waiting > HANDED_OVER_TRIANGLES {
+                drop(pass);
+                self.hand_over(encoder);
+                pass = begin(encoder, wgpu::LoadOp::Load);
+                if is_plain {
+                    pass.set_pipeline(&pipelines.plain);
+                }
+                n_waiting = 0;
             }
             if self.submit == Submit::Immediate {
                 pass.set_immediates(0, bytemuck::bytes_of(&instances[*instance_idx as usize]));
@@ -376,18 +421,33 @@ impl GeometryPass {
         pass.draw(0..3, 0..1);
         gpu.counters().add_draw(1);
     }
+
+    /// Makes a software rasteriser begin with what it was given: it fills pixels when the attachments change, on other threads than the one
+    /// that goes on with the next vertices.
+    fn hand_over(&self, encoder: &mut wgpu::CommandEncoder) {
+        let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+        let attachment = wgpu::RenderPassColorAttachment { view: &self.interlude.view, depth_slice: None, resolve_target: None, ops };
+        let attachments = [Some(attachment)];
+        encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("interlude"),
+            color_attachments: &attachments,
+            ..Default::default()
+        });
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Meshes,
+    /// Meshes without walls.
+    Plain,
     Sky,
 }
 
 impl Kind {
     fn entry_points(self) -> (&'static str, &'static str) {
         match self {
-            Kind::Meshes => ("vs_main", "fs_main"),
+            Kind::Meshes | Kind::Plain => ("vs_main", "fs_main"),
             Kind::Sky => ("vs_sky", "fs_sky"),
         }
     }

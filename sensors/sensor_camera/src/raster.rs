@@ -47,6 +47,7 @@ pub(crate) fn resolve_wgsl() -> String {
         include_str!("shader/scene.wgsl"),
         include_str!("shader/view_computed.wgsl"),
         include_str!("shader/instance_storage.wgsl"),
+        include_str!("shader/surface_wide.wgsl"),
         include_str!("shader/surface.wgsl"),
         include_str!("shader/resolve.wgsl"),
     ]

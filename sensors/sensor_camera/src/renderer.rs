@@ -113,9 +113,10 @@ impl CameraRenderer {
 
     /// The same, with a rasteriser of one's choice; an adapter that cannot compute draws all the same.
     pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
-        let pass = GeometryPass::new(gpu);
         let computes = rasteriser == Rasteriser::Computed && can_compute(gpu);
-        let shade = ShadePass::new(gpu, &pass, quality, quality == Quality::Low && !computes);
+        let slim = quality == Quality::Low && !computes;
+        let pass = GeometryPass::new(gpu, slim);
+        let shade = ShadePass::new(gpu, &pass, quality, slim);
         let shadows = |cascade| Shadows::new(gpu, cascade, !shade.is_drawn());
         CameraRenderer {
             gpu: gpu.clone(),
@@ -134,11 +135,20 @@ impl CameraRenderer {
         }
     }
 
-    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's assets are others than before.
-    pub fn load(&mut self, assets: &Arc<SceneAssets>) {
+    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's assets are others than before. Where only
+    /// other objects of the same scenery are shown, what changed is uploaded. Gives the number of bytes.
+    pub fn load(&mut self, assets: &Arc<SceneAssets>) -> u64 {
+        if let Some(n_bytes) = self.assets.as_mut().and_then(|loaded| loaded.take_over(&self.gpu, assets)) {
+            self.gpu.submit([]);
+            self.shadows.redraw();
+            self.far_shadows.iter_mut().for_each(Shadows::redraw);
+            return n_bytes;
+        }
         // The old meshes first: two towns need not fit beside each other.
         self.assets = None;
-        self.assets = Some(GpuAssets::upload(&self.gpu, assets));
+        let uploaded = GpuAssets::upload(&self.gpu, assets);
+        let n_bytes = uploaded.n_bytes();
+        self.assets = Some(uploaded);
         // An upload waits for the next submission, and what was dropped for the one after; a world that nobody looks at has none.
         self.gpu.submit([]);
         self.gpu.wait_idle();
@@ -146,6 +156,7 @@ impl CameraRenderer {
         if let Some(far) = &mut self.far_shadows {
             far.clear();
         }
+        n_bytes
     }
 
     /// Draws what is read of all `jobs` and remembers every job's firing. One submission; none at all if nobody reads.
@@ -159,7 +170,7 @@ impl CameraRenderer {
         match &mut self.assets {
             Some(loaded) if Arc::ptr_eq(&loaded.scene_assets, &scene.assets) => {}
             Some(loaded) if loaded.shows_the_same(&scene.assets) => loaded.switch_lamps(&self.gpu, &scene.assets),
-            _ => self.load(&scene.assets),
+            _ => drop(self.load(&scene.assets)),
         }
         for job in &mut jobs {
             begin_firing(&self.gpu, job, scene);
@@ -176,7 +187,7 @@ impl CameraRenderer {
 
     fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
         let leaders = merge::leaders(jobs);
-        let mut active = self.activate(jobs, &leaders);
+        let mut active = self.activate(scene, jobs, &leaders);
         if active.is_empty() {
             return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
         }
@@ -204,7 +215,8 @@ impl CameraRenderer {
     }
 
     /// Who has something to draw, and what.
-    fn activate(&mut self, jobs: &mut [ViewJob<'_, '_>], leaders: &[usize]) -> Vec<Active> {
+    fn activate(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, '_>], leaders: &[usize]) -> Vec<Active> {
+        let is_switched = !scene.assets.switched.is_empty();
         let mut active = Vec::new();
         let mut asked = vec![TargetSet::default(); jobs.len()];
         for (job, leader) in jobs.iter().zip(leaders) {
@@ -215,7 +227,10 @@ impl CameraRenderer {
                 set = set.union(Target::Radiance.bit());
             }
             if set.is_lit() {
-                set = SHADED.into_iter().fold(set, |set, target| set.union(target.bit()));
+                set = set.union(self.shade.reads(is_switched));
+            }
+            if set.contains(Target::Color) && !scene.debug.is_empty() {
+                set = set.union(Target::Depth.bit());
             }
             if set == TargetSet::default() {
                 continue;
@@ -247,7 +262,7 @@ impl CameraRenderer {
                 self.pass.prepare(&self.gpu, active.set);
                 let view = &mut *jobs[active.job_idx].view;
                 let Intrinsics { width_px, height_px, .. } = view.spec.intrinsics;
-                Arc::make_mut(&mut view.targets).ensure(&self.gpu, [width_px, height_px], view.kept);
+                Arc::make_mut(&mut view.targets).ensure(&self.gpu, [width_px, height_px], view.kept, self.shade.is_drawn());
                 active.targets = view.targets.clone();
             }
             return;
@@ -296,9 +311,6 @@ fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], act
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
     world_from_sensor * sensor_from_camera()
 }
-
-/// What the shading pass reads.
-const SHADED: [Target; 3] = [Target::Surface, Target::Depth, Target::Instance];
 
 /// Targets that a modality is made from.
 fn targets_of(modality: Modality) -> TargetSet {

@@ -9,17 +9,23 @@ use sensor_gpu::Gpu;
 
 use crate::pass::{GeometryPass, Together, ViewPass, texture_of, written_layers};
 use crate::renderer::Quality;
-use crate::targets::Target;
+use crate::targets::{Image, Target, TargetSet, image};
 
 /// Text of the shading shader.
 pub(crate) fn shade_wgsl(drawn: bool) -> String {
-    let entries = if drawn { include_str!("shader/shade_raster.wgsl") } else { include_str!("shader/shade_compute.wgsl") };
+    let (surfaces, entries) = if drawn {
+        (include_str!("shader/seen_slim.wgsl"), include_str!("shader/shade_raster.wgsl"))
+    } else {
+        (include_str!("shader/seen_wide.wgsl"), include_str!("shader/shade_compute.wgsl"))
+    };
     let view = if drawn { include_str!("shader/view_drawn.wgsl") } else { include_str!("shader/view_computed.wgsl") };
     [
         include_str!("shader/scene.wgsl"),
         view,
         include_str!("shader/film.wgsl"),
         include_str!("shader/sky.wgsl"),
+        include_str!("shader/wall.wgsl"),
+        surfaces,
         include_str!("shader/texture.wgsl"),
         include_str!("shader/lamps.wgsl"),
         include_str!("shader/light.wgsl"),
@@ -56,6 +62,8 @@ pub(crate) struct ShadePass {
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
+    /// A pixel in place of the ids that nobody asks for.
+    no_ids: Image,
     pipelines: BTreeMap<ShadeKey, Pipelines>,
 }
 
@@ -74,7 +82,7 @@ impl ShadePass {
         };
         let mut entries = vec![
             read(0, wgpu::TextureSampleType::Uint),
-            read(1, wgpu::TextureSampleType::Float { filterable: false }),
+            read(1, if drawn { wgpu::TextureSampleType::Depth } else { wgpu::TextureSampleType::Float { filterable: false } }),
             read(2, wgpu::TextureSampleType::Uint),
         ];
         if !drawn {
@@ -91,7 +99,8 @@ impl ShadePass {
             immediate_size: 0,
         });
         let shader = gpu.shader("shade", &shade_wgsl(drawn));
-        ShadePass { quality, drawn, shader, layout, images_layout, pipelines: BTreeMap::new() }
+        let no_ids = image(gpu, "no ids", [1, 1], Target::Instance.format(), wgpu::TextureUsages::TEXTURE_BINDING);
+        ShadePass { quality, drawn, shader, layout, images_layout, no_ids, pipelines: BTreeMap::new() }
     }
 
     /// Makes the pipelines for `key`, once.
@@ -175,6 +184,15 @@ impl ShadePass {
         constants
     }
 
+    /// What of a view it reads. Slim surfaces come with the rasteriser's own depth, and ids are for lamps that somebody switched.
+    pub fn reads(&self, switched: bool) -> TargetSet {
+        let ids_and_depth = if self.drawn { (switched, false) } else { (true, true) };
+        [(true, Target::Surface), (ids_and_depth.0, Target::Instance), (ids_and_depth.1, Target::Depth)]
+            .into_iter()
+            .filter(|(is_read, _)| *is_read)
+            .fold(TargetSet::default(), |set, (_, target)| set.union(target.bit()))
+    }
+
     /// Whether views are shaded by [`ShadePass::draw`]; else by [`ShadePass::compute`].
     pub fn is_drawn(&self) -> bool {
         self.drawn
@@ -211,7 +229,8 @@ impl ShadePass {
         key: ShadeKey,
     ) {
         let Pipelines::Drawn { surface, sky } = &self.pipelines[&key] else { return };
-        let images = [Target::Surface, Target::Depth, Target::Instance].map(|target| &view.targets.get(target).view);
+        let ids = if key.switched { view.targets.get(Target::Instance) } else { &self.no_ids };
+        let images = [view.targets.get(Target::Surface), view.targets.z_buffer(), ids].map(|image| &image.view);
         let images = self.bind_images(gpu, &images);
         let mut pass = self.begin_drawing(encoder, view, key);
         pass.set_bind_group(0, scene, &[]);

@@ -134,6 +134,11 @@ impl Shadows {
         self.sheets.iter_mut().for_each(Sheet::clear);
     }
 
+    /// Draws what stands still anew when it is next needed: other things stand there.
+    pub fn redraw(&mut self) {
+        self.maps.iter_mut().for_each(|map| map.fresh = false);
+    }
+
     /// A lookup that finds no shadow.
     pub fn none(&self) -> ShadowLookup {
         ShadowLookup {

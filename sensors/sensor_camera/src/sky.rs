@@ -3,6 +3,9 @@
 //! Made on the CPU when the weather changes, because a software rasteriser samples a texture far faster than it evaluates the model.
 //! Values are luminous (kilolux per steradian) until [`SkyMap::scaled`].
 
+#[cfg(test)]
+mod published;
+
 use std::f32::consts::PI;
 
 use hw_skymodel::rgb::{Channel, SkyParams, SkyState};

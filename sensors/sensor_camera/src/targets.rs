@@ -46,6 +46,11 @@ impl Target {
         }
     }
 
+    /// The same; `slim`: surfaces are as `surface_slim.wgsl` has them.
+    pub fn format_if(self, slim: bool) -> wgpu::TextureFormat {
+        if slim && self == Target::Surface { wgpu::TextureFormat::Rg32Uint } else { self.format() }
+    }
+
     pub fn element_bytes(self) -> usize {
         match self {
             Target::Class => 1,
@@ -142,25 +147,25 @@ impl Targets {
     /// Those of `set`, for compute shaders, in so many layers.
     pub fn layered(gpu: &Gpu, size_px: [u32; 2], set: TargetSet, n_layers: u32) -> Targets {
         let mut targets = Targets { n_layers, ..Default::default() };
-        targets.make(gpu, size_px, set, true);
+        targets.make(gpu, size_px, set, true, false);
         // For debug strokes.
         targets.ensure_z(gpu, size_px);
         targets
     }
 
-    /// Makes what `set` lacks, to be drawn, in one layer.
-    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet) {
+    /// Makes what `set` lacks, to be drawn, in one layer; `slim`: with slim surfaces.
+    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, slim: bool) {
         if !self.drawn {
             *self = Targets { n_layers: 1, drawn: true, ..Default::default() };
         }
-        self.make(gpu, size_px, set, false);
+        self.make(gpu, size_px, set, false, slim);
         self.ensure_z(gpu, size_px);
     }
 
-    fn make(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool) {
+    fn make(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool, slim: bool) {
         let n_layers = self.n_layers;
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
-            let make = || layered_image(gpu, "view target", size_px, n_layers, target.format(), target.usage(stored));
+            let make = || layered_image(gpu, "view target", size_px, n_layers, target.format_if(slim), target.usage(stored));
             self.images[target as usize].get_or_insert_with(make);
         }
         for target in Target::ALL {
@@ -174,7 +179,8 @@ impl Targets {
 
     fn ensure_z(&mut self, gpu: &Gpu, size_px: [u32; 2]) {
         self.z_buffer.get_or_insert_with(|| {
-            image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::RENDER_ATTACHMENT)
+            let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
+            image(gpu, "view z", size_px, wgpu::TextureFormat::Depth32Float, usage)
         });
     }
 

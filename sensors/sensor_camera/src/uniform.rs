@@ -94,4 +94,6 @@ pub struct LightData {
     pub materials: [[f32; 4]; 17],
     /// Per material: share mirrored at normal incidence, level of the sky map it mirrors, light let through, 1 for lamps.
     pub mirrors: [[f32; 4]; 17],
+    /// Both in bytes for low quality: `materials` as n, 0..=2, n, 0..=2; `mirrors` as 0..=1, 0..=5, 0..=1, 0..=1; two words unused.
+    pub looks: [[u32; 4]; 17],
 }

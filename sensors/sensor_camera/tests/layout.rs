@@ -78,6 +78,7 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(LightData, rain),
             offset_of!(LightData, materials),
             offset_of!(LightData, mirrors),
+            offset_of!(LightData, looks),
         ],
     );
     check("Lamp", size_of::<LampData>(), &[offset_of!(LampData, place), offset_of!(LampData, axis), offset_of!(LampData, rgb)]);

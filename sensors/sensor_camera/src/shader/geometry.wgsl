@@ -36,7 +36,8 @@ fn vs_main(
     out.clip = clip_from_camera(point_in_camera(instance, position_m));
     out.normal_in_world = direction_in_world(instance, normal.xyz);
     out.uv_m = uv_m;
-    out.labels = vec4(labels_of(pack4x8unorm(albedo), labels, object_id, marks_of(instance)), instance);
+    let found = labels_of(pack4x8unorm(albedo), labels, object_id, marks_of(instance));
+    out.labels = vec4(found.xy, stored_albedo(found.z), instance);
     return out;
 }
 

@@ -32,7 +32,7 @@ struct Point {
     in_camera: vec3<f32>,
     normal: vec3<f32>,
     uv_m: vec2<f32>,
-    // As Corner::labels.
+    // As Corner::labels; the first word of its surface.
     labels: vec4<u32>,
     // Width of a pixel at this depth.
     pixel_m: f32,

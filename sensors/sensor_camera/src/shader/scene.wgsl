@@ -45,6 +45,7 @@ struct LightUniform {
     rain: vec4<f32>,
     materials: array<vec4<f32>, 17>,
     mirrors: array<vec4<f32>, 17>,
+    looks: array<vec4<u32>, 17>,
 }
 
 @group(0) @binding(0) var<uniform> light: LightUniform;

@@ -4,11 +4,6 @@
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;
 
-fn normal_of(packed: u32) -> vec3<f32> {
-    let n = vec3<f32>(vec3(packed & 0x7ffu, (packed >> 11u) & 0x7ffu, packed >> 22u));
-    return normalize(n * vec3(2.0 / 2046.0, 2.0 / 2046.0, 2.0 / 1022.0) - 1.0);
-}
-
 fn surface_radiance(at: vec2<u32>, depth_m: f32, ray: vec3<f32>) -> vec3<f32> {
     let packed = surface_at(at);
     let id = id_at(at);
@@ -17,7 +12,7 @@ fn surface_radiance(at: vec2<u32>, depth_m: f32, ray: vec3<f32>) -> vec3<f32> {
     point.in_camera = ray * depth_m;
     point.normal = normal_of(packed.x);
     point.uv_m = bitcast<vec2<f32>>(packed.zw);
-    point.labels = vec4(id, (packed.y >> 16u) & 0x1f00u | (packed.y >> 29u) << 16u, packed.y, 0u);
+    point.labels = vec4(id, (packed.y >> 16u) & 0x1f00u | (packed.y >> 29u) << 16u, packed.y, packed.x);
     point.pixel_m = depth_m / views[which].lens_px.x;
     point.open = 1.0;
     if !SIMPLE {
@@ -85,7 +80,7 @@ fn mirrored_on_screen(point: Point, direction: vec3<f32>, sharp: f32) -> vec4<f3
 
 // A surface as a mirror shows it: its colour in even light, its lamps and windows by night.
 fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
-    let albedo = linear_of(packed.y);
+    let albedo = albedo_of(packed.y);
     let normal = normal_of(packed.x);
     let direct = max(dot(normal, light.sun_towards.xyz), 0.0);
     var radiance = albedo * (light.ambient_rgb.rgb + light.sun_rgb.rgb * direct * 0.6) * 0.318309886;

@@ -5,7 +5,8 @@ override WITH_LUMINANCE: bool = true;
 override WITH_RADIANCE: bool = true;
 
 @group(2) @binding(0) var surface_map: texture_2d<u32>;
-@group(2) @binding(1) var depth_map: texture_2d<f32>;
+// The buffer that the rasteriser keeps anyway.
+@group(2) @binding(1) var depth_map: texture_depth_2d;
 @group(2) @binding(2) var instance_map: texture_2d<u32>;
 
 fn surface_at(pixel: vec2<u32>) -> vec4<u32> {
@@ -13,10 +14,14 @@ fn surface_at(pixel: vec2<u32>) -> vec4<u32> {
 }
 
 fn depth_at(pixel: vec2<u32>) -> f32 {
-    return textureLoad(depth_map, pixel, 0).r;
+    return views[which].frame.z / textureLoad(depth_map, pixel, 0);
 }
 
+// Nobody needs ids but lamps that somebody switched.
 fn id_at(pixel: vec2<u32>) -> u32 {
+    if !WITH_SWITCHED {
+        return 0u;
+    }
     return textureLoad(instance_map, pixel, 0).r;
 }
 

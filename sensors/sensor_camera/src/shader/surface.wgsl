@@ -2,8 +2,8 @@
 
 // Attachments; locations are the numbers of Target in targets.rs.
 struct Pixel {
-    // For shade.wgsl: normal; albedo, material, lit; texture coordinates.
-    @location(0) surface: vec4<u32>,
+    // For shade.wgsl, as surface_wide.wgsl or surface_slim.wgsl have it.
+    @location(0) surface: Surface,
     @location(1) depth_m: f32,
     @location(2) class_code: u32,
     @location(3) instance: u32,
@@ -39,9 +39,7 @@ fn surface_pixel(at: vec2<f32>, depth_m: f32, normal_in_world: vec3<f32>, uv_m: 
             out.flow_px = at - pixel_of(before);
         }
     }
-    let n = vec3<u32>(clamp(normal_in_world * 0.5 + 0.5, vec3(0.0), vec3(1.0)) * vec3(2046.0, 2046.0, 1022.0) + 0.5);
-    let look = (labels.z & 0xffffffu) | ((labels.y & 0x1f00u) << 16u) | ((labels.y >> 16u) << 29u);
-    out.surface = vec4(n.x | (n.y << 11u) | (n.z << 22u), look, bitcast<vec2<u32>>(uv_m));
+    out.surface = surface_of(normal_in_world, labels, uv_m, depth_m);
     return out;
 }
 
@@ -49,7 +47,7 @@ const CLASS_SKY: u32 = 11u;
 
 fn sky_pixel(at: vec2<f32>) -> Pixel {
     var out: Pixel;
-    out.surface = vec4(0u);
+    out.surface = Surface(0u);
     out.depth_m = views[which].frame.w;
     out.class_code = CLASS_SKY;
     out.instance = 0u;
