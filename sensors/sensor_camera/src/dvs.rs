@@ -8,10 +8,13 @@
 //! An edge is known to half a pixel of the rendered pictures, so an event's time is known to half a pixel of motion.
 
 //! In mode `two_frame` the level of every pixel goes in a straight line from picture to picture, as in CARLA.
+//!
+//! [`EventCamera`] works on the processor; `gpu` is the same model where the pictures are.
 
 mod block;
 mod chance;
 mod crossing;
+pub(crate) mod gpu;
 mod images;
 mod motion;
 mod picture;
@@ -69,7 +72,7 @@ impl EventCamera {
     pub fn new(spec: DvsSpec, size_px: [u32; 2], seed: u64, sensor: u64) -> Self {
         let size_px = size_px.map(|side| side as usize);
         let n_pixels = size_px[0] * size_px[1];
-        let chance = Chance::new(seed, sensor ^ schema_types::noise::mix(spec.noise_seed));
+        let chance = chance_of(&spec, seed, sensor);
         EventCamera {
             mismatch: chance.mismatch(&spec, n_pixels),
             chance,
@@ -175,6 +178,11 @@ impl EventCamera {
             });
         }
     }
+}
+
+/// What an event camera's chance depends on.
+fn chance_of(spec: &DvsSpec, seed: u64, sensor: u64) -> Chance {
+    Chance::new(seed, sensor ^ schema_types::noise::mix(spec.noise_seed))
 }
 
 fn float(bytes: &[u8]) -> f32 {

@@ -32,6 +32,7 @@ mod targets;
 mod uniform;
 mod view;
 
+pub use dvs::gpu::EventJob;
 pub use post::PostData;
 pub use raster::{RasterDraw, RasterView, Rasteriser};
 pub use renderer::{CameraRenderer, Quality, RenderError};
@@ -53,5 +54,6 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("resolve", raster::resolve_wgsl()),
         ("post", post::post_wgsl()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
+        ("events", dvs::gpu::EVENTS_WGSL.to_owned()),
     ]
 }

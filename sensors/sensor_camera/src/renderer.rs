@@ -1,5 +1,6 @@
 //! Draws every view of a tick in one submission.
 
+mod events;
 mod recording;
 
 use std::sync::{Arc, Mutex};
@@ -16,6 +17,7 @@ use crate::assets::GpuAssets;
 use crate::debug::DebugPass;
 use crate::draw::{self, CameraMotion, Drawn};
 use crate::dvs::EventCamera;
+use crate::dvs::gpu::{EventList, EventPass};
 use crate::lamps::{LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
@@ -89,6 +91,9 @@ pub struct CameraRenderer {
     far_shadows: Option<Shadows>,
     debug: DebugPass,
     pool: TargetPool,
+    /// Whether the GPU follows events where it can, and what does it once somebody looked through an event camera.
+    events_on_gpu: bool,
+    events: Option<EventPass>,
     /// Memory of earlier submissions.
     spare_drawn: Vec<Drawn>,
 }
@@ -131,6 +136,8 @@ impl CameraRenderer {
             shade,
             debug: DebugPass::new(gpu),
             pool: TargetPool::default(),
+            events_on_gpu: !gpu.is_software() && EventPass::is_supported(gpu),
+            events: None,
             spare_drawn: Vec::new(),
         }
     }
@@ -207,7 +214,10 @@ impl CameraRenderer {
         active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
         self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
         let plans = jobs.iter_mut().zip(&leaders).map(|(job, leader)| match &images[*leader] {
-            Some((targets, layer)) => plan_outputs(job, (targets, *layer), scene, &mut batch),
+            Some((targets, layer)) => {
+                let list = self.record_events(job, (targets, *layer), scene, &mut encoder);
+                plan_outputs(job, (targets, *layer), scene, &mut batch, list)
+            }
             None => Vec::new(),
         });
         let plans = plans.collect();
@@ -288,6 +298,11 @@ impl CameraRenderer {
     }
 }
 
+/// Time since the view's previous firing.
+fn window_nanos(view: &View, scene: &Scene) -> u64 {
+    view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0))
+}
+
 /// What each view sees, found side by side.
 fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) {
     let seen: Vec<(Intrinsics, Option<&Firing>)> =
@@ -366,6 +381,7 @@ fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) {
     }
     if !job.outputs.iter().any(|output| output.modality == Modality::Dvs) {
         view.dvs = None;
+        view.gpu_events = None;
     }
     let has_meter = view.spec.optics.exposure.mode == ExposureMode::Histogram && view.spec.optics.postprocess;
     if has_meter && job.outputs.iter().any(|output| output.modality == Modality::Rgb) {
@@ -383,9 +399,10 @@ fn plan_outputs<'a>(
     (targets, layer): (&Targets, u32),
     scene: &Scene,
     batch: &mut CopyBatch<'a>,
+    mut list: Option<EventList>,
 ) -> Vec<Plan<'a>> {
     let view: &mut View = job.view;
-    let window_nanos = view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0));
+    let window_nanos = window_nanos(view, scene);
     let mut plans = Vec::with_capacity(job.outputs.len());
     for Output { modality, place } in job.outputs.drain(..) {
         let texture = |target: Target| &targets.get(target).texture;
@@ -397,6 +414,10 @@ fn plan_outputs<'a>(
                 plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
             }
             None => {
+                if let Some(list) = list.take() {
+                    plans.push(Plan::EventList { place, list, window_nanos });
+                    continue;
+                }
                 let mut map = |target: Target| batch.map_texture(texture(target), layer, target.element_bytes());
                 let maps = DvsMaps {
                     luminance: map(Target::Luminance),

@@ -5,7 +5,8 @@ use std::sync::{Arc, Mutex};
 use schema_frames::Modality;
 use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
 
-use crate::dvs::{EventCamera, EventImages, Rows};
+use crate::dvs::gpu::EventList;
+use crate::dvs::{EventCamera, EventImages, EventsMade, Rows};
 
 /// What became of one [`crate::Output`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +39,8 @@ pub(crate) enum Plan<'a> {
     Copied { modality: Modality, copy: usize, first: bool, window_nanos: u64 },
     /// Events to be made from mapped images.
     Events { place: Place<'a>, maps: DvsMaps, state: Arc<Mutex<EventCamera>>, window_nanos: u64 },
+    /// Events that the GPU made and that are to be put in order.
+    EventList { place: Place<'a>, list: EventList, window_nanos: u64 },
 }
 
 /// Numbers of the mapped copies that events are made from.
@@ -94,14 +97,19 @@ fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
             let images = EventImages { luminance, flow, depth, instance, class };
             let mut state = state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             let made = state.advance(&images, window_nanos, place.bytes_mut());
-            OutputResult {
-                modality: Modality::Dvs,
-                n_bytes: made.n_events * Modality::Dvs.element_bytes(),
-                cpu_copies: 0,
-                first: made.first,
-                n_dropped: made.n_dropped,
-                window_nanos: if made.first { 0 } else { window_nanos },
-            }
+            events_result(made, window_nanos)
         }
+        Plan::EventList { mut place, list, window_nanos } => events_result(list.finish(place.bytes_mut()), window_nanos),
+    }
+}
+
+fn events_result(made: EventsMade, window_nanos: u64) -> OutputResult {
+    OutputResult {
+        modality: Modality::Dvs,
+        n_bytes: made.n_events * Modality::Dvs.element_bytes(),
+        cpu_copies: 0,
+        first: made.first,
+        n_dropped: made.n_dropped,
+        window_nanos: if made.first { 0 } else { window_nanos },
     }
 }

@@ -63,8 +63,8 @@ impl Target {
     /// `stored`: compute shaders write what drawing writes elsewhere.
     fn usage(self, stored: bool) -> wgpu::TextureUsages {
         let more = match self {
-            Target::Color | Target::Luminance => wgpu::TextureUsages::STORAGE_BINDING,
-            Target::Radiance => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
+            Target::Color => wgpu::TextureUsages::STORAGE_BINDING,
+            Target::Radiance | Target::Luminance => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
             _ if stored => wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING,
             _ => wgpu::TextureUsages::TEXTURE_BINDING,
         };

@@ -10,6 +10,7 @@ use sensor_gpu::{Gpu, Place};
 use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
 use crate::dvs::EventCamera;
+use crate::dvs::gpu::GpuEventCamera;
 use crate::targets::{TargetSet, Targets};
 
 /// What a view is for as long as it lives.
@@ -43,6 +44,8 @@ pub struct View {
     pub(crate) kept: TargetSet,
     pub(crate) previous: Option<Firing>,
     pub(crate) dvs: Option<Arc<Mutex<EventCamera>>>,
+    /// In its place where the GPU follows events.
+    pub(crate) gpu_events: Option<GpuEventCamera>,
     /// Of automatic exposure: EV100, and whether there is one.
     pub(crate) meter: Option<wgpu::Buffer>,
     /// Whether it begins anew in this firing.
@@ -83,7 +86,16 @@ impl InstancePoses {
 impl View {
     /// A view that has not fired. Allocates nothing on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
-        View { spec, targets: Arc::default(), kept: TargetSet::default(), previous: None, dvs: None, meter: None, meter_begins: false }
+        View {
+            spec,
+            targets: Arc::default(),
+            kept: TargetSet::default(),
+            previous: None,
+            dvs: None,
+            gpu_events: None,
+            meter: None,
+            meter_begins: false,
+        }
     }
 
     /// Its lens.
@@ -105,6 +117,7 @@ impl View {
     pub fn reset(&mut self) {
         self.previous = None;
         self.dvs = None;
+        self.gpu_events = None;
         self.meter = None;
     }
 }

@@ -41,14 +41,22 @@ fn linear(grey: u8) -> f64 {
     if s <= 0.04045 { s / 12.92 } else { ((s + 0.055) / 1.055).powf(2.4) }
 }
 
+/// Events are followed on the processor, and on the GPU where it can.
+fn ways(gpu: &Gpu) -> Vec<bool> {
+    let can = CameraRenderer::new(gpu, Quality::Low).set_events_on_gpu(true);
+    if can { vec![false, true] } else { vec![false] }
+}
+
 struct Bench {
     renderer: CameraRenderer,
     view: View,
 }
 
 impl Bench {
-    fn new(gpu: &Gpu, dvs: DvsSpec) -> Self {
-        Bench { renderer: CameraRenderer::new(gpu, Quality::Low), view: kit::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs) }
+    fn new(gpu: &Gpu, dvs: DvsSpec, on_gpu: bool) -> Self {
+        let mut renderer = CameraRenderer::new(gpu, Quality::Low);
+        assert!(renderer.set_events_on_gpu(on_gpu));
+        Bench { renderer, view: kit::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs) }
     }
 
     fn fire(&mut self, scene: &Scene, camera: Isometry3<f64>) -> (Vec<DvsEvent>, OutputResult) {
@@ -64,9 +72,8 @@ fn left_m(x_px: f64, distance_m: f64) -> f64 {
 }
 
 /// Events of the third firing while something moves `step_px` to the right per tick, its origin at `begin_px` when the window begins.
-fn shift(meshes: Vec<(Mesh, f64)>, moving: Mesh, begin_px: f64, step_px: f64) -> Vec<DvsEvent> {
-    let gpu = kit::gpu();
-    let mut bench = Bench::new(&gpu, spec());
+fn shift(gpu: &Gpu, on_gpu: bool, meshes: Vec<(Mesh, f64)>, moving: Mesh, begin_px: f64, step_px: f64) -> Vec<DvsEvent> {
+    let mut bench = Bench::new(gpu, spec(), on_gpu);
     let mut assets = SceneAssets { episode: 1, ..Default::default() };
     for (mesh, x_m) in meshes {
         let id = assets.add_mesh(mesh);
@@ -115,11 +122,13 @@ fn check_edge(
 /// Goal: a panel, bright on its left half and dark on its right, slides to the right; every pixel brightens when the edge passes.
 #[test]
 fn moving_edge_gives_events_when_it_passes_and_as_many_as_its_contrast() {
-    for (begin_px, step_px, tolerance_nanos) in [(60.0, 64.0, 200_000.0), (60.3, 128.4, 200_000.0), (90.0, 20.0, 200_000.0)] {
+    let gpu = kit::gpu();
+    let paths = [(60.0, 64.0, 200_000.0), (60.3, 128.4, 200_000.0), (90.0, 20.0, 200_000.0)];
+    for (on_gpu, (begin_px, step_px, tolerance_nanos)) in ways(&gpu).into_iter().flat_map(|way| paths.map(|path| (way, path))) {
         let mut panel = MeshBuilder::new("panel");
         wall(&mut panel, 230, 0.0, 60.0);
         wall(&mut panel, 70, -60.0, 0.0);
-        let events = shift(vec![], panel.finish(), begin_px, step_px);
+        let events = shift(&gpu, on_gpu, vec![], panel.finish(), begin_px, step_px);
         let contrast = (linear(230) / linear(70)).ln();
         // Air in front of the panel takes a little of the contrast.
         let n = (contrast / 0.3 - 0.6).floor() as usize..=(contrast / 0.3).ceil() as usize;
@@ -134,63 +143,72 @@ fn moving_edge_gives_events_when_it_passes_and_as_many_as_its_contrast() {
 /// brightens when the back does, and the wall's own stripes stay silent.
 #[test]
 fn bar_before_a_wall_at_rest_has_a_front_and_a_back() {
-    let mut stripes = MeshBuilder::new("stripes");
-    for i in -30..30 {
-        wall(&mut stripes, if i % 2 == 0 { 235 } else { 190 }, i as f32 * 1.7, (i + 1) as f32 * 1.7);
+    let gpu = kit::gpu();
+    for on_gpu in ways(&gpu) {
+        let mut stripes = MeshBuilder::new("stripes");
+        for i in -30..30 {
+            wall(&mut stripes, if i % 2 == 0 { 235 } else { 190 }, i as f32 * 1.7, (i + 1) as f32 * 1.7);
+        }
+        let mut bar = MeshBuilder::new("bar");
+        let width_px = 16.0;
+        wall(&mut bar, 40, 0.0, (width_px / FOCAL_PX * DISTANCE_M) as f32);
+        let (front_px, step_px) = (120.0, 64.0);
+        let events = shift(&gpu, on_gpu, vec![(stripes.finish(), 16.0)], bar.finish(), front_px, step_px);
+        let path = (front_px - width_px) as u16 - 1..=(front_px + step_px) as u16 + 1;
+        let outside: Vec<_> = events.iter().filter(|e| !path.contains(&e.x_px)).collect();
+        assert!(outside.is_empty(), "{} events beside the path, e.g. {:?}", outside.len(), outside[0]);
+        // Both edges pass these; half a pixel of either edge is 0.4 ms at this speed.
+        check_edge(&events, front_px, step_px, 124..164, 0, 8..=16, 800_000.0);
+        check_edge(&events, front_px - width_px, step_px, 124..164, 1, 8..=16, 800_000.0);
     }
-    let mut bar = MeshBuilder::new("bar");
-    let width_px = 16.0;
-    wall(&mut bar, 40, 0.0, (width_px / FOCAL_PX * DISTANCE_M) as f32);
-    let (front_px, step_px) = (120.0, 64.0);
-    let events = shift(vec![(stripes.finish(), 16.0)], bar.finish(), front_px, step_px);
-    let path = (front_px - width_px) as u16 - 1..=(front_px + step_px) as u16 + 1;
-    let outside: Vec<_> = events.iter().filter(|e| !path.contains(&e.x_px)).collect();
-    assert!(outside.is_empty(), "{} events beside the path, e.g. {:?}", outside.len(), outside[0]);
-    // Both edges pass these; half a pixel of either edge is 0.4 ms at this speed.
-    check_edge(&events, front_px, step_px, 124..164, 0, 8..=16, 800_000.0);
-    check_edge(&events, front_px - width_px, step_px, 124..164, 1, 8..=16, 800_000.0);
 }
 
 #[test]
 fn scene_at_rest_is_silent() {
     let gpu = kit::gpu();
-    let mut bench = Bench::new(&gpu, DvsSpec::default());
-    let (assets, car) = kit::street();
-    for step in 1..4u64 {
-        let scene = kit::scene(&assets, vec![kit::moving(4, car, kit::pose(9.0, 0.0, 0.0, [0.0; 3]))], step * TICK_NANOS);
-        let (events, result) = bench.fire(&scene, kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
-        assert_eq!((events.len(), result.first), (0, step == 1));
+    for on_gpu in ways(&gpu) {
+        let mut bench = Bench::new(&gpu, DvsSpec::default(), on_gpu);
+        let (assets, car) = kit::street();
+        for step in 1..4u64 {
+            let scene = kit::scene(&assets, vec![kit::moving(4, car, kit::pose(9.0, 0.0, 0.0, [0.0; 3]))], step * TICK_NANOS);
+            let (events, result) = bench.fire(&scene, kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
+            assert_eq!((events.len(), result.first), (0, step == 1));
+        }
     }
 }
 
 #[test]
 fn reader_that_comes_back_begins_anew() {
     let gpu = kit::gpu();
-    let mut bench = Bench::new(&gpu, DvsSpec::default());
-    let (assets, _) = kit::street();
-    let camera = |step: u64| kit::pose(step as f64 * 0.4, 0.0, 1.5, [0.0; 3]);
-    let scene = |step: u64| kit::scene(&assets, vec![], step * TICK_NANOS);
-    assert!(bench.fire(&scene(1), camera(1)).1.first);
-    assert!(!bench.fire(&scene(2), camera(2)).1.first);
-    kit::render(&mut bench.renderer, &scene(3), &mut bench.view, camera(3), &[]);
-    let (events, result) = bench.fire(&scene(4), camera(4));
-    assert_eq!((events.len(), result.first), (0, true));
-    let (events, result) = bench.fire(&scene(5), camera(5));
-    assert!(!events.is_empty() && !result.first);
+    for on_gpu in ways(&gpu) {
+        let mut bench = Bench::new(&gpu, DvsSpec::default(), on_gpu);
+        let (assets, _) = kit::street();
+        let camera = |step: u64| kit::pose(step as f64 * 0.4, 0.0, 1.5, [0.0; 3]);
+        let scene = |step: u64| kit::scene(&assets, vec![], step * TICK_NANOS);
+        assert!(bench.fire(&scene(1), camera(1)).1.first);
+        assert!(!bench.fire(&scene(2), camera(2)).1.first);
+        kit::render(&mut bench.renderer, &scene(3), &mut bench.view, camera(3), &[]);
+        let (events, result) = bench.fire(&scene(4), camera(4));
+        assert_eq!((events.len(), result.first), (0, true));
+        let (events, result) = bench.fire(&scene(5), camera(5));
+        assert!(!events.is_empty() && !result.first);
+    }
 }
 
 #[test]
 fn events_beyond_the_limit_are_dropped_from_the_end_and_counted() {
     let gpu = kit::gpu();
     let (assets, _) = kit::street();
-    let fire_twice = |max_events: u32| {
-        let mut bench = Bench::new(&gpu, DvsSpec { max_events, ..Default::default() });
-        bench.fire(&kit::scene(&assets, vec![], TICK_NANOS), kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
-        bench.fire(&kit::scene(&assets, vec![], 2 * TICK_NANOS), kit::pose(1.0, 0.0, 1.5, [0.0; 3]))
-    };
-    let (all, _) = fire_twice(500_000);
-    let (some, result) = fire_twice(1000);
-    assert!(all.len() > 1000);
-    assert_eq!((some.len(), result.n_dropped as usize), (1000, all.len() - 1000));
-    assert!(some == all[..1000]);
+    for on_gpu in ways(&gpu) {
+        let fire_twice = |max_events: u32| {
+            let mut bench = Bench::new(&gpu, DvsSpec { max_events, ..Default::default() }, on_gpu);
+            bench.fire(&kit::scene(&assets, vec![], TICK_NANOS), kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
+            bench.fire(&kit::scene(&assets, vec![], 2 * TICK_NANOS), kit::pose(1.0, 0.0, 1.5, [0.0; 3]))
+        };
+        let (all, _) = fire_twice(500_000);
+        let (some, result) = fire_twice(1000);
+        assert!(all.len() > 1000);
+        assert_eq!((some.len(), result.n_dropped as usize), (1000, all.len() - 1000));
+        assert!(some == all[..1000]);
+    }
 }

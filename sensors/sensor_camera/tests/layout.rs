@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use sensor_camera::{InstanceData, LampData, LightData, PostData, ViewData, shader_sources};
+use sensor_camera::{EventJob, InstanceData, LampData, LightData, PostData, ViewData, shader_sources};
 
 fn module(name: &str) -> naga::Module {
     let (_, text) = shader_sources().into_iter().find(|(known, _)| *known == name).unwrap();
@@ -24,7 +24,7 @@ fn every_shader_validates() {
 
 #[test]
 fn wgsl_structs_lie_where_rust_has_them() {
-    let modules = [module("geometry"), module("shade, drawn"), module("post")];
+    let modules = [module("geometry"), module("shade, drawn"), module("post"), module("events")];
     let check = |name: &str, size: usize, offsets: &[usize]| {
         let mut types = modules.iter().flat_map(|module| module.types.iter());
         let (_, found) = types.find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
@@ -32,6 +32,25 @@ fn wgsl_structs_lie_where_rust_has_them() {
         let found: Vec<usize> = members.iter().map(|member| member.offset as usize).collect();
         assert_eq!((found.as_slice(), *span as usize), (offsets, size), "{name}");
     };
+    check(
+        "Job",
+        size_of::<EventJob>(),
+        &[
+            offset_of!(EventJob, size_px),
+            offset_of!(EventJob, n_tiles),
+            offset_of!(EventJob, thresholds),
+            offset_of!(EventJob, leak),
+            offset_of!(EventJob, ratio),
+            offset_of!(EventJob, nanos),
+            offset_of!(EventJob, refractory_nanos),
+            offset_of!(EventJob, slices),
+            offset_of!(EventJob, capacity),
+            offset_of!(EventJob, level),
+            offset_of!(EventJob, moves),
+            offset_of!(EventJob, differs),
+            offset_of!(EventJob, rest),
+        ],
+    );
     check(
         "Instance",
         size_of::<InstanceData>(),

@@ -3,6 +3,8 @@
 use std::alloc::Layout;
 use std::sync::Arc;
 
+use wgpu::wgt;
+
 use crate::device::Gpu;
 use crate::target::ShmTarget;
 
@@ -55,6 +57,18 @@ impl HostMemory {
     /// Length, bytes.
     pub fn n_bytes(&self) -> usize {
         self.layout.size()
+    }
+
+    /// Lets the host see what the commands before write there.
+    pub fn make_visible(&self, encoder: &mut wgpu::CommandEncoder) {
+        let visible = wgt::BufferTransition { buffer: self.buffer(), state: wgt::BufferUses::MAP_READ };
+        encoder.transition_resources([visible].into_iter(), std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>());
+    }
+
+    /// The memory itself. No submission that writes there may be on its way.
+    pub fn bytes(&self) -> &[u8] {
+        // SAFETY: initialised, and written through `write` and by submissions only, which the caller keeps apart from this.
+        unsafe { std::slice::from_raw_parts(self.base, self.layout.size()) }
     }
 
     /// Copies bytes out. No submission that writes there may be on its way.

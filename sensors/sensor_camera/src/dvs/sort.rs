@@ -14,6 +14,9 @@ const MAX_LONG: usize = 512;
 /// Events of a short interval if they come evenly.
 const EVENTS_PER_SHORT: usize = 2;
 
+/// Fewer events are sorted before another thread has woken up.
+const MIN_EVENTS_PER_THREAD: usize = 16_384;
+
 /// Memory for sorting.
 #[derive(Debug, Default)]
 pub(super) struct Sorter {
@@ -61,18 +64,58 @@ impl Sorter {
             parts.push((long.begin_of(i), part_in, part_out));
             (rest_in, rest_out, begin) = (behind_in, behind_out, *end);
         }
-        let length_nanos = window_nanos / n_long as u64 + 2;
-        parts.into_par_iter().with_min_len(4).for_each_init(Vec::new, |ends, (begin_nanos, dealt, out)| {
-            let short = Intervals::new(begin_nanos, length_nanos, (out.len() / EVENTS_PER_SHORT).max(1));
-            deal(dealt.iter(), &short, ends, out);
-            let (mut rest, mut begin) = (out, 0);
-            for end in &ends[..short.n] {
-                let (interval, behind) = rest.split_at_mut((end - begin) as usize);
-                sort_interval(interval);
-                (rest, begin) = (behind, *end);
-            }
-        });
+        sort_parts(parts, window_nanos / n_long as u64 + 2);
     }
+
+    /// Writes the first events of slices to `out`, which takes as many as it is long; the slices they are from must be there whole.
+    pub fn sort_slices(slices: &Slices<'_>, events: &[DvsEvent], out: &mut [DvsEvent]) {
+        let intervals = Intervals::new(0, slices.window_nanos, slices.ends.len());
+        let length_nanos = slices.window_nanos / slices.ends.len() as u64 + 2;
+        let (mut rest, mut begin, mut cut) = (out, 0, None);
+        let mut parts = Vec::with_capacity(slices.ends.len());
+        for (i, end) in slices.ends.iter().enumerate() {
+            let end = *end as usize;
+            let dealt = &events[begin..end.min(events.len())];
+            if dealt.len() > rest.len() {
+                cut = Some(dealt);
+                break;
+            }
+            let (part, behind) = rest.split_at_mut(dealt.len());
+            if !dealt.is_empty() {
+                parts.push((intervals.begin_of(i), dealt, part));
+            }
+            (rest, begin) = (behind, end);
+        }
+        sort_parts(parts, length_nanos);
+        if let Some(dealt) = cut {
+            let mut sorted = dealt.to_vec();
+            sorted.sort_unstable_by_key(key);
+            rest.copy_from_slice(&sorted[..rest.len()]);
+        }
+    }
+}
+
+/// Events that are dealt out to equal intervals of time already.
+pub(super) struct Slices<'s> {
+    /// Where each interval's events end.
+    pub ends: &'s [u32],
+    pub window_nanos: u64,
+}
+
+/// Puts the events of intervals in order: where each begins, its events, and where they go.
+fn sort_parts(parts: Vec<(u64, &[DvsEvent], &mut [DvsEvent])>, length_nanos: u64) {
+    let n_events: usize = parts.iter().map(|(_, dealt, _)| dealt.len()).sum();
+    let min_parts = (MIN_EVENTS_PER_THREAD * parts.len()).checked_div(n_events).unwrap_or(1).max(4);
+    parts.into_par_iter().with_min_len(min_parts).for_each_init(Vec::new, |ends, (begin_nanos, dealt, out)| {
+        let short = Intervals::new(begin_nanos, length_nanos, (out.len() / EVENTS_PER_SHORT).max(1));
+        deal(dealt.iter(), &short, ends, out);
+        let (mut rest, mut begin) = (out, 0);
+        for end in &ends[..short.n] {
+            let (interval, behind) = rest.split_at_mut((end - begin) as usize);
+            sort_interval(interval);
+            (rest, begin) = (behind, *end);
+        }
+    });
 }
 
 /// Writes events to `out` interval after interval, within each in the order they come; `ends` are then the intervals' ends.
@@ -120,6 +163,31 @@ fn sort_interval(events: &mut [DvsEvent]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slices_come_out_in_order_and_are_cut_from_the_end() {
+        let mut rng = fastrand::Rng::with_seed(3);
+        for (n, window_nanos) in [(0, 1000u64), (10, 3), (5000, 50_000_000), (20_000, 700)] {
+            let event = |_| DvsEvent {
+                nanos_in_window: rng.u32(0..=window_nanos as u32),
+                x_px: rng.u16(..),
+                y_px: rng.u16(..),
+                ..DvsEvent::zeroed()
+            };
+            let mut events: Vec<DvsEvent> = (0..n).map(event).collect();
+            let intervals = Intervals::new(0, window_nanos, 64);
+            // Dealt out, but in no order within a slice.
+            events.sort_by_key(|event| intervals.of(event));
+            let ends: Vec<u32> = (0..64).map(|i| events.partition_point(|event| intervals.of(event) <= i) as u32).collect();
+            let mut expected = events.clone();
+            expected.sort_by_key(|e| (e.nanos_in_window, e.y_px, e.x_px));
+            for kept in [n, n / 2, n / 7] {
+                let mut found = vec![DvsEvent::zeroed(); kept];
+                Sorter::sort_slices(&Slices { ends: &ends, window_nanos }, &events, &mut found);
+                assert!(found == expected[..kept], "{kept} of {n} in {window_nanos} ns");
+            }
+        }
+    }
 
     #[test]
     fn all_events_come_out_in_order() {
