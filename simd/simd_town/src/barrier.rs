@@ -35,12 +35,18 @@ pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object
                 // Seen from the road and from behind.
                 let front = post(pair[0], pair[1], RAIL_M.0, RAIL_M.1);
                 let back = post(pair[1], pair[0], RAIL_M.0, RAIL_M.1);
-                for (face, levels) in [(front, 0..=2), (back, 0..=2)] {
-                    panel(chunks, steel, levels, face);
+                for face in [front, back] {
+                    panel(chunks, steel, 0..=1, face);
                 }
                 let wall = post(pair[0], pair[1], 0.0, RAIL_M.1);
                 solid.polygon(object, &wall);
                 solid.polygon(object, &[wall[1], wall[0], wall[3], wall[2]]);
+            }
+            // From far away chords over two pieces do.
+            for k in (0..stations.len() - 1).step_by(2) {
+                let (a, b) = (stations[k], stations[(k + 2).min(stations.len() - 1)]);
+                panel(chunks, steel, 2..=2, post(a, b, RAIL_M.0, RAIL_M.1));
+                panel(chunks, steel, 2..=2, post(b, a, RAIL_M.0, RAIL_M.1));
             }
             let mut s = from + 0.3;
             while s < to - 0.2 {

@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::network::SignalKind;
-use crate::vehicle::loft::{ellipsoid, tube};
+use crate::vehicle::loft::{ellipsoid, spike, tube};
 
 /// Height of a traffic light's head over the pavement: the one on the pole and the one on the arm.
 pub const HEADS_M: (f64, f64) = (2.75, 5.4);
@@ -17,17 +17,35 @@ fn steel() -> Surface {
 /// A street lamp: pole, arm along +x, lamp (bit 0).
 pub fn street_lamp() -> Mesh {
     let mut builder = MeshBuilder::new("street lamp");
-    for (n, until_m) in [(8, 40.0), (4, 130.0), (3, 350.0)] {
+    let glow = Surface::lamp(Class::POLES, [255, 226, 178], 0);
+    for (n, until_m) in [(8, 40.0), (4, 130.0)] {
         tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.10), ([0.0, 0.0, 7.6], 0.055), n);
         tube(&mut builder, steel(), ([0.0, 0.0, 7.5], 0.045), ([1.5, 0.0, 8.0], 0.035), n);
         builder.cuboid(steel(), [1.75, 0.0, 8.03], [0.36, 0.13, 0.05]);
-        builder.cuboid(Surface::lamp(Class::POLES, [255, 226, 178], 0), [1.75, 0.0, 7.97], [0.30, 0.10, 0.02]);
+        builder.cuboid(glow, [1.75, 0.0, 7.97], [0.30, 0.10, 0.02]);
         if n == 8 {
             tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.15), ([0.0, 0.0, 0.8], 0.13), n);
         }
         builder.end_level(until_m);
     }
+    far_lamp(&mut builder, (steel(), glow), ([0.1, 7.9, 1.6], [1.75, 8.0]), [0.34, 0.12, 0.05]);
+    builder.end_level(350.0);
     builder.finish()
+}
+
+/// A lamp on an arm from far away: (radius of the foot, height and reach of the arm), and its glowing head (x, z) with half its size.
+pub fn far_lamp(
+    builder: &mut MeshBuilder,
+    (metal, glow): (Surface, Surface),
+    ([foot, height, reach], [x, z]): ([f32; 3], [f32; 2]),
+    half_m: [f32; 3],
+) {
+    spike(builder, metal, ([0.0, 0.0, -0.05], foot), [0.0, 0.0, height]);
+    spike(builder, metal, ([0.0, 0.0, height - 0.1], 0.5 * foot), [reach, 0.0, z]);
+    builder.cuboid(glow, [x, 0.0, z], half_m);
+    let ([hx, hy, _], top) = (half_m, z + half_m[2] + 0.03);
+    let lid = [[x - hx, -hy, top], [x + hx, -hy, top], [x + hx, hy, top], [x - hx, hy, top]];
+    builder.polygon(metal, &lid, &[[0.0; 2]; 4]);
 }
 
 /// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y, over the carriageway.
@@ -53,9 +71,16 @@ pub fn light_head() -> Mesh {
     let mut builder = MeshBuilder::new("traffic light head");
     let class = Class::TRAFFIC_LIGHT;
     let black = Surface::new(class, Material::Matte, [26, 28, 28]);
-    for (n, until_m) in [(14, 35.0), (6, f32::INFINITY)] {
-        builder.cuboid(black, [0.0, 0.0, 0.0], [0.10, 0.16, 0.46]);
-        builder.cuboid(black, [-0.09, 0.0, 0.0], [0.012, 0.27, 0.58]);
+    for (n, until_m) in [(14, 35.0), (6, 80.0), (4, f32::INFINITY)] {
+        if n > 4 {
+            builder.cuboid(black, [0.0, 0.0, 0.0], [0.10, 0.16, 0.46]);
+            builder.cuboid(black, [-0.09, 0.0, 0.0], [0.012, 0.27, 0.58]);
+        } else {
+            // From far away the board alone, seen from both sides.
+            let board = [[0.0, -0.27, -0.58], [0.0, 0.27, -0.58], [0.0, 0.27, 0.58], [0.0, -0.27, 0.58]];
+            builder.polygon(black, &board, &[[0.0; 2]; 4]);
+            builder.polygon(black, &[board[3], board[2], board[1], board[0]], &[[0.0; 2]; 4]);
+        }
         for (bit, (rgb, z)) in [([255, 38, 28], 0.29), ([255, 190, 30], 0.0), ([40, 255, 120], -0.29f32)].into_iter().enumerate() {
             let disc: Vec<[f32; 3]> = (0..n)
                 .map(|k| {

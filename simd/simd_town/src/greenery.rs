@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::random::Random;
-use crate::vehicle::loft::tube;
+use crate::vehicle::loft::{spike, tube};
 
 const LEAVES: [[u8; 3]; 6] = [[78, 110, 48], [92, 122, 54], [66, 98, 46], [104, 128, 60], [84, 104, 44], [120, 126, 58]];
 /// Number of kinds of trees.
@@ -27,9 +27,11 @@ pub fn tree(kind: usize) -> Mesh {
         .collect();
     let bark = Surface::new(Class::VEGETATION, Material::Bark, [92, 76, 60]);
     let split = height * 0.42;
-    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, 130.0), (3, 600.0)] {
-        let n = [8, 5, 3, 3][level];
-        tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.02, 0.03, split], 0.11), n);
+    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, 120.0), (3, 600.0)] {
+        match level {
+            0..=2 => tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.02, 0.03, split], 0.11), [8, 5, 3][level]),
+            _ => spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.2), [0.02, 0.03, split + 0.5]),
+        }
         if level == 0 {
             for (centre, _) in &clumps {
                 tube(&mut builder, bark, ([0.02, 0.03, split - 0.05], 0.07), (*centre, 0.03), 4);
@@ -82,7 +84,11 @@ pub fn conifer(kind: usize) -> Mesh {
         Surface::new(Class::VEGETATION, Material::Foliage, rgb)
     };
     for (n, n_tiers, until_m) in [(9, 5, 22.0), (6, 3, 60.0), (5, 1, 140.0), (4, 1, 600.0)] {
-        tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), n.min(6));
+        if n > 4 {
+            tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), n.min(6));
+        } else {
+            spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.2), [0.0, 0.0, 0.3 * height]);
+        }
         for tier in 0..n_tiers {
             let share = tier as f32 / n_tiers as f32;
             let (low, radius) = (height * (0.14 + 0.8 * share), reach * (1.0 - 0.82 * share));
@@ -116,6 +122,8 @@ pub fn bush() -> Mesh {
     blob(&mut builder, leaves, [0.0, 0.0, 0.42], 0.55, 1, 99);
     builder.end_level(30.0);
     blob(&mut builder, leaves, [0.0, 0.0, 0.42], 0.55, 0, 99);
+    builder.end_level(60.0);
+    diamond(&mut builder, leaves, [0.0, 0.0, 0.42], [0.58, 0.5]);
     builder.end_level(160.0);
     builder.finish()
 }

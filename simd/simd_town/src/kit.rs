@@ -101,7 +101,7 @@ const PARKED: [(VehicleShape, [u8; 3]); 10] = [
 fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
     let parts = vehicle_meshes(shape);
     let mut car = Mesh { name: format!("parked {:?}", shape.style).to_lowercase(), ..Mesh::default() };
-    for level in 0..3 {
+    for (level, until_m) in [10.0, 20.0, 60.0, 200.0].into_iter().enumerate() {
         let first_idx = car.indices.len() as u32;
         append(&mut car, &parts.body, level, &Isometry3::identity());
         for site in &parts.wheels {
@@ -109,7 +109,7 @@ fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
             append(&mut car, &parts.wheel, level, &Isometry3::new(Vector3::from(site.centre_m), turn));
         }
         let n_indices = car.indices.len() as u32 - first_idx;
-        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m: [10.0, 20.0, 200.0][level] });
+        car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m });
     }
     for vertex in &mut car.vertices {
         if vertex.material == sensor_core::Material::CarPaint as u8 {

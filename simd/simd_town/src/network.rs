@@ -457,21 +457,10 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    let waiting: Vec<usize> = (0..junction.arms.len()).filter(|&i| junction.arms[i].waits).collect();
-    let signal_of = |arm: usize| waiting.iter().position(|&i| i == arm).map(|number| first + number);
-    let mut done: Vec<bool> = junction.arms.iter().map(|arm| !arm.waits).collect();
-    for i in 0..junction.arms.len() {
-        if done[i] {
-            continue;
-        }
-        let opposite = (i + 1..junction.arms.len())
-            .find(|&j| !done[j] && wrap(junction.arms[j].heading_rad - junction.arms[i].heading_rad).abs() > 2.4);
-        let members: Vec<usize> = std::iter::once(i).chain(opposite).collect();
-        for &member in &members {
-            done[member] = true;
-        }
+    // One arm at a time: no two ways that have green cross each other, so that nobody stands in the middle waiting for a gap.
+    for signal in first..network.signals.len() {
         let id = 1 + network.stages.len() as u32;
-        network.stages.push(Stage { id, junction: junction_idx, signals: members.iter().filter_map(|&m| signal_of(m)).collect() });
+        network.stages.push(Stage { id, junction: junction_idx, signals: vec![signal] });
     }
 }
 

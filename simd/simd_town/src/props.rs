@@ -5,8 +5,9 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::chunk::{Chunks, Key, Layer};
+use crate::furniture::far_lamp;
 use crate::geometry::{P2, left, unit};
-use crate::vehicle::loft::{ellipsoid, tube};
+use crate::vehicle::loft::{ellipsoid, spike, tube};
 
 fn iron() -> Surface {
     Surface::new(Class::POLES, Material::Metal, [44, 48, 50])
@@ -16,7 +17,7 @@ fn iron() -> Surface {
 pub fn lantern() -> Mesh {
     let mut builder = MeshBuilder::new("lantern");
     let glow = Surface::lamp(Class::POLES, [255, 220, 160], 0);
-    for (n, until_m) in [(8, 35.0), (4, 110.0), (3, 300.0)] {
+    for (n, until_m) in [(8, 35.0), (4, 110.0)] {
         tube(&mut builder, iron(), ([0.0, 0.0, -0.05], 0.075), ([0.0, 0.0, 4.05], 0.045), n);
         tube(&mut builder, glow, ([0.0, 0.0, 4.05], 0.13), ([0.0, 0.0, 4.45], 0.2), n);
         tube(&mut builder, iron(), ([0.0, 0.0, 4.45], 0.26), ([0.0, 0.0, 4.68], 0.03), n);
@@ -26,6 +27,10 @@ pub fn lantern() -> Mesh {
         }
         builder.end_level(until_m);
     }
+    spike(&mut builder, iron(), ([0.0, 0.0, -0.05], 0.075), [0.0, 0.0, 4.4]);
+    tube(&mut builder, glow, ([0.0, 0.0, 4.05], 0.13), ([0.0, 0.0, 4.45], 0.2), 3);
+    spike(&mut builder, iron(), ([0.0, 0.0, 4.45], 0.26), [0.0, 0.0, 4.68]);
+    builder.end_level(300.0);
     builder.finish()
 }
 
@@ -34,13 +39,15 @@ pub fn mast() -> Mesh {
     let mut builder = MeshBuilder::new("lamp mast");
     let steel = Surface::new(Class::POLES, Material::Metal, [128, 132, 136]);
     let glow = Surface::lamp(Class::POLES, [255, 232, 196], 0);
-    for (n, until_m) in [(8, 40.0), (4, 160.0), (3, 420.0)] {
+    for (n, until_m) in [(8, 40.0), (4, 140.0)] {
         tube(&mut builder, steel, ([0.0, 0.0, -0.05], 0.13), ([0.0, 0.0, 11.0], 0.07), n);
         tube(&mut builder, steel, ([0.0, 0.0, 10.9], 0.055), ([1.9, 0.0, 11.3], 0.045), n);
         builder.cuboid(steel, [2.2, 0.0, 11.32], [0.42, 0.16, 0.06]);
         builder.cuboid(glow, [2.2, 0.0, 11.25], [0.36, 0.13, 0.02]);
         builder.end_level(until_m);
     }
+    far_lamp(&mut builder, (steel, glow), ([0.13, 11.2, 2.0], [2.2, 11.28]), [0.4, 0.15, 0.05]);
+    builder.end_level(420.0);
     builder.finish()
 }
 

@@ -4,7 +4,7 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::loft::{Section, loft, loft_with_holes};
+use super::loft::{Section, loft_with_holes};
 use super::{BodyStyle, Frame};
 
 /// What the skin is from one station to the next.
@@ -159,7 +159,7 @@ pub(super) fn open_body(builder: &mut MeshBuilder, frame: &Frame, style: BodySty
     mirrors(builder, frame, table);
 }
 
-/// Adds one level of a car's body; `detail` 0 is the finest of three.
+/// Adds one level of a car's body; `detail` 0 is the finest of four.
 pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
     let table = table(style);
     let stations = stations(frame, table, detail, &[]);
@@ -173,9 +173,10 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
             1 => [0, 2, 4, 5, 7][strip],
             _ => [0, 2, 5, 7][strip],
         };
-        skin(frame, style, part, strip)
+        // The underside of a car far away is not seen.
+        (detail < 3 || strip > 0).then(|| skin(frame, style, part, strip))
     };
-    loft(builder, &sections, surface, [paint, paint]);
+    loft_with_holes(builder, &sections, surface, [paint, paint]);
     front(builder, frame, table, detail);
     rear(builder, frame, table, style, detail);
     if detail < 2 {
@@ -192,6 +193,15 @@ pub(super) fn stations(frame: &Frame, table: &[Station], detail: usize, also: &[
             places
                 .retain(|&u| (u == 0.0 || u == 1.0 || (0.02..0.98).contains(&u)) && !table.iter().any(|s| s.0 == u && matches!(s.5, Gap)));
             places.extend(frame.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
+        }
+        3 => {
+            // Where bonnet, cabin and boot begin and end, and where nose and tail have their full width.
+            let kind = |i: usize| match table[i].5 {
+                Pillar | Gap => Cabin,
+                part => part,
+            };
+            let keep = |i: usize| i == 0 || i == 2 || i + 3 == table.len() || i + 1 == table.len() || i > 2 && kind(i) != kind(i - 1);
+            places = (0..table.len()).filter(|&i| keep(i)).map(|i| table[i].0).collect();
         }
         _ => {
             let keep =
@@ -250,7 +260,8 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
         // Front faces end at these x: the outer ones lie further back, as the bumper is round.
         let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), x: f32, (low, high): (f32, f32)| {
             let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
-            builder.cuboid(frame.lamp(rgb, bit), [x - 0.06, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
+            let (centre, half) = ([x - 0.06, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
+            lamp_block(builder, frame.lamp(rgb, bit), (centre, half), [1.0, side], detail);
         };
         lamp([255, 246, 224], 1, (flat - 0.16, flat), skin + 0.012, (-0.03, 0.03));
         if detail < 2 {
@@ -284,11 +295,8 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: Body
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), (low, high): (f32, f32)| {
             let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
-            builder.cuboid(
-                frame.lamp(rgb, bit),
-                [0.06 - skin - 0.014, y, lamp_z + 0.5 * (low + high) * h],
-                [0.06, half_y, 0.5 * (high - low) * h],
-            );
+            let (centre, half) = ([0.06 - skin - 0.014, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
+            lamp_block(builder, frame.lamp(rgb, bit), (centre, half), [-1.0, side], detail);
         };
         let inner = flat - if style == BodyStyle::Van { 0.10 } else { 0.22 };
         lamp([255, 24, 18], 3, (inner, flat), (0.0, tall));
@@ -309,6 +317,24 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: Body
             }
             builder.cuboid(frame.dark(), [0.024 - skin, 0.0, 0.55 * h], [0.03, 0.006, 0.38 * h]);
         }
+    }
+}
+
+/// A lamp that stands out of the skin a little. From farther away only what shows: its front, and up to the third level its outer side.
+/// `towards` are the signs of x and y in which it looks.
+fn lamp_block(builder: &mut MeshBuilder, surface: Surface, (centre_m, half_m): ([f32; 3], [f32; 3]), towards: [f32; 2], detail: usize) {
+    if detail == 0 {
+        builder.cuboid(surface, centre_m, half_m);
+        return;
+    }
+    let ([x, y, z], [hx, hy, hz], [ahead, out]) = (centre_m, half_m, towards);
+    let front_x = x + ahead * hx;
+    // Counter-clockwise from where it looks.
+    let front = [(-ahead, -1.0), (ahead, -1.0), (ahead, 1.0), (-ahead, 1.0)].map(|(a, b)| [front_x, y + a * hy, z + b * hz]);
+    builder.polygon(surface, &front, &[[0.0; 2]; 4]);
+    if detail < 3 {
+        let side = [(out, -1.0), (-out, -1.0), (-out, 1.0), (out, 1.0)].map(|(a, b)| [x + a * hx, y + out * hy, z + b * hz]);
+        builder.polygon(surface, &side, &[[0.0; 2]; 4]);
     }
 }
 

@@ -133,6 +133,24 @@ pub fn tube(builder: &mut MeshBuilder, surface: Surface, from: ([f32; 3], f32), 
     }
 }
 
+/// A three-sided cone from a ring to a tip, open below: a pole seen from far away.
+pub fn spike(builder: &mut MeshBuilder, surface: Surface, (foot, radius): ([f32; 3], f32), tip: [f32; 3]) {
+    let axis = normalize(sub(tip, foot));
+    let helper = if axis[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
+    let u = normalize(cross(helper, axis));
+    let v = cross(axis, u);
+    let direction = |k: usize| {
+        let a = std::f32::consts::TAU * (k % 3) as f32 / 3.0;
+        std::array::from_fn::<f32, 3, _>(|i| u[i] * a.cos() + v[i] * a.sin())
+    };
+    let at = |d: [f32; 3]| std::array::from_fn::<f32, 3, _>(|i| foot[i] + d[i] * radius);
+    for k in 0..3 {
+        let (d0, d1) = (direction(k), direction(k + 1));
+        let middle = normalize(std::array::from_fn(|i| d0[i] + d1[i]));
+        builder.polygon_with_normals(surface, &[at(d0), at(d1), tip], &[d0, d1, middle], &[[0.0; 2]; 3]);
+    }
+}
+
 /// An ellipsoid of `n` slices and `n / 2` stacks.
 pub fn ellipsoid(builder: &mut MeshBuilder, surface: Surface, centre: [f32; 3], half: [f32; 3], n: usize) {
     let stacks = (n / 2).max(2);

@@ -71,8 +71,8 @@ pub struct VehicleMeshes {
     pub wheels: Vec<WheelSite>,
 }
 
-/// Distances up to which the three levels of a body are drawn, metres.
-const LEVELS_M: [f32; 3] = [16.0, 45.0, f32::INFINITY];
+/// Distances up to which the levels of a body are drawn, metres.
+const LEVELS_M: [f32; 4] = [16.0, 45.0, 90.0, f32::INFINITY];
 
 /// What the builders of bodies share.
 #[derive(Clone, Copy, Debug)]
@@ -133,7 +133,7 @@ impl Frame {
 
     /// Height of the lower edge inside a wheel arch at the place `u`.
     fn arch(&self, u: f32, detail: usize) -> Option<f32> {
-        if detail == 2 {
+        if detail >= 2 {
             return None;
         }
         let (x, reach) = (self.x(u), self.arch_radius_m());
@@ -170,7 +170,7 @@ pub fn vehicle_meshes(shape: &VehicleShape) -> VehicleMeshes {
         match shape.style {
             BodyStyle::Bus => heavy::bus(&mut builder, &frame, detail),
             BodyStyle::Lorry => heavy::lorry(&mut builder, &frame, detail),
-            BodyStyle::Motorcycle | BodyStyle::Bicycle => two_wheeler::body(&mut builder, &frame, shape.style, detail),
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => two_wheeler::body(&mut builder, &frame, shape.style, detail.min(2)),
             _ => car::body(&mut builder, &frame, shape.style, detail),
         }
         builder.end_level(until_m);

@@ -11,18 +11,20 @@ pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
     builder.end_level(14.0);
     level(&mut builder, class, radius_m, width_m, 8, 0);
     builder.end_level(40.0);
-    far(&mut builder, class, radius_m, width_m);
+    far(&mut builder, class, radius_m, width_m, true);
+    builder.end_level(90.0);
+    far(&mut builder, class, radius_m, width_m, false);
     builder.finish()
 }
 
-/// A hexagonal drum without inner side.
-fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32) {
+/// A hexagonal drum without inner side, or only its outer side.
+fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, has_tread: bool) {
     let (half, tyre) = (0.5 * width_m, Surface::new(class, Material::Rubber, [30, 30, 32]));
     let corner = |k: usize| {
         let a = std::f32::consts::TAU * k as f32 / 6.0;
         [r * a.cos(), r * a.sin()]
     };
-    for k in 0..6 {
+    for k in 0..if has_tread { 6 } else { 0 } {
         let ([x0, z0], [x1, z1]) = (corner(k), corner(k + 1));
         builder.polygon(tyre, &[[x0, half, z0], [x0, -half, z0], [x1, -half, z1], [x1, half, z1]], &[[0.0; 2]; 4]);
     }
