@@ -139,7 +139,7 @@ struct Thread<'w> {
     client: Option<CommandClient>,
     writer: ControlWriter,
     daemon: Notifier,
-    /// Controls of the last ticks, with the tick at which they came.
+    /// Controls of the last ticks, with the last tick at which they may be sent.
     held: BTreeMap<u32, (u64, VehicleControlRecord)>,
     last_asked: Instant,
     world: &'w World,
@@ -173,8 +173,10 @@ impl Thread<'_> {
             match job {
                 Job::Control(records) => {
                     self.ask(std::mem::take(&mut asks));
-                    let tick = self.world.tick();
-                    self.held.extend(records.into_iter().map(|record| (record.actor_id, (tick, record))));
+                    let (tick, known) = (self.world.tick(), self.world.known());
+                    // A vehicle whose controls are for one tick must not be given one again.
+                    let until = |id: &u32| if known.is_sticky(*id) { tick + RESEND_TICKS - 1 } else { tick };
+                    self.held.extend(records.into_iter().map(|record| (record.actor_id, (until(&record.actor_id), record))));
                     new_controls = true;
                 }
                 Job::Ask(ask) => {
@@ -193,7 +195,7 @@ impl Thread<'_> {
 
     fn send_controls(&mut self) {
         let tick = self.world.tick();
-        self.held.retain(|_, (came, _)| *came + RESEND_TICKS > tick && *came <= tick);
+        self.held.retain(|_, (until, _)| (tick..tick + RESEND_TICKS).contains(until));
         let records: Vec<VehicleControlRecord> = self.held.values().map(|(_, record)| *record).collect();
         if records.is_empty() {
             return;

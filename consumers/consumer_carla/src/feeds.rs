@@ -141,6 +141,11 @@ impl Feeds {
         }
     }
 
+    /// The world stream, whose snapshots go before sensors' messages.
+    pub fn streams(&self) -> &Streams {
+        &self.streams
+    }
+
     /// Reads from this bus.
     pub fn join(&self, bus: Bus) {
         // Called once, at the start.

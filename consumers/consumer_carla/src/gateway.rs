@@ -10,7 +10,7 @@ use crate::msgpack::Value;
 use crate::recorder::Recorder;
 use crate::rpc::managers::TrafficManager;
 use crate::rpc::session::Settings;
-use crate::stream::{self, WORLD_STREAM};
+use crate::stream;
 use crate::world::World;
 
 /// The version this gateway speaks; clients compare it with theirs.
@@ -95,6 +95,7 @@ impl Gateway {
     /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has
     /// ended may have to go on by itself.
     pub fn closed(&self, connection: u64) {
+        self.feeds.streams().retire(connection);
         lock(&self.traffic_managers).retain(|_, manager| manager.connection != connection);
         let mut drivers = lock(&self.drivers);
         if drivers.remove(&connection) && drivers.is_empty() {
@@ -122,8 +123,8 @@ impl Gateway {
         list![Value::Bin(stream::token(stream, self.stream_port))]
     }
 
-    /// Where the world stream is.
-    pub(crate) fn world_token(&self) -> Value {
-        self.token(WORLD_STREAM)
+    /// Where a client's world stream is.
+    pub(crate) fn world_token(&self, connection: u64) -> Value {
+        self.token(self.feeds.streams().stream_of(connection))
     }
 }

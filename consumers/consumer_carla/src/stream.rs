@@ -2,6 +2,8 @@
 //!
 //! Here are the connections and the world stream; streams of sensors are in [`crate::feeds`].
 
+mod places;
+
 use std::io::{IoSlice, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::AsFd as _;
@@ -13,8 +15,11 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounde
 use schema_bus::WaitSet;
 
 use crate::feeds::Feeds;
+use places::{Places, Retired};
 
-/// Stream of the world snapshots.
+pub use places::{Place, is_world};
+
+/// Stream of the world snapshots, for who asks for no own one.
 pub const WORLD_STREAM: u32 = 1;
 /// Messages that wait for a slow client before the newest are dropped for it.
 const BACKLOG: usize = 256;
@@ -58,6 +63,7 @@ struct WorldStream {
 #[derive(Debug, Default)]
 pub struct Streams {
     world: Mutex<WorldStream>,
+    places: Mutex<Places>,
     written: Condvar,
     newest_tick: AtomicU64,
 }
@@ -65,6 +71,25 @@ pub struct Streams {
 impl Streams {
     fn world(&self) -> MutexGuard<'_, WorldStream> {
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn places(&self) -> MutexGuard<'_, Places> {
+        self.places.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The number of a client's world stream, by its RPC connection.
+    pub fn stream_of(&self, connection: u64) -> u32 {
+        self.places().stream_of(connection)
+    }
+
+    /// The client loads a world and takes a new stream afterwards: its old one is sent nothing more.
+    pub fn retire(&self, connection: u64) -> Option<Place> {
+        self.places().retire(connection)
+    }
+
+    /// The client goes on with what [`Streams::retire`] gave.
+    pub fn restore(&self, connection: u64, place: Place) {
+        self.places().restore(connection, place);
     }
 
     /// Sends a snapshot to all who listen, and keeps it for who comes next.
@@ -124,9 +149,10 @@ impl Streams {
         (receiver, written, lags)
     }
 
-    fn serve(&self, mut connection: TcpStream) -> std::io::Result<()> {
+    fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+        let is_retired = self.places().retired(stream);
         let (messages, written, lags) = self.subscribe();
-        let served = self.send_all(&mut connection, &messages, &written, &lags);
+        let served = self.send_all(&mut connection, &messages, &written, &lags, &is_retired);
         // Nobody waits for a client that has gone.
         drop(messages);
         written.store(u64::MAX, Ordering::Release);
@@ -140,11 +166,16 @@ impl Streams {
         messages: &Receiver<WorldMessage>,
         written: &AtomicU64,
         lags: &AtomicBool,
+        is_retired: &Retired,
     ) -> std::io::Result<()> {
         loop {
             match messages.recv_timeout(LOOK) {
                 Ok(message) => {
-                    send(connection, &message.bytes, &[])?;
+                    if !is_retired.load(Ordering::Acquire) {
+                        send(connection, &message.bytes, &[])?;
+                    } else if has_ended(connection)? {
+                        return Ok(());
+                    }
                     written.store(message.tick, Ordering::Release);
                     if messages.is_empty() {
                         lags.store(false, Ordering::Release);
@@ -192,7 +223,7 @@ fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Arc<Feeds>) -
     let mut id = [0; 4];
     connection.read_exact(&mut id)?;
     match u32::from_le_bytes(id) {
-        WORLD_STREAM => streams.serve(connection),
+        world if is_world(world) => streams.serve(world, connection),
         sensor => feeds.serve(sensor, connection),
     }
 }

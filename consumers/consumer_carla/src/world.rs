@@ -101,6 +101,13 @@ impl Known {
         own.or(listed).map_or(std::f64::consts::TAU, |degrees| lenient::float(degrees).to_radians()) as f32
     }
 
+    /// Whether a vehicle keeps its control until it is given another.
+    pub fn is_sticky(&self, id: u32) -> bool {
+        let own = self.own.get(&id).and_then(|own| own.description.attribute("sticky_control"));
+        let listed = self.actors.get(&id).and_then(|actor| actor.attributes.get("sticky_control")).map(String::as_str);
+        own.or(listed).is_none_or(|value| value.eq_ignore_ascii_case("true"))
+    }
+
     /// Whether there is such an actor, as far as is known.
     pub fn has_actor(&self, id: u32) -> bool {
         self.actors.contains_key(&id) || self.own.contains_key(&id)

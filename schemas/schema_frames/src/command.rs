@@ -47,7 +47,7 @@ pub enum Command {
         /// 1 or more.
         n: u64,
     },
-    /// Changes mode or period; what is absent stays.
+    /// Changes mode, period or physics; what is absent stays.
     Configure {
         /// New mode.
         #[serde(default)]
@@ -55,6 +55,9 @@ pub enum Command {
         /// New tick length.
         #[serde(default)]
         period_nanos: Option<u64>,
+        /// Longest physics sub-step, 100 µs to 10 ms: a tick is done in equal sub-steps no longer than this.
+        #[serde(default)]
+        longest_substep_nanos: Option<u64>,
     },
     /// Makes an actor.
     Spawn {

@@ -12,6 +12,7 @@ use crate::runtime::SensorWish;
 
 /// Shortest and longest tick, nanoseconds: 10 kHz to 1 Hz.
 const PERIOD_NANOS: (u64, u64) = (100_000, 1_000_000_000);
+const SUBSTEP_NANOS: (u64, u64) = (100_000, 10_000_000);
 
 /// Most ticks one cue can ask for: a day at 100 Hz; more is surely a mistake in units.
 const MAX_CUE: u64 = 8_640_000;
@@ -45,7 +46,9 @@ impl Daemon {
         match command {
             Command::Ping => CommandReply::Pong { version: env!("CARGO_PKG_VERSION").into() },
             Command::Step { n } => self.cue(*n),
-            Command::Configure { mode, period_nanos } => self.configure(*mode, *period_nanos),
+            Command::Configure { mode, period_nanos, longest_substep_nanos } => {
+                self.configure(*mode, *period_nanos, *longest_substep_nanos)
+            }
             Command::JoinLockstep { name } => self.join(name),
             Command::LeaveLockstep { participant } => self.leave(*participant),
             Command::ListMaps => CommandReply::Maps { names: self.maps.names() },
@@ -117,12 +120,18 @@ impl Daemon {
         CommandReply::Stepping { last_tick: self.gate.cue(n, self.tick.0) }
     }
 
-    fn configure(&mut self, mode: Option<StepMode>, period_nanos: Option<u64>) -> CommandReply {
-        if let Some(period_nanos) = period_nanos {
-            if !(PERIOD_NANOS.0..=PERIOD_NANOS.1).contains(&period_nanos) {
-                return refused(&format!("period_nanos is {period_nanos}, but must be {} to {}", PERIOD_NANOS.0, PERIOD_NANOS.1));
+    fn configure(&mut self, mode: Option<StepMode>, period_nanos: Option<u64>, longest_substep_nanos: Option<u64>) -> CommandReply {
+        let limits = [("period_nanos", period_nanos, PERIOD_NANOS), ("longest_substep_nanos", longest_substep_nanos, SUBSTEP_NANOS)];
+        for (name, given, (least, most)) in limits {
+            if let Some(nanos) = given.filter(|nanos| !(least..=most).contains(nanos)) {
+                return refused(&format!("{name} is {nanos}, but must be {least} to {most}"));
             }
+        }
+        if let Some(period_nanos) = period_nanos {
             self.clock.set_period(self.tick, period_nanos);
+        }
+        if let Some(nanos) = longest_substep_nanos {
+            self.world.set_longest_substep(nanos as f64 * 1e-9);
         }
         if let Some(mode) = mode {
             self.gate.set_mode(mode, self.tick.0);

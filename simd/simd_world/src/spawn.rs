@@ -96,7 +96,7 @@ pub enum DestroyError {
 impl World {
     /// Makes an actor. `pose` is in the world, or on `parent` for a sensor that rides on it.
     ///
-    /// Vehicles take the attribute `color` (`r,g,b`, each 0–255); sensors keep whatever attributes they are given.
+    /// Vehicles take the attributes `color` (`r,g,b`, each 0–255) and `sticky_control` (`false`: a control is for one tick); sensors keep whatever attributes they are given.
     /// The pose is used as it is: a vehicle above the ground falls onto it.
     pub fn spawn(
         &mut self,
@@ -152,6 +152,7 @@ impl World {
         let id = self.new_id();
         let mut vehicle = Vehicle::new(&mut self.physics, model, id.0, &pose.isometry());
         vehicle.tint_rgb = tint_rgb;
+        vehicle.switches.sticky_control = attributes.get("sticky_control").is_none_or(|value| value == "true");
         self.vehicles.insert(id, vehicle);
         let role = role.to_owned();
         self.actors
@@ -317,7 +318,7 @@ fn check_attribute(model: &VehicleModel, name: &str, value: &str, known: &BTreeM
     }
     match name {
         "color" if catalogue::parse_color(value).is_none() => Err(refuse("it must be \"r,g,b\" with each 0 to 255".to_owned())),
-        "sticky_control" if value != "true" => Err(refuse("only \"true\" is supported: a control stays until it is replaced".to_owned())),
+        "sticky_control" if !["true", "false"].contains(&value) => Err(refuse("it must be true or false".to_owned())),
         // Who rides: every rider looks alike.
         "driver_id" if known.contains_key(name) => match value.parse::<u32>() {
             Ok(_) => Ok(()),

@@ -51,6 +51,8 @@ pub(crate) struct Vehicle {
     pub lean_rad: f32,
     pub wheels: Vec<Wheel>,
     pub switches: Switches,
+    /// Set since the last tick.
+    is_new_control: bool,
     /// Pushes of the tick to come: force (N) and torque (N·m), world.
     pub force_n: [f32; 3],
     pub torque_nm: [f32; 3],
@@ -71,6 +73,8 @@ pub(crate) struct Switches {
     /// The engine moves it.
     pub simulated: bool,
     pub collides: bool,
+    /// A control stays until it is replaced; otherwise it is for one tick.
+    pub sticky_control: bool,
     /// Velocity held, in its own axes, m/s.
     pub held_mps: Option<[f32; 3]>,
 }
@@ -112,7 +116,8 @@ impl Vehicle {
             tint_rgb: model.colors[0],
             steer_rad: 0.0,
             lean_rad: 0.0,
-            switches: Switches { gravity: true, simulated: true, collides: true, held_mps: None },
+            switches: Switches { gravity: true, simulated: true, collides: true, sticky_control: true, held_mps: None },
+            is_new_control: false,
             force_n: [0.0; 3],
             torque_nm: [0.0; 3],
             quarantined: false,
@@ -147,12 +152,16 @@ impl Vehicle {
     /// Pedals and wheel; ends an Ackermann control.
     pub fn set_control(&mut self, control: VehicleControl) {
         self.control = control.clamped();
+        self.is_new_control = true;
         self.ackermann = None;
         self.wheels.iter_mut().for_each(|wheel| wheel.shown_steer_rad = None);
     }
 
-    /// Before the sub-steps of a tick: the Ackermann controllers press the pedals.
+    /// Before the sub-steps of a tick: a control that was for one tick is let go, the Ackermann controllers press the pedals.
     pub fn begin_tick(&mut self, physics: &Physics, dt_secs: f32) {
+        if !std::mem::take(&mut self.is_new_control) && !self.switches.sticky_control {
+            self.control = VehicleControl::default();
+        }
         let Some(mut ackermann) = self.ackermann else { return };
         let speed_mps = self.forward_mps(physics);
         let max_steer_rad = self.max_steer_rad(speed_mps);

@@ -283,6 +283,11 @@ impl World {
         }
     }
 
+    /// Longest physics sub-step from now on, see [`WorldOptions::physics_substep_secs`].
+    pub fn set_longest_substep(&mut self, secs: f64) {
+        self.options.physics_substep_secs = secs;
+    }
+
     /// What vehicles and walkers touched in the last step, by (actor, other).
     pub fn collisions(&self) -> &[Collision] {
         &self.collisions

@@ -5,18 +5,15 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
-import os
 import queue
 import sys
 
-import carla
 import gantry
 import numpy as np
+from carla_kit import PATIENCE_SECS, run, run_checks, stage
 
 PORT, DOMAIN = int(sys.argv[1]), sys.argv[2]
 WIDTH, HEIGHT = 96, 64
-PATIENCE_SECS = 20.0
 
 
 def spawn(world, kind):
@@ -86,26 +83,14 @@ def check_sentences(world):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(PATIENCE_SECS)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = 0.05
-    world.apply_settings(settings)
-    world.tick()
-    for name, check in (
-        ("same frames", check_same_frames),
-        ("without listening", check_without_listening),
-        ("choice", check_choice),
-        ("sentences", check_sentences),
-    ):
-        check(world)
-        print(f"{name} passed")
+    _, world = stage(PORT)
+    checks = {
+        "same frames": check_same_frames,
+        "without listening": check_without_listening,
+        "choice": check_choice,
+        "sentences": check_sentences,
+    }
+    run_checks(checks, world)
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(100, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 100)

@@ -6,12 +6,11 @@ Ids, attributes, types, defaults and recommended values are typed in here from C
 compatibility page names them. Prints "NAME passed" per theme.
 """
 
-import faulthandler
-import os
 import re
 import sys
 
 import carla
+from carla_kit import connect, run, run_checks
 
 PORT, PAGE = int(sys.argv[1]), sys.argv[2]
 BOOL, INT, FLOAT, TEXT, COLOR = (
@@ -242,18 +241,11 @@ def check_props(library, page):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(20.0)
+    client = connect(PORT)
     library = client.get_world().get_blueprint_library()
     with open(PAGE, encoding="utf-8") as file:
         page = file.read()
-    for name, check in (("sensors", check_sensors), ("vehicles", check_vehicles), ("walkers", check_walkers), ("props", check_props)):
-        check(library, page)
-        print(f"{name} passed")
+    run_checks({"sensors": check_sensors, "vehicles": check_vehicles, "walkers": check_walkers, "props": check_props}, library, page)
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(100, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 100)

@@ -6,34 +6,14 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
-import os
 import sys
 import time
 
 import carla
+from carla_kit import STEP_SECS, connect, near, passed, refused, run, run_checks, step_by_hand, turn_deg
 
 PORT = int(sys.argv[1])
 TM_PORT = int(sys.argv[2]) if len(sys.argv) > 2 else None
-STEP_SECS = 0.05
-
-
-def near(a, b, tolerance=1e-3):
-    return abs(a - b) <= tolerance
-
-
-def turn_deg(a, b):
-    return abs((a - b + 180.0) % 360.0 - 180.0)
-
-
-def must_fail(call, *words):
-    try:
-        call()
-    except RuntimeError as error:
-        text = str(error)
-        assert all(word in text for word in words), text
-        return
-    raise AssertionError(f"{call} did not fail")
 
 
 def check_session(client, world):
@@ -59,10 +39,7 @@ def check_settings(world):
     assert not before.synchronous_mode and before.fixed_delta_seconds is None
     frame = world.wait_for_tick(5.0).frame
     assert world.wait_for_tick(5.0).frame > frame, "free-running mode runs by itself"
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
+    step_by_hand(world)
     now = world.get_settings()
     assert now.synchronous_mode and near(now.fixed_delta_seconds, STEP_SECS)
     return before
@@ -128,7 +105,7 @@ def check_vehicle(world):
     assert isinstance(actor, carla.Vehicle) and actor.attributes["color"] == "0,0,255" and actor.attributes["role_name"] == "hero"
     assert 2.2 < actor.bounding_box.extent.x < 2.6 and list(actor.semantic_tags) == [14]
     assert world.try_spawn_actor(car, point) is None, "the place is taken"
-    must_fail(lambda: world.spawn_actor(car, point), "collision at spawn position")
+    refused(lambda: world.spawn_actor(car, point), "collision at spawn position")
     world.tick()
     there = world.get_actor(actor.id)
     assert there.type_id == "vehicle.tesla.model3" and there.attributes["role_name"] == "hero"
@@ -285,45 +262,38 @@ def check_loading(client, world):
 def check_sentences(client, world):
     camera = world.get_blueprint_library().find("sensor.camera.rgb")
     camera.set_attribute("image_size_x", "5000")
-    must_fail(lambda: world.spawn_actor(camera, carla.Transform()), "width_px is 5000", "16 to 4096")
-    must_fail(lambda: client.load_world("Nowhere"), "Nowhere", "not found")
+    refused(lambda: world.spawn_actor(camera, carla.Transform()), "width_px is 5000", "16 to 4096")
+    refused(lambda: client.load_world("Nowhere"), "Nowhere", "not found")
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(20.0)
+    client = connect(PORT)
     world = client.get_world()
     if TM_PORT is None:
         check_settings(world)
         check_loading(client, world)
-        print("loading passed")
+        passed("loading")
         return
     check_session(client, world)
-    print("session passed")
+    passed("session")
     before = check_settings(world)
-    print("settings passed")
-    for name, check in (
-        ("ticks", lambda: check_ticks(world)),
-        ("spectator", lambda: check_spectator(world)),
-        ("weather", lambda: check_weather(world)),
-        ("vehicle", lambda: check_vehicle(world)),
-        ("batch", lambda: check_batch(client, world)),
-        ("lights", lambda: check_lights(world)),
-        ("autopilot", lambda: check_autopilot(client, world)),
-        ("sentences", lambda: check_sentences(client, world)),
-    ):
-        started = time.monotonic()
-        check()
-        print(f"{name} passed in {time.monotonic() - started:.1f} s")
+    passed("settings")
+    checks = {
+        "ticks": lambda: check_ticks(world),
+        "spectator": lambda: check_spectator(world),
+        "weather": lambda: check_weather(world),
+        "vehicle": lambda: check_vehicle(world),
+        "batch": lambda: check_batch(client, world),
+        "lights": lambda: check_lights(world),
+        "autopilot": lambda: check_autopilot(client, world),
+        "sentences": lambda: check_sentences(client, world),
+    }
+    run_checks(checks)
     world.apply_settings(before)
     assert not world.get_settings().synchronous_mode
     frame = world.wait_for_tick(5.0).frame
     assert world.wait_for_tick(5.0).frame > frame
-    print("restore passed")
+    passed("restore")
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(60, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 60)

@@ -5,12 +5,12 @@
 None may hang, none may fail with anything but the sentences listed here, and none that the wheel has may be left out. Prints "NAME passed" per class.
 """
 
-import faulthandler
 import os
 import sys
 import time
 
 import carla
+from carla_kit import connect, passed, run, step_by_hand
 
 PORT = int(sys.argv[1])
 LONGEST_SECS = 30.0
@@ -130,13 +130,9 @@ def check(title, owner, family, given):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(20.0)
+    client = connect(PORT)
     world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = 0.05
-    world.apply_settings(settings)
+    step_by_hand(world)
     library = world.get_blueprint_library()
     places = world.get_map().get_spawn_points()
     car = next(filter(None, (world.try_spawn_actor(library.find("vehicle.tesla.model3"), place) for place in places)))
@@ -151,7 +147,7 @@ def main():
     sign = world.get_actors().filter("traffic.*")[0]
     given = arguments(world, car)
     check("World", world, "World", given["World"])
-    print("World passed")
+    passed("World")
     of_actors = given["Actor"]
     for title, actor in (
         ("Vehicle", car), ("Walker", walker), ("TrafficLight", light), ("TrafficSign", sign), ("Camera", camera), ("Radio", radio), ("Lines", lines),
@@ -161,18 +157,13 @@ def main():
         print(f"{title} passed")
     world.tick()
     check("Client", client, "Client", given["Client"])
-    print("Client passed")
+    passed("Client")
     for actor in (camera, radio, lines, control, walker, car):
         assert actor.destroy()
     world.tick()
     secs, error = call(car, "get_physics_control", ())
     assert secs < LONGEST_SECS and "destroyed" in (error or ""), (secs, error)
-    print("gone passed")
+    passed("gone")
 
 
-# Where it stands, should it ever stand still.
-faulthandler.enable()
-faulthandler.dump_traceback_later(150, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 150)

@@ -5,24 +5,14 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import math
 import sys
 
 import carla
+from carla_kit import STEP_SECS, near, run, run_checks, stage, turn_deg
 
-faulthandler.enable()
 PORT = int(sys.argv[1])
-STEP_SECS = 0.05
 STATE = carla.TrafficLightState
-
-
-def near(a, b, tolerance=1e-3):
-    return abs(a - b) <= tolerance
-
-
-def turn_deg(a, b):
-    return abs((a - b + 180.0) % 360.0 - 180.0)
 
 
 def ticks_until(world, light, state, most=4000):
@@ -183,21 +173,18 @@ def check_weather(world):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(60.0)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
-    world.tick()
+    _, world = stage(PORT)
     lights = sorted(world.get_actors().filter("traffic.traffic_light"), key=lambda light: light.id)
     assert len(lights) > 4 and all(math.isfinite(light.get_location().x) for light in lights)
-    for name, theme in [("times", lambda: check_times(world, lights)), ("states", lambda: check_states(world, lights)),
-                        ("boxes", lambda: check_boxes(world, lights)), ("cars", lambda: check_cars(world, lights)),
-                        ("signs", lambda: check_signs(world)), ("weather", lambda: check_weather(world))]:
-        theme()
-        print(f"{name} passed")
+    checks = {
+        "times": lambda: check_times(world, lights),
+        "states": lambda: check_states(world, lights),
+        "boxes": lambda: check_boxes(world, lights),
+        "cars": lambda: check_cars(world, lights),
+        "signs": lambda: check_signs(world),
+        "weather": lambda: check_weather(world),
+    }
+    run_checks(checks)
 
 
-main()
+run(main, 240)

@@ -3,6 +3,7 @@
 import sys
 
 import carla
+from carla_kit import connect, passed, refused
 
 
 def stands(world, what):
@@ -21,22 +22,12 @@ def stands(world, what):
     client.apply_batch_sync([carla.command.DestroyActor(car) for car in cars])
 
 
-def refused(call, word):
-    try:
-        call()
-    except RuntimeError as error:
-        assert word in str(error), error
-        return
-    raise AssertionError(f"{word}: nothing was refused")
-
-
-client = carla.Client("127.0.0.1", int(sys.argv[1]))
-client.set_timeout(60.0)
+client = connect(sys.argv[1])
 text = open(sys.argv[2], encoding="utf-8").read()
 
 names = client.get_available_maps()
 assert {"/Game/Carla/Maps/Town01", "/Game/Carla/Maps/Town10HD", "/Game/Carla/Maps/mine"} <= set(names), names
-print("listing passed")
+passed("listing")
 
 for name in ("mine", "/Game/Carla/Maps/mine", "Town01"):
     world = client.load_world(name)
@@ -45,7 +36,7 @@ world = client.load_world("mine")
 # The gateway adds blank lines.
 assert world.get_map().to_opendrive().rstrip() == text.rstrip()
 stands(world, "mine")
-print("folder passed")
+passed("folder")
 
 parameters = carla.OpendriveGenerationParameters(vertex_distance=2.0, wall_height=1.0, additional_width=0.6, enable_mesh_visibility=True)
 world = client.generate_opendrive_world(text, parameters)
@@ -55,10 +46,17 @@ stands(world, "OpenDriveMap")
 # Other parameters are another world under the same name.
 world = client.generate_opendrive_world(text, carla.OpendriveGenerationParameters(wall_height=0.0, enable_mesh_visibility=False))
 stands(world, "OpenDriveMap without walls")
-print("generating passed")
+passed("generating")
 
 refused(lambda: client.load_world("nowhere"), "not found")
 refused(lambda: client.load_world("../../secret"), "not found")
 refused(lambda: client.generate_opendrive_world("<OpenDRIVE></OpenDRIVE>", parameters), "no usable road")
 assert client.get_world().get_map().name == "Carla/Maps/OpenDriveMap"
-print("refusals passed")
+passed("refusals")
+
+# The process lives through a day's work: after every load the client takes a new world stream, while its threads still have the old one.
+for name in ("Town01", "Town02", "Town03", "Town04", "Town05", "Town06", "Town07", "Town10HD"):
+    world = client.load_world(name)
+    assert world.get_map().name == "Carla/Maps/" + name, world.get_map().name
+    assert len(world.get_actors()) > 20 and world.wait_for_tick(20.0).frame > 0
+passed("many")

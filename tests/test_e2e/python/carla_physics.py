@@ -3,62 +3,27 @@
 Usage: carla_physics.py PORT. Prints "<theme> passed" after each theme. Expected values are Newton's.
 """
 
-import math
 import sys
 
 import carla
+from carla_kit import STEP_SECS, connect, must_be, near, passed, speed, step_by_hand, ticks, unevenness
 
 G = 9.81
-DT = 0.05
 
-client = carla.Client("127.0.0.1", int(sys.argv[1]))
-client.set_timeout(60.0)
+client = connect(sys.argv[1])
 world = client.get_world()
-settings = world.get_settings()
-settings.synchronous_mode, settings.fixed_delta_seconds = True, DT
-world.apply_settings(settings)
+original = step_by_hand(world)
 library = world.get_blueprint_library()
 
 
-def passed(theme):
-    print(theme, "passed", flush=True)
-
-
-def near(value, wanted, share, what):
-    assert abs(value - wanted) <= share * abs(wanted), f"{what} is {value:.3f}, but {wanted:.3f} within {share:.0%} is expected"
-
-
-def ticks(n):
-    for _ in range(n):
-        world.tick()
-
-
-def unevenness(point):
-    """How far the next 140 m are from straight and level: degrees of turn and of slope."""
-    here = world.get_map().get_waypoint(point.location)
-    worst = 0.0
-    for metres in (30.0, 60.0, 100.0, 140.0):
-        for place in here.next(metres) or [None]:
-            if place is None:
-                return 360.0
-            turn = math.radians(place.transform.rotation.yaw - here.transform.rotation.yaw)
-            rise = place.transform.location.z - here.transform.location.z
-            worst = max(worst, abs(math.degrees(math.remainder(turn, 2 * math.pi))), math.degrees(math.atan2(abs(rise), metres)))
-    return worst
-
-
-START = min(world.get_map().get_spawn_points(), key=unevenness)
-assert unevenness(START) < 0.5
-
-
-def speed(car):
-    return car.get_velocity().length()
+START = min(world.get_map().get_spawn_points(), key=lambda point: unevenness(world, point))
+assert unevenness(world, START) < 0.5
 
 
 def fresh(settle=20):
     """The car at the start of a straight street, standing."""
     car = world.spawn_actor(library.find("vehicle.tesla.model3"), START)
-    ticks(settle)
+    ticks(world, settle)
     assert speed(car) < 0.05, speed(car)
     return car
 
@@ -88,7 +53,7 @@ car.apply_physics_control(changed)
 world.tick()
 again = car.get_physics_control()
 for name in ("mass", "drag_coefficient", "final_ratio", "moi", "max_rpm"):
-    near(getattr(again, name), getattr(changed, name), 1e-4, name)
+    must_be(getattr(again, name), getattr(changed, name), 1e-4, name)
 assert [(p.x, p.y) for p in again.torque_curve] == [(0, 400), (6000, 300)]
 assert all(abs(wheel.tire_friction - 0.7) < 1e-5 for wheel in again.wheels)
 car.destroy()
@@ -103,7 +68,7 @@ def speed_after_two_seconds(times):
     car.apply_physics_control(control)
     world.tick()
     car.apply_control(carla.VehicleControl(throttle=1.0))
-    ticks(40)
+    ticks(world, 40)
     reached = speed(car)
     car.destroy()
     return reached
@@ -138,7 +103,7 @@ def braking_m(friction):
 
 for friction in (0.3, 0.8):
     way, wanted = braking_m(friction)
-    near(way, wanted, 0.1, f"braking distance with friction {friction}")
+    must_be(way, wanted, 0.1, f"braking distance with friction {friction}")
 passed("friction")
 
 # Ackermann: holds a speed, then another one.
@@ -147,20 +112,20 @@ for wanted in (8.0, 4.0):
     for _ in range(160):
         car.apply_ackermann_control(carla.VehicleAckermannControl(speed=wanted, acceleration=3.0))
         world.tick()
-    near(speed(car), wanted, 0.05, "Ackermann speed")
+    must_be(speed(car), wanted, 0.05, "Ackermann speed")
 car.destroy()
 passed("ackermann")
 
 # Constant velocity: along the car's own axis, held against everything.
 car = fresh()
 car.enable_constant_velocity(carla.Vector3D(6.0, 0.0, 0.0))
-ticks(20)
+ticks(world, 20)
 for _ in range(40):
     world.tick()
-    near(speed(car), 6.0, 0.02, "held speed")
+    must_be(speed(car), 6.0, 0.02, "held speed")
 car.disable_constant_velocity()
 car.apply_control(carla.VehicleControl(brake=1.0))
-ticks(60)
+ticks(world, 60)
 assert speed(car) < 0.1
 car.destroy()
 passed("constant velocity")
@@ -173,24 +138,59 @@ place = car.get_transform()
 place.location.z += 8.0
 car.set_transform(place)
 car.set_target_velocity(carla.Vector3D())
-ticks(20)
+ticks(world, 20)
 assert abs(car.get_location().z - place.location.z) < 0.05, "it floats"
 before = car.get_velocity()
 car.add_impulse(carla.Vector3D(0.0, 0.0, 2.0 * mass))
 world.tick()
-near(car.get_velocity().z - before.z, 2.0, 0.03, "velocity after an impulse")
+must_be(car.get_velocity().z - before.z, 2.0, 0.03, "velocity after an impulse")
 before = car.get_velocity()
 car.add_force(carla.Vector3D(0.0, 0.0, -10.0 * mass))
 world.tick()
-near(car.get_velocity().z - before.z, -10.0 * DT, 0.05, "velocity after a force of one step")
+must_be(car.get_velocity().z - before.z, -10.0 * STEP_SECS, 0.05, "velocity after a force of one step")
 car.set_target_velocity(carla.Vector3D())
 world.tick()
 car.set_enable_gravity(True)
 height = car.get_location().z
-ticks(12)
-near(height - car.get_location().z, 0.5 * G * (12 * DT) ** 2, 0.12, "fall in 0.6 s")
+ticks(world, 12)
+must_be(height - car.get_location().z, 0.5 * G * (12 * STEP_SECS) ** 2, 0.12, "fall in 0.6 s")
 car.destroy()
 passed("pushes")
+
+# Sub-steps: an explicit fall of n steps of length h is g·h²·n(n+1)/2, further than the true one by g·t·h/2.
+for substep_secs, substepping in ((0.01, True), (0.002, True), (0.0005, True), (0.0005, False)):
+    step_by_hand(world, max_substep_delta_time=substep_secs, max_substeps=16, substepping=substepping)
+    place = carla.Transform(START.location + carla.Location(z=40.0), START.rotation)
+    car = world.spawn_actor(library.find("vehicle.tesla.model3"), place)
+    ticks(world, 10)
+    length_secs = substep_secs if substepping else 0.01
+    n_substeps = round(10 * STEP_SECS / length_secs)
+    fall = place.location.z - car.get_location().z
+    wanted = 0.5 * G * length_secs**2 * n_substeps * (n_substeps + 1)
+    assert near(fall, wanted, 1.5e-3), (substep_secs, substepping, fall, wanted)
+    car.destroy()
+    world.tick()
+step_by_hand(world)
+passed("substeps")
+
+# A control that does not stick is for one step: two cars with the same pedal once, and with the same pedal at every step.
+blueprint = library.find("vehicle.tesla.model3")
+for sticky, again, is_driving in (("true", False, True), ("false", False, False), ("false", True, True)):
+    blueprint.set_attribute("sticky_control", sticky)
+    car = world.spawn_actor(blueprint, START)
+    ticks(world, 20)
+    car.apply_control(carla.VehicleControl(throttle=1.0))
+    world.tick()
+    assert car.get_control().throttle == 1.0
+    for _ in range(40):
+        if again:
+            car.apply_control(carla.VehicleControl(throttle=1.0))
+        world.tick()
+    assert car.get_control().throttle == (1.0 if is_driving else 0.0)
+    assert (speed(car) > 3.0) == is_driving, (sticky, again, speed(car))
+    car.destroy()
+    world.tick()
+passed("sticky")
 
 # Without physics a vehicle stands where it is put and takes no pedals; with it again it drives.
 car = fresh()
@@ -199,13 +199,13 @@ place = car.get_transform()
 place.location.z += 3.0
 car.set_transform(place)
 car.apply_control(carla.VehicleControl(throttle=1.0))
-ticks(20)
+ticks(world, 20)
 assert car.get_location().distance(place.location) < 0.01, "it hangs where it was put"
 place.location.z -= 3.0
 car.set_transform(place)
 car.set_simulate_physics(True)
 car.apply_control(carla.VehicleControl(throttle=1.0))
-ticks(40)
+ticks(world, 40)
 assert speed(car) > 3.0
 car.destroy()
 passed("no physics")
@@ -213,14 +213,14 @@ passed("no physics")
 # Telemetry and wheels agree with the snapshot.
 car = fresh()
 car.apply_control(carla.VehicleControl(throttle=0.6))
-ticks(50)
+ticks(world, 50)
 telemetry = car.get_telemetry_data()
-near(telemetry.speed, speed(car), 0.02, "speed by telemetry")
+must_be(telemetry.speed, speed(car), 0.02, "speed by telemetry")
 assert len(telemetry.wheels) == 4 and telemetry.engine_rpm > 500 and abs(telemetry.throttle - 0.6) < 1e-3
 car.apply_control(carla.VehicleControl(brake=1.0))
-ticks(100)
+ticks(world, 100)
 car.apply_control(carla.VehicleControl(brake=1.0, steer=0.5))
-ticks(20)
+ticks(world, 20)
 left = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FL_Wheel)
 right = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FR_Wheel)
 assert left > 10 and right > 10, (left, right)
@@ -228,5 +228,4 @@ assert right > left, "the inner wheel turns more"
 car.destroy()
 passed("telemetry")
 
-settings.synchronous_mode = False
-world.apply_settings(settings)
+world.apply_settings(original)

@@ -6,12 +6,11 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import sys
 
 import carla
+from carla_kit import connect, passed, run, step_by_hand
 
-faulthandler.enable()
 PORT = int(sys.argv[1])
 LABEL = carla.CityObjectLabel
 
@@ -84,22 +83,18 @@ def draw(world):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(60.0)
+    client = connect(PORT)
     world = client.get_world()
     if sys.argv[2:] == ["draw"]:
         draw(world)
-        print("drawing passed")
+        passed("drawing")
         return
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = 0.05
-    world.apply_settings(settings)
+    step_by_hand(world)
     world.tick()
     check_ground(world)
-    print("ground passed")
+    passed("ground")
     check_car(world)
-    print("car passed")
+    passed("car")
 
 
-main()
+run(main, 100)

@@ -5,16 +5,14 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import os
 import re
 import sys
 
 import carla
+from carla_kit import STEP_SECS, passed, run, stage
 
-faulthandler.enable()
 PORT = int(sys.argv[1])
-STEP_SECS = 0.05
 
 
 def two_cars(world, hero_print, other_print):
@@ -143,22 +141,15 @@ def check_made_anew(client, world, hero, other, track):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(60.0)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
-    world.tick()
+    client, world = stage(PORT)
     path, hero, other, light, track, lights = record(client, world)
-    print("recording passed")
+    passed("recording")
     check_texts(client, hero, other)
-    print("texts passed")
+    passed("texts")
     check_replay(client, world, hero, light, track, lights)
-    print("replay passed")
+    passed("replay")
     check_made_anew(client, world, hero, other, track)
-    print("anew passed")
+    passed("anew")
 
 
-main()
+run(main, 240)

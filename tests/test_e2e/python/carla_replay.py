@@ -5,17 +5,15 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import math
 import queue
 import re
 import sys
 
 import carla
+from carla_kit import STEP_SECS, passed, run, stage
 
-faulthandler.enable()
 PORT = int(sys.argv[1])
-STEP_SECS = 0.05
 N_STEPS = 100
 MOUNT = carla.Transform(carla.Location(x=1.0, y=0.5, z=2.0))
 
@@ -269,28 +267,21 @@ def check_names(client):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(60.0)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
-    world.tick()
+    client, world = stage(PORT)
     hero, other, gnss, walker, track = record(client, world)
     check_text(client, hero, gnss, walker, track)
-    print("text passed")
+    passed("text")
     check_ignored(client, world, hero, other, track)
-    print("ignored passed")
+    passed("ignored")
     for actor in (gnss, hero, other, walker):
         actor.destroy()
     world.tick()
     check_sensors(client, world, track)
-    print("sensors passed")
+    passed("sensors")
     check_kept(client, world)
-    print("kept passed")
+    passed("kept")
     check_names(client)
-    print("names passed")
+    passed("names")
 
 
-main()
+run(main, 240)

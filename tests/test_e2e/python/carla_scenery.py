@@ -4,40 +4,23 @@ Usage: carla_scenery.py PORT. Prints "<theme> passed" after each theme.
 """
 
 import math
-import queue
 import sys
 
 import carla
+from carla_kit import connect, listen, of_tick, passed, step_by_hand
 
-client = carla.Client("127.0.0.1", int(sys.argv[1]))
-client.set_timeout(60.0)
+client = connect(sys.argv[1])
 world = client.get_world()
-settings = world.get_settings()
-settings.synchronous_mode, settings.fixed_delta_seconds = True, 0.05
-world.apply_settings(settings)
+before = step_by_hand(world)
 library = world.get_blueprint_library()
 LABEL = carla.CityObjectLabel
 
 
-def passed(theme):
-    print(theme, "passed", flush=True)
-
-
-def listen(kind, transform, **attributes):
+def watch(kind, transform, **attributes):
     blueprint = library.find(kind)
     for name, value in attributes.items():
         blueprint.set_attribute(name, str(value))
-    sensor = world.spawn_actor(blueprint, transform)
-    frames = queue.Queue()
-    sensor.listen(frames.put)
-    return sensor, frames
-
-
-def frame_of(frames, tick):
-    while True:
-        frame = frames.get(timeout=20)
-        if frame.frame >= tick:
-            return frame
+    return listen(world, blueprint, transform)
 
 
 # Objects: ids, names and boxes; a building's box stands on the ground and holds its place.
@@ -62,9 +45,9 @@ place = house.bounding_box.location
 above = carla.Transform(carla.Location(place.x, place.y, 60.0), carla.Rotation(pitch=-90))
 over = carla.Transform(carla.Location(place.x, place.y, 40.0))
 size = dict(image_size_x=64, image_size_y=64, fov=20)
-camera, pictures = listen("sensor.camera.semantic_segmentation", above, **size)
-depths, depth_pictures = listen("sensor.camera.depth", above, **size)
-lidar, clouds = listen("sensor.lidar.ray_cast_semantic", over, channels=16, upper_fov=-60, lower_fov=-89, range=80,
+camera, pictures = watch("sensor.camera.semantic_segmentation", above, **size)
+depths, depth_pictures = watch("sensor.camera.depth", above, **size)
+lidar, clouds = watch("sensor.lidar.ray_cast_semantic", over, channels=16, upper_fov=-60, lower_fov=-89, range=80,
                        rotation_frequency=20, points_per_second=40000)
 
 
@@ -79,9 +62,9 @@ def metres(pixel):
 
 def look():
     tick = world.tick()
-    tag = middle(frame_of(pictures, tick))[2]
-    depth = metres(middle(frame_of(depth_pictures, tick)))
-    cloud = frame_of(clouds, tick)
+    tag = middle(of_tick(pictures, tick))[2]
+    depth = metres(middle(of_tick(depth_pictures, tick)))
+    cloud = of_tick(clouds, tick)
     near = sum(1 for p in cloud if int(p.object_tag) == int(LABEL.Buildings) and math.hypot(p.point.x, p.point.y) < 2.0)
     return tag, depth, near
 
@@ -116,13 +99,13 @@ weather.sun_altitude_angle = -40.0
 world.set_weather(weather)
 lamp = lights[0]
 seen = carla.Transform(lamp.location + carla.Location(x=-3.0, z=0.0), carla.Rotation())
-camera, pictures = listen("sensor.camera.rgb", seen, image_size_x=64, image_size_y=64, fov=40)
+camera, pictures = watch("sensor.camera.rgb", seen, image_size_x=64, image_size_y=64, fov=40)
 
 
 def brightness():
     for _ in range(3):
         tick = world.tick()
-    return sum(middle(frame_of(pictures, tick))[:3])
+    return sum(middle(of_tick(pictures, tick))[:3])
 
 
 shining = brightness()
@@ -159,5 +142,4 @@ world.tick()
 assert world.try_spawn_actor(car, spot) is None
 passed("collisions")
 
-settings.synchronous_mode = False
-world.apply_settings(settings)
+world.apply_settings(before)

@@ -5,22 +5,18 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import math
-import os
 import queue
 import sys
 import threading
-import time
 
 import carla
 import numpy as np
+from carla_kit import PATIENCE_SECS, connect, run, run_checks, step_by_hand
 
 PORT = int(sys.argv[1])
-STEP_SECS = 0.05
 WIDTH, HEIGHT = 96, 64
 CAR, ROAD, SKY = 14, 1, 11
-PATIENCE_SECS = 20.0
 CAMERAS = ("rgb", "depth", "semantic_segmentation", "instance_segmentation", "normals", "optical_flow", "dvs")
 
 
@@ -369,30 +365,24 @@ def check_free_running(stage, settings):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(PATIENCE_SECS)
+    client = connect(PORT)
     world = client.get_world()
     before = world.get_settings()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
+    step_by_hand(world)
     stage = Stage(world)
-    for name, check in (
-        ("every kind", lambda: check_every_kind(stage)),
-        ("pictures", lambda: check_pictures(stage)),
-        ("lidars", lambda: check_lidars(stage)),
-        ("motion", lambda: check_motion(stage)),
-        ("sensor_tick", lambda: check_sensor_tick(stage)),
-        ("listeners", lambda: check_listeners(stage)),
-        ("lanes", lambda: check_lanes(stage)),
-        ("ahead", lambda: check_ahead(stage)),
-        ("boom", lambda: check_boom(stage)),
-        ("free running", lambda: check_free_running(stage, before)),
-    ):
-        started = time.monotonic()
-        check()
-        print(f"{name} passed in {time.monotonic() - started:.1f} s")
+    checks = {
+        "every kind": lambda: check_every_kind(stage),
+        "pictures": lambda: check_pictures(stage),
+        "lidars": lambda: check_lidars(stage),
+        "motion": lambda: check_motion(stage),
+        "sensor_tick": lambda: check_sensor_tick(stage),
+        "listeners": lambda: check_listeners(stage),
+        "lanes": lambda: check_lanes(stage),
+        "ahead": lambda: check_ahead(stage),
+        "boom": lambda: check_boom(stage),
+        "free running": lambda: check_free_running(stage, before),
+    }
+    run_checks(checks)
     # Sensors go with their car, and the script may not know.
     camera, _ = stage.listen("camera.rgb")
     stage.car.destroy()
@@ -400,8 +390,4 @@ def main():
     stage.other.destroy()
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(150, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 150)

@@ -6,15 +6,11 @@
 import sys
 import time
 
-import carla
+from carla_kit import connect, step_by_hand
 
-client = carla.Client("127.0.0.1", int(sys.argv[1]))
-client.set_timeout(20.0)
+client = connect(sys.argv[1])
 world = client.get_world()
-settings = world.get_settings()
-settings.synchronous_mode = True
-settings.fixed_delta_seconds = 0.05
-world.apply_settings(settings)
+step_by_hand(world)
 for _ in range(5):
     world.tick()
 print("stepping")

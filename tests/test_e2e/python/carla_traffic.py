@@ -6,15 +6,13 @@ Without a mode: lights, paths, speeds and hybrid physics, then fifty cars for a 
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
-import os
 import random
 import sys
 
 import carla
+from carla_kit import STEP_SECS, connect, passed, run, run_checks, speed
 
 PORT, TM_PORT = int(sys.argv[1]), int(sys.argv[2])
-STEP_SECS = 0.05
 N_CARS = 50
 
 
@@ -54,10 +52,6 @@ class Stage:
         for actor in self.world.get_actors().filter("vehicle.*"):
             actor.destroy()
         self.tick()
-
-
-def speed(actor):
-    return actor.get_velocity().length()
 
 
 def check_lights(stage):
@@ -265,23 +259,16 @@ def check_fifty(stage, secs):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(60.0)
+    client = connect(PORT)
     if sys.argv[3:]:
         mode, secs = sys.argv[3], float(sys.argv[4])
-        faulthandler.dump_traceback_later(60 + 4 * secs, exit=True)
         check_fifty(Stage(client, mode == "sync"), secs)
-        print(f"{mode} passed", flush=True)
+        passed(mode)
         return
-    faulthandler.dump_traceback_later(240, exit=True)
     stage = Stage(client, True)
-    for check in (check_lights, check_paths, check_speeds, check_hybrid):
-        check(stage)
-        print(check.__name__.removeprefix("check_"), "passed", flush=True)
+    run_checks({"lights": check_lights, "paths": check_paths, "speeds": check_speeds, "hybrid": check_hybrid}, stage)
     check_fifty(stage, 60.0)
-    print("fifty passed", flush=True)
+    passed("fifty")
 
 
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 60 + 4 * float(sys.argv[4]) if sys.argv[3:] else 240)

@@ -6,17 +6,14 @@ Prints "NAME passed" per theme; the first thing that is not as it should be ends
 anew: triggers by ETSI EN 302 637-2, fields by TS 102 894-2, path loss by ETSI TR 103 257-1, two-ray interference and ITU-R P.526.
 """
 
-import faulthandler
 import math
-import os
 import queue
 import sys
 
 import carla
+from carla_kit import PATIENCE_SECS, passed, run, stage
 
 PORT = int(sys.argv[1])
-STEP_SECS = 0.05
-PATIENCE_SECS = 20.0
 WAVE_M = 299_792_458.0 / 5.9e9
 GROUND = 1.02
 TRANSMIT_DBM, GAIN_DBI = 21.5, 10.0
@@ -308,28 +305,17 @@ def check_sentences(world):
 
 
 def main():
-    client = carla.Client("127.0.0.1", PORT)
-    client.set_timeout(PATIENCE_SECS)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode = True
-    settings.fixed_delta_seconds = STEP_SECS
-    world.apply_settings(settings)
-    world.tick()
+    client, world = stage(PORT)
     stander, driver = check_awareness(world)
-    print("awareness passed")
+    passed("awareness")
     check_range(world, stander, driver)
-    print("range passed")
+    passed("range")
     check_custom(world, stander, driver)
-    print("custom passed")
+    passed("custom")
     check_obstacles(world)
-    print("obstacles passed")
+    passed("obstacles")
     check_sentences(world)
-    print("sentences passed")
+    passed("sentences")
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(100, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 100)

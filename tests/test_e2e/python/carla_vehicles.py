@@ -7,49 +7,18 @@ import math
 import sys
 
 import carla
+from carla_kit import connect, must_be, passed, step_by_hand, ticks, unevenness
 
 G = 9.81
-DT = 0.05
 DOORS = {"vehicle.dodge.charger_2020", "vehicle.dodge.charger_police_2020", "vehicle.ford.crown", "vehicle.lincoln.mkz_2020"}
 
-client = carla.Client("127.0.0.1", int(sys.argv[1]))
-client.set_timeout(60.0)
+client = connect(sys.argv[1])
 world = client.get_world()
-settings = world.get_settings()
-settings.synchronous_mode, settings.fixed_delta_seconds = True, DT
-world.apply_settings(settings)
+original = step_by_hand(world)
 library = world.get_blueprint_library()
 
 
-def passed(theme):
-    print(theme, "passed", flush=True)
-
-
-def near(value, wanted, share, what):
-    assert abs(value - wanted) <= share * abs(wanted), f"{what} is {value:.3f}, but {wanted:.3f} within {share:.0%} is expected"
-
-
-def ticks(n):
-    for _ in range(n):
-        world.tick()
-
-
-def unevenness(point):
-    """How far the next 140 m are from straight and level: degrees of turn and of slope."""
-    here = world.get_map().get_waypoint(point.location)
-    worst = 0.0
-    for metres in (30.0, 60.0, 100.0, 140.0):
-        places = here.next(metres)
-        if not places:
-            return 360.0
-        for place in places:
-            turn = math.radians(place.transform.rotation.yaw - here.transform.rotation.yaw)
-            rise = place.transform.location.z - here.transform.location.z
-            worst = max(worst, abs(math.degrees(math.remainder(turn, 2 * math.pi))), math.degrees(math.atan2(abs(rise), metres)))
-    return worst
-
-
-START = min(world.get_map().get_spawn_points(), key=unevenness)
+START = min(world.get_map().get_spawn_points(), key=lambda point: unevenness(world, point))
 AHEAD = START.get_forward_vector()
 
 
@@ -77,7 +46,7 @@ for name in ("dodge.charger_police_2020", "mini.cooper_s_2021", "tesla.cybertruc
 assert DOORS <= {name for name, blueprint in vehicles.items() if blueprint.get_attribute("has_dynamic_doors").as_bool()}
 assert all(vehicles[name].has_attribute("driver_id") == (int(vehicles[name].get_attribute("number_of_wheels")) == 2) for name in vehicles)
 vespa = spawn("vehicle.vespa.zx125", ahead(0.0), driver_id="3")
-near(vespa.bounding_box.extent.x, 0.902, 1e-3, "half length of the Vespa")
+must_be(vespa.bounding_box.extent.x, 0.902, 1e-3, "half length of the Vespa")
 # The client takes an actor that no snapshot has shown yet for dead.
 world.tick()
 vespa.destroy()
@@ -95,7 +64,7 @@ def braking_m(friction):
         "static.trigger.friction", ahead(60.0), friction=str(friction), extent_x="9000.0", extent_y="9000.0", extent_z="1000.0"
     )
     car = spawn("vehicle.tesla.model3", START)
-    ticks(20)
+    ticks(world, 20)
     for _ in range(400):
         if car.get_velocity().length() > 9.0:
             break
@@ -116,7 +85,7 @@ def braking_m(friction):
 
 
 for friction in (0.2, 0.6):
-    near(*braking_m(friction), 0.1, f"braking distance in an area of friction {friction}")
+    must_be(*braking_m(friction), 0.1, f"braking distance in an area of friction {friction}")
 passed("friction area")
 
 # A collision: both feel the same impulse in opposite directions, and it is the change of momentum of each.
@@ -127,7 +96,7 @@ for car in (hit, stood):
     sensor = world.spawn_actor(library.find("sensor.other.collision"), carla.Transform(), attach_to=car)
     sensor.listen(lambda event: felt[event.actor.id].append((event.frame, event.other_actor.id, event.normal_impulse)))
     sensors.append(sensor)
-ticks(20)
+ticks(world, 20)
 mass = {car.id: car.get_physics_control().mass for car in (hit, stood)}
 neutral = carla.VehicleControl(manual_gear_shift=True, gear=0)
 hit.apply_control(neutral)
@@ -146,8 +115,8 @@ impulses = {}
 for me, you in ((hit, stood), (stood, hit)):
     impulses[me.id] = sum(along(impulse) for frame, other, impulse in felt[me.id] if other == you.id and frame <= after[0])
 for me, column in ((hit, 1), (stood, 2)):
-    near(impulses[me.id], mass[me.id] * (after[column] - before[column]), 0.15, f"impulse on {me.type_id}")
-near(impulses[hit.id], -impulses[stood.id], 0.01, "impulse on one against that on the other")
+    must_be(impulses[me.id], mass[me.id] * (after[column] - before[column]), 0.15, f"impulse on {me.type_id}")
+must_be(impulses[hit.id], -impulses[stood.id], 0.01, "impulse on one against that on the other")
 assert impulses[hit.id] < -2000.0, impulses
 for actor in (*sensors, hit, stood):
     actor.destroy()
@@ -155,7 +124,7 @@ passed("collision impulse")
 
 # Doors: a ray from the side meets the flank, and through an open door the inside.
 car = spawn("vehicle.dodge.charger_2020", START)
-ticks(30)
+ticks(world, 30)
 
 
 def depth(left, metres_forward=0.15):
@@ -174,21 +143,20 @@ def depth(left, metres_forward=0.15):
 shut = depth(True), depth(False)
 assert max(shut) < 0.3, shut
 car.open_door(carla.VehicleDoor.FL)
-ticks(20)
+ticks(world, 20)
 assert depth(True) > shut[0] + 0.1, (depth(True), shut)
 assert abs(depth(False) - shut[1]) < 0.03
 car.close_door(carla.VehicleDoor.FL)
-ticks(20)
+ticks(world, 20)
 assert abs(depth(True) - shut[0]) < 0.03
 car.open_door(carla.VehicleDoor.All)
-ticks(20)
+ticks(world, 20)
 assert depth(True) > shut[0] + 0.1 and depth(False) > shut[1] + 0.1
 car.destroy()
 plain = spawn("vehicle.tesla.model3", START)
 plain.open_door(carla.VehicleDoor.FL)
-ticks(2)
+ticks(world, 2)
 plain.destroy()
 passed("doors")
 
-settings.synchronous_mode = False
-world.apply_settings(settings)
+world.apply_settings(original)

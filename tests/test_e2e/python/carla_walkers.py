@@ -5,19 +5,14 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
 import math
 import queue
 import sys
 
 import carla
 import numpy as np
+from carla_kit import near, run, run_checks, stage
 
-STEP_SECS = 0.05
-
-
-def near(a, b, tolerance=1e-3):
-    return abs(a - b) <= tolerance
 
 
 def check_blueprints(world):
@@ -303,18 +298,9 @@ def check_bones(world):
 
 def main():
     global world_client
-    world_client = client = carla.Client("127.0.0.1", int(sys.argv[1]))
-    client.set_timeout(60.0)
-    world = client.get_world()
-    settings = world.get_settings()
-    settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
-    world.apply_settings(settings)
-    world.tick()
-    for check in (check_blueprints, check_control, check_collision, check_bones, check_props, check_navigation, check_crowd):
-        check(world)
-        print(check.__name__.removeprefix("check_"), "passed", flush=True)
+    world_client, world = stage(sys.argv[1])
+    checks = (check_blueprints, check_control, check_collision, check_bones, check_props, check_navigation, check_crowd)
+    run_checks({check.__name__.removeprefix("check_"): check for check in checks}, world)
 
 
-if __name__ == "__main__":
-    faulthandler.dump_traceback_later(240, exit=True)
-    main()
+run(main, 240)

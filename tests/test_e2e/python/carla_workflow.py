@@ -5,8 +5,6 @@
 Prints "NAME passed" per theme; the first thing that is not as it should be ends the script.
 """
 
-import faulthandler
-import os
 import queue
 import random
 import sys
@@ -14,10 +12,9 @@ import time
 
 import carla
 import numpy as np
+from carla_kit import PATIENCE_SECS, STEP_SECS, passed, run
 
 PORT, TM_PORT = int(sys.argv[1]), int(sys.argv[2])
-PATIENCE_SECS = 20.0
-STEP_SECS = 0.05
 
 
 def check_connection():
@@ -222,35 +219,31 @@ def path_ahead(world, car, metres):
 
 def main():
     client, world = check_connection()
-    print("connection passed")
+    passed("connection")
     check_settings(world)
-    print("settings passed")
+    passed("settings")
     world = check_maps(client)
-    print("maps passed")
+    passed("maps")
     check_layers(client)
-    print("layers passed")
+    passed("layers")
     check_generated(client)
-    print("generated world passed")
+    passed("generated world")
     world = client.load_world("Town10HD")
     original = check_settings(world)
     blueprint = check_blueprints(world)
-    print("blueprints passed")
+    passed("blueprints")
     ego = check_ego(world, blueprint)
-    print("ego passed")
+    passed("ego")
     check_sensors(world, ego)
-    print("sensors passed")
+    passed("sensors")
     check_manual_control(world, ego)
-    print("manual control passed")
+    passed("manual control")
     started = time.monotonic()
     check_traffic_manager(client, world, ego)
     print(f"traffic manager passed in {time.monotonic() - started:.1f} s")
     world.apply_settings(original)
     assert not world.get_settings().synchronous_mode
-    print("restoring passed")
+    passed("restoring")
 
 
-# Where it stands, should it ever stand still.
-faulthandler.dump_traceback_later(150, exit=True)
-main()
-# The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.
-os._exit(0)
+run(main, 150)

@@ -18,6 +18,6 @@ fn the_stock_client_lists_loads_and_generates_maps() {
     drop(bus);
     // Outside of the map folder: no client may reach it.
     std::fs::copy(&file, stage.sandbox.path("secret.xodr")).unwrap();
-    stage.run("carla_maps.py", &[file.to_str().unwrap()], &["listing", "folder", "generating", "refusals"]);
+    stage.run("carla_maps.py", &[file.to_str().unwrap()], &["listing", "folder", "generating", "refusals", "many"]);
     stage.end();
 }

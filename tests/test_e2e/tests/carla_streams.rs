@@ -34,7 +34,9 @@ fn listeners_share_readers_and_dark_cameras_cost_nothing() {
     for theme in ["many", "palette", "dark", "slow"] {
         assert!(ended.says(&format!("{theme} passed")), "{theme} is missing:\n{}", ended.lines.join("\n"));
     }
-    gateway.stop().expect_code(0);
+    let said = gateway.stop().expect_code(0);
+    let waits = said.lines.iter().filter(|line| line.contains("does not take its sensor's messages")).count();
+    assert_eq!(waits, 1, "of 30 steps one waits for the listener that takes nothing:\n{}", said.lines.join("\n"));
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }

@@ -156,16 +156,24 @@ fn commands_change_the_world_between_ticks() {
     assert!(matches!(ask(&mut client, Command::Ping), CommandReply::Pong { .. }));
     let CommandReply::Refused { error } = ask(&mut client, Command::Destroy { actor_id: 999_999 }) else { panic!("must be refused") };
     assert!(error.contains("999999"), "{error}");
-    let CommandReply::Refused { error } = ask(&mut client, Command::Configure { mode: None, period_nanos: Some(1) }) else {
+    let CommandReply::Refused { error } =
+        ask(&mut client, Command::Configure { mode: None, period_nanos: Some(1), longest_substep_nanos: None })
+    else {
         panic!("must be refused")
     };
     assert!(error.contains("period_nanos is 1"), "{error}");
     step(&mut client, 2);
-    assert_eq!(ask(&mut client, Command::Configure { mode: None, period_nanos: Some(10_000_000) }), CommandReply::Done);
+    assert_eq!(
+        ask(&mut client, Command::Configure { mode: None, period_nanos: Some(10_000_000), longest_substep_nanos: None }),
+        CommandReply::Done
+    );
     let mut snapshots = bus.snapshot_reader().unwrap();
     step(&mut client, 1);
     let snapshot = eventually("snapshot", || snapshots.latest().unwrap().filter(|s| s.header().tick == 3));
     assert_eq!(snapshot.header().sim_nanos, 110_000_000, "two ticks of 50 ms and one of 10");
-    assert_eq!(ask(&mut client, Command::Configure { mode: Some(StepMode::FreeRunning), period_nanos: None }), CommandReply::Done);
+    assert_eq!(
+        ask(&mut client, Command::Configure { mode: Some(StepMode::FreeRunning), period_nanos: None, longest_substep_nanos: None }),
+        CommandReply::Done
+    );
     eventually("it runs by itself", || (counter(&mut client, "ticks") > 10).then_some(()));
 }

@@ -13,9 +13,13 @@ use crate::msgpack::Value;
 use crate::rpc::maps::{carla_map, own_map};
 use crate::rpc::{Call, Calls};
 use crate::shapes;
+use crate::stream::is_world;
 
 /// Longest wait for what the simulator publishes after it answered.
 const SETTLE: Duration = Duration::from_secs(5);
+
+/// Longest and shortest physics sub-step of the simulator, seconds; the longest is CARLA's default too.
+const SUBSTEP_SECS: (f64, f64) = (1e-4, 0.01);
 
 /// What CARLA's settings have beside the mode and the length of a tick.
 #[derive(Clone, Debug)]
@@ -33,6 +37,28 @@ pub struct Settings {
     tile_stream_distance_m: f32,
     actor_active_distance_m: f32,
     spectator_as_ego: bool,
+}
+
+impl Settings {
+    /// Physics' longest sub-step. CARLA's physics does one step per tick without sub-steps and falls behind where they are too few for a
+    /// tick; here a tick is always done whole, in as many sub-steps as that takes.
+    fn longest_substep_nanos(&self) -> u64 {
+        let (least, most) = SUBSTEP_SECS;
+        let asked = if self.substepping && self.max_substep_secs > 0.0 { self.max_substep_secs } else { most };
+        (asked.clamp(least, most) * 1e9).round() as u64
+    }
+
+    fn check_substeps(&self, period_nanos: u64) {
+        let reach_secs = self.max_substep_secs * f64::from(self.max_substeps);
+        if self.substepping && period_nanos as f64 * 1e-9 > reach_secs + 1e-9 {
+            tracing::warn!(
+                tick_secs = period_nanos as f64 * 1e-9,
+                max_substep_delta_time = self.max_substep_secs,
+                max_substeps = self.max_substeps,
+                "a tick is longer than max_substeps × max_substep_delta_time; more sub-steps are done"
+            );
+        }
+    }
 }
 
 impl Default for Settings {
@@ -55,10 +81,12 @@ impl Default for Settings {
 
 pub(crate) const CALLS: Calls = &[
     ("version", |_, _| Ok(Answer::Value(CARLA_VERSION.into()))),
-    ("get_episode_info", |gateway, _| gateway.episode_info()),
+    ("get_episode_info", |gateway, call| gateway.episode_info(call.connection)),
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
-        gateway.feeds.expect(stream);
+        if !is_world(stream) {
+            gateway.feeds.expect(stream);
+        }
         Ok(Answer::Value(gateway.token(stream)))
     }),
     ("get_episode_settings", |gateway, _| gateway.get_settings()),
@@ -77,11 +105,11 @@ impl Gateway {
         info.ok_or_else(|| Failure::Refused("no simulator runs on this domain; start one with `gantry up`".to_owned()))
     }
 
-    fn episode_info(&self) -> Outcome {
+    fn episode_info(&self, connection: u64) -> Outcome {
         self.info()?;
         let id = self.world.known().episode_id();
         let id = id.ok_or_else(|| Failure::Refused("world/info carries an epoch that is no number".to_owned()))?;
-        Ok(Answer::Value(list![id, self.world_token()]))
+        Ok(Answer::Value(list![id, self.world_token(connection)]))
     }
 
     fn get_settings(&self) -> Outcome {
@@ -125,14 +153,19 @@ impl Gateway {
         };
         let period_nanos = delta.map_or(own_period_nanos, |secs| (secs * 1e9).round().min(u64::MAX as f64) as u64);
         let mode = if synchronous { StepMode::Stepped } else { StepMode::FreeRunning };
-        let (_, tick) = self.configure(mode, period_nanos)?;
+        settings.check_substeps(period_nanos);
+        let (_, tick) = self.configure(mode, period_nanos, settings.longest_substep_nanos())?;
         self.feeds.set_no_rendering(no_rendering);
         *lock(&self.settings) = settings;
         Ok(Answer::Value(tick.into()))
     }
 
-    fn configure(&self, mode: StepMode, period_nanos: u64) -> Result<(CommandReply, u64), String> {
-        let done = self.commander.ask_one(Command::Configure { mode: Some(mode), period_nanos: Some(period_nanos) })?;
+    fn configure(&self, mode: StepMode, period_nanos: u64, longest_substep_nanos: u64) -> Result<(CommandReply, u64), String> {
+        let done = self.commander.ask_one(Command::Configure {
+            mode: Some(mode),
+            period_nanos: Some(period_nanos),
+            longest_substep_nanos: Some(longest_substep_nanos),
+        })?;
         // The document follows; who asks at once must see it.
         self.world.change(|known| {
             if let Some(info) = &mut known.info {
@@ -158,7 +191,18 @@ impl Gateway {
         }
     }
 
+    /// The client closes its world stream afterwards, and must not be at work on a snapshot then.
     fn load(&self, call: &mut Call<'_>) -> Outcome {
+        let streams = self.feeds.streams();
+        let retired = streams.retire(call.connection);
+        let loaded = self.load_map(call);
+        if let (Some(place), Err(_)) = (retired, &loaded) {
+            streams.restore(call.connection, place);
+        }
+        loaded
+    }
+
+    fn load_map(&self, call: &mut Call<'_>) -> Outcome {
         let (asked, reset_settings, layers) = (call.text()?, call.bool()?, call.u16()?);
         let info = self.info()?;
         let map = if asked.is_empty() { info.map.as_str() } else { own_map(asked) };
@@ -166,8 +210,9 @@ impl Gateway {
         loaded.map_err(|error| format!("Map '{asked}' not found ({error})"))?;
         if reset_settings {
             let period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
-            self.configure(StepMode::FreeRunning, period_nanos)?;
-            *lock(&self.settings) = Settings { own_period_nanos: Some(period_nanos), ..Settings::default() };
+            let settings = Settings { own_period_nanos: Some(period_nanos), ..Settings::default() };
+            self.configure(StepMode::FreeRunning, period_nanos, settings.longest_substep_nanos())?;
+            *lock(&self.settings) = settings;
             self.feeds.set_no_rendering(false);
         }
         let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
