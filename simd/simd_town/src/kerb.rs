@@ -30,7 +30,9 @@ pub fn corner(network: &Network, junction: usize, i: usize) -> Corner {
     let next = (i + 1) % arms.len();
     let rounded = rounded(network, &arms[i], &arms[next]);
     let links = || network.links.iter().filter(|link| link.junction == junction);
-    if links().all(|link| link.clearance_m(&rounded.kerb_m) >= CLEAR_M) {
+    // Where a carriageway only gains or loses a lane, its edges follow the lanes.
+    let is_taper = arms.len() == 2;
+    if !is_taper && links().all(|link| link.clearance_m(&rounded.kerb_m) >= CLEAR_M) {
         return rounded;
     }
     let profile = |arm: usize| &network.roads[arms[arm].road].profile;

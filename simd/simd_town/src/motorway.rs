@@ -34,14 +34,37 @@ const MEDIAN_M: f64 = 3.0;
 /// Clear height and deck of a bridge.
 const OVER_M: f64 = 7.2;
 
+/// Lengths of the lanes beside the others in which one gets slower before a ramp and faster behind one.
+const SLOWING_M: f64 = 150.0;
+const GAINING_M: f64 = 190.0;
+/// Length over which such a lane begins or ends, half of it before its node.
+const TAPER_M: f64 = 70.0;
+/// Between a taper and the next thing on the carriageway.
+const APART_M: f64 = 60.0;
+
+/// What happens to a carriageway at a node.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum At {
+    /// It ends, or crosses streets.
+    End,
+    /// A ramp leaves.
+    Off,
+    /// A ramp arrives.
+    On,
+    /// A lane begins on the right.
+    Widens,
+    /// The rightmost lane ends.
+    Narrows,
+}
+
 /// One carriageway while it is being laid out.
 struct Carriageway {
     /// In the direction of travel; closed, or from end to end.
     path: Path,
     closed: bool,
     profile: Profile,
-    /// Nodes on it: station, number.
-    nodes: Vec<(f64, usize)>,
+    /// Nodes on it: station, number, what happens there.
+    nodes: Vec<(f64, usize, At)>,
     /// Heights: station, rise over the straight line between the nodes.
     rises: Vec<(f64, f64)>,
     /// Stations between which it stands on decks.
@@ -57,12 +80,49 @@ impl Carriageway {
         if self.closed { s_m.rem_euclid(self.path.length_m()) } else { s_m }
     }
 
-    fn node(&mut self, sketch: &mut Sketch, s_m: f64) -> usize {
+    fn node(&mut self, sketch: &mut Sketch, s_m: f64, what: At) -> usize {
         let s = self.station(s_m);
         let p = self.path.at(s).0;
         let node = sketch.node(p.x, p.y);
-        self.nodes.push((s, node));
+        self.nodes.push((s, node, what));
         node
+    }
+
+    /// Metres from one station on to another.
+    fn along(&self, from_m: f64, to_m: f64) -> f64 {
+        if self.closed { (to_m - from_m).rem_euclid(self.path.length_m()) } else { to_m - from_m }
+    }
+
+    /// No deck is near a taper about this station.
+    fn is_plain(&self, s_m: f64) -> bool {
+        let reach = 0.5 * TAPER_M + 10.0;
+        self.bridges.iter().all(|&(begin, end)| {
+            let length = self.along(begin, end) + 2.0 * reach;
+            !(0.0..length).contains(&self.along(begin - reach, s_m))
+        })
+    }
+
+    /// Lanes for gaining speed behind ramps and for losing it before them, where there is room; where there is not room for both, one
+    /// lane leads from ramp to ramp.
+    fn widen(&mut self, sketch: &mut Sketch) {
+        self.nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let n = self.nodes.len();
+        for i in 0..if self.closed { n } else { n - 1 } {
+            let ((from, a, before), (to, b, behind)) = (self.nodes[i], self.nodes[(i + 1) % n]);
+            let (gains, slows) = (before == At::On, behind == At::Off);
+            let needs = |yes: bool, length: f64| if yes { 1.25 * length + 0.5 * TAPER_M } else { 0.0 };
+            if needs(gains, GAINING_M) + needs(slows, SLOWING_M) + APART_M > self.along(from, to) {
+                continue;
+            }
+            let mut taper = |wanted: bool, s_m: &dyn Fn(f64) -> f64, level: usize, what: At| {
+                if let Some(s) = [1.0, 1.25, 0.75].map(s_m).into_iter().find(|&s| wanted && self.is_plain(s)) {
+                    let node = self.node(sketch, s, what);
+                    sketch.plan.heights_m[node] = sketch.plan.heights_m[level];
+                }
+            };
+            taper(gains, &|share| from + share * GAINING_M, a, At::Narrows);
+            taper(slows, &|share| to - share * SLOWING_M, b, At::Widens);
+        }
     }
 
     /// A deck from `from` to `to`, highest in the middle.
@@ -73,16 +133,25 @@ impl Carriageway {
 
     /// Streets between neighbouring nodes.
     fn lay(mut self, sketch: &mut Sketch) {
+        self.widen(sketch);
         self.nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
         let n = self.nodes.len();
         for i in 0..if self.closed { n } else { n - 1 } {
-            let ((from, a), (to, b)) = (self.nodes[i], self.nodes[(i + 1) % n]);
+            let ((from, a, before), (to, b, behind)) = (self.nodes[i], self.nodes[(i + 1) % n]);
             let length = if i + 1 < n { to - from } else { to + self.path.length_m() - from };
-            let course = self.path.around(from, length);
-            let mut street = Street::new(a, b, Vec::new(), self.profile);
-            let along = |s: f64| if self.closed { (s - from).rem_euclid(self.path.length_m()) } else { s - from };
-            let within = |s: f64| (0.0..length).contains(&along(s));
-            street.rises_m = self.rises.iter().filter(|rise| within(rise.0)).map(|rise| (along(rise.0) / length, rise.1)).collect();
+            let middle = self.path.around(from, length);
+            let is_wide = before == At::Widens || behind == At::Narrows || (before, behind) == (At::On, At::Off);
+            let (profile, course) = if is_wide {
+                let profile = Profile { n_lanes: self.profile.n_lanes + 1, ..self.profile };
+                (profile, middle.offset(self.profile.driving_m() - profile.driving_m()))
+            } else {
+                (self.profile, middle)
+            };
+            let mut street = Street::new(a, b, Vec::new(), profile);
+            let within = |s: f64| (0.0..length).contains(&self.along(from, s));
+            let along = |s: f64| course.nearest(self.path.at(s).0).0;
+            let whole = course.length_m();
+            street.rises_m = self.rises.iter().filter(|rise| within(rise.0)).map(|rise| (along(rise.0) / whole, rise.1)).collect();
             street.bridge_m = self.bridges.iter().find(|bridge| within(bridge.0)).map(|bridge| (along(bridge.0), along(bridge.1)));
             street.course = Some(course);
             sketch.plan.streets.push(street);
@@ -113,7 +182,7 @@ fn interchange(sketch: &mut Sketch, ways: &mut [Carriageway; 2], crossing: &Cros
         let middle = way.path.beside(way.station(at), -crossing.away_m);
         let meeting = sketch.node(middle.x, middle.y);
         sketch.plan.heights_m[meeting] = crossing.heights_m.1;
-        let (off, on) = (way.node(sketch, at - reach), way.node(sketch, at + reach));
+        let (off, on) = (way.node(sketch, at - reach, At::Off), way.node(sketch, at + reach, At::On));
         sketch.plan.heights_m[off] = crossing.heights_m.0;
         sketch.plan.heights_m[on] = crossing.heights_m.0;
         // Off at a small angle, larger where the motorway bends towards the ramp, then along the motorway to the street.
@@ -294,7 +363,11 @@ pub fn long_highways(name: &str, seed: u64) -> Plan {
         let course = Path::rounded(P2::new(from, 0.0), &bends, P2::new(to, 0.0));
         way.path = course;
         let length = way.path.length_m();
-        way.nodes = if k == 0 { vec![(0.0, ends[0]), (length, ends[1])] } else { vec![(0.0, ends[1]), (length, ends[0])] };
+        way.nodes = if k == 0 {
+            vec![(0.0, ends[0], At::End), (length, ends[1], At::End)]
+        } else {
+            vec![(0.0, ends[1], At::End), (length, ends[0], At::End)]
+        };
     }
     let (mut south, mut north) = (Vec::new(), Vec::new());
     for x in xs {

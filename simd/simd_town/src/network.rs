@@ -201,11 +201,15 @@ impl Network {
             let arms = arms_of(plan, &whole, node);
             for (i, arm) in arms.iter().enumerate() {
                 let next = arms[(i + 1) % arms.len()];
-                let (a, b) = corner_needs(
-                    plan.streets[arm.road].profile,
-                    plan.streets[next.road].profile,
-                    wrap_turn(next.heading_rad - arm.heading_rad),
-                );
+                let (a, b) = if arms.len() == 2 {
+                    (TAPER_M, TAPER_M)
+                } else {
+                    corner_needs(
+                        plan.streets[arm.road].profile,
+                        plan.streets[next.road].profile,
+                        wrap_turn(next.heading_rad - arm.heading_rad),
+                    )
+                };
                 for (arm, need) in [(arm, a), (&next, b)] {
                     let trim = &mut trims[arm.road][usize::from(!arm.at_start)];
                     *trim = need.max(*trim);
@@ -319,11 +323,19 @@ fn control(junction: Junction, plan: &Plan) -> Junction {
     junction
 }
 
-/// Ramps give way to the motorway; lights where four arms or an avenue meet; elsewhere the stem of the T waits.
+/// Half the length of a junction in which a motorway only gains or loses a lane.
+const TAPER_M: f64 = 35.0;
+
+/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an avenue meet; elsewhere the stem of the T waits.
 fn rules(mut junction: Junction, plan: &Plan) -> Junction {
     let arms = &mut junction.arms;
-    if arms.iter().filter(|arm| plan.streets[arm.road].profile.motorway).count() == 2 && arms.len() == 3 {
-        arms.iter_mut().for_each(|arm| arm.waits = !plan.streets[arm.road].profile.motorway);
+    let motorway = |arm: &&Arm| plan.streets[arm.road].profile.motorway;
+    if arms.iter().filter(motorway).count() == 2 && arms.len() <= 3 {
+        let lanes = |leaving: bool| {
+            arms.iter().filter(motorway).find(|arm| arm.at_start == leaving).map(|arm| plan.streets[arm.road].profile.n_lanes)
+        };
+        let merges = lanes(true) <= lanes(false);
+        arms.iter_mut().for_each(|arm| arm.waits = merges && !plan.streets[arm.road].profile.motorway);
         junction.control = Control::Yield;
         return junction;
     }
@@ -367,6 +379,7 @@ fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     let junction = &network.junctions[junction_idx];
     // Lanes that enter the junction on an arm, and lanes that leave it there.
     let lanes = |arm: usize, entering: bool| n_lanes(network, &junction.arms[arm], entering);
+    let motorway = |arm: usize| network.roads[junction.arms[arm].road].profile.motorway;
     let turn = |from: usize, to: usize| {
         let angle = wrap(junction.arms[to].heading_rad - junction.arms[from].heading_rad - PI);
         if angle.abs() < 0.6 {
@@ -386,6 +399,8 @@ fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
         match turn(a, b) {
             Turn::Right => ways.push((a, n_in - 1, b, n_out - 1)),
             Turn::Left => ways.push((a, 0, b, 0)),
+            // Lanes of a motorway begin and end on the right.
+            Turn::Straight if motorway(a) && motorway(b) => ways.extend((0..n_in.min(n_out)).map(|k| (a, k, b, k))),
             Turn::Straight => ways.extend((0..n_in.min(n_out)).map(|k| (a, n_in - 1 - k, b, n_out - 1 - k))),
         }
     }
@@ -457,10 +472,22 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    // One arm at a time: no two ways that have green cross each other, so that nobody stands in the middle waiting for a gap.
-    for signal in first..network.signals.len() {
+    // Opposite arms are green together unless they have several lanes: who turns left would meet two lanes of oncoming traffic there, and
+    // cars that wait for each other's gaps in the middle of a junction lock it.
+    let waiting: Vec<usize> = (0..junction.arms.len()).filter(|&i| junction.arms[i].waits).collect();
+    let mut done = vec![false; waiting.len()];
+    for i in 0..waiting.len() {
+        if done[i] {
+            continue;
+        }
+        let arm = |k: usize| &junction.arms[waiting[k]];
+        let is_narrow = |k: usize| network.roads[arm(k).road].profile.n_lanes == 1;
+        let opposite = (i + 1..waiting.len())
+            .find(|&k| !done[k] && is_narrow(i) && is_narrow(k) && wrap(arm(k).heading_rad - arm(i).heading_rad).abs() > 2.4);
+        let members: Vec<usize> = std::iter::once(i).chain(opposite).collect();
+        members.iter().for_each(|&k| done[k] = true);
         let id = 1 + network.stages.len() as u32;
-        network.stages.push(Stage { id, junction: junction_idx, signals: vec![signal] });
+        network.stages.push(Stage { id, junction: junction_idx, signals: members.into_iter().map(|k| first + k).collect() });
     }
 }
 

@@ -163,7 +163,7 @@ fn junctions_and_lanes_are_as_the_names_say() {
     assert!(of("Town02").iter().filter(|&&n| n == 4).count() >= 3);
     assert!(of("Town05").iter().filter(|&&n| n == 4).count() >= 12);
     assert!(of("Town10HD").contains(&3) && of("Town10HD").contains(&4));
-    for (name, lanes) in [("Town01", 1), ("Town02", 1), ("Town04", 3), ("Town05", 3), ("Town06", 4), ("Town07", 1), ("Town10HD", 2)] {
+    for (name, lanes) in [("Town01", 1), ("Town02", 1), ("Town04", 4), ("Town05", 3), ("Town06", 5), ("Town07", 1), ("Town10HD", 2)] {
         assert_eq!(widest(&town(name).1), lanes, "{name}");
     }
     // Country: most of the way is narrow and fast.
@@ -175,6 +175,37 @@ fn junctions_and_lanes_are_as_the_names_say() {
         fast += if limit > 16.0 { length } else { 0.0 };
     }
     assert!(fast > 0.6 * all, "{fast} of {all}");
+}
+
+/// Lanes beside the others in which one gets slower before a ramp, or faster behind one: at how many ramps, and the shortest of them.
+#[test]
+fn ramps_of_motorways_have_lanes_of_their_own() {
+    for (name, least) in [("Town04", 8), ("Town06", 8)] {
+        let (_, map) = town(name);
+        let width = |key: LaneKey| map.width_m(LanePosition::new(key, 1.0));
+        // Ramps are the one-way roads with one lane, 4 m wide.
+        let is_ramp = |key: LaneKey| (width(key) - 4.0).abs() < 1e-6 && map.lane(key).is_some_and(|lane| lane.junction.is_none());
+        let (mut n_off, mut n_on, mut shortest_m) = (0, 0, f64::INFINITY);
+        for key in drivable(&map).filter(|&key| map.lane(key).is_some_and(|lane| lane.junction.is_none()) && !is_ramp(key)) {
+            let length_m = map.lane(key).expect("a lane of the map").length_m;
+            let through = |keys: &[LaneKey], onward: fn(&RoadMap, LaneKey) -> Vec<LaneKey>| -> Vec<LaneKey> {
+                keys.iter().flat_map(|&key| onward(&map, key)).collect()
+            };
+            let after = through(map.successors(key), |map, key| map.successors(key).to_vec());
+            let before = through(map.predecessors(key), |map, key| map.predecessors(key).to_vec());
+            let is_wide = (width(key) - 3.6).abs() < 1e-6;
+            if is_wide && !after.is_empty() && after.iter().all(|&key| is_ramp(key)) {
+                n_off += 1;
+                shortest_m = length_m.min(shortest_m);
+            }
+            if is_wide && !before.is_empty() && before.iter().all(|&key| is_ramp(key)) {
+                n_on += 1;
+                shortest_m = length_m.min(shortest_m);
+            }
+        }
+        println!("{name}: {n_off} lanes before ramps, {n_on} behind, at least {shortest_m:.0} m");
+        assert!(n_off + n_on >= least && shortest_m > 60.0, "{name}: {n_off} before, {n_on} behind, {shortest_m} m");
+    }
 }
 
 #[test]
