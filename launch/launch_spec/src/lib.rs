@@ -24,6 +24,6 @@ mod write;
 
 pub use budget::TopicBudget;
 pub use error::{LaunchError, LaunchErrors};
-pub use model::{Ego, FreePose, Launch, PlacedSensor, Rig, Scenario, Sensor};
+pub use model::{Ego, FreePose, Launch, LidarsOn, PlacedSensor, Rig, Scenario, Sensor};
 pub use period::Period;
 pub use process::{Process, Ready, ReadyWhen, Restart, RestartPolicy, Stop, StopSignal};

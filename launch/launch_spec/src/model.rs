@@ -47,6 +47,21 @@ pub struct Scenario {
     pub weather: Weather,
     /// Whether weather acts on lidar (rain, fog and dust take its light); CARLA's is only seen.
     pub weather_effects: bool,
+    /// What casts the rays of lidars; `simd --lidars-on` has the last word.
+    pub lidars_on: LidarsOn,
+}
+
+/// What casts the rays of lidars. Points are the same but for rounding.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LidarsOn {
+    /// The GPU that renders if it is a real one with 64-bit numbers in its shaders, else the processor.
+    #[default]
+    Auto,
+    /// The processor.
+    Cpu,
+    /// The adapter that renders, a software one too.
+    Gpu,
 }
 
 impl Default for Scenario {
@@ -60,6 +75,7 @@ impl Default for Scenario {
             walkers: 0,
             weather: Weather::default(),
             weather_effects: false,
+            lidars_on: LidarsOn::Auto,
         }
     }
 }

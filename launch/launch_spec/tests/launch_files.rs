@@ -1,6 +1,6 @@
 //! Launch files as users write them, rightly and wrongly.
 
-use launch_spec::{Launch, Rig};
+use launch_spec::{Launch, LidarsOn, Rig};
 use sensor_spec::SensorSpec;
 
 /// The messages for `body` below a version line, which is line 1.
@@ -58,6 +58,17 @@ after = ["simd"]
             "process.drive.cmd is \"gantry-drive\", but must be a list in brackets at launch/town.toml:18:7",
         ],
     );
+}
+
+#[test]
+fn lidars_are_cast_where_the_file_says() {
+    let lidars_on =
+        |body: &str| Launch::parse(&format!("version = 1\n[scenario]\n{body}"), "x.toml").map(|launch| launch.scenario.lidars_on);
+    for (body, expected) in [("", LidarsOn::Auto), ("lidars_on = \"cpu\"", LidarsOn::Cpu), ("lidars_on = \"gpu\"", LidarsOn::Gpu)] {
+        assert_eq!(lidars_on(body).unwrap(), expected, "{body:?}");
+    }
+    let error = "scenario.lidars_on is \"gqu\", but must be one of auto, cpu, gpu, did you mean \"gpu\"? at x.toml:3:13";
+    assert_eq!(lidars_on("lidars_on = \"gqu\"").unwrap_err().to_string(), error);
 }
 
 #[test]

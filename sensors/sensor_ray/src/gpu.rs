@@ -153,7 +153,7 @@ impl GpuRays {
         }
     }
 
-    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after every [`RayScene::update`].
+    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after every [`RayScene::update`] or [`RayScene::update_for_gpu`].
     ///
     /// False if a hierarchy is too deep for the shader's stack: then the GPU's world is not that of `scene`, and the CPU has to cast.
     #[must_use]

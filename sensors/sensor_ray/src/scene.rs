@@ -140,6 +140,19 @@ impl RayScene {
 
     /// Puts the moving instances of a tick in place of those before. Instances whose pose is not finite are left out.
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
+        let boxes = self.place(dynamics);
+        self.dynamics_tree = BoxTree::new(&boxes);
+    }
+
+    /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the processor casts meet nothing that moves until
+    /// the next [`RayScene::update`].
+    pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
+        self.place(dynamics);
+        self.dynamics_tree = BoxTree::default();
+    }
+
+    /// Takes over the instances and gives their boxes.
+    fn place(&mut self, dynamics: &[DynamicInstance]) -> Vec<([f32; 3], [f32; 3])> {
         let mut boxes = Vec::with_capacity(dynamics.len());
         self.dynamics.clear();
         let first = dynamics.iter().find(|instance| is_finite(&instance.world_from_mesh));
@@ -157,7 +170,7 @@ impl RayScene {
                 velocity_in_world_mps: instance.velocity_in_world_mps,
             });
         }
-        self.dynamics_tree = BoxTree::new(&boxes);
+        boxes
     }
 
     /// The nearest hit from `origin_m` along the unit vector `direction` within `max_m`. Both sides of triangles count.

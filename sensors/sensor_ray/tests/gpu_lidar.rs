@@ -81,7 +81,7 @@ fn semantic_turns_agree_with_brute_force_to_a_millimetre() {
         scene = {
             let _ = scene;
             let mut scene = RayScene::load_for_gpu(&assets);
-            scene.update(&dynamics);
+            scene.update_for_gpu(&dynamics);
             scene
         };
         let mut everything: Vec<_> = assets.statics.iter().map(|s| (s.world_from_mesh, assets.mesh(s.mesh), s.object)).collect();

@@ -45,7 +45,7 @@ pub struct Args {
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
 
-    /// What casts the rays of lidars; points are the same but for rounding [default: a real GPU if its shaders have 64-bit numbers, else cpu]
+    /// What casts the rays of lidars; points are the same but for rounding [default: scenario.lidars_on of the launch file; there, a real GPU if its shaders have 64-bit numbers, else cpu]
     #[arg(long, value_enum)]
     pub lidars_on: Option<LidarsOnArg>,
 

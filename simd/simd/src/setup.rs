@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use launch_cli::{Shutdown, wrong_usage};
-use launch_spec::{Ego, Launch, Rig as RigSpec};
+use launch_spec::{Ego, Launch, LidarsOn, Rig as RigSpec};
 use schema_bus::{Bus, mono_now, names};
 use schema_types::time::TickClock;
 use schema_types::{ActorId, Pose, SimTime, Tick};
@@ -49,16 +49,19 @@ fn toml_text(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// Whether `gpu` casts the lidars: if asked, else if it is a real one that can.
-fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>) -> anyhow::Result<bool> {
+/// Whether `gpu` casts the lidars: if the command line or else the launch file asks, else if it is a real one that can.
+fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>, in_file: LidarsOn) -> anyhow::Result<bool> {
     let can = GpuRays::is_supported(gpu);
-    if asked == Some(LidarsOnArg::Gpu) && !can {
+    let (on_gpu, whose) = match (asked, in_file) {
+        (Some(asked), _) => (asked == LidarsOnArg::Gpu, "--lidars-on gpu"),
+        (None, LidarsOn::Auto) => (can && !gpu.is_software(), ""),
+        (None, asked) => (asked == LidarsOn::Gpu, "scenario.lidars_on = \"gpu\""),
+    };
+    if on_gpu && !can {
         let name = gpu.name();
-        return Err(wrong_usage(format!(
-            "--lidars-on gpu: shaders of {name:?} have no 64-bit numbers; say cpu, or choose another --adapter"
-        )));
+        return Err(wrong_usage(format!("{whose}: shaders of {name:?} have no 64-bit numbers; say cpu, or choose another --adapter")));
     }
-    Ok(asked.map_or(can && !gpu.is_software(), |asked| asked == LidarsOnArg::Gpu))
+    Ok(on_gpu)
 }
 
 /// Brings everything up. Fails before anything is published if the domain is taken or memory is short.
@@ -79,7 +82,7 @@ pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         None => Quality::default_for(&gpu),
     };
     tracing::info!(adapter = gpu.name(), ?quality, import = gpu.can_import() && !args.staged, "rendering");
-    let lidars_on_gpu = casts_lidars(&gpu, args.lidars_on)?;
+    let lidars_on_gpu = casts_lidars(&gpu, args.lidars_on, launch.scenario.lidars_on)?;
     args.lidars_on = Some(if lidars_on_gpu { LidarsOnArg::Gpu } else { LidarsOnArg::Cpu });
     let renderer = CameraRenderer::new(&gpu, quality);
     let period_nanos = launch.scenario.period_nanos();

@@ -77,16 +77,25 @@ fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     for i in 0..n {
         (0..3).for_each(|axis| mean[axis] += centre(i)[axis] / n as f32);
     }
-    let cost = |i: usize, slot: usize| -> f32 {
-        let sign = |axis: usize| if slot >> (2 - axis) & 1 == 0 { 1.0 } else { -1.0 };
-        (0..3).map(|axis| sign(axis) * (centre(i)[axis] - mean[axis])).sum()
-    };
+    let mut costs = [[0.0f32; WIDTH]; WIDTH];
+    for (i, costs) in costs[..n].iter_mut().enumerate() {
+        let centre = centre(i);
+        for (slot, cost) in costs.iter_mut().enumerate() {
+            let sign = |axis: usize| if slot >> (2 - axis) & 1 == 0 { 1.0 } else { -1.0 };
+            *cost = (0..3).map(|axis| sign(axis) * (centre[axis] - mean[axis])).sum();
+        }
+    }
     let (mut slots, mut is_placed) = ([None; WIDTH], [false; WIDTH]);
     for _ in 0..n {
-        let free = |slot: &usize| slots[*slot].is_none();
-        let pairs = (0..n).filter(|i| !is_placed[*i]).flat_map(|i| (0..WIDTH).filter(free).map(move |slot| (i, slot)));
-        let best = pairs.min_by(|a, b| cost(a.0, a.1).total_cmp(&cost(b.0, b.1)));
-        let Some((child, slot)) = best else { break };
+        let (mut best, mut least) = ((0, 0), f32::INFINITY);
+        for (child, costs) in costs[..n].iter().enumerate().filter(|(child, _)| !is_placed[*child]) {
+            for (slot, cost) in costs.iter().enumerate().filter(|(slot, _)| slots[*slot].is_none()) {
+                if *cost < least {
+                    (best, least) = ((child, slot), *cost);
+                }
+            }
+        }
+        let (child, slot) = best;
         (slots[slot], is_placed[child]) = (Some(child), true);
     }
     slots

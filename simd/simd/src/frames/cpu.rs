@@ -38,7 +38,7 @@ pub(super) struct Shot<'a> {
 }
 
 impl Sensors {
-    /// Fires what is due and not the GPU's (`lidars_are_cast`: nor are lidars, and the rays are brought up to the tick); returns the rigs whose readers are to be woken.
+    /// Fires what is due and not the GPU's (`lidars_are_cast`: nor are lidars); returns the rigs whose readers are to be woken.
     pub(super) fn fire_on_cpu(
         &mut self,
         scene: &Scene,
@@ -49,7 +49,7 @@ impl Sensors {
     ) -> anyhow::Result<Vec<Rc<Rig>>> {
         let mut waking = Vec::new();
         let read_everything = self.read_everything;
-        let mut rays = TickRays { scene: self.rays.as_mut(), tick: scene, is_current: lidars_are_cast };
+        let mut rays = TickRays { scene: self.rays.as_mut(), tick: scene, is_current: false };
         for (sensor_idx, firing, carrier) in due {
             let sensor = &mut self.sensors[*sensor_idx];
             let shot = Shot::new(scene, stamp, firing, carrier, sensor);

@@ -39,7 +39,7 @@ impl Sensors {
             return None;
         }
         let (Some(gpu), Some(rays)) = (&mut self.lidar_gpu, &mut self.rays) else { return None };
-        rays.update(&scene.dynamics);
+        rays.update_for_gpu(&scene.dynamics);
         if !gpu.update(rays) {
             if !std::mem::replace(&mut self.lidars_were_too_deep, true) {
                 tracing::warn!(
