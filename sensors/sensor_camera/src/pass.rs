@@ -19,8 +19,8 @@ pub(crate) fn geometry_wgsl(immediate: bool, slim: bool) -> String {
     } else {
         ["", include_str!("shader/surface_wide.wgsl")]
     };
-    let (scene, drawn) = (include_str!("shader/scene.wgsl"), include_str!("shader/view_drawn.wgsl"));
-    let parts = [scene, drawn, instances, surfaces[0], surfaces[1], include_str!("shader/surface.wgsl")];
+    let scene = [include_str!("shader/scene.wgsl"), include_str!("shader/bound.wgsl"), include_str!("shader/view_drawn.wgsl")].concat();
+    let parts = [&scene, instances, surfaces[0], surfaces[1], include_str!("shader/surface.wgsl")];
     parts.concat() + include_str!("shader/geometry.wgsl")
 }
 

@@ -45,6 +45,7 @@ pub(crate) fn raster_wgsl() -> String {
 pub(crate) fn resolve_wgsl() -> String {
     [
         include_str!("shader/scene.wgsl"),
+        include_str!("shader/bound.wgsl"),
         include_str!("shader/view_computed.wgsl"),
         include_str!("shader/instance_storage.wgsl"),
         include_str!("shader/surface_wide.wgsl"),

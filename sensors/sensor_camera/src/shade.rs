@@ -18,9 +18,14 @@ pub(crate) fn shade_wgsl(drawn: bool) -> String {
     } else {
         (include_str!("shader/seen_wide.wgsl"), include_str!("shader/shade_compute.wgsl"))
     };
-    let view = if drawn { include_str!("shader/view_drawn.wgsl") } else { include_str!("shader/view_computed.wgsl") };
+    let [uniforms, view] = if drawn {
+        [include_str!("shader/carried.wgsl"), include_str!("shader/view_drawn.wgsl")]
+    } else {
+        [include_str!("shader/bound.wgsl"), include_str!("shader/view_computed.wgsl")]
+    };
     [
         include_str!("shader/scene.wgsl"),
+        uniforms,
         view,
         include_str!("shader/film.wgsl"),
         include_str!("shader/sky.wgsl"),

@@ -48,13 +48,10 @@ struct LightUniform {
     looks: array<vec4<u32>, 17>,
 }
 
-@group(0) @binding(0) var<uniform> light: LightUniform;
 @group(0) @binding(2) var sky_map: texture_2d<f32>;
 @group(0) @binding(3) var sky_sampler: sampler;
 @group(0) @binding(4) var noise_map: texture_2d<f32>;
 @group(0) @binding(5) var noise_sampler: sampler;
-// Views from the one on at which the binding begins; `which` of them is meant: view_drawn.wgsl, view_computed.wgsl.
-@group(1) @binding(0) var<uniform> views: array<ViewUniform, 32>;
 @group(1) @binding(2) var shadow_sampler: sampler_comparison;
 
 // Rows of [rotation | translation] applied to a point.

@@ -87,7 +87,7 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     if WITH_LAMPS {
         let material = (packed.y >> 24u) & 0x1fu;
         let shining = as_switched(id, albedo, light.air.x);
-        let on = max(f32((packed.y >> 29u) & 1u), shining.w * f32((packed.y >> 30u) & 1u)) * light.mirrors[min(material, 16u)].w;
+        let on = max(f32((packed.y >> 29u) & 1u), shining.w * f32((packed.y >> 30u) & 1u)) * mirror_of(material).w;
         radiance += shining.rgb * (light.lamps.x * on);
         if material == MATERIAL_FACADE || material == MATERIAL_SHOP_FRONT {
             let uv_m = bitcast<vec2<f32>>(packed.zw);

@@ -46,18 +46,20 @@ fn lit(radiance: vec3<f32>) -> Lit {
 }
 
 @vertex
-fn vs_main(@builtin(vertex_index) corner: u32) -> @builtin(position) @invariant vec4<f32> {
+fn vs_main(@builtin(vertex_index) corner: u32) -> Carried {
     let xy = vec2(f32((corner << 1u) & 2u), f32(corner & 2u)) * 2.0 - 1.0;
-    return vec4(xy, 0.0, 1.0);
+    return carry(vec4(xy, 0.0, 1.0));
 }
 
 @fragment
-fn fs_surface(@builtin(position) at: vec4<f32>) -> Lit {
-    let pixel = vec2<u32>(at.xy);
-    return lit(surface_radiance(pixel, depth_at(pixel), ray_in_camera(at.xy)));
+fn fs_surface(carried: Carried) -> Lit {
+    unload(carried);
+    let pixel = vec2<u32>(carried.at.xy);
+    return lit(surface_radiance(pixel, depth_at(pixel), ray_in_camera(carried.at.xy)));
 }
 
 @fragment
-fn fs_sky(@builtin(position) at: vec4<f32>) -> Lit {
-    return lit(sky_at(ray_in_camera(at.xy)));
+fn fs_sky(carried: Carried) -> Lit {
+    unload(carried);
+    return lit(sky_at(ray_in_camera(carried.at.xy)));
 }

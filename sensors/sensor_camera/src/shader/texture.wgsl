@@ -34,12 +34,12 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     var gloss: vec4<f32>;
     if SIMPLE {
         // The same table in two words: a software rasteriser fetches them one by one for every pixel.
-        let look = light.looks[min(material, 16u)].xy;
+        let look = look_of(material);
         base = unpack4x8unorm(look.x) * vec4(255.0, 2.0, 255.0, 2.0);
         gloss = unpack4x8unorm(look.y) * vec4(1.0, 5.0, 1.0, 1.0);
     } else {
-        base = light.materials[min(material, 16u)];
-        gloss = light.mirrors[min(material, 16u)];
+        base = roughness_of(material);
+        gloss = mirror_of(material);
     }
     var out: Finish;
 
