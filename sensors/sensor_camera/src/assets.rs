@@ -20,6 +20,13 @@ struct MeshRange {
     has_walls: bool,
 }
 
+/// A level of detail.
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    until_m: f64,
+    draw: MeshDraw,
+}
+
 /// A draw call's range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MeshDraw {
@@ -44,6 +51,30 @@ impl Sphere {
     }
 }
 
+/// What stands still, as culling and matrices want it: one number after the other, and poses as rows of `[rotation | translation]`.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Still {
+    /// Middles of the bounding spheres, world x, y, z, and their radii.
+    pub spheres_m: [Vec<f64>; 4],
+    pub world_from_mesh: Vec<[[f64; 4]; 3]>,
+}
+
+impl Still {
+    fn of(scene_assets: &SceneAssets, spheres: &[Sphere]) -> Still {
+        let along = |axis: usize| spheres.iter().map(|sphere| sphere.centre_m[axis]).collect();
+        Still {
+            spheres_m: [along(0), along(1), along(2), spheres.iter().map(|sphere| sphere.radius_m).collect()],
+            world_from_mesh: scene_assets.statics.iter().map(|instance| matrix_rows(&instance.world_from_mesh)).collect(),
+        }
+    }
+}
+
+/// A rigid transform as three rows of `[rotation | translation]`.
+pub(crate) fn matrix_rows(transform: &Isometry3<f64>) -> [[f64; 4]; 3] {
+    let m = transform.to_homogeneous();
+    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)]))
+}
+
 /// Uploaded meshes of one episode.
 #[derive(Debug)]
 pub(crate) struct GpuAssets {
@@ -52,6 +83,8 @@ pub(crate) struct GpuAssets {
     pub indices: wgpu::Buffer,
     /// One per static instance.
     pub spheres: Vec<Sphere>,
+    /// The same instances once more.
+    pub still: Still,
     /// Lamps of scenery, in the world, but those that are switched off.
     pub still_lamps: Vec<StillLamp>,
     /// How lamps are switched, for shaders.
@@ -59,6 +92,8 @@ pub(crate) struct GpuAssets {
     /// Lamps per mesh.
     emitters: Vec<Vec<Emitter>>,
     ranges: Vec<MeshRange>,
+    /// Levels of detail of all meshes one after the other, each mesh's from the number that stands there: culling asks for many.
+    levels: (Vec<u32>, Vec<Level>),
 }
 
 /// Flatter meshes (roads, ground) receive shadows but cast none.
@@ -94,10 +129,12 @@ impl GpuAssets {
                 wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
             ),
             indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE),
+            still: Still::of(scene_assets, &spheres),
             spheres,
             still_lamps: switched::still_lamps(scene_assets, &emitters),
             switched: switched::upload(gpu, scene_assets),
             emitters,
+            levels: levels_of(scene_assets, &ranges),
             ranges,
         }
     }
@@ -140,6 +177,8 @@ impl GpuAssets {
             self.emitters[i] = emitters_of(mesh);
         }
         self.spheres = spheres_of(other);
+        self.still = Still::of(other, &self.spheres);
+        self.levels = levels_of(other, &self.ranges);
         self.switch_lamps(gpu, other);
         Some(n_bytes)
     }
@@ -163,15 +202,9 @@ impl GpuAssets {
 
     /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the last.
     pub fn level(&self, mesh: MeshId, distance_m: f64) -> Option<MeshDraw> {
-        let lods: &[Lod] = &self.scene_assets.mesh(mesh).lods;
-        let lod = lods.iter().find(|lod| distance_m < lod.until_m as f64 && lod.n_indices > 0)?;
-        let range = &self.ranges[mesh.0 as usize];
-        Some(MeshDraw {
-            first_idx: range.first_idx + lod.first_idx,
-            n_indices: lod.n_indices,
-            base_vertex: range.base_vertex,
-            has_walls: range.has_walls,
-        })
+        let (firsts, levels) = &self.levels;
+        let of_mesh = firsts[mesh.0 as usize] as usize..firsts[mesh.0 as usize + 1] as usize;
+        levels[of_mesh].iter().find(|level| distance_m < level.until_m).map(|level| level.draw)
     }
 
     /// Lamps of a mesh.
@@ -182,6 +215,25 @@ impl GpuAssets {
     pub fn casts_shadow(&self, mesh: MeshId) -> bool {
         self.ranges[mesh.0 as usize].casts_shadow
     }
+}
+
+/// Number of the first level of each mesh and of the one behind the last, and the levels.
+fn levels_of(assets: &SceneAssets, ranges: &[MeshRange]) -> (Vec<u32>, Vec<Level>) {
+    let (mut firsts, mut levels) = (vec![0], Vec::new());
+    for (mesh, range) in assets.meshes.iter().zip(ranges) {
+        let level = |lod: &Lod| Level {
+            until_m: lod.until_m as f64,
+            draw: MeshDraw {
+                first_idx: range.first_idx + lod.first_idx,
+                n_indices: lod.n_indices,
+                base_vertex: range.base_vertex,
+                has_walls: range.has_walls,
+            },
+        };
+        levels.extend(mesh.lods.iter().filter(|lod| lod.n_indices > 0).map(level));
+        firsts.push(levels.len() as u32);
+    }
+    (firsts, levels)
 }
 
 fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {

@@ -1,10 +1,10 @@
 //! What a view sees: culling, level of detail, front-to-back order, and the matrices of what is left.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use sensor_core::Scene;
 use sensor_spec::Intrinsics;
 
-use crate::assets::{GpuAssets, MeshDraw, Sphere};
+use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
 use crate::uniform::InstanceData;
 use crate::view::Firing;
 
@@ -24,6 +24,21 @@ pub(crate) struct Drawn {
     pub instances: Vec<InstanceData>,
     /// Where the view's instances begin in the list of all views'.
     pub first_instance: u32,
+    pub n_triangles: u32,
+}
+
+impl Drawn {
+    fn clear(&mut self) {
+        self.calls.clear();
+        self.instances.clear();
+        (self.first_instance, self.n_triangles) = (0, 0);
+    }
+
+    fn add(&mut self, mesh: MeshDraw, distance_m: f64, data: InstanceData) {
+        self.calls.push(DrawCall { mesh, instance_idx: self.instances.len() as u32, distance_m });
+        self.instances.push(data);
+        self.n_triangles += mesh.n_indices / 3;
+    }
 }
 
 /// Near plane, metres.
@@ -54,23 +69,62 @@ impl CameraMotion {
     }
 }
 
-/// The four side planes of a pinhole camera, unit normals inwards, camera space.
-struct Frustum([Vector3<f64>; 4]);
+/// The four side planes of a pinhole camera: unit normals inwards of the left and the right one, x and z, and of the upper and the lower
+/// one, y and z; the other's x or y is the opposite.
+struct Frustum {
+    sideways: [f64; 2],
+    upright: [f64; 2],
+}
 
 impl Frustum {
     fn new(lens: &Intrinsics) -> Self {
-        let (x, y) = (0.5 * lens.width_px as f64 / lens.focal_px, 0.5 * lens.height_px as f64 / lens.focal_px);
-        Frustum([
-            Vector3::new(1.0, 0.0, x).normalize(),
-            Vector3::new(-1.0, 0.0, x).normalize(),
-            Vector3::new(0.0, 1.0, y).normalize(),
-            Vector3::new(0.0, -1.0, y).normalize(),
-        ])
+        let unit = |n_px: u32| {
+            let slope = 0.5 * n_px as f64 / lens.focal_px;
+            let length = slope.hypot(1.0);
+            [1.0 / length, slope / length]
+        };
+        Frustum { sideways: unit(lens.width_px), upright: unit(lens.height_px) }
     }
 
-    fn sees(&self, centre: &Vector3<f64>, radius_m: f64) -> bool {
-        centre.z > NEAR_M - radius_m && self.0.iter().all(|normal| normal.dot(centre) > -radius_m)
+    /// Without branches, so that several spheres are tested at once.
+    fn sees(&self, [x, y, z]: [f64; 3], radius_m: f64) -> bool {
+        let (aside, above) = (self.sideways[0] * x.abs(), self.upright[0] * y.abs());
+        (z > NEAR_M - radius_m) & (self.sideways[1] * z - aside > -radius_m) & (self.upright[1] * z - above > -radius_m)
     }
+}
+
+/// Spheres that are tested at once.
+const N_AT_ONCE: usize = 8;
+
+/// Numbers of the spheres that the camera sees.
+fn seen_spheres(spheres_m: &[Vec<f64>; 4], frustum: &Frustum, camera_from_world: &[[f64; 4]; 3]) -> Vec<u32> {
+    let [x, y, z, radius] = spheres_m.each_ref().map(Vec::as_slice);
+    let mut seen = Vec::with_capacity(x.len() / 4);
+    let at = |i: usize| frustum.sees(apply(camera_from_world, [x[i], y[i], z[i]]), radius[i]);
+    let n_blocks = x.len() / N_AT_ONCE;
+    for first in (0..n_blocks).map(|block| block * N_AT_ONCE) {
+        let block = first..first + N_AT_ONCE;
+        let [x, y, z, radius] = [x, y, z, radius].map(|numbers| &numbers[block.clone()]);
+        let found: [bool; N_AT_ONCE] = std::array::from_fn(|i| frustum.sees(apply(camera_from_world, [x[i], y[i], z[i]]), radius[i]));
+        seen.extend((0..N_AT_ONCE).filter(|i| found[*i]).map(|i| (first + i) as u32));
+    }
+    seen.extend((n_blocks * N_AT_ONCE..x.len()).filter(|i| at(*i)).map(|i| i as u32));
+    seen
+}
+
+fn apply(rows: &[[f64; 4]; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    rows.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
+}
+
+/// First `b`, then `a`.
+fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
+    a.map(|row| {
+        let mut out = [0.0, 0.0, 0.0, row[3]];
+        for (factor, row) in row.iter().zip(b) {
+            out.iter_mut().zip(row).for_each(|(sum, x)| *sum += factor * x);
+        }
+        out.map(|x| x as f32)
+    })
 }
 
 /// The visible instances of `scene`, in the memory of an earlier call.
@@ -80,50 +134,55 @@ pub(crate) fn visible(
     lens: &Intrinsics,
     motion: &CameraMotion,
     previous: Option<&Firing>,
-    Drawn { calls, instances, first_instance }: &mut Drawn,
+    drawn: &mut Drawn,
 ) {
-    calls.clear();
-    instances.clear();
-    *first_instance = 0;
+    drawn.clear();
     let frustum = Frustum::new(lens);
-    let level_if_seen = |sphere: &Sphere, mesh| {
-        let centre = (motion.camera_from_world * sphere.centre_m).coords;
-        let distance_m = (centre.norm() - sphere.radius_m).max(0.0);
-        if frustum.sees(&centre, sphere.radius_m) { assets.level(mesh, distance_m).map(|level| (level, distance_m)) } else { None }
+    let camera_from_world = matrix_rows(&motion.camera_from_world);
+    let distance_m = |centre_m: [f64; 3], radius_m: f64| {
+        let [x, y, z] = apply(&camera_from_world, centre_m);
+        ((x * x + y * y + z * z).sqrt() - radius_m).max(0.0)
     };
     let static_previous = rows(&(motion.previous_camera_from_world * motion.world_from_camera));
-    for (instance, sphere) in assets.scene_assets.statics.iter().zip(&assets.spheres) {
-        let Some((mesh, distance_m)) = level_if_seen(sphere, instance.mesh) else { continue };
-        calls.push(DrawCall { mesh, instance_idx: instances.len() as u32, distance_m });
-        instances.push(InstanceData {
-            camera_from_mesh: rows(&(motion.camera_from_world * instance.world_from_mesh)),
+    for i in seen_spheres(&assets.still.spheres_m, &frustum, &camera_from_world) {
+        let (instance, sphere) = (&assets.scene_assets.statics[i as usize], &assets.spheres[i as usize]);
+        let distance_m = distance_m(sphere.centre_m.coords.into(), sphere.radius_m);
+        let Some(mesh) = assets.level(instance.mesh, distance_m) else { continue };
+        let data = InstanceData {
+            camera_from_mesh: product(&camera_from_world, &assets.still.world_from_mesh[i as usize]),
             previous_from_camera: static_previous,
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.object.0,
             tint: [0; 4],
             lamps: 0,
             moved: motion.moved() as u32,
-        });
+        };
+        drawn.add(mesh, distance_m, data);
     }
     for instance in &scene.dynamics {
         let sphere = Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
-        let Some((mesh, distance_m)) = level_if_seen(&sphere, instance.mesh) else { continue };
+        let centre_m = sphere.centre_m.coords.into();
+        if !frustum.sees(apply(&camera_from_world, centre_m), sphere.radius_m) {
+            continue;
+        }
+        let distance_m = distance_m(centre_m, sphere.radius_m);
+        let Some(mesh) = assets.level(instance.mesh, distance_m) else { continue };
         let before = previous.and_then(|firing| firing.poses.get(instance.key())).copied().unwrap_or(instance.world_from_mesh);
         let moved = motion.moved() || before != instance.world_from_mesh;
         let mesh_from_camera = instance.world_from_mesh.inverse() * motion.world_from_camera;
         let [r, g, b] = instance.tint_rgb;
-        calls.push(DrawCall { mesh, instance_idx: instances.len() as u32, distance_m });
-        instances.push(InstanceData {
-            camera_from_mesh: rows(&(motion.camera_from_world * instance.world_from_mesh)),
+        let data = InstanceData {
+            camera_from_mesh: product(&camera_from_world, &matrix_rows(&instance.world_from_mesh)),
             previous_from_camera: rows(&(motion.previous_camera_from_world * before * mesh_from_camera)),
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.actor.0,
             tint: [r, g, b, 255],
             lamps: instance.lamps,
             moved: moved as u32,
-        });
+        };
+        drawn.add(mesh, distance_m, data);
     }
-    calls.sort_by(|a, b| a.distance_m.total_cmp(&b.distance_m));
+    drawn.calls.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.instance_idx.cmp(&b.instance_idx)));
 }
 
 /// A rigid transform as three rows of `[rotation | translation]`.
@@ -135,4 +194,49 @@ pub(crate) fn rows(transform: &Isometry3<f64>) -> [[f32; 4]; 3] {
 fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {
     let q = transform.rotation.quaternion();
     [q.i as f32, q.j as f32, q.k as f32, q.w as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Oracle: points of a sphere, projected. Whatever has a point in the image is seen, and nothing is that lies outside by its radius.
+    #[test]
+    fn spheres_are_seen_if_they_reach_into_the_image() {
+        let lens = Intrinsics::from_fov(320, 200, 1.3);
+        let [fx, fy, cx, cy] = lens.as_array();
+        let mut rng = fastrand::Rng::with_seed(1);
+        let mut spheres: [Vec<f64>; 4] = Default::default();
+        for _ in 0..2003 {
+            let place = [rng.f64() * 80.0 - 40.0, rng.f64() * 80.0 - 40.0, rng.f64() * 90.0 - 30.0, rng.f64() * 6.0 + 0.1];
+            spheres.iter_mut().zip(place).for_each(|(numbers, x)| numbers.push(x));
+        }
+        let pose = Isometry3::new([1.0, -2.0, 0.5].into(), [0.3, -0.8, 0.2].into());
+        let seen = seen_spheres(&spheres, &Frustum::new(&lens), &matrix_rows(&pose));
+        let mut n_inside = 0;
+        for (i, x) in spheres[0].iter().enumerate() {
+            let [y, z, radius_m] = [1, 2, 3].map(|k| spheres[k][i]);
+            let centre = pose * nalgebra::Point3::new(*x, y, z);
+            let reaches = (0..200).any(|k| {
+                let (theta, phi) = ((k as f64 * 0.618).fract() * std::f64::consts::TAU, (1.0 - 2.0 * (k as f64 + 0.5) / 200.0).acos());
+                let p = centre.coords + radius_m * nalgebra::Vector3::new(phi.sin() * theta.cos(), phi.sin() * theta.sin(), phi.cos());
+                let [u, v] = [cx + fx * p.x / p.z, cy + fy * p.y / p.z];
+                p.z > NEAR_M && (0.0..320.0).contains(&u) && (0.0..200.0).contains(&v)
+            });
+            n_inside += reaches as usize;
+            assert!(!reaches || seen.binary_search(&(i as u32)).is_ok(), "sphere {i} reaches into the image");
+            let behind = centre.z + radius_m < 0.0;
+            assert!(!behind || seen.binary_search(&(i as u32)).is_err(), "sphere {i} lies behind");
+        }
+        assert!(n_inside > 200 && seen.len() < 2 * n_inside + 200, "{n_inside} of {} seen", seen.len());
+    }
+
+    #[test]
+    fn products_are_those_of_matrices() {
+        let a = Isometry3::new([100.0, -2.0, 0.5].into(), [0.3, -0.8, 0.2].into());
+        let b = Isometry3::new([-3.0, 7.0, 1e4].into(), [1.0, 0.1, -0.4].into());
+        let (found, expected) = (product(&matrix_rows(&a), &matrix_rows(&b)), rows(&(a * b)));
+        let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-6 * b.abs().max(1.0);
+        assert!(found.iter().flatten().zip(expected.iter().flatten()).all(near), "{found:?} instead of {expected:?}");
+    }
 }

@@ -126,18 +126,64 @@ fn unit_luminance(color: [u8; 3]) -> [f32; 3] {
 }
 
 /// A lamp that shines, in the world.
-struct Shining<'a> {
+#[derive(Debug)]
+pub(crate) struct Shining<'a> {
     place: Point3<f64>,
     axis: Vector3<f64>,
     emitter: &'a Emitter,
-    /// Share of its full strength.
-    share: f32,
+    /// Its strength, exposed.
+    strength: f32,
+}
+
+/// All lamps that shine. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
+pub(crate) fn shining<'a>(scene: &Scene, assets: &'a GpuAssets, exposure: f32, dark_ratio: f32) -> Vec<Shining<'a>> {
+    let mut found = Vec::new();
+    let mut add = |place: Point3<f64>, axis: Vector3<f64>, emitter: &'a Emitter, share: f32| {
+        let strength = emitter.beam.candela * 1e-3 * share * exposure;
+        if strength >= MIN_LIGHT {
+            found.push(Shining { place, axis, emitter, strength });
+        }
+    };
+    for StillLamp { place, emitter, is_on } in &assets.still_lamps {
+        if *is_on || dark_ratio > 0.0 {
+            add(*place, axis_of(emitter), emitter, if *is_on { 1.0 } else { dark_ratio });
+        }
+    }
+    for instance in scene.dynamics.iter().filter(|instance| instance.lamps != 0) {
+        let pose = &instance.world_from_mesh;
+        for emitter in assets.emitters(instance.mesh).iter().filter(|emitter| emitter.bit < 32 && instance.lamps >> emitter.bit & 1 == 1) {
+            add(pose * Point3::from(emitter.place_m.map(f64::from)), pose.rotation * axis_of(emitter), emitter, 1.0);
+        }
+    }
+    found
+}
+
+/// A lamp as a view's shader has it, and the tiles that it reaches: first and last across, first and last down.
+pub(crate) type LampInView = (LampData, [u32; 4]);
+
+/// The lamps that reach into a view, those that throw most light to the eye first.
+pub(crate) fn reaching(shining: &[Shining<'_>], quality: Quality, lens: &Intrinsics, motion: &CameraMotion) -> Vec<LampInView> {
+    let eye = Point3::from(motion.world_from_camera.translation.vector);
+    let mut found: Vec<(f64, LampInView)> = Vec::new();
+    for lamp in shining {
+        let distance_m = (lamp.place - eye).norm();
+        if distance_m > MAX_DISTANCE_M + lamp.emitter.beam.reach_m as f64 {
+            continue;
+        }
+        let (data, centre, radius_m) = in_camera(lamp, &motion.camera_from_world);
+        if let Some(rect) = tiles_of(lens, centre, radius_m) {
+            found.push((distance_m / f64::from(lamp.strength).sqrt(), (data, rect)));
+        }
+    }
+    // Where there are too many, those count that throw most light to where the eye is.
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(max_per_view(quality));
+    found.into_iter().map(|(_, lamp)| lamp).collect()
 }
 
 /// What the lamps of all views came to: for upload.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct LampLists {
-    quality: Quality,
     pub lamps: Vec<LampData>,
     pub tiles: Vec<[u32; 2]>,
 }
@@ -151,59 +197,16 @@ pub(crate) struct LampRange {
 }
 
 impl LampLists {
-    /// No lamps yet.
-    pub fn new(quality: Quality) -> Self {
-        LampLists { quality, lamps: Vec::new(), tiles: Vec::new() }
-    }
-
-    /// Adds the lamps that reach into a view, those that throw most light to the eye first. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
-    pub fn add_view(
-        &mut self,
-        scene: &Scene,
-        assets: &GpuAssets,
-        lens: &Intrinsics,
-        motion: &CameraMotion,
-        exposure: f32,
-        dark_ratio: f32,
-    ) -> LampRange {
-        let eye = Point3::from(motion.world_from_camera.translation.vector);
-        let mut found: Vec<(f64, LampData, [u32; 4])> = Vec::new();
-        let mut consider = |lamp: Shining<'_>| {
-            let strength = lamp.emitter.beam.candela * 1e-3 * lamp.share * exposure;
-            let distance_m = (lamp.place - eye).norm();
-            if strength < MIN_LIGHT || distance_m > MAX_DISTANCE_M + lamp.emitter.beam.reach_m as f64 {
-                return;
-            }
-            let (data, centre, radius_m) = in_camera(&lamp, strength, &motion.camera_from_world);
-            if let Some(rect) = tiles_of(lens, centre, radius_m) {
-                found.push((distance_m / f64::from(strength).sqrt(), data, rect));
-            }
-        };
-        for StillLamp { place, emitter, is_on } in &assets.still_lamps {
-            if *is_on || dark_ratio > 0.0 {
-                consider(Shining { place: *place, axis: axis_of(emitter), emitter, share: if *is_on { 1.0 } else { dark_ratio } });
-            }
-        }
-        for instance in scene.dynamics.iter().filter(|instance| instance.lamps != 0) {
-            let pose = &instance.world_from_mesh;
-            for emitter in
-                assets.emitters(instance.mesh).iter().filter(|emitter| emitter.bit < 32 && instance.lamps >> emitter.bit & 1 == 1)
-            {
-                let place = pose * Point3::from(emitter.place_m.map(f64::from));
-                consider(Shining { place, axis: pose.rotation * axis_of(emitter), emitter, share: 1.0 });
-            }
-        }
-        // Where there are too many, those count that throw most light to where the eye is.
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        found.truncate(max_per_view(self.quality));
+    /// Adds the lamps that reach into a view.
+    pub fn add_view(&mut self, found: &[LampInView], lens: &Intrinsics) -> LampRange {
         let range = LampRange { first_lamp: self.lamps.len() as u32, first_tile: self.tiles.len() as u32, n: found.len() as u32 };
         let [n_across, n_down] = n_tiles(lens);
         self.tiles.resize(self.tiles.len() + (n_across * n_down) as usize, [0; 2]);
         let tiles = &mut self.tiles[range.first_tile as usize..];
-        for (bit, (_, data, [x0, x1, y0, y1])) in found.into_iter().enumerate() {
-            self.lamps.push(data);
-            for y in y0..=y1 {
-                for x in x0..=x1 {
+        for (bit, (data, [x0, x1, y0, y1])) in found.iter().enumerate() {
+            self.lamps.push(*data);
+            for y in *y0..=*y1 {
+                for x in *x0..=*x1 {
                     tiles[(y * n_across + x) as usize][bit / 32] |= 1 << (bit % 32);
                 }
             }
@@ -224,8 +227,8 @@ fn n_tiles(lens: &Intrinsics) -> [u32; 2] {
 }
 
 /// The lamp for the shader, and a sphere around what it lights, camera space.
-fn in_camera(lamp: &Shining<'_>, strength: f32, camera_from_world: &Isometry3<f64>) -> (LampData, Vector3<f64>, f64) {
-    let beam = &lamp.emitter.beam;
+fn in_camera(lamp: &Shining<'_>, camera_from_world: &Isometry3<f64>) -> (LampData, Vector3<f64>, f64) {
+    let (beam, strength) = (&lamp.emitter.beam, lamp.strength);
     let place = (camera_from_world * lamp.place).coords;
     let axis = camera_from_world.rotation * lamp.axis;
     let [full, edge] = [beam.full_deg, beam.edge_deg].map(|deg| deg.to_radians().cos());

@@ -261,7 +261,13 @@ impl GeometryPass {
         })
     }
 
-    /// Uploads what changes from tick to tick; `listed`: a compute shader asks for the instances.
+    /// The list of instances, large enough for so many.
+    pub fn room_for_instances(&mut self, gpu: &Gpu, n: usize) -> &wgpu::Buffer {
+        grow(gpu, &mut self.instances, INSTANCE_BYTES * n as u64);
+        &self.instances
+    }
+
+    /// Uploads what changes from tick to tick; `listed`: a compute shader draws, and has its own lists.
     pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], drawn: &[&Drawn], lamps: &LampLists, listed: bool) {
         // The last view's binding reaches beyond it.
         grow(gpu, &mut self.views, VIEW_BYTES * views.len() as u64 + VIEWS_BYTES);
@@ -271,9 +277,8 @@ impl GeometryPass {
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
         gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
         gpu.queue().write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
-        if listed || self.submit != Submit::Immediate {
-            let n_instances: usize = drawn.iter().map(|drawn| drawn.instances.len()).sum();
-            grow(gpu, &mut self.instances, INSTANCE_BYTES * n_instances as u64);
+        if !listed && self.submit != Submit::Immediate {
+            self.room_for_instances(gpu, drawn.iter().map(|drawn| drawn.instances.len()).sum());
             for drawn in drawn {
                 let begin = INSTANCE_BYTES * drawn.first_instance as u64;
                 gpu.queue().write_buffer(&self.instances, begin, bytemuck::cast_slice(&drawn.instances));
@@ -388,7 +393,7 @@ impl GeometryPass {
         let mut pass = begin(encoder, wgpu::LoadOp::Clear(0.0));
         gpu.counters().add_pass();
         let (mut is_plain, mut n_waiting) = (false, 0);
-        let Drawn { calls, instances, first_instance } = view.drawn;
+        let Drawn { calls, instances, first_instance, .. } = view.drawn;
         if self.submit == Submit::Indirect && !calls.is_empty() {
             pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, calls.len() as u32);
         }

@@ -3,7 +3,10 @@
 //! GPUs made for computing have one or two per cent of their arithmetic behind the rasteriser. There a compute shader finds the nearest
 //! triangle of every pixel, and a second one writes what each modality keeps of it into the same targets that drawing fills.
 
+mod lists;
+
 use bytemuck::{Pod, Zeroable};
+use lists::Lists;
 use sensor_gpu::Gpu;
 
 use crate::assets::GpuAssets;
@@ -132,6 +135,7 @@ pub(crate) struct Place {
     pub batch: usize,
     first_draw: u32,
     n_draws: u32,
+    first_chunk: u32,
     first_pixel: u32,
 }
 
@@ -256,47 +260,37 @@ impl RasterPass {
     }
 
     /// Uploads the lists of all views.
-    pub fn upload(&mut self, gpu: &Gpu, jobs: &[RasterJob<'_>]) -> RasterPlan {
+    pub fn upload(&mut self, gpu: &Gpu, jobs: &[RasterJob<'_>], instances: &wgpu::Buffer) -> RasterPlan {
         let limit = gpu.device().limits().max_storage_buffer_binding_size / SEEN_BYTES;
         let max_pixels = limit.min(MAX_PIXELS);
         let mut plan = RasterPlan::default();
-        let (mut views, mut draws, mut chunks) = (Vec::new(), Vec::new(), Vec::new());
-        for (view, job) in (0..).zip(jobs) {
+        let mut views = Vec::with_capacity(jobs.len());
+        let (mut n_draws, mut n_chunks) = (0, 0);
+        for job in jobs {
             let n_pixels = job.size_px[0] as u64 * job.size_px[1] as u64;
             if plan.n_pixels.last().is_none_or(|before| before + n_pixels > max_pixels) {
-                let batch = RasterBatch { first_chunk: chunks.len() as u32, n_chunks: 0, n_across: 0, max_tiles: MAX_TILES };
-                plan.batches.push(batch);
+                plan.batches.push(RasterBatch { first_chunk: n_chunks, n_chunks: 0, n_across: 0, max_tiles: MAX_TILES });
                 plan.n_pixels.push(0);
             }
             let batch = plan.batches.len() - 1;
             let first_pixel = plan.n_pixels[batch] as u32;
             plan.n_pixels[batch] += n_pixels;
-            let first_draw = draws.len() as u32;
-            plan.places.push(Place { batch, first_draw, n_draws: job.drawn.calls.len() as u32, first_pixel });
             views.push(RasterView { lens_px: job.lens_px, size_px: job.size_px, first_pixel, near_m: NEAR_M as f32 });
-            let mut first_triangle = 0;
-            for call in &job.drawn.calls {
-                let n_triangles = call.mesh.n_indices / 3;
-                gpu.counters().add_draw(n_triangles as u64);
-                chunks.extend((0..n_triangles).step_by(CHUNK as usize).map(|first| [draws.len() as u32, first]));
-                draws.push(RasterDraw {
-                    first_triangle,
-                    n_triangles,
-                    first_idx: call.mesh.first_idx,
-                    base_vertex: call.mesh.base_vertex as u32,
-                    instance: job.drawn.first_instance + call.instance_idx,
-                    view,
-                    rest: [0; 2],
-                });
-                first_triangle += n_triangles;
-            }
-            plan.batches[batch].n_chunks = chunks.len() as u32 - plan.batches[batch].first_chunk;
+            let n_calls = job.drawn.calls.len() as u32;
+            plan.places.push(Place { batch, first_draw: n_draws, n_draws: n_calls, first_chunk: n_chunks, first_pixel });
+            n_draws += n_calls;
+            n_chunks += lists::n_chunks(job.drawn);
+            plan.batches[batch].n_chunks = n_chunks - plan.batches[batch].first_chunk;
+            gpu.counters().add_draws(n_calls as u64, job.drawn.n_triangles as u64);
         }
-        self.write(gpu, &mut plan, &views, &draws, &chunks);
+        grow(gpu, &mut self.draws, size_of::<RasterDraw>() as u64 * n_draws as u64);
+        grow(gpu, &mut self.chunks, size_of::<[u32; 2]>() as u64 * n_chunks as u64);
+        lists::write(gpu, &Lists { instances, draws: &self.draws, chunks: &self.chunks }, jobs, &plan.places);
+        self.write(gpu, &mut plan, &views);
         plan
     }
 
-    fn write(&mut self, gpu: &Gpu, plan: &mut RasterPlan, views: &[RasterView], draws: &[RasterDraw], chunks: &[[u32; 2]]) {
+    fn write(&mut self, gpu: &Gpu, plan: &mut RasterPlan, views: &[RasterView]) {
         let mut most_chunks = 0;
         grow(gpu, &mut self.batches, BATCH_STRIDE_BYTES * plan.batches.len() as u64);
         for (i, batch) in plan.batches.iter_mut().enumerate() {
@@ -304,15 +298,8 @@ impl RasterPass {
             most_chunks = most_chunks.max(batch.n_chunks);
             gpu.queue().write_buffer(&self.batches, i as u64 * BATCH_STRIDE_BYTES, bytemuck::bytes_of(batch));
         }
-        let lists: [(&mut wgpu::Buffer, &[u8]); 3] = [
-            (&mut self.views, bytemuck::cast_slice(views)),
-            (&mut self.draws, bytemuck::cast_slice(draws)),
-            (&mut self.chunks, bytemuck::cast_slice(chunks)),
-        ];
-        for (buffer, bytes) in lists {
-            grow(gpu, buffer, bytes.len() as u64);
-            gpu.queue().write_buffer(buffer, 0, bytes);
-        }
+        grow(gpu, &mut self.views, size_of_val(views) as u64);
+        gpu.queue().write_buffer(&self.views, 0, bytemuck::cast_slice(views));
         let most_pixels = plan.n_pixels.iter().copied().max().unwrap_or(0);
         if self.seen.size() < SEEN_BYTES * most_pixels {
             self.seen = gpu.buffer("seen", SEEN_BYTES * most_pixels, self.seen.usage());

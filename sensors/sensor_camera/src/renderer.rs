@@ -18,7 +18,7 @@ use crate::debug::DebugPass;
 use crate::draw::{self, CameraMotion, Drawn};
 use crate::dvs::EventCamera;
 use crate::dvs::gpu::{EventList, EventPass};
-use crate::lamps::{LampLists, LampRange};
+use crate::lamps::{self, LampInView, LampLists, LampRange};
 use crate::light::Light;
 use crate::merge;
 use crate::pass::GeometryPass;
@@ -26,7 +26,7 @@ use crate::pool::{PoolKey, TargetPool};
 use crate::post::{self, PostPass};
 use crate::raster::{RasterPass, Rasteriser, can_compute};
 use crate::shade::ShadePass;
-use crate::shadow::{Cascade, Shadows};
+use crate::shadow::{Cascade, Eye, ShadowPlan, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet, Targets};
 use crate::view::{Firing, InstancePoses, Output, View, ViewJob, ViewSpec};
@@ -104,10 +104,20 @@ struct Active {
     set: TargetSet,
     motion: CameraMotion,
     drawn: Drawn,
+    /// Number of its lookup in shadow maps, if it has any.
+    eye: Option<usize>,
+    lamps_in_view: Vec<LampInView>,
     lamps: LampRange,
     targets: Arc<Targets>,
     /// Its layer there.
     layer: u32,
+}
+
+/// What is new in shadow maps.
+#[derive(Debug, Default)]
+struct ShadowPlans {
+    near: Option<ShadowPlan>,
+    far: Option<ShadowPlan>,
 }
 
 impl CameraRenderer {
@@ -193,22 +203,28 @@ impl CameraRenderer {
     }
 
     fn draw<'a>(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, 'a>]) -> Submission<'a> {
-        let leaders = merge::leaders(jobs);
+        let gpu = self.gpu.clone();
+        let leaders = gpu.time("merge", || merge::leaders(jobs));
         let mut active = self.activate(scene, jobs, &leaders);
         if active.is_empty() {
             return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
         }
-        let gpu = self.gpu.clone();
-        let mut lamps = LampLists::new(self.quality);
-        self.gather_lamps(scene, jobs, &mut active, &mut lamps);
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let computes = self.raster.is_some() && RasterPass::takes(&self.gpu, assets);
-        self.take_targets(jobs, &mut active, computes);
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        gpu.time("visible", || find_visible(scene, assets, jobs, &mut active));
+        let computes = self.raster.is_some() && RasterPass::takes(&gpu, assets);
+        let shadows = gpu.time("find", || self.find(scene, jobs, &mut active));
+        let mut lamps = LampLists::default();
+        for active in active.iter_mut().filter(|active| active.set.is_lit()) {
+            active.lamps = lamps.add_view(&active.lamps_in_view, &jobs[active.job_idx].view.spec.intrinsics);
+        }
+        gpu.time("targets", || self.take_targets(jobs, &mut active, computes));
+        let mut first_instance = 0;
+        for active in &mut active {
+            active.drawn.first_instance = first_instance;
+            first_instance += active.drawn.instances.len() as u32;
+        }
         let mut encoder = gpu.encoder("views");
         gpu.mark(&mut encoder, "begin");
-        gpu.time("record", || self.record(scene, &active, jobs, &lamps, computes, &mut encoder));
+        gpu.time("record", || self.record(scene, &active, jobs, (&lamps, &shadows), computes, &mut encoder));
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];
         active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
@@ -221,7 +237,7 @@ impl CameraRenderer {
             None => Vec::new(),
         });
         let plans = plans.collect();
-        Submission { in_flight: Some(batch.submit(&gpu, encoder)), plans }
+        Submission { in_flight: Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))), plans }
     }
 
     /// Who has something to draw, and what.
@@ -248,21 +264,54 @@ impl CameraRenderer {
             job.view.kept = job.view.kept.union(set);
             let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
             let drawn = self.spare_drawn.pop().unwrap_or_default();
-            active.push(Active { job_idx, set, motion, drawn, lamps: LampRange::default(), targets: Arc::default(), layer: 0 });
+            active.push(Active {
+                job_idx,
+                set,
+                motion,
+                drawn,
+                eye: None,
+                lamps_in_view: Vec::new(),
+                lamps: LampRange::default(),
+                targets: Arc::default(),
+                layer: 0,
+            });
         }
         active
     }
 
-    /// Makes the weather's light, and finds the lamps that reach into each view.
-    fn gather_lamps(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active], lamps: &mut LampLists) {
+    /// Makes the weather's light, and finds what each view sees, which lamps reach into it, and what is new in its shadow maps: side by side.
+    fn find(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) -> ShadowPlans {
         if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
-        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return };
-        for active in active.iter_mut().filter(|active| active.set.is_lit()) {
-            let lens = jobs[active.job_idx].view.spec.intrinsics;
-            active.lamps = lamps.add_view(scene, assets, &lens, &active.motion, light.exposure, light.dark_ratio);
+        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return ShadowPlans::default() };
+        let mut eyes: Vec<Eye> = Vec::new();
+        for active in active.iter_mut().filter(|active| active.set.is_lit() && light.has_shadows) {
+            active.eye = Some(eyes.len());
+            let focal_px = jobs[active.job_idx].view.spec.intrinsics.focal_px;
+            eyes.push(Eye { world_from_camera: active.motion.world_from_camera, focal_px });
         }
+        let shining = lamps::shining(scene, assets, light.exposure, light.dark_ratio);
+        let quality = self.quality;
+        let seen: Vec<(Intrinsics, Option<&Firing>)> =
+            active.iter().map(|active| &*jobs[active.job_idx].view).map(|view| (view.spec.intrinsics, view.previous.as_ref())).collect();
+        let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
+            draw::visible(scene, assets, &lens, &active.motion, previous, &mut active.drawn);
+            if active.set.is_lit() {
+                active.lamps_in_view = lamps::reaching(&shining, quality, &lens, &active.motion);
+            }
+        };
+        let plan = |shadows: &mut Shadows| (!eyes.is_empty()).then(|| shadows.plan(assets, scene, light.sun_towards, &eyes));
+        let (near, far) = (&mut self.shadows, &mut self.far_shadows);
+        // One view is done before other threads wake up.
+        if active.len() == 1 {
+            active.iter_mut().zip(seen).for_each(find);
+            return ShadowPlans { near: plan(near), far: far.as_mut().and_then(plan) };
+        }
+        let views = || active.par_iter_mut().zip(seen).for_each(find);
+        let plans = || rayon::join(|| plan(near), || far.as_mut().and_then(plan));
+        let ((), (near, far)) = rayon::join(views, plans);
+        ShadowPlans { near, far }
     }
 
     /// Gives every view its targets. Views that compute shaders do alike come to stand one after the other, and share textures.
@@ -301,26 +350,6 @@ impl CameraRenderer {
 /// Time since the view's previous firing.
 fn window_nanos(view: &View, scene: &Scene) -> u64 {
     view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0))
-}
-
-/// What each view sees, found side by side.
-fn find_visible(scene: &Scene, assets: &GpuAssets, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) {
-    let seen: Vec<(Intrinsics, Option<&Firing>)> =
-        active.iter().map(|active| &*jobs[active.job_idx].view).map(|view| (view.spec.intrinsics, view.previous.as_ref())).collect();
-    let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
-        draw::visible(scene, assets, &lens, &active.motion, previous, &mut active.drawn);
-    };
-    // One is done before other threads wake up.
-    if active.len() == 1 {
-        active.iter_mut().zip(seen).for_each(find);
-    } else {
-        active.par_iter_mut().zip(seen).for_each(find);
-    }
-    let mut first_instance = 0;
-    for active in active {
-        active.drawn.first_instance = first_instance;
-        first_instance += active.drawn.instances.len() as u32;
-    }
 }
 
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {

@@ -97,6 +97,26 @@ pub(crate) struct Shadows {
     none: Image,
 }
 
+/// Where an eye's map is.
+#[derive(Clone, Copy, Debug)]
+struct Place {
+    cascade: Cascade,
+    cell: [i64; 3],
+    world_from_camera: Isometry3<f64>,
+}
+
+/// A map's sheet and layer, and what is to be drawn there: what stands still, and with what moves.
+type PlannedMap = (usize, u32, [Option<MapWork>; 2]);
+
+/// What [`Shadows::plan`] found; to be recorded before the next one is made.
+#[derive(Debug)]
+pub(crate) struct ShadowPlan {
+    places: Vec<Place>,
+    /// Number of each place's map.
+    maps: Vec<usize>,
+    works: Vec<PlannedMap>,
+}
+
 /// What a view needs to look up its map.
 #[derive(Clone, Debug)]
 pub(crate) struct ShadowLookup {
@@ -159,30 +179,32 @@ impl Shadows {
         }
     }
 
-    /// Draws the maps that these eyes need and returns a lookup for each.
-    pub fn record(
-        &mut self,
-        gpu: &Gpu,
-        encoder: &mut wgpu::CommandEncoder,
-        assets: &GpuAssets,
-        scene: &Scene,
-        sun_towards: Vector3<f64>,
-        eyes: &[Eye],
-    ) -> Vec<ShadowLookup> {
+    /// Finds out what is to be drawn for these eyes.
+    pub fn plan(&mut self, assets: &GpuAssets, scene: &Scene, sun_towards: Vector3<f64>, eyes: &[Eye]) -> ShadowPlan {
         if self.sun_towards != sun_towards {
             self.clear();
             self.sun_towards = sun_towards;
         }
-        let places: Vec<(Cascade, [i64; 3])> =
-            eyes.iter().map(|eye| (self.cascade.seen_with(eye.focal_px), self.cascade.cell_of(&eye.world_from_camera))).collect();
-        let of_eyes = self.take_maps(&places);
+        let place = |eye: &Eye| Place {
+            cascade: self.cascade.seen_with(eye.focal_px),
+            cell: self.cascade.cell_of(&eye.world_from_camera),
+            world_from_camera: eye.world_from_camera,
+        };
+        let places: Vec<Place> = eyes.iter().map(place).collect();
+        let maps = self.take_maps(&places);
+        ShadowPlan { places, maps, works: self.works(assets, scene) }
+    }
+
+    /// Draws what was planned and returns a lookup for each eye.
+    pub fn record(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, plan: &ShadowPlan) -> Vec<ShadowLookup> {
         let n_spare = if self.together { 1 } else { SPARE_MAPS };
         self.sheets.iter_mut().for_each(|sheet| sheet.ensure(gpu, encoder, n_spare));
-        self.draw_maps(gpu, encoder, assets, scene);
-        let lookup = |((eye, (cascade, cell)), map_idx): ((&Eye, &(Cascade, [i64; 3])), &usize)| {
+        self.draw_maps(gpu, encoder, assets, &plan.works);
+        let lookup = |(place, map_idx): (&Place, &usize)| {
+            let Place { cascade, cell, world_from_camera } = place;
             let map = &self.maps[*map_idx];
             let sheet = &self.sheets[map.sheet];
-            let shadow_from_camera = cascade.shadow_from_world(*cell, sun_towards) * eye.world_from_camera.to_homogeneous();
+            let shadow_from_camera = cascade.shadow_from_world(*cell, self.sun_towards) * world_from_camera.to_homogeneous();
             let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
             let [x, y] = map.slot.tile.map(|i| i as f32);
             ShadowLookup {
@@ -194,7 +216,7 @@ impl Shadows {
                 on: true,
             }
         };
-        eyes.iter().zip(&places).zip(&of_eyes).map(lookup).collect()
+        plan.places.iter().zip(&plan.maps).map(lookup).collect()
     }
 
     /// Whether the map of all is looked up, and not that of what stands still.
@@ -203,11 +225,11 @@ impl Shadows {
     }
 
     /// The map of each place, made if there is none.
-    fn take_maps(&mut self, places: &[(Cascade, [i64; 3])]) -> Vec<usize> {
+    fn take_maps(&mut self, places: &[Place]) -> Vec<usize> {
         self.n_uses += 1;
         let used = self.n_uses;
         let mut missing: Vec<([i64; 3], u32)> = Vec::new();
-        for (cascade, cell) in places {
+        for Place { cascade, cell, .. } in places {
             let key = (*cell, cascade.side_px);
             match self.maps.iter_mut().find(|map| (map.cell, map.side_px) == key) {
                 Some(map) => map.used = used,
@@ -224,7 +246,7 @@ impl Shadows {
             let slot = self.take_slot(sheet, cell, side_px);
             self.maps.push(Map { cell, side_px, sheet, slot, fresh: false, over: Vec::new(), dirty_px: Vec::new(), used });
         }
-        let idx_of = |(cascade, cell): &(Cascade, [i64; 3])| {
+        let idx_of = |Place { cascade, cell, .. }: &Place| {
             let found = self.maps.iter().position(|map| (map.cell, map.side_px) == (*cell, cascade.side_px));
             found.expect("every missing map was made")
         };
@@ -248,8 +270,8 @@ impl Shadows {
         }
     }
 
-    /// Draws what is new in the maps that are in use.
-    fn draw_maps(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, scene: &Scene) {
+    /// What is new in the maps that are in use.
+    fn works(&mut self, assets: &GpuAssets, scene: &Scene) -> Vec<PlannedMap> {
         let (cascade, together, used, sun_towards) = (self.cascade, self.together, self.n_uses, self.sun_towards);
         let moving = if cascade.moving { MovingCaster::all_of(assets, scene) } else { Vec::new() };
         let plan = |map: &mut Map| {
@@ -261,11 +283,14 @@ impl Shadows {
             map.plan(still, casters)
         };
         let work = |map: &mut Map| (map.sheet, map.slot.layer, plan(map));
-        let works: Vec<(usize, u32, [Option<MapWork>; 2])> = if self.maps.len() <= FEW_MAPS {
+        if self.maps.len() <= FEW_MAPS {
             self.maps.iter_mut().filter(|map| map.used == used).map(work).collect()
         } else {
             self.maps.par_iter_mut().filter(|map| map.used == used).map(work).collect()
-        };
+        }
+    }
+
+    fn draw_maps(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, works: &[PlannedMap]) {
         // What stands still of all layers first.
         let mut layers: Vec<((usize, u32, usize), LayerWork<'_>)> = Vec::new();
         for kind in 0..2 {

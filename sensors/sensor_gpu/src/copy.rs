@@ -428,7 +428,7 @@ impl InFlight<'_> {
     fn wait_for_gpu(&mut self) -> Result<(), GpuError> {
         let Some(submission) = self.submission.take() else { return Ok(()) };
         let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
-        self.gpu.device().poll(wait).map(|_| ()).map_err(|error| self.gpu.lost(error))
+        self.gpu.time("wait", || self.gpu.device().poll(wait)).map(|_| ()).map_err(|error| self.gpu.lost(error))
     }
 }
 

@@ -39,6 +39,12 @@ impl Counters {
         self.triangles.fetch_add(n_triangles, Relaxed);
     }
 
+    /// More draw calls, of so many triangles together.
+    pub fn add_draws(&self, n_draws: u64, n_triangles: u64) {
+        self.draws.fetch_add(n_draws, Relaxed);
+        self.triangles.fetch_add(n_triangles, Relaxed);
+    }
+
     pub(crate) fn add_submission(&self, n_copies: u64) {
         self.copies.fetch_add(n_copies, Relaxed);
         self.submissions.fetch_add(1, Relaxed);

@@ -1,13 +1,14 @@
 //! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
 //!
 //! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `peer` (default: all but `peer`, which needs `ply=FILE`).
-//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take).
+//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
+//! `driving=0|1` (vehicles drive from frame to frame).
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
-use schema_frames::Modality;
+use schema_frames::{Modality, VehicleControl};
 use sensor_camera::Quality;
 use sensor_core::Scene;
 use sensor_gpu::{Gpu, GpuOptions};
@@ -30,6 +31,7 @@ struct Options {
     weather: String,
     ply: Option<String>,
     times: bool,
+    driving: bool,
 }
 
 fn options() -> Result<Options, String> {
@@ -45,6 +47,7 @@ fn options() -> Result<Options, String> {
         weather: "day".into(),
         ply: None,
         times: false,
+        driving: false,
     };
     for word in std::env::args().skip(1) {
         let Some((key, value)) = word.split_once('=') else {
@@ -63,6 +66,7 @@ fn options() -> Result<Options, String> {
             "place" => options.place = number(value)?,
             "weather" => options.weather = value.into(),
             "times" => options.times = number(value)? != 0,
+            "driving" => options.driving = number(value)? != 0,
             "ply" => options.ply = Some(value.into()),
             "size" => {
                 let (width, height) = value.split_once('x').ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
@@ -89,7 +93,8 @@ struct Bench {
     options: Options,
     quality: Quality,
     in_flight: usize,
-    scene: Arc<Scene>,
+    /// One per frame, or the only one.
+    scenes: Vec<Arc<Scene>>,
     stage: Stage,
 }
 
@@ -103,7 +108,7 @@ impl Bench {
         self.gpu.set_timing(self.options.times);
         let figures = cameras.run(self.options.frames, |frame| {
             let along_m = 0.4 * frame as f64;
-            (self.scene.clone(), (0..asked.len()).map(|i| pose(i, along_m)).collect())
+            (self.scenes[frame % self.scenes.len()].clone(), (0..asked.len()).map(|i| pose(i, along_m)).collect())
         });
         print(name, &figures, asked.len());
         if self.options.times {
@@ -197,16 +202,17 @@ fn main() {
     });
     let quality = options.quality.unwrap_or_else(|| Quality::default_for(&gpu));
     let in_flight = options.in_flight.unwrap_or(if gpu.is_software() { 1 } else { 2 });
-    let stage = Stage::new(&options.town, 7, options.vehicles).unwrap_or_else(|error| {
+    let mut stage = Stage::new(&options.town, 7, options.vehicles).unwrap_or_else(|error| {
         eprintln!("{error}");
         std::process::exit(2);
     });
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     println!(
-        "{}; quality {quality:?}; {} with {} vehicles, {}; {} frames, {in_flight} in flight; load {}",
+        "{}; quality {quality:?}; {} with {} vehicles{}, {}; {} frames, {in_flight} in flight; load {}",
         gpu.name(),
         stage.name,
         options.vehicles,
+        if options.driving { " that drive" } else { "" },
         options.weather,
         options.frames,
         load.trim()
@@ -215,8 +221,15 @@ fn main() {
         eprintln!("weather is {:?}, but must be one of {}", options.weather, weathers::NAMES.join(", "));
         std::process::exit(2);
     });
-    let scene = Arc::new(stage.scene(weather));
-    let bench = Bench { gpu, quality, in_flight, scene, stage, options };
+    let mut scenes = vec![Arc::new(stage.scene(weather))];
+    if options.driving {
+        stage.drive(VehicleControl { throttle_ratio: 0.4, ..Default::default() });
+        for _ in 0..options.frames + test_render::measure::WARM_UP {
+            stage.step();
+            scenes.push(Arc::new(stage.scene(weather)));
+        }
+    }
+    let bench = Bench { gpu, quality, in_flight, scenes, stage, options };
     for row in &bench.options.rows {
         bench.row(row);
     }

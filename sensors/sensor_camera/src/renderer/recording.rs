@@ -3,14 +3,14 @@
 use nalgebra::Isometry3;
 use sensor_core::Scene;
 
-use super::{Active, CameraRenderer, Quality};
+use super::{Active, CameraRenderer, Quality, ShadowPlans};
 use crate::draw::{self, Drawn, NEAR_M};
 use crate::lamps::LampLists;
 use crate::pass::{Together, ViewPass};
 use crate::post::PostJob;
 use crate::raster::{RasterJob, RasterPlan};
 use crate::shade::ShadeKey;
-use crate::shadow::{Eye, ShadowLookup, Shadows};
+use crate::shadow::{ShadowLookup, ShadowPlan, Shadows};
 use crate::targets::{Target, Targets};
 use crate::uniform::{MAX_TOGETHER, ViewData};
 use crate::view::{View, ViewJob};
@@ -64,12 +64,12 @@ impl CameraRenderer {
         scene: &Scene,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
-        lamps: &LampLists,
+        (lamps, shadows): (&LampLists, &ShadowPlans),
         computes: bool,
         encoder: &mut wgpu::CommandEncoder,
     ) {
         let gpu = self.gpu.clone();
-        let lit = gpu.time("record: light", || self.light_up(scene, active, jobs, encoder));
+        let lit = gpu.time("record: light", || self.light_up(active, shadows, encoder));
         let mut views: Vec<ViewData> =
             active.iter().zip(&lit).map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit)).collect();
         let plan = gpu.time("record: upload", || self.upload(scene, active, &mut views, lamps, computes));
@@ -104,30 +104,17 @@ impl CameraRenderer {
     }
 
     /// Draws shadow maps.
-    fn light_up(&mut self, scene: &Scene, active: &[Active], jobs: &[ViewJob<'_, '_>], encoder: &mut wgpu::CommandEncoder) -> Vec<Lit> {
+    fn light_up(&mut self, active: &[Active], plans: &ShadowPlans, encoder: &mut wgpu::CommandEncoder) -> Vec<Lit> {
         let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("draw() made the light");
-        let eye = |active: &Active| Eye {
-            world_from_camera: active.motion.world_from_camera,
-            focal_px: jobs[active.job_idx].view.spec.intrinsics.focal_px,
+        let cast = |shadows: &mut Shadows, plan: &Option<ShadowPlan>, encoder: &mut wgpu::CommandEncoder| {
+            plan.as_ref().map_or(Vec::new(), |plan| shadows.record(&self.gpu, encoder, assets, plan))
         };
-        let eyes: Vec<Eye> = active.iter().filter(|active| active.set.is_lit() && light.has_shadows).map(eye).collect();
-        let cast = |shadows: &mut Shadows, encoder: &mut wgpu::CommandEncoder| {
-            if eyes.is_empty() { Vec::new() } else { shadows.record(&self.gpu, encoder, assets, scene, light.sun_towards, &eyes) }
-        };
-        let near = cast(&mut self.shadows, encoder);
-        let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, encoder));
+        let near = cast(&mut self.shadows, &plans.near, encoder);
+        let far = self.far_shadows.as_mut().map_or(Vec::new(), |far| cast(far, &plans.far, encoder));
         self.gpu.mark(encoder, "shadows");
-        let (mut near, mut far) = (near.into_iter(), far.into_iter());
         let none = self.shadows.none();
-        let lit = |active: &Active| {
-            let has_shadows = active.set.is_lit() && light.has_shadows;
-            let next = |lookups: &mut std::vec::IntoIter<ShadowLookup>| {
-                Some(()).filter(|_| has_shadows).and_then(|_| lookups.next()).unwrap_or_else(|| none.clone())
-            };
-            Lit { near: next(&mut near), far: next(&mut far) }
-        };
-        active.iter().map(lit).collect()
+        let lookup = |lookups: &[ShadowLookup], active: &Active| active.eye.and_then(|eye| lookups.get(eye)).unwrap_or(&none).clone();
+        active.iter().map(|active| Lit { near: lookup(&near, active), far: lookup(&far, active) }).collect()
     }
 
     /// Uploads what changes from tick to tick.
@@ -143,7 +130,8 @@ impl CameraRenderer {
         let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
         let plan = self.raster.as_mut().filter(|_| computes).map(|raster| {
             let jobs: Vec<RasterJob<'_>> = views.iter().zip(&drawn).map(|(view, drawn)| RasterJob::new(view, drawn)).collect();
-            let plan = raster.upload(&self.gpu, &jobs);
+            let n_instances = drawn.iter().map(|drawn| drawn.instances.len()).sum();
+            let plan = raster.upload(&self.gpu, &jobs, self.pass.room_for_instances(&self.gpu, n_instances));
             views.iter_mut().zip(&plan.places).for_each(|(view, place)| view.raster[..3].copy_from_slice(&place.words()));
             plan
         });
