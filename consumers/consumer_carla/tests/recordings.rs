@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use consumer_carla::axes::Transform;
 use consumer_carla::fields::{Attribute, Description};
-use consumer_carla::recorder::file::{Born, Frame, Head, Light, Pedals, Recording};
+use consumer_carla::list;
+use consumer_carla::msgpack::{self, Limits, Value};
+use consumer_carla::recorder::extra::Extra;
+use consumer_carla::recorder::file::{Born, Frame, Head, Light, MAGIC, Pedals, Recording};
 use consumer_carla::recorder::report;
 
 fn who(type_id: &str, role: &str) -> Description {
@@ -35,6 +38,12 @@ fn drive() -> Recording {
         gaits: BTreeMap::from([(9, 1.25)]),
         lamps: BTreeMap::from([(7, 0b10), (8, 0)]),
         motions: BTreeMap::from([(7, [[2.0, 0.0, 0.0], [0.0, 0.0, -1.0]])]),
+        extra: Extra {
+            boxes: BTreeMap::from([(7, [[0.0, 0.0, 0.75], [2.4, 1.0, 0.75]])]),
+            triggers: BTreeMap::from([(3, [[-1.0, 2.0, 0.5], [1.5, 1.0, 0.5]])]),
+            light_times: BTreeMap::from([(3, [10.0, 3.0, 2.5])]),
+            platform_secs: Some(0.25 * f64::from(idx)),
+        },
     });
     Recording { head: Head { map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
 }
@@ -50,6 +59,22 @@ fn bytes(recording: &Recording) -> Vec<u8> {
 fn recordings_read_as_they_were_written() {
     let recording = drive();
     assert_eq!(Recording::read(&mut bytes(&recording).as_slice()).unwrap(), recording);
+}
+
+/// Version 2 had nothing behind the velocities.
+#[test]
+fn recordings_of_the_version_before_are_read() {
+    let mut recording = drive();
+    let mut old = Vec::new();
+    msgpack::write(&mut old, &list![MAGIC, 2u32, recording.head.map.as_str(), recording.head.date.as_str()]);
+    for frame in &mut recording.frames {
+        let mut bytes = Vec::new();
+        frame.write(&mut bytes);
+        let Ok(Value::Array(fields)) = msgpack::read(&mut bytes.as_slice(), Limits::default()) else { panic!("a frame is a list") };
+        msgpack::write(&mut old, &Value::Array(fields[..12].to_vec()));
+        frame.extra = Extra::default();
+    }
+    assert_eq!(Recording::read(&mut old.as_slice()).unwrap(), recording);
 }
 
 #[test]
@@ -92,7 +117,7 @@ fn foreign_and_broken_recordings_are_sentences() {
 fn texts_read_like_carlas() {
     let recording = drive();
     let info = report::info(&recording, false);
-    assert!(info.starts_with("Version: 2\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
+    assert!(info.starts_with("Version: 3\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
     assert!(info.contains(" Create 7: vehicle.tesla.model3 (1) at (0, -200, 50)\n  role_name = hero\n"));
     assert!(info.contains("Frame 3 at 1 seconds\n Collision id 0 between 7 (hero)  with 8\n Collision id 1 between 7 (hero)  with 0\n"));
     assert!(info.contains("Frame 4 at 1.5 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
@@ -106,6 +131,13 @@ fn texts_read_like_carlas() {
         "  Id: 7 LowBeam",
         "  Id: 8 None",
         "  Id: 7 linear_velocity: (200, 0, 0) angular_velocity: (0.0000, 0.0000, -1.0000)",
+        " Actor bounding boxes: 1",
+        "  Id: 7 origin: (0, 0, 75) extension: (240, 100, 75)",
+        " Actor trigger volumes: 1",
+        "  Id: 3 origin: (-100, 200, 50) extension: (150, 100, 50)",
+        " Current platform time: 0.75",
+        " Traffic Light time events: 1",
+        "  Id: 3 green_time: 10 yellow_time: 3 red_time: 2.5",
     ] {
         assert!(all.lines().any(|found| found == line), "{line}\n{all}");
     }

@@ -23,6 +23,7 @@ mod garden;
 mod geometry;
 mod greenery;
 mod ground;
+pub mod guide;
 pub mod imported;
 mod kerb;
 mod kit;

@@ -7,7 +7,7 @@ use sensor_core::{Mesh, SceneAssets};
 use crate::network::Network;
 use crate::object::{SceneryLamp, SceneryObject};
 use crate::plan::Plan;
-use crate::{furniture, motorway, open_drive, plan, scenery, sketch, spawn};
+use crate::{furniture, guide, motorway, open_drive, plan, scenery, sketch, spawn};
 
 /// Why there is no such town.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -98,10 +98,15 @@ impl Town {
         let plan = plan_of(short, seed).ok_or_else(|| TownError::Unknown { name: name.to_owned() })?;
         let network = Network::build(&plan);
         let scenery = scenery::build(&plan, &network, seed);
+        let open_drive = open_drive::write(&plan, &network);
+        let mut spawn_points = spawn::spawn_points(&network);
+        if short == "Town10HD" {
+            guide::number(&mut spawn_points, &open_drive);
+        }
         Ok(Town {
             name: short.to_owned(),
-            open_drive: open_drive::write(&plan, &network),
-            spawn_points: spawn::spawn_points(&network),
+            open_drive,
+            spawn_points,
             assets: scenery.assets,
             objects: scenery.objects,
             lamps: scenery.lamps,

@@ -96,6 +96,22 @@ def numbers(text):
     return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text)]
 
 
+def check_additional(client, hero, lines):
+    """Boxes and trigger volumes are those that the client knows, in centimetres; the machine's clock goes on."""
+    world = client.get_world()
+    boxed = {int(numbers(line)[0]): numbers(line)[1:] for line in lines if " origin: (" in line}
+    lights = list(world.get_actors().filter("traffic.traffic_light"))
+    for actor, box in [(hero, hero.bounding_box)] + [(light, light.trigger_volume) for light in lights]:
+        wanted = [100.0 * metres for vector in (box.location, box.extent) for metres in (vector.x, vector.y, vector.z)]
+        assert max(abs(a - b) for a, b in zip(boxed[actor.id], wanted)) < 0.1, (actor.type_id, boxed[actor.id], wanted)
+    timed = {int(numbers(line)[0]): numbers(line)[1:] for line in lines if " green_time: " in line}
+    for light in lights:
+        wanted = [light.get_green_time(), light.get_yellow_time(), light.get_red_time()]
+        assert max(abs(a - b) for a, b in zip(timed[light.id], wanted)) < 1e-3, (timed[light.id], wanted)
+    clock = [float(line.split()[-1]) for line in lines if line.startswith(" Current platform time: ")]
+    assert len(clock) >= N_STEPS and clock == sorted(clock) and clock[-1] > clock[0], (len(clock), clock[:3])
+
+
 def check_text(client, hero, gnss, walker, track):
     """Every line of the whole text is one of the documented ones, and the numbers are those that the client saw: centimetres, roll first."""
     lines = client.show_recorder_file_info("replay_test.log", True).splitlines()
@@ -118,6 +134,11 @@ def check_text(client, hero, gnss, walker, track):
         r"  Id: \d+ (?:None|[A-Z][A-Za-z0-9 ]+)",
         r" Dynamic actors: \d+",
         r"  Id: \d+ linear_velocity: \(\S+, \S+, \S+\) angular_velocity: \(\S+, \S+, \S+\)",
+        r" Actor (?:bounding boxes|trigger volumes): \d+",
+        r"  Id: \d+ origin: \(\S+, \S+, \S+\) extension: \(\S+, \S+, \S+\)",
+        r" Current platform time: [\d.]+",
+        r" Traffic Light time events: \d+",
+        r"  Id: \d+ green_time: \S+ yellow_time: \S+ red_time: \S+",
         r"Frames: \d+",
         r"Duration: [\d.]+ seconds",
         r"",
@@ -145,6 +166,7 @@ def check_text(client, hero, gnss, walker, track):
     print(f"text: places within {worst_m:.4f} m, velocities within {worst_mps:.4f} m/s of what the client saw")
     assert worst_m < 2e-3 and worst_mps < 2e-3 and n_lit >= 45 and n_walked > 50, (worst_m, worst_mps, n_lit, n_walked)
     whole = "\n".join(lines)
+    check_additional(client, hero, lines)
     assert f" Parenting {gnss.id} with {hero.id} (parent)" in whole and f" Create {gnss.id}: sensor.other.gnss (0) at" in whole
     assert f" Create {hero.id}: vehicle.tesla.model3 (1) at" in whole and f" Create {walker.id}: walker.pedestrian.0005 (2) at" in whole
     without = client.show_recorder_file_info("replay_test.log", False)

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
+use super::extra::Extra;
 use crate::axes::Transform;
 use crate::fields::{Description, Fields, Wrong};
 use crate::list;
@@ -14,7 +15,9 @@ use crate::msgpack::{self, DecodeError, Limits, Value};
 /// First field of the head.
 pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
 /// Version of the format; CARLA's texts call it "Version".
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
+/// Oldest version that is read: without the fields of [`Extra`].
+const OLDEST: u32 = 2;
 /// Longest recording that is read, frames: a day at 100 Hz.
 const MAX_FRAMES: usize = 8_640_000;
 /// Largest file that is read, bytes.
@@ -98,6 +101,8 @@ pub struct Frame {
     pub lamps: BTreeMap<u32, u32>,
     /// Velocities, if they were asked for.
     pub motions: BTreeMap<u32, Motion>,
+    /// More, if it was asked for.
+    pub extra: Extra,
 }
 
 /// A recording that was read.
@@ -147,10 +152,12 @@ impl Frame {
             self.lamps.iter().map(|(id, bits)| list![*id, *bits]).collect::<Vec<_>>(),
             self.motions.iter().map(motion).collect::<Vec<_>>(),
         ];
-        msgpack::write(out, &frame);
+        let Value::Array(mut fields) = frame else { return };
+        fields.extend(self.extra.values());
+        msgpack::write(out, &Value::Array(fields));
     }
 
-    fn read(fields: &mut Fields<'_>) -> Result<Frame, Wrong> {
+    fn read(fields: &mut Fields<'_>, version: u32) -> Result<Frame, Wrong> {
         let mut frame = Frame { tick: fields.uint(u64::MAX)?, elapsed_secs: fields.f64()?, delta_secs: fields.f64()?, ..Frame::default() };
         for mut born in each(fields, "an actor")? {
             let (id, parent, description) = (born.u32()?, born.u32()?, born.description()?);
@@ -188,12 +195,15 @@ impl Frame {
             let mut three = || Ok::<_, Wrong>([motion.f64()?, motion.f64()?, motion.f64()?]);
             frame.motions.insert(id, [three()?, three()?]);
         }
+        if version > OLDEST {
+            frame.extra = Extra::read(fields)?;
+        }
         Ok(frame)
     }
 }
 
 /// The fields of every item of a list.
-fn each<'v>(fields: &mut Fields<'v>, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
+pub(super) fn each<'v>(fields: &mut Fields<'v>, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
     let items = fields.list()?;
     let mut all = Fields::new(what, items);
     items.iter().map(|_| all.fields(what)).collect()
@@ -231,14 +241,14 @@ impl Recording {
             return Err(foreign());
         }
         let version = fields.u32()?;
-        if version != VERSION {
-            return Err(format!("its format is version {version}, but this program reads version {VERSION}"));
+        if !(OLDEST..=VERSION).contains(&version) {
+            return Err(format!("its format is version {version}, but this program reads versions {OLDEST} to {VERSION}"));
         }
         let head = Head { map: fields.text()?.to_owned(), date: fields.text()?.to_owned() };
         let mut frames: Vec<Frame> = Vec::new();
         loop {
             match msgpack::read(reader, Limits::default()) {
-                Ok(Value::Array(items)) => frames.push(Frame::read(&mut Fields::new("a frame", &items))?),
+                Ok(Value::Array(items)) => frames.push(Frame::read(&mut Fields::new("a frame", &items), version)?),
                 Ok(other) => return Err(format!("a frame is {}, but must be a list", other.kind())),
                 Err(DecodeError::Closed | DecodeError::Io(_)) => break,
                 Err(error) => return Err(error.to_string()),

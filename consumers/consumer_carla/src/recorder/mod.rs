@@ -3,6 +3,7 @@
 //! A consumer's work altogether: it records what it reads on the bus and replays by commands that put actors where they were.
 //! The file is described in `docs/carla-recorder.md`.
 
+pub mod extra;
 pub mod file;
 pub mod replay;
 pub mod report;

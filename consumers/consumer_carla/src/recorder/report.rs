@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use super::file::{Frame, Light, Pedals, Recording, VERSION};
 use crate::fields::Description;
 
-const ROOM: &str = "a text always has room";
+pub(super) const ROOM: &str = "a text always has room";
 
 fn opening(recording: &Recording) -> String {
     format!("Version: {VERSION}\nMap: {}\nDate: {}\n\n", recording.head.map, recording.head.date)
@@ -17,7 +17,7 @@ fn closing(out: &mut String, recording: &Recording) {
 }
 
 /// CARLA's texts give places in centimetres.
-fn centimetres(location_m: [f64; 3]) -> String {
+pub(super) fn centimetres(location_m: [f64; 3]) -> String {
     let [x, y, z] = location_m.map(|metres| (metres * 1e3).round() / 10.0 + 0.0);
     format!("({x}, {y}, {z})")
 }
@@ -67,7 +67,7 @@ pub fn info(recording: &Recording, all: bool) -> String {
 }
 
 /// To a microsecond, without the noise of binary fractions.
-fn round(secs: f64) -> f64 {
+pub(super) fn round(secs: f64) -> f64 {
     (secs * 1e6).round() / 1e6
 }
 
@@ -104,6 +104,7 @@ fn details(out: &mut String, frame: &Frame) {
         let velocity = centimetres(*velocity_mps);
         writeln!(out, "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})").expect(ROOM);
     }
+    frame.extra.tell(out);
 }
 
 /// Names of vehicles' lamps by their bits.

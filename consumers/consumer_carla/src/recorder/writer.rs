@@ -1,10 +1,10 @@
 //! Writes a recording, one frame per snapshot.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use consumer_kit::WorldAt;
 use schema_frames::{ActorKind, ActorRecord};
@@ -28,6 +28,8 @@ pub struct Writer {
     touching: BTreeSet<(u32, u32)>,
     last_tick: u64,
     elapsed_nanos: u64,
+    began: Instant,
+    light_times: BTreeMap<u32, [f32; 3]>,
 }
 
 /// Actors whose place can change. Sensors on an actor go where that goes.
@@ -40,7 +42,7 @@ fn can_move(record: &ActorRecord) -> bool {
 }
 
 impl Writer {
-    /// Makes the file; velocities go into it on demand.
+    /// Makes the file; additional data go into it on demand.
     ///
     /// # Errors
     /// A sentence if it cannot be made.
@@ -52,7 +54,17 @@ impl Writer {
         let mut head = Vec::new();
         Head { map, date: date(SystemTime::now()) }.write(&mut head);
         file.write_all(&head).map_err(cannot)?;
-        Ok(Writer { file, with_motion, episode: None, alive: BTreeSet::new(), touching: BTreeSet::new(), last_tick: 0, elapsed_nanos: 0 })
+        Ok(Writer {
+            file,
+            with_motion,
+            episode: None,
+            alive: BTreeSet::new(),
+            touching: BTreeSet::new(),
+            last_tick: 0,
+            elapsed_nanos: 0,
+            began: Instant::now(),
+            light_times: BTreeMap::new(),
+        })
     }
 
     /// Writes a frame.
@@ -112,6 +124,9 @@ impl Writer {
                 let light = Light { state: part.state.min(4) as u8, frozen: part.flags & 1 != 0, elapsed_secs: part.elapsed_secs };
                 frame.lights.insert(record.id, light);
             }
+            if self.with_motion {
+                self.add_extra(&mut frame, record, known);
+            }
             if self.with_motion && can_move(record) {
                 let turning_deg = axes::angular_velocity_deg(record.angular_velocity_in_world_radps);
                 frame.motions.insert(record.id, [axes::mirror(record.velocity_in_world_mps), turning_deg]);
@@ -119,8 +134,21 @@ impl Writer {
         }
         let touching = touching(snapshot);
         frame.collisions = touching.difference(&self.touching).copied().collect();
+        frame.extra.platform_secs = self.with_motion.then(|| self.began.elapsed().as_secs_f64());
         (self.alive, self.touching) = (now, touching);
         frame
+    }
+
+    fn add_extra(&mut self, frame: &mut Frame, record: &ActorRecord, known: &Known) {
+        if !self.alive.contains(&record.id) {
+            frame.extra.note(known, record);
+        }
+        if let Some(part) = record.traffic_light() {
+            let times = [part.green_secs, part.yellow_secs, part.red_secs];
+            if self.light_times.insert(record.id, times) != Some(times) {
+                frame.extra.light_times.insert(record.id, times);
+            }
+        }
     }
 }
 

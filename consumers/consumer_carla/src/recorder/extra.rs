@@ -1,0 +1,94 @@
+//! What a recording has beside motion when it was started with `additional_data`.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use schema_frames::{ActorRecord, BodyBox};
+
+use super::file::each;
+use super::report::{ROOM, centimetres, round};
+use crate::axes;
+use crate::fields::{Fields, Wrong};
+use crate::list;
+use crate::msgpack::Value;
+use crate::world::Known;
+
+/// Middle and half sizes of a box in its actor's axes, metres.
+pub type ActorBox = [[f64; 3]; 2];
+
+/// One tick's share.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Extra {
+    /// Boxes of vehicles and walkers that came.
+    pub boxes: BTreeMap<u32, ActorBox>,
+    /// Trigger volumes of lights and signs that came.
+    pub triggers: BTreeMap<u32, ActorBox>,
+    /// Green, yellow and red times of lights that came or were set, seconds.
+    pub light_times: BTreeMap<u32, [f32; 3]>,
+    /// Seconds of the machine's clock since the recording began; `None` without additional data.
+    pub platform_secs: Option<f64>,
+}
+
+fn actor_box(body: &BodyBox) -> ActorBox {
+    [axes::mirror(body.centre_m).map(|metres| f64::from(metres) + 0.0), body.half_m.map(f64::from)]
+}
+
+impl Extra {
+    /// Notes an actor that came.
+    pub fn note(&mut self, known: &Known, record: &ActorRecord) {
+        let Some(info) = known.actors.get(&record.id) else { return };
+        if record.vehicle().is_some() || record.walker().is_some() {
+            self.boxes.insert(record.id, actor_box(&info.body_box));
+        }
+        if let Some(trigger) = &info.trigger_box {
+            self.triggers.insert(record.id, actor_box(&axes::sign_box(trigger)));
+        }
+    }
+
+    /// The fields behind the others of a frame.
+    pub fn values(&self) -> [Value; 4] {
+        let boxes = |boxes: &BTreeMap<u32, ActorBox>| {
+            Value::Array(boxes.iter().map(|(id, [o, h])| list![*id, o[0], o[1], o[2], h[0], h[1], h[2]]).collect())
+        };
+        let times = self.light_times.iter().map(|(id, [green, yellow, red])| list![*id, *green, *yellow, *red]);
+        let platform = self.platform_secs.map_or(list![false], |secs| list![true, secs]);
+        [boxes(&self.boxes), boxes(&self.triggers), Value::Array(times.collect()), platform]
+    }
+
+    /// Reads them.
+    pub(super) fn read(fields: &mut Fields<'_>) -> Result<Extra, Wrong> {
+        let boxes = read_boxes(fields, "a box")?;
+        let triggers = read_boxes(fields, "a trigger volume")?;
+        let mut light_times = BTreeMap::new();
+        for mut light in each(fields, "times of a light")? {
+            light_times.insert(light.u32()?, [light.f32()?, light.f32()?, light.f32()?]);
+        }
+        Ok(Extra { boxes, triggers, light_times, platform_secs: fields.optional_f64()? })
+    }
+
+    /// CARLA's lines about it.
+    pub(super) fn tell(&self, out: &mut String) {
+        let Some(platform_secs) = self.platform_secs else { return };
+        for (title, boxes) in [("bounding boxes", &self.boxes), ("trigger volumes", &self.triggers)] {
+            writeln!(out, " Actor {title}: {}", boxes.len()).expect(ROOM);
+            for (id, [origin_m, half_m]) in boxes {
+                writeln!(out, "  Id: {id} origin: {} extension: {}", centimetres(*origin_m), centimetres(*half_m)).expect(ROOM);
+            }
+        }
+        writeln!(out, " Current platform time: {}", round(platform_secs)).expect(ROOM);
+        writeln!(out, " Traffic Light time events: {}", self.light_times.len()).expect(ROOM);
+        for (id, [green, yellow, red]) in &self.light_times {
+            writeln!(out, "  Id: {id} green_time: {green} yellow_time: {yellow} red_time: {red}").expect(ROOM);
+        }
+    }
+}
+
+fn read_boxes(fields: &mut Fields<'_>, what: &'static str) -> Result<BTreeMap<u32, ActorBox>, Wrong> {
+    let mut boxes = BTreeMap::new();
+    for mut one in each(fields, what)? {
+        let id = one.u32()?;
+        let mut three = || Ok::<_, Wrong>([one.f64()?, one.f64()?, one.f64()?]);
+        boxes.insert(id, [three()?, three()?]);
+    }
+    Ok(boxes)
+}
