@@ -1,16 +1,19 @@
 //! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
 //!
-//! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `peer` (default: all but `peer`, which needs `ply=FILE`).
+//! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
 //! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
 //! `driving=0|1` (vehicles drive from frame to frame).
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::Instant;
 
 use nalgebra::Isometry3;
 use schema_frames::{Modality, VehicleControl};
-use sensor_camera::Quality;
-use sensor_core::Scene;
+use schema_types::ObjectId;
+use sensor_camera::{CameraRenderer, Quality};
+use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::Intrinsics;
 use test_render::{Cameras, Figures, Stage, peer, weathers};
@@ -51,8 +54,8 @@ fn options() -> Result<Options, String> {
     };
     for word in std::env::args().skip(1) {
         let Some((key, value)) = word.split_once('=') else {
-            if !ROWS.contains(&word.as_str()) && word != "peer" {
-                return Err(format!("row {word:?} does not exist; rows are {}, peer", ROWS.join(", ")));
+            if !ROWS.contains(&word.as_str()) && !["peer", "hide"].contains(&word.as_str()) {
+                return Err(format!("row {word:?} does not exist; rows are {}, hide, peer", ROWS.join(", ")));
             }
             options.rows.push(word);
             continue;
@@ -154,7 +157,32 @@ impl Bench {
                 let all = self.town("64 rgb cameras 256x256, 64 places", [256, 256], &[&[Modality::Rgb][..]; 64], pose);
                 println!("  images per second: {:.0}", 64e3 / all.mean_ms);
             }
+            "hide" => self.hide(),
             _ => self.peer(),
+        }
+    }
+
+    /// Objects that are hidden, and their scenery as if it were another map's.
+    fn hide(&self) {
+        let whole = &self.scene.assets;
+        let ids = whole.meshes.iter().flat_map(|mesh| &mesh.vertices).map(|vertex| vertex.object_id);
+        let objects: BTreeSet<ObjectId> = ids.filter(|id| *id != 0).map(ObjectId).collect();
+        let mut renderer = CameraRenderer::new(&self.gpu, self.quality);
+        for (name, step) in [("one object", objects.len()), ("every tenth object", 10)] {
+            let hidden: BTreeSet<ObjectId> = objects.iter().step_by(step).copied().collect();
+            let mut best = [(f64::INFINITY, 0); 2];
+            for _ in 0..5 {
+                let less = whole.without(&hidden);
+                let anew = SceneAssets { episode: whole.episode + 1, ..less.clone() };
+                for (best, assets) in best.iter_mut().zip([anew, less]) {
+                    renderer.load(whole);
+                    let begin = Instant::now();
+                    let n_bytes = renderer.load(&Arc::new(assets));
+                    *best = (best.0.min(begin.elapsed().as_secs_f64() * 1e3), n_bytes);
+                }
+            }
+            let [(whole_ms, whole_bytes), (ms, n_bytes)] = best;
+            println!("hide {name:20} all uploaded {whole_ms:8.3} ms, {whole_bytes} bytes; what changed {ms:8.3} ms, {n_bytes} bytes");
         }
     }
 
