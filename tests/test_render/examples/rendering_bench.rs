@@ -164,7 +164,7 @@ impl Bench {
 
     /// Objects that are hidden, and their scenery as if it were another map's.
     fn hide(&self) {
-        let whole = &self.scene.assets;
+        let whole = &self.scenes[0].assets;
         let ids = whole.meshes.iter().flat_map(|mesh| &mesh.vertices).map(|vertex| vertex.object_id);
         let objects: BTreeSet<ObjectId> = ids.filter(|id| *id != 0).map(ObjectId).collect();
         let mut renderer = CameraRenderer::new(&self.gpu, self.quality);
