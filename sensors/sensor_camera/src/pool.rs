@@ -66,3 +66,34 @@ impl TargetPool {
         targets
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sensor_gpu::GpuOptions;
+
+    /// Views of equal size share textures while one of them lives; more of them get larger ones, and what nobody holds is gone.
+    #[test]
+    fn targets_live_as_long_as_a_view_that_was_drawn_into_them() {
+        let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"));
+        let mut pool = TargetPool::default();
+        let key = |size_px| PoolKey { size_px, set: Target::Depth.bit(), part: 0 };
+        let first = pool.take(&gpu, key([16, 16]), 3);
+        assert_eq!(first.n_layers(), 3);
+        assert!(Arc::ptr_eq(&first, &pool.take(&gpu, key([16, 16]), 2)));
+        let second = pool.take(&gpu, key([16, 16]), 5);
+        assert_eq!(second.n_layers(), 5);
+        assert!(Arc::ptr_eq(&second, &pool.take(&gpu, key([16, 16]), 3)));
+        drop((first, second));
+        for side in 1..200 {
+            drop(pool.take(&gpu, key([side, side]), 1));
+            assert_eq!(pool.entries.len(), 1, "what nobody holds is kept");
+        }
+        // Ten places of which one is used shrink after a while.
+        let mut held = pool.take(&gpu, key([16, 16]), 10);
+        for _ in 0..MAX_HALF_EMPTY {
+            held = pool.take(&gpu, key([16, 16]), 1);
+        }
+        assert_eq!(held.n_layers(), 1);
+    }
+}
