@@ -96,14 +96,16 @@ fn beam_of(class: Class, bit: u8, in_front: bool) -> Beam {
     let is_vehicle = [Class::CAR, Class::TRUCK, Class::BUS, Class::MOTORCYCLE, Class::BICYCLE].contains(&class);
     match (class, bit) {
         (Class::TRAFFIC_LIGHT, _) => beam([1.0, 0.0, -0.1], 120.0, 30.0, 85.0, 8.0),
-        (_, 1) if is_vehicle => beam([ahead, 0.0, -0.06], 7000.0, 4.0, 28.0, 60.0),
-        (_, 2) if is_vehicle => beam([ahead, 0.0, -0.01], 20_000.0, 4.0, 18.0, 110.0),
+        (_, 1) if is_vehicle => beam([ahead, 0.0, -0.035], 16_000.0, 2.0, 21.0, 80.0),
+        (_, 2) if is_vehicle => beam([ahead, 0.0, -0.005], 32_000.0, 2.0, 16.0, 130.0),
         (_, 3) if is_vehicle => beam([ahead, 0.0, -0.1], 60.0, 20.0, 85.0, 9.0),
         (_, 4 | 5) if is_vehicle => beam([ahead, 0.0, -0.1], 120.0, 20.0, 85.0, 8.0),
         (_, 6) if is_vehicle => beam([ahead, 0.0, -0.2], 300.0, 20.0, 80.0, 12.0),
         (_, 7) if is_vehicle => beam([ahead, 0.0, -0.15], 2000.0, 20.0, 60.0, 20.0),
         _ if is_vehicle => beam([ahead, 0.0, -0.2], 12.0, 20.0, 85.0, 4.0),
         (Class::POLES, _) => beam([0.0, 0.0, -1.0], 2600.0, 35.0, 82.0, 32.0),
+        // 3000 lm from a ceiling, evenly over all directions below.
+        (Class::BUILDINGS, _) => beam([0.0, 0.0, -1.0], 950.0, 45.0, 85.0, 18.0),
         _ => beam([0.0, 0.0, -1.0], 500.0, 45.0, 85.0, 14.0),
     }
 }

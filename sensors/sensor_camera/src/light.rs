@@ -114,7 +114,7 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     let twilight = (altitude_deg.min(0.0) * 0.9).exp();
     let clear_klx = (0.8 + 15.5 * towards.z.max(0.0).sqrt()) * twilight;
     let night_ratio = smoothstep(5.0, -4.0, altitude_deg);
-    let night_klx = [0.000_30, 0.000_42, 0.000_80].map(|x| x * night_ratio);
+    let night_klx = [0.000_45, 0.000_64, 0.001_15].map(|x| x * night_ratio);
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let dust_ratio = (weather.dust_storm / 100.0).clamp(0.0, 1.0);
     let hidden = 4.0 * fog_ratio * fog_ratio + 3.0 * dust_ratio * dust_ratio;
@@ -137,6 +137,33 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     (look, Exposed { exposure: white * std::f32::consts::PI / total_klx, sun_share, night_ratio })
 }
 
+/// Light of a moon opposite the sun, in units of the display, without shadows of its own: what it gives to every surface, and how that grows
+/// towards it.
+///
+/// It is some forty times a true full moon's, as in the long exposures of photographers: roads without lamps can then be read in pictures that
+/// are exposed for streets with lamps, and are still a fifth as bright as those.
+struct Moonlight {
+    towards: Vector3<f32>,
+    constant_rgb: [f32; 3],
+    slope_rgb: [f32; 3],
+}
+
+/// Irradiance of a surface that faces the moon in a clear night.
+const MOON_RGB: [f32; 3] = [0.80, 0.94, 1.25];
+
+impl Moonlight {
+    fn of(look: &SkyLook) -> Moonlight {
+        let rise = smoothstep(0.0, 0.1, -look.sun_towards.z);
+        // Clouds take its direction first.
+        let direct = 1.0 - 0.9 * smoothstep(0.4, 0.95, look.clouds_ratio);
+        Moonlight {
+            towards: -look.sun_towards,
+            constant_rgb: MOON_RGB.map(|x| 0.32 * x * rise * (0.6 + 0.4 * direct)),
+            slope_rgb: MOON_RGB.map(|x| 0.42 * x * rise * direct),
+        }
+    }
+}
+
 fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap) -> LightData {
     let mut coarse = map.clone();
     while coarse.side_px > 32 {
@@ -153,11 +180,21 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         // Houses and trees throw back light of every colour: streets are less blue than the sky, and less dark.
         std::array::from_fn::<f32, 3, _>(|c| 1.65 * (sky[c] + 0.85 * (grey - sky[c])) + ground[c] * below)
     };
-    let pairs = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| (facing(axis), facing(-axis)));
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let pairs = axes.map(|axis| (facing(axis), facing(-axis)));
+    let moon = Moonlight::of(look);
     // What lamps and windows throw back from street to street.
-    let town = [1.0, 0.84, 0.64].map(|c: f32| c * 0.16 * exposed.night_ratio);
-    let constant: [f32; 3] = std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0 + town[c]);
-    let slopes = pairs.map(|(a, b)| pad(std::array::from_fn(|c| 0.5 * (a[c] - b[c])), 0.0));
+    let town = [1.0, 0.84, 0.64].map(|c: f32| c * 0.12 * exposed.night_ratio);
+    let constant: [f32; 3] =
+        std::array::from_fn(|c| pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0 + town[c] + moon.constant_rgb[c]);
+    let slopes: [[f32; 4]; 3] = std::array::from_fn(|i| {
+        let ((a, b), along) = (pairs[i], moon.towards.dot(&axes[i]));
+        pad(std::array::from_fn(|c| 0.5 * (a[c] - b[c]) + moon.slope_rgb[c] * along), 0.0)
+    });
+    // Low quality's mirrors show the zenith as a share of what falls on level ground: not the moon's and the lamps' part.
+    let level = luminance(std::array::from_fn(|c| constant[c] + slopes[2][c])).max(1e-9);
+    let others = luminance(std::array::from_fn(|c| town[c] + moon.constant_rgb[c] + moon.slope_rgb[c] * moon.towards.z));
+    let zenith_ratio = 0.22 * (1.0 - others / level).clamp(0.0, 1.0);
     let horizon = coarse.horizon();
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let dust_ratio = (weather.dust_storm / 100.0).clamp(0.0, 1.0);
@@ -184,7 +221,7 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     LightData {
         sun_towards: [towards.x, towards.y, towards.z, DISC_COSINE],
         sun_rgb: pad(sun_rgb, DISC_GAIN),
-        ambient_rgb: pad(constant, 0.0),
+        ambient_rgb: pad(constant, zenith_ratio),
         ambient_slope_rgb: slopes,
         fog_rgb: pad(std::array::from_fn(|c| fog_rgb[c] + glow[c]), 0.0),
         air: [exposed.night_ratio, weather.fog_distance_m.max(0.0) * (1.0 - dusty), wet, exposed.night_ratio],

@@ -161,7 +161,7 @@ fn radiance(look: &SkyLook, clear: &ClearSky, direction: Vector3<f32>) -> [f32; 
     let body = 0.55 - 0.3 * cover * cover * look.clouds_ratio.max(0.45) + rim * 0.4;
     let tint: [f32; 3] = std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
     let starlight = if look.night_klx[0] > 0.0 { star(direction) * (1.0 - cover) * smoothstep(0.02, 0.25, direction.z) } else { 0.0 };
-    let (moon, haze) = (moon(look, direction) * (1.0 - 0.92 * cover), aureole(look, direction));
+    let (moon, haze) = (moon(look, direction) * (1.0 - 0.97 * cover), aureole(look, direction));
     std::array::from_fn(|c| {
         let white = day_klx * body / PI * tint[c] * (1.0 + (overcast - 1.0) * look.clouds_ratio);
         let air = blue[c] * molecules(c, look.rayleigh_ratio) + haze * look.sun_klx[c];
@@ -197,7 +197,7 @@ fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     }
     let away_deg = direction.angle(&-look.sun_towards).to_degrees();
     let rise = smoothstep(0.0, 0.1, -look.sun_towards.z);
-    (0.09 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
+    (0.105 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
 }
 
 /// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of cells, few of them bright.

@@ -75,7 +75,7 @@ pub struct LightData {
     pub sun_towards: [f32; 4],
     /// Irradiance of a surface facing the sun, R G B; w is the disc's radiance divided by it.
     pub sun_rgb: [f32; 4],
-    /// Irradiance from sky and ground, constant term; w unused.
+    /// Irradiance from sky and ground, constant term; w is the zenith's radiance over what falls on level ground.
     pub ambient_rgb: [f32; 4],
     /// Its change along world x, y, z.
     pub ambient_slope_rgb: [[f32; 4]; 3],

@@ -114,7 +114,8 @@ fn lot_at(at: &impl Fn(f64) -> P2, (from, to): (f64, f64), depth: f64, back_m: f
     Some(Lot { footprint_m: [a, b, b + inward * depth, a + inward * depth] })
 }
 
-fn fits(lot: &Lot, ring: &Ring) -> bool {
+/// Whether a lot lies within its block.
+pub fn fits(lot: &Lot, ring: &Ring) -> bool {
     let inside = |p: P2| contains(&ring.back_m, p) != ring.outside;
     let corners = &lot.footprint_m;
     let middle = corners.iter().sum::<P2>() / 4.0;
@@ -126,7 +127,8 @@ fn fits(lot: &Lot, ring: &Ring) -> bool {
     }) && !ring.back_m.iter().any(|&p| contains(corners, p + (p - middle).normalize() * 0.05))
 }
 
-fn overlap(a: &Lot, b: &Lot) -> bool {
+/// Whether two lots have ground in common.
+pub fn overlap(a: &Lot, b: &Lot) -> bool {
     let separated = |p: &[P2; 4], q: &[P2; 4]| {
         (0..4).any(|i| {
             let edge = p[(i + 1) % 4] - p[i];

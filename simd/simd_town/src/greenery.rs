@@ -4,59 +4,108 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
+use crate::leaves::{Clump, crown, far, foliage, near};
 use crate::random::Random;
 use crate::vehicle::loft::{spike, tube};
 
-const LEAVES: [[u8; 3]; 6] = [[78, 110, 48], [92, 122, 54], [66, 98, 46], [104, 128, 60], [84, 104, 44], [120, 126, 58]];
-/// Number of kinds of trees.
-pub const N_KINDS: usize = LEAVES.len();
+/// How a kind of broad-leaved tree grows.
+struct Species {
+    height_m: f32,
+    /// Half width of the crown.
+    reach_m: f32,
+    /// Share of the height below the crown.
+    bare_ratio: f32,
+    /// Clumps of leaves, and their half width over the crown's.
+    n_clumps: usize,
+    clump_ratio: f32,
+    leaves: [u8; 3],
+    bark: [u8; 3],
+}
 
-/// A tree of this kind, standing on its origin, 6 to 9 m high.
+const fn species(height_m: f32, reach_m: f32, bare_ratio: f32, clumps: (usize, f32), leaves: [u8; 3], bark: [u8; 3]) -> Species {
+    Species { height_m, reach_m, bare_ratio, n_clumps: clumps.0, clump_ratio: clumps.1, leaves, bark }
+}
+
+/// Lime, plane, oak, birch, hornbeam, maple, cherry, a younger lime.
+const SPECIES: [Species; N_KINDS] = [
+    species(8.2, 2.2, 0.36, (8, 0.50), [80, 112, 46], [92, 76, 60]),
+    species(9.0, 2.7, 0.40, (9, 0.46), [100, 124, 58], [126, 116, 94]),
+    species(8.4, 3.0, 0.34, (10, 0.42), [66, 96, 42], [80, 66, 52]),
+    species(9.4, 1.6, 0.30, (7, 0.62), [112, 134, 62], [208, 204, 194]),
+    species(8.8, 1.35, 0.26, (6, 0.72), [84, 108, 44], [104, 92, 74]),
+    species(7.4, 2.2, 0.38, (8, 0.50), [112, 122, 52], [92, 78, 62]),
+    species(6.0, 1.9, 0.36, (7, 0.52), [92, 120, 60], [96, 66, 56]),
+    species(6.8, 1.8, 0.36, (7, 0.54), [88, 118, 50], [98, 82, 64]),
+];
+/// Number of kinds of trees.
+pub const N_KINDS: usize = 8;
+
+/// Stream of random numbers.
+const TREE: u64 = 0x7ee;
+
+/// A tree of this kind, standing on its origin, 6 to 10 m high.
 pub fn tree(kind: usize) -> Mesh {
-    let mut random = Random::new(0x7ee, kind as u64, 0);
+    let species = &SPECIES[kind];
+    let mut random = Random::new(TREE, kind as u64, 0);
     let mut builder = MeshBuilder::new(format!("tree {kind}"));
-    let height = random.between(6.2, 9.0) as f32;
-    let crown = random.between(1.7, 2.4) as f32;
-    let clumps: Vec<([f32; 3], f32)> = (0..7)
-        .map(|i| {
-            let a = std::f32::consts::TAU * i as f32 / 6.0 + random.between(-0.3, 0.3) as f32;
-            let (away, z) =
-                if i == 6 { (0.0, height - crown * 0.75) } else { (crown * 0.62, height * 0.52 + random.between(0.0, 1.5) as f32) };
-            ([away * a.cos(), away * a.sin(), z], crown * random.between(0.62, 0.82) as f32)
-        })
-        .collect();
-    let bark = Surface::new(Class::VEGETATION, Material::Bark, [92, 76, 60]);
-    let split = height * 0.42;
-    for (level, until_m) in [(0, 18.0), (1, 52.0), (2, 120.0), (3, 600.0)] {
-        match level {
-            0..=2 => tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.02, 0.03, split], 0.11), [8, 5, 3][level]),
-            _ => spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.2), [0.02, 0.03, split + 0.5]),
+    let clumps = clumps(species, &mut random);
+    let bark = Surface::new(Class::VEGETATION, Material::Bark, species.bark);
+    let (height, split) = (species.height_m, species.height_m * (species.bare_ratio + 0.05));
+    let half_z = 0.5 * height * (1.0 - species.bare_ratio);
+    let middle = [0.0, 0.0, height - half_z];
+    // From afar three clumps and one make the same outline.
+    let rough = |a: f32, away: f32, up: f32, k: f32| Clump {
+        middle: [away * species.reach_m * a.cos(), away * species.reach_m * a.sin(), middle[2] + up * half_z],
+        half: [k * species.reach_m, k * species.reach_m, (0.42 + 0.2 * k) * half_z],
+    };
+    let three = [rough(0.3, 0.32, -0.26, 0.68), rough(2.5, 0.30, 0.02, 0.66), rough(4.5, 0.22, 0.40, 0.58)];
+    let whole = [rough(0.0, 0.0, -0.04, 0.9)];
+    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 600.0)] {
+        let n = [8, 5, 3, 3][level];
+        if level < 3 {
+            tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.018 * height), ([0.03, 0.03, split], 0.013 * height), n);
+        } else {
+            spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.022 * height), [0.03, 0.03, split + 0.5]);
         }
-        if level == 0 {
-            for (centre, _) in &clumps {
-                tube(&mut builder, bark, ([0.02, 0.03, split - 0.05], 0.07), (*centre, 0.03), 4);
-            }
+        if level < 2 {
+            tube(&mut builder, bark, ([0.03, 0.03, split], 0.013 * height), ([0.0, 0.0, split + 0.8 * half_z], 0.03), n.min(5));
         }
-        let shade = |c: &([f32; 3], f32)| {
-            let k = 0.86 + 0.2 * (c.0[2] / height);
-            LEAVES[kind].map(|x| (f32::from(x) * k) as u8)
-        };
-        let leaves = |rgb| Surface::new(Class::VEGETATION, Material::Foliage, rgb);
         match level {
-            0 => clumps.iter().for_each(|c| blob(&mut builder, leaves(shade(c)), c.0, c.1, 1, kind as u64)),
-            1 => clumps.iter().step_by(2).for_each(|c| blob(&mut builder, leaves(shade(c)), c.0, c.1 * 1.2, 0, kind as u64)),
-            3 => {
-                let middle = [0.0, 0.0, 0.5 * (height * 0.42 + height)];
-                diamond(&mut builder, leaves(LEAVES[kind]), middle, [crown * 1.25, height * 0.36]);
+            0 => {
+                for clump in &clumps {
+                    tube(&mut builder, bark, ([0.03, 0.03, split - 0.15], 0.06), (clump.middle, 0.025), 3);
+                }
+                crown(&mut builder, &clumps, near(430), species.leaves, &mut random);
             }
-            _ => {
-                let middle = [0.0, 0.0, 0.5 * (height * 0.42 + height)];
-                blob(&mut builder, leaves(LEAVES[kind]), middle, crown * 1.2, 0, kind as u64);
-            }
+            1 => crown(&mut builder, &three, far(76), species.leaves, &mut random),
+            2 => crown(&mut builder, &whole, far(15), species.leaves, &mut random),
+            _ => diamond(&mut builder, foliage(species.leaves, 0.9), middle, [species.reach_m * 0.98, half_z]),
         }
         builder.end_level(until_m);
     }
     builder.finish()
+}
+
+/// The clumps of a crown: round the stem from below upwards, and one on top.
+fn clumps(species: &Species, random: &mut Random) -> Vec<Clump> {
+    let (reach, low) = (species.reach_m, species.height_m * species.bare_ratio);
+    let n = species.n_clumps - 1;
+    let mut draw = |low: f32, high: f32| random.between(f64::from(low), f64::from(high)) as f32;
+    let size = |k: f32| [k, k, 0.84 * k].map(|x| x * species.clump_ratio * reach);
+    let mut all: Vec<Clump> = (0..n)
+        .map(|i| {
+            let up = (i as f32 + 0.5) / n as f32;
+            let a = 2.399_963 * i as f32 + draw(-0.3, 0.3);
+            // Widest below the middle.
+            let away = reach * (1.0 - species.clump_ratio) * (1.0 - (1.35 * up - 0.45).powi(2)).max(0.1).sqrt() * draw(0.92, 1.08);
+            let half = size(draw(0.88, 1.12));
+            let span = species.height_m - low - 2.0 * half[2];
+            Clump { middle: [away * a.cos(), away * a.sin(), low + half[2] + 0.86 * up * span + draw(-0.15, 0.15)], half }
+        })
+        .collect();
+    let half = size(0.92);
+    all.push(Clump { middle: [draw(-0.2, 0.2), draw(-0.2, 0.2), species.height_m - half[2]], half });
+    all
 }
 
 /// An octahedron standing on its tip, [reach, half height], rounded by its normals.
@@ -72,123 +121,154 @@ fn diamond(builder: &mut MeshBuilder, surface: Surface, centre: [f32; 3], [reach
 }
 
 /// Number of kinds of conifers.
-pub const N_CONIFERS: usize = 2;
+pub const N_CONIFERS: usize = 3;
 
-/// A fir: cones of branches round a trunk.
+/// A fir, a young one, or a pine.
 pub fn conifer(kind: usize) -> Mesh {
     let mut builder = MeshBuilder::new(format!("conifer {kind}"));
-    let (height, reach) = [(10.5f32, 2.3f32), (8.0, 1.9)][kind % N_CONIFERS];
+    if kind % N_CONIFERS == 2 {
+        pine(&mut builder);
+        return builder.finish();
+    }
+    let mut random = Random::new(TREE, 100 + kind as u64, 0);
+    let (height, reach) = [(10.5f32, 2.3f32), (7.6, 1.8)][kind % N_CONIFERS];
     let bark = Surface::new(Class::VEGETATION, Material::Bark, [84, 66, 52]);
-    let needles = |k: f32| {
-        let rgb = [[48.0, 76.0, 46.0], [58.0, 84.0, 50.0]][kind % N_CONIFERS].map(|x: f32| (x * k) as u8);
-        Surface::new(Class::VEGETATION, Material::Foliage, rgb)
-    };
-    for (n, n_tiers, until_m) in [(9, 5, 22.0), (6, 3, 60.0), (5, 1, 140.0), (4, 1, 600.0)] {
-        if n > 4 {
-            tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), n.min(6));
+    let rgb = [[48, 76, 46], [58, 84, 50]][kind % N_CONIFERS];
+    for (n, n_tiers, until_m) in [(15, 8, 20.0), (9, 5, 55.0), (6, 2, 130.0), (4, 1, 600.0)] {
+        if n > 6 {
+            tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), 6);
         } else {
             spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.2), [0.0, 0.0, 0.3 * height]);
         }
         for tier in 0..n_tiers {
             let share = tier as f32 / n_tiers as f32;
-            let (low, radius) = (height * (0.14 + 0.8 * share), reach * (1.0 - 0.82 * share));
-            let top = if tier + 1 == n_tiers { height } else { low + 1.5 * height / n_tiers as f32 };
-            cone(&mut builder, needles(0.88 + 0.2 * share), low, top, radius, n, tier as f32 * 0.7);
+            let (low, radius) = (height * (0.10 + 0.84 * share), reach * (1.0 - 0.86 * share));
+            let top = if tier + 1 == n_tiers { height } else { low + (1.9 * height / n_tiers as f32).min(height - low) };
+            branches(&mut builder, (rgb, 0.84 + 0.24 * share), [low, top, radius], n, &mut random);
         }
         builder.end_level(until_m);
     }
     builder.finish()
 }
 
-/// A cone with a wavy rim, and its underside.
-fn cone(builder: &mut MeshBuilder, surface: Surface, low: f32, top: f32, radius: f32, n: usize, turn: f32) {
-    let rim = |k: usize| {
-        let a = std::f32::consts::TAU * (k % n) as f32 / n as f32 + turn;
-        let r = radius * if k.is_multiple_of(2) { 1.0 } else { 0.84 };
-        [r * a.cos(), r * a.sin(), low + if k.is_multiple_of(2) { 0.0 } else { 0.12 }]
+/// One whorl of drooping branches: a cone with a deeply cut rim, [rim, top, radius], and its dark underside.
+fn branches(builder: &mut MeshBuilder, (rgb, k): ([u8; 3], f32), [low, top, radius]: [f32; 3], n: usize, random: &mut Random) {
+    let turn = random.between(0.0, 6.0) as f32;
+    let rim: Vec<[f32; 3]> = (0..2 * n)
+        .map(|i| {
+            let a = std::f32::consts::TAU * (i as f32 + random.between(-0.22, 0.22) as f32) / (2 * n) as f32 + turn;
+            // Tips hang, and between two branches one sees the next whorl.
+            let (r, lift) = if i.is_multiple_of(2) { (random.between(0.86, 1.1) as f32, 0.0) } else { (0.66, 0.16) };
+            [radius * r * a.cos(), radius * r * a.sin(), low + lift * (top - low) + random.between(-0.06, 0.06) as f32]
+        })
+        .collect();
+    for i in 0..2 * n {
+        let (a, b) = (rim[i], rim[(i + 1) % (2 * n)]);
+        let light = if i.is_multiple_of(2) { 1.0 } else { 0.86 } * random.between(0.9, 1.1) as f32;
+        builder.triangle(foliage(rgb, k * light), [a, b, [0.0, 0.0, top]]);
+        if n > 6 {
+            builder.triangle(foliage(rgb, 0.55 * k), [b, a, [0.0, 0.0, low + 0.3 * (top - low)]]);
+        }
+    }
+}
+
+/// A pine: a bare stem under flat clouds of needles.
+fn pine(builder: &mut MeshBuilder) {
+    let mut random = Random::new(TREE, 102, 0);
+    let bark = Surface::new(Class::VEGETATION, Material::Bark, [122, 84, 62]);
+    let rgb = [70, 92, 54];
+    let clump = |a: f32, away: f32, z: f32, half: [f32; 2]| Clump {
+        middle: [away * a.cos(), away * a.sin(), z],
+        half: [half[0], half[0], half[1]],
     };
-    for k in 0..n {
-        builder.triangle(surface, [rim(k), rim(k + 1), [0.0, 0.0, top]]);
-        if n > 4 {
-            builder.triangle(surface, [rim(k + 1), rim(k), [0.0, 0.0, low + 0.35]]);
+    let clumps = [
+        clump(0.4, 1.1, 5.6, [1.1, 0.5]),
+        clump(2.6, 1.2, 6.5, [1.2, 0.55]),
+        clump(4.7, 1.0, 7.3, [1.15, 0.5]),
+        clump(1.3, 0.7, 8.0, [1.2, 0.55]),
+        clump(3.4, 0.5, 8.8, [1.1, 0.6]),
+    ];
+    let whole = [clump(0.0, 0.1, 7.3, [1.8, 2.0])];
+    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 600.0)] {
+        let n = [7, 5, 3, 3][level];
+        if level < 2 {
+            tube(builder, bark, ([0.0, 0.0, -0.05], 0.19), ([0.15, 0.1, 5.0], 0.13), n);
+            tube(builder, bark, ([0.15, 0.1, 5.0], 0.13), ([0.0, 0.0, 8.6], 0.05), n);
+        } else {
+            spike(builder, bark, ([0.0, 0.0, -0.05], 0.22), [0.1, 0.08, 7.5]);
+        }
+        match level {
+            0 => {
+                for clump in &clumps {
+                    tube(builder, bark, ([0.1, 0.05, clump.middle[2] - 0.7], 0.06), (clump.middle, 0.03), 3);
+                }
+                crown(builder, &clumps, near(380), rgb, &mut random);
+            }
+            1 => crown(builder, &clumps[1..4], far(66), rgb, &mut random),
+            2 => crown(builder, &whole, far(15), rgb, &mut random),
+            _ => diamond(builder, foliage(rgb, 0.85), [0.0, 0.0, 7.2], [1.9, 2.1]),
+        }
+        builder.end_level(until_m);
+    }
+}
+
+/// A palm, for towns where it is warm: a leaning stem and a tuft of fronds.
+pub fn palm() -> Mesh {
+    let mut random = Random::new(TREE, 200, 0);
+    let mut builder = MeshBuilder::new("palm");
+    let bark = Surface::new(Class::VEGETATION, Material::Bark, [134, 112, 86]);
+    let top = [0.35f32, 0.1, 7.4];
+    for (n_sides, n_fronds, n_parts, until_m) in [(7, 17, 3, 22.0), (5, 11, 2, 60.0), (3, 7, 1, 160.0), (3, 4, 1, 600.0)] {
+        tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.22), ([0.12, 0.03, 3.2], 0.15), n_sides);
+        tube(&mut builder, bark, ([0.12, 0.03, 3.2], 0.15), (top, 0.13), n_sides);
+        for i in 0..n_fronds {
+            let a = 2.399_963 * i as f32 + random.between(-0.2, 0.2) as f32;
+            // The inner ones stand up, the outer ones hang.
+            let rise = 1.15 - 1.75 * (i as f32 + 0.5) / n_fronds as f32;
+            let k = 0.74 + 0.3 * rise.max(0.0) + random.between(-0.05, 0.05) as f32;
+            frond(&mut builder, k, (top, a, rise), n_parts);
+        }
+        builder.end_level(until_m);
+    }
+    builder.finish()
+}
+
+/// One frond from the stem's top: bent down by its weight, roofed along its rib, seen from both sides.
+fn frond(builder: &mut MeshBuilder, k: f32, (foot, around, rise): ([f32; 3], f32, f32), n_parts: usize) {
+    const LENGTH_M: f32 = 2.5;
+    let along = |t: f32| {
+        let (r, z) = (LENGTH_M * t * (1.0 - 0.12 * t), LENGTH_M * (rise * t - (0.55 + 0.35 * rise.max(0.0)) * t * t));
+        [foot[0] + r * around.cos(), foot[1] + r * around.sin(), foot[2] + z]
+    };
+    let side = |t: f32, s: f32| {
+        let [x, y, z] = along(t);
+        let half = 0.42 * (t * (1.08 - t)).max(0.0).sqrt() * 1.6;
+        [x - s * half * around.sin(), y + s * half * around.cos(), z - 0.45 * half]
+    };
+    for i in 0..n_parts {
+        let (t, u) = (i as f32 / n_parts as f32, (i + 1) as f32 / n_parts as f32);
+        for s in [1.0f32, -1.0] {
+            let corners = [along(t), along(u), side(u, s), side(t, s)];
+            let kept: Vec<[f32; 3]> = if i == 0 { corners[..3].to_vec() } else { corners.to_vec() };
+            let above: Vec<[f32; 3]> = if s > 0.0 { kept.clone() } else { kept.iter().rev().copied().collect() };
+            let below: Vec<[f32; 3]> = above.iter().rev().copied().collect();
+            let uv = vec![[0.0; 2]; kept.len()];
+            builder.polygon(foliage([96, 122, 58], k), &above, &uv);
+            builder.polygon(foliage([96, 122, 58], 0.6 * k), &below, &uv);
         }
     }
 }
 
 /// A clipped bush, 0.9 m high.
 pub fn bush() -> Mesh {
+    let mut random = Random::new(TREE, 300, 0);
     let mut builder = MeshBuilder::new("bush");
-    let leaves = Surface::new(Class::VEGETATION, Material::Foliage, [70, 102, 46]);
-    blob(&mut builder, leaves, [0.0, 0.0, 0.42], 0.55, 1, 99);
-    builder.end_level(30.0);
-    blob(&mut builder, leaves, [0.0, 0.0, 0.42], 0.55, 0, 99);
-    builder.end_level(60.0);
-    diamond(&mut builder, leaves, [0.0, 0.0, 0.42], [0.58, 0.5]);
+    let clumps = [Clump { middle: [0.0, 0.0, 0.42], half: [0.55, 0.55, 0.48] }];
+    for (cover, until_m) in [(near(60), 20.0), (far(9), 60.0)] {
+        crown(&mut builder, &clumps, cover, [74, 106, 48], &mut random);
+        builder.end_level(until_m);
+    }
+    diamond(&mut builder, foliage([74, 106, 48], 0.9), [0.0, 0.0, 0.42], [0.58, 0.5]);
     builder.end_level(160.0);
     builder.finish()
-}
-
-/// A lumpy ball made from an icosahedron split `splits` times.
-fn blob(builder: &mut MeshBuilder, surface: Surface, centre: [f32; 3], radius: f32, splits: usize, seed: u64) {
-    let g = 1.618_034;
-    let corners: [[f32; 3]; 12] = [
-        [-1., g, 0.],
-        [1., g, 0.],
-        [-1., -g, 0.],
-        [1., -g, 0.],
-        [0., -1., g],
-        [0., 1., g],
-        [0., -1., -g],
-        [0., 1., -g],
-        [g, 0., -1.],
-        [g, 0., 1.],
-        [-g, 0., -1.],
-        [-g, 0., 1.],
-    ];
-    const FACES: [[usize; 3]; 20] = [
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
-    ];
-    let unit = |p: [f32; 3]| {
-        let length = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
-        p.map(|x| x / length)
-    };
-    let mut triangles: Vec<[[f32; 3]; 3]> = FACES.iter().map(|f| f.map(|i| unit(corners[i]))).collect();
-    for _ in 0..splits {
-        let mid = |a: [f32; 3], b: [f32; 3]| unit(std::array::from_fn(|i| a[i] + b[i]));
-        triangles = triangles
-            .iter()
-            .flat_map(|&[a, b, c]| {
-                let (ab, bc, ca) = (mid(a, b), mid(b, c), mid(c, a));
-                [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
-            })
-            .collect();
-    }
-    // The same direction gets the same lump in every triangle.
-    let lump = |d: [f32; 3]| {
-        let key = d.iter().fold(seed, |h, &x| schema_types::noise::mix(h ^ ((x * 512.0).round() as i64 as u64)));
-        radius * (0.86 + 0.28 * ((key >> 40) as f32 / (1u64 << 24) as f32))
-    };
-    for directions in triangles {
-        let points = directions.map(|d| std::array::from_fn::<f32, 3, _>(|i| centre[i] + d[i] * lump(d) * if i == 2 { 0.88 } else { 1.0 }));
-        builder.polygon_with_normals(surface, &points, &directions, &directions.map(|d| [d[0] * radius, d[2] * radius]));
-    }
 }

@@ -24,6 +24,7 @@ pub struct Lamp {
 pub struct Kit {
     pub trees: Vec<MeshId>,
     pub conifers: Vec<MeshId>,
+    pub palm: MeshId,
     pub bush: MeshId,
     pub lamp: Lamp,
     pub mast: Lamp,
@@ -56,6 +57,7 @@ impl Kit {
         Kit {
             trees: (0..greenery::N_KINDS).map(|kind| assets.add_mesh(greenery::tree(kind))).collect(),
             conifers: (0..greenery::N_CONIFERS).map(|kind| assets.add_mesh(greenery::conifer(kind))).collect(),
+            palm: assets.add_mesh(greenery::palm()),
             bush: assets.add_mesh(greenery::bush()),
             lamp,
             mast: Lamp { mesh: assets.add_mesh(props::mast()), light_m: [2.2, 0.0, 11.2], intensity_lm: 14000.0, height_m: 11.0 },

@@ -1,6 +1,7 @@
 //! Trees, bushes and parks.
 
 use schema_types::Class;
+use sensor_core::MeshId;
 
 use crate::building::Lot;
 use crate::geometry::{P2, heading, left, unit};
@@ -12,8 +13,11 @@ use crate::random::Random;
 use crate::ring::{Ring, contains};
 use crate::scenery::Builder;
 
-/// Stream of random numbers.
+/// Streams of random numbers.
 const PARK: u64 = 0x74;
+const AVENUE: u64 = 0x76;
+/// Palms grow along streets nearer to the equator than this.
+const WARM_DEG: f64 = 36.0;
 
 impl Builder<'_> {
     /// Trees where houses left room: in corners and yards, along verges, and in a belt round the town.
@@ -99,7 +103,21 @@ impl Builder<'_> {
         let conifers = matches!(self.plan.houses, Houses::Farms) || p.norm() > 330.0;
         let mesh = if conifers && random.chance(0.4) { random.pick(&kit.conifers) } else { random.pick(&kit.trees) };
         let yaw = random.between(0.0, std::f64::consts::TAU);
-        let object = self.stand(mesh, (MapLayer::Foliage, Class::VEGETATION, "tree"), p, KERB_HEIGHT_M, yaw);
+        self.plant(mesh, p, yaw);
+    }
+
+    /// A tree of an avenue: most of a street's trees are of one kind.
+    pub fn street_tree(&mut self, kit: &Kit, road: usize, p: P2, random: &mut Random) {
+        let mut kinds = Random::new(self.seed, AVENUE, road as u64);
+        let is_warm = self.plan.lat_lon_deg.0.abs() < WARM_DEG;
+        let usual = if is_warm && kinds.chance(0.45) { kit.palm } else { kinds.pick(&kit.trees) };
+        let mesh = if random.chance(0.85) { usual } else { random.pick(&kit.trees) };
+        let yaw = random.between(0.0, std::f64::consts::TAU);
+        self.plant(mesh, p, yaw);
+    }
+
+    fn plant(&mut self, mesh: MeshId, p: P2, yaw_rad: f64) {
+        let object = self.stand(mesh, (MapLayer::Foliage, Class::VEGETATION, "tree"), p, KERB_HEIGHT_M, yaw_rad);
         self.pole_solid(object, p, 0.17, 4.0);
     }
 }

@@ -33,7 +33,7 @@ impl Builder<'_> {
             self.power_line(kit, road);
             self.avenue(kit, road, &mut random);
         } else {
-            self.street(kit, road, &mut random);
+            self.street(kit, idx, &mut random);
         }
         self.road_decals(kit, road, &mut random);
     }
@@ -45,7 +45,8 @@ impl Builder<'_> {
             || self.network.roads.iter().all(|other| other.bridge.is_none() || other.id == road.id && !road.is_on_bridge(s_m))
     }
 
-    fn street(&mut self, kit: &Kit, road: &Road, random: &mut Random) {
+    fn street(&mut self, kit: &Kit, idx: usize, random: &mut Random) {
+        let road = &self.network.roads[idx];
         let length = road.path.length_m();
         for side in [1.0, -1.0] {
             let trees = random.chance(0.8);
@@ -60,7 +61,7 @@ impl Builder<'_> {
                 match k % 3 {
                     0 if open && (!road.profile.verge || road.profile.main) => self.lamp(&kit.lamp, at(0.55), z, to_road),
                     _ if near_sign || !open => {}
-                    1 | 2 if trees && !road.profile.verge => self.tree(kit, at(0.9), random),
+                    1 | 2 if trees && !road.profile.verge => self.street_tree(kit, idx, at(0.9), random),
                     _ => {}
                 }
                 if !near_sign && !road.profile.verge && open {

@@ -221,6 +221,9 @@ impl Builder<'_> {
             for lot in &lots {
                 garden::build(self, lot, houses, &mut random);
             }
+            let front_m = if houses == Houses::Farms { 5.4 } else { 3.1 };
+            let drives = self.drives(kit, ring, idx, &lots, front_m);
+            lots.extend(drives);
         }
         self.green_gaps(kit, ring, &lots, &mut random);
     }

@@ -153,6 +153,7 @@ pub fn small_town(name: &str, seed: u64) -> Plan {
     s.street(east[2], north[1], &[(w, h, 30.0)], LANE);
     s.street(north[0], west[1], &[(-w, h, 30.0)], LANE);
     s.plan.parks_m = vec![P2::new(-20.0, 40.0)];
+    s.plan.ponds_m = vec![(P2::new(14.0, 46.0), 13.0)];
     s.plan
 }
 
@@ -168,11 +169,11 @@ pub fn compact(name: &str, seed: u64) -> Plan {
     let east = ys.map(|y| s.node(w, y));
     let inner = ys.map(|y| xs.map(|x| s.node(x, y)));
     for r in 0..3 {
-        let profile = if r == 1 { HIGH_STREET } else { LANE };
+        let profile = [STREET, HIGH_STREET, LANE][r];
         s.chain(&[west[r], inner[r][0], inner[r][1], inner[r][2], east[r]], profile);
     }
     for c in 0..3 {
-        let profile = if c == 1 { HIGH_STREET } else { LANE };
+        let profile = [LANE, HIGH_STREET, STREET][c];
         s.chain(&[south[c], inner[0][c], inner[1][c], inner[2][c], north[c]], profile);
     }
     for side in [south, north, west, east] {
@@ -263,6 +264,7 @@ pub fn country(name: &str, seed: u64) -> Plan {
         *height = 5.0 + rolling * (p.norm() / 120.0).min(1.0);
     }
     s.plan.hills_m = 46.0;
+    s.plan.ponds_m = vec![(P2::new(77.0, 151.0), 28.0)];
     s.plan
 }
 

@@ -4,7 +4,7 @@
 
 use schema_frames::document::BodyBox;
 use schema_types::Class;
-use simd_town::{BodyStyle, VehicleShape};
+use simd_town::{BodyStyle, Outfit, VehicleShape};
 
 use crate::drive::EngineSpec;
 
@@ -96,6 +96,18 @@ impl VehicleModel {
     pub fn shape(&self) -> VehicleShape {
         let half_m = self.solid_half_m();
         VehicleShape { style: self.style, half_m, wheel_radius_m: self.wheel_radius_m, wheelbase_m: self.wheelbase_m }
+    }
+
+    /// What it carries and how it is painted.
+    pub fn outfit(&self) -> Outfit {
+        match (self.special_type, self.style) {
+            ("emergency", BodyStyle::Lorry) => Outfit::FireEngine,
+            ("emergency", BodyStyle::Van) => Outfit::Ambulance,
+            ("emergency", _) => Outfit::Police,
+            ("taxi", _) => Outfit::Taxi,
+            _ if self.type_id == "vehicle.carlamotors.carlacola" => Outfit::Drinks,
+            _ => Outfit::Plain,
+        }
     }
 
     pub(crate) fn body_box(&self) -> BodyBox {

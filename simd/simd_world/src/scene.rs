@@ -9,7 +9,7 @@ use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
 use simd_town::person::{Posture, mesh_of};
 use simd_town::prop::prop_mesh;
-use simd_town::{Door, door_meshes, person_meshes, vehicle_meshes};
+use simd_town::{Door, outfitted_door_meshes, outfitted_meshes, person_meshes};
 
 use crate::models::vehicle_models;
 use crate::props::prop_models;
@@ -44,13 +44,13 @@ impl World {
     /// Adds the meshes of every actor that may appear; once per episode, after the map's own meshes.
     pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
         let vehicles = vehicle_models().iter().map(|model| {
-            let meshes = vehicle_meshes(&model.shape());
+            let meshes = outfitted_meshes(&model.shape(), model.outfit());
             (assets.add_mesh(meshes.body), assets.add_mesh(meshes.wheel))
         });
         let vehicles = vehicles.collect();
         let mut open_bodies = BTreeMap::new();
         for (idx, model) in vehicle_models().iter().enumerate().filter(|(_, model)| model.has_dynamic_doors()) {
-            let Some(meshes) = door_meshes(&model.shape()) else { continue };
+            let Some(meshes) = outfitted_door_meshes(&model.shape(), model.outfit()) else { continue };
             let body = assets.add_mesh(meshes.body);
             let mut add = |mut door: Door| (assets.add_mesh(std::mem::take(&mut door.mesh)), door);
             open_bodies.insert(idx as u32, Arc::new((body, meshes.doors.into_iter().map(&mut add).collect())));

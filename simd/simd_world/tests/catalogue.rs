@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use schema_types::Pose;
-use simd_town::vehicle_meshes;
+use simd_town::outfitted_meshes;
 use simd_world::{MapData, VehicleModel, World, WorldOptions, vehicle_models};
 
 /// Id behind `vehicle.`, type, special type, generation, wheels, half extents in metres.
@@ -79,7 +79,7 @@ fn every_body_with_its_wheels_fills_its_box_to_a_centimetre() {
     let mut wrong = Vec::new();
     for model in vehicle_models() {
         let shape = model.shape();
-        let meshes = vehicle_meshes(&shape);
+        let meshes = outfitted_meshes(&shape, model.outfit());
         let lod = meshes.body.lods[0];
         let body =
             meshes.body.indices[..lod.n_indices as usize].iter().map(|&i| Vector3::from(meshes.body.vertices[i as usize].position_m));

@@ -77,12 +77,12 @@ fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
             }
         }
         let name = town.to_lowercase();
-        Picture::sheet(&light, 4).write_small(&folder.join(format!("{name}_light.png")))?;
+        Picture::sheet(&light, 4).write_jpeg(&folder.join(format!("{name}_light.jpg")))?;
         let mut all = Vec::new();
         for weather in ["day", "dusk", "night", "rain", "fog"] {
             all.extend(studio.shoot(first, weather, [480, 300], &ALL)?.iter().map(|picture| picture.shrunk(2)));
         }
-        Picture::sheet(&all, ALL.len()).write_small(&folder.join(format!("{name}_modalities.png")))?;
+        Picture::sheet(&all, ALL.len()).write_jpeg(&folder.join(format!("{name}_modalities.jpg")))?;
     }
     Ok(())
 }

@@ -1,8 +1,11 @@
-//! Pictures of frames: every modality as colours, tiles on a sheet, PNG files with a palette.
+//! Pictures of frames: every modality as colours, tiles on a sheet, PNG and JPEG files.
 
 use std::path::Path;
 
 use schema_frames::{DvsEvent, Modality};
+
+/// Of JPEG files: no blocks to be seen, even about labels.
+const JPEG_QUALITY: u8 = 90;
 
 /// Red, green, blue, row by row.
 #[derive(Clone, Debug)]
@@ -102,89 +105,44 @@ impl Picture {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), String> {
-        self.encode(path, png::ColorType::Rgb, None, self.rgb.as_flattened())
-    }
-
-    /// Writes a PNG file of 256 colours, chosen by median cut.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn write_small(&self, path: &Path) -> Result<(), String> {
-        let (palette, of_cell) = palette(&self.rgb);
-        let indices: Vec<u8> = self.rgb.iter().map(|rgb| of_cell[cell(*rgb)]).collect();
-        self.encode(path, png::ColorType::Indexed, Some(palette), &indices)
-    }
-
-    fn encode(&self, path: &Path, color: png::ColorType, palette: Option<Vec<u8>>, data: &[u8]) -> Result<(), String> {
         let text = |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
         let file = std::fs::File::create(path).map_err(|error| text(&error))?;
         let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), self.size_px[0] as u32, self.size_px[1] as u32);
-        encoder.set_color(color);
+        encoder.set_color(png::ColorType::Rgb);
         encoder.set_compression(png::Compression::High);
-        if let Some(palette) = palette {
-            encoder.set_palette(palette);
-            encoder.set_filter(png::Filter::NoFilter);
-        }
-        encoder.write_header().and_then(|mut writer| writer.write_image_data(data)).map_err(|error| text(&error))
+        encoder.write_header().and_then(|mut writer| writer.write_image_data(self.rgb.as_flattened())).map_err(|error| text(&error))
     }
-}
 
-/// Colours of five bits per channel.
-fn cell([r, g, b]: [u8; 3]) -> usize {
-    (r as usize >> 3) << 10 | (g as usize >> 3) << 5 | b as usize >> 3
-}
-
-/// Median cut over the colours' cells: the palette, and for each cell its entry.
-fn palette(rgb: &[[u8; 3]]) -> (Vec<u8>, Vec<u8>) {
-    let mut counts = vec![0usize; 1 << 15];
-    rgb.iter().for_each(|rgb| counts[cell(*rgb)] += 1);
-    let channel = |cell: usize, c: usize| cell >> (10 - 5 * c) & 31;
-    let mut boxes: Vec<Vec<usize>> = vec![(0..counts.len()).filter(|cell| counts[*cell] > 0).collect()];
-    let spread = |cells: &[usize], c: usize| {
-        let (low, high) = cells.iter().fold((31, 0), |(low, high), cell| (channel(*cell, c).min(low), channel(*cell, c).max(high)));
-        high - low.min(high)
-    };
-    while boxes.len() < 256 {
-        let weight = |cells: &Vec<usize>| {
-            let longest = (0..3).map(|c| spread(cells, c)).max().unwrap_or(0);
-            longest * longest * (cells.iter().map(|cell| counts[*cell]).sum::<usize>() as f64).sqrt() as usize
-        };
-        let Some(i) = (0..boxes.len()).filter(|i| boxes[*i].len() > 1).max_by_key(|i| weight(&boxes[*i])) else { break };
-        let mut cells = boxes.swap_remove(i);
-        let axis = (0..3).max_by_key(|c| spread(&cells, *c)).unwrap_or(0);
-        cells.sort_by_key(|cell| (channel(*cell, axis), *cell));
-        let half = cells.iter().map(|cell| counts[*cell]).sum::<usize>() / 2;
-        let mut sum = 0;
-        let at = cells.iter().position(|cell| {
-            sum += counts[*cell];
-            sum > half
-        });
-        let rest = cells.split_off(at.unwrap_or(1).clamp(1, cells.len() - 1));
-        boxes.extend([cells, rest]);
+    /// Writes a JPEG file: all colours, no bands, a fifth of the size of a PNG of streets.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write_jpeg(&self, path: &Path) -> Result<(), String> {
+        let text = |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
+        let file = std::io::BufWriter::new(std::fs::File::create(path).map_err(|error| text(&error))?);
+        let [width, height] = self.size_px.map(|side| side as u32);
+        let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, JPEG_QUALITY);
+        encoder.encode(self.rgb.as_flattened(), width, height, image::ExtendedColorType::Rgb8).map_err(|error| text(&error))
     }
-    let (mut palette, mut of_cell) = (Vec::new(), vec![0u8; 1 << 15]);
-    for (i, cells) in boxes.iter().enumerate() {
-        let n: usize = cells.iter().map(|cell| counts[*cell]).sum::<usize>().max(1);
-        for c in 0..3 {
-            let sum: usize = cells.iter().map(|cell| counts[*cell] * (channel(*cell, c) * 8 + 4)).sum();
-            palette.push((sum / n) as u8);
-        }
-        cells.iter().for_each(|cell| of_cell[*cell] = i as u8);
-    }
-    (palette, of_cell)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// Oracle: another decoder, of the same crate as the encoder but of its own code.
     #[test]
-    fn a_picture_of_few_colours_keeps_them() {
-        let rgb: Vec<[u8; 3]> = (0..300).map(|i| [[12, 12, 12], [252, 4, 4], [4, 252, 252]][i % 3]).collect();
-        let (palette, of_cell) = palette(&rgb);
-        for rgb in &rgb {
-            let i = of_cell[cell(*rgb)] as usize;
-            assert!((0..3).all(|c| palette[3 * i + c].abs_diff(rgb[c]) <= 4), "{rgb:?} became {:?}", &palette[3 * i..3 * i + 3]);
+    fn a_jpeg_keeps_a_smooth_ramp_without_bands() {
+        let folder = std::env::temp_dir().join(format!("gantry-sheet-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("ramp.jpg");
+        let rgb: Vec<[u8; 3]> = (0..256 * 16).map(|i| [(i % 256) as u8, 128, 255 - (i % 256) as u8]).collect();
+        Picture { size_px: [256, 16], rgb: rgb.clone() }.write_jpeg(&path).unwrap();
+        let read = image::open(&path).unwrap().to_rgb8();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(read.dimensions(), (256, 16));
+        for (wanted, found) in rgb.iter().zip(read.pixels()) {
+            assert!((0..3).all(|c| wanted[c].abs_diff(found.0[c]) <= 6), "{wanted:?} became {found:?}");
         }
     }
 

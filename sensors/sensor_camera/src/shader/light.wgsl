@@ -70,7 +70,8 @@ fn shade(point: Point) -> vec3<f32> {
         let in_camera_normal = camera_from_world(normal);
         let lamps = lamps_at(point.pixel, point.in_camera, in_camera_normal, camera_from_world(mirrored), finish.through, mix(8.0, 180.0, sharp * sharp));
         falling += lamps.diffuse;
-        glint = lamps.glint;
+        // A rough surface spreads it over more than the lobe that was looked at.
+        glint = lamps.glint * sharp;
     }
     var radiance = finish.albedo * falling * 0.318309886 + finish.emitted;
 
@@ -81,7 +82,7 @@ fn shade(point: Point) -> vec3<f32> {
     // Streets mirror houses below some 20 degrees; what lies there is as bright as a wall in the shade.
     var above: vec3<f32>;
     if SIMPLE {
-        above = mix(light.fog_rgb.rgb, (light.ambient_rgb.rgb + light.ambient_slope_rgb[2].rgb) * 0.22, sqrt(clamp(mirrored.z, 0.0, 1.0)));
+        above = mix(light.fog_rgb.rgb, (light.ambient_rgb.rgb + light.ambient_slope_rgb[2].rgb) * light.ambient_rgb.w, sqrt(clamp(mirrored.z, 0.0, 1.0)));
     } else {
         above = sky_sample(mirrored, finish.rough);
     }
@@ -90,6 +91,10 @@ fn shade(point: Point) -> vec3<f32> {
     if !SIMPLE && fresnel > 0.01 {
         let found = mirrored_on_screen(point, camera_from_world(mirrored), sharp);
         seen = mix(seen, found.rgb, found.a);
+    }
+    if SIMPLE && WITH_WET && finish.film > 0.0 {
+        let found = mirrored_on_wet_road(point, camera_from_world(mirrored));
+        seen = mix(seen, found.rgb, found.a * clamp(sharp * 1.5 - 0.2, 0.0, 1.0));
     }
     var shine = max(dot(mirrored, sun), 0.0);
     shine = shine * shine;

@@ -99,3 +99,43 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     }
     return radiance;
 }
+
+// The same for a mirror that is looked into in a hurry.
+fn plain_radiance(pixel: vec2<u32>) -> vec3<f32> {
+    let packed = surface_at(pixel);
+    let albedo = albedo_of(packed.y);
+    let direct = max(dot(normal_of(packed.x), light.sun_towards.xyz), 0.0);
+    var radiance = albedo * (light.ambient_rgb.rgb + light.sun_rgb.rgb * direct * 0.6) * 0.318309886;
+    if WITH_LAMPS {
+        let material = (packed.y >> 24u) & 0x1fu;
+        let on = max(f32((packed.y >> 29u) & 1u), light.air.x * f32((packed.y >> 30u) & 1u)) * mirror_of(material).w;
+        let labels = vec4(0u, material << 8u, packed.y, packed.x);
+        radiance += albedo * (light.lamps.x * on) + 0.5 * window_light(wall_seen(albedo, bitcast<vec2<f32>>(packed.zw), labels, 0.05, false), 0u);
+    }
+    return radiance;
+}
+
+// What a wet road mirrors where there is little time: nine steps that grow by nearly half, from pixel to pixel begun elsewhere.
+fn mirrored_on_wet_road(point: Point, direction: vec3<f32>) -> vec4<f32> {
+    if direction.z < -0.3 {
+        return vec4(0.0);
+    }
+    let frame = views[which].frame;
+    var step_m = 0.3 + 0.05 * point.in_camera.z;
+    let begin = fract(52.9829189 * fract(dot(vec2<f32>(point.pixel), vec2(0.00583715, 0.06711056))));
+    var at = point.in_camera + direction * step_m * (0.4 + 0.9 * begin);
+    for (var i = 0; i < 9; i++) {
+        let pixel = pixel_of(at);
+        if at.z < frame.z || pixel.x < 0.0 || pixel.y < 0.0 || pixel.x >= frame.x || pixel.y >= frame.y {
+            return vec4(0.0);
+        }
+        let depth_m = depth_at(vec2<u32>(pixel));
+        if depth_m < at.z && depth_m > at.z - 2.0 * step_m - 0.3 {
+            let rim = min(min(pixel.x, frame.x - pixel.x), pixel.y) / (0.08 * frame.y);
+            return vec4(plain_radiance(vec2<u32>(pixel)), clamp(rim, 0.0, 1.0));
+        }
+        at += direction * step_m;
+        step_m *= 1.42;
+    }
+    return vec4(0.0);
+}

@@ -65,7 +65,7 @@ fn rain_over(radiance: vec3<f32>, direction: vec3<f32>, distance_m: f32) -> vec3
         let across = around * 6.2831853 * away_m + light.rain.y * up * away_m;
         let at = vec2(across * 62.0, (up * away_m + light.rain.z * 8.0) * 1.1 + f32(curtain) * 37.0);
         let drop = noise(at, 0.0).b;
-        streaks += smoothstep(1.0 - 0.16 * light.rain.x, 1.0, drop) * f32(distance_m > away_m) * (0.6 - 0.12 * f32(curtain));
+        streaks += smoothstep(1.0 - 0.26 * light.rain.x, 1.02, drop) * f32(distance_m > away_m) * (0.6 - 0.12 * f32(curtain));
     }
     let seen = light.ambient_rgb.rgb * 0.3 + light.fog_rgb.rgb * 0.25;
     return mix(radiance, seen, clamp(streaks * light.rain.x, 0.0, 0.45));

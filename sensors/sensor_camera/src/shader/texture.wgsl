@@ -23,6 +23,8 @@ struct Finish {
     through: f32,
     // How much of the point is under standing water.
     puddle: f32,
+    // What water that lies on a road mirrors at normal incidence.
+    film: f32,
 }
 
 // The surface of a wall, a road, a leaf. pixel_m: width of a pixel at this depth; cosine: of the angle of view.
@@ -85,6 +87,7 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     out.rough = mix(gloss.y, 2.0, pane);
     out.through = gloss.z;
     out.puddle = 0.0;
+    out.film = 0.0;
     if WITH_WET {
         // Rain darkens what soaks it up; roads shine when wet, and water stands where they are low.
         let soaks = light.air.z * (1.0 - gloss.w) * select(0.35, 1.0, ground);
@@ -92,8 +95,8 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
         let low = noise(world_m.xy * 1.7 + vec2(11.0, 29.0), log2(pixel_m * 1.7)).g;
         out.puddle = smoothstep(0.0, 0.06, light.rain.w - low) * paved * smoothstep(0.985, 0.998, normal.z);
         albedo *= (1.0 - 0.45 * soaks) * (1.0 - 0.5 * out.puddle);
-        let film = max(0.035 * light.air.z * paved, 0.02 * f32(out.puddle > 0.0));
-        out.mirror = max(out.mirror, film);
+        out.film = max(0.035 * light.air.z * paved, 0.02 * f32(out.puddle > 0.0));
+        out.mirror = max(out.mirror, out.film);
         out.rough = mix(mix(out.rough, 2.6, 0.9 * light.air.z * paved), 0.0, out.puddle);
     }
     out.albedo = albedo;

@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
 use super::loft::{Section, loft_with_holes};
-use super::{BodyStyle, Frame};
+use super::{BodyStyle, Frame, outfit};
 
 /// What the skin is from one station to the next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,6 +132,11 @@ pub(super) fn table(style: BodyStyle) -> &'static [Station] {
 
 /// What a strip of the finest level is made of.
 pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) -> Surface {
+    if part != Gap
+        && let Some(surface) = frame.outfit.livery(frame.class, strip, matches!(part, Cabin | Pillar))
+    {
+        return surface;
+    }
     match (strip, part) {
         (0, _) => frame.dark(),
         (1, _) => frame.trim(),
@@ -157,6 +162,7 @@ pub(super) fn open_body(builder: &mut MeshBuilder, frame: &Frame, style: BodySty
     front(builder, frame, table, 0);
     rear(builder, frame, table, style, 0);
     mirrors(builder, frame, table);
+    outfit::on_car(builder, frame, style, 0);
 }
 
 /// Adds one level of a car's body; `detail` 0 is the finest of four.
@@ -182,6 +188,7 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
     if detail < 2 {
         mirrors(builder, frame, table);
     }
+    outfit::on_car(builder, frame, style, detail);
 }
 
 /// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the outline.

@@ -8,6 +8,7 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 
 use super::car::{self, Station, interpolate, section};
 use super::loft::{Section, end_cap};
+use super::outfit::Outfit;
 use super::{BodyStyle, Frame, VehicleShape};
 
 /// Thickness of a door and of the lining of the body, metres.
@@ -83,8 +84,13 @@ pub(super) fn spans(style: BodyStyle) -> Option<[[f32; 2]; 2]> {
 
 /// The meshes of a body's doors; `None` for bodies whose doors do not open.
 pub fn door_meshes(shape: &VehicleShape) -> Option<DoorMeshes> {
+    outfitted_door_meshes(shape, Outfit::Plain)
+}
+
+/// The same with equipment and livery.
+pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<DoorMeshes> {
     let spans = spans(shape.style)?;
-    let frame = Frame::new(shape);
+    let frame = Frame::new(shape, outfit);
     let table = car::table(shape.style);
     let mut builder = MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
     car::open_body(&mut builder, &frame, shape.style, spans);
@@ -130,43 +136,70 @@ fn stations_between(frame: &Frame, table: &[Station], [from, to]: [f32; 2]) -> V
     all
 }
 
+/// Distances up to which the three levels of a door are drawn, as those of the body.
+const LEVELS_M: [f32; 3] = [16.0, 45.0, f32::INFINITY];
+
+/// A door's cross-sections, and where its hinge is.
+struct Slab<'t> {
+    frame: &'t Frame,
+    style: BodyStyle,
+    stations: Vec<Station>,
+    sections: Vec<Section>,
+    side: f32,
+    hinge: [f32; 3],
+}
+
+impl Slab<'_> {
+    /// Place of section `i`, ring `j`, under the skin by so much; about the hinge.
+    fn at(&self, i: usize, j: usize, inwards_m: f32) -> [f32; 3] {
+        let [y, z] = self.sections[i].ring_m[j];
+        [self.sections[i].x_m - self.hinge[0], self.side * (y - inwards_m) - self.hinge[1], z]
+    }
+
+    /// Skin and inner side between these sections and rings; the edges too if they are to be seen.
+    fn build(&self, builder: &mut MeshBuilder, picked: &[usize], rings: &[usize], with_edges: bool) {
+        let trim = Surface::new(self.frame.class, Material::Matte, [62, 58, 54]);
+        let dark = self.frame.dark();
+        for (a, b) in picked.iter().zip(&picked[1..]).map(|(a, b)| (*a, *b)) {
+            for (j, k) in rings.iter().zip(&rings[1..]).map(|(j, k)| (*j, *k)) {
+                let quad = |inwards_m: f32| [(a, j), (b, j), (b, k), (a, k)].map(|(i, j)| self.at(i, j, inwards_m));
+                let skin = car::skin(self.frame, self.style, self.stations[a].5, j);
+                facing(builder, skin, &quad(0.0), [0.0, self.side, 0.0]);
+                facing(builder, if j == LAST_RING - 1 { skin } else { trim }, &quad(THICKNESS_M), [0.0, -self.side, 0.0]);
+            }
+            for (ring, up) in [(FIRST_RING, -1.0), (LAST_RING, 1.0)].into_iter().filter(|_| with_edges) {
+                let edge = [(a, 0.0), (b, 0.0), (b, THICKNESS_M), (a, THICKNESS_M)].map(|(i, inwards_m)| self.at(i, ring, inwards_m));
+                facing(builder, dark, &edge, [0.0, 0.0, up]);
+            }
+        }
+        for (i, forward) in [(0, 1.0), (self.sections.len() - 1, -1.0)].into_iter().filter(|_| with_edges) {
+            for (j, k) in rings.iter().zip(&rings[1..]).map(|(j, k)| (*j, *k)) {
+                let edge = [(j, 0.0), (k, 0.0), (k, THICKNESS_M), (j, THICKNESS_M)].map(|(ring, inwards_m)| self.at(i, ring, inwards_m));
+                facing(builder, dark, &edge, [forward, 0.0, 0.0]);
+            }
+        }
+    }
+}
+
 fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: bool) -> Door {
-    let table = car::table(style);
-    let stations = stations_between(frame, table, span);
+    let stations = stations_between(frame, car::table(style), span);
     let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
     let side = if left { 1.0f32 } else { -1.0 };
     let hinge = [sections[0].x_m, side * (sections[0].ring_m[4][0] - 0.5 * THICKNESS_M), 0.0];
-    let at = |i: usize, j: usize, inwards_m: f32| {
-        let [y, z] = sections[i].ring_m[j];
-        [sections[i].x_m - hinge[0], side * (y - inwards_m) - hinge[1], z]
-    };
-    let trim = Surface::new(frame.class, Material::Matte, [62, 58, 54]);
+    let slab = Slab { frame, style, stations, sections, side, hinge };
+    let last = slab.sections.len() - 1;
+    let length_m = slab.sections[0].x_m - slab.sections[last].x_m;
     let mut builder = MeshBuilder::new("door");
-    for (i, station) in stations.iter().enumerate().take(sections.len() - 1) {
-        for j in FIRST_RING..LAST_RING {
-            let quad =
-                |inwards_m: f32| [at(i, j, inwards_m), at(i + 1, j, inwards_m), at(i + 1, j + 1, inwards_m), at(i, j + 1, inwards_m)];
-            let skin = car::skin(frame, style, station.5, j);
-            facing(&mut builder, skin, &quad(0.0), [0.0, side, 0.0]);
-            facing(&mut builder, if j == 5 { skin } else { trim }, &quad(THICKNESS_M), [0.0, -side, 0.0]);
-        }
-        for (ring, up) in [(FIRST_RING, -1.0), (LAST_RING, 1.0)] {
-            let edge = [at(i, ring, 0.0), at(i + 1, ring, 0.0), at(i + 1, ring, THICKNESS_M), at(i, ring, THICKNESS_M)];
-            facing(&mut builder, frame.dark(), &edge, [0.0, 0.0, up]);
-        }
-    }
-    for (i, forward) in [(0, 1.0), (sections.len() - 1, -1.0)] {
-        for j in FIRST_RING..LAST_RING {
-            let edge = [at(i, j, 0.0), at(i, j + 1, 0.0), at(i, j + 1, THICKNESS_M), at(i, j, THICKNESS_M)];
-            facing(&mut builder, frame.dark(), &edge, [forward, 0.0, 0.0]);
-        }
-    }
-    let length_m = sections[0].x_m - sections[sections.len() - 1].x_m;
+    slab.build(&mut builder, &Vec::from_iter(0..=last), &Vec::from_iter(FIRST_RING..=LAST_RING), true);
     // The handle, below the window near the rear edge.
-    let [handle_x, handle_y, handle_z] = at(sections.len() - 2, 4, 0.0);
-    let handle_x = handle_x.max(0.15 - length_m);
+    let [handle_x, handle_y, handle_z] = slab.at(last - 1, 4, 0.0);
+    let handle_x = handle_x.clamp(0.15 - length_m, -0.12);
     builder.cuboid(frame.dark(), [handle_x - 0.02, handle_y + side * 0.008, handle_z - 0.03], [0.07, 0.012, 0.011]);
-    builder.end_level(f32::INFINITY);
+    builder.end_level(LEVELS_M[0]);
+    slab.build(&mut builder, &[0, last / 2, last], &[FIRST_RING, 3, LAST_RING - 1, LAST_RING], true);
+    builder.end_level(LEVELS_M[1]);
+    slab.build(&mut builder, &[0, last], &[FIRST_RING, LAST_RING - 1, LAST_RING], false);
+    builder.end_level(LEVELS_M[2]);
     let motion = if slides { DoorMotion::Sliding(0.95 * f64::from(length_m)) } else { DoorMotion::Hinged };
     Door { mesh: builder.finish(), hinge_m: hinge.map(f64::from), motion, left }
 }

@@ -7,6 +7,7 @@ use sensor_core::mesh::Surface;
 use super::Frame;
 use super::car::plate;
 use super::loft::{Section, loft};
+use super::outfit::{self, Outfit};
 
 /// A rounded box section: floor, skirt, window line, window top, roof.
 fn box_section(frame: &Frame, u: f32, detail: usize, (width, low, high, top): (f32, f32, f32, f32)) -> Section {
@@ -111,19 +112,24 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     builder.cuboid(frame.glass(), [skin - 0.03, 0.0, 0.57 * h], [0.04, 0.84 * w, 0.11 * h]);
     builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.33 * h], [0.04, 0.55 * w, 0.05 * h]);
     builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.15 * h], [0.04, 0.8 * w, 0.02 * h]);
-    cargo(builder, frame, cab_end, detail);
+    cargo(builder, frame, [cab_end, cab_top], detail);
     lamps(builder, frame, 0.20 * h, detail);
     long_mirrors(builder, frame, x - 0.25, 0.56 * h);
 }
 
-fn cargo(builder: &mut MeshBuilder, frame: &Frame, cab_end: f32, detail: usize) {
+fn cargo(builder: &mut MeshBuilder, frame: &Frame, [cab_end, cab_top]: [f32; 2], detail: usize) {
     let (h, w) = (frame.height(), frame.body_half_m);
     let front = frame.x(cab_end) - 0.12;
     let rear = -frame.half[0] + 0.03;
     let (middle, half) = (0.5 * (front + rear), 0.5 * (front - rear));
     let floor = 2.0 * frame.wheel_radius_m + 0.12;
-    let white = Surface::new(frame.class, Material::CarPaint, [232, 232, 228]);
-    builder.cuboid(white, [middle, 0.0, 0.5 * (floor + h)], [half, w, 0.5 * (h - floor)]);
+    let skin = match frame.outfit {
+        Outfit::FireEngine => frame.paint(),
+        Outfit::Drinks => Surface::new(frame.class, Material::Matte, [188, 24, 26]),
+        _ => Surface::new(frame.class, Material::Matte, [226, 226, 222]),
+    };
+    builder.cuboid(skin, [middle, 0.0, 0.5 * (floor + h)], [half, w, 0.5 * (h - floor)]);
+    outfit::on_lorry(builder, frame, [rear, front, floor, h], cab_top, detail);
     builder.cuboid(frame.dark(), [middle + 0.4, 0.0, floor - 0.16], [half + 0.3, 0.45 * w, 0.15]);
     if detail < 2 {
         for side in [1.0, -1.0] {

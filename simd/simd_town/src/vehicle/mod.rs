@@ -8,8 +8,11 @@ mod car;
 pub mod door;
 mod heavy;
 pub(crate) mod loft;
+pub mod outfit;
 mod two_wheeler;
 mod wheel;
+
+use outfit::Outfit;
 
 /// Kind of body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -78,6 +81,7 @@ const LEVELS_M: [f32; 4] = [16.0, 45.0, 90.0, f32::INFINITY];
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     class: Class,
+    outfit: Outfit,
     half: [f32; 3],
     /// Half width without mirrors.
     body_half_m: f32,
@@ -88,11 +92,12 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    fn new(shape: &VehicleShape) -> Frame {
+    fn new(shape: &VehicleShape, outfit: Outfit) -> Frame {
         let half = shape.half_m.map(|x| x as f32);
         let two_wheels = matches!(shape.style, BodyStyle::Motorcycle | BodyStyle::Bicycle);
         Frame {
             class: car::class_of(shape.style),
+            outfit,
             half,
             body_half_m: if two_wheels { half[1] } else { (half[1] - 0.09).min(1.275) },
             sill_m: 0.62 * shape.wheel_radius_m as f32,
@@ -101,8 +106,9 @@ impl Frame {
         }
     }
 
+    /// Height of the roof.
     fn height(&self) -> f32 {
-        2.0 * self.half[2]
+        2.0 * self.half[2] - self.outfit.roof_m()
     }
 
     /// Half length of the skin: lamps and plates stand out of it up to the box.
@@ -164,7 +170,12 @@ impl Frame {
 
 /// Builds the meshes for a shape. Body and wheels together fit its box to 1 cm. `CarPaint` is white: the instance's tint colours it.
 pub fn vehicle_meshes(shape: &VehicleShape) -> VehicleMeshes {
-    let frame = Frame::new(shape);
+    outfitted_meshes(shape, Outfit::Plain)
+}
+
+/// The same with equipment and livery.
+pub fn outfitted_meshes(shape: &VehicleShape, outfit: Outfit) -> VehicleMeshes {
+    let frame = Frame::new(shape, outfit);
     let mut builder = MeshBuilder::new(format!("{:?} body", shape.style).to_lowercase());
     for (detail, until_m) in LEVELS_M.into_iter().enumerate() {
         match shape.style {
@@ -201,7 +212,7 @@ fn wheel_sites(shape: &VehicleShape) -> Vec<WheelSite> {
     if matches!(shape.style, BodyStyle::Motorcycle | BodyStyle::Bicycle) {
         return axles.map(|(x, steered)| WheelSite { centre_m: [x, 0.0, radius_m], radius_m, steered, left: false }).to_vec();
     }
-    let aside = f64::from(Frame::new(shape).body_half_m - 0.5 * tyre(shape.style).0 - 0.012);
+    let aside = f64::from(Frame::new(shape, Outfit::Plain).body_half_m - 0.5 * tyre(shape.style).0 - 0.012);
     axles
         .iter()
         .flat_map(|&(x, steered)| {

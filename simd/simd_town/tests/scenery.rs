@@ -1,0 +1,119 @@
+//! What must stand in every town, and what sets vehicles of one body apart.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Point3, Vector3};
+use sensor_core::Material;
+use simd_town::{BodyStyle, Outfit, Town, VehicleShape, door_meshes, outfitted_meshes, vehicle_meshes};
+
+/// Objects by what their names begin with.
+fn counts(town: &Town) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    for object in &town.objects {
+        let kind = object.name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_');
+        *counts.entry(kind.to_owned()).or_insert(0) += 1;
+    }
+    counts
+}
+
+#[test]
+fn every_town_has_streets_houses_trees_lamps_signs_lights_and_parked_cars() {
+    for name in Town::NAMES {
+        let town = Town::generate(name, 1).expect("a name of the list");
+        let counts = counts(&town);
+        let least = [
+            ("street", 15),
+            ("junction", 10),
+            ("pavement", 5),
+            ("building", 20),
+            ("tree", 250),
+            ("hedge", 30),
+            ("street_lamp", 20),
+            ("traffic_light_pole", 9),
+            ("traffic_sign", 20),
+            ("parked_car", 3),
+            ("wood", 20),
+        ];
+        for (kind, least) in least {
+            let n = counts.get(kind).copied().unwrap_or(0);
+            assert!(n >= least, "{name} has {n} of {kind}, {least} at least are wanted");
+        }
+        // Where houses stand close together, cars stand between them.
+        let dense = !matches!(name, "Town06" | "Town07");
+        assert!(!dense || counts["parked_car"] >= 15, "{name}: {}", counts["parked_car"]);
+        let has_water = matches!(name, "Town01" | "Town04" | "Town06" | "Town07");
+        assert_eq!(counts.contains_key("pond"), has_water, "{name}");
+    }
+}
+
+/// Parked cars stand on level ground of their own: no house, hedge or other car within their box.
+#[test]
+fn cars_on_drives_touch_nothing() {
+    for name in ["Town01", "Town04", "Town07"] {
+        let town = Town::generate(name, 2).expect("a name of the list");
+        let boxed = |object: &simd_town::SceneryObject| (object.box_pose.isometry(), Vector3::from(object.box_half_m));
+        let cars: Vec<_> = town.objects.iter().filter(|object| object.name.starts_with("parked_car")).collect();
+        let others = ["building", "hedge", "wall", "fence", "tree", "parked_car"];
+        for car in &cars {
+            let (pose, half) = boxed(car);
+            for other in town.objects.iter().filter(|other| other.id != car.id && others.iter().any(|kind| other.name.starts_with(kind))) {
+                let middle = pose.inverse() * Point3::from(Vector3::from(other.pose.translation_m));
+                let inside = (0..3).all(|i| middle[i].abs() < half[i]);
+                assert!(!inside, "{name}: {} stands in {}", other.name, car.name);
+            }
+        }
+    }
+}
+
+const SALOON: VehicleShape = VehicleShape { style: BodyStyle::Saloon, half_m: [2.5, 1.05, 0.82], wheel_radius_m: 0.34, wheelbase_m: 2.95 };
+const VAN: VehicleShape = VehicleShape { style: BodyStyle::Van, half_m: [3.18, 1.18, 1.22], wheel_radius_m: 0.35, wheelbase_m: 3.9 };
+const LORRY: VehicleShape = VehicleShape { style: BodyStyle::Lorry, half_m: [4.23, 1.3, 1.91], wheel_radius_m: 0.5, wheelbase_m: 4.9 };
+
+#[test]
+fn outfits_stay_within_the_box_and_flash_where_they_should() {
+    for (shape, outfit, flashes) in [
+        (SALOON, Outfit::Police, true),
+        (SALOON, Outfit::Taxi, false),
+        (VAN, Outfit::Ambulance, true),
+        (LORRY, Outfit::FireEngine, true),
+        (LORRY, Outfit::Drinks, false),
+    ] {
+        let (plain, body) = (vehicle_meshes(&shape).body, outfitted_meshes(&shape, outfit).body);
+        let top = |mesh: &sensor_core::Mesh, level: usize| {
+            let lod = mesh.lods[level];
+            let used = &mesh.indices[lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize];
+            used.iter().map(|i| mesh.vertices[*i as usize].position_m[2]).fold(0.0f32, f32::max)
+        };
+        for level in 0..3 {
+            assert!((top(&body, level) - 2.0 * shape.half_m[2] as f32).abs() < 0.0101, "{outfit:?} {level}: {}", top(&body, level));
+        }
+        assert!((top(&plain, 0) - top(&body, 0)).abs() < 0.0101);
+        let bits: BTreeSet<u8> = body.vertices.iter().filter(|v| v.material == Material::Lamp as u8).map(|v| v.lamp).collect();
+        assert_eq!(bits.contains(&8) && bits.contains(&9), flashes, "{outfit:?}: {bits:?}");
+        let n = |level: usize| body.lods[level].n_indices / 3;
+        assert!(n(0) < 2600 && n(2) < 460, "{outfit:?}: {} and {} triangles", n(0), n(2));
+    }
+}
+
+/// From afar a door is a few triangles in the same place.
+#[test]
+fn doors_have_levels_of_detail_that_fill_the_same_box() {
+    for shape in [SALOON, VAN] {
+        for door in door_meshes(&shape).expect("its doors open").doors {
+            let extent = |level: usize| {
+                let lod = door.mesh.lods[level];
+                let used = &door.mesh.indices[lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize];
+                let corners = used.iter().map(|i| Vector3::from(door.mesh.vertices[*i as usize].position_m));
+                corners.fold((Vector3::repeat(f32::MAX), Vector3::repeat(f32::MIN)), |(low, high), p| (low.inf(&p), high.sup(&p)))
+            };
+            let n = |level: usize| door.mesh.lods[level].n_indices / 3;
+            assert_eq!(door.mesh.lods.len(), 3);
+            assert!(n(1) < n(0) && n(2) < n(1) && n(2) <= 8, "{:?}: {} {} {}", shape.style, n(0), n(1), n(2));
+            let (low, high) = extent(0);
+            for level in 1..3 {
+                let (a, b) = extent(level);
+                assert!((a - low).amax() < 0.05 && (b - high).amax() < 0.05, "{:?} {level}: {a} {low} {b} {high}", shape.style);
+            }
+        }
+    }
+}
