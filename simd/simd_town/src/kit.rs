@@ -114,6 +114,11 @@ fn parked_car(shape: &VehicleShape, rgb: [u8; 3]) -> Mesh {
         car.lods.push(sensor_core::Lod { first_idx, n_indices, until_m });
     }
     for vertex in &mut car.vertices {
+        // Nobody sits in it: its lamps are lenses, and do not come on with the street's.
+        if vertex.material == sensor_core::Material::Lamp as u8 {
+            (vertex.material, vertex.lamp) = (sensor_core::Material::Glass as u8, 0);
+            vertex.color = std::array::from_fn(|i| if i < 3 { (u16::from(vertex.color[i]) * 3 / 5) as u8 } else { 255 });
+        }
         if vertex.material == sensor_core::Material::CarPaint as u8 {
             vertex.color = std::array::from_fn(|i| if i < 3 { (u16::from(vertex.color[i]) * u16::from(rgb[i]) / 255) as u8 } else { 255 });
         }

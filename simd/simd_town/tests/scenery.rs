@@ -46,6 +46,23 @@ fn every_town_has_streets_houses_trees_lamps_signs_lights_and_parked_cars() {
     }
 }
 
+/// What shines at night by itself is a street lamp, a window, a tunnel's lamp: no car that nobody sits in.
+#[test]
+fn parked_cars_have_no_lamps_that_come_on_at_dusk() {
+    let town = Town::generate("Town10HD", 1).expect("a name of the list");
+    let cars: BTreeSet<u32> =
+        town.objects.iter().filter(|object| object.name.starts_with("parked_car")).map(|object| object.id.0).collect();
+    let (mut n_cars, mut n_posts) = (0, 0);
+    for each in &town.assets.statics {
+        let has_lamp = town.assets.mesh(each.mesh).vertices.iter().any(|vertex| vertex.material == Material::Lamp as u8);
+        let is_car = cars.contains(&each.object.0);
+        assert!(!(is_car && has_lamp), "{} shines", town.assets.mesh(each.mesh).name);
+        n_cars += usize::from(is_car);
+        n_posts += usize::from(has_lamp);
+    }
+    assert!(n_cars > 50 && n_posts > 100, "{n_cars} cars, {n_posts} lamps");
+}
+
 /// Parked cars stand on level ground of their own: no house, hedge or other car within their box.
 #[test]
 fn cars_on_drives_touch_nothing() {
