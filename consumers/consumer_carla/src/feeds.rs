@@ -334,9 +334,11 @@ impl Feeds {
             let _ = (&behind.poke).write(&[1]);
         }
         while let Some(behind) = active.iter().find(is_behind) {
-            let patience = if behind.is_connected.load(Ordering::Acquire) { WRITE_STEP } else { CONNECT_STEP };
-            if began.elapsed() >= patience {
-                tracing::warn!(stream = behind.stream, "a client does not take its sensor's messages; it loses frames until it does");
+            let is_connected = behind.is_connected.load(Ordering::Acquire);
+            if began.elapsed() >= if is_connected { WRITE_STEP } else { CONNECT_STEP } {
+                let fault =
+                    if is_connected { "does not take its sensor's messages" } else { "asked for a sensor's stream and does not connect" };
+                tracing::warn!(stream = behind.stream, "a client {fault}; it loses frames until it does");
                 behind.lags.store(true, Ordering::Release);
                 continue;
             }

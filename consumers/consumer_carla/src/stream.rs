@@ -171,7 +171,7 @@ impl Streams {
         loop {
             match messages.recv_timeout(LOOK) {
                 Ok(message) => {
-                    if !is_retired.load(Ordering::Acquire) {
+                    if places::is_served(is_retired) {
                         send(connection, &message.bytes, &[])?;
                     } else if has_ended(connection)? {
                         return Ok(());

@@ -170,3 +170,31 @@ fn odd_handshakes_cost_a_listener_nothing() {
         }
     }
 }
+
+/// Who loads a world hears no more of the old one meanwhile, and others do.
+#[test]
+fn a_load_silences_one_clients_world_stream() {
+    let ((listener, port), (streams, feeds)) = (listener(), streams());
+    let serving = (streams.clone(), feeds);
+    std::thread::spawn(move || stream::serve(&listener, &serving.0, &serving.1));
+    let message = |tick: u64| WorldMessage { tick, bytes: vec![tick as u8; 9].into() };
+    streams.send(message(1));
+    let next = |connection: &mut TcpStream| {
+        let mut bytes = [0; 13];
+        connection.read_exact(&mut bytes).unwrap();
+        bytes[4]
+    };
+    let [mut loader, mut other] = [1, 2].map(|client| {
+        let mut connection = connect(port);
+        connection.write_all(&streams.stream_of(client).to_le_bytes()).unwrap();
+        connection
+    });
+    assert_eq!((next(&mut loader), next(&mut other)), (1, 1));
+    assert!(streams.retire(1).is_some());
+    streams.send(message(2));
+    assert_eq!(next(&mut other), 2);
+    loader.shutdown(Shutdown::Write).unwrap();
+    let mut rest = Vec::new();
+    loader.read_to_end(&mut rest).unwrap();
+    assert!(rest.is_empty(), "{rest:?}");
+}

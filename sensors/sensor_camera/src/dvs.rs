@@ -6,7 +6,7 @@
 //! with warped pictures in place of extra renders.
 //!
 //! An edge is known to half a pixel of the rendered pictures, so an event's time is known to half a pixel of motion.
-
+//!
 //! In mode `two_frame` the level of every pixel goes in a straight line from picture to picture, as in CARLA.
 //!
 //! [`EventCamera`] works on the processor; `gpu` is the same model where the pictures are.

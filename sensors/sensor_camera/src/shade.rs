@@ -1,6 +1,6 @@
 //! The shading pass: light on what the geometry pass saw, once per pixel, however often it was drawn over.
 //!
-//! One compute dispatch per view, because GPUs made for computing have many times more arithmetic there than in fragment shaders. In low
+//! One compute dispatch for views of equal size, because GPUs made for computing have many times more arithmetic there than in fragment shaders. In low
 //! quality a software rasteriser draws triangles over the image instead, and its depth test sorts sky from surfaces.
 
 use std::collections::BTreeMap;

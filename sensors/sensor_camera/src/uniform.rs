@@ -48,8 +48,10 @@ pub struct ViewData {
     pub layers: [u32; 4],
     /// Where its shadow map lies in the layer: x, y in sides of the map, its side in sides of the layer; 0.
     pub tile: [f32; 4],
+    /// The same of its far shadow map.
+    pub far_tile: [f32; 4],
     /// Unused: a uniform's offset can be a multiple of 256 only.
-    pub rest: [[u32; 4]; 13],
+    pub rest: [[u32; 4]; 12],
 }
 
 /// Views that one binding holds, and so one dispatch can do: 16 KiB of uniforms are what every adapter can bind.

@@ -79,6 +79,7 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(ViewData, raster),
             offset_of!(ViewData, layers),
             offset_of!(ViewData, tile),
+            offset_of!(ViewData, far_tile),
             offset_of!(ViewData, rest),
         ],
     );

@@ -177,7 +177,7 @@ impl GpuRays {
         if frame.lidars.is_empty() {
             return Scans(Way::None);
         }
-        let writes_directly = self.options.writes_directly && self.gpu.can_write_directly() && places.iter().all(is_reachable);
+        let writes_directly = self.options.writes_directly && places.iter().all(is_reachable) && self.memory.fit_host(&self.gpu, &frame);
         let groups = groups(&mut frame, &places, self.options.group_rays, writes_directly);
         let mut encoder = self.gpu.encoder("lidars");
         if self.memory.upload(&self.gpu, &mut encoder, &mut frame) {
@@ -219,7 +219,7 @@ impl GpuRays {
                 first_packed: of_packed.start as u32,
                 n_packed: of_packed.len() as u32,
                 n_blocks: frame.lidars[of_traced].iter().map(|lidar| self.n_blocks(lidar)).max().unwrap_or(0).max(1),
-                n_chunks: frame.lidars[of_packed].iter().map(LidarWords::n_chunks).max().unwrap_or(0),
+                n_chunks: frame.lidars[of_packed].iter().map(LidarWords::n_chunks).max().unwrap_or(0).max(1),
             };
             let outputs = self.bind_outputs(packed.or(traced), host);
             let (pipeline, label) = self.pipelines.of(&turn);

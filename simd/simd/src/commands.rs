@@ -12,6 +12,7 @@ use crate::runtime::SensorWish;
 
 /// Shortest and longest tick, nanoseconds: 10 kHz to 1 Hz.
 const PERIOD_NANOS: (u64, u64) = (100_000, 1_000_000_000);
+/// Shortest and longest physics sub-step, nanoseconds.
 const SUBSTEP_NANOS: (u64, u64) = (100_000, 10_000_000);
 
 /// Most ticks one cue can ask for: a day at 100 Hz; more is surely a mistake in units.

@@ -173,7 +173,12 @@ impl Sensors {
             self.finish_lidars(lidars, &mut waking)?;
         }
         match pending {
-            Some(pending) => self.in_flight.push_back(pending),
+            Some(pending) => {
+                // Rigs with pictures on their way are woken when those are sent.
+                waking.retain(|rig| !pending.frames.iter().any(|frame| Rc::ptr_eq(&self.sensors[frame.sensor_idx].rig, rig)));
+                wake(&waking);
+                self.in_flight.push_back(pending);
+            }
             None => wake(&waking),
         }
         if self.read_everything {

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use simd_town::Town;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let seed = std::env::args().nth(1).map_or(Ok(1), |text| text.parse())?;
+    let seed = match std::env::args().nth(1) {
+        None => 1,
+        Some(text) => text.parse().map_err(|_| format!("seed is {text:?}, but must be a whole number from 0"))?,
+    };
     let mut rows: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for (column, name) in Town::NAMES.into_iter().enumerate() {
         let town = Town::generate(name, seed)?;

@@ -22,6 +22,8 @@ const LENGTH_M: f64 = 6.6;
 const BESIDE_M: f64 = 2.8;
 /// Between a drive and another house, for the garden between them.
 const APART_M: f64 = 1.2;
+/// Between a drive and a pole or a tree of the roadside.
+const CLEAR_M: f64 = 0.5;
 /// Steepest ground on which a car stands level: over its length, metres.
 const MAX_RISE_M: f64 = 0.22;
 
@@ -49,6 +51,7 @@ impl Builder<'_> {
             let drive = plot(0.0);
             if drive.footprint_m.iter().all(|p| self.is_free(*p, 2.0)) {
                 self.drive(kit, &drive, (along, out), &mut random);
+                self.drive_plots_m.push(plot(CLEAR_M).footprint_m);
                 drives.push(drive);
             }
         }

@@ -326,7 +326,8 @@ fn control(junction: Junction, plan: &Plan) -> Junction {
 /// Half the length of a junction in which a motorway only gains or loses a lane.
 const TAPER_M: f64 = 35.0;
 
-/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an avenue meet; elsewhere the stem of the T waits.
+/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an avenue meet, and at every junction of a dense
+/// centre; elsewhere the stem of the T waits.
 fn rules(mut junction: Junction, plan: &Plan) -> Junction {
     let arms = &mut junction.arms;
     let motorway = |arm: &&Arm| plan.streets[arm.road].profile.motorway;
@@ -339,7 +340,7 @@ fn rules(mut junction: Junction, plan: &Plan) -> Junction {
         junction.control = Control::Yield;
         return junction;
     }
-    if arms.len() > 3 || arms.iter().any(|arm| plan.streets[arm.road].profile.main) {
+    if arms.len() > 3 || plan.all_lights || arms.iter().any(|arm| plan.streets[arm.road].profile.main) {
         return junction;
     }
     let straightness = |i: usize| {
@@ -472,8 +473,8 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    // Opposite arms are green together unless they have several lanes: who turns left would meet two lanes of oncoming traffic there, and
-    // cars that wait for each other's gaps in the middle of a junction lock it.
+    // Opposite arms are green together where four narrow ones meet. On several lanes who turns left would meet two lanes of oncoming traffic, and
+    // cars that wait for each other's gaps in the middle of a junction lock it; of a T, half of an arm's traffic turns left.
     let waiting: Vec<usize> = (0..junction.arms.len()).filter(|&i| junction.arms[i].waits).collect();
     let mut done = vec![false; waiting.len()];
     for i in 0..waiting.len() {
@@ -482,8 +483,9 @@ fn place_signals(network: &mut Network, junction_idx: usize) {
         }
         let arm = |k: usize| &junction.arms[waiting[k]];
         let is_narrow = |k: usize| network.roads[arm(k).road].profile.n_lanes == 1;
-        let opposite = (i + 1..waiting.len())
-            .find(|&k| !done[k] && is_narrow(i) && is_narrow(k) && wrap(arm(k).heading_rad - arm(i).heading_rad).abs() > 2.4);
+        let opposite = (i + 1..waiting.len()).find(|&k| {
+            !done[k] && waiting.len() > 3 && is_narrow(i) && is_narrow(k) && wrap(arm(k).heading_rad - arm(i).heading_rad).abs() > 2.4
+        });
         let members: Vec<usize> = std::iter::once(i).chain(opposite).collect();
         members.iter().for_each(|&k| done[k] = true);
         let id = 1 + network.stages.len() as u32;

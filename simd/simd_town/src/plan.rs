@@ -183,6 +183,8 @@ pub struct Plan {
     pub ponds_m: Vec<(P2, f64)>,
     /// Points inside blocks that are parks; all others hold houses.
     pub parks_m: Vec<P2>,
+    /// Every junction has traffic lights.
+    pub all_lights: bool,
     /// What is built in the blocks.
     pub houses: Houses,
     /// Points inside blocks of cottages, whatever is built elsewhere.
@@ -247,6 +249,7 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
         streets,
         ponds_m: Vec::new(),
         parks_m,
+        all_lights: true,
         houses: Houses::Towers { within_m: 150.0 },
         cottages_m: Vec::new(),
     }

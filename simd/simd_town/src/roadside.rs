@@ -128,7 +128,7 @@ impl Builder<'_> {
             return;
         }
         let object = self.object_in(Some(MapLayer::Props), Class::POLES, "power_line");
-        let spots: Vec<(P2, f64)> = (0..=n).map(spot).collect();
+        let spots: Vec<(P2, f64)> = (0..=n).map(spot).filter(|(p, _)| !self.is_on_drive(*p)).collect();
         if !spots.iter().all(|(p, _)| self.is_free(*p, 2.0)) {
             return;
         }
@@ -149,7 +149,7 @@ impl Builder<'_> {
             let side = if random.chance(0.6) { -1.0 } else { 1.0 };
             let p = road.path.beside(s, side * (road.profile.back_m() + random.between(3.6, 6.0)));
             let alone = self.network.roads.iter().all(|other| other.path.nearest(p).1 > other.profile.back_m() + 1.5);
-            if alone && self.is_free(p, 2.0) && random.chance(0.75) {
+            if alone && !self.is_on_drive(p) && self.is_free(p, 2.0) && random.chance(0.75) {
                 self.tree(kit, p, random);
             }
             s += random.between(9.0, 26.0);

@@ -40,6 +40,8 @@ pub struct Builder<'a> {
     pub floor: Floor,
     pub solid: CollisionMesh,
     pub lights: Vec<LightSite>,
+    /// Drives beside houses and the room round them, where nothing else is to stand.
+    pub drive_plots_m: Vec<[P2; 4]>,
 }
 
 /// Builds the scenery of a network.
@@ -58,6 +60,7 @@ pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
         floor: Floor { road: named("road"), raised: named("pavement") },
         solid: named("buildings and poles"),
         lights: Vec::new(),
+        drive_plots_m: Vec::new(),
     };
     b.streets();
     let kit = Kit::new(plan, &mut b.assets);
@@ -234,6 +237,11 @@ impl Builder<'_> {
             self.network.roads.iter().filter(|road| road.tunnel).any(|road| road.path.nearest(p).1 < road.profile.back_m() + 6.0);
         let in_pond = self.plan.ponds_m.iter().any(|(middle, radius)| (p - middle).norm() < radius + 2.0 + margin_m);
         !in_tunnel && !in_pond && !bridge::is_near(self.network, p, margin_m)
+    }
+
+    /// A drive is at this place.
+    pub fn is_on_drive(&self, p: P2) -> bool {
+        self.drive_plots_m.iter().any(|plot| contains(plot, p))
     }
 
     fn signal(&mut self, kit: &Kit, signal: &Signal) {

@@ -57,6 +57,7 @@ impl Sketch {
             streets: Vec::new(),
             ponds_m: Vec::new(),
             parks_m: Vec::new(),
+            all_lights: false,
             houses,
             cottages_m: Vec::new(),
         };

@@ -2,7 +2,7 @@
 
 use schema_roads::{LaneKind, LanePosition, RoadMap};
 use simd_town::Town;
-use simd_town::guide::ROUTES;
+use simd_town::guide::{self, ROUTES};
 
 /// Places 2 m apart on every way on from here, as far as the lane's own points say.
 fn ahead(roads: &RoadMap, from: LanePosition, metres: f64) -> Vec<LanePosition> {
@@ -18,7 +18,7 @@ fn ahead(roads: &RoadMap, from: LanePosition, metres: f64) -> Vec<LanePosition> 
 
 #[test]
 fn each_point_of_a_route_lies_ahead_of_the_one_before() {
-    for seed in [1, 7] {
+    for seed in 1..=8 {
         let town = Town::generate("Town10HD", seed).unwrap();
         let roads = RoadMap::parse(&town.open_drive).unwrap();
         let place = |number: usize| town.spawn_points[number].translation_m;
@@ -38,9 +38,15 @@ fn each_point_of_a_route_lies_ahead_of_the_one_before() {
 #[test]
 fn numbering_moves_points_and_makes_none() {
     let town = Town::generate("Town10HD", 7).unwrap();
-    let mut places: Vec<[u64; 3]> = town.spawn_points.iter().map(|point| point.translation_m.map(f64::to_bits)).collect();
-    let n_points = places.len();
-    places.sort_unstable();
-    places.dedup();
-    assert_eq!(places.len(), n_points, "each place once");
+    let sorted = |points: &[schema_types::Pose]| {
+        let mut bits: Vec<[u64; 3]> = points.iter().map(|point| point.translation_m.map(f64::to_bits)).collect();
+        bits.sort_unstable();
+        bits
+    };
+    let mut points = town.spawn_points.clone();
+    let last = points.len() - 1;
+    points[1..last].reverse();
+    guide::number(&mut points, &town.open_drive);
+    assert_eq!(sorted(&points), sorted(&town.spawn_points));
+    assert!([0, last].iter().all(|&end| points[end].translation_m == town.spawn_points[end].translation_m), "the ends stay");
 }

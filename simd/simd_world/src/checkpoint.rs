@@ -179,12 +179,13 @@ impl World {
         Ok(gone)
     }
 
-    /// What follows from the map and the program alone.
+    /// What follows from the map and the program alone, or is a setting as the length of a tick is.
     fn take_constants(&mut self, living: &World) {
         self.map = living.map.clone();
         self.roads = living.roads.clone();
         self.catalogue = living.catalogue.clone();
         self.meshes = living.meshes.clone();
+        self.options.physics_substep_secs = living.options.physics_substep_secs;
         self.scenery = living.scenery.clone();
         self.physics.show_only(&self.map, &self.scenery.hidden);
     }

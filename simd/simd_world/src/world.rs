@@ -32,7 +32,7 @@ const SIDE_BY_SIDE: usize = 32;
 /// Beyond, vehicles stay stable but drive off differently.
 const LONGEST_SUBSTEP_SECS: f64 = 0.01;
 
-/// What does not change while a world lives.
+/// How a world is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WorldOptions {
     /// Seed of everything that is drawn by lot.

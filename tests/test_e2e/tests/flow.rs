@@ -162,6 +162,12 @@ fn commands_change_the_world_between_ticks() {
         panic!("must be refused")
     };
     assert!(error.contains("period_nanos is 1"), "{error}");
+    let CommandReply::Refused { error } =
+        ask(&mut client, Command::Configure { mode: None, period_nanos: None, longest_substep_nanos: Some(1) })
+    else {
+        panic!("must be refused")
+    };
+    assert!(error.contains("longest_substep_nanos is 1"), "{error}");
     step(&mut client, 2);
     assert_eq!(
         ask(&mut client, Command::Configure { mode: None, period_nanos: Some(10_000_000), longest_substep_nanos: None }),

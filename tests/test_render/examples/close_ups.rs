@@ -131,7 +131,11 @@ impl Studio {
 fn run() -> Result<(), String> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let [folder, rest @ ..] = words.as_slice() else { return Err("say close_ups OUT_DIR [low|high] [WEATHER]".into()) };
-    let quality = if rest.first().is_some_and(|word| word == "low") { Quality::Low } else { Quality::High };
+    let quality = match rest.first().map(String::as_str) {
+        Some("low") => Quality::Low,
+        None | Some("high") => Quality::High,
+        Some(other) => return Err(format!("quality is {other:?}, but must be low or high")),
+    };
     let folder = Path::new(folder);
     std::fs::create_dir_all(folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
     let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;

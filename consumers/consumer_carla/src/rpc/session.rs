@@ -196,8 +196,10 @@ impl Gateway {
         let streams = self.feeds.streams();
         let retired = streams.retire(call.connection);
         let loaded = self.load_map(call);
-        if let (Some(place), Err(_)) = (retired, &loaded) {
-            streams.restore(call.connection, place);
+        match (retired, &loaded) {
+            (Some(place), Err(_)) => streams.restore(call.connection, place),
+            (Some(place), Ok(_)) => place.leave(),
+            (None, _) => {}
         }
         loaded
     }

@@ -2,23 +2,40 @@
 //!
 //! The 0.9.16 client keeps its streams by number. After `load_world` it takes a new world stream while one of its threads may still be at work
 //! on a snapshot of the old one; if both have the same number, the new one is freed while it connects, and the client's process ends. So each
-//! client has a number of its own for every world that it loads, and what it had before a load is sent nothing more.
+//! client has a number of its own for every world that it loads, and what it had before a load is sent nothing while it changes over.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use schema_bus::mono_now;
 
 /// Clients' own world streams count from here; actors' streams never come so far.
 const FIRST: u32 = 0x8000_0000;
 
-/// Whether what listens to a world stream is to be sent nothing more.
-pub(super) type Retired = Arc<AtomicBool>;
+/// From when on, by the monotonic clock in nanoseconds, snapshots go to what listens to a world stream.
+pub(super) type Retired = Arc<AtomicU64>;
+
+/// Whether snapshots go to it now.
+pub(super) fn is_served(retired: &Retired) -> bool {
+    mono_now().0 >= retired.load(Ordering::Acquire)
+}
+
+/// A client that has not left its old stream for so long after a load had given up waiting for the load, and goes on with it.
+const LEAVE_NANOS: u64 = 10_000_000_000;
 
 /// A client's world stream.
 #[derive(Debug)]
 pub struct Place {
     stream: u32,
     is_retired: Retired,
+}
+
+impl Place {
+    /// The load was answered: the client takes a new stream.
+    pub fn leave(&self) {
+        self.is_retired.store(mono_now().0 + LEAVE_NANOS, Ordering::Release);
+    }
 }
 
 /// World streams by the RPC connections that asked for them.
@@ -50,16 +67,16 @@ impl Places {
         self.of.values().find(|place| place.stream == stream).map(|place| place.is_retired.clone()).unwrap_or_default()
     }
 
-    /// Nothing more goes to a client's world stream.
+    /// Nothing goes to a client's world stream until [`Place::leave`] or [`Places::restore`] is called on what this gives.
     pub fn retire(&mut self, connection: u64) -> Option<Place> {
         let place = self.of.remove(&connection)?;
-        place.is_retired.store(true, Ordering::Release);
+        place.is_retired.store(u64::MAX, Ordering::Release);
         Some(place)
     }
 
     /// It goes on after all.
     pub fn restore(&mut self, connection: u64, place: Place) {
-        place.is_retired.store(false, Ordering::Release);
+        place.is_retired.store(0, Ordering::Release);
         self.of.insert(connection, place);
     }
 }
@@ -75,10 +92,13 @@ mod tests {
         assert!(one != other && places.stream_of(1) == one && is_world(one) && is_world(1) && !is_world(2));
         let flags = [one, other].map(|stream| places.retired(stream));
         let place = places.retire(1).unwrap();
-        assert_eq!(flags.each_ref().map(|flag| flag.load(Ordering::Acquire)), [true, false]);
+        assert_eq!(flags.each_ref().map(is_served), [false, true]);
         places.restore(1, place);
-        assert!(!flags[0].load(Ordering::Acquire) && places.stream_of(1) == one);
-        places.retire(1);
+        assert!(is_served(&flags[0]) && places.stream_of(1) == one);
+        let place = places.retire(1).unwrap();
+        place.leave();
+        let waits_nanos = flags[0].load(Ordering::Acquire) - mono_now().0;
+        assert!(!is_served(&flags[0]) && waits_nanos <= LEAVE_NANOS, "a client that gave up hears the old stream again");
         let next = places.stream_of(1);
         assert!(next != one && next != other);
     }

@@ -333,7 +333,8 @@ impl GpuEventCamera {
 
 /// Places for events: more than a frame takes, so that what is cut off is what comes last in all but the worst case.
 fn capacity_of(spec: &DvsSpec, [width, height]: [u32; 2]) -> usize {
-    let max_events = spec.max_events_of(width, height) as usize;
+    // A flicker of all pixels at one time is one slice.
+    let max_events = (spec.max_events_of(width, height) as usize).max(width as usize * height as usize);
     max_events + max_events / 4 + 65_536
 }
 

@@ -271,6 +271,7 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
         raster: [0, 0, 0, active.set.0 as u32],
         layers: [active.layer, lit.near.layer, lit.far.layer, 0],
         tile: [lit.near.tile[0], lit.near.tile[1], lit.near.tile[2], 0.0],
-        rest: [[0; 4]; 13],
+        far_tile: [lit.far.tile[0], lit.far.tile[1], lit.far.tile[2], 0.0],
+        rest: [[0; 4]; 12],
     }
 }

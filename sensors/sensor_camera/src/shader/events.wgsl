@@ -65,9 +65,7 @@ struct Slices {
 @group(1) @binding(0) var<storage, read> source_words: array<vec2<u32>>;
 @group(1) @binding(1) var<storage, read> passing_words: array<vec2<u32>>;
 
-const SLOW: u32 = 0u;
 const SMOOTH: u32 = 1u;
-const MIXED: u32 = 2u;
 const STRAIGHT: u32 = 3u;
 const SEVERAL: u32 = 4u;
 const TILE_PX: u32 = 8u;

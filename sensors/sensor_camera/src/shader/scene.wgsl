@@ -28,8 +28,10 @@ struct ViewUniform {
     layers: vec4<u32>,
     // Where in those layers: x, y of the near map in sides of itself, its side in sides of the layer.
     tile: vec4<f32>,
+    // The same of the far map.
+    far_tile: vec4<f32>,
     // A uniform's offset can be a multiple of 256 only.
-    rest: array<vec4<u32>, 13>,
+    rest: array<vec4<u32>, 12>,
 }
 
 // Mirror of LightData.

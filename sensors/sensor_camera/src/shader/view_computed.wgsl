@@ -12,5 +12,6 @@ fn near_shadow(at: vec2<f32>, depth: f32) -> f32 {
 }
 
 fn far_shadow(at: vec2<f32>, depth: f32) -> f32 {
-    return textureSampleCompareLevel(far_shadow_maps, shadow_sampler, at, views[which].layers.z, depth);
+    let in_layer = (at + views[which].far_tile.xy) * views[which].far_tile.z;
+    return textureSampleCompareLevel(far_shadow_maps, shadow_sampler, in_layer, views[which].layers.z, depth);
 }

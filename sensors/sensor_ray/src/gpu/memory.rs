@@ -50,6 +50,12 @@ pub(super) struct Memory {
 /// Parts of the host's memory begin at multiples of this.
 const PART_BYTES: usize = 256;
 
+/// Where lidars and tables begin in the host's memory.
+fn parts_of(frame: &Frame) -> (usize, usize) {
+    let first_lidar = (4 * frame.lidars.len()).next_multiple_of(PART_BYTES);
+    (first_lidar, first_lidar + size_of_val(&frame.lidars[..]).next_multiple_of(PART_BYTES))
+}
+
 impl Memory {
     pub fn new(gpu: &Gpu) -> Self {
         use wgpu::BufferUsages as U;
@@ -87,8 +93,7 @@ impl Memory {
         }
         self.choose_half(encoder, frame);
         let (lidars, tables): (&[u8], &[u8]) = (bytemuck::cast_slice(&frame.lidars), bytemuck::cast_slice(&frame.tables));
-        let first_lidar = (4 * n_lidars as usize).next_multiple_of(PART_BYTES);
-        let first_table = first_lidar + lidars.len().next_multiple_of(PART_BYTES);
+        let (first_lidar, first_table) = parts_of(frame);
         match self.host_of(gpu, first_table + tables.len()) {
             Some(host) => {
                 host.write(first_lidar, lidars);
@@ -105,6 +110,12 @@ impl Memory {
             }
         }
         is_new
+    }
+
+    /// Whether shaders reach memory of the host, made large enough for this frame.
+    pub fn fit_host(&mut self, gpu: &Gpu, frame: &Frame) -> bool {
+        let (_, first_table) = parts_of(frame);
+        self.host_of(gpu, first_table + size_of_val(&frame.tables[..])).is_some()
     }
 
     /// The host's memory with room for so many bytes.

@@ -27,11 +27,16 @@ const TRACING: u32 = 4;
 const MAX_SIDE: u32 = 65_535;
 
 impl Turn {
+    /// Whether a dispatch that only traces or only packs can have its workgroups side by side.
+    fn fits(&self) -> bool {
+        [self.n_blocks, self.n_traced, self.n_chunks, self.n_packed].into_iter().all(|side| side <= MAX_SIDE)
+    }
+
     /// Workgroups, as the shader numbers them.
     pub fn size(&self) -> [u32; 3] {
         match (self.n_traced, self.n_packed) {
-            (n_traced, 0) => [self.n_blocks, n_traced, 1],
-            (0, n_packed) => [self.n_chunks, n_packed, 1],
+            (n_traced, 0) if self.fits() => [self.n_blocks, n_traced, 1],
+            (0, n_packed) if self.fits() => [self.n_chunks, n_packed, 1],
             (n_traced, n_packed) => {
                 let places = (n_packed * self.n_chunks).max((n_traced * self.n_blocks).div_ceil(TRACING));
                 [1 + TRACING, places.min(MAX_SIDE), places.div_ceil(MAX_SIDE)]
@@ -83,9 +88,9 @@ impl Pipelines {
     /// What does this, and the name of its time.
     pub fn of(&self, turn: &Turn) -> (&wgpu::ComputePipeline, &'static str) {
         match (turn.n_traced > 0, turn.n_packed > 0) {
-            (true, false) => (&self.trace, "lidar trace"),
-            (false, _) => (&self.pack, "lidar pack"),
-            (true, true) => (&self.both, "lidar trace and pack"),
+            (true, false) if turn.fits() => (&self.trace, "lidar trace"),
+            (false, _) if turn.fits() => (&self.pack, "lidar pack"),
+            _ => (&self.both, "lidar trace and pack"),
         }
     }
 }

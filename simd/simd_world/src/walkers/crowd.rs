@@ -290,7 +290,7 @@ impl World {
             let moves = vehicle.velocity(&self.physics).0.norm() > STANDS_MPS;
             (pose.translation.vector, Obstacle { world_from_box, half_m: Vector2::new(length, width), moves })
         };
-        self.vehicles.values().map(obstacle).collect()
+        self.vehicles.values().filter(|vehicle| vehicle.switches.collides).map(obstacle).collect()
     }
 
     /// A new way to a place within reach; stays put for a while if there is none.

@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn the_way_round_is_the_shorter_one_and_touches_nothing() {
-        // Across the middle of a car's side, a little off: round its nearer end. By Pythagoras the shortest way is 13.0 m.
+        // Across the middle of a car's side, a little off: round its nearer end. By Pythagoras the shortest way is 11.6 m.
         for yaw in [0.0, 0.4, 1.2] {
             let turn = Isometry2::new(Vector2::zeros(), yaw);
             let world = |x: f64, y: f64| <[f64; 2]>::from((turn * Point2::new(x, y)).coords);
