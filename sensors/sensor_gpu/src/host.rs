@@ -76,16 +76,16 @@ impl HostMemory {
     /// Panics if the range leaves the memory.
     pub fn read(&self, offset_bytes: usize, into: &mut [u8]) {
         assert!(offset_bytes + into.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", into.len(), self.n_bytes());
-        // SAFETY: in bounds, initialised, and `into` is other memory because nobody has a reference to this.
+        // SAFETY: in bounds, initialised, and `into` is other memory, because nobody ever has a mutable reference to this.
         unsafe { std::ptr::copy_nonoverlapping(self.base.add(offset_bytes), into.as_mut_ptr(), into.len()) };
     }
 
-    /// Copies bytes in. No submission that reads there may be on its way.
+    /// Copies bytes in. No submission that reads there may be on its way, and nobody may hold what [`HostMemory::bytes`] gave.
     ///
     /// Panics if the range leaves the memory.
     pub fn write(&self, offset_bytes: usize, from: &[u8]) {
         assert!(offset_bytes + from.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", from.len(), self.n_bytes());
-        // SAFETY: in bounds, and `from` is other memory because nobody has a reference to this.
+        // SAFETY: in bounds, and `from` is other memory, because the caller lets nobody hold a reference to this meanwhile.
         unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len()) };
     }
 }

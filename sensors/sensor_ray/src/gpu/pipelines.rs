@@ -65,10 +65,10 @@ impl Pipelines {
             bind_group_layouts: &[Some(&scene), Some(&outputs)],
             immediate_size: size_of::<Turn>() as u32,
         });
+        #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
         // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by
         // `Frame`, after which the buffers are sized and the outputs checked; a walk visits a node once, its stack holds what
         // [`super::GpuRays::update`] lets through, and all other loops count bits, lanes or words.
-        #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
         let shader = unsafe { gpu.shader_unchecked("lidars", include_str!("lidar.wgsl")) };
         let pipeline = |entry_point: &str| {
             let constants: &[(&str, f64)] = if entry_point == "pack" { &[] } else { &[("block_columns", options.block_columns as f64)] };
