@@ -6,13 +6,59 @@ use consumer_carla::axes::Transform;
 use consumer_carla::fields::{Attribute, Description};
 use consumer_carla::list;
 use consumer_carla::msgpack::{self, Limits, Value};
+use consumer_carla::recorder::changes::{Changes, StreetLight};
 use consumer_carla::recorder::extra::Extra;
-use consumer_carla::recorder::file::{Born, Frame, Head, Light, MAGIC, Pedals, Recording};
+use consumer_carla::recorder::file::{Born, Frame, Head, Light, MAGIC, Pedals, Recording, VERSION};
 use consumer_carla::recorder::report;
+use schema_frames::document::Weather;
+use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
 fn who(type_id: &str, role: &str) -> Description {
     let attributes = vec![Attribute { name: "role_name".into(), kind: 4, value: role.into() }];
     Description { type_id: type_id.into(), attributes }
+}
+
+/// Of everything one; numbers that binary fractions have exactly.
+fn changes() -> Changes {
+    let wheel = WheelPhysics {
+        friction: 1.5,
+        damping_nms: 0.25,
+        max_steer_rad: 0.0,
+        radius_m: 0.5,
+        max_brake_nm: 1500.0,
+        max_hand_brake_nm: 3000.0,
+        lat_load_limit: 2.0,
+        lat_stiffness_per_rad: 17.0,
+        long_stiffness_kg: 1000.0,
+        position_m: [1.5, 0.75, 0.5],
+    };
+    let physics = VehiclePhysics {
+        torque_curve: vec![[0.0, 400.0], [6000.0, 300.0]],
+        max_rpm: 6500.0,
+        engine_inertia_kgm2: 1.0,
+        damping_full_throttle_nms: 0.125,
+        damping_closed_engaged_nms: 2.0,
+        damping_closed_open_nms: 0.25,
+        automatic_gearbox: true,
+        gear_switch_secs: 0.5,
+        clutch_strength_nms: 10.0,
+        final_ratio: 4.0,
+        forward_gears: vec![GearPhysics { ratio: 2.5, down_ratio: 0.5, up_ratio: 0.75 }],
+        mass_kg: 1750.0,
+        drag_coefficient: 0.25,
+        center_of_mass_m: [0.5, -0.25, 0.125],
+        steering_curve: vec![[0.0, 1.0]],
+        wheels: vec![wheel],
+        sweep_wheels: false,
+    };
+    let bone = Transform { location_m: [0.0, 0.25, 1.0], rotation_deg: [10.0, 20.0, 30.0] };
+    Changes {
+        weather: Some(Weather { cloudiness: 80.0, sun_azimuth_deg: 90.0, sun_altitude_deg: -5.0, ..Weather::default() }),
+        doors: BTreeMap::from([(7, 0b0101), (8, 0)]),
+        street_lights: BTreeMap::from([(21, StreetLight { on: true, intensity_lm: 4000.0, rgb: [255, 128, 0] })]),
+        physics: BTreeMap::from([(7, physics)]),
+        bones: BTreeMap::from([(9, vec![("crl_hips__C".to_owned(), bone)])]),
+    }
 }
 
 /// A hero that drives 1 m a tick and hits a parked van at the third of four ticks.
@@ -44,8 +90,9 @@ fn drive() -> Recording {
             light_times: BTreeMap::from([(3, [10.0, 3.0, 2.5])]),
             platform_secs: Some(0.25 * f64::from(idx)),
         },
+        changes: if idx == 0 { changes() } else { Changes::default() },
     });
-    Recording { head: Head { map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
+    Recording { head: Head { version: VERSION, map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
 }
 
 fn bytes(recording: &Recording) -> Vec<u8> {
@@ -61,20 +108,31 @@ fn recordings_read_as_they_were_written() {
     assert_eq!(Recording::read(&mut bytes(&recording).as_slice()).unwrap(), recording);
 }
 
-/// Version 2 had nothing behind the velocities.
+/// Version 2 had nothing behind the velocities, version 3 nothing behind the platform time; texts say which it is.
 #[test]
-fn recordings_of_the_version_before_are_read() {
-    let mut recording = drive();
-    let mut old = Vec::new();
-    msgpack::write(&mut old, &list![MAGIC, 2u32, recording.head.map.as_str(), recording.head.date.as_str()]);
-    for frame in &mut recording.frames {
-        let mut bytes = Vec::new();
-        frame.write(&mut bytes);
-        let Ok(Value::Array(fields)) = msgpack::read(&mut bytes.as_slice(), Limits::default()) else { panic!("a frame is a list") };
-        msgpack::write(&mut old, &Value::Array(fields[..12].to_vec()));
-        frame.extra = Extra::default();
+fn recordings_of_the_versions_before_are_read() {
+    for (version, n_fields) in [(2, 12), (3, 16)] {
+        let mut recording = drive();
+        let mut old = Vec::new();
+        recording.head.version = version;
+        recording.head.write(&mut old);
+        for frame in &mut recording.frames {
+            let mut bytes = Vec::new();
+            frame.write(&mut bytes);
+            let Ok(Value::Array(fields)) = msgpack::read(&mut bytes.as_slice(), Limits::default()) else { panic!("a frame is a list") };
+            msgpack::write(&mut old, &Value::Array(fields[..n_fields].to_vec()));
+            frame.changes = Changes::default();
+            if version == 2 {
+                frame.extra = Extra::default();
+            }
+        }
+        let read = Recording::read(&mut old.as_slice()).unwrap();
+        assert_eq!(read, recording);
+        assert!(report::info(&read, false).starts_with(&format!("Version: {version}\n")));
     }
-    assert_eq!(Recording::read(&mut old.as_slice()).unwrap(), recording);
+    let mut newer = Vec::new();
+    msgpack::write(&mut newer, &list![MAGIC, VERSION + 1, "Town10HD", "2026-01-31 12:00:00"]);
+    assert!(Recording::read(&mut newer.as_slice()).unwrap_err().contains("reads versions 2 to 4"));
 }
 
 #[test]
@@ -117,7 +175,7 @@ fn foreign_and_broken_recordings_are_sentences() {
 fn texts_read_like_carlas() {
     let recording = drive();
     let info = report::info(&recording, false);
-    assert!(info.starts_with("Version: 3\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
+    assert!(info.starts_with("Version: 4\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
     assert!(info.contains(" Create 7: vehicle.tesla.model3 (1) at (0, -200, 50)\n  role_name = hero\n"));
     assert!(info.contains("Frame 3 at 1 seconds\n Collision id 0 between 7 (hero)  with 8\n Collision id 1 between 7 (hero)  with 0\n"));
     assert!(info.contains("Frame 4 at 1.5 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
@@ -138,9 +196,25 @@ fn texts_read_like_carlas() {
         " Current platform time: 0.75",
         " Traffic Light time events: 1",
         "  Id: 3 green_time: 10 yellow_time: 3 red_time: 2.5",
+        " Weathers: 1",
+        " Vehicle door animations: 2",
+        "  Doors opened:  Front Left  Rear Left ",
+        "  Doors opened: ",
+        " Scene light changes: 1",
+        "  Id: 21 enabled: True intensity: 4000 RGB_color: (255, 128, 0)",
+        " Physics Control events: 1",
+        "   mass = 1750",
+        "   center_of_mass = (0.5, 0.25, 0.125)",
+        "   torque_curve = (0, 400) (6000, 300)",
+        "    gear 0: ratio 2.5 down_ratio 0.5 up_ratio 0.75",
+        "    wheel 0: tire_friction 1.5 damping_rate 0.25 max_steer_angle 0 radius 50 max_brake_torque 1500 max_handbrake_torque 3000 position (150, -75, 50)",
+        " Walkers Bones: 1",
+        "     Bone: \"crl_hips__C\" relative: Loc(0, 25, 100) Rot(30, 10, 20)",
     ] {
         assert!(all.lines().any(|found| found == line), "{line}\n{all}");
     }
+    // CARLA counts azimuths clockwise.
+    assert!(all.contains("  Cloudiness: 80 Precipitation: 0 ") && all.contains(" SunAzimuthAngle: 270 SunAltitudeAngle: -5 "), "{all}");
     let row =
         |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
     let hit = report::collisions(&recording, 'v', 'h');

@@ -150,7 +150,14 @@ fn odd_handshakes_cost_a_listener_nothing() {
     let mut half_open = Vec::new();
     for n in 0..CASES {
         let mut connection = connect(port);
-        let id = [rng.u32(..), rng.u32(0..200), WORLD_STREAM, 0, u32::MAX][rng.usize(0..5)];
+        // Half of all numbers are clients' own world streams; sensors' are small.
+        let id = match rng.u8(0..8) {
+            0 => WORLD_STREAM,
+            1 => 0x8000_0000 | rng.u32(..),
+            2 => [0, u32::MAX, 0x7fff_ffff, 0x8000_0000][rng.usize(0..4)],
+            3 => rng.u32(0x1_0000..0x8000_0000),
+            _ => rng.u32(2..0x1_0000),
+        };
         let n_bytes = rng.usize(0..=4);
         let _ = connection.write_all(&id.to_le_bytes()[..n_bytes]);
         if rng.u8(..) < 40 {
@@ -190,6 +197,7 @@ fn a_load_silences_one_clients_world_stream() {
         connection
     });
     assert_eq!((next(&mut loader), next(&mut other)), (1, 1));
+    let left = streams.stream_of(1);
     assert!(streams.retire(1).is_some());
     streams.send(message(2));
     assert_eq!(next(&mut other), 2);
@@ -197,4 +205,10 @@ fn a_load_silences_one_clients_world_stream() {
     let mut rest = Vec::new();
     loader.read_to_end(&mut rest).unwrap();
     assert!(rest.is_empty(), "{rest:?}");
+    // Nor does one that connects to it only now.
+    let mut late = connect(port);
+    late.write_all(&left.to_le_bytes()).unwrap();
+    late.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+    let heard = late.read(&mut [0; 13]);
+    assert!(heard.as_ref().is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock), "{heard:?}");
 }

@@ -6,7 +6,7 @@ Usage: carla_physics.py PORT. Prints "<theme> passed" after each theme. Expected
 import sys
 
 import carla
-from carla_kit import STEP_SECS, connect, must_be, near, passed, speed, step_by_hand, ticks, unevenness
+from carla_kit import STEP_SECS, connect, must_be, near, run, run_checks, speed, step_by_hand, ticks, unevenness
 
 G = 9.81
 
@@ -37,195 +37,219 @@ def reach_mps(car, wanted):
     raise AssertionError(f"never reached {wanted} m/s, but {speed(car):.2f}")
 
 
-# Fields: what is set is read back, and the factory's values are a car's.
-car = fresh()
-factory = car.get_physics_control()
-assert 1000 < factory.mass < 3000 and len(factory.wheels) == 4 and len(factory.torque_curve) > 2 and factory.max_rpm > 3000
-assert all(20 < wheel.radius < 60 for wheel in factory.wheels), "wheels are in centimetres"
-changed = car.get_physics_control()
-changed.mass, changed.drag_coefficient, changed.final_ratio = 2222.0, 0.5, 5.0
-changed.torque_curve = [carla.Vector2D(0, 400), carla.Vector2D(6000, 300)]
-wheels = changed.wheels
-for wheel in wheels:
-    wheel.tire_friction, wheel.max_steer_angle = 0.7, wheel.max_steer_angle / 2
-changed.wheels = wheels
-car.apply_physics_control(changed)
-world.tick()
-again = car.get_physics_control()
-for name in ("mass", "drag_coefficient", "final_ratio", "moi", "max_rpm"):
-    must_be(getattr(again, name), getattr(changed, name), 1e-4, name)
-assert [(p.x, p.y) for p in again.torque_curve] == [(0, 400), (6000, 300)]
-assert all(abs(wheel.tire_friction - 0.7) < 1e-5 for wheel in again.wheels)
-car.destroy()
-passed("fields")
-
-
-# Mass: twice of it is slower off the mark under the same engine.
-def speed_after_two_seconds(times):
+def check_fields():
+    """What is set is read back, and the factory's values are a car's."""
     car = fresh()
-    control = car.get_physics_control()
-    control.mass *= times
-    car.apply_physics_control(control)
+    factory = car.get_physics_control()
+    assert 1000 < factory.mass < 3000 and len(factory.wheels) == 4 and len(factory.torque_curve) > 2 and factory.max_rpm > 3000
+    assert all(20 < wheel.radius < 60 for wheel in factory.wheels), "wheels are in centimetres"
+    changed = car.get_physics_control()
+    changed.mass, changed.drag_coefficient, changed.final_ratio = 2222.0, 0.5, 5.0
+    changed.torque_curve = [carla.Vector2D(0, 400), carla.Vector2D(6000, 300)]
+    wheels = changed.wheels
+    for wheel in wheels:
+        wheel.tire_friction, wheel.max_steer_angle = 0.7, wheel.max_steer_angle / 2
+    changed.wheels = wheels
+    car.apply_physics_control(changed)
     world.tick()
+    again = car.get_physics_control()
+    for name in ("mass", "drag_coefficient", "final_ratio", "moi", "max_rpm"):
+        must_be(getattr(again, name), getattr(changed, name), 1e-4, name)
+    assert [(p.x, p.y) for p in again.torque_curve] == [(0, 400), (6000, 300)]
+    assert all(abs(wheel.tire_friction - 0.7) < 1e-5 for wheel in again.wheels)
+    car.destroy()
+
+
+def check_mass():
+    """Twice the mass is slower off the mark under the same engine."""
+
+    def speed_after_two_seconds(times):
+        car = fresh()
+        control = car.get_physics_control()
+        control.mass *= times
+        car.apply_physics_control(control)
+        world.tick()
+        car.apply_control(carla.VehicleControl(throttle=1.0))
+        ticks(world, 40)
+        reached = speed(car)
+        car.destroy()
+        return reached
+
+    light, heavy = speed_after_two_seconds(1.0), speed_after_two_seconds(2.0)
+    assert light > 5.0 and 0.35 * light < heavy < 0.75 * light, (light, heavy)
+
+
+def check_friction():
+    """Braking distances are v² / (2 µ g) with brakes that lock or nearly so."""
+
+    def braking_m(friction):
+        car = fresh()
+        control = car.get_physics_control()
+        wheels = control.wheels
+        for wheel in wheels:
+            wheel.tire_friction = friction
+        reach_mps(car, 12.0)
+        control.wheels = wheels
+        car.apply_physics_control(control)
+        car.apply_control(carla.VehicleControl(brake=1.0))
+        world.tick()
+        begin, v = car.get_location(), speed(car)
+        for _ in range(400):
+            world.tick()
+            if speed(car) < 0.05:
+                break
+        way = begin.distance(car.get_location())
+        car.destroy()
+        return way, v * v / (2 * friction * G)
+
+    for friction in (0.3, 0.8):
+        way, wanted = braking_m(friction)
+        must_be(way, wanted, 0.1, f"braking distance with friction {friction}")
+
+
+def check_ackermann():
+    """Holds a speed, then another one."""
+    car = fresh()
+    for wanted in (8.0, 4.0):
+        for _ in range(160):
+            car.apply_ackermann_control(carla.VehicleAckermannControl(speed=wanted, acceleration=3.0))
+            world.tick()
+        must_be(speed(car), wanted, 0.05, "Ackermann speed")
+    car.destroy()
+
+
+def check_constant_velocity():
+    """Along the car's own axis, held against everything."""
+    car = fresh()
+    car.enable_constant_velocity(carla.Vector3D(6.0, 0.0, 0.0))
+    ticks(world, 20)
+    for _ in range(40):
+        world.tick()
+        must_be(speed(car), 6.0, 0.02, "held speed")
+    car.disable_constant_velocity()
+    car.apply_control(carla.VehicleControl(brake=1.0))
+    ticks(world, 60)
+    assert speed(car) < 0.1
+    car.destroy()
+
+
+def check_pushes():
+    """In free air Δv is J/m and F·t/m, and without gravity nothing falls."""
+    car = fresh()
+    mass = car.get_physics_control().mass
+    car.set_enable_gravity(False)
+    place = car.get_transform()
+    place.location.z += 8.0
+    car.set_transform(place)
+    car.set_target_velocity(carla.Vector3D())
+    ticks(world, 20)
+    assert abs(car.get_location().z - place.location.z) < 0.05, "it floats"
+    before = car.get_velocity()
+    car.add_impulse(carla.Vector3D(0.0, 0.0, 2.0 * mass))
+    world.tick()
+    must_be(car.get_velocity().z - before.z, 2.0, 0.03, "velocity after an impulse")
+    before = car.get_velocity()
+    car.add_force(carla.Vector3D(0.0, 0.0, -10.0 * mass))
+    world.tick()
+    must_be(car.get_velocity().z - before.z, -10.0 * STEP_SECS, 0.05, "velocity after a force of one step")
+    car.set_target_velocity(carla.Vector3D())
+    world.tick()
+    car.set_enable_gravity(True)
+    height = car.get_location().z
+    ticks(world, 12)
+    must_be(height - car.get_location().z, 0.5 * G * (12 * STEP_SECS) ** 2, 0.12, "fall in 0.6 s")
+    car.destroy()
+
+
+def check_substeps():
+    """An explicit fall of n steps of length h is g·h²·n(n+1)/2, further than the true one by g·t·h/2."""
+    for substep_secs, substepping in ((0.01, True), (0.002, True), (0.0005, True), (0.0005, False)):
+        step_by_hand(world, max_substep_delta_time=substep_secs, max_substeps=16, substepping=substepping)
+        place = carla.Transform(START.location + carla.Location(z=40.0), START.rotation)
+        car = world.spawn_actor(library.find("vehicle.tesla.model3"), place)
+        ticks(world, 10)
+        length_secs = substep_secs if substepping else 0.01
+        n_substeps = round(10 * STEP_SECS / length_secs)
+        fall = place.location.z - car.get_location().z
+        wanted = 0.5 * G * length_secs**2 * n_substeps * (n_substeps + 1)
+        assert near(fall, wanted, 1.5e-3), (substep_secs, substepping, fall, wanted)
+        car.destroy()
+        world.tick()
+    step_by_hand(world)
+
+
+def check_sticky():
+    """A control that does not stick is for one step: two cars with the same pedal once, and with the same pedal at every step."""
+    blueprint = library.find("vehicle.tesla.model3")
+    for sticky, again, is_driving in (("true", False, True), ("false", False, False), ("false", True, True)):
+        blueprint.set_attribute("sticky_control", sticky)
+        car = world.spawn_actor(blueprint, START)
+        ticks(world, 20)
+        car.apply_control(carla.VehicleControl(throttle=1.0))
+        world.tick()
+        assert car.get_control().throttle == 1.0
+        for _ in range(40):
+            if again:
+                car.apply_control(carla.VehicleControl(throttle=1.0))
+            world.tick()
+        assert car.get_control().throttle == (1.0 if is_driving else 0.0)
+        assert (speed(car) > 3.0) == is_driving, (sticky, again, speed(car))
+        car.destroy()
+        world.tick()
+
+
+def check_no_physics():
+    """Without physics a vehicle stands where it is put and takes no pedals; with it again it drives."""
+    car = fresh()
+    car.set_simulate_physics(False)
+    place = car.get_transform()
+    place.location.z += 3.0
+    car.set_transform(place)
+    car.apply_control(carla.VehicleControl(throttle=1.0))
+    ticks(world, 20)
+    assert car.get_location().distance(place.location) < 0.01, "it hangs where it was put"
+    place.location.z -= 3.0
+    car.set_transform(place)
+    car.set_simulate_physics(True)
     car.apply_control(carla.VehicleControl(throttle=1.0))
     ticks(world, 40)
-    reached = speed(car)
+    assert speed(car) > 3.0
     car.destroy()
-    return reached
 
 
-light, heavy = speed_after_two_seconds(1.0), speed_after_two_seconds(2.0)
-assert light > 5.0 and 0.35 * light < heavy < 0.75 * light, (light, heavy)
-passed("mass")
-
-
-# Friction: v² / (2 µ g) with brakes that lock or nearly so.
-def braking_m(friction):
+def check_telemetry():
+    """Telemetry and wheels agree with the snapshot."""
     car = fresh()
-    control = car.get_physics_control()
-    wheels = control.wheels
-    for wheel in wheels:
-        wheel.tire_friction = friction
-    reach_mps(car, 12.0)
-    control.wheels = wheels
-    car.apply_physics_control(control)
+    car.apply_control(carla.VehicleControl(throttle=0.6))
+    ticks(world, 50)
+    telemetry = car.get_telemetry_data()
+    must_be(telemetry.speed, speed(car), 0.02, "speed by telemetry")
+    assert len(telemetry.wheels) == 4 and telemetry.engine_rpm > 500 and abs(telemetry.throttle - 0.6) < 1e-3
     car.apply_control(carla.VehicleControl(brake=1.0))
-    world.tick()
-    begin, v = car.get_location(), speed(car)
-    for _ in range(400):
-        world.tick()
-        if speed(car) < 0.05:
-            break
-    way = begin.distance(car.get_location())
-    car.destroy()
-    return way, v * v / (2 * friction * G)
-
-
-for friction in (0.3, 0.8):
-    way, wanted = braking_m(friction)
-    must_be(way, wanted, 0.1, f"braking distance with friction {friction}")
-passed("friction")
-
-# Ackermann: holds a speed, then another one.
-car = fresh()
-for wanted in (8.0, 4.0):
-    for _ in range(160):
-        car.apply_ackermann_control(carla.VehicleAckermannControl(speed=wanted, acceleration=3.0))
-        world.tick()
-    must_be(speed(car), wanted, 0.05, "Ackermann speed")
-car.destroy()
-passed("ackermann")
-
-# Constant velocity: along the car's own axis, held against everything.
-car = fresh()
-car.enable_constant_velocity(carla.Vector3D(6.0, 0.0, 0.0))
-ticks(world, 20)
-for _ in range(40):
-    world.tick()
-    must_be(speed(car), 6.0, 0.02, "held speed")
-car.disable_constant_velocity()
-car.apply_control(carla.VehicleControl(brake=1.0))
-ticks(world, 60)
-assert speed(car) < 0.1
-car.destroy()
-passed("constant velocity")
-
-# Gravity and pushes: in free air Δv is J/m and F·t/m, and without gravity nothing falls.
-car = fresh()
-mass = car.get_physics_control().mass
-car.set_enable_gravity(False)
-place = car.get_transform()
-place.location.z += 8.0
-car.set_transform(place)
-car.set_target_velocity(carla.Vector3D())
-ticks(world, 20)
-assert abs(car.get_location().z - place.location.z) < 0.05, "it floats"
-before = car.get_velocity()
-car.add_impulse(carla.Vector3D(0.0, 0.0, 2.0 * mass))
-world.tick()
-must_be(car.get_velocity().z - before.z, 2.0, 0.03, "velocity after an impulse")
-before = car.get_velocity()
-car.add_force(carla.Vector3D(0.0, 0.0, -10.0 * mass))
-world.tick()
-must_be(car.get_velocity().z - before.z, -10.0 * STEP_SECS, 0.05, "velocity after a force of one step")
-car.set_target_velocity(carla.Vector3D())
-world.tick()
-car.set_enable_gravity(True)
-height = car.get_location().z
-ticks(world, 12)
-must_be(height - car.get_location().z, 0.5 * G * (12 * STEP_SECS) ** 2, 0.12, "fall in 0.6 s")
-car.destroy()
-passed("pushes")
-
-# Sub-steps: an explicit fall of n steps of length h is g·h²·n(n+1)/2, further than the true one by g·t·h/2.
-for substep_secs, substepping in ((0.01, True), (0.002, True), (0.0005, True), (0.0005, False)):
-    step_by_hand(world, max_substep_delta_time=substep_secs, max_substeps=16, substepping=substepping)
-    place = carla.Transform(START.location + carla.Location(z=40.0), START.rotation)
-    car = world.spawn_actor(library.find("vehicle.tesla.model3"), place)
-    ticks(world, 10)
-    length_secs = substep_secs if substepping else 0.01
-    n_substeps = round(10 * STEP_SECS / length_secs)
-    fall = place.location.z - car.get_location().z
-    wanted = 0.5 * G * length_secs**2 * n_substeps * (n_substeps + 1)
-    assert near(fall, wanted, 1.5e-3), (substep_secs, substepping, fall, wanted)
-    car.destroy()
-    world.tick()
-step_by_hand(world)
-passed("substeps")
-
-# A control that does not stick is for one step: two cars with the same pedal once, and with the same pedal at every step.
-blueprint = library.find("vehicle.tesla.model3")
-for sticky, again, is_driving in (("true", False, True), ("false", False, False), ("false", True, True)):
-    blueprint.set_attribute("sticky_control", sticky)
-    car = world.spawn_actor(blueprint, START)
+    ticks(world, 100)
+    car.apply_control(carla.VehicleControl(brake=1.0, steer=0.5))
     ticks(world, 20)
-    car.apply_control(carla.VehicleControl(throttle=1.0))
-    world.tick()
-    assert car.get_control().throttle == 1.0
-    for _ in range(40):
-        if again:
-            car.apply_control(carla.VehicleControl(throttle=1.0))
-        world.tick()
-    assert car.get_control().throttle == (1.0 if is_driving else 0.0)
-    assert (speed(car) > 3.0) == is_driving, (sticky, again, speed(car))
+    left = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FL_Wheel)
+    right = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FR_Wheel)
+    assert left > 10 and right > 10, (left, right)
+    assert right > left, "the inner wheel turns more"
     car.destroy()
-    world.tick()
-passed("sticky")
 
-# Without physics a vehicle stands where it is put and takes no pedals; with it again it drives.
-car = fresh()
-car.set_simulate_physics(False)
-place = car.get_transform()
-place.location.z += 3.0
-car.set_transform(place)
-car.apply_control(carla.VehicleControl(throttle=1.0))
-ticks(world, 20)
-assert car.get_location().distance(place.location) < 0.01, "it hangs where it was put"
-place.location.z -= 3.0
-car.set_transform(place)
-car.set_simulate_physics(True)
-car.apply_control(carla.VehicleControl(throttle=1.0))
-ticks(world, 40)
-assert speed(car) > 3.0
-car.destroy()
-passed("no physics")
 
-# Telemetry and wheels agree with the snapshot.
-car = fresh()
-car.apply_control(carla.VehicleControl(throttle=0.6))
-ticks(world, 50)
-telemetry = car.get_telemetry_data()
-must_be(telemetry.speed, speed(car), 0.02, "speed by telemetry")
-assert len(telemetry.wheels) == 4 and telemetry.engine_rpm > 500 and abs(telemetry.throttle - 0.6) < 1e-3
-car.apply_control(carla.VehicleControl(brake=1.0))
-ticks(world, 100)
-car.apply_control(carla.VehicleControl(brake=1.0, steer=0.5))
-ticks(world, 20)
-left = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FL_Wheel)
-right = car.get_wheel_steer_angle(carla.VehicleWheelLocation.FR_Wheel)
-assert left > 10 and right > 10, (left, right)
-assert right > left, "the inner wheel turns more"
-car.destroy()
-passed("telemetry")
+def main():
+    run_checks({
+        "fields": check_fields,
+        "mass": check_mass,
+        "friction": check_friction,
+        "ackermann": check_ackermann,
+        "constant velocity": check_constant_velocity,
+        "pushes": check_pushes,
+        "substeps": check_substeps,
+        "sticky": check_sticky,
+        "no physics": check_no_physics,
+        "telemetry": check_telemetry,
+    })
+    world.apply_settings(original)
 
-world.apply_settings(original)
+
+run(main, 240)

@@ -60,7 +60,7 @@ def record(client, world):
 
 def check_texts(client, hero, other):
     text = client.show_recorder_file_info("drive.log", False)
-    for wanted in ("Version: 3\n", "Map: Town10HD\n", "Date: 20", "Frame 1 at 0 seconds", f"Create {hero.id}: vehicle.tesla.model3",
+    for wanted in ("Version: 4\n", "Map: Town10HD\n", "Date: 20", "Frame 1 at 0 seconds", f"Create {hero.id}: vehicle.tesla.model3",
                    "role_name = hero", "color = 10,20,30", f"Create {other.id}: vehicle.volkswagen.t2"):
         assert wanted in text, (wanted, text[:2000])
     frames = int(re.search(r"Frames: (\d+)", text).group(1))

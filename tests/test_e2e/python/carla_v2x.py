@@ -19,10 +19,6 @@ GROUND = 1.02
 TRANSMIT_DBM, GAIN_DBI = 21.5, 10.0
 
 
-def speed(vector):
-    return math.sqrt(vector.x**2 + vector.y**2 + vector.z**2)
-
-
 def free_space_db(distance_m):
     return 20.0 * math.log10(4.0 * math.pi * distance_m / WAVE_M)
 
@@ -286,6 +282,72 @@ def check_obstacles(world):
     b.end()
 
 
+def check_roadside(world):
+    """High above the town: stations by themselves and on a prop are road-side units, and walkers send and hear too."""
+    library, town = world.get_blueprint_library(), world.get_map()
+    at = lambda x, y: carla.Transform(carla.Location(x, y, 300.0), carla.Rotation(yaw=30.0))  # noqa: E731
+    prop = world.spawn_actor(library.find("static.prop.streetbarrier"), at(40.0, 0.0))
+    car = world.spawn_actor(library.find("vehicle.tesla.model3"), at(0.0, 0.0))
+    walker = world.spawn_actor(library.find("walker.pedestrian.0007"), at(0.0, 15.0))
+    world.tick()
+    for hanging in (car, walker):
+        hanging.set_simulate_physics(False)
+    world.tick()
+    for hanging, place in ((car, at(0.0, 0.0)), (walker, at(0.0, 15.0))):
+        hanging.set_transform(place)
+    world.tick()
+    alone, on_prop = Radio(world, "v2x", place=at(-25.0, 5.0)), Radio(world, "v2x", parent=prop)
+    on_car, on_walker = Radio(world, "v2x", parent=car), Radio(world, "v2x", parent=walker)
+    frames = [world.tick() for _ in range(80)]
+    world.tick()
+    carriers = {alone.sensor.id: (alone.sensor, "Road Side Unit"), prop.id: (prop, "Road Side Unit"), walker.id: (walker, "Pedestrian")}
+    sent = {station: [] for station in carriers}
+    worst_db, together = 0.0, 0
+    for event in on_car.drain():
+        powers = {}
+        for received in event:
+            whole = received.get()
+            message = whole["Message"]["Message"]
+            station = whole["Message"]["Header"]["Station ID"]
+            carrier, kind = carriers[station]
+            parameters = message["CAM Parameters"]
+            assert parameters["Basic Container"]["Station Type"] == kind, (station, parameters)
+            place = town.transform_to_geolocation(carrier.get_location())
+            position = parameters["Basic Container"]["Reference Position"]
+            assert abs(position["Latitude"] / 1e7 - place.latitude) < 6e-7 and abs(position["Longitude"] / 1e7 - place.longitude) < 6e-7
+            assert "Basic Vehicle Container High Frequency" not in parameters["High Frequency Container"], parameters
+            if kind == "Road Side Unit":
+                zones = parameters["High Frequency Container"]["RSU Container High Frequency"]["Protected Communication Zone"]
+                assert list(zones) == [], zones
+            sent[station].append(event.frame)
+            powers[station] = received.power
+            a, b = aerial(carrier), aerial(car)
+            loss = two_ray_db(a, b, min(carrier.get_location().z, car.get_location().z))
+            worst_db = max(worst_db, abs(received.power - received_dbm(loss)))
+        together += {alone.sensor.id, prop.id} <= set(powers)
+    print(f"road-side units: powers within {worst_db:.3f} dB of the two-ray formula, both at once in {together} ticks")
+    assert worst_db < 0.05 and together >= 6, (worst_db, together)
+    # Units that stand send every half second, whatever they are told about rates; who stands on two feet once a second.
+    for station, gap in ((alone.sensor.id, 10), (prop.id, 10), (walker.id, 20)):
+        heard = [frame for frame in sent[station] if frame in frames]
+        assert len(heard) >= 3 and all(b - a == gap for a, b in zip(heard, heard[1:])), (station, heard)
+    # Units hear cars and each other, walkers all of them.
+    senders = lambda radio: {one.get()["Message"]["Header"]["Station ID"] for event in radio.drain() for one in event}  # noqa: E731
+    assert senders(on_walker) == {alone.sensor.id, prop.id, car.id}
+    assert senders(alone) == {prop.id, car.id, walker.id}
+    assert senders(on_prop) == {alone.sensor.id, car.id, walker.id}
+    for radio in (alone, on_prop, on_car, on_walker):
+        radio.end()
+    for actor in (prop, car, walker):
+        actor.destroy()
+    world.tick()
+
+
+def aerial(actor):
+    """Where an antenna is now: on the roof, or at the station itself."""
+    return actor.get_location() + carla.Location(z=0.02) if actor.type_id.startswith("sensor") else antenna(actor, actor.get_transform())
+
+
 def check_sentences(world):
     library = world.get_blueprint_library()
     for kind, name, value in (
@@ -314,6 +376,8 @@ def main():
     passed("custom")
     check_obstacles(world)
     passed("obstacles")
+    check_roadside(world)
+    passed("roadside")
     check_sentences(world)
     passed("sentences")
 

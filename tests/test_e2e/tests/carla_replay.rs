@@ -1,6 +1,6 @@
 //! What a replay does with the world, through the stock client.
 
-use test_e2e::carla::{run_script, start_gateway};
+use test_e2e::carla::{Stage, empty_town, run_script, start_gateway};
 use test_e2e::{assert_nothing_left, start_daemon};
 use test_kit::Sandbox;
 
@@ -14,4 +14,11 @@ fn replays_hold_vehicles_make_sensors_and_give_everything_back() {
     gateway.stop().expect_code(0);
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
+}
+
+#[test]
+fn doors_weather_street_lights_physics_and_bones_are_recorded_and_replayed() {
+    let stage = Stage::new("carlachanges", &empty_town("Town02"));
+    stage.run("carla_recorder_changes.py", &[], &["changes", "changes replayed"]);
+    stage.end();
 }

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
+use super::changes::Changes;
 use super::extra::Extra;
 use crate::axes::Transform;
 use crate::fields::{Description, Fields, Wrong};
@@ -15,9 +16,11 @@ use crate::msgpack::{self, DecodeError, Limits, Value};
 /// First field of the head.
 pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
 /// Version of the format; CARLA's texts call it "Version".
-pub const VERSION: u32 = 3;
-/// Oldest version that is read: without the fields of [`Extra`].
+pub const VERSION: u32 = 4;
+/// Oldest version that is read: without the fields of [`Extra`] and [`Changes`].
 const OLDEST: u32 = 2;
+/// The first with the fields of [`Changes`].
+const WITH_CHANGES: u32 = 4;
 /// Longest recording that is read, frames: a day at 100 Hz.
 const MAX_FRAMES: usize = 8_640_000;
 /// Largest file that is read, bytes.
@@ -26,6 +29,8 @@ const MAX_BYTES: u64 = 8 << 30;
 /// What the head says.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
+    /// Version of its format.
+    pub version: u32,
     /// Map.
     pub map: String,
     /// When it was recorded, local to nobody: UTC.
@@ -103,6 +108,8 @@ pub struct Frame {
     pub motions: BTreeMap<u32, Motion>,
     /// More, if it was asked for.
     pub extra: Extra,
+    /// What changes seldom.
+    pub changes: Changes,
 }
 
 /// A recording that was read.
@@ -117,7 +124,7 @@ pub struct Recording {
 impl Head {
     /// Appends its bytes.
     pub fn write(&self, out: &mut Vec<u8>) {
-        msgpack::write(out, &list![MAGIC, VERSION, self.map.as_str(), self.date.as_str()]);
+        msgpack::write(out, &list![MAGIC, self.version, self.map.as_str(), self.date.as_str()]);
     }
 }
 
@@ -154,6 +161,7 @@ impl Frame {
         ];
         let Value::Array(mut fields) = frame else { return };
         fields.extend(self.extra.values());
+        fields.extend(self.changes.values());
         msgpack::write(out, &Value::Array(fields));
     }
 
@@ -197,6 +205,9 @@ impl Frame {
         }
         if version > OLDEST {
             frame.extra = Extra::read(fields)?;
+        }
+        if version >= WITH_CHANGES {
+            frame.changes = Changes::read(fields)?;
         }
         Ok(frame)
     }
@@ -244,7 +255,7 @@ impl Recording {
         if !(OLDEST..=VERSION).contains(&version) {
             return Err(format!("its format is version {version}, but this program reads versions {OLDEST} to {VERSION}"));
         }
-        let head = Head { map: fields.text()?.to_owned(), date: fields.text()?.to_owned() };
+        let head = Head { version, map: fields.text()?.to_owned(), date: fields.text()?.to_owned() };
         let mut frames: Vec<Frame> = Vec::new();
         loop {
             match msgpack::read(reader, Limits::default()) {

@@ -3,6 +3,7 @@
 //! A consumer's work altogether: it records what it reads on the bus and replays by commands that put actors where they were.
 //! The file is described in `docs/carla-recorder.md`.
 
+pub mod changes;
 pub mod extra;
 pub mod file;
 pub mod replay;
@@ -13,10 +14,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
 use launch_cli::{data_dir, file_in};
+use schema_frames::scenery::LampChange;
 
 use crate::commander::Commander;
 use crate::gateway::lock;
 use crate::world::{Known, World};
+use changes::Changes;
 use replay::Replay;
 use writer::Writer;
 
@@ -86,6 +89,20 @@ impl Recorder {
         Ok(())
     }
 
+    /// A vehicle's physics control was set.
+    pub fn note_physics(&self, actor_id: u32) {
+        if let Some(writer) = &mut lock(&self.state).writer {
+            writer.note_physics(actor_id);
+        }
+    }
+
+    /// Street lights were set.
+    pub fn note_street_lights(&self, changes: &[LampChange]) {
+        if let Some(writer) = &mut lock(&self.state).writer {
+            writer.note_street_lights(changes);
+        }
+    }
+
     /// Ends the recording.
     pub fn stop(&self) {
         lock(&self.state).writer = None;
@@ -134,10 +151,14 @@ impl Recorder {
         if state.writer.is_none() && state.replay.is_none() {
             return;
         }
-        let known = world.known();
-        let Some(snapshot) = known.snapshot.clone() else { return };
-        let failed = state.writer.as_mut().and_then(|writer| writer.write(&snapshot, &known).err());
-        drop(known);
+        let snapshot = world.known().snapshot.clone();
+        let Some(snapshot) = snapshot else { return };
+        let mut changes = Changes::default();
+        if let Some(writer) = &mut state.writer {
+            // Before the world is held: who answers looks at it too.
+            writer.wanted(&snapshot).ask(commander, &mut changes);
+        }
+        let failed = state.writer.as_mut().and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
         if let Some(error) = failed {
             tracing::warn!(error, "the recording ends here");
             state.writer = None;

@@ -9,6 +9,7 @@ use schema_frames::{Attachment, Command, CommandReply, LightState, PhysicsAction
 use schema_types::Pose;
 
 use super::Settings;
+use super::changes;
 use super::file::{Born, Frame, Pedals, Recording};
 use crate::axes::{self, Transform};
 use crate::commander::Commander;
@@ -55,6 +56,8 @@ pub struct Replay {
     held: BTreeSet<u32>,
     /// Walkers that it leads.
     led: BTreeSet<u32>,
+    /// Walkers that it shows with recorded bones.
+    posed: BTreeSet<u32>,
     lights: BTreeMap<u32, u32>,
     spectator: Option<u32>,
     recorded_spectator: Option<u32>,
@@ -114,6 +117,7 @@ impl Replay {
             made: Vec::new(),
             held: BTreeSet::new(),
             led: BTreeSet::new(),
+            posed: BTreeSet::new(),
             lights,
             spectator,
             recorded_spectator,
@@ -164,9 +168,12 @@ impl Replay {
                 self.made.remove(at);
                 self.held.remove(&now);
                 self.led.remove(&now);
+                self.posed.remove(&now);
                 commander.tell(Command::Destroy { actor_id: now });
             }
         }
+        let now_of = |id: u32| self.ids.get(&id).copied().filter(|_| !self.is_ignored(id));
+        frame.changes.replay(now_of, commander);
     }
 
     /// Makes an actor anew: high above its place, or on the actor on which it rode.
@@ -206,6 +213,10 @@ impl Replay {
                 continue;
             }
             let Some(at) = place(&id) else { continue };
+            if let Some(bones) = frame.changes.bones.get(&id) {
+                self.posed.insert(now);
+                changes::hold(now, bones, commander);
+            }
             if let Some(gait_mps) = frame.gaits.get(&id).filter(|_| is_upright(&at)) {
                 self.led.insert(now);
                 commander.tell(lead(now, &at, f64::from(*gait_mps)));
@@ -265,8 +276,12 @@ impl Replay {
             for now in std::mem::take(&mut self.made).into_iter().rev() {
                 self.held.remove(&now);
                 self.led.remove(&now);
+                self.posed.remove(&now);
                 commander.tell(Command::Destroy { actor_id: now });
             }
+        }
+        for actor_id in std::mem::take(&mut self.posed) {
+            changes::let_go(actor_id, commander);
         }
         for actor_id in std::mem::take(&mut self.led) {
             let control = WalkerControl { direction: [1.0, 0.0, 0.0], speed_mps: 0.0, jump: false };

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use super::file::{Frame, Light, Pedals, Recording, VERSION};
+use super::file::{Frame, Light, Pedals, Recording};
 use crate::fields::Description;
 
 pub(super) const ROOM: &str = "a text always has room";
 
 fn opening(recording: &Recording) -> String {
-    format!("Version: {VERSION}\nMap: {}\nDate: {}\n\n", recording.head.map, recording.head.date)
+    format!("Version: {}\nMap: {}\nDate: {}\n\n", recording.head.version, recording.head.map, recording.head.date)
 }
 
 fn closing(out: &mut String, recording: &Recording) {
@@ -20,6 +20,12 @@ fn closing(out: &mut String, recording: &Recording) {
 pub(super) fn centimetres(location_m: [f64; 3]) -> String {
     let [x, y, z] = location_m.map(|metres| (metres * 1e3).round() / 10.0 + 0.0);
     format!("({x}, {y}, {z})")
+}
+
+/// Unreal's axes: degrees about x, y, z.
+pub(super) fn turn(rotation_deg: [f64; 3]) -> String {
+    let [pitch, yaw, roll] = rotation_deg.map(|degrees| (degrees * 1e4).round() / 1e4 + 0.0);
+    format!("({roll}, {pitch}, {yaw})")
 }
 
 /// CARLA's number of a family of actors.
@@ -74,9 +80,7 @@ pub(super) fn round(secs: f64) -> f64 {
 fn details(out: &mut String, frame: &Frame) {
     writeln!(out, " Positions: {}", frame.poses.len()).expect(ROOM);
     for (id, at) in &frame.poses {
-        let [pitch, yaw, roll] = at.rotation_deg.map(|degrees| (degrees * 1e4).round() / 1e4 + 0.0);
-        // Unreal's axes: about x, y, z.
-        writeln!(out, "  Id: {id} Location: {} Rotation: ({roll}, {pitch}, {yaw})", centimetres(at.location_m)).expect(ROOM);
+        writeln!(out, "  Id: {id} Location: {} Rotation: {}", centimetres(at.location_m), turn(at.rotation_deg)).expect(ROOM);
     }
     writeln!(out, " State traffic lights: {}", frame.lights.len()).expect(ROOM);
     for (id, light) in &frame.lights {
@@ -105,6 +109,7 @@ fn details(out: &mut String, frame: &Frame) {
         writeln!(out, "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})").expect(ROOM);
     }
     frame.extra.tell(out);
+    frame.changes.tell(out);
 }
 
 /// Names of vehicles' lamps by their bits.

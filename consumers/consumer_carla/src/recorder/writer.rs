@@ -7,9 +7,11 @@ use std::path::Path;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use consumer_kit::WorldAt;
+use schema_frames::scenery::LampChange;
 use schema_frames::{ActorKind, ActorRecord};
 
-use super::file::{Born, Frame, Head, Light, Pedals};
+use super::changes::{Changes, StreetLight, Wanted, Watch};
+use super::file::{Born, Frame, Head, Light, Pedals, VERSION};
 use crate::axes;
 use crate::blueprints;
 use crate::fields::{Attribute, Description};
@@ -30,6 +32,10 @@ pub struct Writer {
     elapsed_nanos: u64,
     began: Instant,
     light_times: BTreeMap<u32, [f32; 3]>,
+    watch: Watch,
+    street_lights: BTreeMap<u32, StreetLight>,
+    /// Vehicles whose physics control was set since the last tick.
+    physics_set: BTreeSet<u32>,
 }
 
 /// Actors whose place can change. Sensors on an actor go where that goes.
@@ -52,7 +58,7 @@ impl Writer {
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
         let map = known.info.as_ref().map_or_else(String::new, |info| info.map.clone());
         let mut head = Vec::new();
-        Head { map, date: date(SystemTime::now()) }.write(&mut head);
+        Head { version: VERSION, map, date: date(SystemTime::now()) }.write(&mut head);
         file.write_all(&head).map_err(cannot)?;
         Ok(Writer {
             file,
@@ -64,14 +70,49 @@ impl Writer {
             elapsed_nanos: 0,
             began: Instant::now(),
             light_times: BTreeMap::new(),
+            watch: Watch::default(),
+            street_lights: BTreeMap::new(),
+            physics_set: BTreeSet::new(),
         })
     }
 
-    /// Writes a frame.
+    /// A vehicle's physics control was set.
+    pub fn note_physics(&mut self, actor_id: u32) {
+        if self.with_motion {
+            self.physics_set.insert(actor_id);
+        }
+    }
+
+    /// Street lights were set; clients always say all of each.
+    pub fn note_street_lights(&mut self, changes: &[LampChange]) {
+        for change in changes {
+            if let (Some(on), Some(intensity_lm), Some(rgb)) = (change.on, change.intensity_lm, change.rgb) {
+                self.street_lights.insert(change.lamp, StreetLight { on, intensity_lm, rgb });
+            }
+        }
+    }
+
+    /// What has to be asked for before this snapshot is written.
+    pub fn wanted(&mut self, snapshot: &WorldAt) -> Wanted {
+        let mut wanted = Wanted::default();
+        if self.with_motion && snapshot.header.tick > self.last_tick {
+            let set = std::mem::take(&mut self.physics_set);
+            for record in &snapshot.records {
+                if record.vehicle().is_some() && (!self.alive.contains(&record.id) || set.contains(&record.id)) {
+                    wanted.vehicles.push(record.id);
+                } else if record.walker().is_some() {
+                    wanted.walkers.push(record.id);
+                }
+            }
+        }
+        wanted
+    }
+
+    /// Writes a frame, with what was [`wanted`](Writer::wanted).
     ///
     /// # Errors
     /// A sentence: the disk is full, or another episode has begun.
-    pub fn write(&mut self, snapshot: &WorldAt, known: &Known) -> Result<(), String> {
+    pub fn write(&mut self, snapshot: &WorldAt, known: &Known, mut changes: Changes) -> Result<(), String> {
         let header = &snapshot.header;
         let episode = crate::episode::episode_id(header);
         if *self.episode.get_or_insert(episode) != episode {
@@ -85,7 +126,10 @@ impl Writer {
             self.elapsed_nanos += header.period_nanos;
         }
         self.last_tick = header.tick;
-        let frame = self.frame(snapshot, known);
+        let mut frame = self.frame(snapshot, known);
+        self.watch.note(snapshot, known.info.as_ref().map(|info| info.weather), &mut changes);
+        changes.street_lights = std::mem::take(&mut self.street_lights);
+        frame.changes = changes;
         let mut bytes = Vec::new();
         frame.write(&mut bytes);
         self.file.write_all(&bytes).and_then(|()| self.file.flush()).map_err(|error| format!("cannot write the recording: {error}"))

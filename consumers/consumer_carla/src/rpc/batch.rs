@@ -1,6 +1,6 @@
 //! `apply_batch`: many commands in one call, with commands that follow a spawn.
 
-use schema_frames::{Attachment, Command, CommandReply, VehicleControlRecord};
+use schema_frames::{Attachment, Command, CommandReply, PhysicsAction, VehicleControlRecord};
 
 use crate::fields::{Description, Fields, Wrong};
 use crate::gateway::{Answer, Failure, Gateway, Outcome};
@@ -164,7 +164,13 @@ impl Gateway {
             .into_iter()
             .map(|item| match item? {
                 Item::Ask { actor, command: Command::Destroy { .. } } => self.destroyed(actor, reply().map(drop)),
-                Item::Ask { actor, .. } => reply().map(|_| actor),
+                Item::Ask { actor, command } => {
+                    reply()?;
+                    if matches!(command, Command::Physics { action: PhysicsAction::SetVehiclePhysics { .. }, .. }) {
+                        self.recorder.note_physics(actor);
+                    }
+                    Ok(actor)
+                }
                 Item::Spawn { description, parent, then, .. } => {
                     let CommandReply::Spawned { actor_id, topics } = reply()? else {
                         return Err("this is no answer to a spawn".to_owned());

@@ -94,7 +94,9 @@ fn axial([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x, y, -z]
 }
 
-fn set_physics(physics: VehiclePhysics) -> PhysicsAction {
+/// Where wheels are is the vehicle's own, and told in the world.
+fn set_physics(mut physics: VehiclePhysics) -> PhysicsAction {
+    physics.wheels.iter_mut().for_each(|wheel| wheel.position_m = [0.0; 3]);
     PhysicsAction::SetVehiclePhysics { physics: Box::new(physics) }
 }
 
@@ -157,7 +159,7 @@ fn curve(fields: &mut Fields<'_>, x_unit: f32) -> Result<Vec<[f32; 2]>, Wrong> {
         .collect()
 }
 
-fn read_physics(fields: &mut Fields<'_>) -> Result<VehiclePhysics, Wrong> {
+pub(crate) fn read_physics(fields: &mut Fields<'_>) -> Result<VehiclePhysics, Wrong> {
     let mut given = fields.fields("a vehicle's physics control")?;
     Ok(VehiclePhysics {
         torque_curve: curve(&mut given, 1.0)?,
@@ -207,8 +209,7 @@ fn read_wheels(fields: &mut Fields<'_>) -> Result<Vec<WheelPhysics>, Wrong> {
                 lat_load_limit: wheel.f32()?,
                 lat_stiffness_per_rad: wheel.f32()?,
                 long_stiffness_kg: wheel.f32()?,
-                // Where wheels are is the vehicle's own.
-                position_m: [0.0; 3],
+                position_m: axes::mirror(wheel.vector()?).map(|centimetres| (centimetres / 100.0) as f32),
             })
         })
         .collect()
@@ -219,7 +220,7 @@ fn points(curve: &[[f32; 2]], x_unit: f32) -> Value {
 }
 
 /// CARLA's physics control of a vehicle that stands at `world_from_vehicle`, where its wheels are told.
-fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
+pub(crate) fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
     let gears: Vec<Value> = physics.forward_gears.iter().map(|gear| list![gear.ratio, gear.down_ratio, gear.up_ratio]).collect();
     let wheel = |wheel: &WheelPhysics| {
         let place = world_from_vehicle.isometry() * nalgebra::Point3::from(wheel.position_m.map(f64::from));
@@ -295,7 +296,11 @@ impl Gateway {
     fn tell_physics(&self, call: &mut Call<'_>, read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>) -> Outcome {
         let actor_id = self.known_actor(call)?;
         let action = read(call)?;
+        let is_set = matches!(action, PhysicsAction::SetVehiclePhysics { .. });
         self.commander.tell(Command::Physics { actor_id, action });
+        if is_set {
+            self.recorder.note_physics(actor_id);
+        }
         Ok(Answer::Void)
     }
 
@@ -402,6 +407,7 @@ mod tests {
         let Value::Array(items) = &written else { unreachable!() };
         let again = read_physics(&mut Fields::new("test", items)).unwrap();
         assert!((again.steering_curve[1][0] - read.steering_curve[1][0]).abs() < 1e-4);
+        assert_eq!(again.wheels[1].position_m, [1.0, -0.5, 0.3]);
         assert_eq!(VehiclePhysics { steering_curve: read.steering_curve.clone(), wheels: read.wheels.clone(), ..again }, read);
     }
 

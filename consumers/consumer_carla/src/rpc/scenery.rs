@@ -111,7 +111,8 @@ impl Gateway {
                 group: Some(group),
             });
         }
-        self.commander.ask_one(Command::SetSceneryLamps { changes })?;
+        self.commander.ask_one(Command::SetSceneryLamps { changes: changes.clone() })?;
+        self.recorder.note_street_lights(&changes);
         Ok(Answer::Void)
     }
 }

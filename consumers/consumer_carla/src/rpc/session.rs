@@ -44,20 +44,31 @@ impl Settings {
     /// tick; here a tick is always done whole, in as many sub-steps as that takes.
     fn longest_substep_nanos(&self) -> u64 {
         let (least, most) = SUBSTEP_SECS;
-        let asked = if self.substepping && self.max_substep_secs > 0.0 { self.max_substep_secs } else { most };
-        (asked.clamp(least, most) * 1e9).round() as u64
+        let asked = if self.substepping { self.max_substep_secs } else { most };
+        // What is no length at all asks for none.
+        let taken = if asked > 0.0 { asked.clamp(least, most) } else { most };
+        (taken * 1e9).round() as u64
     }
 
-    fn check_substeps(&self, period_nanos: u64) {
-        let reach_secs = self.max_substep_secs * f64::from(self.max_substeps);
-        if self.substepping && period_nanos as f64 * 1e-9 > reach_secs + 1e-9 {
-            tracing::warn!(
-                tick_secs = period_nanos as f64 * 1e-9,
-                max_substep_delta_time = self.max_substep_secs,
-                max_substeps = self.max_substeps,
-                "a tick is longer than max_substeps × max_substep_delta_time; more sub-steps are done"
-            );
+    /// What is done otherwise than these settings ask for; a sentence each.
+    fn differences(&self, period_nanos: u64) -> Vec<String> {
+        let mut sentences = Vec::new();
+        if !self.substepping {
+            return sentences;
         }
+        let (given, (least, most)) = (self.max_substep_secs, SUBSTEP_SECS);
+        if !(least..=most).contains(&given) {
+            let taken = self.longest_substep_nanos() as f64 * 1e-9;
+            sentences.push(format!("max_substep_delta_time is {given} s; {taken} s is taken: give {least} to {most}"));
+        }
+        let (tick_secs, reach_secs) = (period_nanos as f64 * 1e-9, given * f64::from(self.max_substeps));
+        if tick_secs > reach_secs + 1e-9 {
+            let n = self.max_substeps;
+            sentences.push(format!(
+                "a tick of {tick_secs} s is longer than max_substeps ({n}) × max_substep_delta_time ({given} s); more sub-steps are done"
+            ));
+        }
+        sentences
     }
 }
 
@@ -153,8 +164,10 @@ impl Gateway {
         };
         let period_nanos = delta.map_or(own_period_nanos, |secs| (secs * 1e9).round().min(u64::MAX as f64) as u64);
         let mode = if synchronous { StepMode::Stepped } else { StepMode::FreeRunning };
-        settings.check_substeps(period_nanos);
         let (_, tick) = self.configure(mode, period_nanos, settings.longest_substep_nanos())?;
+        for sentence in settings.differences(period_nanos) {
+            tracing::warn!("{sentence}");
+        }
         self.feeds.set_no_rendering(no_rendering);
         *lock(&self.settings) = settings;
         Ok(Answer::Value(tick.into()))
@@ -230,5 +243,31 @@ impl Gateway {
         let points = self.world.known().spawn_points.clone();
         let points: Vec<Value> = points.points.iter().map(|pose| shapes::transform(&axes::transform(&(*pose).into()))).collect();
         Ok(Answer::Value(list![carla_map(&info.map), points]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn substeps_outside_of_what_physics_takes_are_the_nearest_inside_and_said() {
+        let tick_nanos = 50_000_000;
+        for (given, substepping, taken_nanos, said) in [
+            (0.01, true, 10_000_000, ""),
+            (1e-4, true, 100_000, "a tick of 0.05 s is longer than max_substeps (499)"),
+            (1e-5, true, 100_000, "max_substep_delta_time is 0.00001 s; 0.0001 s is taken: give 0.0001 to 0.01"),
+            (0.0, true, 10_000_000, "max_substep_delta_time is 0 s; 0.01 s is taken"),
+            (-1.0, true, 10_000_000, "max_substep_delta_time is -1 s; 0.01 s is taken"),
+            (f64::NAN, true, 10_000_000, "max_substep_delta_time is NaN s; 0.01 s is taken"),
+            (0.05, true, 10_000_000, "max_substep_delta_time is 0.05 s; 0.01 s is taken"),
+            (0.05, false, 10_000_000, ""),
+        ] {
+            let max_substeps = if given == 1e-4 { 499 } else { 1_000_000_000 };
+            let settings = Settings { substepping, max_substep_secs: given, max_substeps, ..Settings::default() };
+            assert_eq!(settings.longest_substep_nanos(), taken_nanos, "{given} {substepping}");
+            let sentences = settings.differences(tick_nanos).join("\n");
+            assert!(if said.is_empty() { sentences.is_empty() } else { sentences.contains(said) }, "{given} {substepping}: {sentences}");
+        }
     }
 }

@@ -31,7 +31,7 @@ impl Gateway {
 }
 
 /// The parameters in CARLA's order.
-fn weather_values(weather: &Weather) -> [f32; 14] {
+pub(crate) fn weather_values(weather: &Weather) -> [f32; 14] {
     [
         weather.cloudiness,
         weather.precipitation,
@@ -52,7 +52,7 @@ fn weather_values(weather: &Weather) -> [f32; 14] {
 
 /// CARLA checks nothing, so values outside their range are taken as the nearest one inside. −1 means the map's own value: all presets have
 /// it for the azimuth, `WeatherParameters.Default` throughout.
-fn read_weather(given: &mut Fields<'_>) -> Result<Weather, Wrong> {
+pub(crate) fn read_weather(given: &mut Fields<'_>) -> Result<Weather, Wrong> {
     let own = Weather::default();
     let mut ahead = Fields::new("the weather", given.rest());
     let mut is_default = true;

@@ -43,6 +43,8 @@ impl Place {
 pub(super) struct Places {
     n_made: u32,
     of: BTreeMap<u64, Place>,
+    /// Those that clients leave or have left, by number, until they are served again: who connects only now finds them silent too.
+    left: BTreeMap<u32, Retired>,
 }
 
 /// Whether a number is that of a world stream.
@@ -63,20 +65,25 @@ impl Places {
     }
 
     /// Of one that connects.
-    pub fn retired(&self, stream: u32) -> Retired {
-        self.of.values().find(|place| place.stream == stream).map(|place| place.is_retired.clone()).unwrap_or_default()
+    pub fn retired(&mut self, stream: u32) -> Retired {
+        self.left.retain(|_, retired| !is_served(retired));
+        let held = self.of.values().find(|place| place.stream == stream).map(|place| &place.is_retired);
+        held.or_else(|| self.left.get(&stream)).cloned().unwrap_or_default()
     }
 
     /// Nothing goes to a client's world stream until [`Place::leave`] or [`Places::restore`] is called on what this gives.
     pub fn retire(&mut self, connection: u64) -> Option<Place> {
         let place = self.of.remove(&connection)?;
         place.is_retired.store(u64::MAX, Ordering::Release);
+        self.left.retain(|_, retired| !is_served(retired));
+        self.left.insert(place.stream, place.is_retired.clone());
         Some(place)
     }
 
     /// It goes on after all.
     pub fn restore(&mut self, connection: u64, place: Place) {
         place.is_retired.store(0, Ordering::Release);
+        self.left.remove(&place.stream);
         self.of.insert(connection, place);
     }
 }
@@ -93,12 +100,16 @@ mod tests {
         let flags = [one, other].map(|stream| places.retired(stream));
         let place = places.retire(1).unwrap();
         assert_eq!(flags.each_ref().map(is_served), [false, true]);
+        assert!(!is_served(&places.retired(one)), "one that connects after its client left is as silent");
         places.restore(1, place);
         assert!(is_served(&flags[0]) && places.stream_of(1) == one);
         let place = places.retire(1).unwrap();
         place.leave();
         let waits_nanos = flags[0].load(Ordering::Acquire) - mono_now().0;
         assert!(!is_served(&flags[0]) && waits_nanos <= LEAVE_NANOS, "a client that gave up hears the old stream again");
+        assert!(!is_served(&places.retired(one)));
+        flags[0].store(0, Ordering::Release);
+        assert!(is_served(&places.retired(one)) && places.left.is_empty(), "what is served again is forgotten");
         let next = places.stream_of(1);
         assert!(next != one && next != other);
     }

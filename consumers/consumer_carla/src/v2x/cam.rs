@@ -157,7 +157,11 @@ impl Service {
         record.put(32, (sender.nanos / 1_000_000 % 65_536) as i64);
         record.put(40, station);
         self.put_position(&mut record, sender, noise);
-        if station != ROADSIDE && station != PEDESTRIAN && sender.record.vehicle().is_some() {
+        if station == ROADSIDE {
+            // Its container, without protected zones.
+            record.put(104, 2);
+        }
+        if sender.record.vehicle().is_some() {
             self.put_motion(&mut record, sender.record, noise);
             let is_slow_due = self.slow_nanos.is_none_or(|last| sender.nanos.saturating_sub(last) >= SLOW_NANOS);
             if is_slow_due {
@@ -249,19 +253,24 @@ fn put_slow(record: &mut Record, sender: &Sender<'_>, station: i64) {
     record.0[424] = shown;
 }
 
-/// Kind of station: by its class, and emergency vehicles.
+/// Kind of station: walkers, vehicles by their class and by what is special about them; whatever else carries a station, or is one by
+/// itself, stands at the road.
 fn station_type(sender: &Sender<'_>) -> i64 {
+    if sender.record.walker().is_some() {
+        return PEDESTRIAN;
+    }
+    if sender.record.vehicle().is_none() {
+        return ROADSIDE;
+    }
     let is_emergency = sender.info.and_then(|info| info.attributes.get("special_type")).is_some_and(|special| special == "emergency");
     match Class(sender.record.class) {
         _ if is_emergency => 10,
-        Class::PEDESTRIANS => PEDESTRIAN,
         Class::BICYCLE => 2,
         Class::MOTORCYCLE => 4,
         Class::CAR => 5,
         Class::BUS => 6,
         Class::TRUCK => 7,
         Class::TRAIN => 11,
-        Class::BUILDINGS | Class::WALLS | Class::FENCES | Class::POLES | Class::TRAFFIC_LIGHT | Class::TRAFFIC_SIGNS => ROADSIDE,
         _ => 0,
     }
 }
