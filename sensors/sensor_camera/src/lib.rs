@@ -54,6 +54,6 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
         ("resolve", raster::resolve_wgsl()),
         ("post", post::post_wgsl()),
         ("shadow", shadow::SHADOW_WGSL.to_owned()),
-        ("events", dvs::gpu::EVENTS_WGSL.to_owned()),
+        ("events", dvs::gpu::events_wgsl()),
     ]
 }

@@ -48,7 +48,8 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(EventJob, level),
             offset_of!(EventJob, moves),
             offset_of!(EventJob, differs),
-            offset_of!(EventJob, rest),
+            offset_of!(EventJob, writes),
+            offset_of!(EventJob, now),
         ],
     );
     check(

@@ -46,6 +46,8 @@ pub struct SceneAssets {
     pub statics: Vec<StaticInstance>,
     /// Scenery whose lamps or windows are not as built.
     pub switched: BTreeMap<ObjectId, LampSetting>,
+    /// Objects of the scenery that were left out of it; see [`SceneAssets::without`].
+    pub hidden: BTreeSet<ObjectId>,
 }
 
 impl SceneAssets {
@@ -58,6 +60,7 @@ impl SceneAssets {
     /// The same without some objects of the scenery: their instances go, and their triangles in meshes that show several objects.
     pub fn without(&self, hidden: &BTreeSet<ObjectId>) -> SceneAssets {
         let mut left = self.clone();
+        left.hidden.extend(hidden);
         if hidden.is_empty() {
             return left;
         }

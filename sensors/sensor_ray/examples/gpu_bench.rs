@@ -23,7 +23,6 @@ fn main() {
     let turns: usize = args.next().map_or(20, |text| text.parse().expect("turns are a whole number"));
     let gpu = Gpu::open(&GpuOptions { adapter: args.next(), allow_import: true }).unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
-    assert!(GpuRays::is_supported(&gpu), "no f64 or u64 in shaders");
     let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);
     println!("{} triangles", scene.n_static_triangles());
@@ -35,14 +34,14 @@ fn main() {
     let of_groups = [1 << 18, 1 << 19, 1 << 21, 1 << 30].map(|group_rays| GpuRayOptions { group_rays, ..default });
     for options in of_blocks.into_iter().chain(of_groups).chain([GpuRayOptions { writes_directly: false, ..default }]) {
         let mut rays = GpuRays::new(&gpu, options);
-        assert!(rays.update(&scene), "the hierarchy is too deep");
+        rays.update(&scene).unwrap_or_else(|error| panic!("{error}"));
         println!("{options:?}");
         for n_lidars in [1, 4, 16, BATCH] {
             measure(&mut rays, &target, n_lidars, turns, true);
         }
     }
     let mut rays = GpuRays::new(&gpu, default);
-    assert!(rays.update(&scene), "the hierarchy is too deep");
+    rays.update(&scene).unwrap_or_else(|error| panic!("{error}"));
     if gpu.set_timing(true) {
         for n_lidars in [1, BATCH] {
             gpu.take_spans();

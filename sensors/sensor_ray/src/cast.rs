@@ -39,7 +39,7 @@ impl Caster<'_> {
         let frame = Frame::new(&(origin_m - scene.dynamics_origin_m), &basis);
         let ignored = self.ignored.map(ObjectId::from);
         let mut instances = Instances { scene, ignored, origin_m, basis: &basis, stack: &mut self.stacks.triangles };
-        walk::<L>(&scene.dynamics_tree.tree, &frame, bundle, hits, &mut self.stacks.boxes, &mut instances);
+        walk::<L>(&scene.dynamics_tree, &frame, bundle, hits, &mut self.stacks.boxes, &mut instances);
     }
 }
 

@@ -133,15 +133,17 @@ struct Group {
 }
 
 impl GpuRays {
-    /// Whether an adapter can do it: its shaders count in `f64` and `u64`.
-    pub fn is_supported(gpu: &Gpu) -> bool {
-        gpu.has_wide_numbers() && gpu.has_immediates(size_of::<Turn>() as u32)
+    /// What an adapter lacks, in a sentence; `None` if it can do it.
+    pub fn missing(gpu: &Gpu) -> Option<String> {
+        pipelines::missing(gpu)
     }
 
-    /// Pipelines on a GPU that supports it.
+    /// Pipelines on a GPU that lacks nothing.
     pub fn new(gpu: &Gpu, options: GpuRayOptions) -> Self {
         let block_columns = options.block_columns;
-        assert!(Self::is_supported(gpu), "{} has no f64 or u64 in shaders", gpu.name());
+        if let Some(missing) = Self::missing(gpu) {
+            panic!("{missing}");
+        }
         assert!(block_columns.is_power_of_two() && block_columns <= BLOCK_RAYS, "blocks {block_columns} columns wide");
         GpuRays {
             options,
@@ -153,16 +155,16 @@ impl GpuRays {
         }
     }
 
-    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after every [`RayScene::update`] or [`RayScene::update_for_gpu`].
+    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after every [`RayScene::update`],
+    /// [`RayScene::update_for_gpu`] or [`RayScene::hide`].
     ///
-    /// False if a hierarchy is too deep for the shader's stack: then the GPU's world is not that of `scene`, and the CPU has to cast.
-    #[must_use]
-    pub fn update(&mut self, scene: &RayScene) -> bool {
-        let Some(has_new_buffers) = self.world.update(&self.gpu, scene) else { return false };
-        if has_new_buffers {
+    /// # Errors
+    /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the CPU has to cast.
+    pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
+        if self.world.update(&self.gpu, scene)? {
             self.bindings = None;
         }
-        true
+        Ok(())
     }
 
     /// Casts all jobs with one submission.
@@ -180,7 +182,7 @@ impl GpuRays {
         let writes_directly = self.options.writes_directly && places.iter().all(is_reachable) && self.memory.fit_host(&self.gpu, &frame);
         let groups = groups(&mut frame, &places, self.options.group_rays, writes_directly);
         let mut encoder = self.gpu.encoder("lidars");
-        if self.memory.upload(&self.gpu, &mut encoder, &mut frame) {
+        if self.memory.upload(&self.gpu, &mut encoder, &mut frame, !writes_directly) {
             self.bindings = None;
         }
         self.gpu.mark(&mut encoder, "begin");

@@ -1,7 +1,7 @@
 //! Ray sensors on the CPU: lidar, semantic lidar, radar and obstacle detector against the same triangles that cameras draw.
 //!
 //! Two levels: bounding-volume hierarchies over the scenery (built once per episode) and over each moving mesh (shared by its
-//! instances), and a small hierarchy over the instances of the tick. Rays with a common origin travel in bundles of neighbours.
+//! instances), and a small hierarchy over the instances of the tick, an actor's parts in nodes that are fitted and not searched for. Rays with a common origin travel in bundles of neighbours.
 //! Hits are found in `f32` about a near origin and then made exact in `f64`, so that distances hold to well under a millimetre.
 
 #![warn(missing_docs)]
@@ -11,7 +11,10 @@ mod beams;
 mod bundle;
 mod cast;
 mod gpu;
+mod hidden;
+mod hit;
 pub mod lidar;
+mod moving;
 mod near_ball;
 mod outline;
 mod points;
@@ -22,6 +25,7 @@ mod tree;
 
 pub use ball::{BallFilter, BallHit};
 pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans};
+pub use hit::Hit;
 pub use lidar::{Lidar, SensorPath};
 pub use radar::RadarPose;
-pub use scene::{Hit, RayScene};
+pub use scene::RayScene;

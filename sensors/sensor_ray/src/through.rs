@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::scene::{Hit, RayScene};
+use crate::hit::Hit;
+use crate::scene::RayScene;
 
 /// Surfaces nearer to one another than this along a ray may count as one, metres.
 const STEP_M: f64 = 1e-3;

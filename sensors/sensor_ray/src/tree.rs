@@ -4,10 +4,8 @@ use std::time::Duration;
 
 use glam::Vec3A;
 use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::builder::build_bvh2_from_tris;
-use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use obvhs::triangle::Triangle;
 
 use crate::gpu::pack::Packed;
@@ -19,7 +17,7 @@ pub(crate) const WIDTH: usize = 8;
 const GPU_LEAF: u32 = 4;
 
 /// Share of the largest coordinate by which boxes are widened for the GPU.
-const MARGIN: f32 = 1e-6;
+pub(crate) const MARGIN: f32 = 1e-6;
 
 /// Bit of a child that is a leaf; the rest is the number of its block or item.
 pub(crate) const LEAF: u32 = 1 << 31;
@@ -41,6 +39,14 @@ pub(crate) struct Node {
 impl Node {
     pub fn empty() -> Self {
         Node { bounds: [[[0.0; WIDTH]; 2]; 3], child: [0; WIDTH], n_children: 0 }
+    }
+
+    /// Makes a box and what is in it child number `i`.
+    pub fn set(&mut self, i: usize, (low, high): ([f32; 3], [f32; 3]), child: u32) {
+        for axis in 0..3 {
+            (self.bounds[axis][0][i], self.bounds[axis][1][i]) = (low[axis], high[axis]);
+        }
+        self.child[i] = child;
     }
 
     pub fn low(&self, i: usize) -> [f32; 3] {
@@ -77,7 +83,8 @@ impl Tree {
     /// Folds `bvh`; subtrees of at most `leaf_items` items become leaves, each made by `make_leaf` from indices of items.
     pub(crate) fn fold(bvh: &Bvh2, leaf_items: u32, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
         let Some(root) = bvh.nodes.first() else { return Tree::default() };
-        let mut folder = Folder { bvh, n_items: vec![0; bvh.nodes.len()], leaf_items, make_leaf, nodes: Vec::new() };
+        let mut folder =
+            Folder { bvh, n_items: vec![0; bvh.nodes.len()], leaf_items, make_leaf, nodes: Vec::with_capacity(bvh.nodes.len() / 4 + 1) };
         folder.count();
         folder.fold();
         let (low, high) = (root.aabb().min.to_array(), root.aabb().max.to_array());
@@ -117,11 +124,7 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
             let children = self.children(binary);
             for (i, child) in children.iter().enumerate() {
                 let aabb = *self.bvh.nodes[*child as usize].aabb();
-                for axis in 0..3 {
-                    self.nodes[wide as usize].bounds[axis][0][i] = aabb.min[axis];
-                    self.nodes[wide as usize].bounds[axis][1][i] = aabb.max[axis];
-                }
-                self.nodes[wide as usize].child[i] = if self.is_leaf(*child) {
+                let target = if self.is_leaf(*child) {
                     LEAF | self.leaf(*child)
                 } else {
                     let inner = self.nodes.len() as u32;
@@ -129,6 +132,7 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
                     todo.push((*child, inner));
                     inner
                 };
+                self.nodes[wide as usize].set(i, (aabb.min.to_array(), aabb.max.to_array()), target);
             }
             self.nodes[wide as usize].n_children = children.len() as u32;
         }
@@ -251,36 +255,4 @@ fn block<'c>(triangles: impl Iterator<Item = &'c [[f32; 3]; 3]>) -> Block {
     }
     (n..WIDTH).for_each(|lane| set(lane, &[last; 3]));
     block
-}
-
-/// Boxes under a hierarchy, each a leaf: what the moving instances of a tick hang in.
-#[derive(Debug, Default)]
-pub(crate) struct BoxTree {
-    pub tree: Tree,
-}
-
-impl BoxTree {
-    /// Builds over (lower, upper) corners; leaves are indices into `boxes`.
-    pub fn new(boxes: &[([f32; 3], [f32; 3])]) -> Self {
-        if boxes.is_empty() {
-            return BoxTree::default();
-        }
-        BoxTree { tree: Tree::fold(&box_hierarchy(boxes), 1, |items| items[0]) }
-    }
-
-    /// The same for the GPU; items are indices into `boxes`.
-    pub fn packed(boxes: &[([f32; 3], [f32; 3])]) -> Packed {
-        if boxes.is_empty() {
-            return Packed::default();
-        }
-        let items: Vec<u32> = (0..boxes.len() as u32).collect();
-        let tree = Tree::fold(&box_hierarchy(boxes), 1, |items| items[0]);
-        Packed::new(&tree, |leaf| std::slice::from_ref(&items[leaf as usize]), MARGIN * tree.reach)
-    }
-}
-
-fn box_hierarchy(boxes: &[([f32; 3], [f32; 3])]) -> Bvh2 {
-    let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
-    let indices = (0..boxes.len() as u32).collect();
-    PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0)
 }

@@ -178,6 +178,7 @@ impl Daemon {
         }
         self.apply_controls()?;
         self.tick = Tick(self.tick.0 + 1);
+        self.sensors.start_tick(self.tick);
         let sim_time = self.clock.time_of(self.tick);
         self.world.step(self.clock.period_nanos());
         self.publish_snapshot(sim_time)?;

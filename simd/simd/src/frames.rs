@@ -1,15 +1,13 @@
 //! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send, wake-ups.
 
-use std::collections::VecDeque;
 use std::rc::Rc;
 use std::sync::Arc;
 
-use anyhow::Context as _;
 use nalgebra::Vector3;
 use schema_bus::{Bus, FrameLoan, mono_now};
 use schema_frames::{FrameHeader, Modality};
-use schema_types::{ActorId, Pose};
-use sensor_camera::{CameraRenderer, Output, Place, Submission, ViewJob};
+use schema_types::{ActorId, Pose, Tick};
+use sensor_camera::CameraRenderer;
 use sensor_core::gnss::GeoReference;
 use sensor_core::imu::BodyState;
 use sensor_core::lane_marks::{Corners, PaintedLines};
@@ -19,11 +17,15 @@ use sensor_gpu::Gpu;
 use sensor_ray::{GpuRayOptions, GpuRays, RayScene};
 
 use crate::hash::BytesHash;
-use crate::rig::{Model, Rig, Sensor, Topic};
+use crate::rig::{Rig, Sensor, Topic};
 pub use cpu::TickEvents;
+use in_flight::InFlight;
+use views::PendingViews;
 
 mod cpu;
+mod in_flight;
 mod lidar;
+mod views;
 
 /// State of an actor that sensors need: its own and that of the body that carries it.
 #[derive(Clone, Copy, Debug)]
@@ -63,30 +65,14 @@ pub struct Sensors {
     /// Casts lidars; `None` leaves that to the CPU.
     lidar_gpu: Option<GpuRays>,
     /// The GPU had to leave them to the CPU once.
-    lidars_were_too_deep: bool,
+    lidars_were_refused: bool,
     /// Made when a lane invasion detector first asks.
     painted: Option<PaintedLines>,
     /// Length of the tick that the topics' memory was made for.
     fitted_period_nanos: u64,
-    in_flight: VecDeque<PendingTick>,
-    max_in_flight: u64,
+    in_flight: InFlight<PendingViews>,
     read_everything: bool,
     n_lidar_turns: u64,
-}
-
-struct PendingTick {
-    submission: Submission<'static>,
-    frames: Vec<PendingFrame>,
-    tick: u64,
-}
-
-struct PendingFrame {
-    sensor_idx: usize,
-    topic_idx: usize,
-    view_idx: usize,
-    output_idx: usize,
-    loan: FrameLoan,
-    header: FrameHeader,
 }
 
 impl Sensors {
@@ -107,11 +93,10 @@ impl Sensors {
             renderer,
             rays: None,
             lidar_gpu,
-            lidars_were_too_deep: false,
+            lidars_were_refused: false,
             painted: None,
             fitted_period_nanos: 0,
-            in_flight: VecDeque::new(),
-            max_in_flight,
+            in_flight: InFlight::new(max_in_flight),
             read_everything,
             n_lidar_turns: 0,
         }
@@ -139,14 +124,21 @@ impl Sensors {
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
         self.finish_all()?;
         self.renderer.load(assets);
-        // Building takes the better part of a second: now, and not in the tick in which the first reader comes.
-        let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
-        self.rays = casts_rays.then(|| load_rays(assets, self.lidar_gpu.is_some()));
+        // Building takes the better part of a second: now, and not in the tick in which the first reader comes. Hiding something takes less.
+        if !self.rays.as_mut().is_some_and(|rays| rays.hide(assets)) {
+            let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
+            self.rays = casts_rays.then(|| load_rays(assets, self.lidar_gpu.is_some()));
+        }
         self.painted = None;
         Ok(())
     }
 
-    /// Fires what is due at the scene's tick. Frames of the GPU may still be on their way when this returns, CPU-made ones are sent.
+    /// A tick begins: frames that are on their way are one tick later.
+    pub fn start_tick(&mut self, tick: Tick) {
+        self.in_flight.start_tick(tick.0);
+    }
+
+    /// Fires what is due at the scene's tick, which was started. Frames of the GPU may still be on their way when this returns, CPU-made ones are sent.
     pub fn fire(
         &mut self,
         scene: &Scene,
@@ -154,9 +146,8 @@ impl Sensors {
         events: &TickEvents<'_>,
         carrier: impl Fn(ActorId) -> Option<Carrier>,
     ) -> anyhow::Result<()> {
-        // By age, not by number: a camera that fires rarely has no successor that would push its frame out.
-        while self.in_flight.front().is_some_and(|oldest| scene.tick.0 - oldest.tick >= self.max_in_flight) {
-            self.finish_oldest(scene.tick.0)?;
+        while let Some((views, late)) = self.in_flight.pop_due() {
+            self.finish_views(views, late)?;
         }
         let mut due = Vec::with_capacity(self.sensors.len());
         for (idx, sensor) in self.sensors.iter_mut().enumerate() {
@@ -177,7 +168,7 @@ impl Sensors {
                 // Rigs with pictures on their way are woken when those are sent.
                 waking.retain(|rig| !pending.frames.iter().any(|frame| Rc::ptr_eq(&self.sensors[frame.sensor_idx].rig, rig)));
                 wake(&waking);
-                self.in_flight.push_back(pending);
+                self.in_flight.push(pending);
             }
             None => wake(&waking),
         }
@@ -241,78 +232,16 @@ impl Sensors {
 
     /// Waits for everything on its way and sends it.
     pub fn finish_all(&mut self) -> anyhow::Result<()> {
-        while !self.in_flight.is_empty() {
-            let newest = self.in_flight.back().map_or(0, |pending| pending.tick);
-            self.finish_oldest(newest)?;
+        while let Some((views, late)) = self.in_flight.pop() {
+            self.finish_views(views, late)?;
         }
-        Ok(())
-    }
-
-    fn submit_views(&mut self, scene: &Scene, stamp: &Stamp, due: &[(usize, Firing, Carrier)]) -> anyhow::Result<Option<PendingTick>> {
-        let mut jobs = Vec::new();
-        let mut frames = Vec::new();
-        let mut due = due.iter().peekable();
-        for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
-            let Some((_, firing, carrier)) = due.next_if(|(idx, ..)| *idx == sensor_idx) else { continue };
-            let Model::View(view) = &mut sensor.model else { continue };
-            let mut outputs = Vec::new();
-            for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
-                let Some(loan) = topic.loan_if_read(self.read_everything) else { continue };
-                let target = topic.target().cloned().expect("topics of views have a target while they have memory");
-                let place = Place::Shm {
-                    target,
-                    offset_bytes: loan.offset_in_segment().expect("the segment was asked for when the topic was opened"),
-                    capacity_bytes: topic.max_payload_bytes,
-                };
-                let mut header = base_header(topic.modality, scene, stamp, sensor.actor, firing, carrier);
-                header.intrinsics_px = view.intrinsics().as_array();
-                header.set_image(view.intrinsics().width_px, view.intrinsics().height_px);
-                frames.push(PendingFrame { sensor_idx, topic_idx, view_idx: jobs.len(), output_idx: outputs.len(), loan, header });
-                outputs.push(Output { modality: topic.modality, place });
-            }
-            jobs.push(ViewJob { view, world_from_sensor: carrier.world_from_sensor.isometry(), outputs });
-        }
-        if jobs.is_empty() {
-            return Ok(None);
-        }
-        let submission = self.renderer.render(scene, jobs).context("cannot render")?;
-        Ok((!frames.is_empty()).then_some(PendingTick { submission, frames, tick: scene.tick.0 }))
-    }
-
-    fn finish_oldest(&mut self, current_tick: u64) -> anyhow::Result<()> {
-        let Some(pending) = self.in_flight.pop_front() else { return Ok(()) };
-        let results = pending.submission.wait().context("the GPU did not finish its frames")?;
-        let rendered_mono_nanos = mono_now().0;
-        let mut waking = Vec::new();
-        for frame in pending.frames {
-            let sensor = &mut self.sensors[frame.sensor_idx];
-            let topic = &mut sensor.topics[frame.topic_idx];
-            let result = &results[frame.view_idx].outputs[frame.output_idx];
-            let mut header = frame.header;
-            if topic.modality == Modality::Dvs {
-                header.set_list((result.n_bytes / topic.modality.element_bytes()) as u32);
-                topic.n_overflowed += result.n_dropped;
-            }
-            if result.first {
-                header.flags |= FrameHeader::FIRST;
-            }
-            if matches!(topic.modality, Modality::Dvs | Modality::Flow) && result.window_nanos != 0 {
-                header.window_nanos = result.window_nanos;
-            }
-            header.cpu_copies = result.cpu_copies;
-            header.rendered_mono_nanos = rendered_mono_nanos;
-            header.ticks_in_flight = (current_tick - pending.tick) as u32;
-            topic.send(frame.loan, header, self.read_everything);
-            remember(&mut waking, &sensor.rig);
-        }
-        wake(&waking);
         Ok(())
     }
 
     /// Finishes what is on its way and gives all memory back.
     pub fn close(mut self) -> anyhow::Result<()> {
         let finished = self.finish_all();
-        self.in_flight.clear();
+        while self.in_flight.pop().is_some() {}
         drop(self.renderer);
         for topic in self.sensors.into_iter().flat_map(|sensor| sensor.topics) {
             topic.close(&self.gpu);

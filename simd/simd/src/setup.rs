@@ -51,15 +51,16 @@ fn toml_text(text: &str) -> String {
 
 /// Whether `gpu` casts the lidars: if the command line or else the launch file asks, else if it is a real one that can.
 fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>, in_file: LidarsOn) -> anyhow::Result<bool> {
-    let can = GpuRays::is_supported(gpu);
+    let missing = GpuRays::missing(gpu);
     let (on_gpu, whose) = match (asked, in_file) {
         (Some(asked), _) => (asked == LidarsOnArg::Gpu, "--lidars-on gpu"),
-        (None, LidarsOn::Auto) => (can && !gpu.is_software(), ""),
+        (None, LidarsOn::Auto) => (missing.is_none() && !gpu.is_software(), ""),
         (None, asked) => (asked == LidarsOn::Gpu, "scenario.lidars_on = \"gpu\""),
     };
-    if on_gpu && !can {
-        let name = gpu.name();
-        return Err(wrong_usage(format!("{whose}: shaders of {name:?} have no 64-bit numbers; say cpu, or choose another --adapter")));
+    match missing {
+        Some(missing) if on_gpu => return Err(wrong_usage(format!("{whose}: {missing}; say cpu, or choose another --adapter"))),
+        Some(missing) if !gpu.is_software() => tracing::info!(missing, "lidars are cast on the CPU"),
+        _ => {}
     }
     Ok(on_gpu)
 }

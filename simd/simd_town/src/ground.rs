@@ -4,10 +4,11 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
+use crate::carriageway::{self, LaneLine};
 use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
 use crate::fill::{Border, Fill, Pond};
 use crate::geometry::{P2, unit, wrap};
-use crate::network::{Arm, CROSSWALK_M, Link, Network, Road, STOP_M};
+use crate::network::{Arm, CROSSWALK_M, Network, Road, STOP_M};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Edge;
 use crate::ring::Ring;
@@ -212,16 +213,16 @@ pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: 
     }
 }
 
+/// Longest chord of a line through a junction: on the sharpest bend of a motorway it is off by less than half a line's width.
+const LINE_CHORD_M: f64 = 2.5;
+
 /// Lines of a motorway where ramps leave and arrive and where lanes begin and end: those of its roads go on.
 fn carriageway_lines(chunks: &mut Chunks, network: &Network, idx: usize, object: ObjectId) {
     let junction = &network.junctions[idx];
-    let profile = |arm: usize| &network.roads[junction.arms[arm].road].profile;
-    let through = |link: &&Link| link.junction == idx && profile(link.from.0).motorway && profile(link.to.0).motorway;
-    for link in network.links.iter().filter(through) {
-        let lanes = [link.from.1, link.to.1].map(|lane| lane.unsigned_abs() as usize);
+    for link in network.links.iter().filter(|link| link.junction == idx) {
         let length = link.path.length_m();
-        let mut line = |span: (f64, f64), aside: &dyn Fn(f64) -> f64| {
-            let n = ((span.1 - span.0) / 6.0).ceil().max(1.0) as usize;
+        let mut stripe = |span: (f64, f64), aside: &dyn Fn(f64) -> f64| {
+            let n = ((span.1 - span.0) / LINE_CHORD_M).ceil().max(1.0) as usize;
             let station = |k: usize| span.0 + (span.1 - span.0) * k as f64 / n as f64;
             for k in 0..n {
                 let at = |s: f64, half: f64| {
@@ -232,16 +233,18 @@ fn carriageway_lines(chunks: &mut Chunks, network: &Network, idx: usize, object:
                 chunks.sheet(Layer::Ground, 0..=1, white(object), &[at(a, -0.06), at(b, -0.06), at(b, 0.06), at(a, 0.06)]);
             }
         };
-        if lanes == [1, 1] {
-            line((0.0, length), &|_| 0.0);
-        } else if lanes[0] == lanes[1] {
-            for k in 0..((length + 4.5) / 7.5) as usize {
-                let from = 7.5 * k as f64;
-                line((from, (from + 3.0).min(length)), &|_| 0.0);
+        let asides: [&dyn Fn(f64) -> f64; 2] = [&|_| 0.0, &|s| -link.width_at(s)];
+        for (line, aside) in carriageway::lines(network, link).into_iter().zip(asides) {
+            match line {
+                Some(LaneLine::Solid) => stripe((0.0, length), aside),
+                Some(LaneLine::Broken) => {
+                    for k in 0..((length + 4.5) / 7.5) as usize {
+                        let from = 7.5 * k as f64;
+                        stripe((from, (from + 3.0).min(length)), aside);
+                    }
+                }
+                None => {}
             }
-        }
-        if junction.arms.len() == 2 && lanes == [profile(link.from.0).n_lanes, profile(link.to.0).n_lanes] {
-            line((0.0, length), &|s| -link.width_at(s));
         }
     }
 }

@@ -13,6 +13,7 @@
 mod barrier;
 mod bridge;
 mod building;
+mod carriageway;
 mod chunk;
 mod drive;
 mod elevation;

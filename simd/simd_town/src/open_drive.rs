@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 use std::fmt::Write;
 
+use crate::carriageway::{self, LaneLine};
 use crate::elevation::Elevation;
 use crate::geometry::Path;
 use crate::network::{CROSSWALK_M, Junction, Link, Network, Road, Signal, SignalKind};
@@ -240,6 +241,19 @@ fn turn_kmh(path: &Path) -> u32 {
     5 * (kmh / 5.0).max(3.0) as u32
 }
 
+/// The mark at an edge of a connecting lane.
+fn connecting_mark(line: Option<LaneLine>) -> &'static str {
+    match line {
+        None => r#"<roadMark sOffset="0" type="none" weight="standard" color="standard" material="standard" width="0" laneChange="none"/>"#,
+        Some(LaneLine::Solid) => {
+            r#"<roadMark sOffset="0" type="solid" weight="standard" color="white" material="standard" width="0.12" laneChange="none"/>"#
+        }
+        Some(LaneLine::Broken) => {
+            r#"<roadMark sOffset="0" type="broken" weight="standard" color="white" material="standard" width="0.12" laneChange="both"/>"#
+        }
+    }
+}
+
 fn connecting_road(out: &mut String, network: &Network, link: &Link) {
     let junction = &network.junctions[link.junction];
     let length = link.path.length_m();
@@ -261,14 +275,14 @@ fn connecting_road(out: &mut String, network: &Network, link: &Link) {
     line!(out, r#"    <lanes>"#);
     line!(out, r#"      <laneSection s="0">"#);
     line!(out, r#"        <center><lane id="0" type="none" level="false">"#);
-    let mark = r#"<roadMark sOffset="0" type="none" weight="standard" color="standard" material="standard" width="0" laneChange="none"/>"#;
-    line!(out, "            {mark}");
+    let [left, right] = carriageway::lines(network, link).map(connecting_mark);
+    line!(out, "            {left}");
     line!(out, "        </lane></center>");
     line!(out, "        <right>");
     line!(out, r#"          <lane id="-1" type="driving" level="false">"#);
     line!(out, r#"            <link><predecessor id="{}"/><successor id="{}"/></link>"#, link.from.1, link.to.1);
     line!(out, r#"            <width sOffset="0" a="{a}" b="0" c="{c}" d="{d}"/>"#);
-    line!(out, "            {mark}");
+    line!(out, "            {right}");
     line!(out, r#"            <speed sOffset="0" max="{speed}" unit="km/h"/>"#);
     line!(out, "          </lane>");
     line!(out, "        </right>");

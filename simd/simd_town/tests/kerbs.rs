@@ -9,7 +9,7 @@ use simd_town::Town;
 /// Side of the cells in which triangles are looked up.
 const CELL_M: f64 = 8.0;
 /// Room between a junction's lanes and its kerbs.
-const CLEAR_M: f64 = 0.2;
+const CLEAR_M: f64 = 0.3;
 
 /// Upward triangles of pavements, verges and yards by place.
 struct Raised(BTreeMap<(i64, i64), Vec<[Vector3<f64>; 3]>>);

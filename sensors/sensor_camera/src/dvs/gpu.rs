@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 use schema_frames::DvsEvent;
-use sensor_gpu::{Gpu, HostMemory};
+use sensor_gpu::{Gpu, HostMemory, prefix_sum_wgsl};
 use sensor_spec::{DvsMode, DvsSpec};
 
 use super::chance::Chance;
@@ -18,7 +18,9 @@ use crate::pass::{entry, texture, uniform};
 use crate::targets::{Target, Targets};
 
 /// Text of the shader.
-pub(crate) const EVENTS_WGSL: &str = include_str!("../shader/events.wgsl");
+pub(crate) fn events_wgsl() -> String {
+    prefix_sum_wgsl(256) + include_str!("../shader/events.wgsl")
+}
 
 /// Slices of time that the shader deals events out to.
 const N_SLICES: usize = 1024;
@@ -55,9 +57,14 @@ pub struct EventJob {
     pub moves: u32,
     /// Whether thresholds differ.
     pub differs: u32,
-    /// Unused.
-    pub rest: [u32; 2],
+    /// Whether the run writes, or only counts.
+    pub writes: u32,
+    /// Which of two pictures is the end of the window.
+    pub now: u32,
 }
+
+/// Distance of the job that counts from the one that writes: a multiple of what any device asks of offsets.
+const JOB_BYTES: u64 = 256;
 
 /// Pipelines.
 pub(crate) struct EventPass {
@@ -68,9 +75,8 @@ pub(crate) struct EventPass {
     begin: wgpu::ComputePipeline,
     scatter: wgpu::ComputePipeline,
     before: wgpu::ComputePipeline,
-    count: wgpu::ComputePipeline,
+    follow: wgpu::ComputePipeline,
     place: wgpu::ComputePipeline,
-    write: wgpu::ComputePipeline,
 }
 
 impl std::fmt::Debug for EventPass {
@@ -83,7 +89,7 @@ impl EventPass {
     /// Whether an adapter can do it.
     pub fn is_supported(gpu: &Gpu) -> bool {
         let wanted = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
-        let has_room = gpu.device().limits().max_storage_buffers_per_shader_stage >= 15;
+        let has_room = gpu.device().limits().max_storage_buffers_per_shader_stage >= 14;
         gpu.device().features().contains(wanted) && has_room && gpu.can_write_directly()
     }
 
@@ -93,34 +99,32 @@ impl EventPass {
             texture(binding, kind)
         };
         let images = [image(1, true), image(2, true), image(3, true), image(4, false), image(5, false)];
-        let mut common = vec![uniform(0, size_of::<EventJob>() as u64, false)];
+        let mut common = vec![uniform(0, size_of::<EventJob>() as u64, true)];
         common.extend(images);
-        common.extend((6..19).map(|binding| storage(binding, false)));
+        common.extend((6..18).map(|binding| storage(binding, false)));
         let common = layout(gpu, common);
         let written = layout(gpu, vec![storage(0, false), storage(1, false)]);
         let read = layout(gpu, vec![storage(0, true), storage(1, true)]);
-        let shader = gpu.shader("events", EVENTS_WGSL);
-        let pipeline = |entry_point: &str, second: Option<&wgpu::BindGroupLayout>, writes: Option<bool>| {
+        let shader = gpu.shader("events", &events_wgsl());
+        let pipeline = |entry_point: &str, second: Option<&wgpu::BindGroupLayout>| {
             let layouts: Vec<Option<&wgpu::BindGroupLayout>> = [Some(&common), second].into_iter().filter(Option::is_some).collect();
             let descriptor = wgpu::PipelineLayoutDescriptor { label: Some("events"), bind_group_layouts: &layouts, immediate_size: 0 };
-            let constants: Vec<(&str, f64)> = writes.map(|writes| ("writes", writes as u32 as f64)).into_iter().collect();
             gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(entry_point),
                 layout: Some(&gpu.device().create_pipeline_layout(&descriptor)),
                 module: &shader,
                 entry_point: Some(entry_point),
-                compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, zero_initialize_workgroup_memory: false },
+                compilation_options: wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false },
                 cache: None,
             })
         };
         EventPass {
-            levels: pipeline("cs_levels", None, None),
-            begin: pipeline("cs_begin", None, None),
-            scatter: pipeline("cs_scatter", Some(&written), None),
-            before: pipeline("cs_before", Some(&read), None),
-            count: pipeline("cs_follow", Some(&read), Some(false)),
-            place: pipeline("cs_place", None, None),
-            write: pipeline("cs_follow", Some(&read), Some(true)),
+            levels: pipeline("cs_levels", None),
+            begin: pipeline("cs_begin", None),
+            scatter: pipeline("cs_scatter", Some(&written)),
+            before: pipeline("cs_before", Some(&read)),
+            follow: pipeline("cs_follow", Some(&read)),
+            place: pipeline("cs_place", None),
             common,
             written,
             read,
@@ -138,7 +142,11 @@ impl EventPass {
     ) -> Option<EventList> {
         let memory = state.take_list(gpu)?;
         let job = state.next_window(window_nanos);
-        gpu.queue().write_buffer(&state.job, 0, bytemuck::bytes_of(&job));
+        let mut jobs = [0; 2 * JOB_BYTES as usize];
+        for (place, writes) in jobs.chunks_exact_mut(JOB_BYTES as usize).zip([0, 1]) {
+            place[..size_of::<EventJob>()].copy_from_slice(bytemuck::bytes_of(&EventJob { writes, ..job }));
+        }
+        gpu.queue().write_buffer(&state.job, 0, &jobs);
         let common = self.bind(gpu, state, images, &memory);
         let written = bind_tables(gpu, &self.written, state);
         let read = bind_tables(gpu, &self.read, state);
@@ -146,16 +154,19 @@ impl EventPass {
             encoder.clear_buffer(buffer, 0, None);
         }
         let tiles = [job.n_tiles[0], job.n_tiles[1]];
-        let mut run = |pipeline: &wgpu::ComputePipeline, second: Option<&wgpu::BindGroup>, [x, y]: [u32; 2]| {
+        let mut run_as = |job_bytes: u64, pipeline: &wgpu::ComputePipeline, second: Option<&wgpu::BindGroup>, [x, y]: [u32; 2]| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("events"), timestamp_writes: None });
             pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &common, &[]);
+            pass.set_bind_group(0, &common, &[job_bytes as u32]);
             if let Some(second) = second {
                 pass.set_bind_group(1, second, &[]);
             }
             pass.dispatch_workgroups(x, y, 1);
             gpu.counters().add_pass();
         };
+        let (counts, writes) = (0, JOB_BYTES);
+        let mut run =
+            |pipeline: &wgpu::ComputePipeline, second: Option<&wgpu::BindGroup>, size: [u32; 2]| run_as(counts, pipeline, second, size);
         run(&self.levels, None, tiles);
         let first = !std::mem::replace(&mut state.has_begun, true) || window_nanos == 0;
         if first {
@@ -166,9 +177,10 @@ impl EventPass {
                 run(&self.scatter, Some(&written), tiles);
                 run(&self.before, Some(&read), tiles);
             }
-            run(&self.count, Some(&read), tiles);
+            // One pipeline counts and writes: two could be compiled to round apart, and an event be written that was not counted.
+            run(&self.follow, Some(&read), tiles);
             run(&self.place, None, [1, 1]);
-            run(&self.write, Some(&read), tiles);
+            run_as(writes, &self.follow, Some(&read), tiles);
         }
         memory.make_visible(encoder);
         gpu.mark(encoder, "events");
@@ -179,8 +191,7 @@ impl EventPass {
     fn bind(&self, gpu: &Gpu, state: &GpuEventCamera, (targets, layer): (&Targets, u32), list: &HostMemory) -> wgpu::BindGroup {
         let (before, now) = (1 - state.now, state.now);
         let buffers = [
-            &state.level[before],
-            &state.level[now],
+            &state.levels,
             &state.flow[before],
             &state.flow[now],
             &state.motion_before,
@@ -193,7 +204,8 @@ impl EventPass {
             &state.slices,
             list.buffer(),
         ];
-        let mut entries = vec![wgpu::BindGroupEntry { binding: 0, resource: state.job.as_entire_binding() }];
+        let job = wgpu::BufferBinding { buffer: &state.job, offset: 0, size: std::num::NonZeroU64::new(size_of::<EventJob>() as u64) };
+        let mut entries = vec![wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(job) }];
         let images = [Target::Luminance, Target::Flow, Target::Depth, Target::Instance, Target::Class];
         let views = images.map(|target| targets.get(target).layer(layer));
         let resources = views.iter().map(wgpu::BindingResource::TextureView).chain(buffers.map(|buffer| buffer.as_entire_binding()));
@@ -229,8 +241,9 @@ pub(crate) struct GpuEventCamera {
     max_events: usize,
     capacity: usize,
     job: wgpu::Buffer,
-    /// Pictures by turns: the one that ends the window is number `now`.
-    level: [wgpu::Buffer; 2],
+    /// Two pictures in one buffer, by turns: the one that ends the window is number `now`.
+    levels: wgpu::Buffer,
+    /// The same in a buffer each.
     flow: [wgpu::Buffer; 2],
     now: usize,
     source: wgpu::Buffer,
@@ -271,8 +284,8 @@ impl GpuEventCamera {
         GpuEventCamera {
             max_events: spec.max_events_of(size_px[0], size_px[1]) as usize,
             capacity: capacity_of(spec, size_px),
-            job: gpu.buffer("events", size_of::<EventJob>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
-            level: [per_pixel(4), per_pixel(4)],
+            job: gpu.buffer("events", 2 * JOB_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            levels: per_pixel(8),
             flow: [per_pixel(8), per_pixel(8)],
             now: 0,
             source: per_pixel(8),
@@ -326,7 +339,8 @@ impl GpuEventCamera {
             level,
             moves: (spec.mode == DvsMode::Motion) as u32,
             differs: self.differs as u32,
-            rest: [0; 2],
+            writes: 0,
+            now: self.now as u32,
         }
     }
 }
@@ -369,7 +383,8 @@ impl EventList {
         let ends: &[u32] = bytemuck::cast_slice(head);
         let events: &[DvsEvent] = bytemuck::cast_slice(&events[..self.capacity * size_of::<DvsEvent>()]);
         let n_made = ends[N_SLICES - 1] as usize;
-        // A slice that the list did not take whole is not to be sorted.
+        // Which events of a slice the list took, if not all, depends on the order of the GPU's work: such a slice is dropped, or frames would
+        // not be the same twice.
         let n_whole = ends.iter().map(|end| *end as usize).take_while(|end| *end <= self.capacity).last().unwrap_or(0);
         let n_events = n_made.min(self.max_events).min(n_whole).min(out.len() / size_of::<DvsEvent>());
         let slices = Slices { ends, window_nanos: self.window_nanos };

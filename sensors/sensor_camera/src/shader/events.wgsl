@@ -22,7 +22,9 @@ struct Job {
     // Whether pictures are moved along their motion, whether thresholds differ from pixel to pixel.
     moves: u32,
     differs: u32,
-    rest: vec2<u32>,
+    // Whether this run writes events and what pixels remember, or only counts; which half of `levels` is the end of the window.
+    writes: u32,
+    now: u32,
 }
 
 struct Slices {
@@ -40,23 +42,23 @@ struct Slices {
 @group(0) @binding(3) var depth_map: texture_2d<f32>;
 @group(0) @binding(4) var instance_map: texture_2d<u32>;
 @group(0) @binding(5) var class_map: texture_2d<u32>;
-@group(0) @binding(6) var<storage, read_write> level_before: array<f32>;
-@group(0) @binding(7) var<storage, read_write> level_now: array<f32>;
-@group(0) @binding(8) var<storage, read_write> flow_before: array<vec2<f32>>;
-@group(0) @binding(9) var<storage, read_write> flow_now: array<vec2<f32>>;
+// Levels of two pictures, one after the other: which of them is the end of the window is in the job.
+@group(0) @binding(6) var<storage, read_write> levels: array<f32>;
+@group(0) @binding(7) var<storage, read_write> flow_before: array<vec2<f32>>;
+@group(0) @binding(8) var<storage, read_write> flow_now: array<vec2<f32>>;
 // Motion of what was at a pixel when the window began.
-@group(0) @binding(10) var<storage, read_write> motion_before: array<vec2<f32>>;
+@group(0) @binding(9) var<storage, read_write> motion_before: array<vec2<f32>>;
 // Per tile: least and greatest motion at the end and at the beginning.
-@group(0) @binding(11) var<storage, read_write> range_now: array<vec4<f32>>;
-@group(0) @binding(12) var<storage, read_write> range_before: array<vec4<f32>>;
+@group(0) @binding(10) var<storage, read_write> range_now: array<vec4<f32>>;
+@group(0) @binding(11) var<storage, read_write> range_before: array<vec4<f32>>;
 // Per tile: the fastest motion in it, if there is a jump.
-@group(0) @binding(13) var<storage, read_write> jump: array<vec2<f32>>;
-@group(0) @binding(14) var<storage, read_write> references: array<f32>;
-@group(0) @binding(15) var<storage, read_write> silent_nanos: array<u32>;
-@group(0) @binding(16) var<storage, read_write> mismatch: array<f32>;
-@group(0) @binding(17) var<storage, read_write> slices: Slices;
+@group(0) @binding(12) var<storage, read_write> jump: array<vec2<f32>>;
+@group(0) @binding(13) var<storage, read_write> references: array<f32>;
+@group(0) @binding(14) var<storage, read_write> silent_nanos: array<u32>;
+@group(0) @binding(15) var<storage, read_write> mismatch: array<f32>;
+@group(0) @binding(16) var<storage, read_write> slices: Slices;
 // Ends of the slices, four to an element, then events.
-@group(0) @binding(18) var<storage, read_write> list: array<vec4<u32>>;
+@group(0) @binding(17) var<storage, read_write> list: array<vec4<u32>>;
 // Per pixel of the beginning: inverted depth above the pixel that comes from there. Per tile: square of the fastest motion that passes
 // above the inverted number of the tile that it comes from.
 @group(1) @binding(0) var<storage, read_write> source: array<atomic<u64>>;
@@ -77,7 +79,6 @@ var<workgroup> low: array<vec2<f32>, 64>;
 var<workgroup> high: array<vec2<f32>, 64>;
 var<workgroup> near: array<vec2<f32>, 81>;
 var<workgroup> speeds: array<f32, 64>;
-var<workgroup> sums: array<u32, 256>;
 
 // Natural logarithm, term by term as the processor does it.
 fn ln(x: f32) -> f32 {
@@ -102,6 +103,15 @@ fn level_of(luminance: f32) -> f32 {
 
 fn index_of(at: vec2<u32>) -> u32 {
     return at.y * job.size_px.x + at.x;
+}
+
+// First level of the picture that begins the window, or of the one that ends it.
+fn first_before() -> u32 {
+    return (1u - job.now) * job.size_px.x * job.size_px.y;
+}
+
+fn first_now() -> u32 {
+    return job.now * job.size_px.x * job.size_px.y;
 }
 
 // Index of the pixel at a position, or -1 outside.
@@ -171,7 +181,7 @@ fn cs_levels(
     let inside = all(id.xy < job.size_px);
     var flow = vec2(0.0);
     if (inside) {
-        level_now[index_of(id.xy)] = level_of(textureLoad(luminance_map, vec2<i32>(id.xy), 0).x);
+        levels[first_now() + index_of(id.xy)] = level_of(textureLoad(luminance_map, vec2<i32>(id.xy), 0).x);
         flow = textureLoad(flow_map, vec2<i32>(id.xy), 0).xy;
         flow_now[index_of(id.xy)] = flow;
     }
@@ -187,7 +197,7 @@ fn cs_levels(
 fn cs_begin(@builtin(global_invocation_id) id: vec3<u32>) {
     if (all(id.xy < job.size_px)) {
         let i = index_of(id.xy);
-        references[i] = level_now[i] - references[i];
+        references[i] = levels[first_now() + i] - references[i];
         silent_nanos[i] = 0u;
     }
 }
@@ -304,12 +314,10 @@ struct Pixel {
     down: f32,
 }
 
-override writes: bool = false;
-
 fn put_event(pixel: Pixel, nanos: u32, polarity: u32) {
     let scale = (u64(job.slices.y) << 32u) | u64(job.slices.x);
     let slice = min(u32((u64(nanos) * scale) >> 32u), 1023u);
-    if (!writes) {
+    if (job.writes == 0u) {
         atomicAdd(&slices.counts[slice], 1u);
         return;
     }
@@ -356,24 +364,15 @@ fn cross(pixel: ptr<function, Pixel>, before: f32, after: f32, step: u32, n_step
     }
 }
 
-fn sample_before(at: vec2<f32>) -> f32 {
+// Level between the pixels of the picture whose first level this is.
+fn sample(first: u32, at: vec2<f32>) -> f32 {
     let most = job.size_px - 1u;
     let q = clamp(at - 0.5, vec2(0.0), vec2<f32>(most));
     let a = vec2<u32>(q);
     let b = min(a + 1u, most);
     let w = q - floor(q);
-    let upper = mix_of(level_before[index_of(a)], level_before[index_of(vec2(b.x, a.y))], w.x);
-    return mix_of(upper, mix_of(level_before[index_of(vec2(a.x, b.y))], level_before[index_of(b)], w.x), w.y);
-}
-
-fn sample_now(at: vec2<f32>) -> f32 {
-    let most = job.size_px - 1u;
-    let q = clamp(at - 0.5, vec2(0.0), vec2<f32>(most));
-    let a = vec2<u32>(q);
-    let b = min(a + 1u, most);
-    let w = q - floor(q);
-    let upper = mix_of(level_now[index_of(a)], level_now[index_of(vec2(b.x, a.y))], w.x);
-    return mix_of(upper, mix_of(level_now[index_of(vec2(a.x, b.y))], level_now[index_of(b)], w.x), w.y);
+    let upper = mix_of(levels[first + index_of(a)], levels[first + index_of(vec2(b.x, a.y))], w.x);
+    return mix_of(upper, mix_of(levels[first + index_of(vec2(a.x, b.y))], levels[first + index_of(b)], w.x), w.y);
 }
 
 fn mix_of(a: f32, b: f32, share: f32) -> f32 {
@@ -388,10 +387,10 @@ fn level_of_one(i: u32, at: vec2<f32>, begin: vec2<f32>, end: vec2<f32>, share: 
     let was_inside = is_inside(behind);
     let will_be = is_inside(ahead);
     if (!was_inside && !will_be) {
-        return mix_of(level_before[i], level_now[i] + job.leak, share);
+        return mix_of(levels[first_before() + i], levels[first_now() + i] + job.leak, share);
     }
-    let before = sample_before(behind);
-    let after = sample_now(ahead);
+    let before = sample(first_before(), behind);
+    let after = sample(first_now(), ahead);
     // A picture that does not show the point lends the other one's level.
     return mix_of(select(after, before, was_inside), select(before, after, will_be), share) + job.leak * share;
 }
@@ -420,9 +419,9 @@ fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32,
     if (!is_chosen) {
         // Hidden at the end: what was here at the beginning, moving on as it did.
         if (is_inside(behind)) {
-            return sample_before(behind);
+            return sample(first_before(), behind);
         }
-        return mix_of(level_before[i], level_now[i], share);
+        return mix_of(levels[first_before() + i], levels[first_now() + i], share);
     }
     behind = at - chosen * share;
     let ahead = at + chosen * (1.0 - share);
@@ -433,15 +432,15 @@ fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32,
     }
     let will_be = is_inside(ahead);
     if (was_seen && will_be) {
-        return mix_of(sample_before(behind), sample_now(ahead), share);
+        return mix_of(sample(first_before(), behind), sample(first_now(), ahead), share);
     }
     if (was_seen) {
-        return sample_before(behind);
+        return sample(first_before(), behind);
     }
     if (will_be) {
-        return sample_now(ahead);
+        return sample(first_now(), ahead);
     }
-    return mix_of(level_before[i], level_now[i], share);
+    return mix_of(levels[first_before() + i], levels[first_now() + i], share);
 }
 
 fn n_steps_of(fastest_px: f32) -> u32 {
@@ -513,7 +512,7 @@ fn cs_follow(
         pixel.down *= mismatch[i];
     }
     if (path == STRAIGHT) {
-        cross(&pixel, level_before[i], level_now[i] + job.leak, 1u, 1u);
+        cross(&pixel, levels[first_before() + i], levels[first_now() + i] + job.leak, 1u, 1u);
     } else {
         if (path == SEVERAL) {
             for (var k = 0u; k < n_motions; k++) {
@@ -521,10 +520,10 @@ fn cs_follow(
             }
         }
         let n_steps = n_steps_of(sqrt(fastest2));
-        var before = level_before[i];
+        var before = levels[first_before() + i];
         for (var step = 1u; step <= n_steps; step++) {
             let share = f32(step) / f32(n_steps);
-            var level = level_now[i] + job.leak;
+            var level = levels[first_now() + i] + job.leak;
             if (step < n_steps) {
                 if (path == SMOOTH) {
                     level = level_of_one(i, at, begin, end, share);
@@ -536,7 +535,7 @@ fn cs_follow(
             before = level;
         }
     }
-    if (writes) {
+    if (job.writes != 0u) {
         references[i] = pixel.reference - job.leak;
         silent_nanos[i] = pixel.silent_nanos - min(pixel.silent_nanos, job.nanos);
     }
@@ -551,18 +550,7 @@ fn cs_place(@builtin(local_invocation_index) lane: u32) {
         own[k] = sum;
         sum += atomicLoad(&slices.counts[4u * lane + k]);
     }
-    sums[lane] = sum;
-    workgroupBarrier();
-    for (var step = 1u; step < 256u; step *= 2u) {
-        var before = 0u;
-        if (lane >= step) {
-            before = sums[lane - step];
-        }
-        workgroupBarrier();
-        sums[lane] += before;
-        workgroupBarrier();
-    }
-    let first = sums[lane] - sum;
+    let first = sum_up_to(lane, sum) - sum;
     for (var k = 0u; k < 4u; k++) {
         atomicStore(&slices.ends[4u * lane + k], first + own[k]);
     }

@@ -413,25 +413,8 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
     atomicAdd(&kept[place.w + ray / chunk_rays], 1u);
 }
 
-var<workgroup> sums: array<u32, 64>;
 // Rays of a chunk that return.
 var<workgroup> returned: array<u32, 256>;
-
-// Sums of the lanes up to and with each.
-fn scan(lane: u32, value: u32) -> u32 {
-    sums[lane] = value;
-    workgroupBarrier();
-    for (var step = 1u; step < 64u; step *= 2u) {
-        var before = 0u;
-        if (lane >= step) {
-            before = sums[lane - step];
-        }
-        workgroupBarrier();
-        sums[lane] += before;
-        workgroupBarrier();
-    }
-    return sums[lane];
-}
 
 fn put(output: u32, at: u32, word: u32) {
     switch (output) {
@@ -459,7 +442,7 @@ fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
     for (var other = lane; other < min(chunk, n_chunks); other += 64u) {
         before += atomicLoad(&kept[first_chunk + other]);
     }
-    scan(lane, before);
+    sum_up_to(lane, before);
     let base = sums[63];
     workgroupBarrier();
     let first_ray = chunk * chunk_rays + 4u * lane;
@@ -471,7 +454,7 @@ fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
         }
     }
     let n_own = countOneBits(flags);
-    var at = scan(lane, n_own) - n_own;
+    var at = sum_up_to(lane, n_own) - n_own;
     while (flags != 0u) {
         returned[at] = first_ray + firstTrailingBit(flags);
         flags = flags & (flags - 1u);

@@ -79,14 +79,17 @@ impl Memory {
         self.host.as_ref()
     }
 
-    /// Makes room, says where returns are counted, and uploads lidars and tables. True if buffers are others than before.
-    pub fn upload(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, frame: &mut Frame) -> bool {
-        let n_lidars = frame.lidars.len() as u64;
+    /// Makes room, says where returns are counted, and uploads lidars and tables; what is copied from (`copies`) is needed only where shaders do
+    /// not write to readers. True if buffers are others than before.
+    pub fn upload(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, frame: &mut Frame, copies: bool) -> bool {
         let mut is_new = self.lidars.fit(gpu, size_of_val(&frame.lidars[..]) as u64);
         is_new |= self.tables.fit(gpu, size_of_val(&frame.tables[..]) as u64);
         is_new |= self.points.fit(gpu, 4 * frame.n_words as u64);
-        is_new |= self.packed.fit(gpu, 4 * frame.n_words as u64);
-        is_new |= self.totals.fit(gpu, 4 * n_lidars);
+        if copies {
+            // These two are bound anew for every dispatch.
+            self.packed.fit(gpu, 4 * frame.n_words as u64);
+            self.totals.fit(gpu, 4 * frame.lidars.len() as u64);
+        }
         if self.kept.fit(gpu, 8 * frame.n_chunks as u64) {
             self.dirty = [0; 2];
             is_new = true;

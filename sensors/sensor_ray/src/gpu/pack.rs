@@ -34,6 +34,35 @@ pub(crate) fn empty_node() -> [u32; NODE_WORDS] {
 impl Packed {
     /// Packs a tree whose leaves hold at most four items; boxes are widened by `margin`.
     pub fn new<'l>(tree: &Tree, items_of: impl Fn(u32) -> &'l [u32], margin: f32) -> Packed {
+        let mut items = Vec::new();
+        let packed = Packed::pack(tree, margin, |leaves| {
+            let (first, mut meta) = (items.len(), [NO_CHILD; WIDTH]);
+            for (slot, leaf) in (0..).zip(leaves).filter_map(|(slot, leaf)| Some((slot, (*leaf)?))) {
+                let own: &[u32] = items_of(leaf);
+                assert!((1..=4).contains(&own.len()), "a leaf of {} items", own.len());
+                meta[slot] = ((own.len() as u8 - 1) << 5) | (items.len() - first) as u8;
+                items.extend_from_slice(own);
+            }
+            (first as u32, meta)
+        });
+        Packed { items, ..packed }
+    }
+
+    /// Packs a tree whose leaves are items, which keep their numbers: those of a node are neighbours.
+    pub fn in_place(tree: &Tree, margin: f32) -> Packed {
+        Packed::pack(tree, margin, |leaves| {
+            let first = leaves.iter().flatten().copied().min().unwrap_or(0);
+            let meta = leaves.map(|leaf| leaf.map_or(NO_CHILD, |leaf| (leaf - first) as u8));
+            assert!(
+                meta.iter().all(|meta| *meta < WIDTH as u8 || *meta == NO_CHILD),
+                "leaves of a node that are no neighbours: {leaves:?}"
+            );
+            (first, meta)
+        })
+    }
+
+    /// `place` says from the leaves in a node's slots which is the first item and what the slots' meta bytes are.
+    fn pack(tree: &Tree, margin: f32, mut place: impl FnMut(&[Option<u32>; WIDTH]) -> (u32, [u8; WIDTH])) -> Packed {
         let mut packed = Packed::default();
         if tree.nodes.is_empty() {
             return packed;
@@ -43,9 +72,9 @@ impl Packed {
         while let Some((wide, at, depth)) = todo.pop() {
             packed.n_levels = packed.n_levels.max(depth);
             let node = &tree.nodes[wide as usize];
-            let slots = slots(node);
+            let (slots, mut leaves) = (slots(node), [None; WIDTH]);
             let mut quantised = Quantised::new(node, margin);
-            (quantised.first_child, quantised.first_item) = (packed.nodes.len() as u32, packed.items.len() as u32);
+            quantised.first_child = packed.nodes.len() as u32;
             for (slot, child) in slots.iter().enumerate() {
                 let Some(child) = *child else { continue };
                 quantised.set_box(slot, node, child);
@@ -55,13 +84,10 @@ impl Packed {
                     todo.push((target, packed.nodes.len(), depth + 1));
                     packed.nodes.push([0; NODE_WORDS]);
                 } else {
-                    let items = items_of(target & !LEAF);
-                    assert!((1..=4).contains(&items.len()), "a leaf of {} items", items.len());
-                    let offset = packed.items.len() as u32 - quantised.first_item;
-                    quantised.meta[slot] = ((items.len() as u8 - 1) << 5) | offset as u8;
-                    packed.items.extend_from_slice(items);
+                    leaves[slot] = Some(target & !LEAF);
                 }
             }
+            (quantised.first_item, quantised.meta) = place(&leaves);
             packed.nodes[at] = quantised.words();
         }
         packed
@@ -80,23 +106,35 @@ fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     let mut costs = [[0.0f32; WIDTH]; WIDTH];
     for (i, costs) in costs[..n].iter_mut().enumerate() {
         let centre = centre(i);
+        let [x, y, z] = [0, 1, 2].map(|axis| centre[axis] - mean[axis]);
         for (slot, cost) in costs.iter_mut().enumerate() {
-            let sign = |axis: usize| if slot >> (2 - axis) & 1 == 0 { 1.0 } else { -1.0 };
-            *cost = (0..3).map(|axis| sign(axis) * (centre[axis] - mean[axis])).sum();
+            let signed = |bit: usize, x: f32| if slot & bit == 0 { x } else { -x };
+            *cost = signed(4, x) + signed(2, y) + signed(1, z);
         }
     }
-    let (mut slots, mut is_placed) = ([None; WIDTH], [false; WIDTH]);
-    for _ in 0..n {
-        let (mut best, mut least) = ((0, 0), f32::INFINITY);
-        for (child, costs) in costs[..n].iter().enumerate().filter(|(child, _)| !is_placed[*child]) {
-            for (slot, cost) in costs.iter().enumerate().filter(|(slot, _)| slots[*slot].is_none()) {
-                if *cost < least {
-                    (best, least) = ((child, slot), *cost);
-                }
-            }
+    assign(&costs[..n])
+}
+
+/// Gives slots to children, the least cost first; where costs are equal or no numbers, the first child and the first slot.
+fn assign(costs: &[[f32; WIDTH]]) -> [Option<usize>; WIDTH] {
+    let mut slots = [None; WIDTH];
+    // The cheapest slot that is free, by child; `None` once it has one.
+    let cheapest = |slots: &[Option<usize>; WIDTH], costs: &[f32; WIDTH]| {
+        let free = (0..WIDTH).filter(|slot| slots[*slot].is_none()).map(|slot| (slot, costs[slot]));
+        free.reduce(|best, other| if other.1 < best.1 || best.1.is_nan() { other } else { best })
+    };
+    let mut wishes = [None; WIDTH];
+    for (wish, costs) in wishes.iter_mut().zip(costs) {
+        *wish = cheapest(&slots, costs);
+    }
+    for _ in costs {
+        let open = wishes.iter().enumerate().filter_map(|(child, wish)| Some((child, (*wish)?)));
+        let first = open.reduce(|best, other| if other.1.1 < best.1.1 || best.1.1.is_nan() { other } else { best });
+        let (child, (slot, _)) = first.expect("there are as many slots as children");
+        (slots[slot], wishes[child]) = (Some(child), None);
+        for (wish, costs) in wishes.iter_mut().zip(costs).filter(|(wish, _)| wish.is_some_and(|(wished, _)| wished == slot)) {
+            *wish = cheapest(&slots, costs);
         }
-        let (child, slot) = best;
-        (slots[slot], is_placed[child]) = (Some(child), true);
     }
     slots
 }
@@ -164,5 +202,26 @@ impl Quantised {
             }
         }
         words
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_child_has_a_slot_of_its_own_even_if_boxes_are_no_numbers() {
+        let mut rng = fastrand::Rng::with_seed(4);
+        for round in 0..200 {
+            let mut node = Node::empty();
+            node.n_children = 1 + round % WIDTH as u32;
+            for i in 0..node.n_children as usize {
+                let mut side = || [rng.f32(), f32::INFINITY, f32::NEG_INFINITY, f32::NAN][if round < 100 { 0 } else { rng.usize(0..4) }];
+                node.set(i, ([side(), side(), side()], [side(), side(), side()]), 0);
+            }
+            let mut placed: Vec<usize> = slots(&node).into_iter().flatten().collect();
+            placed.sort_unstable();
+            assert!(placed.iter().copied().eq(0..node.n_children as usize), "{placed:?}");
+        }
     }
 }

@@ -6,8 +6,10 @@ use sensor_gpu::Gpu;
 use super::STACK_ENTRIES;
 use super::frame::{rows_of, shift_from};
 use super::pack::{FIRST_CHILD, NODE_WORDS, Packed, empty_node};
+use crate::hidden::CHUNK;
+use crate::moving::{Bounds, moving_tree};
 use crate::scene::{RayScene, box_about};
-use crate::tree::{BoxTree, TriangleTree};
+use crate::tree::{MARGIN, TriangleTree};
 
 /// Where a hierarchy begins.
 #[derive(Clone, Copy)]
@@ -21,7 +23,7 @@ const UPPER_NODES: usize = 1024;
 
 /// An instance as the shader reads it.
 #[repr(C)]
-#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 struct InstanceWords {
     rows: [[f32; 4]; 6],
     what: [u32; 4],
@@ -34,12 +36,30 @@ pub(super) struct World {
     pub instances: wgpu::Buffer,
     tiles: Vec<Option<Place>>,
     meshes: Vec<Option<Place>>,
-    /// Episode and number of hierarchies that were uploaded.
-    loaded: Option<(u32, usize)>,
+    /// Scene whose hierarchies were uploaded, and how many.
+    loaded: Option<(u64, usize)>,
+    /// The same of hierarchies that the GPU cannot hold, and why.
+    refused: Option<((u64, usize), String)>,
+    /// Changes of its hidden triangles that were taken over.
+    revision: u64,
     upper_nodes: usize,
+    /// Levels of the deepest hierarchy of scenery or a mesh.
+    n_levels: u32,
+    /// What the GPU has.
+    uploaded: Uploaded,
+}
+
+/// What moves, as the GPU has it.
+#[derive(Default)]
+struct Uploaded {
+    poses: Vec<Isometry3<f64>>,
+    instances: Vec<InstanceWords>,
+    nodes: Vec<[u32; NODE_WORDS]>,
 }
 
 const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_DST);
+/// Bytes of a triangle.
+const TRIANGLE_BYTES: usize = 48;
 
 impl World {
     pub fn new(gpu: &Gpu) -> Self {
@@ -51,61 +71,96 @@ impl World {
             tiles: Vec::new(),
             meshes: Vec::new(),
             loaded: None,
+            refused: None,
+            revision: 0,
             upper_nodes: UPPER_NODES,
+            n_levels: 0,
+            uploaded: Uploaded::default(),
         }
     }
 
-    /// Uploads what is new and says whether buffers are others than before; `None` if a hierarchy is too deep.
-    pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Option<bool> {
-        let (instances, upper) = upper_level(scene);
-        if n_levels(scene) + 2 * upper.n_levels > STACK_ENTRIES {
-            return None;
+    /// Uploads what is new and says whether buffers are others than before.
+    ///
+    /// # Errors
+    /// In a sentence why the GPU cannot hold the scene.
+    pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
+        let key = (scene.serial, scene.mesh_trees.iter().flatten().count());
+        if let Some((_, why)) = self.refused.as_ref().filter(|(refused, _)| *refused == key) {
+            return Err(why.clone());
         }
-        let n_trees = scene.mesh_trees.iter().flatten().count();
+        let mut upper = upper_level(scene);
         let mut is_new = false;
-        if self.loaded != Some((scene.episode(), n_trees)) || upper.nodes.len() > self.upper_nodes {
+        if self.loaded != Some(key) || upper.nodes.len() > self.upper_nodes {
+            self.loaded = None;
             self.upper_nodes = self.upper_nodes.max(upper.nodes.len().next_power_of_two());
-            self.load(gpu, scene);
-            self.loaded = Some((scene.episode(), n_trees));
+            self.load(gpu, scene).inspect_err(|why| self.refused = Some((key, why.clone())))?;
+            self.loaded = Some(key);
             is_new = true;
+        } else if scene.hiding.revision != self.revision {
+            self.change_triangles(gpu, scene);
         }
-        let words: Vec<InstanceWords> = upper
-            .items
-            .iter()
-            .filter_map(|item| {
-                let Instance { pose, source, object } = &instances[*item as usize];
-                let place = match source {
-                    Source::Tile(i) => self.tiles[*i],
-                    Source::Mesh(i) => self.meshes[*i],
-                };
-                place.map(|place| InstanceWords { rows: rows_of(pose), what: [place.root, place.first_triangle, *object, 0] })
-            })
-            .collect();
-        assert_eq!(words.len(), upper.items.len(), "what has bounds has a hierarchy");
-        let bytes: &[u8] = bytemuck::cast_slice(&words);
-        if (bytes.len() as u64) > self.instances.size() {
-            self.instances = gpu.buffer("ray instances", (bytes.len() as u64).next_power_of_two(), USAGE);
-            is_new = true;
+        self.revision = scene.hiding.revision;
+        let n_levels = self.n_levels + 2 * upper.n_levels;
+        if n_levels > STACK_ENTRIES {
+            return Err(format!("a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"));
         }
         // A root without children stops every ray of an empty world.
-        let nodes = if upper.nodes.is_empty() { vec![empty_node()] } else { upper.nodes };
-        gpu.queue().write_buffer(&self.nodes, 0, bytemuck::cast_slice(&nodes));
-        gpu.queue().write_buffer(&self.instances, 0, bytes);
-        Some(is_new)
+        if upper.nodes.is_empty() {
+            upper.nodes.push(empty_node());
+        }
+        if upper.nodes != self.uploaded.nodes {
+            gpu.queue().write_buffer(&self.nodes, 0, bytemuck::cast_slice(&upper.nodes));
+            self.uploaded.nodes = upper.nodes;
+        }
+        Ok(self.update_instances(gpu, scene)? || is_new)
     }
 
-    fn load(&mut self, gpu: &Gpu, scene: &RayScene) {
+    /// Uploads the instances from the first to the last that is not as before. True if their buffer is another one.
+    fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
+        let tiles = scene.tiles.iter().zip(&self.tiles).filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0)));
+        let place_of = |mesh_idx: u32| self.meshes[mesh_idx as usize].expect("what has bounds has a hierarchy");
+        let moving = scene.dynamics.iter().map(|placed| (place_of(placed.mesh_idx), placed.mesh_from_world, placed.object.0));
+        let Uploaded { poses, instances, .. } = &mut self.uploaded;
+        let (mut n, mut changed) = (0, None);
+        for (place, pose, object) in tiles.chain(moving) {
+            let what = [place.root, place.first_triangle, object, 0];
+            if instances.get(n).is_none_or(|known| known.what != what || poses[n] != pose) {
+                let words = InstanceWords { rows: rows_of(&pose), what };
+                if n == instances.len() {
+                    instances.push(words);
+                    poses.push(pose);
+                } else {
+                    (instances[n], poses[n]) = (words, pose);
+                }
+                changed = Some((changed.map_or(n, |(first, _)| first), n + 1));
+            }
+            n += 1;
+        }
+        instances.truncate(n);
+        poses.truncate(n);
+        let n_bytes = size_of_val(&instances[..]) as u64;
+        let is_new = n_bytes > self.instances.size();
+        if is_new {
+            let room = n_bytes.next_power_of_two();
+            check_size(gpu, "moving things", room)?;
+            self.instances = gpu.buffer("ray instances", room, USAGE);
+            changed = Some((0, n));
+        }
+        if let Some((first, end)) = changed {
+            let begin = (first * size_of::<InstanceWords>()) as u64;
+            gpu.queue().write_buffer(&self.instances, begin, bytemuck::cast_slice(&instances[first..end]));
+        }
+        Ok(is_new)
+    }
+
+    /// Uploads all hierarchies.
+    fn load(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<(), String> {
         let mut nodes = vec![[0; NODE_WORDS]; self.upper_nodes];
         let mut triangles: Vec<[u32; 4]> = Vec::new();
         self.tiles.clear();
-        for tile in &scene.tiles {
-            let labels = |number: u32| {
-                let (instance, triangle) = tile.sources[number as usize];
-                let placed = &scene.statics[instance as usize];
-                let (own, class) = scene.labels(placed.mesh_idx, triangle);
-                (if own == 0 { placed.object.0 } else { own }, class)
-            };
-            self.tiles.push(append(&tile.tree, labels, &mut nodes, &mut triangles));
+        for tile_idx in 0..scene.tiles.len() {
+            let labels = |number: u32| labels_in(scene, tile_idx, number);
+            self.tiles.push(append(&scene.tiles[tile_idx].tree, labels, &mut nodes, &mut triangles));
         }
         self.meshes.clear();
         for (mesh_idx, tree) in scene.mesh_trees.iter().enumerate() {
@@ -115,9 +170,48 @@ impl World {
         if triangles.is_empty() {
             triangles.push([0; 4]);
         }
+        check_size(gpu, "hierarchies", size_of_val(&nodes[..]) as u64)?;
+        check_size(gpu, "triangles", size_of_val(&triangles[..]) as u64)?;
         self.nodes = gpu.buffer_with("ray nodes", bytemuck::cast_slice(&nodes), USAGE);
         self.triangles = gpu.buffer_with("ray triangles", bytemuck::cast_slice(&triangles), USAGE);
+        self.uploaded = Uploaded::default();
+        self.n_levels = n_levels(scene);
+        Ok(())
     }
+
+    /// Uploads the chunks of scenery in which something was hidden or shown, neighbours in one piece.
+    fn change_triangles(&mut self, gpu: &Gpu, scene: &RayScene) {
+        for (tile_idx, revisions) in scene.hiding.chunks.iter().enumerate() {
+            let (Some(place), Some(packed)) = (self.tiles[tile_idx], &scene.tiles[tile_idx].tree.packed) else { continue };
+            let is_changed = |chunk: &usize| revisions[*chunk] > self.revision;
+            let mut chunk = 0;
+            while let Some(first) = (chunk..revisions.len()).find(is_changed) {
+                chunk = (first..revisions.len()).find(|chunk| !is_changed(chunk)).unwrap_or(revisions.len());
+                let items = first * CHUNK..packed.corners.len().min(chunk * CHUNK);
+                let mut words = Vec::with_capacity(3 * items.len());
+                for (number, corners) in packed.items[items.clone()].iter().zip(&packed.corners[items.clone()]) {
+                    push_triangle(&mut words, corners, labels_in(scene, tile_idx, *number));
+                }
+                let begin = (place.first_triangle as usize + items.start) * TRIANGLE_BYTES;
+                gpu.queue().write_buffer(&self.triangles, begin as u64, bytemuck::cast_slice(&words));
+            }
+        }
+    }
+}
+
+/// Whether a shader can be given so many bytes of one thing.
+fn check_size(gpu: &Gpu, what: &str, n_bytes: u64) -> Result<(), String> {
+    let limits = gpu.device().limits();
+    let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
+    if n_bytes > most { Err(format!("{what} take {n_bytes} bytes, and shaders of {:?} reach {most} at once", gpu.name())) } else { Ok(()) }
+}
+
+/// Object and class of a tile's triangle.
+fn labels_in(scene: &RayScene, tile_idx: usize, number: u32) -> (u32, u8) {
+    let (instance, triangle) = scene.tiles[tile_idx].sources[number as usize];
+    let placed = &scene.statics[instance as usize];
+    let (own, class) = scene.labels(placed.mesh_idx, triangle);
+    (if own == 0 { placed.object.0 } else { own }, class)
 }
 
 /// Levels of the deepest hierarchy of scenery or a mesh.
@@ -126,37 +220,19 @@ fn n_levels(scene: &RayScene) -> u32 {
     trees.filter_map(|tree| tree.packed.as_ref()).map(|packed| packed.n_levels).max().unwrap_or(0)
 }
 
-/// Where an instance's triangles are.
-enum Source {
-    Tile(usize),
-    Mesh(usize),
-}
-
-struct Instance {
-    /// From the world to its space.
-    pose: Isometry3<f64>,
-    source: Source,
-    /// Object of triangles without one of their own.
-    object: u32,
-}
-
-/// Scenery and moving instances, and the hierarchy over their boxes in the world.
-fn upper_level(scene: &RayScene) -> (Vec<Instance>, Packed) {
-    let (mut instances, mut boxes) = (Vec::new(), Vec::new());
-    for (i, tile) in scene.tiles.iter().enumerate() {
+/// The hierarchy over the boxes of scenery, tile by tile, and of what moves, in the world.
+fn upper_level(scene: &RayScene) -> Packed {
+    let (mut boxes, mut ends) = (Vec::<Bounds>::with_capacity(scene.tiles.len() + scene.dynamics.len()), Vec::new());
+    for tile in &scene.tiles {
         let Some(bounds) = tile.tree.bounds() else { continue };
-        let pose = shift_from(&tile.origin_m);
-        boxes.push(box_about(&Point3::origin(), &pose.inverse(), bounds));
-        instances.push(Instance { pose, source: Source::Tile(i), object: 0 });
+        boxes.push(box_about(&Point3::origin(), &shift_from(&tile.origin_m).inverse(), bounds));
+        ends.push(boxes.len() as u32);
     }
-    for placed in &scene.dynamics {
-        let tree = scene.mesh_trees[placed.mesh_idx as usize].as_ref();
-        let Some(bounds) = tree.and_then(TriangleTree::bounds) else { continue };
-        boxes.push(box_about(&Point3::origin(), &placed.mesh_from_world.inverse(), bounds));
-        let source = Source::Mesh(placed.mesh_idx as usize);
-        instances.push(Instance { pose: placed.mesh_from_world, source, object: placed.object.0 });
-    }
-    (instances, BoxTree::packed(&boxes))
+    let first = boxes.len() as u32;
+    boxes.extend(scene.dynamics.iter().map(|placed| scene.bounds_of(placed, &Point3::origin())));
+    ends.extend(scene.actor_ends.iter().map(|end| first + end));
+    let tree = moving_tree(&boxes, &ends);
+    Packed::in_place(&tree, MARGIN * tree.reach)
 }
 
 /// Appends a hierarchy and its triangles: three corners each, with object and class beside the first two.
@@ -174,10 +250,13 @@ fn append(
         node
     }));
     for (number, corners) in packed.items.iter().zip(&packed.corners) {
-        let (object, class) = labels(*number);
-        for ([x, y, z], beside) in corners.iter().zip([object, class as u32, 0]) {
-            triangles.push([x.to_bits(), y.to_bits(), z.to_bits(), beside]);
-        }
+        push_triangle(triangles, corners, labels(*number));
     }
     Some(place)
+}
+
+fn push_triangle(triangles: &mut Vec<[u32; 4]>, corners: &[[f32; 3]; 3], (object, class): (u32, u8)) {
+    for ([x, y, z], beside) in corners.iter().zip([object, class as u32, 0]) {
+        triangles.push([x.to_bits(), y.to_bits(), z.to_bits(), beside]);
+    }
 }

@@ -40,12 +40,9 @@ impl Sensors {
         }
         let (Some(gpu), Some(rays)) = (&mut self.lidar_gpu, &mut self.rays) else { return None };
         rays.update_for_gpu(&scene.dynamics);
-        if !gpu.update(rays) {
-            if !std::mem::replace(&mut self.lidars_were_too_deep, true) {
-                tracing::warn!(
-                    tick = scene.tick.0,
-                    "lidars are cast on the CPU while a hierarchy of boxes is too deep for the GPU; said once"
-                );
+        if let Err(why) = gpu.update(rays) {
+            if !std::mem::replace(&mut self.lidars_were_refused, true) {
+                tracing::warn!(tick = scene.tick.0, why, "lidars are cast on the CPU as long as they are too much for the GPU; said once");
             }
             return None;
         }

@@ -68,6 +68,30 @@ pub(crate) struct Pavements {
     places: Vec<(usize, f64)>,
     /// Per crosswalk face the signals (by OpenDRIVE id) of the traffic over it.
     guards: BTreeMap<usize, Vec<String>>,
+    /// Faces by the squares that they may reach into, by rising number.
+    squares: BTreeMap<(i64, i64), Vec<usize>>,
+}
+
+/// Side of the squares in which faces are looked up, metres.
+const SQUARE_M: f64 = 8.0;
+
+fn square([x, y, _]: [f64; 3]) -> (i64, i64) {
+    ((x / SQUARE_M).floor() as i64, (y / SQUARE_M).floor() as i64)
+}
+
+fn squares(mesh: &WalkMesh) -> BTreeMap<(i64, i64), Vec<usize>> {
+    let mut squares: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+    for face in 0..mesh.faces.len() {
+        let start = ([f64::MAX; 3], [f64::MIN; 3]);
+        let wider =
+            |(low, high): ([f64; 3], [f64; 3]), p: [f64; 3]| ([0, 1, 2].map(|i| low[i].min(p[i])), [0, 1, 2].map(|i| high[i].max(p[i])));
+        let (low, high) = mesh.corners_m(face).fold(start, wider);
+        let (low, high) = (square(low), square(high));
+        for x in low.0..=high.0 {
+            (low.1..=high.1).for_each(|y| squares.entry((x, y)).or_default().push(face));
+        }
+    }
+    squares
 }
 
 impl Pavements {
@@ -93,7 +117,8 @@ impl Pavements {
             let ids = lights().filter(|signal| signal.stops.iter().any(guards_it)).map(|signal| signal.id.clone()).collect();
             guards.insert(face, ids);
         }
-        Pavements { mesh, middles_m, places, guards }
+        let squares = squares(&mesh);
+        Pavements { mesh, middles_m, places, guards, squares }
     }
 
     /// A pavement face by lot, larger ones more often.
@@ -103,8 +128,15 @@ impl Pavements {
         self.places.get(idx.min(self.places.len() - 1)).map(|(face, _)| *face)
     }
 
+    /// The face under somebody's feet.
+    fn face_at(&self, at: [f64; 3]) -> Option<usize> {
+        let faces = self.squares.get(&square(at))?.iter().copied();
+        let is_level = |face: &usize| (self.middles_m[*face][2] - at[2]).abs() < 3.0;
+        faces.filter(is_level).find(|face| self.mesh.contains(*face, at))
+    }
+
     fn face_near(&self, at: [f64; 3]) -> Option<usize> {
-        self.mesh.face_at(at, 3.0).or_else(|| {
+        self.face_at(at).or_else(|| {
             let away = |face: &usize| (self.middles_m[*face][0] - at[0]).powi(2) + (self.middles_m[*face][1] - at[1]).powi(2);
             (0..self.middles_m.len()).min_by(|a, b| away(a).total_cmp(&away(b))).filter(|face| away(face) < 9.0)
         })
@@ -265,12 +297,16 @@ impl World {
         }
         let is_near = |middle: &Vector3<f64>| (middle.x - at[0]).hypot(middle.y - at[1]) < SEES_M && (middle.z - at[2]).abs() < LEVEL_M;
         let near: Vec<Obstacle> = vehicles.iter().filter(|(middle, _)| is_near(middle)).map(|(_, obstacle)| *obstacle).collect();
-        let to = match detour::step(Vector2::new(at[0], at[1]), corner.into(), walker.model().radius_m(), &near) {
+        let is_walkable = |place: Vector2<f64>| ground.face_at([place.x, place.y, at[2]]).is_some();
+        let here = Vector2::new(at[0], at[1]);
+        let to = match detour::step(here, corner.into(), walker.model().radius_m(), &near, &is_walkable) {
             Step::Ahead => Vector2::from(corner),
             Step::Via(place) => place,
             Step::Wait => return stands,
             Step::Taken => {
-                if self.may_enter(ground, at, into as usize) {
+                let beyond = stroller.path.get(stroller.next + 1).map(|(corner, _)| Vector2::from(*corner));
+                let leads_on = beyond.is_none_or(|beyond| detour::is_on_ground(here, beyond, &is_walkable));
+                if leads_on && self.may_enter(ground, at, into as usize) {
                     stroller.next += 1;
                     stroller.nearest_m = f64::MAX;
                 }
@@ -315,7 +351,7 @@ impl World {
     /// Whether one may step into a face: onto a crosswalk only when the traffic over it has red, or, without lights, a gap.
     fn may_enter(&self, ground: &Pavements, at: [f64; 3], into: usize) -> bool {
         let is_crosswalk = |face: usize| ground.mesh.faces.get(face).is_some_and(|face| face.ground == Ground::Crosswalk);
-        let here = ground.mesh.face_at(at, 3.0);
+        let here = ground.face_at(at);
         if !is_crosswalk(into) || here.is_some_and(is_crosswalk) {
             return true;
         }

@@ -65,14 +65,18 @@ impl Obstacle {
         (enters < leaves - 1e-9).then_some(enters)
     }
 
-    /// The nearest place outside, from a place within `room_m`.
-    fn way_out(&self, p: Vector2<f64>, room_m: f64) -> Vector2<f64> {
+    /// The nearest walkable place outside, from a place within `room_m`; the nearest of all if nothing outside is walkable.
+    fn way_out(&self, p: Vector2<f64>, room_m: f64, is_walkable: &impl Fn(Vector2<f64>) -> bool) -> Vector2<f64> {
         let local = self.local(p);
-        let depth = |i: usize| self.half_m[i] + room_m - local[i].abs();
-        let axis = usize::from(depth(1) < depth(0));
-        let mut out = local;
-        out[axis] = (self.half_m[axis] + room_m) * if local[axis] < 0.0 { -1.0 } else { 1.0 };
-        self.world(out)
+        let mut ways: Vec<(f64, Vector2<f64>)> = [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0)]
+            .map(|(axis, sign)| {
+                let mut out = local;
+                out[axis] = (self.half_m[axis] + room_m) * sign;
+                ((out - local).norm(), self.world(out))
+            })
+            .into();
+        ways.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ways.iter().find(|(_, out)| is_walkable(*out)).unwrap_or(&ways[0]).1
     }
 
     /// Corners at `room_m`, round the box.
@@ -82,12 +86,29 @@ impl Obstacle {
     }
 }
 
-/// The next step of somebody of this radius from `at` to `to`.
-pub(super) fn step(at: Vector2<f64>, to: Vector2<f64>, radius_m: f64, obstacles: &[Obstacle]) -> Step {
+/// Distance between the places of a way at which the ground is asked for, metres.
+const PROBE_M: f64 = 0.25;
+
+/// Whether a straight way stays on the ground once it is there: who was pushed off it may come back. Its end counts as walkable.
+pub(super) fn is_on_ground(at: Vector2<f64>, to: Vector2<f64>, is_walkable: &impl Fn(Vector2<f64>) -> bool) -> bool {
+    let n = ((to - at).norm() / PROBE_M).ceil() as usize;
+    let mut places = (0..n).map(|k| is_walkable(at + (to - at) * (k as f64 / n as f64)));
+    places.find(|is_walkable| *is_walkable);
+    places.all(|is_walkable| is_walkable)
+}
+
+/// The next step of somebody of this radius from `at` to `to`, over ground that may be walked on.
+pub(super) fn step(
+    at: Vector2<f64>,
+    to: Vector2<f64>,
+    radius_m: f64,
+    obstacles: &[Obstacle],
+    is_walkable: &impl Fn(Vector2<f64>) -> bool,
+) -> Step {
     let (touch_m, room_m) = (radius_m + TOUCH_M, radius_m + ROOM_M);
     let length = (to - at).norm();
     if let Some(over) = obstacles.iter().find(|each| !each.moves && each.holds(at, touch_m)) {
-        return Step::Via(over.way_out(at, room_m + 0.1));
+        return Step::Via(over.way_out(at, room_m + 0.1, is_walkable));
     }
     let blocking = |each: &&Obstacle| each.entry(at, to, touch_m).map(|share| share * length);
     let near = |each: &Obstacle| blocking(&each).filter(|away| *away < if each.moves { YIELD_M } else { AHEAD_M });
@@ -108,6 +129,9 @@ pub(super) fn step(at: Vector2<f64>, to: Vector2<f64>, radius_m: f64, obstacles:
         stops.extend(via);
         stops.push(to);
         let clear = stops.windows(2).all(|pair| is_free(pair[0], pair[1])) && others_leave(via[0]);
+        let clear = clear
+            && via.iter().all(|place| is_walkable(*place))
+            && stops.windows(2).all(|pair| is_on_ground(pair[0], pair[1], is_walkable));
         let long = stops.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
         if clear && best.is_none_or(|(known, _)| long < known) {
             best = Some((long, via[0]));
@@ -131,12 +155,16 @@ mod tests {
         Obstacle { world_from_box: Isometry2::new(Vector2::new(x, y), yaw_rad), half_m: Vector2::new(2.4, 1.0), moves: false }
     }
 
+    fn everywhere(_: Vector2<f64>) -> bool {
+        true
+    }
+
     /// Walks in steps of 5 cm; the way gone, and how near it came to any box.
     fn walk(from: [f64; 2], to: [f64; 2], obstacles: &[Obstacle]) -> (f64, f64) {
         let (mut at, to) = (Vector2::from(from), Vector2::from(to));
         let (mut gone, mut nearest) = (0.0, f64::INFINITY);
         while (to - at).norm() > 0.1 {
-            let target = match step(at, to, RADIUS_M, obstacles) {
+            let target = match step(at, to, RADIUS_M, obstacles, &everywhere) {
                 Step::Ahead => to,
                 Step::Via(place) => place,
                 other => panic!("{other:?} at {at}"),
@@ -179,9 +207,35 @@ mod tests {
     fn moving_vehicles_are_waited_for_and_places_under_cars_are_given_up() {
         let moving = Obstacle { moves: true, ..car(0.0, 0.0, 0.0) };
         let at = |y: f64| Vector2::new(0.0, y);
-        assert_eq!(step(at(-2.0), at(5.0), RADIUS_M, &[moving]), Step::Wait);
-        assert_eq!(step(at(-5.0), at(5.0), RADIUS_M, &[moving]), Step::Ahead);
-        assert_eq!(step(at(-2.5), at(0.2), RADIUS_M, &[car(0.0, 0.0, 0.0)]), Step::Taken);
-        assert_eq!(step(at(-5.0), at(-2.0), RADIUS_M, &[car(0.0, 0.0, 0.0)]), Step::Ahead);
+        assert_eq!(step(at(-2.0), at(5.0), RADIUS_M, &[moving], &everywhere), Step::Wait);
+        assert_eq!(step(at(-5.0), at(5.0), RADIUS_M, &[moving], &everywhere), Step::Ahead);
+        assert_eq!(step(at(-2.5), at(0.2), RADIUS_M, &[car(0.0, 0.0, 0.0)], &everywhere), Step::Taken);
+        assert_eq!(step(at(-5.0), at(-2.0), RADIUS_M, &[car(0.0, 0.0, 0.0)], &everywhere), Step::Ahead);
+    }
+
+    #[test]
+    fn the_way_round_stays_on_the_ground_that_may_be_walked_on() {
+        // A car stands across a pavement that reaches from y = -3 to y = 1.2; the shorter way round would be in the road beyond.
+        let pavement = |p: Vector2<f64>| (-3.0..1.2).contains(&p.y);
+        let at = Vector2::new(-5.0, 0.3);
+        let car = [Obstacle { half_m: Vector2::new(1.0, 1.0), ..car(0.0, 0.2, 0.0) }];
+        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &everywhere) else { panic!("no way round") };
+        assert!(place.y > 1.2, "{place}");
+        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &pavement) else { panic!("no way round") };
+        assert!((place.y - (0.2 - 1.0 - RADIUS_M - ROOM_M)).abs() < 1e-9, "{place}");
+        // A narrow pavement has no way round, and from under the car one goes to where it goes on.
+        let narrow = |p: Vector2<f64>| (-0.5..1.2).contains(&p.y);
+        assert_eq!(step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow), Step::Wait);
+        let Step::Via(place) = step(Vector2::new(0.3, 0.9), Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow) else { panic!("stuck") };
+        assert!(place.x > 1.0 && narrow(place), "{place}");
+    }
+
+    #[test]
+    fn who_was_pushed_off_the_ground_may_come_back_and_others_may_not_leave_it() {
+        let ground = |p: Vector2<f64>| p.y < 0.0;
+        let at = |y: f64| Vector2::new(0.0, y);
+        assert!(is_on_ground(at(1.0), at(-4.0), &ground) && is_on_ground(at(-1.0), at(-4.0), &ground));
+        assert!(!is_on_ground(at(-1.0), at(4.0), &ground));
+        assert!(!is_on_ground(Vector2::new(-2.0, -1.0), Vector2::new(2.0, -1.0), &|p: Vector2<f64>| p.x.abs() > 0.5));
     }
 }
