@@ -150,7 +150,7 @@ fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vecto
     }
 }
 
-/// As `geometry.wgsl` has it: reversed z with the far plane at infinity.
+/// As `geometry_listed.wgsl` has it: reversed z with the far plane at infinity.
 fn clip_from_camera(at: &Vector3<f64>, lens: &Intrinsics) -> [f32; 4] {
     let scale = |n_px: u32| 2.0 * lens.focal_px / n_px as f64;
     [at.x * scale(lens.width_px), -at.y * scale(lens.height_px), NEAR_M * NEARER_RATIO, at.z].map(|x| x as f32)

@@ -19,8 +19,10 @@ pub(crate) struct DrawCall {
 /// What a view draws.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Drawn {
-    /// Nearest first.
+    /// In runs of some triangles, nearest first; each has meshes without walls, then those with walls, each kind nearest first.
     pub calls: Vec<DrawCall>,
+    /// Where each run begins.
+    pub runs: Vec<usize>,
     pub instances: Vec<InstanceData>,
     /// Where the view's instances begin in the list of all views'.
     pub first_instance: u32,
@@ -30,6 +32,7 @@ pub(crate) struct Drawn {
 impl Drawn {
     fn clear(&mut self) {
         self.calls.clear();
+        self.runs.clear();
         self.instances.clear();
         (self.first_instance, self.n_triangles) = (0, 0);
     }
@@ -39,7 +42,28 @@ impl Drawn {
         self.instances.push(data);
         self.n_triangles += mesh.n_indices / 3;
     }
+
+    /// Puts the calls in order. To change pipelines costs a software rasteriser as much as a dozen draw calls, so they are changed twice a
+    /// run at most.
+    fn sort(&mut self) {
+        self.calls.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.instance_idx.cmp(&b.instance_idx)));
+        let mut n_triangles = 0;
+        for (i, call) in self.calls.iter().enumerate() {
+            n_triangles += call.mesh.n_indices / 3;
+            if i == 0 || n_triangles > RUN_TRIANGLES {
+                self.runs.push(i);
+                n_triangles = call.mesh.n_indices / 3;
+            }
+        }
+        let ends = self.runs.iter().skip(1).copied().chain([self.calls.len()]);
+        for (begin, end) in self.runs.iter().copied().zip(ends) {
+            self.calls[begin..end].sort_by_key(|call| call.mesh.has_walls);
+        }
+    }
 }
+
+/// Triangles of a run.
+const RUN_TRIANGLES: u32 = 3000;
 
 /// Near plane, metres.
 pub(crate) const NEAR_M: f64 = 0.1;
@@ -182,7 +206,7 @@ pub(crate) fn visible(
         };
         drawn.add(mesh, distance_m, data);
     }
-    drawn.calls.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.instance_idx.cmp(&b.instance_idx)));
+    drawn.sort();
 }
 
 /// A rigid transform as three rows of `[rotation | translation]`.

@@ -44,10 +44,11 @@ pub use view::{Output, View, ViewJob, ViewSpec};
 /// Text of every shader, by name, as it is given to the GPU; for validation without one.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
     vec![
-        ("geometry", pass::geometry_wgsl(false, false)),
-        ("geometry, slim", pass::geometry_wgsl(false, true)),
-        ("geometry, immediate", pass::geometry_wgsl(true, false)),
-        ("geometry, immediate, slim", pass::geometry_wgsl(true, true)),
+        ("geometry", pass::geometry_wgsl(false, false, false)),
+        ("geometry, slim", pass::geometry_wgsl(false, true, false)),
+        ("geometry, attached", pass::geometry_wgsl(true, false, false)),
+        ("geometry, attached, slim", pass::geometry_wgsl(true, true, false)),
+        ("geometry, attached, slim, switched", pass::geometry_wgsl(true, true, true)),
         ("shade, computed", shade::shade_wgsl(false)),
         ("shade, drawn", shade::shade_wgsl(true)),
         ("raster", raster::raster_wgsl()),

@@ -340,6 +340,7 @@ impl RasterPass {
         let offset = [(batch_idx as u64 * BATCH_STRIDE_BYTES) as u32];
         let mut run = |pipeline: &wgpu::ComputePipeline, arguments: Option<&wgpu::BindGroup>, groups: Option<[u32; 2]>| {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("raster"), timestamp_writes: None });
+            gpu.counters().add_pass();
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &group, &offset);
             if let Some(arguments) = arguments {
@@ -380,7 +381,6 @@ impl RasterPass {
         pass.set_bind_group(2, lists, &[]);
         pass.set_bind_group(3, &images, &[]);
         pass.dispatch_workgroups(width.div_ceil(16), height.div_ceil(8), views.n as u32);
-        (0..views.n).for_each(|_| gpu.counters().add_pass());
     }
 }
 

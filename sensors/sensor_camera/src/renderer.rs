@@ -1,6 +1,7 @@
 //! Draws every view of a tick in one submission.
 
 mod events;
+mod groups;
 mod recording;
 
 use std::sync::{Arc, Mutex};
@@ -26,7 +27,7 @@ use crate::pool::{PoolKey, TargetPool};
 use crate::post::{self, PostPass};
 use crate::raster::{RasterPass, Rasteriser, can_compute};
 use crate::shade::ShadePass;
-use crate::shadow::{Cascade, Eye, ShadowPlan, Shadows};
+use crate::shadow::{Cascade, ShadowPlan, Shadows};
 use crate::submission::{DvsMaps, Plan, Submission};
 use crate::targets::{Target, TargetSet, Targets};
 use crate::view::{Firing, InstancePoses, Output, View, ViewJob, ViewSpec};
@@ -132,7 +133,8 @@ impl CameraRenderer {
         let slim = quality == Quality::Low && !computes;
         let pass = GeometryPass::new(gpu, slim);
         let shade = ShadePass::new(gpu, &pass, quality, slim);
-        let shadows = |cascade| Shadows::new(gpu, cascade, !shade.is_drawn());
+        let [near_bytes, far_bytes] = groups::share(quality, groups::MOST_SHADOW_BYTES);
+        let shadows = |cascade, most_bytes| Shadows::new(gpu, cascade, !shade.is_drawn(), most_bytes);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
@@ -141,8 +143,8 @@ impl CameraRenderer {
             post: PostPass::new(gpu),
             raster: computes.then(|| RasterPass::new(gpu, &pass)),
             pass,
-            shadows: shadows(Cascade::near(quality)),
-            far_shadows: (quality == Quality::High).then(|| shadows(Cascade::far())),
+            shadows: shadows(Cascade::near(quality), near_bytes),
+            far_shadows: (quality == Quality::High).then(|| shadows(Cascade::far(), far_bytes)),
             shade,
             debug: DebugPass::new(gpu),
             pool: TargetPool::default(),
@@ -217,14 +219,7 @@ impl CameraRenderer {
             active.lamps = lamps.add_view(&active.lamps_in_view, &jobs[active.job_idx].view.spec.intrinsics);
         }
         gpu.time("targets", || self.take_targets(jobs, &mut active, computes));
-        let mut first_instance = 0;
-        for active in &mut active {
-            active.drawn.first_instance = first_instance;
-            first_instance += active.drawn.instances.len() as u32;
-        }
-        let mut encoder = gpu.encoder("views");
-        gpu.mark(&mut encoder, "begin");
-        gpu.time("record", || self.record(scene, &active, jobs, (&lamps, &shadows), computes, &mut encoder));
+        let mut encoder = gpu.time("record", || self.record_groups(scene, &mut active, jobs, (&lamps, shadows), computes));
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];
         active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
@@ -279,18 +274,15 @@ impl CameraRenderer {
         active
     }
 
-    /// Makes the weather's light, and finds what each view sees, which lamps reach into it, and what is new in its shadow maps: side by side.
-    fn find(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) -> ShadowPlans {
+    /// Makes the weather's light, and finds what each view sees, which lamps reach into it, and what is new in its shadow maps, if all of
+    /// them fit into memory: side by side.
+    fn find(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) -> Option<ShadowPlans> {
         if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
-        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return ShadowPlans::default() };
-        let mut eyes: Vec<Eye> = Vec::new();
-        for active in active.iter_mut().filter(|active| active.set.is_lit() && light.has_shadows) {
-            active.eye = Some(eyes.len());
-            let focal_px = jobs[active.job_idx].view.spec.intrinsics.focal_px;
-            eyes.push(Eye { world_from_camera: active.motion.world_from_camera, focal_px });
-        }
+        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return Some(ShadowPlans::default()) };
+        let eyes = if light.has_shadows { groups::eyes_of(active, jobs) } else { Vec::new() };
+        let fits = self.n_fitting(&eyes) == eyes.len();
         let shining = lamps::shining(scene, assets, light.exposure, light.dark_ratio);
         let quality = self.quality;
         let seen: Vec<(Intrinsics, Option<&Firing>)> =
@@ -301,24 +293,25 @@ impl CameraRenderer {
                 active.lamps_in_view = lamps::reaching(&shining, quality, &lens, &active.motion);
             }
         };
-        let plan = |shadows: &mut Shadows| (!eyes.is_empty()).then(|| shadows.plan(assets, scene, light.sun_towards, &eyes));
+        let plan = |shadows: &mut Shadows| (fits && !eyes.is_empty()).then(|| shadows.plan(assets, scene, light.sun_towards, &eyes));
         let (near, far) = (&mut self.shadows, &mut self.far_shadows);
         // One view is done before other threads wake up.
         if active.len() == 1 {
             active.iter_mut().zip(seen).for_each(find);
-            return ShadowPlans { near: plan(near), far: far.as_mut().and_then(plan) };
+            return Some(ShadowPlans { near: plan(near), far: far.as_mut().and_then(plan) });
         }
         let views = || active.par_iter_mut().zip(seen).for_each(find);
         let plans = || rayon::join(|| plan(near), || far.as_mut().and_then(plan));
         let ((), (near, far)) = rayon::join(views, plans);
-        ShadowPlans { near, far }
+        fits.then_some(ShadowPlans { near, far })
     }
 
     /// Gives every view its targets. Views that compute shaders do alike come to stand one after the other, and share textures.
     fn take_targets(&mut self, jobs: &mut [ViewJob<'_, '_>], active: &mut [Active], computes: bool) {
         if !computes {
+            let is_switched = self.assets.as_ref().is_some_and(GpuAssets::is_switched);
             for active in active {
-                self.pass.prepare(&self.gpu, active.set);
+                self.pass.prepare(&self.gpu, active.set, is_switched);
                 let view = &mut *jobs[active.job_idx].view;
                 let Intrinsics { width_px, height_px, .. } = view.spec.intrinsics;
                 Arc::make_mut(&mut view.targets).ensure(&self.gpu, [width_px, height_px], view.kept, self.shade.is_drawn());

@@ -30,6 +30,7 @@ pub(crate) fn shade_wgsl(drawn: bool) -> String {
         include_str!("shader/film.wgsl"),
         include_str!("shader/sky.wgsl"),
         include_str!("shader/wall.wgsl"),
+        include_str!("shader/switched.wgsl"),
         surfaces,
         include_str!("shader/texture.wgsl"),
         include_str!("shader/lamps.wgsl"),
@@ -238,6 +239,7 @@ impl ShadePass {
         let images = [view.targets.get(Target::Surface), view.targets.z_buffer(), ids].map(|image| &image.view);
         let images = self.bind_images(gpu, &images);
         let mut pass = self.begin_drawing(encoder, view, key);
+        gpu.counters().add_pass();
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
         pass.set_bind_group(2, &images, &[]);

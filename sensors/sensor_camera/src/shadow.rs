@@ -3,6 +3,9 @@
 //! A map depends on the cell, the sun and the scene only, never on who else looks, so that readers change no one's bytes.
 //! What stands still is drawn once per cell and sun; what moves is drawn over a copy of it when it has moved, and of that copy only those
 //! parts are made good again that were drawn over before. High quality has a second, coarser map of what stands still further away.
+//!
+//! Maps have a bounded memory. Views that need more of them than fit are lit in groups, one after the other, which draw their maps over
+//! those of the groups before: slower, and the same pictures.
 
 mod cascade;
 mod draw;
@@ -90,6 +93,8 @@ pub(crate) struct Shadows {
     /// Whether all maps lie in one texture, for compute shaders.
     together: bool,
     draw: ShadowDraw,
+    /// Most bytes of all textures.
+    most_bytes: u64,
     sheets: Vec<Sheet>,
     maps: Vec<Map>,
     sun_towards: Vector3<f64>,
@@ -133,13 +138,15 @@ pub(crate) struct ShadowLookup {
 }
 
 impl Shadows {
-    /// `together`: for compute shaders, which look up all maps in one texture.
-    pub fn new(gpu: &Gpu, cascade: Cascade, together: bool) -> Self {
+    /// `together`: for compute shaders, which look up all maps in one texture. Its textures get no more than `most_bytes`, or one map of
+    /// each size.
+    pub fn new(gpu: &Gpu, cascade: Cascade, together: bool, most_bytes: u64) -> Self {
         let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::RENDER_ATTACHMENT;
         Shadows {
             cascade,
             together,
             draw: ShadowDraw::new(gpu),
+            most_bytes,
             sheets: Vec::new(),
             maps: Vec::new(),
             sun_towards: Vector3::zeros(),
@@ -152,6 +159,48 @@ impl Shadows {
     pub fn clear(&mut self) {
         self.maps.clear();
         self.sheets.iter_mut().for_each(Sheet::clear);
+    }
+
+    /// Bounds the memory of its textures anew; drops them.
+    pub fn limit(&mut self, most_bytes: u64) {
+        self.most_bytes = most_bytes;
+        self.maps.clear();
+        self.sheets.clear();
+    }
+
+    /// Bytes of its textures.
+    pub fn n_bytes(&self) -> u64 {
+        self.sheets.iter().map(Sheet::n_bytes).sum()
+    }
+
+    /// How many of these eyes, from the first one on, can have their maps at once; at least one.
+    pub fn n_fitting(&self, eyes: &[Eye]) -> usize {
+        let (mut sheets, mut known): (Vec<Sheet>, Vec<([i64; 3], u32)>) = (Vec::new(), Vec::new());
+        for (i, eye) in eyes.iter().enumerate() {
+            let key = (self.cascade.cell_of(&eye.world_from_camera), self.cascade.seen_with(eye.focal_px).side_px);
+            if known.contains(&key) {
+                continue;
+            }
+            known.push(key);
+            let sheet = sheet_of(&mut sheets, self.page_px(key.1), || self.sheet(key.1));
+            if sheets[sheet].take(key.0, key.1).is_none() {
+                if !sheets[sheet].grow() {
+                    return i;
+                }
+                sheets[sheet].take(key.0, key.1);
+            }
+        }
+        eyes.len()
+    }
+
+    fn page_px(&self, side_px: u32) -> u32 {
+        if self.together { self.cascade.side_px } else { side_px }
+    }
+
+    /// A sheet for maps of this size, with its share of the memory.
+    fn sheet(&self, side_px: u32) -> Sheet {
+        let n_sheets = if self.together { 1 } else { self.cascade.n_sizes() };
+        Sheet::new(self.page_px(side_px), self.cascade.moving, self.most_bytes / n_sheets)
     }
 
     /// Draws what stands still anew when it is next needed: other things stand there.
@@ -179,7 +228,7 @@ impl Shadows {
         }
     }
 
-    /// Finds out what is to be drawn for these eyes.
+    /// Finds out what is to be drawn for these eyes, which are no more than [`Shadows::n_fitting`] says.
     pub fn plan(&mut self, assets: &GpuAssets, scene: &Scene, sun_towards: Vector3<f64>, eyes: &[Eye]) -> ShadowPlan {
         if self.sun_towards != sun_towards {
             self.clear();
@@ -191,7 +240,12 @@ impl Shadows {
             world_from_camera: eye.world_from_camera,
         };
         let places: Vec<Place> = eyes.iter().map(place).collect();
-        let maps = self.take_maps(&places);
+        let maps = self.take_maps(&places).or_else(|| {
+            // What is in use lies scattered over layers that fewer could hold.
+            self.clear();
+            self.take_maps(&places)
+        });
+        let maps = maps.expect("so many eyes fit");
         ShadowPlan { places, maps, works: self.works(assets, scene) }
     }
 
@@ -224,8 +278,8 @@ impl Shadows {
         self.cascade.moving && (self.together || !map.over.is_empty())
     }
 
-    /// The map of each place, made if there is none.
-    fn take_maps(&mut self, places: &[Place]) -> Vec<usize> {
+    /// The map of each place, made if there is none; `None` if there is no room.
+    fn take_maps(&mut self, places: &[Place]) -> Option<Vec<usize>> {
         self.n_uses += 1;
         let used = self.n_uses;
         let mut missing: Vec<([i64; 3], u32)> = Vec::new();
@@ -238,26 +292,23 @@ impl Shadows {
             }
         }
         for (cell, side_px) in missing {
-            let page_px = if self.together { self.cascade.side_px } else { side_px };
-            let sheet = self.sheets.iter().position(|sheet| sheet.page_px == page_px).unwrap_or_else(|| {
-                self.sheets.push(Sheet::new(page_px, self.cascade.moving));
-                self.sheets.len() - 1
-            });
-            let slot = self.take_slot(sheet, cell, side_px);
+            let (page_px, new) = (self.page_px(side_px), self.sheet(side_px));
+            let sheet = sheet_of(&mut self.sheets, page_px, || new);
+            let slot = self.take_slot(sheet, cell, side_px)?;
             self.maps.push(Map { cell, side_px, sheet, slot, fresh: false, over: Vec::new(), dirty_px: Vec::new(), used });
         }
         let idx_of = |Place { cascade, cell, .. }: &Place| {
             let found = self.maps.iter().position(|map| (map.cell, map.side_px) == (*cell, cascade.side_px));
             found.expect("every missing map was made")
         };
-        places.iter().map(idx_of).collect()
+        Some(places.iter().map(idx_of).collect())
     }
 
-    /// Room for a map; those longest out of use make it, and a new layer if there are none.
-    fn take_slot(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Slot {
+    /// Room for a map; those longest out of use make it, and a new layer if there are none and there may be one more.
+    fn take_slot(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Option<Slot> {
         loop {
             if let Some(slot) = self.sheets[sheet].take(cell, side_px) {
-                return slot;
+                return Some(slot);
             }
             let is_free = |idx: &usize| self.maps[*idx].sheet == sheet && self.maps[*idx].used < self.n_uses;
             match (0..self.maps.len()).filter(is_free).min_by_key(|idx| self.maps[*idx].used) {
@@ -265,7 +316,8 @@ impl Shadows {
                     let map = self.maps.swap_remove(oldest);
                     self.sheets[sheet].give_back(map.slot);
                 }
-                None => self.sheets[sheet].grow(),
+                None if self.sheets[sheet].grow() => {}
+                None => return None,
             }
         }
     }
@@ -308,6 +360,14 @@ impl Shadows {
         let layers: Vec<LayerWork<'_>> = layers.into_iter().map(|(_, work)| work).collect();
         self.draw.record(gpu, encoder, assets, &layers);
     }
+}
+
+/// Number of the sheet of layers of this size, made if there is none.
+fn sheet_of(sheets: &mut Vec<Sheet>, page_px: u32, new: impl FnOnce() -> Sheet) -> usize {
+    sheets.iter().position(|sheet| sheet.page_px == page_px).unwrap_or_else(|| {
+        sheets.push(new());
+        sheets.len() - 1
+    })
 }
 
 /// Adds a rectangle unless another one holds it: wheels lie within their car.

@@ -2,7 +2,7 @@
 
 use sensor_gpu::Gpu;
 
-/// What a view is drawn into; the number is the location in `geometry.wgsl`.
+/// What a view is drawn into; the number is the location in `surface.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Target {
     /// What shading needs to know of the surface: normal, albedo with material, texture coordinates.

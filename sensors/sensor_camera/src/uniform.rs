@@ -1,4 +1,4 @@
-//! Rust mirrors of the WGSL structs in `shader/geometry.wgsl`; a test compares every offset.
+//! Rust mirrors of the WGSL structs in `shader/scene.wgsl`; a test compares every offset.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,6 +1,8 @@
 //! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
 //!
-//! Rows: `six` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
+//! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
+//! `separate`: one view of six modalities against six sensors of one modality each, each rendered in a submission of its own, by turns in one run.
+//! `apart`: the same against six such views that go through one submission together.
 //! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
 //! `driving=0|1` (vehicles drive from frame to frame).
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
@@ -16,11 +18,12 @@ use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::{Scene, SceneAssets};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::Intrinsics;
+use test_render::separate::{Sides, best, median};
 use test_render::{Cameras, Figures, Stage, peer, weathers};
 
 const SIX: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
 const TRIO: [Modality; 3] = [Modality::Rgb, Modality::Depth, Modality::Semantic];
-const ROWS: [&str; 7] = ["six", "apart", "rgb", "depth", "trio", "wide", "many"];
+const ROWS: [&str; 8] = ["six", "separate", "apart", "rgb", "depth", "trio", "wide", "many"];
 
 struct Options {
     rows: Vec<String>,
@@ -130,8 +133,41 @@ impl Bench {
         })
     }
 
+    /// Six modalities of one pose against six sensors that are rendered one after the other.
+    fn separate(&self) {
+        let mut sides = Sides::new(&self.gpu, self.quality, self.lens(self.options.size_px), &SIX, self.in_flight);
+        let comparison = sides.run(self.options.frames, |frame| {
+            let pose = self.stage.camera(self.options.place, 0.4 * frame as f64, 0.0, 0.0);
+            (self.scenes[frame % self.scenes.len()].clone(), pose)
+        });
+        let middle = |list: &[f64]| median(list.iter().copied());
+        for (name, turns) in
+            [("merged: one view, six modalities", &comparison.merged), ("six sensors, one after the other", &comparison.separate)]
+        {
+            let (wall_ms, cpu_ms) = (&turns.wall_ms, &turns.cpu_ms);
+            println!(
+                "{name:38} p50 {:8.3}  best {:8.3} ms a set  {:8.1} sets/s  CPU {:7.2} best {:7.2} ms",
+                middle(wall_ms),
+                best(wall_ms),
+                1e3 / middle(wall_ms),
+                middle(cpu_ms),
+                best(cpu_ms)
+            );
+        }
+        let each = SIX.iter().zip(&comparison.each_ms);
+        let each: Vec<_> = each.map(|(modality, list)| format!("{} {:.1} ({:.1})", modality.name(), middle(list), best(list))).collect();
+        if !each.is_empty() {
+            println!("    wall ms, median (best): {}", each.join(", "));
+        }
+        let ([wall, cpu], [best_wall, best_cpu]) = (comparison.ratios(), comparison.best_ratios());
+        println!(
+            "  six separate sensors against one view: {wall:.2} x wall, {cpu:.2} x CPU (medians of turns); best sets {best_wall:.2} x wall, {best_cpu:.2} x CPU"
+        );
+    }
+
     fn row(&self, row: &str) {
         match row {
+            "separate" => self.separate(),
             "six" => drop(self.one_pose("one view, six modalities", &[&SIX])),
             "apart" => {
                 let together = self.one_pose("one view, six modalities", &[&SIX]);

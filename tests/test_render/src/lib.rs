@@ -6,6 +6,7 @@ pub mod exact;
 pub mod measure;
 pub mod oracle;
 pub mod peer;
+pub mod separate;
 pub mod sheet;
 pub mod stage;
 pub mod weathers;

@@ -22,6 +22,8 @@ pub struct Cameras {
     target: Arc<ShmTarget>,
     frame_bytes: usize,
     n_in_flight: usize,
+    /// Submissions of single views so far.
+    n_alone: usize,
 }
 
 /// What a run came to.
@@ -58,7 +60,16 @@ impl Cameras {
         // SAFETY: the memory is leaked, and only frames in flight touch it, each its own range.
         let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len) });
         let asked = asked.iter().map(|list| list.to_vec()).collect();
-        Cameras { gpu: gpu.clone(), renderer: CameraRenderer::new(gpu, quality), views, asked, target, frame_bytes, n_in_flight }
+        Cameras {
+            gpu: gpu.clone(),
+            renderer: CameraRenderer::new(gpu, quality),
+            views,
+            asked,
+            target,
+            frame_bytes,
+            n_in_flight,
+            n_alone: 0,
+        }
     }
 
     /// Whether frames cost a copy on the CPU.
@@ -113,20 +124,46 @@ impl Cameras {
         let mut offset_bytes = slot * self.frame_bytes;
         let mut jobs = Vec::with_capacity(self.views.len());
         for ((view, list), pose) in self.views.iter_mut().zip(&self.asked).zip(poses) {
-            let mut outputs = Vec::with_capacity(list.len());
-            for modality in list {
-                let capacity_bytes = view.payload_bytes(*modality);
-                let place = Place::Shm { target: self.target.clone(), offset_bytes, capacity_bytes };
-                outputs.push(Output { modality: *modality, place });
-                offset_bytes += capacity_bytes.next_multiple_of(64);
-            }
-            jobs.push(ViewJob { view, world_from_sensor: *pose, outputs });
+            jobs.push(job(view, list, pose, &self.target, &mut offset_bytes));
         }
         self.renderer.render(scene, jobs).expect("the request is in order")
     }
+
+    /// How many views there are.
+    pub(crate) fn n_views(&self) -> usize {
+        self.views.len()
+    }
+
+    /// Renders one of the views by itself; its bytes come to lie where they did the last time but `n_in_flight` - 1.
+    pub(crate) fn submit_one(&mut self, scene: &Scene, pose: &Isometry3<f64>, view_idx: usize) -> Submission<'static> {
+        self.n_alone += 1;
+        let view_bytes = |view: &View, list: &[Modality]| list.iter().map(|m| view.payload_bytes(*m).next_multiple_of(64)).sum::<usize>();
+        let before: usize = self.views.iter().zip(&self.asked).take(view_idx).map(|(view, list)| view_bytes(view, list)).sum();
+        let mut offset_bytes = self.n_alone % self.n_in_flight * self.frame_bytes + before;
+        let job = job(&mut self.views[view_idx], &self.asked[view_idx], pose, &self.target, &mut offset_bytes);
+        self.renderer.render(scene, vec![job]).expect("the request is in order")
+    }
 }
 
-fn finish(submission: Submission<'static>) {
+/// What a view makes of `list`, from `offset_bytes` on, which moves beyond it.
+fn job<'v>(
+    view: &'v mut View,
+    list: &[Modality],
+    pose: &Isometry3<f64>,
+    target: &Arc<ShmTarget>,
+    offset_bytes: &mut usize,
+) -> ViewJob<'v, 'static> {
+    let mut outputs = Vec::with_capacity(list.len());
+    for modality in list {
+        let capacity_bytes = view.payload_bytes(*modality);
+        let place = Place::Shm { target: target.clone(), offset_bytes: *offset_bytes, capacity_bytes };
+        outputs.push(Output { modality: *modality, place });
+        *offset_bytes += capacity_bytes.next_multiple_of(64);
+    }
+    ViewJob { view, world_from_sensor: *pose, outputs }
+}
+
+pub(crate) fn finish(submission: Submission<'static>) {
     submission.wait().expect("the device works");
 }
 

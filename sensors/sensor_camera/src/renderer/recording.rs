@@ -210,7 +210,7 @@ impl CameraRenderer {
         raster.record(&self.gpu, encoder, assets, &self.pass.instances, plan, batch);
         self.gpu.mark(encoder, "raster");
         let lists = raster.bind_lists(&self.gpu, assets);
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("resolve"), timestamp_writes: None });
+        let mut pass = self.begin_computing(encoder, "resolve");
         for run in runs {
             raster.resolve(&self.gpu, &mut pass, [&bound.scene, &bound.views, &lists], &run.views);
         }
@@ -229,7 +229,7 @@ impl CameraRenderer {
                 self.shade.draw(&self.gpu, encoder, [&bound.scene, &view], &work.view, key);
             }
         } else {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("shade"), timestamp_writes: None });
+            let mut pass = self.begin_computing(encoder, "shade");
             for (run, key) in shaded() {
                 self.shade.compute(&self.gpu, &mut pass, [&bound.scene, &bound.views], &run.views, key);
             }
@@ -238,7 +238,7 @@ impl CameraRenderer {
         if runs.iter().flat_map(|run| run.works).all(|work| work.post.is_none()) {
             return;
         }
-        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("post"), timestamp_writes: None });
+        let mut pass = self.begin_computing(encoder, "post");
         for run in runs {
             match run.works[0].post.as_ref().map(PostJob::is_plain) {
                 Some(true) => self.post.develop_plain(&self.gpu, &mut pass, &run.views),
@@ -247,6 +247,13 @@ impl CameraRenderer {
         }
         drop(pass);
         self.gpu.mark(encoder, "post");
+    }
+}
+
+impl CameraRenderer {
+    fn begin_computing<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, label: &'static str) -> wgpu::ComputePass<'e> {
+        self.gpu.counters().add_pass();
+        encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some(label), timestamp_writes: None })
     }
 }
 

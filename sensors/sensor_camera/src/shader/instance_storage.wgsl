@@ -18,3 +18,16 @@ fn direction_in_world(instance: u32, direction: vec3<f32>) -> vec3<f32> {
 fn marks_of(instance: u32) -> vec4<u32> {
     return vec4(instances[instance].object_id, instances[instance].tint, instances[instance].lamps, instances[instance].moved);
 }
+
+// Flow at a pixel that shows a point of an instance at this depth.
+fn flow_of(at: vec2<f32>, depth_m: f32, instance: u32) -> vec2<f32> {
+    if marks_of(instance).w == 0u {
+        return vec2(0.0);
+    }
+    let before = point_before(instance, ray_in_camera(at) * depth_m);
+    // A point that was behind the near plane was nowhere in the image: no flow.
+    if before.z < views[which].frame.z {
+        return vec2(0.0);
+    }
+    return at - pixel_of(before);
+}

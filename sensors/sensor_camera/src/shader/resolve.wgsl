@@ -83,7 +83,12 @@ fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
     let codes = vertices[words + 5u];
     let labels = vec4(codes & 0xffu, (codes >> 8u) & 0xffu, (codes >> 16u) & 0xffu, codes >> 24u);
     let marks = labels_of(vertices[words + 4u], labels, vertices[words + 6u], marks_of(draw.instance));
-    return surface_pixel(at, depth_m, direction_in_world(draw.instance, in_mesh), uv_m, marks, draw.instance);
+    let pixel_m = depth_m / views[which].lens_px.x;
+    var out = surface_pixel(depth_m, direction_in_world(draw.instance, in_mesh), uv_m, marks, pixel_m);
+    if wants_flow() {
+        out.flow_px = flow_of(at, depth_m, draw.instance);
+    }
+    return out;
 }
 
 @compute @workgroup_size(16, 8)
@@ -97,7 +102,14 @@ fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
     let middle = vec2<f32>(at.xy) + 0.5;
     var pixel: Pixel;
     if found.y == 0u {
-        pixel = sky_pixel(middle);
+        pixel = sky_pixel(views[which].frame.w);
+        if wants_flow() && views[which].options.x != 0.0 {
+            // Points at infinity move by the rotation alone.
+            let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(middle));
+            if before.z > 0.0 {
+                pixel.flow_px = middle - pixel_of(before);
+            }
+        }
     } else {
         pixel = seen_pixel(middle, found);
     }

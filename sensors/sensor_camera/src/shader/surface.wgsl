@@ -1,4 +1,4 @@
-// What each modality keeps of a surface or of the sky. Drawn (geometry.wgsl) and computed (resolve.wgsl) pictures share it.
+// What each modality keeps of a surface or of the sky. Drawn (geometry_attached.wgsl, geometry_listed.wgsl) and computed (resolve.wgsl) pictures share it.
 
 // Attachments; locations are the numbers of Target in targets.rs.
 struct Pixel {
@@ -24,40 +24,27 @@ fn labels_of(albedo: u32, labels: vec4<u32>, object_id: u32, marks: vec4<u32>) -
     return vec3(id, labels.x | (labels.y << 8u) | (lit << 16u), rgb);
 }
 
-// A point of an instance's surface at a pixel; the normal as interpolated, not of unit length: shading makes it so.
-fn surface_pixel(at: vec2<f32>, depth_m: f32, normal_in_world: vec3<f32>, uv_m: vec2<f32>, labels: vec3<u32>, instance: u32) -> Pixel {
+// A surface at a pixel, flow still to come; the normal as interpolated, not of unit length: shading makes it so. pixel_m: width of a
+// pixel at this depth.
+fn surface_pixel(depth_m: f32, normal_in_world: vec3<f32>, uv_m: vec2<f32>, labels: vec3<u32>, pixel_m: f32) -> Pixel {
     var out: Pixel;
-    let point = ray_in_camera(at) * depth_m;
     out.depth_m = depth_m;
     out.class_code = labels.y & 0xffu;
     out.instance = labels.x;
     out.normal = vec4(normalize(normal_in_world), 0.0);
-    if wants_flow() && marks_of(instance).w != 0u {
-        let before = point_before(instance, point);
-        // A point that was behind the near plane was nowhere in the image: no flow.
-        if before.z >= views[which].frame.z {
-            out.flow_px = at - pixel_of(before);
-        }
-    }
-    out.surface = surface_of(normal_in_world, labels, uv_m, depth_m);
+    out.surface = surface_of(normal_in_world, labels, uv_m, pixel_m);
     return out;
 }
 
 const CLASS_SKY: u32 = 11u;
 
-fn sky_pixel(at: vec2<f32>) -> Pixel {
+// Nothing at a pixel, flow still to come. far_m: infinite.
+fn sky_pixel(far_m: f32) -> Pixel {
     var out: Pixel;
     out.surface = Surface(0u);
-    out.depth_m = views[which].frame.w;
+    out.depth_m = far_m;
     out.class_code = CLASS_SKY;
     out.instance = 0u;
     out.normal = vec4(0.0);
-    if wants_flow() && views[which].options.x != 0.0 {
-        // Points at infinity move by the rotation alone.
-        let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(at));
-        if before.z > 0.0 {
-            out.flow_px = at - pixel_of(before);
-        }
-    }
     return out;
 }

@@ -12,7 +12,7 @@ fn stored_albedo(rgb: u32) -> u32 {
     return pack4x8unorm(vec4(sqrt(max(linear_of(rgb), vec3(0.0))), 0.0));
 }
 
-fn surface_of(normal_in_world: vec3<f32>, labels: vec3<u32>, uv_m: vec2<f32>, depth_m: f32) -> Surface {
+fn surface_of(normal_in_world: vec3<f32>, labels: vec3<u32>, uv_m: vec2<f32>, pixel_m: f32) -> Surface {
     let steep = abs(normal_in_world);
     let n = normal_in_world / max(steep.x + steep.y + steep.z, 1e-6);
     let folded = (1.0 - abs(n.yx)) * select(vec2(-1.0), vec2(1.0), n.xy >= vec2(0.0));
@@ -23,7 +23,7 @@ fn surface_of(normal_in_world: vec3<f32>, labels: vec3<u32>, uv_m: vec2<f32>, de
         let material = (labels.y >> 8u) & 0x1fu;
         let is_shop = material == MATERIAL_SHOP_FRONT;
         let is_wall = f32(is_shop || material == MATERIAL_FACADE) * f32(steep.z < max(steep.x, steep.y));
-        let wall = wall_at(albedo_of(root), uv_m, labels.x, depth_m / views[which].lens_px.x, is_shop, is_wall);
+        let wall = wall_at(albedo_of(root), uv_m, labels.x, pixel_m, is_shop, is_wall);
         root = pack4x8unorm(vec4(sqrt(wall.albedo), 0.0));
         let glow = u32(sqrt(wall.glow / GLOW_MOST) * 63.0 + 0.5);
         first |= (u32(wall.pane * 7.0 + 0.5) << 22u) | (min(glow, 63u) << 25u) | (u32(wall.cool) << 31u);

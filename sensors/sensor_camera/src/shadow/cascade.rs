@@ -84,6 +84,11 @@ impl Cascade {
         Cascade { side_px, ..*self }
     }
 
+    /// Sizes that its maps can have.
+    pub fn n_sizes(&self) -> u64 {
+        1 + u64::from((self.side_px / MIN_SIDE_PX).max(1).ilog2())
+    }
+
     pub fn cell_of(&self, eye: &Isometry3<f64>) -> [i64; 3] {
         std::array::from_fn(|axis| (eye.translation.vector[axis] / self.cell_m).round() as i64)
     }

@@ -58,9 +58,11 @@ impl ShadowDraw {
         let layout = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };
-        let casters_layout = layout("shadow casters", &[storage(0)]);
-        let restore_layout = layout("still shadows", &[texture(0, wgpu::TextureSampleType::Depth), storage(1)]);
-        let wipe_layout = layout("no shadows", &[storage(1)]);
+        // Not for pixels: see `Drawing` in pass/pipelines.rs.
+        let list = |binding| wgpu::BindGroupLayoutEntry { visibility: wgpu::ShaderStages::VERTEX, ..storage(binding) };
+        let casters_layout = layout("shadow casters", &[list(0)]);
+        let restore_layout = layout("still shadows", &[texture(0, wgpu::TextureSampleType::Depth), list(1)]);
+        let wipe_layout = layout("no shadows", &[list(1)]);
         let buffer = |label, usage| gpu.buffer(label, 64 * 1024, usage | wgpu::BufferUsages::COPY_DST);
         ShadowDraw {
             casters: pipeline(gpu, &casters_layout, "vs_main", None),

@@ -28,6 +28,8 @@ struct Layer {
 pub(crate) struct Sheet {
     pub page_px: u32,
     layers: Vec<Layer>,
+    /// No more layers than these.
+    most_layers: u32,
     images: Option<Images>,
     /// Whether there is need for maps with what moves.
     moving: bool,
@@ -47,8 +49,21 @@ struct Paged {
 }
 
 impl Sheet {
-    pub fn new(page_px: u32, moving: bool) -> Self {
-        Sheet { page_px, layers: Vec::new(), images: None, moving }
+    /// A sheet whose textures have at most `most_bytes` together, or one layer.
+    pub fn new(page_px: u32, moving: bool, most_bytes: u64) -> Self {
+        let most_layers = (most_bytes / Self::layer_bytes(page_px, moving)).clamp(1, MAX_LAYERS) as u32;
+        Sheet { page_px, layers: Vec::new(), most_layers, images: None, moving }
+    }
+
+    /// Bytes of a layer of all its textures.
+    fn layer_bytes(page_px: u32, moving: bool) -> u64 {
+        TEXEL_BYTES * u64::from(page_px) * u64::from(page_px) * (1 + u64::from(moving))
+    }
+
+    /// Bytes of its textures.
+    pub fn n_bytes(&self) -> u64 {
+        let n_layers = self.images.as_ref().map_or(0, |images| images.still.pages.len());
+        n_layers as u64 * Self::layer_bytes(self.page_px, self.moving)
     }
 
     /// A place for a cell's map, if there is room.
@@ -62,9 +77,13 @@ impl Sheet {
         Some(Slot { layer: layer as u32, tile })
     }
 
-    /// Makes room by one layer.
-    pub fn grow(&mut self) {
-        self.layers.push(Layer { side_px: self.page_px, taken: Vec::new() });
+    /// Makes room by one layer; `false` if there are as many as there may be.
+    pub fn grow(&mut self) -> bool {
+        let may = self.layers.len() < self.most_layers as usize;
+        if may {
+            self.layers.push(Layer { side_px: self.page_px, taken: Vec::new() });
+        }
+        may
     }
 
     pub fn give_back(&mut self, slot: Slot) {
@@ -83,8 +102,10 @@ impl Sheet {
             return;
         }
         // Whoever drives about needs another one now and then.
-        let n_layers = needed + n_spare.max(known / 4);
-        (needed..n_layers).for_each(|_| self.grow());
+        let n_layers = (needed + n_spare.max(known / 4)).min(self.most_layers);
+        (needed..n_layers).for_each(|_| {
+            self.grow();
+        });
         let mut grown = |old: Option<&Paged>| {
             let new = paged(gpu, self.page_px, n_layers);
             if let Some(old) = old {
@@ -120,6 +141,11 @@ impl Sheet {
     }
 }
 
+/// What every adapter can do.
+const MAX_LAYERS: u64 = 256;
+/// Of [`wgpu::TextureFormat::Depth16Unorm`].
+const TEXEL_BYTES: u64 = 2;
+
 fn paged(gpu: &Gpu, side_px: u32, n_layers: u32) -> Paged {
     let usage = wgpu::TextureUsages::RENDER_ATTACHMENT
         | wgpu::TextureUsages::TEXTURE_BINDING
@@ -138,7 +164,7 @@ mod tests {
     #[test]
     fn maps_have_places_of_their_own_that_follow_from_their_cells() {
         let mut rng = fastrand::Rng::with_seed(3);
-        let mut sheet = Sheet::new(4096, true);
+        let mut sheet = Sheet::new(4096, true, u64::MAX);
         let mut held: Vec<(u32, Slot)> = Vec::new();
         for _ in 0..2000 {
             if held.len() > 40 || (!held.is_empty() && rng.bool()) {
@@ -149,7 +175,7 @@ mod tests {
             let side_px = [1024, 2048, 4096][rng.usize(..3)];
             let cell = [rng.i64(-20..20), rng.i64(-20..20), 0];
             let slot = sheet.take(cell, side_px).unwrap_or_else(|| {
-                sheet.grow();
+                assert!(sheet.grow());
                 sheet.take(cell, side_px).unwrap()
             });
             let n = i64::from(4096 / side_px);
@@ -157,5 +183,16 @@ mod tests {
             assert!(held.iter().all(|(side, other)| other.layer != slot.layer || *side == side_px && other.tile != slot.tile));
             held.push((side_px, slot));
         }
+    }
+
+    /// Two bytes a texel, what stands still and what moves: a layer of 4096 × 4096 has 64 MiB.
+    #[test]
+    fn sheets_end_where_their_memory_does() {
+        for (moving, n_expected) in [(true, 15), (false, 31)] {
+            let mut sheet = Sheet::new(4096, moving, (1 << 30) - 1);
+            assert_eq!((0..100).filter(|_| sheet.grow()).count(), n_expected);
+        }
+        let mut sheet = Sheet::new(4096, true, 0);
+        assert_eq!((0..100).filter(|_| sheet.grow()).count(), 1, "without a single map there is no light");
     }
 }

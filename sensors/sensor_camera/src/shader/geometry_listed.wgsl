@@ -1,11 +1,4 @@
-// The geometry pass: every modality of a view from one drawing. Mirrors: pass.rs, targets.rs.
-
-// Targets are attached only if somebody reads them; this switches off the work behind flow.
-override WITH_FLOW: bool = true;
-
-fn wants_flow() -> bool {
-    return WITH_FLOW;
-}
+// Geometry for GPUs: every modality of a view from one drawing; instances lie in a list. Mirrors: pass.rs, targets.rs.
 
 struct Corner {
     @builtin(position) @invariant clip: vec4<f32>,
@@ -43,17 +36,10 @@ fn vs_main(
 
 @fragment
 fn fs_main(in: Corner) -> Pixel {
-    return surface_pixel(in.clip.xy, 1.0 / in.clip.w, in.normal_in_world, in.uv_m, in.labels.xyz, in.labels.w);
-}
-
-// One triangle over the whole image at infinity.
-@vertex
-fn vs_sky(@builtin(vertex_index) corner: u32) -> @builtin(position) @invariant vec4<f32> {
-    let xy = vec2(f32((corner << 1u) & 2u), f32(corner & 2u)) * 2.0 - 1.0;
-    return vec4(xy, 0.0, 1.0);
-}
-
-@fragment
-fn fs_sky(@builtin(position) at: vec4<f32>) -> Pixel {
-    return sky_pixel(at.xy);
+    let depth_m = 1.0 / in.clip.w;
+    var out = surface_pixel(depth_m, in.normal_in_world, in.uv_m, in.labels.xyz, depth_m / views[which].lens_px.x);
+    if WITH_FLOW {
+        out.flow_px = flow_of(in.clip.xy, depth_m, in.labels.w);
+    }
+    return out;
 }
