@@ -17,8 +17,10 @@ const COLOR: u8 = 5;
 const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, "")];
 /// What scripts may set on every vehicle and what is kept for them without effect.
 const VEHICLE_KEPT: &[(&str, u8, &str)] = &[("terramechanics", BOOL, "false")];
-/// The same of two-wheelers.
+/// The same of two-wheelers; scripts choose among the recommended values.
 const RIDER_KEPT: &[(&str, u8, &str)] = &[("driver_id", INT, "0")];
+/// Roles that CARLA recommends for vehicles.
+const VEHICLE_ROLES: [&str; 3] = ["autopilot", "scenario", "ego_vehicle"];
 /// Roles that CARLA recommends for sensors.
 const SENSOR_ROLES: [&str; 8] = ["front", "back", "left", "right", "front_left", "front_right", "back_left", "back_right"];
 /// Attributes of the catalogue that CARLA has too, with their type and whether a script may set them.
@@ -231,6 +233,17 @@ impl Line {
     fn new(name: &str, kind: u8, value: &str, modifiable: bool) -> Line {
         Line { name: name.to_owned(), kind, value: value.to_owned(), recommended: Vec::new(), modifiable }
     }
+
+    /// CARLA's defaults are the first of the recommended values, so there is always one, unless the default is empty.
+    fn definition(self) -> Value {
+        let recommended =
+            if self.recommended.is_empty() && !self.value.is_empty() { vec![self.value.clone().into()] } else { self.recommended };
+        list![self.name, self.kind, self.value, recommended, self.modifiable, false]
+    }
+
+    fn recommending(name: &str, kind: u8, value: &str, values: &[&str]) -> Line {
+        Line { recommended: values.iter().map(|value| (*value).into()).collect(), ..Line::new(name, kind, value, true) }
+    }
 }
 
 fn lines(entry: &CatalogueEntry) -> Vec<Line> {
@@ -246,8 +259,10 @@ fn lines(entry: &CatalogueEntry) -> Vec<Line> {
         let rides = entry.attributes.get("number_of_wheels").is_some_and(|wheels| wheels == "2");
         let of_riders = if rides { RIDER_KEPT } else { &[] };
         let of_vehicles = if *kind == "vehicle" { VEHICLE_KEPT } else { &[] };
-        let kept = of_vehicles.iter().chain(of_riders).map(|(name, kind, value)| Line::new(name, *kind, value, true));
-        return known.chain(constant).chain(kept).chain([Line::new("role_name", TEXT, role, true)]).collect();
+        let kept = of_vehicles.iter().map(|(name, kind, value)| Line::new(name, *kind, value, true));
+        let riders = of_riders.iter().map(|(name, kind, value)| Line::recommending(name, *kind, value, &[*value]));
+        let roles: &[&str] = if entry.kind == "vehicle" { &VEHICLE_ROLES } else { &[*role] };
+        return known.chain(constant).chain(kept).chain(riders).chain([Line::recommending("role_name", TEXT, role, roles)]).collect();
     }
     let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| {
         let mut line = Line::new(name, *kind, value, true);
@@ -255,8 +270,7 @@ fn lines(entry: &CatalogueEntry) -> Vec<Line> {
         line.recommended = choices.iter().map(|choice| (*choice).into()).collect();
         line
     });
-    let mut role = Line::new("role_name", TEXT, "default", true);
-    role.recommended = SENSOR_ROLES.map(Value::from).into();
+    let role = Line::recommending("role_name", TEXT, "default", &SENSOR_ROLES);
     own.chain([role, Line::new("ros_name", TEXT, last, true)]).collect()
 }
 
@@ -270,10 +284,7 @@ fn is_blueprint(entry: &CatalogueEntry) -> bool {
 /// `get_actor_definitions`.
 pub fn definitions(catalogue: &Catalogue) -> Value {
     let definition = |(idx, entry): (usize, &CatalogueEntry)| {
-        let attributes: Vec<Value> = lines(entry)
-            .into_iter()
-            .map(|line| list![line.name, line.kind, line.value, line.recommended, line.modifiable, false])
-            .collect();
+        let attributes: Vec<Value> = lines(entry).into_iter().map(Line::definition).collect();
         list![idx as u32 + 1, entry.type_id.as_str(), entry.type_id.replace('.', ","), attributes]
     };
     Value::Array(catalogue.entries.iter().enumerate().filter(|(_, entry)| is_blueprint(entry)).map(definition).collect())

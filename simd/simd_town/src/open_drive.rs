@@ -158,17 +158,16 @@ fn lanes(out: &mut String, profile: &Profile) {
         lane(out, i as i32 + 1, each, profile.speed_kmh);
     }
     line!(out, "        </left>");
-    let (mark, change) = if profile.one_way {
-        ("solid", "none")
-    } else if profile.main {
-        ("solid solid", "none")
-    } else {
-        ("broken", "both")
+    let mark = match (profile.one_way, profile.main) {
+        (true, _) => "solid",
+        (false, true) => "solid solid",
+        (false, false) => "broken",
     };
+    // Overtaking may cross a broken line, but to stay beyond it is no lane change: route planners would turn round there.
     line!(out, r#"        <center><lane id="0" type="none" level="false">"#);
     line!(
         out,
-        r#"            <roadMark sOffset="0" type="{mark}" weight="standard" color="yellow" material="standard" width="0.12" laneChange="{change}"/>"#
+        r#"            <roadMark sOffset="0" type="{mark}" weight="standard" color="yellow" material="standard" width="0.12" laneChange="none"/>"#
     );
     line!(out, "        </lane></center>");
     line!(out, "        <right>");

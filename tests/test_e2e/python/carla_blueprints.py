@@ -163,6 +163,14 @@ def check_sensors(library, page):
     assert sorted(radio.get_attribute("path_loss_model").recommended_values) == ["geometric", "winner"]
 
 
+def check_recommended(library, _):
+    """CARLA's defaults are the first of the recommended values; scripts take that one."""
+    for blueprint in library:
+        for attribute in blueprint:
+            values = list(attribute.recommended_values)
+            assert values or attribute.type == TEXT and attribute.as_str() == "", (blueprint.id, attribute.id)
+
+
 def check_vehicles(library, page):
     rows = [row.split() for row in VEHICLES.replace("\n", "|").split("|") if row.strip()]
     assert len(rows) == 41
@@ -190,6 +198,9 @@ def check_vehicles(library, page):
                 assert value_of(found[attribute]) == value, (name, attribute, value_of(found[attribute]))
         if name in SPECIAL:
             assert found["special_type"].as_str() == SPECIAL[name], (name, found["special_type"].as_str())
+        # Scripts choose one of them for every bicycle and motorcycle.
+        assert int(wheels) != 2 or list(found["driver_id"].recommended_values), name
+        assert list(found["role_name"].recommended_values) == ["autopilot", "scenario", "ego_vehicle"], name
         colors = list(found["color"].recommended_values)
         assert colors and all(re.fullmatch(r"\d{1,3},\d{1,3},\d{1,3}", color) for color in colors), (name, colors)
         # What a script may not set is refused by the wheel itself.
@@ -245,7 +256,8 @@ def main():
     library = client.get_world().get_blueprint_library()
     with open(PAGE, encoding="utf-8") as file:
         page = file.read()
-    run_checks({"sensors": check_sensors, "vehicles": check_vehicles, "walkers": check_walkers, "props": check_props}, library, page)
+    checks = {"sensors": check_sensors, "vehicles": check_vehicles, "walkers": check_walkers, "props": check_props, "recommended": check_recommended}
+    run_checks(checks, library, page)
 
 
 run(main, 100)

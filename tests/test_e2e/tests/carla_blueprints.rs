@@ -7,6 +7,10 @@ use test_kit::sandbox::repository;
 fn blueprints_are_carlas_but_for_those_that_the_page_names() {
     let stage = Stage::new("carlaprints", &empty_town("Town10HD"));
     let page = repository().join("docs/carla-compatibility.md");
-    stage.run("carla_blueprints.py", &[page.to_str().expect("paths are UTF-8")], &["sensors", "vehicles", "walkers", "props"]);
+    stage.run(
+        "carla_blueprints.py",
+        &[page.to_str().expect("paths are UTF-8")],
+        &["sensors", "vehicles", "walkers", "props", "recommended"],
+    );
     stage.end();
 }

@@ -17,7 +17,7 @@ use crate::world::{Known, Own};
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
 const FIRST_SEEN: Duration = Duration::from_secs(2);
-/// Longest wait for the first snapshot without a destroyed one.
+/// Longest wait for each of the first two snapshots without a destroyed one.
 const ABSENCE_WAIT: Duration = Duration::from_secs(2);
 
 pub(crate) const CALLS: Calls = &[
@@ -98,16 +98,19 @@ impl Gateway {
     }
 
     /// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it, and ends its process if the script has
-    /// destroyed it by then; so the answer comes after that snapshot. In a stepped world there is none before the next tick, which waits.
+    /// destroyed it by then; so the answer comes with the snapshot after that one, when what was begun before should be done. In a stepped
+    /// world there is none before the next tick, which waits.
     fn await_absence(&self, actor_id: u32) {
         let has_manager = !lock(&self.traffic_managers).is_empty();
         let is_free = self.world.known().info.as_ref().is_some_and(|info| info.mode == StepMode::FreeRunning);
         if has_manager && is_free {
-            let has_gone = |known: &Known| {
+            let gone_at = |known: &Known| {
                 let snapshot = known.snapshot.as_ref()?;
-                snapshot.records.iter().all(|record| record.id != actor_id).then_some(())
+                snapshot.records.iter().all(|record| record.id != actor_id).then_some(snapshot.header.tick)
             };
-            self.world.wait_for(ABSENCE_WAIT, has_gone);
+            let first = self.world.wait_for(ABSENCE_WAIT, gone_at);
+            let later = |known: &Known| known.snapshot.as_ref().filter(|at| Some(at.header.tick) > first).map(drop);
+            self.world.wait_for(ABSENCE_WAIT, later);
         }
     }
 }
