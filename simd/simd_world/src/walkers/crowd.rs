@@ -295,7 +295,10 @@ impl World {
         } else {
             stroller.stuck_secs += dt_secs;
         }
-        let is_near = |middle: &Vector3<f64>| (middle.x - at[0]).hypot(middle.y - at[1]) < SEES_M && (middle.z - at[2]).abs() < LEVEL_M;
+        let is_near = |middle: &Vector3<f64>| {
+            let (x, y, z) = (middle.x - at[0], middle.y - at[1], middle.z - at[2]);
+            x * x + y * y < SEES_M * SEES_M && z.abs() < LEVEL_M
+        };
         let near: Vec<Obstacle> = vehicles.iter().filter(|(middle, _)| is_near(middle)).map(|(_, obstacle)| *obstacle).collect();
         let is_walkable = |place: Vector2<f64>| ground.face_at([place.x, place.y, at[2]]).is_some();
         let here = Vector2::new(at[0], at[1]);

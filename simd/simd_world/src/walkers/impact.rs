@@ -1,6 +1,6 @@
 //! Walkers against vehicles and against each other.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::query::contact;
 use rapier3d::parry::shape::Cuboid;
@@ -17,10 +17,15 @@ pub const KNOCK_MPS: f64 = 2.0;
 impl World {
     /// After a sub-step of the vehicles: whom they run into.
     pub(crate) fn meet_vehicles(&mut self) {
+        // A collision changes speeds and moves walkers, but no vehicle.
+        let vehicles: Vec<_> = self.vehicles.iter().map(|(id, vehicle)| (id, vehicle, Nearby::of(vehicle, &self.physics))).collect();
         for (walker_id, walker) in self.walkers.iter_mut().filter(|(_, walker)| walker.collides && !walker.lost) {
-            for (vehicle_id, vehicle) in &self.vehicles {
-                let Some((impulse_ns, point_m)) = hit(&mut self.physics, vehicle, walker) else { continue };
-                let (of_vehicle, of_walker) = ((*vehicle_id, vehicle.model.class), (*walker_id, Class::PEDESTRIANS));
+            for (vehicle_id, vehicle, nearby) in &vehicles {
+                if nearby.is_far(walker) {
+                    continue;
+                }
+                let Some((impulse_ns, point_m)) = hit(&mut self.physics, vehicle, &nearby.pose, walker) else { continue };
+                let (of_vehicle, of_walker) = ((**vehicle_id, vehicle.model.class), (*walker_id, Class::PEDESTRIANS));
                 for (who, whom, impulse_ns) in [(of_vehicle, of_walker, -impulse_ns), (of_walker, of_vehicle, impulse_ns)] {
                     self.physics.log_contact(Collision {
                         actor: who.0,
@@ -65,16 +70,30 @@ impl World {
     }
 }
 
-/// Lets a vehicle and a walker that overlap collide; the impulse on the walker, N·s, and where, if they do.
-fn hit(physics: &mut Physics, vehicle: &Vehicle, walker: &mut Walker) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let pose = vehicle.pose(physics);
-    let half_m = vehicle.model.half_m;
-    let apart = Vector3::from(walker.feet_m) - pose.translation.vector;
-    if apart.xy().norm() > half_m[0].hypot(half_m[1]) + 1.0 || apart.z.abs() > 2.0 * half_m[2] + 3.0 {
-        return None;
+/// Where a vehicle is, and from how far it can touch nobody.
+struct Nearby {
+    pose: Isometry3<f64>,
+    reach_m: f64,
+    rise_m: f64,
+}
+
+impl Nearby {
+    fn of(vehicle: &Vehicle, physics: &Physics) -> Nearby {
+        let half_m = vehicle.model.half_m;
+        Nearby { pose: vehicle.pose(physics), reach_m: half_m[0].hypot(half_m[1]) + 1.0, rise_m: 2.0 * half_m[2] + 3.0 }
     }
+
+    fn is_far(&self, walker: &Walker) -> bool {
+        let apart = Vector3::from(walker.feet_m) - self.pose.translation.vector;
+        apart.xy().norm() > self.reach_m || apart.z.abs() > self.rise_m
+    }
+}
+
+/// Lets a vehicle and a walker that overlap collide; the impulse on the walker, N·s, and where, if they do.
+fn hit(physics: &mut Physics, vehicle: &Vehicle, pose: &Isometry3<f64>, walker: &mut Walker) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let apart = Vector3::from(walker.feet_m) - pose.translation.vector;
     let (centre, half) = chassis_box(vehicle.model);
-    let mut at = physics.engine_pose(&pose);
+    let mut at = physics.engine_pose(pose);
     at.translation += at.rotation * centre;
     let mut standing = walker.standing();
     if walker.fall.is_some() {
