@@ -5,6 +5,7 @@ use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
 use crate::chunk::{ALL, Chunks, Key, Layer};
+use crate::entrance;
 use crate::geometry::{P2, cross, left};
 use crate::open_drive::KERB_HEIGHT_M;
 use crate::plan::Houses;
@@ -215,6 +216,10 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
         flat_roof(chunks, &house, random)
     }
     ornaments(chunks, &house, pitched, random);
+    // Houses with gardens have their doors where the path leads.
+    if shop_m == 0.0 && !matches!(houses, Houses::Cottages | Houses::Farms) {
+        entrance::build(chunks, lot, entrance::place_m(lot, object), object);
+    }
     box_solid(solid, object, &house.footprint, (lowest_m, base_m + eaves_m));
     eaves_m
 }

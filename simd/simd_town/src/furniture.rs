@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::network::SignalKind;
-use crate::vehicle::loft::{ellipsoid, spike, tube};
+use crate::vehicle::loft::{ellipsoid, post, tube};
 
 /// Height of a traffic light's head over the pavement: the one on the pole and the one on the arm.
 pub const HEADS_M: (f64, f64) = (2.75, 5.4);
@@ -19,8 +19,9 @@ pub fn street_lamp() -> Mesh {
     let mut builder = MeshBuilder::new("street lamp");
     let glow = Surface::lamp(Class::POLES, [255, 226, 178], 0);
     for (n, until_m) in [(8, 40.0), (4, 130.0)] {
-        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.10), ([0.0, 0.0, 7.6], 0.055), n);
-        tube(&mut builder, steel(), ([0.0, 0.0, 7.5], 0.045), ([1.5, 0.0, 8.0], 0.035), n);
+        let thin = if n == 8 { 0.055 } else { 0.085 };
+        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.10), ([0.0, 0.0, 7.6], thin), n);
+        tube(&mut builder, steel(), ([0.0, 0.0, 7.5], 0.8 * thin), ([1.5, 0.0, 8.0], 0.7 * thin), n);
         builder.cuboid(steel(), [1.75, 0.0, 8.03], [0.36, 0.13, 0.05]);
         builder.cuboid(glow, [1.75, 0.0, 7.97], [0.30, 0.10, 0.02]);
         if n == 8 {
@@ -28,38 +29,49 @@ pub fn street_lamp() -> Mesh {
         }
         builder.end_level(until_m);
     }
-    far_lamp(&mut builder, (steel(), glow), ([0.1, 7.9, 1.6], [1.75, 8.0]), [0.34, 0.12, 0.05]);
-    builder.end_level(350.0);
+    far_lamps(&mut builder, (steel(), glow), [0.0, 0.0, 7.75], [2.1, 0.0, 7.98], [240.0, 350.0]);
     builder.finish()
 }
 
-/// A lamp on an arm from far away: (radius of the foot, height and reach of the arm), and its glowing head (x, z) with half its size.
-pub fn far_lamp(
-    builder: &mut MeshBuilder,
-    (metal, glow): (Surface, Surface),
-    ([foot, height, reach], [x, z]): ([f32; 3], [f32; 2]),
-    half_m: [f32; 3],
-) {
-    spike(builder, metal, ([0.0, 0.0, -0.05], foot), [0.0, 0.0, height]);
-    spike(builder, metal, ([0.0, 0.0, height - 0.1], 0.5 * foot), [reach, 0.0, z]);
-    builder.cuboid(glow, [x, 0.0, z], half_m);
-    let ([hx, hy, _], top) = (half_m, z + half_m[2] + 0.03);
-    let lid = [[x - hx, -hy, top], [x + hx, -hy, top], [x + hx, hy, top], [x - hx, hy, top]];
-    builder.polygon(metal, &lid, &[[0.0; 2]; 4]);
+/// Two levels of a lamp from far away: its pole up to a place, from there an arm whose end glows; at last the pole alone, whose end glows.
+///
+/// Poles are thicker than they are: a head without a pole would hang in the air, and pixels miss what is much narrower than they.
+pub fn far_lamps(builder: &mut MeshBuilder, (metal, glow): (Surface, Surface), top: [f32; 3], end: [f32; 3], until_m: [f32; 2]) {
+    let foot = [0.0, 0.0, -0.05];
+    let between = |share: f32| std::array::from_fn::<f32, 3, _>(|i| top[i] + (end[i] - top[i]) * share);
+    post(builder, metal, foot, top, until_m[0] / 1400.0);
+    if end[0] > top[0] {
+        post(builder, metal, top, between(0.68), until_m[0] / 1800.0);
+        post(builder, glow, between(0.68), end, until_m[0] / 1600.0);
+    } else {
+        post(builder, glow, top, end, until_m[0] / 1000.0);
+    }
+    builder.end_level(until_m[0]);
+    post(builder, metal, foot, top, until_m[1] / 1400.0);
+    post(builder, glow, top, [top[0], top[1], top[2] + 0.4], until_m[1] / 1400.0);
+    builder.end_level(until_m[1]);
 }
 
 /// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y, over the carriageway.
 pub fn light_pole(arm_m: f32) -> Mesh {
     let mut builder = MeshBuilder::new("traffic light pole");
-    for (n, until_m) in [(8, 40.0), (4, 350.0)] {
-        let top = if arm_m > 0.0 { HEADS_M.1 as f32 + 0.2 } else { HEADS_M.0 as f32 + 0.75 };
+    let top = if arm_m > 0.0 { HEADS_M.1 as f32 + 0.2 } else { HEADS_M.0 as f32 + 0.75 };
+    for (n, until_m) in [(8, 40.0), (4, 110.0)] {
         tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.09), ([0.0, 0.0, top], 0.07), n);
         if arm_m > 0.0 {
-            tube(&mut builder, steel(), ([0.0, 0.0, top - 0.15], 0.065), ([0.0, -arm_m, top], 0.04), n);
+            tube(&mut builder, steel(), ([0.0, 0.0, top - 0.15], 0.065), ([0.0, -arm_m, top], if n == 8 { 0.04 } else { 0.06 }), n);
         }
         if n == 8 {
             let button = Surface::new(Class::POLES, Material::Matte, [210, 170, 40]);
             builder.cuboid(button, [0.0, 0.11, 1.1], [0.06, 0.05, 0.1]);
+        }
+        builder.end_level(until_m);
+    }
+    // Heads are drawn at any distance, and so is what carries them: thicker than it is, as pixels miss what is much narrower than they.
+    for (radius, until_m) in [(0.14, 220.0), (0.24, f32::INFINITY)] {
+        post(&mut builder, steel(), [0.0, 0.0, -0.05], [0.0, 0.0, top], radius);
+        if arm_m > 0.0 {
+            post(&mut builder, steel(), [0.0, 0.0, top - 0.1], [0.0, -arm_m, top], 0.7 * radius);
         }
         builder.end_level(until_m);
     }
@@ -119,11 +131,19 @@ pub fn sign(kind: SignalKind) -> Mesh {
     let class = Class::TRAFFIC_SIGNS;
     let paint = |rgb| Surface::new(class, Material::Matte, rgb);
     let (red, white, black, grey) = (paint([190, 22, 26]), paint([240, 240, 236]), paint([24, 24, 24]), paint([130, 132, 134]));
-    for (n, until_m) in [(20usize, 30.0), (8, 180.0)] {
-        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), if n == 20 { 6 } else { 3 });
+    for (n, until_m) in [(20usize, 30.0), (8, 80.0), (6, 180.0)] {
+        if n == 20 {
+            tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), 6);
+        } else {
+            // From afar thicker than it is, so that the board stands on something; no part of it before the board.
+            let radius = if n == 8 { 0.055 } else { 0.11 };
+            let x = 0.03 - 0.9 * radius;
+            post(&mut builder, steel(), [x, 0.0, -0.05], [x, 0.0, 2.6], radius);
+        }
         let (sides, turn, radius) = match kind {
             SignalKind::Stop => (8, 0.5, 0.40),
-            SignalKind::Yield => (3, 0.75, 0.46),
+            // Its point is below.
+            SignalKind::Yield => (3, 0.25, 0.46),
             _ => (n, 0.0, 0.36),
         };
         let face = |r: f32, x: f32| -> Vec<[f32; 3]> {

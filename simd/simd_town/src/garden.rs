@@ -1,11 +1,12 @@
 //! Front gardens: hedges, fences and low walls between house and pavement, with a path to the door.
 
-use schema_types::Class;
+use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
 use crate::building::{Lot, box_solid};
 use crate::chunk::{Key, Layer};
+use crate::entrance;
 use crate::geometry::P2;
 use crate::object::MapLayer;
 use crate::open_drive::KERB_HEIGHT_M;
@@ -21,8 +22,8 @@ enum Edging {
     Wall,
 }
 
-/// Builds the front of one lot.
-pub fn build(b: &mut Builder<'_>, lot: &Lot, houses: Houses, random: &mut Random) {
+/// Builds the front of one lot, and the door of the house that stands on it.
+pub fn build(b: &mut Builder<'_>, lot: &Lot, house: ObjectId, houses: Houses, random: &mut Random) {
     let f = lot.footprint_m;
     let (along, out) = ((f[1] - f[0]).normalize(), (f[0] - f[3]).normalize());
     let deep = if houses == Houses::Farms { 4.9 } else { 2.6 };
@@ -46,6 +47,7 @@ pub fn build(b: &mut Builder<'_>, lot: &Lot, houses: Houses, random: &mut Random
     let corners = [corner(gate - 0.55, deep + 0.2), corner(gate + 0.55, deep + 0.2), corner(gate + 0.55, 0.0), corner(gate - 0.55, 0.0)];
     let corners = corners.map(|p| lift(p, b));
     b.chunks.sheet(Layer::Ground, 0..=1, slab, &corners);
+    entrance::build(&mut b.chunks, lot, gate, house);
 }
 
 /// One straight piece.
@@ -81,7 +83,7 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
         }
         Edging::Fence => {
             let wood = Surface::new(class, Material::Matte, [214, 208, 196]).of(object);
-            let n = (length / 0.22) as usize;
+            let n = (length / 0.27) as usize;
             for k in 0..n {
                 let s = (k as f64 + 0.5) * length / n as f64;
                 for flip in [false, true] {

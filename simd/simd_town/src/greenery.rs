@@ -4,7 +4,7 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
-use crate::leaves::{Clump, crown, far, foliage, near};
+use crate::leaves::{Clump, Cover, crown, foliage};
 use crate::random::Random;
 use crate::vehicle::loft::{spike, tube};
 
@@ -40,6 +40,8 @@ const SPECIES: [Species; N_KINDS] = [
 /// Number of kinds of trees.
 pub const N_KINDS: usize = 8;
 
+type V = nalgebra::Vector3<f32>;
+
 /// Stream of random numbers.
 const TREE: u64 = 0x7ee;
 
@@ -52,35 +54,27 @@ pub fn tree(kind: usize) -> Mesh {
     let bark = Surface::new(Class::VEGETATION, Material::Bark, species.bark);
     let (height, split) = (species.height_m, species.height_m * (species.bare_ratio + 0.05));
     let half_z = 0.5 * height * (1.0 - species.bare_ratio);
-    let middle = [0.0, 0.0, height - half_z];
-    // From afar three clumps and one make the same outline.
-    let rough = |a: f32, away: f32, up: f32, k: f32| Clump {
-        middle: [away * species.reach_m * a.cos(), away * species.reach_m * a.sin(), middle[2] + up * half_z],
-        half: [k * species.reach_m, k * species.reach_m, (0.42 + 0.2 * k) * half_z],
-    };
-    let three = [rough(0.3, 0.32, -0.26, 0.68), rough(2.5, 0.30, 0.02, 0.66), rough(4.5, 0.22, 0.40, 0.58)];
-    let whole = [rough(0.0, 0.0, -0.04, 0.9)];
-    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 600.0)] {
-        let n = [8, 5, 3, 3][level];
-        if level < 3 {
-            tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.018 * height), ([0.03, 0.03, split], 0.013 * height), n);
-        } else {
-            spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.022 * height), [0.03, 0.03, split + 0.5]);
-        }
-        if level < 2 {
-            tube(&mut builder, bark, ([0.03, 0.03, split], 0.013 * height), ([0.0, 0.0, split + 0.8 * half_z], 0.03), n.min(5));
-        }
+    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 540.0)] {
         match level {
-            0 => {
-                for clump in &clumps {
-                    tube(&mut builder, bark, ([0.03, 0.03, split - 0.15], 0.06), (clump.middle, 0.025), 3);
-                }
-                crown(&mut builder, &clumps, near(430), species.leaves, &mut random);
+            0 | 1 => {
+                let n = [8, 5][level];
+                tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.018 * height), ([0.03, 0.03, split], 0.013 * height), n);
             }
-            1 => crown(&mut builder, &three, far(76), species.leaves, &mut random),
-            2 => crown(&mut builder, &whole, far(15), species.leaves, &mut random),
-            _ => diamond(&mut builder, foliage(species.leaves, 0.9), middle, [species.reach_m * 0.98, half_z]),
+            _ => spike(&mut builder, bark, ([0.0, 0.0, -0.05], 0.022 * height), [0.03, 0.03, split + 0.5]),
         }
+        if level == 0 {
+            tube(&mut builder, bark, ([0.03, 0.03, split], 0.013 * height), ([0.0, 0.0, split + 0.8 * half_z], 0.03), 5);
+            for clump in &clumps {
+                tube(&mut builder, bark, ([0.03, 0.03, split - 0.15], 0.06), (clump.middle, 0.025), 3);
+            }
+        }
+        let cover = [
+            Cover { hull: (5, 8, true), inside: (0.92, 0.66), sprays: (384, 0.32 + 0.12 * species.reach_m) },
+            Cover { hull: (4, 7, true), inside: (1.0, 0.92), sprays: (45, 0.43 + 0.28 * species.reach_m) },
+            Cover { hull: (2, 5, true), inside: (1.08, 0.97), sprays: (9, 0.55 + 0.45 * species.reach_m) },
+            Cover { hull: (2, 3, false), inside: (1.18, 1.0), sprays: (0, 0.0) },
+        ][level];
+        crown(&mut builder, &clumps, cover, species.leaves, &mut random);
         builder.end_level(until_m);
     }
     builder.finish()
@@ -108,18 +102,6 @@ fn clumps(species: &Species, random: &mut Random) -> Vec<Clump> {
     all
 }
 
-/// An octahedron standing on its tip, [reach, half height], rounded by its normals.
-fn diamond(builder: &mut MeshBuilder, surface: Surface, centre: [f32; 3], [reach, half]: [f32; 2]) {
-    let at = |d: [f32; 3]| [centre[0] + reach * d[0], centre[1] + reach * d[1], centre[2] + half * d[2]];
-    let around = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]];
-    for k in 0..4 {
-        let (a, b) = (around[k], around[(k + 1) % 4]);
-        for directions in [[a, b, [0.0, 0.0, 1.0]], [b, a, [0.0, 0.0, -1.0]]] {
-            builder.polygon_with_normals(surface, &directions.map(at), &directions, &[[0.0; 2]; 3]);
-        }
-    }
-}
-
 /// Number of kinds of conifers.
 pub const N_CONIFERS: usize = 3;
 
@@ -134,7 +116,7 @@ pub fn conifer(kind: usize) -> Mesh {
     let (height, reach) = [(10.5f32, 2.3f32), (7.6, 1.8)][kind % N_CONIFERS];
     let bark = Surface::new(Class::VEGETATION, Material::Bark, [84, 66, 52]);
     let rgb = [[48, 76, 46], [58, 84, 50]][kind % N_CONIFERS];
-    for (n, n_tiers, until_m) in [(15, 8, 20.0), (9, 5, 55.0), (6, 2, 130.0), (4, 1, 600.0)] {
+    for (n, n_tiers, until_m) in [(15, 8, 20.0), (9, 5, 55.0), (6, 2, 130.0), (3, 1, 540.0)] {
         if n > 6 {
             tube(&mut builder, bark, ([0.0, 0.0, -0.05], 0.17), ([0.0, 0.0, 0.2 * height], 0.13), 6);
         } else {
@@ -162,10 +144,19 @@ fn branches(builder: &mut MeshBuilder, (rgb, k): ([u8; 3], f32), [low, top, radi
             [radius * r * a.cos(), radius * r * a.sin(), low + lift * (top - low) + random.between(-0.06, 0.06) as f32]
         })
         .collect();
+    // Lit as the cone that it is from afar, and a little as the ridges that it has.
+    let slope = radius / (top - low);
+    let round = |p: [f32; 3], face: V| {
+        let out = V::new(p[0], p[1], 0.0).try_normalize(1e-4).unwrap_or(V::new(face.x, face.y, 0.0));
+        let lit = (out + V::z() * slope).normalize() + 0.5 * face;
+        <[f32; 3]>::from(lit.normalize())
+    };
     for i in 0..2 * n {
         let (a, b) = (rim[i], rim[(i + 1) % (2 * n)]);
-        let light = if i.is_multiple_of(2) { 1.0 } else { 0.86 } * random.between(0.9, 1.1) as f32;
-        builder.triangle(foliage(rgb, k * light), [a, b, [0.0, 0.0, top]]);
+        let light = if i.is_multiple_of(2) { 1.0 } else { 0.95 } * random.between(0.94, 1.06) as f32;
+        let corners = [a, b, [0.0, 0.0, top]];
+        let face = (V::from(b) - V::from(a)).cross(&(V::from(corners[2]) - V::from(a))).normalize();
+        builder.polygon_with_normals(foliage(rgb, k * light), &corners, &corners.map(|p| round(p, face)), &[[0.0; 2]; 3]);
         if n > 6 {
             builder.triangle(foliage(rgb, 0.55 * k), [b, a, [0.0, 0.0, low + 0.3 * (top - low)]]);
         }
@@ -189,25 +180,31 @@ fn pine(builder: &mut MeshBuilder) {
         clump(3.4, 0.5, 8.8, [1.1, 0.6]),
     ];
     let whole = [clump(0.0, 0.1, 7.3, [1.8, 2.0])];
-    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 600.0)] {
-        let n = [7, 5, 3, 3][level];
+    for (level, until_m) in [(0, 14.0), (1, 38.0), (2, 105.0), (3, 540.0)] {
         if level < 2 {
-            tube(builder, bark, ([0.0, 0.0, -0.05], 0.19), ([0.15, 0.1, 5.0], 0.13), n);
-            tube(builder, bark, ([0.15, 0.1, 5.0], 0.13), ([0.0, 0.0, 8.6], 0.05), n);
+            tube(builder, bark, ([0.0, 0.0, -0.05], 0.19), ([0.15, 0.1, 5.0], 0.13), [7, 5][level]);
+            tube(builder, bark, ([0.15, 0.1, 5.0], 0.13), ([0.0, 0.0, 8.6], 0.05), 5);
         } else {
-            spike(builder, bark, ([0.0, 0.0, -0.05], 0.22), [0.1, 0.08, 7.5]);
+            spike(builder, bark, ([0.0, 0.0, -0.05], 0.21), [0.1, 0.05, 6.6]);
         }
-        match level {
-            0 => {
-                for clump in &clumps {
-                    tube(builder, bark, ([0.1, 0.05, clump.middle[2] - 0.7], 0.06), (clump.middle, 0.03), 3);
-                }
-                crown(builder, &clumps, near(380), rgb, &mut random);
+        let cover = [
+            Cover { hull: (3, 6, true), inside: (0.92, 0.68), sprays: (50, 0.55) },
+            Cover { hull: (2, 4, true), inside: (1.05, 0.92), sprays: (8, 0.8) },
+            Cover { hull: (2, 5, true), inside: (1.02, 0.97), sprays: (10, 1.3) },
+            Cover { hull: (2, 3, false), inside: (1.15, 1.0), sprays: (0, 0.0) },
+        ][level];
+        if level == 0 {
+            for clump in &clumps {
+                tube(builder, bark, ([0.1, 0.05, clump.middle[2] - 0.7], 0.06), (clump.middle, 0.03), 3);
             }
-            1 => crown(builder, &clumps[1..4], far(66), rgb, &mut random),
-            2 => crown(builder, &whole, far(15), rgb, &mut random),
-            _ => diamond(builder, foliage(rgb, 0.85), [0.0, 0.0, 7.2], [1.9, 2.1]),
         }
+        // Its clouds hang apart.
+        let groups: Vec<&[Clump]> = match level {
+            0 => clumps.chunks(1).collect(),
+            1 => clumps[..4].chunks(1).collect(),
+            _ => vec![&whole],
+        };
+        groups.into_iter().for_each(|group| crown(builder, group, cover, rgb, &mut random));
         builder.end_level(until_m);
     }
 }
@@ -264,11 +261,14 @@ pub fn bush() -> Mesh {
     let mut random = Random::new(TREE, 300, 0);
     let mut builder = MeshBuilder::new("bush");
     let clumps = [Clump { middle: [0.0, 0.0, 0.42], half: [0.55, 0.55, 0.48] }];
-    for (cover, until_m) in [(near(60), 20.0), (far(9), 60.0)] {
+    let covers = [
+        (Cover { hull: (2, 6, true), inside: (0.92, 0.7), sprays: (44, 0.34) }, 20.0),
+        (Cover { hull: (2, 4, true), inside: (1.05, 0.95), sprays: (3, 0.5) }, 60.0),
+        (Cover { hull: (2, 3, false), inside: (1.15, 1.0), sprays: (0, 0.0) }, 160.0),
+    ];
+    for (cover, until_m) in covers {
         crown(&mut builder, &clumps, cover, [74, 106, 48], &mut random);
         builder.end_level(until_m);
     }
-    diamond(&mut builder, foliage([74, 106, 48], 0.9), [0.0, 0.0, 0.42], [0.58, 0.5]);
-    builder.end_level(160.0);
     builder.finish()
 }

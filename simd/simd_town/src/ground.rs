@@ -255,7 +255,7 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
     let n = ring.kerb_m.len();
     let pavement = (slabs, stone);
-    let grass = Surface::new(Class::TERRAIN, Material::Grass, [98, 120, 66]).of(object);
+    let grass = Surface::new(Class::TERRAIN, Material::Grass, [95, 111, 66]).of(object);
     for i in (0..n).filter(|&i| !ring.seam[i]) {
         let (slabs, stone) = if ring.verge[i] && ring.verge[(i + 1) % n] { (grass, grass) } else { pavement };
         let k = (i + 1) % n;
@@ -290,7 +290,7 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
 /// Yard, lawn or open country behind the pavements, with its ponds.
 pub fn block(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
     let surface = if green {
-        Surface::new(Class::TERRAIN, Material::Grass, if ring.outside { [104, 126, 70] } else { [96, 124, 62] })
+        Surface::new(Class::TERRAIN, Material::Grass, if ring.outside { [100, 114, 70] } else { [92, 113, 63] })
     } else {
         Surface::new(Class::GROUND, Material::Concrete, [128, 124, 116])
     };

@@ -17,6 +17,7 @@ mod carriageway;
 mod chunk;
 mod drive;
 mod elevation;
+mod entrance;
 mod fill;
 mod forest;
 mod furniture;
@@ -47,6 +48,7 @@ mod sketch;
 mod spawn;
 mod town;
 pub mod vehicle;
+mod wear;
 
 pub use object::{LampGroup, MapLayer, SceneryLamp, SceneryObject};
 pub use person::{PersonMeshes, PersonShape, person_meshes};

@@ -5,9 +5,9 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::chunk::{Chunks, Key, Layer};
-use crate::furniture::far_lamp;
+use crate::furniture::far_lamps;
 use crate::geometry::{P2, left, unit};
-use crate::vehicle::loft::{ellipsoid, spike, tube};
+use crate::vehicle::loft::{ellipsoid, tube};
 
 fn iron() -> Surface {
     Surface::new(Class::POLES, Material::Metal, [44, 48, 50])
@@ -27,10 +27,7 @@ pub fn lantern() -> Mesh {
         }
         builder.end_level(until_m);
     }
-    spike(&mut builder, iron(), ([0.0, 0.0, -0.05], 0.075), [0.0, 0.0, 4.4]);
-    tube(&mut builder, glow, ([0.0, 0.0, 4.05], 0.13), ([0.0, 0.0, 4.45], 0.2), 3);
-    spike(&mut builder, iron(), ([0.0, 0.0, 4.45], 0.26), [0.0, 0.0, 4.68]);
-    builder.end_level(300.0);
+    far_lamps(&mut builder, (iron(), glow), [0.0, 0.0, 4.05], [0.0, 0.0, 4.6], [190.0, 300.0]);
     builder.finish()
 }
 
@@ -40,14 +37,14 @@ pub fn mast() -> Mesh {
     let steel = Surface::new(Class::POLES, Material::Metal, [128, 132, 136]);
     let glow = Surface::lamp(Class::POLES, [255, 232, 196], 0);
     for (n, until_m) in [(8, 40.0), (4, 140.0)] {
-        tube(&mut builder, steel, ([0.0, 0.0, -0.05], 0.13), ([0.0, 0.0, 11.0], 0.07), n);
-        tube(&mut builder, steel, ([0.0, 0.0, 10.9], 0.055), ([1.9, 0.0, 11.3], 0.045), n);
+        let thin = if n == 8 { 0.07 } else { 0.10 };
+        tube(&mut builder, steel, ([0.0, 0.0, -0.05], 0.13), ([0.0, 0.0, 11.0], thin), n);
+        tube(&mut builder, steel, ([0.0, 0.0, 10.9], 0.8 * thin), ([1.9, 0.0, 11.3], 0.7 * thin), n);
         builder.cuboid(steel, [2.2, 0.0, 11.32], [0.42, 0.16, 0.06]);
         builder.cuboid(glow, [2.2, 0.0, 11.25], [0.36, 0.13, 0.02]);
         builder.end_level(until_m);
     }
-    far_lamp(&mut builder, (steel, glow), ([0.13, 11.2, 2.0], [2.2, 11.28]), [0.4, 0.15, 0.05]);
-    builder.end_level(420.0);
+    far_lamps(&mut builder, (steel, glow), [0.0, 0.0, 11.1], [2.6, 0.0, 11.3], [260.0, 420.0]);
     builder.finish()
 }
 

@@ -17,7 +17,7 @@ use crate::plan::{Houses, Plan};
 use crate::random::Random;
 use crate::ring::{Ring, contains, rings};
 use crate::town::{CollisionMesh, LightSite};
-use crate::{barrier, bridge, building, forest, furniture, gantry, garden, ground};
+use crate::{barrier, bridge, building, forest, furniture, gantry, garden, ground, wear};
 
 /// What [`build`] makes.
 pub struct Scenery {
@@ -149,6 +149,7 @@ impl Builder<'_> {
         for road in &network.roads {
             let object = self.object(Class::ROADS, "street");
             ground::road(&mut self.chunks, &mut self.floor, network, road, object);
+            wear::road(&mut self.chunks, self.seed, road);
         }
         for road in &network.roads {
             if road.bridge.is_some() {
@@ -213,16 +214,18 @@ impl Builder<'_> {
             let f = &lot.footprint_m;
             (0..4).all(|i| self.is_free(f[i], 3.0) && self.is_free(0.5 * (f[i] + f[(i + 1) % 4]), 3.0))
         });
+        let mut built = Vec::new();
         for lot in &lots {
             let object = self.object_in(Some(MapLayer::Buildings), Class::BUILDINGS, "building");
             let height_m = building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
             let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
             let ground_m = self.chunks.terrain.at(middle);
             self.lamps.push(SceneryLamp::windows(object, [middle.x, middle.y, ground_m + 0.5 * height_m]));
+            built.push(object);
         }
         if matches!(houses, Houses::Cottages | Houses::Farms) {
-            for lot in &lots {
-                garden::build(self, lot, houses, &mut random);
+            for (lot, house) in lots.iter().zip(built) {
+                garden::build(self, lot, house, houses, &mut random);
             }
             let front_m = if houses == Houses::Farms { 5.4 } else { 3.1 };
             let drives = self.drives(kit, ring, idx, &lots, front_m);

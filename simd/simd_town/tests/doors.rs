@@ -10,6 +10,7 @@ fn shapes() -> Vec<VehicleShape> {
         shape(BodyStyle::Hatch, [2.276, 1.049, 0.884], 0.31, 2.5),
         shape(BodyStyle::Suv, [2.783, 1.075, 1.023], 0.4, 3.07),
         shape(BodyStyle::Van, [2.958, 0.994, 1.280], 0.35, 3.66),
+        shape(BodyStyle::Microbus, [2.221, 0.939, 0.994], 0.33, 2.4),
     ]
 }
 

@@ -55,7 +55,8 @@ impl Doors {
 impl VehicleModel {
     /// Whether its doors open: cars and vans of the second generation, as in CARLA.
     pub fn has_dynamic_doors(&self) -> bool {
-        self.generation == 2 && matches!(self.style, BodyStyle::Saloon | BodyStyle::Hatch | BodyStyle::Suv | BodyStyle::Van)
+        use BodyStyle::{Hatch, Microbus, Saloon, Suv, Van};
+        self.generation == 2 && matches!(self.style, Saloon | Hatch | Suv | Van | Microbus)
     }
 }
 

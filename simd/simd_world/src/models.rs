@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn every_style_is_there() {
         use BodyStyle::*;
-        for style in [Saloon, Hatch, Suv, Van, Wedge, Bus, Lorry, Motorcycle, Bicycle] {
+        for style in [Saloon, Hatch, Suv, Van, Microbus, Wedge, Bus, Lorry, Motorcycle, Bicycle] {
             assert!(MODELS.iter().any(|model| model.style == style), "{style:?}");
         }
     }

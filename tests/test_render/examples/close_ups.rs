@@ -6,7 +6,7 @@ use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::document::PoseText;
-use schema_frames::{Command, CommandReply, Modality};
+use schema_frames::{Command, CommandReply, Modality, WalkerControl};
 use schema_types::{ActorId, Pose};
 use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
 use sensor_gpu::{Gpu, GpuOptions};
@@ -118,11 +118,18 @@ impl Studio {
 
     fn walkers(&mut self) -> Result<Picture, String> {
         let mut tiles = Vec::new();
-        for number in WALKERS {
-            let walker = self.spawn(&format!("walker.pedestrian.{number:04}"), 1.0, 3)?;
-            let tall_m = 2.0 * f64::from(self.stage.world().record(walker).ok_or("it is gone")?.half_box_m[2]);
-            tiles.push(self.shoot(walker, [2.3, 1.1, 0.25 * tall_m], [0.0, 0.0, 0.0], 58.0)?);
-            self.destroy(walker)?;
+        let ahead: [f32; 3] = (self.stage.places[SPOT].rotation * Vector3::x()).cast::<f32>().into();
+        for (numbers, speed_mps) in [(&WALKERS[..6], 0.0), (&WALKERS[6..], 0.0), (&WALKERS[..6], 1.4), (&WALKERS[6..], 1.4)] {
+            for (i, number) in numbers.iter().enumerate() {
+                let walker = self.spawn(&format!("walker.pedestrian.{number:04}"), 1.0, 20)?;
+                let control = WalkerControl { direction: ahead, speed_mps, jump: false };
+                self.stage.apply(&Command::ControlWalker { actor_id: walker.0, control })?;
+                // Each in another phase of its gait.
+                (0..20 + 2 * i).for_each(|_| self.stage.step());
+                let tall_m = 2.0 * f64::from(self.stage.world().record(walker).ok_or("it is gone")?.half_box_m[2]);
+                tiles.push(self.shoot(walker, [2.3, 1.1, 0.25 * tall_m], [0.0, 0.0, 0.0], 52.0)?);
+                self.destroy(walker)?;
+            }
         }
         Ok(Picture::sheet(&tiles, 6))
     }

@@ -7,11 +7,13 @@ override WITH_LAMPS: bool = true;
 override WITH_FOG: bool = true;
 override WITH_WET: bool = true;
 
-fn shadow_at(point_in_camera: vec3<f32>, facing: f32) -> f32 {
+// through: of the surface. Leaves cast no hard shadows on their neighbours.
+fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     let at = transform(views[which].shadow_from_camera, point_in_camera);
     let edge = max(abs(at.x - 0.5), abs(at.y - 0.5));
     // Slope-scaled: a texel seen at a grazing angle spans a range of depths.
-    let biased = at.z - views[which].options.w * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let slack = 0.6 + 3.0 * (1.0 - abs(facing)) + 16.0 * through;
+    let biased = at.z - views[which].options.w * slack;
     let near = near_shadow(at.xy, biased);
     // How much the near map says; beyond it the far map, beyond that no shadow.
     let inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, edge));
@@ -20,7 +22,7 @@ fn shadow_at(point_in_camera: vec3<f32>, facing: f32) -> f32 {
     }
     let far_at = transform(views[which].far_shadow_from_camera, point_in_camera);
     let far_edge = max(abs(far_at.x - 0.5), abs(far_at.y - 0.5));
-    let far_biased = far_at.z - bitcast<f32>(views[which].lamps.z) * (0.6 + 3.0 * (1.0 - abs(facing)));
+    let far_biased = far_at.z - bitcast<f32>(views[which].lamps.z) * slack;
     let far = far_shadow(far_at.xy, far_biased);
     let far_inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, far_edge));
     return mix(mix(1.0, far, far_inside), near, inside);
@@ -53,7 +55,7 @@ fn shade(point: Point) -> vec3<f32> {
     let sun = light.sun_towards.xyz;
     let facing = dot(normal, sun);
     let direct = max(facing, 0.0) * (1.0 - finish.through) + finish.through * (0.35 + 0.65 * abs(facing));
-    let lit = shadow_at(point.in_camera, facing);
+    let lit = shadow_at(point.in_camera, facing, finish.through);
     let sky = light.ambient_rgb.rgb + normal.x * light.ambient_slope_rgb[0].rgb + normal.y * light.ambient_slope_rgb[1].rgb
         + normal.z * light.ambient_slope_rgb[2].rgb;
     var falling = light.sun_rgb.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;

@@ -65,6 +65,8 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     let joint_m = 0.5 - abs(fract(world_m.xy) - 0.5);
     let joint = clamp((0.012 - min(joint_m.x, joint_m.y)) / (0.6 * pixel_m + 0.004) + 0.5, 0.0, 1.0) * clamp(0.1 / pixel_m - 0.5, 0.0, 1.0);
     albedo *= 1.0 - select(0.0, 0.35 * joint, material == MATERIAL_CONCRETE && ground);
+    // Leaves that look aside or down lie in the shade of others.
+    albedo *= 1.0 - 0.9 * gloss.z * (1.0 - normal.z);
 
     // Walls: windows with their own glass, blind and lamp.
     let wall = wall_seen(albedo, uv_m, labels, pixel_m, ground);

@@ -39,10 +39,10 @@ pub fn torso(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
             [at(0.34), 0.002, 0.056 + belly, waist],
             [at(0.56), 0.004, 0.062 + 0.5 * belly, waist + 0.012],
             [at(0.74), if female { 0.012 } else { 0.004 }, chest - 0.002, 0.5 * (waist + broad) + 0.010],
-            [at(0.90), 0.0, 0.062, broad],
-            [at(1.00), -0.004, 0.052, broad - 0.008],
-            [at(1.00) + 0.018, -0.006, 0.042, 0.074],
-            [at(1.00) + 0.034, -0.006, 0.034, 0.042],
+            [at(0.90), 0.0, 0.062, broad + 0.004],
+            [at(1.00) - 0.012, -0.004, 0.053, broad],
+            [at(1.00) + 0.006, -0.006, 0.044, 0.086],
+            [at(1.00) + 0.026, -0.006, 0.036, 0.050],
             [neck - hip + 0.012, -0.004, 0.031, 0.032],
         ],
     );
@@ -59,9 +59,9 @@ pub fn torso(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
         stack(builder, &kept.map(|i| body[i]), n + 2, |i| band(kept[i]));
     }
     if shape.look.skirt {
-        let (hem, belt) = (-0.225, at(0.20));
-        let cone =
-            rings(shape, [[hem, 0.0, 0.094, 0.128], [0.5 * hem, 0.0, 0.088, 0.118], [0.0, 0.0, 0.078, 0.110], [belt, 0.0, 0.068, 0.092]]);
+        // Its upper part; what hangs about the legs goes with the thighs.
+        let (hem, belt) = (-0.165, at(0.20));
+        let cone = rings(shape, [[hem, 0.0, 0.084, 0.120], [0.0, 0.0, 0.076, 0.110], [belt, 0.0, 0.066 + belly, 0.090]]);
         stack(builder, &cone, n, |_| bottom);
     }
     if female && n >= FINE {
@@ -179,10 +179,10 @@ pub fn upper_arm(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
             [length - 0.012, 0.0, 0.012, 0.012],
             [length, 0.0, 0.020, 0.019],
             [0.5 * length, 0.002, 0.024, 0.022],
-            [-0.03, 0.0, 0.028, 0.025],
-            [-0.008, -0.001, 0.028, 0.025],
-            [0.010, -0.003, 0.022, 0.019],
-            [0.020, -0.004, 0.008, 0.008],
+            [-0.04, 0.0, 0.028, 0.025],
+            [-0.022, -0.001, 0.029, 0.0245],
+            [-0.006, -0.002, 0.025, 0.020],
+            [0.003, -0.003, 0.015, 0.011],
         ],
     );
     let (top, skin) = (shape.surface(shape.look.top_rgb), shape.surface(shape.look.skin_rgb));
@@ -242,7 +242,17 @@ pub fn thigh(builder: &mut MeshBuilder, shape: &PersonShape, n: usize) {
         ],
     );
     let cloth = shape.surface(if shape.look.skirt { shape.look.skin_rgb } else { shape.look.bottom_rgb });
-    if n >= FINE { stack(builder, &leg, n, |_| cloth) } else { stack(builder, &[leg[1], leg[3], leg[4]], n, |_| cloth) }
+    if n >= FINE {
+        stack(builder, &leg, n, |_| cloth)
+    } else {
+        stack(builder, &[leg[1], leg[3], leg[4]], n, |_| cloth)
+    }
+    if shape.look.skirt {
+        // Half a skirt about each leg, so wide that both are one while it stands, and that no leg comes through while it walks.
+        let hem = 0.92 * length;
+        let half = rings(shape, [[hem, 0.0, 0.070, 0.074], [0.55 * length, 0.0, 0.066, 0.068], [-0.03, 0.0, 0.058, 0.058]]);
+        stack(builder, &half, n, |_| shape.surface(shape.look.bottom_rgb));
+    }
 }
 
 /// Knee to ankle.

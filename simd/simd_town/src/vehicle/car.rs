@@ -1,134 +1,13 @@
-//! Saloon, hatchback, SUV and van: one loft, four tables.
+//! Saloon, hatchback, SUV, van, microbus, wedge: one loft; `tables` has one for each.
 
 use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
 use super::loft::{Section, loft_with_holes};
-use super::{BodyStyle, Frame, outfit};
-
-/// What the skin is from one station to the next.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Part {
-    /// Painted all round.
-    Panel,
-    /// Side windows under a painted roof.
-    Cabin,
-    /// Windscreen or rear window.
-    Screen,
-    /// Painted pillar between side windows.
-    Pillar,
-    /// Gap of a door: a dark line on the side.
-    Gap,
-}
-use Part::{Cabin, Gap, Panel, Pillar, Screen};
-
-/// (place from the front 0…1, belt line, roof line, width, roof width, part behind it); heights and widths are shares of the box.
-pub(super) type Station = (f32, f32, f32, f32, f32, Part);
-
-const SALOON: &[Station] = &[
-    (0.000, 0.40, 0.43, 0.74, 0.90, Panel),
-    (0.012, 0.435, 0.47, 0.87, 0.90, Panel),
-    (0.050, 0.475, 0.515, 0.955, 0.90, Panel),
-    (0.150, 0.530, 0.580, 1.000, 0.90, Panel),
-    (0.270, 0.585, 0.640, 1.000, 0.88, Screen),
-    (0.345, 0.600, 0.820, 1.000, 0.82, Screen),
-    (0.420, 0.612, 0.955, 1.000, 0.77, Cabin),
-    (0.520, 0.622, 0.998, 1.000, 0.76, Pillar),
-    (0.545, 0.625, 1.000, 1.000, 0.76, Gap),
-    (0.549, 0.625, 1.000, 1.000, 0.76, Cabin),
-    (0.660, 0.637, 0.985, 1.000, 0.76, Cabin),
-    (0.715, 0.645, 0.955, 1.000, 0.76, Screen),
-    (0.800, 0.655, 0.800, 1.000, 0.81, Screen),
-    (0.865, 0.660, 0.705, 0.995, 0.88, Panel),
-    (0.960, 0.655, 0.695, 0.965, 0.90, Panel),
-    (0.990, 0.620, 0.655, 0.900, 0.90, Panel),
-    (1.000, 0.560, 0.590, 0.790, 0.90, Panel),
-];
-
-const HATCH: &[Station] = &[
-    (0.000, 0.38, 0.41, 0.76, 0.90, Panel),
-    (0.014, 0.43, 0.47, 0.88, 0.90, Panel),
-    (0.055, 0.48, 0.525, 0.96, 0.90, Panel),
-    (0.140, 0.535, 0.590, 1.000, 0.90, Panel),
-    (0.235, 0.575, 0.640, 1.000, 0.88, Screen),
-    (0.325, 0.590, 0.830, 1.000, 0.83, Screen),
-    (0.405, 0.600, 0.955, 1.000, 0.79, Cabin),
-    (0.530, 0.610, 0.998, 1.000, 0.78, Pillar),
-    (0.560, 0.612, 1.000, 1.000, 0.78, Gap),
-    (0.565, 0.612, 1.000, 1.000, 0.78, Cabin),
-    (0.720, 0.630, 0.990, 1.000, 0.78, Cabin),
-    (0.800, 0.640, 0.970, 1.000, 0.78, Pillar),
-    (0.880, 0.655, 0.930, 0.985, 0.77, Screen),
-    (0.960, 0.660, 0.720, 0.960, 0.85, Panel),
-    (0.988, 0.600, 0.640, 0.910, 0.90, Panel),
-    (1.000, 0.520, 0.560, 0.810, 0.90, Panel),
-];
-
-const SUV: &[Station] = &[
-    (0.000, 0.44, 0.47, 0.78, 0.90, Panel),
-    (0.012, 0.485, 0.525, 0.90, 0.90, Panel),
-    (0.050, 0.525, 0.575, 0.965, 0.90, Panel),
-    (0.140, 0.560, 0.615, 1.000, 0.90, Panel),
-    (0.255, 0.590, 0.655, 1.000, 0.89, Screen),
-    (0.320, 0.600, 0.820, 1.000, 0.84, Screen),
-    (0.385, 0.608, 0.950, 1.000, 0.80, Cabin),
-    (0.510, 0.616, 0.992, 1.000, 0.79, Pillar),
-    (0.535, 0.618, 0.995, 1.000, 0.79, Gap),
-    (0.539, 0.618, 0.995, 1.000, 0.79, Cabin),
-    (0.700, 0.628, 1.000, 1.000, 0.79, Pillar),
-    (0.730, 0.630, 1.000, 1.000, 0.79, Cabin),
-    (0.860, 0.640, 0.985, 0.995, 0.79, Pillar),
-    (0.925, 0.650, 0.955, 0.985, 0.79, Screen),
-    (0.972, 0.655, 0.700, 0.965, 0.86, Panel),
-    (0.990, 0.600, 0.640, 0.920, 0.90, Panel),
-    (1.000, 0.480, 0.520, 0.830, 0.90, Panel),
-];
-
-const VAN: &[Station] = &[
-    (0.000, 0.34, 0.37, 0.82, 0.90, Panel),
-    (0.012, 0.385, 0.42, 0.92, 0.90, Panel),
-    (0.045, 0.42, 0.46, 0.97, 0.90, Panel),
-    (0.130, 0.465, 0.515, 1.000, 0.90, Screen),
-    (0.190, 0.490, 0.720, 1.000, 0.88, Screen),
-    (0.255, 0.500, 0.930, 1.000, 0.86, Cabin),
-    (0.340, 0.505, 0.985, 1.000, 0.86, Pillar),
-    (0.375, 0.505, 0.992, 1.000, 0.86, Gap),
-    (0.379, 0.505, 0.992, 1.000, 0.86, Panel),
-    (0.560, 0.505, 1.000, 1.000, 0.86, Gap),
-    (0.564, 0.505, 1.000, 1.000, 0.86, Panel),
-    (0.930, 0.505, 1.000, 1.000, 0.86, Panel),
-    (0.985, 0.505, 0.990, 0.985, 0.86, Panel),
-    (1.000, 0.500, 0.970, 0.960, 0.85, Panel),
-];
-
-const WEDGE: &[Station] = &[
-    (0.000, 0.47, 0.50, 0.84, 0.92, Panel),
-    (0.012, 0.51, 0.54, 0.93, 0.92, Panel),
-    (0.050, 0.535, 0.565, 0.970, 0.92, Panel),
-    (0.170, 0.575, 0.655, 1.000, 0.91, Screen),
-    (0.300, 0.598, 0.837, 1.000, 0.84, Screen),
-    (0.345, 0.606, 0.900, 1.000, 0.81, Cabin),
-    (0.417, 0.614, 1.000, 1.000, 0.76, Cabin),
-    (0.500, 0.620, 0.952, 1.000, 0.77, Pillar),
-    (0.525, 0.622, 0.938, 1.000, 0.775, Gap),
-    (0.529, 0.622, 0.936, 1.000, 0.775, Cabin),
-    (0.640, 0.632, 0.873, 1.000, 0.80, Panel),
-    (0.800, 0.645, 0.781, 1.000, 0.86, Panel),
-    (0.960, 0.655, 0.700, 0.990, 0.91, Panel),
-    (0.990, 0.620, 0.660, 0.960, 0.91, Panel),
-    (1.000, 0.540, 0.580, 0.880, 0.91, Panel),
-];
-
-pub(super) fn table(style: BodyStyle) -> &'static [Station] {
-    match style {
-        BodyStyle::Saloon => SALOON,
-        BodyStyle::Suv => SUV,
-        BodyStyle::Van => VAN,
-        BodyStyle::Wedge => WEDGE,
-        _ => HATCH,
-    }
-}
+use super::tables::Part::{self, Cabin, Gap, Pillar, Screen};
+use super::tables::{Station, table};
+use super::{BodyStyle, Frame, microbus, outfit};
 
 /// What a strip of the finest level is made of.
 pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) -> Surface {
@@ -142,8 +21,10 @@ pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) ->
         (1, _) => frame.trim(),
         (2..=4, Gap) => frame.dark(),
         (5, Cabin | Screen | Gap) => frame.glass(),
+        (5, Pillar) if style == BodyStyle::Microbus => microbus::upper(frame),
         (5, Pillar) if style != BodyStyle::Van => frame.dark(),
         (7, Screen) => frame.glass(),
+        (6 | 7, Cabin | Screen | Pillar | Gap) if style == BodyStyle::Microbus => microbus::upper(frame),
         _ => frame.paint(),
     }
 }
@@ -159,9 +40,8 @@ pub(super) fn open_body(builder: &mut MeshBuilder, frame: &Frame, style: BodySty
         (!is_door).then(|| skin(frame, style, stations[segment].5, strip))
     };
     loft_with_holes(builder, &sections, surface, [frame.paint(); 2]);
-    front(builder, frame, table, 0);
-    rear(builder, frame, table, style, 0);
-    mirrors(builder, frame, table);
+    ends(builder, frame, style, 0);
+    mirrors(builder, frame, style);
     outfit::on_car(builder, frame, style, 0);
 }
 
@@ -183,10 +63,9 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
         (detail < 3 || strip > 0).then(|| skin(frame, style, part, strip))
     };
     loft_with_holes(builder, &sections, surface, [paint, paint]);
-    front(builder, frame, table, detail);
-    rear(builder, frame, table, style, detail);
+    ends(builder, frame, style, detail);
     if detail < 2 {
-        mirrors(builder, frame, table);
+        mirrors(builder, frame, style);
     }
     outfit::on_car(builder, frame, style, detail);
 }
@@ -256,6 +135,17 @@ pub(super) fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, 
         _ => [0, 1, 5, 6, 8].map(|i| fine[i]).to_vec(),
     };
     Section { x_m: frame.x(u), ring_m }
+}
+
+/// Lamps, plates, bumpers.
+fn ends(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
+    if style == BodyStyle::Microbus {
+        microbus::ends(builder, frame, detail);
+        return;
+    }
+    let table = table(style);
+    front(builder, frame, table, detail);
+    rear(builder, frame, table, style, detail);
 }
 
 fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: usize) {
@@ -329,7 +219,13 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: Body
 
 /// A lamp that stands out of the skin a little. From farther away only what shows: its front, and up to the third level its outer side.
 /// `towards` are the signs of x and y in which it looks.
-fn lamp_block(builder: &mut MeshBuilder, surface: Surface, (centre_m, half_m): ([f32; 3], [f32; 3]), towards: [f32; 2], detail: usize) {
+pub(super) fn lamp_block(
+    builder: &mut MeshBuilder,
+    surface: Surface,
+    (centre_m, half_m): ([f32; 3], [f32; 3]),
+    towards: [f32; 2],
+    detail: usize,
+) {
     if detail == 0 {
         builder.cuboid(surface, centre_m, half_m);
         return;
@@ -350,10 +246,14 @@ pub fn plate(builder: &mut MeshBuilder, frame: &Frame, centre_m: [f32; 3]) {
     builder.cuboid(Surface::new(frame.class, Material::Matte, [236, 236, 230]), centre_m, [0.006, 0.26, 0.055]);
 }
 
-fn mirrors(builder: &mut MeshBuilder, frame: &Frame, table: &[Station]) {
-    let belt = interpolate(table, 0.34).1 * frame.height();
+fn mirrors(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle) {
+    let belt = interpolate(table(style), 0.34).1 * frame.height();
     let (outer, inner) = (frame.half[1], frame.body_half_m * 0.97);
-    let x = frame.x(if table.len() == VAN.len() { 0.20 } else { 0.325 });
+    let x = frame.x(match style {
+        BodyStyle::Van => 0.20,
+        BodyStyle::Microbus => 0.105,
+        _ => 0.325,
+    });
     for side in [1.0f32, -1.0] {
         builder.cuboid(frame.dark(), [x, side * 0.5 * (outer + inner - 0.05), belt + 0.035], [0.025, 0.5 * (outer - inner), 0.018]);
         let half_y = 0.5 * (outer - inner + 0.03).min(0.2);

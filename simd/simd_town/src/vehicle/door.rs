@@ -6,9 +6,10 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
-use super::car::{self, Station, interpolate, section};
+use super::car::{self, interpolate, section};
 use super::loft::{Section, end_cap};
 use super::outfit::Outfit;
+use super::tables::{Station, table};
 use super::{BodyStyle, Frame, VehicleShape};
 
 /// Thickness of a door and of the lining of the body, metres.
@@ -78,6 +79,7 @@ pub(super) fn spans(style: BodyStyle) -> Option<[[f32; 2]; 2]> {
         BodyStyle::Hatch => Some([[0.335, 0.560], [0.565, 0.720]]),
         BodyStyle::Suv => Some([[0.330, 0.535], [0.539, 0.700]]),
         BodyStyle::Van => Some([[0.200, 0.375], [0.379, 0.560]]),
+        BodyStyle::Microbus => Some([[0.135, 0.330], [0.334, 0.530]]),
         _ => None,
     }
 }
@@ -91,7 +93,7 @@ pub fn door_meshes(shape: &VehicleShape) -> Option<DoorMeshes> {
 pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<DoorMeshes> {
     let spans = spans(shape.style)?;
     let frame = Frame::new(shape, outfit);
-    let table = car::table(shape.style);
+    let table = table(shape.style);
     let mut builder = MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
     car::open_body(&mut builder, &frame, shape.style, spans);
     interior(&mut builder, &frame, table, spans);
@@ -101,7 +103,7 @@ pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<Doo
     let mut doors = Vec::new();
     for (row, span) in spans.into_iter().enumerate() {
         for left in [true, false] {
-            doors.push(door(&frame, shape.style, span, row == 1 && shape.style == BodyStyle::Van, left));
+            doors.push(door(&frame, shape.style, span, row == 1 && matches!(shape.style, BodyStyle::Van | BodyStyle::Microbus), left));
         }
     }
     Some(DoorMeshes { body: builder.finish(), doors })
@@ -182,7 +184,7 @@ impl Slab<'_> {
 }
 
 fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: bool) -> Door {
-    let stations = stations_between(frame, car::table(style), span);
+    let stations = stations_between(frame, table(style), span);
     let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
     let side = if left { 1.0f32 } else { -1.0 };
     let hinge = [sections[0].x_m, side * (sections[0].ring_m[4][0] - 0.5 * THICKNESS_M), 0.0];
@@ -250,7 +252,13 @@ fn seats(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f
         let x = frame.x(u);
         for side in [1.0f32, -1.0] {
             let y = side * 0.42 * frame.body_half_m;
-            let cushion_z = frame.sill_m + 0.24 * room_m;
+            // Over a wheel it stands on the arch.
+            let over_wheel = [0.5, -0.5].iter().any(|share| {
+                let axle = share * frame.wheelbase_m;
+                x - 0.10 < axle + frame.arch_radius_m() && x + 0.46 > axle - frame.arch_radius_m()
+            });
+            let arch_m = if over_wheel { frame.wheel_radius_m + frame.arch_radius_m() + 0.04 + 0.07 * room_m } else { 0.0 };
+            let cushion_z = (frame.sill_m + 0.24 * room_m).max(arch_m);
             builder.cuboid(cloth, [x + 0.22, y, cushion_z], [0.24, half_y, 0.07 * room_m]);
             builder.cuboid(cloth, [x - 0.04, y, cushion_z + 0.25 * room_m], [0.06, half_y, 0.29 * room_m]);
             builder.cuboid(cloth, [x - 0.05, y, cushion_z + 0.60 * room_m], [0.04, 0.6 * half_y, 0.06 * room_m]);

@@ -133,21 +133,39 @@ pub fn tube(builder: &mut MeshBuilder, surface: Surface, from: ([f32; 3], f32), 
     }
 }
 
-/// A three-sided cone from a ring to a tip, open below: a pole seen from far away.
-pub fn spike(builder: &mut MeshBuilder, surface: Surface, (foot, radius): ([f32; 3], f32), tip: [f32; 3]) {
-    let axis = normalize(sub(tip, foot));
+/// Three directions across an axis, evenly about it.
+fn three(axis: [f32; 3]) -> [[f32; 3]; 3] {
     let helper = if axis[2].abs() < 0.9 { [0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0] };
     let u = normalize(cross(helper, axis));
     let v = cross(axis, u);
-    let direction = |k: usize| {
-        let a = std::f32::consts::TAU * (k % 3) as f32 / 3.0;
-        std::array::from_fn::<f32, 3, _>(|i| u[i] * a.cos() + v[i] * a.sin())
-    };
-    let at = |d: [f32; 3]| std::array::from_fn::<f32, 3, _>(|i| foot[i] + d[i] * radius);
+    std::array::from_fn(|k| {
+        let a = std::f32::consts::TAU * k as f32 / 3.0;
+        std::array::from_fn(|i| u[i] * a.cos() + v[i] * a.sin())
+    })
+}
+
+fn off(p: [f32; 3], direction: [f32; 3], by: f32) -> [f32; 3] {
+    std::array::from_fn(|i| p[i] + direction[i] * by)
+}
+
+/// A three-sided cone from a ring to a tip, open below: a stem seen from far away.
+pub fn spike(builder: &mut MeshBuilder, surface: Surface, (foot, radius): ([f32; 3], f32), tip: [f32; 3]) {
+    let out = three(normalize(sub(tip, foot)));
     for k in 0..3 {
-        let (d0, d1) = (direction(k), direction(k + 1));
-        let middle = normalize(std::array::from_fn(|i| d0[i] + d1[i]));
-        builder.polygon_with_normals(surface, &[at(d0), at(d1), tip], &[d0, d1, middle], &[[0.0; 2]; 3]);
+        let (a, b) = (out[k], out[(k + 1) % 3]);
+        let middle = normalize(std::array::from_fn(|i| a[i] + b[i]));
+        let corners = [off(foot, a, radius), off(foot, b, radius), tip];
+        builder.polygon_with_normals(surface, &corners, &[a, b, middle], &[[0.0; 2]; 3]);
+    }
+}
+
+/// A three-sided prism between two points, open at both ends: a pole seen from far away.
+pub fn post(builder: &mut MeshBuilder, surface: Surface, foot: [f32; 3], top: [f32; 3], radius: f32) {
+    let out = three(normalize(sub(top, foot)));
+    for k in 0..3 {
+        let (a, b) = (out[k], out[(k + 1) % 3]);
+        let corners = [off(foot, a, radius), off(foot, b, radius), off(top, b, radius), off(top, a, radius)];
+        builder.polygon_with_normals(surface, &corners, &[a, b, b, a], &[[0.0; 2]; 4]);
     }
 }
 

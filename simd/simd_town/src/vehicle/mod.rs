@@ -8,7 +8,9 @@ mod car;
 pub mod door;
 mod heavy;
 pub(crate) mod loft;
+mod microbus;
 pub mod outfit;
+mod tables;
 mod two_wheeler;
 mod wheel;
 
@@ -25,6 +27,8 @@ pub enum BodyStyle {
     Suv,
     /// One box with a short bonnet.
     Van,
+    /// One box without a bonnet: windows all round over a painted lower half.
+    Microbus,
     /// Pick-up of flat plates: one straight line from the nose to the top, another to the tail.
     Wedge,
     /// City bus.
@@ -201,6 +205,7 @@ fn tyre(style: BodyStyle) -> (f32, usize) {
         BodyStyle::Motorcycle => (0.14, 6),
         BodyStyle::Bicycle => (0.045, 12),
         BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge => (0.24, 6),
+        BodyStyle::Microbus => (0.19, 0),
         _ => (0.215, 5),
     }
 }

@@ -53,11 +53,12 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
         let at = |p: [f32; 2], a: f32| [p[0] * a.cos(), p[1], p[0] * a.sin()];
         for (i, &(p, surface)) in profile.iter().enumerate() {
             let q = profile.get(i + 1).map_or(end, |next| next.0);
-            let corners = [at(p, a0), at(q, a0), at(q, a1), at(p, a1)];
+            // Counter-clockwise from outside; at the axle both ends are one.
+            let corners = [at(p, a0), at(p, a1), at(q, a1), at(q, a0)];
             let kept: Vec<[f32; 3]> = if p[0] == 0.0 {
-                vec![corners[0], corners[1], corners[2]]
+                vec![corners[0], corners[2], corners[3]]
             } else if q[0] == 0.0 {
-                vec![corners[0], corners[1], corners[3]]
+                vec![corners[0], corners[1], corners[2]]
             } else {
                 corners.to_vec()
             };

@@ -225,6 +225,7 @@ pub static MODELS: &[VehicleModel] = &[
     VehicleModel { type_id: "vehicle.mercedes.sprinter", generation: 2, half_m: [2.958, 0.994, 1.280], wheelbase_m: 3.66, ..VAN },
     VehicleModel {
         type_id: "vehicle.volkswagen.t2",
+        style: BodyStyle::Microbus,
         half_m: [2.240, 1.035, 1.019],
         wheelbase_m: 2.4,
         mass_kg: 1500.0,
@@ -336,6 +337,7 @@ pub static MODELS: &[VehicleModel] = &[
     },
     VehicleModel {
         type_id: "vehicle.volkswagen.t2_2021",
+        style: BodyStyle::Microbus,
         generation: 2,
         half_m: [2.221, 0.939, 0.994],
         wheelbase_m: 2.4,
