@@ -8,7 +8,7 @@ use simd_town::Town;
 
 /// Side of the cells in which triangles are looked up.
 const CELL_M: f64 = 8.0;
-/// Room between a junction's lanes and its kerbs.
+/// Room between a junction's lanes and its kerbs: what `kerb.rs` leaves.
 const CLEAR_M: f64 = 0.3;
 
 /// Upward triangles of pavements, verges and yards by place.
