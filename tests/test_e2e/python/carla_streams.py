@@ -15,7 +15,7 @@ import time
 
 import carla
 import gantry
-from carla_kit import PATIENCE_SECS, connect, run, run_checks, stage
+from carla_kit import PATIENCE_SECS, connect, listen, of_tick, run, run_checks, stage
 
 PORT, STREAM_PORT, DOMAIN, DARK_FILE = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3], sys.argv[4]
 N_CLIENTS = 10
@@ -181,9 +181,27 @@ def check_palette(world):
     world.tick()
 
 
+def check_buffers(world):
+    """All 13 buffers of a camera may be listened to at once: nothing comes, the picture does, and the client lives."""
+    camera, pictures = listen(world, world.get_blueprint_library().find("sensor.camera.rgb"), carla.Transform(carla.Location(z=5.0)))
+    camera.enable_gbuffers(True)
+    heard, kinds = [], list(carla.GBufferTextureID.values.values())
+    assert len(kinds) == 13, kinds
+    for kind in kinds:
+        camera.listen_to_gbuffer(kind, heard.append)
+    for _ in range(5):
+        of_tick(pictures, world.tick())
+    assert not heard, heard[:2]
+    for kind in kinds:
+        camera.stop_gbuffer(kind)
+    camera.stop()
+    camera.destroy()
+    world.tick()
+
+
 def main():
     _, world = stage(PORT)
-    run_checks({"many": check_many, "palette": check_palette, "dark": check_dark, "slow": check_slow}, world)
+    run_checks({"many": check_many, "palette": check_palette, "buffers": check_buffers, "dark": check_dark, "slow": check_slow}, world)
 
 
 run(main, 200)

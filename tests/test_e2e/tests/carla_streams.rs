@@ -31,7 +31,7 @@ fn listeners_share_readers_and_dark_cameras_cost_nothing() {
     drop((client, bus));
     sandbox.write("dark", "");
     let ended = script.wait().expect_code(0);
-    for theme in ["many", "palette", "dark", "slow"] {
+    for theme in ["many", "palette", "buffers", "dark", "slow"] {
         assert!(ended.says(&format!("{theme} passed")), "{theme} is missing:\n{}", ended.lines.join("\n"));
     }
     let said = gateway.stop().expect_code(0);

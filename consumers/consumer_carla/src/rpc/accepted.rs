@@ -10,8 +10,10 @@ use crate::stream;
 
 /// Standard gravity; it cannot be changed.
 const GRAVITY_MPS2: f32 = 9.81;
-/// A stream that never has messages: the highest number, which no actor's stream has.
-const SILENT_STREAM: u32 = u32::MAX;
+/// Streams that never have messages count from here, below clients' world streams; actors' streams never come so far.
+const SILENT_STREAMS: u32 = 0x4000_0000;
+/// CARLA has 13 buffers of a camera.
+const BUFFERS_OF_CAMERA: u32 = 16;
 
 pub(crate) const CALLS: Calls = &[
     // Scenery.
@@ -45,8 +47,17 @@ pub(crate) const CALLS: Calls = &[
     ("set_ignored_vehicles", Gateway::accept),
     ("enable_gbuffers", Gateway::accept),
     ("are_gbuffers_enabled", |_, _| Ok(Answer::Value(false.into()))),
-    ("get_gbuffer_token", |gateway, _| Ok(Answer::Value(Value::Bin(stream::token(SILENT_STREAM, gateway.stream_port))))),
+    ("get_gbuffer_token", |gateway, call| {
+        let silent = silent_stream(call.u32()?, call.u32()?);
+        Ok(Answer::Value(Value::Bin(stream::token(silent, gateway.stream_port))))
+    }),
 ];
+
+/// One for each buffer: the client keeps its streams by number, and a second with the same frees the first while it connects.
+fn silent_stream(camera: u32, buffer: u32) -> u32 {
+    let number = camera.wrapping_mul(BUFFERS_OF_CAMERA).wrapping_add(buffer % BUFFERS_OF_CAMERA);
+    SILENT_STREAMS | number & (SILENT_STREAMS - 1)
+}
 
 impl Gateway {
     fn accept(&self, call: &mut Call<'_>) -> Outcome {
@@ -74,5 +85,19 @@ impl Gateway {
         let pose = snapshot.and_then(|at| at.actor(id).map(|record| axes::transform(&record.world_from_actor)));
         let pose = pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
         Ok(Answer::Value(shapes::transform(&pose)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_buffer_has_a_stream_of_its_own_that_is_no_world_stream() {
+        let streams: std::collections::BTreeSet<u32> =
+            (1..40).flat_map(|camera| (0..13).map(move |buffer| silent_stream(camera, buffer))).collect();
+        assert_eq!(streams.len(), 39 * 13);
+        assert!([1, u32::MAX].iter().all(|camera| !stream::is_world(silent_stream(*camera, 12))));
+        assert!(streams.iter().all(|number| !stream::is_world(*number) && *number > 1_000_000));
     }
 }
