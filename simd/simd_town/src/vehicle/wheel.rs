@@ -32,14 +32,19 @@ fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, has_tread:
     builder.polygon(Surface::new(class, Material::Metal, [110, 111, 114]), &face, &[[0.0; 2]; 6]);
 }
 
+/// Widest wheel that is open between its spokes.
+const OPEN_WIDTH_M: f32 = 0.16;
+
 fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize, spokes: usize) {
     let half = 0.5 * width_m;
     let tyre = Surface::new(class, Material::Rubber, [26, 26, 28]);
     let rim = Surface::new(class, Material::Metal, [176, 178, 182]);
     let hole = Surface::new(class, Material::Rubber, [34, 34, 38]);
+    // Wheels of two-wheelers are open between their spokes.
+    let is_open = width_m < OPEN_WIDTH_M && spokes > 0;
     // (radius, y) of the turned profile from the inner side over the tread to the hub outside.
     let profile: [([f32; 2], Surface); 6] = [
-        ([0.0, half * 0.8], hole),
+        if is_open { ([r * 0.60, half * 0.9], rim) } else { ([0.0, half * 0.8], hole) },
         ([r * 0.66, half], tyre),
         ([r, half * 0.72], tyre),
         ([r, -half * 0.72], tyre),
@@ -47,11 +52,12 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
         ([r * 0.60, -half * 0.82], if spokes > 0 { hole } else { rim }),
     ];
     let end = [0.0, -half * if spokes > 0 { 0.35 } else { 0.8 }];
+    let n_rings = if is_open { profile.len() - 1 } else { profile.len() };
     for k in 0..n {
         let angle = |k: usize| std::f32::consts::TAU * k as f32 / n as f32;
         let (a0, a1) = (angle(k), angle(k + 1));
         let at = |p: [f32; 2], a: f32| [p[0] * a.cos(), p[1], p[0] * a.sin()];
-        for (i, &(p, surface)) in profile.iter().enumerate() {
+        for (i, &(p, surface)) in profile.iter().enumerate().take(n_rings) {
             let q = profile.get(i + 1).map_or(end, |next| next.0);
             // Counter-clockwise from outside; at the axle both ends are one.
             let corners = [at(p, a0), at(p, a1), at(q, a1), at(q, a0)];
@@ -72,6 +78,10 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
         let (y0, y1) = (-half * 0.94, -half * 0.86);
         let quad = [at(r * 0.08, -r * 0.09, y0), at(r * 0.64, -r * 0.05, y1), at(r * 0.64, r * 0.05, y1), at(r * 0.08, r * 0.09, y0)];
         builder.polygon(rim, &quad, &[[0.0; 2]; 4]);
+        if is_open {
+            let back = [quad[3], quad[2], quad[1], quad[0]].map(|[x, y, z]| [x, -y, z]);
+            builder.polygon(rim, &back, &[[0.0; 2]; 4]);
+        }
     }
     if spokes > 0 {
         let hub: Vec<[f32; 3]> = (0..8)
@@ -81,5 +91,18 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
             })
             .collect();
         builder.polygon(rim, &hub, &[[0.0; 2]; 8]);
+        if is_open {
+            let back: Vec<[f32; 3]> = hub.iter().rev().map(|[x, y, z]| [*x, -y, *z]).collect();
+            builder.polygon(rim, &back, &[[0.0; 2]; 8]);
+            // The rim from within.
+            for k in 0..n {
+                let at = |k: usize, y: f32| {
+                    let a = std::f32::consts::TAU * (k % n) as f32 / n as f32;
+                    [r * 0.60 * a.cos(), y, r * 0.60 * a.sin()]
+                };
+                let (inner, outer) = (half * 0.9, -half * 0.82);
+                builder.polygon(rim, &[at(k, outer), at(k + 1, outer), at(k + 1, inner), at(k, inner)], &[[0.0; 2]; 4]);
+            }
+        }
     }
 }
