@@ -1,8 +1,9 @@
 //! Targets that views of equal size share, a layer for each, so that one dispatch serves them all.
 //!
-//! Who holds a layer changes from tick to tick; nothing in it outlives a submission. The textures live as long as a view that was last
-//! drawn into them: the pool itself keeps none.
+//! Who holds a layer changes from tick to tick; nothing in it outlives a submission and its copies. The textures live as long as a view that
+//! was last drawn into them: the pool itself keeps none.
 
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Weak};
 
 use sensor_gpu::Gpu;
@@ -23,10 +24,39 @@ pub(crate) struct PoolKey {
     pub part: u32,
 }
 
+/// Targets that submissions take by turns: two sets where one is copied while the next submission is drawn, else one.
+///
+/// Two are enough for any number of submissions in flight: drawing and copying each go one after the other.
+#[derive(Debug)]
+pub(crate) struct Turns {
+    sets: Vec<Arc<Targets>>,
+    n_taken: AtomicUsize,
+}
+
+impl Turns {
+    fn new(gpu: &Gpu, key: PoolKey, n_layers: u32) -> Turns {
+        let mut sets = vec![Arc::new(Targets::layered(gpu, key.size_px, key.set, n_layers, None))];
+        if gpu.copies_beside() {
+            sets.push(Arc::new(Targets::layered(gpu, key.size_px, key.set, n_layers, Some(&sets[0]))));
+        }
+        Turns { sets, n_taken: AtomicUsize::new(0) }
+    }
+
+    /// The set for the next submission.
+    pub fn next(&self) -> Arc<Targets> {
+        self.sets[self.n_taken.fetch_add(1, Relaxed) % self.sets.len()].clone()
+    }
+
+    /// How many views a set has room for.
+    fn n_layers(&self) -> u32 {
+        self.sets[0].n_layers()
+    }
+}
+
 #[derive(Debug)]
 struct Entry {
     key: PoolKey,
-    targets: Weak<Targets>,
+    turns: Weak<Turns>,
     n_half_empty: u32,
 }
 
@@ -45,32 +75,50 @@ impl TargetPool {
     }
 
     /// Targets with at least `n_layers` layers.
-    pub fn take(&mut self, gpu: &Gpu, key: PoolKey, n_layers: u32) -> Arc<Targets> {
-        self.entries.retain(|entry| entry.targets.strong_count() > 0);
+    pub fn take(&mut self, gpu: &Gpu, key: PoolKey, n_layers: u32) -> Arc<Turns> {
+        self.entries.retain(|entry| entry.turns.strong_count() > 0);
         let known = self.entries.iter().position(|entry| entry.key == key);
         if let Some(entry) = known.map(|i| &mut self.entries[i])
-            && let Some(targets) = entry.targets.upgrade()
-            && targets.n_layers() >= n_layers
+            && let Some(turns) = entry.turns.upgrade()
+            && turns.n_layers() >= n_layers
         {
-            entry.n_half_empty = if 2 * n_layers > targets.n_layers() { 0 } else { entry.n_half_empty + 1 };
+            entry.n_half_empty = if 2 * n_layers > turns.n_layers() { 0 } else { entry.n_half_empty + 1 };
             if entry.n_half_empty < MAX_HALF_EMPTY {
-                return targets;
+                return turns;
             }
         }
-        let targets = Arc::new(Targets::layered(gpu, key.size_px, key.set, n_layers));
-        let entry = Entry { key, targets: Arc::downgrade(&targets), n_half_empty: 0 };
+        let turns = Arc::new(Turns::new(gpu, key, n_layers));
+        let entry = Entry { key, turns: Arc::downgrade(&turns), n_half_empty: 0 };
         match known {
             Some(i) => self.entries[i] = entry,
             None => self.entries.push(entry),
         }
-        targets
+        turns
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sensor_gpu::GpuOptions;
+    use sensor_gpu::{CopyPath, GpuOptions};
+
+    /// Where copies go on beside drawing, two submissions in a row are drawn into textures of their own for what readers get, and share all
+    /// else; where they do not, there is one set.
+    #[test]
+    fn submissions_take_turns_where_copies_go_on_beside_them() {
+        let set = Target::Depth.bit().union(Target::Surface.bit());
+        for (copies, n_sets) in [(CopyPath::Behind, 1), (CopyPath::Apart, 2)] {
+            let gpu = Gpu::open(&GpuOptions { copies, ..Default::default() }).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(gpu.copies_beside(), n_sets == 2);
+            let turns = TargetPool::default().take(&gpu, PoolKey { size_px: [16, 16], set, part: 0 }, 3);
+            let taken: Vec<Arc<Targets>> = (0..4).map(|_| turns.next()).collect();
+            for (i, j) in [(0, 1), (1, 2), (0, 2), (1, 3)] {
+                let is_same = |target: Target| taken[i].get(target).texture == taken[j].get(target).texture;
+                assert_eq!(is_same(Target::Depth), (j - i) % n_sets == 0, "{copies:?}: {i} and {j}");
+                assert!(is_same(Target::Surface), "{copies:?}: {i} and {j}");
+            }
+        }
+    }
 
     /// Views of equal size share textures while one of them lives; more of them get larger ones, and what nobody holds is gone.
     #[test]

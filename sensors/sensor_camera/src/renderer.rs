@@ -222,6 +222,7 @@ impl CameraRenderer {
         let mut encoder = gpu.time("record", || self.record_groups(scene, &mut active, jobs, (&lamps, shadows), computes));
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];
+        active.iter().for_each(|active| batch.overwrites(&active.targets.reads));
         active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
         self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
         let plans = jobs.iter_mut().zip(&leaders).map(|(job, leader)| match &images[*leader] {
@@ -314,8 +315,13 @@ impl CameraRenderer {
                 self.pass.prepare(&self.gpu, active.set, is_switched);
                 let view = &mut *jobs[active.job_idx].view;
                 let Intrinsics { width_px, height_px, .. } = view.spec.intrinsics;
-                Arc::make_mut(&mut view.targets).ensure(&self.gpu, [width_px, height_px], view.kept, self.shade.is_drawn());
-                active.targets = view.targets.clone();
+                if self.gpu.copies_beside() {
+                    view.targets.swap(0, 1);
+                }
+                let [targets, twin] = &mut view.targets;
+                Arc::make_mut(targets).ensure(&self.gpu, [width_px, height_px], view.kept, self.shade.is_drawn(), twin);
+                view.turns = None;
+                active.targets = view.targets[0].clone();
             }
             return;
         }
@@ -324,18 +330,24 @@ impl CameraRenderer {
             (([view.spec.intrinsics.width_px, view.spec.intrinsics.height_px], view.kept), active.set, active.lamps.n > 0)
         };
         active.sort_by_key(key);
+        let mut turns_of = Vec::with_capacity(active.len());
         for alike in active.chunk_by_mut(|a, b| key(a).0 == key(b).0) {
             let (size_px, set) = key(&alike[0]).0;
             let most = TargetPool::max_layers(&self.gpu, size_px);
             for (part, alike) in (0..).zip(alike.chunks_mut(most as usize)) {
-                let targets = self.pool.take(&self.gpu, PoolKey { size_px, set, part }, alike.len() as u32);
+                let turns = self.pool.take(&self.gpu, PoolKey { size_px, set, part }, alike.len() as u32);
+                let targets = turns.next();
                 for (layer, active) in (0..).zip(alike) {
                     (active.targets, active.layer) = (targets.clone(), layer);
+                    turns_of.push(turns.clone());
                 }
             }
         }
-        for active in active {
-            jobs[active.job_idx].view.targets = active.targets.clone();
+        for (active, turns) in active.iter().zip(turns_of) {
+            let view = &mut *jobs[active.job_idx].view;
+            if view.turns.replace(turns).is_none() {
+                view.targets = Default::default();
+            }
         }
     }
 }
@@ -432,7 +444,11 @@ fn plan_outputs<'a>(
             Some(target) => {
                 let is_flow = modality == Modality::Flow;
                 let first = is_flow && view.previous.is_none() || modality == Modality::Rgb && view.meter_begins;
-                let copy = batch.texture_layer(texture(target), layer, target.element_bytes(), place);
+                let (image, n_bytes) = (targets.get(target), target.element_bytes());
+                let copy = match image.is_shared {
+                    true => batch.shared_layer(&image.texture, layer, n_bytes, place, &targets.reads),
+                    false => batch.texture_layer(&image.texture, layer, n_bytes, place),
+                };
                 plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
             }
             None => {

@@ -1,6 +1,8 @@
 //! Render targets of a view, made when first needed.
 
-use sensor_gpu::Gpu;
+use std::sync::Arc;
+
+use sensor_gpu::{Gpu, Reads};
 
 /// What a view is drawn into; the number is the location in `surface.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +73,11 @@ impl Target {
         more | wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC
     }
 
+    /// Whether it is a modality's image, which goes to readers as it is.
+    fn is_image(self) -> bool {
+        matches!(self, Target::Depth | Target::Class | Target::Instance | Target::Flow | Target::Normals | Target::Color)
+    }
+
     pub fn bit(self) -> TargetSet {
         TargetSet(1 << self as u8)
     }
@@ -106,6 +113,8 @@ pub(crate) struct Image {
     pub texture: wgpu::Texture,
     pub view: wgpu::TextureView,
     pub layers: wgpu::TextureView,
+    /// Whether it can be copied beside the drawing of other targets.
+    pub is_shared: bool,
 }
 
 impl Image {
@@ -141,31 +150,48 @@ pub(crate) struct Targets {
     n_layers: u32,
     /// Made by [`Targets::ensure`].
     drawn: bool,
+    /// Copies beside the drawing that read the images.
+    pub reads: Arc<Reads>,
 }
 
 impl Targets {
-    /// Those of `set`, for compute shaders, in so many layers.
-    pub fn layered(gpu: &Gpu, size_px: [u32; 2], set: TargetSet, n_layers: u32) -> Targets {
+    /// Those of `set`, for compute shaders, in so many layers. What no reader gets is the twin's, whose turn is before or after.
+    pub fn layered(gpu: &Gpu, size_px: [u32; 2], set: TargetSet, n_layers: u32, twin: Option<&Targets>) -> Targets {
         let mut targets = Targets { n_layers, ..Default::default() };
+        targets.borrow(twin);
         targets.make(gpu, size_px, set, true, false);
         // For debug strokes.
         targets.ensure_z(gpu, size_px);
         targets
     }
 
-    /// Makes what `set` lacks, to be drawn, in one layer; `slim`: with slim surfaces.
-    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, slim: bool) {
+    /// Makes what `set` lacks, to be drawn, in one layer; `slim`: with slim surfaces. What no reader gets is the twin's, if it has it.
+    pub fn ensure(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, slim: bool, twin: &Targets) {
         if !self.drawn {
             *self = Targets { n_layers: 1, drawn: true, ..Default::default() };
+            self.borrow(Some(twin).filter(|twin| twin.drawn));
         }
         self.make(gpu, size_px, set, false, slim);
         self.ensure_z(gpu, size_px);
     }
 
+    fn borrow(&mut self, twin: Option<&Targets>) {
+        let Some(twin) = twin else { return };
+        for target in Target::ALL.into_iter().filter(|target| !target.is_image()) {
+            self.images[target as usize] = twin.images[target as usize].clone();
+        }
+        self.nowhere = twin.nowhere.clone();
+        self.z_buffer = twin.z_buffer.clone();
+    }
+
     fn make(&mut self, gpu: &Gpu, size_px: [u32; 2], set: TargetSet, stored: bool, slim: bool) {
         let n_layers = self.n_layers;
         for target in Target::ALL.into_iter().filter(|target| set.contains(*target)) {
-            let make = || layered_image(gpu, "view target", size_px, n_layers, target.format_if(slim), target.usage(stored));
+            let (format, usage) = (target.format_if(slim), target.usage(stored));
+            let make = || match target.is_image() {
+                true => view_image(gpu.shared_texture_layers("view target", size_px, n_layers, format, usage)),
+                false => layered_image(gpu, "view target", size_px, n_layers, format, usage),
+            };
             self.images[target as usize].get_or_insert_with(make);
         }
         for target in Target::ALL {
@@ -223,9 +249,13 @@ pub(crate) fn layered_image(
     format: wgpu::TextureFormat,
     usage: wgpu::TextureUsages,
 ) -> Image {
-    let texture = gpu.texture_layers(label, size_px, n_layers, format, usage);
+    view_image((gpu.texture_layers(label, size_px, n_layers, format, usage), false))
+}
+
+fn view_image((texture, is_shared): (wgpu::Texture, bool)) -> Image {
+    let n_layers = texture.depth_or_array_layers();
     let [view, layers] = [(wgpu::TextureViewDimension::D2, 1), (wgpu::TextureViewDimension::D2Array, n_layers)].map(|(dimension, n)| {
         texture.create_view(&wgpu::TextureViewDescriptor { dimension: Some(dimension), array_layer_count: Some(n), ..Default::default() })
     });
-    Image { texture, view, layers }
+    Image { texture, view, layers, is_shared }
 }

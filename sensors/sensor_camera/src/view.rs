@@ -11,6 +11,7 @@ use sensor_spec::{DvsSpec, Intrinsics, OpticsSpec};
 
 use crate::dvs::EventCamera;
 use crate::dvs::gpu::GpuEventCamera;
+use crate::pool::Turns;
 use crate::targets::{TargetSet, Targets};
 
 /// What a view is for as long as it lives.
@@ -38,8 +39,10 @@ impl ViewSpec {
 /// Persistent state of one camera. Render targets are made when they are first needed.
 pub struct View {
     pub(crate) spec: ViewSpec,
-    /// Its own where it is drawn; shared with its likes where compute shaders write them.
-    pub(crate) targets: Arc<Targets>,
+    /// Where compute shaders write them: shared with its likes.
+    pub(crate) turns: Option<Arc<Turns>>,
+    /// Where it is drawn: those of this firing and, where they are copied beside the next drawing, those of the firing before.
+    pub(crate) targets: [Arc<Targets>; 2],
     /// Everything that was ever asked of it: targets stay.
     pub(crate) kept: TargetSet,
     pub(crate) previous: Option<Firing>,
@@ -88,7 +91,8 @@ impl View {
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
         View {
             spec,
-            targets: Arc::default(),
+            turns: None,
+            targets: Default::default(),
             kept: TargetSet::default(),
             previous: None,
             dvs: None,

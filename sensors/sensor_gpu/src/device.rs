@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
+use crate::copy_queue::{CopyPath, CopyQueue};
 use crate::counters::Counters;
 use crate::direct::Timeline;
 use crate::import::{self, ImportCaps};
@@ -14,11 +15,13 @@ pub struct GpuOptions {
     pub adapter: Option<String>,
     /// Import shared memory where the driver can; `false` forces the staged path.
     pub allow_import: bool,
+    /// Where frames are copied to imported memory.
+    pub copies: CopyPath,
 }
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        GpuOptions { adapter: None, allow_import: true }
+        GpuOptions { adapter: None, allow_import: true, copies: CopyPath::default() }
     }
 }
 
@@ -54,7 +57,7 @@ pub enum GpuError {
     },
 }
 
-/// An open device with its queue. Cheap to clone; all clones are the same device.
+/// An open device with its queues. Cheap to clone; all clones are the same device.
 #[derive(Clone, Debug)]
 pub struct Gpu(Arc<Inner>);
 
@@ -70,10 +73,15 @@ struct Inner {
     staging: Mutex<Vec<wgpu::Buffer>>,
     /// Held while a submission is given to the queue; `None` inside where there are none.
     timeline: Mutex<Option<Timeline>>,
+    /// Copies beside the drawing, where there is a queue for them.
+    copy_queue: Option<CopyQueue>,
 }
 
 impl Drop for Inner {
     fn drop(&mut self) {
+        if let Some(queue) = self.copy_queue.take() {
+            queue.close();
+        }
         let timeline = self.timeline.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner).take();
         if let Some(timeline) = timeline
             && self.device.poll(wgpu::PollType::wait_indefinitely()).is_ok()
@@ -114,6 +122,9 @@ impl Gpu {
 
     /// Waits until the device has finished everything that was submitted and freed what was dropped.
     pub fn wait_idle(&self) {
+        if let Err(error) = self.copy_queue().map_or(Ok(()), CopyQueue::wait_idle) {
+            tracing::warn!(%error, "the GPU's copies did not end");
+        }
         if let Err(error) = self.device().poll(wgpu::PollType::wait_indefinitely()) {
             tracing::warn!(%error, "the GPU did not become idle");
         }
@@ -126,10 +137,21 @@ impl Gpu {
     pub fn open(options: &GpuOptions) -> Result<Gpu, GpuError> {
         let adapter = choose(enumerate(), options.adapter.as_deref())?;
         let info = adapter.get_info();
-        let (device, queue, caps) = import::open_device(&adapter).map_err(|reason| GpuError::Open { name: info.name.clone(), reason })?;
+        // Without imports nothing is copied to readers but by the CPU.
+        let copies = if options.allow_import { options.copies } else { CopyPath::Behind };
+        let refused = |reason| GpuError::Open { name: info.name.clone(), reason };
+        let import::Opened { device, queue, caps, copying } = import::open_device(&adapter, copies).map_err(refused)?;
         let import = if options.allow_import { caps } else { None };
         let software = info.device_type == wgpu::DeviceType::Cpu;
-        tracing::info!(adapter = info.name, driver = info.driver_info, software, can_import = import.is_some(), "opened GPU");
+        let copy_queue = match copying.map(|family| CopyQueue::new(&device, &adapter, family)).transpose() {
+            Ok(queue) => queue,
+            Err(error) => {
+                tracing::warn!(%error, "frames are copied behind drawing, not beside it");
+                None
+            }
+        };
+        let beside = copy_queue.is_some();
+        tracing::info!(adapter = info.name, driver = info.driver_info, software, can_import = import.is_some(), beside, "opened GPU");
         Ok(Gpu(Arc::new(Inner {
             timeline: Mutex::new(Timeline::new(&device, &adapter)),
             name: info.name,
@@ -140,6 +162,7 @@ impl Gpu {
             counters: Counters::default(),
             timing: Timing::default(),
             staging: Mutex::default(),
+            copy_queue,
         })))
     }
 
@@ -156,6 +179,11 @@ impl Gpu {
     /// Whether host memory can be imported (allowed, and the driver has the extension).
     pub fn can_import(&self) -> bool {
         self.0.import.is_some()
+    }
+
+    /// Whether frames can be copied beside the drawing of the next ones.
+    pub fn copies_beside(&self) -> bool {
+        self.0.copy_queue.is_some()
     }
 
     /// Whether pipelines can take this many bytes with each draw call, without a buffer.
@@ -195,6 +223,10 @@ impl Gpu {
 
     pub(crate) fn timeline(&self) -> &Mutex<Option<Timeline>> {
         &self.0.timeline
+    }
+
+    pub(crate) fn copy_queue(&self) -> Option<&CopyQueue> {
+        self.0.copy_queue.as_ref()
     }
 
     pub(crate) fn timing(&self) -> &Timing {

@@ -1,7 +1,7 @@
 //! Submissions whose shaders write into their readers' memory themselves: no copies, no mapping, and a semaphore of our own to wait for,
 //! so that nobody looks after wgpu's books before the bytes are handed on.
 
-use std::sync::Arc;
+use std::sync::{Arc, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -26,15 +26,14 @@ pub(crate) struct Timeline {
 impl Timeline {
     /// A timeline, if the device has them.
     pub fn new(device: &wgpu::Device, adapter: &wgpu::Adapter) -> Option<Timeline> {
-        if !has_timelines(adapter)? {
+        // SAFETY: the hal adapter is only read, and lives as long as this guard.
+        if !has_timelines(&*unsafe { adapter.as_hal::<Vulkan>() }?) {
             return None;
         }
         // SAFETY: the guard only lends the device for the call below.
         let hal = unsafe { device.as_hal::<Vulkan>() }?;
-        let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE).initial_value(0);
-        let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
-        // SAFETY: a well-formed create info; wgpu enables the feature wherever the adapter has it (checked above).
-        let semaphore = unsafe { hal.raw_device().create_semaphore(&info, None) }.ok()?;
+        // SAFETY: wgpu enables the feature wherever the adapter has it (checked above).
+        let semaphore = unsafe { timeline_semaphore(hal.raw_device()) }.ok()?;
         Some(Timeline { semaphore, newest: 0 })
     }
 
@@ -51,20 +50,55 @@ impl Timeline {
     }
 }
 
+/// A timeline at 0.
+///
+/// # Safety
+/// The device was opened with timelines.
+pub(crate) unsafe fn timeline_semaphore(device: &ash::Device) -> Result<vk::Semaphore, vk::Result> {
+    let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE).initial_value(0);
+    let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+    // SAFETY: a well-formed create info, of a feature that is enabled (caller).
+    unsafe { device.create_semaphore(&info, None) }
+}
+
 /// Whether an adapter has timeline semaphores in its core (Vulkan 1.2).
-fn has_timelines(adapter: &wgpu::Adapter) -> Option<bool> {
-    // SAFETY: the hal adapter is only read, and lives as long as this guard.
-    let hal = unsafe { adapter.as_hal::<Vulkan>() }?;
+pub(crate) fn has_timelines(hal: &wgpu::hal::vulkan::Adapter) -> bool {
     let (instance, physical) = (hal.shared_instance().raw_instance(), hal.raw_physical_device());
     // SAFETY: instance and physical device belong together and live.
     if unsafe { instance.get_physical_device_properties(physical) }.api_version < vk::API_VERSION_1_2 {
-        return Some(false);
+        return false;
     }
     let mut timelines = vk::PhysicalDeviceTimelineSemaphoreFeatures::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut timelines);
     // SAFETY: as above; the chained struct is part of Vulkan 1.2, which the device has.
     unsafe { instance.get_physical_device_features2(physical, &mut features) };
-    Some(timelines.timeline_semaphore == vk::TRUE)
+    timelines.timeline_semaphore == vk::TRUE
+}
+
+/// The drawing queue in the hands of who submits: what a submission waits for and signals must not come to be another's.
+pub(crate) struct Drawing<'g>(MutexGuard<'g, Option<Timeline>>);
+
+impl Drawing<'_> {
+    /// Submits; `wait` and `signal` are timelines with their values.
+    pub fn submit(
+        &mut self,
+        gpu: &Gpu,
+        commands: impl IntoIterator<Item = wgpu::CommandBuffer>,
+        wait: Option<(vk::Semaphore, u64)>,
+        signal: Option<(vk::Semaphore, u64)>,
+    ) -> wgpu::SubmissionIndex {
+        if wait.is_some() || signal.is_some() {
+            // SAFETY: the guard only lends the queue; the semaphores live as long as the device, and their values only rise.
+            let queue = unsafe { gpu.queue().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan");
+            if let Some((semaphore, value)) = wait {
+                queue.add_wait_semaphore(semaphore, Some(value), vk::PipelineStageFlags::ALL_COMMANDS);
+            }
+            if let Some((semaphore, value)) = signal {
+                queue.add_signal_semaphore(semaphore, Some(value));
+            }
+        }
+        gpu.queue().submit(commands)
+    }
 }
 
 /// A submission on its way that writes to targets by itself. Dropping it waits too.
@@ -84,13 +118,17 @@ pub struct Direct {
 impl Gpu {
     /// Whether shaders can write into imported memory and be waited for: see [`ShmTarget::storage`].
     pub fn can_write_directly(&self) -> bool {
-        self.can_import() && self.timeline().lock().unwrap_or_else(std::sync::PoisonError::into_inner).is_some()
+        self.can_import() && self.drawing().0.is_some()
     }
 
     /// Gives commands to the GPU; all submissions go through here, because one may have to be told from the others.
     pub fn submit(&self, commands: impl IntoIterator<Item = wgpu::CommandBuffer>) -> wgpu::SubmissionIndex {
-        let _alone = self.timeline().lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        self.queue().submit(commands)
+        self.drawing().submit(self, commands, None, None)
+    }
+
+    /// The drawing queue, for one at a time.
+    pub(crate) fn drawing(&self) -> Drawing<'_> {
+        Drawing(self.timeline().lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Submits `encoder`, whose shaders write to `targets`, and makes what they wrote visible to the host.
@@ -108,15 +146,12 @@ impl Gpu {
         self.mark(&mut encoder, "visible");
         let pending = self.close_marks(&mut encoder);
         let commands = encoder.finish();
-        let mut timeline = self.timeline().lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let timeline = timeline.as_mut().expect("the caller asked whether the GPU can");
+        let mut drawing = self.drawing();
+        let timeline = drawing.0.as_mut().expect("the caller asked whether the GPU can");
         timeline.newest += 1;
         let (semaphore, value) = (timeline.semaphore, timeline.newest);
-        // SAFETY: the guard only lends the queue; the semaphore lives as long as the device, and values only rise.
-        let queue = unsafe { self.queue().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan");
-        queue.add_signal_semaphore(semaphore, Some(value));
-        drop(queue);
-        let submission = self.time("submit", || self.queue().submit([commands]));
+        let submission = self.time("submit", || drawing.submit(self, [commands], None, Some((semaphore, value))));
+        drop(drawing);
         self.counters().add_submission(0);
         if let Some(pending) = &pending {
             pending.map();

@@ -16,9 +16,9 @@ pub struct HostMemory {
     layout: Layout,
 }
 
-// SAFETY: the memory belongs to the value; it is only read and written through the methods, which copy.
+// SAFETY: the memory belongs to the value; it is only read and written through methods whose callers keep accesses apart.
 unsafe impl Send for HostMemory {}
-// SAFETY: as above; `read` and `write` of one range at one time are the caller's to keep apart, as with the GPU's accesses.
+// SAFETY: as above.
 unsafe impl Sync for HostMemory {}
 
 /// Imports want whole pages; 64 KiB are pages wherever Vulkan runs.
@@ -65,28 +65,44 @@ impl HostMemory {
         encoder.transition_resources([visible].into_iter(), std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>());
     }
 
-    /// The memory itself. No submission that writes there may be on its way.
-    pub fn bytes(&self) -> &[u8] {
+    /// The memory itself.
+    ///
+    /// # Safety
+    /// While the slice lives, nobody calls [`HostMemory::write`], and no submission that writes to the memory is on its way.
+    pub unsafe fn bytes(&self) -> &[u8] {
         // SAFETY: initialised, and written through `write` and by submissions only, which the caller keeps apart from this.
         unsafe { std::slice::from_raw_parts(self.base, self.layout.size()) }
     }
 
-    /// Copies bytes out. No submission that writes there may be on its way.
+    /// Copies bytes out.
     ///
     /// Panics if the range leaves the memory.
-    pub fn read(&self, offset_bytes: usize, into: &mut [u8]) {
-        assert!(offset_bytes + into.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", into.len(), self.n_bytes());
-        // SAFETY: in bounds, initialised, and `into` is other memory, because nobody ever has a mutable reference to this.
+    ///
+    /// # Safety
+    /// No submission that writes to the range is on its way, and no other thread writes to it meanwhile.
+    pub unsafe fn read(&self, offset_bytes: usize, into: &mut [u8]) {
+        self.check_range(offset_bytes, into.len());
+        // SAFETY: in bounds and initialised, `into` is other memory, because nobody ever has a mutable reference to this, and nobody writes
+        // meanwhile (caller).
         unsafe { std::ptr::copy_nonoverlapping(self.base.add(offset_bytes), into.as_mut_ptr(), into.len()) };
     }
 
-    /// Copies bytes in. No submission that reads there may be on its way, and nobody may hold what [`HostMemory::bytes`] gave.
+    /// Copies bytes in.
     ///
     /// Panics if the range leaves the memory.
-    pub fn write(&self, offset_bytes: usize, from: &[u8]) {
-        assert!(offset_bytes + from.len() <= self.n_bytes(), "{} bytes at {offset_bytes} of {}", from.len(), self.n_bytes());
-        // SAFETY: in bounds, and `from` is other memory, because the caller lets nobody hold a reference to this meanwhile.
+    ///
+    /// # Safety
+    /// No submission that reads or writes the range is on its way, no other thread reads or writes it meanwhile, and nobody holds what
+    /// [`HostMemory::bytes`] gave.
+    pub unsafe fn write(&self, offset_bytes: usize, from: &[u8]) {
+        self.check_range(offset_bytes, from.len());
+        // SAFETY: in bounds, `from` is other memory, because nobody holds a reference to this, and nobody looks meanwhile (caller).
         unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len()) };
+    }
+
+    fn check_range(&self, offset_bytes: usize, n_bytes: usize) {
+        let is_inside = offset_bytes.checked_add(n_bytes).is_some_and(|end| end <= self.n_bytes());
+        assert!(is_inside, "{n_bytes} bytes at {offset_bytes} of {}", self.n_bytes());
     }
 }
 

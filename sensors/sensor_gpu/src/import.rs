@@ -3,6 +3,7 @@
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
+use crate::copy_queue::{CopyPath, CopyQueue, Family, MAX_QUEUES, family_for};
 use crate::device::Gpu;
 
 /// What the driver says about importing.
@@ -19,10 +20,22 @@ pub(crate) fn has_import(adapter: &wgpu::Adapter) -> bool {
     hal_adapter.is_some_and(|hal| hal.physical_device_capabilities().supports_extension(ash::ext::external_memory_host::NAME))
 }
 
-/// Opens `adapter` with the import extension if it has it.
+/// No queue goes before another.
+static PRIORITIES: [f32; MAX_QUEUES] = [1.0; MAX_QUEUES];
+
+/// A device.
+pub(crate) struct Opened {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub caps: Option<ImportCaps>,
+    /// Family of the second queue, if there is one.
+    pub copying: Option<Family>,
+}
+
+/// Opens `adapter` with the import extension and a queue for copies, if it has them.
 ///
 /// Errors are the driver's words.
-pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu::Queue, Option<ImportCaps>), String> {
+pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<Opened, String> {
     let wanted = wgpu::Features::FLOAT32_FILTERABLE
         | wgpu::Features::IMMEDIATES
         | wgpu::Features::INDIRECT_FIRST_INSTANCE
@@ -52,21 +65,28 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter) -> Result<(wgpu::Device, wgpu
     unsafe {
         hal_adapter.shared_instance().raw_instance().get_physical_device_properties2(hal_adapter.raw_physical_device(), &mut properties);
     }
-    let add_import = move |args: wgpu::hal::vulkan::CreateDeviceCallbackArgs<'_, '_, '_>| {
+    let copying = family_for(&hal_adapter, copies).filter(|_| has_import);
+    let add = move |args: wgpu::hal::vulkan::CreateDeviceCallbackArgs<'_, '_, '_>| {
         if has_import {
             args.extensions.push(ash::ext::external_memory_host::NAME);
         }
+        let known = |family: Family| args.queue_create_infos.iter().any(|info| info.queue_family_index == family.index);
+        if let Some(family) = copying.filter(|family| !known(*family)) {
+            let info = vk::DeviceQueueCreateInfo::default()
+                .queue_family_index(family.index)
+                .queue_priorities(&PRIORITIES[..=family.queue as usize]);
+            args.queue_create_infos.push(info);
+        }
     };
-    // SAFETY: the callback only adds an extension that the physical device reported.
-    let open = unsafe {
-        hal_adapter.open_with_callback(features, &descriptor.required_limits, &descriptor.memory_hints, Some(Box::new(add_import)))
-    }
-    .map_err(|error| error.to_string())?;
+    // SAFETY: the callback only adds an extension and a queue that the physical device reported.
+    let open =
+        unsafe { hal_adapter.open_with_callback(features, &descriptor.required_limits, &descriptor.memory_hints, Some(Box::new(add))) }
+            .map_err(|error| error.to_string())?;
     drop(hal_adapter);
     // SAFETY: `open` was made from this adapter with the same features and limits as in `descriptor`.
     let (device, queue) = unsafe { adapter.create_device_from_hal::<Vulkan>(open, &descriptor) }.map_err(|error| error.to_string())?;
     let caps = has_import.then_some(ImportCaps { alignment_bytes: host_properties.min_imported_host_pointer_alignment.max(1) });
-    Ok((device, queue, caps))
+    Ok(Opened { device, queue, caps, copying })
 }
 
 /// Wraps host memory as a GPU buffer that can be copied to and bound to shaders. Errors are sentences that say why not.
@@ -85,7 +105,8 @@ pub(crate) unsafe fn import_host_memory(gpu: &Gpu, base: *mut u8, len: usize) ->
     // SAFETY: the hal device is only used for the calls below and lives as long as this guard.
     let device = unsafe { gpu.device().as_hal::<Vulkan>() }.ok_or("the device is not a Vulkan device")?;
     // SAFETY: the caller keeps the memory mapped; alignment and size were checked above.
-    let hal_buffer = unsafe { create_imported_buffer(&device, base, len) }.map_err(|error| format!("the driver refused: {error}"))?;
+    let hal_buffer = unsafe { create_imported_buffer(&device, gpu.copy_queue().map_or(&[], CopyQueue::families), base, len) }
+        .map_err(|error| format!("the driver refused: {error}"))?;
     drop(device);
     let descriptor = wgpu::BufferDescriptor {
         label: Some("imported shared memory"),
@@ -98,10 +119,13 @@ pub(crate) unsafe fn import_host_memory(gpu: &Gpu, base: *mut u8, len: usize) ->
     Ok(unsafe { gpu.device().create_buffer_from_hal::<Vulkan>(hal_buffer, &descriptor) })
 }
 
+/// A buffer over host memory for queues of these families; none means those of the family that draws.
+///
 /// # Safety
-/// As [`import_host_memory`], with alignment and size checked.
+/// As [`import_host_memory`], with alignment and size checked; the families are the device's.
 unsafe fn create_imported_buffer(
     device: &wgpu::hal::vulkan::Device,
+    families: &[u32],
     base: *mut u8,
     len: u64,
 ) -> Result<wgpu::hal::vulkan::Buffer, vk::Result> {
@@ -117,7 +141,9 @@ unsafe fn create_imported_buffer(
     .result()?;
     let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(HOST);
     let usage = vk::BufferUsageFlags::TRANSFER_DST | vk::BufferUsageFlags::TRANSFER_SRC | vk::BufferUsageFlags::STORAGE_BUFFER;
-    let info = vk::BufferCreateInfo::default().size(len).usage(usage).push_next(&mut external);
+    let sharing = if families.is_empty() { vk::SharingMode::EXCLUSIVE } else { vk::SharingMode::CONCURRENT };
+    let info = vk::BufferCreateInfo::default().size(len).usage(usage).sharing_mode(sharing).queue_family_indices(families);
+    let info = info.push_next(&mut external);
     // SAFETY: a well-formed create info; the buffer is destroyed below on failure, by wgpu-hal on success.
     let buffer = unsafe { raw.create_buffer(&info, None) }?;
     // SAFETY: the buffer was just made from this device.

@@ -20,6 +20,8 @@ pub struct Timing {
 #[derive(Debug, Default)]
 struct State {
     open: Option<Marks>,
+    /// Of earlier submissions: making one costs the processor more than all of its marks.
+    spare: Vec<wgpu::QuerySet>,
     /// (place, label) to nanoseconds.
     spans: BTreeMap<(&'static str, &'static str), f64>,
 }
@@ -34,6 +36,7 @@ struct Marks {
 /// Marks of a submission on its way.
 #[derive(Debug)]
 pub(crate) struct Pending {
+    queries: wgpu::QuerySet,
     labels: Vec<&'static str>,
     values: wgpu::Buffer,
 }
@@ -43,7 +46,7 @@ pub(crate) struct Pending {
 pub struct Span {
     /// `GPU`, or `CPU` for what prepares a submission.
     pub place: &'static str,
-    /// What it was.
+    /// What it was. `copies` may go on beside the other labels of the GPU; the rest add up.
     pub label: &'static str,
     /// Milliseconds since the sums were last taken.
     pub millis: f64,
@@ -70,15 +73,27 @@ impl Gpu {
         spans.into_iter().map(|((place, label), nanos)| Span { place, label, millis: nanos * 1e-6 }).collect()
     }
 
+    pub(crate) fn is_timing(&self) -> bool {
+        self.timing().on.load(Relaxed)
+    }
+
+    /// Adds steps of the GPU's clock that something took beside the drawing.
+    pub(crate) fn add_span(&self, label: &'static str, steps: u64) {
+        let nanos = steps as f64 * self.queue().get_timestamp_period() as f64;
+        *self.timing().state().spans.entry(("GPU", label)).or_default() += nanos;
+    }
+
     /// Ends the span `label` of the submission that is being recorded; the first mark of a submission only begins one.
     pub fn mark(&self, encoder: &mut wgpu::CommandEncoder, label: &'static str) {
         if !self.timing().on.load(Relaxed) {
             return;
         }
         let mut state = self.timing().state();
-        let marks = state.open.get_or_insert_with(|| {
+        let State { open, spare, .. } = &mut *state;
+        let marks = open.get_or_insert_with(|| {
             let descriptor = wgpu::QuerySetDescriptor { label: Some("marks"), ty: wgpu::QueryType::Timestamp, count: MAX_MARKS };
-            Marks { queries: self.device().create_query_set(&descriptor), labels: Vec::new() }
+            let queries = spare.pop().unwrap_or_else(|| self.device().create_query_set(&descriptor));
+            Marks { queries, labels: Vec::new() }
         });
         if (marks.labels.len() as u32) < MAX_MARKS {
             encoder.write_timestamp(&marks.queries, marks.labels.len() as u32);
@@ -106,7 +121,7 @@ impl Gpu {
         let values = self.buffer("marks", n_bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         encoder.resolve_query_set(&marks.queries, 0..marks.labels.len() as u32, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &values, 0, n_bytes);
-        Some(Pending { labels: marks.labels, values })
+        Some(Pending { queries: marks.queries, labels: marks.labels, values })
     }
 
     /// Adds up the marks of a submission that is done.
@@ -115,6 +130,7 @@ impl Gpu {
         let at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| view[8 * i + k]));
         let period_nanos = self.queue().get_timestamp_period() as f64;
         let mut state = self.timing().state();
+        state.spare.push(pending.queries.clone());
         for (i, label) in pending.labels.iter().enumerate().skip(1) {
             *state.spans.entry(("GPU", label)).or_default() += at(i).saturating_sub(at(i - 1)) as f64 * period_nanos;
         }

@@ -87,7 +87,7 @@ fn import_that_cannot_be_is_staged_and_says_why() {
     let odd = unsafe { ShmTarget::import(&gpu, base.add(64), len - 64) };
     assert_eq!(odd.cpu_copies(), 1);
     assert!(odd.staged_reason().unwrap().contains("not aligned"), "{:?}", odd.staged_reason());
-    let refused = Gpu::open(&GpuOptions { adapter: None, allow_import: false }).unwrap();
+    let refused = Gpu::open(&GpuOptions { allow_import: false, ..Default::default() }).unwrap();
     assert!(!refused.can_import());
     // SAFETY: as above.
     assert!(unsafe { ShmTarget::import(&refused, base, len) }.staged_reason().unwrap().contains("switched off"));
@@ -95,7 +95,7 @@ fn import_that_cannot_be_is_staged_and_says_why() {
 
 #[test]
 fn unknown_adapter_is_refused_with_the_names_of_all() {
-    let error = Gpu::open(&GpuOptions { adapter: Some("voodoo".into()), allow_import: true }).unwrap_err();
+    let error = Gpu::open(&GpuOptions { adapter: Some("voodoo".into()), ..Default::default() }).unwrap_err();
     let GpuError::UnknownAdapter { found, .. } = &error else { panic!("{error}") };
     assert!(!found.is_empty() && error.to_string().contains(&found[0]), "{error}");
 }

@@ -21,7 +21,7 @@ fn main() {
     let mut args = std::env::args().skip(1);
     let path = args.next().expect("the first argument is the mesh file");
     let turns: usize = args.next().map_or(20, |text| text.parse().expect("turns are a whole number"));
-    let gpu = Gpu::open(&GpuOptions { adapter: args.next(), allow_import: true }).unwrap_or_else(|error| panic!("{error}"));
+    let gpu = Gpu::open(&GpuOptions { adapter: args.next(), ..Default::default() }).unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
     let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);

@@ -65,7 +65,7 @@ enum Way<'p> {
     /// There were no jobs.
     None,
     /// Points are copied; which copy is a job's, `None` for a job without rays.
-    Copied { copies: InFlight<'p>, of_jobs: Vec<Option<usize>> },
+    Copied { copies: InFlight<'p>, of_jobs: Vec<Option<usize>>, _uploaded: Option<Arc<HostMemory>> },
     /// The shader writes points and their number where they belong.
     Direct { flight: Direct, totals: Arc<HostMemory>, n_jobs: usize },
 }
@@ -78,7 +78,7 @@ impl Scans<'_> {
     pub fn wait(self) -> Result<Vec<ScanOutcome>, GpuError> {
         match self.0 {
             Way::None => Ok(Vec::new()),
-            Way::Copied { copies, of_jobs } => {
+            Way::Copied { copies, of_jobs, .. } => {
                 let outcomes = copies.wait_awake()?;
                 let totals = outcomes.last().and_then(|outcome| outcome.mapped.as_ref()).expect("the last copy is that of the totals");
                 let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
@@ -91,7 +91,11 @@ impl Scans<'_> {
             Way::Direct { flight, totals, n_jobs } => {
                 flight.wait_awake()?;
                 let mut n_points = vec![0u32; n_jobs];
-                totals.read(0, bytemuck::cast_slice_mut(&mut n_points));
+                #[expect(unsafe_code, reason = "the GPU has written there; the block carries its proof")]
+                // SAFETY: the submission that wrote there is done, and the next one gets other memory as long as this is held.
+                unsafe {
+                    totals.read(0, bytemuck::cast_slice_mut(&mut n_points))
+                };
                 Ok(n_points.into_iter().map(|n_points| ScanOutcome { n_points, cpu_copies: 0 }).collect())
             }
         }
@@ -200,7 +204,8 @@ impl GpuRays {
             of_jobs.push((n_bytes > 0).then(|| batch.buffer(&self.memory.packed.buffer, begin, n_bytes, place)));
         }
         batch.map_buffer(&self.memory.totals.buffer, 0, 4 * frame.lidars.len());
-        Scans(Way::Copied { copies: batch.submit(&self.gpu, encoder), of_jobs })
+        let _uploaded = self.memory.host().cloned();
+        Scans(Way::Copied { copies: batch.submit(&self.gpu, encoder), of_jobs, _uploaded })
     }
 
     /// Records tracing of each group with packing of the one before it.

@@ -53,6 +53,10 @@ pub struct Args {
     #[arg(long)]
     pub staged: bool,
 
+    /// Copy frames on the queue that draws, behind their drawing, and not beside the drawing of the next ones where the GPU has a queue for copies
+    #[arg(long)]
+    pub one_queue: bool,
+
     /// Ticks that the world may go on while a camera's frame is on the GPU, in free-running mode: 1 to 4
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=4))]
     pub frames_in_flight: u32,

@@ -13,7 +13,7 @@ use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
-use sensor_gpu::{Gpu, GpuOptions};
+use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
 use simd_world::{Scenario, World, WorldOptions};
 
@@ -76,7 +76,8 @@ pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         )));
     }
     check_memory(&launch, &args)?;
-    let gpu = Gpu::open(&GpuOptions { adapter: args.adapter.clone(), allow_import: !args.staged })?;
+    let copies = if args.one_queue { CopyPath::Behind } else { CopyPath::Beside };
+    let gpu = Gpu::open(&GpuOptions { adapter: args.adapter.clone(), allow_import: !args.staged, copies })?;
     let quality = match args.quality {
         Some(QualityArg::Low) => Quality::Low,
         Some(QualityArg::High) => Quality::High,

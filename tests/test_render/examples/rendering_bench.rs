@@ -4,7 +4,7 @@
 //! `separate`: one view of six modalities against six sensors of one modality each, each rendered in a submission of its own, by turns in one run.
 //! `apart`: the same against six such views that go through one submission together.
 //! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
-//! `driving=0|1` (vehicles drive from frame to frame).
+//! `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames are copied behind their drawing, or beside the next, where the adapter can).
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
 
 use std::collections::BTreeSet;
@@ -16,7 +16,7 @@ use schema_frames::{Modality, VehicleControl};
 use schema_types::ObjectId;
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::{Scene, SceneAssets};
-use sensor_gpu::{Gpu, GpuOptions};
+use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_spec::Intrinsics;
 use test_render::separate::{Sides, best, median};
 use test_render::{Cameras, Figures, Stage, peer, weathers};
@@ -38,6 +38,7 @@ struct Options {
     ply: Option<String>,
     times: bool,
     driving: bool,
+    copies: CopyPath,
 }
 
 fn options() -> Result<Options, String> {
@@ -54,6 +55,7 @@ fn options() -> Result<Options, String> {
         ply: None,
         times: false,
         driving: false,
+        copies: CopyPath::Beside,
     };
     for word in std::env::args().skip(1) {
         let Some((key, value)) = word.split_once('=') else {
@@ -73,6 +75,13 @@ fn options() -> Result<Options, String> {
             "weather" => options.weather = value.into(),
             "times" => options.times = number(value)? != 0,
             "driving" => options.driving = number(value)? != 0,
+            "queues" => {
+                options.copies = match value {
+                    "1" => CopyPath::Behind,
+                    "2" => CopyPath::Beside,
+                    _ => return Err(format!("queues is {value:?}, but must be 1 or 2")),
+                };
+            }
             "ply" => options.ply = Some(value.into()),
             "size" => {
                 let (width, height) = value.split_once('x').ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
@@ -260,7 +269,7 @@ fn main() {
         eprintln!("{error}");
         std::process::exit(2);
     });
-    let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| {
+    let gpu = Gpu::open(&GpuOptions { copies: options.copies, ..Default::default() }).unwrap_or_else(|error| {
         eprintln!("{error}");
         std::process::exit(1);
     });
@@ -272,13 +281,14 @@ fn main() {
     });
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     println!(
-        "{}; quality {quality:?}; {} with {} vehicles{}, {}; {} frames, {in_flight} in flight; load {}",
+        "{}; quality {quality:?}; {} with {} vehicles{}, {}; {} frames, {in_flight} in flight, copied {}; load {}",
         gpu.name(),
         stage.name,
         options.vehicles,
         if options.driving { " that drive" } else { "" },
         options.weather,
         options.frames,
+        if gpu.copies_beside() { "beside" } else { "behind" },
         load.trim()
     );
     let weather = weathers::named(&options.weather).unwrap_or_else(|| {

@@ -379,7 +379,11 @@ impl EventList {
     }
 
     fn sort(&self, memory: &HostMemory, out: &mut [u8]) -> EventsMade {
-        let (head, events) = memory.bytes().split_at(HEAD_BYTES);
+        #[expect(unsafe_code, reason = "the GPU has written there; the block carries its proof")]
+        // SAFETY: the list is this one's alone until it goes back to the others, nobody calls `write` on it, and the submission that wrote
+        // it is done (contract of `finish`).
+        let bytes = unsafe { memory.bytes() };
+        let (head, events) = bytes.split_at(HEAD_BYTES);
         let ends: &[u32] = bytemuck::cast_slice(head);
         let events: &[DvsEvent] = bytemuck::cast_slice(&events[..self.capacity * size_of::<DvsEvent>()]);
         let n_made = ends[N_SLICES - 1] as usize;

@@ -99,8 +99,12 @@ impl Memory {
         let (first_lidar, first_table) = parts_of(frame);
         match self.host_of(gpu, first_table + tables.len()) {
             Some(host) => {
-                host.write(first_lidar, lidars);
-                host.write(first_table, tables);
+                #[expect(unsafe_code, reason = "the GPU reads there later; the block carries its proof")]
+                // SAFETY: scans on their way hold what they read and write, and `host_of` gives nobody else's.
+                unsafe {
+                    host.write(first_lidar, lidars);
+                    host.write(first_table, tables);
+                }
                 let mut copy = |from: usize, to: &Growing, n_bytes: usize| {
                     encoder.copy_buffer_to_buffer(host.buffer(), from as u64, &to.buffer, 0, n_bytes as u64);
                 };
@@ -121,9 +125,10 @@ impl Memory {
         self.host_of(gpu, first_table + size_of_val(&frame.tables[..])).is_some()
     }
 
-    /// The host's memory with room for so many bytes.
+    /// The host's memory with room for so many bytes, which no scan on its way holds.
     fn host_of(&mut self, gpu: &Gpu, n_bytes: usize) -> Option<Arc<HostMemory>> {
-        if gpu.can_write_directly() && self.host.as_ref().is_none_or(|host| host.n_bytes() < n_bytes) {
+        let fits = |host: &Arc<HostMemory>| host.n_bytes() >= n_bytes && Arc::strong_count(host) == 1;
+        if gpu.can_write_directly() && !self.host.as_ref().is_some_and(fits) {
             self.host = HostMemory::new(gpu, n_bytes.next_power_of_two()).map(Arc::new);
         }
         self.host.clone()

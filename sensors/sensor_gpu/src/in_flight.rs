@@ -1,0 +1,171 @@
+//! Submissions on their way with their copies, and what became of those.
+
+use ash::vk;
+
+use crate::copy::{Item, Sink};
+use crate::copy_queue::CopyMarks;
+use crate::device::{Gpu, GpuError};
+use crate::direct::AWAKE;
+use crate::timing::Pending;
+
+/// A submission on its way. Dropping it waits too, so that nothing is written to memory that the caller takes back.
+#[derive(Debug)]
+#[must_use = "the copies are done only after wait()"]
+pub struct InFlight<'a> {
+    gpu: Gpu,
+    /// They own what is copied until it has been.
+    items: Vec<Item<'a>>,
+    submission: Option<wgpu::SubmissionIndex>,
+    beside: Option<Beside>,
+    pending: Option<Pending>,
+}
+
+/// Copies by the queue beside the drawing one.
+#[derive(Debug)]
+pub(crate) struct Beside {
+    /// What the queue signals once they are done.
+    pub number: u64,
+    /// Whether the queue took them.
+    pub submitted: Result<(), vk::Result>,
+    pub marks: Option<CopyMarks>,
+}
+
+/// Bytes left mapped for the CPU.
+#[derive(Debug)]
+pub struct Mapped {
+    view: Option<wgpu::BufferView>,
+    buffer: wgpu::Buffer,
+    gpu: Gpu,
+    row_bytes: usize,
+    stride_bytes: usize,
+}
+
+impl Mapped {
+    /// Row `y` without padding.
+    pub fn row(&self, y: usize) -> &[u8] {
+        let begin = y * self.stride_bytes;
+        &self.view.as_ref().expect("the view lives as long as self")[begin..begin + self.row_bytes]
+    }
+
+    /// All bytes, the bytes of a row in use, and the bytes from one row to the next.
+    pub fn padded(&self) -> (&[u8], usize, usize) {
+        (self.view.as_ref().expect("the view lives as long as self"), self.row_bytes, self.stride_bytes)
+    }
+}
+
+impl Drop for Mapped {
+    fn drop(&mut self) {
+        self.view = None;
+        self.buffer.unmap();
+        self.gpu.give_staging(self.buffer.clone());
+    }
+}
+
+/// What became of one copy.
+#[derive(Debug)]
+pub struct CopyOutcome {
+    /// Bytes written; 0 for a mapped one.
+    pub n_bytes: usize,
+    /// Copies by the CPU: 0 or 1.
+    pub cpu_copies: u32,
+    /// The bytes, if they were asked to be left mapped.
+    pub mapped: Option<Mapped>,
+}
+
+impl<'a> InFlight<'a> {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        items: Vec<Item<'a>>,
+        submission: wgpu::SubmissionIndex,
+        beside: Option<Beside>,
+        pending: Option<Pending>,
+    ) -> InFlight<'a> {
+        InFlight { gpu: gpu.clone(), items, submission: Some(submission), beside, pending }
+    }
+
+    /// Waits until the bytes are where they belong; one outcome per copy, in order of recording.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait(mut self) -> Result<Vec<CopyOutcome>, GpuError> {
+        self.wait_for_gpu()?;
+        if let Some(pending) = self.pending.take() {
+            self.gpu.read_marks(&pending);
+        }
+        std::mem::take(&mut self.items).into_iter().map(|item| finish(&self.gpu, item)).collect()
+    }
+
+    /// As [`InFlight::wait`], but awake for the first half millisecond: short work on a GPU of its own is over before a thread wakes up.
+    ///
+    /// # Errors
+    /// The device was lost.
+    pub fn wait_awake(self) -> Result<Vec<CopyOutcome>, GpuError> {
+        if !self.gpu.is_software() {
+            match (&self.beside, self.gpu.copy_queue()) {
+                (Some(Beside { number, submitted: Ok(()), .. }), Some(queue)) => {
+                    queue.wait_awake(*number).map_err(|error| self.gpu.lost(error))?;
+                }
+                _ => self.poll_awake(),
+            }
+        }
+        self.wait()
+    }
+
+    fn poll_awake(&self) {
+        let begin = std::time::Instant::now();
+        let now = wgpu::PollType::Wait { submission_index: self.submission.clone(), timeout: Some(std::time::Duration::ZERO) };
+        while begin.elapsed() < AWAKE && matches!(self.gpu.device().poll(now.clone()), Err(wgpu::PollError::Timeout)) {
+            std::hint::spin_loop();
+        }
+    }
+
+    fn wait_for_gpu(&mut self) -> Result<(), GpuError> {
+        let Some(submission) = self.submission.take() else { return Ok(()) };
+        // Copies beside the drawing are done after it: nobody needs to look after wgpu's books, unless something of its own is waited for.
+        let is_plain = self.pending.is_none() && self.items.iter().all(|item| item.staging.is_none());
+        let copied = self.beside.take().map(|beside| self.gpu.time("wait", || wait_beside(&self.gpu, beside)));
+        if is_plain && matches!(copied, Some(Ok(()))) {
+            return Ok(());
+        }
+        let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+        let drawn = self.gpu.time("wait", || self.gpu.device().poll(wait)).map(|_| ()).map_err(|error| self.gpu.lost(error));
+        copied.unwrap_or(Ok(())).and(drawn)
+    }
+}
+
+fn wait_beside(gpu: &Gpu, Beside { number, submitted, marks }: Beside) -> Result<(), GpuError> {
+    let queue = gpu.copy_queue().expect("only its copies are beside");
+    let done = submitted.and_then(|()| queue.wait(number)).map_err(|error| gpu.lost(error));
+    // Marks of copies that nobody can wait for are never freed: what resets them may still be on its way.
+    if done.is_ok()
+        && let Some(steps) = marks.and_then(|marks| queue.take_marks(marks))
+    {
+        gpu.add_span("copies", steps);
+    }
+    done
+}
+
+impl Drop for InFlight<'_> {
+    fn drop(&mut self) {
+        if let Err(error) = self.wait_for_gpu() {
+            tracing::error!(%error, "a submission was given up");
+        }
+    }
+}
+
+fn finish(gpu: &Gpu, item: Item<'_>) -> Result<CopyOutcome, GpuError> {
+    let n_bytes = item.source.n_bytes();
+    let Some(buffer) = item.staging else {
+        return Ok(CopyOutcome { n_bytes, cpu_copies: 0, mapped: None });
+    };
+    let (row_bytes, stride_bytes) = item.source.staged_rows();
+    let view = buffer.get_mapped_range(..).map_err(|error| gpu.lost(error))?;
+    let mapped = Mapped { view: Some(view), buffer, gpu: gpu.clone(), row_bytes, stride_bytes };
+    let Sink::Place(mut place) = item.sink else {
+        return Ok(CopyOutcome { n_bytes: 0, cpu_copies: 0, mapped: Some(mapped) });
+    };
+    for (y, row) in place.bytes_mut()[..n_bytes].chunks_exact_mut(row_bytes).enumerate() {
+        row.copy_from_slice(mapped.row(y));
+    }
+    Ok(CopyOutcome { n_bytes, cpu_copies: 1, mapped: None })
+}
