@@ -95,7 +95,9 @@ impl Gateway {
     /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has
     /// ended may have to go on by itself.
     pub fn closed(&self, connection: u64) {
-        self.feeds.streams().retire(connection);
+        if let Some(place) = self.feeds.streams().retire(connection) {
+            place.leave();
+        }
         lock(&self.traffic_managers).retain(|_, manager| manager.connection != connection);
         let mut drivers = lock(&self.drivers);
         if drivers.remove(&connection) && drivers.is_empty() {

@@ -71,7 +71,7 @@ pub struct FrameHeader {
     pub published_mono_nanos: u64,
     /// CPU copies on the way into this sample: 0 on the imported path.
     pub cpu_copies: u32,
-    /// Ticks this frame is late in free-running mode.
+    /// Ticks that had begun after its own when this frame was sent; 0 outside free-running mode.
     pub ticks_in_flight: u32,
     /// 0: the payload is in this sample.
     pub payload_place: u32,

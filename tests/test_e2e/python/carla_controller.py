@@ -21,6 +21,7 @@ PORT = int(sys.argv[1])
 SPACING_M = 2.0
 ROUTE_M = 700.0
 MIN_ROUTE_M = 300.0
+N_ROUTES = 3
 # 20 km/h is what CARLA's agents drive when nobody tells them otherwise.
 TOWN_KMH, FAST_KMH = 20.0, 60.0
 FAST_TOWNS = ("Town04", "Town06")
@@ -183,7 +184,9 @@ def check_town(client, name):
     rng.shuffle(points)
     routes = ((point, route_from(world.get_map(), point, rng, wanted_kmh / 3.6)) for point in points)
     long_enough = ((point, route) for point, route in routes if len(route) * SPACING_M >= MIN_ROUTE_M)
-    for point, route in itertools.islice(long_enough, 3):
+    driven = list(itertools.islice(long_enough, N_ROUTES))
+    assert len(driven) == N_ROUTES, (name, len(driven))
+    for point, route in driven:
         (car_m, model_m), is_done, hits = drive(world, point, route, wanted_kmh)
         where = f"{name} at {wanted_kmh:.0f} km/h from ({point.location.x:.0f}, {point.location.y:.0f}) for {len(route) * SPACING_M:.0f} m"
         print(f"{where}: the car leaves the lane's middle by {car_m:.2f} m, geometry alone by {model_m:.2f} m", flush=True)

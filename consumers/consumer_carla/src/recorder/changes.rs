@@ -157,8 +157,11 @@ impl Changes {
         }
         for (id, doors) in &self.doors {
             let Some(actor_id) = now_of(*id) else { continue };
-            commander.tell(Command::SetDoors { actor_id, doors: *doors, open: true });
-            commander.tell(Command::SetDoors { actor_id, doors: !doors & 15, open: false });
+            for (doors, open) in [(*doors, true), (!doors & 15, false)] {
+                if doors != 0 {
+                    commander.tell(Command::SetDoors { actor_id, doors, open });
+                }
+            }
         }
         for (id, physics) in &self.physics {
             let Some(actor_id) = now_of(*id) else { continue };

@@ -18,7 +18,7 @@ use schema_frames::scenery::LampChange;
 
 use crate::commander::Commander;
 use crate::gateway::lock;
-use crate::world::{Known, World};
+use crate::world::World;
 use changes::Changes;
 use replay::Replay;
 use writer::Writer;
@@ -78,14 +78,14 @@ impl Recorder {
         Ok(path)
     }
 
-    /// Starts a recording; one that runs is finished first.
+    /// Starts a recording on this map; one that runs is finished first.
     ///
     /// # Errors
     /// If the file cannot be made.
-    pub fn start(&self, path: &Path, known: &Known, with_motion: bool) -> Result<(), String> {
+    pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), String> {
         let mut state = lock(&self.state);
         state.writer = None;
-        state.writer = Some(Writer::create(path, known, with_motion)?);
+        state.writer = Some(Writer::create(path, map, with_motion)?);
         Ok(())
     }
 

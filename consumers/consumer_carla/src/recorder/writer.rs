@@ -48,15 +48,14 @@ fn can_move(record: &ActorRecord) -> bool {
 }
 
 impl Writer {
-    /// Makes the file; additional data go into it on demand.
+    /// Makes the file of a recording on this map; additional data go into it on demand.
     ///
     /// # Errors
     /// A sentence if it cannot be made.
-    pub fn create(path: &Path, known: &Known, with_motion: bool) -> Result<Writer, String> {
+    pub fn create(path: &Path, map: String, with_motion: bool) -> Result<Writer, String> {
         let cannot = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
-        let map = known.info.as_ref().map_or_else(String::new, |info| info.map.clone());
         let mut head = Vec::new();
         Head { version: VERSION, map, date: date(SystemTime::now()) }.write(&mut head);
         file.write_all(&head).map_err(cannot)?;

@@ -70,7 +70,9 @@ impl Gateway {
     fn start_recorder(&self, call: &mut Call<'_>) -> Outcome {
         let (name, with_motion) = (call.text()?, call.bool()?);
         let path = self.recorder.path(name)?;
-        self.recorder.start(&path, &self.world.known(), with_motion)?;
+        // Of its own, so that the world is free again before the recorder is held: each tick takes them the other way round.
+        let map = self.world.known().info.as_ref().map_or_else(String::new, |info| info.map.clone());
+        self.recorder.start(&path, map, with_motion)?;
         Ok(Answer::Value(path.display().to_string().into()))
     }
 

@@ -13,12 +13,12 @@ use crate::rpc::batch::{Commands, Item};
 use crate::rpc::{Call, Calls};
 use crate::sensors::spec;
 use crate::shapes;
-use crate::world::{Known, Own};
+use crate::world::Own;
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
-const FIRST_SEEN: Duration = Duration::from_secs(2);
-/// Longest wait for each of the first two snapshots without a destroyed one.
-const ABSENCE_WAIT: Duration = Duration::from_secs(2);
+const FIRST_SEEN: Duration = Duration::from_millis(1500);
+/// Longest wait for the second snapshot without a destroyed one. Clients that wait 2 s for an answer get theirs.
+const ABSENCE_WAIT: Duration = Duration::from_millis(1500);
 
 pub(crate) const CALLS: Calls = &[
     ("spawn_actor", |gateway, call| gateway.spawn(call, false)),
@@ -99,18 +99,18 @@ impl Gateway {
 
     /// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it, and ends its process if the script has
     /// destroyed it by then; so the answer comes with the snapshot after that one, when what was begun before should be done. In a stepped
-    /// world there is none before the next tick, which waits.
+    /// world there is none before the next tick, which waits. With ticks of a second and more the answer may come first.
     fn await_absence(&self, actor_id: u32) {
-        let has_manager = !lock(&self.traffic_managers).is_empty();
-        let is_free = self.world.known().info.as_ref().is_some_and(|info| info.mode == StepMode::FreeRunning);
-        if has_manager && is_free {
-            let gone_at = |known: &Known| {
-                let snapshot = known.snapshot.as_ref()?;
-                snapshot.records.iter().all(|record| record.id != actor_id).then_some(snapshot.header.tick)
-            };
-            let first = self.world.wait_for(ABSENCE_WAIT, gone_at);
-            let later = |known: &Known| known.snapshot.as_ref().filter(|at| Some(at.header.tick) > first).map(drop);
-            self.world.wait_for(ABSENCE_WAIT, later);
+        if lock(&self.traffic_managers).is_empty() {
+            return;
         }
+        let mut first = None;
+        self.world.wait_for(ABSENCE_WAIT, |known| {
+            if known.info.as_ref().is_none_or(|info| info.mode != StepMode::FreeRunning) {
+                return Some(());
+            }
+            let snapshot = known.snapshot.as_ref().filter(|snapshot| snapshot.actor(actor_id).is_none())?;
+            (snapshot.header.tick > *first.get_or_insert(snapshot.header.tick)).then_some(())
+        });
     }
 }
