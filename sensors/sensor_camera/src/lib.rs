@@ -1,6 +1,7 @@
 //! Views: cameras that give colour, depth, classes, instances, flow, normals and events from one drawing of the scene.
 //!
-//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views of a tick in one submission.
+//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views of a tick in one submission, unless
+//!   their shadow maps do not fit their memory.
 //! - Geometry is drawn once per view into exactly the targets that have readers; without readers nothing is drawn at all.
 //! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only colour differs.
 //! - Positions reach the GPU relative to the camera as `f32`, computed in `f64`: far from the origin is as sharp as at it.

@@ -1,4 +1,4 @@
-//! Draws every view of a tick in one submission.
+//! Draws every view of a tick in one submission, unless their shadow maps do not fit their memory.
 
 mod events;
 mod groups;
@@ -178,7 +178,8 @@ impl CameraRenderer {
         n_bytes
     }
 
-    /// Draws what is read of all `jobs` and remembers every job's firing. One submission; none at all if nobody reads.
+    /// Draws what is read of all `jobs` and remembers every job's firing. One submission, unless their shadow maps do not fit their memory
+    /// ([`CameraRenderer::limit_shadow_bytes`]); none at all if nobody reads.
     ///
     /// # Errors
     /// A job asks for what a camera does not make, asks twice, or its place is too small; nothing was drawn or remembered then.

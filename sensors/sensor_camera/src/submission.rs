@@ -76,12 +76,19 @@ impl Submission<'_> {
             Some(in_flight) => in_flight.wait()?,
             None => Vec::new(),
         };
-        let mut finish = |plan| finish_output(plan, &mut copies);
+        #[expect(unsafe_code, reason = "the GPU has written events; the block carries its proof")]
+        // SAFETY: the submission was waited for, and without one there are no plans.
+        let mut finish = |plan| unsafe { finish_output(plan, &mut copies) };
         Ok(self.plans.into_iter().map(|plans| ViewResult { outputs: plans.into_iter().map(&mut finish).collect() }).collect())
     }
 }
 
-fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
+/// Does what a plan says.
+///
+/// # Safety
+/// The submission that the plan belongs to is done.
+#[expect(unsafe_code, reason = "the GPU has written events; the block carries its proof")]
+unsafe fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
     match plan {
         Plan::Copied { modality, copy, first, window_nanos } => {
             let CopyOutcome { n_bytes, cpu_copies, .. } = copies[copy];
@@ -99,7 +106,11 @@ fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
             let made = state.advance(&images, window_nanos, place.bytes_mut());
             events_result(made, window_nanos)
         }
-        Plan::EventList { mut place, list, window_nanos } => events_result(list.finish(place.bytes_mut()), window_nanos),
+        Plan::EventList { mut place, list, window_nanos } => {
+            // SAFETY: the caller promises it.
+            let made = unsafe { list.finish(place.bytes_mut()) };
+            events_result(made, window_nanos)
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Frames that are copied beside the drawing of the next ones are those that are copied behind their own, whoever comes and goes meanwhile.
 //!
-//! `Apart` takes the way of two queues through one, so that every adapter can show it; where there are two, both are tried.
+//! `Apart` takes the way of two queues through one: on every adapter it shows lifetimes and bookkeeping. The order of two queues shows only
+//! where there are two; there both ways are tried.
 
 #![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
 

@@ -61,6 +61,7 @@ fn cameras_whose_maps_do_not_fit_get_the_same_pictures() {
         assert!(limited.most_bytes <= most_bytes, "{quality:?}: {} bytes of {most_bytes}", limited.most_bytes);
         assert!(limited.pictures == free.pictures, "{quality:?}: memory shows in the pictures");
         assert_eq!(free.n_submissions, N_STEPS);
+        assert!(limited.n_submissions > N_STEPS, "{quality:?}: all maps fitted");
         assert!(limited.pictures.iter().any(|picture| picture.chunks(4).any(|pixel| pixel != &picture[..4])));
     }
 }

@@ -150,7 +150,7 @@ impl<'a> CopyBatch<'a> {
     }
 
     /// The same for a texture that [`Gpu::shared_texture_layers`] made and said to be shared: its copy goes on beside later submissions. Each of
-    /// those that writes to a texture of the group `reads` has to say so with [`CopyBatch::overwrites`].
+    /// those that writes to a texture of the group `reads` has to say so with [`CopyBatch::overwrites`] or [`Gpu::submit_overwriting`].
     pub fn shared_layer(
         &mut self,
         texture: &wgpu::Texture,
@@ -247,6 +247,15 @@ impl<'a> CopyBatch<'a> {
             staging.map_async(wgpu::MapMode::Read, .., |_| {});
         }
         InFlight::new(gpu, self.items, submission, beside, pending)
+    }
+}
+
+impl Gpu {
+    /// Submits commands that bring no copies, and write to textures of these groups: on the GPU they wait for copies of earlier submissions
+    /// that read them.
+    pub fn submit_overwriting(&self, commands: Vec<wgpu::CommandBuffer>, overwritten: &[Arc<Reads>]) {
+        submit(self, commands, &[], None, overwritten);
+        self.counters().add_submission(0);
     }
 }
 

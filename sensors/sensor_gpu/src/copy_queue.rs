@@ -25,7 +25,8 @@ pub enum CopyPath {
     Beside,
     /// Behind the drawing of the same frame, by the queue that drew it.
     Behind,
-    /// As `Beside`, but on the queue that draws: shows on every adapter what else only those with two queues do. Saves no time.
+    /// As `Beside`, but on the queue that draws: shows on every adapter how long things live and that the books are right, not in which order
+    /// two queues work. Saves no time.
     Apart,
 }
 
@@ -261,12 +262,17 @@ impl CopyQueue {
         self.wait(submitted)
     }
 
-    /// Gives everything back; the device finishes its copies first, or is lost.
-    pub fn close(self) {
-        // A lost device has let go of everything.
-        let _ = self.wait_idle();
+    /// Gives everything back once all copies are done; left to the driver if nobody can wait for them.
+    ///
+    /// # Safety
+    /// No submission of the drawing queue that waits for `copied` or signals `drawn` is on its way, and none comes.
+    pub unsafe fn close(self) {
+        if self.wait_idle().is_err() {
+            return;
+        }
         let turn = self.turn.into_inner().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: made from this device, which is done with them; command buffers go with their pool.
+        // SAFETY: made from this device, both of whose queues are done with them (the other by the caller's promise); command buffers go
+        // with their pool.
         unsafe {
             self.raw.destroy_command_pool(turn.pool, None);
             self.raw.destroy_semaphore(self.drawn, None);

@@ -79,14 +79,17 @@ struct Inner {
 
 impl Drop for Inner {
     fn drop(&mut self) {
+        // What the drawing queue waits for or signals may be in use as long as nobody knows that it is done: it is left to the driver then.
+        if self.device.poll(wgpu::PollType::wait_indefinitely()).is_err() {
+            return;
+        }
         if let Some(queue) = self.copy_queue.take() {
-            queue.close();
+            // SAFETY: the drawing queue has finished everything, and who could submit more is gone.
+            unsafe { queue.close() };
         }
         let timeline = self.timeline.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner).take();
-        if let Some(timeline) = timeline
-            && self.device.poll(wgpu::PollType::wait_indefinitely()).is_ok()
-        {
-            // SAFETY: made from this device, which has finished everything.
+        if let Some(timeline) = timeline {
+            // SAFETY: made from this device, whose drawing queue has finished everything.
             unsafe { timeline.destroy(&self.device) };
         }
     }

@@ -1,6 +1,7 @@
 //! Copies beside the drawing: who draws into a texture again waits for the copies that read it, and what is under way outlives who asked.
 //!
-//! `Apart` takes the same way as `Beside` through one queue, so that every adapter can show it; with two queues both are tried.
+//! `Apart` takes the same way as `Beside` through one queue: on every adapter it shows lifetimes and bookkeeping. The order of two queues shows
+//! only where there are two; there both ways are tried.
 
 #![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
 
@@ -46,11 +47,14 @@ impl Painter {
         (4 * self.texture.width() * self.texture.height() * self.n_layers) as usize
     }
 
-    /// Fills the layers with `number`, `number + 1` and so on, and copies them to the target.
+    /// Fills the layers with `number`, `number + 1` and so on, and copies them to the target; every third time with a submission of its own.
     fn paint(&self, number: u32, target: &Arc<ShmTarget>, offset_bytes: usize) -> InFlight<'static> {
         let mut encoder = self.gpu.encoder("paint");
         let mut batch = CopyBatch::new();
-        batch.overwrites(&self.reads);
+        let is_apart = number.is_multiple_of(3);
+        if !is_apart {
+            batch.overwrites(&self.reads);
+        }
         let layer_bytes = self.frame_bytes() / self.n_layers as usize;
         for layer in 0..self.n_layers {
             let view = self.texture.create_view(&wgpu::TextureViewDescriptor {
@@ -66,6 +70,10 @@ impl Painter {
             let offset_bytes = offset_bytes + layer as usize * layer_bytes;
             let place = Place::Shm { target: target.clone(), offset_bytes, capacity_bytes: layer_bytes };
             batch.shared_layer(&self.texture, layer, 4, place, &self.reads);
+        }
+        if is_apart {
+            self.gpu.submit_overwriting(vec![encoder.finish()], std::slice::from_ref(&self.reads));
+            encoder = self.gpu.encoder("copy");
         }
         batch.submit(&self.gpu, encoder)
     }

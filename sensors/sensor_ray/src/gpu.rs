@@ -165,10 +165,12 @@ impl GpuRays {
     /// # Errors
     /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the CPU has to cast.
     pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
-        if self.world.update(&self.gpu, scene)? {
+        let updated = self.world.update(&self.gpu, scene);
+        // A world that is too much may have got other buffers before that was found.
+        if updated != Ok(false) {
             self.bindings = None;
         }
-        Ok(())
+        updated.map(drop)
     }
 
     /// Casts all jobs with one submission.

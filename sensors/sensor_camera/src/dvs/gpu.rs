@@ -370,19 +370,25 @@ impl std::fmt::Debug for EventList {
 }
 
 impl EventList {
-    /// Writes the events to the front of `out`, sorted by time, y, x. The GPU must be done.
-    pub fn finish(mut self, out: &mut [u8]) -> EventsMade {
+    /// Writes the events to the front of `out`, sorted by time, y, x.
+    ///
+    /// # Safety
+    /// The submission that writes the list is done.
+    #[expect(unsafe_code, reason = "the GPU has written there; the block carries its proof")]
+    pub unsafe fn finish(mut self, out: &mut [u8]) -> EventsMade {
         let Some(memory) = self.memory.take() else { return EventsMade { n_events: 0, n_dropped: 0, first: self.first } };
-        let made = if self.first { EventsMade { n_events: 0, n_dropped: 0, first: true } } else { self.sort(&memory, out) };
+        let made = if self.first {
+            EventsMade { n_events: 0, n_dropped: 0, first: true }
+        } else {
+            // SAFETY: the list is this one's alone until it goes back to the others, nobody calls `write` on it, and the submission that
+            // wrote it is done (the caller's promise).
+            self.sort(unsafe { memory.bytes() }, out)
+        };
         self.lists.lock().unwrap_or_else(PoisonError::into_inner).push(memory);
         made
     }
 
-    fn sort(&self, memory: &HostMemory, out: &mut [u8]) -> EventsMade {
-        #[expect(unsafe_code, reason = "the GPU has written there; the block carries its proof")]
-        // SAFETY: the list is this one's alone until it goes back to the others, nobody calls `write` on it, and the submission that wrote
-        // it is done (contract of `finish`).
-        let bytes = unsafe { memory.bytes() };
+    fn sort(&self, bytes: &[u8], out: &mut [u8]) -> EventsMade {
         let (head, events) = bytes.split_at(HEAD_BYTES);
         let ends: &[u32] = bytemuck::cast_slice(head);
         let events: &[DvsEvent] = bytemuck::cast_slice(&events[..self.capacity * size_of::<DvsEvent>()]);

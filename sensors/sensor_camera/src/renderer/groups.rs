@@ -77,7 +77,8 @@ impl CameraRenderer {
             if rest.is_empty() {
                 return encoder;
             }
-            gpu.submit([std::mem::replace(&mut encoder, gpu.encoder("views")).finish()]);
+            let overwritten: Vec<_> = group.iter().map(|active| active.targets.reads.clone()).collect();
+            gpu.submit_overwriting(vec![std::mem::replace(&mut encoder, gpu.encoder("views")).finish()], &overwritten);
             active = rest;
         }
     }

@@ -82,7 +82,7 @@ impl World {
     /// Uploads what is new and says whether buffers are others than before.
     ///
     /// # Errors
-    /// In a sentence why the GPU cannot hold the scene.
+    /// In a sentence why the GPU cannot hold the scene; buffers may be others than before then.
     pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
         let key = (scene.serial, scene.mesh_trees.iter().flatten().count());
         if let Some((_, why)) = self.refused.as_ref().filter(|(refused, _)| *refused == key) {
@@ -120,6 +120,13 @@ impl World {
         let tiles = scene.tiles.iter().zip(&self.tiles).filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0)));
         let place_of = |mesh_idx: u32| self.meshes[mesh_idx as usize].expect("what has bounds has a hierarchy");
         let moving = scene.dynamics.iter().map(|placed| (place_of(placed.mesh_idx), placed.mesh_from_world, placed.object.0));
+        let n_placed = self.tiles.iter().flatten().count() + scene.dynamics.len();
+        let n_bytes = (n_placed * size_of::<InstanceWords>()) as u64;
+        let is_new = n_bytes > self.instances.size();
+        // Before anything is taken for uploaded.
+        if is_new {
+            check_size(gpu, "moving things", n_bytes.next_power_of_two())?;
+        }
         let Uploaded { poses, instances, .. } = &mut self.uploaded;
         let (mut n, mut changed) = (0, None);
         for (place, pose, object) in tiles.chain(moving) {
@@ -138,12 +145,8 @@ impl World {
         }
         instances.truncate(n);
         poses.truncate(n);
-        let n_bytes = size_of_val(&instances[..]) as u64;
-        let is_new = n_bytes > self.instances.size();
         if is_new {
-            let room = n_bytes.next_power_of_two();
-            check_size(gpu, "moving things", room)?;
-            self.instances = gpu.buffer("ray instances", room, USAGE);
+            self.instances = gpu.buffer("ray instances", n_bytes.next_power_of_two(), USAGE);
             changed = Some((0, n));
         }
         if let Some((first, end)) = changed {
