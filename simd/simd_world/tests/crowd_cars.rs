@@ -77,7 +77,8 @@ fn nobody_walks_on_the_spot_against_a_standing_car() {
         cars.len(),
         ways[N_WALKERS / 2]
     );
-    assert!(n_met > N_WALKERS / 2, "only {n_met} came near a car");
+    // Where a car leaves no way round on the pavement people turn back before they are near; others pass it.
+    assert!(n_met > N_WALKERS / 4, "only {n_met} came near a car");
     // Between a car and a lamp post somebody may stop for a moment; without a way round it is half a minute.
     assert!(longest_secs < 3.0, "somebody walked against a car for {longest_secs} s");
     assert!(ways[N_WALKERS / 4] > 40.0, "three of four walk most of the time: {ways:?}");
