@@ -35,7 +35,7 @@ pub struct Scenario {
     pub map: String,
     /// Seed of everything random; 0 to 2⁶³ − 1.
     pub seed: u64,
-    /// Ticks per second of simulated time.
+    /// Ticks per second of simulated time, 0.1 to 1000.
     pub tick_hz: f64,
     /// `free_running`: paced by the clock; `stepped`: one tick per cue.
     pub mode: StepMode,

@@ -15,7 +15,7 @@ mod processes;
 /// Version of the launch file format.
 pub const VERSION: i64 = 1;
 /// Ticks per second a scenario may ask for.
-const TICK_HZ: (f64, f64) = (1.0, 1000.0);
+const TICK_HZ: (f64, f64) = (0.1, 1000.0);
 /// Most other vehicles.
 const MAX_VEHICLES: u32 = 500;
 /// Most people on foot.

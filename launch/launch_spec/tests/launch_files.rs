@@ -268,3 +268,15 @@ fn sensors_on_no_ego_vehicle_are_refused() {
     let errors = Launch::parse(&format!("{town}{pole}"), "town.toml").unwrap_err().to_string();
     assert!(errors.contains("sensor.imu rides on the ego vehicle, but ego.type_id is \"none\""), "{errors}");
 }
+
+#[test]
+fn ticks_are_a_millisecond_to_ten_seconds_long() {
+    for (tick_hz, period_nanos) in [("0.1", 10_000_000_000), ("1000", 1_000_000)] {
+        let launch = Launch::parse(&format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"), "a.toml").unwrap();
+        assert_eq!(launch.scenario.period_nanos(), period_nanos);
+    }
+    for tick_hz in ["0.09", "1001", "0", "nan"] {
+        let error = Launch::parse(&format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"), "a.toml").unwrap_err().to_string();
+        assert!(error.contains("scenario.tick_hz is") && error.contains("but must be 0.1 to 1000"), "{error}");
+    }
+}

@@ -12,7 +12,7 @@ use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::request_response::PortFactory;
 
 use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
-use schema_frames::{CommandBatch, ReplyBatch};
+use schema_frames::{CommandBatch, CommandReply, ReplyBatch};
 
 use crate::bus::{Service, schema_attribute, settle};
 use crate::control::{name_bytes, name_text};
@@ -209,11 +209,21 @@ impl CommandServer {
         Ok(requests)
     }
 
-    /// Answers. A client that has gone meanwhile is no error.
+    /// Answers. A client that has gone meanwhile is no error. If the answer cannot be sent, one refusal says so in its place, so that the
+    /// client need not wait for nothing.
     ///
     /// # Errors
     /// [`BusError::Service`].
     pub fn reply(&self, request: Request, answer: &ReplyBatch) -> Result<(), BusError> {
+        let sent = self.send(&request, answer);
+        if let Err(error) = &sent {
+            let error = format!("the commands were run, but their answer could not be sent: {error}");
+            self.send(&request, &ReplyBatch { epoch: answer.epoch.clone(), replies: vec![CommandReply::Refused { error }], ..*answer })?;
+        }
+        sent
+    }
+
+    fn send(&self, request: &Request, answer: &ReplyBatch) -> Result<(), BusError> {
         let full = self.service.name().as_str();
         let failed = |cause: String| BusError::Service { action: "answer on", service: full.into(), cause };
         let text = serde_json::to_vec(answer).map_err(|e| failed(e.to_string()))?;

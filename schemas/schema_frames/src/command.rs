@@ -52,7 +52,7 @@ pub enum Command {
         /// New mode.
         #[serde(default)]
         mode: Option<StepMode>,
-        /// New tick length.
+        /// New tick length, 100 µs to 10 s.
         #[serde(default)]
         period_nanos: Option<u64>,
         /// Longest physics sub-step, 100 µs to 10 ms: a tick is done in equal sub-steps no longer than this.

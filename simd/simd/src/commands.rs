@@ -10,7 +10,7 @@ use crate::daemon::Daemon;
 use crate::pace::Pace;
 use crate::runtime::SensorWish;
 
-/// Shortest and longest tick, nanoseconds: 10 kHz to 1 Hz.
+/// Shortest and longest tick, nanoseconds: 10 kHz to 0.1 Hz.
 const PERIOD_NANOS: (u64, u64) = (100_000, 10_000_000_000);
 /// Shortest and longest physics sub-step, nanoseconds.
 const SUBSTEP_NANOS: (u64, u64) = (100_000, 10_000_000);

@@ -219,7 +219,7 @@ impl Sensors {
             if topic.is_unsettled(now_nanos)
                 && let Err(error) = topic.settle(bus, &self.gpu, staged)
             {
-                tracing::warn!(topic = topic.name, error = format!("{error:#}"), "a reader came, but the topic got no memory");
+                tracing::warn!(topic = topic.name, error = format!("{error:#}"), "a topic did not get the memory that it needs");
             }
         }
         Ok(())

@@ -197,10 +197,7 @@ impl Topic {
         let max_readers = if options.on_demand { readers_on_demand(modality, max_payload_bytes) } else { usual.max_readers };
         let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, max_readers, ..usual };
         let service = bus.frame_service(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
-        if let Some(free_bytes) = schema_bus::shared_memory_free().filter(|free_bytes| service.segment_bytes() > *free_bytes) {
-            let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-            bail!("{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free", mib(service.segment_bytes()), mib(free_bytes));
-        }
+        check_room(&name, &service, 0)?;
         let wake = bus.notifier(&name)?;
         let by_gpu = match modality.sensor_kind() {
             SensorKind::Camera => true,
@@ -256,7 +253,7 @@ impl Topic {
             return true;
         }
         if !self.on_demand {
-            return false;
+            return !matches!(self.outlet, Outlet::Open { .. });
         }
         let n_readers = self.n_readers();
         if n_readers > 0 {
@@ -284,12 +281,27 @@ impl Topic {
         Ok(())
     }
 
-    /// Makes the memory anew in the size that is needed now; readers stay connected.
+    /// Makes the memory anew in the size that is needed now; readers stay connected. Where it does not fit, the topic keeps what it has, and its
+    /// frames what goes into that.
     fn grow(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
-        let outlet = std::mem::replace(&mut self.outlet, Outlet::Closed);
-        let was_open = matches!(outlet, Outlet::Open { .. });
+        let (had_bytes, needed_bytes) = (self.max_payload_bytes, self.spec.max_payload_bytes);
+        let Err(error) = self.reopen(bus, gpu, staged) else { return Ok(()) };
+        self.max_payload_bytes = had_bytes;
+        self.spec.max_payload_bytes = had_bytes;
+        Err(error).with_context(|| format!("frames keep to {had_bytes} bytes, but ticks of this length can need {needed_bytes}"))
+    }
+
+    fn reopen(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
         // Of the same name, so the service itself never goes.
         let service = bus.frame_service(&self.name, self.spec)?;
+        let was_open = matches!(self.outlet, Outlet::Open { .. });
+        if was_open {
+            // Readers hold on to the old memory for a while; without them it is free when it is closed.
+            let before = FrameTopic { max_payload_bytes: self.max_payload_bytes, ..self.spec };
+            let given_back = if self.n_readers() == 0 { bus.frame_service(&self.name, before)?.segment_bytes() } else { 0 };
+            check_room(&self.name, &service, given_back)?;
+        }
+        let outlet = std::mem::replace(&mut self.outlet, Outlet::Closed);
         if let Outlet::Open { publisher, target } = outlet {
             close_outlet(publisher, target, gpu);
         }
@@ -304,6 +316,16 @@ impl Topic {
             close_outlet(publisher, target, gpu);
         }
     }
+}
+
+/// Whether the memory of a topic fits into what is free once `given_back` bytes are.
+fn check_room(name: &str, service: &FrameService, given_back: u64) -> anyhow::Result<()> {
+    let free_bytes = schema_bus::shared_memory_free().map_or(u64::MAX, |free_bytes| free_bytes.saturating_add(given_back));
+    if service.segment_bytes() > free_bytes {
+        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
+        bail!("{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free", mib(service.segment_bytes()), mib(free_bytes));
+    }
+    Ok(())
 }
 
 fn open_outlet(service: FrameService, gpu: &Gpu, by_gpu: bool, staged: bool) -> anyhow::Result<Outlet> {

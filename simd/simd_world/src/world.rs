@@ -260,7 +260,6 @@ impl World {
             self.meet_vehicles();
         }
         self.vehicles.values_mut().for_each(|vehicle| vehicle.end_tick(&self.physics, dt_secs));
-        self.lead_crowd(dt_secs);
         self.move_walkers(dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);

@@ -85,3 +85,29 @@ fn the_same_seed_makes_the_same_crowd() {
     let (first, second) = (run(), run());
     assert_eq!(bytemuck::cast_slice::<_, u8>(&first), bytemuck::cast_slice::<_, u8>(&second));
 }
+
+/// Walkable ground is where the mesh has a face; who is parted from another or steps around a car may stand a little beside it.
+#[test]
+fn in_long_ticks_strollers_keep_to_walkable_ground() {
+    let mut world = town();
+    let walkers = world.spawn_walkers(40);
+    let mesh = world.roads().unwrap().walkable(true);
+    let (mut off, mut ways) = (0, vec![0.0; walkers.len()]);
+    let feet = |world: &World, walker| {
+        let record = world.record(walker).unwrap();
+        let [x, y, z] = record.world_from_actor.translation_m;
+        [x, y, z - f64::from(record.half_box_m[2])]
+    };
+    for _ in 0..30 {
+        let before: Vec<_> = walkers.iter().map(|walker| feet(&world, *walker)).collect();
+        world.step(10_000_000_000);
+        for (i, walker) in walkers.iter().enumerate() {
+            let at = feet(&world, *walker);
+            ways[i] += (at[0] - before[i][0]).hypot(at[1] - before[i][1]);
+            off += usize::from(mesh.face_at(at, 1.5).is_none());
+        }
+    }
+    assert!(off * 50 < 30 * walkers.len(), "{off} of {} times beside the mesh", 30 * walkers.len());
+    ways.sort_by(f64::total_cmp);
+    assert!(ways[10] > 60.0, "three of four walk: {ways:?}");
+}

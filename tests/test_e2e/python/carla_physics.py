@@ -6,7 +6,7 @@ Usage: carla_physics.py PORT. Prints "<theme> passed" after each theme. Expected
 import sys
 
 import carla
-from carla_kit import STEP_SECS, connect, must_be, near, run, run_checks, speed, step_by_hand, ticks, unevenness
+from carla_kit import STEP_SECS, connect, listen, must_be, near, of_tick, refused, run, run_checks, speed, step_by_hand, ticks, unevenness
 
 G = 9.81
 
@@ -178,6 +178,28 @@ def check_substeps():
     step_by_hand(world)
 
 
+def check_long_ticks():
+    """A tick of 10 s is taken, and a longer one refused with the limits; its lidar frame has all its turns."""
+    blueprint = library.find("sensor.lidar.ray_cast")
+    blueprint.set_attribute("dropoff_general_rate", "0")
+    blueprint.set_attribute("rotation_frequency", "10")
+    lidar, messages = listen(world, blueprint, carla.Transform(START.location + carla.Location(z=1.5), START.rotation))
+    world.tick()
+    # A tick of 0.05 s is half a turn.
+    turn = sum(len(of_tick(messages, world.tick())) for _ in range(2))
+    refused(lambda: step_by_hand(world, 10.1), "period_nanos is 10100000000", "100000 to 10000000000")
+    assert near(world.get_settings().fixed_delta_seconds, STEP_SECS, 1e-9)
+    step_by_hand(world, 10.0)
+    before = world.get_snapshot().timestamp.elapsed_seconds
+    message = of_tick(messages, world.tick())
+    assert near(message.timestamp, before + 10.0, 1e-6), (message.timestamp, before)
+    assert turn > 500
+    must_be(len(message), 100 * turn, 0.02, "the number of points in 10 s")
+    lidar.destroy()
+    step_by_hand(world)
+    world.tick()
+
+
 def check_sticky():
     """A control that does not stick is for one step: two cars with the same pedal once, and with the same pedal at every step."""
     blueprint = library.find("vehicle.tesla.model3")
@@ -245,6 +267,7 @@ def main():
         "constant velocity": check_constant_velocity,
         "pushes": check_pushes,
         "substeps": check_substeps,
+        "long ticks": check_long_ticks,
         "sticky": check_sticky,
         "no physics": check_no_physics,
         "telemetry": check_telemetry,

@@ -36,6 +36,8 @@ const LYING_M: f64 = 0.15;
 const SLIDING_FRICTION: f64 = 0.6;
 /// A led walker that is not told where to go stands still after this time, seconds.
 const LED_SECS: f64 = 0.3;
+/// Longest time that strollers walk on without looking where they go, seconds: no further than they see a corner as reached.
+const LEAD_SECS: f64 = 0.2;
 /// Farthest below the map that a walker may fall, metres.
 const FALL_M: f64 = 500.0;
 
@@ -242,13 +244,26 @@ impl Walker {
 }
 
 impl World {
-    /// Moves the walkers by one tick, after the vehicles.
+    /// Leads the strollers and moves the walkers by one tick, after the vehicles; a long tick in pieces, so that nobody walks past a corner.
     pub(crate) fn move_walkers(&mut self, dt_secs: f64) {
+        let n_leads = (dt_secs / LEAD_SECS - 1e-9).ceil().max(1.0) as u32;
+        let yaws_before_rad: Vec<f64> = self.walkers.values().map(|walker| walker.yaw_rad).collect();
+        for _ in 0..n_leads {
+            self.lead_crowd(dt_secs / f64::from(n_leads));
+            self.walk_all(dt_secs / f64::from(n_leads));
+        }
+        for (walker, yaw_before_rad) in self.walkers.values_mut().zip(yaws_before_rad) {
+            walker.finish(yaw_before_rad, dt_secs);
+        }
+        self.part_walkers();
+    }
+
+    /// Whoever moves by itself walks on for one piece of a tick.
+    fn walk_all(&mut self, dt_secs: f64) {
         let n_pieces = (dt_secs / MAX_PIECE_SECS - 1e-9).ceil().max(1.0) as u32;
         let piece_secs = dt_secs / f64::from(n_pieces);
         let floor_m = self.map.origin_m[2] - FALL_M;
         for (id, walker) in &mut self.walkers {
-            let yaw_before_rad = walker.yaw_rad;
             if walker.simulated && !walker.lost {
                 (0..n_pieces).for_each(|_| walker.walk(&self.physics, piece_secs));
                 if !(walker.feet_m.iter().all(|x| x.is_finite()) && walker.feet_m[2] > floor_m) {
@@ -257,9 +272,7 @@ impl World {
                     walker.lost = true;
                 }
             }
-            walker.finish(yaw_before_rad, dt_secs);
         }
-        self.part_walkers();
     }
 
     /// Holds a walker's control until it is replaced.
