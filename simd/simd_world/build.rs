@@ -1,9 +1,14 @@
-//! Names the layout of the world's state, so that a checkpoint of another build is refused instead of misread.
+//! Names the layout of the world's state, so that a checkpoint of another build is refused instead
+//! of misread.
 
 use std::path::{Path, PathBuf};
 
 /// Folders whose types are written into checkpoints, seen from this crate.
-const SOURCES: [&str; 3] = ["src", "../../schemas/schema_frames/src", "../../schemas/schema_types/src"];
+const SOURCES: [&str; 3] = [
+    "src",
+    "../../schemas/schema_frames/src",
+    "../../schemas/schema_types/src",
+];
 
 fn main() {
     let mut files = Vec::new();
@@ -18,7 +23,10 @@ fn main() {
     for file in files {
         add(&mut sum, &std::fs::read(&file).unwrap_or_default());
     }
-    add(&mut sum, engines(&std::fs::read_to_string(lock).unwrap_or_default()).as_bytes());
+    add(
+        &mut sum,
+        engines(&std::fs::read_to_string(lock).unwrap_or_default()).as_bytes(),
+    );
     println!("cargo:rustc-env=GANTRY_WORLD_LAYOUT={sum:016x}");
 }
 
@@ -42,7 +50,10 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
 
 /// The lock file's entries of the physics engine and its geometry.
 fn engines(lock: &str) -> String {
-    let is_engine =
-        |package: &&str| ["\"rapier3d\"", "\"parry3d\"", "\"postcard\""].iter().any(|name| package.contains(&format!("name = {name}")));
+    let is_engine = |package: &&str| {
+        ["\"rapier3d\"", "\"parry3d\"", "\"postcard\""]
+            .iter()
+            .any(|name| package.contains(&format!("name = {name}")))
+    };
     lock.split("[[package]]").filter(is_engine).collect()
 }

@@ -1,8 +1,12 @@
-//! `gantry-bench latency`: a writer in this process, readers in processes of their own, three ways between them and a memcpy for scale.
+//! `gantry-bench latency`: a writer in this process, readers in processes of their own, three ways
+//! between them and a memcpy for scale.
 //!
-//! A frame is filled before its clock starts on every way, as a renderer would have done. Shared memory: the clock starts just before
-//! the sample is sent and stops when the reader holds the frame, woken by an event (asleep in poll(2) until then) or polling. TCP: the
-//! clock starts before the first `write_all` and stops after `read_exact`. Each reader checks the first and last byte of each frame.
+//! A frame is filled before its clock starts on every way, as a renderer would have done. Shared
+//! memory: the clock starts just before
+//! the sample is sent and stops when the reader holds the frame, woken by an event (asleep in
+//! poll(2) until then) or polling. TCP: the
+//! clock starts before the first `write_all` and stops after `read_exact`. Each reader checks the
+//! first and last byte of each frame.
 
 pub mod reader;
 
@@ -51,12 +55,21 @@ pub struct LatencyArgs {
 }
 
 fn size(text: &str) -> Result<usize, String> {
-    let bytes = text.parse().map_err(|_| format!("{text:?} is no number of bytes"))?;
-    if (LEAST_BYTES..=1 << 30).contains(&bytes) { Ok(bytes) } else { Err(format!("a frame has {LEAST_BYTES} to {} bytes", 1 << 30)) }
+    let bytes = text
+        .parse()
+        .map_err(|_| format!("{text:?} is no number of bytes"))?;
+    if (LEAST_BYTES..=1 << 30).contains(&bytes) {
+        Ok(bytes)
+    } else {
+        Err(format!("a frame has {LEAST_BYTES} to {} bytes", 1 << 30))
+    }
 }
 
 fn rate(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|hz| (0.1..=100_000.0).contains(hz)).ok_or_else(|| format!("{text:?} is no rate from 0.1 to 100000 Hz"))
+    text.parse()
+        .ok()
+        .filter(|hz| (0.1..=100_000.0).contains(hz))
+        .ok_or_else(|| format!("{text:?} is no rate from 0.1 to 100000 Hz"))
 }
 
 /// One line of the table.
@@ -90,9 +103,25 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
         rows.push(memcpy(size_bytes, args.count));
         for n_readers in args.readers.iter().map(|n| *n as usize) {
             for way in [Way::Event, Way::Polled, Way::Tcp] {
-                let case = Case { way, size_bytes, n_readers, number: rows.len(), rate_hz: args.rate, count: args.count };
-                eprintln!("{} frames of {size_bytes} bytes to {n_readers} readers by {} …", args.count, way.name());
-                let row = case.run().with_context(|| format!("{} with {n_readers} readers of {size_bytes} bytes", way.name()))?;
+                let case = Case {
+                    way,
+                    size_bytes,
+                    n_readers,
+                    number: rows.len(),
+                    rate_hz: args.rate,
+                    count: args.count,
+                };
+                eprintln!(
+                    "{} frames of {size_bytes} bytes to {n_readers} readers by {} …",
+                    args.count,
+                    way.name()
+                );
+                let row = case.run().with_context(|| {
+                    format!(
+                        "{} with {n_readers} readers of {size_bytes} bytes",
+                        way.name()
+                    )
+                })?;
                 rows.push(row);
             }
         }
@@ -121,8 +150,16 @@ impl Case {
             Way::Event | Way::Polled => self.over_shared_memory(&mut sending)?,
         };
         let lost = received.iter().map(|r| r.lost).sum();
-        let latency = received.into_iter().flat_map(|r| r.nanos).collect::<Spread>().summary();
-        ensure!(latency.n + lost == self.count * self.n_readers as u64, "{} frames arrived and {lost} were lost", latency.n);
+        let latency = received
+            .into_iter()
+            .flat_map(|r| r.nanos)
+            .collect::<Spread>()
+            .summary();
+        ensure!(
+            latency.n + lost == self.count * self.n_readers as u64,
+            "{} frames arrived and {lost} were lost",
+            latency.n
+        );
         Ok(Row {
             way: self.way.name(),
             size_bytes: self.size_bytes,
@@ -134,16 +171,27 @@ impl Case {
         })
     }
 
-    fn over_shared_memory(&self, sending: &mut Spread) -> anyhow::Result<(Vec<reader::Received>, f64)> {
+    fn over_shared_memory(
+        &self,
+        sending: &mut Spread,
+    ) -> anyhow::Result<(Vec<reader::Received>, f64)> {
         // A domain of this process's own: nothing of a running simulator is met or disturbed.
         let domain = format!("bench-{}", std::process::id());
         let bus = Bus::open(&domain, "gantry-bench")?;
-        let (topic, event) = (format!("bench/c{}/semantic", self.number), format!("bench/c{}/tick", self.number));
-        let spec = FrameTopic { max_payload_bytes: self.size_bytes, frames_in_flight: 1, max_readers: self.n_readers };
+        let (topic, event) = (
+            format!("bench/c{}/semantic", self.number),
+            format!("bench/c{}/tick", self.number),
+        );
+        let spec = FrameTopic {
+            max_payload_bytes: self.size_bytes,
+            frames_in_flight: 1,
+            max_readers: self.n_readers,
+        };
         let publisher = bus.frame_publisher(&topic, spec)?;
         publisher.touch()?;
         let notifier = bus.notifier(&event)?;
-        let readers = self.start_readers(&["--domain", &domain, "--topic", &topic, "--event", &event])?;
+        let readers =
+            self.start_readers(&["--domain", &domain, "--topic", &topic, "--event", &event])?;
         let rate_hz = self.paced(|seq| {
             let mut loan = publisher.loan(self.size_bytes)?;
             loan.payload_mut().fill(seq as u8);
@@ -160,12 +208,16 @@ impl Case {
             }
             Ok(())
         })?;
-        let received = readers.into_iter().map(ReaderProcess::finish).collect::<anyhow::Result<_>>()?;
+        let received = readers
+            .into_iter()
+            .map(ReaderProcess::finish)
+            .collect::<anyhow::Result<_>>()?;
         Ok((received, rate_hz))
     }
 
     fn over_tcp(&self, sending: &mut Spread) -> anyhow::Result<(Vec<reader::Received>, f64)> {
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("cannot listen on 127.0.0.1")?;
+        let listener =
+            TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("cannot listen on 127.0.0.1")?;
         let address = listener.local_addr()?.to_string();
         let readers = self.start_readers(&["--address", &address])?;
         // Readers say that they are ready when they are connected, so nobody is waited for here.
@@ -189,20 +241,31 @@ impl Case {
             }
             Ok(())
         })?;
-        let received = readers.into_iter().map(ReaderProcess::finish).collect::<anyhow::Result<_>>()?;
+        let received = readers
+            .into_iter()
+            .map(ReaderProcess::finish)
+            .collect::<anyhow::Result<_>>()?;
         Ok((received, rate_hz))
     }
 
     fn start_readers(&self, place: &[&str]) -> anyhow::Result<Vec<ReaderProcess>> {
-        let (size, last) = (self.size_bytes.to_string(), (WARM_UP + self.count).to_string());
+        let (size, last) = (
+            self.size_bytes.to_string(),
+            (WARM_UP + self.count).to_string(),
+        );
         let mut words = vec!["--way", self.way.name(), "--size", &size, "--last", &last];
         words.extend(place);
-        let mut readers = (0..self.n_readers).map(|_| ReaderProcess::start(&words)).collect::<anyhow::Result<Vec<_>>>()?;
-        readers.iter_mut().try_for_each(ReaderProcess::wait_until_ready)?;
+        let mut readers = (0..self.n_readers)
+            .map(|_| ReaderProcess::start(&words))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        readers
+            .iter_mut()
+            .try_for_each(ReaderProcess::wait_until_ready)?;
         Ok(readers)
     }
 
-    /// Calls `send` for warm-up and counted frames at the rate, and returns the rate reached. A late frame delays those after it.
+    /// Calls `send` for warm-up and counted frames at the rate, and returns the rate reached. A
+    /// late frame delays those after it.
     fn paced(&self, mut send: impl FnMut(u64) -> anyhow::Result<()>) -> anyhow::Result<f64> {
         let period = Duration::from_secs_f64(1.0 / self.rate_hz);
         let (mut next, started) = (Instant::now(), Instant::now());
@@ -226,7 +289,15 @@ fn memcpy(size_bytes: usize, count: u64) -> Row {
         spread.record(mono_now().nanos_since(started));
     }
     let latency = spread.summary();
-    Row { way: "memcpy", size_bytes, n_readers: 0, rate_hz: 0.0, latency, sending: latency, lost: 0 }
+    Row {
+        way: "memcpy",
+        size_bytes,
+        n_readers: 0,
+        rate_hz: 0.0,
+        latency,
+        sending: latency,
+        lost: 0,
+    }
 }
 
 fn text(rows: &[Row]) -> String {
@@ -245,7 +316,19 @@ fn text(rows: &[Row]) -> String {
             row.lost.to_string(),
         ]
     };
-    let heads = ["way (µs)", "bytes", "readers", "Hz", "p50", "p99", "p99.9", "max", "send p50", "n", "lost"];
+    let heads = [
+        "way (µs)",
+        "bytes",
+        "readers",
+        "Hz",
+        "p50",
+        "p99",
+        "p99.9",
+        "max",
+        "send p50",
+        "n",
+        "lost",
+    ];
     report::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
 }
 

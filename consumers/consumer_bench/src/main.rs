@@ -1,6 +1,8 @@
-//! `gantry-bench`: how long a frame takes from its writer to its reader, what a running simulator delivers, and who grows.
+//! `gantry-bench`: how long a frame takes from its writer to its reader, what a running simulator
+//! delivers, and who grows.
 //!
-//! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum; what was lost stands beside it.
+//! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum; what
+//! was lost stands beside it.
 
 #![forbid(unsafe_code)]
 
@@ -34,7 +36,8 @@ struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Bench {
-    /// Publish → another process holds the frame, through shared memory, beside loopback TCP and a memcpy
+    /// Publish → another process holds the frame, through shared memory, beside loopback TCP and a
+    /// memcpy
     Latency(latency::LatencyArgs),
     /// Rate, losses, age and complete sets of every frame topic of a running simulator
     Topics(topics::TopicsArgs),

@@ -1,7 +1,9 @@
 //! `gantry-bench memory`: resident memory of processes over time, and whether it grows.
 //!
-//! `RssAnon` is what a process has for itself; `RssShmem` is what it has touched of shared memory, which everybody sees who maps it.
-//! Growth is the slope of a straight line through the second half of the samples, when start-up is over.
+//! `RssAnon` is what a process has for itself; `RssShmem` is what it has touched of shared memory,
+//! which everybody sees who maps it.
+//! Growth is the slope of a straight line through the second half of the samples, when start-up is
+//! over.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -58,14 +60,18 @@ struct Report {
     processes: Vec<Watched>,
 }
 
-/// Watches until time is over, everybody is gone, or somebody asks to stop. A process that ended meanwhile makes the exit code 1.
+/// Watches until time is over, everybody is gone, or somebody asks to stop. A process that ended
+/// meanwhile makes the exit code 1.
 pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
     let (machine, shutdown) = (Machine::read(), Shutdown::install()?);
     let mut processes: Vec<Watched> = args.pids.iter().map(|pid| Watched::new(*pid)).collect();
     let started = Instant::now();
     loop {
         let at = started.elapsed();
-        processes.iter_mut().filter(|process| process.lived).for_each(|process| process.look(at));
+        processes
+            .iter_mut()
+            .filter(|process| process.lived)
+            .for_each(|process| process.look(at));
         let next = at + args.every;
         if next > args.length || processes.iter().all(|process| !process.lived) {
             break;
@@ -74,7 +80,9 @@ pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
             break;
         }
     }
-    processes.iter_mut().for_each(|process| process.anon_growth_kib_per_min = growth_kib_per_min(&process.samples));
+    processes
+        .iter_mut()
+        .for_each(|process| process.anon_growth_kib_per_min = growth_kib_per_min(&process.samples));
     let all_lived = processes.iter().all(|process| process.lived);
     let report = Report { machine, processes };
     print!("{}\n{}", report.machine.heading(), text(&report.processes));
@@ -84,12 +92,22 @@ pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
 
 impl Watched {
     fn new(pid: u32) -> Self {
-        let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default().trim().to_owned();
-        Watched { pid, name, lived: true, anon_growth_kib_per_min: 0.0, samples: Vec::new() }
+        let name = std::fs::read_to_string(format!("/proc/{pid}/comm"))
+            .unwrap_or_default()
+            .trim()
+            .to_owned();
+        Watched {
+            pid,
+            name,
+            lived: true,
+            anon_growth_kib_per_min: 0.0,
+            samples: Vec::new(),
+        }
     }
 
     fn look(&mut self, at: Duration) {
-        let status = std::fs::read_to_string(format!("/proc/{}/status", self.pid)).unwrap_or_default();
+        let status =
+            std::fs::read_to_string(format!("/proc/{}/status", self.pid)).unwrap_or_default();
         match sample(&status, at.as_secs_f64()) {
             Some(sample) => self.samples.push(sample),
             None => self.lived = false,
@@ -100,10 +118,17 @@ impl Watched {
 /// The memory lines of `/proc/PID/status`; `None` for a process that is gone or a zombie.
 fn sample(status: &str, secs: f64) -> Option<Sample> {
     let kib = |key: &str| {
-        let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
+        let line = status
+            .lines()
+            .find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
         line.trim().strip_suffix(" kB")?.parse().ok()
     };
-    Some(Sample { secs, rss_kib: kib("VmRSS")?, anon_kib: kib("RssAnon")?, shmem_kib: kib("RssShmem")? })
+    Some(Sample {
+        secs,
+        rss_kib: kib("VmRSS")?,
+        anon_kib: kib("RssAnon")?,
+        shmem_kib: kib("RssShmem")?,
+    })
 }
 
 /// Slope of the least-squares line through `RssAnon` of the second half.
@@ -113,20 +138,39 @@ fn growth_kib_per_min(samples: &[Sample]) -> f64 {
     let mean = |of: fn(&Sample) -> f64| half.iter().map(of).sum::<f64>() / n;
     let (mean_secs, mean_kib) = (mean(|s| s.secs), mean(|s| s.anon_kib as f64));
     let spread: f64 = half.iter().map(|s| (s.secs - mean_secs).powi(2)).sum();
-    let together: f64 = half.iter().map(|s| (s.secs - mean_secs) * (s.anon_kib as f64 - mean_kib)).sum();
-    if spread > 0.0 { together / spread * 60.0 } else { 0.0 }
+    let together: f64 = half
+        .iter()
+        .map(|s| (s.secs - mean_secs) * (s.anon_kib as f64 - mean_kib))
+        .sum();
+    if spread > 0.0 {
+        together / spread * 60.0
+    } else {
+        0.0
+    }
 }
 
 fn text(processes: &[Watched]) -> String {
     let mib = |kib: u64| format!("{:.1}", kib as f64 / 1024.0);
     let row = |process: &Watched| {
         let (first, last) = (process.samples.first(), process.samples.last());
-        let cell = |sample: Option<&Sample>, of: fn(&Sample) -> u64| sample.map_or("-".into(), |sample| mib(of(sample)));
+        let cell = |sample: Option<&Sample>, of: fn(&Sample) -> u64| {
+            sample.map_or("-".into(), |sample| mib(of(sample)))
+        };
         vec![
-            format!("{} {}{}", process.pid, process.name, if process.lived { "" } else { " (ended)" }),
+            format!(
+                "{} {}{}",
+                process.pid,
+                process.name,
+                if process.lived { "" } else { " (ended)" }
+            ),
             cell(first, |s| s.rss_kib),
             cell(last, |s| s.rss_kib),
-            process.samples.iter().map(|s| s.rss_kib).max().map_or("-".into(), mib),
+            process
+                .samples
+                .iter()
+                .map(|s| s.rss_kib)
+                .max()
+                .map_or("-".into(), mib),
             cell(first, |s| s.anon_kib),
             cell(last, |s| s.anon_kib),
             cell(last, |s| s.shmem_kib),
@@ -134,7 +178,17 @@ fn text(processes: &[Watched]) -> String {
             process.samples.len().to_string(),
         ]
     };
-    let heads = ["process (MiB)", "rss first", "rss last", "rss max", "own first", "own last", "shared", "own KiB/min", "looks"];
+    let heads = [
+        "process (MiB)",
+        "rss first",
+        "rss last",
+        "rss max",
+        "own first",
+        "own last",
+        "shared",
+        "own KiB/min",
+        "looks",
+    ];
     report::table(&heads, &processes.iter().map(row).collect::<Vec<_>>())
 }
 
@@ -143,7 +197,12 @@ mod tests {
     use super::*;
 
     fn at(secs: f64, anon_kib: u64) -> Sample {
-        Sample { secs, rss_kib: anon_kib, anon_kib, shmem_kib: 0 }
+        Sample {
+            secs,
+            rss_kib: anon_kib,
+            anon_kib,
+            shmem_kib: 0,
+        }
     }
 
     #[test]
@@ -158,7 +217,9 @@ mod tests {
 
     #[test]
     fn start_up_does_not_count_as_growth_and_a_leak_does() {
-        let settled: Vec<_> = (0..100).map(|i| at(i as f64, 1000 + (i * 100).min(3000))).collect();
+        let settled: Vec<_> = (0..100)
+            .map(|i| at(i as f64, 1000 + (i * 100).min(3000)))
+            .collect();
         assert_eq!(growth_kib_per_min(&settled), 0.0);
         let leaking: Vec<_> = (0..100).map(|i| at(i as f64, 1000 + 2 * i)).collect();
         assert!((growth_kib_per_min(&leaking) - 120.0).abs() < 1e-6);

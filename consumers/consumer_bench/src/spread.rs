@@ -1,4 +1,5 @@
-//! A distribution of times: recorded in nanoseconds, told as p50, p99, p99.9 and maximum in microseconds.
+//! A distribution of times: recorded in nanoseconds, told as p50, p99, p99.9 and maximum in
+//! microseconds.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
@@ -14,7 +15,10 @@ pub struct Spread {
 
 impl Default for Spread {
     fn default() -> Self {
-        Spread { histogram: Histogram::new_with_bounds(1, LONGEST_NANOS, 3).expect("the bounds are constants in order") }
+        Spread {
+            histogram: Histogram::new_with_bounds(1, LONGEST_NANOS, 3)
+                .expect("the bounds are constants in order"),
+        }
     }
 }
 
@@ -32,7 +36,11 @@ impl Spread {
             p50_us: micros(0.5),
             p99_us: micros(0.99),
             p999_us: micros(0.999),
-            max_us: if self.histogram.is_empty() { 0.0 } else { self.histogram.max() as f64 * 1e-3 },
+            max_us: if self.histogram.is_empty() {
+                0.0
+            } else {
+                self.histogram.max() as f64 * 1e-3
+            },
         }
     }
 }
@@ -63,14 +71,34 @@ mod tests {
     fn quantiles_of_a_thousand_steps_are_the_steps() {
         let summary: Summary = (1..=1000).map(|i| i * 1000).collect::<Spread>().summary();
         assert_eq!(summary.n, 1000);
-        for (found, expected) in [(summary.p50_us, 500.0), (summary.p99_us, 990.0), (summary.p999_us, 999.0), (summary.max_us, 1000.0)] {
-            assert!((found / expected - 1.0).abs() < 2e-3, "{found} is not {expected}");
+        for (found, expected) in [
+            (summary.p50_us, 500.0),
+            (summary.p99_us, 990.0),
+            (summary.p999_us, 999.0),
+            (summary.max_us, 1000.0),
+        ] {
+            assert!(
+                (found / expected - 1.0).abs() < 2e-3,
+                "{found} is not {expected}"
+            );
         }
     }
 
     #[test]
     fn nothing_seen_is_zero_and_ages_are_capped() {
-        assert_eq!(Spread::default().summary(), Summary { n: 0, p50_us: 0.0, p99_us: 0.0, p999_us: 0.0, max_us: 0.0 });
-        assert!([u64::MAX].into_iter().collect::<Spread>().summary().max_us <= LONGEST_NANOS as f64 * 1.01e-3);
+        assert_eq!(
+            Spread::default().summary(),
+            Summary {
+                n: 0,
+                p50_us: 0.0,
+                p99_us: 0.0,
+                p999_us: 0.0,
+                max_us: 0.0
+            }
+        );
+        assert!(
+            [u64::MAX].into_iter().collect::<Spread>().summary().max_us
+                <= LONGEST_NANOS as f64 * 1.01e-3
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! `gantry-bench topics`: what a running simulator delivers to a consumer, topic by topic and view by view.
+//! `gantry-bench topics`: what a running simulator delivers to a consumer, topic by topic and view
+//! by view.
 //!
-//! It reads like any consumer: asleep until a rig's tick event, then every frame that waits. Being a reader it makes the simulator
+//! It reads like any consumer: asleep until a rig's tick event, then every frame that waits. Being
+//! a reader it makes the simulator
 //! render what nobody else asked for.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -71,9 +73,16 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
     let (machine, shutdown) = (Machine::read(), Shutdown::install()?);
     let bus = Bus::open(domain, "gantry-bench")?;
     let mut watches = open(&bus, &args.only)?;
-    anyhow::ensure!(!watches.is_empty(), "no frame topic with a writer on domain {domain:?}; start the simulator with `gantry up`");
+    anyhow::ensure!(
+        !watches.is_empty(),
+        "no frame topic with a writer on domain {domain:?}; start the simulator with `gantry up`"
+    );
     let mut events = WaitSet::new();
-    for rig in watches.iter().map(|watch| names::rig_of(watch.reader.topic())).collect::<BTreeSet<_>>() {
+    for rig in watches
+        .iter()
+        .map(|watch| names::rig_of(watch.reader.topic()))
+        .collect::<BTreeSet<_>>()
+    {
         events.add(bus.listener(&names::rig_tick(rig))?);
     }
     let mut views = Views::new(watches.iter().map(|watch| watch.reader.topic()));
@@ -85,17 +94,35 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
             watch.drain(&mut views)?;
         }
     }
-    let report = Report { machine, topics: watches.iter().map(Watch::row).collect(), views: views.rows() };
-    print!("{}\n{}\n{}", report.machine.heading(), topics_text(&report.topics), views_text(&report.views));
+    let report = Report {
+        machine,
+        topics: watches.iter().map(Watch::row).collect(),
+        views: views.rows(),
+    };
+    print!(
+        "{}\n{}\n{}",
+        report.machine.heading(),
+        topics_text(&report.topics),
+        views_text(&report.views)
+    );
     report::write_json(args.json.as_deref(), &report)?;
-    let lost = report.topics.iter().any(|topic| topic.lost + topic.refused > 0);
+    let lost = report
+        .topics
+        .iter()
+        .any(|topic| topic.lost + topic.refused > 0);
     Ok(if lost { Exit::DataLost } else { Exit::Done })
 }
 
 /// A reader on every frame topic that has a writer.
 fn open(bus: &Bus, only: &str) -> Result<Vec<Watch>, BusError> {
-    let wanted = |topic: &schema_bus::TopicDetails| topic.kind == TopicKind::Frames && topic.publishers > 0 && topic.name.contains(only);
-    bus.topics()?.iter().filter(|topic| wanted(topic)).map(|topic| Ok(Watch::new(bus.frame_reader(&topic.name)?))).collect()
+    let wanted = |topic: &schema_bus::TopicDetails| {
+        topic.kind == TopicKind::Frames && topic.publishers > 0 && topic.name.contains(only)
+    };
+    bus.topics()?
+        .iter()
+        .filter(|topic| wanted(topic))
+        .map(|topic| Ok(Watch::new(bus.frame_reader(&topic.name)?)))
+        .collect()
 }
 
 /// One topic being read.
@@ -111,7 +138,14 @@ struct Watch {
 
 impl Watch {
     fn new(reader: FrameReader) -> Self {
-        Watch { reader, age: Spread::default(), publishing: Spread::default(), n_bytes: 0, cpu_copies: 0, span: None }
+        Watch {
+            reader,
+            age: Spread::default(),
+            publishing: Spread::default(),
+            n_bytes: 0,
+            cpu_copies: 0,
+            span: None,
+        }
     }
 
     fn drain(&mut self, views: &mut Views) -> Result<(), BusError> {
@@ -130,7 +164,8 @@ impl Watch {
         let header = frame.header();
         let published = MonoTime(header.published_mono_nanos);
         self.age.record(held.nanos_since(published));
-        self.publishing.record(published.nanos_since(MonoTime(header.rendered_mono_nanos)));
+        self.publishing
+            .record(published.nanos_since(MonoTime(header.rendered_mono_nanos)));
         self.n_bytes += frame.len() as u64;
         self.cpu_copies = header.cpu_copies;
         self.span = Some((self.span.map_or(published, |(first, _)| first), published));
@@ -139,13 +174,17 @@ impl Watch {
 
     fn row(&self) -> TopicRow {
         let (counts, age) = (self.reader.counts(), self.age.summary());
-        let secs = self.span.map_or(0.0, |(first, last)| last.nanos_since(first) as f64 * 1e-9);
+        let secs = self
+            .span
+            .map_or(0.0, |(first, last)| last.nanos_since(first) as f64 * 1e-9);
         // n frames span n − 1 intervals.
         let rate_hz = per_sec(age.n, secs);
         TopicRow {
             topic: self.reader.topic().to_owned(),
             rate_hz,
-            mebibytes_per_sec: rate_hz * self.n_bytes as f64 / age.n.max(1) as f64 / (1 << 20) as f64,
+            mebibytes_per_sec: rate_hz * self.n_bytes as f64
+                / age.n.max(1) as f64
+                / (1 << 20) as f64,
             n: age.n,
             lost: counts.lost,
             refused: counts.refused,
@@ -157,7 +196,11 @@ impl Watch {
 }
 
 fn per_sec(n: u64, secs: f64) -> f64 {
-    if n > 1 && secs > 0.0 { (n - 1) as f64 / secs } else { 0.0 }
+    if n > 1 && secs > 0.0 {
+        (n - 1) as f64 / secs
+    } else {
+        0.0
+    }
 }
 
 /// The sensor of a topic: all but the modality.
@@ -179,12 +222,19 @@ struct Views(BTreeMap<String, View>);
 impl Views {
     fn new<'a>(topics: impl Iterator<Item = &'a str>) -> Self {
         let mut views = BTreeMap::<String, View>::new();
-        topics.for_each(|topic| views.entry(view_of(topic).to_owned()).or_default().n_modalities += 1);
+        topics.for_each(|topic| {
+            views
+                .entry(view_of(topic).to_owned())
+                .or_default()
+                .n_modalities += 1
+        });
         Views(views)
     }
 
     fn note(&mut self, topic: &str, tick: u64, published: MonoTime) {
-        let Some(view) = self.0.get_mut(view_of(topic)) else { return };
+        let Some(view) = self.0.get_mut(view_of(topic)) else {
+            return;
+        };
         let (n, newest) = view.ticks.entry(tick).or_insert((0, published));
         *n += 1;
         *newest = (*newest).max(published);
@@ -192,9 +242,15 @@ impl Views {
 
     fn rows(&self) -> Vec<ViewRow> {
         let row = |(name, view): (&String, &View)| {
-            let complete: Vec<_> = view.ticks.iter().filter(|(_, (n, _))| *n == view.n_modalities).collect();
+            let complete: Vec<_> = view
+                .ticks
+                .iter()
+                .filter(|(_, (n, _))| *n == view.n_modalities)
+                .collect();
             let (first, last) = (complete.first(), complete.last());
-            let span = first.zip(last).map(|(a, b)| (*a.0, *b.0, b.1.1.nanos_since(a.1.1) as f64 * 1e-9));
+            let span = first
+                .zip(last)
+                .map(|(a, b)| (*a.0, *b.0, b.1.1.nanos_since(a.1.1) as f64 * 1e-9));
             let within = span.map_or(0, |(first, last, _)| view.ticks.range(first..=last).count());
             ViewRow {
                 view: name.clone(),
@@ -224,16 +280,43 @@ fn topics_text(rows: &[TopicRow]) -> String {
             row.cpu_copies.to_string(),
         ]
     };
-    let heads = ["topic (µs)", "Hz", "MiB/s", "n", "lost", "age p50", "age p99", "age max", "publish p50", "publish p99", "copies"];
+    let heads = [
+        "topic (µs)",
+        "Hz",
+        "MiB/s",
+        "n",
+        "lost",
+        "age p50",
+        "age p99",
+        "age max",
+        "publish p50",
+        "publish p99",
+        "copies",
+    ];
     report::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
 }
 
 fn views_text(rows: &[ViewRow]) -> String {
     let row = |row: &ViewRow| {
         let rate = format!("{:.1}", row.sets_per_sec);
-        vec![row.view.clone(), row.n_modalities.to_string(), rate, row.complete.to_string(), row.incomplete.to_string()]
+        vec![
+            row.view.clone(),
+            row.n_modalities.to_string(),
+            rate,
+            row.complete.to_string(),
+            row.incomplete.to_string(),
+        ]
     };
-    report::table(&["view", "modalities", "complete sets/s", "complete", "incomplete"], &rows.iter().map(row).collect::<Vec<_>>())
+    report::table(
+        &[
+            "view",
+            "modalities",
+            "complete sets/s",
+            "complete",
+            "incomplete",
+        ],
+        &rows.iter().map(row).collect::<Vec<_>>(),
+    )
 }
 
 #[cfg(test)]
@@ -252,8 +335,19 @@ mod tests {
         }
         let rows = views.rows();
         let front = &rows[0];
-        assert_eq!((front.view.as_str(), front.n_modalities, front.complete, front.incomplete), ("ego/front", 2, 3, 1));
-        assert!((front.sets_per_sec - 2.0 / 0.3).abs() < 1e-9, "ticks 2 to 5 take 0.3 s");
+        assert_eq!(
+            (
+                front.view.as_str(),
+                front.n_modalities,
+                front.complete,
+                front.incomplete
+            ),
+            ("ego/front", 2, 3, 1)
+        );
+        assert!(
+            (front.sets_per_sec - 2.0 / 0.3).abs() < 1e-9,
+            "ticks 2 to 5 take 0.3 s"
+        );
         assert_eq!((rows[1].complete, rows[1].sets_per_sec), (0, 0.0));
         assert!(views_text(&rows).contains("ego/front"));
     }

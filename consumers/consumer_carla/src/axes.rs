@@ -1,8 +1,11 @@
 //! The one place where Gantry's axes and units become CARLA's and back.
 //!
-//! Gantry: right-handed, x forward, y left, z up, metres, radians, quaternions. CARLA: left-handed, y right, degrees as pitch, yaw, roll.
-//! The map between them mirrors y: a point turns `(x, y, z)` into `(x, −y, z)`, an axial vector such as an angular velocity into
-//! `(−x, y, −z)`, a rotation matrix `R` into `S R S` with `S = diag(1, −1, 1)`, and steering changes its sign.
+//! Gantry: right-handed, x forward, y left, z up, metres, radians, quaternions. CARLA: left-handed,
+//! y right, degrees as pitch, yaw, roll.
+//! The map between them mirrors y: a point turns `(x, y, z)` into `(x, −y, z)`, an axial vector
+//! such as an angular velocity into
+//! `(−x, y, −z)`, a rotation matrix `R` into `S R S` with `S = diag(1, −1, 1)`, and steering
+//! changes its sign.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::BodyBox;
@@ -37,7 +40,8 @@ pub fn steer(ratio: f32) -> f32 {
     -ratio
 }
 
-/// Sun azimuth, either way: CARLA counts clockwise from x, we counter-clockwise; the result lies in [0, 360).
+/// Sun azimuth, either way: CARLA counts clockwise from x, we counter-clockwise; the result lies in
+/// [0, 360).
 pub fn azimuth_deg(azimuth_deg: f32) -> f32 {
     let turned = (-azimuth_deg).rem_euclid(360.0);
     // A tiny negative angle rounds up to a whole turn.
@@ -49,7 +53,8 @@ pub fn kmh(mps: f32) -> f32 {
     mps * 3.6
 }
 
-/// A pose of ours as CARLA's. Angles: yaw and roll in (−180, 180], pitch in [−90, 90]; roll is 0 where the nose points straight up or down.
+/// A pose of ours as CARLA's. Angles: yaw and roll in (−180, 180], pitch in [−90, 90]; roll is 0
+/// where the nose points straight up or down.
 pub fn transform(pose: &Pose) -> Transform {
     let iso = pose.isometry();
     let m = iso.rotation.to_rotation_matrix().into_inner();
@@ -57,11 +62,19 @@ pub fn transform(pose: &Pose) -> Transform {
     let (m00, m01, m10, m11) = (m[(0, 0)], -m[(0, 1)], -m[(1, 0)], m[(1, 1)]);
     let (m20, m21, m22) = (m[(2, 0)], -m[(2, 1)], m[(2, 2)]);
     let pitch = m20.atan2(m00.hypot(m10));
-    let (yaw, roll) = if m00.hypot(m10) > 1e-9 { (m10.atan2(m00), (-m21).atan2(m22)) } else { ((-m01).atan2(m11), 0.0) };
-    Transform { location_m: mirror(pose.translation_m), rotation_deg: [pitch, yaw, roll].map(|angle| whole(angle.to_degrees())) }
+    let (yaw, roll) = if m00.hypot(m10) > 1e-9 {
+        (m10.atan2(m00), (-m21).atan2(m22))
+    } else {
+        ((-m01).atan2(m11), 0.0)
+    };
+    Transform {
+        location_m: mirror(pose.translation_m),
+        rotation_deg: [pitch, yaw, roll].map(|angle| whole(angle.to_degrees())),
+    }
 }
 
-/// Pose of a light or sign as CARLA has it: its x axis lies across the road, to the right of the traffic it is for; ours looks at that
+/// Pose of a light or sign as CARLA has it: its x axis lies across the road, to the right of the
+/// traffic it is for; ours looks at that
 /// traffic.
 pub fn sign_pose(pose: &Pose) -> Pose {
     let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
@@ -71,12 +84,19 @@ pub fn sign_pose(pose: &Pose) -> Pose {
 /// A box in a sign's space, see [`sign_pose`].
 pub fn sign_box(body: &BodyBox) -> BodyBox {
     let ([x, y, z], [half_x, half_y, half_z]) = (body.centre_m, body.half_m);
-    BodyBox { centre_m: [y, -x, z], half_m: [half_y, half_x, half_z] }
+    BodyBox {
+        centre_m: [y, -x, z],
+        half_m: [half_y, half_x, half_z],
+    }
 }
 
 /// Never −0, which CARLA's scripts would print, and never −180.
 fn whole(angle_deg: f64) -> f64 {
-    if angle_deg <= -180.0 { 180.0 } else { angle_deg + 0.0 }
+    if angle_deg <= -180.0 {
+        180.0
+    } else {
+        angle_deg + 0.0
+    }
 }
 
 /// CARLA's pose as ours.
@@ -94,8 +114,13 @@ pub fn pose(transform: &Transform) -> Pose {
         cp * sr,
         cp * cr,
     );
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(mirrored));
-    Isometry3::from_parts(Translation3::from(Vector3::from(mirror(transform.location_m))), rotation).into()
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(mirrored));
+    Isometry3::from_parts(
+        Translation3::from(Vector3::from(mirror(transform.location_m))),
+        rotation,
+    )
+    .into()
 }
 
 #[cfg(test)]
@@ -104,7 +129,10 @@ mod tests {
 
     fn random_transform(rng: &mut fastrand::Rng) -> Transform {
         let mut within = |half: f64| (rng.f64() * 2.0 - 1.0) * half;
-        Transform { location_m: [within(1e4), within(1e4), within(100.0)], rotation_deg: [within(89.9), within(180.0), within(180.0)] }
+        Transform {
+            location_m: [within(1e4), within(1e4), within(100.0)],
+            rotation_deg: [within(89.9), within(180.0), within(180.0)],
+        }
     }
 
     /// CARLA's published matrix, columns forward, right, up.
@@ -131,7 +159,10 @@ mod tests {
             let t = random_transform(&mut rng);
             let again = transform(&pose(&t));
             for i in 0..3 {
-                assert!((again.location_m[i] - t.location_m[i]).abs() < 1e-9, "{t:?} {again:?}");
+                assert!(
+                    (again.location_m[i] - t.location_m[i]).abs() < 1e-9,
+                    "{t:?} {again:?}"
+                );
                 let turn = (again.rotation_deg[i] - t.rotation_deg[i]).rem_euclid(360.0);
                 assert!(turn.min(360.0 - turn) < 1e-6, "{t:?} {again:?}");
             }
@@ -145,14 +176,24 @@ mod tests {
             let t = random_transform(&mut rng);
             let local = Vector3::new(rng.f64() * 9.0, rng.f64() * 9.0, rng.f64() * 9.0);
             let theirs = carla_matrix(&t) * local + Vector3::from(t.location_m);
-            let ours = pose(&t).isometry() * nalgebra::Point3::from(Vector3::from(mirror(local.into())));
-            assert!((Vector3::from(mirror(ours.coords.into())) - theirs).norm() < 1e-8, "{t:?}");
+            let ours =
+                pose(&t).isometry() * nalgebra::Point3::from(Vector3::from(mirror(local.into())));
+            assert!(
+                (Vector3::from(mirror(ours.coords.into())) - theirs).norm() < 1e-8,
+                "{t:?}"
+            );
         }
     }
 
     #[test]
     fn the_wheels_own_check_value() {
-        let forward = pose(&Transform { location_m: [0.0; 3], rotation_deg: [10.0, 20.0, 30.0] }).isometry().rotation * Vector3::x();
+        let forward = pose(&Transform {
+            location_m: [0.0; 3],
+            rotation_deg: [10.0, 20.0, 30.0],
+        })
+        .isometry()
+        .rotation
+            * Vector3::x();
         let forward = mirror(forward.into());
         for (is, wanted) in forward.into_iter().zip([0.925417, 0.336824, 0.173648]) {
             assert!((is - wanted).abs() < 1e-6, "{forward:?}");
@@ -165,7 +206,8 @@ mod tests {
         for _ in 0..1000 {
             let mut v = || Vector3::new(rng.f64() - 0.5, rng.f64() - 0.5, rng.f64() - 0.5);
             let (spin, lever) = (v(), v());
-            let theirs = Vector3::from(angular_velocity_deg(spin.into()).map(f64::to_radians)).cross(&Vector3::from(mirror(lever.into())));
+            let theirs = Vector3::from(angular_velocity_deg(spin.into()).map(f64::to_radians))
+                .cross(&Vector3::from(mirror(lever.into())));
             assert!((Vector3::from(mirror(spin.cross(&lever).into())) - theirs).norm() < 1e-12);
             let back = Vector3::from(angular_velocity_rad(angular_velocity_deg(spin.into())));
             assert!((back - spin).norm() < 1e-12);
@@ -175,9 +217,16 @@ mod tests {
     #[test]
     fn straight_up_is_still_a_rotation() {
         for pitch in [90.0, -90.0] {
-            let t = Transform { location_m: [0.0; 3], rotation_deg: [pitch, 33.0, 0.0] };
+            let t = Transform {
+                location_m: [0.0; 3],
+                rotation_deg: [pitch, 33.0, 0.0],
+            };
             let again = transform(&pose(&t));
-            assert!((again.rotation_deg[0] - pitch).abs() < 1e-5 && (again.rotation_deg[1] - 33.0).abs() < 1e-5, "{again:?}");
+            assert!(
+                (again.rotation_deg[0] - pitch).abs() < 1e-5
+                    && (again.rotation_deg[1] - 33.0).abs() < 1e-5,
+                "{again:?}"
+            );
         }
     }
 

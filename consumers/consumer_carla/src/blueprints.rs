@@ -1,4 +1,5 @@
-//! The blueprint library: `world/catalogue` in CARLA's shape, and the attributes of CARLA's sensors.
+//! The blueprint library: `world/catalogue` in CARLA's shape, and the attributes of CARLA's
+//! sensors.
 
 use schema_frames::{ActorInfo, Catalogue, CatalogueEntry};
 
@@ -22,8 +23,18 @@ const RIDER_KEPT: &[(&str, u8, &str)] = &[("driver_id", INT, "0")];
 /// Roles that CARLA recommends for vehicles.
 const VEHICLE_ROLES: [&str; 3] = ["autopilot", "scenario", "ego_vehicle"];
 /// Roles that CARLA recommends for sensors.
-const SENSOR_ROLES: [&str; 8] = ["front", "back", "left", "right", "front_left", "front_right", "back_left", "back_right"];
-/// Attributes of the catalogue that CARLA has too, with their type and whether a script may set them.
+const SENSOR_ROLES: [&str; 8] = [
+    "front",
+    "back",
+    "left",
+    "right",
+    "front_left",
+    "front_right",
+    "back_left",
+    "back_right",
+];
+/// Attributes of the catalogue that CARLA has too, with their type and whether a script may set
+/// them.
 const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("base_type", TEXT, false),
     ("special_type", TEXT, false),
@@ -49,7 +60,12 @@ const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("mass", FLOAT, true),
 ];
 /// Kinds whose attributes stand in the catalogue, and the role that CARLA gives them.
-const BODIES: &[(&str, &str)] = &[("vehicle", "autopilot"), ("walker", "pedestrian"), ("prop", "prop"), ("controller", "default")];
+const BODIES: &[(&str, &str)] = &[
+    ("vehicle", "autopilot"),
+    ("walker", "pedestrian"),
+    ("prop", "prop"),
+    ("controller", "default"),
+];
 
 type Spec = (&'static str, u8, &'static str);
 const CAMERA: &[Spec] = &[
@@ -151,8 +167,12 @@ const GNSS: &[Spec] = &[
     ("noise_alt_bias", FLOAT, "0.0"),
     ("noise_alt_stddev", FLOAT, "0.0"),
 ];
-const OBSTACLE: &[Spec] =
-    &[("distance", FLOAT, "5.0"), ("hit_radius", FLOAT, "0.5"), ("only_dynamics", BOOL, "false"), ("debug_linetrace", BOOL, "false")];
+const OBSTACLE: &[Spec] = &[
+    ("distance", FLOAT, "5.0"),
+    ("hit_radius", FLOAT, "0.5"),
+    ("only_dynamics", BOOL, "false"),
+    ("debug_linetrace", BOOL, "false"),
+];
 const RADIO: &[Spec] = &[
     ("noise_seed", INT, "0"),
     ("transmit_power", FLOAT, "21.5"),
@@ -217,7 +237,10 @@ fn sensor_specs(type_id: &str) -> Vec<&'static [Spec]> {
 
 /// Names of the attributes that a sensor's blueprint has beside `role_name` and `ros_name`.
 pub fn sensor_attributes(type_id: &str) -> impl Iterator<Item = &'static str> {
-    sensor_specs(type_id).into_iter().flatten().map(|(name, _, _)| *name)
+    sensor_specs(type_id)
+        .into_iter()
+        .flatten()
+        .map(|(name, _, _)| *name)
 }
 
 /// One attribute of a blueprint.
@@ -231,47 +254,108 @@ struct Line {
 
 impl Line {
     fn new(name: &str, kind: u8, value: &str, modifiable: bool) -> Line {
-        Line { name: name.to_owned(), kind, value: value.to_owned(), recommended: Vec::new(), modifiable }
+        Line {
+            name: name.to_owned(),
+            kind,
+            value: value.to_owned(),
+            recommended: Vec::new(),
+            modifiable,
+        }
     }
 
-    /// CARLA's defaults are the first of the recommended values, so there is always one, unless the default is empty.
+    /// CARLA's defaults are the first of the recommended values, so there is always one, unless the
+    /// default is empty.
     fn definition(self) -> Value {
-        let recommended =
-            if self.recommended.is_empty() && !self.value.is_empty() { vec![self.value.clone().into()] } else { self.recommended };
-        list![self.name, self.kind, self.value, recommended, self.modifiable, false]
+        let recommended = if self.recommended.is_empty() && !self.value.is_empty() {
+            vec![self.value.clone().into()]
+        } else {
+            self.recommended
+        };
+        list![
+            self.name,
+            self.kind,
+            self.value,
+            recommended,
+            self.modifiable,
+            false
+        ]
     }
 
     fn recommending(name: &str, kind: u8, value: &str, values: &[&str]) -> Line {
-        Line { recommended: values.iter().map(|value| (*value).into()).collect(), ..Line::new(name, kind, value, true) }
+        Line {
+            recommended: values.iter().map(|value| (*value).into()).collect(),
+            ..Line::new(name, kind, value, true)
+        }
     }
 }
 
 fn lines(entry: &CatalogueEntry) -> Vec<Line> {
     let last = entry.type_id.rsplit('.').next().unwrap_or_default();
     if let Some((kind, role)) = BODIES.iter().find(|(kind, _)| *kind == entry.kind) {
-        let known = BODY_ATTRIBUTES.iter().filter_map(|(name, kind, modifiable)| {
-            let mut line = Line::new(name, *kind, entry.attributes.get(*name)?, *modifiable);
-            line.recommended = entry.recommended.get(*name).into_iter().flatten().map(|value| value.clone().into()).collect();
-            Some(line)
-        });
-        let constants = if *kind == "vehicle" { VEHICLE_CONSTANTS } else { &[] };
-        let constant = constants.iter().map(|(name, kind, value)| Line::new(name, *kind, value, false));
-        let rides = entry.attributes.get("number_of_wheels").is_some_and(|wheels| wheels == "2");
+        let known = BODY_ATTRIBUTES
+            .iter()
+            .filter_map(|(name, kind, modifiable)| {
+                let mut line = Line::new(name, *kind, entry.attributes.get(*name)?, *modifiable);
+                line.recommended = entry
+                    .recommended
+                    .get(*name)
+                    .into_iter()
+                    .flatten()
+                    .map(|value| value.clone().into())
+                    .collect();
+                Some(line)
+            });
+        let constants = if *kind == "vehicle" {
+            VEHICLE_CONSTANTS
+        } else {
+            &[]
+        };
+        let constant = constants
+            .iter()
+            .map(|(name, kind, value)| Line::new(name, *kind, value, false));
+        let rides = entry
+            .attributes
+            .get("number_of_wheels")
+            .is_some_and(|wheels| wheels == "2");
         let of_riders = if rides { RIDER_KEPT } else { &[] };
-        let of_vehicles = if *kind == "vehicle" { VEHICLE_KEPT } else { &[] };
-        let kept = of_vehicles.iter().map(|(name, kind, value)| Line::new(name, *kind, value, true));
-        let riders = of_riders.iter().map(|(name, kind, value)| Line::recommending(name, *kind, value, &[*value]));
-        let roles: &[&str] = if entry.kind == "vehicle" { &VEHICLE_ROLES } else { &[*role] };
-        return known.chain(constant).chain(kept).chain(riders).chain([Line::recommending("role_name", TEXT, role, roles)]).collect();
+        let of_vehicles = if *kind == "vehicle" {
+            VEHICLE_KEPT
+        } else {
+            &[]
+        };
+        let kept = of_vehicles
+            .iter()
+            .map(|(name, kind, value)| Line::new(name, *kind, value, true));
+        let riders = of_riders
+            .iter()
+            .map(|(name, kind, value)| Line::recommending(name, *kind, value, &[*value]));
+        let roles: &[&str] = if entry.kind == "vehicle" {
+            &VEHICLE_ROLES
+        } else {
+            &[*role]
+        };
+        return known
+            .chain(constant)
+            .chain(kept)
+            .chain(riders)
+            .chain([Line::recommending("role_name", TEXT, role, roles)])
+            .collect();
     }
-    let own = sensor_specs(&entry.type_id).into_iter().flatten().map(|(name, kind, value)| {
-        let mut line = Line::new(name, *kind, value, true);
-        let choices = CHOICES.iter().find(|(of, _)| of == name).map_or(&[][..], |(_, choices)| choices);
-        line.recommended = choices.iter().map(|choice| (*choice).into()).collect();
-        line
-    });
+    let own = sensor_specs(&entry.type_id)
+        .into_iter()
+        .flatten()
+        .map(|(name, kind, value)| {
+            let mut line = Line::new(name, *kind, value, true);
+            let choices = CHOICES
+                .iter()
+                .find(|(of, _)| of == name)
+                .map_or(&[][..], |(_, choices)| choices);
+            line.recommended = choices.iter().map(|choice| (*choice).into()).collect();
+            line
+        });
     let role = Line::recommending("role_name", TEXT, "default", &SENSOR_ROLES);
-    own.chain([role, Line::new("ros_name", TEXT, last, true)]).collect()
+    own.chain([role, Line::new("ros_name", TEXT, last, true)])
+        .collect()
 }
 
 /// Whether scripts see it in the blueprint library.
@@ -285,18 +369,40 @@ fn is_blueprint(entry: &CatalogueEntry) -> bool {
 pub fn definitions(catalogue: &Catalogue) -> Value {
     let definition = |(idx, entry): (usize, &CatalogueEntry)| {
         let attributes: Vec<Value> = lines(entry).into_iter().map(Line::definition).collect();
-        list![idx as u32 + 1, entry.type_id.as_str(), entry.type_id.replace('.', ","), attributes]
+        list![
+            idx as u32 + 1,
+            entry.type_id.as_str(),
+            entry.type_id.replace('.', ","),
+            attributes
+        ]
     };
-    Value::Array(catalogue.entries.iter().enumerate().filter(|(_, entry)| is_blueprint(entry)).map(definition).collect())
+    Value::Array(
+        catalogue
+            .entries
+            .iter()
+            .enumerate()
+            .filter(|(_, entry)| is_blueprint(entry))
+            .map(definition)
+            .collect(),
+    )
 }
 
 /// The description of an actor that no client of ours made.
 pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Description {
     let mut attributes: Vec<Attribute> = match entry {
-        Some(entry) if is_blueprint(entry) => {
-            lines(entry).into_iter().map(|line| Attribute { name: line.name, kind: line.kind, value: line.value }).collect()
-        }
-        _ => vec![Attribute { name: "role_name".into(), kind: TEXT, value: String::new() }],
+        Some(entry) if is_blueprint(entry) => lines(entry)
+            .into_iter()
+            .map(|line| Attribute {
+                name: line.name,
+                kind: line.kind,
+                value: line.value,
+            })
+            .collect(),
+        _ => vec![Attribute {
+            name: "role_name".into(),
+            kind: TEXT,
+            value: String::new(),
+        }],
     };
     for attribute in &mut attributes {
         if attribute.name == "role_name" {
@@ -306,13 +412,26 @@ pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Descriptio
         }
     }
     attributes.sort_by(|a, b| a.name.cmp(&b.name));
-    Description { type_id: actor.type_id.clone(), attributes }
+    Description {
+        type_id: actor.type_id.clone(),
+        attributes,
+    }
 }
 
-/// What of a client's attributes the simulator is told: what a script could have set on a body, but for its role.
+/// What of a client's attributes the simulator is told: what a script could have set on a body, but
+/// for its role.
 pub fn settable(description: &Description) -> std::collections::BTreeMap<String, String> {
-    let settable = |attribute: &&Attribute| BODY_ATTRIBUTES.iter().any(|(name, _, modifiable)| *modifiable && *name == attribute.name);
-    description.attributes.iter().filter(settable).map(|a| (a.name.clone(), a.value.to_lowercase())).collect()
+    let settable = |attribute: &&Attribute| {
+        BODY_ATTRIBUTES
+            .iter()
+            .any(|(name, _, modifiable)| *modifiable && *name == attribute.name)
+    };
+    description
+        .attributes
+        .iter()
+        .filter(settable)
+        .map(|a| (a.name.clone(), a.value.to_lowercase()))
+        .collect()
 }
 
 #[cfg(test)]
@@ -321,13 +440,21 @@ mod tests {
     use schema_frames::BodyBox;
 
     fn entry(type_id: &str, kind: &str) -> CatalogueEntry {
-        let attributes =
-            [("color", "1,2,3"), ("number_of_wheels", "4"), ("mass_kg", "900")].map(|(k, v)| (k.to_owned(), v.to_owned())).into();
+        let attributes = [
+            ("color", "1,2,3"),
+            ("number_of_wheels", "4"),
+            ("mass_kg", "900"),
+        ]
+        .map(|(k, v)| (k.to_owned(), v.to_owned()))
+        .into();
         CatalogueEntry {
             type_id: type_id.into(),
             kind: kind.into(),
             class: 14,
-            body_box: BodyBox { centre_m: [0.0; 3], half_m: [1.0; 3] },
+            body_box: BodyBox {
+                centre_m: [0.0; 3],
+                half_m: [1.0; 3],
+            },
             attributes,
             recommended: Default::default(),
         }
@@ -342,16 +469,28 @@ mod tests {
             entry("spectator", "spectator"),
             entry("traffic.stop", "traffic_sign"),
         ];
-        let Value::Array(found) = definitions(&Catalogue { entries }) else { unreachable!() };
+        let Value::Array(found) = definitions(&Catalogue { entries }) else {
+            unreachable!()
+        };
         assert_eq!(found.len(), 2);
         let text = format!("{found:?}");
-        assert!(text.contains("image_size_x") && text.contains("number_of_wheels") && !text.contains("mass_kg"), "{text}");
+        assert!(
+            text.contains("image_size_x")
+                && text.contains("number_of_wheels")
+                && !text.contains("mass_kg"),
+            "{text}"
+        );
     }
 
     #[test]
     fn sensors_that_fire_on_events_have_no_sensor_tick() {
         for type_id in ["sensor.other.collision", "sensor.other.lane_invasion"] {
-            assert!(!lines(&entry(type_id, "sensor")).iter().any(|line| line.name == "sensor_tick"), "{type_id}");
+            assert!(
+                !lines(&entry(type_id, "sensor"))
+                    .iter()
+                    .any(|line| line.name == "sensor_tick"),
+                "{type_id}"
+            );
         }
     }
 }

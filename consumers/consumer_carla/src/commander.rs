@@ -1,6 +1,8 @@
-//! The one thread that talks to `control/world` and `control/vehicles`; connections hand it their wishes in order.
+//! The one thread that talks to `control/world` and `control/vehicles`; connections hand it their
+//! wishes in order.
 //!
-//! What queues up while an answer is awaited goes out as one request: in free-running mode the simulator answers once per tick.
+//! What queues up while an answer is awaited goes out as one request: in free-running mode the
+//! simulator answers once per tick.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,7 +24,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const LOOK_AT_STOP: Duration = Duration::from_millis(100);
 /// Quiet time after which the way to the simulator is closed when nobody steps the world any more.
 const STEP_BACK: Duration = Duration::from_secs(1);
-/// Ticks for which a control is sent again with newer ones, so that the newest sample alone says everything.
+/// Ticks for which a control is sent again with newer ones, so that the newest sample alone says
+/// everything.
 const RESEND_TICKS: u64 = 2;
 
 /// Answers to a list of commands.
@@ -61,7 +64,16 @@ pub struct Work {
 pub fn commander() -> (Commander, Work) {
     let (sender, receiver) = bounded(QUEUE);
     let is_lost = Arc::new(AtomicBool::new(false));
-    (Commander { jobs: sender, is_lost: is_lost.clone() }, Work { jobs: receiver, is_lost })
+    (
+        Commander {
+            jobs: sender,
+            is_lost: is_lost.clone(),
+        },
+        Work {
+            jobs: receiver,
+            is_lost,
+        },
+    )
 }
 
 impl Commander {
@@ -72,7 +84,12 @@ impl Commander {
     pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, String> {
         let (reply, answer) = bounded(1);
         let gone = |_| "the gateway is shutting down".to_owned();
-        self.jobs.send(Job::Ask(Ask { commands, reply: Some(reply) })).map_err(|error| gone(error.to_string()))?;
+        self.jobs
+            .send(Job::Ask(Ask {
+                commands,
+                reply: Some(reply),
+            }))
+            .map_err(|error| gone(error.to_string()))?;
         answer.recv().map_err(|error| gone(error.to_string()))?
     }
 
@@ -92,10 +109,14 @@ impl Commander {
     /// Runs a command without waiting; a refusal is logged.
     pub fn tell(&self, command: Command) {
         // Fails only when the thread has ended, and then the program is about to.
-        let _ = self.jobs.send(Job::Ask(Ask { commands: vec![command], reply: None }));
+        let _ = self.jobs.send(Job::Ask(Ask {
+            commands: vec![command],
+            reply: None,
+        }));
     }
 
-    /// Says whether the client that stepped the world has gone. Then the simulator is to see that nobody steps any more.
+    /// Says whether the client that stepped the world has gone. Then the simulator is to see that
+    /// nobody steps any more.
     pub fn set_lost(&self, is_lost: bool) {
         self.is_lost.store(is_lost, Ordering::Release);
     }
@@ -125,8 +146,14 @@ pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyho
     };
     while !stop.load(Ordering::Acquire) {
         match work.jobs.recv_timeout(LOOK_AT_STOP) {
-            Ok(job) => thread.work(std::iter::once(job).chain(work.jobs.try_iter().take(QUEUE)).collect()),
-            Err(RecvTimeoutError::Timeout) => thread.step_back(work.is_lost.load(Ordering::Acquire)),
+            Ok(job) => thread.work(
+                std::iter::once(job)
+                    .chain(work.jobs.try_iter().take(QUEUE))
+                    .collect(),
+            ),
+            Err(RecvTimeoutError::Timeout) => {
+                thread.step_back(work.is_lost.load(Ordering::Acquire))
+            }
             Err(RecvTimeoutError::Disconnected) => break,
         }
     }
@@ -148,7 +175,8 @@ struct Thread<'w> {
 }
 
 impl Thread<'_> {
-    /// Closes the way to the simulator if its driver is lost and nobody else has asked for anything in a while.
+    /// Closes the way to the simulator if its driver is lost and nobody else has asked for anything
+    /// in a while.
     fn step_back(&mut self, is_lost: bool) {
         if is_lost && self.last_asked.elapsed() > STEP_BACK {
             self.client = None;
@@ -159,10 +187,19 @@ impl Thread<'_> {
         self.last_asked = Instant::now();
         let client = match &mut self.client {
             Some(client) => client,
-            empty => empty.insert(self.bus.command_client(&self.name).map_err(|error| error.to_string())?),
+            empty => empty.insert(
+                self.bus
+                    .command_client(&self.name)
+                    .map_err(|error| error.to_string())?,
+            ),
         };
-        let answer = client.request(&CommandBatch::new(batch), PATIENCE).map_err(|error| error.to_string())?;
-        Ok(Answer { replies: answer.replies, tick: answer.tick })
+        let answer = client
+            .request(&CommandBatch::new(batch), PATIENCE)
+            .map_err(|error| error.to_string())?;
+        Ok(Answer {
+            replies: answer.replies,
+            tick: answer.tick,
+        })
     }
 
     /// In order: the controls before a request go out before it.
@@ -175,8 +212,18 @@ impl Thread<'_> {
                     self.ask(std::mem::take(&mut asks));
                     let (tick, known) = (self.world.tick(), self.world.known());
                     // A vehicle whose controls are for one tick must not be given one again.
-                    let until = |id: &u32| if known.is_sticky(*id) { tick + RESEND_TICKS - 1 } else { tick };
-                    self.held.extend(records.into_iter().map(|record| (record.actor_id, (until(&record.actor_id), record))));
+                    let until = |id: &u32| {
+                        if known.is_sticky(*id) {
+                            tick + RESEND_TICKS - 1
+                        } else {
+                            tick
+                        }
+                    };
+                    self.held.extend(
+                        records
+                            .into_iter()
+                            .map(|record| (record.actor_id, (until(&record.actor_id), record))),
+                    );
                     new_controls = true;
                 }
                 Job::Ask(ask) => {
@@ -195,8 +242,10 @@ impl Thread<'_> {
 
     fn send_controls(&mut self) {
         let tick = self.world.tick();
-        self.held.retain(|_, (until, _)| (tick..tick + RESEND_TICKS).contains(until));
-        let records: Vec<VehicleControlRecord> = self.held.values().map(|(_, record)| *record).collect();
+        self.held
+            .retain(|_, (until, _)| (tick..tick + RESEND_TICKS).contains(until));
+        let records: Vec<VehicleControlRecord> =
+            self.held.values().map(|(_, record)| *record).collect();
         if records.is_empty() {
             return;
         }
@@ -210,30 +259,45 @@ impl Thread<'_> {
         if asks.is_empty() {
             return;
         }
-        let commands: Vec<Command> = asks.iter().flat_map(|ask| ask.commands.iter().cloned()).collect();
+        let commands: Vec<Command> = asks
+            .iter()
+            .flat_map(|ask| ask.commands.iter().cloned())
+            .collect();
         for command in &commands {
             if let Command::Destroy { actor_id } = command {
                 self.held.remove(actor_id);
             }
         }
-        let mut result = Ok(Answer { replies: Vec::with_capacity(commands.len()), tick: 0 });
+        let mut result = Ok(Answer {
+            replies: Vec::with_capacity(commands.len()),
+            tick: 0,
+        });
         for batch in commands.chunks(BATCH) {
             match (self.request(batch.to_vec()), &mut result) {
                 (Ok(part), Ok(answer)) if part.replies.len() == batch.len() => {
                     answer.replies.extend(part.replies);
                     answer.tick = part.tick;
                 }
-                (Ok(_), _) => result = Err("the simulator's answer has another length than the question".to_owned()),
+                (Ok(_), _) => {
+                    result = Err(
+                        "the simulator's answer has another length than the question".to_owned(),
+                    )
+                }
                 (Err(error), _) => result = Err(error),
             }
             if result.is_err() {
                 break;
             }
         }
-        let mut replies = result.as_ref().map_or(Vec::new(), |answer| answer.replies.clone()).into_iter();
+        let mut replies = result
+            .as_ref()
+            .map_or(Vec::new(), |answer| answer.replies.clone())
+            .into_iter();
         for ask in asks {
-            let part =
-                result.clone().map(|answer| Answer { replies: replies.by_ref().take(ask.commands.len()).collect(), tick: answer.tick });
+            let part = result.clone().map(|answer| Answer {
+                replies: replies.by_ref().take(ask.commands.len()).collect(),
+                tick: answer.tick,
+            });
             match (ask.reply, part) {
                 // A connection that ended meanwhile misses nothing.
                 (Some(reply), part) => drop(reply.send(part)),
@@ -246,6 +310,9 @@ impl Thread<'_> {
 
 fn log_refusal(reply: &CommandReply) {
     if let CommandReply::Refused { error } = reply {
-        tracing::warn!(error, "the simulator refused a call whose answer the client does not read");
+        tracing::warn!(
+            error,
+            "the simulator refused a call whose answer the client does not read"
+        );
     }
 }

@@ -19,7 +19,8 @@ pub const HEADER_BYTES: usize = 48 + 36;
 /// Bytes per actor.
 pub const ACTOR_BYTES: usize = 65 + PART_BYTES;
 
-/// Id of an episode for clients: another one after every map load and every restart of the simulator.
+/// Id of an episode for clients: another one after every map load and every restart of the
+/// simulator.
 pub fn episode_id(header: &SnapshotHeader) -> u64 {
     header.epoch.wrapping_add(u64::from(header.episode))
 }
@@ -29,8 +30,14 @@ fn elapsed_secs(header: &SnapshotHeader) -> f64 {
     header.sim_nanos.saturating_sub(header.episode_start_nanos) as f64 * 1e-9
 }
 
-/// The message of one snapshot. `state_bits` as [`MAP_CHANGED`]; `wall_secs` is the machine's clock.
-pub fn encode(header: &SnapshotHeader, records: &[ActorRecord], state_bits: u32, wall_secs: f64) -> Vec<u8> {
+/// The message of one snapshot. `state_bits` as [`MAP_CHANGED`]; `wall_secs` is the machine's
+/// clock.
+pub fn encode(
+    header: &SnapshotHeader,
+    records: &[ActorRecord],
+    state_bits: u32,
+    wall_secs: f64,
+) -> Vec<u8> {
     let mut out = Vec::with_capacity(HEADER_BYTES + records.len() * ACTOR_BYTES);
     out.extend(WORLD_SNAPSHOT.to_le_bytes());
     out.extend(header.tick.to_le_bytes());
@@ -41,13 +48,22 @@ pub fn encode(header: &SnapshotHeader, records: &[ActorRecord], state_bits: u32,
     out.extend((header.period_nanos as f32 * 1e-9).to_le_bytes());
     out.extend([0; 12]);
     out.extend(state_bits.to_le_bytes());
-    records.iter().for_each(|record| push_actor(&mut out, record));
+    records
+        .iter()
+        .for_each(|record| push_actor(&mut out, record));
     out
 }
 
 fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
-    let is_sign = matches!(record.kind(), Some(ActorKind::TrafficLight | ActorKind::TrafficSign));
-    let pose = if is_sign { axes::sign_pose(&record.world_from_actor) } else { record.world_from_actor };
+    let is_sign = matches!(
+        record.kind(),
+        Some(ActorKind::TrafficLight | ActorKind::TrafficSign)
+    );
+    let pose = if is_sign {
+        axes::sign_pose(&record.world_from_actor)
+    } else {
+        record.world_from_actor
+    };
     let transform = axes::transform(&pose);
     let start = out.len();
     out.extend(record.id.to_le_bytes());
@@ -63,7 +79,11 @@ fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
     match record.kind() {
         Some(ActorKind::Vehicle) => push_vehicle(out, record),
         Some(ActorKind::TrafficLight) => push_light(out, record),
-        Some(ActorKind::TrafficSign) => out.extend(record.traffic_sign().map_or([0; 32], |part| part.opendrive_id)),
+        Some(ActorKind::TrafficSign) => out.extend(
+            record
+                .traffic_sign()
+                .map_or([0; 32], |part| part.opendrive_id),
+        ),
         Some(ActorKind::Walker) => push_walker(out, record),
         _ => {}
     }
@@ -72,16 +92,32 @@ fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
 
 fn push_floats(out: &mut Vec<u8>, values: impl IntoIterator<Item = f32>) {
     // A number that is not finite would spread through scripts.
-    values.into_iter().for_each(|x| out.extend(if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
+    values
+        .into_iter()
+        .for_each(|x| out.extend(if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
 }
 
 fn push_vehicle(out: &mut Vec<u8>, record: &ActorRecord) {
     let Some(part) = record.vehicle() else { return };
-    push_floats(out, [part.throttle_ratio, axes::steer(part.steer_ratio) + 0.0, part.brake_ratio]);
+    push_floats(
+        out,
+        [
+            part.throttle_ratio,
+            axes::steer(part.steer_ratio) + 0.0,
+            part.brake_ratio,
+        ],
+    );
     let flag = |bit: u32| u8::from(part.control_flags & bit != 0);
     out.extend([flag(1), flag(2), flag(4)]);
     out.extend(part.gear.to_le_bytes());
-    push_floats(out, [if part.speed_limit_mps > 0.0 { axes::kmh(part.speed_limit_mps) } else { LIMIT_BEFORE_SIGNS_KMH }]);
+    push_floats(
+        out,
+        [if part.speed_limit_mps > 0.0 {
+            axes::kmh(part.speed_limit_mps)
+        } else {
+            LIMIT_BEFORE_SIGNS_KMH
+        }],
+    );
     out.push(part.light_state.min(4) as u8);
     out.push(u8::from(part.light_actor_id != 0));
     out.extend(part.light_actor_id.to_le_bytes());
@@ -89,9 +125,19 @@ fn push_vehicle(out: &mut Vec<u8>, record: &ActorRecord) {
 }
 
 fn push_light(out: &mut Vec<u8>, record: &ActorRecord) {
-    let Some(part) = record.traffic_light() else { return };
+    let Some(part) = record.traffic_light() else {
+        return;
+    };
     out.extend(part.opendrive_id);
-    push_floats(out, [part.green_secs, part.yellow_secs, part.red_secs, part.elapsed_secs]);
+    push_floats(
+        out,
+        [
+            part.green_secs,
+            part.yellow_secs,
+            part.red_secs,
+            part.elapsed_secs,
+        ],
+    );
     out.extend(part.pole_idx.to_le_bytes());
     out.push(u8::from(part.flags & 1 != 0));
     out.push(part.state.min(4) as u8);
@@ -113,13 +159,29 @@ mod tests {
 
     #[test]
     fn a_vehicle_lies_at_the_documented_offsets() {
-        let mut record = ActorRecord { id: 7, kind: ActorKind::Vehicle as u16, ..ActorRecord::zeroed() };
+        let mut record = ActorRecord {
+            id: 7,
+            kind: ActorKind::Vehicle as u16,
+            ..ActorRecord::zeroed()
+        };
         record.world_from_actor = Pose::from_xyz_yaw(1.0, 2.0, 3.0, std::f64::consts::FRAC_PI_2);
         record.velocity_in_world_mps = [4.0, 5.0, 6.0];
-        let part =
-            VehiclePart { steer_ratio: 0.5, control_flags: 2, gear: -1, speed_limit_mps: 10.0, light_actor_id: 9, ..VehiclePart::zeroed() };
+        let part = VehiclePart {
+            steer_ratio: 0.5,
+            control_flags: 2,
+            gear: -1,
+            speed_limit_mps: 10.0,
+            light_actor_id: 9,
+            ..VehiclePart::zeroed()
+        };
         record.set_part(&part);
-        let header = SnapshotHeader { tick: 11, sim_nanos: 550_000_000, epoch: 5, episode: 2, ..SnapshotHeader::zeroed() };
+        let header = SnapshotHeader {
+            tick: 11,
+            sim_nanos: 550_000_000,
+            epoch: 5,
+            episode: 2,
+            ..SnapshotHeader::zeroed()
+        };
         let bytes = encode(&header, &[record], MAP_CHANGED, 1.0);
         assert_eq!(bytes.len(), 48 + 36 + 119);
         let f32_at = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
@@ -128,13 +190,25 @@ mod tests {
         assert_eq!((bytes[48], bytes[48 + 32]), (7, 1));
         let actor = 84;
         assert_eq!((bytes[actor], bytes[actor + 4]), (7, 1));
-        assert_eq!((f32_at(actor + 5), f32_at(actor + 9), f32_at(actor + 13)), (1.0, -2.0, 3.0));
-        assert!((f32_at(actor + 21) + 90.0).abs() < 1e-5, "a left turn is a negative yaw");
+        assert_eq!(
+            (f32_at(actor + 5), f32_at(actor + 9), f32_at(actor + 13)),
+            (1.0, -2.0, 3.0)
+        );
+        assert!(
+            (f32_at(actor + 21) + 90.0).abs() < 1e-5,
+            "a left turn is a negative yaw"
+        );
         assert_eq!(f32_at(actor + 33), -5.0);
         let union = actor + 65;
         assert_eq!(f32_at(union + 4), -0.5);
         assert_eq!((bytes[union + 12], bytes[union + 13]), (0, 1));
-        assert_eq!(i32::from_le_bytes(bytes[union + 15..union + 19].try_into().unwrap()), -1);
-        assert_eq!((f32_at(union + 19), bytes[union + 24], bytes[union + 25]), (36.0, 1, 9));
+        assert_eq!(
+            i32::from_le_bytes(bytes[union + 15..union + 19].try_into().unwrap()),
+            -1
+        );
+        assert_eq!(
+            (f32_at(union + 19), bytes[union + 24], bytes[union + 25]),
+            (36.0, 1, 9)
+        );
     }
 }

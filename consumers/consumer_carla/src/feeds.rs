@@ -1,10 +1,14 @@
-//! Streams of sensors: a reader of the bus for the first client that listens, and one for all others of the same sensor together.
+//! Streams of sensors: a reader of the bus for the first client that listens, and one for all
+//! others of the same sensor together.
 //!
-//! A client asks for a stream's place right before it connects, and may step the world in between. So the reader is opened with the question
+//! A client asks for a stream's place right before it connects, and may step the world in between.
+//! So the reader is opened with the question
 //! and waits for its connection: what the sensor sees from then on is not lost.
 //!
-//! A frame that cannot be written waits in shared memory, where newer ones push it out (two fit): a slow client loses frames. In synchronous
-//! mode nothing may be lost, so [`Feeds::settle`] holds the next step back until every reader has taken what there was.
+//! A frame that cannot be written waits in shared memory, where newer ones push it out (two fit): a
+//! slow client loses frames. In synchronous
+//! mode nothing may be lost, so [`Feeds::settle`] holds the next step back until every reader has
+//! taken what there was.
 
 mod dark;
 mod sharing;
@@ -82,7 +86,10 @@ impl Outlet<'_> {
         match self {
             Outlet::Client(connection) => send(connection, head, body),
             Outlet::Relay(relay) => {
-                relay.send(&Sent { tick, bytes: [head, body].concat().into() });
+                relay.send(&Sent {
+                    tick,
+                    bytes: [head, body].concat().into(),
+                });
                 Ok(())
             }
         }
@@ -121,7 +128,9 @@ pub struct Feeds {
 
 impl std::fmt::Debug for Feed {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Feed").field("actor", &self.actor).finish_non_exhaustive()
+        f.debug_struct("Feed")
+            .field("actor", &self.actor)
+            .finish_non_exhaustive()
     }
 }
 
@@ -158,10 +167,18 @@ impl Feeds {
         if self.is_station(stream) {
             return self.v2x.expect(stream);
         }
-        if self.beside(stream, |relay, progress| relay.expect(Some(progress))).is_some() {
+        if self
+            .beside(stream, |relay, progress| relay.expect(Some(progress)))
+            .is_some()
+        {
             return;
         }
-        if lock(&self.waiting).values().map(VecDeque::len).sum::<usize>() >= MAX_WAITING {
+        if lock(&self.waiting)
+            .values()
+            .map(VecDeque::len)
+            .sum::<usize>()
+            >= MAX_WAITING
+        {
             tracing::warn!(
                 stream,
                 "{MAX_WAITING} streams were asked for and nobody came for them; this one starts when its client connects"
@@ -169,20 +186,28 @@ impl Feeds {
             return;
         }
         if let Some(feed) = self.open(stream) {
-            lock(&self.waiting).entry(stream).or_default().push_back((Instant::now(), feed));
+            lock(&self.waiting)
+                .entry(stream)
+                .or_default()
+                .push_back((Instant::now(), feed));
         }
     }
 
     fn is_station(&self, stream: u32) -> bool {
         let known = self.world.known();
-        actor_of(stream).and_then(|actor| known.sensor(actor)).is_some_and(|(kind, _)| kind.modalities.is_empty())
+        actor_of(stream)
+            .and_then(|actor| known.sensor(actor))
+            .is_some_and(|(kind, _)| kind.modalities.is_empty())
     }
 
     /// Forgets readers whose clients never came.
     pub fn sweep(&self) {
         let mut waiting = lock(&self.waiting);
         for feeds in waiting.values_mut() {
-            while feeds.front().is_some_and(|(since, _)| since.elapsed() > CONNECT) {
+            while feeds
+                .front()
+                .is_some_and(|(since, _)| since.elapsed() > CONNECT)
+            {
                 feeds.pop_front();
             }
         }
@@ -203,7 +228,9 @@ impl Feeds {
                 cause: error.to_string(),
             };
             let (poke, poked) = UnixStream::pair().map_err(pipe)?;
-            poke.set_nonblocking(true).and_then(|()| poked.set_nonblocking(true)).map_err(pipe)?;
+            poke.set_nonblocking(true)
+                .and_then(|()| poked.set_nonblocking(true))
+                .map_err(pipe)?;
             let shut = is_camera && self.no_rendering.load(Ordering::Acquire);
             let progress = Arc::new(Progress {
                 stream,
@@ -243,13 +270,21 @@ impl Feeds {
     }
 
     /// Sends a sensor's messages to a client until it goes.
-    pub(crate) fn serve(self: &Arc<Self>, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+    pub(crate) fn serve(
+        self: &Arc<Self>,
+        stream: u32,
+        mut connection: TcpStream,
+    ) -> std::io::Result<()> {
         if self.is_station(stream) {
             return self.v2x.serve(stream, connection, &self.streams);
         }
-        let expected = lock(&self.waiting).get_mut(&stream).and_then(VecDeque::pop_front).map(|(_, feed)| feed);
+        let expected = lock(&self.waiting)
+            .get_mut(&stream)
+            .and_then(VecDeque::pop_front)
+            .map(|(_, feed)| feed);
         if expected.is_none()
-            && let Some(listener) = self.beside(stream, |relay, progress| relay.listener(Some(progress)))
+            && let Some(listener) =
+                self.beside(stream, |relay, progress| relay.listener(Some(progress)))
         {
             return listener.serve(connection, &self.streams, &|| self.tell_taken());
         }
@@ -260,7 +295,10 @@ impl Feeds {
         feed.progress.connect();
         while !self.is_over(&mut feed) {
             self.pass_on(&mut feed, &mut Outlet::Client(&mut connection))?;
-            let ready = feed.wake.wait_beside(&[connection.as_fd(), feed.poked.as_fd()], LOOK).map_err(std::io::Error::other)?;
+            let ready = feed
+                .wake
+                .wait_beside(&[connection.as_fd(), feed.poked.as_fd()], LOOK)
+                .map_err(std::io::Error::other)?;
             if ready[0] && has_ended(&connection)? {
                 return Ok(());
             }
@@ -285,7 +323,8 @@ impl Feeds {
         feed.was_listed && !is_listed
     }
 
-    /// Takes everything that waits and writes it. Returns the moment before which everything published was taken.
+    /// Takes everything that waits and writes it. Returns the moment before which everything
+    /// published was taken.
     fn pass_on(&self, feed: &mut Feed, outlet: &mut Outlet<'_>) -> std::io::Result<u64> {
         self.shut_or_open(feed);
         let began_nanos = mono_now().0;
@@ -295,7 +334,9 @@ impl Feeds {
             }
             let tick = frames[0].header().tick;
             self.streams.await_snapshot(tick);
-            let Some(context) = self.context(&frames[0]) else { continue };
+            let Some(context) = self.context(&frames[0]) else {
+                continue;
+            };
             let events = events::bodies(&self.world.known(), &frames[0]);
             if let Some(bodies) = events {
                 for body in bodies {
@@ -317,16 +358,20 @@ impl Feeds {
         let at = &known.snapshot.as_ref()?.header;
         (at.episode == frame.header().episode).then(|| Context {
             episode_start_nanos: at.episode_start_nanos,
-            geo_reference_deg: known.geo_reference_deg.unwrap_or_else(|| records::geo_reference_deg("")),
+            geo_reference_deg: known
+                .geo_reference_deg
+                .unwrap_or_else(|| records::geo_reference_deg("")),
         })
     }
 
-    /// Waits until every reader has taken what was published before `since_nanos`. A client that does not take its messages is waited for
+    /// Waits until every reader has taken what was published before `since_nanos`. A client that
+    /// does not take its messages is waited for
     /// once; it then loses frames until it has caught up.
     pub fn settle(&self, since_nanos: u64) {
         let began = Instant::now();
         let is_behind = |progress: &&Arc<Progress>| {
-            progress.taken_nanos.load(Ordering::Acquire) < since_nanos && !progress.lags.load(Ordering::Acquire)
+            progress.taken_nanos.load(Ordering::Acquire) < since_nanos
+                && !progress.lags.load(Ordering::Acquire)
         };
         let mut active = lock(&self.active);
         for behind in active.iter().filter(is_behind) {
@@ -335,14 +380,30 @@ impl Feeds {
         }
         while let Some(behind) = active.iter().find(is_behind) {
             let is_connected = behind.is_connected.load(Ordering::Acquire);
-            if began.elapsed() >= if is_connected { WRITE_STEP } else { CONNECT_STEP } {
-                let fault =
-                    if is_connected { "does not take its sensor's messages" } else { "asked for a sensor's stream and does not connect" };
-                tracing::warn!(stream = behind.stream, "a client {fault}; it loses frames until it does");
+            if began.elapsed()
+                >= if is_connected {
+                    WRITE_STEP
+                } else {
+                    CONNECT_STEP
+                }
+            {
+                let fault = if is_connected {
+                    "does not take its sensor's messages"
+                } else {
+                    "asked for a sensor's stream and does not connect"
+                };
+                tracing::warn!(
+                    stream = behind.stream,
+                    "a client {fault}; it loses frames until it does"
+                );
                 behind.lags.store(true, Ordering::Release);
                 continue;
             }
-            active = self.taken.wait_timeout(active, Duration::from_millis(20)).unwrap_or_else(PoisonError::into_inner).0;
+            active = self
+                .taken
+                .wait_timeout(active, Duration::from_millis(20))
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
         active.retain(|progress| Arc::strong_count(progress) > 1);
     }
@@ -373,7 +434,9 @@ impl Feed {
                     match reader.next() {
                         Ok(Some(frame)) => *slot = Some(frame),
                         Ok(None) => return Ok(None),
-                        Err(error @ BusError::BadFrame { .. }) => tracing::warn!(%error, "passed over a frame"),
+                        Err(error @ BusError::BadFrame { .. }) => {
+                            tracing::warn!(%error, "passed over a frame")
+                        }
                         Err(error) => return Err(std::io::Error::other(error)),
                     }
                 }
@@ -381,10 +444,15 @@ impl Feed {
             let tick = |slot: &Option<Frame>| slot.as_ref().map_or(0, |frame| frame.header().tick);
             let newest = self.waiting.iter().map(tick).max().unwrap_or(0);
             if self.waiting.iter().all(|slot| tick(slot) == newest) {
-                return Ok(Some(self.waiting.iter_mut().filter_map(Option::take).collect()));
+                return Ok(Some(
+                    self.waiting.iter_mut().filter_map(Option::take).collect(),
+                ));
             }
             // One topic lost a frame that the others have.
-            self.waiting.iter_mut().filter(|slot| tick(slot) < newest).for_each(|slot| *slot = None);
+            self.waiting
+                .iter_mut()
+                .filter(|slot| tick(slot) < newest)
+                .for_each(|slot| *slot = None);
         }
     }
 }

@@ -1,5 +1,7 @@
-//! Reads the fields of what clients send, strictly: a wrong type, a missing field or a number that is not finite is a sentence.
-//! What gets past here is stored and sent on to other clients, whom a value of the wrong type would end.
+//! Reads the fields of what clients send, strictly: a wrong type, a missing field or a number that
+//! is not finite is a sentence.
+//! What gets past here is stored and sent on to other clients, whom a value of the wrong type would
+//! end.
 
 use schema_frames::VehicleControl;
 
@@ -20,7 +22,11 @@ pub type Wrong = String;
 impl<'v> Fields<'v> {
     /// The fields of `items`, which are those of `what`.
     pub fn new(what: &'static str, items: &'v [Value]) -> Self {
-        Fields { what, items, next: 0 }
+        Fields {
+            what,
+            items,
+            next: 0,
+        }
     }
 
     /// The next field as it is.
@@ -30,7 +36,14 @@ impl<'v> Fields<'v> {
     pub fn value(&mut self) -> Result<&'v Value, Wrong> {
         let value = self.items.get(self.next);
         self.next += 1;
-        value.ok_or_else(|| format!("{} has {} fields, but field {} is needed", self.what, self.items.len(), self.next))
+        value.ok_or_else(|| {
+            format!(
+                "{} has {} fields, but field {} is needed",
+                self.what,
+                self.items.len(),
+                self.next
+            )
+        })
     }
 
     /// The fields that were not read yet.
@@ -39,7 +52,12 @@ impl<'v> Fields<'v> {
     }
 
     fn wrong<T>(&self, value: &Value, wanted: &str) -> Result<T, Wrong> {
-        Err(format!("field {} of {} is {}, but must be {wanted}", self.next, self.what, value.kind()))
+        Err(format!(
+            "field {} of {} is {}, but must be {wanted}",
+            self.next,
+            self.what,
+            value.kind()
+        ))
     }
 
     /// A bool.
@@ -57,7 +75,10 @@ impl<'v> Fields<'v> {
     pub fn uint(&mut self, max: u64) -> Result<u64, Wrong> {
         match self.value()? {
             Value::UInt(n) if *n <= max => Ok(*n),
-            Value::UInt(n) => Err(format!("field {} of {} is {n}, but must be 0 to {max}", self.next, self.what)),
+            Value::UInt(n) => Err(format!(
+                "field {} of {} is {n}, but must be 0 to {max}",
+                self.next, self.what
+            )),
             other => self.wrong(other, "an integer that is not negative"),
         }
     }
@@ -95,13 +116,27 @@ impl<'v> Fields<'v> {
             Value::Int(n) => *n as f64,
             other => return self.wrong(other, "a number"),
         };
-        if x.is_finite() { Ok(x) } else { Err(format!("field {} of {} is {x}, but must be finite", self.next, self.what)) }
+        if x.is_finite() {
+            Ok(x)
+        } else {
+            Err(format!(
+                "field {} of {} is {x}, but must be finite",
+                self.next, self.what
+            ))
+        }
     }
 
     /// A finite number that fits single precision.
     pub fn f32(&mut self) -> Result<f32, Wrong> {
         let x = self.f64()?;
-        if (x as f32).is_finite() { Ok(x as f32) } else { Err(format!("field {} of {} is {x}, which is too large", self.next, self.what)) }
+        if (x as f32).is_finite() {
+            Ok(x as f32)
+        } else {
+            Err(format!(
+                "field {} of {} is {x}, which is too large",
+                self.next, self.what
+            ))
+        }
     }
 
     /// A text.
@@ -128,7 +163,11 @@ impl<'v> Fields<'v> {
     /// `[false]` or `[true, number]`.
     pub fn optional_f64(&mut self) -> Result<Option<f64>, Wrong> {
         let mut optional = self.fields("an optional number")?;
-        if optional.bool()? { optional.f64().map(Some) } else { Ok(None) }
+        if optional.bool()? {
+            optional.f64().map(Some)
+        } else {
+            Ok(None)
+        }
     }
 
     /// Three numbers.
@@ -140,7 +179,10 @@ impl<'v> Fields<'v> {
     /// A transform.
     pub fn transform(&mut self) -> Result<Transform, Wrong> {
         let mut transform = self.fields("a transform")?;
-        Ok(Transform { location_m: transform.vector()?, rotation_deg: transform.vector()? })
+        Ok(Transform {
+            location_m: transform.vector()?,
+            rotation_deg: transform.vector()?,
+        })
     }
 
     /// A vehicle control, in our axes.
@@ -166,13 +208,25 @@ impl<'v> Fields<'v> {
         let type_id = description.text()?.to_owned();
         let mut attributes = Vec::new();
         for item in description.list()? {
-            let Value::Array(parts) = item else { return Err(format!("an attribute is {}, but must be a list", item.kind())) };
+            let Value::Array(parts) = item else {
+                return Err(format!(
+                    "an attribute is {}, but must be a list",
+                    item.kind()
+                ));
+            };
             let mut attribute = Fields::new("an attribute", parts);
             let (name, kind, value) = (attribute.text()?, attribute.u8()?, attribute.text()?);
-            attributes.push(Attribute { name: name.to_owned(), kind, value: value.to_owned() });
+            attributes.push(Attribute {
+                name: name.to_owned(),
+                kind,
+                value: value.to_owned(),
+            });
         }
         attributes.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(Description { type_id, attributes })
+        Ok(Description {
+            type_id,
+            attributes,
+        })
     }
 }
 
@@ -199,7 +253,10 @@ pub struct Description {
 impl Description {
     /// Value of an attribute.
     pub fn attribute(&self, name: &str) -> Option<&str> {
-        self.attributes.iter().find(|attribute| attribute.name == name).map(|attribute| attribute.value.as_str())
+        self.attributes
+            .iter()
+            .find(|attribute| attribute.name == name)
+            .map(|attribute| attribute.value.as_str())
     }
 }
 
@@ -211,20 +268,40 @@ mod tests {
     #[test]
     fn steering_is_mirrored_and_what_is_not_finite_is_refused() {
         let control = |throttle: f32| list![list![throttle, 0.25f32, 0u32, false, true, false, -1]];
-        let Value::Array(items) = control(0.5) else { unreachable!() };
+        let Value::Array(items) = control(0.5) else {
+            unreachable!()
+        };
         let read = Fields::new("test", &items).vehicle_control().unwrap();
-        assert_eq!((read.throttle_ratio, read.steer_ratio, read.reverse, read.gear), (0.5, -0.25, true, -1));
-        let Value::Array(items) = control(f32::NAN) else { unreachable!() };
+        assert_eq!(
+            (
+                read.throttle_ratio,
+                read.steer_ratio,
+                read.reverse,
+                read.gear
+            ),
+            (0.5, -0.25, true, -1)
+        );
+        let Value::Array(items) = control(f32::NAN) else {
+            unreachable!()
+        };
         let error = Fields::new("test", &items).vehicle_control().unwrap_err();
-        assert!(error.contains("field 1 of a vehicle control") && error.contains("finite"), "{error}");
+        assert!(
+            error.contains("field 1 of a vehicle control") && error.contains("finite"),
+            "{error}"
+        );
     }
 
     #[test]
     fn a_wrong_type_names_the_field() {
-        let Value::Array(items) = list![1u32, "two"] else { unreachable!() };
+        let Value::Array(items) = list![1u32, "two"] else {
+            unreachable!()
+        };
         let mut fields = Fields::new("a pair", &items);
         assert_eq!(fields.u32(), Ok(1));
-        assert_eq!(fields.u32().unwrap_err(), "field 2 of a pair is a text, but must be an integer that is not negative");
+        assert_eq!(
+            fields.u32().unwrap_err(),
+            "field 2 of a pair is a text, but must be an integer that is not negative"
+        );
         assert!(fields.bool().unwrap_err().contains("field 3 is needed"));
     }
 }

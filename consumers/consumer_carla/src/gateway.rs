@@ -1,4 +1,5 @@
-//! What all calls share: the world as far as it is known, the way to the simulator, and what clients set that the simulator does not keep.
+//! What all calls share: the world as far as it is known, the way to the simulator, and what
+//! clients set that the simulator does not keep.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -70,7 +71,12 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Gateway {
     /// A gateway that tells clients to fetch streams at `stream_port`.
-    pub fn new(world: Arc<World>, commander: Commander, feeds: Arc<Feeds>, stream_port: u16) -> Gateway {
+    pub fn new(
+        world: Arc<World>,
+        commander: Commander,
+        feeds: Arc<Feeds>,
+        stream_port: u16,
+    ) -> Gateway {
         Gateway {
             world,
             commander,
@@ -92,7 +98,8 @@ impl Gateway {
         self.feeds.v2x.step(&self.world, &self.commander);
     }
 
-    /// Forgets a connection: a Traffic Manager whose process has ended would make later clients wait for it, and a world whose driver has
+    /// Forgets a connection: a Traffic Manager whose process has ended would make later clients
+    /// wait for it, and a world whose driver has
     /// ended may have to go on by itself.
     pub fn closed(&self, connection: u64) {
         if let Some(place) = self.feeds.streams().retire(connection) {
@@ -101,7 +108,9 @@ impl Gateway {
         lock(&self.traffic_managers).retain(|_, manager| manager.connection != connection);
         let mut drivers = lock(&self.drivers);
         if drivers.remove(&connection) && drivers.is_empty() {
-            tracing::info!("the client that stepped the world has gone; the simulator does as its --on-lost-client says");
+            tracing::info!(
+                "the client that stepped the world has gone; the simulator does as its --on-lost-client says"
+            );
             self.commander.set_lost(true);
         }
     }

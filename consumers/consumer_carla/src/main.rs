@@ -14,12 +14,17 @@ use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Lets unmodified CARLA 0.9.16 clients look at the world on the bus and drive in it.
 #[derive(Debug, Parser)]
-#[command(name = "gantry-carla", version, after_help = "Examples:\n  gantry-carla\n  gantry-carla --port 0\n  gantry-carla --bind 0.0.0.0")]
+#[command(
+    name = "gantry-carla",
+    version,
+    after_help = "Examples:\n  gantry-carla\n  gantry-carla --port 0\n  gantry-carla --bind 0.0.0.0"
+)]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
 
-    /// Port of the RPC server; streams are at the next one. 0 chooses two free ports and prints them
+    /// Port of the RPC server; streams are at the next one. 0 chooses two free ports and prints
+    /// them
     #[arg(long, value_name = "PORT", default_value_t = 2000, value_parser = clap::value_parser!(u16).range(..=65534))]
     port: u16,
 
@@ -42,21 +47,36 @@ fn main() -> ExitCode {
 }
 
 fn listen(bind: IpAddr, port: u16) -> anyhow::Result<(TcpListener, u16)> {
-    let listener =
-        TcpListener::bind((bind, port)).with_context(|| format!("cannot listen on {bind}, port {port}; choose another with --port"))?;
-    let port = listener.local_addr().context("cannot tell the port")?.port();
+    let listener = TcpListener::bind((bind, port)).with_context(|| {
+        format!("cannot listen on {bind}, port {port}; choose another with --port")
+    })?;
+    let port = listener
+        .local_addr()
+        .context("cannot tell the port")?
+        .port();
     Ok((listener, port))
 }
 
 fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let (calls, port) = listen(args.bind, args.port)?;
     let (listener, stream_port) = listen(args.bind, if args.port == 0 { 0 } else { port + 1 })?;
-    let (world, streams, stop) =
-        (Arc::new(world::World::default()), Arc::new(stream::Streams::default()), Arc::new(AtomicBool::new(false)));
+    let (world, streams, stop) = (
+        Arc::new(world::World::default()),
+        Arc::new(stream::Streams::default()),
+        Arc::new(AtomicBool::new(false)),
+    );
     let (commander, work) = commander::commander();
     let feeds = Arc::new(feeds::Feeds::new(world.clone(), streams.clone()));
-    feeds.join(schema_bus::Bus::open(&args.common.domain, "gantry-carla-sensors")?);
-    let gateway = Arc::new(Gateway::new(world.clone(), commander, feeds.clone(), stream_port));
+    feeds.join(schema_bus::Bus::open(
+        &args.common.domain,
+        "gantry-carla-sensors",
+    )?);
+    let gateway = Arc::new(Gateway::new(
+        world.clone(),
+        commander,
+        feeds.clone(),
+        stream_port,
+    ));
     if let Some(data) = &args.data {
         gateway.recorder.keep_in(data.clone());
     }
@@ -68,21 +88,37 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     });
     let domain = args.common.domain.clone();
     let (here, there, flag) = (world.clone(), streams.clone(), stop.clone());
-    let follower = std::thread::Builder::new().name("world".into()).spawn(move || world::follow(&domain, &here, &there, &flag))?;
+    let follower = std::thread::Builder::new()
+        .name("world".into())
+        .spawn(move || world::follow(&domain, &here, &there, &flag))?;
     let domain = args.common.domain.clone();
     let (here, flag) = (world.clone(), stop.clone());
-    let talker = std::thread::Builder::new().name("commands".into()).spawn(move || commander::run(&domain, &here, &work, &flag))?;
+    let talker = std::thread::Builder::new()
+        .name("commands".into())
+        .spawn(move || commander::run(&domain, &here, &work, &flag))?;
     // These two wait for clients until the process ends; they hold nothing on the bus.
     std::thread::Builder::new().name("streams".into()).spawn({
         let feeds = feeds.clone();
         move || stream::serve(&listener, &streams, &feeds)
     })?;
-    std::thread::Builder::new().name("calls".into()).spawn(move || server::serve(&calls, &gateway))?;
-    println!("listening on {0}:{port}, streams on {0}:{stream_port}", args.bind);
-    while !shutdown.wait(Duration::from_millis(100)) && !follower.is_finished() && !talker.is_finished() {
+    std::thread::Builder::new()
+        .name("calls".into())
+        .spawn(move || server::serve(&calls, &gateway))?;
+    println!(
+        "listening on {0}:{port}, streams on {0}:{stream_port}",
+        args.bind
+    );
+    while !shutdown.wait(Duration::from_millis(100))
+        && !follower.is_finished()
+        && !talker.is_finished()
+    {
         feeds.sweep();
     }
     stop.store(true, Ordering::Release);
-    let ended = |thread: std::thread::JoinHandle<anyhow::Result<()>>| thread.join().unwrap_or_else(|_| anyhow::bail!("a thread panicked"));
+    let ended = |thread: std::thread::JoinHandle<anyhow::Result<()>>| {
+        thread
+            .join()
+            .unwrap_or_else(|_| anyhow::bail!("a thread panicked"))
+    };
     ended(follower).and(ended(talker))
 }

@@ -1,4 +1,5 @@
-//! Msgpack values with bounds: what a client sends can cost at most [`Limits`], whatever lengths it claims.
+//! Msgpack values with bounds: what a client sends can cost at most [`Limits`], whatever lengths it
+//! claims.
 
 use std::io::{self, Read};
 
@@ -43,7 +44,11 @@ pub struct Limits {
 impl Default for Limits {
     /// 16 MiB of text (an OpenDRIVE map has a few) and two million values.
     fn default() -> Self {
-        Limits { bytes: 16 << 20, values: 2_000_000, depth: 32 }
+        Limits {
+            bytes: 16 << 20,
+            values: 2_000_000,
+            depth: 32,
+        }
     }
 }
 
@@ -77,10 +82,16 @@ pub enum DecodeError {
 /// # Errors
 /// [`DecodeError`]; the stream is then of no further use.
 pub fn read(reader: &mut impl Read, limits: Limits) -> Result<Value, DecodeError> {
-    let mut decoder = Decoder { reader, left: limits, limits };
+    let mut decoder = Decoder {
+        reader,
+        left: limits,
+        limits,
+    };
     let marker = match read_marker(decoder.reader) {
         Ok(marker) => marker,
-        Err(error) if error.0.kind() == io::ErrorKind::UnexpectedEof => return Err(DecodeError::Closed),
+        Err(error) if error.0.kind() == io::ErrorKind::UnexpectedEof => {
+            return Err(DecodeError::Closed);
+        }
         Err(error) => return Err(DecodeError::Io(error.0)),
     };
     decoder.value(marker, limits.depth)
@@ -94,7 +105,14 @@ struct Decoder<'r, R> {
 
 impl<R: Read> Decoder<'_, R> {
     fn value(&mut self, marker: Marker, depth: usize) -> Result<Value, DecodeError> {
-        self.left.values = self.left.values.checked_sub(1).ok_or(DecodeError::TooLarge { what: "values", limit: self.limits.values })?;
+        self.left.values = self
+            .left
+            .values
+            .checked_sub(1)
+            .ok_or(DecodeError::TooLarge {
+                what: "values",
+                limit: self.limits.values,
+            })?;
         Ok(match marker {
             Marker::Null => Value::Nil,
             Marker::True => Value::Bool(true),
@@ -145,7 +163,9 @@ impl<R: Read> Decoder<'_, R> {
                 let len = u32::from_be_bytes(self.number()?);
                 self.array(len as usize, depth)?
             }
-            Marker::FixMap(_) | Marker::Map16 | Marker::Map32 => return Err(DecodeError::Foreign("a map")),
+            Marker::FixMap(_) | Marker::Map16 | Marker::Map32 => {
+                return Err(DecodeError::Foreign("a map"));
+            }
             Marker::Reserved => return Err(DecodeError::Foreign("the reserved byte 0xc1")),
             _ => return Err(DecodeError::Foreign("an extension type")),
         })
@@ -153,20 +173,34 @@ impl<R: Read> Decoder<'_, R> {
 
     fn number<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
         let mut bytes = [0; N];
-        self.reader.read_exact_buf(&mut bytes).map_err(DecodeError::Io)?;
+        self.reader
+            .read_exact_buf(&mut bytes)
+            .map_err(DecodeError::Io)?;
         Ok(bytes)
     }
 
     fn text(&mut self, len: usize) -> Result<Value, DecodeError> {
-        String::from_utf8(self.bytes(len)?).map(Value::Str).map_err(|_| DecodeError::Utf8)
+        String::from_utf8(self.bytes(len)?)
+            .map(Value::Str)
+            .map_err(|_| DecodeError::Utf8)
     }
 
     /// Memory grows with what arrives, not with what is claimed.
     fn bytes(&mut self, len: usize) -> Result<Vec<u8>, DecodeError> {
-        self.left.bytes =
-            self.left.bytes.checked_sub(len).ok_or(DecodeError::TooLarge { what: "bytes of text", limit: self.limits.bytes })?;
+        self.left.bytes = self
+            .left
+            .bytes
+            .checked_sub(len)
+            .ok_or(DecodeError::TooLarge {
+                what: "bytes of text",
+                limit: self.limits.bytes,
+            })?;
         let mut bytes = Vec::with_capacity(len.min(4096));
-        self.reader.by_ref().take(len as u64).read_to_end(&mut bytes).map_err(DecodeError::Io)?;
+        self.reader
+            .by_ref()
+            .take(len as u64)
+            .read_to_end(&mut bytes)
+            .map_err(DecodeError::Io)?;
         if bytes.len() < len {
             return Err(DecodeError::Io(io::ErrorKind::UnexpectedEof.into()));
         }
@@ -174,9 +208,15 @@ impl<R: Read> Decoder<'_, R> {
     }
 
     fn array(&mut self, len: usize, depth: usize) -> Result<Value, DecodeError> {
-        let deeper = depth.checked_sub(1).ok_or(DecodeError::TooLarge { what: "lists within lists", limit: self.limits.depth })?;
+        let deeper = depth.checked_sub(1).ok_or(DecodeError::TooLarge {
+            what: "lists within lists",
+            limit: self.limits.depth,
+        })?;
         if len > self.left.values {
-            return Err(DecodeError::TooLarge { what: "values", limit: self.limits.values });
+            return Err(DecodeError::TooLarge {
+                what: "values",
+                limit: self.limits.values,
+            });
         }
         let mut items = Vec::with_capacity(len.min(256));
         for _ in 0..len {
@@ -307,16 +347,28 @@ mod tests {
             5 => Value::F64(rng.f64()),
             6 => Value::Str((0..rng.usize(0..300)).map(|_| rng.alphanumeric()).collect()),
             7 => Value::Bin((0..rng.usize(0..300)).map(|_| rng.u8(..)).collect()),
-            _ => Value::Array((0..rng.usize(0..20)).map(|_| random(rng, depth - 1)).collect()),
+            _ => Value::Array(
+                (0..rng.usize(0..20))
+                    .map(|_| random(rng, depth - 1))
+                    .collect(),
+            ),
         }
     }
 
     #[test]
     fn the_protocols_own_transcript() {
         let request = list![0u32, 1u32, "version", list![list![false]]];
-        let wire = [&[0x94, 0x00, 0x01, 0xa7][..], b"version", &[0x91, 0x91, 0xc2]].concat();
+        let wire = [
+            &[0x94, 0x00, 0x01, 0xa7][..],
+            b"version",
+            &[0x91, 0x91, 0xc2],
+        ]
+        .concat();
         assert_eq!(bytes_of(&request), wire);
-        assert_eq!(read(&mut wire.as_slice(), Limits::default()).unwrap(), request);
+        assert_eq!(
+            read(&mut wire.as_slice(), Limits::default()).unwrap(),
+            request
+        );
     }
 
     #[test]
@@ -324,15 +376,23 @@ mod tests {
         let mut rng = fastrand::Rng::with_seed(1);
         for _ in 0..2000 {
             let value = random(&mut rng, 4);
-            assert_eq!(read(&mut bytes_of(&value).as_slice(), Limits::default()).unwrap(), value);
+            assert_eq!(
+                read(&mut bytes_of(&value).as_slice(), Limits::default()).unwrap(),
+                value
+            );
         }
     }
 
-    /// Seeded mutations: whatever the bytes, reading ends with a value or an error, within the limits.
+    /// Seeded mutations: whatever the bytes, reading ends with a value or an error, within the
+    /// limits.
     #[test]
     fn mutated_bytes_never_panic_and_never_cost_more_than_the_limits() {
         let mut rng = fastrand::Rng::with_seed(2);
-        let limits = Limits { bytes: 1 << 16, values: 1 << 12, depth: 16 };
+        let limits = Limits {
+            bytes: 1 << 16,
+            values: 1 << 12,
+            depth: 16,
+        };
         for _ in 0..60_000 {
             let mut bytes = bytes_of(&random(&mut rng, 4));
             for _ in 0..rng.usize(1..6) {
@@ -352,16 +412,27 @@ mod tests {
     }
 
     fn count(value: &Value) -> usize {
-        if let Value::Array(items) = value { 1 + items.iter().map(count).sum::<usize>() } else { 1 }
+        if let Value::Array(items) = value {
+            1 + items.iter().map(count).sum::<usize>()
+        } else {
+            1
+        }
     }
 
     #[test]
     fn giant_claims_and_deep_nesting_are_refused_at_once() {
-        let giant = |bytes: &[u8]| read(&mut &bytes[..], Limits::default()).unwrap_err().to_string();
+        let giant = |bytes: &[u8]| {
+            read(&mut &bytes[..], Limits::default())
+                .unwrap_err()
+                .to_string()
+        };
         assert!(giant(&[0xdd, 0xff, 0xff, 0xff, 0xff]).contains("values"));
         assert!(giant(&[0xdb, 0xff, 0xff, 0xff, 0xff]).contains("bytes of text"));
         assert!(giant(&[0x91; 1000]).contains("lists within lists"));
         assert!(giant(&[0x81, 0x01, 0x01]).contains("a map"));
-        assert!(matches!(read(&mut &[][..], Limits::default()), Err(DecodeError::Closed)));
+        assert!(matches!(
+            read(&mut &[][..], Limits::default()),
+            Err(DecodeError::Closed)
+        ));
     }
 }

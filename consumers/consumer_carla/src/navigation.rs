@@ -1,10 +1,16 @@
-//! The navigation mesh that clients load for their own crowds: a walkable mesh in the byte layout of Detour 1.5's tile sets.
+//! The navigation mesh that clients load for their own crowds: a walkable mesh in the byte layout
+//! of Detour 1.5's tile sets.
 //!
-//! Everything is little-endian and packed. Head: magic `MSET`, version 1, number of tiles, then the set's parameters (origin, width and
-//! depth of a tile, most tiles, most polygons). Each tile: its reference (32 bits), its bytes, then header (100 bytes), vertices (3 × f32),
-//! polygons (32 bytes), links (12 bytes, zero: the reader makes them), one detail record (12 bytes) per polygon, detail triangles (4 bytes)
-//! and a bounding-volume tree (16 bytes per node). Detour's axes are x, up, −y of ours, which is CARLA's x, z, y; polygons that run
-//! counter-clockwise in ours run as Detour wants them. One tile holds everything: polygons are numbered with 15 bits.
+//! Everything is little-endian and packed. Head: magic `MSET`, version 1, number of tiles, then the
+//! set's parameters (origin, width and
+//! depth of a tile, most tiles, most polygons). Each tile: its reference (32 bits), its bytes, then
+//! header (100 bytes), vertices (3 × f32),
+//! polygons (32 bytes), links (12 bytes, zero: the reader makes them), one detail record (12 bytes)
+//! per polygon, detail triangles (4 bytes)
+//! and a bounding-volume tree (16 bytes per node). Detour's axes are x, up, −y of ours, which is
+//! CARLA's x, z, y; polygons that run
+//! counter-clockwise in ours run as Detour wants them. One tile holds everything: polygons are
+//! numbered with 15 bits.
 
 use schema_roads::walkable::{Ground, WalkMesh};
 
@@ -69,13 +75,18 @@ impl Bytes {
     }
 
     fn f32s(&mut self, values: impl IntoIterator<Item = f32>) {
-        values.into_iter().for_each(|value| self.0.extend(value.to_le_bytes()));
+        values
+            .into_iter()
+            .for_each(|value| self.0.extend(value.to_le_bytes()));
     }
 }
 
 /// The file; `None` for an empty mesh and for one that is too large for a tile.
 pub fn file(mesh: &WalkMesh) -> Option<Vec<u8>> {
-    if mesh.faces.is_empty() || mesh.faces.len() > MAX_POLYGONS || mesh.vertices_m.len() > MAX_VERTICES {
+    if mesh.faces.is_empty()
+        || mesh.faces.len() > MAX_POLYGONS
+        || mesh.vertices_m.len() > MAX_VERTICES
+    {
         return None;
     }
     let (low, high) = bounds(mesh.vertices_m.iter().map(|vertex| detour(*vertex)));
@@ -97,7 +108,10 @@ pub fn file(mesh: &WalkMesh) -> Option<Vec<u8>> {
 
 fn bounds(points: impl Iterator<Item = [f32; 3]>) -> ([f32; 3], [f32; 3]) {
     points.fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), p| {
-        (std::array::from_fn(|i| low[i].min(p[i])), std::array::from_fn(|i| high[i].max(p[i])))
+        (
+            std::array::from_fn(|i| low[i].min(p[i])),
+            std::array::from_fn(|i| high[i].max(p[i])),
+        )
     })
 }
 
@@ -109,7 +123,17 @@ fn tile(mesh: &WalkMesh, low: [f32; 3], high: [f32; 3]) -> Vec<u8> {
     out.i32(TILE_MAGIC);
     out.i32(TILE_VERSION);
     [0, 0, 0, 0].into_iter().for_each(|place| out.i32(place));
-    let counts = [mesh.faces.len(), mesh.vertices_m.len(), n_edges, mesh.faces.len(), 0, n_triangles, nodes.len(), 0, mesh.faces.len()];
+    let counts = [
+        mesh.faces.len(),
+        mesh.vertices_m.len(),
+        n_edges,
+        mesh.faces.len(),
+        0,
+        n_triangles,
+        nodes.len(),
+        0,
+        mesh.faces.len(),
+    ];
     counts.into_iter().for_each(|count| out.i32(count as i32));
     out.f32s(WALKER_M);
     out.f32s(low);
@@ -138,7 +162,10 @@ fn tile(mesh: &WalkMesh, low: [f32; 3], high: [f32; 3]) -> Vec<u8> {
         }
     }
     for node in nodes {
-        node.low.into_iter().chain(node.high).for_each(|x| out.u16(x));
+        node.low
+            .into_iter()
+            .chain(node.high)
+            .for_each(|x| out.u16(x));
         out.i32(node.escape_or_face);
     }
     out.0
@@ -149,14 +176,24 @@ fn polygon(out: &mut Bytes, face: &schema_roads::walkable::WalkFace) {
     out.u32(u32::MAX);
     let corners = face.corners.iter().map(|corner| *corner as u16);
     // Neighbours count from 1; 0 is a wall.
-    let neighbours = face.neighbours.iter().map(|other| other.map_or(0, |other| other as u16 + 1));
-    corners.chain(std::iter::repeat(0)).take(POLY_CORNERS).for_each(|x| out.u16(x));
-    neighbours.chain(std::iter::repeat(0)).take(POLY_CORNERS).for_each(|x| out.u16(x));
+    let neighbours = face
+        .neighbours
+        .iter()
+        .map(|other| other.map_or(0, |other| other as u16 + 1));
+    corners
+        .chain(std::iter::repeat(0))
+        .take(POLY_CORNERS)
+        .for_each(|x| out.u16(x));
+    neighbours
+        .chain(std::iter::repeat(0))
+        .take(POLY_CORNERS)
+        .for_each(|x| out.u16(x));
     out.u16(flags);
     out.0.extend([face.corners.len() as u8, area]);
 }
 
-/// A node of the tree: a box in steps, and either the face (a leaf) or, negative, how many nodes further its subtree ends.
+/// A node of the tree: a box in steps, and either the face (a leaf) or, negative, how many nodes
+/// further its subtree ends.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: [u16; 3],
@@ -169,8 +206,12 @@ fn tree(mesh: &WalkMesh, origin: [f32; 3]) -> Vec<Node> {
     let leaf = |face: usize| {
         let (low, high) = bounds(mesh.corners_m(face).map(detour));
         Node {
-            low: std::array::from_fn(|i| step(low[i], origin[i]).floor().clamp(0.0, 65535.0) as u16),
-            high: std::array::from_fn(|i| step(high[i], origin[i]).ceil().clamp(0.0, 65535.0) as u16),
+            low: std::array::from_fn(|i| {
+                step(low[i], origin[i]).floor().clamp(0.0, 65535.0) as u16
+            }),
+            high: std::array::from_fn(|i| {
+                step(high[i], origin[i]).ceil().clamp(0.0, 65535.0) as u16
+            }),
             escape_or_face: face as i32,
         }
     };
@@ -186,10 +227,20 @@ fn split(leaves: &mut [Node], nodes: &mut Vec<Node>) {
         return;
     }
     let first = nodes.len();
-    let low: [u16; 3] = std::array::from_fn(|i| leaves.iter().map(|leaf| leaf.low[i]).min().unwrap_or(0));
-    let high: [u16; 3] = std::array::from_fn(|i| leaves.iter().map(|leaf| leaf.high[i]).max().unwrap_or(0));
-    nodes.push(Node { low, high, escape_or_face: 0 });
-    let axis = if high[0] - low[0] >= high[2] - low[2] { 0 } else { 2 };
+    let low: [u16; 3] =
+        std::array::from_fn(|i| leaves.iter().map(|leaf| leaf.low[i]).min().unwrap_or(0));
+    let high: [u16; 3] =
+        std::array::from_fn(|i| leaves.iter().map(|leaf| leaf.high[i]).max().unwrap_or(0));
+    nodes.push(Node {
+        low,
+        high,
+        escape_or_face: 0,
+    });
+    let axis = if high[0] - low[0] >= high[2] - low[2] {
+        0
+    } else {
+        2
+    };
     leaves.sort_by_key(|leaf| (leaf.low[axis], leaf.escape_or_face));
     let (left, right) = leaves.split_at_mut(leaves.len() / 2);
     split(left, nodes);
@@ -213,10 +264,28 @@ mod tests {
 
     /// Two squares side by side: a pavement and a crosswalk.
     fn two_squares() -> WalkMesh {
-        let vertices_m = vec![[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 2.0, 1.0], [4.0, 0.0, 1.0], [4.0, 2.0, 1.0]];
-        let first = WalkFace { corners: vec![0, 1, 2, 3], neighbours: vec![None, Some(1), None, None], ground: Ground::Sidewalk };
-        let second = WalkFace { corners: vec![1, 4, 5, 2], neighbours: vec![None, None, None, Some(0)], ground: Ground::Crosswalk };
-        WalkMesh { vertices_m, faces: vec![first, second] }
+        let vertices_m = vec![
+            [0.0, 0.0, 1.0],
+            [2.0, 0.0, 1.0],
+            [2.0, 2.0, 1.0],
+            [0.0, 2.0, 1.0],
+            [4.0, 0.0, 1.0],
+            [4.0, 2.0, 1.0],
+        ];
+        let first = WalkFace {
+            corners: vec![0, 1, 2, 3],
+            neighbours: vec![None, Some(1), None, None],
+            ground: Ground::Sidewalk,
+        };
+        let second = WalkFace {
+            corners: vec![1, 4, 5, 2],
+            neighbours: vec![None, None, None, Some(0)],
+            ground: Ground::Crosswalk,
+        };
+        WalkMesh {
+            vertices_m,
+            faces: vec![first, second],
+        }
     }
 
     #[test]
@@ -231,22 +300,58 @@ mod tests {
         let tile = 48;
         assert_eq!(i32_at(44) as usize, bytes.len() - tile);
         assert_eq!(&bytes[tile..tile + 4], b"VAND");
-        assert_eq!((i32_at(tile + 4), i32_at(tile + 24), i32_at(tile + 28)), (7, 2, 6));
+        assert_eq!(
+            (i32_at(tile + 4), i32_at(tile + 24), i32_at(tile + 28)),
+            (7, 2, 6)
+        );
         let vertices = tile + HEADER_BYTES;
-        assert_eq!((f32_at(vertices + 60), f32_at(vertices + 64), f32_at(vertices + 68)), (4.0, 1.0, -2.0));
+        assert_eq!(
+            (
+                f32_at(vertices + 60),
+                f32_at(vertices + 64),
+                f32_at(vertices + 68)
+            ),
+            (4.0, 1.0, -2.0)
+        );
         let polygons = vertices + 6 * 12;
-        assert_eq!((u16_at(polygons + 4), u16_at(polygons + 6), u16_at(polygons + 18)), (0, 1, 2));
-        assert_eq!((u16_at(polygons + 28), bytes[polygons + 30], bytes[polygons + 31]), (0x02, 4, 1));
-        assert_eq!((u16_at(polygons + POLY_BYTES + 28), bytes[polygons + POLY_BYTES + 31]), (0x04, 2));
+        assert_eq!(
+            (
+                u16_at(polygons + 4),
+                u16_at(polygons + 6),
+                u16_at(polygons + 18)
+            ),
+            (0, 1, 2)
+        );
+        assert_eq!(
+            (
+                u16_at(polygons + 28),
+                bytes[polygons + 30],
+                bytes[polygons + 31]
+            ),
+            (0x02, 4, 1)
+        );
+        assert_eq!(
+            (
+                u16_at(polygons + POLY_BYTES + 28),
+                bytes[polygons + POLY_BYTES + 31]
+            ),
+            (0x04, 2)
+        );
         let nodes = polygons + 2 * POLY_BYTES + 8 * LINK_BYTES + 2 * DETAIL_BYTES + 4 * 4;
         assert_eq!(bytes.len(), nodes + 3 * NODE_BYTES);
-        assert_eq!((i32_at(nodes + 12), i32_at(nodes + 28), i32_at(nodes + 44)), (-3, 0, 1));
+        assert_eq!(
+            (i32_at(nodes + 12), i32_at(nodes + 28), i32_at(nodes + 44)),
+            (-3, 0, 1)
+        );
     }
 
     #[test]
     fn a_mesh_that_does_not_fit_is_no_file() {
         assert_eq!(file(&WalkMesh::default()), None);
-        let many = WalkMesh { faces: vec![two_squares().faces[0].clone(); MAX_POLYGONS + 1], ..two_squares() };
+        let many = WalkMesh {
+            faces: vec![two_squares().faces[0].clone(); MAX_POLYGONS + 1],
+            ..two_squares()
+        };
         assert_eq!(file(&many), None);
     }
 }

@@ -1,4 +1,5 @@
-//! Messages that are made once and sent to several listeners. Each has a queue of its own, so that a slow one holds up nobody but itself.
+//! Messages that are made once and sent to several listeners. Each has a queue of its own, so that
+//! a slow one holds up nobody but itself.
 
 use std::collections::VecDeque;
 use std::net::TcpStream;
@@ -54,7 +55,12 @@ struct Queue {
 impl Relay {
     /// Without listeners; each keeps this many messages at most and loses its oldest beyond them.
     pub fn new(backlog: usize) -> Relay {
-        Relay { listeners: Mutex::default(), waiting: Mutex::default(), is_over: AtomicBool::new(false), backlog }
+        Relay {
+            listeners: Mutex::default(),
+            waiting: Mutex::default(),
+            is_over: AtomicBool::new(false),
+            backlog,
+        }
     }
 
     /// Collects for a client that is about to connect.
@@ -71,7 +77,10 @@ impl Relay {
     /// Forgets queues whose clients never came.
     fn sweep(&self) {
         let mut waiting = lock(&self.waiting);
-        while waiting.front().is_some_and(|(since, _)| since.elapsed() > CONNECT) {
+        while waiting
+            .front()
+            .is_some_and(|(since, _)| since.elapsed() > CONNECT)
+        {
             waiting.pop_front();
         }
         drop(waiting);
@@ -81,7 +90,9 @@ impl Relay {
 
     /// The oldest queue that waits for a client, or a new one.
     pub fn listener(&self, progress: Option<Arc<Progress>>) -> Arc<Listener> {
-        let expected = lock(&self.waiting).pop_front().map(|(_, listener)| listener);
+        let expected = lock(&self.waiting)
+            .pop_front()
+            .map(|(_, listener)| listener);
         match (expected, progress) {
             (Some(expected), progress) => {
                 progress.into_iter().for_each(|unused| unused.finish());
@@ -93,8 +104,15 @@ impl Relay {
 
     fn join(&self, progress: Option<Arc<Progress>>) -> Arc<Listener> {
         let is_over = self.is_over.load(Ordering::Acquire);
-        let queue = Mutex::new(Queue { is_over, ..Queue::default() });
-        let listener = Arc::new(Listener { queue, filled: Condvar::new(), progress });
+        let queue = Mutex::new(Queue {
+            is_over,
+            ..Queue::default()
+        });
+        let listener = Arc::new(Listener {
+            queue,
+            filled: Condvar::new(),
+            progress,
+        });
         lock(&self.listeners).push(listener.clone());
         listener
     }
@@ -148,7 +166,11 @@ impl Listener {
     fn next(&self, rested_nanos: u64) -> Next {
         let mut queue = lock(&self.queue);
         if queue.messages.is_empty() && !queue.is_over && queue.promised_nanos <= rested_nanos {
-            queue = self.filled.wait_timeout(queue, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+            queue = self
+                .filled
+                .wait_timeout(queue, LOOK)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
         match queue.messages.pop_front() {
             Some(message) => Next::Send(message),
@@ -158,7 +180,12 @@ impl Listener {
     }
 
     /// Sends to a client until it goes; `taken` runs when everything there was is sent.
-    pub fn serve(&self, mut connection: TcpStream, streams: &Streams, taken: &dyn Fn()) -> std::io::Result<()> {
+    pub fn serve(
+        &self,
+        mut connection: TcpStream,
+        streams: &Streams,
+        taken: &dyn Fn(),
+    ) -> std::io::Result<()> {
         let served = self.send_all(&mut connection, streams, taken);
         if let Some(progress) = &self.progress {
             progress.finish();
@@ -172,7 +199,12 @@ impl Listener {
     }
 
     /// True once there will be no more messages, false when the client has gone.
-    fn send_all(&self, connection: &mut TcpStream, streams: &Streams, taken: &dyn Fn()) -> std::io::Result<bool> {
+    fn send_all(
+        &self,
+        connection: &mut TcpStream,
+        streams: &Streams,
+        taken: &dyn Fn(),
+    ) -> std::io::Result<bool> {
         if let Some(progress) = &self.progress {
             progress.connect();
         }
@@ -216,7 +248,10 @@ mod tests {
     use super::*;
 
     fn sent(tick: u64) -> Sent {
-        Sent { tick, bytes: vec![tick as u8].into() }
+        Sent {
+            tick,
+            bytes: vec![tick as u8].into(),
+        }
     }
 
     #[test]
@@ -230,11 +265,20 @@ mod tests {
                 seen.push(message.tick);
             }
         }
-        let rest: Vec<u64> =
-            std::iter::from_fn(|| if let Next::Send(message) = slow.next(u64::MAX) { Some(message.tick) } else { None }).take(3).collect();
+        let rest: Vec<u64> = std::iter::from_fn(|| {
+            if let Next::Send(message) = slow.next(u64::MAX) {
+                Some(message.tick)
+            } else {
+                None
+            }
+        })
+        .take(3)
+        .collect();
         assert_eq!((seen, rest), (vec![1, 2, 3, 4, 5], vec![3, 4, 5]));
         relay.close();
-        assert!(matches!(slow.next(0), Next::End) && matches!(relay.listener(None).next(0), Next::End));
+        assert!(
+            matches!(slow.next(0), Next::End) && matches!(relay.listener(None).next(0), Next::End)
+        );
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The streaming server: a client sends a stream's number and is sent that stream's messages, each after its length.
+//! The streaming server: a client sends a stream's number and is sent that stream's messages, each
+//! after its length.
 //!
 //! Here are the connections and the world stream; streams of sensors are in [`crate::feeds`].
 
@@ -82,7 +83,8 @@ impl Streams {
         self.places().stream_of(connection)
     }
 
-    /// The client loads a world and takes a new stream afterwards: its old one is sent nothing more.
+    /// The client loads a world and takes a new stream afterwards: its old one is sent nothing
+    /// more.
     pub fn retire(&self, connection: u64) -> Option<Place> {
         self.places().retire(connection)
     }
@@ -95,14 +97,18 @@ impl Streams {
     /// Sends a snapshot to all who listen, and keeps it for who comes next.
     pub fn send(&self, message: WorldMessage) {
         let mut world = self.world();
-        world.subscribers.retain(|subscriber| match subscriber.queue.try_send(message.clone()) {
-            Ok(()) => true,
-            Err(TrySendError::Full(_)) => {
-                tracing::warn!("a client is {BACKLOG} snapshots behind; one was dropped for it");
-                true
-            }
-            Err(TrySendError::Disconnected(_)) => false,
-        });
+        world.subscribers.retain(
+            |subscriber| match subscriber.queue.try_send(message.clone()) {
+                Ok(()) => true,
+                Err(TrySendError::Full(_)) => {
+                    tracing::warn!(
+                        "a client is {BACKLOG} snapshots behind; one was dropped for it"
+                    );
+                    true
+                }
+                Err(TrySendError::Disconnected(_)) => false,
+            },
+        );
         self.newest_tick.store(message.tick, Ordering::Release);
         world.newest = Some(message);
         drop(world);
@@ -115,23 +121,39 @@ impl Streams {
         self.newest_tick.store(0, Ordering::Release);
     }
 
-    /// Waits until the snapshot of `tick` is on its way to every client that keeps up, so that no sensor's message overtakes it.
+    /// Waits until the snapshot of `tick` is on its way to every client that keeps up, so that no
+    /// sensor's message overtakes it.
     pub fn await_snapshot(&self, tick: u64) {
         let deadline = Instant::now() + SNAPSHOT_FIRST;
         let mut world = self.world();
         loop {
-            let is_behind =
-                |subscriber: &&Subscriber| subscriber.written.load(Ordering::Acquire) < tick && !subscriber.lags.load(Ordering::Acquire);
+            let is_behind = |subscriber: &&Subscriber| {
+                subscriber.written.load(Ordering::Acquire) < tick
+                    && !subscriber.lags.load(Ordering::Acquire)
+            };
             let is_sent = self.newest_tick.load(Ordering::Acquire) >= tick;
-            if is_sent && !world.subscribers.iter().any(|subscriber| is_behind(&subscriber)) {
+            if is_sent
+                && !world
+                    .subscribers
+                    .iter()
+                    .any(|subscriber| is_behind(&subscriber))
+            {
                 return;
             }
             let left = deadline.saturating_duration_since(Instant::now());
             if left.is_zero() {
-                world.subscribers.iter().filter(is_behind).for_each(|slow| slow.lags.store(true, Ordering::Release));
+                world
+                    .subscribers
+                    .iter()
+                    .filter(is_behind)
+                    .for_each(|slow| slow.lags.store(true, Ordering::Release));
                 return;
             }
-            world = self.written.wait_timeout(world, left).unwrap_or_else(PoisonError::into_inner).0;
+            world = self
+                .written
+                .wait_timeout(world, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
     }
 
@@ -145,7 +167,11 @@ impl Streams {
             // Room for one there is.
             let _ = queue.try_send(newest.clone());
         }
-        world.subscribers.push(Subscriber { queue, written: written.clone(), lags: lags.clone() });
+        world.subscribers.push(Subscriber {
+            queue,
+            written: written.clone(),
+            lags: lags.clone(),
+        });
         (receiver, written, lags)
     }
 
@@ -203,12 +229,14 @@ pub fn serve(listener: &TcpListener, streams: &Arc<Streams>, feeds: &Arc<Feeds>)
             continue;
         }
         let (streams, feeds, open_here) = (streams.clone(), feeds.clone(), open.clone());
-        let spawned = std::thread::Builder::new().name("stream".into()).spawn(move || {
-            if let Err(error) = serve_one(connection, &streams, &feeds) {
-                tracing::debug!(%error, "a streaming connection ended");
-            }
-            open_here.fetch_sub(1, Ordering::AcqRel);
-        });
+        let spawned = std::thread::Builder::new()
+            .name("stream".into())
+            .spawn(move || {
+                if let Err(error) = serve_one(connection, &streams, &feeds) {
+                    tracing::debug!(%error, "a streaming connection ended");
+                }
+                open_here.fetch_sub(1, Ordering::AcqRel);
+            });
         if let Err(error) = spawned {
             tracing::warn!(%error, "cannot start a thread for a streaming connection");
             open.fetch_sub(1, Ordering::AcqRel);
@@ -216,7 +244,11 @@ pub fn serve(listener: &TcpListener, streams: &Arc<Streams>, feeds: &Arc<Feeds>)
     }
 }
 
-fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Arc<Feeds>) -> std::io::Result<()> {
+fn serve_one(
+    mut connection: TcpStream,
+    streams: &Streams,
+    feeds: &Arc<Feeds>,
+) -> std::io::Result<()> {
     connection.set_nodelay(true)?;
     connection.set_read_timeout(Some(HANDSHAKE))?;
     connection.set_write_timeout(Some(WRITE))?;
@@ -231,7 +263,11 @@ fn serve_one(mut connection: TcpStream, streams: &Streams, feeds: &Arc<Feeds>) -
 /// Length and message, in one system call where the kernel has room.
 pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Result<()> {
     let length = ((head.len() + body.len()) as u32).to_le_bytes();
-    let mut pieces = [IoSlice::new(&length), IoSlice::new(head), IoSlice::new(body)];
+    let mut pieces = [
+        IoSlice::new(&length),
+        IoSlice::new(head),
+        IoSlice::new(body),
+    ];
     let mut pieces = &mut pieces[..];
     IoSlice::advance_slices(&mut pieces, 0);
     while !pieces.is_empty() {
@@ -260,7 +296,9 @@ pub fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
 pub fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
     let forever = Duration::from_secs(3600);
     while !has_ended(connection)? {
-        WaitSet::new().wait_beside(&[connection.as_fd()], forever).map_err(std::io::Error::other)?;
+        WaitSet::new()
+            .wait_beside(&[connection.as_fd()], forever)
+            .map_err(std::io::Error::other)?;
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread and read by all connections.
+//! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread
+//! and read by all connections.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,7 +9,9 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::Context as _;
 use consumer_kit::{FollowedDocument, WorldAt};
 use schema_bus::{Bus, BusError, Document, Listener, Snapshot, SnapshotReader, names};
-use schema_frames::{ActorInfo, ActorList, Catalogue, CatalogueEntry, SnapshotHeader, SpawnPoints, WorldInfo};
+use schema_frames::{
+    ActorInfo, ActorList, Catalogue, CatalogueEntry, SnapshotHeader, SpawnPoints, WorldInfo,
+};
 
 use crate::episode;
 use crate::fields::Description;
@@ -31,7 +34,8 @@ pub struct Known {
     pub actors: BTreeMap<u32, ActorInfo>,
     /// Actors that clients made.
     pub own: HashMap<u32, Own>,
-    /// Actors that went with what they were attached to, and that scripts may still want to destroy.
+    /// Actors that went with what they were attached to, and that scripts may still want to
+    /// destroy.
     pub gone_along: BTreeSet<u32>,
     /// Latitude and longitude of the map's origin.
     pub geo_reference_deg: Option<[f64; 2]>,
@@ -43,7 +47,8 @@ pub struct Known {
     pub snapshot: Option<Arc<WorldAt>>,
 }
 
-/// What is known of an actor that a client made, before it is on the list and beside what is listed.
+/// What is known of an actor that a client made, before it is on the list and beside what is
+/// listed.
 #[derive(Clone, Debug)]
 pub struct Own {
     /// As the client described it: also what the simulator does not keep.
@@ -60,9 +65,20 @@ impl Known {
         let mut gone = vec![id];
         while let Some(parent) = gone.pop() {
             self.own.remove(&parent);
-            let listed = self.actors.values().filter(|actor| actor.parent_id == parent).map(|actor| actor.id);
-            let own = self.own.iter().filter(|(_, own)| own.parent == parent).map(|(id, _)| *id);
-            let along: Vec<u32> = listed.chain(own).filter(|child| !self.gone_along.contains(child)).collect();
+            let listed = self
+                .actors
+                .values()
+                .filter(|actor| actor.parent_id == parent)
+                .map(|actor| actor.id);
+            let own = self
+                .own
+                .iter()
+                .filter(|(_, own)| own.parent == parent)
+                .map(|(id, _)| *id);
+            let along: Vec<u32> = listed
+                .chain(own)
+                .filter(|child| !self.gone_along.contains(child))
+                .collect();
             self.gone_along.extend(&along);
             gone.extend(along);
         }
@@ -77,35 +93,74 @@ impl Known {
 
     /// The catalogue's entry of a type, with its index.
     pub fn entry(&self, type_id: &str) -> Option<(usize, &CatalogueEntry)> {
-        self.catalogue.entries.iter().enumerate().find(|(_, entry)| entry.type_id == type_id)
+        self.catalogue
+            .entries
+            .iter()
+            .enumerate()
+            .find(|(_, entry)| entry.type_id == type_id)
     }
 
-    /// What a client that listens to this actor is sent: the kind of sensor, and the topics that its messages are made of.
+    /// What a client that listens to this actor is sent: the kind of sensor, and the topics that
+    /// its messages are made of.
     pub fn sensor(&self, id: u32) -> Option<(&'static Kind, Vec<String>)> {
         let listed = self.actors.get(&id);
-        let type_id = self.own.get(&id).map(|own| own.description.type_id.as_str()).or(listed.map(|actor| actor.type_id.as_str()))?;
+        let type_id = self
+            .own
+            .get(&id)
+            .map(|own| own.description.type_id.as_str())
+            .or(listed.map(|actor| actor.type_id.as_str()))?;
         let kind = sensors::kind(type_id)?;
         let topics: Vec<&str> = match (self.own.get(&id), listed) {
             (Some(own), _) => own.topics.iter().map(String::as_str).collect(),
-            (None, Some(actor)) => actor.topics.iter().map(|info| info.topic.as_str()).collect(),
+            (None, Some(actor)) => actor
+                .topics
+                .iter()
+                .map(|info| info.topic.as_str())
+                .collect(),
             (None, None) => return None,
         };
-        let found = kind.modalities.iter().map(|modality| topics.iter().find(|topic| topic.rsplit('/').next() == Some(modality.name())));
-        Some((kind, found.map(|topic| topic.map(|topic| (*topic).to_owned())).collect::<Option<_>>()?))
+        let found = kind.modalities.iter().map(|modality| {
+            topics
+                .iter()
+                .find(|topic| topic.rsplit('/').next() == Some(modality.name()))
+        });
+        Some((
+            kind,
+            found
+                .map(|topic| topic.map(|topic| (*topic).to_owned()))
+                .collect::<Option<_>>()?,
+        ))
     }
 
     /// A lidar's horizontal field of view.
     pub fn fov_rad(&self, id: u32) -> f32 {
-        let own = self.own.get(&id).and_then(|own| own.description.attribute("horizontal_fov"));
-        let listed = self.actors.get(&id).and_then(|actor| actor.attributes.get("horizontal_fov")).map(String::as_str);
-        own.or(listed).map_or(std::f64::consts::TAU, |degrees| lenient::float(degrees).to_radians()) as f32
+        let own = self
+            .own
+            .get(&id)
+            .and_then(|own| own.description.attribute("horizontal_fov"));
+        let listed = self
+            .actors
+            .get(&id)
+            .and_then(|actor| actor.attributes.get("horizontal_fov"))
+            .map(String::as_str);
+        own.or(listed).map_or(std::f64::consts::TAU, |degrees| {
+            lenient::float(degrees).to_radians()
+        }) as f32
     }
 
     /// Whether a vehicle keeps its control until it is given another.
     pub fn is_sticky(&self, id: u32) -> bool {
-        let own = self.own.get(&id).and_then(|own| own.description.attribute("sticky_control"));
-        let listed = self.actors.get(&id).and_then(|actor| actor.attributes.get("sticky_control")).map(String::as_str);
-        own.or(listed).is_none_or(|value| value.eq_ignore_ascii_case("true"))
+        let own = self
+            .own
+            .get(&id)
+            .and_then(|own| own.description.attribute("sticky_control"));
+        let listed = self
+            .actors
+            .get(&id)
+            .and_then(|actor| actor.attributes.get("sticky_control"))
+            .map(String::as_str);
+        own.or(listed)
+            .is_none_or(|value| value.eq_ignore_ascii_case("true"))
     }
 
     /// Whether there is such an actor, as far as is known.
@@ -128,7 +183,9 @@ struct AfterSnapshot(OnceLock<Box<dyn Fn() + Send + Sync>>);
 
 impl std::fmt::Debug for AfterSnapshot {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_tuple("AfterSnapshot").field(&self.0.get().is_some()).finish()
+        f.debug_tuple("AfterSnapshot")
+            .field(&self.0.get().is_some())
+            .finish()
     }
 }
 
@@ -151,7 +208,11 @@ impl World {
     }
 
     /// Waits until `look` finds something, at most `timeout`.
-    pub fn wait_for<R>(&self, timeout: Duration, mut look: impl FnMut(&Known) -> Option<R>) -> Option<R> {
+    pub fn wait_for<R>(
+        &self,
+        timeout: Duration,
+        mut look: impl FnMut(&Known) -> Option<R>,
+    ) -> Option<R> {
         let deadline = Instant::now() + timeout;
         let mut known = self.known();
         loop {
@@ -162,13 +223,20 @@ impl World {
             if left.is_zero() {
                 return None;
             }
-            known = self.changed.wait_timeout(known, left).unwrap_or_else(PoisonError::into_inner).0;
+            known = self
+                .changed
+                .wait_timeout(known, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
     }
 
     /// Number of the newest tick seen.
     pub fn tick(&self) -> u64 {
-        self.known().snapshot.as_ref().map_or(0, |snapshot| snapshot.header.tick)
+        self.known()
+            .snapshot
+            .as_ref()
+            .map_or(0, |snapshot| snapshot.header.tick)
     }
 }
 
@@ -176,7 +244,12 @@ impl World {
 ///
 /// # Errors
 /// What waiting cannot heal: another schema, no place on the bus.
-pub fn follow(domain: &str, world: &World, streams: &Streams, stop: &AtomicBool) -> anyhow::Result<()> {
+pub fn follow(
+    domain: &str,
+    world: &World,
+    streams: &Streams,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
     let bus = Bus::open(domain, "gantry-carla-world")?;
     let mut follower = Follower {
         snapshots: None,
@@ -204,7 +277,8 @@ struct Follower<'w> {
     snapshots: Option<SnapshotReader>,
     wake: Listener,
     info: FollowedDocument,
-    /// The newest `world/info`, with the epoch of its header, until everything that it tells about is known.
+    /// The newest `world/info`, with the epoch of its header, until everything that it tells about
+    /// is known.
     next_info: Option<(u64, WorldInfo)>,
     map: FollowedDocument,
     actors: FollowedDocument,
@@ -226,7 +300,9 @@ impl Follower<'_> {
             match reader.next() {
                 Ok(Some(snapshot)) => self.pass_on(&snapshot)?,
                 Ok(None) => break,
-                Err(error @ BusError::BadSample { .. }) => tracing::warn!(%error, "passed over a snapshot"),
+                Err(error @ BusError::BadSample { .. }) => {
+                    tracing::warn!(%error, "passed over a snapshot")
+                }
                 Err(other) => return Err(other.into()),
             }
         }
@@ -251,32 +327,52 @@ impl Follower<'_> {
     fn read_documents(&mut self) -> anyhow::Result<()> {
         // First: the daemon sends it last, so that the others of its episode are there by now.
         if let Some(document) = heal(self.info.changed(&self.bus))? {
-            self.next_info = Some((document.header.epoch, document.json().context("world/info")?));
+            self.next_info = Some((
+                document.header.epoch,
+                document.json().context("world/info")?,
+            ));
         }
         if let Some(document) = heal(self.map.changed(&self.bus))? {
             let geo_reference_deg = Some(records::geo_reference_deg(&document.text));
             let text: Arc<str> = roomy(&document.text).into();
-            self.world.change(|known| (known.map, known.geo_reference_deg) = (text, geo_reference_deg));
+            self.world
+                .change(|known| (known.map, known.geo_reference_deg) = (text, geo_reference_deg));
         }
         if let Some(document) = heal(self.catalogue.changed(&self.bus))? {
             let catalogue: Catalogue = document.json().context("world/catalogue")?;
-            self.world.change(|known| known.catalogue = Arc::new(catalogue));
+            self.world
+                .change(|known| known.catalogue = Arc::new(catalogue));
         }
         if let Some(document) = heal(self.spawn_points.changed(&self.bus))? {
             let points: SpawnPoints = document.json().context("world/spawn_points")?;
-            self.world.change(|known| known.spawn_points = Arc::new(points));
+            self.world
+                .change(|known| known.spawn_points = Arc::new(points));
         }
         self.read_actors()?;
         self.adopt_info();
         Ok(())
     }
 
-    /// Last of all: who waits for an episode looks at its info, and asks for the rest at once. A daemon's first texts come in any order.
+    /// Last of all: who waits for an episode looks at its info, and asks for the rest at once. A
+    /// daemon's first texts come in any order.
     fn adopt_info(&mut self) {
         let others = [&self.map, &self.catalogue, &self.spawn_points, &self.actors];
-        let is_known = |epoch: u64| others.iter().all(|other| other.newest().is_some_and(|text| text.header.epoch == epoch));
-        let Some((_, info)) = self.next_info.take_if(|(epoch, _)| is_known(*epoch)) else { return };
-        let before = self.world.known().info.as_ref().map(|info| (info.epoch.clone(), info.episode));
+        let is_known = |epoch: u64| {
+            others.iter().all(|other| {
+                other
+                    .newest()
+                    .is_some_and(|text| text.header.epoch == epoch)
+            })
+        };
+        let Some((_, info)) = self.next_info.take_if(|(epoch, _)| is_known(*epoch)) else {
+            return;
+        };
+        let before = self
+            .world
+            .known()
+            .info
+            .as_ref()
+            .map(|info| (info.epoch.clone(), info.episode));
         let begins = before.as_ref() != Some(&(info.epoch.clone(), info.episode));
         if begins {
             tracing::info!(map = info.map, episode = info.episode, "episode begins");
@@ -294,7 +390,11 @@ impl Follower<'_> {
     fn read_actors(&mut self) -> anyhow::Result<()> {
         if let Some(document) = heal(self.actors.changed(&self.bus))? {
             let list: ActorList = document.json().context("world/actors")?;
-            let actors = list.actors.into_iter().map(|actor| (actor.id, actor)).collect();
+            let actors = list
+                .actors
+                .into_iter()
+                .map(|actor| (actor.id, actor))
+                .collect();
             self.world.change(|known| known.actors = actors);
         }
         Ok(())
@@ -305,7 +405,9 @@ impl Follower<'_> {
         let header = snapshot.header();
         let deadline = Instant::now() + LIST_WAIT;
         let is_listed = |newest: Option<&Document>| {
-            newest.is_some_and(|list| list.header.epoch == header.epoch && list.header.revision >= header.actors_revision)
+            newest.is_some_and(|list| {
+                list.header.epoch == header.epoch && list.header.revision >= header.actors_revision
+            })
         };
         while !is_listed(self.actors.newest()) && Instant::now() < deadline {
             self.read_actors()?;
@@ -314,29 +416,44 @@ impl Follower<'_> {
             }
         }
         let id = episode::episode_id(header);
-        let mut state_bits = if self.sent_episode.replace(id) == Some(id) { 0 } else { episode::MAP_CHANGED };
+        let mut state_bits = if self.sent_episode.replace(id) == Some(id) {
+            0
+        } else {
+            episode::MAP_CHANGED
+        };
         if header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
             state_bits |= episode::MAP_CHANGED;
         }
         if header.flags & SnapshotHeader::LAMPS_CHANGED != 0 {
             state_bits |= episode::LIGHTS_CHANGED;
         }
-        let wall_secs = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let wall_secs = SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .map_or(0.0, |since| since.as_secs_f64());
         let message = episode::encode(header, snapshot.records(), state_bits, wall_secs);
-        let at = WorldAt { header: *header, records: snapshot.records().to_vec() };
-        self.world.change(|known| known.snapshot = Some(Arc::new(at)));
+        let at = WorldAt {
+            header: *header,
+            records: snapshot.records().to_vec(),
+        };
+        self.world
+            .change(|known| known.snapshot = Some(Arc::new(at)));
         if let Some(run) = self.world.after_snapshot.0.get() {
             run();
         }
-        self.streams.send(WorldMessage { tick: header.tick, bytes: message.into() });
+        self.streams.send(WorldMessage {
+            tick: header.tick,
+            bytes: message.into(),
+        });
         Ok(())
     }
 }
 
 /// The map's text, with blank lines behind it up to the size of CARLA's own towns.
 ///
-/// Scripts show `get_color_coded_flow().raw_data` after the picture is gone (a tutorial does). That goes well only if the C library does not
-/// hand memory of that size back to the system, which it no longer does once a client has freed a block as large as CARLA's map texts are.
+/// Scripts show `get_color_coded_flow().raw_data` after the picture is gone (a tutorial does). That
+/// goes well only if the C library does not
+/// hand memory of that size back to the system, which it no longer does once a client has freed a
+/// block as large as CARLA's map texts are.
 fn roomy(map: &str) -> String {
     const BYTES: usize = 4 << 20;
     let mut text = String::with_capacity(BYTES.max(map.len()));

@@ -1,4 +1,5 @@
-//! Every call with arguments of every wrong kind: an answer or a sentence, never a panic, and nothing wrong is stored.
+//! Every call with arguments of every wrong kind: an answer or a sentence, never a panic, and
+//! nothing wrong is stored.
 
 use std::sync::Arc;
 
@@ -34,11 +35,24 @@ fn gateway() -> Gateway {
     };
     world.change(|known| known.info = Some(info));
     let (world, streams) = (Arc::new(world), Arc::new(Streams::default()));
-    Gateway::new(world.clone(), commander().0, Arc::new(Feeds::new(world, streams)), 2001)
+    Gateway::new(
+        world.clone(),
+        commander().0,
+        Arc::new(Feeds::new(world, streams)),
+        2001,
+    )
 }
 
 fn call(gateway: &Gateway, method: &str, args: Vec<Value>) -> Result<Answer, Failure> {
-    gateway.call(1, &Request { id: 1, method: method.into(), is_async: false, args })
+    gateway.call(
+        1,
+        &Request {
+            id: 1,
+            method: method.into(),
+            is_async: false,
+            args,
+        },
+    )
 }
 
 fn odd(rng: &mut fastrand::Rng, depth: u32) -> Value {
@@ -50,7 +64,15 @@ fn odd(rng: &mut fastrand::Rng, depth: u32) -> Value {
         4 => Value::UInt(rng.u64(0..22)),
         5 => Value::F64([f64::NAN, f64::INFINITY, 1e300, -0.0, 0.05][rng.usize(0..5)]),
         6 => Value::F32(rng.f32() * 100.0 - 50.0),
-        7 => Value::from(["", "vehicle.tesla.model3", "sensor.camera.rgb", "color", "Town10HD"][rng.usize(0..5)]),
+        7 => Value::from(
+            [
+                "",
+                "vehicle.tesla.model3",
+                "sensor.camera.rgb",
+                "color",
+                "Town10HD",
+            ][rng.usize(0..5)],
+        ),
         8 => Value::Bin(vec![0; rng.usize(0..30)]),
         _ => Value::Array((0..rng.usize(0..6)).map(|_| odd(rng, depth - 1)).collect()),
     }
@@ -63,7 +85,10 @@ fn odd_arguments_are_answered() {
         for method in rpc::methods() {
             let args = (0..rng.usize(0..4)).map(|_| odd(&mut rng, 4)).collect();
             let outcome = call(&gateway, method, args);
-            assert!(!matches!(outcome, Err(Failure::Unknown(_))), "{method} is unknown");
+            assert!(
+                !matches!(outcome, Err(Failure::Unknown(_))),
+                "{method} is unknown"
+            );
             assert!(!response(1, false, outcome).is_empty());
         }
     }
@@ -73,13 +98,38 @@ fn odd_arguments_are_answered() {
 #[test]
 fn wrong_weather_and_settings_are_not_stored() {
     let gateway = gateway();
-    let before = (call(&gateway, "get_weather_parameters", vec![]), call(&gateway, "get_episode_settings", vec![]));
+    let before = (
+        call(&gateway, "get_weather_parameters", vec![]),
+        call(&gateway, "get_episode_settings", vec![]),
+    );
     let mut weather = vec![Value::F32(1.0); 14];
     weather[12] = Value::F32(f32::NAN);
-    assert!(call(&gateway, "set_weather_parameters", vec![Value::Array(weather)]).is_err());
-    let settings = list![true, false, list![true, f64::NAN], true, 0.01, 10, 0.0, true, 3000.0, 2000.0, true];
+    assert!(
+        call(
+            &gateway,
+            "set_weather_parameters",
+            vec![Value::Array(weather)]
+        )
+        .is_err()
+    );
+    let settings = list![
+        true,
+        false,
+        list![true, f64::NAN],
+        true,
+        0.01,
+        10,
+        0.0,
+        true,
+        3000.0,
+        2000.0,
+        true
+    ];
     assert!(call(&gateway, "set_episode_settings", vec![settings]).is_err());
-    let after = (call(&gateway, "get_weather_parameters", vec![]), call(&gateway, "get_episode_settings", vec![]));
+    let after = (
+        call(&gateway, "get_weather_parameters", vec![]),
+        call(&gateway, "get_episode_settings", vec![]),
+    );
     assert_eq!(before, after);
 }
 
@@ -87,23 +137,42 @@ fn wrong_weather_and_settings_are_not_stored() {
 fn a_traffic_manager_is_forgotten_with_its_connection() {
     let gateway = gateway();
     let place = || vec![list!["192.0.2.1", 8000u16]];
-    assert_eq!(call(&gateway, "add_traffic_manager_running", place()), Ok(Answer::Value(true.into())));
-    assert_eq!(call(&gateway, "add_traffic_manager_running", place()), Ok(Answer::Value(false.into())));
+    assert_eq!(
+        call(&gateway, "add_traffic_manager_running", place()),
+        Ok(Answer::Value(true.into()))
+    );
+    assert_eq!(
+        call(&gateway, "add_traffic_manager_running", place()),
+        Ok(Answer::Value(false.into()))
+    );
     let running = || call(&gateway, "is_traffic_manager_running", vec![8000u16.into()]);
     assert_eq!(running(), Ok(Answer::Value(true.into())));
     gateway.closed(1);
     assert_eq!(running(), Ok(Answer::Value(false.into())));
-    assert_eq!(call(&gateway, "get_traffic_manager_running", vec![8000u16.into()]), Ok(Answer::Value(list!["", 0u16])));
+    assert_eq!(
+        call(
+            &gateway,
+            "get_traffic_manager_running",
+            vec![8000u16.into()]
+        ),
+        Ok(Answer::Value(list!["", 0u16]))
+    );
 }
 
 #[test]
 fn sensors_and_unknown_calls_are_sentences() {
     let gateway = gateway();
     let transform = list![list![0.0, 0.0, 0.0], list![0.0, 0.0, 0.0]];
-    let Err(Failure::Refused(error)) = call(&gateway, "spawn_actor", vec![list![1u32, "sensor.other.sonar", list![]], transform]) else {
+    let Err(Failure::Refused(error)) = call(
+        &gateway,
+        "spawn_actor",
+        vec![list![1u32, "sensor.other.sonar", list![]], transform],
+    ) else {
         panic!()
     };
     assert!(error.contains("sensor.other.sonar"), "{error}");
-    let Err(Failure::Unknown(error)) = call(&gateway, "nothing", vec![]) else { panic!() };
+    let Err(Failure::Unknown(error)) = call(&gateway, "nothing", vec![]) else {
+        panic!()
+    };
     assert!(error.contains("'nothing' with argument count 1"), "{error}");
 }

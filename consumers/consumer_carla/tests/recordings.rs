@@ -14,8 +14,15 @@ use schema_frames::document::Weather;
 use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
 fn who(type_id: &str, role: &str) -> Description {
-    let attributes = vec![Attribute { name: "role_name".into(), kind: 4, value: role.into() }];
-    Description { type_id: type_id.into(), attributes }
+    let attributes = vec![Attribute {
+        name: "role_name".into(),
+        kind: 4,
+        value: role.into(),
+    }];
+    Description {
+        type_id: type_id.into(),
+        attributes,
+    }
 }
 
 /// Of everything one; numbers that binary fractions have exactly.
@@ -43,7 +50,11 @@ fn changes() -> Changes {
         gear_switch_secs: 0.5,
         clutch_strength_nms: 10.0,
         final_ratio: 4.0,
-        forward_gears: vec![GearPhysics { ratio: 2.5, down_ratio: 0.5, up_ratio: 0.75 }],
+        forward_gears: vec![GearPhysics {
+            ratio: 2.5,
+            down_ratio: 0.5,
+            up_ratio: 0.75,
+        }],
         mass_kg: 1750.0,
         drag_coefficient: 0.25,
         center_of_mass_m: [0.5, -0.25, 0.125],
@@ -51,11 +62,26 @@ fn changes() -> Changes {
         wheels: vec![wheel],
         sweep_wheels: false,
     };
-    let bone = Transform { location_m: [0.0, 0.25, 1.0], rotation_deg: [10.0, 20.0, 30.0] };
+    let bone = Transform {
+        location_m: [0.0, 0.25, 1.0],
+        rotation_deg: [10.0, 20.0, 30.0],
+    };
     Changes {
-        weather: Some(Weather { cloudiness: 80.0, sun_azimuth_deg: 90.0, sun_altitude_deg: -5.0, ..Weather::default() }),
+        weather: Some(Weather {
+            cloudiness: 80.0,
+            sun_azimuth_deg: 90.0,
+            sun_altitude_deg: -5.0,
+            ..Weather::default()
+        }),
         doors: BTreeMap::from([(7, 0b0101), (8, 0)]),
-        street_lights: BTreeMap::from([(21, StreetLight { on: true, intensity_lm: 4000.0, rgb: [255, 128, 0] })]),
+        street_lights: BTreeMap::from([(
+            21,
+            StreetLight {
+                on: true,
+                intensity_lm: 4000.0,
+                rgb: [255, 128, 0],
+            },
+        )]),
         physics: BTreeMap::from([(7, physics)]),
         bones: BTreeMap::from([(9, vec![("crl_hips__C".to_owned(), bone)])]),
     }
@@ -63,24 +89,57 @@ fn changes() -> Changes {
 
 /// A hero that drives 1 m a tick and hits a parked van at the third of four ticks.
 fn drive() -> Recording {
-    let at = |x: f64| Transform { location_m: [x, -2.0, 0.5], rotation_deg: [0.0, 90.0, 0.0] };
+    let at = |x: f64| Transform {
+        location_m: [x, -2.0, 0.5],
+        rotation_deg: [0.0, 90.0, 0.0],
+    };
     let frames = (0..4u32).map(|idx| Frame {
         tick: 100 + u64::from(idx),
         elapsed_secs: 0.5 * f64::from(idx),
         delta_secs: 0.5,
         born: if idx == 0 {
             vec![
-                Born { id: 7, parent: 0, description: who("vehicle.tesla.model3", "hero"), at: at(0.0) },
-                Born { id: 8, parent: 0, description: who("vehicle.volkswagen.t2", ""), at: at(9.0) },
+                Born {
+                    id: 7,
+                    parent: 0,
+                    description: who("vehicle.tesla.model3", "hero"),
+                    at: at(0.0),
+                },
+                Born {
+                    id: 8,
+                    parent: 0,
+                    description: who("vehicle.volkswagen.t2", ""),
+                    at: at(9.0),
+                },
             ]
         } else {
             Vec::new()
         },
         gone: if idx == 3 { vec![8] } else { Vec::new() },
         poses: BTreeMap::from([(7, at(f64::from(idx))), (8, at(9.0))]),
-        pedals: BTreeMap::from([(7, Pedals { steer: -0.25, throttle: 0.5, brake: 0.0, hand_brake: false, gear: 2 })]),
-        lights: BTreeMap::from([(3, Light { state: 1, frozen: true, elapsed_secs: 2.5 })]),
-        collisions: if idx == 2 { vec![(7, 8), (7, 0)] } else { Vec::new() },
+        pedals: BTreeMap::from([(
+            7,
+            Pedals {
+                steer: -0.25,
+                throttle: 0.5,
+                brake: 0.0,
+                hand_brake: false,
+                gear: 2,
+            },
+        )]),
+        lights: BTreeMap::from([(
+            3,
+            Light {
+                state: 1,
+                frozen: true,
+                elapsed_secs: 2.5,
+            },
+        )]),
+        collisions: if idx == 2 {
+            vec![(7, 8), (7, 0)]
+        } else {
+            Vec::new()
+        },
         gaits: BTreeMap::from([(9, 1.25)]),
         lamps: BTreeMap::from([(7, 0b10), (8, 0)]),
         motions: BTreeMap::from([(7, [[2.0, 0.0, 0.0], [0.0, 0.0, -1.0]])]),
@@ -90,25 +149,43 @@ fn drive() -> Recording {
             light_times: BTreeMap::from([(3, [10.0, 3.0, 2.5])]),
             platform_secs: Some(0.25 * f64::from(idx)),
         },
-        changes: if idx == 0 { changes() } else { Changes::default() },
+        changes: if idx == 0 {
+            changes()
+        } else {
+            Changes::default()
+        },
     });
-    Recording { head: Head { version: VERSION, map: "Town10HD".into(), date: "2026-01-31 12:00:00".into() }, frames: frames.collect() }
+    Recording {
+        head: Head {
+            version: VERSION,
+            map: "Town10HD".into(),
+            date: "2026-01-31 12:00:00".into(),
+        },
+        frames: frames.collect(),
+    }
 }
 
 fn bytes(recording: &Recording) -> Vec<u8> {
     let mut bytes = Vec::new();
     recording.head.write(&mut bytes);
-    recording.frames.iter().for_each(|frame| frame.write(&mut bytes));
+    recording
+        .frames
+        .iter()
+        .for_each(|frame| frame.write(&mut bytes));
     bytes
 }
 
 #[test]
 fn recordings_read_as_they_were_written() {
     let recording = drive();
-    assert_eq!(Recording::read(&mut bytes(&recording).as_slice()).unwrap(), recording);
+    assert_eq!(
+        Recording::read(&mut bytes(&recording).as_slice()).unwrap(),
+        recording
+    );
 }
 
-/// Version 2 had nothing behind the velocities, version 3 nothing behind the platform time; texts say which it is.
+/// Version 2 had nothing behind the velocities, version 3 nothing behind the platform time; texts
+/// say which it is.
 #[test]
 fn recordings_of_the_versions_before_are_read() {
     for (version, n_fields) in [(2, 12), (3, 16)] {
@@ -119,7 +196,10 @@ fn recordings_of_the_versions_before_are_read() {
         for frame in &mut recording.frames {
             let mut bytes = Vec::new();
             frame.write(&mut bytes);
-            let Ok(Value::Array(fields)) = msgpack::read(&mut bytes.as_slice(), Limits::default()) else { panic!("a frame is a list") };
+            let Ok(Value::Array(fields)) = msgpack::read(&mut bytes.as_slice(), Limits::default())
+            else {
+                panic!("a frame is a list")
+            };
             msgpack::write(&mut old, &Value::Array(fields[..n_fields].to_vec()));
             frame.changes = Changes::default();
             if version == 2 {
@@ -131,17 +211,30 @@ fn recordings_of_the_versions_before_are_read() {
         assert!(report::info(&read, false).starts_with(&format!("Version: {version}\n")));
     }
     let mut newer = Vec::new();
-    msgpack::write(&mut newer, &list![MAGIC, VERSION + 1, "Town10HD", "2026-01-31 12:00:00"]);
-    assert!(Recording::read(&mut newer.as_slice()).unwrap_err().contains("reads versions 2 to 4"));
+    msgpack::write(
+        &mut newer,
+        &list![MAGIC, VERSION + 1, "Town10HD", "2026-01-31 12:00:00"],
+    );
+    assert!(
+        Recording::read(&mut newer.as_slice())
+            .unwrap_err()
+            .contains("reads versions 2 to 4")
+    );
 }
 
 #[test]
 fn cut_off_recordings_end_with_their_last_whole_frame() {
     let recording = drive();
     let whole = bytes(&recording);
-    let without_last = Recording { frames: recording.frames[..3].to_vec(), ..recording };
+    let without_last = Recording {
+        frames: recording.frames[..3].to_vec(),
+        ..recording
+    };
     for cut in [1, 20] {
-        assert_eq!(Recording::read(&mut &whole[..whole.len() - cut]).unwrap(), without_last);
+        assert_eq!(
+            Recording::read(&mut &whole[..whole.len() - cut]).unwrap(),
+            without_last
+        );
     }
 }
 
@@ -151,7 +244,9 @@ fn foreign_and_broken_recordings_are_sentences() {
     assert!(error(b"").contains("not a recording"));
     assert!(error(b"\x01\x00\x0eCARLA_RECORDER").contains("not a recording"));
     let whole = bytes(&drive());
-    assert!(error(&whole[..50]).contains("no frame") || error(&whole[..50]).contains("not a recording"));
+    assert!(
+        error(&whole[..50]).contains("no frame") || error(&whole[..50]).contains("not a recording")
+    );
     let mut backwards = drive();
     backwards.frames.swap(1, 2);
     assert!(error(&bytes(&backwards)).contains("order of time"));
@@ -164,7 +259,11 @@ fn foreign_and_broken_recordings_are_sentences() {
             broken[at] = rng.u8(..);
         }
         if let Ok(read) = Recording::read(&mut broken.as_slice()) {
-            for text in [report::info(&read, true), report::collisions(&read, 'a', 'a'), report::blocked(&read, 0.1, 10.0)] {
+            for text in [
+                report::info(&read, true),
+                report::collisions(&read, 'a', 'a'),
+                report::blocked(&read, 0.1, 10.0),
+            ] {
                 assert!(text.starts_with("Version: "));
             }
         }
@@ -175,8 +274,15 @@ fn foreign_and_broken_recordings_are_sentences() {
 fn texts_read_like_carlas() {
     let recording = drive();
     let info = report::info(&recording, false);
-    assert!(info.starts_with("Version: 4\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"), "{info}");
-    assert!(info.contains(" Create 7: vehicle.tesla.model3 (1) at (0, -200, 50)\n  role_name = hero\n"));
+    assert!(
+        info.starts_with(
+            "Version: 4\nMap: Town10HD\nDate: 2026-01-31 12:00:00\n\nFrame 1 at 0 seconds\n"
+        ),
+        "{info}"
+    );
+    assert!(
+        info.contains(" Create 7: vehicle.tesla.model3 (1) at (0, -200, 50)\n  role_name = hero\n")
+    );
     assert!(info.contains("Frame 3 at 1 seconds\n Collision id 0 between 7 (hero)  with 8\n Collision id 1 between 7 (hero)  with 0\n"));
     assert!(info.contains("Frame 4 at 1.5 seconds\n Destroy 8\n") && !info.contains("Frame 2 "));
     assert!(info.ends_with("\nFrames: 4\nDuration: 1.5 seconds\n"));
@@ -214,14 +320,38 @@ fn texts_read_like_carlas() {
         assert!(all.lines().any(|found| found == line), "{line}\n{all}");
     }
     // CARLA counts azimuths clockwise.
-    assert!(all.contains("  Cloudiness: 80 Precipitation: 0 ") && all.contains(" SunAzimuthAngle: 270 SunAltitudeAngle: -5 "), "{all}");
-    let row =
-        |text: String, id: u32| text.lines().find(|line| line.split_whitespace().any(|word| word == id.to_string())).map(str::to_owned);
+    assert!(
+        all.contains("  Cloudiness: 80 Precipitation: 0 ")
+            && all.contains(" SunAzimuthAngle: 270 SunAltitudeAngle: -5 "),
+        "{all}"
+    );
+    let row = |text: String, id: u32| {
+        text.lines()
+            .find(|line| line.split_whitespace().any(|word| word == id.to_string()))
+            .map(str::to_owned)
+    };
     let hit = report::collisions(&recording, 'v', 'h');
-    let words: Vec<String> = row(hit, 8).unwrap().split_whitespace().map(str::to_owned).collect();
-    assert_eq!(words, ["1", "v", "v", "8", "vehicle.volkswagen.t2", "7", "vehicle.tesla.model3"]);
+    let words: Vec<String> = row(hit, 8)
+        .unwrap()
+        .split_whitespace()
+        .map(str::to_owned)
+        .collect();
+    assert_eq!(
+        words,
+        [
+            "1",
+            "v",
+            "v",
+            "8",
+            "vehicle.volkswagen.t2",
+            "7",
+            "vehicle.tesla.model3"
+        ]
+    );
     assert_eq!(row(report::collisions(&recording, 'w', 'a'), 7), None);
     // The van stood for the whole 1.5 s, the hero never for half a second.
     let blocked = report::blocked(&recording, 1.0, 10.0);
-    assert!(row(blocked.clone(), 8).unwrap().trim_end().ends_with(" 2") && row(blocked, 7).is_none());
+    assert!(
+        row(blocked.clone(), 8).unwrap().trim_end().ends_with(" 2") && row(blocked, 7).is_none()
+    );
 }

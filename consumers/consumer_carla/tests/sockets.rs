@@ -1,4 +1,5 @@
-//! Seeded, bounded fuzzing through real sockets: broken requests and handshakes end their own connection, and who is well is served meanwhile.
+//! Seeded, bounded fuzzing through real sockets: broken requests and handshakes end their own
+//! connection, and who is well is served meanwhile.
 
 use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -33,23 +34,34 @@ fn connect(port: u16) -> TcpStream {
 /// Streams and feeds without a simulator.
 fn streams() -> (Arc<Streams>, Arc<Feeds>) {
     let streams = Arc::new(Streams::default());
-    (streams.clone(), Arc::new(Feeds::new(Arc::new(World::default()), streams)))
+    (
+        streams.clone(),
+        Arc::new(Feeds::new(Arc::new(World::default()), streams)),
+    )
 }
 
 /// A call as clients write it, for a method that needs no simulator.
 fn version(connection: &mut TcpStream) {
     let mut bytes = Vec::new();
-    msgpack::write(&mut bytes, &list![0u32, 7u32, "version", list![list![false]]]);
+    msgpack::write(
+        &mut bytes,
+        &list![0u32, 7u32, "version", list![list![false]]],
+    );
     connection.write_all(&bytes).unwrap();
     let answer = msgpack::read(connection, Limits::default()).unwrap();
-    assert_eq!(answer, list![1u32, 7u32, Value::Nil, list![list![1u32, "0.9.16"]]]);
+    assert_eq!(
+        answer,
+        list![1u32, 7u32, Value::Nil, list![list![1u32, "0.9.16"]]]
+    );
 }
 
 /// A whole request, with something broken in it more often than not.
 fn request(rng: &mut fastrand::Rng, methods: &[&str]) -> Vec<u8> {
     let argument = |rng: &mut fastrand::Rng| match rng.u8(0..6) {
         0 => Value::UInt(rng.u64(..) >> rng.u32(0..64)),
-        1 => Value::from(["", "../../etc/passwd", "/dev/full", "a\0b", "Town10HD"][rng.usize(0..5)]),
+        1 => {
+            Value::from(["", "../../etc/passwd", "/dev/full", "a\0b", "Town10HD"][rng.usize(0..5)])
+        }
         2 => Value::F64(f64::from_bits(rng.u64(..))),
         3 => Value::Bin(vec![rng.u8(..); rng.usize(0..40)]),
         4 => list![1u32, list![-1.0, "x", list![]]],
@@ -58,12 +70,18 @@ fn request(rng: &mut fastrand::Rng, methods: &[&str]) -> Vec<u8> {
     let method = methods[rng.usize(0..methods.len())];
     let mut args = vec![list![rng.bool()]];
     if rng.u8(0..4) == 0 {
-        args.extend([["drive", "/tmp/drive.log", "../../drive", "..", ""][rng.usize(0..5)].into(), rng.bool().into()]);
+        args.extend([
+            ["drive", "/tmp/drive.log", "../../drive", "..", ""][rng.usize(0..5)].into(),
+            rng.bool().into(),
+        ]);
     } else {
         args.extend((0..rng.usize(0..5)).map(|_| argument(rng)));
     }
     let mut bytes = Vec::new();
-    msgpack::write(&mut bytes, &list![0u32, rng.u32(..), method, Value::Array(args)]);
+    msgpack::write(
+        &mut bytes,
+        &list![0u32, rng.u32(..), method, Value::Array(args)],
+    );
     for _ in 0..rng.usize(0..3) {
         let at = rng.usize(0..bytes.len());
         bytes[at] = rng.u8(..);
@@ -76,13 +94,20 @@ fn request(rng: &mut fastrand::Rng, methods: &[&str]) -> Vec<u8> {
 fn broken_requests_end_their_connection_and_nothing_else() {
     let ((listener, port), (_, feeds)) = (listener(), streams());
     let data = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sockets");
-    let gateway = Arc::new(Gateway::new(Arc::new(World::default()), commander().0, feeds, 1));
+    let gateway = Arc::new(Gateway::new(
+        Arc::new(World::default()),
+        commander().0,
+        feeds,
+        1,
+    ));
     gateway.recorder.keep_in(data.clone());
     std::thread::spawn(move || server::serve(&listener, &gateway));
     // Those that ask a simulator would only take time.
     let quick = ["show_recorder_file_info", "start_recorder"];
-    let methods: Vec<&str> =
-        rpc::methods().filter(|method| method.starts_with("set_replayer") || quick.contains(method)).chain(["version", "x"]).collect();
+    let methods: Vec<&str> = rpc::methods()
+        .filter(|method| method.starts_with("set_replayer") || quick.contains(method))
+        .chain(["version", "x"])
+        .collect();
     let mut well = connect(port);
     let mut rng = fastrand::Rng::with_seed(11);
     for n in 0..CASES {
@@ -102,10 +127,23 @@ fn broken_requests_end_their_connection_and_nothing_else() {
     version(&mut well);
     version(&mut connect(port));
     // Whatever names there were, files are recordings in their folder.
-    let recordings: Vec<_> = std::fs::read_dir(data.join("recordings/carla")).unwrap().map(|entry| entry.unwrap().path()).collect();
-    assert!(!recordings.is_empty() && recordings.iter().all(|path| path.extension().is_some_and(|kind| kind == "log")), "{recordings:?}");
+    let recordings: Vec<_> = std::fs::read_dir(data.join("recordings/carla"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    assert!(
+        !recordings.is_empty()
+            && recordings
+                .iter()
+                .all(|path| path.extension().is_some_and(|kind| kind == "log")),
+        "{recordings:?}"
+    );
     for folder in [data.clone(), data.join("recordings")] {
-        assert_eq!(std::fs::read_dir(folder).unwrap().count(), 1, "nothing beside them");
+        assert_eq!(
+            std::fs::read_dir(folder).unwrap().count(),
+            1,
+            "nothing beside them"
+        );
     }
     std::fs::remove_dir_all(data).unwrap();
 }
@@ -116,7 +154,12 @@ fn no_name_of_a_recording_leads_out_of_the_folder() {
     let recorder = Recorder::default();
     recorder.keep_in(folder.clone());
     let within = folder.join("recordings/carla");
-    for (name, file) in [("drive", "drive.log"), ("/etc/passwd", "passwd.log"), ("../../x.log", "x.log"), ("C:\\a\\b.log", "b.log")] {
+    for (name, file) in [
+        ("drive", "drive.log"),
+        ("/etc/passwd", "passwd.log"),
+        ("../../x.log", "x.log"),
+        ("C:\\a\\b.log", "b.log"),
+    ] {
         assert_eq!(recorder.path(name), Ok(within.join(file)), "{name:?}");
     }
     for name in ["", "..", "a/..", "a\0b", ".bashrc", "x/", &"y".repeat(300)] {
@@ -135,7 +178,10 @@ fn odd_handshakes_cost_a_listener_nothing() {
     let ((listener, port), (streams, feeds)) = (listener(), streams());
     let serving = (streams.clone(), feeds);
     std::thread::spawn(move || stream::serve(&listener, &serving.0, &serving.1));
-    let message = |tick: u64| WorldMessage { tick, bytes: vec![tick as u8; 9].into() };
+    let message = |tick: u64| WorldMessage {
+        tick,
+        bytes: vec![tick as u8; 9].into(),
+    };
     streams.send(message(1));
     let mut well = connect(port);
     well.write_all(&WORLD_STREAM.to_le_bytes()).unwrap();
@@ -184,7 +230,10 @@ fn a_load_silences_one_clients_world_stream() {
     let ((listener, port), (streams, feeds)) = (listener(), streams());
     let serving = (streams.clone(), feeds);
     std::thread::spawn(move || stream::serve(&listener, &serving.0, &serving.1));
-    let message = |tick: u64| WorldMessage { tick, bytes: vec![tick as u8; 9].into() };
+    let message = |tick: u64| WorldMessage {
+        tick,
+        bytes: vec![tick as u8; 9].into(),
+    };
     streams.send(message(1));
     let next = |connection: &mut TcpStream| {
         let mut bytes = [0; 13];
@@ -193,7 +242,9 @@ fn a_load_silences_one_clients_world_stream() {
     };
     let [mut loader, mut other] = [1, 2].map(|client| {
         let mut connection = connect(port);
-        connection.write_all(&streams.stream_of(client).to_le_bytes()).unwrap();
+        connection
+            .write_all(&streams.stream_of(client).to_le_bytes())
+            .unwrap();
         connection
     });
     assert_eq!((next(&mut loader), next(&mut other)), (1, 1));
@@ -208,7 +259,13 @@ fn a_load_silences_one_clients_world_stream() {
     // Nor does one that connects to it only now.
     let mut late = connect(port);
     late.write_all(&left.to_le_bytes()).unwrap();
-    late.set_read_timeout(Some(Duration::from_millis(300))).unwrap();
+    late.set_read_timeout(Some(Duration::from_millis(300)))
+        .unwrap();
     let heard = late.read(&mut [0; 13]);
-    assert!(heard.as_ref().is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock), "{heard:?}");
+    assert!(
+        heard
+            .as_ref()
+            .is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock),
+        "{heard:?}"
+    );
 }

@@ -26,7 +26,8 @@ const HORIZON_M: f64 = 90.0;
 pub(crate) const STANDING_MPS: f64 = 0.3;
 /// Standing this long without a reason, a driver helps itself, seconds.
 const STUCK_SECS: f64 = 6.0;
-/// How far before a junction a driver waits for its turn, metres: long vehicles swing out where they leave it.
+/// How far before a junction a driver waits for its turn, metres: long vehicles swing out where
+/// they leave it.
 const WAITING_M: f64 = 2.5;
 /// Furthest a long vehicle keeps to the inside of a bend, metres.
 const INSIDE_M: f64 = 0.35;
@@ -99,8 +100,17 @@ impl Driver {
     /// A driver for `me` on the lane it stands on; `None` if no lane is near.
     pub fn new(map: &RoadMap, me: &Mover, seed: u64, speed_factor: f64) -> Option<Driver> {
         let at = locate(map, me)?;
-        let path = Path::new(map, at, Noise::new(seed, u64::from(me.id), 0x64_72_69_76_65), 0)?;
-        let wheelbase_m = if me.half_m[0] < 1.3 { 1.2 * me.half_m[0] } else { 1.16 * me.half_m[0] };
+        let path = Path::new(
+            map,
+            at,
+            Noise::new(seed, u64::from(me.id), 0x64_72_69_76_65),
+            0,
+        )?;
+        let wheelbase_m = if me.half_m[0] < 1.3 {
+            1.2 * me.half_m[0]
+        } else {
+            1.16 * me.half_m[0]
+        };
         Some(Driver {
             id: me.id,
             speed_factor,
@@ -121,7 +131,8 @@ impl Driver {
         })
     }
 
-    /// Gives the true distance between the axles and the largest steering angle, where they are known.
+    /// Gives the true distance between the axles and the largest steering angle, where they are
+    /// known.
     pub fn set_geometry(&mut self, wheelbase_m: f64, max_steer_rad: f64) {
         self.steering = Steering::new(wheelbase_m, max_steer_rad);
     }
@@ -163,23 +174,36 @@ impl Driver {
 
     /// Whether it stands with more than its nose in a junction.
     pub(crate) fn is_inside(&self, world: &World) -> bool {
-        let Some((entry, me)) = self.entry.zip(world.mover(self.id)) else { return false };
+        let Some((entry, me)) = self.entry.zip(world.mover(self.id)) else {
+            return false;
+        };
         self.foot.arc_m + me.front_m() > entry.arc_m[0] + WAITING_M
     }
 
     /// The lane it is on.
     pub fn lane(&self) -> Option<LaneKey> {
-        self.path.legs().get(self.path.leg_at(self.foot.arc_m)).map(|leg| leg.lane)
+        self.path
+            .legs()
+            .get(self.path.leg_at(self.foot.arc_m))
+            .map(|leg| leg.lane)
     }
 
     /// Finds its place on the path; plans anew if it is not on it.
     pub fn localise(&mut self, map: &RoadMap, me: &Mover, seed: u64) {
         let point = [me.position_m[0], me.position_m[1]];
-        self.foot = self.path.project(point, self.foot.arc_m - 10.0, self.foot.arc_m + 20.0);
-        let lost = self.foot.offset_m.abs() > 3.5 || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
+        self.foot = self
+            .path
+            .project(point, self.foot.arc_m - 10.0, self.foot.arc_m + 20.0);
+        let lost =
+            self.foot.offset_m.abs() > 3.5 || wrap(self.foot.heading_rad - me.yaw_rad).abs() > 1.9;
         if lost && let Some(at) = locate(map, me) {
             let n = self.path.n_choices() + 1;
-            if let Some(path) = Path::new(map, at, Noise::new(seed, u64::from(self.id), 0x64_72_69_76_65), n) {
+            if let Some(path) = Path::new(
+                map,
+                at,
+                Noise::new(seed, u64::from(self.id), 0x64_72_69_76_65),
+                n,
+            ) {
                 self.path = path;
                 self.steering.reset();
                 self.foot = self.path.project(point, 0.0, 40.0);
@@ -193,15 +217,30 @@ impl Driver {
     fn find_entry(&self, map: &RoadMap, me: &Mover) -> Option<Entry> {
         let legs = self.path.legs();
         let rear = self.foot.arc_m - me.rear_m();
-        let first = legs.iter().position(|leg| leg.arc_m[1] > rear && leg.junction.is_some())?;
+        let first = legs
+            .iter()
+            .position(|leg| leg.arc_m[1] > rear && leg.junction.is_some())?;
         let junction = legs[first].junction?;
-        let n = legs[first..].iter().take_while(|leg| leg.junction == Some(junction)).count();
+        let n = legs[first..]
+            .iter()
+            .take_while(|leg| leg.junction == Some(junction))
+            .count();
         let arc_m = [legs[first].arc_m[0], legs[first + n - 1].arc_m[1]];
-        let turn_rad = wrap(self.path.at(arc_m[1] - 0.1).heading_rad - self.path.at(arc_m[0] + 0.1).heading_rad);
+        let turn_rad = wrap(
+            self.path.at(arc_m[1] - 0.1).heading_rad - self.path.at(arc_m[0] + 0.1).heading_rad,
+        );
         let before = first.checked_sub(1).map(|idx| &legs[idx]);
-        let guarded = |lane: LaneKey| map.signal_stops(lane).any(|(signal, _)| signal.kind == SignalKind::TrafficLight);
+        let guarded = |lane: LaneKey| {
+            map.signal_stops(lane)
+                .any(|(signal, _)| signal.kind == SignalKind::TrafficLight)
+        };
         let has_light = guarded(legs[first].lane) || before.is_some_and(|leg| guarded(leg.lane));
-        Some(Entry { junction, arc_m, turn_rad, has_light })
+        Some(Entry {
+            junction,
+            arc_m,
+            turn_rad,
+            has_light,
+        })
     }
 
     /// What to do in this tick.
@@ -217,7 +256,9 @@ impl Driver {
         let mut wait = Wait::No;
         // Nearer than the waiting line only who is already there: that must not mean braking hard.
         let waiting_line = |line: f64| match self.entry {
-            Some(entry) if line < entry.arc_m[0] + WAITING_M => line.min((entry.arc_m[0] - WAITING_M).max(front)),
+            Some(entry) if line < entry.arc_m[0] + WAITING_M => {
+                line.min((entry.arc_m[0] - WAITING_M).max(front))
+            }
             _ => line,
         };
         let mut consider = |accel: f64, why: Wait| {
@@ -231,28 +272,45 @@ impl Driver {
             consider(speed::stop_before(me.speed_mps, end - front), Wait::End);
         }
         if let Some(line) = self.light_line(map, world, me, front) {
-            consider(speed::stop_before(me.speed_mps, waiting_line(line) - front), Wait::Light);
+            consider(
+                speed::stop_before(me.speed_mps, waiting_line(line) - front),
+                Wait::Light,
+            );
         }
         if let Some(entry) = self.entry
             && !self.may_enter
             && front < entry.arc_m[0] + 1.0
         {
-            consider(speed::stop_before(me.speed_mps, waiting_line(entry.arc_m[0]) - front), Wait::Turn);
+            consider(
+                speed::stop_before(me.speed_mps, waiting_line(entry.arc_m[0]) - front),
+                Wait::Turn,
+            );
         }
         if let Some(obstacle) = obstacle {
             let gap = if creeping { 0.8 } else { 2.2 };
-            consider(speed::follow(me.speed_mps, obstacle.along_mps, obstacle.gap_m, gap), Wait::Ahead);
+            consider(
+                speed::follow(me.speed_mps, obstacle.along_mps, obstacle.gap_m, gap),
+                Wait::Ahead,
+            );
         }
         if creeping {
             wanted = wanted.min(speed::towards(me.speed_mps, 1.5));
         }
         self.wait = wait;
-        let blocker = obstacle.filter(|_| wait == Wait::Ahead && me.speed_mps.abs() < STANDING_MPS).map(|o| o.id);
-        self.blocked_secs = if blocker.is_some() && blocker == self.blocked_by { self.blocked_secs + dt } else { 0.0 };
+        let blocker = obstacle
+            .filter(|_| wait == Wait::Ahead && me.speed_mps.abs() < STANDING_MPS)
+            .map(|o| o.id);
+        self.blocked_secs = if blocker.is_some() && blocker == self.blocked_by {
+            self.blocked_secs + dt
+        } else {
+            0.0
+        };
         self.blocked_by = blocker;
         self.watch(me, world, wanted, obstacle, dt);
         let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
-        let steer = self.steering.ratio(me, &self.path, self.foot, self.side_offset(me), dt);
+        let steer = self
+            .steering
+            .ratio(me, &self.path, self.foot, self.side_offset(me), dt);
         let control = VehicleControl {
             throttle_ratio: throttle as f32,
             steer_ratio: steer as f32,
@@ -277,11 +335,20 @@ impl Driver {
             if point.arc_m > reach {
                 break;
             }
-            let limit = (self.speed_factor * point.limit_mps).min(speed::on_bend(point.curvature_per_m));
-            let accel = if point.arc_m <= front { speed::towards(v, limit) } else { speed::ahead(v, limit, point.arc_m - front).max(-4.0) };
+            let limit =
+                (self.speed_factor * point.limit_mps).min(speed::on_bend(point.curvature_per_m));
+            let accel = if point.arc_m <= front {
+                speed::towards(v, limit)
+            } else {
+                speed::ahead(v, limit, point.arc_m - front).max(-4.0)
+            };
             wanted = wanted.min(accel);
         }
-        if wanted.is_finite() { wanted } else { speed::towards(v, 5.0) }
+        if wanted.is_finite() {
+            wanted
+        } else {
+            speed::towards(v, 5.0)
+        }
     }
 
     /// Path length of the stop line of a light that says stop.
@@ -301,15 +368,28 @@ impl Driver {
                 if signal.kind != SignalKind::TrafficLight {
                     continue;
                 }
-                let state = world.lights.get(&signal.id).copied().unwrap_or(LightState::Off);
+                let state = world
+                    .lights
+                    .get(&signal.id)
+                    .copied()
+                    .unwrap_or(LightState::Off);
                 if !matches!(state, LightState::Red | LightState::Yellow) {
                     continue;
                 }
-                let on = [Some(leg), idx.checked_sub(1).map(|i| &legs[i])].into_iter().flatten().find(|l| l.lane == stop.stop.lane);
-                let Some(arc) = on.map(|l| l.arc_at_m(stop.stop.s_m)) else { continue };
+                let on = [Some(leg), idx.checked_sub(1).map(|i| &legs[i])]
+                    .into_iter()
+                    .flatten()
+                    .find(|l| l.lane == stop.stop.lane);
+                let Some(arc) = on.map(|l| l.arc_at_m(stop.stop.s_m)) else {
+                    continue;
+                };
                 let distance = arc - front;
                 let needed = speed::to_stop(me.speed_mps, distance.max(0.0));
-                let too_late = if state == LightState::Yellow { -3.0 } else { -7.0 };
+                let too_late = if state == LightState::Yellow {
+                    -3.0
+                } else {
+                    -7.0
+                };
                 if distance > -3.0 && needed > too_late {
                     line = Some(line.map_or(arc, |l| l.min(arc)));
                 }
@@ -331,7 +411,12 @@ impl Driver {
             if apart > reach + other.half_m[0] + me.half_m[0] {
                 continue;
             }
-            let lateral = me.half_m[1] + if other.is_vehicle { margin_m } else { margin_m + 0.4 };
+            let lateral = me.half_m[1]
+                + if other.is_vehicle {
+                    margin_m
+                } else {
+                    margin_m + 0.4
+                };
             let from = self.foot.arc_m + 0.5 * me.front_m();
             let reach_at = |arc: f64, left: bool| lateral + self.swing_at(me, arc, left);
             let hits = other
@@ -340,14 +425,27 @@ impl Driver {
                 .chain(other.steps_ahead())
                 .filter_map(|p| self.path.first_within(p, from, front + reach, reach_at));
             let hit = hits.min_by(|a, b| a.arc_m.total_cmp(&b.arc_m));
-            let Some(Foot { arc_m: arc, heading_rad: heading, offset_m }) = hit else { continue };
+            let Some(Foot {
+                arc_m: arc,
+                heading_rad: heading,
+                offset_m,
+            }) = hit
+            else {
+                continue;
+            };
             // Somebody alongside whose middle is behind ours is not ahead of us.
             if arc < front && forward_share(me, other) < 0.0 {
                 continue;
             }
-            let along_mps = other.velocity_mps[0] * heading.cos() + other.velocity_mps[1] * heading.sin();
+            let along_mps =
+                other.velocity_mps[0] * heading.cos() + other.velocity_mps[1] * heading.sin();
             let gap_m = (arc - front).max(0.05);
-            let candidate = Obstacle { id: other.id, gap_m, along_mps: along_mps.max(0.0), side: offset_m.signum() };
+            let candidate = Obstacle {
+                id: other.id,
+                gap_m,
+                along_mps: along_mps.max(0.0),
+                side: offset_m.signum(),
+            };
             let need = |o: &Obstacle| speed::follow(me.speed_mps, o.along_mps, o.gap_m, 2.2);
             if nearest.is_none_or(|n| need(&candidate) < need(&n)) {
                 nearest = Some(candidate);
@@ -356,18 +454,30 @@ impl Driver {
         nearest
     }
 
-    /// How far the front swings out where it passes a place: the middle is still on the bend when the front has left it.
+    /// How far the front swings out where it passes a place: the middle is still on the bend when
+    /// the front has left it.
     fn swing_at(&self, me: &Mover, arc_m: f64, left: bool) -> f64 {
-        let behind = [0.0, 0.5, 1.0].map(|share| self.path.at(arc_m - share * me.half_m[0]).curvature_per_m);
-        behind.into_iter().map(|k| swing_m(me, self.steering.wheelbase_m(), k, left)).fold(0.0, f64::max)
+        let behind =
+            [0.0, 0.5, 1.0].map(|share| self.path.at(arc_m - share * me.half_m[0]).curvature_per_m);
+        behind
+            .into_iter()
+            .map(|k| swing_m(me, self.steering.wheelbase_m(), k, left))
+            .fold(0.0, f64::max)
     }
 
-    /// Where to drive beside the path's middle: inside a bend if the front swings out, away from what was in the way.
+    /// Where to drive beside the path's middle: inside a bend if the front swings out, away from
+    /// what was in the way.
     fn side_offset(&self, me: &Mover) -> f64 {
         let near = [-2.0, 1.0, 4.0].map(|d| self.path.at(self.foot.arc_m + d).curvature_per_m);
         let bend = near.iter().sum::<f64>() / 3.0;
-        let inside = bend.signum() * (0.6 * swing_m(me, self.steering.wheelbase_m(), bend, bend < 0.0)).min(INSIDE_M);
-        inside + if self.foot.arc_m < self.avoid.1 { self.avoid.0 } else { 0.0 }
+        let inside = bend.signum()
+            * (0.6 * swing_m(me, self.steering.wheelbase_m(), bend, bend < 0.0)).min(INSIDE_M);
+        inside
+            + if self.foot.arc_m < self.avoid.1 {
+                self.avoid.0
+            } else {
+                0.0
+            }
     }
 
     fn blinkers(&self, front: f64) -> u32 {
@@ -379,10 +489,15 @@ impl Driver {
     }
 }
 
-/// How far a vehicle's front swings out of the strip of its own width on a bend, on one side, metres.
+/// How far a vehicle's front swings out of the strip of its own width on a bend, on one side,
+/// metres.
 /// It turns about a point beside its rear axle, while the point between the axles follows the bend.
 fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, left: bool) -> f64 {
-    let outside = if left { -curvature_per_m } else { curvature_per_m };
+    let outside = if left {
+        -curvature_per_m
+    } else {
+        curvature_per_m
+    };
     if outside < 1e-3 {
         return 0.0;
     }
@@ -402,7 +517,9 @@ pub fn locate(map: &RoadMap, me: &Mover) -> Option<LanePosition> {
     let mut wrong: Vec<LaneKey> = Vec::new();
     let mut fallback = None;
     for _ in 0..8 {
-        let at = map.nearest(me.position_m, |lane| lane.kind.is_drivable() && !wrong.contains(&lane.key))?;
+        let at = map.nearest(me.position_m, |lane| {
+            lane.kind.is_drivable() && !wrong.contains(&lane.key)
+        })?;
         let heading = map.pose(at)?.rotation.euler_angles().2;
         if wrap(heading - me.yaw_rad).abs() < 0.8 {
             return Some(at);

@@ -64,7 +64,13 @@ pub struct Fleet {
 impl Fleet {
     /// Nobody yet. `speed_factor` scales every speed limit.
     pub fn new(map: Arc<RoadMap>, seed: u64, speed_factor: f64) -> Fleet {
-        Fleet { map, seed, speed_factor, drivers: BTreeMap::new(), arrivals: BTreeMap::new() }
+        Fleet {
+            map,
+            seed,
+            speed_factor,
+            drivers: BTreeMap::new(),
+            arrivals: BTreeMap::new(),
+        }
     }
 
     /// The drivers by vehicle.
@@ -82,8 +88,14 @@ impl Fleet {
         self.drivers.is_empty()
     }
 
-    /// Drives exactly these vehicles from now on. `geometry` knows wheelbase (m) and largest steering angle (rad) of some.
-    pub fn assign(&mut self, ids: &[u32], world: &World, geometry: impl Fn(u32) -> Option<(f64, f64)>) {
+    /// Drives exactly these vehicles from now on. `geometry` knows wheelbase (m) and largest
+    /// steering angle (rad) of some.
+    pub fn assign(
+        &mut self,
+        ids: &[u32],
+        world: &World,
+        geometry: impl Fn(u32) -> Option<(f64, f64)>,
+    ) {
         self.drivers.retain(|id, _| ids.contains(id));
         for id in ids {
             if self.drivers.contains_key(id) {
@@ -106,29 +118,52 @@ impl Fleet {
                 driver.localise(&self.map, me, self.seed);
             }
         }
-        let claims: Vec<Claim> = world.movers.iter().filter(|m| m.is_vehicle).flat_map(|m| self.claims(m, world)).collect();
+        let claims: Vec<Claim> = world
+            .movers
+            .iter()
+            .filter(|m| m.is_vehicle)
+            .flat_map(|m| self.claims(m, world))
+            .collect();
         self.note_arrivals(&claims, world);
-        let turns: Vec<(u32, bool)> = self.drivers.keys().map(|id| (*id, self.may_enter(*id, world, &claims))).collect();
+        let turns: Vec<(u32, bool)> = self
+            .drivers
+            .keys()
+            .map(|id| (*id, self.may_enter(*id, world, &claims)))
+            .collect();
         self.make_room(world);
         let mut records = Vec::with_capacity(self.drivers.len());
         for (id, may_enter) in turns {
-            let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else { continue };
+            let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else {
+                continue;
+            };
             driver.may_enter = may_enter;
             records.push(driver.control(&self.map, me, world));
         }
         records
     }
 
-    /// Who waits before a junction and keeps somebody from leaving it backs off; those in the queue behind it as well.
+    /// Who waits before a junction and keeps somebody from leaving it backs off; those in the queue
+    /// behind it as well.
     fn make_room(&mut self, world: &World) {
-        let stuck = self.drivers.values().filter(|d| d.is_inside(world)).filter_map(Driver::blocked_by);
-        let blockers = stuck.filter(|(id, secs)| *secs > YIELD_AFTER_SECS && self.waits_at_junction(*id)).map(|(id, _)| id);
+        let stuck = self
+            .drivers
+            .values()
+            .filter(|d| d.is_inside(world))
+            .filter_map(Driver::blocked_by);
+        let blockers = stuck
+            .filter(|(id, secs)| *secs > YIELD_AFTER_SECS && self.waits_at_junction(*id))
+            .map(|(id, _)| id);
         for first in blockers.collect::<Vec<u32>>() {
             let mut next = Some(first);
             for _ in 0..MAX_QUEUE {
                 let Some(id) = next else { break };
-                let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else { break };
-                if driver.is_inside(world) || driver.is_reversing() || me.speed_mps.abs() > STANDING_MPS {
+                let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else {
+                    break;
+                };
+                if driver.is_inside(world)
+                    || driver.is_reversing()
+                    || me.speed_mps.abs() > STANDING_MPS
+                {
                     break;
                 }
                 next = driver.behind(me, world, 2.0);
@@ -138,7 +173,9 @@ impl Fleet {
     }
 
     fn waits_at_junction(&self, id: u32) -> bool {
-        self.drivers.get(&id).is_some_and(|driver| matches!(driver.wait(), Wait::Turn | Wait::Light))
+        self.drivers
+            .get(&id)
+            .is_some_and(|driver| matches!(driver.wait(), Wait::Turn | Wait::Light))
     }
 
     /// What a vehicle may still use of junctions near it.
@@ -158,7 +195,9 @@ impl Fleet {
             return None;
         }
         let legs = driver.path().legs();
-        let first = legs.iter().position(|leg| (leg.arc_m[0] - entry.arc_m[0]).abs() < 1e-6)?;
+        let first = legs
+            .iter()
+            .position(|leg| (leg.arc_m[0] - entry.arc_m[0]).abs() < 1e-6)?;
         let start = entry.arc_m[0].max(foot.arc_m - mover.rear_m());
         let end = entry.arc_m[1] + 2.0;
         let n = (end - start).max(0.0).ceil() as usize;
@@ -169,12 +208,17 @@ impl Fleet {
             distance_m,
             speed_mps: mover.speed_mps,
             half_m: swept_half_m(mover, entry.turn_rad),
-            way: (0..=n).map(|i| driver.path().at(start + i as f64).position_m).collect(),
+            way: (0..=n)
+                .map(|i| driver.path().at(start + i as f64).position_m)
+                .collect(),
             turn_rad: entry.turn_rad,
             from: first.checked_sub(1).map(|idx| legs[idx].lane),
             // Who finds its exit full does not go, and nobody needs to wait for it.
-            held: self.is_held(legs[first].lane, first.checked_sub(1).map(|idx| legs[idx].lane), world)
-                || !self.room_behind_junction(driver, mover, world, entry.arc_m[1]),
+            held: self.is_held(
+                legs[first].lane,
+                first.checked_sub(1).map(|idx| legs[idx].lane),
+                world,
+            ) || !self.room_behind_junction(driver, mover, world, entry.arc_m[1]),
         })
     }
 
@@ -182,22 +226,39 @@ impl Fleet {
     fn is_held(&self, lane: LaneKey, before: Option<LaneKey>, world: &World) -> bool {
         let red = |lane: LaneKey| {
             self.map.signal_stops(lane).any(|(signal, _)| {
-                let state = world.lights.get(&signal.id).copied().unwrap_or(LightState::Off);
-                signal.kind == SignalKind::TrafficLight && matches!(state, LightState::Red | LightState::Yellow)
+                let state = world
+                    .lights
+                    .get(&signal.id)
+                    .copied()
+                    .unwrap_or(LightState::Off);
+                signal.kind == SignalKind::TrafficLight
+                    && matches!(state, LightState::Red | LightState::Yellow)
             })
         };
         red(lane) || before.is_some_and(red)
     }
 
     fn foreign_claims(&self, mover: &Mover, world: &World) -> Vec<Claim> {
-        let Some(at) = locate(&self.map, mover) else { return Vec::new() };
-        let Some(lane) = self.map.lane(at.lane) else { return Vec::new() };
+        let Some(at) = locate(&self.map, mover) else {
+            return Vec::new();
+        };
+        let Some(lane) = self.map.lane(at.lane) else {
+            return Vec::new();
+        };
         let left_m = lane.length_m - at.s_m;
         let claim = |lane: LaneKey, from: Option<LaneKey>, from_s: f64, distance_m: f64| {
             let l = self.map.lane(lane)?;
             let way = self.map.centreline(lane, 1.0);
             let skip = (from_s.max(0.0) as usize).min(way.len().saturating_sub(1));
-            let heading = |s: f64| Some(self.map.pose(schema_roads::LanePosition::new(lane, s))?.rotation.euler_angles().2);
+            let heading = |s: f64| {
+                Some(
+                    self.map
+                        .pose(schema_roads::LanePosition::new(lane, s))?
+                        .rotation
+                        .euler_angles()
+                        .2,
+                )
+            };
             let turn_rad = wrap(heading(l.length_m)? - heading(0.0)?);
             Some(Claim {
                 id: mover.id,
@@ -213,25 +274,43 @@ impl Fleet {
             })
         };
         if lane.junction.is_some() {
-            return claim(at.lane, None, at.s_m - mover.rear_m(), -at.s_m - mover.front_m()).into_iter().collect();
+            return claim(
+                at.lane,
+                None,
+                at.s_m - mover.rear_m(),
+                -at.s_m - mover.front_m(),
+            )
+            .into_iter()
+            .collect();
         }
         if left_m > 40.0 {
             return Vec::new();
         }
         let next = self.map.successors(at.lane);
-        next.iter().filter_map(|key| claim(*key, Some(at.lane), 0.0, left_m - mover.front_m())).collect()
+        next.iter()
+            .filter_map(|key| claim(*key, Some(at.lane), 0.0, left_m - mover.front_m()))
+            .collect()
     }
 
     fn note_arrivals(&mut self, claims: &[Claim], world: &World) {
-        self.arrivals.retain(|id, arrival| claims.iter().any(|c| c.id == *id && c.junction == arrival.junction));
+        self.arrivals.retain(|id, arrival| {
+            claims
+                .iter()
+                .any(|c| c.id == *id && c.junction == arrival.junction)
+        });
         for claim in claims.iter().filter(|c| c.distance_m < ARRIVAL_M) {
-            let fresh = Arrival { junction: claim.junction, at_secs: world.time_secs, waiting_secs: 0.0 };
-            let arrival = self.arrivals.entry(claim.id).or_insert(fresh);
-            arrival.waiting_secs = if claim.speed_mps.abs() < STANDING_MPS && !claim.held && !claim.inside {
-                arrival.waiting_secs + world.period_secs
-            } else {
-                0.0
+            let fresh = Arrival {
+                junction: claim.junction,
+                at_secs: world.time_secs,
+                waiting_secs: 0.0,
             };
+            let arrival = self.arrivals.entry(claim.id).or_insert(fresh);
+            arrival.waiting_secs =
+                if claim.speed_mps.abs() < STANDING_MPS && !claim.held && !claim.inside {
+                    arrival.waiting_secs + world.period_secs
+                } else {
+                    0.0
+                };
             if claim.held {
                 arrival.at_secs = world.time_secs;
             }
@@ -240,9 +319,15 @@ impl Fleet {
 
     /// Whether a driver may enter the junction ahead of it now.
     fn may_enter(&self, id: u32, world: &World, claims: &[Claim]) -> bool {
-        let (Some(driver), Some(me)) = (self.drivers.get(&id), world.mover(id)) else { return true };
-        let Some(mine) = claims.iter().find(|c| c.id == id) else { return true };
-        let Some(entry) = driver.entry() else { return true };
+        let (Some(driver), Some(me)) = (self.drivers.get(&id), world.mover(id)) else {
+            return true;
+        };
+        let Some(mine) = claims.iter().find(|c| c.id == id) else {
+            return true;
+        };
+        let Some(entry) = driver.entry() else {
+            return true;
+        };
         // Inside, or too fast to stop before it: go and clear it.
         if mine.inside || mine.distance_m < 0.3 && me.speed_mps > 1.0 {
             return true;
@@ -255,16 +340,19 @@ impl Fleet {
         }
         let my_wait = self.arrivals.get(&id).map_or(0.0, |a| a.waiting_secs);
         let lost_patience = my_wait > PATIENCE_SECS + f64::from(id % 5) * 1.5;
-        claims.iter().filter(|c| c.id != id && c.junction == mine.junction).all(|other| {
-            if other.from.is_some() && other.from == mine.from || !conflict(mine, other) {
-                return true;
-            }
-            if other.inside {
-                // Who stands inside may wait for us; what is really in the way is seen as such.
-                return lost_patience && other.speed_mps.abs() < STANDING_MPS;
-            }
-            other.held || lost_patience || self.goes_first(mine, other, entry.has_light)
-        })
+        claims
+            .iter()
+            .filter(|c| c.id != id && c.junction == mine.junction)
+            .all(|other| {
+                if other.from.is_some() && other.from == mine.from || !conflict(mine, other) {
+                    return true;
+                }
+                if other.inside {
+                    // Who stands inside may wait for us; what is really in the way is seen as such.
+                    return lost_patience && other.speed_mps.abs() < STANDING_MPS;
+                }
+                other.held || lost_patience || self.goes_first(mine, other, entry.has_light)
+            })
     }
 
     /// Whether `mine` goes before `other`, who is on its way to the same junction.
@@ -281,34 +369,56 @@ impl Fleet {
             // Far away: only a fast one would be in the way.
             return other.distance_m / other.speed_mps.max(0.1) > 4.0 || mine.distance_m < 3.0;
         }
-        let order = |c: &Claim| self.arrivals.get(&c.id).map_or(f64::INFINITY, |a| a.at_secs);
+        let order = |c: &Claim| {
+            self.arrivals
+                .get(&c.id)
+                .map_or(f64::INFINITY, |a| a.at_secs)
+        };
         (order(mine), mine.id) < (order(other), other.id)
     }
 
     /// Whether the exit has room for the whole vehicle, as far as slow traffic goes.
-    fn room_behind_junction(&self, driver: &Driver, me: &Mover, world: &World, exit_m: f64) -> bool {
+    fn room_behind_junction(
+        &self,
+        driver: &Driver,
+        me: &Mover,
+        world: &World,
+        exit_m: f64,
+    ) -> bool {
         let needed = 2.0 * me.half_m[0] + 3.0;
         !world.movers.iter().any(|other| {
             other.id != me.id
                 && other.is_vehicle
                 && other.speed_mps.abs() < SLOW_MPS
-                && distance(other.middle(), driver.path().at(exit_m + 0.5 * needed).position_m) < needed + other.half_m[0]
-                && other
-                    .outline()
-                    .into_iter()
-                    .any(|p| driver.path().first_within(p, exit_m - 1.0, exit_m + needed, |_, _| me.half_m[1]).is_some())
+                && distance(
+                    other.middle(),
+                    driver.path().at(exit_m + 0.5 * needed).position_m,
+                ) < needed + other.half_m[0]
+                && other.outline().into_iter().any(|p| {
+                    driver
+                        .path()
+                        .first_within(p, exit_m - 1.0, exit_m + needed, |_, _| me.half_m[1])
+                        .is_some()
+                })
         })
     }
 }
 
-/// Half the width a vehicle sweeps on a way that turns this much; corners swing out on a bend of about ten metres.
+/// Half the width a vehicle sweeps on a way that turns this much; corners swing out on a bend of
+/// about ten metres.
 fn swept_half_m(mover: &Mover, turn_rad: f64) -> f64 {
-    let swing = if turn_rad.abs() > 0.3 { mover.half_m[0] * mover.half_m[0] / 14.0 } else { 0.0 };
+    let swing = if turn_rad.abs() > 0.3 {
+        mover.half_m[0] * mover.half_m[0] / 14.0
+    } else {
+        0.0
+    };
     mover.half_m[1] + swing
 }
 
 /// Whether two ways come too near to each other.
 fn conflict(a: &Claim, b: &Claim) -> bool {
     let apart = a.half_m + b.half_m + CLEARANCE_M;
-    a.way.iter().any(|p| b.way.iter().any(|q| distance(*p, *q) < apart))
+    a.way
+        .iter()
+        .any(|p| b.way.iter().any(|q| distance(*p, *q) < apart))
 }

@@ -1,6 +1,7 @@
 //! Driving vehicles along lanes: paths, steering, pedals, right of way. No bus and no clock here.
 //!
-//! [`Fleet`] takes a [`World`] per tick and answers with one control record per vehicle it drives; the same worlds and seed give the
+//! [`Fleet`] takes a [`World`] per tick and answers with one control record per vehicle it drives;
+//! the same worlds and seed give the
 //! same records.
 
 #![forbid(unsafe_code)]

@@ -10,7 +10,8 @@ mod session;
 
 use selection::Selection;
 
-/// Drives vehicles along lanes: keeps distance, stops at red lights, turns at junctions, gets out of jams.
+/// Drives vehicles along lanes: keeps distance, stops at red lights, turns at junctions, gets out
+/// of jams.
 #[derive(Debug, Parser)]
 #[command(
     name = "gantry-drive",
@@ -21,7 +22,8 @@ struct Args {
     #[command(flatten)]
     common: CommonArgs,
 
-    /// Whom to drive: "ego" (role ego_vehicle or hero), "others" (role autopilot), "all" (both), or actor ids; several with commas
+    /// Whom to drive: "ego" (role ego_vehicle or hero), "others" (role autopilot), "all" (both), or
+    /// actor ids; several with commas
     #[arg(long, value_name = "WHO", default_value = "all")]
     vehicles: Selection,
 
@@ -39,8 +41,14 @@ struct Args {
 }
 
 fn speed_factor(text: &str) -> Result<f64, String> {
-    let factor: f64 = text.parse().map_err(|_| format!("{text:?} is not a number"))?;
-    if (0.05..=3.0).contains(&factor) { Ok(factor) } else { Err("the share of the speed limit is 0.05 to 3".into()) }
+    let factor: f64 = text
+        .parse()
+        .map_err(|_| format!("{text:?} is not a number"))?;
+    if (0.05..=3.0).contains(&factor) {
+        Ok(factor)
+    } else {
+        Err("the share of the speed limit is 0.05 to 3".into())
+    }
 }
 
 fn main() -> ExitCode {

@@ -74,7 +74,13 @@ impl Path {
     /// A path from a place on a lane. `choices` decides at junctions, counted from `n_choices`.
     pub fn new(map: &RoadMap, from: LanePosition, choices: Noise, n_choices: u64) -> Option<Path> {
         let lane = map.lane(from.lane)?;
-        let mut path = Path { points: Vec::new(), legs: Vec::new(), ends: false, choices, n_choices };
+        let mut path = Path {
+            points: Vec::new(),
+            legs: Vec::new(),
+            ends: false,
+            choices,
+            n_choices,
+        };
         path.append(map, lane, from.s_m.min(lane.length_m - 0.1).max(0.0));
         path.lead_in(map);
         Some(path)
@@ -102,7 +108,9 @@ impl Path {
 
     /// Index of the leg at a path length.
     pub fn leg_at(&self, arc_m: f64) -> usize {
-        self.legs.partition_point(|leg| leg.arc_m[1] <= arc_m).min(self.legs.len().saturating_sub(1))
+        self.legs
+            .partition_point(|leg| leg.arc_m[1] <= arc_m)
+            .min(self.legs.len().saturating_sub(1))
     }
 
     /// Continues as far as `until_m` and forgets what lies far behind `now_m`.
@@ -113,7 +121,9 @@ impl Path {
                 None => self.ends = true,
             }
         }
-        let keep = self.legs.partition_point(|leg| leg.arc_m[1] < now_m - KEPT_BEHIND_M);
+        let keep = self
+            .legs
+            .partition_point(|leg| leg.arc_m[1] < now_m - KEPT_BEHIND_M);
         if keep > 0 {
             let from_m = self.legs[keep].arc_m[0];
             self.legs.drain(..keep);
@@ -125,8 +135,12 @@ impl Path {
     /// One of the lanes that follow; those that lead nowhere only if there is no other.
     fn choose<'m>(&mut self, map: &'m RoadMap) -> Option<&'m Lane> {
         let last = self.legs.last()?.lane;
-        let open: Vec<&Lane> =
-            map.successors(last).iter().filter_map(|key| map.lane(*key)).filter(|lane| lane.kind.is_drivable()).collect();
+        let open: Vec<&Lane> = map
+            .successors(last)
+            .iter()
+            .filter_map(|key| map.lane(*key))
+            .filter(|lane| lane.kind.is_drivable())
+            .collect();
         let goes_on = |lane: &&Lane| !map.successors(lane.key).is_empty();
         let better: Vec<&Lane> = open.iter().copied().filter(goes_on).collect();
         let list = if better.is_empty() { open } else { better };
@@ -150,7 +164,12 @@ impl Path {
                 None => 0.0,
             };
             // The end of one lane is the start of the next.
-            if i == 0 && self.points.last().is_some_and(|last| arc_m - last.arc_m < 0.3) {
+            if i == 0
+                && self
+                    .points
+                    .last()
+                    .is_some_and(|last| arc_m - last.arc_m < 0.3)
+            {
                 continue;
             }
             self.points.push(PathPoint {
@@ -161,12 +180,19 @@ impl Path {
                 arc_m,
             });
         }
-        self.legs.push(Leg { lane: lane.key, junction: lane.junction, arc_m: [start_m, self.end().0], s_m: [from_s_m, lane.length_m] });
+        self.legs.push(Leg {
+            lane: lane.key,
+            junction: lane.junction,
+            arc_m: [start_m, self.end().0],
+            s_m: [from_s_m, lane.length_m],
+        });
     }
 
     /// A straight run-up, so that a vehicle behind the first point has a path too.
     fn lead_in(&mut self, map: &RoadMap) {
-        let (Some(first), Some(leg)) = (self.points.first().copied(), self.legs.first_mut()) else { return };
+        let (Some(first), Some(leg)) = (self.points.first().copied(), self.legs.first_mut()) else {
+            return;
+        };
         let back_m = 8.0f64.min(leg.s_m[0]);
         let lane = leg.lane;
         let from_s = leg.s_m[0] - back_m;
@@ -197,12 +223,21 @@ impl Path {
 
     /// The point at a path length, between its neighbours.
     pub fn at(&self, arc_m: f64) -> PathPoint {
-        let after = self.points.partition_point(|p| p.arc_m <= arc_m).clamp(1, self.points.len().max(2) - 1);
-        let (a, b) = (self.points[after - 1], self.points[after.min(self.points.len() - 1)]);
+        let after = self
+            .points
+            .partition_point(|p| p.arc_m <= arc_m)
+            .clamp(1, self.points.len().max(2) - 1);
+        let (a, b) = (
+            self.points[after - 1],
+            self.points[after.min(self.points.len() - 1)],
+        );
         let share = ((arc_m - a.arc_m) / (b.arc_m - a.arc_m).max(1e-6)).clamp(0.0, 1.0);
         let mix = |x: f64, y: f64| x + share * (y - x);
         PathPoint {
-            position_m: [mix(a.position_m[0], b.position_m[0]), mix(a.position_m[1], b.position_m[1])],
+            position_m: [
+                mix(a.position_m[0], b.position_m[0]),
+                mix(a.position_m[1], b.position_m[1]),
+            ],
             heading_rad: a.heading_rad + share * wrap(b.heading_rad - a.heading_rad),
             curvature_per_m: mix(a.curvature_per_m, b.curvature_per_m),
             limit_mps: a.limit_mps,
@@ -212,7 +247,10 @@ impl Path {
 
     /// The nearest place between two path lengths.
     pub fn project(&self, point: [f64; 2], from_m: f64, to_m: f64) -> Foot {
-        let first = self.points.partition_point(|p| p.arc_m < from_m).saturating_sub(1);
+        let first = self
+            .points
+            .partition_point(|p| p.arc_m < from_m)
+            .saturating_sub(1);
         let mut best = (f64::INFINITY, Foot::default());
         for pair in self.points[first..].windows(2) {
             if pair[0].arc_m > to_m {
@@ -229,19 +267,33 @@ impl Path {
 
     /// The first place between `from_m` and `to_m` at which the path comes within reach of a point.
     /// `reach_m` tells how far that is at a path length, to the left (`true`) or to the right.
-    pub fn first_within(&self, point: [f64; 2], from_m: f64, to_m: f64, reach_m: impl Fn(f64, bool) -> f64) -> Option<Foot> {
-        let first = self.points.partition_point(|p| p.arc_m < from_m).saturating_sub(1);
+    pub fn first_within(
+        &self,
+        point: [f64; 2],
+        from_m: f64,
+        to_m: f64,
+        reach_m: impl Fn(f64, bool) -> f64,
+    ) -> Option<Foot> {
+        let first = self
+            .points
+            .partition_point(|p| p.arc_m < from_m)
+            .saturating_sub(1);
         for pair in self.points[first..].windows(2) {
             if pair[0].arc_m > to_m {
                 break;
             }
             // Cheap test before the exact one.
-            let d = [point[0] - pair[0].position_m[0], point[1] - pair[0].position_m[1]];
+            let d = [
+                point[0] - pair[0].position_m[0],
+                point[1] - pair[0].position_m[1],
+            ];
             if d[0].abs() > FARTHEST_REACH_M || d[1].abs() > FARTHEST_REACH_M {
                 continue;
             }
             let (foot, at) = foot_on(&pair[0], &pair[1], point);
-            if foot.arc_m >= from_m && distance(at, point) < reach_m(foot.arc_m, foot.offset_m > 0.0) {
+            if foot.arc_m >= from_m
+                && distance(at, point) < reach_m(foot.arc_m, foot.offset_m > 0.0)
+            {
                 return Some(foot);
             }
         }
@@ -250,16 +302,29 @@ impl Path {
 }
 
 fn foot_on(a: &PathPoint, b: &PathPoint, point: [f64; 2]) -> (Foot, [f64; 2]) {
-    let d = [b.position_m[0] - a.position_m[0], b.position_m[1] - a.position_m[1]];
+    let d = [
+        b.position_m[0] - a.position_m[0],
+        b.position_m[1] - a.position_m[1],
+    ];
     let r = [point[0] - a.position_m[0], point[1] - a.position_m[1]];
     let length2 = (d[0] * d[0] + d[1] * d[1]).max(1e-12);
     let share = ((r[0] * d[0] + r[1] * d[1]) / length2).clamp(0.0, 1.0);
-    let at = [a.position_m[0] + share * d[0], a.position_m[1] + share * d[1]];
+    let at = [
+        a.position_m[0] + share * d[0],
+        a.position_m[1] + share * d[1],
+    ];
     let heading_rad = a.heading_rad + share * wrap(b.heading_rad - a.heading_rad);
     let (sin, cos) = heading_rad.sin_cos();
     // Measured against the curve's normal, so that chords do not show.
     let offset_m = -sin * (point[0] - at[0]) + cos * (point[1] - at[1]);
-    (Foot { arc_m: a.arc_m + share * (b.arc_m - a.arc_m), offset_m, heading_rad }, at)
+    (
+        Foot {
+            arc_m: a.arc_m + share * (b.arc_m - a.arc_m),
+            offset_m,
+            heading_rad,
+        },
+        at,
+    )
 }
 
 /// Distance in the plane.

@@ -24,7 +24,11 @@ impl FromStr for Selection {
                 "all" => (selection.ego, selection.others) = (true, true),
                 _ => match word.parse::<u32>() {
                     Ok(id) if id > 0 => selection.ids.push(id),
-                    _ => return Err(format!("{word:?} is none of ego, others, all and an actor id above 0")),
+                    _ => {
+                        return Err(format!(
+                            "{word:?} is none of ego, others, all and an actor id above 0"
+                        ));
+                    }
                 },
             }
         }
@@ -41,7 +45,14 @@ impl std::fmt::Display for Selection {
             (false, false) => None,
         };
         let ids = self.ids.iter().map(u32::to_string);
-        f.write_str(&roles.map(str::to_owned).into_iter().chain(ids).collect::<Vec<_>>().join("-"))
+        f.write_str(
+            &roles
+                .map(str::to_owned)
+                .into_iter()
+                .chain(ids)
+                .collect::<Vec<_>>()
+                .join("-"),
+        )
     }
 }
 
@@ -54,7 +65,10 @@ impl Selection {
             _ => self.ids.contains(&id),
         };
         let vehicles = actors.actors.iter().filter(|a| a.kind == "vehicle");
-        vehicles.filter(|a| wanted(&a.role, a.id)).map(|a| a.id).collect()
+        vehicles
+            .filter(|a| wanted(&a.role, a.id))
+            .map(|a| a.id)
+            .collect()
     }
 }
 
@@ -65,9 +79,21 @@ mod tests {
     #[test]
     fn roles_and_ids_are_read_and_written() {
         let selection: Selection = "others, 24,31".parse().unwrap();
-        assert_eq!(selection, Selection { ego: false, others: true, ids: vec![24, 31] });
+        assert_eq!(
+            selection,
+            Selection {
+                ego: false,
+                others: true,
+                ids: vec![24, 31]
+            }
+        );
         assert_eq!(selection.to_string(), "others-24-31");
-        assert!("everyone".parse::<Selection>().unwrap_err().contains("everyone"));
+        assert!(
+            "everyone"
+                .parse::<Selection>()
+                .unwrap_err()
+                .contains("everyone")
+        );
         assert!("0".parse::<Selection>().is_err());
     }
 }

@@ -1,4 +1,5 @@
-//! The bus side of driving: documents and snapshots in, controls out, across restarts of the simulator.
+//! The bus side of driving: documents and snapshots in, controls out, across restarts of the
+//! simulator.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -81,7 +82,10 @@ struct Session<'o> {
 
 impl<'o> Session<'o> {
     fn open(options: &'o Options) -> anyhow::Result<Session<'o>> {
-        let name: String = format!("drive-{}", options.vehicles).chars().take(40).collect();
+        let name: String = format!("drive-{}", options.vehicles)
+            .chars()
+            .take(40)
+            .collect();
         let bus = Bus::open(&options.domain, &format!("gantry-{name}"))?;
         Ok(Session {
             options,
@@ -110,15 +114,23 @@ impl<'o> Session<'o> {
 
     /// Waits for the next snapshot and answers it.
     fn turn(&mut self) -> anyhow::Result<()> {
-        self.announced |= self.wake.wait(if self.announced { MAX_WAIT } else { POLL })?;
+        self.announced |= self
+            .wake
+            .wait(if self.announced { MAX_WAIT } else { POLL })?;
         self.join()?;
-        let Some(world) = self.trail.newest(&self.bus)? else { return Ok(()) };
+        let Some(world) = self.trail.newest(&self.bus)? else {
+            return Ok(());
+        };
         let now = (world.header.epoch, world.header.tick);
         if now == self.done {
             return Ok(());
         }
         self.read_list(&world)?;
-        let records = if self.prepare(&world)? { self.step(&world) } else { Vec::new() };
+        let records = if self.prepare(&world)? {
+            self.step(&world)
+        } else {
+            Vec::new()
+        };
         if !records.is_empty() {
             self.writer.send(world.header.tick, &records)?;
             self.daemon.notify();
@@ -135,8 +147,15 @@ impl<'o> Session<'o> {
         if !self.options.lockstep {
             return Ok(());
         }
-        let epoch = self.trail.newest(&self.bus)?.map(|world| world.header.epoch);
-        if self.lockstep.as_ref().is_some_and(|l| epoch.is_some_and(|e| e != l.epoch())) {
+        let epoch = self
+            .trail
+            .newest(&self.bus)?
+            .map(|world| world.header.epoch);
+        if self
+            .lockstep
+            .as_ref()
+            .is_some_and(|l| epoch.is_some_and(|e| e != l.epoch()))
+        {
             self.lockstep = None;
         }
         if self.lockstep.is_none() && epoch.is_some() && Instant::now() >= self.next_join {
@@ -158,10 +177,12 @@ impl<'o> Session<'o> {
         loop {
             if let Some(document) = heal(self.actors.changed(&self.bus))?.flatten() {
                 self.list = document.json().context("world/actors")?;
-                (self.list_revision, self.list_epoch) = (document.header.revision, document.header.epoch);
+                (self.list_revision, self.list_epoch) =
+                    (document.header.revision, document.header.epoch);
                 self.list.actors.sort_by_key(|actor| actor.id);
             }
-            let is_of_now = self.list_epoch == world.header.epoch && self.list_revision >= world.header.actors_revision;
+            let is_of_now = self.list_epoch == world.header.epoch
+                && self.list_revision >= world.header.actors_revision;
             if is_of_now || Instant::now() >= deadline {
                 return Ok(());
             }
@@ -172,17 +193,33 @@ impl<'o> Session<'o> {
     /// Makes sure that there is a fleet for this episode; false while its map is not here.
     fn prepare(&mut self, world: &WorldAt) -> anyhow::Result<bool> {
         let (epoch, episode) = (world.header.epoch, world.header.episode);
-        if self.episode.as_ref().is_some_and(|e| (e.epoch, e.episode) == (epoch, episode)) {
+        if self
+            .episode
+            .as_ref()
+            .is_some_and(|e| (e.epoch, e.episode) == (epoch, episode))
+        {
             return Ok(true);
         }
-        if let (None, Some(document)) = (self.options.seed, heal(self.info.changed(&self.bus))?.flatten()) {
-            self.seed = document.json::<WorldInfo>().map_or(self.seed, |info| info.seed);
+        if let (None, Some(document)) = (
+            self.options.seed,
+            heal(self.info.changed(&self.bus))?.flatten(),
+        ) {
+            self.seed = document
+                .json::<WorldInfo>()
+                .map_or(self.seed, |info| info.seed);
         }
         heal(self.map.changed(&self.bus))?;
-        let Some(document) = self.map.newest().filter(|d| d.header.epoch == epoch) else { return Ok(false) };
+        let Some(document) = self.map.newest().filter(|d| d.header.epoch == epoch) else {
+            return Ok(false);
+        };
         let revision = document.header.revision;
-        let used = self.episode.as_ref().filter(|e| e.epoch == epoch).map(|e| e.map_revision);
-        if used.is_some_and(|used| revision <= used) || self.refused_map == Some((epoch, revision)) {
+        let used = self
+            .episode
+            .as_ref()
+            .filter(|e| e.epoch == epoch)
+            .map(|e| e.map_revision);
+        if used.is_some_and(|used| revision <= used) || self.refused_map == Some((epoch, revision))
+        {
             return Ok(false);
         }
         match RoadMap::parse(&document.text) {
@@ -190,9 +227,19 @@ impl<'o> Session<'o> {
                 for warning in map.warnings() {
                     tracing::debug!(%warning, "map");
                 }
-                tracing::info!(lanes = map.lanes().len(), signals = map.signals().len(), episode, "read the map");
+                tracing::info!(
+                    lanes = map.lanes().len(),
+                    signals = map.signals().len(),
+                    episode,
+                    "read the map"
+                );
                 let fleet = Fleet::new(Arc::new(map), self.seed, self.options.speed_factor);
-                self.episode = Some(Episode { epoch, episode, map_revision: revision, fleet });
+                self.episode = Some(Episode {
+                    epoch,
+                    episode,
+                    map_revision: revision,
+                    fleet,
+                });
                 self.assigned = None;
                 Ok(true)
             }
@@ -205,16 +252,26 @@ impl<'o> Session<'o> {
     }
 
     fn step(&mut self, at: &WorldAt) -> Vec<VehicleControlRecord> {
-        let Some(episode) = &mut self.episode else { return Vec::new() };
+        let Some(episode) = &mut self.episode else {
+            return Vec::new();
+        };
         let header = &at.header;
-        let world = World::from_records(header.tick, header.sim_nanos, header.period_nanos, &at.records, &self.list);
+        let world = World::from_records(
+            header.tick,
+            header.sim_nanos,
+            header.period_nanos,
+            &at.records,
+            &self.list,
+        );
         let list = (self.list_epoch, self.list_revision);
         // Who could not be placed on a lane yet is tried again once a second.
         if self.assigned != Some(list) || header.tick.is_multiple_of(20) {
             let ids = self.options.vehicles.choose(&self.list);
             let before = episode.fleet.len();
             let geometry = geometry(&self.list);
-            episode.fleet.assign(&ids, &world, |id| geometry.get(&id).copied());
+            episode
+                .fleet
+                .assign(&ids, &world, |id| geometry.get(&id).copied());
             if episode.fleet.len() != before {
                 tracing::info!(vehicles = episode.fleet.len(), "driving");
             }
@@ -225,9 +282,14 @@ impl<'o> Session<'o> {
 
     /// Brakes whoever is driven: controls are held until somebody replaces them.
     fn park(&mut self) -> anyhow::Result<()> {
-        let brake = VehicleControl { brake_ratio: 1.0, ..VehicleControl::default() };
+        let brake = VehicleControl {
+            brake_ratio: 1.0,
+            ..VehicleControl::default()
+        };
         let ids = self.episode.iter().flat_map(|e| e.fleet.drivers().keys());
-        let records: Vec<VehicleControlRecord> = ids.map(|id| VehicleControlRecord::new(*id, brake)).collect();
+        let records: Vec<VehicleControlRecord> = ids
+            .map(|id| VehicleControlRecord::new(*id, brake))
+            .collect();
         if !records.is_empty() {
             self.writer.send(self.done.1, &records)?;
             self.daemon.notify();
@@ -251,7 +313,14 @@ fn heal<T>(result: Result<T, BusError>) -> Result<Option<T>, BusError> {
 /// Wheelbase and largest steering angle by vehicle, as far as the attributes tell.
 fn geometry(list: &ActorList) -> BTreeMap<u32, (f64, f64)> {
     let of = |actor: &schema_frames::ActorInfo| {
-        let number = |name: &str| actor.attributes.get(name)?.parse::<f64>().ok().filter(|x| x.is_finite() && *x > 0.0);
+        let number = |name: &str| {
+            actor
+                .attributes
+                .get(name)?
+                .parse::<f64>()
+                .ok()
+                .filter(|x| x.is_finite() && *x > 0.0)
+        };
         Some((actor.id, (number("wheelbase_m")?, number("max_steer_rad")?)))
     };
     list.actors.iter().filter_map(of).collect()

@@ -1,4 +1,5 @@
-//! Longitudinal control: what acceleration the road, the lights and the others allow, and the pedals for it.
+//! Longitudinal control: what acceleration the road, the lights and the others allow, and the
+//! pedals for it.
 
 /// Acceleration wanted from standstill on a free road, m/s².
 const COMFORT_ACCEL_MPS2: f64 = 2.2;
@@ -10,7 +11,8 @@ const MAX_BRAKE_MPS2: f64 = 8.0;
 const LINE_GAP_M: f64 = 1.0;
 /// Time gap to the vehicle ahead, seconds.
 const TIME_GAP_SECS: f64 = 1.2;
-/// Acceleration that full throttle is taken to give at low speed, m/s²; the integral makes up for the rest.
+/// Acceleration that full throttle is taken to give at low speed, m/s²; the integral makes up for
+/// the rest.
 const FULL_THROTTLE_MPS2: f64 = 4.5;
 /// Deceleration that full brake is taken to give, m/s².
 const FULL_BRAKE_MPS2: f64 = 9.0;
@@ -20,7 +22,8 @@ pub fn towards(speed_mps: f64, limit_mps: f64) -> f64 {
     (1.2 * (limit_mps - speed_mps)).clamp(-4.0, COMFORT_ACCEL_MPS2)
 }
 
-/// Acceleration that meets `limit_mps` in `distance_m`: free while braking is not due, then the braking that does it.
+/// Acceleration that meets `limit_mps` in `distance_m`: free while braking is not due, then the
+/// braking that does it.
 pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
     let needed = (limit_mps * limit_mps - speed_mps * speed_mps) / (2.0 * distance_m.max(0.3));
     if needed >= 0.0 {
@@ -46,19 +49,25 @@ pub fn to_stop(speed_mps: f64, distance_m: f64) -> f64 {
     -speed_mps * speed_mps / (2.0 * distance_m.max(0.05))
 }
 
-/// Acceleration behind somebody `gap_m` ahead who drives `their_mps` (Treiber's Intelligent Driver Model with a hard stop).
+/// Acceleration behind somebody `gap_m` ahead who drives `their_mps` (Treiber's Intelligent Driver
+/// Model with a hard stop).
 pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -> f64 {
     if gap_m < 0.3 * standing_gap_m {
         return -MAX_BRAKE_MPS2;
     }
     let closing = speed_mps - their_mps;
-    let dynamic = speed_mps * TIME_GAP_SECS + speed_mps * closing / (2.0 * (COMFORT_ACCEL_MPS2 * COMFORT_BRAKE_MPS2).sqrt());
+    let dynamic = speed_mps * TIME_GAP_SECS
+        + speed_mps * closing / (2.0 * (COMFORT_ACCEL_MPS2 * COMFORT_BRAKE_MPS2).sqrt());
     let wanted = standing_gap_m + dynamic.max(0.0);
     let idm = COMFORT_ACCEL_MPS2 * (1.0 - (wanted / gap_m.max(0.1)).powi(2));
     // What physics asks for, if the model brakes too late.
     let their_stop = their_mps.max(0.0).powi(2) / (2.0 * MAX_BRAKE_MPS2);
     let hard = to_stop(speed_mps, gap_m - 0.6 * standing_gap_m + their_stop);
-    let braking = if hard < -COMFORT_BRAKE_MPS2 && closing > 0.0 { idm.min(hard) } else { idm };
+    let braking = if hard < -COMFORT_BRAKE_MPS2 && closing > 0.0 {
+        idm.min(hard)
+    } else {
+        idm
+    };
     braking.clamp(-MAX_BRAKE_MPS2, COMFORT_ACCEL_MPS2)
 }
 
@@ -77,9 +86,12 @@ pub struct Pedals {
 }
 
 impl Pedals {
-    /// (throttle, brake) for an acceleration; below walking pace without wish to move, the brake holds.
+    /// (throttle, brake) for an acceleration; below walking pace without wish to move, the brake
+    /// holds.
     pub fn press(&mut self, speed_mps: f64, wanted_mps2: f64, period_secs: f64) -> (f64, f64) {
-        let measured = self.last_speed_mps.map_or(0.0, |last| (speed_mps - last) / period_secs);
+        let measured = self
+            .last_speed_mps
+            .map_or(0.0, |last| (speed_mps - last) / period_secs);
         self.last_speed_mps = Some(speed_mps);
         self.accel_mps2 += (measured - self.accel_mps2) * (period_secs / 0.15).min(1.0);
         if wanted_mps2 <= 0.05 && speed_mps.abs() < 0.3 {
@@ -87,9 +99,11 @@ impl Pedals {
             self.last_wanted_mps2 = 0.0;
             return (0.0, 0.6);
         }
-        // The answer lags the wish; comparing with the wish of before keeps the trim from chasing steps.
+        // The answer lags the wish; comparing with the wish of before keeps the trim from chasing
+        // steps.
         let error = self.last_wanted_mps2 - self.accel_mps2;
-        self.last_wanted_mps2 += (wanted_mps2 - self.last_wanted_mps2) * (period_secs / 0.25).min(1.0);
+        self.last_wanted_mps2 +=
+            (wanted_mps2 - self.last_wanted_mps2) * (period_secs / 0.25).min(1.0);
         self.trim_mps2 = (self.trim_mps2 + 0.6 * error * period_secs).clamp(-1.5, 3.0);
         let drag = 0.15 + 0.0006 * speed_mps * speed_mps;
         let force = wanted_mps2 + drag + self.trim_mps2;
@@ -97,7 +111,10 @@ impl Pedals {
             ((force / FULL_THROTTLE_MPS2).clamp(0.0, 0.9), 0.0)
         } else {
             // Rolling resistance and the engine brake the first few tenths by themselves.
-            (0.0, (-(wanted_mps2 + 0.2) / FULL_BRAKE_MPS2).clamp(0.0, 1.0))
+            (
+                0.0,
+                (-(wanted_mps2 + 0.2) / FULL_BRAKE_MPS2).clamp(0.0, 1.0),
+            )
         }
     }
 }
@@ -130,6 +147,10 @@ mod tests {
             x += v * dt;
             assert!(leader - x > 2.0, "{}", leader - x);
         }
-        assert!((v - 5.0).abs() < 0.1 && (5.0..12.0).contains(&(leader - x)), "{v} {}", leader - x);
+        assert!(
+            (v - 5.0).abs() < 0.1 && (5.0..12.0).contains(&(leader - x)),
+            "{v} {}",
+            leader - x
+        );
     }
 }

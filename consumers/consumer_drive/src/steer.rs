@@ -1,6 +1,8 @@
-//! Lateral control: the path's curvature ahead plus feedback on offset and direction, as a second-order system in distance.
+//! Lateral control: the path's curvature ahead plus feedback on offset and direction, as a
+//! second-order system in distance.
 //!
-//! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per metre driven.
+//! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per
+//! metre driven.
 //! κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the speed.
 
 use crate::path::{Foot, Path, wrap};
@@ -10,7 +12,8 @@ use crate::world::Mover;
 const DAMPING: f64 = 0.9;
 /// Delay between a command and the turning it causes that is made up for by looking ahead, seconds.
 const PREVIEW_SECS: f64 = 0.15;
-/// Gain of the integral of the offset in units of 1/ℓ³: slow beside the return itself at every speed.
+/// Gain of the integral of the offset in units of 1/ℓ³: slow beside the return itself at every
+/// speed.
 const INTEGRAL: f64 = 0.08;
 /// Largest offset that the integral makes up for, metres.
 const INTEGRAL_OFFSET_M: f64 = 0.3;
@@ -25,7 +28,8 @@ pub struct Steering {
 }
 
 impl Steering {
-    /// For a vehicle with this distance between the axles; `max_steer_rad` is a first guess and is learnt.
+    /// For a vehicle with this distance between the axles; `max_steer_rad` is a first guess and is
+    /// learnt.
     pub fn new(wheelbase_m: f64, max_steer_rad: f64) -> Self {
         Steering {
             wheelbase_m: wheelbase_m.clamp(0.8, 12.0),
@@ -46,7 +50,14 @@ impl Steering {
     }
 
     /// Steering ratio, positive to the left. `offset_m` is where to drive beside the path.
-    pub fn ratio(&mut self, me: &Mover, path: &Path, foot: Foot, offset_m: f64, period_secs: f64) -> f64 {
+    pub fn ratio(
+        &mut self,
+        me: &Mover,
+        path: &Path,
+        foot: Foot,
+        offset_m: f64,
+        period_secs: f64,
+    ) -> f64 {
         self.learn(me);
         let speed = me.speed_mps.max(0.0);
         let here = path.at(foot.arc_m).curvature_per_m;
@@ -60,7 +71,8 @@ impl Steering {
             let step = INTEGRAL * error * speed * period_secs / length;
             self.integral_m = (self.integral_m + step).clamp(-INTEGRAL_OFFSET_M, INTEGRAL_OFFSET_M);
         }
-        let feedback = -2.0 * DAMPING / length * course.sin() - (error + self.integral_m) / (length * length);
+        let feedback =
+            -2.0 * DAMPING / length * course.sin() - (error + self.integral_m) / (length * length);
         let wanted = (self.wheelbase_m * (ahead + feedback)).atan();
         let ratio = (wanted / self.max_steer_rad).clamp(-1.0, 1.0);
         // A wheel takes about half a second from the middle to the stop.
@@ -79,7 +91,10 @@ impl Steering {
     /// The largest angle follows from what the wheels do for the ratio that was applied.
     fn learn(&mut self, me: &Mover) {
         // Only while the ratio is steady does the wheel stand where the ratio says.
-        if me.steer_ratio.abs() > 0.05 && (me.steer_ratio - self.last_ratio).abs() < 0.03 && me.wheel_steer_rad.abs() > 0.01 {
+        if me.steer_ratio.abs() > 0.05
+            && (me.steer_ratio - self.last_ratio).abs() < 0.03
+            && me.wheel_steer_rad.abs() > 0.01
+        {
             let seen = (me.wheel_steer_rad / me.steer_ratio).clamp(0.15, 1.4);
             self.max_steer_rad += 0.05 * (seen - self.max_steer_rad);
         }

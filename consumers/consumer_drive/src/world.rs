@@ -43,7 +43,10 @@ impl Mover {
     /// World position of a point of its own space.
     pub fn point(&self, x_m: f64, y_m: f64) -> [f64; 2] {
         let (sin, cos) = self.yaw_rad.sin_cos();
-        [self.position_m[0] + cos * x_m - sin * y_m, self.position_m[1] + sin * x_m + cos * y_m]
+        [
+            self.position_m[0] + cos * x_m - sin * y_m,
+            self.position_m[1] + sin * x_m + cos * y_m,
+        ]
     }
 
     /// World position of the middle of its box.
@@ -76,32 +79,46 @@ impl Mover {
         points
     }
 
-    /// Where somebody on foot will be in the next moments if the way goes on as it does; nothing for vehicles and for who stands.
+    /// Where somebody on foot will be in the next moments if the way goes on as it does; nothing
+    /// for vehicles and for who stands.
     pub fn steps_ahead(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [vx, vy] = self.velocity_mps;
-        let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS { 0 } else { FORESIGHT_STEPS };
+        let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS {
+            0
+        } else {
+            FORESIGHT_STEPS
+        };
         let [x, y] = self.middle();
-        (1..=n).map(move |i| f64::from(i) * FORESIGHT_SECS / f64::from(FORESIGHT_STEPS)).map(move |t| [x + vx * t, y + vy * t])
+        (1..=n)
+            .map(move |i| f64::from(i) * FORESIGHT_SECS / f64::from(FORESIGHT_STEPS))
+            .map(move |t| [x + vx * t, y + vy * t])
     }
 
     /// Whether two boxes overlap (separating axes), grown by `margin_m` together.
     pub fn overlaps(&self, other: &Mover, margin_m: f64) -> bool {
         let (a, b) = (self.middle(), other.middle());
-        if distance(a, b) > self.half_m[0] + self.half_m[1] + other.half_m[0] + other.half_m[1] + margin_m {
+        if distance(a, b)
+            > self.half_m[0] + self.half_m[1] + other.half_m[0] + other.half_m[1] + margin_m
+        {
             return false;
         }
         let between = [b[0] - a[0], b[1] - a[1]];
         let axis = |yaw: f64| [yaw.cos(), yaw.sin()];
-        [self.yaw_rad, self.yaw_rad + std::f64::consts::FRAC_PI_2, other.yaw_rad, other.yaw_rad + std::f64::consts::FRAC_PI_2]
-            .into_iter()
-            .all(|direction| {
-                let n = axis(direction);
-                let reach = |m: &Mover| {
-                    let turn = direction - m.yaw_rad;
-                    m.half_m[0] * turn.cos().abs() + m.half_m[1] * turn.sin().abs()
-                };
-                (between[0] * n[0] + between[1] * n[1]).abs() < reach(self) + reach(other) + margin_m
-            })
+        [
+            self.yaw_rad,
+            self.yaw_rad + std::f64::consts::FRAC_PI_2,
+            other.yaw_rad,
+            other.yaw_rad + std::f64::consts::FRAC_PI_2,
+        ]
+        .into_iter()
+        .all(|direction| {
+            let n = axis(direction);
+            let reach = |m: &Mover| {
+                let turn = direction - m.yaw_rad;
+                m.half_m[0] * turn.cos().abs() + m.half_m[1] * turn.sin().abs()
+            };
+            (between[0] * n[0] + between[1] * n[1]).abs() < reach(self) + reach(other) + margin_m
+        })
     }
 }
 
@@ -122,7 +139,13 @@ pub struct World {
 
 impl World {
     /// From a snapshot's records; boxes that are not centred come from `actors`.
-    pub fn from_records(tick: u64, sim_nanos: u64, period_nanos: u64, records: &[ActorRecord], actors: &ActorList) -> World {
+    pub fn from_records(
+        tick: u64,
+        sim_nanos: u64,
+        period_nanos: u64,
+        records: &[ActorRecord],
+        actors: &ActorList,
+    ) -> World {
         let mut world = World {
             tick,
             time_secs: sim_nanos as f64 * 1e-9,
@@ -131,10 +154,15 @@ impl World {
         };
         for record in records {
             match record.kind() {
-                Some(ActorKind::Vehicle | ActorKind::Walker) => world.movers.push(mover(record, actors)),
+                Some(ActorKind::Vehicle | ActorKind::Walker) => {
+                    world.movers.push(mover(record, actors))
+                }
                 Some(ActorKind::TrafficLight) => {
                     if let Some(light) = record.traffic_light() {
-                        world.lights.insert(light.opendrive_id().to_owned(), LightState::from_code(light.state));
+                        world.lights.insert(
+                            light.opendrive_id().to_owned(),
+                            LightState::from_code(light.state),
+                        );
                     }
                 }
                 _ => {}
@@ -146,14 +174,21 @@ impl World {
 
     /// A mover by id.
     pub fn mover(&self, id: u32) -> Option<&Mover> {
-        self.movers.binary_search_by_key(&id, |m| m.id).ok().map(|idx| &self.movers[idx])
+        self.movers
+            .binary_search_by_key(&id, |m| m.id)
+            .ok()
+            .map(|idx| &self.movers[idx])
     }
 }
 
 fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
     let yaw_rad = record.world_from_actor.yaw_rad();
     let [vx, vy, _] = record.velocity_in_world_mps;
-    let info = actors.actors.binary_search_by_key(&record.id, |a| a.id).ok().map(|idx| &actors.actors[idx]);
+    let info = actors
+        .actors
+        .binary_search_by_key(&record.id, |a| a.id)
+        .ok()
+        .map(|idx| &actors.actors[idx]);
     let part = record.vehicle();
     Mover {
         id: record.id,
@@ -163,8 +198,16 @@ fn mover(record: &ActorRecord, actors: &ActorList) -> Mover {
         speed_mps: vx * yaw_rad.cos() + vy * yaw_rad.sin(),
         velocity_mps: [vx, vy],
         yaw_rate_radps: record.angular_velocity_in_world_radps[2],
-        half_m: [f64::from(record.half_box_m[0]).max(0.2), f64::from(record.half_box_m[1]).max(0.2)],
-        centre_m: info.map_or([0.0; 2], |i| [f64::from(i.body_box.centre_m[0]), f64::from(i.body_box.centre_m[1])]),
+        half_m: [
+            f64::from(record.half_box_m[0]).max(0.2),
+            f64::from(record.half_box_m[1]).max(0.2),
+        ],
+        centre_m: info.map_or([0.0; 2], |i| {
+            [
+                f64::from(i.body_box.centre_m[0]),
+                f64::from(i.body_box.centre_m[1]),
+            ]
+        }),
         steer_ratio: part.map_or(0.0, |p| f64::from(p.steer_ratio)),
         wheel_steer_rad: part.map_or(0.0, |p| f64::from(p.wheel_steer_rad)),
     }

@@ -1,4 +1,5 @@
-//! Closed loop on generated towns with the daemon's own physics: light traffic that must flow, dense traffic that must not lock up, people
+//! Closed loop on generated towns with the daemon's own physics: light traffic that must flow,
+//! dense traffic that must not lock up, people
 //! on foot whom nobody may drive into.
 
 use std::collections::BTreeMap;
@@ -38,9 +39,14 @@ struct Stage {
 
 /// Whether a point lies on a lane for vehicles rather than beside it.
 fn is_on_road(roads: &RoadMap, point_m: [f64; 3]) -> bool {
-    let Some(at) = roads.nearest(point_m, |lane| lane.kind.is_drivable()) else { return false };
-    let middle = roads.pose(at).map(|pose| [pose.translation.x, pose.translation.y]);
-    middle.is_some_and(|middle| distance(middle, [point_m[0], point_m[1]]) < 0.5 * roads.width_m(at))
+    let Some(at) = roads.nearest(point_m, |lane| lane.kind.is_drivable()) else {
+        return false;
+    };
+    let middle = roads
+        .pose(at)
+        .map(|pose| [pose.translation.x, pose.translation.y]);
+    middle
+        .is_some_and(|middle| distance(middle, [point_m[0], point_m[1]]) < 0.5 * roads.width_m(at))
 }
 
 impl Stage {
@@ -50,14 +56,26 @@ impl Stage {
 
     fn with_walkers(town: &str, n_others: usize, n_walkers: usize, seed: u64) -> Stage {
         let town = simd_town::Town::generate(town, 1).unwrap();
-        let mut world = simd_world::World::new(WorldOptions { seed, ..WorldOptions::default() });
+        let mut world = simd_world::World::new(WorldOptions {
+            seed,
+            ..WorldOptions::default()
+        });
         world.load(&MapData::from(&town)).unwrap();
-        world.spawn_scenario("vehicle.tesla.model3", 0, n_others).unwrap();
+        world
+            .spawn_scenario("vehicle.tesla.model3", 0, n_others)
+            .unwrap();
         assert_eq!(world.spawn_walkers(n_walkers).len(), n_walkers);
         let roads = Arc::new(RoadMap::parse(&town.open_drive).unwrap());
         assert!(roads.warnings().is_empty(), "{:?}", roads.warnings());
         let actors = world.actor_list();
-        Stage { world, fleet: Fleet::new(roads.clone(), seed, 1.0), roads, actors, logs: BTreeMap::new(), tick: 0 }
+        Stage {
+            world,
+            fleet: Fleet::new(roads.clone(), seed, 1.0),
+            roads,
+            actors,
+            logs: BTreeMap::new(),
+            tick: 0,
+        }
     }
 
     fn drive(&mut self, minutes: u64) {
@@ -69,20 +87,40 @@ impl Stage {
     fn step(&mut self) {
         self.world.step(PERIOD_NANOS);
         self.tick += 1;
-        let view = World::from_records(self.tick, self.tick * PERIOD_NANOS, PERIOD_NANOS, self.world.snapshot_records(), &self.actors);
+        let view = World::from_records(
+            self.tick,
+            self.tick * PERIOD_NANOS,
+            PERIOD_NANOS,
+            self.world.snapshot_records(),
+            &self.actors,
+        );
         if self.tick == 1 {
-            let ids: Vec<u32> = view.movers.iter().filter(|m| m.is_vehicle).map(|m| m.id).collect();
+            let ids: Vec<u32> = view
+                .movers
+                .iter()
+                .filter(|m| m.is_vehicle)
+                .map(|m| m.id)
+                .collect();
             let attribute = |id: u32, name: &str| {
                 let actor = self.actors.actors.iter().find(|a| a.id == id)?;
                 actor.attributes.get(name)?.parse::<f64>().ok()
             };
-            self.fleet.assign(&ids, &view, |id| Some((attribute(id, "wheelbase_m")?, attribute(id, "max_steer_rad")?)));
+            self.fleet.assign(&ids, &view, |id| {
+                Some((
+                    attribute(id, "wheelbase_m")?,
+                    attribute(id, "max_steer_rad")?,
+                ))
+            });
             assert_eq!(self.fleet.len(), ids.len());
         }
         for record in self.fleet.step(&view) {
-            self.world.set_control(ActorId(record.actor_id), record.control()).unwrap();
+            self.world
+                .set_control(ActorId(record.actor_id), record.control())
+                .unwrap();
             if record.lamps != u32::MAX {
-                self.world.set_lamps(ActorId(record.actor_id), record.lamps).unwrap();
+                self.world
+                    .set_lamps(ActorId(record.actor_id), record.lamps)
+                    .unwrap();
             }
         }
         self.log(&view);
@@ -100,7 +138,9 @@ impl Stage {
             let moves = mover.is_vehicle && mover.speed_mps.abs() > STANDING_MPS;
             log.n_touches += u32::from(moves && record.flags & ActorRecord::TOUCHED != 0);
             match self.fleet.drivers().get(&mover.id) {
-                Some(driver) => log.worst_offset_m = log.worst_offset_m.max(driver.foot().offset_m.abs()),
+                Some(driver) => {
+                    log.worst_offset_m = log.worst_offset_m.max(driver.foot().offset_m.abs())
+                }
                 None => {
                     log.n_on_road += u32::from(is_on_road(&self.roads, mover.position_m));
                 }
@@ -109,12 +149,20 @@ impl Stage {
     }
 
     fn driven_m(&self) -> f64 {
-        self.logs.iter().filter(|(id, _)| self.fleet.drivers().contains_key(id)).map(|(_, log)| log.driven_m).sum()
+        self.logs
+            .iter()
+            .filter(|(id, _)| self.fleet.drivers().contains_key(id))
+            .map(|(_, log)| log.driven_m)
+            .sum()
     }
 
     /// Vehicles that touched something while they drove, with the place of the last tick.
     fn touched(&self) -> Vec<(u32, Log)> {
-        self.logs.iter().filter(|(_, log)| log.n_touches > 0).map(|(id, log)| (*id, *log)).collect()
+        self.logs
+            .iter()
+            .filter(|(_, log)| log.n_touches > 0)
+            .map(|(id, log)| (*id, *log))
+            .collect()
     }
 }
 
@@ -129,8 +177,10 @@ fn twenty_one_vehicles_flow_for_five_minutes_without_touching() {
     }
 }
 
-/// Roads between Town01's junctions are short: queues reach back into the junction before, and whoever waits for somebody who
-/// waits for it stands for ever. A rate in the last minutes that is near that of the first ones excludes this.
+/// Roads between Town01's junctions are short: queues reach back into the junction before, and
+/// whoever waits for somebody who
+/// waits for it stands for ever. A rate in the last minutes that is near that of the first ones
+/// excludes this.
 #[test]
 fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     let mut stage = Stage::new("Town01", 60, 1);
@@ -141,10 +191,14 @@ fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     stage.drive(2);
     let last_m = stage.driven_m() - before_m;
     assert_eq!(stage.touched().len(), 0, "{:?}", stage.touched());
-    assert!(last_m > 0.6 * first_m, "{first_m:.0} m in the first two minutes, {last_m:.0} m in the last two");
+    assert!(
+        last_m > 0.6 * first_m,
+        "{first_m:.0} m in the first two minutes, {last_m:.0} m in the last two"
+    );
 }
 
-/// Eighty people stroll on the pavements and cross at the lights; twenty-one vehicles drive as far as they would without them, or nearly.
+/// Eighty people stroll on the pavements and cross at the lights; twenty-one vehicles drive as far
+/// as they would without them, or nearly.
 #[test]
 fn people_on_foot_cross_untouched_and_traffic_flows() {
     let mut stage = Stage::with_walkers("Town10HD", 20, 80, 1);
@@ -154,12 +208,22 @@ fn people_on_foot_cross_untouched_and_traffic_flows() {
     let last_m = stage.driven_m() - first_m;
     assert_eq!(stage.touched().len(), 0, "{:?}", stage.touched());
     let n_crossed = stage.logs.values().filter(|log| log.n_on_road > 60).count();
-    assert!(n_crossed > 15, "only {n_crossed} of 80 were on the road for 3 s");
-    assert!(last_m > 0.5 * first_m, "{first_m:.0} m in the first three minutes, {last_m:.0} m in the last two");
-    assert!(first_m + last_m > 21.0 * 500.0, "{first_m:.0} + {last_m:.0} m");
+    assert!(
+        n_crossed > 15,
+        "only {n_crossed} of 80 were on the road for 3 s"
+    );
+    assert!(
+        last_m > 0.5 * first_m,
+        "{first_m:.0} m in the first three minutes, {last_m:.0} m in the last two"
+    );
+    assert!(
+        first_m + last_m > 21.0 * 500.0,
+        "{first_m:.0} + {last_m:.0} m"
+    );
 }
 
-/// Somebody walks across the street where no light helps: whoever comes stops before the line that is walked.
+/// Somebody walks across the street where no light helps: whoever comes stops before the line that
+/// is walked.
 #[test]
 fn a_vehicle_stops_for_somebody_who_walks_into_its_way() {
     use schema_frames::{Command, CommandReply, WalkerControl};
@@ -173,27 +237,61 @@ fn a_vehicle_stops_for_somebody_who_walks_into_its_way() {
         let record = *stage.world.record(ego).unwrap();
         let pose = record.world_from_actor.isometry();
         match walker {
-            None if record.speed_mps() > 7.0 && record.angular_velocity_in_world_radps[2].abs() < 0.01 => {
+            None if record.speed_mps() > 7.0
+                && record.angular_velocity_in_world_radps[2].abs() < 0.01 =>
+            {
                 // 35 m ahead, 5 m to the right of the way, walking to the left at 1.5 m/s.
                 let place = pose * nalgebra::Point3::new(35.0, -5.0, 1.2);
                 let at = schema_types::Pose::from_xyz_yaw(place.x, place.y, place.z, 0.0);
-                let Ok(id) = stage.world.spawn("walker.pedestrian.0001", at, None, "", &BTreeMap::new()) else { continue };
+                let Ok(id) =
+                    stage
+                        .world
+                        .spawn("walker.pedestrian.0001", at, None, "", &BTreeMap::new())
+                else {
+                    continue;
+                };
                 let across = pose.rotation * nalgebra::Vector3::y();
-                let control = WalkerControl { direction: [across.x as f32, across.y as f32, 0.0], speed_mps: 1.5, jump: false };
-                assert_eq!(stage.world.apply(&Command::ControlWalker { actor_id: id.0, control }), CommandReply::Done);
+                let control = WalkerControl {
+                    direction: [across.x as f32, across.y as f32, 0.0],
+                    speed_mps: 1.5,
+                    jump: false,
+                };
+                assert_eq!(
+                    stage.world.apply(&Command::ControlWalker {
+                        actor_id: id.0,
+                        control
+                    }),
+                    CommandReply::Done
+                );
                 stage.actors = stage.world.actor_list();
                 walker = Some(id);
             }
             Some(id) => {
-                let there = stage.world.record(id).unwrap().world_from_actor.translation_m;
+                let there = stage
+                    .world
+                    .record(id)
+                    .unwrap()
+                    .world_from_actor
+                    .translation_m;
                 let [x, y] = [there[0] - pose.translation.x, there[1] - pose.translation.y];
                 nearest_m = nearest_m.min(x.hypot(y));
-                assert_eq!(record.flags & ActorRecord::TOUCHED, 0, "it ran into the walker");
+                assert_eq!(
+                    record.flags & ActorRecord::TOUCHED,
+                    0,
+                    "it ran into the walker"
+                );
             }
             None => {}
         }
     }
-    assert!(walker.is_some() && (3.0..15.0).contains(&nearest_m), "it came within {nearest_m} m of the walker");
+    assert!(
+        walker.is_some() && (3.0..15.0).contains(&nearest_m),
+        "it came within {nearest_m} m of the walker"
+    );
     assert_eq!(stage.touched().len(), 0);
-    assert!(stage.logs[&ego.0].driven_m > 150.0, "and then drove on: {:?}", stage.logs[&ego.0]);
+    assert!(
+        stage.logs[&ego.0].driven_m > 150.0,
+        "and then drove on: {:?}",
+        stage.logs[&ego.0]
+    );
 }

@@ -1,4 +1,5 @@
-//! A consumer in a screenful: follows one topic and prints what arrives, with its way through shared memory in microseconds.
+//! A consumer in a screenful: follows one topic and prints what arrives, with its way through
+//! shared memory in microseconds.
 //!
 //! `cargo run --release -p consumer_kit --example watch_topic -- ego/front/rgb [DOMAIN]`
 
@@ -11,10 +12,13 @@ use schema_types::MonoTime;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut args = std::env::args().skip(1);
-    let topic = args.next().ok_or("usage: watch_topic RIG/SENSOR/MODALITY [DOMAIN]")?;
+    let topic = args
+        .next()
+        .ok_or("usage: watch_topic RIG/SENSOR/MODALITY [DOMAIN]")?;
     let domain = args.next().unwrap_or_else(|| "gantry".into());
 
-    // A consumer that is killed leaves its place to the next clean-up; one that drops its ports leaves nothing.
+    // A consumer that is killed leaves its place to the next clean-up; one that drops its ports
+    // leaves nothing.
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone())?;
@@ -26,8 +30,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         follower.wait(MAX_WAIT)?;
         while let Some(frame) = follower.take(id)? {
             let header = frame.header();
-            let age_us = schema_bus::mono_now().nanos_since(MonoTime(header.published_mono_nanos)) / 1000;
-            let actors = follower.world_at(header.tick)?.map_or(0, |world| world.records.len());
+            let age_us =
+                schema_bus::mono_now().nanos_since(MonoTime(header.published_mono_nanos)) / 1000;
+            let actors = follower
+                .world_at(header.tick)?
+                .map_or(0, |world| world.records.len());
             println!(
                 "tick {:>6}  {:>9.3} s  {} × {}  {:>8} bytes  {age_us:>5} µs  {actors} actors",
                 header.tick,

@@ -16,18 +16,28 @@ pub struct FollowedDocument {
 impl FollowedDocument {
     /// Follows the document of this name; it need not exist yet.
     pub fn new(name: impl Into<String>) -> Self {
-        FollowedDocument { name: name.into(), reader: None, search: Search::default(), newest: None }
+        FollowedDocument {
+            name: name.into(),
+            reader: None,
+            search: Search::default(),
+            newest: None,
+        }
     }
 
     /// The newest text if it changed since the last call.
     ///
     /// # Errors
-    /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the contract.
+    /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the
+    /// contract.
     pub fn changed(&mut self, bus: &Bus) -> Result<Option<&Document>, BusError> {
         if self.reader.is_none() {
-            self.reader = self.search.open(bus, &self.name, || bus.document_reader(&self.name))?;
+            self.reader = self
+                .search
+                .open(bus, &self.name, || bus.document_reader(&self.name))?;
         }
-        let Some(reader) = &mut self.reader else { return Ok(None) };
+        let Some(reader) = &mut self.reader else {
+            return Ok(None);
+        };
         match reader.latest()? {
             Some(document) => Ok(Some(self.newest.insert(document))),
             None => Ok(None),

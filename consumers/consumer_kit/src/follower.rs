@@ -36,7 +36,13 @@ impl Follower {
 
     /// As [`Follower::open`] on a bus that is already open.
     pub fn on(bus: Bus) -> Follower {
-        Follower { topics: Vec::new(), trail: SnapshotTrail::new(), rigs: Vec::new(), wake: WaitSet::new(), bus }
+        Follower {
+            topics: Vec::new(),
+            trail: SnapshotTrail::new(),
+            rigs: Vec::new(),
+            wake: WaitSet::new(),
+            bus,
+        }
     }
 
     /// The bus, for other ports.
@@ -50,14 +56,20 @@ impl Follower {
         TopicId(self.topics.len() - 1)
     }
 
-    /// Follows every frame topic that is there now and not followed yet, and returns the new ones. Call it now and then to meet new sensors.
+    /// Follows every frame topic that is there now and not followed yet, and returns the new ones.
+    /// Call it now and then to meet new sensors.
     ///
     /// # Errors
     /// As [`Bus::topics`].
     pub fn follow_all(&mut self, take: Take) -> Result<Vec<TopicId>, BusError> {
         let mut new = Vec::new();
         for topic in self.bus.topics()? {
-            if topic.modality.is_some() && !self.topics.iter().any(|followed| followed.topic() == topic.name) {
+            if topic.modality.is_some()
+                && !self
+                    .topics
+                    .iter()
+                    .any(|followed| followed.topic() == topic.name)
+            {
                 new.push(self.follow(&topic.name, take));
             }
         }
@@ -74,7 +86,8 @@ impl Follower {
         (0..self.topics.len()).map(TopicId)
     }
 
-    /// Looks for topics that are missing, then waits for a rig's tick, at most `timeout` and never longer than [`MAX_WAIT`].
+    /// Looks for topics that are missing, then waits for a rig's tick, at most `timeout` and never
+    /// longer than [`MAX_WAIT`].
     /// Returns whether there was a wake-up; drain the topics in any case.
     ///
     /// # Errors
@@ -101,7 +114,8 @@ impl Follower {
         self.topics[id.0].take()
     }
 
-    /// The world of `tick`, the one a frame of that tick shows. `None` if this consumer came after it or fell more than 32 ticks behind.
+    /// The world of `tick`, the one a frame of that tick shows. `None` if this consumer came after
+    /// it or fell more than 32 ticks behind.
     ///
     /// # Errors
     /// As [`SnapshotTrail::at`].

@@ -1,4 +1,5 @@
-//! Taking part in lockstep: the daemon begins tick N + 1 only when every participant has acknowledged tick N.
+//! Taking part in lockstep: the daemon begins tick N + 1 only when every participant has
+//! acknowledged tick N.
 
 use std::time::Duration;
 
@@ -49,12 +50,21 @@ impl Lockstep {
         let batch = CommandBatch::new(vec![Command::JoinLockstep { name: name.into() }]);
         let answer = client.request(&batch, timeout)?;
         let (participant, first_tick) = joined(name, &answer)?;
-        let epoch = answer.epoch.parse().map_err(|_| CommandError::Answer { cause: format!("epoch is {:?}", answer.epoch) })?;
+        let epoch = answer.epoch.parse().map_err(|_| CommandError::Answer {
+            cause: format!("epoch is {:?}", answer.epoch),
+        })?;
         tracing::debug!(name, participant, first_tick, "joined lockstep");
-        Ok(Lockstep { client, acks, participant, epoch, first_tick })
+        Ok(Lockstep {
+            client,
+            acks,
+            participant,
+            epoch,
+            first_tick,
+        })
     }
 
-    /// Says that everything wanted of `tick` is here and this consumer's controls are out. Ticks before the first are ignored.
+    /// Says that everything wanted of `tick` is here and this consumer's controls are out. Ticks
+    /// before the first are ignored.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -70,7 +80,8 @@ impl Lockstep {
         self.first_tick
     }
 
-    /// Epoch joined: when frames carry another one the simulator was restarted, and this place is gone; join again.
+    /// Epoch joined: when frames carry another one the simulator was restarted, and this place is
+    /// gone; join again.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }
@@ -78,7 +89,9 @@ impl Lockstep {
 
 impl Drop for Lockstep {
     fn drop(&mut self) {
-        let batch = CommandBatch::new(vec![Command::LeaveLockstep { participant: self.participant }]);
+        let batch = CommandBatch::new(vec![Command::LeaveLockstep {
+            participant: self.participant,
+        }]);
         if let Err(error) = self.client.request(&batch, LEAVE_TIMEOUT) {
             tracing::debug!(%error, "left lockstep without an answer");
         }
@@ -87,8 +100,17 @@ impl Drop for Lockstep {
 
 fn joined(name: &str, answer: &ReplyBatch) -> Result<(u32, u64), LockstepError> {
     match answer.replies.first() {
-        Some(CommandReply::Joined { participant, first_tick }) => Ok((*participant, *first_tick)),
-        Some(CommandReply::Refused { error }) => Err(LockstepError::Refused { name: name.into(), reason: error.clone() }),
-        other => Err(CommandError::Answer { cause: format!("{other:?} is no answer to join_lockstep") }.into()),
+        Some(CommandReply::Joined {
+            participant,
+            first_tick,
+        }) => Ok((*participant, *first_tick)),
+        Some(CommandReply::Refused { error }) => Err(LockstepError::Refused {
+            name: name.into(),
+            reason: error.clone(),
+        }),
+        other => Err(CommandError::Answer {
+            cause: format!("{other:?} is no answer to join_lockstep"),
+        }
+        .into()),
     }
 }

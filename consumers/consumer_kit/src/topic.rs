@@ -32,9 +32,19 @@ impl std::fmt::Display for TopicReport {
         if !self.found {
             return write!(f, "{}: never appeared", self.topic);
         }
-        let ReaderCounts { taken, skipped, lost, refused, restarts } = self.counts;
+        let ReaderCounts {
+            taken,
+            skipped,
+            lost,
+            refused,
+            restarts,
+        } = self.counts;
         write!(f, "{}: {taken} frames, {lost} lost", self.topic)?;
-        for (n, what) in [(skipped, "skipped"), (refused, "refused"), (restarts, "restarts of the simulator")] {
+        for (n, what) in [
+            (skipped, "skipped"),
+            (refused, "refused"),
+            (restarts, "restarts of the simulator"),
+        ] {
             if n > 0 {
                 write!(f, ", {n} {what}")?;
             }
@@ -51,8 +61,14 @@ pub(crate) struct Search {
 }
 
 impl Search {
-    /// Opens what is looked for if it is time to look and it is there. What time can heal is said once and swallowed, the rest returned.
-    pub fn open<T>(&mut self, bus: &Bus, topic: &str, open: impl FnOnce() -> Result<T, BusError>) -> Result<Option<T>, BusError> {
+    /// Opens what is looked for if it is time to look and it is there. What time can heal is said
+    /// once and swallowed, the rest returned.
+    pub fn open<T>(
+        &mut self,
+        bus: &Bus,
+        topic: &str,
+        open: impl FnOnce() -> Result<T, BusError>,
+    ) -> Result<Option<T>, BusError> {
         let now = Instant::now();
         if self.next_look.is_some_and(|at| now < at) {
             return Ok(None);
@@ -102,7 +118,15 @@ pub struct FollowedTopic {
 impl FollowedTopic {
     /// Follows `topic` (without the domain); it need not exist yet.
     pub fn new(topic: impl Into<String>, take: Take) -> Self {
-        FollowedTopic { topic: topic.into(), take, reader: None, search: Search::default(), epoch: None, refusal_said: false, loss_said: 0 }
+        FollowedTopic {
+            topic: topic.into(),
+            take,
+            reader: None,
+            search: Search::default(),
+            epoch: None,
+            refusal_said: false,
+            loss_said: 0,
+        }
     }
 
     /// Name without the domain.
@@ -110,23 +134,29 @@ impl FollowedTopic {
         &self.topic
     }
 
-    /// Opens the topic if it is there by now. Returns whether it is open. Looks at most five times a second.
+    /// Opens the topic if it is there by now. Returns whether it is open. Looks at most five times
+    /// a second.
     ///
     /// # Errors
     /// What waiting cannot heal: another schema, no place left, another user's topic.
     pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
         if self.reader.is_none() {
-            self.reader = self.search.open(bus, &self.topic, || bus.frame_reader(&self.topic))?;
+            self.reader = self
+                .search
+                .open(bus, &self.topic, || bus.frame_reader(&self.topic))?;
         }
         Ok(self.reader.is_some())
     }
 
-    /// The next frame to handle, if one waits. A frame that breaks the contract is counted, said once, and passed over.
+    /// The next frame to handle, if one waits. A frame that breaks the contract is counted, said
+    /// once, and passed over.
     ///
     /// # Errors
     /// [`BusError::BorrowLimit`] if the caller holds too many frames, [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<Frame>, BusError> {
-        let Some(reader) = &mut self.reader else { return Ok(None) };
+        let Some(reader) = &mut self.reader else {
+            return Ok(None);
+        };
         loop {
             let taken = match self.take {
                 Take::Newest => reader.latest(),
@@ -153,30 +183,49 @@ impl FollowedTopic {
         self.reader.is_some()
     }
 
-    /// Epoch of the newest frame: another number than before means that the simulator was restarted.
+    /// Epoch of the newest frame: another number than before means that the simulator was
+    /// restarted.
     pub fn epoch(&self) -> Option<u64> {
         self.epoch
     }
 
     /// Counters so far.
     pub fn counts(&self) -> ReaderCounts {
-        self.reader.as_ref().map(FrameReader::counts).unwrap_or_default()
+        self.reader
+            .as_ref()
+            .map(FrameReader::counts)
+            .unwrap_or_default()
     }
 
     /// What became of it.
     pub fn report(&self) -> TopicReport {
-        TopicReport { topic: self.topic.clone(), found: self.found(), counts: self.counts() }
+        TopicReport {
+            topic: self.topic.clone(),
+            found: self.found(),
+            counts: self.counts(),
+        }
     }
 
     /// Says restarts, and losses when their number has doubled since it was last said.
     fn notice(&mut self, frame: &Frame) {
         let epoch = frame.header().epoch;
-        if self.epoch.replace(epoch).is_some_and(|before| before != epoch) {
-            tracing::info!(topic = self.topic, "the simulator was restarted; following its new run");
+        if self
+            .epoch
+            .replace(epoch)
+            .is_some_and(|before| before != epoch)
+        {
+            tracing::info!(
+                topic = self.topic,
+                "the simulator was restarted; following its new run"
+            );
         }
         let lost = self.counts().lost;
         if lost > 0 && lost >= self.loss_said.saturating_mul(2) {
-            tracing::warn!(topic = self.topic, lost, "this reader is too slow: frames were lost");
+            tracing::warn!(
+                topic = self.topic,
+                lost,
+                "this reader is too slow: frames were lost"
+            );
             self.loss_said = lost.max(1);
         }
     }

@@ -1,7 +1,9 @@
 //! Snapshots paired with frames.
 //!
-//! Two services have no common order at a reader, but the snapshot of tick N is sent before any frame of tick N. So on a frame of tick N this
-//! drains snapshots until one of tick ≥ N is there, and keeps the last 32 for frames that were in flight meanwhile.
+//! Two services have no common order at a reader, but the snapshot of tick N is sent before any
+//! frame of tick N. So on a frame of tick N this
+//! drains snapshots until one of tick ≥ N is there, and keeps the last 32 for frames that were in
+//! flight meanwhile.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -26,7 +28,10 @@ pub struct WorldAt {
 impl WorldAt {
     /// The actor with this id.
     pub fn actor(&self, id: u32) -> Option<&ActorRecord> {
-        self.records.binary_search_by_key(&id, |record| record.id).ok().map(|idx| &self.records[idx])
+        self.records
+            .binary_search_by_key(&id, |record| record.id)
+            .ok()
+            .map(|idx| &self.records[idx])
     }
 }
 
@@ -50,10 +55,19 @@ impl SnapshotTrail {
     /// # Errors
     /// What waiting cannot heal, as [`crate::FollowedTopic::look`].
     pub fn at(&mut self, bus: &Bus, tick: u64) -> Result<Option<Arc<WorldAt>>, BusError> {
-        if self.kept.back().is_none_or(|world| world.header.tick < tick) {
+        if self
+            .kept
+            .back()
+            .is_none_or(|world| world.header.tick < tick)
+        {
             self.drain(bus)?;
         }
-        Ok(self.kept.iter().rev().find(|world| world.header.tick == tick).cloned())
+        Ok(self
+            .kept
+            .iter()
+            .rev()
+            .find(|world| world.header.tick == tick)
+            .cloned())
     }
 
     /// The newest world.
@@ -67,13 +81,22 @@ impl SnapshotTrail {
 
     fn drain(&mut self, bus: &Bus) -> Result<(), BusError> {
         if self.reader.is_none() {
-            self.reader = self.search.open(bus, schema_bus::names::WORLD_SNAPSHOT, || bus.snapshot_reader())?;
+            self.reader = self
+                .search
+                .open(bus, schema_bus::names::WORLD_SNAPSHOT, || {
+                    bus.snapshot_reader()
+                })?;
         }
-        let Some(reader) = &mut self.reader else { return Ok(()) };
+        let Some(reader) = &mut self.reader else {
+            return Ok(());
+        };
         loop {
             match reader.next() {
                 Ok(Some(snapshot)) => {
-                    let world = WorldAt { header: *snapshot.header(), records: snapshot.records().to_vec() };
+                    let world = WorldAt {
+                        header: *snapshot.header(),
+                        records: snapshot.records().to_vec(),
+                    };
                     keep(&mut self.kept, world);
                 }
                 Ok(None) => return Ok(()),
@@ -90,7 +113,10 @@ impl SnapshotTrail {
 
 /// Adds a world; those of an earlier epoch are forgotten, because ticks begin anew.
 fn keep(kept: &mut VecDeque<Arc<WorldAt>>, world: WorldAt) {
-    if kept.back().is_some_and(|last| last.header.epoch != world.header.epoch) {
+    if kept
+        .back()
+        .is_some_and(|last| last.header.epoch != world.header.epoch)
+    {
         kept.clear();
     }
     if kept.len() == KEPT_SNAPSHOTS {
@@ -104,7 +130,14 @@ mod tests {
     use super::*;
 
     fn world(epoch: u64, tick: u64) -> WorldAt {
-        WorldAt { header: SnapshotHeader { epoch, tick, ..bytemuck::Zeroable::zeroed() }, records: Vec::new() }
+        WorldAt {
+            header: SnapshotHeader {
+                epoch,
+                tick,
+                ..bytemuck::Zeroable::zeroed()
+            },
+            records: Vec::new(),
+        }
     }
 
     #[test]

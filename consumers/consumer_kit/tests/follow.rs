@@ -11,11 +11,17 @@ struct Place(tempfile::TempDir, String);
 
 impl Place {
     fn new(name: &str) -> Place {
-        Place(tempfile::tempdir().unwrap(), format!("gk{}_{name}_", std::process::id()))
+        Place(
+            tempfile::tempdir().unwrap(),
+            format!("gk{}_{name}_", std::process::id()),
+        )
     }
 
     fn bus(&self, program: &str) -> Bus {
-        let options = BusOptions { iceoryx_root: Some(self.0.path().join("iox")), prefix: Some(self.1.clone()) };
+        let options = BusOptions {
+            iceoryx_root: Some(self.0.path().join("iox")),
+            prefix: Some(self.1.clone()),
+        };
         Bus::open_with("d", program, &options).unwrap()
     }
 }
@@ -43,14 +49,34 @@ struct Daemon {
 impl Daemon {
     fn start(place: &Place, epoch: u64) -> Daemon {
         let bus = place.bus("simd");
-        let imu = bus.frame_publisher("ego/imu/imu", FrameTopic::new(Modality::Imu, 72)).unwrap();
+        let imu = bus
+            .frame_publisher("ego/imu/imu", FrameTopic::new(Modality::Imu, 72))
+            .unwrap();
         let snapshots = bus.snapshot_publisher(4).unwrap();
-        Daemon { imu, snapshots, tick_event: bus.notifier("ego/tick").unwrap(), epoch, _bus: bus }
+        Daemon {
+            imu,
+            snapshots,
+            tick_event: bus.notifier("ego/tick").unwrap(),
+            epoch,
+            _bus: bus,
+        }
     }
 
     fn tick(&self, tick: u64) {
-        let header = SnapshotHeader { tick, epoch: self.epoch, ..bytemuck::Zeroable::zeroed() };
-        self.snapshots.send(header, &[ActorRecord { id: 7, ..bytemuck::Zeroable::zeroed() }]).unwrap();
+        let header = SnapshotHeader {
+            tick,
+            epoch: self.epoch,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        self.snapshots
+            .send(
+                header,
+                &[ActorRecord {
+                    id: 7,
+                    ..bytemuck::Zeroable::zeroed()
+                }],
+            )
+            .unwrap();
         let mut loan = self.imu.loan(72).unwrap();
         let header = loan.header_mut();
         header.set_list(1);
@@ -76,7 +102,10 @@ fn a_follower_waits_for_its_topic_and_survives_a_restart() {
     let imu = follower.follow("ego/imu/imu", Take::All);
     assert!(!follower.wait(Duration::ZERO).unwrap());
     assert!(!follower.topic(imu).found());
-    assert_eq!(follower.reports()[0].to_string(), "ego/imu/imu: never appeared");
+    assert_eq!(
+        follower.reports()[0].to_string(),
+        "ego/imu/imu: never appeared"
+    );
 
     let first = Daemon::start(&place, 1);
     find(&mut follower, &first);
@@ -88,10 +117,15 @@ fn a_follower_waits_for_its_topic_and_survives_a_restart() {
     let second = Daemon::start(&place, 2);
     (1..=3).for_each(|tick| second.tick(tick));
     follower.wait(MAX_WAIT).unwrap();
-    let ticks: Vec<u64> = std::iter::from_fn(|| follower.take(imu).unwrap()).map(|frame| frame.header().tick).collect();
+    let ticks: Vec<u64> = std::iter::from_fn(|| follower.take(imu).unwrap())
+        .map(|frame| frame.header().tick)
+        .collect();
     assert_eq!(ticks, [1, 2, 3]);
     assert_eq!(follower.topic(imu).epoch(), Some(2));
-    assert_eq!(follower.reports()[0].to_string(), "ego/imu/imu: 4 frames, 0 lost, 1 restarts of the simulator");
+    assert_eq!(
+        follower.reports()[0].to_string(),
+        "ego/imu/imu: 4 frames, 0 lost, 1 restarts of the simulator"
+    );
 }
 
 #[test]
@@ -101,12 +135,19 @@ fn the_newest_is_taken_and_the_rest_is_counted() {
     let mut follower = Follower::on(place.bus("consumer"));
     let new = follower.follow_all(Take::Newest).unwrap();
     assert_eq!(new.len(), 1);
-    assert!(follower.follow_all(Take::Newest).unwrap().is_empty(), "known by now");
+    assert!(
+        follower.follow_all(Take::Newest).unwrap().is_empty(),
+        "known by now"
+    );
     find(&mut follower, &daemon);
     (1..=40).for_each(|tick| daemon.tick(tick));
     assert_eq!(follower.take(new[0]).unwrap().unwrap().header().tick, 40);
     let counts = follower.topic(new[0]).counts();
-    assert_eq!((counts.taken, counts.skipped), (1, 15), "16 wait, the first of which has no predecessor");
+    assert_eq!(
+        (counts.taken, counts.skipped),
+        (1, 15),
+        "16 wait, the first of which has no predecessor"
+    );
 }
 
 #[test]
@@ -120,11 +161,19 @@ fn a_frame_is_paired_with_the_world_of_its_tick() {
     for tick in 1..=8 {
         daemon.tick(tick);
     }
-    let frames: Vec<_> = std::iter::from_fn(|| follower.take(imu).unwrap().map(|frame| frame.header().tick)).collect();
+    let frames: Vec<_> =
+        std::iter::from_fn(|| follower.take(imu).unwrap().map(|frame| frame.header().tick))
+            .collect();
     assert_eq!(frames.len(), 8);
     for tick in frames {
-        let world = follower.world_at(tick).unwrap().expect("sent before the frame");
-        assert_eq!((world.header.tick, world.actor(7).map(|actor| actor.id)), (tick, Some(7)));
+        let world = follower
+            .world_at(tick)
+            .unwrap()
+            .expect("sent before the frame");
+        assert_eq!(
+            (world.header.tick, world.actor(7).map(|actor| actor.id)),
+            (tick, Some(7))
+        );
     }
     assert!(follower.world_at(99).unwrap().is_none());
 }
@@ -162,31 +211,63 @@ fn lockstep_joins_acknowledges_and_leaves() {
         lockstep.ack(5).unwrap();
         refused
     });
-    let replies =
-        [CommandReply::Refused { error: "full".into() }, CommandReply::Joined { participant: 3, first_tick: 5 }, CommandReply::Done];
+    let replies = [
+        CommandReply::Refused {
+            error: "full".into(),
+        },
+        CommandReply::Joined {
+            participant: 3,
+            first_tick: 5,
+        },
+        CommandReply::Done,
+    ];
     let (mut asked, mut acked) = (Vec::new(), Vec::new());
     for reply in replies {
         let deadline = Instant::now() + Duration::from_secs(10);
         let request = loop {
             assert!(Instant::now() < deadline);
             wake.wait(Duration::from_millis(50)).unwrap();
-            // Before the request to leave, as the daemon does: what a writer sent that came and went unseen is lost.
+            // Before the request to leave, as the daemon does: what a writer sent that came and
+            // went unseen is lost.
             acked.extend(acks.drain().unwrap());
             if let Some(request) = server.take().unwrap() {
                 break request;
             }
         };
         asked.push(asked_for(&request));
-        server.reply(request, &ReplyBatch { v: 1, epoch: "9".into(), tick: 4, replies: vec![reply] }).unwrap();
+        server
+            .reply(
+                request,
+                &ReplyBatch {
+                    v: 1,
+                    epoch: "9".into(),
+                    tick: 4,
+                    replies: vec![reply],
+                },
+            )
+            .unwrap();
     }
-    assert!(matches!(thread.join().unwrap(), LockstepError::Refused { reason, .. } if reason == "full"));
+    assert!(
+        matches!(thread.join().unwrap(), LockstepError::Refused { reason, .. } if reason == "full")
+    );
     assert_eq!(asked, ["join", "join", "leave"]);
-    let acked: Vec<_> = acked.iter().map(|ack| (ack.participant, ack.epoch, ack.tick)).collect();
-    assert_eq!(acked, [(3, 9, 5)], "ticks before the first are not acknowledged");
+    let acked: Vec<_> = acked
+        .iter()
+        .map(|ack| (ack.participant, ack.epoch, ack.tick))
+        .collect();
+    assert_eq!(
+        acked,
+        [(3, 9, 5)],
+        "ticks before the first are not acknowledged"
+    );
 }
 
 fn asked_for(request: &schema_bus::Request) -> &'static str {
-    match request.batch.as_ref().map(|batch| batch.commands.as_slice()) {
+    match request
+        .batch
+        .as_ref()
+        .map(|batch| batch.commands.as_slice())
+    {
         Ok([schema_frames::Command::JoinLockstep { .. }]) => "join",
         Ok([schema_frames::Command::LeaveLockstep { participant: 3 }]) => "leave",
         _ => "other",

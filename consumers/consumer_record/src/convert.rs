@@ -1,4 +1,5 @@
-//! One sensor frame to the messages it is recorded as. Pure: header and payload in, encoded messages out.
+//! One sensor frame to the messages it is recorded as. Pure: header and payload in, encoded
+//! messages out.
 //!
 //! Payloads are copied once, from shared memory into the encoded message.
 
@@ -23,7 +24,8 @@ pub struct TopicName {
 }
 
 impl TopicName {
-    /// Splits a topic without its domain; `None` unless it has a modality at its end and something before it.
+    /// Splits a topic without its domain; `None` unless it has a modality at its end and something
+    /// before it.
     pub fn new(topic: &str) -> Option<TopicName> {
         let (sensor, modality) = topic.rsplit_once('/')?;
         let (rig, _) = sensor.split_once('/')?;
@@ -50,41 +52,80 @@ pub fn timestamp(nanos: u64) -> fox::Timestamp {
 
 /// A vector as Foxglove writes it.
 pub fn vector(v: [f64; 3]) -> fox::Vector3 {
-    fox::Vector3 { x: v[0], y: v[1], z: v[2] }
+    fox::Vector3 {
+        x: v[0],
+        y: v[1],
+        z: v[2],
+    }
 }
 
 /// A quaternion `[x, y, z, w]` as Foxglove writes it.
 pub fn quaternion(q: [f64; 4]) -> fox::Quaternion {
-    fox::Quaternion { x: q[0], y: q[1], z: q[2], w: q[3] }
+    fox::Quaternion {
+        x: q[0],
+        y: q[1],
+        z: q[2],
+        w: q[3],
+    }
 }
 
-/// Bounds of what is worth converting for people: an image whose picture size a header claims may not ask for more bytes than this.
+/// Bounds of what is worth converting for people: an image whose picture size a header claims may
+/// not ask for more bytes than this.
 const MAX_PICTURE_BYTES: u64 = 256 << 20;
 
-/// What a frame becomes: a message people and tools can look at, if there is one for it, and a `gantry.Frame` that makes it lossless.
+/// What a frame becomes: a message people and tools can look at, if there is one for it, and a
+/// `gantry.Frame` that makes it lossless.
 ///
-/// `payload` must be the bytes in use and `header` must have passed [`FrameHeader::check`]. `reuse` hands in buffers to write into.
-pub fn frame_entries(name: &TopicName, header: &FrameHeader, payload: &[u8], reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Vec<Entry> {
-    let Some(modality) = header.modality() else { return Vec::new() };
+/// `payload` must be the bytes in use and `header` must have passed [`FrameHeader::check`]. `reuse`
+/// hands in buffers to write into.
+pub fn frame_entries(
+    name: &TopicName,
+    header: &FrameHeader,
+    payload: &[u8],
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Vec<Entry> {
+    let Some(modality) = header.modality() else {
+        return Vec::new();
+    };
     let shown = match modality {
         Modality::Rgb => Some((image(name, header, "bgra8", payload, reuse), true)),
         Modality::Depth => Some((image(name, header, "32FC1", payload, reuse), true)),
         Modality::Semantic => Some((image(name, header, "mono8", payload, reuse), true)),
         Modality::Instance => Some((low_ids(name, header, payload, reuse), false)),
         Modality::Dvs => events_picture(name, header, payload).map(|entry| (entry, false)),
-        Modality::Lidar | Modality::SemanticLidar => Some((cloud(name, header, modality, payload, reuse), true)),
-        Modality::Imu => one::<ImuSample>(payload).map(|sample| (imu(name, header, &sample), false)),
-        Modality::Gnss => one::<GnssSample>(payload).map(|sample| (location(name, header, &sample), false)),
+        Modality::Lidar | Modality::SemanticLidar => {
+            Some((cloud(name, header, modality, payload, reuse), true))
+        }
+        Modality::Imu => {
+            one::<ImuSample>(payload).map(|sample| (imu(name, header, &sample), false))
+        }
+        Modality::Gnss => {
+            one::<GnssSample>(payload).map(|sample| (location(name, header, &sample), false))
+        }
         _ => None,
     };
     let payload_elsewhere = matches!(shown, Some((_, true)));
-    let mut entries = vec![frame(name, header, if payload_elsewhere { None } else { Some(payload) }, reuse)];
+    let mut entries = vec![frame(
+        name,
+        header,
+        if payload_elsewhere {
+            None
+        } else {
+            Some(payload)
+        },
+        reuse,
+    )];
     entries.extend(shown.map(|(entry, _)| entry));
     entries
 }
 
 /// The lossless message. Without a payload it says which topic's `data` holds it.
-fn frame(name: &TopicName, header: &FrameHeader, payload: Option<&[u8]>, reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Entry {
+fn frame(
+    name: &TopicName,
+    header: &FrameHeader,
+    payload: Option<&[u8]>,
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Entry {
     let mut bytes = reuse(payload.map_or(0, <[u8]>::len) + 512);
     put_fixed64(&mut bytes, 1, header.tick);
     put_fixed64(&mut bytes, 2, header.sim_nanos);
@@ -94,11 +135,20 @@ fn frame(name: &TopicName, header: &FrameHeader, payload: Option<&[u8]>, reuse: 
         Some(payload) => put_bytes(&mut bytes, 5, payload),
         None => put_bytes(&mut bytes, 6, name.channel.as_bytes()),
     }
-    Entry { topic: format!("{}/gantry", name.channel), content: Content::Frame, bytes }
+    Entry {
+        topic: format!("{}/gantry", name.channel),
+        content: Content::Frame,
+        bytes,
+    }
 }
 
-/// A message whose last field is `data` number 6, written by hand so that the pixels are copied once.
-fn with_data<M: foxglove::Encode>(head: &M, data: &[u8], reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Vec<u8> {
+/// A message whose last field is `data` number 6, written by hand so that the pixels are copied
+/// once.
+fn with_data<M: foxglove::Encode>(
+    head: &M,
+    data: &[u8],
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Vec<u8> {
     let mut bytes = encoded(head, reuse(data.len() + 1024));
     put_bytes(&mut bytes, DATA_FIELD, data);
     bytes
@@ -107,7 +157,13 @@ fn with_data<M: foxglove::Encode>(head: &M, data: &[u8], reuse: &mut dyn FnMut(u
 /// Number of `data` in `foxglove.RawImage` and `foxglove.PointCloud`.
 pub const DATA_FIELD: u32 = 6;
 
-fn image_head(name: &TopicName, header: &FrameHeader, encoding: &str, size_px: [u32; 2], step: u32) -> fox::RawImage {
+fn image_head(
+    name: &TopicName,
+    header: &FrameHeader,
+    encoding: &str,
+    size_px: [u32; 2],
+    step: u32,
+) -> fox::RawImage {
     fox::RawImage {
         timestamp: Some(timestamp(header.sim_nanos)),
         frame_id: name.optical_frame_id(),
@@ -119,27 +175,61 @@ fn image_head(name: &TopicName, header: &FrameHeader, encoding: &str, size_px: [
     }
 }
 
-fn image(name: &TopicName, header: &FrameHeader, encoding: &str, payload: &[u8], reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Entry {
-    let head = image_head(name, header, encoding, [header.width, header.height], header.row_stride);
-    Entry { topic: name.channel.clone(), content: Content::RawImage, bytes: with_data(&head, payload, reuse) }
+fn image(
+    name: &TopicName,
+    header: &FrameHeader,
+    encoding: &str,
+    payload: &[u8],
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Entry {
+    let head = image_head(
+        name,
+        header,
+        encoding,
+        [header.width, header.height],
+        header.row_stride,
+    );
+    Entry {
+        topic: name.channel.clone(),
+        content: Content::RawImage,
+        bytes: with_data(&head, payload, reuse),
+    }
 }
 
 /// Instance ids for looking at: their low 16 bits.
-fn low_ids(name: &TopicName, header: &FrameHeader, payload: &[u8], reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Entry {
+fn low_ids(
+    name: &TopicName,
+    header: &FrameHeader,
+    payload: &[u8],
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Entry {
     let n_bytes = header.width as usize * header.height as usize * 2;
-    let head = image_head(name, header, "mono16", [header.width, header.height], header.width * 2);
+    let head = image_head(
+        name,
+        header,
+        "mono16",
+        [header.width, header.height],
+        header.width * 2,
+    );
     let mut bytes = encoded(&head, reuse(n_bytes + 1024));
     put_varint(&mut bytes, (DATA_FIELD as u64) << 3 | 2);
     put_varint(&mut bytes, n_bytes as u64);
     for row in rows(header, payload) {
         bytes.extend(row.chunks_exact(4).flat_map(|id| [id[0], id[1]]));
     }
-    Entry { topic: name.channel.clone(), content: Content::RawImage, bytes }
+    Entry {
+        topic: name.channel.clone(),
+        content: Content::RawImage,
+        bytes,
+    }
 }
 
 /// The rows of an image without their padding.
 fn rows<'a>(header: &FrameHeader, payload: &'a [u8]) -> impl Iterator<Item = &'a [u8]> + use<'a> {
-    let (stride, row_bytes) = (header.row_stride as usize, header.width as usize * header.element_bytes as usize);
+    let (stride, row_bytes) = (
+        header.row_stride as usize,
+        header.width as usize * header.element_bytes as usize,
+    );
     (0..header.height as usize).map(move |row| &payload[row * stride..row * stride + row_bytes])
 }
 
@@ -151,7 +241,8 @@ pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
 }
 
-/// Events of the window as a picture: red where the last change was brighter, blue where it was darker, black elsewhere.
+/// Events of the window as a picture: red where the last change was brighter, blue where it was
+/// darker, black elsewhere.
 fn events_picture(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Option<Entry> {
     let [width, height] = picture_size_px(header)?;
     let n_bytes = width as u64 * height as u64 * 3;
@@ -163,7 +254,11 @@ fn events_picture(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Opt
         let event: DvsEvent = pod_read_unaligned(bytes);
         if (event.x_px as u32) < width && (event.y_px as u32) < height {
             let at = (event.y_px as usize * width as usize + event.x_px as usize) * 3;
-            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 { &[255, 60, 60] } else { &[60, 100, 255] });
+            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 {
+                &[255, 60, 60]
+            } else {
+                &[60, 100, 255]
+            });
         }
     }
     let head = image_head(name, header, "rgb8", [width, height], width * 3);
@@ -180,23 +275,48 @@ fn point_fields(modality: Modality) -> Vec<fox::PackedElementField> {
     let mut fields = vec![("x", 0, Float32), ("y", 4, Float32), ("z", 8, Float32)];
     fields.extend(match modality {
         Modality::SemanticLidar => {
-            vec![("cos_incidence", 12, Float32), ("object_id", 16, Uint32), ("class", 20, Uint8), ("channel", 22, Uint16)]
+            vec![
+                ("cos_incidence", 12, Float32),
+                ("object_id", 16, Uint32),
+                ("class", 20, Uint8),
+                ("channel", 22, Uint16),
+            ]
         }
         _ => vec![("intensity", 12, Uint16), ("channel", 14, Uint16)],
     });
-    fields.into_iter().map(|(name, offset, kind)| fox::PackedElementField { name: name.to_string(), offset, r#type: kind as i32 }).collect()
+    fields
+        .into_iter()
+        .map(|(name, offset, kind)| fox::PackedElementField {
+            name: name.to_string(),
+            offset,
+            r#type: kind as i32,
+        })
+        .collect()
 }
 
-fn cloud(name: &TopicName, header: &FrameHeader, modality: Modality, payload: &[u8], reuse: &mut dyn FnMut(usize) -> Vec<u8>) -> Entry {
+fn cloud(
+    name: &TopicName,
+    header: &FrameHeader,
+    modality: Modality,
+    payload: &[u8],
+    reuse: &mut dyn FnMut(usize) -> Vec<u8>,
+) -> Entry {
     let head = fox::PointCloud {
         timestamp: Some(timestamp(header.sim_nanos)),
         frame_id: name.frame_id.clone(),
-        pose: Some(fox::Pose { position: Some(vector([0.0; 3])), orientation: Some(quaternion([0.0, 0.0, 0.0, 1.0])) }),
+        pose: Some(fox::Pose {
+            position: Some(vector([0.0; 3])),
+            orientation: Some(quaternion([0.0, 0.0, 0.0, 1.0])),
+        }),
         point_stride: header.element_bytes,
         fields: point_fields(modality),
         ..Default::default()
     };
-    Entry { topic: name.channel.clone(), content: Content::PointCloud, bytes: with_data(&head, payload, reuse) }
+    Entry {
+        topic: name.channel.clone(),
+        content: Content::PointCloud,
+        bytes: with_data(&head, payload, reuse),
+    }
 }
 
 fn one<T: bytemuck::AnyBitPattern>(payload: &[u8]) -> Option<T> {
@@ -207,11 +327,19 @@ fn imu(name: &TopicName, header: &FrameHeader, sample: &ImuSample) -> Entry {
     let mut bytes = Vec::with_capacity(128);
     put_fixed64(&mut bytes, 1, header.sim_nanos);
     put_bytes(&mut bytes, 2, name.frame_id.as_bytes());
-    let values = sample.specific_force_mps2.iter().chain(&sample.angular_velocity_radps).chain([&sample.compass_rad]);
+    let values = sample
+        .specific_force_mps2
+        .iter()
+        .chain(&sample.angular_velocity_radps)
+        .chain([&sample.compass_rad]);
     for (idx, value) in values.enumerate() {
         put_double(&mut bytes, 3 + idx as u32, *value);
     }
-    Entry { topic: name.channel.clone(), content: Content::Imu, bytes }
+    Entry {
+        topic: name.channel.clone(),
+        content: Content::Imu,
+        bytes,
+    }
 }
 
 fn location(name: &TopicName, header: &FrameHeader, sample: &GnssSample) -> Entry {
@@ -247,7 +375,11 @@ pub fn calibration(name: &TopicName, header: &FrameHeader) -> Option<Entry> {
         r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p: vec![fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
     };
-    Some(Entry::foxglove(format!("{}/calibration", name.sensor_channel), Content::CameraCalibration, &message))
+    Some(Entry::foxglove(
+        format!("{}/calibration", name.sensor_channel),
+        Content::CameraCalibration,
+        &message,
+    ))
 }
 
 #[cfg(test)]
@@ -267,18 +399,39 @@ mod tests {
         header.sim_nanos = 1_500_000_000;
         header.seq = 4;
         header.intrinsics_px = [4.0, 4.0, 2.5, 1.5];
-        (TopicName::new("ego/front/rgb").unwrap(), header, (0..60).collect())
+        (
+            TopicName::new("ego/front/rgb").unwrap(),
+            header,
+            (0..60).collect(),
+        )
     }
 
     #[test]
     fn an_image_keeps_every_byte_and_its_header() {
         let (name, header, payload) = rgb();
         let entries = frame_entries(&name, &header, &payload, &mut fresh);
-        assert_eq!(entries.iter().map(|e| e.topic.as_str()).collect::<Vec<_>>(), ["/ego/front/rgb/gantry", "/ego/front/rgb"]);
-        assert_eq!(bytes_field(&entries[0].bytes, 4), Some(bytemuck::bytes_of(&header)));
-        assert_eq!(bytes_field(&entries[0].bytes, 6), Some(&b"/ego/front/rgb"[..]));
+        assert_eq!(
+            entries.iter().map(|e| e.topic.as_str()).collect::<Vec<_>>(),
+            ["/ego/front/rgb/gantry", "/ego/front/rgb"]
+        );
+        assert_eq!(
+            bytes_field(&entries[0].bytes, 4),
+            Some(bytemuck::bytes_of(&header))
+        );
+        assert_eq!(
+            bytes_field(&entries[0].bytes, 6),
+            Some(&b"/ego/front/rgb"[..])
+        );
         let image = fox::RawImage::decode(entries[1].bytes.as_slice()).unwrap();
-        assert_eq!((image.width, image.height, image.step, image.encoding.as_str()), (5, 3, 20, "bgra8"));
+        assert_eq!(
+            (
+                image.width,
+                image.height,
+                image.step,
+                image.encoding.as_str()
+            ),
+            (5, 3, 20, "bgra8")
+        );
         assert_eq!(image.data.as_ref(), payload);
         assert_eq!(image.timestamp, Some(fox::Timestamp::new(1, 500_000_000)));
         assert_eq!(image.frame_id, "ego/front/optical");
@@ -289,7 +442,12 @@ mod tests {
         let mut header = FrameHeader::new(Modality::Instance);
         header.set_image(2, 1);
         let payload = [0x11, 0x22, 0x33, 0x84, 5, 0, 0, 0];
-        let entries = frame_entries(&TopicName::new("ego/front/instance").unwrap(), &header, &payload, &mut fresh);
+        let entries = frame_entries(
+            &TopicName::new("ego/front/instance").unwrap(),
+            &header,
+            &payload,
+            &mut fresh,
+        );
         assert_eq!(bytes_field(&entries[0].bytes, 5), Some(&payload[..]));
         let image = fox::RawImage::decode(entries[1].bytes.as_slice()).unwrap();
         assert_eq!(image.data.as_ref(), [0x11, 0x22, 5, 0]);
@@ -314,9 +472,20 @@ mod tests {
             compass_rad: 3.0,
             reserved: [0; 2],
         };
-        let entries = frame_entries(&TopicName::new("ego/imu/imu").unwrap(), &header, bytemuck::bytes_of(&sample), &mut fresh);
+        let entries = frame_entries(
+            &TopicName::new("ego/imu/imu").unwrap(),
+            &header,
+            bytemuck::bytes_of(&sample),
+            &mut fresh,
+        );
         let doubles: Vec<f64> = fields(&entries[1].bytes)
-            .filter_map(|(n, v)| if let (3.., Value::Fixed64(bits)) = (n, v) { Some(f64::from_bits(bits)) } else { None })
+            .filter_map(|(n, v)| {
+                if let (3.., Value::Fixed64(bits)) = (n, v) {
+                    Some(f64::from_bits(bits))
+                } else {
+                    None
+                }
+            })
             .collect();
         assert_eq!(doubles, [1.0, 2.0, 9.81, 0.1, 0.2, 0.3, 3.0]);
     }

@@ -1,4 +1,5 @@
-//! Looks for topics on a thread of its own: listing a domain opens every service and takes longer than a fast sensor's buffer lasts.
+//! Looks for topics on a thread of its own: listing a domain opens every service and takes longer
+//! than a fast sensor's buffer lasts.
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! `gantry-record info`: what a recording holds, from its summary or, where there is none, by reading it through.
+//! `gantry-record info`: what a recording holds, from its summary or, where there is none, by
+//! reading it through.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -66,11 +67,13 @@ struct Tally {
 /// Reads a file through.
 ///
 /// # Errors
-/// If it cannot be opened or does not begin like an MCAP file; damage further in is reported in the result.
+/// If it cannot be opened or does not begin like an MCAP file; damage further in is reported in the
+/// result.
 pub fn file_info(path: &Path) -> anyhow::Result<FileInfo> {
     let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
     let file_bytes = file.metadata()?.len();
-    info(BufReader::with_capacity(1 << 20, file), file_bytes).with_context(|| path.display().to_string())
+    info(BufReader::with_capacity(1 << 20, file), file_bytes)
+        .with_context(|| path.display().to_string())
 }
 
 /// [`file_info`] on any reader of `file_bytes` bytes.
@@ -79,7 +82,14 @@ pub fn file_info(path: &Path) -> anyhow::Result<FileInfo> {
 /// If it does not begin like an MCAP file.
 pub fn info<R: Read>(input: R, file_bytes: u64) -> anyhow::Result<FileInfo> {
     let mut walk = RecordWalk::new(input, file_bytes)?;
-    let mut tally = Tally { info: FileInfo { file_bytes, start_sim_nanos: u64::MAX, ..Default::default() }, ..Default::default() };
+    let mut tally = Tally {
+        info: FileInfo {
+            file_bytes,
+            start_sim_nanos: u64::MAX,
+            ..Default::default()
+        },
+        ..Default::default()
+    };
     while let Some((opcode, body)) = walk.next_record() {
         match opcode {
             op::DATA_END => while walk.next_record().is_some() {},
@@ -94,8 +104,15 @@ impl Tally {
     fn chunk(&mut self, body: &[u8]) {
         self.info.n_chunks += 1;
         if let Ok((header, _)) = chunk(body) {
-            self.info.unpacked_bytes = self.info.unpacked_bytes.saturating_add(header.uncompressed_size);
-            let name = if header.compression.is_empty() { "none".to_string() } else { header.compression };
+            self.info.unpacked_bytes = self
+                .info
+                .unpacked_bytes
+                .saturating_add(header.uncompressed_size);
+            let name = if header.compression.is_empty() {
+                "none".to_string()
+            } else {
+                header.compression
+            };
             if !self.info.compressions.contains(&name) {
                 self.info.compressions.push(name);
             }
@@ -109,10 +126,20 @@ impl Tally {
 
     fn record(&mut self, record: &Record<'_>) {
         match record {
-            Record::Schema { header, .. } => drop(self.schemas.insert(header.id, header.name.clone())),
+            Record::Schema { header, .. } => {
+                drop(self.schemas.insert(header.id, header.name.clone()))
+            }
             Record::Channel(channel) => {
-                let schema = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                let fresh = ChannelInfo { topic: channel.topic.clone(), schema, ..Default::default() };
+                let schema = self
+                    .schemas
+                    .get(&channel.schema_id)
+                    .cloned()
+                    .unwrap_or_default();
+                let fresh = ChannelInfo {
+                    topic: channel.topic.clone(),
+                    schema,
+                    ..Default::default()
+                };
                 self.channels.entry(channel.id).or_insert((fresh, None));
             }
             Record::Message { header, .. } => {
@@ -126,7 +153,11 @@ impl Tally {
                 }
             }
             Record::Attachment { header, .. } => self.info.attachments.push(header.name.clone()),
-            Record::Metadata(metadata) => drop(self.info.metadata.insert(metadata.name.clone(), metadata.metadata.clone())),
+            Record::Metadata(metadata) => drop(
+                self.info
+                    .metadata
+                    .insert(metadata.name.clone(), metadata.metadata.clone()),
+            ),
             _ => {}
         }
     }
@@ -142,7 +173,11 @@ impl Tally {
         self.info.start_sim_nanos = self.info.start_sim_nanos.min(self.info.end_sim_nanos);
         let rate = |(channel, span): (ChannelInfo, Option<(u64, u64)>)| {
             let secs = span.map_or(0.0, |(first, last)| (last - first) as f64 * 1e-9);
-            let rate_hz = if secs > 0.0 { channel.n_messages.saturating_sub(1) as f64 / secs } else { 0.0 };
+            let rate_hz = if secs > 0.0 {
+                channel.n_messages.saturating_sub(1) as f64 / secs
+            } else {
+                0.0
+            };
             ChannelInfo { rate_hz, ..channel }
         };
         self.info.channels = self.channels.into_values().map(rate).collect();
@@ -170,19 +205,34 @@ impl FileInfo {
             self.n_messages,
             self.start_sim_nanos as f64 * 1e-9
         );
-        let _ = writeln!(out, "\n{:<40} {:<28} {:>9} {:>9}", "TOPIC", "SCHEMA", "MESSAGES", "HZ");
+        let _ = writeln!(
+            out,
+            "\n{:<40} {:<28} {:>9} {:>9}",
+            "TOPIC", "SCHEMA", "MESSAGES", "HZ"
+        );
         for channel in &self.channels {
-            let _ = writeln!(out, "{:<40} {:<28} {:>9} {:>9.2}", channel.topic, channel.schema, channel.n_messages, channel.rate_hz);
+            let _ = writeln!(
+                out,
+                "{:<40} {:<28} {:>9} {:>9.2}",
+                channel.topic, channel.schema, channel.n_messages, channel.rate_hz
+            );
         }
         if !self.attachments.is_empty() {
             let _ = writeln!(out, "\nattachments: {}", self.attachments.join(", "));
         }
         for (name, pairs) in &self.metadata {
-            let pairs: Vec<String> = pairs.iter().map(|(key, value)| format!("{key}={value}")).collect();
+            let pairs: Vec<String> = pairs
+                .iter()
+                .map(|(key, value)| format!("{key}={value}"))
+                .collect();
             let _ = writeln!(out, "metadata {name}: {}", pairs.join(", "));
         }
         if !self.complete {
-            let _ = writeln!(out, "\nNot whole: {}. `gantry-record recover IN OUT` rescues what is there.", self.problem);
+            let _ = writeln!(
+                out,
+                "\nNot whole: {}. `gantry-record recover IN OUT` rescues what is there.",
+                self.problem
+            );
         }
         out
     }

@@ -1,6 +1,8 @@
-//! Recording of a domain into MCAP: conversion, bounded queue, writer thread, reading back and recovery.
+//! Recording of a domain into MCAP: conversion, bounded queue, writer thread, reading back and
+//! recovery.
 //!
-//! The binary `gantry-record` is a thin shell around this library, so that every part is tested on plain memory.
+//! The binary `gantry-record` is a thin shell around this library, so that every part is tested on
+//! plain memory.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -1,4 +1,5 @@
-//! `gantry-record`: records a domain into an MCAP file; tells what a file holds; rescues a file that was cut off.
+//! `gantry-record`: records a domain into an MCAP file; tells what a file holds; rescues a file
+//! that was cut off.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -10,7 +11,8 @@ use consumer_record::writer::ChunkCompression;
 use consumer_record::{info::file_info, recover::recover_file};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
-/// Records every sensor, every snapshot and the map into one MCAP file that Foxglove and rerun open.
+/// Records every sensor, every snapshot and the map into one MCAP file that Foxglove and rerun
+/// open.
 #[derive(Debug, Parser)]
 #[command(
     name = "gantry-record",
@@ -23,7 +25,8 @@ struct Args {
     #[arg(long, value_name = "FILE", required = true)]
     out: Option<PathBuf>,
 
-    /// Frame topics to record, with * and ?; default: all. Snapshots and documents are always recorded
+    /// Frame topics to record, with * and ?; default: all. Snapshots and documents are always
+    /// recorded
     #[arg(long, value_name = "GLOB", num_args = 1..)]
     topics: Vec<String>,
 
@@ -35,7 +38,8 @@ struct Args {
     #[arg(long, value_enum, default_value_t = CompressionArg::Lz4)]
     compression: CompressionArg,
 
-    /// Most that waits for the disk, MiB; what does not fit is dropped and counted (in lockstep the simulator waits instead)
+    /// Most that waits for the disk, MiB; what does not fit is dropped and counted (in lockstep the
+    /// simulator waits instead)
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     queue_mb: u32,
 
@@ -87,7 +91,10 @@ fn main() -> ExitCode {
 }
 
 fn start(args: &Args) -> anyhow::Result<Exit> {
-    let out = args.out.clone().ok_or_else(|| wrong_usage("--out FILE is missing"))?;
+    let out = args
+        .out
+        .clone()
+        .ok_or_else(|| wrong_usage("--out FILE is missing"))?;
     let shutdown = Shutdown::install()?;
     launch_cli::raise_file_limit()?;
     let options = Options {
@@ -131,15 +138,26 @@ fn print_report(report: &Report) -> anyhow::Result<Exit> {
             loss.total()
         )?;
     }
-    writeln!(stdout, "--lockstep loses nothing; fewer --topics or --compression none lose less")?;
+    writeln!(
+        stdout,
+        "--lockstep loses nothing; fewer --topics or --compression none lose less"
+    )?;
     Ok(Exit::DataLost)
 }
 
 fn print_info(file: &std::path::Path, json: bool) -> anyhow::Result<Exit> {
     let found = file_info(file)?;
-    let text = if json { serde_json::to_string(&found)? + "\n" } else { found.text() };
+    let text = if json {
+        serde_json::to_string(&found)? + "\n"
+    } else {
+        found.text()
+    };
     std::io::stdout().write_all(text.as_bytes())?;
-    Ok(if found.complete { Exit::Done } else { Exit::DataLost })
+    Ok(if found.complete {
+        Exit::Done
+    } else {
+        Exit::DataLost
+    })
 }
 
 fn rescue(input: &std::path::Path, output: &std::path::Path) -> anyhow::Result<Exit> {
@@ -154,7 +172,11 @@ fn rescue(input: &std::path::Path, output: &std::path::Path) -> anyhow::Result<E
         found.n_attachments
     )?;
     if found.n_bad_chunks > 0 {
-        writeln!(stdout, "{} damaged chunks were left out", found.n_bad_chunks)?;
+        writeln!(
+            stdout,
+            "{} damaged chunks were left out",
+            found.n_bad_chunks
+        )?;
         return Ok(Exit::DataLost);
     }
     Ok(Exit::Done)

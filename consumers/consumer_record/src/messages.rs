@@ -1,4 +1,5 @@
-//! What a channel of a recording can carry: Foxglove's messages and our own lossless ones, with their schemas.
+//! What a channel of a recording can carry: Foxglove's messages and our own lossless ones, with
+//! their schemas.
 //!
 //! `docs/recording.md` describes the same for readers of files.
 
@@ -24,7 +25,8 @@ pub enum Content {
     SceneUpdate,
     /// `foxglove.CameraCalibration`.
     CameraCalibration,
-    /// `gantry.Frame`: the 256 header bytes, and the payload unless the topic's Foxglove message holds it.
+    /// `gantry.Frame`: the 256 header bytes, and the payload unless the topic's Foxglove message
+    /// holds it.
     Frame,
     /// `gantry.Imu`.
     Imu,
@@ -83,21 +85,41 @@ impl Content {
                     ("compass_rad", Double),
                 ],
             ),
-            Content::Snapshot => {
-                own_schema("Snapshot", &[("tick", Fixed64), ("sim_nanos", Fixed64), ("header", Bytes), ("records", Bytes)])
-            }
-            Content::Document => own_schema("Document", &[("revision", Fixed64), ("tick", Fixed64), ("header", Bytes), ("text", String)]),
+            Content::Snapshot => own_schema(
+                "Snapshot",
+                &[
+                    ("tick", Fixed64),
+                    ("sim_nanos", Fixed64),
+                    ("header", Bytes),
+                    ("records", Bytes),
+                ],
+            ),
+            Content::Document => own_schema(
+                "Document",
+                &[
+                    ("revision", Fixed64),
+                    ("tick", Fixed64),
+                    ("header", Bytes),
+                    ("text", String),
+                ],
+            ),
         }
     }
 }
 
 fn foxglove_schema<M: Encode>() -> SchemaText {
     let schema = M::get_schema().expect("every message type of the foxglove crate has a schema");
-    SchemaText { name: schema.name, data: schema.data.into_owned() }
+    SchemaText {
+        name: schema.name,
+        data: schema.data.into_owned(),
+    }
 }
 
 fn own_schema(name: &str, fields: &[crate::wire::Field]) -> SchemaText {
-    SchemaText { name: format!("gantry.{name}"), data: descriptor_set(name, fields) }
+    SchemaText {
+        name: format!("gantry.{name}"),
+        data: descriptor_set(name, fields),
+    }
 }
 
 /// One message, encoded.
@@ -114,13 +136,19 @@ pub struct Entry {
 impl Entry {
     /// Encodes a Foxglove message.
     pub fn foxglove<M: Encode>(topic: String, content: Content, message: &M) -> Entry {
-        Entry { topic, content, bytes: encoded(message, Vec::new()) }
+        Entry {
+            topic,
+            content,
+            bytes: encoded(message, Vec::new()),
+        }
     }
 }
 
 /// Appends `message` to `bytes`.
 pub(crate) fn encoded<M: Encode>(message: &M, mut bytes: Vec<u8>) -> Vec<u8> {
-    message.encode(&mut bytes).expect("a Vec grows, so encoding into it cannot run out of room");
+    message
+        .encode(&mut bytes)
+        .expect("a Vec grows, so encoding into it cannot run out of room");
     bytes
 }
 
@@ -142,6 +170,10 @@ pub struct Batch {
 impl Batch {
     /// Bytes it occupies in the queue.
     pub fn queued_bytes(&self) -> usize {
-        self.entries.iter().map(|entry| entry.bytes.len()).sum::<usize>() + 64
+        self.entries
+            .iter()
+            .map(|entry| entry.bytes.len())
+            .sum::<usize>()
+            + 64
     }
 }

@@ -1,4 +1,5 @@
-//! The queue between the reading thread and the writer: bounded in bytes, and it counts what does not fit.
+//! The queue between the reading thread and the writer: bounded in bytes, and it counts what does
+//! not fit.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -76,7 +77,17 @@ struct Shared {
 pub fn queue(limit_bytes: usize) -> (Queue, Outlet) {
     let (sender, receiver) = bounded(MAX_JOBS);
     let shared = Arc::new(Shared::default());
-    (Queue { jobs: sender, shared: shared.clone(), limit_bytes }, Outlet { jobs: receiver, shared })
+    (
+        Queue {
+            jobs: sender,
+            shared: shared.clone(),
+            limit_bytes,
+        },
+        Outlet {
+            jobs: receiver,
+            shared,
+        },
+    )
 }
 
 /// Why a job was not queued.
@@ -98,7 +109,11 @@ impl Queue {
         let waiting = self.shared.bytes.load(Ordering::Acquire);
         if waiting > 0 && waiting.saturating_add(n_bytes) > self.limit_bytes {
             let writer_is_gone = Arc::strong_count(&self.shared) == 1;
-            return Err(if writer_is_gone { Refused::Closed } else { Refused::Full(job) });
+            return Err(if writer_is_gone {
+                Refused::Closed
+            } else {
+                Refused::Full(job)
+            });
         }
         self.shared.bytes.fetch_add(n_bytes, Ordering::AcqRel);
         self.jobs.try_send(job).map_err(|error| {
@@ -129,11 +144,18 @@ impl Queue {
         self.shared.bytes.load(Ordering::Acquire)
     }
 
-    /// An empty buffer of at least this capacity, an old one if one fits without wasting half of it.
+    /// An empty buffer of at least this capacity, an old one if one fits without wasting half of
+    /// it.
     pub fn buffer(&self, capacity: usize) -> Vec<u8> {
         if capacity >= MIN_SPARE_BYTES {
-            let mut spare = self.shared.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
-            let fits = |buffer: &Vec<u8>| buffer.capacity() >= capacity && buffer.capacity() / 2 <= capacity;
+            let mut spare = self
+                .shared
+                .spare
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner());
+            let fits = |buffer: &Vec<u8>| {
+                buffer.capacity() >= capacity && buffer.capacity() / 2 <= capacity
+            };
             if let Some(idx) = spare.iter().position(fits) {
                 return spare.swap_remove(idx);
             }
@@ -143,7 +165,8 @@ impl Queue {
 }
 
 impl Outlet {
-    /// The next job; `None` after `timeout` without one, `Err` once the reading side is gone and everything was taken.
+    /// The next job; `None` after `timeout` without one, `Err` once the reading side is gone and
+    /// everything was taken.
     ///
     /// # Errors
     /// `Err(())` when nothing can come any more.
@@ -159,7 +182,11 @@ impl Outlet {
     /// Says that a job of `n_bytes` is written and hands its buffers back.
     pub fn done(&self, n_bytes: usize, buffers: impl Iterator<Item = Vec<u8>>) {
         self.shared.bytes.fetch_sub(n_bytes, Ordering::AcqRel);
-        let mut spare = self.shared.spare.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let mut spare = self
+            .shared
+            .spare
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner());
         for mut buffer in buffers.filter(|buffer| buffer.capacity() >= MIN_SPARE_BYTES) {
             if spare.len() == MAX_SPARE_BUFFERS {
                 spare.remove(0);
@@ -176,8 +203,18 @@ mod tests {
     use crate::messages::{Content, Entry};
 
     fn batch(n_bytes: usize) -> Job {
-        let entry = Entry { topic: "/a".to_string(), content: Content::Frame, bytes: vec![0; n_bytes] };
-        Job::Batch(Batch { source: "a".into(), sequence: 0, log_nanos: 0, publish_nanos: 0, entries: vec![entry] })
+        let entry = Entry {
+            topic: "/a".to_string(),
+            content: Content::Frame,
+            bytes: vec![0; n_bytes],
+        };
+        Job::Batch(Batch {
+            source: "a".into(),
+            sequence: 0,
+            log_nanos: 0,
+            publish_nanos: 0,
+            entries: vec![entry],
+        })
     }
 
     #[test]
@@ -185,10 +222,19 @@ mod tests {
         let (queue, outlet) = queue(300_000);
         queue.offer(batch(200_000)).unwrap();
         assert!(matches!(queue.offer(batch(200_000)), Err(Refused::Full(_))));
-        let Ok(Some(Job::Batch(taken))) = outlet.next(Duration::ZERO) else { panic!("a batch waits") };
-        outlet.done(taken.queued_bytes(), taken.entries.into_iter().map(|entry| entry.bytes));
+        let Ok(Some(Job::Batch(taken))) = outlet.next(Duration::ZERO) else {
+            panic!("a batch waits")
+        };
+        outlet.done(
+            taken.queued_bytes(),
+            taken.entries.into_iter().map(|entry| entry.bytes),
+        );
         assert_eq!(queue.waiting_bytes(), 0);
-        assert_eq!(queue.buffer(150_000).capacity(), 200_000, "the written buffer comes back");
+        assert_eq!(
+            queue.buffer(150_000).capacity(),
+            200_000,
+            "the written buffer comes back"
+        );
         queue.offer(batch(200_000)).unwrap();
     }
 
@@ -197,6 +243,9 @@ mod tests {
         let (queue, outlet) = queue(1000);
         queue.offer(batch(5000)).unwrap();
         drop(outlet);
-        assert!(matches!(queue.push(batch(1)), Err(Refused::Closed)), "a dead writer is noticed, not waited for");
+        assert!(
+            matches!(queue.push(batch(1)), Err(Refused::Closed)),
+            "a dead writer is noticed, not waited for"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Walks the records of an MCAP file of any quality: whole, cut off, or damaged. Nothing here trusts a length it has not compared.
+//! Walks the records of an MCAP file of any quality: whole, cut off, or damaged. Nothing here
+//! trusts a length it has not compared.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -39,7 +40,11 @@ impl<R: Read> RecordWalk<R> {
             whole && magic == mcap::MAGIC,
             "this is not an MCAP file: it does not begin with the bytes 89 4D 43 41 50 30 0D 0A"
         );
-        Ok(RecordWalk { input, left: file_bytes - 8, end: None })
+        Ok(RecordWalk {
+            input,
+            left: file_bytes - 8,
+            end: None,
+        })
     }
 
     /// The next record's opcode and body; `None` at the end, see [`RecordWalk::end`].
@@ -63,7 +68,9 @@ impl<R: Read> RecordWalk<R> {
             return self.stop(End::CutOff);
         }
         if len > MAX_RECORD_BYTES {
-            return self.stop(End::Damaged(format!("a record claims {len} bytes, the limit is {MAX_RECORD_BYTES}")));
+            return self.stop(End::Damaged(format!(
+                "a record claims {len} bytes, the limit is {MAX_RECORD_BYTES}"
+            )));
         }
         let mut body = vec![0u8; len as usize];
         if self.input.read_exact(&mut body).is_err() {
@@ -96,9 +103,15 @@ impl<R: Read> RecordWalk<R> {
 /// A sentence that says what is wrong.
 pub fn chunk(body: &[u8]) -> Result<(ChunkHeader, &[u8]), String> {
     match mcap::parse_record(op::CHUNK, body) {
-        Ok(Record::Chunk { header, data: Cow::Borrowed(data) }) => {
+        Ok(Record::Chunk {
+            header,
+            data: Cow::Borrowed(data),
+        }) => {
             if header.uncompressed_size > MAX_RECORD_BYTES {
-                return Err(format!("a chunk claims {} unpacked bytes, the limit is {MAX_RECORD_BYTES}", header.uncompressed_size));
+                return Err(format!(
+                    "a chunk claims {} unpacked bytes, the limit is {MAX_RECORD_BYTES}",
+                    header.uncompressed_size
+                ));
             }
             Ok((header, data))
         }
@@ -112,8 +125,13 @@ pub fn chunk(body: &[u8]) -> Result<(ChunkHeader, &[u8]), String> {
 /// # Errors
 /// A sentence that says what is wrong.
 pub fn record(opcode: u8, body: &[u8]) -> Result<Record<'_>, String> {
-    if opcode == op::ATTACHMENT && body.len() < MIN_ATTACHMENT_BYTES.saturating_add(attachment_text_bytes(body)) {
-        return Err(format!("an attachment record of {} bytes is too short for its own header", body.len()));
+    if opcode == op::ATTACHMENT
+        && body.len() < MIN_ATTACHMENT_BYTES.saturating_add(attachment_text_bytes(body))
+    {
+        return Err(format!(
+            "an attachment record of {} bytes is too short for its own header",
+            body.len()
+        ));
     }
     mcap::parse_record(opcode, body).map_err(|error| error.to_string())
 }
@@ -123,18 +141,30 @@ const MIN_ATTACHMENT_BYTES: usize = 8 + 8 + 4 + 4 + 8 + 4;
 
 /// Bytes of an attachment's name and media type, as far as their lengths can be read.
 fn attachment_text_bytes(body: &[u8]) -> usize {
-    let len_at = |at: usize| body.get(at..at + 4).map_or(0, |b| u32::from_le_bytes(b.try_into().expect("four bytes")) as usize);
+    let len_at = |at: usize| {
+        body.get(at..at + 4).map_or(0, |b| {
+            u32::from_le_bytes(b.try_into().expect("four bytes")) as usize
+        })
+    };
     let name = len_at(16);
-    name.saturating_add(if name > body.len() { 0 } else { len_at(20 + name) })
+    name.saturating_add(if name > body.len() {
+        0
+    } else {
+        len_at(20 + name)
+    })
 }
 
 /// Calls `each` with every record of a chunk, after the chunk's checksum was verified.
 ///
 /// # Errors
 /// A sentence that says what is wrong; `each` may have been called before.
-pub fn for_each_in_chunk(body: &[u8], each: &mut dyn FnMut(Record<'_>) -> anyhow::Result<()>) -> anyhow::Result<()> {
+pub fn for_each_in_chunk(
+    body: &[u8],
+    each: &mut dyn FnMut(Record<'_>) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
     let (header, _) = chunk(body).map_err(anyhow::Error::msg)?;
-    // The chunk's own size bounds every record in it, so that a damaged length cannot ask for more memory than the chunk has.
+    // The chunk's own size bounds every record in it, so that a damaged length cannot ask for more
+    // memory than the chunk has.
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
@@ -149,7 +179,9 @@ pub fn for_each_in_chunk(body: &[u8], each: &mut dyn FnMut(Record<'_>) -> anyhow
                 let n_read = input.read(reader.insert(wanted.min(head.len() + body.len())))?;
                 reader.notify_read(n_read);
             }
-            LinearReadEvent::Record { data, opcode } => each(record(opcode, data).map_err(anyhow::Error::msg)?)?,
+            LinearReadEvent::Record { data, opcode } => {
+                each(record(opcode, data).map_err(anyhow::Error::msg)?)?
+            }
         }
     }
     Ok(())

@@ -35,10 +35,18 @@ pub fn recover_file(input: &Path, output: &Path) -> anyhow::Result<Recovered> {
     let file = File::open(input).with_context(|| format!("cannot open {}", input.display()))?;
     let file_bytes = file.metadata()?.len();
     if output.exists() {
-        bail!("{} exists already; choose another name or remove it first", output.display());
+        bail!(
+            "{} exists already; choose another name or remove it first",
+            output.display()
+        );
     }
-    let walk = RecordWalk::new(BufReader::with_capacity(1 << 20, file), file_bytes).with_context(|| input.display().to_string())?;
-    let out = File::options().write(true).create_new(true).open(output).with_context(|| format!("cannot create {}", output.display()))?;
+    let walk = RecordWalk::new(BufReader::with_capacity(1 << 20, file), file_bytes)
+        .with_context(|| input.display().to_string())?;
+    let out = File::options()
+        .write(true)
+        .create_new(true)
+        .open(output)
+        .with_context(|| format!("cannot create {}", output.display()))?;
     recover(walk, BufWriter::with_capacity(1 << 20, out))
 }
 
@@ -46,10 +54,23 @@ pub fn recover_file(input: &Path, output: &Path) -> anyhow::Result<Recovered> {
 ///
 /// # Errors
 /// If writing fails; damage in the input is counted, not an error.
-pub fn recover<R: Read, W: Write + Seek>(mut walk: RecordWalk<R>, out: W) -> anyhow::Result<Recovered> {
-    let mut copy =
-        Copy { writer: options(ChunkCompression::Lz4).create(out)?, schemas: HashMap::new(), channels: HashMap::new(), n_messages: 0 };
-    let mut found = Recovered { n_messages: 0, n_chunks: 0, n_bad_chunks: 0, n_attachments: 0, end: End::CutOff };
+pub fn recover<R: Read, W: Write + Seek>(
+    mut walk: RecordWalk<R>,
+    out: W,
+) -> anyhow::Result<Recovered> {
+    let mut copy = Copy {
+        writer: options(ChunkCompression::Lz4).create(out)?,
+        schemas: HashMap::new(),
+        channels: HashMap::new(),
+        n_messages: 0,
+    };
+    let mut found = Recovered {
+        n_messages: 0,
+        n_chunks: 0,
+        n_bad_chunks: 0,
+        n_attachments: 0,
+        end: End::CutOff,
+    };
     while let Some((opcode, body)) = walk.next_record() {
         match opcode {
             op::DATA_END => {
@@ -58,7 +79,9 @@ pub fn recover<R: Read, W: Write + Seek>(mut walk: RecordWalk<R>, out: W) -> any
             }
             op::CHUNK => match unpack(&body) {
                 Ok(records) => {
-                    records.into_iter().try_for_each(|record| copy.record(record))?;
+                    records
+                        .into_iter()
+                        .try_for_each(|record| copy.record(record))?;
                     found.n_chunks += 1;
                 }
                 Err(_) => found.n_bad_chunks += 1,
@@ -99,7 +122,9 @@ impl<W: Write + Seek> Copy<W> {
     fn record(&mut self, record: Record<'_>) -> anyhow::Result<()> {
         match record {
             Record::Schema { header, data } if header.id != 0 => {
-                let id = self.writer.add_schema(&header.name, &header.encoding, &data)?;
+                let id = self
+                    .writer
+                    .add_schema(&header.name, &header.encoding, &data)?;
                 self.schemas.insert(header.id, id);
             }
             Record::Channel(channel) => {
@@ -108,13 +133,24 @@ impl<W: Write + Seek> Copy<W> {
                     id => self.schemas.get(&id).copied(),
                 };
                 if let Some(schema_id) = schema_id {
-                    let id = self.writer.add_channel(schema_id, &channel.topic, &channel.message_encoding, &channel.metadata)?;
+                    let id = self.writer.add_channel(
+                        schema_id,
+                        &channel.topic,
+                        &channel.message_encoding,
+                        &channel.metadata,
+                    )?;
                     self.channels.insert(channel.id, id);
                 }
             }
             Record::Message { header, data } => {
                 if let Some(channel_id) = self.channels.get(&header.channel_id) {
-                    self.writer.write_to_known_channel(&MessageHeader { channel_id: *channel_id, ..header }, &data)?;
+                    self.writer.write_to_known_channel(
+                        &MessageHeader {
+                            channel_id: *channel_id,
+                            ..header
+                        },
+                        &data,
+                    )?;
                     self.n_messages += 1;
                 }
             }
@@ -126,7 +162,10 @@ impl<W: Write + Seek> Copy<W> {
                 data,
             })?,
             Record::Metadata(Metadata { name, metadata }) => {
-                self.writer.write_metadata(&Metadata { name, metadata: BTreeMap::from_iter(metadata) })?
+                self.writer.write_metadata(&Metadata {
+                    name,
+                    metadata: BTreeMap::from_iter(metadata),
+                })?
             }
             _ => {}
         }

@@ -1,11 +1,14 @@
-//! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a tick when all of it is queued.
+//! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a
+//! tick when all of it is queued.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
-use schema_bus::{Bus, BusError, BusOptions, CommandClient, Listener, SnapshotReader, mono_now, names};
+use schema_bus::{
+    Bus, BusError, BusOptions, CommandClient, Listener, SnapshotReader, mono_now, names,
+};
 use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
 
 use crate::convert::{TopicName, frame_entries};
@@ -29,7 +32,8 @@ pub struct Options {
     pub domain: String,
     /// Where iceoryx2 keeps its files.
     pub bus: BusOptions,
-    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are always recorded.
+    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are
+    /// always recorded.
     pub topics: Vec<String>,
     /// File to write.
     pub out: PathBuf,
@@ -66,7 +70,8 @@ pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Repo
 
 /// `*` stands for any characters, `?` for one.
 pub fn matches(pattern: &str, text: &str) -> bool {
-    let (pattern, text): (Vec<char>, Vec<char>) = (pattern.chars().collect(), text.chars().collect());
+    let (pattern, text): (Vec<char>, Vec<char>) =
+        (pattern.chars().collect(), text.chars().collect());
     let mut reachable = vec![false; text.len() + 1];
     reachable[0] = true;
     for symbol in pattern {
@@ -89,7 +94,8 @@ struct Session {
     snapshots: Option<SnapshotReader>,
     documents: Vec<(&'static str, FollowedDocument)>,
     follower: Follower,
-    /// The name of every followed topic in the file, by its place in the follower; kept so that nothing is built per frame.
+    /// The name of every followed topic in the file, by its place in the follower; kept so that
+    /// nothing is built per frame.
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
     full: BTreeSet<String>,
     options: Options,
@@ -116,7 +122,12 @@ struct InStep {
     acked: u64,
 }
 
-const DOCUMENTS: [&str; 4] = [names::WORLD_INFO, names::WORLD_ACTORS, names::WORLD_CATALOGUE, names::WORLD_MAP];
+const DOCUMENTS: [&str; 4] = [
+    names::WORLD_INFO,
+    names::WORLD_ACTORS,
+    names::WORLD_CATALOGUE,
+    names::WORLD_MAP,
+];
 
 impl Session {
     fn open(options: &Options) -> anyhow::Result<Session> {
@@ -134,7 +145,9 @@ impl Session {
         Ok(Session {
             lockstep: None,
             snapshots: None,
-            documents: DOCUMENTS.map(|name| (name, FollowedDocument::new(name))).into(),
+            documents: DOCUMENTS
+                .map(|name| (name, FollowedDocument::new(name)))
+                .into(),
             follower: Follower::on(bus),
             names: BTreeMap::new(),
             full: BTreeSet::new(),
@@ -169,9 +182,16 @@ impl Session {
 
     /// Follows topics that are new.
     fn discover(&mut self) -> anyhow::Result<()> {
-        let Some(topics) = self.discovery.newest()? else { return self.join_lockstep() };
+        let Some(topics) = self.discovery.newest()? else {
+            return self.join_lockstep();
+        };
         for topic in topics {
-            let wanted = self.options.topics.is_empty() || self.options.topics.iter().any(|pattern| matches(pattern, &topic.name));
+            let wanted = self.options.topics.is_empty()
+                || self
+                    .options
+                    .topics
+                    .iter()
+                    .any(|pattern| matches(pattern, &topic.name));
             if topic.modality.is_none() || !wanted || self.names.contains_key(&topic.name) {
                 continue;
             }
@@ -188,7 +208,8 @@ impl Session {
             if let Some(name) = TopicName::new(&topic.name) {
                 self.full.remove(&topic.name);
                 self.follower.follow(&topic.name, Take::All);
-                self.names.insert(topic.name.clone(), (name, topic.name.as_str().into()));
+                self.names
+                    .insert(topic.name.clone(), (name, topic.name.as_str().into()));
             }
         }
         if self.snapshots.is_none() {
@@ -198,19 +219,30 @@ impl Session {
     }
 
     fn join_lockstep(&mut self) -> anyhow::Result<()> {
-        let lost = self.lockstep.as_ref().is_some_and(|step| self.epoch != 0 && step.gate.epoch() != self.epoch);
+        let lost = self
+            .lockstep
+            .as_ref()
+            .is_some_and(|step| self.epoch != 0 && step.gate.epoch() != self.epoch);
         let wait = self.last_try.is_some_and(|at| at.elapsed() < JOIN_EVERY);
-        if !self.options.lockstep || (self.lockstep.is_some() && !lost) || wait || self.names.is_empty() {
+        if !self.options.lockstep
+            || (self.lockstep.is_some() && !lost)
+            || wait
+            || self.names.is_empty()
+        {
             return Ok(());
         }
         self.last_try = Some(Instant::now());
         self.lockstep = None;
-        // Everything must be open before the gate waits for us, else the first tick would be missed.
+        // Everything must be open before the gate waits for us, else the first tick would be
+        // missed.
         self.follower.wait(Duration::ZERO)?;
         let bus = self.follower.bus();
         match Lockstep::join(bus, &self.name, ANSWER_TIMEOUT) {
             Ok(gate) => {
-                tracing::info!(first_tick = gate.first_tick(), "in lockstep: the simulator waits for this recorder");
+                tracing::info!(
+                    first_tick = gate.first_tick(),
+                    "in lockstep: the simulator waits for this recorder"
+                );
                 let acked = gate.first_tick().saturating_sub(1);
                 self.lockstep = Some(InStep {
                     gate,
@@ -253,23 +285,38 @@ impl Session {
                     self.drain_snapshots()?;
                 }
                 let topic = self.follower.topic(id).topic();
-                let Some((name, source)) = self.names.get(topic) else { continue };
+                let Some((name, source)) = self.names.get(topic) else {
+                    continue;
+                };
                 let header = frame.header();
                 if self.epoch != 0 && header.epoch != self.epoch {
-                    tracing::debug!(topic, tick = header.tick, "left out: a frame of a run whose file is finished");
+                    tracing::debug!(
+                        topic,
+                        tick = header.tick,
+                        "left out: a frame of a run whose file is finished"
+                    );
                     continue;
                 }
                 let sink = &self.sink;
-                let mut entries = frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
+                let mut entries =
+                    frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
                 entries.extend(self.scene.frame_extras(name, header));
-                self.sink.put(source, header.seq, header.sim_nanos, header.published_mono_nanos, entries)?;
+                self.sink.put(
+                    source,
+                    header.seq,
+                    header.sim_nanos,
+                    header.published_mono_nanos,
+                    entries,
+                )?;
             }
         }
         Ok(())
     }
 
     fn drain_snapshots(&mut self) -> anyhow::Result<()> {
-        let Some(mut reader) = self.snapshots.take() else { return Ok(()) };
+        let Some(mut reader) = self.snapshots.take() else {
+            return Ok(());
+        };
         let outcome = self.drain_reader(&mut reader);
         self.snapshots = Some(reader);
         outcome
@@ -288,16 +335,25 @@ impl Session {
                         self.drain_documents(true)?;
                     }
                     let entries = self.scene.snapshot_entries(header, snapshot.records());
-                    self.sink.put(&source, header.tick, header.sim_nanos, header.published_mono_nanos, entries)?;
+                    self.sink.put(
+                        &source,
+                        header.tick,
+                        header.sim_nanos,
+                        header.published_mono_nanos,
+                        entries,
+                    )?;
                 }
                 Ok(None) => return Ok(()),
-                Err(error @ BusError::BadSample { .. }) => tracing::warn!(%error, "a snapshot is left out"),
+                Err(error @ BusError::BadSample { .. }) => {
+                    tracing::warn!(%error, "a snapshot is left out")
+                }
                 Err(other) => return Err(other.into()),
             }
         }
     }
 
-    /// Another epoch is another run of the simulator, whose clock starts again: it gets a file of its own.
+    /// Another epoch is another run of the simulator, whose clock starts again: it gets a file of
+    /// its own.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
         if epoch == self.epoch {
             return Ok(());
@@ -317,13 +373,17 @@ impl Session {
         Ok(())
     }
 
-    /// Records documents that changed, or `all`. One of a run that has no snapshot yet waits for it.
+    /// Records documents that changed, or `all`. One of a run that has no snapshot yet waits for
+    /// it.
     fn drain_documents(&mut self, all: bool) -> anyhow::Result<()> {
         for idx in 0..self.documents.len() {
             let (name, followed) = &mut self.documents[idx];
             let name = *name;
             let changed = followed.changed(self.follower.bus())?.is_some();
-            let newest = followed.newest().filter(|found| self.epoch == 0 || found.header.epoch == self.epoch).cloned();
+            let newest = followed
+                .newest()
+                .filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
+                .cloned();
             if let Some(found) = newest.filter(|_| changed || all) {
                 self.record_document(name, &found)?;
             }
@@ -331,16 +391,34 @@ impl Session {
         self.attach_map(false)
     }
 
-    /// Attaches the map once per revision; its name stands in `world/info`, which may come after it. Without one it is called `map`.
+    /// Attaches the map once per revision; its name stands in `world/info`, which may come after
+    /// it. Without one it is called `map`.
     fn attach_map(&mut self, at_the_end: bool) -> anyhow::Result<()> {
         let this_run = |wanted: &str| {
-            let followed = self.documents.iter().find(|(name, _)| *name == wanted).map(|(_, followed)| followed);
-            followed.and_then(FollowedDocument::newest).filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
+            let followed = self
+                .documents
+                .iter()
+                .find(|(name, _)| *name == wanted)
+                .map(|(_, followed)| followed);
+            followed
+                .and_then(FollowedDocument::newest)
+                .filter(|found| self.epoch == 0 || found.header.epoch == self.epoch)
         };
-        let Some(map) = this_run(names::WORLD_MAP) else { return Ok(()) };
+        let Some(map) = this_run(names::WORLD_MAP) else {
+            return Ok(());
+        };
         let revision = (map.header.epoch, map.header.revision);
-        let name = match this_run(names::WORLD_INFO).map(|info| info.json::<WorldInfo>()).transpose()? {
-            Some(info) => info.map.rsplit('/').next().unwrap_or("map").trim_end_matches(".xodr").to_string(),
+        let name = match this_run(names::WORLD_INFO)
+            .map(|info| info.json::<WorldInfo>())
+            .transpose()?
+        {
+            Some(info) => info
+                .map
+                .rsplit('/')
+                .next()
+                .unwrap_or("map")
+                .trim_end_matches(".xodr")
+                .to_string(),
             None if at_the_end => "map".to_string(),
             None => return Ok(()),
         };
@@ -348,29 +426,50 @@ impl Session {
             return Ok(());
         }
         let data = map.text.clone().into_bytes();
-        self.sink.push(Job::Attach { name: format!("{name}.xodr"), media_type: "application/xml", data, log_nanos: self.sim_nanos })?;
+        self.sink.push(Job::Attach {
+            name: format!("{name}.xodr"),
+            media_type: "application/xml",
+            data,
+            log_nanos: self.sim_nanos,
+        })?;
         self.attached = Some(revision);
         Ok(())
     }
 
-    fn record_document(&mut self, name: &'static str, found: &schema_bus::Document) -> anyhow::Result<()> {
+    fn record_document(
+        &mut self,
+        name: &'static str,
+        found: &schema_bus::Document,
+    ) -> anyhow::Result<()> {
         match name {
             names::WORLD_INFO => self.sink.push(world_metadata(&found.text))?,
             names::WORLD_ACTORS => self.scene.set_actors(&found.json::<ActorList>()?),
             _ => {}
         }
         let entries = vec![document(name, &found.header, &found.text)];
-        self.sink.put(&name.into(), found.header.revision, self.sim_nanos, mono_now().0, entries)
+        self.sink.put(
+            &name.into(),
+            found.header.revision,
+            self.sim_nanos,
+            mono_now().0,
+            entries,
+        )
     }
 
-    /// In lockstep: once the daemon answers from after tick N, all frames of tick N were sent; take them, then acknowledge.
+    /// In lockstep: once the daemon answers from after tick N, all frames of tick N were sent; take
+    /// them, then acknowledge.
     fn acknowledge(&mut self) -> anyhow::Result<()> {
-        let Some(step) = &mut self.lockstep else { return Ok(()) };
+        let Some(step) = &mut self.lockstep else {
+            return Ok(());
+        };
         let tick = self.newest_tick;
         if tick <= step.acked || self.epoch != step.gate.epoch() {
             return Ok(());
         }
-        match step.barrier.request(&CommandBatch::new(vec![Command::Ping]), ANSWER_TIMEOUT) {
+        match step
+            .barrier
+            .request(&CommandBatch::new(vec![Command::Ping]), ANSWER_TIMEOUT)
+        {
             Ok(reply) if reply.tick < tick => return Ok(()),
             Ok(_) => {}
             Err(error) => {
@@ -402,7 +501,11 @@ impl Session {
     fn close(mut self) -> anyhow::Result<Report> {
         let lost = self.losses();
         self.sink.finish(&lost)?;
-        Ok(Report { files: self.sink.finished, recorded: self.sink.recorded, lost })
+        Ok(Report {
+            files: self.sink.finished,
+            recorded: self.sink.recorded,
+            lost,
+        })
     }
 }
 
@@ -417,12 +520,19 @@ fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> 
 
 /// The members of `world/info`, each as text.
 fn world_metadata(json: &str) -> Job {
-    let members: serde_json::Map<String, serde_json::Value> = serde_json::from_str(json).unwrap_or_default();
+    let members: serde_json::Map<String, serde_json::Value> =
+        serde_json::from_str(json).unwrap_or_default();
     let text = |value: serde_json::Value| match value {
         serde_json::Value::String(text) => text,
         other => other.to_string(),
     };
-    Job::Metadata { name: names::WORLD_INFO.to_string(), pairs: members.into_iter().map(|(key, value)| (key, text(value))).collect() }
+    Job::Metadata {
+        name: names::WORLD_INFO.to_string(),
+        pairs: members
+            .into_iter()
+            .map(|(key, value)| (key, text(value)))
+            .collect(),
+    }
 }
 
 #[cfg(test)]
@@ -431,8 +541,16 @@ mod tests {
 
     #[test]
     fn patterns_match_as_in_a_shell() {
-        assert!(matches("ego/*", "ego/front/rgb") && matches("*/rgb", "ego/front/rgb") && matches("ego/f?ont/*", "ego/front/rgb"));
+        assert!(
+            matches("ego/*", "ego/front/rgb")
+                && matches("*/rgb", "ego/front/rgb")
+                && matches("ego/f?ont/*", "ego/front/rgb")
+        );
         assert!(matches("*", "") && matches("ego/front/rgb", "ego/front/rgb"));
-        assert!(!matches("*/rgb", "ego/front/rgbx") && !matches("ego/?/rgb", "ego/front/rgb") && !matches("", "a"));
+        assert!(
+            !matches("*/rgb", "ego/front/rgbx")
+                && !matches("ego/?/rgb", "ego/front/rgb")
+                && !matches("", "a")
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Where a recording goes: a file with its writer thread, the queue before it, and the count of what did not fit.
+//! Where a recording goes: a file with its writer thread, the queue before it, and the count of
+//! what did not fit.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -44,8 +45,14 @@ impl Output {
         let path = numbered(&options.out, n);
         let recording = Recording::create(&path, options.compression)?;
         let (queue, outlet) = queue(options.queue_bytes);
-        let writer = std::thread::Builder::new().name("writer".to_string()).spawn(move || run(recording, outlet));
-        let output = Output { path, queue, writer: writer.context("cannot start the writer thread")? };
+        let writer = std::thread::Builder::new()
+            .name("writer".to_string())
+            .spawn(move || run(recording, outlet));
+        let output = Output {
+            path,
+            queue,
+            writer: writer.context("cannot start the writer thread")?,
+        };
         output.push(file_metadata(&options.domain))?;
         output.push(class_metadata())?;
         Ok(output)
@@ -55,11 +62,19 @@ impl Output {
         self.queue.push(job).map_err(|_| writer_ended())
     }
 
-    pub(crate) fn finish(self, losses: BTreeMap<String, String>) -> anyhow::Result<(PathBuf, Written)> {
+    pub(crate) fn finish(
+        self,
+        losses: BTreeMap<String, String>,
+    ) -> anyhow::Result<(PathBuf, Written)> {
         // If the writer has ended already, its own error follows.
-        let _ = self.push(Job::Metadata { name: "losses".to_string(), pairs: losses });
+        let _ = self.push(Job::Metadata {
+            name: "losses".to_string(),
+            pairs: losses,
+        });
         drop(self.queue);
-        let written = self.writer.join().map_err(|_| anyhow!("the writer thread panicked; the part file holds what was flushed before"))?;
+        let written = self.writer.join().map_err(|_| {
+            anyhow!("the writer thread panicked; the part file holds what was flushed before")
+        })?;
         let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
         Ok((self.path, written))
     }
@@ -70,7 +85,9 @@ pub(crate) fn numbered(path: &Path, n: usize) -> PathBuf {
     if n == 1 {
         return path.to_path_buf();
     }
-    let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
+    let extension = path.extension().map_or(String::new(), |extension| {
+        format!(".{}", extension.to_string_lossy())
+    });
     path.with_extension(format!("{n}{extension}"))
 }
 
@@ -95,10 +112,19 @@ impl Sink {
         mono_nanos: u64,
         entries: Vec<Entry>,
     ) -> anyhow::Result<()> {
-        let batch =
-            Batch { source: source.clone(), sequence: sequence as u32, log_nanos, publish_nanos: self.wall_nanos(mono_nanos), entries };
+        let batch = Batch {
+            source: source.clone(),
+            sequence: sequence as u32,
+            log_nanos,
+            publish_nanos: self.wall_nanos(mono_nanos),
+            entries,
+        };
         let output = self.output.as_ref().ok_or_else(writer_ended)?;
-        let outcome = if self.wait { output.queue.push(Job::Batch(batch)) } else { output.queue.offer(Job::Batch(batch)) };
+        let outcome = if self.wait {
+            output.queue.push(Job::Batch(batch))
+        } else {
+            output.queue.offer(Job::Batch(batch))
+        };
         match outcome {
             Ok(()) => *self.recorded.entry(source.to_string()).or_insert(0) += 1,
             Err(Refused::Full(_)) => {
@@ -122,12 +148,17 @@ impl Sink {
     }
 
     pub(crate) fn buffer(&self, n_bytes: usize) -> Vec<u8> {
-        self.output.as_ref().map_or_else(Vec::new, |output| output.queue.buffer(n_bytes))
+        self.output
+            .as_ref()
+            .map_or_else(Vec::new, |output| output.queue.buffer(n_bytes))
     }
 
     pub(crate) fn finish(&mut self, lost: &BTreeMap<String, Loss>) -> anyhow::Result<()> {
         if let Some(output) = self.output.take() {
-            let losses = lost.iter().map(|(topic, loss)| (topic.clone(), loss.total().to_string())).collect();
+            let losses = lost
+                .iter()
+                .map(|(topic, loss)| (topic.clone(), loss.total().to_string()))
+                .collect();
             self.finished.push(output.finish(losses)?);
         }
         Ok(())
@@ -143,24 +174,44 @@ fn writer_ended() -> anyhow::Error {
 }
 
 pub(crate) fn wall_minus_mono_nanos() -> anyhow::Result<i128> {
-    let wall = nix::time::clock_gettime(nix::time::ClockId::CLOCK_REALTIME).context("cannot read the wall clock")?;
+    let wall = nix::time::clock_gettime(nix::time::ClockId::CLOCK_REALTIME)
+        .context("cannot read the wall clock")?;
     Ok(wall.tv_sec() as i128 * 1_000_000_000 + wall.tv_nsec() as i128 - mono_now().0 as i128)
 }
 
 fn file_metadata(domain: &str) -> Job {
     let pairs = [
         ("domain", domain.to_string()),
-        ("recorder", concat!("gantry-record ", env!("CARGO_PKG_VERSION")).to_string()),
+        (
+            "recorder",
+            concat!("gantry-record ", env!("CARGO_PKG_VERSION")).to_string(),
+        ),
         ("schema_version", schema_frames::SCHEMA_VERSION.to_string()),
-        ("log_time", "simulated nanoseconds since the simulator started".to_string()),
-        ("publish_time", "the publisher's wall clock, nanoseconds since 1970".to_string()),
+        (
+            "log_time",
+            "simulated nanoseconds since the simulator started".to_string(),
+        ),
+        (
+            "publish_time",
+            "the publisher's wall clock, nanoseconds since 1970".to_string(),
+        ),
     ];
-    Job::Metadata { name: "gantry".to_string(), pairs: pairs.map(|(key, value)| (key.to_string(), value)).into() }
+    Job::Metadata {
+        name: "gantry".to_string(),
+        pairs: pairs.map(|(key, value)| (key.to_string(), value)).into(),
+    }
 }
 
 fn class_metadata() -> Job {
-    let pairs = CLASSES.iter().enumerate().map(|(number, info)| (number.to_string(), info.name.to_string())).collect();
-    Job::Metadata { name: "classes".to_string(), pairs }
+    let pairs = CLASSES
+        .iter()
+        .enumerate()
+        .map(|(number, info)| (number.to_string(), info.name.to_string()))
+        .collect();
+    Job::Metadata {
+        name: "classes".to_string(),
+        pairs,
+    }
 }
 
 #[cfg(test)]
@@ -169,7 +220,13 @@ mod tests {
 
     #[test]
     fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
-        assert_eq!(numbered(Path::new("a/drive.mcap"), 1), Path::new("a/drive.mcap"));
-        assert_eq!(numbered(Path::new("a/drive.mcap"), 2), Path::new("a/drive.2.mcap"));
+        assert_eq!(
+            numbered(Path::new("a/drive.mcap"), 1),
+            Path::new("a/drive.mcap")
+        );
+        assert_eq!(
+            numbered(Path::new("a/drive.mcap"), 2),
+            Path::new("a/drive.2.mcap")
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! Protocol buffers by hand, as far as a recorder needs them: fields are appended to a buffer, large ones straight from shared memory.
+//! Protocol buffers by hand, as far as a recorder needs them: fields are appended to a buffer,
+//! large ones straight from shared memory.
 //!
-//! Encoding as in the Protocol Buffers documentation, "Encoding": a tag is `number << 3 | wire type`, lengths are base-128 varints.
+//! Encoding as in the Protocol Buffers documentation, "Encoding": a tag is `number << 3 | wire
+//! type`, lengths are base-128 varints.
 
 /// Appends a base-128 varint.
 pub fn put_varint(out: &mut Vec<u8>, mut value: u64) {
@@ -51,7 +53,8 @@ pub enum FieldType {
 /// One field of a message of ours; the number is its place in the list, from 1.
 pub type Field = (&'static str, FieldType);
 
-/// A serialised `google.protobuf.FileDescriptorSet` with one proto3 file that holds one message `gantry.<name>`.
+/// A serialised `google.protobuf.FileDescriptorSet` with one proto3 file that holds one message
+/// `gantry.<name>`.
 pub fn descriptor_set(name: &str, fields: &[Field]) -> Vec<u8> {
     let mut message = Vec::new();
     put_bytes(&mut message, 1, name.as_bytes());
@@ -89,7 +92,8 @@ pub enum Value<'a> {
     Fixed32(u32),
 }
 
-/// Reads the fields of a message, in order; stops at the first byte that cannot be a field. Any bytes are safe to pass.
+/// Reads the fields of a message, in order; stops at the first byte that cannot be a field. Any
+/// bytes are safe to pass.
 pub fn fields(message: &[u8]) -> impl Iterator<Item = (u32, Value<'_>)> {
     let mut rest = message;
     std::iter::from_fn(move || {
@@ -156,7 +160,14 @@ mod tests {
         put_double(&mut out, 2, -0.5);
         put_bytes(&mut out, 300, &[7; 200]);
         let read: Vec<_> = fields(&out).collect();
-        assert_eq!(read, [(1, Value::Varint(u64::MAX)), (2, Value::Fixed64((-0.5f64).to_bits())), (300, Value::Bytes(&[7; 200]))]);
+        assert_eq!(
+            read,
+            [
+                (1, Value::Varint(u64::MAX)),
+                (2, Value::Fixed64((-0.5f64).to_bits())),
+                (300, Value::Bytes(&[7; 200]))
+            ]
+        );
     }
 
     #[test]
@@ -165,7 +176,9 @@ mod tests {
         for _ in 0..20_000 {
             let bytes: Vec<u8> = (0..24)
                 .map(|_| {
-                    state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+                    state = state
+                        .wrapping_mul(6364136223846793005)
+                        .wrapping_add(1442695040888963407);
                     (state >> 56) as u8
                 })
                 .collect();

@@ -1,6 +1,7 @@
 //! The writer thread: jobs from the queue into an MCAP file that is complete after any orderly end.
 //!
-//! It writes `FILE.part`, flushes about once a second and renames when finished, so a crash loses at most the last second.
+//! It writes `FILE.part`, flushes about once a second and renames when finished, so a crash loses
+//! at most the last second.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
@@ -68,7 +69,10 @@ impl Recording {
     pub fn create(target: &Path, compression: ChunkCompression) -> anyhow::Result<Recording> {
         let part = part_path(target);
         if target.exists() {
-            bail!("{} exists already; choose another name or remove it first", target.display());
+            bail!(
+                "{} exists already; choose another name or remove it first",
+                target.display()
+            );
         }
         if part.exists() {
             bail!(
@@ -76,13 +80,23 @@ impl Recording {
                 part.display()
             );
         }
-        if let Some(folder) = target.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        if let Some(folder) = target
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+        {
+            std::fs::create_dir_all(folder)
+                .with_context(|| format!("cannot make the folder {}", folder.display()))?;
         }
         let file = OpenOptions::new().write(true).create_new(true).open(&part);
         let file = file.with_context(|| format!("cannot create {}", part.display()))?;
         let writer = options(compression).create(BufWriter::with_capacity(1 << 20, file))?;
-        Ok(Recording { writer, part, target: target.to_path_buf(), channels: HashMap::new(), counts: BTreeMap::new() })
+        Ok(Recording {
+            writer,
+            part,
+            target: target.to_path_buf(),
+            channels: HashMap::new(),
+            counts: BTreeMap::new(),
+        })
     }
 
     /// Writes the messages of one frame, snapshot or document.
@@ -92,8 +106,12 @@ impl Recording {
     pub fn write(&mut self, batch: &Batch) -> anyhow::Result<()> {
         for entry in &batch.entries {
             let channel_id = self.channel(&entry.topic, entry.content)?;
-            let header =
-                MessageHeader { channel_id, sequence: batch.sequence, log_time: batch.log_nanos, publish_time: batch.publish_nanos };
+            let header = MessageHeader {
+                channel_id,
+                sequence: batch.sequence,
+                log_time: batch.log_nanos,
+                publish_time: batch.publish_nanos,
+            };
             self.writer.write_to_known_channel(&header, &entry.bytes)?;
             match self.counts.get_mut(&entry.topic) {
                 Some(count) => *count += 1,
@@ -109,8 +127,12 @@ impl Recording {
             return Ok(*id);
         }
         let schema = content.schema();
-        let schema_id = self.writer.add_schema(&schema.name, PROTOBUF, &schema.data)?;
-        let id = self.writer.add_channel(schema_id, topic, PROTOBUF, &BTreeMap::new())?;
+        let schema_id = self
+            .writer
+            .add_schema(&schema.name, PROTOBUF, &schema.data)?;
+        let id = self
+            .writer
+            .add_channel(schema_id, topic, PROTOBUF, &BTreeMap::new())?;
         self.channels.insert(key, id);
         Ok(id)
     }
@@ -122,14 +144,22 @@ impl Recording {
     pub fn job(&mut self, job: &Job) -> anyhow::Result<()> {
         match job {
             Job::Batch(batch) => self.write(batch)?,
-            Job::Attach { name, media_type, data, log_nanos } => self.writer.attach(&Attachment {
+            Job::Attach {
+                name,
+                media_type,
+                data,
+                log_nanos,
+            } => self.writer.attach(&Attachment {
                 log_time: *log_nanos,
                 create_time: *log_nanos,
                 name: name.clone(),
                 media_type: media_type.to_string(),
                 data: data.as_slice().into(),
             })?,
-            Job::Metadata { name, pairs } => self.writer.write_metadata(&Metadata { name: name.clone(), metadata: pairs.clone() })?,
+            Job::Metadata { name, pairs } => self.writer.write_metadata(&Metadata {
+                name: name.clone(),
+                metadata: pairs.clone(),
+            })?,
         }
         Ok(())
     }
@@ -148,15 +178,32 @@ impl Recording {
     /// If the disk refuses, or somebody made a file of that name meanwhile.
     pub fn finish(mut self) -> anyhow::Result<Written> {
         self.writer.finish()?;
-        let file = self.writer.into_inner().into_inner().map_err(|error| error.into_error())?;
-        file.sync_all().with_context(|| format!("cannot write {} to disk", self.part.display()))?;
+        let file = self
+            .writer
+            .into_inner()
+            .into_inner()
+            .map_err(|error| error.into_error())?;
+        file.sync_all()
+            .with_context(|| format!("cannot write {} to disk", self.part.display()))?;
         let file_bytes = file.metadata()?.len();
         if self.target.exists() {
-            bail!("{} appeared while recording; the recording stays in {}", self.target.display(), self.part.display());
+            bail!(
+                "{} appeared while recording; the recording stays in {}",
+                self.target.display(),
+                self.part.display()
+            );
         }
-        std::fs::rename(&self.part, &self.target)
-            .with_context(|| format!("cannot rename {} to {}", self.part.display(), self.target.display()))?;
-        Ok(Written { messages: self.counts, file_bytes })
+        std::fs::rename(&self.part, &self.target).with_context(|| {
+            format!(
+                "cannot rename {} to {}",
+                self.part.display(),
+                self.target.display()
+            )
+        })?;
+        Ok(Written {
+            messages: self.counts,
+            file_bytes,
+        })
     }
 }
 
@@ -171,7 +218,11 @@ pub fn part_path(target: &Path) -> PathBuf {
 pub(crate) fn options(compression: ChunkCompression) -> WriteOptions {
     WriteOptions::new()
         .compression(compression.mcap())
-        .compression_level(if compression == ChunkCompression::Zstd { 1 } else { 0 })
+        .compression_level(if compression == ChunkCompression::Zstd {
+            1
+        } else {
+            0
+        })
         .chunk_size(Some(CHUNK_BYTES))
         .profile("")
         .library(concat!("gantry-record ", env!("CARGO_PKG_VERSION")))
@@ -198,7 +249,10 @@ pub fn run(mut recording: Recording, outlet: Outlet) -> anyhow::Result<Written> 
 
 fn give_back(outlet: &Outlet, job: Job) {
     match job {
-        Job::Batch(batch) => outlet.done(batch.queued_bytes(), batch.entries.into_iter().map(|entry| entry.bytes)),
+        Job::Batch(batch) => outlet.done(
+            batch.queued_bytes(),
+            batch.entries.into_iter().map(|entry| entry.bytes),
+        ),
         Job::Attach { data, .. } => outlet.done(data.len(), std::iter::empty()),
         Job::Metadata { .. } => {}
     }

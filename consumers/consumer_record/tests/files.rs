@@ -1,4 +1,5 @@
-//! Recordings on disk: what goes in comes out, cut files are rescued, and no bytes whatever make a reader panic.
+//! Recordings on disk: what goes in comes out, cut files are rescued, and no bytes whatever make a
+//! reader panic.
 
 mod sample;
 
@@ -16,7 +17,11 @@ use sample::{PERIOD_NANOS, WALL_NANOS};
 fn every_byte_of_every_frame_comes_back() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    for compression in [ChunkCompression::None, ChunkCompression::Lz4, ChunkCompression::Zstd] {
+    for compression in [
+        ChunkCompression::None,
+        ChunkCompression::Lz4,
+        ChunkCompression::Zstd,
+    ] {
         let _ = std::fs::remove_file(&path);
         sample::record(&path, 12, compression).unwrap();
         assert!(!part_path(&path).exists());
@@ -26,16 +31,26 @@ fn every_byte_of_every_frame_comes_back() {
         for message in mcap::MessageStream::new(&bytes).unwrap() {
             let message = message.unwrap();
             n_messages += 1;
-            data.insert((message.channel.topic.clone(), message.log_time), (message.data.to_vec(), message.publish_time));
+            data.insert(
+                (message.channel.topic.clone(), message.log_time),
+                (message.data.to_vec(), message.publish_time),
+            );
         }
-        for (tick, topic) in (1..=12).flat_map(|tick| sample::topics().into_iter().map(move |topic| (tick, topic))) {
+        for (tick, topic) in
+            (1..=12).flat_map(|tick| sample::topics().into_iter().map(move |topic| (tick, topic)))
+        {
             let (header, payload) = sample::frame(&topic, tick);
-            let (lossless, publish_time) = &data[&(format!("/{topic}/gantry"), tick * PERIOD_NANOS)];
+            let (lossless, publish_time) =
+                &data[&(format!("/{topic}/gantry"), tick * PERIOD_NANOS)];
             assert_eq!(*publish_time, WALL_NANOS + tick * PERIOD_NANOS);
             assert_eq!(bytes_field(lossless, 4), Some(bytemuck::bytes_of(&header)));
             let found = match bytes_field(lossless, 6) {
                 Some(elsewhere) => bytes_field(
-                    &data[&(String::from_utf8(elsewhere.to_vec()).unwrap(), tick * PERIOD_NANOS)].0,
+                    &data[&(
+                        String::from_utf8(elsewhere.to_vec()).unwrap(),
+                        tick * PERIOD_NANOS,
+                    )]
+                        .0,
                     consumer_record::convert::DATA_FIELD,
                 )
                 .unwrap_or(&[]),
@@ -59,8 +74,15 @@ fn info_tells_rates_and_names() {
     assert_eq!(found.attachments, ["Sample.xodr"]);
     assert_eq!(found.metadata["gantry"]["domain"], "sample");
     assert_eq!(found.compressions, ["lz4"]);
-    let rgb = found.channels.iter().find(|channel| channel.topic == "/ego/front/rgb").unwrap();
-    assert_eq!((rgb.schema.as_str(), rgb.n_messages), ("foxglove.RawImage", 21));
+    let rgb = found
+        .channels
+        .iter()
+        .find(|channel| channel.topic == "/ego/front/rgb")
+        .unwrap();
+    assert_eq!(
+        (rgb.schema.as_str(), rgb.n_messages),
+        ("foxglove.RawImage", 21)
+    );
     assert!((rgb.rate_hz - 20.0).abs() < 1e-9);
 }
 
@@ -83,10 +105,20 @@ fn a_cut_file_gives_back_its_complete_chunks() {
     assert!(rescued.complete);
     assert_eq!(rescued.attachments, ["Sample.xodr"]);
     let share = rescued.n_messages as f64 / whole.n_messages as f64;
-    // Frames of events grow with the tick, so messages and bytes are not in proportion; two chunks cover it.
+    // Frames of events grow with the tick, so messages and bytes are not in proportion; two chunks
+    // cover it.
     let tolerance = 2.0 / whole.n_chunks as f64;
-    assert!((share - 0.6).abs() < tolerance, "{share} of the messages, {} chunks", whole.n_chunks);
-    assert!(recover_file(&cut, &out).unwrap_err().to_string().contains("exists already"));
+    assert!(
+        (share - 0.6).abs() < tolerance,
+        "{share} of the messages, {} chunks",
+        whole.n_chunks
+    );
+    assert!(
+        recover_file(&cut, &out)
+            .unwrap_err()
+            .to_string()
+            .contains("exists already")
+    );
 }
 
 #[test]
@@ -97,10 +129,19 @@ fn one_damaged_chunk_costs_only_itself() {
     let whole = file_info(&path).unwrap();
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
-    bytes[middle..middle + 16].iter_mut().for_each(|byte| *byte ^= 0x5a);
+    bytes[middle..middle + 16]
+        .iter_mut()
+        .for_each(|byte| *byte ^= 0x5a);
     let mut out = Cursor::new(Vec::new());
-    let recovered = recover(RecordWalk::new(bytes.as_slice(), bytes.len() as u64).unwrap(), &mut out).unwrap();
-    assert_eq!((recovered.n_bad_chunks, recovered.n_chunks), (1, whole.n_chunks - 1));
+    let recovered = recover(
+        RecordWalk::new(bytes.as_slice(), bytes.len() as u64).unwrap(),
+        &mut out,
+    )
+    .unwrap();
+    assert_eq!(
+        (recovered.n_bad_chunks, recovered.n_chunks),
+        (1, whole.n_chunks - 1)
+    );
 }
 
 #[test]
@@ -108,21 +149,30 @@ fn an_existing_file_is_never_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, "mine").unwrap();
-    let error = Recording::create(&path, ChunkCompression::Lz4).err().unwrap();
+    let error = Recording::create(&path, ChunkCompression::Lz4)
+        .err()
+        .unwrap();
     assert!(error.to_string().contains("exists already"), "{error}");
     std::fs::remove_file(&path).unwrap();
     std::fs::write(part_path(&path), "half").unwrap();
-    let error = Recording::create(&path, ChunkCompression::Lz4).err().unwrap();
+    let error = Recording::create(&path, ChunkCompression::Lz4)
+        .err()
+        .unwrap();
     assert!(error.to_string().contains("recover"), "{error}");
 }
 
-/// Goal: no bytes make `info` or `recover` panic. Method: a small valid file, mutated with a fixed seed: bytes, whole words, cuts, doublings.
+/// Goal: no bytes make `info` or `recover` panic. Method: a small valid file, mutated with a fixed
+/// seed: bytes, whole words, cuts, doublings.
 #[test]
 fn mutated_files_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     let mut corpus = Vec::new();
-    for compression in [ChunkCompression::None, ChunkCompression::Lz4, ChunkCompression::Zstd] {
+    for compression in [
+        ChunkCompression::None,
+        ChunkCompression::Lz4,
+        ChunkCompression::Zstd,
+    ] {
         let _ = std::fs::remove_file(&path);
         sample::record(&path, 1, compression).unwrap();
         corpus.push(std::fs::read(&path).unwrap());
@@ -142,7 +192,11 @@ fn mutated_files_never_panic() {
 
 fn mutate(bytes: &mut Vec<u8>, rng: &mut fastrand::Rng) {
     // Half of the hits go to the first 4 kB, where headers and lengths are dense.
-    let reach = if rng.bool() { bytes.len().min(4096) } else { bytes.len() };
+    let reach = if rng.bool() {
+        bytes.len().min(4096)
+    } else {
+        bytes.len()
+    };
     if reach == 0 {
         return;
     }

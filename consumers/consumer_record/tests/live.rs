@@ -1,4 +1,5 @@
-//! The recorder on a real bus, against a small stand-in for the daemon that publishes the made-up frames of `sample`.
+//! The recorder on a real bus, against a small stand-in for the daemon that publishes the made-up
+//! frames of `sample`.
 
 mod sample;
 
@@ -12,9 +13,13 @@ use consumer_record::wire::bytes_field;
 use consumer_record::writer::ChunkCompression;
 use sample::PERIOD_NANOS;
 use schema_bus::{
-    AckReader, Bus, BusOptions, CommandServer, DocumentPublisher, FramePublisher, FrameTopic, Listener, Notifier, SnapshotPublisher, names,
+    AckReader, Bus, BusOptions, CommandServer, DocumentPublisher, FramePublisher, FrameTopic,
+    Listener, Notifier, SnapshotPublisher, names,
 };
-use schema_frames::{ActorKind, ActorRecord, Command, CommandReply, FrameHeader, Modality, ReplyBatch, SnapshotHeader, WorldInfo};
+use schema_frames::{
+    ActorKind, ActorRecord, Command, CommandReply, FrameHeader, Modality, ReplyBatch,
+    SnapshotHeader, WorldInfo,
+};
 use schema_types::Pose;
 
 const EPOCH: u64 = 77;
@@ -41,7 +46,9 @@ impl Daemon {
         let bus = Bus::open_with("test", "daemon", options).unwrap();
         let publisher = |topic: String| {
             let modality = Modality::from_name(topic.rsplit('/').next().unwrap()).unwrap();
-            let publisher = bus.frame_publisher(&topic, FrameTopic::new(modality, 64 * 48 * 8)).unwrap();
+            let publisher = bus
+                .frame_publisher(&topic, FrameTopic::new(modality, 64 * 48 * 8))
+                .unwrap();
             (topic, publisher)
         };
         let info = WorldInfo {
@@ -59,8 +66,9 @@ impl Daemon {
             adapter: String::new(),
             cpu_copies: 0,
         };
-        let mut documents: Vec<DocumentPublisher> =
-            [names::WORLD_INFO, names::WORLD_MAP].map(|name| bus.document_publisher(name).unwrap()).into();
+        let mut documents: Vec<DocumentPublisher> = [names::WORLD_INFO, names::WORLD_MAP]
+            .map(|name| bus.document_publisher(name).unwrap())
+            .into();
         documents[0].send_json(&info, epoch, 0).unwrap();
         documents[1].send("<OpenDRIVE/>", epoch, 0).unwrap();
         Daemon {
@@ -83,17 +91,39 @@ impl Daemon {
     fn serve(&mut self) {
         self.documents.iter().for_each(DocumentPublisher::greet);
         self.snapshot.greet();
-        self.acked = self.acks.drain().unwrap().iter().map(|ack| ack.tick).max().unwrap_or(0).max(self.acked);
+        self.acked = self
+            .acks
+            .drain()
+            .unwrap()
+            .iter()
+            .map(|ack| ack.tick)
+            .max()
+            .unwrap_or(0)
+            .max(self.acked);
         while let Some(request) = self.commands.take().unwrap() {
             let reply = |command: &Command| match command {
-                Command::JoinLockstep { .. } => CommandReply::Joined { participant: 1, first_tick: self.tick + 1 },
+                Command::JoinLockstep { .. } => CommandReply::Joined {
+                    participant: 1,
+                    first_tick: self.tick + 1,
+                },
                 Command::LeaveLockstep { .. } => CommandReply::Done,
-                _ => CommandReply::Pong { version: "0".into() },
+                _ => CommandReply::Pong {
+                    version: "0".into(),
+                },
             };
             let commands = request.batch.clone().unwrap().commands;
-            self.joined |= commands.iter().any(|command| matches!(command, Command::JoinLockstep { .. }));
-            self.joined &= !commands.iter().any(|command| matches!(command, Command::LeaveLockstep { .. }));
-            let answer = ReplyBatch { v: 1, epoch: self.epoch.to_string(), tick: self.tick, replies: commands.iter().map(reply).collect() };
+            self.joined |= commands
+                .iter()
+                .any(|command| matches!(command, Command::JoinLockstep { .. }));
+            self.joined &= !commands
+                .iter()
+                .any(|command| matches!(command, Command::LeaveLockstep { .. }));
+            let answer = ReplyBatch {
+                v: 1,
+                epoch: self.epoch.to_string(),
+                tick: self.tick,
+                replies: commands.iter().map(reply).collect(),
+            };
             self.commands.reply(request, &answer).unwrap();
         }
     }
@@ -115,7 +145,12 @@ impl Daemon {
             half_box_m: [2.0, 1.0, 0.8],
             ..bytemuck::Zeroable::zeroed()
         };
-        let header = SnapshotHeader { tick, sim_nanos: tick * PERIOD_NANOS, epoch: self.epoch, ..bytemuck::Zeroable::zeroed() };
+        let header = SnapshotHeader {
+            tick,
+            sim_nanos: tick * PERIOD_NANOS,
+            epoch: self.epoch,
+            ..bytemuck::Zeroable::zeroed()
+        };
         self.snapshot.send(header, &[ego]).unwrap();
         self.snapshot_wake.notify();
         for (topic, publisher) in &self.frames {
@@ -123,7 +158,10 @@ impl Daemon {
             if publisher.n_readers() > 0 {
                 let mut loan = publisher.loan(payload.len()).unwrap();
                 loan.payload_mut().copy_from_slice(&payload);
-                *loan.header_mut() = FrameHeader { epoch: self.epoch, ..header };
+                *loan.header_mut() = FrameHeader {
+                    epoch: self.epoch,
+                    ..header
+                };
                 loan.send().unwrap();
             }
         }
@@ -134,11 +172,19 @@ impl Daemon {
 fn private(folder: &Path) -> BusOptions {
     BusOptions {
         iceoryx_root: Some(folder.join("iox")),
-        prefix: Some(format!("{}_", folder.file_name().unwrap().to_string_lossy().trim_start_matches('.'))),
+        prefix: Some(format!(
+            "{}_",
+            folder
+                .file_name()
+                .unwrap()
+                .to_string_lossy()
+                .trim_start_matches('.')
+        )),
     }
 }
 
-/// Runs daemon and recorder until `n_ticks` ticks were published with the recorder present. Returns its report and the first and last tick.
+/// Runs daemon and recorder until `n_ticks` ticks were published with the recorder present. Returns
+/// its report and the first and last tick.
 fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> (Report, u64, u64) {
     let bus = private(folder);
     let mut daemon = Daemon::new(&bus, EPOCH);
@@ -155,7 +201,12 @@ fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> 
     let report = std::thread::scope(|scope| {
         let recorder = scope.spawn(|| record(&options, &|| stop.load(Ordering::Acquire)));
         let deadline = Instant::now() + Duration::from_secs(60);
-        let present = |daemon: &Daemon| daemon.frames.iter().all(|(_, publisher)| publisher.n_readers() > 0);
+        let present = |daemon: &Daemon| {
+            daemon
+                .frames
+                .iter()
+                .all(|(_, publisher)| publisher.n_readers() > 0)
+        };
         while !(present(&daemon) && (!lockstep || daemon.joined)) {
             daemon.serve();
             daemon.wake.wait(Duration::from_millis(5)).unwrap();
@@ -166,7 +217,11 @@ fn record_live(folder: &Path, lockstep: bool, n_ticks: u64, pause: Duration) -> 
             daemon.run_tick();
             while !daemon.gate_is_open() {
                 daemon.wake.wait(Duration::from_millis(100)).unwrap();
-                assert!(Instant::now() < deadline, "the recorder did not acknowledge tick {}", daemon.tick);
+                assert!(
+                    Instant::now() < deadline,
+                    "the recorder did not acknowledge tick {}",
+                    daemon.tick
+                );
             }
             std::thread::sleep(pause);
         }
@@ -186,17 +241,35 @@ fn assert_complete(path: &Path, first: u64, last: u64) {
     let mut frames: BTreeMap<(String, u64), Vec<u8>> = BTreeMap::new();
     for message in mcap::MessageStream::new(&bytes).unwrap() {
         let message = message.unwrap();
-        frames.insert((message.channel.topic.clone(), message.log_time / PERIOD_NANOS), message.data.to_vec());
+        frames.insert(
+            (
+                message.channel.topic.clone(),
+                message.log_time / PERIOD_NANOS,
+            ),
+            message.data.to_vec(),
+        );
     }
     for tick in first..=last {
-        assert!(frames.contains_key(&("/world/snapshot".to_string(), tick)), "snapshot {tick}");
+        assert!(
+            frames.contains_key(&("/world/snapshot".to_string(), tick)),
+            "snapshot {tick}"
+        );
         for topic in sample::topics() {
             let (header, payload) = sample::frame(&topic, tick);
-            let lossless = frames.get(&(format!("/{topic}/gantry"), tick)).unwrap_or_else(|| panic!("{topic} of tick {tick} is missing"));
+            let lossless = frames
+                .get(&(format!("/{topic}/gantry"), tick))
+                .unwrap_or_else(|| panic!("{topic} of tick {tick} is missing"));
             let kept = bytes_field(lossless, 4).unwrap();
-            assert_eq!(kept[..192], header.hashed_bytes()[..], "{topic} of tick {tick}");
+            assert_eq!(
+                kept[..192],
+                header.hashed_bytes()[..],
+                "{topic} of tick {tick}"
+            );
             let found = match bytes_field(lossless, 6) {
-                Some(_) => bytes_field(&frames[&(format!("/{topic}"), tick)], consumer_record::convert::DATA_FIELD),
+                Some(_) => bytes_field(
+                    &frames[&(format!("/{topic}"), tick)],
+                    consumer_record::convert::DATA_FIELD,
+                ),
                 None => bytes_field(lossless, 5),
             };
             assert_eq!(found.unwrap_or(&[]), payload, "{topic} of tick {tick}");
@@ -221,11 +294,16 @@ fn free_running_at_fifty_hertz_is_recorded_or_its_losses_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     let (report, first, last) = record_live(folder.path(), false, 100, Duration::from_millis(20));
     let n_lost: u64 = report.lost.values().map(|loss| loss.total()).sum();
-    let n_recorded: u64 = sample::topics().iter().map(|topic| report.recorded.get(topic).copied().unwrap_or(0)).sum();
-    // The first and last frames may be taken or not; nothing in between may vanish without being counted.
+    let n_recorded: u64 = sample::topics()
+        .iter()
+        .map(|topic| report.recorded.get(topic).copied().unwrap_or(0))
+        .sum();
+    // The first and last frames may be taken or not; nothing in between may vanish without being
+    // counted.
     let n_sent = (last - first + 1) * sample::topics().len() as u64;
     assert!(
-        n_recorded + n_lost <= n_sent && n_recorded + n_lost + 5 * sample::topics().len() as u64 >= n_sent,
+        n_recorded + n_lost <= n_sent
+            && n_recorded + n_lost + 5 * sample::topics().len() as u64 >= n_sent,
         "{n_recorded} recorded, {n_lost} lost of {n_sent}"
     );
     if n_lost == 0 {
@@ -253,7 +331,11 @@ fn a_restarted_simulator_gets_a_file_of_its_own() {
         let deadline = Instant::now() + Duration::from_secs(60);
         for epoch in [EPOCH, EPOCH + 1] {
             let mut daemon = Daemon::new(&bus, epoch);
-            while daemon.frames.iter().any(|(_, publisher)| publisher.n_readers() == 0) {
+            while daemon
+                .frames
+                .iter()
+                .any(|(_, publisher)| publisher.n_readers() == 0)
+            {
                 daemon.serve();
                 std::thread::sleep(Duration::from_millis(5));
                 assert!(Instant::now() < deadline, "the recorder never came");
@@ -267,18 +349,28 @@ fn a_restarted_simulator_gets_a_file_of_its_own() {
         stop.store(true, Ordering::Release);
         recorder.join().unwrap().unwrap()
     });
-    let files: Vec<_> = report.files.iter().map(|(file, _)| file.file_name().unwrap().to_str().unwrap()).collect();
+    let files: Vec<_> = report
+        .files
+        .iter()
+        .map(|(file, _)| file.file_name().unwrap().to_str().unwrap())
+        .collect();
     assert_eq!(files, ["live.mcap", "live.2.mcap"]);
     for file in files {
         let info = consumer_record::info::file_info(&folder.path().join(file)).unwrap();
-        assert!(info.complete && info.attachments == ["Sample.xodr"], "{file}: {info:?}");
+        assert!(
+            info.complete && info.attachments == ["Sample.xodr"],
+            "{file}: {info:?}"
+        );
         assert!(
             info.end_sim_nanos >= 38 * PERIOD_NANOS && info.end_sim_nanos <= 40 * PERIOD_NANOS,
             "{file} ends at {}",
             info.end_sim_nanos
         );
         assert_eq!(
-            info.channels.iter().filter(|channel| channel.topic.ends_with("/gantry") && channel.n_messages >= 20).count(),
+            info.channels
+                .iter()
+                .filter(|channel| channel.topic.ends_with("/gantry") && channel.n_messages >= 20)
+                .count(),
             sample::topics().len(),
             "{file}"
         );

@@ -1,4 +1,5 @@
-//! Publishes a made-up drive on a domain in real time, in the daemon's place: `cargo run --example publish_sample -- DOMAIN [MAP.xodr] [TICKS]`.
+//! Publishes a made-up drive on a domain in real time, in the daemon's place: `cargo run --example
+//! publish_sample -- DOMAIN [MAP.xodr] [TICKS]`.
 //!
 //! For trying viewer, recorder and readers in other languages without the simulator.
 
@@ -10,20 +11,33 @@ use schema_bus::{Bus, FrameTopic, mono_now, names};
 
 fn main() -> anyhow::Result<()> {
     let mut args = std::env::args().skip(1);
-    let bus = Bus::open(&args.next().unwrap_or_else(|| "sample".to_string()), "publish-sample")?;
-    let map = args.next().filter(|path| path != "-").map(std::fs::read_to_string).transpose()?;
+    let bus = Bus::open(
+        &args.next().unwrap_or_else(|| "sample".to_string()),
+        "publish-sample",
+    )?;
+    let map = args
+        .next()
+        .filter(|path| path != "-")
+        .map(std::fs::read_to_string)
+        .transpose()?;
     let n_ticks = args.next().map_or(Ok(u64::MAX), |text| text.parse())?;
     let epoch = mono_now().0 | 1;
     let topics = sample::MODALITIES.map(|modality| {
         let (_, payload) = sample::frame(modality, 1);
         Ok::<_, anyhow::Error>((
             modality,
-            bus.frame_publisher(&sample::topic(modality), FrameTopic::new(modality, payload.len() * 2 + 100_000))?,
+            bus.frame_publisher(
+                &sample::topic(modality),
+                FrameTopic::new(modality, payload.len() * 2 + 100_000),
+            )?,
         ))
     });
     let topics = topics.into_iter().collect::<Result<Vec<_>, _>>()?;
     let snapshots = bus.snapshot_publisher(16)?;
-    let (snapshot_wake, rig_wake) = (bus.notifier(names::WORLD_SNAPSHOT)?, bus.notifier(&names::rig_tick("ego"))?);
+    let (snapshot_wake, rig_wake) = (
+        bus.notifier(names::WORLD_SNAPSHOT)?,
+        bus.notifier(&names::rig_tick("ego"))?,
+    );
     let mut actors = bus.document_publisher(names::WORLD_ACTORS)?;
     actors.send_json(&sample::actors(), epoch, 0)?;
     let mut map_publisher = bus.document_publisher(names::WORLD_MAP)?;
@@ -46,9 +60,14 @@ fn main() -> anyhow::Result<()> {
             loan.send()?;
         }
         rig_wake.notify();
-        [&actors, &map_publisher].iter().for_each(|document| document.greet());
+        [&actors, &map_publisher]
+            .iter()
+            .for_each(|document| document.greet());
         snapshots.greet();
-        std::thread::sleep((start + Duration::from_nanos(tick * sample::PERIOD_NANOS)).saturating_duration_since(Instant::now()));
+        std::thread::sleep(
+            (start + Duration::from_nanos(tick * sample::PERIOD_NANOS))
+                .saturating_duration_since(Instant::now()),
+        );
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! Makes an .rrd of a made-up drive without any daemon: `cargo run --example view_sample -- OUT.rrd [MAP.xodr]`.
+//! Makes an .rrd of a made-up drive without any daemon: `cargo run --example view_sample -- OUT.rrd
+//! [MAP.xodr]`.
 //!
 //! For checking layout and colours by eye.
 
@@ -7,7 +8,9 @@ mod sample;
 use consumer_view::stage::Stage;
 
 fn main() -> anyhow::Result<()> {
-    let out = std::env::args().nth(1).unwrap_or_else(|| "sample.rrd".to_string());
+    let out = std::env::args()
+        .nth(1)
+        .unwrap_or_else(|| "sample.rrd".to_string());
     let mut stage = Stage::new(rerun::RecordingStreamBuilder::new("gantry").save(&out)?)?;
     let topics = sample::MODALITIES.map(sample::topic);
     stage.set_topics(topics.iter().map(String::as_str))?;
@@ -22,7 +25,12 @@ fn main() -> anyhow::Result<()> {
         stage.hurry()?;
         for modality in sample::MODALITIES {
             let (header, payload) = sample::frame(modality, tick);
-            stage.show_frame(&sample::topic(modality), &header, &payload, 80_000 + tick * 1000)?;
+            stage.show_frame(
+                &sample::topic(modality),
+                &header,
+                &payload,
+                80_000 + tick * 1000,
+            )?;
         }
     }
     stage.flush(std::time::Duration::from_secs(20))?;

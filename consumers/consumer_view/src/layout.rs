@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rerun::blueprint::components::{BackgroundKind, PanelState};
 use rerun::blueprint::{
-    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
-    TimePanel, TimeSeriesView, Vertical,
+    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Grid, Horizontal,
+    SelectionPanel, Spatial2DView, Spatial3DView, Tabs, TimePanel, TimeSeriesView, Vertical,
 };
 use rerun::external::re_sdk_types::blueprint::archetypes::{Background, EyeControls3D};
 use rerun::log::LogMsg;
@@ -46,7 +46,11 @@ impl Place {
         if parts.next().is_some() || rig.is_empty() || sensor.is_empty() {
             return None;
         }
-        Some(Place { rig: rig.to_string(), sensor: sensor.to_string(), modality: Modality::from_name(modality)? })
+        Some(Place {
+            rig: rig.to_string(),
+            sensor: sensor.to_string(),
+            modality: Modality::from_name(modality)?,
+        })
     }
 
     /// `/world/ego`.
@@ -66,19 +70,33 @@ impl Place {
 
     /// `/plots/latency/ego/front/rgb`.
     pub fn latency_path(&self) -> String {
-        format!("{PLOTS}/latency/{}/{}/{}", self.rig, self.sensor, self.modality.name())
+        format!(
+            "{PLOTS}/latency/{}/{}/{}",
+            self.rig,
+            self.sensor,
+            self.modality.name()
+        )
     }
 }
 
 /// Views in this order per camera.
-const CAMERA_ORDER: [Modality; 7] =
-    [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs, Modality::Normals];
+const CAMERA_ORDER: [Modality; 7] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Dvs,
+    Modality::Normals,
+];
 
-/// Where the eye stands and looks, in the axes of the followed rig, metres: behind and above, as one plays a driving game.
+/// Where the eye stands and looks, in the axes of the followed rig, metres: behind and above, as
+/// one plays a driving game.
 const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
 const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
-/// Divides the window among the topics that are there: one view per camera and modality on the left, curves below them, the world on
+/// Divides the window among the topics that are there: one view per camera and modality on the
+/// left, curves below them, the world on
 /// the right, seen from behind the first rig and following it.
 ///
 /// # Errors
@@ -92,49 +110,89 @@ pub fn arrange(rec: &RecordingStream, places: &BTreeSet<Place>) -> anyhow::Resul
         _ => left.push(Tabs::new(cameras).into()),
     }
     left.push(plots());
-    let shares = if left.len() == 2 { vec![3.0, 1.3] } else { vec![1.0] };
+    let shares = if left.len() == 2 {
+        vec![3.0, 1.3]
+    } else {
+        vec![1.0]
+    };
     let followed = places.iter().map(Place::rig_path).min();
     let world = world(places, followed.as_deref());
-    let ContainerLike::View(view) = &world else { unreachable!("a Spatial3DView is a view") };
+    let ContainerLike::View(view) = &world else {
+        unreachable!("a Spatial3DView is a view")
+    };
     let world_path = view.blueprint_path().to_string();
-    let root = Horizontal::new([Vertical::new(left).with_row_shares(shares).into(), world]).with_column_shares(vec![1.35, 1.0]);
+    let root = Horizontal::new([Vertical::new(left).with_row_shares(shares).into(), world])
+        .with_column_shares(vec![1.35, 1.0]);
     let blueprint = Blueprint::new(root)
         .with_auto_views(false)
         .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
         .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(TimePanel::new().with_timeline(SIM_TIME).with_state(PanelState::Collapsed));
+        .with_time_panel(
+            TimePanel::new()
+                .with_timeline(SIM_TIME)
+                .with_state(PanelState::Collapsed),
+        );
     send(rec, &blueprint, &world_path, followed.is_some())
 }
 
-/// Sends the blueprint together with the 3D view's eye and background, which its Rust types of this version cannot carry: they are
+/// Sends the blueprint together with the 3D view's eye and background, which its Rust types of this
+/// version cannot carry: they are
 /// logged into the same blueprint store under the view's path.
-fn send(rec: &RecordingStream, blueprint: &Blueprint, world_path: &str, follow: bool) -> anyhow::Result<()> {
+fn send(
+    rec: &RecordingStream,
+    blueprint: &Blueprint,
+    world_path: &str,
+    follow: bool,
+) -> anyhow::Result<()> {
     let scratch = match rec.store_info() {
         Some(info) => RecordingStreamBuilder::new(info.application_id().clone()),
         None => RecordingStreamBuilder::new(APPLICATION),
     };
     let (scratch, storage) = scratch.memory()?;
-    blueprint.send(&scratch, BlueprintActivation { make_active: true, make_default: true })?;
+    blueprint.send(
+        &scratch,
+        BlueprintActivation {
+            make_active: true,
+            make_default: true,
+        },
+    )?;
     scratch.flush_blocking()?;
     let messages = storage.take();
     let activation = messages.iter().find_map(|message| match message {
         LogMsg::BlueprintActivationCommand(command) => Some(command.clone()),
         _ => None,
     });
-    let Some(activation) = activation else { return Ok(()) };
+    let Some(activation) = activation else {
+        return Ok(());
+    };
     let mut messages: Vec<LogMsg> = messages
         .into_iter()
-        .filter(|message| *message.store_id() == activation.blueprint_id && !matches!(message, LogMsg::BlueprintActivationCommand(_)))
+        .filter(|message| {
+            *message.store_id() == activation.blueprint_id
+                && !matches!(message, LogMsg::BlueprintActivationCommand(_))
+        })
         .collect();
-    let (extra, storage) = RecordingStreamBuilder::from_store_id(&activation.blueprint_id).memory()?;
+    let (extra, storage) =
+        RecordingStreamBuilder::from_store_id(&activation.blueprint_id).memory()?;
     extra.set_time_sequence("blueprint", 0);
-    extra.log(format!("{world_path}/Background"), &Background::new(BackgroundKind::SolidColor).with_color(Rgba32::from_rgb(22, 25, 30)))?;
+    extra.log(
+        format!("{world_path}/Background"),
+        &Background::new(BackgroundKind::SolidColor).with_color(Rgba32::from_rgb(22, 25, 30)),
+    )?;
     if follow {
-        let eye = EyeControls3D::new().with_position(EYE_M).with_look_target(LOOK_M).with_eye_up([0.0, 0.0, 1.0]);
+        let eye = EyeControls3D::new()
+            .with_position(EYE_M)
+            .with_look_target(LOOK_M)
+            .with_eye_up([0.0, 0.0, 1.0]);
         extra.log(format!("{world_path}/EyeControls3D"), &eye)?;
     }
     extra.flush_blocking()?;
-    messages.extend(storage.take().into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))));
+    messages.extend(
+        storage
+            .take()
+            .into_iter()
+            .filter(|message| matches!(message, LogMsg::ArrowMsg(..))),
+    );
     rec.send_blueprint(messages, activation);
     Ok(())
 }
@@ -142,30 +200,53 @@ fn send(rec: &RecordingStream, blueprint: &Blueprint, world_path: &str, follow: 
 /// Name of the application in rerun.
 pub const APPLICATION: &str = "gantry";
 
-/// The 3D view. Of the pictures only the colour one stands in it: depth would become a cloud that hides the world.
+/// The 3D view. Of the pictures only the colour one stands in it: depth would become a cloud that
+/// hides the world.
 fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> ContainerLike {
     let mut contents = vec![format!("+ {WORLD}/**")];
-    for place in places.iter().filter(|place| place.modality.sensor_kind() == SensorKind::Camera && place.modality != Modality::Rgb) {
+    for place in places.iter().filter(|place| {
+        place.modality.sensor_kind() == SensorKind::Camera && place.modality != Modality::Rgb
+    }) {
         contents.push(format!("- {}", place.frame_path()));
     }
-    Spatial3DView::new("world").with_origin(followed.unwrap_or(WORLD)).with_contents(contents).into()
+    Spatial3DView::new("world")
+        .with_origin(followed.unwrap_or(WORLD))
+        .with_contents(contents)
+        .into()
 }
 
 /// One grid per camera.
 fn camera_grids(places: &BTreeSet<Place>) -> Vec<ContainerLike> {
     let mut by_camera: BTreeMap<String, Vec<&Place>> = BTreeMap::new();
-    for place in places.iter().filter(|place| place.modality.sensor_kind() == SensorKind::Camera) {
-        by_camera.entry(format!("{}/{}", place.rig, place.sensor)).or_default().push(place);
+    for place in places
+        .iter()
+        .filter(|place| place.modality.sensor_kind() == SensorKind::Camera)
+    {
+        by_camera
+            .entry(format!("{}/{}", place.rig, place.sensor))
+            .or_default()
+            .push(place);
     }
     let grid = |(camera, places): (String, Vec<&Place>)| -> ContainerLike {
-        let order = |modality| CAMERA_ORDER.iter().position(|m| *m == modality).unwrap_or(CAMERA_ORDER.len());
+        let order = |modality| {
+            CAMERA_ORDER
+                .iter()
+                .position(|m| *m == modality)
+                .unwrap_or(CAMERA_ORDER.len())
+        };
         let mut places = places;
         places.sort_by_key(|place| order(place.modality));
         let views = places.iter().map(|place| -> ContainerLike {
             let name = format!("{camera} {}", place.modality.name());
-            Spatial2DView::new(name).with_origin(place.sensor_path()).with_contents([format!("$origin/{}", place.modality.name())]).into()
+            Spatial2DView::new(name)
+                .with_origin(place.sensor_path())
+                .with_contents([format!("$origin/{}", place.modality.name())])
+                .into()
         });
-        Grid::new(views).with_name(camera.clone()).with_grid_columns(columns(places.len())).into()
+        Grid::new(views)
+            .with_name(camera.clone())
+            .with_grid_columns(columns(places.len()))
+            .into()
     };
     by_camera.into_iter().map(grid).collect()
 }
@@ -181,7 +262,11 @@ fn columns(n_views: usize) -> u32 {
 }
 
 fn plots() -> ContainerLike {
-    let plot = |name: &str| -> ContainerLike { TimeSeriesView::new(name).with_origin(format!("{PLOTS}/{name}")).into() };
+    let plot = |name: &str| -> ContainerLike {
+        TimeSeriesView::new(name)
+            .with_origin(format!("{PLOTS}/{name}"))
+            .into()
+    };
     Horizontal::new([plot("speed"), plot("control"), plot("latency")]).into()
 }
 
@@ -194,7 +279,13 @@ mod tests {
         let place = Place::new("ego/front/rgb").unwrap();
         assert_eq!(place.frame_path(), "/world/ego/front/rgb");
         assert_eq!(place.sensor_path(), "/world/ego/front");
-        for other in ["world/snapshot", "ego/front", "ego/front/rgb/gantry", "ego/front/heat", "//rgb"] {
+        for other in [
+            "world/snapshot",
+            "ego/front",
+            "ego/front/rgb/gantry",
+            "ego/front/heat",
+            "//rgb",
+        ] {
             assert_eq!(Place::new(other), None, "{other}");
         }
     }

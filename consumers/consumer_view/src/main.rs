@@ -9,7 +9,8 @@ use consumer_view::session::{Options, Target, show};
 use consumer_view::viewer::{Viewer, ViewerKind, find_rerun};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};
 
-/// Shows every sensor, the map and all actors in rerun. Without a choice: a window if there is a display, else a page for the browser.
+/// Shows every sensor, the map and all actors in rerun. Without a choice: a window if there is a
+/// display, else a page for the browser.
 #[derive(Debug, Parser)]
 #[command(
     name = "gantry-view",
@@ -48,7 +49,11 @@ struct Args {
 
 fn rate(text: &str) -> Result<f64, String> {
     let hz: f64 = text.parse().map_err(|_| "not a number".to_string())?;
-    if (0.01..=1000.0).contains(&hz) { Ok(hz) } else { Err(format!("{hz} is outside 0.01 to 1000")) }
+    if (0.01..=1000.0).contains(&hz) {
+        Ok(hz)
+    } else {
+        Err(format!("{hz} is outside 0.01 to 1000"))
+    }
 }
 
 fn memory(text: &str) -> Result<String, String> {
@@ -74,7 +79,10 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
     let mut viewer = None;
     let target = match (&args.save, &args.connect) {
         (Some(file), _) if file.exists() => {
-            return Err(wrong_usage(format!("{} exists already; choose another name or remove it first", file.display())));
+            return Err(wrong_usage(format!(
+                "{} exists already; choose another name or remove it first",
+                file.display()
+            )));
         }
         (Some(file), _) => Target::Save(file.clone()),
         (_, Some(url)) => Target::Connect(url.clone()),
@@ -91,17 +99,34 @@ fn start(args: &Args) -> anyhow::Result<Exit> {
         writeln!(stdout, "open {page}")?;
     }
     tracing::info!(domain = args.common.domain, "viewing");
-    let options = Options { domain: args.common.domain.clone(), bus: Default::default(), max_hz: args.max_hz, target };
-    let mut stop = || shutdown.requested() || viewer.as_mut().is_some_and(|viewer| !viewer.is_running());
+    let options = Options {
+        domain: args.common.domain.clone(),
+        bus: Default::default(),
+        max_hz: args.max_hz,
+        target,
+    };
+    let mut stop =
+        || shutdown.requested() || viewer.as_mut().is_some_and(|viewer| !viewer.is_running());
     let shown = show(&options, &mut stop)?;
     if let Some(file) = &args.save {
         let n_frames: u64 = shown.frames.values().sum();
-        writeln!(stdout, "{}: {n_frames} frames of {} topics", file.display(), shown.frames.len())?;
+        writeln!(
+            stdout,
+            "{}: {n_frames} frames of {} topics",
+            file.display(),
+            shown.frames.len()
+        )?;
     }
     Ok(Exit::Done)
 }
 
 fn viewer_kind(args: &Args) -> ViewerKind {
-    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
-    if args.native || (!args.web && has_display) { ViewerKind::Native } else { ViewerKind::Web }
+    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|name| std::env::var_os(name).is_some_and(|value| !value.is_empty()));
+    if args.native || (!args.web && has_display) {
+        ViewerKind::Native
+    } else {
+        ViewerKind::Web
+    }
 }

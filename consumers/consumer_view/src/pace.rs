@@ -1,4 +1,5 @@
-//! How often a topic is shown: at most so many times per second of wall time, on average exactly so often if there is more.
+//! How often a topic is shown: at most so many times per second of wall time, on average exactly so
+//! often if there is more.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,10 @@ impl Pace {
     /// At most `max_hz` per second; `max_hz` must be above 0.
     pub fn new(max_hz: f64) -> Pace {
         assert!(max_hz > 0.0, "a pace is above zero");
-        Pace { period: Duration::from_secs_f64(1.0 / max_hz), due: None }
+        Pace {
+            period: Duration::from_secs_f64(1.0 / max_hz),
+            due: None,
+        }
     }
 
     /// Whether something that arrives now is shown. Being late once does not lower the average.
@@ -41,8 +45,13 @@ mod tests {
         let start = Instant::now();
         for (input_hz, expected) in [(5u32, 50), (10, 100), (13, 100), (30, 100), (1000, 100)] {
             let mut pace = Pace::new(10.0);
-            let n = (0..input_hz * 10).filter(|i| pace.admits(start + Duration::from_secs(1) * *i / input_hz)).count();
-            assert!((expected - 2..=expected + 1).contains(&n), "{n} of {input_hz} Hz over ten seconds");
+            let n = (0..input_hz * 10)
+                .filter(|i| pace.admits(start + Duration::from_secs(1) * *i / input_hz))
+                .count();
+            assert!(
+                (expected - 2..=expected + 1).contains(&n),
+                "{n} of {input_hz} Hz over ten seconds"
+            );
         }
     }
 }

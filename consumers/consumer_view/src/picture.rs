@@ -1,4 +1,5 @@
-//! Frames as pictures for people. Pure: header and payload in, pixels out. Any payload that passed the header's check is safe.
+//! Frames as pictures for people. Pure: header and payload in, pixels out. Any payload that passed
+//! the header's check is safe.
 
 use bytemuck::pod_read_unaligned;
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
@@ -10,7 +11,13 @@ pub fn tight(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     if header.row_stride as usize == row_bytes || header.height <= 1 {
         return payload[..row_bytes * header.height as usize].to_vec();
     }
-    (0..header.height as usize).flat_map(|row| payload[row * header.row_stride as usize..][..row_bytes].iter().copied()).collect()
+    (0..header.height as usize)
+        .flat_map(|row| {
+            payload[row * header.row_stride as usize..][..row_bytes]
+                .iter()
+                .copied()
+        })
+        .collect()
 }
 
 /// A colour that differs between neighbouring ids; the background is black.
@@ -53,7 +60,8 @@ pub fn instance_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
 /// Colours of the wheel: direction is hue.
 const WHEEL_STEPS: usize = 1024;
 
-/// Direction as a number from 0 to 4 that grows with the angle, 0 to the right and 1 downwards: cheap where an arc tangent is not.
+/// Direction as a number from 0 to 4 that grows with the angle, 0 to the right and 1 downwards:
+/// cheap where an arc tangent is not.
 fn diamond_angle(u: f32, v: f32) -> f32 {
     let across = u / (u.abs() + v.abs());
     if v >= 0.0 { 1.0 - across } else { 3.0 + across }
@@ -63,14 +71,24 @@ fn diamond_angle(u: f32, v: f32) -> f32 {
 fn wheel() -> Vec<[f32; 3]> {
     let colour = |step: usize| {
         let angle = step as f32 * 4.0 / WHEEL_STEPS as f32;
-        let u = if angle < 2.0 { 1.0 - angle } else { angle - 3.0 };
+        let u = if angle < 2.0 {
+            1.0 - angle
+        } else {
+            angle - 3.0
+        };
         let v = (1.0 - u.abs()) * if angle < 2.0 { 1.0 } else { -1.0 };
-        hsv((v.atan2(u) / std::f32::consts::TAU).rem_euclid(1.0), 1.0, 1.0).map(f32::from)
+        hsv(
+            (v.atan2(u) / std::f32::consts::TAU).rem_euclid(1.0),
+            1.0,
+            1.0,
+        )
+        .map(f32::from)
     };
     (0..WHEEL_STEPS).map(colour).collect()
 }
 
-/// Optical flow as RGB: hue is the direction (red right, then through yellow-green down), white is standing still, full colour is `full_px` or more.
+/// Optical flow as RGB: hue is the direction (red right, then through yellow-green down), white is
+/// standing still, full colour is `full_px` or more.
 pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
     let wheel = wheel();
     let flow = tight(header, payload);
@@ -89,7 +107,8 @@ pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
     pixels
 }
 
-/// Length that gets full colour: the 95th percentile of a sample of the lengths, at least one pixel.
+/// Length that gets full colour: the 95th percentile of a sample of the lengths, at least one
+/// pixel.
 pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
     let n_pixels = header.width as usize * header.height as usize;
     let step = (n_pixels / 2000).max(1);
@@ -101,18 +120,30 @@ pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
         .filter(|length| length.is_finite())
         .collect();
     lengths.sort_by(f32::total_cmp);
-    lengths.get(lengths.len() * 95 / 100).copied().unwrap_or(1.0).max(1.0)
+    lengths
+        .get(lengths.len() * 95 / 100)
+        .copied()
+        .unwrap_or(1.0)
+        .max(1.0)
 }
 
-/// Normals as RGB: east, north and up as red, green and blue, each from −1 (dark) to 1 (bright); black where nothing was hit.
+/// Normals as RGB: east, north and up as red, green and blue, each from −1 (dark) to 1 (bright);
+/// black where nothing was hit.
 pub fn normals_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     let normals = tight(header, payload);
     let mut pixels = Vec::with_capacity(normals.len() / 8 * 3);
     for bytes in normals.chunks_exact(8) {
         let [x, y, z, _]: [u16; 4] = pod_read_unaligned(bytes);
         let normal = [x, y, z].map(f32_of_half);
-        let is_hit = normal.iter().any(|part| *part != 0.0) && normal.iter().all(|part| part.is_finite());
-        pixels.extend(normal.map(|part| if is_hit { (127.5 + 127.5 * part.clamp(-1.0, 1.0)).round() as u8 } else { 0 }));
+        let is_hit =
+            normal.iter().any(|part| *part != 0.0) && normal.iter().all(|part| part.is_finite());
+        pixels.extend(normal.map(|part| {
+            if is_hit {
+                (127.5 + 127.5 * part.clamp(-1.0, 1.0)).round() as u8
+            } else {
+                0
+            }
+        }));
     }
     pixels
 }
@@ -134,12 +165,14 @@ pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     if header.modality().is_some_and(Modality::is_image) {
         return (header.width > 0 && header.height > 0).then_some([header.width, header.height]);
     }
-    let size = [header.intrinsics_px[2], header.intrinsics_px[3]].map(|middle| (2.0 * middle).round());
+    let size =
+        [header.intrinsics_px[2], header.intrinsics_px[3]].map(|middle| (2.0 * middle).round());
     let usable = |px: f64| (1.0..=16_384.0).contains(&px);
     (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
 }
 
-/// Events of a window as RGB on dark grey: red where the last change was brighter, blue where it was darker.
+/// Events of a window as RGB on dark grey: red where the last change was brighter, blue where it
+/// was darker.
 pub fn events_rgb(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
     let [width, height] = size_px.map(|px| px as usize);
     let mut pixels = vec![24u8; width * height * 3];
@@ -148,7 +181,11 @@ pub fn events_rgb(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
         let (x, y) = (event.x_px as usize, event.y_px as usize);
         if x < width && y < height {
             let at = (y * width + x) * 3;
-            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 { &[255, 70, 60] } else { &[70, 130, 255] });
+            pixels[at..at + 3].copy_from_slice(if event.polarity == 1 {
+                &[255, 70, 60]
+            } else {
+                &[70, 130, 255]
+            });
         }
     }
     pixels
@@ -168,14 +205,24 @@ pub fn cloud(header: &FrameHeader, payload: &[u8]) -> (Vec<[f32; 3]>, Vec<[u8; 3
     let coloured = |bytes: &[u8]| {
         if semantic {
             let point: SemanticLidarPoint = pod_read_unaligned(bytes);
-            let rgb = schema_types::Class(point.class).info().map_or([255; 3], |info| info.rgb);
+            let rgb = schema_types::Class(point.class)
+                .info()
+                .map_or([255; 3], |info| info.rgb);
             (point.hit_in_sensor_m, rgb)
         } else {
             let point: LidarPoint = pod_read_unaligned(bytes);
-            (point.hit_in_sensor_m, height_colour(point.hit_in_sensor_m[2]))
+            (
+                point.hit_in_sensor_m,
+                height_colour(point.hit_in_sensor_m[2]),
+            )
         }
     };
-    payload.chunks_exact(point_bytes).step_by(step).map(coloured).filter(|(hit, _)| hit.iter().all(|x| x.is_finite())).unzip()
+    payload
+        .chunks_exact(point_bytes)
+        .step_by(step)
+        .map(coloured)
+        .filter(|(hit, _)| hit.iter().all(|x| x.is_finite()))
+        .unzip()
 }
 
 /// Colour of a height in the sensor's axes: turbo from 2.5 m below the sensor to 5 m above it.
@@ -183,7 +230,8 @@ fn height_colour(z_m: f32) -> [u8; 3] {
     turbo((z_m + 2.5) / 7.5)
 }
 
-/// The turbo colour map (A. Mikhailov, *Turbo, an improved rainbow colormap*, 2019), by its published polynomial fit of degree five.
+/// The turbo colour map (A. Mikhailov, *Turbo, an improved rainbow colormap*, 2019), by its
+/// published polynomial fit of degree five.
 pub fn turbo(share: f32) -> [u8; 3] {
     let x = share.clamp(0.0, 1.0);
     let powers = [1.0, x, x * x, x.powi(3), x.powi(4), x.powi(5)];
@@ -195,9 +243,30 @@ pub fn turbo(share: f32) -> [u8; 3] {
 
 /// Coefficients of x⁰…x⁵ for red, green, blue.
 const TURBO: [[f32; 6]; 3] = [
-    [0.135_721_4, 4.615_393, -42.660_32, 132.131_08, -152.942_4, 59.286_38],
-    [0.091_402_61, 2.194_188_4, 4.842_966_6, -14.185_033, 4.277_298_6, 2.829_566],
-    [0.106_673_3, 12.641_946, -60.582_05, 110.362_77, -89.903_11, 27.348_25],
+    [
+        0.135_721_4,
+        4.615_393,
+        -42.660_32,
+        132.131_08,
+        -152.942_4,
+        59.286_38,
+    ],
+    [
+        0.091_402_61,
+        2.194_188_4,
+        4.842_966_6,
+        -14.185_033,
+        4.277_298_6,
+        2.829_566,
+    ],
+    [
+        0.106_673_3,
+        12.641_946,
+        -60.582_05,
+        110.362_77,
+        -89.903_11,
+        27.348_25,
+    ],
 ];
 
 #[cfg(test)]
@@ -215,14 +284,23 @@ mod tests {
         let mut header = image(Modality::Semantic, 3, 2);
         header.row_stride = 5;
         header.payload_bytes = 8;
-        assert_eq!(tight(&header, &[1, 2, 3, 9, 9, 4, 5, 6]), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(
+            tight(&header, &[1, 2, 3, 9, 9, 4, 5, 6]),
+            [1, 2, 3, 4, 5, 6]
+        );
     }
 
     #[test]
     fn standing_still_is_white_and_right_is_red() {
         let header = image(Modality::Flow, 3, 1);
-        let flow: Vec<u8> = [0.0f32, 0.0, 5.0, 0.0, f32::NAN, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
-        assert_eq!(flow_rgb(&header, &flow, 5.0), [255, 255, 255, 255, 0, 0, 0, 0, 0]);
+        let flow: Vec<u8> = [0.0f32, 0.0, 5.0, 0.0, f32::NAN, 0.0]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        assert_eq!(
+            flow_rgb(&header, &flow, 5.0),
+            [255, 255, 255, 255, 0, 0, 0, 0, 0]
+        );
     }
 
     #[test]
@@ -230,8 +308,17 @@ mod tests {
         let header = image(Modality::Normals, 3, 1);
         // Up, west and nothing, as halves: 1 is 0x3c00, −1 is 0xbc00.
         let normals: [u16; 12] = [0, 0, 0x3c00, 0, 0xbc00, 0, 0, 0, 0, 0, 0, 0];
-        assert_eq!(normals_rgb(&header, bytemuck::cast_slice(&normals)), [128, 128, 255, 0, 128, 128, 0, 0, 0]);
-        for (bits, value) in [(0x3800, 0.5), (0xc000, -2.0), (0x0001, 2f32.powi(-24)), (0x7bff, 65504.0), (0x3555, 0.333_251_95)] {
+        assert_eq!(
+            normals_rgb(&header, bytemuck::cast_slice(&normals)),
+            [128, 128, 255, 0, 128, 128, 0, 0, 0]
+        );
+        for (bits, value) in [
+            (0x3800, 0.5),
+            (0xc000, -2.0),
+            (0x0001, 2f32.powi(-24)),
+            (0x7bff, 65504.0),
+            (0x3555, 0.333_251_95),
+        ] {
             assert_eq!(f32_of_half(bits), value, "{bits:#x}");
         }
         assert!(f32_of_half(0x7c00).is_infinite() && f32_of_half(0x7e00).is_nan());
@@ -240,16 +327,37 @@ mod tests {
     #[test]
     fn neighbouring_ids_look_different_and_the_background_is_black() {
         assert_eq!(id_colour(0), [0; 3]);
-        let distance = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).map(|(a, b)| a.abs_diff(b) as u32).sum::<u32>();
-        let close = (1..1000).filter(|id| distance(id_colour(*id), id_colour(id + 1)) < 40).count();
-        assert!(close < 60, "{close} of 999 neighbours are hard to tell apart");
+        let distance = |a: [u8; 3], b: [u8; 3]| {
+            a.iter()
+                .zip(b)
+                .map(|(a, b)| a.abs_diff(b) as u32)
+                .sum::<u32>()
+        };
+        let close = (1..1000)
+            .filter(|id| distance(id_colour(*id), id_colour(id + 1)) < 40)
+            .count();
+        assert!(
+            close < 60,
+            "{close} of 999 neighbours are hard to tell apart"
+        );
     }
 
     #[test]
     fn the_last_event_of_a_pixel_wins_and_strays_are_ignored() {
-        let event = |x_px, polarity| DvsEvent { nanos_in_window: 0, x_px, y_px: 0, object_id: 0, polarity, class: 0, reserved: 0 };
+        let event = |x_px, polarity| DvsEvent {
+            nanos_in_window: 0,
+            x_px,
+            y_px: 0,
+            object_id: 0,
+            polarity,
+            class: 0,
+            reserved: 0,
+        };
         let events = [event(1, 1), event(1, 0), event(0, 1), event(7, 1)];
-        assert_eq!(events_rgb([2, 1], bytemuck::cast_slice(&events)), [255, 70, 60, 70, 130, 255]);
+        assert_eq!(
+            events_rgb([2, 1], bytemuck::cast_slice(&events)),
+            [255, 70, 60, 70, 130, 255]
+        );
     }
 
     #[test]
@@ -265,11 +373,17 @@ mod tests {
         for degrees in 0..360 {
             let angle = (degrees as f32).to_radians();
             let header = image(Modality::Flow, 1, 1);
-            let flow: Vec<u8> = [angle.cos() * 9.0, angle.sin() * 9.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+            let flow: Vec<u8> = [angle.cos() * 9.0, angle.sin() * 9.0]
+                .iter()
+                .flat_map(|x| x.to_le_bytes())
+                .collect();
             let expected = hsv(degrees as f32 / 360.0, 1.0, 1.0);
             let got = flow_rgb(&header, &flow, 9.0);
             // A step of the wheel is at most half a degree: 2.2 of 255.
-            assert!(got.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 4), "{degrees}: {got:?} instead of {expected:?}");
+            assert!(
+                got.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 4),
+                "{degrees}: {got:?} instead of {expected:?}"
+            );
         }
     }
 
@@ -277,7 +391,14 @@ mod tests {
     fn large_clouds_are_thinned_and_points_without_number_left_out() {
         let mut header = FrameHeader::new(Modality::Lidar);
         header.set_list(150_000);
-        let mut points = vec![LidarPoint { hit_in_sensor_m: [1.0, 2.0, 0.0], intensity: 0, channel: 0 }; 150_000];
+        let mut points = vec![
+            LidarPoint {
+                hit_in_sensor_m: [1.0, 2.0, 0.0],
+                intensity: 0,
+                channel: 0
+            };
+            150_000
+        ];
         points[0].hit_in_sensor_m[0] = f32::NAN;
         let (positions, colours) = cloud(&header, bytemuck::cast_slice(&points));
         assert_eq!(positions.len(), 49_999);

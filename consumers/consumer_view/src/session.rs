@@ -1,4 +1,5 @@
-//! A viewing from start to end: follow every topic to its newest frame, at most so often, in a new recording for every run of the simulator.
+//! A viewing from start to end: follow every topic to its newest frame, at most so often, in a new
+//! recording for every run of the simulator.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -40,7 +41,11 @@ impl Target {
             Target::Connect(url) => builder.connect_grpc_opts(url.as_str())?,
             Target::Save(path) => {
                 let path = numbered(path, n);
-                anyhow::ensure!(!path.exists(), "{} exists already; choose another name or remove it first", path.display());
+                anyhow::ensure!(
+                    !path.exists(),
+                    "{} exists already; choose another name or remove it first",
+                    path.display()
+                );
                 builder.save(path)?
             }
         };
@@ -53,7 +58,9 @@ fn numbered(path: &Path, n: u32) -> PathBuf {
     if n == 1 {
         return path.to_path_buf();
     }
-    let extension = path.extension().map_or(String::new(), |extension| format!(".{}", extension.to_string_lossy()));
+    let extension = path.extension().map_or(String::new(), |extension| {
+        format!(".{}", extension.to_string_lossy())
+    });
     path.with_extension(format!("{n}{extension}"))
 }
 
@@ -84,8 +91,13 @@ pub struct Shown {
 /// # Errors
 /// If the bus cannot be joined or the target refuses.
 pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result<Shown> {
-    let bus = Bus::open_with(&options.domain, &format!("gantry-view-{}", std::process::id()), &options.bus)?;
-    let documents = [names::WORLD_INFO, names::WORLD_MAP, names::WORLD_ACTORS].map(|name| (name, FollowedDocument::new(name)));
+    let bus = Bus::open_with(
+        &options.domain,
+        &format!("gantry-view-{}", std::process::id()),
+        &options.bus,
+    )?;
+    let documents = [names::WORLD_INFO, names::WORLD_MAP, names::WORLD_ACTORS]
+        .map(|name| (name, FollowedDocument::new(name)));
     let mut session = Session {
         documents,
         follower: Follower::on(bus),
@@ -98,7 +110,10 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
         epoch: 0,
         discovered: None,
         hurried: Instant::now(),
-        shown: Shown { n_runs: 1, ..Default::default() },
+        shown: Shown {
+            n_runs: 1,
+            ..Default::default()
+        },
     };
     while !stop() {
         session.turn()?;
@@ -146,7 +161,10 @@ impl Session {
 
     /// Follows topics that are new and forgets the views of those that have gone.
     fn discover(&mut self) -> anyhow::Result<()> {
-        if self.discovered.is_some_and(|at| at.elapsed() < DISCOVER_EVERY) {
+        if self
+            .discovered
+            .is_some_and(|at| at.elapsed() < DISCOVER_EVERY)
+        {
             return Ok(());
         }
         self.discovered = Some(Instant::now());
@@ -154,10 +172,17 @@ impl Session {
             if found.modality.is_none() || Place::new(&found.name).is_none() {
                 continue;
             }
-            let fresh = || Topic { id: None, pace: Pace::new(self.max_hz), alive: Instant::now() };
+            let fresh = || Topic {
+                id: None,
+                pace: Pace::new(self.max_hz),
+                alive: Instant::now(),
+            };
             let full = found.subscribers >= found.max_subscribers;
             if full && !self.topics.contains_key(&found.name) {
-                let sentence = format!("{} is not shown: all its {} reader places are taken", found.name, found.max_subscribers);
+                let sentence = format!(
+                    "{} is not shown: all its {} reader places are taken",
+                    found.name, found.max_subscribers
+                );
                 tracing::warn!("{sentence}");
                 self.stage.say(rerun::TextLogLevel::WARN, &sentence)?;
             }
@@ -169,18 +194,26 @@ impl Session {
                 topic.alive = Instant::now();
             }
         }
-        let visible = self.topics.iter().filter(|(_, topic)| topic.id.is_some() && topic.alive.elapsed() < KEEP_VIEW);
-        self.stage.set_topics(visible.map(|(name, _)| name.as_str()))
+        let visible = self
+            .topics
+            .iter()
+            .filter(|(_, topic)| topic.id.is_some() && topic.alive.elapsed() < KEEP_VIEW);
+        self.stage
+            .set_topics(visible.map(|(name, _)| name.as_str()))
     }
 
-    /// A new epoch is a new run of the simulator, whose clock starts again: it gets its own recording.
+    /// A new epoch is a new run of the simulator, whose clock starts again: it gets its own
+    /// recording.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
         if self.epoch == epoch || epoch == 0 {
             return Ok(());
         }
         if self.epoch != 0 {
             self.shown.n_runs += 1;
-            tracing::info!(run = self.shown.n_runs, "the simulator was restarted; its new run is a new recording");
+            tracing::info!(
+                run = self.shown.n_runs,
+                "the simulator was restarted; its new run is a new recording"
+            );
             self.stage.flush(FLUSH_TIMEOUT)?;
             self.stage = self.target.open(self.shown.n_runs)?;
             self.shown_tick = 0;
@@ -193,7 +226,9 @@ impl Session {
     fn take_documents(&mut self) -> anyhow::Result<()> {
         for idx in 0..self.documents.len() {
             let (name, followed) = &mut self.documents[idx];
-            let Some(document) = followed.changed(self.follower.bus())?.cloned() else { continue };
+            let Some(document) = followed.changed(self.follower.bus())?.cloned() else {
+                continue;
+            };
             let name = *name;
             self.meet(document.header.epoch)?;
             match name {
@@ -203,7 +238,10 @@ impl Session {
                     let info = document.json::<WorldInfo>()?;
                     self.stage.say(
                         rerun::TextLogLevel::INFO,
-                        &format!("{} on {}, seed {}, {} run", info.map, info.adapter, info.seed, info.source),
+                        &format!(
+                            "{} on {}, seed {}, {} run",
+                            info.map, info.adapter, info.seed, info.source
+                        ),
                     )?;
                 }
             }
@@ -211,15 +249,20 @@ impl Session {
         Ok(())
     }
 
-    /// Takes the newest frame of every topic, then shows them: what showing one costs is not counted as latency of the next.
+    /// Takes the newest frame of every topic, then shows them: what showing one costs is not
+    /// counted as latency of the next.
     fn take_frames(&mut self) -> anyhow::Result<()> {
         let mut taken = Vec::new();
         for (name, topic) in &mut self.topics {
             let Some(id) = topic.id else { continue };
-            let Some(frame) = self.follower.take(id)? else { continue };
+            let Some(frame) = self.follower.take(id)? else {
+                continue;
+            };
             topic.alive = Instant::now();
             if topic.pace.admits(Instant::now()) {
-                let latency_nanos = mono_now().0.saturating_sub(frame.header().published_mono_nanos);
+                let latency_nanos = mono_now()
+                    .0
+                    .saturating_sub(frame.header().published_mono_nanos);
                 taken.push((name.clone(), frame, latency_nanos));
             }
         }
@@ -230,7 +273,8 @@ impl Session {
                 self.stage.remember(&world.header, &world.records);
                 self.show_world(&world)?;
             }
-            self.stage.show_frame(&name, &header, &frame, latency_nanos)?;
+            self.stage
+                .show_frame(&name, &header, &frame, latency_nanos)?;
             *self.shown.frames.entry(name).or_insert(0) += 1;
         }
         Ok(())
@@ -248,7 +292,9 @@ impl Session {
 
     /// Between frames, or without any, the actors move all the same.
     fn take_world(&mut self) -> anyhow::Result<()> {
-        let Some(world) = self.follower.newest_world()? else { return Ok(()) };
+        let Some(world) = self.follower.newest_world()? else {
+            return Ok(());
+        };
         self.meet(world.header.epoch)?;
         if world.header.tick > self.shown_tick && self.world_pace.admits(Instant::now()) {
             self.stage.remember(&world.header, &world.records);
@@ -264,8 +310,14 @@ mod tests {
 
     #[test]
     fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
-        assert_eq!(numbered(Path::new("a/drive.rrd"), 1), Path::new("a/drive.rrd"));
-        assert_eq!(numbered(Path::new("a/drive.rrd"), 2), Path::new("a/drive.2.rrd"));
+        assert_eq!(
+            numbered(Path::new("a/drive.rrd"), 1),
+            Path::new("a/drive.rrd")
+        );
+        assert_eq!(
+            numbered(Path::new("a/drive.rrd"), 2),
+            Path::new("a/drive.2.rrd")
+        );
         assert_eq!(numbered(Path::new("drive"), 3), Path::new("drive.3"));
     }
 }

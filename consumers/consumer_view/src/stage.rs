@@ -4,7 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use rerun::components::{Colormap, ViewCoordinates};
 use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
-use schema_frames::{ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SensorKind, SnapshotHeader};
+use schema_frames::{
+    ActorKind, ActorList, ActorRecord, BodyBox, FrameHeader, ImuSample, Modality, SensorKind,
+    SnapshotHeader,
+};
 use schema_roads::MarkColour;
 use schema_roads::RoadMap;
 use schema_types::{Pose, class::CLASSES};
@@ -49,7 +52,9 @@ impl Stage {
             let path = format!("{}/{path}", layout::PLOTS);
             rec.log_static(
                 path,
-                &rerun::SeriesLines::new().with_names([*name]).with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]),
+                &rerun::SeriesLines::new()
+                    .with_names([*name])
+                    .with_colors([Rgba32::from_rgb(colour[0], colour[1], colour[2])]),
             )?;
         }
         let stage = Stage {
@@ -79,7 +84,10 @@ impl Stage {
     ///
     /// # Errors
     /// If the recording's other end refuses.
-    pub fn set_topics<'a>(&mut self, topics: impl IntoIterator<Item = &'a str>) -> anyhow::Result<()> {
+    pub fn set_topics<'a>(
+        &mut self,
+        topics: impl IntoIterator<Item = &'a str>,
+    ) -> anyhow::Result<()> {
         let places: BTreeSet<Place> = topics.into_iter().filter_map(Place::new).collect();
         if places != self.places {
             self.places = places;
@@ -95,7 +103,12 @@ impl Stage {
     pub fn set_map(&mut self, open_drive: &str) -> anyhow::Result<()> {
         let map = match RoadMap::parse(open_drive) {
             Ok(map) => map,
-            Err(error) => return self.say(rerun::TextLogLevel::WARN, &format!("the map cannot be drawn: {error}")),
+            Err(error) => {
+                return self.say(
+                    rerun::TextLogLevel::WARN,
+                    &format!("the map cannot be drawn: {error}"),
+                );
+            }
         };
         let marks = map.mark_lines(MAP_STEP_M);
         let strips = marks.iter().map(|mark| strip(&mark.points));
@@ -103,7 +116,12 @@ impl Stage {
             MarkColour::Yellow => Rgba32::from_rgb(230, 190, 60),
             _ => Rgba32::from_rgb(200, 200, 205),
         });
-        self.rec.log_static(format!("{}/marks", layout::MAP), &rerun::LineStrips3D::new(strips).with_colors(colours).with_radii([0.06]))?;
+        self.rec.log_static(
+            format!("{}/marks", layout::MAP),
+            &rerun::LineStrips3D::new(strips)
+                .with_colors(colours)
+                .with_radii([0.06]),
+        )?;
         let mut edges = Vec::new();
         for lane in map.lanes().iter().filter(|lane| lane.kind.is_drivable()) {
             let (left, right) = map.boundaries(lane.key, MAP_STEP_M);
@@ -111,21 +129,38 @@ impl Stage {
             edges.push(strip(&right));
         }
         let grey = Rgba32::from_rgb(95, 100, 110);
-        self.rec.log_static(format!("{}/lanes", layout::MAP), &rerun::LineStrips3D::new(edges).with_colors([grey]).with_radii([0.03]))?;
+        self.rec.log_static(
+            format!("{}/lanes", layout::MAP),
+            &rerun::LineStrips3D::new(edges)
+                .with_colors([grey])
+                .with_radii([0.03]),
+        )?;
         Ok(())
     }
 
     /// Takes over who is there.
     pub fn set_actors(&mut self, list: &ActorList) {
-        self.bodies = list.actors.iter().map(|actor| (actor.id, actor.body_box)).collect();
+        self.bodies = list
+            .actors
+            .iter()
+            .map(|actor| (actor.id, actor.body_box))
+            .collect();
         let name = |actor: &schema_frames::ActorInfo| {
             if actor.role == "ego_vehicle" {
                 "ego".to_string()
             } else {
-                format!("{} {}", actor.type_id.trim_start_matches("vehicle."), actor.id)
+                format!(
+                    "{} {}",
+                    actor.type_id.trim_start_matches("vehicle."),
+                    actor.id
+                )
             }
         };
-        self.labels = list.actors.iter().map(|actor| (actor.id, name(actor))).collect();
+        self.labels = list
+            .actors
+            .iter()
+            .map(|actor| (actor.id, name(actor)))
+            .collect();
     }
 
     /// Writes a line into the log view.
@@ -133,12 +168,16 @@ impl Stage {
     /// # Errors
     /// If the recording's other end refuses.
     pub fn say(&self, level: &str, sentence: &str) -> anyhow::Result<()> {
-        Ok(self.rec.log(layout::LOG, &rerun::TextLog::new(sentence).with_level(level))?)
+        Ok(self.rec.log(
+            layout::LOG,
+            &rerun::TextLog::new(sentence).with_level(level),
+        )?)
     }
 
     fn set_clock(&self, tick: u64, sim_nanos: u64) {
         self.rec.set_time_sequence(layout::TICK, tick as i64);
-        self.rec.set_time(layout::SIM_TIME, std::time::Duration::from_nanos(sim_nanos));
+        self.rec
+            .set_time(layout::SIM_TIME, std::time::Duration::from_nanos(sim_nanos));
     }
 
     /// Remembers where everyone is, for frames of that tick; shows nothing.
@@ -146,7 +185,13 @@ impl Stage {
         if self.poses.iter().any(|(tick, _)| *tick == header.tick) {
             return;
         }
-        self.poses.push((header.tick, records.iter().map(|record| (record.id, record.world_from_actor)).collect()));
+        self.poses.push((
+            header.tick,
+            records
+                .iter()
+                .map(|record| (record.id, record.world_from_actor))
+                .collect(),
+        ));
         if self.poses.len() > KEPT_SNAPSHOTS {
             self.poses.remove(0);
         }
@@ -156,23 +201,53 @@ impl Stage {
     ///
     /// # Errors
     /// If the recording's other end refuses.
-    pub fn show_snapshot(&mut self, header: &SnapshotHeader, records: &[ActorRecord]) -> anyhow::Result<()> {
+    pub fn show_snapshot(
+        &mut self,
+        header: &SnapshotHeader,
+        records: &[ActorRecord],
+    ) -> anyhow::Result<()> {
         self.set_clock(header.tick, header.sim_nanos);
         let bodies: Vec<&ActorRecord> = records.iter().filter(|record| has_body(record)).collect();
         let centre = |record: &ActorRecord| {
-            let body = self.bodies.get(&record.id).map_or([0.0, 0.0, record.half_box_m[2]], |body| body.centre_m);
-            vec3((record.world_from_actor.isometry() * nalgebra::Point3::from(body.map(f64::from))).coords.into())
+            let body = self
+                .bodies
+                .get(&record.id)
+                .map_or([0.0, 0.0, record.half_box_m[2]], |body| body.centre_m);
+            vec3(
+                (record.world_from_actor.isometry() * nalgebra::Point3::from(body.map(f64::from)))
+                    .coords
+                    .into(),
+            )
         };
-        let boxes = rerun::Boxes3D::from_centers_and_half_sizes(bodies.iter().map(|r| centre(r)), bodies.iter().map(|r| r.half_box_m))
-            .with_quaternions(bodies.iter().map(|r| rerun::Quaternion::from_xyzw(r.world_from_actor.rotation_xyzw.map(|x| x as f32))))
-            .with_class_ids(bodies.iter().map(|r| if (r.class as usize) < CLASSES.len() { r.class as u16 } else { NO_CLASS }))
-            .with_labels(bodies.iter().map(|r| self.labels.get(&r.id).cloned().unwrap_or_else(|| r.id.to_string())))
-            .with_show_labels(false)
-            .with_colors(bodies.iter().map(|r| self.box_colour(r)));
+        let boxes = rerun::Boxes3D::from_centers_and_half_sizes(
+            bodies.iter().map(|r| centre(r)),
+            bodies.iter().map(|r| r.half_box_m),
+        )
+        .with_quaternions(bodies.iter().map(|r| {
+            rerun::Quaternion::from_xyzw(r.world_from_actor.rotation_xyzw.map(|x| x as f32))
+        }))
+        .with_class_ids(bodies.iter().map(|r| {
+            if (r.class as usize) < CLASSES.len() {
+                r.class as u16
+            } else {
+                NO_CLASS
+            }
+        }))
+        .with_labels(bodies.iter().map(|r| {
+            self.labels
+                .get(&r.id)
+                .cloned()
+                .unwrap_or_else(|| r.id.to_string())
+        }))
+        .with_show_labels(false)
+        .with_colors(bodies.iter().map(|r| self.box_colour(r)));
         self.rec.log(layout::ACTORS, &boxes)?;
         for record in records {
             if let Some(rig) = self.rigs.get(&record.id) {
-                self.rec.log(format!("{}/{rig}", layout::WORLD), &transform(&record.world_from_actor))?;
+                self.rec.log(
+                    format!("{}/{rig}", layout::WORLD),
+                    &transform(&record.world_from_actor),
+                )?;
                 self.plot_vehicle(rig, record)?;
             }
         }
@@ -180,13 +255,23 @@ impl Stage {
     }
 
     fn box_colour(&self, record: &ActorRecord) -> Rgba32 {
-        let [r, g, b] = if self.rigs.contains_key(&record.id) { [255, 170, 40] } else { picture::id_colour(record.id) };
+        let [r, g, b] = if self.rigs.contains_key(&record.id) {
+            [255, 170, 40]
+        } else {
+            picture::id_colour(record.id)
+        };
         Rgba32::from_rgb(r, g, b)
     }
 
     fn plot_vehicle(&self, rig: &str, record: &ActorRecord) -> anyhow::Result<()> {
         let first = self.rigs.values().next().is_some_and(|name| name == rig);
-        let path = |curve: &str| if first { format!("{}/{curve}", layout::PLOTS) } else { format!("{}/{curve}/{rig}", layout::PLOTS) };
+        let path = |curve: &str| {
+            if first {
+                format!("{}/{curve}", layout::PLOTS)
+            } else {
+                format!("{}/{curve}/{rig}", layout::PLOTS)
+            }
+        };
         self.scalar(&path("speed/speed_mps"), record.speed_mps())?;
         if let Some(vehicle) = record.vehicle() {
             self.scalar(&path("speed/limit_mps"), vehicle.speed_limit_mps as f64)?;
@@ -201,12 +286,21 @@ impl Stage {
         Ok(self.rec.log(path, &rerun::Scalars::single(value))?)
     }
 
-    /// Shows one frame. `header` must have passed its check; `latency_nanos` is the time from its publication to us.
+    /// Shows one frame. `header` must have passed its check; `latency_nanos` is the time from its
+    /// publication to us.
     ///
     /// # Errors
     /// If the recording's other end refuses.
-    pub fn show_frame(&mut self, topic: &str, header: &FrameHeader, payload: &[u8], latency_nanos: u64) -> anyhow::Result<()> {
-        let Some(place) = Place::new(topic) else { return Ok(()) };
+    pub fn show_frame(
+        &mut self,
+        topic: &str,
+        header: &FrameHeader,
+        payload: &[u8],
+        latency_nanos: u64,
+    ) -> anyhow::Result<()> {
+        let Some(place) = Place::new(topic) else {
+            return Ok(());
+        };
         self.set_clock(header.tick, header.sim_nanos);
         self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
         self.place_sensor(&place, header)?;
@@ -214,39 +308,85 @@ impl Stage {
             SensorKind::Camera => self.show_picture(&place, header, payload),
             SensorKind::Lidar => {
                 let (positions, colours) = picture::cloud(header, payload);
-                let colours = colours.into_iter().map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
-                Ok(self.rec.log(place.frame_path(), &rerun::Points3D::new(positions).with_colors(colours).with_radii([0.05]))?)
+                let colours = colours
+                    .into_iter()
+                    .map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
+                Ok(self.rec.log(
+                    place.frame_path(),
+                    &rerun::Points3D::new(positions)
+                        .with_colors(colours)
+                        .with_radii([0.05]),
+                )?)
             }
             SensorKind::Imu => self.plot_imu(&place, payload),
             _ => Ok(()),
         }
     }
 
-    fn show_picture(&self, place: &Place, header: &FrameHeader, payload: &[u8]) -> anyhow::Result<()> {
+    fn show_picture(
+        &self,
+        place: &Place,
+        header: &FrameHeader,
+        payload: &[u8],
+    ) -> anyhow::Result<()> {
         let path = place.frame_path();
         let size = [header.width, header.height];
         match place.modality {
             Modality::Rgb => {
                 let pixels = picture::tight(header, payload);
-                self.rec.log(path, &rerun::Image::from_color_model_and_bytes(pixels, size, ColorModel::BGRA, ChannelDatatype::U8))?;
+                self.rec.log(
+                    path,
+                    &rerun::Image::from_color_model_and_bytes(
+                        pixels,
+                        size,
+                        ColorModel::BGRA,
+                        ChannelDatatype::U8,
+                    ),
+                )?;
             }
             Modality::Depth => {
-                let image = rerun::DepthImage::from_data_type_and_bytes(picture::tight(header, payload), size, ChannelDatatype::F32);
-                self.rec.log(path, &image.with_meter(1.0).with_colormap(Colormap::Turbo).with_depth_range([0.0, DEPTH_RANGE_M]))?;
+                let image = rerun::DepthImage::from_data_type_and_bytes(
+                    picture::tight(header, payload),
+                    size,
+                    ChannelDatatype::F32,
+                );
+                self.rec.log(
+                    path,
+                    &image
+                        .with_meter(1.0)
+                        .with_colormap(Colormap::Turbo)
+                        .with_depth_range([0.0, DEPTH_RANGE_M]),
+                )?;
             }
             Modality::Semantic => {
-                let format = rerun::components::ImageFormat::segmentation(size, ChannelDatatype::U8);
-                self.rec.log(path, &rerun::SegmentationImage::new(picture::tight(header, payload), format))?;
+                let format =
+                    rerun::components::ImageFormat::segmentation(size, ChannelDatatype::U8);
+                self.rec.log(
+                    path,
+                    &rerun::SegmentationImage::new(picture::tight(header, payload), format),
+                )?;
             }
-            Modality::Instance => self.rec.log(path, &rerun::Image::from_rgb24(picture::instance_rgb(header, payload), size))?,
+            Modality::Instance => self.rec.log(
+                path,
+                &rerun::Image::from_rgb24(picture::instance_rgb(header, payload), size),
+            )?,
             Modality::Flow => {
                 let full_px = picture::flow_full_px(header, payload);
-                self.rec.log(path, &rerun::Image::from_rgb24(picture::flow_rgb(header, payload, full_px), size))?;
+                self.rec.log(
+                    path,
+                    &rerun::Image::from_rgb24(picture::flow_rgb(header, payload, full_px), size),
+                )?;
             }
-            Modality::Normals => self.rec.log(path, &rerun::Image::from_rgb24(picture::normals_rgb(header, payload), size))?,
+            Modality::Normals => self.rec.log(
+                path,
+                &rerun::Image::from_rgb24(picture::normals_rgb(header, payload), size),
+            )?,
             Modality::Dvs => {
                 if let Some(size) = picture::picture_size_px(header) {
-                    self.rec.log(path, &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size))?;
+                    self.rec.log(
+                        path,
+                        &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size),
+                    )?;
                 }
             }
             _ => {}
@@ -255,23 +395,38 @@ impl Stage {
     }
 
     fn plot_imu(&self, place: &Place, payload: &[u8]) -> anyhow::Result<()> {
-        let Some(bytes) = payload.get(..size_of::<ImuSample>()) else { return Ok(()) };
+        let Some(bytes) = payload.get(..size_of::<ImuSample>()) else {
+            return Ok(());
+        };
         let sample: ImuSample = bytemuck::pod_read_unaligned(bytes);
         for (axis, force) in ["x", "y", "z"].iter().zip(sample.specific_force_mps2) {
-            self.scalar(&format!("{}/imu/{}/{}/force_{axis}", layout::PLOTS, place.rig, place.sensor), force)?;
+            self.scalar(
+                &format!(
+                    "{}/imu/{}/{}/force_{axis}",
+                    layout::PLOTS,
+                    place.rig,
+                    place.sensor
+                ),
+                force,
+            )?;
         }
         Ok(())
     }
 
-    /// Hangs the sensor into the tree: on its rig where the parent's pose at that tick is known, else into the world.
+    /// Hangs the sensor into the tree: on its rig where the parent's pose at that tick is known,
+    /// else into the world.
     fn place_sensor(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
-        let parent = self.pose_at(header.tick, header.parent_id).filter(|_| header.parent_id != 0);
+        let parent = self
+            .pose_at(header.tick, header.parent_id)
+            .filter(|_| header.parent_id != 0);
         if let Some(parent) = parent {
-            if let std::collections::btree_map::Entry::Vacant(e) = self.rigs.entry(header.parent_id) {
+            if let std::collections::btree_map::Entry::Vacant(e) = self.rigs.entry(header.parent_id)
+            {
                 e.insert(place.rig.clone());
                 self.rec.log(place.rig_path(), &transform(&parent))?;
             }
-            let mount = Pose::from(parent.isometry().inverse() * header.world_from_sensor.isometry());
+            let mount =
+                Pose::from(parent.isometry().inverse() * header.world_from_sensor.isometry());
             self.mount(place, mount)?;
         } else if header.parent_id == 0 {
             self.mount(place, header.world_from_sensor)?;
@@ -300,24 +455,37 @@ impl Stage {
 
     /// Logs a camera's lens when it is new or changed.
     fn lens(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
-        let Some(size) = picture::picture_size_px(header) else { return Ok(()) };
+        let Some(size) = picture::picture_size_px(header) else {
+            return Ok(());
+        };
         let [fx, fy, cx, cy] = header.intrinsics_px;
         if place.modality.sensor_kind() != SensorKind::Camera || !(fx > 0.0 && fy > 0.0) {
             return Ok(());
         }
         let path = place.sensor_path();
-        let key = [fx.to_bits(), fy.to_bits(), cx.to_bits(), cy.to_bits(), size[0] as u64, size[1] as u64];
+        let key = [
+            fx.to_bits(),
+            fy.to_bits(),
+            cx.to_bits(),
+            cy.to_bits(),
+            size[0] as u64,
+            size[1] as u64,
+        ];
         if self.cameras.insert(path.clone(), key) != Some(key) {
-            let lens = rerun::Pinhole::from_focal_length_and_resolution([fx as f32, fy as f32], [size[0] as f32, size[1] as f32])
-                .with_principal_point([cx as f32, cy as f32])
-                .with_camera_xyz(ViewCoordinates::FLU)
-                .with_image_plane_distance(1.5);
+            let lens = rerun::Pinhole::from_focal_length_and_resolution(
+                [fx as f32, fy as f32],
+                [size[0] as f32, size[1] as f32],
+            )
+            .with_principal_point([cx as f32, cy as f32])
+            .with_camera_xyz(ViewCoordinates::FLU)
+            .with_image_plane_distance(1.5);
             self.rec.log(path, &lens)?;
         }
         Ok(())
     }
 
-    /// Sends what small things wait for company, so that curves and boxes are not long behind the pictures. Does not wait.
+    /// Sends what small things wait for company, so that curves and boxes are not long behind the
+    /// pictures. Does not wait.
     ///
     /// # Errors
     /// If the recording's other end refuses.
@@ -344,7 +512,10 @@ const SERIES: &[(&str, &str, [u8; 3])] = &[
 ];
 
 fn has_body(record: &ActorRecord) -> bool {
-    let kind = matches!(record.kind(), Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop));
+    let kind = matches!(
+        record.kind(),
+        Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop)
+    );
     kind && record.half_box_m.iter().all(|half| *half > 0.0)
 }
 

@@ -1,4 +1,5 @@
-//! The rerun viewer as a child process: found, started on 127.0.0.1 only, and ended with its whole process group.
+//! The rerun viewer as a child process: found, started on 127.0.0.1 only, and ended with its whole
+//! process group.
 
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::unix::process::CommandExt;
@@ -36,19 +37,25 @@ pub struct Viewer {
     pub page_url: Option<String>,
 }
 
-/// Looks for the `rerun` program: beside the working folder's virtual environment, in an active one, then on the search path.
+/// Looks for the `rerun` program: beside the working folder's virtual environment, in an active
+/// one, then on the search path.
 ///
 /// # Errors
 /// A sentence that says how to install it.
 pub fn find_rerun(search_path: Option<&std::ffi::OsStr>) -> anyhow::Result<PathBuf> {
     let mut places = vec![PathBuf::from(".venv/bin")];
+    places.extend(std::env::current_exe().ok().iter().flat_map(|exe| {
+        exe.ancestors()
+            .skip(1)
+            .take(4)
+            .map(|folder| folder.join(".venv/bin"))
+            .collect::<Vec<_>>()
+    }));
     places.extend(
-        std::env::current_exe()
-            .ok()
+        search_path
             .iter()
-            .flat_map(|exe| exe.ancestors().skip(1).take(4).map(|folder| folder.join(".venv/bin")).collect::<Vec<_>>()),
+            .flat_map(|paths| std::env::split_paths(paths)),
     );
-    places.extend(search_path.iter().flat_map(|paths| std::env::split_paths(paths)));
     places.into_iter().map(|folder| folder.join("rerun")).find(|program| program.is_file()).with_context(|| {
         format!(
             "the rerun viewer is not installed; run `python3 -m venv .venv && .venv/bin/pip install rerun-sdk=={RERUN_VERSION}` here, \
@@ -65,20 +72,54 @@ impl Viewer {
     pub fn start(program: &Path, kind: ViewerKind, memory_limit: &str) -> anyhow::Result<Viewer> {
         let port = free_port(9876)?;
         let mut command = Command::new(program);
-        command.args(["--bind", "127.0.0.1", "--port", &port.to_string(), "--memory-limit", memory_limit, "--hide-welcome-screen"]);
-        let page_port = if kind == ViewerKind::Web { Some(free_port(9090)?) } else { None };
+        command.args([
+            "--bind",
+            "127.0.0.1",
+            "--port",
+            &port.to_string(),
+            "--memory-limit",
+            memory_limit,
+            "--hide-welcome-screen",
+        ]);
+        let page_port = if kind == ViewerKind::Web {
+            Some(free_port(9090)?)
+        } else {
+            None
+        };
         if let Some(page_port) = page_port {
-            command.args(["--serve-web", "--web-viewer-port", &page_port.to_string(), "--server-memory-limit", memory_limit]);
+            command.args([
+                "--serve-web",
+                "--web-viewer-port",
+                &page_port.to_string(),
+                "--server-memory-limit",
+                memory_limit,
+            ]);
         }
         if std::env::var_os("RUST_LOG").is_none() {
             command.env("RUST_LOG", "warn");
         }
-        command.env("DO_NOT_TRACK", "1").stdin(Stdio::null()).process_group(0);
-        let child = command.spawn().with_context(|| format!("cannot start {}", program.display()))?;
+        command
+            .env("DO_NOT_TRACK", "1")
+            .stdin(Stdio::null())
+            .process_group(0);
+        let child = command
+            .spawn()
+            .with_context(|| format!("cannot start {}", program.display()))?;
         let data_url = format!("rerun+http://127.0.0.1:{port}/proxy");
-        let page_url = page_port
-            .map(|page| format!("http://127.0.0.1:{page}/?url={}", data_url.replace(':', "%3A").replace('/', "%2F").replace('+', "%2B")));
-        let mut viewer = Viewer { child, data_url, page_url };
+        let page_url = page_port.map(|page| {
+            format!(
+                "http://127.0.0.1:{page}/?url={}",
+                data_url
+                    .replace(':', "%3A")
+                    .replace('/', "%2F")
+                    .replace('+', "%2B")
+            )
+        });
+        let mut viewer = Viewer {
+            child,
+            data_url,
+            page_url,
+        };
         viewer.wait_until_it_listens(port)?;
         Ok(viewer)
     }
@@ -93,7 +134,10 @@ impl Viewer {
                 );
             }
             if start.elapsed() > START_TIMEOUT {
-                bail!("the rerun viewer does not listen on 127.0.0.1:{port} after {} s", START_TIMEOUT.as_secs());
+                bail!(
+                    "the rerun viewer does not listen on 127.0.0.1:{port} after {} s",
+                    START_TIMEOUT.as_secs()
+                );
             }
             std::thread::sleep(Duration::from_millis(50));
         }
@@ -108,7 +152,8 @@ impl Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        // The wheel's `rerun` is a wrapper that starts the real program as its child, so the whole group is meant.
+        // The wheel's `rerun` is a wrapper that starts the real program as its child, so the whole
+        // group is meant.
         let group = Pid::from_raw(self.child.id() as i32);
         let _ = killpg(group, Signal::SIGTERM);
         let start = Instant::now();
@@ -123,8 +168,12 @@ impl Drop for Viewer {
 
 /// The preferred port of 127.0.0.1 if nobody has it, else any free one.
 fn free_port(preferred: u16) -> anyhow::Result<u16> {
-    let bound = TcpListener::bind(("127.0.0.1", preferred)).or_else(|_| TcpListener::bind(("127.0.0.1", 0)));
-    Ok(bound.context("no free port on 127.0.0.1")?.local_addr()?.port())
+    let bound = TcpListener::bind(("127.0.0.1", preferred))
+        .or_else(|_| TcpListener::bind(("127.0.0.1", 0)));
+    Ok(bound
+        .context("no free port on 127.0.0.1")?
+        .local_addr()?
+        .port())
 }
 
 #[cfg(test)]
@@ -157,11 +206,15 @@ mod tests {
             std::thread::sleep(Duration::from_millis(10));
         }
         std::thread::sleep(Duration::from_millis(50));
-        let pid: i32 = std::fs::read_to_string(folder.join("pid")).unwrap().parse().unwrap();
+        let pid: i32 = std::fs::read_to_string(folder.join("pid"))
+            .unwrap()
+            .parse()
+            .unwrap();
         drop(viewer);
         let gone = || {
             nix::sys::signal::kill(Pid::from_raw(pid), None).is_err()
-                || std::fs::read_to_string(format!("/proc/{pid}/stat")).map_or(true, |stat| stat.contains(") Z "))
+                || std::fs::read_to_string(format!("/proc/{pid}/stat"))
+                    .map_or(true, |stat| stat.contains(") Z "))
         };
         assert!(gone(), "the program below the wrapper still runs");
         std::fs::remove_dir_all(&folder).unwrap();

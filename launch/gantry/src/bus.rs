@@ -1,4 +1,5 @@
-//! What the launcher wants from the bus: whether a topic has a writer, and cleaning up after the dead.
+//! What the launcher wants from the bus: whether a topic has a writer, and cleaning up after the
+//! dead.
 
 use anyhow::Context as _;
 
@@ -10,14 +11,17 @@ pub struct Bus {
 impl Bus {
     /// Joins the domain.
     pub fn open(domain: &str) -> anyhow::Result<Self> {
-        let bus = schema_bus::Bus::open(domain, "gantry").context("the bus is not usable; `gantry doctor` says more")?;
+        let bus = schema_bus::Bus::open(domain, "gantry")
+            .context("the bus is not usable; `gantry doctor` says more")?;
         Ok(Bus { bus })
     }
 
     /// Whether a living process publishes `topic` (without the domain).
     pub fn has_writer(&self, topic: &str) -> bool {
         let topics = self.bus.topics().unwrap_or_default();
-        topics.iter().any(|found| found.name == topic && found.publishers > 0)
+        topics
+            .iter()
+            .any(|found| found.name == topic && found.publishers > 0)
     }
 
     /// Whether a daemon of this domain runs already.

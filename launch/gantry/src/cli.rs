@@ -58,15 +58,18 @@ pub struct UpArgs {
     #[arg(value_name = "FILE")]
     pub file: Option<PathBuf>,
 
-    /// Stop after this time, e.g. 20s or 2m, counted from when all processes are ready [default: run until Ctrl-C]
+    /// Stop after this time, e.g. 20s or 2m, counted from when all processes are ready [default:
+    /// run until Ctrl-C]
     #[arg(long = "for", value_name = "TIME", value_parser = Period::from_str)]
     pub for_period: Option<Period>,
 
-    /// Record every topic into this MCAP file with gantry-record [default: only if the launch file has a recorder]
+    /// Record every topic into this MCAP file with gantry-record [default: only if the launch file
+    /// has a recorder]
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 
-    /// Show it: auto, native, web, none or save:FILE.rrd; auto is native on a desktop, else web [default: what the launch file has]
+    /// Show it: auto, native, web, none or save:FILE.rrd; auto is native on a desktop, else web
+    /// [default: what the launch file has]
     #[arg(long, value_name = "HOW")]
     pub view: Option<ViewMode>,
 
@@ -74,7 +77,8 @@ pub struct UpArgs {
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 
-    /// Print the launch file with every default filled in and the shared memory it needs, and start nothing
+    /// Print the launch file with every default filled in and the shared memory it needs, and start
+    /// nothing
     #[arg(long)]
     pub dry_run: bool,
 
@@ -198,7 +202,9 @@ pub struct EchoArgs {
 
 /// `gantry doctor`.
 #[derive(clap::Args, Debug, Clone)]
-#[command(after_help = "Examples:\n  gantry doctor\n  gantry doctor --json\n  gantry doctor --domain lab2")]
+#[command(
+    after_help = "Examples:\n  gantry doctor\n  gantry doctor --json\n  gantry doctor --domain lab2"
+)]
 pub struct DoctorArgs {
     /// Print one JSON object per finding
     #[arg(long)]
@@ -222,7 +228,8 @@ pub struct MapArgs {
 /// What to do with maps.
 #[derive(Subcommand, Debug, Clone)]
 pub enum MapWord {
-    /// Read maps as the simulator does: what they hold, what is odd or broken, how CARLA's client reads them
+    /// Read maps as the simulator does: what they hold, what is odd or broken, how CARLA's client
+    /// reads them
     Check(CheckArgs),
     /// Write the OpenDRIVE text of a map into a file
     Export(ExportArgs),
@@ -278,7 +285,9 @@ pub enum WithCarla {
 
 /// `gantry map export`.
 #[derive(clap::Args, Debug, Clone)]
-#[command(after_help = "Examples:\n  gantry map export Town03 town03.xodr\n  gantry map export Town10HD centre.xodr --seed 7")]
+#[command(
+    after_help = "Examples:\n  gantry map export Town03 town03.xodr\n  gantry map export Town10HD centre.xodr --seed 7"
+)]
 pub struct ExportArgs {
     /// Town, or file of the map folder
     pub name: String,
@@ -318,7 +327,9 @@ mod tests {
     #[test]
     fn a_foreign_word_is_handed_on_with_its_flags() {
         let args = <Args as Parser>::try_parse_from(["gantry", "view", "--web", "x"]).unwrap();
-        let Word::External(words) = args.word else { panic!("{:?}", args.word) };
+        let Word::External(words) = args.word else {
+            panic!("{:?}", args.word)
+        };
         assert_eq!(words, ["view", "--web", "x"]);
     }
 }

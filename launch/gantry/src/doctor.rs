@@ -1,4 +1,5 @@
-//! `gantry doctor`: what this machine lacks, with the command that repairs it. Looks only; changes nothing.
+//! `gantry doctor`: what this machine lacks, with the command that repairs it. Looks only; changes
+//! nothing.
 
 mod graphics;
 mod machine;
@@ -36,15 +37,30 @@ pub struct Finding {
 
 impl Finding {
     pub fn ok(what: &'static str, text: impl Into<String>) -> Self {
-        Finding { what, grade: Grade::Ok, text: text.into(), fix: String::new() }
+        Finding {
+            what,
+            grade: Grade::Ok,
+            text: text.into(),
+            fix: String::new(),
+        }
     }
 
     pub fn warn(what: &'static str, text: impl Into<String>, fix: impl Into<String>) -> Self {
-        Finding { what, grade: Grade::Warn, text: text.into(), fix: fix.into() }
+        Finding {
+            what,
+            grade: Grade::Warn,
+            text: text.into(),
+            fix: fix.into(),
+        }
     }
 
     pub fn fail(what: &'static str, text: impl Into<String>, fix: impl Into<String>) -> Self {
-        Finding { what, grade: Grade::Fail, text: text.into(), fix: fix.into() }
+        Finding {
+            what,
+            grade: Grade::Fail,
+            text: text.into(),
+            fix: fix.into(),
+        }
     }
 }
 
@@ -55,12 +71,19 @@ pub fn run(args: &DoctorArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     for finding in &findings {
         if args.json {
             let grade = grade_name(finding.grade);
-            println!("{}", serde_json::json!({"what": finding.what, "grade": grade, "text": finding.text, "fix": finding.fix}));
+            println!(
+                "{}",
+                serde_json::json!({"what": finding.what, "grade": grade, "text": finding.text, "fix": finding.fix})
+            );
         } else {
             print!("{}", as_text(finding, is_coloured(common.color)));
         }
     }
-    let worst = findings.iter().map(|finding| finding.grade).max().unwrap_or(Grade::Ok);
+    let worst = findings
+        .iter()
+        .map(|finding| finding.grade)
+        .max()
+        .unwrap_or(Grade::Ok);
     if !args.json {
         let verdict = match worst {
             Grade::Ok => "everything is there",
@@ -69,7 +92,11 @@ pub fn run(args: &DoctorArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
         };
         println!("\n{verdict}");
     }
-    Ok(if worst == Grade::Fail { Exit::Failed } else { Exit::Done })
+    Ok(if worst == Grade::Fail {
+        Exit::Failed
+    } else {
+        Exit::Done
+    })
 }
 
 fn is_coloured(color: ColorWhen) -> bool {
@@ -92,7 +119,11 @@ fn as_text(finding: &Finding, coloured: bool) -> String {
         (true, Grade::Warn) => format!("\x1b[33m{name:<4}\x1b[0m"),
         (true, Grade::Fail) => format!("\x1b[31m{name:<4}\x1b[0m"),
     };
-    let fix = if finding.fix.is_empty() { String::new() } else { format!("{:23}→ {}\n", "", finding.fix) };
+    let fix = if finding.fix.is_empty() {
+        String::new()
+    } else {
+        format!("{:23}→ {}\n", "", finding.fix)
+    };
     format!("{mark}  {:<15}  {}\n{fix}", finding.what, finding.text)
 }
 
@@ -113,15 +144,25 @@ pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Res
         String::from_utf8_lossy(&text).into_owned()
     });
     let start = Instant::now();
-    while child.try_wait().context("cannot wait for a program")?.is_none() {
+    while child
+        .try_wait()
+        .context("cannot wait for a program")?
+        .is_none()
+    {
         if start.elapsed() > within {
             let _ = child.kill();
             let _ = child.wait();
-            anyhow::bail!("{} gave no answer within {} s", program.display(), within.as_secs());
+            anyhow::bail!(
+                "{} gave no answer within {} s",
+                program.display(),
+                within.as_secs()
+            );
         }
         std::thread::sleep(Duration::from_millis(10));
     }
-    reader.join().map_err(|_| anyhow::anyhow!("the thread that read from {} failed", program.display()))
+    reader
+        .join()
+        .map_err(|_| anyhow::anyhow!("the thread that read from {} failed", program.display()))
 }
 
 #[cfg(test)]
@@ -130,14 +171,40 @@ mod tests {
 
     #[test]
     fn a_finding_has_its_remedy_below_it() {
-        let text = as_text(&Finding::fail("shared memory", "64 MiB", "docker run --shm-size=2g"), false);
-        assert_eq!(text, "fail  shared memory    64 MiB\n                       → docker run --shm-size=2g\n");
-        assert_eq!(as_text(&Finding::ok("python", "3.11"), false).lines().count(), 1);
+        let text = as_text(
+            &Finding::fail("shared memory", "64 MiB", "docker run --shm-size=2g"),
+            false,
+        );
+        assert_eq!(
+            text,
+            "fail  shared memory    64 MiB\n                       → docker run --shm-size=2g\n"
+        );
+        assert_eq!(
+            as_text(&Finding::ok("python", "3.11"), false)
+                .lines()
+                .count(),
+            1
+        );
     }
 
     #[test]
     fn programs_that_hang_are_given_up() {
-        assert_eq!(output_of(Path::new("/bin/sh"), &["-c", "echo yes"], Duration::from_secs(60)).unwrap(), "yes\n");
-        assert!(output_of(Path::new("/bin/sh"), &["-c", "exec sleep 1000"], Duration::from_millis(50)).is_err());
+        assert_eq!(
+            output_of(
+                Path::new("/bin/sh"),
+                &["-c", "echo yes"],
+                Duration::from_secs(60)
+            )
+            .unwrap(),
+            "yes\n"
+        );
+        assert!(
+            output_of(
+                Path::new("/bin/sh"),
+                &["-c", "exec sleep 1000"],
+                Duration::from_millis(50)
+            )
+            .is_err()
+        );
     }
 }

@@ -23,7 +23,9 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     let mut command = Command::new(&program);
     command.args(rest);
     // Flags before the word were read here; those after it belong to the program.
-    let names_domain = rest.iter().any(|arg| arg == OsStr::new("--domain") || arg.to_string_lossy().starts_with("--domain="));
+    let names_domain = rest
+        .iter()
+        .any(|arg| arg == OsStr::new("--domain") || arg.to_string_lossy().starts_with("--domain="));
     if common.domain != CommonArgs::default().domain && !names_domain {
         command.args(["--domain", &common.domain]);
     }
@@ -34,10 +36,18 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
 /// Words for which there is a program beside this one.
 fn installed() -> Vec<String> {
     let own = std::env::current_exe().ok();
-    let Some(entries) = own.as_deref().and_then(|own| own.parent()).and_then(|folder| folder.read_dir().ok()) else { return Vec::new() };
+    let Some(entries) = own
+        .as_deref()
+        .and_then(|own| own.parent())
+        .and_then(|folder| folder.read_dir().ok())
+    else {
+        return Vec::new();
+    };
     let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-    let mut words: Vec<_> =
-        names.filter_map(|name| Some(name.strip_prefix("gantry-")?.to_owned())).filter(|word| !word.contains('.')).collect();
+    let mut words: Vec<_> = names
+        .filter_map(|name| Some(name.strip_prefix("gantry-")?.to_owned()))
+        .filter(|word| !word.contains('.'))
+        .collect();
     words.sort();
     words
 }

@@ -1,8 +1,10 @@
-//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`), examines the machine (`doctor`) and
+//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`),
+//! examines the machine (`doctor`) and
 //! maps (`map`).
 //!
 //! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
-//! Nothing here touches the world: it reads topics like any consumer, and asks nothing of the daemon but to start and to end.
+//! Nothing here touches the world: it reads topics like any consumer, and asks nothing of the
+//! daemon but to start and to end.
 
 mod bus;
 mod cli;

@@ -6,7 +6,9 @@ use anyhow::Context as _;
 
 /// Whether `program` is one of Gantry's: it understands the shared flags.
 pub fn is_ours(program: &str) -> bool {
-    let name = Path::new(program).file_name().map_or(program.into(), |name| name.to_string_lossy());
+    let name = Path::new(program)
+        .file_name()
+        .map_or(program.into(), |name| name.to_string_lossy());
     name == "simd" || name.starts_with("gantry-")
 }
 
@@ -23,16 +25,27 @@ pub fn find(program: &str) -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe().context("cannot tell where this program is")?;
     let beside = own.parent().map(|folder| folder.join(program));
     let on_path = std::env::var_os("PATH").unwrap_or_default();
-    let found = beside.into_iter().chain(std::env::split_paths(&on_path).map(|folder| folder.join(program))).find(|path| is_program(path));
+    let found = beside
+        .into_iter()
+        .chain(std::env::split_paths(&on_path).map(|folder| folder.join(program)))
+        .find(|path| is_program(path));
     found.with_context(|| {
-        let hint = if is_ours(program) { "; build it with `cargo build --release --workspace`" } else { "; install it or give its path" };
-        format!("there is no program {program:?} beside {} or on PATH{hint}", own.display())
+        let hint = if is_ours(program) {
+            "; build it with `cargo build --release --workspace`"
+        } else {
+            "; install it or give its path"
+        };
+        format!(
+            "there is no program {program:?} beside {} or on PATH{hint}",
+            own.display()
+        )
     })
 }
 
 fn is_program(path: &Path) -> bool {
     use std::os::unix::fs::PermissionsExt as _;
-    path.metadata().is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+    path.metadata()
+        .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 
 #[cfg(test)]
@@ -43,7 +56,10 @@ mod tests {
     fn programs_are_found_on_the_path_and_missing_ones_are_named() {
         assert!(find("sh").unwrap().ends_with("sh"));
         let message = find("gantry-nothing").unwrap_err().to_string();
-        assert!(message.contains("\"gantry-nothing\"") && message.contains("cargo build"), "{message}");
+        assert!(
+            message.contains("\"gantry-nothing\"") && message.contains("cargo build"),
+            "{message}"
+        );
         assert!(find("/etc/passwd").is_err(), "not executable");
     }
 

@@ -1,4 +1,5 @@
-//! `gantry topic`: who publishes what, how fast, how late, and what is in it. Reads as any consumer does.
+//! `gantry topic`: who publishes what, how fast, how late, and what is in it. Reads as any consumer
+//! does.
 
 mod echo;
 mod info;
@@ -14,12 +15,21 @@ pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let bus = Bus::open(&common.domain, "gantry-topic")?;
     // What killed writers left would otherwise be listed as alive.
     bus.clean_dead_nodes();
-    let short = |topic: &str| topic.strip_prefix(&format!("{}/", common.domain)).unwrap_or(topic).to_owned();
+    let short = |topic: &str| {
+        topic
+            .strip_prefix(&format!("{}/", common.domain))
+            .unwrap_or(topic)
+            .to_owned()
+    };
     match &args.word {
         TopicWord::List(list) => info::list(&bus, list.json),
         TopicWord::Info(one) => info::info(&bus, &short(&one.topic), one.json),
-        TopicWord::Hz(window) => measure::run(&bus, &short(&window.topic), window, measure::What::Rate),
-        TopicWord::Delay(window) => measure::run(&bus, &short(&window.topic), window, measure::What::Age),
+        TopicWord::Hz(window) => {
+            measure::run(&bus, &short(&window.topic), window, measure::What::Rate)
+        }
+        TopicWord::Delay(window) => {
+            measure::run(&bus, &short(&window.topic), window, measure::What::Age)
+        }
         TopicWord::Echo(echo) => echo::run(&bus, &short(&echo.topic), echo),
     }
 }

@@ -1,14 +1,24 @@
-//! Golden help texts: `tests/golden/help/*.txt` in the root of the repository. `GANTRY_BLESS=1` (`./gantry bless`) writes them anew.
+//! Golden help texts: `tests/golden/help/*.txt` in the root of the repository. `GANTRY_BLESS=1`
+//! (`./gantry bless`) writes them anew.
 
 use std::path::PathBuf;
 use std::process::Command;
 
 fn golden(name: &str) -> PathBuf {
-    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden/help")).join(format!("{name}.txt"))
+    PathBuf::from(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../tests/golden/help"
+    ))
+    .join(format!("{name}.txt"))
 }
 
 fn help_of(words: &[&str]) -> String {
-    let output = Command::new(env!("CARGO_BIN_EXE_gantry")).args(words).env("COLUMNS", "110").env_remove("RUST_LOG").output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_gantry"))
+        .args(words)
+        .env("COLUMNS", "110")
+        .env_remove("RUST_LOG")
+        .output()
+        .unwrap();
     assert_eq!(output.status.code(), Some(0), "{words:?}");
     String::from_utf8(output.stdout).unwrap()
 }
@@ -38,7 +48,11 @@ fn help_texts_are_those_that_were_reviewed() {
             wrong.push(format!("--- {name}\n{help}"));
         }
     }
-    assert!(wrong.is_empty(), "help changed; look at it, then run ./gantry bless\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "help changed; look at it, then run ./gantry bless\n{}",
+        wrong.join("\n")
+    );
 }
 
 #[test]
@@ -49,14 +63,31 @@ fn completions_and_the_man_page_are_printed() {
 
 #[test]
 fn an_unknown_word_is_refused_with_the_known_ones() {
-    let output = Command::new(env!("CARGO_BIN_EXE_gantry")).arg("fly").output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_gantry"))
+        .arg("fly")
+        .output()
+        .unwrap();
     assert_eq!(output.status.code(), Some(2));
     let message = String::from_utf8(output.stderr).unwrap();
-    assert!(message.starts_with("error: there is no program \"gantry-fly\"") && message.contains("up, topic, doctor"), "{message}");
+    assert!(
+        message.starts_with("error: there is no program \"gantry-fly\"")
+            && message.contains("up, topic, doctor"),
+        "{message}"
+    );
 }
 
 #[test]
 fn a_reader_that_leaves_early_is_no_failure() {
-    let script = format!("{} man | head -c 10 > /dev/null; exit ${{PIPESTATUS[0]}}", env!("CARGO_BIN_EXE_gantry"));
-    assert_eq!(Command::new("bash").args(["-c", &script]).status().unwrap().code(), Some(0));
+    let script = format!(
+        "{} man | head -c 10 > /dev/null; exit ${{PIPESTATUS[0]}}",
+        env!("CARGO_BIN_EXE_gantry")
+    );
+    assert_eq!(
+        Command::new("bash")
+            .args(["-c", &script])
+            .status()
+            .unwrap()
+            .code(),
+        Some(0)
+    );
 }

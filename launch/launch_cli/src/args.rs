@@ -1,4 +1,5 @@
-//! Flags every binary has, and the two subcommands every binary gets: `completions <shell>` and the hidden `man`.
+//! Flags every binary has, and the two subcommands every binary gets: `completions <shell>` and the
+//! hidden `man`.
 
 use std::io::{IsTerminal as _, Write as _};
 
@@ -22,7 +23,10 @@ impl ColorWhen {
         match self {
             ColorWhen::Always => true,
             ColorWhen::Never => false,
-            ColorWhen::Auto => std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty()),
+            ColorWhen::Auto => {
+                std::io::stderr().is_terminal()
+                    && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+            }
         }
     }
 }
@@ -54,7 +58,14 @@ pub struct CommonArgs {
     pub quiet: u8,
 
     /// Colour on the terminal; NO_COLOR=1 turns "auto" off
-    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t, hide_possible_values = false)]
+    #[arg(
+        long,
+        global = true,
+        value_name = "WHEN",
+        value_enum,
+        default_value_t,
+        hide_possible_values = false
+    )]
     pub color: ColorWhen,
 
     /// Form of the log lines on stderr
@@ -71,7 +82,13 @@ impl CommonArgs {
 
 impl Default for CommonArgs {
     fn default() -> Self {
-        CommonArgs { domain: "gantry".into(), verbose: 0, quiet: 0, color: ColorWhen::Auto, log_format: LogFormat::Text }
+        CommonArgs {
+            domain: "gantry".into(),
+            verbose: 0,
+            quiet: 0,
+            color: ColorWhen::Auto,
+            log_format: LogFormat::Text,
+        }
     }
 }
 
@@ -85,32 +102,49 @@ fn domain(text: &str) -> Result<String, String> {
 }
 
 const ENVIRONMENT: &str = "Environment:\n  RUST_LOG    which log lines are written, e.g. info,wgpu_hal=error; wins over -v and -q";
-const EXIT_CODES: &str =
-    "Exit codes:\n  0 done (also after Ctrl-C)   1 failed   2 wrong usage or launch file   3 finished but data was lost";
+const EXIT_CODES: &str = "Exit codes:\n  0 done (also after Ctrl-C)   1 failed   2 wrong usage or launch file   3 finished but data was lost";
 
-/// `T`'s command as users see it: with `completions`, `man`, the environment and the exit codes; its own examples stay last.
+/// `T`'s command as users see it: with `completions`, `man`, the environment and the exit codes;
+/// its own examples stay last.
 pub fn command<T: CommandFactory>() -> clap::Command {
     let mut command = T::command();
-    let own = command.get_after_help().map(|text| format!("\n\n{text}")).unwrap_or_default();
+    let own = command
+        .get_after_help()
+        .map(|text| format!("\n\n{text}"))
+        .unwrap_or_default();
     if !command.has_subcommands() {
         command = command.args_conflicts_with_subcommands(true);
     }
-    let shell = clap::Arg::new("shell").required(true).value_parser(clap::value_parser!(clap_complete::Shell)).help("Shell to write for");
+    let shell = clap::Arg::new("shell")
+        .required(true)
+        .value_parser(clap::value_parser!(clap_complete::Shell))
+        .help("Shell to write for");
     command
         .subcommand_negates_reqs(true)
-        .subcommand(clap::Command::new("completions").about("Print a completion script for a shell").arg(shell).display_order(900))
-        .subcommand(clap::Command::new("man").about("Print the man page (troff)").hide(true))
+        .subcommand(
+            clap::Command::new("completions")
+                .about("Print a completion script for a shell")
+                .arg(shell)
+                .display_order(900),
+        )
+        .subcommand(
+            clap::Command::new("man")
+                .about("Print the man page (troff)")
+                .hide(true),
+        )
         .max_term_width(110)
         .after_help(format!("{ENVIRONMENT}\n\n{EXIT_CODES}{own}"))
 }
 
-/// Parses the command line. Ends the process by itself for `--help`, `--version`, `completions`, `man` and wrong usage (exit code 2).
+/// Parses the command line. Ends the process by itself for `--help`, `--version`, `completions`,
+/// `man` and wrong usage (exit code 2).
 pub fn parse<T: Parser>() -> T {
     let mut command = command::<T>();
     let mut matches = command.clone().get_matches();
     match matches.subcommand() {
         Some(("completions", sub)) => {
-            let shell: clap_complete::Shell = *sub.get_one("shell").expect("clap requires the shell");
+            let shell: clap_complete::Shell =
+                *sub.get_one("shell").expect("clap requires the shell");
             let name = command.get_name().to_owned();
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut command, name, &mut script);
@@ -118,10 +152,13 @@ pub fn parse<T: Parser>() -> T {
         }
         Some(("man", _)) => {
             let mut page = Vec::new();
-            clap_mangen::Man::new(command).render(&mut page).expect("writing to memory does not fail");
+            clap_mangen::Man::new(command)
+                .render(&mut page)
+                .expect("writing to memory does not fail");
             print_and_exit(&page)
         }
-        _ => T::from_arg_matches_mut(&mut matches).unwrap_or_else(|error| error.format(&mut command).exit()),
+        _ => T::from_arg_matches_mut(&mut matches)
+            .unwrap_or_else(|error| error.format(&mut command).exit()),
     }
 }
 
@@ -137,7 +174,10 @@ mod tests {
     use super::*;
 
     #[derive(Parser)]
-    #[command(name = "gantry-probe", after_help = "Examples:\n  gantry-probe --must x")]
+    #[command(
+        name = "gantry-probe",
+        after_help = "Examples:\n  gantry-probe --must x"
+    )]
     struct Probe {
         #[command(flatten)]
         common: CommonArgs,
@@ -156,26 +196,44 @@ mod tests {
         command.clone().debug_assert();
         let help = command.render_long_help().to_string();
         assert!(help.trim_end().ends_with("gantry-probe --must x"), "{help}");
-        assert!(help.contains("RUST_LOG") && help.contains("completions"), "{help}");
+        assert!(
+            help.contains("RUST_LOG") && help.contains("completions"),
+            "{help}"
+        );
     }
 
     #[test]
     fn completions_do_not_need_the_required_flags() {
-        assert!(command::<Probe>().try_get_matches_from(["gantry-probe", "completions", "bash"]).is_ok());
+        assert!(
+            command::<Probe>()
+                .try_get_matches_from(["gantry-probe", "completions", "bash"])
+                .is_ok()
+        );
     }
 
     #[test]
     fn defaults_are_those_of_the_flags() {
-        let args = probe(&["gantry-probe", "--must", "x"]).unwrap_or_else(|error| panic!("{error}"));
+        let args =
+            probe(&["gantry-probe", "--must", "x"]).unwrap_or_else(|error| panic!("{error}"));
         let common = CommonArgs::default();
-        assert_eq!((args.common.domain, args.common.color, args.common.log_format), (common.domain, common.color, common.log_format));
+        assert_eq!(
+            (
+                args.common.domain,
+                args.common.color,
+                args.common.log_format
+            ),
+            (common.domain, common.color, common.log_format)
+        );
         assert_eq!(args.must, "x");
     }
 
     #[test]
     fn a_domain_with_a_slash_is_refused() {
         for bad in ["a/b", "", &"x".repeat(33), "a b"] {
-            assert!(probe(&["gantry-probe", "--must", "x", "--domain", bad]).is_err(), "{bad:?}");
+            assert!(
+                probe(&["gantry-probe", "--must", "x", "--domain", bad]).is_err(),
+                "{bad:?}"
+            );
         }
     }
 }

@@ -15,24 +15,39 @@ pub fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
     if let Some(data) = data {
         return Ok(data.to_owned());
     }
-    let from = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let from = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
     let xdg = from("XDG_DATA_HOME").or_else(|| Some(from("HOME")?.join(".local/share")));
-    Ok(xdg.context("neither XDG_DATA_HOME nor HOME is set; give a folder with --data")?.join("gantry"))
+    Ok(xdg
+        .context("neither XDG_DATA_HOME nor HOME is set; give a folder with --data")?
+        .join("gantry"))
 }
 
-/// A file in `folder` under a name that somebody else chose, with `.kind` put behind it if it is not there: never anywhere else.
+/// A file in `folder` under a name that somebody else chose, with `.kind` put behind it if it is
+/// not there: never anywhere else.
 ///
 /// # Errors
 /// A sentence about a name that is no plain name.
 pub fn file_in(folder: &Path, name: &str, kind: &str) -> Result<PathBuf, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
-    if name.is_empty() || name.len() > MAX_NAME || name.starts_with('.') || !name.chars().all(allowed) {
+    if name.is_empty()
+        || name.len() > MAX_NAME
+        || name.starts_with('.')
+        || !name.chars().all(allowed)
+    {
         return Err(format!(
             "file name {name:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front"
         ));
     }
     let ending = format!(".{kind}");
-    Ok(folder.join(if name.ends_with(&ending) { name.to_owned() } else { format!("{name}{ending}") }))
+    Ok(folder.join(if name.ends_with(&ending) {
+        name.to_owned()
+    } else {
+        format!("{name}{ending}")
+    }))
 }
 
 #[cfg(test)]
@@ -42,9 +57,26 @@ mod tests {
     #[test]
     fn no_name_leads_out_of_the_folder() {
         let folder = Path::new("data/checkpoints");
-        assert_eq!(file_in(folder, "rush_hour", "gckp").unwrap(), folder.join("rush_hour.gckp"));
-        assert_eq!(file_in(folder, "rush.hour.gckp", "gckp").unwrap(), folder.join("rush.hour.gckp"));
-        for name in ["", "..", "../x", "a/b", "/etc/passwd", ".hidden", "a\\b", "a\0b", "ä", &"x".repeat(101)] {
+        assert_eq!(
+            file_in(folder, "rush_hour", "gckp").unwrap(),
+            folder.join("rush_hour.gckp")
+        );
+        assert_eq!(
+            file_in(folder, "rush.hour.gckp", "gckp").unwrap(),
+            folder.join("rush.hour.gckp")
+        );
+        for name in [
+            "",
+            "..",
+            "../x",
+            "a/b",
+            "/etc/passwd",
+            ".hidden",
+            "a\\b",
+            "a\0b",
+            "ä",
+            &"x".repeat(101),
+        ] {
             assert!(file_in(folder, name, "gckp").is_err(), "{name:?}");
         }
     }

@@ -43,7 +43,8 @@ impl std::fmt::Display for WrongUsage {
 
 impl std::error::Error for WrongUsage {}
 
-/// An error that ends the program with 2: wrong usage, a wrong launch file, or a machine that cannot run it.
+/// An error that ends the program with 2: wrong usage, a wrong launch file, or a machine that
+/// cannot run it.
 pub fn wrong_usage(sentence: impl std::fmt::Display) -> anyhow::Error {
     anyhow::Error::new(WrongUsage(sentence.to_string()))
 }
@@ -53,7 +54,8 @@ pub fn run<T: clap::Parser>(body: impl FnOnce(T) -> anyhow::Result<Exit>) -> Exi
     run_main(|| body(crate::parse()))
 }
 
-/// Runs `body` and turns its outcome into an exit code; an error is printed once, as one line, with its whole chain.
+/// Runs `body` and turns its outcome into an exit code; an error is printed once, as one line, with
+/// its whole chain.
 pub fn run_main(body: impl FnOnce() -> anyhow::Result<Exit>) -> ExitCode {
     forgive_broken_pipes_of_println();
     match body() {
@@ -70,7 +72,9 @@ pub fn run_main(body: impl FnOnce() -> anyhow::Result<Exit>) -> ExitCode {
 
 fn exit_of(error: &anyhow::Error) -> Exit {
     let is_broken_pipe = |cause: &(dyn std::error::Error + 'static)| {
-        cause.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+        cause
+            .downcast_ref::<std::io::Error>()
+            .is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
     };
     if error.chain().any(is_broken_pipe) {
         Exit::Done
@@ -85,7 +89,10 @@ fn exit_of(error: &anyhow::Error) -> Exit {
 fn forgive_broken_pipes_of_println() {
     let report = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
+        let text = panic
+            .payload()
+            .downcast_ref::<String>()
+            .map_or("", String::as_str);
         if text.starts_with("failed printing to stdout") && text.contains("Broken pipe") {
             std::process::exit(Exit::Done.code().into());
         }
@@ -102,10 +109,13 @@ mod tests {
     fn the_kind_of_error_decides_the_exit_code() {
         let failed = anyhow::anyhow!("no such thing").context("cannot do it");
         assert_eq!(exit_of(&failed).code(), 1);
-        let usage = Err::<(), _>(wrong_usage("no such key")).context("launch file").unwrap_err();
+        let usage = Err::<(), _>(wrong_usage("no such key"))
+            .context("launch file")
+            .unwrap_err();
         assert_eq!(exit_of(&usage).code(), 2);
         assert_eq!(format!("{usage:#}"), "launch file: no such key");
-        let pipe = anyhow::Error::from(std::io::Error::from(ErrorKind::BrokenPipe)).context("cannot print");
+        let pipe = anyhow::Error::from(std::io::Error::from(ErrorKind::BrokenPipe))
+            .context("cannot print");
         assert_eq!(exit_of(&pipe).code(), 0);
     }
 }

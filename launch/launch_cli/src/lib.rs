@@ -1,4 +1,5 @@
-//! How every binary starts, logs, hears a signal and ends: shared flags, logging, shutdown, exit codes, completions, man page.
+//! How every binary starts, logs, hears a signal and ends: shared flags, logging, shutdown, exit
+//! codes, completions, man page.
 //!
 //! A binary derives its arguments, flattens [`CommonArgs`] and hands its work to [`run`]:
 //!
@@ -20,7 +21,8 @@
 //! }
 //! ```
 //!
-//! Results go to stdout, everything else to stderr. Nothing here knows a sensor, a service or the world.
+//! Results go to stdout, everything else to stderr. Nothing here knows a sensor, a service or the
+//! world.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -3,12 +3,14 @@
 use anyhow::Context as _;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-/// Raises the soft limit of open files to the hard one and returns it. Every topic and its readers hold several descriptors.
+/// Raises the soft limit of open files to the hard one and returns it. Every topic and its readers
+/// hold several descriptors.
 ///
 /// # Errors
 /// When the kernel refuses to tell or to change the limit.
 pub fn raise_file_limit() -> anyhow::Result<u64> {
-    let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).context("cannot read the limit of open files")?;
+    let (soft, hard) =
+        getrlimit(Resource::RLIMIT_NOFILE).context("cannot read the limit of open files")?;
     if soft < hard {
         setrlimit(Resource::RLIMIT_NOFILE, hard, hard)
             .with_context(|| format!("cannot raise the limit of open files from {soft} to {hard}; try `ulimit -n {hard}` before"))?;

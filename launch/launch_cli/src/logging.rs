@@ -1,6 +1,7 @@
 //! Log lines on stderr: `INFO  message key=value`, or JSON.
 //!
-//! Text lines carry neither time nor module below debug level: the launcher puts its prefix before them and the time into its files.
+//! Text lines carry neither time nor module below debug level: the launcher puts its prefix before
+//! them and the time into its files.
 
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::EnvFilter;
@@ -11,15 +12,29 @@ use tracing_subscriber::registry::LookupSpan;
 use crate::args::{CommonArgs, LogFormat};
 
 /// Outside crates that talk at a level above their importance.
-const CHATTY: [&str; 7] = ["wgpu_core", "wgpu_hal", "naga", "iceoryx2", "h2", "tonic", "re_grpc_client"];
+const CHATTY: [&str; 7] = [
+    "wgpu_core",
+    "wgpu_hal",
+    "naga",
+    "iceoryx2",
+    "h2",
+    "tonic",
+    "re_grpc_client",
+];
 
 pub(crate) fn init(args: &CommonArgs) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(directives(args.verbose, args.quiet)));
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| EnvFilter::new(directives(args.verbose, args.quiet)));
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr);
     // A second call (tests in one process) keeps the first subscriber.
     let _ = match args.log_format {
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
-        LogFormat::Text => builder.with_ansi(args.color.on_stderr()).event_format(Line).try_init(),
+        LogFormat::Text => builder
+            .with_ansi(args.color.on_stderr())
+            .event_format(Line)
+            .try_init(),
     };
 }
 
@@ -31,7 +46,9 @@ fn directives(verbose: u8, quiet: u8) -> String {
         (1, _) => ("debug", "warn"),
         (_, _) => ("trace", "debug"),
     };
-    CHATTY.iter().fold(ours.to_owned(), |all, name| format!("{all},{name}={others}"))
+    CHATTY.iter().fold(ours.to_owned(), |all, name| {
+        format!("{all},{name}={others}")
+    })
 }
 
 /// One event as one line.
@@ -42,7 +59,12 @@ where
     S: Subscriber + for<'a> LookupSpan<'a>,
     N: for<'a> FormatFields<'a> + 'static,
 {
-    fn format_event(&self, context: &FmtContext<'_, S, N>, mut out: Writer<'_>, event: &Event<'_>) -> std::fmt::Result {
+    fn format_event(
+        &self,
+        context: &FmtContext<'_, S, N>,
+        mut out: Writer<'_>,
+        event: &Event<'_>,
+    ) -> std::fmt::Result {
         let meta = event.metadata();
         let (name, colour) = match *meta.level() {
             Level::ERROR => ("ERROR", "31"),
@@ -70,7 +92,13 @@ mod tests {
 
     #[test]
     fn flags_choose_the_level_and_the_filter_parses() {
-        for (verbose, quiet, first) in [(0, 0, "info"), (0, 1, "warn"), (0, 2, "error"), (1, 0, "debug"), (3, 0, "trace")] {
+        for (verbose, quiet, first) in [
+            (0, 0, "info"),
+            (0, 1, "warn"),
+            (0, 2, "error"),
+            (1, 0, "debug"),
+            (3, 0, "trace"),
+        ] {
             let text = directives(verbose, quiet);
             assert_eq!(text.split(',').next(), Some(first));
             EnvFilter::try_new(text).unwrap();

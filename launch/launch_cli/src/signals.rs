@@ -1,4 +1,5 @@
-//! What Ctrl-C does: the first SIGINT or SIGTERM asks the program to finish, the second ends it at once.
+//! What Ctrl-C does: the first SIGINT or SIGTERM asks the program to finish, the second ends it at
+//! once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -21,7 +22,8 @@ struct Shared {
 }
 
 impl Shutdown {
-    /// A flag that only [`Shutdown::request`] sets: for tests and for parts that are stopped by their owner.
+    /// A flag that only [`Shutdown::request`] sets: for tests and for parts that are stopped by
+    /// their owner.
     pub fn new() -> Self {
         Self::default()
     }
@@ -33,12 +35,18 @@ impl Shutdown {
     pub fn install() -> anyhow::Result<Self> {
         let shutdown = Shutdown::new();
         for signal in [SIGINT, SIGTERM] {
-            // Order matters: handlers run as registered, so the first signal finds the flag still down.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, shutdown.shared.requested.clone())
-                .and_then(|_| signal_hook::flag::register(signal, shutdown.shared.requested.clone()))
-                .with_context(|| format!("cannot listen for signal {signal}"))?;
+            // Order matters: handlers run as registered, so the first signal finds the flag still
+            // down.
+            signal_hook::flag::register_conditional_shutdown(
+                signal,
+                1,
+                shutdown.shared.requested.clone(),
+            )
+            .and_then(|_| signal_hook::flag::register(signal, shutdown.shared.requested.clone()))
+            .with_context(|| format!("cannot listen for signal {signal}"))?;
         }
-        let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]).context("cannot listen for signals")?;
+        let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])
+            .context("cannot listen for signals")?;
         let waker = shutdown.clone();
         std::thread::Builder::new()
             .name("signals".into())
@@ -54,7 +62,11 @@ impl Shutdown {
 
     /// Asks the program to finish, as a signal would.
     pub fn request(&self) {
-        let gate = self.shared.gate.lock().unwrap_or_else(PoisonError::into_inner);
+        let gate = self
+            .shared
+            .gate
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         self.shared.requested.store(true, Ordering::Release);
         drop(gate);
         self.shared.changed.notify_all();
@@ -62,9 +74,17 @@ impl Shutdown {
 
     /// Sleeps for `timeout`, or until the program should finish; returns whether it should.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let gate = self.shared.gate.lock().unwrap_or_else(PoisonError::into_inner);
+        let gate = self
+            .shared
+            .gate
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         // A poisoned gate guards nothing but the wake-up, so its content is as good as ever.
-        drop(self.shared.changed.wait_timeout_while(gate, timeout, |()| !self.requested()));
+        drop(
+            self.shared
+                .changed
+                .wait_timeout_while(gate, timeout, |()| !self.requested()),
+        );
         self.requested()
     }
 }

@@ -1,4 +1,5 @@
-//! What a launch file will ask of shared memory, per topic. The number of slots is `schema_bus`'s business.
+//! What a launch file will ask of shared memory, per topic. The number of slots is `schema_bus`'s
+//! business.
 
 use schema_frames::Modality;
 
@@ -20,11 +21,15 @@ impl Launch {
     pub fn memory_budget(&self) -> Vec<TopicBudget> {
         let tick_secs = 1.0 / self.scenario.tick_hz;
         let topics = self.placed_sensors().into_iter().flat_map(|sensor| {
-            sensor.spec.modalities().into_iter().map(move |modality| TopicBudget {
-                topic: format!("{}/{}/{}", sensor.rig, sensor.name, modality.name()),
-                modality,
-                max_payload_bytes: sensor.spec.max_payload_bytes(modality, tick_secs),
-            })
+            sensor
+                .spec
+                .modalities()
+                .into_iter()
+                .map(move |modality| TopicBudget {
+                    topic: format!("{}/{}/{}", sensor.rig, sensor.name, modality.name()),
+                    modality,
+                    max_payload_bytes: sensor.spec.max_payload_bytes(modality, tick_secs),
+                })
         });
         topics.collect()
     }

@@ -22,7 +22,8 @@ pub(crate) struct Source<'a> {
 pub struct LaunchError {
     /// What, which value, what is allowed.
     pub message: String,
-    /// `launch/town.toml:14:1` (line and column count from 1, the column in characters), or the `--set` it comes from.
+    /// `launch/town.toml:14:1` (line and column count from 1, the column in characters), or the
+    /// `--set` it comes from.
     pub place: String,
 }
 
@@ -61,7 +62,13 @@ impl Errors {
         self.0.sort();
         self.0.dedup();
         LaunchErrors(
-            self.0.into_iter().map(|(at, message)| LaunchError { message, place: describe(&sources[at.source], at.byte) }).collect(),
+            self.0
+                .into_iter()
+                .map(|(at, message)| LaunchError {
+                    message,
+                    place: describe(&sources[at.source], at.byte),
+                })
+                .collect(),
         )
     }
 }
@@ -72,7 +79,12 @@ fn describe(source: &Source<'_>, byte: usize) -> String {
     }
     let before = &source.text[..source.text.floor_char_boundary(byte)];
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-    format!("{}:{}:{}", source.name, before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
+    format!(
+        "{}:{}:{}",
+        source.name,
+        before.matches('\n').count() + 1,
+        before[line_start..].chars().count() + 1
+    )
 }
 
 /// `, did you mean "x"?`, or what is known when nothing is near.
@@ -96,7 +108,11 @@ mod tests {
 
     #[test]
     fn line_and_column_count_characters_from_one() {
-        let source = Source { name: "x.toml".into(), text: "a\nüü key", is_file: true };
+        let source = Source {
+            name: "x.toml".into(),
+            text: "a\nüü key",
+            is_file: true,
+        };
         assert_eq!(describe(&source, 0), "x.toml:1:1");
         assert_eq!(describe(&source, 7), "x.toml:2:4");
         assert_eq!(describe(&source, 999), "x.toml:2:7");
@@ -104,7 +120,13 @@ mod tests {
 
     #[test]
     fn only_near_words_are_suggested() {
-        assert_eq!(did_you_mean("chanels", ["channels", "columns"]), ", did you mean \"channels\"?");
-        assert_eq!(did_you_mean("zzz", ["channels", "columns"]), ", known: channels, columns");
+        assert_eq!(
+            did_you_mean("chanels", ["channels", "columns"]),
+            ", did you mean \"channels\"?"
+        );
+        assert_eq!(
+            did_you_mean("zzz", ["channels", "columns"]),
+            ", known: channels, columns"
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! Fills a value with what a table says, key by key, so that every wrong key is reported with its own place.
+//! Fills a value with what a table says, key by key, so that every wrong key is reported with its
+//! own place.
 //!
-//! The known keys are those the value has when it is written out; each key is tried alone on the otherwise unchanged value.
+//! The known keys are those the value has when it is written out; each key is tried alone on the
+//! otherwise unchanged value.
 //! That works for any serde type whose fields are all written and do not depend on one another.
 
 use serde::Serialize;
@@ -10,16 +12,29 @@ use toml::Value as Toml;
 use crate::error::{Errors, did_you_mean};
 use crate::tree::{Entry, Node, Table};
 
-/// `value` as a TOML table with all its keys. Through text, because that writes an `f32` as short as it is.
+/// `value` as a TOML table with all its keys. Through text, because that writes an `f32` as short
+/// as it is.
 pub(crate) fn table_of<T: Serialize>(value: &T) -> toml::Table {
     let text = toml::to_string(value).expect("launch types are tables of TOML values");
     text.parse().expect("what toml wrote, it reads")
 }
 
 /// `base` with the keys of `table` applied. `elsewhere` are keys that the caller reads itself.
-pub(crate) fn fill<T: Serialize + DeserializeOwned>(base: &T, table: &Table, path: &str, elsewhere: &[&str], errors: &mut Errors) -> T {
+pub(crate) fn fill<T: Serialize + DeserializeOwned>(
+    base: &T,
+    table: &Table,
+    path: &str,
+    elsewhere: &[&str],
+    errors: &mut Errors,
+) -> T {
     let mut root = table_of(base);
-    let fits = |candidate: &toml::Table| candidate.clone().try_into::<T>().map(drop).map_err(|error| error.message().to_owned());
+    let fits = |candidate: &toml::Table| {
+        candidate
+            .clone()
+            .try_into::<T>()
+            .map(drop)
+            .map_err(|error| error.message().to_owned())
+    };
     fill_at(&mut root, &[], table, path, elsewhere, &fits, errors);
     root.try_into().expect("every key fitted alone")
 }
@@ -41,30 +56,64 @@ pub(crate) fn fill_entry<T: Serialize + DeserializeOwned>(
 }
 
 /// The entry's table, or an error that there is none.
-pub(crate) fn table_or_error<'t>(entry: &'t Entry, path: &str, errors: &mut Errors) -> Option<&'t Table> {
+pub(crate) fn table_or_error<'t>(
+    entry: &'t Entry,
+    path: &str,
+    errors: &mut Errors,
+) -> Option<&'t Table> {
     let table = entry.node.table();
     if table.is_none() {
-        errors.push(entry.node.at, format!("{path} is {}, but must be a table", entry.node.plain()));
+        errors.push(
+            entry.node.at,
+            format!("{path} is {}, but must be a table", entry.node.plain()),
+        );
     }
     table
 }
 
 /// Reports every key that is not known.
 pub(crate) fn refuse_unknown(table: &Table, known: &[&str], path: &str, errors: &mut Errors) {
-    for (key, entry) in table.iter().filter(|(key, _)| !known.contains(&key.as_str())) {
-        let inside = if path.is_empty() { "at the top".to_owned() } else { format!("in [{path}]") };
-        errors.push(entry.key_at, format!("unknown key {key:?} {inside}{}", did_you_mean(key, known.iter().copied())));
+    for (key, entry) in table
+        .iter()
+        .filter(|(key, _)| !known.contains(&key.as_str()))
+    {
+        let inside = if path.is_empty() {
+            "at the top".to_owned()
+        } else {
+            format!("in [{path}]")
+        };
+        errors.push(
+            entry.key_at,
+            format!(
+                "unknown key {key:?} {inside}{}",
+                did_you_mean(key, known.iter().copied())
+            ),
+        );
     }
 }
 
 type Fits<'a> = &'a dyn Fn(&toml::Table) -> Result<(), String>;
 
-fn fill_at(root: &mut toml::Table, at: &[&str], table: &Table, path: &str, elsewhere: &[&str], fits: Fits<'_>, errors: &mut Errors) {
+fn fill_at(
+    root: &mut toml::Table,
+    at: &[&str],
+    table: &Table,
+    path: &str,
+    elsewhere: &[&str],
+    fits: Fits<'_>,
+    errors: &mut Errors,
+) {
     let template = inner(root, at).clone();
-    let known: Vec<&str> = elsewhere.iter().copied().chain(template.keys().map(String::as_str)).collect();
+    let known: Vec<&str> = elsewhere
+        .iter()
+        .copied()
+        .chain(template.keys().map(String::as_str))
+        .collect();
     refuse_unknown(table, &known, path, errors);
     for (key, entry) in table {
-        let Some(default) = template.get(key) else { continue };
+        let Some(default) = template.get(key) else {
+            continue;
+        };
         let key_path = format!("{path}.{key}");
         let below: Vec<&str> = at.iter().copied().chain([key.as_str()]).collect();
         match (default, &entry.node) {
@@ -72,18 +121,31 @@ fn fill_at(root: &mut toml::Table, at: &[&str], table: &Table, path: &str, elsew
                 if let Some(inner) = node.table() {
                     fill_at(root, &below, inner, &key_path, &[], fits, errors);
                 } else {
-                    errors.push(node.at, format!("{key_path} is {}, but must be a table", node.plain()));
+                    errors.push(
+                        node.at,
+                        format!("{key_path} is {}, but must be a table", node.plain()),
+                    );
                 }
             }
             (_, node) => match replaced(root, at, key, default, node, fits) {
                 Ok(next) => *root = next,
-                Err(reason) => errors.push(node.at, format!("{key_path} is {}, but {reason}", node.plain())),
+                Err(reason) => errors.push(
+                    node.at,
+                    format!("{key_path} is {}, but {reason}", node.plain()),
+                ),
             },
         }
     }
 }
 
-fn replaced(root: &toml::Table, at: &[&str], key: &str, default: &Toml, node: &Node, fits: Fits<'_>) -> Result<toml::Table, String> {
+fn replaced(
+    root: &toml::Table,
+    at: &[&str],
+    key: &str,
+    default: &Toml,
+    node: &Node,
+    fits: Fits<'_>,
+) -> Result<toml::Table, String> {
     let value = node.plain();
     let same_kind = default.same_type(&value) || (default.is_float() && value.is_integer());
     if !same_kind {
@@ -91,15 +153,21 @@ fn replaced(root: &toml::Table, at: &[&str], key: &str, default: &Toml, node: &N
     }
     let mut next = root.clone();
     inner_mut(&mut next, at).insert(key.to_owned(), value);
-    fits(&next).map_err(|message| as_sentence(&message, &node.plain())).map(|()| next)
+    fits(&next)
+        .map_err(|message| as_sentence(&message, &node.plain()))
+        .map(|()| next)
 }
 
 fn inner<'t>(root: &'t toml::Table, at: &[&str]) -> &'t toml::Table {
-    at.iter().fold(root, |table, key| table[*key].as_table().expect("path was walked before"))
+    at.iter().fold(root, |table, key| {
+        table[*key].as_table().expect("path was walked before")
+    })
 }
 
 fn inner_mut<'t>(root: &'t mut toml::Table, at: &[&str]) -> &'t mut toml::Table {
-    at.iter().fold(root, |table, key| table[*key].as_table_mut().expect("path was walked before"))
+    at.iter().fold(root, |table, key| {
+        table[*key].as_table_mut().expect("path was walked before")
+    })
 }
 
 fn kind_of(value: &Toml) -> &'static str {
@@ -118,9 +186,16 @@ fn kind_of(value: &Toml) -> &'static str {
 fn as_sentence(message: &str, value: &Toml) -> String {
     let message = message.lines().next().unwrap_or_default();
     let between_backticks: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-    if let ([wrong, names @ ..], true) = (&between_backticks[..], message.starts_with("unknown variant")) {
+    if let ([wrong, names @ ..], true) = (
+        &between_backticks[..],
+        message.starts_with("unknown variant"),
+    ) {
         let hint = did_you_mean(wrong, names.iter().copied());
-        let hint = if hint.contains("did you mean") { hint } else { String::new() };
+        let hint = if hint.contains("did you mean") {
+            hint
+        } else {
+            String::new()
+        };
         return format!("must be one of {}{hint}", names.join(", "));
     }
     if let Some((_, expected)) = message.split_once("expected ") {
@@ -133,5 +208,9 @@ fn as_sentence(message: &str, value: &Toml) -> String {
         };
         return format!("must be {expected}");
     }
-    if message.starts_with("must") { message.to_owned() } else { format!("must be right: {message}") }
+    if message.starts_with("must") {
+        message.to_owned()
+    } else {
+        format!("must be right: {message}")
+    }
 }

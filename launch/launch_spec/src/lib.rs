@@ -1,7 +1,10 @@
-//! Launch files: what is simulated and which processes run, read from TOML, checked, and written back with every default.
+//! Launch files: what is simulated and which processes run, read from TOML, checked, and written
+//! back with every default.
 //!
-//! A launch file computes nothing. Units are in its keys, unknown keys are refused, and all errors of a file are reported together,
-//! each with its place: `unknown key "chanels" in [sensor.roof], did you mean "channels"? at launch/town.toml:14:1`.
+//! A launch file computes nothing. Units are in its keys, unknown keys are refused, and all errors
+//! of a file are reported together,
+//! each with its place: `unknown key "chanels" in [sensor.roof], did you mean "channels"? at
+//! launch/town.toml:14:1`.
 //! This crate reads no file and no clock: text in, values out.
 //!
 //! ```

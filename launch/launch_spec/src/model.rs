@@ -55,7 +55,8 @@ pub struct Scenario {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LidarsOn {
-    /// The GPU that renders if it is a real one with 64-bit numbers in its shaders, else the processor.
+    /// The GPU that renders if it is a real one with 64-bit numbers in its shaders, else the
+    /// processor.
     #[default]
     Auto,
     /// The processor.
@@ -106,7 +107,10 @@ impl Ego {
 
 impl Default for Ego {
     fn default() -> Self {
-        Ego { type_id: "vehicle.tesla.model3".into(), spawn_point: 0 }
+        Ego {
+            type_id: "vehicle.tesla.model3".into(),
+            spawn_point: 0,
+        }
     }
 }
 
@@ -134,7 +138,11 @@ pub struct FreePose {
 impl FreePose {
     /// As plain bytes.
     pub fn pose(&self) -> schema_types::Pose {
-        let mount = sensor_spec::MountSpec { position_m: self.position_m, rpy_deg: self.rpy_deg, ..Default::default() };
+        let mount = sensor_spec::MountSpec {
+            position_m: self.position_m,
+            rpy_deg: self.rpy_deg,
+            ..Default::default()
+        };
         mount.pose()
     }
 }
@@ -160,12 +168,19 @@ pub struct PlacedSensor<'a> {
 }
 
 impl Launch {
-    /// Every sensor on every rig, by rig (the ego's first, then by name), then by sensor name. Ids are given in this order.
+    /// Every sensor on every rig, by rig (the ego's first, then by name), then by sensor name. Ids
+    /// are given in this order.
     pub fn placed_sensors(&self) -> Vec<PlacedSensor<'_>> {
         let mut placed: Vec<_> = self
             .sensors
             .iter()
-            .flat_map(|(name, sensor)| sensor.rigs.iter().map(move |rig| PlacedSensor { rig, name, spec: &sensor.spec }))
+            .flat_map(|(name, sensor)| {
+                sensor.rigs.iter().map(move |rig| PlacedSensor {
+                    rig,
+                    name,
+                    spec: &sensor.spec,
+                })
+            })
             .collect();
         placed.sort_by_key(|sensor| (sensor.rig != EGO_RIG, sensor.rig, sensor.name));
         placed

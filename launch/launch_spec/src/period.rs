@@ -30,7 +30,9 @@ impl FromStr for Period {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || "must be a time such as 500ms, 2.5s, 1m or 1h, at most a week".to_owned();
-        let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
+        let digits = text
+            .find(|c: char| !c.is_ascii_digit() && c != '.')
+            .unwrap_or(text.len());
         let number: f64 = text[..digits].parse().map_err(|_| wrong())?;
         let millis = match text[digits..].trim() {
             "ms" => 1.0,
@@ -40,14 +42,22 @@ impl FromStr for Period {
             _ => return Err(wrong()),
         };
         let period = Period::from_millis((number * millis).round() as u64);
-        if period.0 > MAX { Err(wrong()) } else { Ok(period) }
+        if period.0 > MAX {
+            Err(wrong())
+        } else {
+            Ok(period)
+        }
     }
 }
 
 impl fmt::Display for Period {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let millis = self.0.as_millis();
-        if millis.is_multiple_of(1000) { write!(f, "{}s", millis / 1000) } else { write!(f, "{millis}ms") }
+        if millis.is_multiple_of(1000) {
+            write!(f, "{}s", millis / 1000)
+        } else {
+            write!(f, "{millis}ms")
+        }
     }
 }
 
@@ -59,7 +69,9 @@ impl Serialize for Period {
 
 impl<'de> Deserialize<'de> for Period {
     fn deserialize<D: Deserializer<'de>>(input: D) -> Result<Self, D::Error> {
-        String::deserialize(input)?.parse().map_err(serde::de::Error::custom)
+        String::deserialize(input)?
+            .parse()
+            .map_err(serde::de::Error::custom)
     }
 }
 
@@ -69,12 +81,29 @@ mod tests {
 
     #[test]
     fn what_is_written_reads_back() {
-        for (text, millis) in [("500ms", 500), ("5s", 5_000), ("1.5s", 1_500), ("2m", 120_000), ("1h", 3_600_000), ("0s", 0)] {
+        for (text, millis) in [
+            ("500ms", 500),
+            ("5s", 5_000),
+            ("1.5s", 1_500),
+            ("2m", 120_000),
+            ("1h", 3_600_000),
+            ("0s", 0),
+        ] {
             let period: Period = text.parse().unwrap();
             assert_eq!(period, Period::from_millis(millis), "{text}");
             assert_eq!(period.to_string().parse(), Ok(period));
         }
-        for bad in ["", "5", "s", "-1s", "1e9h", "5 parsecs", "9999999h", "1.2.3s", "½s"] {
+        for bad in [
+            "",
+            "5",
+            "s",
+            "-1s",
+            "1e9h",
+            "5 parsecs",
+            "9999999h",
+            "1.2.3s",
+            "½s",
+        ] {
             assert!(bad.parse::<Period>().is_err(), "{bad}");
         }
     }

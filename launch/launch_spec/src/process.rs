@@ -1,4 +1,5 @@
-//! `[process.NAME]`: what the launcher starts, when it counts as ready, and what happens when it ends.
+//! `[process.NAME]`: what the launcher starts, when it counts as ready, and what happens when it
+//! ends.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +12,8 @@ use crate::period::Period;
 pub struct Process {
     /// Its name in the file, its log prefix and its log file.
     pub name: String,
-    /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}` and `${launch}` are replaced.
+    /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}` and `${launch}` are
+    /// replaced.
     pub cmd: Vec<String>,
     /// Its end ends the pipeline, with its exit code.
     pub required: bool,
@@ -93,7 +95,8 @@ pub enum RestartPolicy {
     Always,
 }
 
-/// How a process is asked to end: `signal`, after `grace` TERM, two seconds later KILL, each to its whole process group.
+/// How a process is asked to end: `signal`, after `grace` TERM, two seconds later KILL, each to its
+/// whole process group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Stop {
@@ -105,7 +108,10 @@ pub struct Stop {
 
 impl Default for Stop {
     fn default() -> Self {
-        Stop { signal: StopSignal::Int, grace: Period::from_millis(5_000) }
+        Stop {
+            signal: StopSignal::Int,
+            grace: Period::from_millis(5_000),
+        }
     }
 }
 

@@ -41,14 +41,21 @@ impl Node {
     pub fn plain(&self) -> toml::Value {
         match &self.value {
             Value::Leaf(leaf) => leaf.clone(),
-            Value::Table(table) => toml::Value::Table(table.iter().map(|(key, entry)| (key.clone(), entry.node.plain())).collect()),
+            Value::Table(table) => toml::Value::Table(
+                table
+                    .iter()
+                    .map(|(key, entry)| (key.clone(), entry.node.plain()))
+                    .collect(),
+            ),
         }
     }
 }
 
 /// Place of the value at a dotted path, if the text has one.
 pub(crate) fn place_of(table: &Table, path: &str) -> Option<Place> {
-    let (head, rest) = path.split_once('.').map_or((path, None), |(head, rest)| (head, Some(rest)));
+    let (head, rest) = path
+        .split_once('.')
+        .map_or((path, None), |(head, rest)| (head, Some(rest)));
     let entry = table.get(head)?;
     match rest {
         None => Some(entry.node.at),
@@ -63,18 +70,32 @@ pub(crate) fn read(text: &str, source: usize, errors: &mut Errors) -> Option<Tab
         let byte = error.span().map_or(text.len(), |span| span.start);
         errors.push(Place { source, byte }, error.message().replace('\n', ", "));
     }
-    wrong.is_empty().then(|| table(document.get_ref(), source, errors))
+    wrong
+        .is_empty()
+        .then(|| table(document.get_ref(), source, errors))
 }
 
 fn table(read: &DeTable<'_>, source: usize, errors: &mut Errors) -> Table {
     let entries = read.iter().map(|(key, value)| {
-        let key_at = Place { source, byte: key.span().start };
-        let at = Place { source, byte: value.span().start };
+        let key_at = Place {
+            source,
+            byte: key.span().start,
+        };
+        let at = Place {
+            source,
+            byte: value.span().start,
+        };
         let value = match value.get_ref() {
             DeValue::Table(inner) => Value::Table(table(inner, source, errors)),
             leaf => Value::Leaf(plain(leaf, at, errors)),
         };
-        (key.get_ref().to_string(), Entry { key_at, node: Node { at, value } })
+        (
+            key.get_ref().to_string(),
+            Entry {
+                key_at,
+                node: Node { at, value },
+            },
+        )
     });
     entries.collect()
 }
@@ -84,22 +105,38 @@ fn plain(value: &DeValue<'_>, at: Place, errors: &mut Errors) -> toml::Value {
         DeValue::String(text) => toml::Value::String(text.to_string()),
         DeValue::Boolean(flag) => toml::Value::Boolean(*flag),
         DeValue::Datetime(time) => toml::Value::Datetime(*time),
-        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).map_or_else(
-            |_| {
-                errors.push(at, format!("{number} is beyond what 64 bits hold"));
-                toml::Value::Integer(0)
-            },
-            toml::Value::Integer,
-        ),
+        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix())
+            .map_or_else(
+                |_| {
+                    errors.push(at, format!("{number} is beyond what 64 bits hold"));
+                    toml::Value::Integer(0)
+                },
+                toml::Value::Integer,
+            ),
         DeValue::Float(number) => toml::Value::Float(number.as_str().parse().unwrap_or(f64::NAN)),
         DeValue::Array(list) => {
-            let elements = list.iter().map(|element| plain(element.get_ref(), Place { byte: element.span().start, ..at }, errors));
+            let elements = list.iter().map(|element| {
+                plain(
+                    element.get_ref(),
+                    Place {
+                        byte: element.span().start,
+                        ..at
+                    },
+                    errors,
+                )
+            });
             toml::Value::Array(elements.collect())
         }
         DeValue::Table(inner) => {
             let entries = inner.iter().map(|(key, value)| {
-                let value_at = Place { byte: value.span().start, ..at };
-                (key.get_ref().to_string(), plain(value.get_ref(), value_at, errors))
+                let value_at = Place {
+                    byte: value.span().start,
+                    ..at
+                };
+                (
+                    key.get_ref().to_string(),
+                    plain(value.get_ref(), value_at, errors),
+                )
             });
             toml::Value::Table(entries.collect())
         }
@@ -109,7 +146,9 @@ fn plain(value: &DeValue<'_>, at: Place, errors: &mut Errors) -> toml::Value {
 /// The text of one `--set key=value` as TOML: a value that is no TOML (`Town02`) counts as text.
 pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
     let Some((key, value)) = set.split_once('=') else {
-        return Err(format!("--set {set:?} has no \"=\"; write --set key=value, e.g. --set scenario.seed=7"));
+        return Err(format!(
+            "--set {set:?} has no \"=\"; write --set key=value, e.g. --set scenario.seed=7"
+        ));
     };
     let (key, value) = (key.trim(), value.trim());
     let typed = format!("{key} = {value}\n");
@@ -119,7 +158,9 @@ pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
     let text = format!("{key} = {}\n", toml::Value::String(value.into()));
     match DeTable::parse(&text) {
         Ok(table) if table.get_ref().len() == 1 => Ok(text),
-        _ => Err(format!("--set {set:?} has a key that is no dotted name; write --set key=value, e.g. --set scenario.seed=7")),
+        _ => Err(format!(
+            "--set {set:?} has a key that is no dotted name; write --set key=value, e.g. --set scenario.seed=7"
+        )),
     }
 }
 
@@ -128,8 +169,22 @@ pub(crate) fn merge(base: &mut Table, over: Table) {
     for (key, entry) in over {
         match (base.get_mut(&key), entry) {
             (
-                Some(Entry { node: Node { value: Value::Table(below), .. }, .. }),
-                Entry { node: Node { value: Value::Table(above), .. }, .. },
+                Some(Entry {
+                    node:
+                        Node {
+                            value: Value::Table(below),
+                            ..
+                        },
+                    ..
+                }),
+                Entry {
+                    node:
+                        Node {
+                            value: Value::Table(above),
+                            ..
+                        },
+                    ..
+                },
             ) => {
                 merge(below, above);
             }

@@ -8,12 +8,14 @@ use crate::parse::VERSION;
 use crate::process::{Process, ReadyWhen};
 
 impl Launch {
-    /// The whole file with every default filled in; [`Launch::parse`] reads it back to the same value.
+    /// The whole file with every default filled in; [`Launch::parse`] reads it back to the same
+    /// value.
     pub fn to_toml_with_defaults(&self) -> String {
         let mut text = format!("version = {VERSION}\n");
         let mut section = |path: &[&str], table: Table| {
-            let nested =
-                path.iter().rev().fold(Value::Table(table), |inner, key| Value::Table(Table::from_iter([((*key).to_owned(), inner)])));
+            let nested = path.iter().rev().fold(Value::Table(table), |inner, key| {
+                Value::Table(Table::from_iter([((*key).to_owned(), inner)]))
+            });
             let written = toml::to_string(&nested).expect("TOML values can be written as TOML");
             text.push('\n');
             text.push_str(&written);
@@ -57,17 +59,38 @@ fn process_table(process: &Process) -> Table {
     table.insert("cmd".into(), Value::from(process.cmd.clone()));
     table.insert("required".into(), Value::from(process.required));
     table.insert("after".into(), Value::from(process.after.clone()));
-    table.insert("cpus".into(), Value::from(process.cpus.iter().map(|cpu| i64::from(*cpu)).collect::<Vec<_>>()));
+    table.insert(
+        "cpus".into(),
+        Value::from(
+            process
+                .cpus
+                .iter()
+                .map(|cpu| i64::from(*cpu))
+                .collect::<Vec<_>>(),
+        ),
+    );
     table.insert("restart".into(), Value::Table(table_of(&process.restart)));
     table.insert("stop".into(), Value::Table(table_of(&process.stop)));
-    table.insert("env".into(), Value::Table(process.env.iter().map(|(key, value)| (key.clone(), Value::from(value.as_str()))).collect()));
+    table.insert(
+        "env".into(),
+        Value::Table(
+            process
+                .env
+                .iter()
+                .map(|(key, value)| (key.clone(), Value::from(value.as_str())))
+                .collect(),
+        ),
+    );
     if let Some(ready) = &process.ready {
         let (key, sign) = match &ready.when {
             ReadyWhen::Service(topic) => ("service", topic),
             ReadyWhen::Line(pattern) => ("line", pattern),
             ReadyWhen::Tcp(address) => ("tcp", address),
         };
-        let entries = [(key.to_owned(), Value::from(sign.as_str())), ("within".to_owned(), Value::from(ready.within.to_string()))];
+        let entries = [
+            (key.to_owned(), Value::from(sign.as_str())),
+            ("within".to_owned(), Value::from(ready.within.to_string())),
+        ];
         table.insert("ready".into(), Value::Table(entries.into_iter().collect()));
     }
     table

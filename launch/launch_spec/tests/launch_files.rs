@@ -19,7 +19,12 @@ fn check(body: &str, expected: &[&str]) {
 #[test]
 fn a_misspelt_key_is_named_with_its_place_and_the_right_word() {
     let body = "\n".repeat(10) + "[sensor.roof]\nkind = \"lidar\"\nchanels = 64\n";
-    check(&body, &["unknown key \"chanels\" in [sensor.roof], did you mean \"channels\"? at launch/town.toml:14:1"]);
+    check(
+        &body,
+        &[
+            "unknown key \"chanels\" in [sensor.roof], did you mean \"channels\"? at launch/town.toml:14:1",
+        ],
+    );
 }
 
 #[test]
@@ -62,28 +67,54 @@ after = ["simd"]
 
 #[test]
 fn lidars_are_cast_where_the_file_says() {
-    let lidars_on =
-        |body: &str| Launch::parse(&format!("version = 1\n[scenario]\n{body}"), "x.toml").map(|launch| launch.scenario.lidars_on);
-    for (body, expected) in [("", LidarsOn::Auto), ("lidars_on = \"cpu\"", LidarsOn::Cpu), ("lidars_on = \"gpu\"", LidarsOn::Gpu)] {
+    let lidars_on = |body: &str| {
+        Launch::parse(&format!("version = 1\n[scenario]\n{body}"), "x.toml")
+            .map(|launch| launch.scenario.lidars_on)
+    };
+    for (body, expected) in [
+        ("", LidarsOn::Auto),
+        ("lidars_on = \"cpu\"", LidarsOn::Cpu),
+        ("lidars_on = \"gpu\"", LidarsOn::Gpu),
+    ] {
         assert_eq!(lidars_on(body).unwrap(), expected, "{body:?}");
     }
     let error = "scenario.lidars_on is \"gqu\", but must be one of auto, cpu, gpu, did you mean \"gpu\"? at x.toml:3:13";
-    assert_eq!(lidars_on("lidars_on = \"gqu\"").unwrap_err().to_string(), error);
+    assert_eq!(
+        lidars_on("lidars_on = \"gqu\"").unwrap_err().to_string(),
+        error
+    );
 }
 
 #[test]
 fn syntax_errors_have_a_place() {
     let messages = errors("[scenario\nmap = \"Town\n");
-    assert!(!messages.is_empty() && messages.iter().all(|message| message.contains("launch/town.toml:")), "{messages:?}");
-    check("[scenario]\nseed = 1\nseed = 2\n", &["duplicate key at launch/town.toml:4:1"]);
+    assert!(
+        !messages.is_empty()
+            && messages
+                .iter()
+                .all(|message| message.contains("launch/town.toml:")),
+        "{messages:?}"
+    );
+    check(
+        "[scenario]\nseed = 1\nseed = 2\n",
+        &["duplicate key at launch/town.toml:4:1"],
+    );
 }
 
 #[test]
 fn the_version_is_asked_for() {
     let error = Launch::parse("", "x.toml").unwrap_err().to_string();
-    assert_eq!(error, "version is missing; begin the file with version = 1 at x.toml:1:1");
-    let error = Launch::parse("version = 2", "x.toml").unwrap_err().to_string();
-    assert_eq!(error, "version is 2, but this program reads 1 at x.toml:1:11");
+    assert_eq!(
+        error,
+        "version is missing; begin the file with version = 1 at x.toml:1:1"
+    );
+    let error = Launch::parse("version = 2", "x.toml")
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        error,
+        "version is 2, but this program reads 1 at x.toml:1:11"
+    );
 }
 
 #[test]
@@ -96,15 +127,21 @@ fn sensors_need_a_known_kind_and_a_rig_that_exists() {
     );
     check(
         "[sensor.a]\nkind = \"lider\"\n",
-        &["sensor.a.kind is \"lider\", but must be a kind of sensor, did you mean \"lidar\"? at launch/town.toml:3:8"],
+        &[
+            "sensor.a.kind is \"lider\", but must be a kind of sensor, did you mean \"lidar\"? at launch/town.toml:3:8",
+        ],
     );
     check(
         "[sensor.a]\nkind = \"imu\"\nrig = \"eggo\"\n",
-        &["sensor.a.rig is \"eggo\", but there is no [rig.eggo], did you mean \"ego\"? at launch/town.toml:4:7"],
+        &[
+            "sensor.a.rig is \"eggo\", but there is no [rig.eggo], did you mean \"ego\"? at launch/town.toml:4:7",
+        ],
     );
     check(
         "[sensor.Front]\nkind = \"imu\"\n",
-        &["[sensor.Front] has a name that is not 1 to 32 lower-case letters, digits or '_', a letter first at launch/town.toml:2:9"],
+        &[
+            "[sensor.Front] has a name that is not 1 to 32 lower-case letters, digits or '_', a letter first at launch/town.toml:2:9",
+        ],
     );
 }
 
@@ -124,7 +161,9 @@ fn rigs_ride_on_vehicles_that_exist() {
 fn processes_that_wait_for_one_another_are_refused() {
     check(
         "[process.a]\ncmd = [\"a\"]\nafter = [\"b\"]\n[process.b]\ncmd = [\"b\"]\nafter = [\"a\"]\n",
-        &["processes a, b wait for one another through \"after\"; break the circle at launch/town.toml:2:10"],
+        &[
+            "processes a, b wait for one another through \"after\"; break the circle at launch/town.toml:2:10",
+        ],
     );
 }
 
@@ -147,14 +186,30 @@ fn process_details_are_checked() {
 #[test]
 fn settings_are_typed_laid_over_and_blamed() {
     let text = "version = 1\n[scenario]\nseed = 1\n[sensor.front]\nkind = \"camera\"\n";
-    let sets = ["scenario.seed=9", "scenario.map=Town02", "sensor.front.width_px = 640", "process.a.cmd=[\"a\"]"].map(String::from);
+    let sets = [
+        "scenario.seed=9",
+        "scenario.map=Town02",
+        "sensor.front.width_px = 640",
+        "process.a.cmd=[\"a\"]",
+    ]
+    .map(String::from);
     let launch = Launch::parse_with(text, "x.toml", &sets).unwrap();
-    assert_eq!((launch.scenario.seed, launch.scenario.map.as_str()), (9, "Town02"));
-    assert!(matches!(&launch.sensors["front"].spec, SensorSpec::Camera(camera) if camera.width_px == 640 && camera.height_px == 600));
+    assert_eq!(
+        (launch.scenario.seed, launch.scenario.map.as_str()),
+        (9, "Town02")
+    );
+    assert!(
+        matches!(&launch.sensors["front"].spec, SensorSpec::Camera(camera) if camera.width_px == 640 && camera.height_px == 600)
+    );
     assert_eq!(launch.processes[0].cmd, ["a"]);
 
     let sets = ["scenario.sead=9", "scenario.tick_hz=fast", "nonsense"].map(String::from);
-    let messages: Vec<_> = Launch::parse_with(text, "x.toml", &sets).unwrap_err().0.iter().map(ToString::to_string).collect();
+    let messages: Vec<_> = Launch::parse_with(text, "x.toml", &sets)
+        .unwrap_err()
+        .0
+        .iter()
+        .map(ToString::to_string)
+        .collect();
     assert_eq!(
         messages,
         [
@@ -169,11 +224,22 @@ fn settings_are_typed_laid_over_and_blamed() {
 fn a_sensor_on_two_rigs_has_topics_on_both() {
     let text = include_str!("../../two_rigs.toml");
     let launch = Launch::parse(text, "launch/two_rigs.toml").unwrap();
-    let topics: Vec<_> = launch.memory_budget().into_iter().map(|topic| topic.topic).collect();
-    assert!(topics.contains(&"ego/front/depth".into()) && topics.contains(&"chaser/front/depth".into()), "{topics:?}");
+    let topics: Vec<_> = launch
+        .memory_budget()
+        .into_iter()
+        .map(|topic| topic.topic)
+        .collect();
+    assert!(
+        topics.contains(&"ego/front/depth".into()) && topics.contains(&"chaser/front/depth".into()),
+        "{topics:?}"
+    );
     assert_eq!(launch.placed_sensors()[0].rig, "ego");
     assert_eq!(launch.rigs["chaser"], Rig::Other(0));
-    let depth = launch.memory_budget().into_iter().find(|topic| topic.topic == "ego/front/depth").unwrap();
+    let depth = launch
+        .memory_budget()
+        .into_iter()
+        .find(|topic| topic.topic == "ego/front/depth")
+        .unwrap();
     assert_eq!(depth.max_payload_bytes, 640 * 480 * 4);
 }
 
@@ -183,8 +249,14 @@ fn defaults_reach_processes_that_say_nothing_else() {
         [process.p]\ncmd = [\"p\"]\nenv = { B = \"2\" }\nrestart = { max = 3 }\n";
     let launch = Launch::parse(text, "x.toml").unwrap();
     let process = launch.process("p").unwrap();
-    assert_eq!(process.env.clone().into_iter().collect::<Vec<_>>(), [("A".into(), "1".into()), ("B".into(), "2".into())]);
-    assert_eq!((process.restart.policy, process.restart.max), (launch_spec::RestartPolicy::Always, 3));
+    assert_eq!(
+        process.env.clone().into_iter().collect::<Vec<_>>(),
+        [("A".into(), "1".into()), ("B".into(), "2".into())]
+    );
+    assert_eq!(
+        (process.restart.policy, process.restart.max),
+        (launch_spec::RestartPolicy::Always, 3)
+    );
 }
 
 #[test]
@@ -197,19 +269,25 @@ fn every_launch_file_we_ship_parses_and_survives_being_written_out() {
             continue;
         }
         let text = std::fs::read_to_string(&path).unwrap();
-        let launch = Launch::parse(&text, &path.display().to_string()).unwrap_or_else(|errors| panic!("{errors}"));
+        let launch = Launch::parse(&text, &path.display().to_string())
+            .unwrap_or_else(|errors| panic!("{errors}"));
         let written = launch.to_toml_with_defaults();
-        let again = Launch::parse(&written, "written").unwrap_or_else(|errors| panic!("{errors}\n{written}"));
+        let again = Launch::parse(&written, "written")
+            .unwrap_or_else(|errors| panic!("{errors}\n{written}"));
         assert_eq!(again, launch, "{written}");
         n_files += 1;
     }
     assert!(n_files >= 3, "{n_files} launch files in {folder}");
 }
 
-/// Goal: no text makes the reader panic. Method: a seeded mutator cuts, repeats and replaces pieces of a good file.
+/// Goal: no text makes the reader panic. Method: a seeded mutator cuts, repeats and replaces pieces
+/// of a good file.
 #[test]
 fn mutated_files_never_panic() {
-    let good = [include_str!("../../quickstart.toml"), include_str!("../../two_rigs.toml")];
+    let good = [
+        include_str!("../../quickstart.toml"),
+        include_str!("../../two_rigs.toml"),
+    ];
     let pieces = [
         "=",
         "[",
@@ -232,7 +310,10 @@ fn mutated_files_never_panic() {
     let mut n_accepted = 0;
     for _ in 0..3_000 {
         let lines = good[rng.usize(0..2)].lines();
-        let mut chosen: Vec<String> = lines.filter(|_| rng.u8(..) > 2).map(str::to_owned).collect();
+        let mut chosen: Vec<String> = lines
+            .filter(|_| rng.u8(..) > 2)
+            .map(str::to_owned)
+            .collect();
         for _ in 0..rng.usize(0..4) {
             let line = rng.usize(0..chosen.len());
             let text = chosen[line].clone();
@@ -246,17 +327,23 @@ fn mutated_files_never_panic() {
             };
         }
         let text = chosen.join("\n");
-        let sets: Vec<_> =
-            (rng.u8(0..4) == 0).then(|| format!("scenario.seed={}", pieces[rng.usize(0..pieces.len())])).into_iter().collect();
+        let sets: Vec<_> = (rng.u8(0..4) == 0)
+            .then(|| format!("scenario.seed={}", pieces[rng.usize(0..pieces.len())]))
+            .into_iter()
+            .collect();
         match Launch::parse_with(&text, "fuzz.toml", &sets) {
             Err(errors) => assert!(!errors.to_string().is_empty()),
             Ok(launch) => {
                 n_accepted += 1;
-                Launch::parse(&launch.to_toml_with_defaults(), "written").unwrap_or_else(|errors| panic!("{errors}\n{text}"));
+                Launch::parse(&launch.to_toml_with_defaults(), "written")
+                    .unwrap_or_else(|errors| panic!("{errors}\n{text}"));
             }
         }
     }
-    assert!(n_accepted > 0, "the mutator breaks every file; it tests nothing behind the syntax");
+    assert!(
+        n_accepted > 0,
+        "the mutator breaks every file; it tests nothing behind the syntax"
+    );
 }
 
 #[test]
@@ -265,18 +352,35 @@ fn sensors_on_no_ego_vehicle_are_refused() {
     assert!(Launch::parse(town, "town.toml").unwrap().ego.is_none());
     let pole = "[rig.pole]\npose.position_m = [0.0, 0.0, 6.0]\n[sensor.imu]\nkind = \"imu\"\n";
     Launch::parse(&format!("{town}{pole}rig = \"pole\"\n"), "town.toml").unwrap();
-    let errors = Launch::parse(&format!("{town}{pole}"), "town.toml").unwrap_err().to_string();
-    assert!(errors.contains("sensor.imu rides on the ego vehicle, but ego.type_id is \"none\""), "{errors}");
+    let errors = Launch::parse(&format!("{town}{pole}"), "town.toml")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        errors.contains("sensor.imu rides on the ego vehicle, but ego.type_id is \"none\""),
+        "{errors}"
+    );
 }
 
 #[test]
 fn ticks_are_a_millisecond_to_ten_seconds_long() {
     for (tick_hz, period_nanos) in [("0.1", 10_000_000_000), ("1000", 1_000_000)] {
-        let launch = Launch::parse(&format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"), "a.toml").unwrap();
+        let launch = Launch::parse(
+            &format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"),
+            "a.toml",
+        )
+        .unwrap();
         assert_eq!(launch.scenario.period_nanos(), period_nanos);
     }
     for tick_hz in ["0.09", "1001", "0", "nan"] {
-        let error = Launch::parse(&format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"), "a.toml").unwrap_err().to_string();
-        assert!(error.contains("scenario.tick_hz is") && error.contains("but must be 0.1 to 1000"), "{error}");
+        let error = Launch::parse(
+            &format!("version = 1\n[scenario]\ntick_hz = {tick_hz}\n"),
+            "a.toml",
+        )
+        .unwrap_err()
+        .to_string();
+        assert!(
+            error.contains("scenario.tick_hz is") && error.contains("but must be 0.1 to 1000"),
+            "{error}"
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! Publishes a small test card on every modality, as a simulator would: for trying readers without one.
+//! Publishes a small test card on every modality, as a simulator would: for trying readers without
+//! one.
 //!
-//! `cargo run --release -p schema_bus --example test_card -- [DOMAIN] [SECONDS]`. Every byte follows from the tick, so that a reader can check.
+//! `cargo run --release -p schema_bus --example test_card -- [DOMAIN] [SECONDS]`. Every byte
+//! follows from the tick, so that a reader can check.
 
 use std::time::{Duration, Instant};
 
@@ -46,11 +48,25 @@ fn publish(publisher: &FramePublisher, tick: u64) -> Result<(), Box<dyn std::err
 
 /// One vehicle that drives along x.
 fn world(tick: u64) -> (SnapshotHeader, ActorRecord) {
-    let header =
-        SnapshotHeader { tick, sim_nanos: tick * PERIOD.as_nanos() as u64, episode: 1, epoch: EPOCH, ..bytemuck::Zeroable::zeroed() };
-    let mut car = ActorRecord { id: 7, kind: ActorKind::Vehicle as u16, class: 14, ..bytemuck::Zeroable::zeroed() };
+    let header = SnapshotHeader {
+        tick,
+        sim_nanos: tick * PERIOD.as_nanos() as u64,
+        episode: 1,
+        epoch: EPOCH,
+        ..bytemuck::Zeroable::zeroed()
+    };
+    let mut car = ActorRecord {
+        id: 7,
+        kind: ActorKind::Vehicle as u16,
+        class: 14,
+        ..bytemuck::Zeroable::zeroed()
+    };
     car.world_from_actor.translation_m = [tick as f64, 0.0, 0.0];
-    car.set_part(&VehiclePart { gear: 3, throttle_ratio: 0.5, ..bytemuck::Zeroable::zeroed() });
+    car.set_part(&VehiclePart {
+        gear: 3,
+        throttle_ratio: 0.5,
+        ..bytemuck::Zeroable::zeroed()
+    });
     (header, car)
 }
 
@@ -63,7 +79,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (width, height) = shape(modality);
         let spare = !modality.is_image() as usize;
         let bytes = (width as usize * height as usize + spare) * modality.element_bytes();
-        bus.frame_publisher(&format!("ego/card/{}", modality.name()), FrameTopic::new(modality, bytes))
+        bus.frame_publisher(
+            &format!("ego/card/{}", modality.name()),
+            FrameTopic::new(modality, bytes),
+        )
     });
     let publishers = publishers.collect::<Result<Vec<_>, BusError>>()?;
     let snapshots = bus.snapshot_publisher(4)?;
@@ -78,21 +97,42 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         info.greet();
         while let Some(request) = server.take()? {
             let replies = match &request.batch {
-                Ok(batch) => batch.commands.iter().map(|_| CommandReply::Pong { version: "test_card".into() }).collect(),
-                Err(error) => vec![CommandReply::Refused { error: error.clone() }],
+                Ok(batch) => batch
+                    .commands
+                    .iter()
+                    .map(|_| CommandReply::Pong {
+                        version: "test_card".into(),
+                    })
+                    .collect(),
+                Err(error) => vec![CommandReply::Refused {
+                    error: error.clone(),
+                }],
             };
-            server.reply(request, &ReplyBatch { v: 1, epoch: EPOCH.to_string(), tick, replies })?;
+            server.reply(
+                request,
+                &ReplyBatch {
+                    v: 1,
+                    epoch: EPOCH.to_string(),
+                    tick,
+                    replies,
+                },
+            )?;
         }
         let (header, car) = world(tick);
         snapshots.send(header, &[car])?;
-        for publisher in publishers.iter().filter(|publisher| publisher.n_readers() > 0) {
+        for publisher in publishers
+            .iter()
+            .filter(|publisher| publisher.n_readers() > 0)
+        {
             publish(publisher, tick)?;
         }
         rig.notify();
         if start.elapsed().as_secs_f64() > seconds {
             break;
         }
-        std::thread::sleep((start + PERIOD * tick as u32).saturating_duration_since(Instant::now()));
+        std::thread::sleep(
+            (start + PERIOD * tick as u32).saturating_duration_since(Instant::now()),
+        );
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! One node per process: opens services by name, checks the schema before it joins one, and cleans up after the dead.
+//! One node per process: opens services by name, checks the schema before it joins one, and cleans
+//! up after the dead.
 
 use std::path::{Path, PathBuf};
 use std::sync::Once;
@@ -29,8 +30,10 @@ pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H
 /// An open event service.
 pub(crate) type Events = event::PortFactory<Service>;
 
-/// Where iceoryx2 keeps its files, for tests that must not meet anybody. By default what iceoryx2 itself would use: `config/iceoryx2.toml` in
-/// the working directory, then the user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
+/// Where iceoryx2 keeps its files, for tests that must not meet anybody. By default what iceoryx2
+/// itself would use: `config/iceoryx2.toml` in
+/// the working directory, then the user's, then the machine's configuration, then `/tmp/iceoryx2`
+/// and the prefix `iox2_`.
 #[derive(Clone, Debug, Default)]
 pub struct BusOptions {
     /// Folder of iceoryx2's bookkeeping.
@@ -50,7 +53,8 @@ impl Bus {
     /// Joins `domain` as `program` (a name for lists and messages).
     ///
     /// # Errors
-    /// [`BusError::Domain`] for a name that cannot be part of a service name, [`BusError::Node`] if shared memory is not usable.
+    /// [`BusError::Domain`] for a name that cannot be part of a service name, [`BusError::Node`] if
+    /// shared memory is not usable.
     pub fn open(domain: &str, program: &str) -> Result<Bus, BusError> {
         Self::open_with(domain, program, &BusOptions::default())
     }
@@ -61,14 +65,24 @@ impl Bus {
     /// As [`Bus::open`], and [`BusError::Option`] for an unusable root or prefix.
     pub fn open_with(domain: &str, program: &str, options: &BusOptions) -> Result<Bus, BusError> {
         static QUIET: Once = Once::new();
-        // Its warnings ("no config file was loaded", "dead node detected") would stand in every consumer's output.
+        // Its warnings ("no config file was loaded", "dead node detected") would stand in every
+        // consumer's output.
         QUIET.call_once(|| set_log_level(LogLevel::Fatal));
         if !valid_domain(domain) {
-            return Err(BusError::Domain { domain: domain.into() });
+            return Err(BusError::Domain {
+                domain: domain.into(),
+            });
         }
         let config = options.config()?;
-        let name: String = program.chars().filter(|c| c.is_ascii_graphic()).take(64).collect();
-        let failed = |cause: String| BusError::Node { program: program.into(), cause };
+        let name: String = program
+            .chars()
+            .filter(|c| c.is_ascii_graphic())
+            .take(64)
+            .collect();
+        let failed = |cause: String| BusError::Node {
+            program: program.into(),
+            cause,
+        };
         let name = NodeName::new(&name).map_err(|e| failed(format!("{e:?}")))?;
         let node = NodeBuilder::new()
             .name(&name)
@@ -76,7 +90,10 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| failed(format!("{e:?}")))?;
-        Ok(Bus { node, domain: domain.into() })
+        Ok(Bus {
+            node,
+            domain: domain.into(),
+        })
     }
 
     /// The domain.
@@ -89,7 +106,8 @@ impl Bus {
         self.node.try_cleanup_dead_nodes().cleanups
     }
 
-    /// Whether a living process publishes `topic`, a document such as [`names::WORLD_INFO`]. What the dead left is cleaned first.
+    /// Whether a living process publishes `topic`, a document such as [`names::WORLD_INFO`]. What
+    /// the dead left is cleaned first.
     ///
     /// # Errors
     /// [`BusError`] if the service exists and cannot be opened.
@@ -102,11 +120,15 @@ impl Bus {
         }
     }
 
-    /// Whether the publish-subscribe topic exists, whoever made it. Much cheaper than a failed opening, whose error lists what there is.
+    /// Whether the publish-subscribe topic exists, whoever made it. Much cheaper than a failed
+    /// opening, whose error lists what there is.
     pub fn exists(&self, topic: &str) -> bool {
-        let Ok((_, name)) = self.service_name(topic) else { return false };
+        let Ok((_, name)) = self.service_name(topic) else {
+            return false;
+        };
         // What cannot be looked at is left to the opening, which has the words for it.
-        Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe).unwrap_or(true)
+        Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe)
+            .unwrap_or(true)
     }
 
     /// Names of the programs whose nodes live, on every domain of this place.
@@ -135,7 +157,9 @@ impl Bus {
 
     /// `topic` with the domain in front.
     pub(crate) fn service_name(&self, topic: &str) -> Result<(String, ServiceName), BusError> {
-        let bad = || BusError::Name { topic: topic.into() };
+        let bad = || BusError::Name {
+            topic: topic.into(),
+        };
         if !valid_topic(topic) {
             return Err(bad());
         }
@@ -171,14 +195,25 @@ impl Bus {
         let (full, name) = self.service_name(topic)?;
         let advice = "rebuild the consumer";
         if !self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, advice)? {
-            return Err(BusError::NoSuchTopic { topic: full, hint: self.hint(topic) });
+            return Err(BusError::NoSuchTopic {
+                topic: full,
+                hint: self.hint(topic),
+            });
         }
-        self.node.service_builder(&name).publish_subscribe::<[u8]>().user_header::<Wire<H>>().open().map_err(|e| {
-            if format!("{e:?}").contains("DoesNotExist") {
-                return BusError::NoSuchTopic { topic: full.clone(), hint: self.hint(topic) };
-            }
-            service_error("open", &full, &e)
-        })
+        self.node
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Wire<H>>()
+            .open()
+            .map_err(|e| {
+                if format!("{e:?}").contains("DoesNotExist") {
+                    return BusError::NoSuchTopic {
+                        topic: full.clone(),
+                        hint: self.hint(topic),
+                    };
+                }
+                service_error("open", &full, &e)
+            })
     }
 
     /// Refuses another schema with a sentence. Returns whether the service exists.
@@ -193,12 +228,22 @@ impl Bus {
             Ok(details) => details,
             Err(e) => return Err(service_error("look at", full, &e)),
         };
-        let Some(details) = details else { return Ok(false) };
+        let Some(details) = details else {
+            return Ok(false);
+        };
         let key = attribute_key();
-        let theirs = details.static_details.attributes().key_value(&key, 0).map(|value| value.to_string());
+        let theirs = details
+            .static_details
+            .attributes()
+            .key_value(&key, 0)
+            .map(|value| value.to_string());
         match theirs {
             Some(version) if version == SCHEMA_VERSION.to_string() => Ok(true),
-            theirs => Err(BusError::SchemaSkew { service: full.into(), theirs: theirs.unwrap_or_else(|| "none".into()), advice }),
+            theirs => Err(BusError::SchemaSkew {
+                service: full.into(),
+                theirs: theirs.unwrap_or_else(|| "none".into()),
+                advice,
+            }),
         }
     }
 
@@ -207,10 +252,17 @@ impl Bus {
         let topics = self.topics().unwrap_or_default();
         let names: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
         if names.is_empty() {
-            return format!(": nothing runs on domain {:?}; start the simulator with `gantry up`, or name its --domain", self.domain);
+            return format!(
+                ": nothing runs on domain {:?}; start the simulator with `gantry up`, or name its --domain",
+                self.domain
+            );
         }
         let last = wanted.rsplit('/').next().unwrap_or(wanted);
-        let mut near: Vec<&str> = names.iter().copied().filter(|name| name.ends_with(last)).collect();
+        let mut near: Vec<&str> = names
+            .iter()
+            .copied()
+            .filter(|name| name.ends_with(last))
+            .collect();
         if near.is_empty() {
             near = names;
         }
@@ -242,25 +294,35 @@ impl Bus {
     }
 }
 
-/// Tries again while a service is in the making or on its way out: a daemon that restarts meets its readers' comings and goings.
+/// Tries again while a service is in the making or on its way out: a daemon that restarts meets its
+/// readers' comings and goings.
 pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
     let deadline = Instant::now() + SETTLE;
     loop {
         match open() {
-            Err(BusError::Service { .. }) if Instant::now() < deadline => std::thread::sleep(Duration::from_millis(10)),
+            Err(BusError::Service { .. }) if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(10))
+            }
             done => return done,
         }
     }
 }
 
 fn attribute_key() -> iceoryx2::service::attribute::AttributeKey {
-    SCHEMA_ATTRIBUTE.try_into().expect("the attribute's name is shorter than iceoryx2's limit of 64")
+    SCHEMA_ATTRIBUTE
+        .try_into()
+        .expect("the attribute's name is shorter than iceoryx2's limit of 64")
 }
 
 pub(crate) fn schema_attribute() -> AttributeVerifier {
     let value = SCHEMA_VERSION.to_string();
-    let value = value.as_str().try_into().expect("a number of at most five digits fits an attribute");
-    AttributeVerifier::new().require(&attribute_key(), &value).expect("one attribute fits the set")
+    let value = value
+        .as_str()
+        .try_into()
+        .expect("a number of at most five digits fits an attribute");
+    AttributeVerifier::new()
+        .require(&attribute_key(), &value)
+        .expect("one attribute fits the set")
 }
 
 impl BusOptions {
@@ -268,25 +330,41 @@ impl BusOptions {
         let mut config = Config::global_config().clone();
         if let Some(root) = &self.iceoryx_root {
             let text = root.to_string_lossy();
-            let bad = |_| BusError::Option { what: "root", value: text.to_string() };
-            config.global.set_root_path(&iceoryx2::prelude::Path::new(text.as_bytes()).map_err(bad)?);
+            let bad = |_| BusError::Option {
+                what: "root",
+                value: text.to_string(),
+            };
+            config
+                .global
+                .set_root_path(&iceoryx2::prelude::Path::new(text.as_bytes()).map_err(bad)?);
         }
         if let Some(prefix) = &self.prefix {
-            let bad = |_| BusError::Option { what: "prefix", value: prefix.clone() };
+            let bad = |_| BusError::Option {
+                what: "prefix",
+                value: prefix.clone(),
+            };
             config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad)?;
         }
         Ok(config)
     }
 }
 
-/// Writes `config/iceoryx2.toml` below `working_directory`: every process started there, in any language, uses this root and prefix.
+/// Writes `config/iceoryx2.toml` below `working_directory`: every process started there, in any
+/// language, uses this root and prefix.
 ///
 /// # Errors
 /// [`BusError::File`].
-pub fn write_private_config(working_directory: &Path, iceoryx_root: &Path, prefix: &str) -> Result<PathBuf, BusError> {
+pub fn write_private_config(
+    working_directory: &Path,
+    iceoryx_root: &Path,
+    prefix: &str,
+) -> Result<PathBuf, BusError> {
     let folder = working_directory.join("config");
     let path = folder.join("iceoryx2.toml");
-    let text = format!("[global]\nroot-path = {:?}\nprefix = {prefix:?}\n", iceoryx_root.to_string_lossy());
+    let text = format!(
+        "[global]\nroot-path = {:?}\nprefix = {prefix:?}\n",
+        iceoryx_root.to_string_lossy()
+    );
     let write = || {
         std::fs::create_dir_all(&folder)?;
         std::fs::write(&path, text)
@@ -299,6 +377,7 @@ pub fn write_private_config(working_directory: &Path, iceoryx_root: &Path, prefi
 
 /// `CLOCK_MONOTONIC` now, the clock of a frame's stamps.
 pub fn mono_now() -> MonoTime {
-    let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC).expect("Linux has a monotonic clock");
+    let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC)
+        .expect("Linux has a monotonic clock");
     MonoTime(now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
 }

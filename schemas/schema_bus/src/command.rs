@@ -1,6 +1,7 @@
 //! `control/world`: requests as JSON, answered between ticks.
 //!
-//! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server `control/replied`.
+//! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server
+//! `control/replied`.
 
 use std::time::{Duration, Instant};
 
@@ -32,7 +33,9 @@ type Commands = PortFactory<Service, [u8], Wire<RequestHeader>, [u8], ()>;
 #[derive(Debug, thiserror::Error)]
 pub enum CommandError {
     /// Nobody serves commands.
-    #[error("no simulator answers on domain {domain:?}; start one with `gantry up`, or name its --domain")]
+    #[error(
+        "no simulator answers on domain {domain:?}; start one with `gantry up`, or name its --domain"
+    )]
     NoServer {
         /// The domain.
         domain: String,
@@ -90,13 +93,22 @@ impl Bus {
             .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
             .map_err(|e| service_error("serve", service.name().as_str(), &e))?;
-        Ok(CommandServer { port, replied: self.notifier(CONTROL_REPLIED)?, service })
+        Ok(CommandServer {
+            port,
+            replied: self.notifier(CONTROL_REPLIED)?,
+            service,
+        })
     }
 
     fn command_service(&self) -> Result<Commands, BusError> {
         let (full, name) = self.service_name(CONTROL_WORLD)?;
         settle(|| {
-            self.check_schema(&full, &name, MessagingPattern::RequestResponse, "rebuild the older of the two")?;
+            self.check_schema(
+                &full,
+                &name,
+                MessagingPattern::RequestResponse,
+                "rebuild the older of the two",
+            )?;
             self.node()
                 .service_builder(&name)
                 .request_response::<[u8], [u8]>()
@@ -129,15 +141,27 @@ impl CommandClient {
     /// Sends the commands and waits for their replies.
     ///
     /// # Errors
-    /// [`CommandError::NoServer`] at once if nobody serves, [`CommandError::Timeout`]. A refused command is a reply, not an error.
-    pub fn request(&mut self, batch: &CommandBatch, timeout: Duration) -> Result<ReplyBatch, CommandError> {
-        let text = serde_json::to_vec(batch).map_err(|e| CommandError::Answer { cause: e.to_string() })?;
+    /// [`CommandError::NoServer`] at once if nobody serves, [`CommandError::Timeout`]. A refused
+    /// command is a reply, not an error.
+    pub fn request(
+        &mut self,
+        batch: &CommandBatch,
+        timeout: Duration,
+    ) -> Result<ReplyBatch, CommandError> {
+        let text = serde_json::to_vec(batch).map_err(|e| CommandError::Answer {
+            cause: e.to_string(),
+        })?;
         let start = Instant::now();
         if self.service.dynamic_config().number_of_servers() == 0 {
-            return Err(CommandError::NoServer { domain: self.domain.clone() });
+            return Err(CommandError::NoServer {
+                domain: self.domain.clone(),
+            });
         }
         let full = self.service.name().as_str();
-        let loan = self.port.loan_slice_uninit(text.len()).map_err(|e| service_error("ask", full, &e))?;
+        let loan = self
+            .port
+            .loan_slice_uninit(text.len())
+            .map_err(|e| service_error("ask", full, &e))?;
         let mut request = loan.write_from_slice(&text);
         self.seq += 1;
         request.user_header_mut().0 = RequestHeader {
@@ -152,8 +176,15 @@ impl CommandClient {
         let pending = request.send().map_err(|e| service_error("ask", full, &e))?;
         self.wake.notify();
         loop {
-            if let Some(answer) = pending.receive().map_err(|e| service_error("ask", full, &e))? {
-                return serde_json::from_slice(answer.payload()).map_err(|e| CommandError::Answer { cause: e.to_string() });
+            if let Some(answer) = pending
+                .receive()
+                .map_err(|e| service_error("ask", full, &e))?
+            {
+                return serde_json::from_slice(answer.payload()).map_err(|e| {
+                    CommandError::Answer {
+                        cause: e.to_string(),
+                    }
+                });
             }
             let waited = start.elapsed();
             if waited >= timeout {
@@ -191,9 +222,20 @@ impl CommandServer {
     /// [`BusError::Service`].
     pub fn take(&mut self) -> Result<Option<Request>, BusError> {
         let full = self.service.name().as_str();
-        let Some(active) = self.port.receive().map_err(|e| service_error("serve", full, &e))? else { return Ok(None) };
+        let Some(active) = self
+            .port
+            .receive()
+            .map_err(|e| service_error("serve", full, &e))?
+        else {
+            return Ok(None);
+        };
         let header = active.user_header().0;
-        Ok(Some(Request { client: name_text(&header.client), seq: header.seq, batch: parse(&header, active.payload()), active }))
+        Ok(Some(Request {
+            client: name_text(&header.client),
+            seq: header.seq,
+            batch: parse(&header, active.payload()),
+            active,
+        }))
     }
 
     /// All requests that wait, by (client, seq): the order in which they run at a tick edge.
@@ -209,7 +251,8 @@ impl CommandServer {
         Ok(requests)
     }
 
-    /// Answers. A client that has gone meanwhile is no error. If the answer cannot be sent, one refusal says so in its place, so that the
+    /// Answers. A client that has gone meanwhile is no error. If the answer cannot be sent, one
+    /// refusal says so in its place, so that the
     /// client need not wait for nothing.
     ///
     /// # Errors
@@ -217,17 +260,32 @@ impl CommandServer {
     pub fn reply(&self, request: Request, answer: &ReplyBatch) -> Result<(), BusError> {
         let sent = self.send(&request, answer);
         if let Err(error) = &sent {
-            let error = format!("the commands were run, but their answer could not be sent: {error}");
-            self.send(&request, &ReplyBatch { epoch: answer.epoch.clone(), replies: vec![CommandReply::Refused { error }], ..*answer })?;
+            let error =
+                format!("the commands were run, but their answer could not be sent: {error}");
+            self.send(
+                &request,
+                &ReplyBatch {
+                    epoch: answer.epoch.clone(),
+                    replies: vec![CommandReply::Refused { error }],
+                    ..*answer
+                },
+            )?;
         }
         sent
     }
 
     fn send(&self, request: &Request, answer: &ReplyBatch) -> Result<(), BusError> {
         let full = self.service.name().as_str();
-        let failed = |cause: String| BusError::Service { action: "answer on", service: full.into(), cause };
+        let failed = |cause: String| BusError::Service {
+            action: "answer on",
+            service: full.into(),
+            cause,
+        };
         let text = serde_json::to_vec(answer).map_err(|e| failed(e.to_string()))?;
-        let loan = request.active.loan_slice_uninit(text.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let loan = request
+            .active
+            .loan_slice_uninit(text.len())
+            .map_err(|e| failed(format!("{e:?}")))?;
         let sent = loan.write_from_slice(&text).send();
         if sent.is_err() && request.active.is_connected() {
             return Err(failed(format!("{:?}", sent.err())));
@@ -250,14 +308,30 @@ fn parse(header: &RequestHeader, payload: &[u8]) -> Result<CommandBatch, String>
             header.codec_version
         ));
     }
-    let bytes = usize::try_from(header.payload_bytes).ok().and_then(|n| payload.get(..n));
-    let bytes = bytes.ok_or_else(|| format!("request claims {} bytes and has {}", header.payload_bytes, payload.len()))?;
+    let bytes = usize::try_from(header.payload_bytes)
+        .ok()
+        .and_then(|n| payload.get(..n));
+    let bytes = bytes.ok_or_else(|| {
+        format!(
+            "request claims {} bytes and has {}",
+            header.payload_bytes,
+            payload.len()
+        )
+    })?;
     if bytes.len() > qos::MAX_COMMAND_BYTES {
-        return Err(format!("request has {} bytes, at most {} are read; split it", bytes.len(), qos::MAX_COMMAND_BYTES));
+        return Err(format!(
+            "request has {} bytes, at most {} are read; split it",
+            bytes.len(),
+            qos::MAX_COMMAND_BYTES
+        ));
     }
-    let batch: CommandBatch = serde_json::from_slice(bytes).map_err(|e| format!("request is not valid: {e}"))?;
+    let batch: CommandBatch =
+        serde_json::from_slice(bytes).map_err(|e| format!("request is not valid: {e}"))?;
     if batch.v != COMMAND_VERSION {
-        return Err(format!("\"v\" is {}, the simulator speaks {COMMAND_VERSION}", batch.v));
+        return Err(format!(
+            "\"v\" is {}, the simulator speaks {COMMAND_VERSION}",
+            batch.v
+        ));
     }
     Ok(batch)
 }
@@ -273,7 +347,11 @@ mod tests {
         header.magic = REQUEST_MAGIC;
         header.codec_version = COMMAND_VERSION;
         header.payload_bytes = 9;
-        assert!(parse(&header, b"{}").unwrap_err().contains("claims 9 bytes"));
+        assert!(
+            parse(&header, b"{}")
+                .unwrap_err()
+                .contains("claims 9 bytes")
+        );
         header.payload_bytes = 2;
         assert!(parse(&header, b"{}").unwrap_err().contains("not valid"));
         let text = br#"{"v":2,"commands":[]}"#;

@@ -21,7 +21,8 @@ use crate::{Bus, BusError, Notifier, qos};
 const FIRST_SLOT_RECORDS: usize = 64;
 
 impl Bus {
-    /// Opens `control/vehicles` for writing under a name: of several controls for one actor the last by (name, seq) counts.
+    /// Opens `control/vehicles` for writing under a name: of several controls for one actor the
+    /// last by (name, seq) counts.
     ///
     /// # Errors
     /// [`BusError::TooManyWriters`] beyond 32 writers.
@@ -34,8 +35,20 @@ impl Bus {
             .initial_max_slice_len(len)
             .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
-            .map_err(|e| writer_error(&full, qos::CONTROL.publishers, (qos::CONTROL.slots(2) * len) as u64, &e))?;
-        Ok(ControlWriter { port, name: name_bytes(name), seq: 0, _service: service })
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::CONTROL.publishers,
+                    (qos::CONTROL.slots(2) * len) as u64,
+                    &e,
+                )
+            })?;
+        Ok(ControlWriter {
+            port,
+            name: name_bytes(name),
+            seq: 0,
+            _service: service,
+        })
     }
 
     /// Opens `control/vehicles` for reading: the daemon's side.
@@ -57,9 +70,16 @@ impl Bus {
         let full = service.name().as_str().to_string();
         let bad = |_| BusError::Name { topic: name.into() };
         let port_name = PortName::new(name).map_err(bad)?;
-        let port =
-            service.publisher_builder().name(&port_name).create().map_err(|e| writer_error(&full, qos::CONTROL.publishers, 1 << 16, &e))?;
-        Ok(AckWriter { port, wake: self.notifier(CONTROL_WAKE)?, _service: service })
+        let port = service
+            .publisher_builder()
+            .name(&port_name)
+            .create()
+            .map_err(|e| writer_error(&full, qos::CONTROL.publishers, 1 << 16, &e))?;
+        Ok(AckWriter {
+            port,
+            wake: self.notifier(CONTROL_WAKE)?,
+            _service: service,
+        })
     }
 
     /// Opens `control/ack` for reading: the daemon's side.
@@ -69,18 +89,26 @@ impl Bus {
     pub fn ack_reader(&self) -> Result<AckReader, BusError> {
         let service = self.ack_service()?;
         let full = service.name().as_str().to_string();
-        let port = service.subscriber_builder().create().map_err(|e| BusError::Service {
-            action: "read",
-            service: full,
-            cause: format!("{e:?}"),
-        })?;
+        let port = service
+            .subscriber_builder()
+            .create()
+            .map_err(|e| BusError::Service {
+                action: "read",
+                service: full,
+                cause: format!("{e:?}"),
+            })?;
         Ok(AckReader { port, service })
     }
 
     fn ack_service(&self) -> Result<Acks, BusError> {
         let (full, name) = self.service_name(CONTROL_ACK)?;
         settle(|| {
-            self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, "rebuild the older of the two")?;
+            self.check_schema(
+                &full,
+                &name,
+                MessagingPattern::PublishSubscribe,
+                "rebuild the older of the two",
+            )?;
             self.node()
                 .service_builder(&name)
                 .publish_subscribe::<Wire<AckRecord>>()
@@ -125,20 +153,37 @@ pub struct ControlWriter {
 }
 
 impl ControlWriter {
-    /// Sends controls that answer the snapshot of `tick`. The daemon takes them at the next tick edge.
+    /// Sends controls that answer the snapshot of `tick`. The daemon takes them at the next tick
+    /// edge.
     ///
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&mut self, tick: u64, records: &[VehicleControlRecord]) -> Result<(), BusError> {
-        let failed = |cause: String| BusError::Service { action: "write to", service: CONTROL_VEHICLES.into(), cause };
+        let failed = |cause: String| BusError::Service {
+            action: "write to",
+            service: CONTROL_VEHICLES.into(),
+            cause,
+        };
         let bytes: &[u8] = bytemuck::cast_slice(records);
-        let loan = self.port.loan_slice_uninit(bytes.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let loan = self
+            .port
+            .loan_slice_uninit(bytes.len())
+            .map_err(|e| failed(format!("{e:?}")))?;
         let mut sample = loan.write_from_slice(bytes);
         // Spent even when the send fails: a gap shows that something was lost.
         self.seq += 1;
-        sample.user_header_mut().0 =
-            ControlHeader { magic: CONTROL_MAGIC, schema_version: SCHEMA_VERSION, reserved0: 0, tick, seq: self.seq, writer: self.name };
-        sample.send().map(drop).map_err(|e| failed(format!("{e:?}")))
+        sample.user_header_mut().0 = ControlHeader {
+            magic: CONTROL_MAGIC,
+            schema_version: SCHEMA_VERSION,
+            reserved0: 0,
+            tick,
+            seq: self.seq,
+            writer: self.name,
+        };
+        sample
+            .send()
+            .map(drop)
+            .map_err(|e| failed(format!("{e:?}")))
     }
 }
 
@@ -163,7 +208,8 @@ pub struct ControlReader {
 }
 
 impl ControlReader {
-    /// Everything that waits, sorted by (writer, seq), so that applying it in order lets the last one count.
+    /// Everything that waits, sorted by (writer, seq), so that applying it in order lets the last
+    /// one count.
     /// Samples that break the contract are dropped with a warning.
     ///
     /// # Errors
@@ -174,13 +220,20 @@ impl ControlReader {
             let header = sample.user_header().0;
             let records = bytemuck::try_cast_slice::<u8, VehicleControlRecord>(sample.payload());
             match records {
-                Ok(records) if header.magic == CONTROL_MAGIC && header.schema_version == SCHEMA_VERSION => batches.push(ControlBatch {
-                    writer: name_text(&header.writer),
-                    seq: header.seq,
-                    tick: header.tick,
-                    records: records.to_vec(),
-                }),
-                _ => tracing::warn!(writer = name_text(&header.writer), "dropped a sample that is not a list of vehicle controls"),
+                Ok(records)
+                    if header.magic == CONTROL_MAGIC && header.schema_version == SCHEMA_VERSION =>
+                {
+                    batches.push(ControlBatch {
+                        writer: name_text(&header.writer),
+                        seq: header.seq,
+                        tick: header.tick,
+                        records: records.to_vec(),
+                    })
+                }
+                _ => tracing::warn!(
+                    writer = name_text(&header.writer),
+                    "dropped a sample that is not a list of vehicle controls"
+                ),
             }
         }
         batches.sort_by(|a, b| (&a.writer, a.seq).cmp(&(&b.writer, b.seq)));
@@ -207,12 +260,20 @@ impl AckWriter {
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&self, participant: u32, epoch: u64, tick: u64) -> Result<(), BusError> {
-        let record = AckRecord { participant, reserved: 0, epoch, tick, reserved1: 0 };
-        self.port.send_copy(Wire(record)).map_err(|e| BusError::Service {
-            action: "write to",
-            service: CONTROL_ACK.into(),
-            cause: format!("{e:?}"),
-        })?;
+        let record = AckRecord {
+            participant,
+            reserved: 0,
+            epoch,
+            tick,
+            reserved1: 0,
+        };
+        self.port
+            .send_copy(Wire(record))
+            .map_err(|e| BusError::Service {
+                action: "write to",
+                service: CONTROL_ACK.into(),
+                cause: format!("{e:?}"),
+            })?;
         self.wake.notify();
         Ok(())
     }
@@ -231,7 +292,11 @@ impl AckReader {
     /// # Errors
     /// [`BusError::Service`].
     pub fn drain(&mut self) -> Result<Vec<AckRecord>, BusError> {
-        let failed = |cause: String| BusError::Service { action: "read", service: CONTROL_ACK.into(), cause };
+        let failed = |cause: String| BusError::Service {
+            action: "read",
+            service: CONTROL_ACK.into(),
+            cause,
+        };
         let mut records = Vec::new();
         while let Some(sample) = self.port.receive().map_err(|e| failed(format!("{e:?}")))? {
             records.push(sample.payload().0);
@@ -239,7 +304,8 @@ impl AckReader {
         Ok(records)
     }
 
-    /// Names of the participants whose writers are open, sorted. Call [`Bus::clean_dead_nodes`] first to be rid of killed ones.
+    /// Names of the participants whose writers are open, sorted. Call [`Bus::clean_dead_nodes`]
+    /// first to be rid of killed ones.
     pub fn writers(&self) -> Vec<String> {
         let mut names = Vec::new();
         self.service.dynamic_config().list_publishers(|details| {

@@ -31,8 +31,19 @@ impl Bus {
             .initial_max_slice_len(FIRST_SLOT_BYTES)
             .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
-            .map_err(|e| writer_error(&full, qos::DOCUMENT.publishers, (qos::DOCUMENT.slots(2) * FIRST_SLOT_BYTES) as u64, &e))?;
-        Ok(DocumentPublisher { port, service, revision: 0 })
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::DOCUMENT.publishers,
+                    (qos::DOCUMENT.slots(2) * FIRST_SLOT_BYTES) as u64,
+                    &e,
+                )
+            })?;
+        Ok(DocumentPublisher {
+            port,
+            service,
+            revision: 0,
+        })
     }
 
     /// Opens a document for reading; the newest text greets within one turn of the daemon's loop.
@@ -61,8 +72,15 @@ impl DocumentPublisher {
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&mut self, text: &str, epoch: u64, tick: u64) -> Result<u64, BusError> {
-        let failed = |cause: String| BusError::Service { action: "write to", service: self.service.name().as_str().into(), cause };
-        let loan = self.port.loan_slice_uninit(text.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let failed = |cause: String| BusError::Service {
+            action: "write to",
+            service: self.service.name().as_str().into(),
+            cause,
+        };
+        let loan = self
+            .port
+            .loan_slice_uninit(text.len())
+            .map_err(|e| failed(format!("{e:?}")))?;
         let mut sample = loan.write_from_slice(text.as_bytes());
         let revision = self.revision + 1;
         sample.user_header_mut().0 = DocumentHeader {
@@ -83,7 +101,12 @@ impl DocumentPublisher {
     ///
     /// # Errors
     /// [`BusError::Service`], also for a value that JSON cannot hold.
-    pub fn send_json<T: serde::Serialize>(&mut self, value: &T, epoch: u64, tick: u64) -> Result<u64, BusError> {
+    pub fn send_json<T: serde::Serialize>(
+        &mut self,
+        value: &T,
+        epoch: u64,
+        tick: u64,
+    ) -> Result<u64, BusError> {
         let text = serde_json::to_string(value).map_err(|e| BusError::Service {
             action: "write JSON to",
             service: self.service.name().as_str().into(),
@@ -92,8 +115,10 @@ impl DocumentPublisher {
         self.send(&text, epoch, tick)
     }
 
-    /// Hands the newest text to readers that came since the last call. iceoryx2 does this only in the writer's own calls, so a daemon
-    /// calls it once per turn of its loop, also while it waits for a cue (a new reader notifies `control/wake`). Cheap if nobody came.
+    /// Hands the newest text to readers that came since the last call. iceoryx2 does this only in
+    /// the writer's own calls, so a daemon
+    /// calls it once per turn of its loop, also while it waits for a cue (a new reader notifies
+    /// `control/wake`). Cheap if nobody came.
     pub fn greet(&self) {
         if let Err(e) = self.port.update_connections() {
             tracing::warn!(service = self.service.name().as_str(), cause = ?e, "cannot greet a new reader");
@@ -132,19 +157,41 @@ impl DocumentReader {
         while let Some(sample) = receive(&self.service, &self.port)? {
             newest = Some(sample);
         }
-        let Some(sample) = newest else { return Ok(None) };
+        let Some(sample) = newest else {
+            return Ok(None);
+        };
         let header = sample.user_header().0;
-        let bad = |fault: String| BusError::BadSample { service: self.service.name().as_str().into(), fault };
+        let bad = |fault: String| BusError::BadSample {
+            service: self.service.name().as_str().into(),
+            fault,
+        };
         if header.magic != DOCUMENT_MAGIC {
-            return Err(bad(format!("starts with {:#010x}, not with \"GDOC\"", header.magic)));
+            return Err(bad(format!(
+                "starts with {:#010x}, not with \"GDOC\"",
+                header.magic
+            )));
         }
         if header.schema_version != SCHEMA_VERSION {
-            return Err(bad(format!("carries schema {}, this reader understands {SCHEMA_VERSION}", header.schema_version)));
+            return Err(bad(format!(
+                "carries schema {}, this reader understands {SCHEMA_VERSION}",
+                header.schema_version
+            )));
         }
-        let bytes = usize::try_from(header.payload_bytes).ok().and_then(|n| sample.payload().get(..n));
-        let bytes = bytes.ok_or_else(|| bad(format!("claims {} bytes and has {}", header.payload_bytes, sample.payload().len())))?;
+        let bytes = usize::try_from(header.payload_bytes)
+            .ok()
+            .and_then(|n| sample.payload().get(..n));
+        let bytes = bytes.ok_or_else(|| {
+            bad(format!(
+                "claims {} bytes and has {}",
+                header.payload_bytes,
+                sample.payload().len()
+            ))
+        })?;
         let text = std::str::from_utf8(bytes).map_err(|e| bad(format!("is not UTF-8 ({e})")))?;
-        Ok(Some(Document { header, text: text.to_string() }))
+        Ok(Some(Document {
+            header,
+            text: text.to_string(),
+        }))
     }
 }
 

@@ -8,19 +8,25 @@ use schema_frames::{FrameError, SCHEMA_VERSION};
 #[derive(Debug, thiserror::Error)]
 pub enum BusError {
     /// Unusable domain.
-    #[error("domain {domain:?} is not usable: it must be 1 to 32 characters of a-z, A-Z, 0-9, '_' and '-'; choose another with --domain")]
+    #[error(
+        "domain {domain:?} is not usable: it must be 1 to 32 characters of a-z, A-Z, 0-9, '_' and '-'; choose another with --domain"
+    )]
     Domain {
         /// What was given.
         domain: String,
     },
     /// Unusable topic name.
-    #[error("topic {topic:?} is not usable: it must be 1 to 200 characters of a-z, A-Z, 0-9, '_', '-' and '.', in segments joined by '/'")]
+    #[error(
+        "topic {topic:?} is not usable: it must be 1 to 200 characters of a-z, A-Z, 0-9, '_', '-' and '.', in segments joined by '/'"
+    )]
     Name {
         /// What was given.
         topic: String,
     },
     /// No node could be made.
-    #[error("cannot join the shared-memory bus as {program:?} ({cause}); check that /dev/shm and /tmp/iceoryx2 exist and are writable")]
+    #[error(
+        "cannot join the shared-memory bus as {program:?} ({cause}); check that /dev/shm and /tmp/iceoryx2 exist and are writable"
+    )]
     Node {
         /// Name of this program.
         program: String,
@@ -28,7 +34,9 @@ pub enum BusError {
         cause: String,
     },
     /// Unusable private root or prefix.
-    #[error("cannot use {value:?} as iceoryx2 {what}; it must be a short path or file name without special characters")]
+    #[error(
+        "cannot use {value:?} as iceoryx2 {what}; it must be a short path or file name without special characters"
+    )]
     Option {
         /// `root` or `prefix`.
         what: &'static str,
@@ -44,7 +52,9 @@ pub enum BusError {
         hint: String,
     },
     /// The other side speaks another version of the layouts.
-    #[error("cannot join service {service:?}: it carries schema {theirs}, this binary reads {SCHEMA_VERSION}; {advice}")]
+    #[error(
+        "cannot join service {service:?}: it carries schema {theirs}, this binary reads {SCHEMA_VERSION}; {advice}"
+    )]
     SchemaSkew {
         /// The service.
         service: String,
@@ -54,7 +64,9 @@ pub enum BusError {
         advice: &'static str,
     },
     /// All reader places are taken.
-    #[error("service {service:?} already has {limit} readers (limit {limit}); stop one before another can join")]
+    #[error(
+        "service {service:?} already has {limit} readers (limit {limit}); stop one before another can join"
+    )]
     TooManyReaders {
         /// The service.
         service: String,
@@ -62,7 +74,9 @@ pub enum BusError {
         limit: usize,
     },
     /// All writer places are taken.
-    #[error("service {service:?} already has {limit} writers (limit {limit}); stop the other simulator, or give this one another --domain")]
+    #[error(
+        "service {service:?} already has {limit} writers (limit {limit}); stop the other simulator, or give this one another --domain"
+    )]
     TooManyWriters {
         /// The service.
         service: String,
@@ -88,7 +102,9 @@ pub enum BusError {
         cause: String,
     },
     /// Another user owns it.
-    #[error("not allowed to open service {service:?}: it belongs to another user; run as that user, or use another --domain")]
+    #[error(
+        "not allowed to open service {service:?}: it belongs to another user; run as that user, or use another --domain"
+    )]
     Permission {
         /// The service.
         service: String,
@@ -140,7 +156,9 @@ pub enum BusError {
         limit: usize,
     },
     /// The segment's mapping was not found.
-    #[error("cannot find the segment of {service:?} in /proc/self/maps; GPU import is not possible, use the staged path")]
+    #[error(
+        "cannot find the segment of {service:?} in /proc/self/maps; GPU import is not possible, use the staged path"
+    )]
     Segment {
         /// The service.
         service: String,
@@ -154,7 +172,9 @@ pub enum BusError {
         source: std::io::Error,
     },
     /// Anything else of iceoryx2.
-    #[error("cannot {action} {service:?} ({cause}); if a process was killed a moment ago, try again, else restart this domain")]
+    #[error(
+        "cannot {action} {service:?} ({cause}); if a process was killed a moment ago, try again, else restart this domain"
+    )]
     Service {
         /// What was tried: `open`, `write to`, …
         action: &'static str,
@@ -201,19 +221,35 @@ pub(crate) fn mebibytes(n: u64) -> String {
     format!("{} MiB", n.div_ceil(1 << 20))
 }
 
-/// A failed open or create, told by its variant: the same names occur in all of iceoryx2's error enums.
-pub(crate) fn service_error(action: &'static str, service: &str, cause: &dyn std::fmt::Debug) -> BusError {
+/// A failed open or create, told by its variant: the same names occur in all of iceoryx2's error
+/// enums.
+pub(crate) fn service_error(
+    action: &'static str,
+    service: &str,
+    cause: &dyn std::fmt::Debug,
+) -> BusError {
     let cause = format!("{cause:?}");
     let service = service.to_string();
     if cause.contains("InsufficientPermissions") {
         BusError::Permission { service }
     } else if cause.contains("IncompatibleAttributes") || cause.contains("IncompatibleTypes") {
-        BusError::SchemaSkew { service, theirs: "another version".into(), advice: "stop all processes of this domain and start again" }
+        BusError::SchemaSkew {
+            service,
+            theirs: "another version".into(),
+            advice: "stop all processes of this domain and start again",
+        }
     } else if cause.contains("ExceedsMaxNumberOfNodes") {
-        BusError::TooManyProcesses { service, limit: crate::qos::MAX_NODES }
+        BusError::TooManyProcesses {
+            service,
+            limit: crate::qos::MAX_NODES,
+        }
     } else if cause.contains("DoesNotSupport") || cause.contains("IncompatibleOverflow") {
         BusError::Capacity { service, cause }
     } else {
-        BusError::Service { action, service, cause }
+        BusError::Service {
+            action,
+            service,
+            cause,
+        }
     }
 }

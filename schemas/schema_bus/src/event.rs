@@ -15,7 +15,10 @@ impl Bus {
     /// [`BusError`].
     pub fn notifier(&self, name: &str) -> Result<Notifier, BusError> {
         let (full, service) = self.make_event(name)?;
-        let port = service.notifier_builder().create().map_err(|e| port_error("notify", &full, &e))?;
+        let port = service
+            .notifier_builder()
+            .create()
+            .map_err(|e| port_error("notify", &full, &e))?;
         Ok(Notifier { port, service })
     }
 
@@ -25,13 +28,24 @@ impl Bus {
     /// [`BusError`].
     pub fn listener(&self, name: &str) -> Result<Listener, BusError> {
         let (full, service) = self.make_event(name)?;
-        let port = service.listener_builder().create().map_err(|e| port_error("listen to", &full, &e))?;
-        Ok(Listener { port, name: full, _service: service })
+        let port = service
+            .listener_builder()
+            .create()
+            .map_err(|e| port_error("listen to", &full, &e))?;
+        Ok(Listener {
+            port,
+            name: full,
+            _service: service,
+        })
     }
 }
 
 fn port_error(action: &'static str, full: &str, cause: &dyn std::fmt::Debug) -> BusError {
-    BusError::Service { action, service: full.into(), cause: format!("{cause:?}") }
+    BusError::Service {
+        action,
+        service: full.into(),
+        cause: format!("{cause:?}"),
+    }
 }
 
 /// Wakes whoever listens.
@@ -44,7 +58,8 @@ pub struct Notifier {
 impl Notifier {
     /// Wakes all listeners; costs a system call for each. Returns how many were woken.
     ///
-    /// A listener whose queue is full has been woken already, so this cannot fail in a way that loses a wake-up.
+    /// A listener whose queue is full has been woken already, so this cannot fail in a way that
+    /// loses a wake-up.
     pub fn notify(&self) -> usize {
         self.port.notify().unwrap_or(0)
     }
@@ -64,7 +79,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Waits until somebody notifies or `timeout` is over. Returns whether somebody did; a signal ends the wait early with `false`.
+    /// Waits until somebody notifies or `timeout` is over. Returns whether somebody did; a signal
+    /// ends the wait early with `false`.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -80,21 +96,39 @@ impl Listener {
     /// # Errors
     /// [`BusError::Service`].
     pub fn drain(&self) -> Result<bool, BusError> {
-        self.port.try_wait(|_| {}).map(|n| n > 0).map_err(|e| port_error("wait for", &self.name, &e))
+        self.port
+            .try_wait(|_| {})
+            .map(|n| n > 0)
+            .map_err(|e| port_error("wait for", &self.name, &e))
     }
 
     fn pollfd(&self) -> libc::pollfd {
         // SAFETY: the descriptor is only polled, never closed, and lives as long as the port.
         let fd = unsafe { self.port.file_descriptor().native_handle() };
-        libc::pollfd { fd, events: libc::POLLIN, revents: 0 }
+        libc::pollfd {
+            fd,
+            events: libc::POLLIN,
+            revents: 0,
+        }
     }
 }
 
 /// Waits for any of `fds`. `false`: time is over, or a signal came.
 fn poll(fds: &mut [libc::pollfd], timeout: Duration) -> bool {
-    let wait = libc::timespec { tv_sec: timeout.as_secs().min(1 << 30) as libc::time_t, tv_nsec: timeout.subsec_nanos() as libc::c_long };
-    // SAFETY: pointer and length are those of one slice; the kernel writes only `revents`; no signal mask is given.
-    unsafe { libc::ppoll(fds.as_mut_ptr(), fds.len() as libc::nfds_t, &wait, std::ptr::null()) > 0 }
+    let wait = libc::timespec {
+        tv_sec: timeout.as_secs().min(1 << 30) as libc::time_t,
+        tv_nsec: timeout.subsec_nanos() as libc::c_long,
+    };
+    // SAFETY: pointer and length are those of one slice; the kernel writes only `revents`; no
+    // signal mask is given.
+    unsafe {
+        libc::ppoll(
+            fds.as_mut_ptr(),
+            fds.len() as libc::nfds_t,
+            &wait,
+            std::ptr::null(),
+        ) > 0
+    }
 }
 
 /// Number of a listener in a [`WaitSet`].
@@ -121,7 +155,8 @@ impl WaitSet {
         Token(self.listeners.len() - 1)
     }
 
-    /// Waits until one of them is notified or `timeout` is over. Returns whether any was; [`WaitSet::woken`] says which.
+    /// Waits until one of them is notified or `timeout` is over. Returns whether any was;
+    /// [`WaitSet::woken`] says which.
     /// With an empty set it sleeps.
     ///
     /// # Errors
@@ -139,14 +174,23 @@ impl WaitSet {
         Ok(true)
     }
 
-    /// Waits as [`WaitSet::wait`], and also until one of `others` (sockets, pipes) can be read or has ended. Returns which of `others` that
+    /// Waits as [`WaitSet::wait`], and also until one of `others` (sockets, pipes) can be read or
+    /// has ended. Returns which of `others` that
     /// is true for, in their order; what is read from them is the caller's business.
     ///
     /// # Errors
     /// [`BusError::Service`].
-    pub fn wait_beside(&mut self, others: &[BorrowedFd<'_>], timeout: Duration) -> Result<Vec<bool>, BusError> {
+    pub fn wait_beside(
+        &mut self,
+        others: &[BorrowedFd<'_>],
+        timeout: Duration,
+    ) -> Result<Vec<bool>, BusError> {
         let mut fds = self.fds.clone();
-        fds.extend(others.iter().map(|fd| libc::pollfd { fd: fd.as_raw_fd(), events: libc::POLLIN, revents: 0 }));
+        fds.extend(others.iter().map(|fd| libc::pollfd {
+            fd: fd.as_raw_fd(),
+            events: libc::POLLIN,
+            revents: 0,
+        }));
         fds.iter_mut().for_each(|fd| fd.revents = 0);
         poll(&mut fds, timeout);
         let (own, others) = fds.split_at(self.fds.len());

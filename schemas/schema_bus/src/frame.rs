@@ -1,4 +1,5 @@
-//! The writing side of frames: a service without memory, a publisher with a segment, and loans that are filled in place.
+//! The writing side of frames: a service without memory, a publisher with a segment, and loans that
+//! are filled in place.
 
 use std::sync::{Arc, OnceLock};
 
@@ -28,28 +29,53 @@ pub struct FrameTopic {
 impl FrameTopic {
     /// A topic with the usual number of readers for its modality and two frames in flight.
     pub fn new(modality: Modality, max_payload_bytes: usize) -> Self {
-        FrameTopic { max_payload_bytes, frames_in_flight: 2, max_readers: Qos::of(modality).readers }
+        FrameTopic {
+            max_payload_bytes,
+            frames_in_flight: 2,
+            max_readers: Qos::of(modality).readers,
+        }
     }
 }
 
 impl Bus {
-    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory: readers can find and open it.
+    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory: readers can find
+    /// and open it.
     ///
     /// # Errors
-    /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or [`BusError::SchemaSkew`] if readers keep an older
+    /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or
+    /// [`BusError::SchemaSkew`] if readers keep an older
     /// service alive that does not fit.
     pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
-        let modality = topic.rsplit('/').next().and_then(Modality::from_name).ok_or_else(|| BusError::Name { topic: topic.into() })?;
-        let qos = Qos { readers: spec.max_readers, ..Qos::of(modality) };
+        let modality = topic
+            .rsplit('/')
+            .next()
+            .and_then(Modality::from_name)
+            .ok_or_else(|| BusError::Name {
+                topic: topic.into(),
+            })?;
+        let qos = Qos {
+            readers: spec.max_readers,
+            ..Qos::of(modality)
+        };
         let service = self.make::<FrameHeader>(topic, &qos)?;
-        Ok(FrameService { service, topic: topic.into(), modality, qos, spec })
+        Ok(FrameService {
+            service,
+            topic: topic.into(),
+            modality,
+            qos,
+            spec,
+        })
     }
 
     /// Makes the service of `topic` and its memory.
     ///
     /// # Errors
     /// As [`Bus::frame_service`] and [`FrameService::publisher`].
-    pub fn frame_publisher(&self, topic: &str, spec: FrameTopic) -> Result<FramePublisher, BusError> {
+    pub fn frame_publisher(
+        &self,
+        topic: &str,
+        spec: FrameTopic,
+    ) -> Result<FramePublisher, BusError> {
         self.frame_service(topic, spec)?.publisher()
     }
 }
@@ -85,15 +111,24 @@ impl FrameService {
         shared_memory_needed(&self.qos, &self.spec)
     }
 
-    /// Makes a publisher with its segment. The service lives on when publisher and `self` are dropped, as long as a reader has it open.
+    /// Makes a publisher with its segment. The service lives on when publisher and `self` are
+    /// dropped, as long as a reader has it open.
     ///
     /// # Errors
-    /// [`BusError::Memory`] if `/dev/shm` has less free than the segment could use, [`BusError::TooManyWriters`].
+    /// [`BusError::Memory`] if `/dev/shm` has less free than the segment could use,
+    /// [`BusError::TooManyWriters`].
     pub fn publisher(self) -> Result<FramePublisher, BusError> {
         let full = self.service.name().as_str().to_string();
-        let (need_bytes, free_bytes) = (self.segment_bytes(), shared_memory_free().unwrap_or(u64::MAX));
+        let (need_bytes, free_bytes) = (
+            self.segment_bytes(),
+            shared_memory_free().unwrap_or(u64::MAX),
+        );
         if need_bytes > free_bytes {
-            return Err(BusError::Memory { service: full, need_bytes, free_bytes });
+            return Err(BusError::Memory {
+                service: full,
+                need_bytes,
+                free_bytes,
+            });
         }
         let publisher = self
             .service
@@ -103,20 +138,37 @@ impl FrameService {
             .allocation_strategy(AllocationStrategy::Static)
             .create()
             .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, &e))?;
-        Ok(FramePublisher { service: self, publisher, segment: OnceLock::new() })
+        Ok(FramePublisher {
+            service: self,
+            publisher,
+            segment: OnceLock::new(),
+        })
     }
 }
 
 /// Tells why a writing port was refused.
-pub(crate) fn writer_error(full: &str, limit: usize, need_bytes: u64, cause: &dyn std::fmt::Debug) -> BusError {
+pub(crate) fn writer_error(
+    full: &str,
+    limit: usize,
+    need_bytes: u64,
+    cause: &dyn std::fmt::Debug,
+) -> BusError {
     let cause = format!("{cause:?}");
     let service = full.to_string();
     if cause.contains("ExceedsMaxSupported") {
         BusError::TooManyWriters { service, limit }
     } else if cause.contains("DataSegment") {
-        BusError::Memory { service, need_bytes, free_bytes: shared_memory_free().unwrap_or(0) }
+        BusError::Memory {
+            service,
+            need_bytes,
+            free_bytes: shared_memory_free().unwrap_or(0),
+        }
     } else {
-        BusError::Service { action: "write to", service, cause }
+        BusError::Service {
+            action: "write to",
+            service,
+            cause,
+        }
     }
 }
 
@@ -154,7 +206,8 @@ impl FramePublisher {
         self.service.spec.frames_in_flight + SPARE_LOANS
     }
 
-    /// The whole data segment, for importing it into a GPU. It never moves and lives as long as this publisher; drop the import first.
+    /// The whole data segment, for importing it into a GPU. It never moves and lives as long as
+    /// this publisher; drop the import first.
     ///
     /// # Errors
     /// [`BusError::Segment`] if the mapping is not found, for example because every slot is loaned.
@@ -162,29 +215,44 @@ impl FramePublisher {
         if let Some(segment) = self.segment.get() {
             return Ok(*segment);
         }
-        let missing = || BusError::Segment { service: self.service.topic.to_string() };
+        let missing = || BusError::Segment {
+            service: self.service.topic.to_string(),
+        };
         let mut loan = self.publisher.loan_slice_uninit(1).map_err(|_| missing())?;
         let segment = mapping_of(loan.payload_mut().as_ptr().cast()).ok_or_else(missing)?;
         Ok(*self.segment.get_or_init(|| segment))
     }
 
-    /// Faults in the slots that the first reader and the writer will use. The free list is last in, first out, so these stay the ones in use.
+    /// Faults in the slots that the first reader and the writer will use. The free list is last in,
+    /// first out, so these stay the ones in use.
     ///
     /// # Errors
     /// As [`FramePublisher::segment`], and [`BusError::Memory`] if `/dev/shm` is full.
     pub fn touch(&self) -> Result<(), BusError> {
-        let qos = Qos { readers: 1, ..self.service.qos };
-        let spec = FrameTopic { max_readers: 1, ..self.service.spec };
+        let qos = Qos {
+            readers: 1,
+            ..self.service.qos
+        };
+        let spec = FrameTopic {
+            max_readers: 1,
+            ..self.service.spec
+        };
         let need_bytes = shared_memory_needed(&qos, &spec);
         prefault(self.segment()?, need_bytes as usize).map_err(|error| {
             tracing::debug!(topic = self.topic(), %error, "cannot touch the segment");
-            BusError::Memory { service: self.topic().into(), need_bytes, free_bytes: shared_memory_free().unwrap_or(0) }
+            BusError::Memory {
+                service: self.topic().into(),
+                need_bytes,
+                free_bytes: shared_memory_free().unwrap_or(0),
+            }
         })
     }
 
-    /// Loans a slot for a payload of up to `len` bytes. Dropped unsent, it goes back. The header is set up for this topic's modality.
+    /// Loans a slot for a payload of up to `len` bytes. Dropped unsent, it goes back. The header is
+    /// set up for this topic's modality.
     ///
-    /// A list whose length is known only when it is filled loans its maximum; `header.payload_bytes` says what is used.
+    /// A list whose length is known only when it is filled loans its maximum;
+    /// `header.payload_bytes` says what is used.
     ///
     /// # Errors
     /// [`LoanError::NoFreeSlot`] if all loans are out.
@@ -192,12 +260,26 @@ impl FramePublisher {
         use iceoryx2::port::LoanError as Cause;
         let topic = || self.service.topic.to_string();
         let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| match e {
-            Cause::ExceedsMaxLoans | Cause::OutOfMemory => LoanError::NoFreeSlot { topic: topic(), loans: self.max_loans() },
-            Cause::ExceedsMaxLoanSize => LoanError::TooLong { topic: topic(), len, limit: self.max_payload_bytes() },
-            Cause::InternalFailure => LoanError::Failed { topic: topic(), cause: format!("{e:?}") },
+            Cause::ExceedsMaxLoans | Cause::OutOfMemory => LoanError::NoFreeSlot {
+                topic: topic(),
+                loans: self.max_loans(),
+            },
+            Cause::ExceedsMaxLoanSize => LoanError::TooLong {
+                topic: topic(),
+                len,
+                limit: self.max_payload_bytes(),
+            },
+            Cause::InternalFailure => LoanError::Failed {
+                topic: topic(),
+                cause: format!("{e:?}"),
+            },
         })?;
         sample.user_header_mut().0 = FrameHeader::new(self.service.modality);
-        Ok(FrameLoan { sample, segment: self.segment.get().copied(), topic: self.service.topic.clone() })
+        Ok(FrameLoan {
+            sample,
+            segment: self.segment.get().copied(),
+            topic: self.service.topic.clone(),
+        })
     }
 }
 
@@ -210,7 +292,10 @@ pub struct FrameLoan {
 
 impl std::fmt::Debug for FrameLoan {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("FrameLoan").field("len", &self.len()).field("header", self.header()).finish_non_exhaustive()
+        f.debug_struct("FrameLoan")
+            .field("len", &self.len())
+            .field("header", self.header())
+            .finish_non_exhaustive()
     }
 }
 
@@ -235,12 +320,14 @@ impl FrameLoan {
         self.len() == 0
     }
 
-    /// First byte of the payload; 64-aligned. For a device that writes there: no reference may be alive meanwhile.
+    /// First byte of the payload; 64-aligned. For a device that writes there: no reference may be
+    /// alive meanwhile.
     pub fn payload_ptr(&mut self) -> *mut u8 {
         self.sample.payload_mut().as_mut_ptr().cast()
     }
 
-    /// Distance of the payload from the segment's first byte; `None` before the first [`FramePublisher::segment`].
+    /// Distance of the payload from the segment's first byte; `None` before the first
+    /// [`FramePublisher::segment`].
     pub fn offset_in_segment(&self) -> Option<usize> {
         let payload = self.sample.payload().as_ptr() as usize;
         self.segment.map(|segment| payload - segment.base as usize)
@@ -249,25 +336,36 @@ impl FrameLoan {
     /// The payload, to be filled in place. It holds what an earlier frame left there.
     pub fn payload_mut(&mut self) -> &mut [u8] {
         let payload = self.sample.payload_mut();
-        // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and since then only bytes were stored, so every
-        // byte has a value: `MaybeUninit<u8>` here is iceoryx2's caution, not a fact. `u8` has no invalid values, and the exclusive borrow
+        // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and
+        // since then only bytes were stored, so every
+        // byte has a value: `MaybeUninit<u8>` here is iceoryx2's caution, not a fact. `u8` has no
+        // invalid values, and the exclusive borrow
         // of the loan, which no reader has seen, makes the access unique.
         unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
     }
 
     /// Stamps `published_mono_nanos` and hands the frame to all readers. Returns how many got it.
     ///
-    /// Bytes behind `header.payload_bytes` are whatever the slot held. Wake the readers afterwards (rig event).
+    /// Bytes behind `header.payload_bytes` are whatever the slot held. Wake the readers afterwards
+    /// (rig event).
     ///
     /// # Errors
-    /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2 fails.
+    /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2
+    /// fails.
     pub fn send(mut self) -> Result<usize, BusError> {
         let topic = self.topic.clone();
         let checked = self.header().check(self.len());
-        checked.map_err(|source| BusError::BadFrame { service: topic.to_string(), source })?;
+        checked.map_err(|source| BusError::BadFrame {
+            service: topic.to_string(),
+            source,
+        })?;
         self.header_mut().published_mono_nanos = mono_now().0;
         // SAFETY: every byte of the slot has a value, see `payload_mut`.
         let sample = unsafe { self.sample.assume_init() };
-        sample.send().map_err(|e| BusError::Service { action: "send", service: topic.to_string(), cause: format!("{e:?}") })
+        sample.send().map_err(|e| BusError::Service {
+            action: "send",
+            service: topic.to_string(),
+            cause: format!("{e:?}"),
+        })
     }
 }

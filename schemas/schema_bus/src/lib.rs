@@ -1,7 +1,10 @@
-//! The bus: the one crate that knows iceoryx2. Frames, snapshots, documents, controls, commands and wake-ups by name.
+//! The bus: the one crate that knows iceoryx2. Frames, snapshots, documents, controls, commands and
+//! wake-ups by name.
 //!
-//! A program opens one [`Bus`] and asks it for ports. Names are given without the domain (`ego/front/rgb`); the bus puts the domain in
-//! front. Nothing here waits unless its name or a `timeout` says so, nothing handles signals, and every error is a sentence.
+//! A program opens one [`Bus`] and asks it for ports. Names are given without the domain
+//! (`ego/front/rgb`); the bus puts the domain in
+//! front. Nothing here waits unless its name or a `timeout` says so, nothing handles signals, and
+//! every error is a sentence.
 //!
 //! ```no_run
 //! let bus = schema_bus::Bus::open("gantry", "my-consumer")?;
@@ -17,7 +20,10 @@
 
 #![warn(missing_docs)]
 #![deny(unsafe_op_in_unsafe_fn)]
-#![expect(unsafe_code, reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself")]
+#![expect(
+    unsafe_code,
+    reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself"
+)]
 
 mod bus;
 mod command;

@@ -36,12 +36,20 @@ pub fn rig_of(topic: &str) -> &str {
 /// Whether `topic` is a valid name without a domain.
 pub(crate) fn valid_topic(topic: &str) -> bool {
     topic.len() <= 200
-        && topic.split('/').all(|segment| !segment.is_empty() && segment.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-.".contains(&b)))
+        && topic.split('/').all(|segment| {
+            !segment.is_empty()
+                && segment
+                    .bytes()
+                    .all(|b| b.is_ascii_alphanumeric() || b"_-.".contains(&b))
+        })
 }
 
 /// Whether `domain` is a valid first segment.
 pub(crate) fn valid_domain(domain: &str) -> bool {
-    (1..=32).contains(&domain.len()) && domain.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-".contains(&b))
+    (1..=32).contains(&domain.len())
+        && domain
+            .bytes()
+            .all(|b| b.is_ascii_alphanumeric() || b"_-".contains(&b))
 }
 
 #[cfg(test)]
@@ -51,9 +59,22 @@ mod tests {
     #[test]
     fn names_with_empty_segments_or_odd_characters_are_refused() {
         assert!(valid_topic("ego/front/rgb") && valid_topic("a"));
-        for bad in ["", "/ego", "ego/", "ego//rgb", "ego front", "ego/\u{e9}", &"a".repeat(201)] {
+        for bad in [
+            "",
+            "/ego",
+            "ego/",
+            "ego//rgb",
+            "ego front",
+            "ego/\u{e9}",
+            &"a".repeat(201),
+        ] {
             assert!(!valid_topic(bad), "{bad:?}");
         }
-        assert!(valid_domain("gantry") && !valid_domain("") && !valid_domain("a/b") && !valid_domain(&"x".repeat(33)));
+        assert!(
+            valid_domain("gantry")
+                && !valid_domain("")
+                && !valid_domain("a/b")
+                && !valid_domain(&"x".repeat(33))
+        );
     }
 }

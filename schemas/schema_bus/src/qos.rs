@@ -1,15 +1,18 @@
 //! Quality of service of every kind of topic: constants per schema version, never per run.
 //!
-//! Readers keep a service alive across a daemon's restart, and a daemon that came back with other numbers could not join it.
+//! Readers keep a service alive across a daemon's restart, and a daemon that came back with other
+//! numbers could not join it.
 
 /// Capacity of one kind of publish-subscribe topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qos {
     /// Readers at a time.
     pub readers: usize,
-    /// Writers at a time. 2 although only one writes: iceoryx2's network tunnel takes the other place.
+    /// Writers at a time. 2 although only one writes: iceoryx2's network tunnel takes the other
+    /// place.
     pub publishers: usize,
-    /// Samples that wait for a reader; the oldest gives way (safe overflow), and a writer never waits.
+    /// Samples that wait for a reader; the oldest gives way (safe overflow), and a writer never
+    /// waits.
     pub buffer: usize,
     /// Samples a reader may hold.
     pub borrowed: usize,
@@ -17,18 +20,49 @@ pub struct Qos {
     pub history: usize,
 }
 
-/// Images and point clouds. History 0: a topic nobody read for a minute would greet its next reader with a minute-old frame.
-pub const FRAME: Qos = Qos { readers: 8, publishers: 2, buffer: 2, borrowed: 3, history: 0 };
+/// Images and point clouds. History 0: a topic nobody read for a minute would greet its next reader
+/// with a minute-old frame.
+pub const FRAME: Qos = Qos {
+    readers: 8,
+    publishers: 2,
+    buffer: 2,
+    borrowed: 3,
+    history: 0,
+};
 /// Readers that every topic of a sensor spawned at run time can have; small ones have more.
 pub const RUN_TIME_FRAME_READERS: usize = 4;
 /// IMU, GNSS and the event sensors: small and frequent.
-pub const SMALL_FRAME: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 0 };
+pub const SMALL_FRAME: Qos = Qos {
+    readers: 16,
+    publishers: 2,
+    buffer: 16,
+    borrowed: 4,
+    history: 0,
+};
 /// `world/snapshot`.
-pub const SNAPSHOT: Qos = Qos { readers: 16, publishers: 2, buffer: 16, borrowed: 4, history: 1 };
+pub const SNAPSHOT: Qos = Qos {
+    readers: 16,
+    publishers: 2,
+    buffer: 16,
+    borrowed: 4,
+    history: 1,
+};
 /// `world/info`, `world/map`, `world/actors`, `world/catalogue`, `world/spawn_points`.
-pub const DOCUMENT: Qos = Qos { readers: 16, publishers: 2, buffer: 2, borrowed: 2, history: 1 };
+pub const DOCUMENT: Qos = Qos {
+    readers: 16,
+    publishers: 2,
+    buffer: 2,
+    borrowed: 2,
+    history: 1,
+};
 /// `control/vehicles` and `control/ack`.
-pub const CONTROL: Qos = Qos { readers: 4, publishers: 32, buffer: 64, borrowed: 4, history: 0 };
+pub const CONTROL: Qos = Qos {
+    readers: 4,
+    publishers: 32,
+    buffer: 64,
+    borrowed: 4,
+    history: 0,
+};
 
 /// Processes that may open one service.
 pub const MAX_NODES: usize = 64;
@@ -58,7 +92,8 @@ impl Qos {
         }
     }
 
-    /// Slots in a writer's segment: what all readers may hold, wait for or be greeted with, and what the writer has loaned.
+    /// Slots in a writer's segment: what all readers may hold, wait for or be greeted with, and
+    /// what the writer has loaned.
     pub const fn slots(&self, loaned: usize) -> usize {
         self.readers * (self.buffer + self.borrowed) + self.history + loaned
     }

@@ -14,15 +14,22 @@ use crate::wire::{OnBus, Wire};
 use crate::{Bus, BusError};
 
 /// Opens the reading port of a service.
-pub(crate) fn subscribe<H: OnBus>(service: &Slices<H>) -> Result<Subscriber<Service, [u8], Wire<H>>, BusError> {
+pub(crate) fn subscribe<H: OnBus>(
+    service: &Slices<H>,
+) -> Result<Subscriber<Service, [u8], Wire<H>>, BusError> {
     use iceoryx2::port::subscriber::SubscriberCreateError as Cause;
     service.subscriber_builder().create().map_err(|e| {
         let full = service.name().as_str().to_string();
         match e {
-            Cause::ExceedsMaxSupportedSubscribers => {
-                BusError::TooManyReaders { service: full, limit: service.static_config().max_subscribers() }
-            }
-            other => BusError::Service { action: "read", service: full, cause: format!("{other:?}") },
+            Cause::ExceedsMaxSupportedSubscribers => BusError::TooManyReaders {
+                service: full,
+                limit: service.static_config().max_subscribers(),
+            },
+            other => BusError::Service {
+                action: "read",
+                service: full,
+                cause: format!("{other:?}"),
+            },
         }
     })
 }
@@ -31,27 +38,43 @@ pub(crate) fn subscribe<H: OnBus>(service: &Slices<H>) -> Result<Subscriber<Serv
 pub(crate) type Received<H> = Sample<Service, [u8], Wire<H>>;
 
 /// Takes one sample, with a sentence on failure.
-pub(crate) fn receive<H: OnBus>(service: &Slices<H>, port: &Subscriber<Service, [u8], Wire<H>>) -> Result<Option<Received<H>>, BusError> {
+pub(crate) fn receive<H: OnBus>(
+    service: &Slices<H>,
+    port: &Subscriber<Service, [u8], Wire<H>>,
+) -> Result<Option<Received<H>>, BusError> {
     port.receive().map_err(|e| {
         let full = service.name().as_str().to_string();
         match e {
-            ReceiveError::ExceedsMaxBorrows => {
-                BusError::BorrowLimit { service: full, limit: service.static_config().subscriber_max_borrowed_samples() }
-            }
-            other => BusError::Service { action: "read", service: full, cause: format!("{other:?}") },
+            ReceiveError::ExceedsMaxBorrows => BusError::BorrowLimit {
+                service: full,
+                limit: service.static_config().subscriber_max_borrowed_samples(),
+            },
+            other => BusError::Service {
+                action: "read",
+                service: full,
+                cause: format!("{other:?}"),
+            },
         }
     })
 }
 
 impl Bus {
-    /// Opens a frame topic for reading. The writer starts to render for this reader within one tick.
+    /// Opens a frame topic for reading. The writer starts to render for this reader within one
+    /// tick.
     ///
     /// # Errors
-    /// [`BusError::NoSuchTopic`] if nobody made it, [`BusError::SchemaSkew`], [`BusError::TooManyReaders`].
+    /// [`BusError::NoSuchTopic`] if nobody made it, [`BusError::SchemaSkew`],
+    /// [`BusError::TooManyReaders`].
     pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
         let service = self.join::<FrameHeader>(topic)?;
         let port = subscribe(&service)?;
-        Ok(FrameReader { port, service, topic: topic.into(), place: None, counts: ReaderCounts::default() })
+        Ok(FrameReader {
+            port,
+            service,
+            topic: topic.into(),
+            place: None,
+            counts: ReaderCounts::default(),
+        })
     }
 }
 
@@ -70,7 +93,8 @@ pub struct ReaderCounts {
     pub restarts: u64,
 }
 
-/// A frame topic, read. Survives its writer: when the writer comes back the frames go on under a new epoch.
+/// A frame topic, read. Survives its writer: when the writer comes back the frames go on under a
+/// new epoch.
 #[derive(Debug)]
 pub struct FrameReader {
     port: Subscriber<Service, [u8], Wire<FrameHeader>>,
@@ -90,8 +114,12 @@ impl FrameReader {
     /// The oldest frame that waits, if any.
     ///
     /// # Errors
-    /// [`BusError::BadFrame`] for a frame that breaks the contract (it is dropped; the next call goes on), [`BusError::BorrowLimit`].
-    #[expect(clippy::should_implement_trait, reason = "an iterator would end at the first gap; this is polled")]
+    /// [`BusError::BadFrame`] for a frame that breaks the contract (it is dropped; the next call
+    /// goes on), [`BusError::BorrowLimit`].
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "an iterator would end at the first gap; this is polled"
+    )]
     pub fn next(&mut self) -> Result<Option<Frame>, BusError> {
         let frame = self.pull()?;
         self.counts.taken += frame.is_some() as u64;
@@ -142,17 +170,28 @@ impl FrameReader {
     }
 
     fn pull(&mut self) -> Result<Option<Frame>, BusError> {
-        let Some(sample) = receive(&self.service, &self.port)? else { return Ok(None) };
-        // Copied before it is checked: whoever can write the segment could change it between check and use.
+        let Some(sample) = receive(&self.service, &self.port)? else {
+            return Ok(None);
+        };
+        // Copied before it is checked: whoever can write the segment could change it between check
+        // and use.
         let header = sample.user_header().0;
         match header.check(sample.payload().len()) {
             Ok(modality) => {
                 self.count_gap(&header);
-                Ok(Some(Frame { modality, used: header.payload_bytes as usize, header, sample }))
+                Ok(Some(Frame {
+                    modality,
+                    used: header.payload_bytes as usize,
+                    header,
+                    sample,
+                }))
             }
             Err(source) => {
                 self.counts.refused += 1;
-                Err(BusError::BadFrame { service: self.service.name().as_str().into(), source })
+                Err(BusError::BadFrame {
+                    service: self.service.name().as_str().into(),
+                    source,
+                })
             }
         }
     }
@@ -170,7 +209,8 @@ impl FrameReader {
     }
 }
 
-/// A frame in shared memory: derefs to its payload bytes. A reader may hold three (small topics: four); drop it soon.
+/// A frame in shared memory: derefs to its payload bytes. A reader may hold three (small topics:
+/// four); drop it soon.
 #[derive(Debug)]
 pub struct Frame {
     sample: Sample<Service, [u8], Wire<FrameHeader>>,
@@ -190,7 +230,8 @@ impl Frame {
         self.modality
     }
 
-    /// The payload in use as elements, e.g. `frame.elements::<DvsEvent>()` or `::<f32>()` for depth. `None` if `T`'s size does not divide it.
+    /// The payload in use as elements, e.g. `frame.elements::<DvsEvent>()` or `::<f32>()` for
+    /// depth. `None` if `T`'s size does not divide it.
     pub fn elements<T: bytemuck::Pod>(&self) -> Option<&[T]> {
         bytemuck::try_cast_slice(self).ok()
     }
@@ -199,7 +240,8 @@ impl Frame {
     pub fn row(&self, y: u32) -> Option<&[u8]> {
         let header = &self.header;
         let start = y as usize * header.row_stride as usize;
-        (y < header.height).then(|| &self[start..start + header.width as usize * header.element_bytes as usize])
+        (y < header.height)
+            .then(|| &self[start..start + header.width as usize * header.element_bytes as usize])
     }
 }
 

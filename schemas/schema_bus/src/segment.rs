@@ -1,12 +1,15 @@
-//! The memory behind a publisher: where its segment is mapped, how much is needed, how much is there.
+//! The memory behind a publisher: where its segment is mapped, how much is needed, how much is
+//! there.
 
 use crate::frame::FrameTopic;
 use crate::qos::{Qos, SPARE_LOANS};
 
-/// iceoryx2's own header before our user header, and the rounding of both, bytes per slot (measured: the payload begins at 384).
+/// iceoryx2's own header before our user header, and the rounding of both, bytes per slot
+/// (measured: the payload begins at 384).
 const SLOT_OVERHEAD_BYTES: u64 = 384;
 
-/// The whole data segment of a publisher, as mapped into this process. Valid as long as the publisher.
+/// The whole data segment of a publisher, as mapped into this process. Valid as long as the
+/// publisher.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Segment {
     /// First byte; a multiple of the page size.
@@ -15,14 +18,19 @@ pub struct Segment {
     pub len: usize,
 }
 
-// SAFETY: `Segment` is an address range; using it is unsafe anyway and its memory is shared between processes by design.
+// SAFETY: `Segment` is an address range; using it is unsafe anyway and its memory is shared between
+// processes by design.
 unsafe impl Send for Segment {}
 // SAFETY: as above.
 unsafe impl Sync for Segment {}
 
-/// Shared memory a frame topic takes once it has a reader, bytes. Sparse until used, but a GPU that imports it may pin all of it.
+/// Shared memory a frame topic takes once it has a reader, bytes. Sparse until used, but a GPU that
+/// imports it may pin all of it.
 pub fn shared_memory_needed(qos: &Qos, topic: &FrameTopic) -> u64 {
-    let qos = Qos { readers: topic.max_readers, ..*qos };
+    let qos = Qos {
+        readers: topic.max_readers,
+        ..*qos
+    };
     let slot_bytes = (topic.max_payload_bytes as u64 + SLOT_OVERHEAD_BYTES).next_multiple_of(64);
     qos.slots(topic.frames_in_flight + SPARE_LOANS) as u64 * slot_bytes + (1 << 16)
 }
@@ -36,24 +44,35 @@ pub fn shared_memory_free() -> Option<u64> {
 /// The mapping that `ptr` lies in.
 pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
     let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
-    let (base, end) = maps.lines().filter_map(parse_range).find(|(base, end)| (*base..*end).contains(&(ptr as usize)))?;
-    Some(Segment { base: base as *mut u8, len: end - base })
+    let (base, end) = maps
+        .lines()
+        .filter_map(parse_range)
+        .find(|(base, end)| (*base..*end).contains(&(ptr as usize)))?;
+    Some(Segment {
+        base: base as *mut u8,
+        len: end - base,
+    })
 }
 
 /// `7f00-7f10 rw-s …` as numbers.
 fn parse_range(line: &str) -> Option<(usize, usize)> {
     let (base, end) = line.split_whitespace().next()?.split_once('-')?;
-    Some((usize::from_str_radix(base, 16).ok()?, usize::from_str_radix(end, 16).ok()?))
+    Some((
+        usize::from_str_radix(base, 16).ok()?,
+        usize::from_str_radix(end, 16).ok()?,
+    ))
 }
 
-/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs milliseconds per frame, and on a full `/dev/shm`
+/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs
+/// milliseconds per frame, and on a full `/dev/shm`
 /// it would kill the process.
 ///
 /// # Errors
 /// What the kernel says, for example that there is no memory.
 pub(crate) fn prefault(segment: Segment, bytes: usize) -> std::io::Result<()> {
     let len = bytes.min(segment.len);
-    // SAFETY: the range lies in a mapping that the publisher keeps; `MADV_POPULATE_WRITE` faults pages in and changes no byte of them.
+    // SAFETY: the range lies in a mapping that the publisher keeps; `MADV_POPULATE_WRITE` faults
+    // pages in and changes no byte of them.
     if unsafe { libc::madvise(segment.base.cast(), len, libc::MADV_POPULATE_WRITE) } == 0 {
         return Ok(());
     }
@@ -75,7 +94,10 @@ mod tests {
 
     #[test]
     fn a_line_of_maps_is_read() {
-        assert_eq!(parse_range("7f1200000000-7f1200004000 rw-s 00000000 00:19 5 /dev/shm/x"), Some((0x7f1200000000, 0x7f1200004000)));
+        assert_eq!(
+            parse_range("7f1200000000-7f1200004000 rw-s 00000000 00:19 5 /dev/shm/x"),
+            Some((0x7f1200000000, 0x7f1200004000))
+        );
         assert_eq!(parse_range("nonsense"), None);
     }
 
@@ -88,7 +110,11 @@ mod tests {
 
     #[test]
     fn eight_readers_of_800_by_600_need_86_mib_at_most() {
-        let topic = FrameTopic { max_payload_bytes: 800 * 600 * 4, frames_in_flight: 2, max_readers: 8 };
+        let topic = FrameTopic {
+            max_payload_bytes: 800 * 600 * 4,
+            frames_in_flight: 2,
+            max_readers: 8,
+        };
         let need = shared_memory_needed(&crate::qos::FRAME, &topic);
         assert!((82_560_000..83_000_000).contains(&need), "{need}");
     }

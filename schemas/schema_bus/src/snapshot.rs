@@ -30,11 +30,23 @@ impl Bus {
             .initial_max_slice_len(len)
             .allocation_strategy(AllocationStrategy::Static)
             .create()
-            .map_err(|e| writer_error(&full, qos::SNAPSHOT.publishers, (qos::SNAPSHOT.slots(2) * len) as u64, &e))?;
-        Ok(SnapshotPublisher { port, max_actors, _service: service })
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::SNAPSHOT.publishers,
+                    (qos::SNAPSHOT.slots(2) * len) as u64,
+                    &e,
+                )
+            })?;
+        Ok(SnapshotPublisher {
+            port,
+            max_actors,
+            _service: service,
+        })
     }
 
-    /// Opens `world/snapshot` for reading; the newest snapshot greets within one turn of the daemon's loop.
+    /// Opens `world/snapshot` for reading; the newest snapshot greets within one turn of the
+    /// daemon's loop.
     ///
     /// # Errors
     /// [`BusError::NoSuchTopic`] if no daemon ran yet.
@@ -55,30 +67,53 @@ pub struct SnapshotPublisher {
 }
 
 impl SnapshotPublisher {
-    /// Sends the records, which must come by rising id. Magic, version, sizes, count and the stamp of the header are set here.
+    /// Sends the records, which must come by rising id. Magic, version, sizes, count and the stamp
+    /// of the header are set here.
     ///
     /// # Errors
     /// [`BusError::TooLong`] if there are more than `max_actors`.
-    pub fn send(&self, mut header: SnapshotHeader, records: &[ActorRecord]) -> Result<(), BusError> {
-        assert!(records.is_sorted_by_key(|record| record.id), "snapshot records come by rising id");
+    pub fn send(
+        &self,
+        mut header: SnapshotHeader,
+        records: &[ActorRecord],
+    ) -> Result<(), BusError> {
+        assert!(
+            records.is_sorted_by_key(|record| record.id),
+            "snapshot records come by rising id"
+        );
         let bytes: &[u8] = bytemuck::cast_slice(records);
         if records.len() > self.max_actors {
             let limit = self.max_actors * size_of::<ActorRecord>();
-            return Err(BusError::TooLong { service: WORLD_SNAPSHOT.into(), len: bytes.len(), limit });
+            return Err(BusError::TooLong {
+                service: WORLD_SNAPSHOT.into(),
+                len: bytes.len(),
+                limit,
+            });
         }
         header.magic = SNAPSHOT_MAGIC;
         header.schema_version = SCHEMA_VERSION;
         header.header_bytes = size_of::<SnapshotHeader>() as u16;
         header.n_actors = records.len() as u32;
-        let failed = |cause: String| BusError::Service { action: "write to", service: WORLD_SNAPSHOT.into(), cause };
-        let loan = self.port.loan_slice_uninit(bytes.len()).map_err(|e| failed(format!("{e:?}")))?;
+        let failed = |cause: String| BusError::Service {
+            action: "write to",
+            service: WORLD_SNAPSHOT.into(),
+            cause,
+        };
+        let loan = self
+            .port
+            .loan_slice_uninit(bytes.len())
+            .map_err(|e| failed(format!("{e:?}")))?;
         let mut sample = loan.write_from_slice(bytes);
         header.published_mono_nanos = mono_now().0;
         sample.user_header_mut().0 = header;
-        sample.send().map(drop).map_err(|e| failed(format!("{e:?}")))
+        sample
+            .send()
+            .map(drop)
+            .map_err(|e| failed(format!("{e:?}")))
     }
 
-    /// Hands the newest snapshot to readers that came since the last call; see [`crate::DocumentPublisher::greet`].
+    /// Hands the newest snapshot to readers that came since the last call; see
+    /// [`crate::DocumentPublisher::greet`].
     pub fn greet(&self) {
         if let Err(e) = self.port.update_connections() {
             tracing::warn!(service = WORLD_SNAPSHOT, cause = ?e, "cannot greet a new reader");
@@ -98,23 +133,41 @@ impl SnapshotReader {
     ///
     /// # Errors
     /// [`BusError::BadSample`] for one that breaks the contract; the next call goes on.
-    #[expect(clippy::should_implement_trait, reason = "polled, like `FrameReader::next`")]
+    #[expect(
+        clippy::should_implement_trait,
+        reason = "polled, like `FrameReader::next`"
+    )]
     pub fn next(&mut self) -> Result<Option<Snapshot>, BusError> {
-        let Some(sample) = receive(&self.service, &self.port)? else { return Ok(None) };
+        let Some(sample) = receive(&self.service, &self.port)? else {
+            return Ok(None);
+        };
         let header = sample.user_header().0;
         let fault = if header.magic != SNAPSHOT_MAGIC {
-            Some(format!("starts with {:#010x}, not with \"GSNP\"", header.magic))
+            Some(format!(
+                "starts with {:#010x}, not with \"GSNP\"",
+                header.magic
+            ))
         } else if header.schema_version != SCHEMA_VERSION {
-            Some(format!("carries schema {}, this reader understands {SCHEMA_VERSION}", header.schema_version))
+            Some(format!(
+                "carries schema {}, this reader understands {SCHEMA_VERSION}",
+                header.schema_version
+            ))
         } else if header.n_actors as usize * size_of::<ActorRecord>() != sample.payload().len() {
-            Some(format!("claims {} actors in {} bytes", header.n_actors, sample.payload().len()))
+            Some(format!(
+                "claims {} actors in {} bytes",
+                header.n_actors,
+                sample.payload().len()
+            ))
         } else if bytemuck::try_cast_slice::<u8, ActorRecord>(sample.payload()).is_err() {
             Some("is not aligned".to_string())
         } else {
             None
         };
         match fault {
-            Some(fault) => Err(BusError::BadSample { service: self.service.name().as_str().into(), fault }),
+            Some(fault) => Err(BusError::BadSample {
+                service: self.service.name().as_str().into(),
+                fault,
+            }),
             None => Ok(Some(Snapshot { sample, header })),
         }
     }
@@ -153,6 +206,9 @@ impl Snapshot {
     /// The actor with this id.
     pub fn actor(&self, id: u32) -> Option<&ActorRecord> {
         let records = self.records();
-        records.binary_search_by_key(&id, |record| record.id).ok().map(|idx| &records[idx])
+        records
+            .binary_search_by_key(&id, |record| record.id)
+            .ok()
+            .map(|idx| &records[idx])
     }
 }

@@ -1,4 +1,5 @@
-//! What there is on a domain: for `gantry topic`, hints in errors, and the launcher's readiness check.
+//! What there is on a domain: for `gantry topic`, hints in errors, and the launcher's readiness
+//! check.
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
@@ -56,17 +57,32 @@ impl Bus {
     pub fn topics(&self) -> Result<Vec<TopicDetails>, BusError> {
         let mut topics = Vec::new();
         let start = format!("{}/", self.domain());
-        let key = SCHEMA_ATTRIBUTE.try_into().expect("the attribute's name is shorter than iceoryx2's limit of 64");
+        let key = SCHEMA_ATTRIBUTE
+            .try_into()
+            .expect("the attribute's name is shorter than iceoryx2's limit of 64");
         Service::list(self.config(), |details| {
             let service = &details.static_details;
-            if let (Some(name), Pattern::PublishSubscribe(qos)) =
-                (service.name().as_str().strip_prefix(&start), service.messaging_pattern())
-            {
-                let header = qos.message_type_details().user_header.type_name().to_string();
-                let schema = service.attributes().key_value(&key, 0).map(|value| value.to_string()).unwrap_or_default();
+            if let (Some(name), Pattern::PublishSubscribe(qos)) = (
+                service.name().as_str().strip_prefix(&start),
+                service.messaging_pattern(),
+            ) {
+                let header = qos
+                    .message_type_details()
+                    .user_header
+                    .type_name()
+                    .to_string();
+                let schema = service
+                    .attributes()
+                    .key_value(&key, 0)
+                    .map(|value| value.to_string())
+                    .unwrap_or_default();
                 topics.push(TopicDetails {
                     kind: kind_of(&header),
-                    modality: name.rsplit('/').next().and_then(Modality::from_name).filter(|_| header == FrameHeader::NAME),
+                    modality: name
+                        .rsplit('/')
+                        .next()
+                        .and_then(Modality::from_name)
+                        .filter(|_| header == FrameHeader::NAME),
                     name: name.to_string(),
                     publishers: 0,
                     subscribers: 0,
@@ -95,8 +111,15 @@ impl Bus {
     }
 
     fn count_as<H: OnBus>(&self, topic: &mut TopicDetails) {
-        let Ok((_, name)) = self.service_name(&topic.name) else { return };
-        let opened: Result<Slices<H>, _> = self.node().service_builder(&name).publish_subscribe::<[u8]>().user_header::<Wire<H>>().open();
+        let Ok((_, name)) = self.service_name(&topic.name) else {
+            return;
+        };
+        let opened: Result<Slices<H>, _> = self
+            .node()
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Wire<H>>()
+            .open();
         let Ok(service) = opened else { return };
         let ports = service.dynamic_config();
         topic.publishers = ports.number_of_publishers();

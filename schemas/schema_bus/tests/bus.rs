@@ -1,15 +1,23 @@
-//! The bus on real shared memory, each test in a private root with a private prefix, so that "nothing left" can be asserted.
+//! The bus on real shared memory, each test in a private root with a private prefix, so that
+//! "nothing left" can be asserted.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use schema_bus::{Bus, BusError, BusOptions, CommandError, FrameTopic, LoanError, TopicKind, WaitSet, names};
+use schema_bus::{
+    Bus, BusError, BusOptions, CommandError, FrameTopic, LoanError, TopicKind, WaitSet, names,
+};
 use schema_frames::command::CommandReply;
 use schema_frames::{
-    ActorRecord, Command as Order, CommandBatch, Modality, ReplyBatch, SnapshotHeader, VehicleControl, VehicleControlRecord,
+    ActorRecord, Command as Order, CommandBatch, Modality, ReplyBatch, SnapshotHeader,
+    VehicleControl, VehicleControlRecord,
 };
 
-const RGB: FrameTopic = FrameTopic { max_payload_bytes: 16 * 8 * 4, frames_in_flight: 2, max_readers: 4 };
+const RGB: FrameTopic = FrameTopic {
+    max_payload_bytes: 16 * 8 * 4,
+    frames_in_flight: 2,
+    max_readers: 4,
+};
 
 /// A private place; dropped, it asserts that no file of its prefix is left in /dev/shm.
 struct Place {
@@ -19,21 +27,32 @@ struct Place {
 
 impl Place {
     fn new(name: &str) -> Place {
-        Place { folder: tempfile::tempdir().unwrap(), prefix: format!("gt{}_{name}_", std::process::id()) }
+        Place {
+            folder: tempfile::tempdir().unwrap(),
+            prefix: format!("gt{}_{name}_", std::process::id()),
+        }
     }
 
     fn options(&self) -> BusOptions {
-        BusOptions { iceoryx_root: Some(self.folder.path().join("iceoryx2")), prefix: Some(self.prefix.clone()) }
+        BusOptions {
+            iceoryx_root: Some(self.folder.path().join("iceoryx2")),
+            prefix: Some(self.prefix.clone()),
+        }
     }
 
     fn bus(&self, program: &str) -> Bus {
         Bus::open_with("d", program, &self.options()).unwrap()
     }
 
-    /// Files of this place in shared memory, but for the one that iceoryx2 keeps for ever by design.
+    /// Files of this place in shared memory, but for the one that iceoryx2 keeps for ever by
+    /// design.
     fn left_over(&self) -> Vec<String> {
-        let names = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
-        names.filter(|name| name.starts_with(&self.prefix) && !name.ends_with(".global_mgmt")).collect()
+        let names = std::fs::read_dir("/dev/shm")
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        names
+            .filter(|name| name.starts_with(&self.prefix) && !name.ends_with(".global_mgmt"))
+            .collect()
     }
 }
 
@@ -43,7 +62,11 @@ impl Drop for Place {
             assert_eq!(self.left_over(), Vec::<String>::new(), "left in /dev/shm");
         }
         for entry in std::fs::read_dir("/dev/shm").unwrap().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
+            if entry
+                .file_name()
+                .to_string_lossy()
+                .starts_with(&self.prefix)
+            {
                 let _ = std::fs::remove_file(entry.path());
             }
         }
@@ -71,7 +94,11 @@ fn a_frame_arrives_unchanged_aligned_and_in_place() {
 
     let segment = publisher.segment().unwrap();
     let need = schema_bus::shared_memory_needed(&schema_bus::qos::FRAME, &RGB) as usize;
-    assert!(segment.len <= need && need <= segment.len + (1 << 17), "the budget says {need}, the segment has {}", segment.len);
+    assert!(
+        segment.len <= need && need <= segment.len + (1 << 17),
+        "the budget says {need}, the segment has {}",
+        segment.len
+    );
     assert_eq!((segment.base as usize % 4096, segment.len % 4096), (0, 0));
     let mut loan = publisher.loan(512).unwrap();
     let offset = loan.offset_in_segment().expect("the segment is known");
@@ -100,17 +127,25 @@ fn a_frame_arrives_unchanged_aligned_and_in_place() {
 fn a_list_shorter_than_its_loan_shows_only_what_is_used() {
     let place = Place::new("list");
     let bus = place.bus("simd");
-    let publisher = bus.frame_publisher("ego/front/dvs", FrameTopic::new(Modality::Dvs, 1600)).unwrap();
+    let publisher = bus
+        .frame_publisher("ego/front/dvs", FrameTopic::new(Modality::Dvs, 1600))
+        .unwrap();
     let mut reader = bus.frame_reader("ego/front/dvs").unwrap();
     let mut loan = publisher.loan(1600).unwrap();
     loan.header_mut().set_list(3);
     loan.send().unwrap();
     let frame = reader.latest().unwrap().unwrap();
-    assert_eq!(frame.elements::<schema_frames::DvsEvent>().unwrap().len(), 3);
+    assert_eq!(
+        frame.elements::<schema_frames::DvsEvent>().unwrap().len(),
+        3
+    );
 
     let mut loan = publisher.loan(32).unwrap();
     loan.header_mut().set_list(3);
-    assert!(matches!(loan.send(), Err(BusError::BadFrame { .. })), "48 bytes do not fit a loan of 32");
+    assert!(
+        matches!(loan.send(), Err(BusError::BadFrame { .. })),
+        "48 bytes do not fit a loan of 32"
+    );
 }
 
 #[test]
@@ -137,7 +172,9 @@ fn a_slow_reader_loses_the_oldest_and_counts_the_gap() {
     for seq in 2..=6 {
         send(&publisher, 1, seq, seq as u8);
     }
-    let seen: Vec<u64> = std::iter::from_fn(|| reader.next().unwrap()).map(|frame| frame.header().seq).collect();
+    let seen: Vec<u64> = std::iter::from_fn(|| reader.next().unwrap())
+        .map(|frame| frame.header().seq)
+        .collect();
     assert_eq!(seen, [5, 6], "two wait, the rest gave way");
     assert_eq!((reader.counts().lost, reader.counts().taken), (3, 3));
 }
@@ -156,7 +193,12 @@ fn a_reader_that_hoards_is_told_and_can_go_on() {
     send(&publisher, 1, 4, 4);
     let error = reader.next().unwrap_err().to_string();
     assert!(error.contains("already holds 3 (limit 3)"), "{error}");
-    assert!(held.iter().zip(1..).all(|(frame, fill)| frame.iter().all(|byte| *byte == fill)), "held frames stay as they were");
+    assert!(
+        held.iter()
+            .zip(1..)
+            .all(|(frame, fill)| frame.iter().all(|byte| *byte == fill)),
+        "held frames stay as they were"
+    );
     held.pop();
     assert_eq!(reader.latest().unwrap().unwrap().header().seq, 4);
 }
@@ -166,10 +208,18 @@ fn loans_run_out_with_a_sentence_and_come_back() {
     let place = Place::new("loans");
     let bus = place.bus("simd");
     let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
-    let loans: Vec<_> = (0..publisher.max_loans()).map(|_| publisher.loan(512).unwrap()).collect();
-    assert!(matches!(publisher.loan(512), Err(LoanError::NoFreeSlot { loans: 3, .. })));
+    let loans: Vec<_> = (0..publisher.max_loans())
+        .map(|_| publisher.loan(512).unwrap())
+        .collect();
+    assert!(matches!(
+        publisher.loan(512),
+        Err(LoanError::NoFreeSlot { loans: 3, .. })
+    ));
     drop(loans);
-    assert!(matches!(publisher.loan(513), Err(LoanError::TooLong { limit: 512, .. })));
+    assert!(matches!(
+        publisher.loan(513),
+        Err(LoanError::TooLong { limit: 512, .. })
+    ));
     assert_eq!(send(&publisher, 1, 1, 1), 0);
 }
 
@@ -198,20 +248,41 @@ fn another_schema_is_refused_with_a_sentence_before_opening() {
     // A publisher of another version, made with iceoryx2 itself.
     use iceoryx2::prelude::*;
     let mut config = iceoryx2::config::Config::global_config().clone();
-    config.global.set_root_path(&Path::new(options.iceoryx_root.unwrap().to_str().unwrap().as_bytes()).unwrap());
+    config.global.set_root_path(
+        &Path::new(options.iceoryx_root.unwrap().to_str().unwrap().as_bytes()).unwrap(),
+    );
     config.global.prefix = FileName::new(options.prefix.unwrap().as_bytes()).unwrap();
-    let node = NodeBuilder::new().config(&config).create::<ipc::Service>().unwrap();
-    let attributes = AttributeSpecifier::new().define(&"gantry.schema".try_into().unwrap(), &"4".try_into().unwrap()).unwrap();
-    let service = node.service_builder(&"d/ego/roof/lidar".try_into().unwrap()).publish_subscribe::<[u8]>();
+    let node = NodeBuilder::new()
+        .config(&config)
+        .create::<ipc::Service>()
+        .unwrap();
+    let attributes = AttributeSpecifier::new()
+        .define(
+            &"gantry.schema".try_into().unwrap(),
+            &"4".try_into().unwrap(),
+        )
+        .unwrap();
+    let service = node
+        .service_builder(&"d/ego/roof/lidar".try_into().unwrap())
+        .publish_subscribe::<[u8]>();
     let _service = service.create_with_attributes(&attributes).unwrap();
-    let foreign = node.service_builder(&"d/ego/roof/depth".try_into().unwrap()).publish_subscribe::<[u8]>().create().unwrap();
+    let foreign = node
+        .service_builder(&"d/ego/roof/depth".try_into().unwrap())
+        .publish_subscribe::<[u8]>()
+        .create()
+        .unwrap();
 
     let bus = place.bus("reader");
     let error = bus.frame_reader("ego/roof/lidar").unwrap_err().to_string();
-    assert_eq!(error, "cannot join service \"d/ego/roof/lidar\": it carries schema 4, this binary reads 1; rebuild the consumer");
+    assert_eq!(
+        error,
+        "cannot join service \"d/ego/roof/lidar\": it carries schema 4, this binary reads 1; rebuild the consumer"
+    );
     let error = bus.frame_reader("ego/roof/depth").unwrap_err().to_string();
     assert!(error.contains("it carries schema none"), "{error}");
-    let error = bus.frame_publisher("ego/roof/lidar", FrameTopic::new(Modality::Lidar, 160)).unwrap_err();
+    let error = bus
+        .frame_publisher("ego/roof/lidar", FrameTopic::new(Modality::Lidar, 160))
+        .unwrap_err();
     assert!(matches!(error, BusError::SchemaSkew { .. }), "{error}");
     drop(foreign);
 }
@@ -226,18 +297,38 @@ fn a_missing_topic_names_what_there_is() {
     let _publisher = bus.frame_service("ego/rear/rgb", RGB).unwrap();
     assert!(bus.exists("ego/rear/rgb"));
     let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
-    assert_eq!(error, "there is no topic \"d/ego/front/rgb\"; there is ego/rear/rgb");
-    assert!(matches!(bus.frame_service("ego/front/rbg", RGB), Err(BusError::Name { .. })));
-    assert!(matches!(Bus::open("a/b", "x"), Err(BusError::Domain { .. })));
+    assert_eq!(
+        error,
+        "there is no topic \"d/ego/front/rgb\"; there is ego/rear/rgb"
+    );
+    assert!(matches!(
+        bus.frame_service("ego/front/rbg", RGB),
+        Err(BusError::Name { .. })
+    ));
+    assert!(matches!(
+        Bus::open("a/b", "x"),
+        Err(BusError::Domain { .. })
+    ));
 }
 
 #[test]
 fn a_segment_larger_than_shared_memory_is_refused_with_both_figures() {
     let place = Place::new("huge");
     let bus = place.bus("simd");
-    let spec = FrameTopic { max_payload_bytes: 1 << 40, ..RGB };
-    let error = bus.frame_publisher("ego/front/rgb", spec).unwrap_err().to_string();
-    assert!(error.starts_with("cannot reserve 24117249 MiB of shared memory for d/ego/front/rgb: /dev/shm has "), "{error}");
+    let spec = FrameTopic {
+        max_payload_bytes: 1 << 40,
+        ..RGB
+    };
+    let error = bus
+        .frame_publisher("ego/front/rgb", spec)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with(
+            "cannot reserve 24117249 MiB of shared memory for d/ego/front/rgb: /dev/shm has "
+        ),
+        "{error}"
+    );
 }
 
 #[test]
@@ -247,9 +338,22 @@ fn a_daemon_that_comes_back_with_more_readers_is_told_to_stop_the_old_ones() {
     let service = bus.frame_service("ego/front/rgb", RGB).unwrap();
     let _reader = place.bus("reader").frame_reader("ego/front/rgb").unwrap();
     drop(service);
-    let error = bus.frame_service("ego/front/rgb", FrameTopic { max_readers: 8, ..RGB }).unwrap_err();
+    let error = bus
+        .frame_service(
+            "ego/front/rgb",
+            FrameTopic {
+                max_readers: 8,
+                ..RGB
+            },
+        )
+        .unwrap_err();
     assert!(matches!(error, BusError::Capacity { .. }), "{error}");
-    assert!(error.to_string().contains("stop all readers of this domain"), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("stop all readers of this domain"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -271,11 +375,17 @@ fn a_second_daemon_sees_the_first_and_not_a_killed_one() {
 fn readers_beyond_the_limit_are_refused_with_the_limit() {
     let place = Place::new("crowd");
     let bus = place.bus("simd");
-    let spec = FrameTopic { max_readers: 1, ..RGB };
+    let spec = FrameTopic {
+        max_readers: 1,
+        ..RGB
+    };
     let _publisher = bus.frame_publisher("ego/front/rgb", spec).unwrap();
     let _first = bus.frame_reader("ego/front/rgb").unwrap();
     let error = bus.frame_reader("ego/front/rgb").unwrap_err().to_string();
-    assert!(error.starts_with("service \"d/ego/front/rgb\" already has 1 readers (limit 1)"), "{error}");
+    assert!(
+        error.starts_with("service \"d/ego/front/rgb\" already has 1 readers (limit 1)"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -291,12 +401,24 @@ fn documents_greet_a_late_reader_and_grow() {
     let wake = bus.listener(names::CONTROL_WAKE).unwrap();
     let consumer = place.bus("reader");
     let mut reader = consumer.document_reader(names::WORLD_INFO).unwrap();
-    assert!(wake.wait(Duration::from_secs(5)).unwrap(), "a new reader wakes the daemon, which greets it");
+    assert!(
+        wake.wait(Duration::from_secs(5)).unwrap(),
+        "a new reader wakes the daemon, which greets it"
+    );
     publisher.greet();
     let document = reader.latest().unwrap().expect("a greeting");
-    assert_eq!((document.header.revision, document.header.tick, document.text.len()), (2, 3, long.len()));
+    assert_eq!(
+        (
+            document.header.revision,
+            document.header.tick,
+            document.text.len()
+        ),
+        (2, 3, long.len())
+    );
     assert!(reader.latest().unwrap().is_none(), "only news");
-    publisher.send_json(&schema_frames::ActorList::default(), 9, 4).unwrap();
+    publisher
+        .send_json(&schema_frames::ActorList::default(), 9, 4)
+        .unwrap();
     let list: schema_frames::ActorList = reader.latest().unwrap().unwrap().json().unwrap();
     assert!(list.actors.is_empty());
 }
@@ -306,8 +428,14 @@ fn snapshots_come_whole_and_the_newest_greets() {
     let place = Place::new("snap");
     let bus = place.bus("simd");
     let publisher = bus.snapshot_publisher(8).unwrap();
-    let record = |id| ActorRecord { id, ..bytemuck::Zeroable::zeroed() };
-    let header = |tick| SnapshotHeader { tick, ..bytemuck::Zeroable::zeroed() };
+    let record = |id| ActorRecord {
+        id,
+        ..bytemuck::Zeroable::zeroed()
+    };
+    let header = |tick| SnapshotHeader {
+        tick,
+        ..bytemuck::Zeroable::zeroed()
+    };
     publisher.send(header(1), &[record(1)]).unwrap();
     publisher.send(header(2), &[record(1), record(5)]).unwrap();
     let mut reader = bus.snapshot_reader().unwrap();
@@ -317,7 +445,10 @@ fn snapshots_come_whole_and_the_newest_greets() {
     assert_eq!(snapshot.actor(5).map(|actor| actor.id), Some(5));
     assert!(snapshot.actor(4).is_none());
     let many: Vec<_> = (1..=9).map(record).collect();
-    assert!(matches!(publisher.send(header(3), &many), Err(BusError::TooLong { .. })));
+    assert!(matches!(
+        publisher.send(header(3), &many),
+        Err(BusError::TooLong { .. })
+    ));
 }
 
 #[test]
@@ -325,13 +456,34 @@ fn controls_arrive_in_the_order_in_which_they_count() {
     let place = Place::new("controls");
     let bus = place.bus("simd");
     let mut reader = bus.control_reader().unwrap();
-    let (mut zoe, mut adam) = (bus.control_writer("zoe").unwrap(), bus.control_writer("adam").unwrap());
-    let record = VehicleControlRecord::new(3, VehicleControl { throttle_ratio: 0.5, ..Default::default() });
+    let (mut zoe, mut adam) = (
+        bus.control_writer("zoe").unwrap(),
+        bus.control_writer("adam").unwrap(),
+    );
+    let record = VehicleControlRecord::new(
+        3,
+        VehicleControl {
+            throttle_ratio: 0.5,
+            ..Default::default()
+        },
+    );
     zoe.send(1, &[record]).unwrap();
     adam.send(1, &[record, record]).unwrap();
     adam.send(2, &[]).unwrap();
-    let order: Vec<_> = reader.drain().unwrap().into_iter().map(|batch| (batch.writer, batch.seq, batch.records.len())).collect();
-    assert_eq!(order, [("adam".to_string(), 1, 2), ("adam".to_string(), 2, 0), ("zoe".to_string(), 1, 1)]);
+    let order: Vec<_> = reader
+        .drain()
+        .unwrap()
+        .into_iter()
+        .map(|batch| (batch.writer, batch.seq, batch.records.len()))
+        .collect();
+    assert_eq!(
+        order,
+        [
+            ("adam".to_string(), 1, 2),
+            ("adam".to_string(), 2, 0),
+            ("zoe".to_string(), 1, 1)
+        ]
+    );
 }
 
 #[test]
@@ -349,7 +501,10 @@ fn acknowledgements_wake_the_daemon_and_name_their_writers() {
     assert!(set.woken(wake) && !set.woken(other));
     assert!(!set.wait(Duration::ZERO).unwrap(), "drained");
     let acks = reader.drain().unwrap();
-    assert_eq!((acks.len(), acks[0].participant, acks[0].epoch, acks[0].tick), (1, 2, 9, 77));
+    assert_eq!(
+        (acks.len(), acks[0].participant, acks[0].epoch, acks[0].tick),
+        (1, 2, 9, 77)
+    );
     assert_eq!(reader.writers(), ["recorder"]);
 }
 
@@ -359,10 +514,16 @@ fn a_command_goes_there_and_back_and_nobody_home_is_said_at_once() {
     let bus = place.bus("simd");
     let mut client = place.bus("cli").command_client("cli").unwrap();
     let batch = CommandBatch::new(vec![Order::Step { n: 3 }]);
-    assert!(matches!(client.request(&batch, Duration::from_secs(5)), Err(CommandError::NoServer { .. })));
+    assert!(matches!(
+        client.request(&batch, Duration::from_secs(5)),
+        Err(CommandError::NoServer { .. })
+    ));
 
     let mut server = bus.command_server().unwrap();
-    assert!(matches!(client.request(&batch, Duration::from_millis(60)), Err(CommandError::Timeout { .. })));
+    assert!(matches!(
+        client.request(&batch, Duration::from_millis(60)),
+        Err(CommandError::Timeout { .. })
+    ));
     let wake = bus.listener(names::CONTROL_WAKE).unwrap();
     let asked = batch.clone();
     let thread = std::thread::spawn(move || client.request(&asked, Duration::from_secs(10)));
@@ -370,13 +531,26 @@ fn a_command_goes_there_and_back_and_nobody_home_is_said_at_once() {
     let deadline = Instant::now() + Duration::from_secs(10);
     let request = loop {
         // The one that timed out may still wait; its client has gone on.
-        match server.take_all().unwrap().into_iter().find(|request| request.seq == 2) {
+        match server
+            .take_all()
+            .unwrap()
+            .into_iter()
+            .find(|request| request.seq == 2)
+        {
             Some(request) => break request,
             None => assert!(Instant::now() < deadline),
         }
     };
-    assert_eq!((request.client.as_str(), request.batch.as_ref()), ("cli", Ok(&batch)));
-    let answer = ReplyBatch { v: 1, epoch: "9".into(), tick: 4, replies: vec![CommandReply::Stepping { last_tick: 7 }] };
+    assert_eq!(
+        (request.client.as_str(), request.batch.as_ref()),
+        ("cli", Ok(&batch))
+    );
+    let answer = ReplyBatch {
+        v: 1,
+        epoch: "9".into(),
+        tick: 4,
+        replies: vec![CommandReply::Stepping { last_tick: 7 }],
+    };
     server.reply(request, &answer).unwrap();
     assert_eq!(thread.join().unwrap().unwrap(), answer);
 }
@@ -390,10 +564,28 @@ fn topics_are_listed_with_their_ports() {
     let _info = bus.document_publisher(names::WORLD_INFO).unwrap();
     let _acks = bus.ack_reader().unwrap();
     let topics = bus.topics().unwrap();
-    let kinds: Vec<_> = topics.iter().map(|topic| (topic.name.as_str(), topic.kind)).collect();
-    assert_eq!(kinds, [("control/ack", TopicKind::Other), ("ego/front/rgb", TopicKind::Frames), ("world/info", TopicKind::Document)]);
+    let kinds: Vec<_> = topics
+        .iter()
+        .map(|topic| (topic.name.as_str(), topic.kind))
+        .collect();
+    assert_eq!(
+        kinds,
+        [
+            ("control/ack", TopicKind::Other),
+            ("ego/front/rgb", TopicKind::Frames),
+            ("world/info", TopicKind::Document)
+        ]
+    );
     let rgb = &topics[1];
-    assert_eq!((rgb.modality, rgb.publishers, rgb.subscribers, rgb.max_subscribers), (Some(Modality::Rgb), 1, 1, 4));
+    assert_eq!(
+        (
+            rgb.modality,
+            rgb.publishers,
+            rgb.subscribers,
+            rgb.max_subscribers
+        ),
+        (Some(Modality::Rgb), 1, 1, 4)
+    );
     assert_eq!((rgb.payload_bytes, rgb.schema.as_str()), (512, "1"));
     assert_eq!(bus.programs(), ["simd"]);
 }
@@ -401,7 +593,8 @@ fn topics_are_listed_with_their_ports() {
 #[test]
 fn a_private_config_file_is_what_iceoryx2_reads() {
     let folder = tempfile::tempdir().unwrap();
-    let path = schema_bus::write_private_config(folder.path(), &folder.path().join("root"), "gtx_").unwrap();
+    let path = schema_bus::write_private_config(folder.path(), &folder.path().join("root"), "gtx_")
+        .unwrap();
     use iceoryx2::prelude::SemanticString as _;
     let name = iceoryx2::prelude::FilePath::new(path.to_str().unwrap().as_bytes()).unwrap();
     let config = iceoryx2::config::Config::from_file(&name).unwrap();
@@ -409,13 +602,19 @@ fn a_private_config_file_is_what_iceoryx2_reads() {
     assert!(config.global.root_path().to_string().ends_with("/root"));
 }
 
-/// The children of the tests below: publish and hold a loan, or read and hold frames, until they are killed.
+/// The children of the tests below: publish and hold a loan, or read and hold frames, until they
+/// are killed.
 #[test]
 fn child_that_runs_until_it_is_killed() {
-    let Ok(text) = std::env::var("GANTRY_TEST_PLACE") else { return };
+    let Ok(text) = std::env::var("GANTRY_TEST_PLACE") else {
+        return;
+    };
     let (place, role) = text.rsplit_once('|').unwrap();
     let (root, prefix) = place.split_once('|').unwrap();
-    let options = BusOptions { iceoryx_root: Some(root.into()), prefix: Some(prefix.into()) };
+    let options = BusOptions {
+        iceoryx_root: Some(root.into()),
+        prefix: Some(prefix.into()),
+    };
     let bus = Bus::open_with("d", "child", &options).unwrap();
     if role == "read" {
         let mut reader = bus.frame_reader("ego/front/rgb").unwrap();
@@ -444,7 +643,10 @@ fn start_child(place: &Place, role: &str) -> std::process::Child {
     let root = place.options().iceoryx_root.unwrap();
     Command::new(std::env::current_exe().unwrap())
         .args(["child_that_runs_until_it_is_killed", "--exact"])
-        .env("GANTRY_TEST_PLACE", format!("{}|{}|{role}", root.display(), place.prefix))
+        .env(
+            "GANTRY_TEST_PLACE",
+            format!("{}|{}|{role}", root.display(), place.prefix),
+        )
         .stdout(Stdio::null())
         .spawn()
         .unwrap()
@@ -475,7 +677,9 @@ fn readers_killed_with_9_while_they_hold_frames_give_their_places_back() {
     }
     // More readers died than there are places, each holding three frames: all slots are free again.
     let mut reader = bus.frame_reader("ego/front/rgb").unwrap();
-    let loans: Vec<_> = (0..publisher.max_loans()).map(|_| publisher.loan(512).unwrap()).collect();
+    let loans: Vec<_> = (0..publisher.max_loans())
+        .map(|_| publisher.loan(512).unwrap())
+        .collect();
     drop(loans);
     send(&publisher, 1, seq + 1, 7);
     assert_eq!(reader.latest().unwrap().unwrap().header().seq, seq + 1);
@@ -507,12 +711,18 @@ fn a_publisher_killed_with_9_leaves_held_frames_valid_and_its_memory_is_reclaime
     assert!(bus.clean_dead_nodes() >= 1);
     assert!(!reader.has_writer());
     let fill = held.header().seq as u8;
-    assert!(held.iter().all(|byte| *byte == fill), "a held frame outlives its writer");
+    assert!(
+        held.iter().all(|byte| *byte == fill),
+        "a held frame outlives its writer"
+    );
 
     let publisher = bus.frame_publisher("ego/front/rgb", RGB).unwrap();
     send(&publisher, 2, 1, 99);
     let frame = loop {
-        let frame = reader.next().unwrap().expect("the new writer's frame is there");
+        let frame = reader
+            .next()
+            .unwrap()
+            .expect("the new writer's frame is there");
         if frame.header().epoch == 2 {
             break frame;
         }

@@ -1,7 +1,10 @@
-//! Commands on `control/world`: JSON both ways, so that any language can ask without a code generator.
+//! Commands on `control/world`: JSON both ways, so that any language can ask without a code
+//! generator.
 //!
-//! A request is `{"v":1,"commands":[…]}`, its answer `{"v":1,"epoch":"…","tick":…,"replies":[…]}` with one reply per command, in order.
-//! Commands run between ticks, in the order given. A refused command changes nothing and does not stop those after it.
+//! A request is `{"v":1,"commands":[…]}`, its answer `{"v":1,"epoch":"…","tick":…,"replies":[…]}`
+//! with one reply per command, in order.
+//! Commands run between ticks, in the order given. A refused command changes nothing and does not
+//! stop those after it.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -28,7 +31,8 @@ pub struct RequestHeader {
     pub seq: u64,
     /// Bytes of JSON.
     pub payload_bytes: u64,
-    /// Client's name, UTF-8, padded with zeros; requests that meet at one tick edge run by (name, seq).
+    /// Client's name, UTF-8, padded with zeros; requests that meet at one tick edge run by (name,
+    /// seq).
     pub client: [u8; 40],
 }
 const _: () = assert!(size_of::<RequestHeader>() == 64);
@@ -55,7 +59,8 @@ pub enum Command {
         /// New tick length, 100 µs to 10 s.
         #[serde(default)]
         period_nanos: Option<u64>,
-        /// Longest physics sub-step, 100 µs to 10 ms: a tick is done in equal sub-steps no longer than this.
+        /// Longest physics sub-step, 100 µs to 10 ms: a tick is done in equal sub-steps no longer
+        /// than this.
         #[serde(default)]
         longest_substep_nanos: Option<u64>,
     },
@@ -75,7 +80,8 @@ pub enum Command {
         #[serde(default)]
         attributes: BTreeMap<String, String>,
     },
-    /// Makes a sensor. Its topics are `actor_<parent id>/s<id>/<modality>`, `free/s<id>/…` without a parent.
+    /// Makes a sensor. Its topics are `actor_<parent id>/s<id>/<modality>`, `free/s<id>/…` without
+    /// a parent.
     SpawnSensor {
         /// Catalogue id under which it is listed, e.g. `sensor.camera.rgb`.
         type_id: String,
@@ -87,10 +93,12 @@ pub enum Command {
         /// How it follows its parent; only `rigid` without one.
         #[serde(default)]
         attachment: Attachment,
-        /// Time between two firings; 0 fires at every tick. Replaces `rate_hz` of the specification.
+        /// Time between two firings; 0 fires at every tick. Replaces `rate_hz` of the
+        /// specification.
         #[serde(default)]
         interval_nanos: u64,
-        /// What it measures: the keys of a launch file's `[sensor.NAME]`, `kind` included, without `mount`.
+        /// What it measures: the keys of a launch file's `[sensor.NAME]`, `kind` included, without
+        /// `mount`.
         spec: serde_json::Map<String, serde_json::Value>,
         /// Kept for `world/actors`; without effect here.
         #[serde(default)]
@@ -129,7 +137,8 @@ pub enum Command {
         /// Direction and speed.
         control: WalkerControl,
     },
-    /// Puts a walker's feet on the ground nearest to a point (1 m above to 1.5 m below it): who leads it says where it is, tick by tick.
+    /// Puts a walker's feet on the ground nearest to a point (1 m above to 1.5 m below it): who
+    /// leads it says where it is, tick by tick.
     LeadWalker {
         /// The actor.
         actor_id: u32,
@@ -186,7 +195,8 @@ pub enum Command {
     SetTrafficLightTime {
         /// Any light of the controller.
         actor_id: u32,
-        /// `green`, `yellow` or `red`: the last is the time in which all lights of the junction are red.
+        /// `green`, `yellow` or `red`: the last is the time in which all lights of the junction are
+        /// red.
         state: String,
         /// 0.01 to 100 000 s.
         secs: f64,
@@ -241,11 +251,14 @@ pub enum Command {
     ClearDebug,
     /// Answers with the names of all maps that can be loaded.
     ListMaps,
-    /// Takes an OpenDRIVE text that `load_map` then finds under its name; kept until the daemon ends.
+    /// Takes an OpenDRIVE text that `load_map` then finds under its name; kept until the daemon
+    /// ends.
     StoreMap(StoredMap),
-    /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and rigs are made anew.
+    /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and
+    /// rigs are made anew.
     LoadMap {
-        /// Name of a town, of a file in the map folder or of a stored map, or the path of an `.xodr` file.
+        /// Name of a town, of a file in the map folder or of a stored map, or the path of an
+        /// `.xodr` file.
         map: String,
     },
     /// Joins the lockstep gate.
@@ -358,7 +371,10 @@ pub struct CommandBatch {
 impl CommandBatch {
     /// A request in the current version.
     pub fn new(commands: Vec<Command>) -> Self {
-        CommandBatch { v: COMMAND_VERSION, commands }
+        CommandBatch {
+            v: COMMAND_VERSION,
+            commands,
+        }
     }
 }
 
@@ -469,13 +485,17 @@ mod tests {
             "pose":{"translation_m":[1,2,3],"rotation_xyzw":[0,0,0,1]}}]}"#;
         let batch: CommandBatch = serde_json::from_str(text).unwrap();
         assert_eq!(batch.commands[0], Command::Step { n: 3 });
-        let again: CommandBatch = serde_json::from_str(&serde_json::to_string(&batch).unwrap()).unwrap();
+        let again: CommandBatch =
+            serde_json::from_str(&serde_json::to_string(&batch).unwrap()).unwrap();
         assert_eq!(batch, again);
     }
 
     #[test]
     fn unknown_keys_are_refused_by_name() {
-        let error = serde_json::from_str::<CommandBatch>(r#"{"v":1,"commands":[{"do":"step","n":1,"m":2}]}"#).unwrap_err();
+        let error = serde_json::from_str::<CommandBatch>(
+            r#"{"v":1,"commands":[{"do":"step","n":1,"m":2}]}"#,
+        )
+        .unwrap_err();
         assert!(error.to_string().contains('m'), "{error}");
     }
 }

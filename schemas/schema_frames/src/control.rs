@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 pub struct VehicleControl {
     /// 0..=1.
     pub throttle_ratio: f32,
-    /// −1..=1 of the largest steering angle, positive to the left (world axes; CARLA's sign is the other one).
+    /// −1..=1 of the largest steering angle, positive to the left (world axes; CARLA's sign is the
+    /// other one).
     pub steer_ratio: f32,
     /// 0..=1.
     pub brake_ratio: f32,
@@ -26,7 +27,13 @@ pub struct VehicleControl {
 impl VehicleControl {
     /// Clamped to its ranges; a value that is not finite becomes 0.
     pub fn clamped(self) -> Self {
-        let clamp = |x: f32, low: f32| if x.is_finite() { x.clamp(low, 1.0) } else { 0.0 };
+        let clamp = |x: f32, low: f32| {
+            if x.is_finite() {
+                x.clamp(low, 1.0)
+            } else {
+                0.0
+            }
+        };
         VehicleControl {
             throttle_ratio: clamp(self.throttle_ratio, 0.0),
             steer_ratio: clamp(self.steer_ratio, -1.0),
@@ -51,7 +58,11 @@ pub struct WalkerControl {
 impl Default for WalkerControl {
     /// Stands.
     fn default() -> Self {
-        WalkerControl { direction: [1.0, 0.0, 0.0], speed_mps: 0.0, jump: false }
+        WalkerControl {
+            direction: [1.0, 0.0, 0.0],
+            speed_mps: 0.0,
+            jump: false,
+        }
     }
 }
 
@@ -86,7 +97,9 @@ impl VehicleControlRecord {
             throttle_ratio: control.throttle_ratio,
             steer_ratio: control.steer_ratio,
             brake_ratio: control.brake_ratio,
-            flags: control.hand_brake as u32 | (control.reverse as u32) << 1 | (control.manual_gear_shift as u32) << 2,
+            flags: control.hand_brake as u32
+                | (control.reverse as u32) << 1
+                | (control.manual_gear_shift as u32) << 2,
             gear: control.gear as i32,
             lamps: u32::MAX,
             reserved: 0,
@@ -108,7 +121,8 @@ impl VehicleControlRecord {
     }
 }
 
-/// User header of a sample on `control/vehicles`: iceoryx2 type name `GantryControlHeader`, 64 bytes.
+/// User header of a sample on `control/vehicles`: iceoryx2 type name `GantryControlHeader`, 64
+/// bytes.
 ///
 /// Of several controls for one actor at one tick edge the last by (writer name, `seq`) counts.
 #[repr(C, align(64))]
@@ -132,7 +146,8 @@ const _: () = assert!(size_of::<ControlHeader>() == 64);
 /// "GCTL" read as a little-endian `u32`.
 pub const CONTROL_MAGIC: u32 = u32::from_le_bytes(*b"GCTL");
 
-/// A lockstep participant is done with a tick: fixed-size sample on `control/ack`, type name `GantryAck`. 32 bytes.
+/// A lockstep participant is done with a tick: fixed-size sample on `control/ack`, type name
+/// `GantryAck`. 32 bytes.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct AckRecord {
@@ -155,9 +170,19 @@ mod tests {
 
     #[test]
     fn control_survives_the_record_and_nan_becomes_zero() {
-        let control = VehicleControl { throttle_ratio: 0.5, steer_ratio: -0.25, reverse: true, gear: 3, ..Default::default() };
+        let control = VehicleControl {
+            throttle_ratio: 0.5,
+            steer_ratio: -0.25,
+            reverse: true,
+            gear: 3,
+            ..Default::default()
+        };
         assert_eq!(VehicleControlRecord::new(9, control).control(), control);
-        let wild = VehicleControl { throttle_ratio: f32::NAN, steer_ratio: 7.0, ..Default::default() };
+        let wild = VehicleControl {
+            throttle_ratio: f32::NAN,
+            steer_ratio: 7.0,
+            ..Default::default()
+        };
         assert_eq!(wild.clamped().throttle_ratio, 0.0);
         assert_eq!(wild.clamped().steer_ratio, 1.0);
     }

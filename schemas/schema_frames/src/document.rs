@@ -1,6 +1,8 @@
-//! Documents on the bus: texts that change rarely and greet a late reader (`world/info`, `map`, `actors`, `catalogue`).
+//! Documents on the bus: texts that change rarely and greet a late reader (`world/info`, `map`,
+//! `actors`, `catalogue`).
 //!
-//! A document is a `[u8]` sample with a [`DocumentHeader`]; its payload is UTF-8: JSON, or OpenDRIVE for `world/map`.
+//! A document is a `[u8]` sample with a [`DocumentHeader`]; its payload is UTF-8: JSON, or
+//! OpenDRIVE for `world/map`.
 
 use bytemuck::{Pod, Zeroable};
 use schema_types::Pose;
@@ -165,7 +167,8 @@ pub struct ActorInfo {
     pub mount: Option<PoseText>,
     /// Body box; all zero if it has no body.
     pub body_box: BodyBox,
-    /// Traffic lights and signs: box round the places on lanes at which vehicles are before it, in the actor's space.
+    /// Traffic lights and signs: box round the places on lanes at which vehicles are before it, in
+    /// the actor's space.
     #[serde(default)]
     pub trigger_box: Option<BodyBox>,
     /// Attributes by name.
@@ -186,13 +189,19 @@ pub struct PoseText {
 
 impl From<Pose> for PoseText {
     fn from(pose: Pose) -> Self {
-        PoseText { translation_m: pose.translation_m, rotation_xyzw: pose.rotation_xyzw }
+        PoseText {
+            translation_m: pose.translation_m,
+            rotation_xyzw: pose.rotation_xyzw,
+        }
     }
 }
 
 impl From<PoseText> for Pose {
     fn from(pose: PoseText) -> Self {
-        Pose { translation_m: pose.translation_m, rotation_xyzw: pose.rotation_xyzw }
+        Pose {
+            translation_m: pose.translation_m,
+            rotation_xyzw: pose.rotation_xyzw,
+        }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// One brightness change. 16 bytes, no padding. A frame's events are sorted by time, then y, then x.
+/// One brightness change. 16 bytes, no padding. A frame's events are sorted by time, then y, then
+/// x.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct DvsEvent {

@@ -27,11 +27,13 @@ const _: () = assert!(size_of::<CollisionEvent>() == 64 && align_of::<CollisionE
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct LaneCrossing {
-    /// 1 solid, 2 broken, 3 solid solid, 4 solid broken, 5 broken solid, 6 broken broken, 7 Botts' dots, 8 grass, 9 kerb, 10 other.
+    /// 1 solid, 2 broken, 3 solid solid, 4 solid broken, 5 broken solid, 6 broken broken, 7 Botts'
+    /// dots, 8 grass, 9 kerb, 10 other.
     pub mark: u8,
     /// 0 white, 1 yellow, 2 blue, 3 green, 4 red, 5 orange, 6 violet.
     pub colour: u8,
-    /// Changes that the mark allows: bit 0 to the lane on its right along rising s of the road, bit 1 to the one on its left.
+    /// Changes that the mark allows: bit 0 to the lane on its right along rising s of the road, bit
+    /// 1 to the one on its left.
     pub lane_change: u8,
     /// OpenDRIVE's id of the lane whose outer edge is marked; 0 is the road's centre line.
     pub lane: i8,
@@ -39,7 +41,8 @@ pub struct LaneCrossing {
     pub width_m: f32,
     /// OpenDRIVE's road id where it is a number, otherwise a number of ours above all of those.
     pub road: u32,
-    /// Nanoseconds since the tick began (`sim_nanos − window_nanos`) at which the first corner crossed.
+    /// Nanoseconds since the tick began (`sim_nanos − window_nanos`) at which the first corner
+    /// crossed.
     pub nanos_in_window: u32,
     /// Where it crossed, world, metres.
     pub crossing_in_world_m: [f32; 3],

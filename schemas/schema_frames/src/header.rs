@@ -11,7 +11,8 @@ pub const FRAME_MAGIC: u32 = u32::from_le_bytes(*b"GFRM");
 /// Bytes of the header that take part in hashes; clocks and the epoch lie behind them.
 pub const HASHED_HEADER_BYTES: usize = 192;
 
-/// Header of one sensor frame: iceoryx2 user header `GantryFrameHeader`, 256 bytes, aligned to 64, little-endian.
+/// Header of one sensor frame: iceoryx2 user header `GantryFrameHeader`, 256 bytes, aligned to 64,
+/// little-endian.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct FrameHeader {
@@ -31,7 +32,8 @@ pub struct FrameHeader {
     pub tick: u64,
     /// Simulated time this frame shows, nanoseconds since the daemon started.
     pub sim_nanos: u64,
-    /// Count of the sensor's scheduled firings (event-like sensors: ticks with events), from 1, read or not: a gap is a loss.
+    /// Count of the sensor's scheduled firings (event-like sensors: ticks with events), from 1,
+    /// read or not: a gap is a loss.
     pub seq: u64,
     /// Count of map loads in this epoch, from 1.
     pub episode: u32,
@@ -88,7 +90,8 @@ impl FrameHeader {
     /// Flag: published by a replay.
     pub const REPLAYED: u32 = 2;
 
-    /// A header with magic, version, kind, encoding and element size filled in and everything else zero.
+    /// A header with magic, version, kind, encoding and element size filled in and everything else
+    /// zero.
     pub fn new(modality: Modality) -> Self {
         FrameHeader {
             magic: FRAME_MAGIC,
@@ -133,16 +136,31 @@ impl FrameHeader {
         if self.magic != FRAME_MAGIC {
             return Err(FrameError::Magic { found: self.magic });
         }
-        if self.schema_version != SCHEMA_VERSION || self.header_bytes as usize != size_of::<FrameHeader>() {
-            return Err(FrameError::Version { found: self.schema_version });
+        if self.schema_version != SCHEMA_VERSION
+            || self.header_bytes as usize != size_of::<FrameHeader>()
+        {
+            return Err(FrameError::Version {
+                found: self.schema_version,
+            });
         }
-        let modality = self.modality().ok_or(FrameError::Encoding { found: self.encoding })?;
+        let modality = self.modality().ok_or(FrameError::Encoding {
+            found: self.encoding,
+        })?;
         if self.payload_bytes > sample_bytes as u64 {
-            return Err(FrameError::Length { claimed: self.payload_bytes, sample: sample_bytes as u64 });
+            return Err(FrameError::Length {
+                claimed: self.payload_bytes,
+                sample: sample_bytes as u64,
+            });
         }
         let row_bytes = self.width as u64 * self.element_bytes as u64;
-        let last_row = (self.height as u64).saturating_sub(1).saturating_mul(self.row_stride as u64);
-        let shape_bytes = if self.height == 0 { 0 } else { last_row.saturating_add(row_bytes) };
+        let last_row = (self.height as u64)
+            .saturating_sub(1)
+            .saturating_mul(self.row_stride as u64);
+        let shape_bytes = if self.height == 0 {
+            0
+        } else {
+            last_row.saturating_add(row_bytes)
+        };
         if self.element_bytes as usize != modality.element_bytes()
             || (self.height > 1 && (self.row_stride as u64) < row_bytes)
             || shape_bytes > self.payload_bytes
@@ -168,13 +186,17 @@ impl FrameHeader {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Not a Gantry frame.
-    #[error("frame starts with {found:#010x}, not with the magic \"GFRM\"; the publisher is not Gantry's")]
+    #[error(
+        "frame starts with {found:#010x}, not with the magic \"GFRM\"; the publisher is not Gantry's"
+    )]
     Magic {
         /// What stood there.
         found: u32,
     },
     /// Another version of this contract.
-    #[error("frame carries schema {found}, this reader understands {SCHEMA_VERSION}; rebuild the reader or the publisher")]
+    #[error(
+        "frame carries schema {found}, this reader understands {SCHEMA_VERSION}; rebuild the reader or the publisher"
+    )]
     Version {
         /// The frame's version.
         found: u16,
@@ -186,7 +208,9 @@ pub enum FrameError {
         found: u16,
     },
     /// More payload claimed than the sample holds.
-    #[error("frame claims {claimed} payload bytes, its sample holds {sample}; the publisher is broken")]
+    #[error(
+        "frame claims {claimed} payload bytes, its sample holds {sample}; the publisher is broken"
+    )]
     Length {
         /// Claimed bytes.
         claimed: u64,
@@ -220,7 +244,13 @@ mod tests {
         let mut header = FrameHeader::new(Modality::Rgb);
         header.set_image(800, 600);
         assert_eq!(header.check(800 * 600 * 4), Ok(Modality::Rgb));
-        assert_eq!(header.check(800 * 600 * 4 - 1), Err(FrameError::Length { claimed: 1_920_000, sample: 1_919_999 }));
+        assert_eq!(
+            header.check(800 * 600 * 4 - 1),
+            Err(FrameError::Length {
+                claimed: 1_920_000,
+                sample: 1_919_999
+            })
+        );
     }
 
     #[test]

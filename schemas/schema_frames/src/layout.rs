@@ -1,13 +1,16 @@
-//! The layouts as data: name, offset and type of every field, for the golden test, `SPEC.md` and readers in other languages.
+//! The layouts as data: name, offset and type of every field, for the golden test, `SPEC.md` and
+//! readers in other languages.
 //!
-//! The list repeats field names and types; the compiler checks both, and a test that the fields leave no byte of a struct out.
+//! The list repeats field names and types; the compiler checks both, and a test that the fields
+//! leave no byte of a struct out.
 
 use schema_types::Pose;
 
 use crate::control::{ControlHeader, VehicleControlRecord};
 use crate::{
-    AckRecord, ActorRecord, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader, GnssSample, ImuSample, LaneCrossing, LidarPoint,
-    ObstacleEvent, RadarDetection, SemanticLidarPoint, SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart,
+    AckRecord, ActorRecord, CollisionEvent, DocumentHeader, DvsEvent, FrameHeader, GnssSample,
+    ImuSample, LaneCrossing, LidarPoint, ObstacleEvent, RadarDetection, SemanticLidarPoint,
+    SnapshotHeader, TrafficLightPart, TrafficSignPart, VehiclePart, WalkerPart,
     command::RequestHeader,
 };
 
@@ -134,10 +137,18 @@ mod tests {
         for layout in all() {
             let mut end = 0;
             for field in &layout.fields {
-                assert_eq!(field.offset, end, "{}.{} leaves a gap", layout.name, field.name);
+                assert_eq!(
+                    field.offset, end,
+                    "{}.{} leaves a gap",
+                    layout.name, field.name
+                );
                 end += field.size;
             }
-            assert_eq!(end, layout.size, "{} has bytes without a field", layout.name);
+            assert_eq!(
+                end, layout.size,
+                "{} has bytes without a field",
+                layout.name
+            );
         }
     }
 }

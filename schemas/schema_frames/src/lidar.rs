@@ -2,7 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// One lidar return. 16 bytes, no padding. Points come channel after channel, azimuth rising within each.
+/// One lidar return. 16 bytes, no padding. Points come channel after channel, azimuth rising within
+/// each.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct LidarPoint {
@@ -32,4 +33,5 @@ pub struct SemanticLidarPoint {
     /// Beam number, 0 is the highest elevation.
     pub channel: u16,
 }
-const _: () = assert!(size_of::<SemanticLidarPoint>() == 24 && align_of::<SemanticLidarPoint>() == 4);
+const _: () =
+    assert!(size_of::<SemanticLidarPoint>() == 24 && align_of::<SemanticLidarPoint>() == 4);

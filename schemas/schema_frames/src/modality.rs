@@ -1,4 +1,5 @@
-//! What a frame shows: the last segment of a topic, its encoding number and the size of one element.
+//! What a frame shows: the last segment of a topic, its encoding number and the size of one
+//! element.
 
 /// Kind of sensor, as in [`crate::FrameHeader::kind`].
 #[repr(u16)]
@@ -21,7 +22,16 @@ pub enum SensorKind {
 impl SensorKind {
     /// The kind with this number, if there is one.
     pub fn from_code(code: u16) -> Option<Self> {
-        [Self::Camera, Self::Lidar, Self::Radar, Self::Imu, Self::Gnss, Self::Event].into_iter().find(|k| *k as u16 == code)
+        [
+            Self::Camera,
+            Self::Lidar,
+            Self::Radar,
+            Self::Imu,
+            Self::Gnss,
+            Self::Event,
+        ]
+        .into_iter()
+        .find(|k| *k as u16 == code)
     }
 }
 
@@ -63,7 +73,8 @@ modalities! {
     Semantic = 3, "semantic", 1, Camera;
     /// `height × width` `u32` object id; 0 is the background.
     Instance = 4, "instance", 4, Camera;
-    /// `height × width` pairs of `f32`, pixels: where this point is now minus where it was at the previous firing; x right, y down.
+    /// `height × width` pairs of `f32`, pixels: where this point is now minus where it was at the
+    /// previous firing; x right, y down.
     Flow = 5, "flow", 8, Camera;
     /// `height × width` four `f16`: unit normal in world space, 0.
     Normals = 6, "normals", 8, Camera;
@@ -98,9 +109,13 @@ impl Modality {
         Self::ALL.iter().copied().find(|m| m.name() == name)
     }
 
-    /// Whether frames are sent only for ticks in which something happened. Their `seq` counts those, read or not.
+    /// Whether frames are sent only for ticks in which something happened. Their `seq` counts
+    /// those, read or not.
     pub const fn is_event(self) -> bool {
-        matches!(self, Modality::Collision | Modality::LaneInvasion | Modality::Obstacle)
+        matches!(
+            self,
+            Modality::Collision | Modality::LaneInvasion | Modality::Obstacle
+        )
     }
 
     /// Whether frames are `height × width` images; the others are lists with height 1.

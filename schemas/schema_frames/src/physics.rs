@@ -1,12 +1,15 @@
-//! How a vehicle moves: its physical data, what can be done to its body, and what its wheels feel. JSON, as everything in commands.
+//! How a vehicle moves: its physical data, what can be done to its body, and what its wheels feel.
+//! JSON, as everything in commands.
 
 use serde::{Deserialize, Serialize};
 
-/// Physical data of one vehicle; `set_vehicle_physics` replaces all of it, `get_vehicle_physics` reads it back.
+/// Physical data of one vehicle; `set_vehicle_physics` replaces all of it, `get_vehicle_physics`
+/// reads it back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehiclePhysics {
-    /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm; straight lines between, flat before the first point and 0 after the last.
+    /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm; straight lines between, flat
+    /// before the first point and 0 after the last.
     pub torque_curve: Vec<[f32; 2]>,
     /// Beyond this the engine gives no torque, rpm.
     pub max_rpm: f32,
@@ -34,11 +37,13 @@ pub struct VehiclePhysics {
     pub drag_coefficient: f32,
     /// Centre of mass in the vehicle: x forward, y left, z up from the ground, metres.
     pub center_of_mass_m: [f32; 3],
-    /// Share of the largest steering angle over speed: (m/s, ratio), rising speed; straight lines between. Empty is 1 everywhere.
+    /// Share of the largest steering angle over speed: (m/s, ratio), rising speed; straight lines
+    /// between. Empty is 1 everywhere.
     pub steering_curve: Vec<[f32; 2]>,
     /// Wheels: front left, front right, rear left, rear right, …; two-wheelers front, rear.
     pub wheels: Vec<WheelPhysics>,
-    /// Whether wheels feel the ground with their whole width and roundness instead of with one ray each.
+    /// Whether wheels feel the ground with their whole width and roundness instead of with one ray
+    /// each.
     pub sweep_wheels: bool,
 }
 
@@ -70,7 +75,8 @@ pub struct WheelPhysics {
     pub max_brake_nm: f32,
     /// Torque of the hand brake, N·m.
     pub max_hand_brake_nm: f32,
-    /// Longitudinal stiffness: kg of force per unit of slip at the wheel's load at rest (times 9.81 it is N).
+    /// Longitudinal stiffness: kg of force per unit of slip at the wheel's load at rest (times 9.81
+    /// it is N).
     pub long_stiffness_kg: f32,
     /// Lateral stiffness per load at rest and radian of slip angle, reached at `lat_load_limit`.
     pub lat_stiffness_per_rad: f32,
@@ -110,7 +116,10 @@ pub struct AckermannGains {
 impl Default for AckermannGains {
     /// CARLA's.
     fn default() -> Self {
-        AckermannGains { speed: [0.15, 0.0, 0.25], acceleration: [0.01, 0.0, 0.01] }
+        AckermannGains {
+            speed: [0.15, 0.0, 0.25],
+            acceleration: [0.01, 0.0, 0.01],
+        }
     }
 }
 
@@ -142,7 +151,8 @@ pub enum PhysicsAction {
         /// rad/s.
         angular_velocity_in_world_radps: [f64; 3],
     },
-    /// Holds a velocity of the vehicle's own axes (x forward, y left) until it is taken back with `null`; falling stays.
+    /// Holds a velocity of the vehicle's own axes (x forward, y left) until it is taken back with
+    /// `null`; falling stays.
     HoldVelocity {
         /// m/s.
         velocity_in_vehicle_mps: Option<[f64; 3]>,
@@ -178,7 +188,8 @@ pub enum PhysicsAction {
         /// On or off.
         enabled: bool,
     },
-    /// Whether the engine moves it; without, only `set_pose` does, and its velocity is its displacement over the tick.
+    /// Whether the engine moves it; without, only `set_pose` does, and its velocity is its
+    /// displacement over the tick.
     SetSimulated {
         /// On or off.
         enabled: bool,
@@ -278,11 +289,26 @@ mod tests {
             {"do":"physics","actor_id":9,"action":{"act":"hold_velocity","velocity_in_vehicle_mps":null}},
             {"do":"physics","actor_id":9,"action":{"act":"get_telemetry"}}]}"#;
         let batch: CommandBatch = serde_json::from_str(text).unwrap();
-        let action = PhysicsAction::AddImpulse { impulse_in_world_ns: [1.0, 2.0, 3.0], point_in_world_m: None };
-        assert_eq!(batch.commands[0], Command::Physics { actor_id: 9, action });
-        let again: CommandBatch = serde_json::from_str(&serde_json::to_string(&batch).unwrap()).unwrap();
+        let action = PhysicsAction::AddImpulse {
+            impulse_in_world_ns: [1.0, 2.0, 3.0],
+            point_in_world_m: None,
+        };
+        assert_eq!(
+            batch.commands[0],
+            Command::Physics {
+                actor_id: 9,
+                action
+            }
+        );
+        let again: CommandBatch =
+            serde_json::from_str(&serde_json::to_string(&batch).unwrap()).unwrap();
         assert_eq!(batch, again);
         let wrong = r#"{"v":1,"commands":[{"do":"physics","actor_id":9,"action":{"act":"set_gravity","enabled":true,"pull":2}}]}"#;
-        assert!(serde_json::from_str::<CommandBatch>(wrong).unwrap_err().to_string().contains("pull"));
+        assert!(
+            serde_json::from_str::<CommandBatch>(wrong)
+                .unwrap_err()
+                .to_string()
+                .contains("pull")
+        );
     }
 }

@@ -13,7 +13,8 @@ pub struct SceneryObjectInfo {
     pub name: String,
     /// Semantic class of most of it.
     pub class: u8,
-    /// Bit of its layer as CARLA counts them; 0 for roads, signs, traffic lights, bridges and terrain, which belong to none.
+    /// Bit of its layer as CARLA counts them; 0 for roads, signs, traffic lights, bridges and
+    /// terrain, which belong to none.
     pub layer: u16,
     /// Where it stands, world.
     pub pose: PoseText,

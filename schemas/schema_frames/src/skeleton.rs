@@ -10,12 +10,14 @@ use crate::document::PoseText;
 pub enum SkeletonAction {
     /// Answers with every bone as it is now.
     Read,
-    /// Holds bones relative to their parents in the walker's own pose; the others of it stay as they were, or as a standing body holds them.
+    /// Holds bones relative to their parents in the walker's own pose; the others of it stay as
+    /// they were, or as a standing body holds them.
     Hold {
         /// The bones.
         bones: Vec<HeldBone>,
     },
-    /// Shows the own pose instead of the gait by this share: 0 the gait alone, 1 the own pose alone.
+    /// Shows the own pose instead of the gait by this share: 0 the gait alone, 1 the own pose
+    /// alone.
     Blend {
         /// 0 to 1.
         ratio: f64,

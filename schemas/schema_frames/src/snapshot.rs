@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 /// "GSNP" read as a little-endian `u32`.
 pub const SNAPSHOT_MAGIC: u32 = u32::from_le_bytes(*b"GSNP");
 
-/// User header of a snapshot: iceoryx2 type name `GantrySnapshotHeader`, 128 bytes. The payload is `n_actors` [`ActorRecord`]s by rising id.
+/// User header of a snapshot: iceoryx2 type name `GantrySnapshotHeader`, 128 bytes. The payload is
+/// `n_actors` [`ActorRecord`]s by rising id.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct SnapshotHeader {
@@ -31,7 +32,8 @@ pub struct SnapshotHeader {
     pub n_actors: u32,
     /// Revision of `world/actors` that lists exactly these actors.
     pub actors_revision: u64,
-    /// Bit 0: map or layers changed with this tick. Bit 1: street lights changed. Bit 2: the world went back to a checkpoint before this tick.
+    /// Bit 0: map or layers changed with this tick. Bit 1: street lights changed. Bit 2: the world
+    /// went back to a checkpoint before this tick.
     pub flags: u32,
     /// Zero.
     pub reserved0: u32,
@@ -50,7 +52,8 @@ impl SnapshotHeader {
     pub const SCENERY_CHANGED: u32 = 1;
     /// Flag: lamps of the scenery changed before this tick.
     pub const LAMPS_CHANGED: u32 = 2;
-    /// Flag: the world went back to a checkpoint before this tick; poses jump, the episode's time too.
+    /// Flag: the world went back to a checkpoint before this tick; poses jump, the episode's time
+    /// too.
     pub const RESTORED: u32 = 4;
 }
 
@@ -80,7 +83,18 @@ impl ActorKind {
     /// The kind with this number, if there is one.
     pub fn from_code(code: u16) -> Option<Self> {
         use ActorKind::*;
-        [Vehicle, Walker, TrafficLight, TrafficSign, Prop, Sensor, Spectator, Controller].into_iter().find(|k| *k as u16 == code)
+        [
+            Vehicle,
+            Walker,
+            TrafficLight,
+            TrafficSign,
+            Prop,
+            Sensor,
+            Spectator,
+            Controller,
+        ]
+        .into_iter()
+        .find(|k| *k as u16 == code)
     }
 }
 
@@ -100,7 +114,8 @@ pub struct ActorRecord {
     pub class: u8,
     /// Zero.
     pub reserved: u8,
-    /// Pose of the actor's origin in the world. Vehicles: on the ground between the axles. Walkers: middle of the body.
+    /// Pose of the actor's origin in the world. Vehicles: on the ground between the axles. Walkers:
+    /// middle of the body.
     pub world_from_actor: Pose,
     /// Velocity of the origin, m/s.
     pub velocity_in_world_mps: [f64; 3],
@@ -112,7 +127,8 @@ pub struct ActorRecord {
     pub half_box_m: [f32; 3],
     /// [`ActorRecord::PHYSICS`] and the other flag bits.
     pub flags: u32,
-    /// [`VehiclePart`], [`TrafficLightPart`], [`TrafficSignPart`] or [`WalkerPart`] by kind; zero otherwise.
+    /// [`VehiclePart`], [`TrafficLightPart`], [`TrafficSignPart`] or [`WalkerPart`] by kind; zero
+    /// otherwise.
     pub part: [u8; 96],
 }
 const _: () = assert!(size_of::<ActorRecord>() == 256 && align_of::<ActorRecord>() == 8);
@@ -137,12 +153,14 @@ impl ActorRecord {
 
     /// The traffic light's part, if it is one.
     pub fn traffic_light(&self) -> Option<TrafficLightPart> {
-        (self.kind() == Some(ActorKind::TrafficLight)).then(|| bytemuck::pod_read_unaligned(&self.part))
+        (self.kind() == Some(ActorKind::TrafficLight))
+            .then(|| bytemuck::pod_read_unaligned(&self.part))
     }
 
     /// The traffic sign's part, if it is one.
     pub fn traffic_sign(&self) -> Option<TrafficSignPart> {
-        (self.kind() == Some(ActorKind::TrafficSign)).then(|| bytemuck::pod_read_unaligned(&self.part))
+        (self.kind() == Some(ActorKind::TrafficSign))
+            .then(|| bytemuck::pod_read_unaligned(&self.part))
     }
 
     /// The walker's part, if it is one.
@@ -173,7 +191,8 @@ pub struct VehiclePart {
     pub steer_ratio: f32,
     /// Applied control.
     pub brake_ratio: f32,
-    /// Bit 0 hand brake, 1 reverse, 2 manual gear shift; bit 8: it lies on its side or roof; bits 16–31: four for each door, front left to
+    /// Bit 0 hand brake, 1 reverse, 2 manual gear shift; bit 8: it lies on its side or roof; bits
+    /// 16–31: four for each door, front left to
     /// rear right, 0 shut to 15 open.
     pub control_flags: u32,
     /// Gear engaged: −1, 0, 1..
@@ -182,7 +201,8 @@ pub struct VehiclePart {
     pub engine_radps: f32,
     /// Speed limit here, m/s; 0 if unknown.
     pub speed_limit_mps: f32,
-    /// Lamps: 1 position, 2 low beam, 4 high beam, 8 brake, 16 right blinker, 32 left blinker, 64 reverse, 128 fog, 256 interior, 512 and 1024 special.
+    /// Lamps: 1 position, 2 low beam, 4 high beam, 8 brake, 16 right blinker, 32 left blinker, 64
+    /// reverse, 128 fog, 256 interior, 512 and 1024 special.
     pub lamps: u32,
     /// Traffic light whose stop box the vehicle is in; 0 if none.
     pub light_actor_id: u32,
@@ -219,7 +239,10 @@ impl LightState {
     /// The state with this number; any other is `Unknown`.
     pub fn from_code(code: u32) -> Self {
         use LightState::*;
-        [Red, Yellow, Green, Off].into_iter().find(|s| *s as u32 == code).unwrap_or(Unknown)
+        [Red, Yellow, Green, Off]
+            .into_iter()
+            .find(|s| *s as u32 == code)
+            .unwrap_or(Unknown)
     }
 
     /// Lower-case English name, as in commands.
@@ -236,7 +259,9 @@ impl LightState {
     /// The state with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         use LightState::*;
-        [Red, Yellow, Green, Off, Unknown].into_iter().find(|s| s.name() == name)
+        [Red, Yellow, Green, Off, Unknown]
+            .into_iter()
+            .find(|s| s.name() == name)
     }
 }
 

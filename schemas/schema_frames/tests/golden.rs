@@ -1,13 +1,16 @@
-//! The contract outside Rust agrees with the types: the golden layout, the tables of `SPEC.md`, the constants of the Python package.
+//! The contract outside Rust agrees with the types: the golden layout, the tables of `SPEC.md`, the
+//! constants of the Python package.
 //!
-//! Each file is made anew here and compared. If one differs, the new one lies in target/ and the message has the command that takes it over.
+//! Each file is made anew here and compared. If one differs, the new one lies in target/ and the
+//! message has the command that takes it over.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use schema_frames::layout::{Layout, all};
 use schema_frames::{
-    ActorKind, LightState, Modality, SCHEMA_ATTRIBUTE, SCHEMA_VERSION, SensorKind, command, control, document, header, snapshot,
+    ActorKind, LightState, Modality, SCHEMA_ATTRIBUTE, SCHEMA_VERSION, SensorKind, command,
+    control, document, header, snapshot,
 };
 use schema_types::class::CLASSES;
 
@@ -19,7 +22,11 @@ fn check(path: &str, made: &str) {
     }
     let new = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(path.file_name().unwrap());
     std::fs::write(&new, made).unwrap();
-    let line = 1 + found.lines().zip(made.lines()).take_while(|(a, b)| a == b).count();
+    let line = 1 + found
+        .lines()
+        .zip(made.lines())
+        .take_while(|(a, b)| a == b)
+        .count();
     panic!(
         "{} does not agree with the Rust types from line {line} on. If the change is meant (and SCHEMA_VERSION was raised for a changed layout):\n  cp {} {}",
         path.display(),
@@ -34,7 +41,12 @@ fn layouts_are_the_golden_ones() {
     for layout in all() {
         writeln!(text, "\n{} {} {}", layout.name, layout.size, layout.align).unwrap();
         for field in &layout.fields {
-            writeln!(text, "  {} {} {} {}", field.name, field.offset, field.size, field.kind).unwrap();
+            writeln!(
+                text,
+                "  {} {} {} {}",
+                field.name, field.offset, field.size, field.kind
+            )
+            .unwrap();
         }
     }
     check("tests/golden/layout.txt", &text);
@@ -42,7 +54,11 @@ fn layouts_are_the_golden_ones() {
 
 /// Doc comment of a field, from the source: the table's last column.
 fn meaning(source: &str, name: &str, field: &str) -> String {
-    let body = source.split(&format!("pub struct {name} {{")).nth(1).and_then(|rest| rest.split("\n}").next()).unwrap_or("");
+    let body = source
+        .split(&format!("pub struct {name} {{"))
+        .nth(1)
+        .and_then(|rest| rest.split("\n}").next())
+        .unwrap_or("");
     let mut doc = Vec::new();
     for line in body.lines().map(str::trim) {
         if let Some(text) = line.strip_prefix("///") {
@@ -58,14 +74,22 @@ fn meaning(source: &str, name: &str, field: &str) -> String {
 
 /// Rust's links as code: "[`Modality`]" becomes "`Modality`", paths lose their front.
 fn plain(doc: &str) -> String {
-    doc.replace("[`", "`").replace("`]", "`").replace("crate::", "").replace('|', "\\|")
+    doc.replace("[`", "`")
+        .replace("`]", "`")
+        .replace("crate::", "")
+        .replace('|', "\\|")
 }
 
 fn table(layout: &Layout, source: &str) -> String {
     let mut text = String::from("| offset | type | field | meaning |\n|---|---|---|---|\n");
     for field in &layout.fields {
         let meaning = meaning(source, layout.name, field.name);
-        writeln!(text, "| {} | {} | `{}` | {meaning} |", field.offset, field.kind, field.name).unwrap();
+        writeln!(
+            text,
+            "| {} | {} | `{}` | {meaning} |",
+            field.offset, field.kind, field.name
+        )
+        .unwrap();
     }
     text
 }
@@ -86,22 +110,39 @@ fn tables_of_the_specification_agree_with_the_types() {
     let mut shown = Vec::new();
     while let Some((before, after)) = rest.split_once("<!-- layout ") {
         let (name, after) = after.split_once(" -->\n").expect("a marker ends its line");
-        let (_, after) = after.split_once("<!-- end -->").expect("a table ends with its marker");
-        let layout =
-            layouts.iter().find(|layout| layout.name == name).unwrap_or_else(|| panic!("SPEC.md shows {name}, which is no layout"));
-        write!(made, "{before}<!-- layout {name} -->\n{}<!-- end -->", table(layout, &source)).unwrap();
+        let (_, after) = after
+            .split_once("<!-- end -->")
+            .expect("a table ends with its marker");
+        let layout = layouts
+            .iter()
+            .find(|layout| layout.name == name)
+            .unwrap_or_else(|| panic!("SPEC.md shows {name}, which is no layout"));
+        write!(
+            made,
+            "{before}<!-- layout {name} -->\n{}<!-- end -->",
+            table(layout, &source)
+        )
+        .unwrap();
         shown.push(name.to_string());
         rest = after;
     }
     made += rest;
-    let hidden: Vec<_> = layouts.iter().map(|layout| layout.name).filter(|name| !shown.iter().any(|s| s == name)).collect();
+    let hidden: Vec<_> = layouts
+        .iter()
+        .map(|layout| layout.name)
+        .filter(|name| !shown.iter().any(|s| s == name))
+        .collect();
     assert!(hidden.is_empty(), "SPEC.md lacks a table of {hidden:?}");
     check("SPEC.md", &made);
 }
 
 /// `f64` as numpy writes it.
 fn numpy_type(kind: &str) -> String {
-    let (element, shape) = match kind.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).and_then(|rest| rest.split_once("; ")) {
+    let (element, shape) = match kind
+        .strip_prefix('[')
+        .and_then(|rest| rest.strip_suffix(']'))
+        .and_then(|rest| rest.split_once("; "))
+    {
         Some((element, n)) => (element, format!("({n},)")),
         None => (kind, "()".to_string()),
     };
@@ -136,7 +177,11 @@ fn constants_of_the_python_package_agree_with_the_types() {
     let mut py = String::from(
         "\"\"\"Layouts and numbers of the frame contract, made from the Rust types by `cargo test -p schema_frames`. Do not edit.\"\"\"\n\nfrom __future__ import annotations\n\n",
     );
-    writeln!(py, "SCHEMA_VERSION = {SCHEMA_VERSION}\nSCHEMA_ATTRIBUTE = \"{SCHEMA_ATTRIBUTE}\"").unwrap();
+    writeln!(
+        py,
+        "SCHEMA_VERSION = {SCHEMA_VERSION}\nSCHEMA_ATTRIBUTE = \"{SCHEMA_ATTRIBUTE}\""
+    )
+    .unwrap();
     for (name, value) in [
         ("FRAME_MAGIC", header::FRAME_MAGIC),
         ("SNAPSHOT_MAGIC", snapshot::SNAPSHOT_MAGIC),
@@ -149,29 +194,62 @@ fn constants_of_the_python_package_agree_with_the_types() {
     }
     py += "\n# name: (type name on the bus or None, size, [(field, numpy type, shape, offset), ...])\nSTRUCTS: dict[str, tuple] = {\n";
     for layout in all() {
-        let on_bus = layout.on_bus.map_or("None".to_string(), |name| format!("\"{name}\""));
+        let on_bus = layout
+            .on_bus
+            .map_or("None".to_string(), |name| format!("\"{name}\""));
         writeln!(py, "    \"{}\": ({on_bus}, {}, [", layout.name, layout.size).unwrap();
         for field in &layout.fields {
-            writeln!(py, "        (\"{}\", {}, {}),", field.name, numpy_type(field.kind), field.offset).unwrap();
+            writeln!(
+                py,
+                "        (\"{}\", {}, {}),",
+                field.name,
+                numpy_type(field.kind),
+                field.offset
+            )
+            .unwrap();
         }
         py += "    ]),\n";
     }
     py += "}\n\n# number: (name, bytes of an element, kind of sensor)\nMODALITIES: dict[int, tuple[str, int, str]] = {\n";
     for modality in Modality::ALL {
         let kind = snake(&format!("{:?}", modality.sensor_kind()));
-        writeln!(py, "    {}: (\"{}\", {}, \"{kind}\"),", *modality as u16, modality.name(), modality.element_bytes()).unwrap();
+        writeln!(
+            py,
+            "    {}: (\"{}\", {}, \"{kind}\"),",
+            *modality as u16,
+            modality.name(),
+            modality.element_bytes()
+        )
+        .unwrap();
     }
     py += "}\n\nSENSOR_KINDS: dict[int, str] = {\n";
     for kind in (0..100).filter_map(SensorKind::from_code) {
-        writeln!(py, "    {}: \"{}\",", kind as u16, snake(&format!("{kind:?}"))).unwrap();
+        writeln!(
+            py,
+            "    {}: \"{}\",",
+            kind as u16,
+            snake(&format!("{kind:?}"))
+        )
+        .unwrap();
     }
     py += "}\n\nACTOR_KINDS: dict[int, str] = {\n";
     for kind in (0..100).filter_map(ActorKind::from_code) {
-        writeln!(py, "    {}: \"{}\",", kind as u16, snake(&format!("{kind:?}"))).unwrap();
+        writeln!(
+            py,
+            "    {}: \"{}\",",
+            kind as u16,
+            snake(&format!("{kind:?}"))
+        )
+        .unwrap();
     }
     py += "}\n\nLIGHT_STATES: dict[int, str] = {\n";
     for code in 0..5 {
-        writeln!(py, "    {code}: \"{}\",", LightState::from_code(code).name()).unwrap();
+        writeln!(
+            py,
+            "    {code}: \"{}\",",
+            LightState::from_code(code).name()
+        )
+        .unwrap();
     }
     py += "}\n\n# Semantic classes; the index is the number. (name, sRGB colour)\nCLASSES: list[tuple[str, tuple[int, int, int]]] = [\n";
     for class in CLASSES {
@@ -195,12 +273,32 @@ fn frame(modality: Modality) -> Vec<u8> {
         header.row_stride = 16;
         header.payload_bytes = 20;
     }
-    (header.sensor_id, header.tick, header.seq, header.episode, header.flags) = (31, 1 << 40, 7, 2, 1);
-    (header.sim_nanos, header.window_nanos, header.epoch) = (123_456_789_012, 50_000_000, u64::MAX - 1);
-    header.world_from_sensor = schema_types::Pose { translation_m: [1.5, -2.0, 0.25], rotation_xyzw: [0.0, 0.0, 0.6, 0.8] };
+    (
+        header.sensor_id,
+        header.tick,
+        header.seq,
+        header.episode,
+        header.flags,
+    ) = (31, 1 << 40, 7, 2, 1);
+    (header.sim_nanos, header.window_nanos, header.epoch) =
+        (123_456_789_012, 50_000_000, u64::MAX - 1);
+    header.world_from_sensor = schema_types::Pose {
+        translation_m: [1.5, -2.0, 0.25],
+        rotation_xyzw: [0.0, 0.0, 0.6, 0.8],
+    };
     header.intrinsics_px = [400.0, 401.0, 2.0, 1.0];
-    (header.range_limit_m, header.azimuth_rad, header.parent_id, header.n_channels) = (120.0, 0.5, 24, 64);
-    (header.rendered_mono_nanos, header.published_mono_nanos, header.cpu_copies, header.ticks_in_flight) = (5, 6, 1, 2);
+    (
+        header.range_limit_m,
+        header.azimuth_rad,
+        header.parent_id,
+        header.n_channels,
+    ) = (120.0, 0.5, 24, 64);
+    (
+        header.rendered_mono_nanos,
+        header.published_mono_nanos,
+        header.cpu_copies,
+        header.ticks_in_flight,
+    ) = (5, 6, 1, 2);
     let mut bytes = bytemuck::bytes_of(&header).to_vec();
     bytes.extend((0..header.payload_bytes as usize).map(|i| match modality {
         // Exponents that are neither infinite nor NaN, so that values compare.

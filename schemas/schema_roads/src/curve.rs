@@ -1,6 +1,7 @@
 //! Plan-view geometry of a reference line in f64: line, arc, clothoid, cubic and parametric cubic.
 //!
-//! Every curve is evaluated from its definition. Clothoids are integrated with Gauss–Legendre quadrature;
+//! Every curve is evaluated from its definition. Clothoids are integrated with Gauss–Legendre
+//! quadrature;
 //! cubics are inverted from arc length with a table and Newton steps.
 
 /// Point, heading and curvature on a plan-view curve.
@@ -68,8 +69,17 @@ fn arc(k: f64, s: f64) -> (f64, f64, f64, f64) {
     let turn = k * s;
     // sin(x)/x and (1 − cos x)/x without cancellation near zero.
     let half = 0.5 * turn;
-    let sinc_half = if half.abs() < 1e-6 { 1.0 - half * half / 6.0 } else { half.sin() / half };
-    (s * sinc_half * half.cos(), s * sinc_half * half.sin(), turn, k)
+    let sinc_half = if half.abs() < 1e-6 {
+        1.0 - half * half / 6.0
+    } else {
+        half.sin() / half
+    };
+    (
+        s * sinc_half * half.cos(),
+        s * sinc_half * half.sin(),
+        turn,
+        k,
+    )
 }
 
 /// A clothoid, with its points at the ends of equal pieces integrated beforehand.
@@ -82,14 +92,23 @@ pub(crate) struct Spiral {
 }
 
 impl Spiral {
-    /// Curvature changes evenly from start to end. Curves tighter than the number of pieces allows are drawn coarsely.
+    /// Curvature changes evenly from start to end. Curves tighter than the number of pieces allows
+    /// are drawn coarsely.
     pub fn new(start_per_m: f64, end_per_m: f64, length_m: f64) -> Spiral {
         let most = (4.0 * length_m).clamp(8.0, MAX_INTERVALS as f64);
-        let pieces = (length_m * start_per_m.abs().max(end_per_m.abs()) / TURN_PER_PIECE_RAD).ceil().clamp(1.0, most);
-        let mut spiral =
-            Spiral { start_per_m, rate_per_m2: (end_per_m - start_per_m) / length_m, piece_m: length_m / pieces, knots: vec![[0.0; 2]] };
+        let pieces = (length_m * start_per_m.abs().max(end_per_m.abs()) / TURN_PER_PIECE_RAD)
+            .ceil()
+            .clamp(1.0, most);
+        let mut spiral = Spiral {
+            start_per_m,
+            rate_per_m2: (end_per_m - start_per_m) / length_m,
+            piece_m: length_m / pieces,
+            knots: vec![[0.0; 2]],
+        };
         for piece in 1..=pieces as usize {
-            spiral.knots.push(spiral.beyond_knot(piece - 1, piece as f64 * spiral.piece_m));
+            spiral
+                .knots
+                .push(spiral.beyond_knot(piece - 1, piece as f64 * spiral.piece_m));
         }
         spiral
     }
@@ -136,11 +155,18 @@ fn poly(c: &[f64; 4], p: f64) -> (f64, f64, f64) {
 }
 
 impl ParamCurve {
-    /// The curve over the parameters 0..`parameter_end`, whose ends are the ends of the record; `None` if it is degenerate.
+    /// The curve over the parameters 0..`parameter_end`, whose ends are the ends of the record;
+    /// `None` if it is degenerate.
     pub fn new(u: [f64; 4], v: [f64; 4], parameter_end: f64, length_m: f64) -> Option<Self> {
         let arc_m = arc_table(&u, &v, parameter_end, length_m)?;
         let arc_per_length = arc_m.last()? / length_m;
-        (arc_per_length.is_finite() && arc_per_length > 1e-6).then_some(ParamCurve { u, v, parameter_end, arc_m, arc_per_length })
+        (arc_per_length.is_finite() && arc_per_length > 1e-6).then_some(ParamCurve {
+            u,
+            v,
+            parameter_end,
+            arc_m,
+            arc_per_length,
+        })
     }
 
     /// `v = a + b·u + c·u² + d·u³` as far as `length_m` along the curve.
@@ -164,7 +190,11 @@ impl ParamCurve {
     /// Parameter at which the curve is `arc` metres long.
     fn parameter(&self, arc: f64) -> f64 {
         let intervals = self.arc_m.len() - 1;
-        let idx = self.arc_m.partition_point(|a| *a <= arc).clamp(1, intervals) - 1;
+        let idx = self
+            .arc_m
+            .partition_point(|a| *a <= arc)
+            .clamp(1, intervals)
+            - 1;
         let step = self.parameter_end / intervals as f64;
         let span = (self.arc_m[idx + 1] - self.arc_m[idx]).max(1e-12);
         let start = idx as f64 * step;
@@ -180,14 +210,28 @@ impl ParamCurve {
         let p = self.parameter(ds_m * self.arc_per_length);
         let ((u, du, ddu), (v, dv, ddv)) = (poly(&self.u, p), poly(&self.v, p));
         let speed = du.hypot(dv).max(1e-9);
-        (u, v, dv.atan2(du), (du * ddv - dv * ddu) / (speed * speed * speed))
+        (
+            u,
+            v,
+            dv.atan2(du),
+            (du * ddv - dv * ddu) / (speed * speed * speed),
+        )
     }
 }
 
 /// Length of the curve between two parameters.
 fn arc_length(u: &[f64; 4], v: &[f64; 4], from: f64, to: f64) -> f64 {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-    GAUSS.iter().map(|(node, weight)| weight * poly(u, middle + half * node).1.hypot(poly(v, middle + half * node).1)).sum::<f64>() * half
+    GAUSS
+        .iter()
+        .map(|(node, weight)| {
+            weight
+                * poly(u, middle + half * node)
+                    .1
+                    .hypot(poly(v, middle + half * node).1)
+        })
+        .sum::<f64>()
+        * half
 }
 
 fn arc_table(u: &[f64; 4], v: &[f64; 4], parameter_end: f64, length_m: f64) -> Option<Vec<f64>> {
@@ -208,12 +252,24 @@ mod tests {
     use super::*;
 
     fn geometry(shape: Shape, length_m: f64) -> Geometry {
-        Geometry { s_m: 0.0, x_m: 1.0, y_m: 2.0, heading_rad: 0.3, length_m, shape }
+        Geometry {
+            s_m: 0.0,
+            x_m: 1.0,
+            y_m: 2.0,
+            heading_rad: 0.3,
+            length_m,
+            shape,
+        }
     }
 
     #[test]
     fn arc_lies_on_its_circle() {
-        let g = geometry(Shape::Arc { curvature_per_m: 0.05 }, 40.0);
+        let g = geometry(
+            Shape::Arc {
+                curvature_per_m: 0.05,
+            },
+            40.0,
+        );
         let (cx, cy) = (1.0 - 20.0 * 0.3f64.sin(), 2.0 + 20.0 * 0.3f64.cos());
         for i in 0..=40 {
             let p = g.at(i as f64);
@@ -240,12 +296,20 @@ mod tests {
     #[test]
     fn parametric_quarter_of_a_parabola_is_walked_at_unit_speed() {
         let (u, v) = ([0.0, 10.0, 5.0, 0.0], [0.0, 0.0, 12.0, -3.0]);
-        let length = (0..1000).map(|i| arc_length(&u, &v, i as f64 / 1000.0, (i + 1) as f64 / 1000.0)).sum::<f64>();
-        let g = geometry(Shape::Param(ParamCurve::new(u, v, 1.0, length).unwrap()), length);
+        let length = (0..1000)
+            .map(|i| arc_length(&u, &v, i as f64 / 1000.0, (i + 1) as f64 / 1000.0))
+            .sum::<f64>();
+        let g = geometry(
+            Shape::Param(ParamCurve::new(u, v, 1.0, length).unwrap()),
+            length,
+        );
         let mut walked = 0.0;
         let n = 20_000;
         for i in 0..n {
-            let (a, b) = (g.at(length * i as f64 / n as f64), g.at(length * (i + 1) as f64 / n as f64));
+            let (a, b) = (
+                g.at(length * i as f64 / n as f64),
+                g.at(length * (i + 1) as f64 / n as f64),
+            );
             walked += (a.x_m - b.x_m).hypot(a.y_m - b.y_m);
             assert!(((a.x_m - b.x_m).hypot(a.y_m - b.y_m) - length / n as f64).abs() < 1e-7);
         }

@@ -1,6 +1,7 @@
 //! The lane graph: which lane leads to which.
 //!
-//! Every contact of two lane ends is recorded once; the driving directions decide which way, if any, traffic passes it.
+//! Every contact of two lane ends is recorded once; the driving directions decide which way, if
+//! any, traffic passes it.
 
 use std::collections::HashMap;
 
@@ -9,14 +10,25 @@ use crate::raw::{End, RawMap, Road, RoadLink};
 
 /// Lanes of the map by rising key, without links.
 pub(crate) fn lanes(map: &RawMap) -> Vec<Lane> {
-    let numbers: HashMap<&str, u32> = map.junctions.iter().map(|j| (j.id.as_str(), j.number)).collect();
+    let numbers: HashMap<&str, u32> = map
+        .junctions
+        .iter()
+        .map(|j| (j.id.as_str(), j.number))
+        .collect();
     let mut lanes = Vec::new();
     for (road_idx, road) in map.roads.iter().enumerate() {
-        let junction = road.junction.as_deref().map(|id| numbers.get(id).copied().unwrap_or(u32::MAX));
+        let junction = road
+            .junction
+            .as_deref()
+            .map(|id| numbers.get(id).copied().unwrap_or(u32::MAX));
         for (section_idx, section) in road.sections.iter().enumerate() {
             for raw in section.left.iter().chain(&section.right) {
                 lanes.push(Lane {
-                    key: LaneKey { road: road.number, section: section_idx as u16, lane: raw.id },
+                    key: LaneKey {
+                        road: road.number,
+                        section: section_idx as u16,
+                        lane: raw.id,
+                    },
                     kind: raw.kind,
                     length_m: section.end_m - section.start_m,
                     junction,
@@ -43,7 +55,10 @@ pub(crate) fn find(lanes: &[Lane], key: LaneKey) -> Option<usize> {
 /// Links lanes with each other and with their neighbours.
 pub(crate) fn link(map: &RawMap, lanes: &mut [Lane]) {
     neighbours(lanes);
-    let mut linker = Linker { roads: map.roads.iter().map(|r| (r.id.as_str(), r)).collect(), lanes };
+    let mut linker = Linker {
+        roads: map.roads.iter().map(|r| (r.id.as_str(), r)).collect(),
+        lanes,
+    };
     for road in &map.roads {
         linker.within(road);
         linker.road_ends(road);
@@ -61,13 +76,20 @@ fn neighbours(lanes: &mut [Lane]) {
     for idx in 0..lanes.len() {
         let Lane { key, forward, .. } = lanes[idx];
         let side = |step: i8| {
-            let id = key.lane.checked_add(step).filter(|id| id.signum() == key.lane.signum())?;
+            let id = key
+                .lane
+                .checked_add(step)
+                .filter(|id| id.signum() == key.lane.signum())?;
             let other = find(lanes, LaneKey { lane: id, ..key })?;
             (lanes[other].forward == forward).then_some(lanes[other].key)
         };
         // Ids rise to the left of the road's s.
         let (greater, smaller) = (side(1), side(-1));
-        (lanes[idx].left, lanes[idx].right) = if forward { (greater, smaller) } else { (smaller, greater) };
+        (lanes[idx].left, lanes[idx].right) = if forward {
+            (greater, smaller)
+        } else {
+            (smaller, greater)
+        };
     }
 }
 
@@ -77,11 +99,17 @@ struct Linker<'m, 'l> {
 }
 
 impl<'m> Linker<'m, '_> {
-    /// Two lane ends touch: traffic passes from the one that is left there to the one that is entered there.
+    /// Two lane ends touch: traffic passes from the one that is left there to the one that is
+    /// entered there.
     fn touch(&mut self, a: LaneKey, a_end: End, b: LaneKey, b_end: End) {
-        let (Some(a_idx), Some(b_idx)) = (find(self.lanes, a), find(self.lanes, b)) else { return };
+        let (Some(a_idx), Some(b_idx)) = (find(self.lanes, a), find(self.lanes, b)) else {
+            return;
+        };
         let leaves = |lane: &Lane, end: End| lane.forward == (end == End::Finish);
-        match (leaves(&self.lanes[a_idx], a_end), leaves(&self.lanes[b_idx], b_end)) {
+        match (
+            leaves(&self.lanes[a_idx], a_end),
+            leaves(&self.lanes[b_idx], b_end),
+        ) {
             (true, false) => self.edge(a_idx, b_idx),
             (false, true) => self.edge(b_idx, a_idx),
             _ => {}
@@ -97,15 +125,29 @@ impl<'m> Linker<'m, '_> {
     /// Links between the sections of one road.
     fn within(&mut self, road: &Road) {
         for (idx, pair) in road.sections.windows(2).enumerate() {
-            let key = |section: usize, lane: i8| LaneKey { road: road.number, section: section as u16, lane };
+            let key = |section: usize, lane: i8| LaneKey {
+                road: road.number,
+                section: section as u16,
+                lane,
+            };
             for lane in pair[0].left.iter().chain(&pair[0].right) {
                 for to in &lane.successors {
-                    self.touch(key(idx, lane.id), End::Finish, key(idx + 1, *to), End::Start);
+                    self.touch(
+                        key(idx, lane.id),
+                        End::Finish,
+                        key(idx + 1, *to),
+                        End::Start,
+                    );
                 }
             }
             for lane in pair[1].left.iter().chain(&pair[1].right) {
                 for from in &lane.predecessors {
-                    self.touch(key(idx, *from), End::Finish, key(idx + 1, lane.id), End::Start);
+                    self.touch(
+                        key(idx, *from),
+                        End::Finish,
+                        key(idx + 1, lane.id),
+                        End::Start,
+                    );
                 }
             }
         }
@@ -113,13 +155,31 @@ impl<'m> Linker<'m, '_> {
 
     /// Links from this road's ends to other roads.
     fn road_ends(&mut self, road: &Road) {
-        for (end, link) in [(End::Start, &road.predecessor), (End::Finish, &road.successor)] {
-            let Some(RoadLink::Road { id, contact }) = link else { continue };
-            let Some(other) = self.roads.get(id.as_str()).copied() else { continue };
-            let Some(contact) = contact.or_else(|| linked_end(other, &road.id)) else { continue };
+        for (end, link) in [
+            (End::Start, &road.predecessor),
+            (End::Finish, &road.successor),
+        ] {
+            let Some(RoadLink::Road { id, contact }) = link else {
+                continue;
+            };
+            let Some(other) = self.roads.get(id.as_str()).copied() else {
+                continue;
+            };
+            let Some(contact) = contact.or_else(|| linked_end(other, &road.id)) else {
+                continue;
+            };
             for lane in lanes_at(road, end) {
-                for to in if end == End::Start { &lane.predecessors } else { &lane.successors } {
-                    self.touch(end_key(road, end, lane.id), end, end_key(other, contact, *to), contact);
+                for to in if end == End::Start {
+                    &lane.predecessors
+                } else {
+                    &lane.successors
+                } {
+                    self.touch(
+                        end_key(road, end, lane.id),
+                        end,
+                        end_key(other, contact, *to),
+                        contact,
+                    );
                 }
             }
         }
@@ -128,12 +188,17 @@ impl<'m> Linker<'m, '_> {
     fn junctions(&mut self, map: &RawMap) {
         for junction in &map.junctions {
             for connection in &junction.connections {
-                let (Some(incoming), Some(connecting)) =
-                    (self.roads.get(connection.incoming.as_str()).copied(), self.roads.get(connection.connecting.as_str()).copied())
+                let (Some(incoming), Some(connecting)) = (
+                    self.roads.get(connection.incoming.as_str()).copied(),
+                    self.roads.get(connection.connecting.as_str()).copied(),
+                ) else {
+                    continue;
+                };
+                let Some(end) =
+                    incoming_end(incoming, connecting, connection.contact, &junction.id)
                 else {
                     continue;
                 };
-                let Some(end) = incoming_end(incoming, connecting, connection.contact, &junction.id) else { continue };
                 for (from, to) in &connection.lane_links {
                     let to = end_key(connecting, connection.contact, *to);
                     self.touch(end_key(incoming, end, *from), end, to, connection.contact);
@@ -144,13 +209,27 @@ impl<'m> Linker<'m, '_> {
 }
 
 fn lanes_at(road: &Road, end: End) -> impl Iterator<Item = &crate::raw::RawLane> {
-    let section = if end == End::Start { road.sections.first() } else { road.sections.last() };
-    section.into_iter().flat_map(|s| s.left.iter().chain(&s.right))
+    let section = if end == End::Start {
+        road.sections.first()
+    } else {
+        road.sections.last()
+    };
+    section
+        .into_iter()
+        .flat_map(|s| s.left.iter().chain(&s.right))
 }
 
 fn end_key(road: &Road, end: End, lane: i8) -> LaneKey {
-    let section = if end == End::Start { 0 } else { road.sections.len() - 1 };
-    LaneKey { road: road.number, section: section as u16, lane }
+    let section = if end == End::Start {
+        0
+    } else {
+        road.sections.len() - 1
+    };
+    LaneKey {
+        road: road.number,
+        section: section as u16,
+        lane,
+    }
 }
 
 /// The end of `road` whose link names the road `id`, if exactly one does.
@@ -163,15 +242,24 @@ fn linked_end(road: &Road, id: &str) -> Option<End> {
     }
 }
 
-/// The end of the incoming road that meets `connecting`'s `contact`: as the connecting road says, or where the junction is.
+/// The end of the incoming road that meets `connecting`'s `contact`: as the connecting road says,
+/// or where the junction is.
 fn incoming_end(incoming: &Road, connecting: &Road, contact: End, junction: &str) -> Option<End> {
-    let back = if contact == End::Start { &connecting.predecessor } else { &connecting.successor };
-    if let Some(RoadLink::Road { id, contact: Some(end) }) = back
+    let back = if contact == End::Start {
+        &connecting.predecessor
+    } else {
+        &connecting.successor
+    };
+    if let Some(RoadLink::Road {
+        id,
+        contact: Some(end),
+    }) = back
         && *id == incoming.id
     {
         return Some(*end);
     }
-    let is_here = |link: &Option<RoadLink>| matches!(link, Some(RoadLink::Junction { id }) if id == junction);
+    let is_here =
+        |link: &Option<RoadLink>| matches!(link, Some(RoadLink::Junction { id }) if id == junction);
     match (is_here(&incoming.predecessor), is_here(&incoming.successor)) {
         (true, false) => Some(End::Start),
         (false, true) => Some(End::Finish),
@@ -181,7 +269,13 @@ fn incoming_end(incoming: &Road, connecting: &Road, contact: End, junction: &str
 
 /// Number of the junction a road's end leads into.
 pub(crate) fn junction_at(map: &RawMap, road: &Road, end: End) -> Option<u32> {
-    let link = if end == End::Start { &road.predecessor } else { &road.successor };
-    let Some(RoadLink::Junction { id }) = link else { return None };
+    let link = if end == End::Start {
+        &road.predecessor
+    } else {
+        &road.successor
+    };
+    let Some(RoadLink::Junction { id }) = link else {
+        return None;
+    };
     map.junctions.iter().find(|j| j.id == *id).map(|j| j.number)
 }

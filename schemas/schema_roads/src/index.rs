@@ -21,7 +21,11 @@ impl Chord {
         let d: [f64; 3] = std::array::from_fn(|i| self.to_m[i] - self.from_m[i]);
         let r: [f64; 3] = std::array::from_fn(|i| p[i] - self.from_m[i]);
         let length2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-        let share = if length2 > 0.0 { ((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) / length2).clamp(0.0, 1.0) } else { 0.0 };
+        let share = if length2 > 0.0 {
+            ((r[0] * d[0] + r[1] * d[1] + r[2] * d[2]) / length2).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
         let e: [f64; 3] = std::array::from_fn(|i| r[i] - share * d[i]);
         (e[0] * e[0] + e[1] * e[1] + e[2] * e[2], share)
     }
@@ -58,23 +62,40 @@ impl Grid {
         }
         let area = (high[0] - low[0] + CELL_M) * (high[1] - low[1] + CELL_M);
         let longest = (high[0] - low[0]).max(high[1] - low[1]);
-        let cell_m = CELL_M.max((area / MAX_CELLS).sqrt()).max(longest / (MAX_CELLS / 4.0));
+        let cell_m = CELL_M
+            .max((area / MAX_CELLS).sqrt())
+            .max(longest / (MAX_CELLS / 4.0));
         let columns = ((high[0] - low[0]) / cell_m) as i64 + 1;
         let rows = ((high[1] - low[1]) / cell_m) as i64 + 1;
-        let mut grid = Grid { chords, origin_m: low, cell_m, columns, rows, starts: Vec::new(), entries: Vec::new() };
+        let mut grid = Grid {
+            chords,
+            origin_m: low,
+            cell_m,
+            columns,
+            rows,
+            starts: Vec::new(),
+            entries: Vec::new(),
+        };
         grid.fill();
         grid
     }
 
     fn cell(&self, x_m: f64, y_m: f64) -> (i64, i64) {
-        (((x_m - self.origin_m[0]) / self.cell_m).floor() as i64, ((y_m - self.origin_m[1]) / self.cell_m).floor() as i64)
+        (
+            ((x_m - self.origin_m[0]) / self.cell_m).floor() as i64,
+            ((y_m - self.origin_m[1]) / self.cell_m).floor() as i64,
+        )
     }
 
     /// Counting sort of the chords by the cell of their middle.
     fn fill(&mut self) {
         let cell_of = |chord: &Chord| {
-            let (column, row) = self.cell(0.5 * (chord.from_m[0] + chord.to_m[0]), 0.5 * (chord.from_m[1] + chord.to_m[1]));
-            (row.clamp(0, self.rows - 1) * self.columns + column.clamp(0, self.columns - 1)) as usize
+            let (column, row) = self.cell(
+                0.5 * (chord.from_m[0] + chord.to_m[0]),
+                0.5 * (chord.from_m[1] + chord.to_m[1]),
+            );
+            (row.clamp(0, self.rows - 1) * self.columns + column.clamp(0, self.columns - 1))
+                as usize
         };
         let cells: Vec<usize> = self.chords.iter().map(cell_of).collect();
         let mut starts = vec![0u32; (self.columns * self.rows) as usize + 1];
@@ -93,12 +114,23 @@ impl Grid {
         (self.starts, self.entries) = (starts, entries);
     }
 
-    /// The nearest chord of each lane that passes, for lanes within `slack_m` of the nearest, with the share of the chord at its foot.
-    /// Chords are shorter than `reach_m`, so one listed in a cell reaches at most half of that out of it.
-    pub fn near(&self, p: [f64; 3], reach_m: f64, slack_m: f64, mut passes: impl FnMut(u32) -> bool) -> Vec<(Chord, f64)> {
+    /// The nearest chord of each lane that passes, for lanes within `slack_m` of the nearest, with
+    /// the share of the chord at its foot.
+    /// Chords are shorter than `reach_m`, so one listed in a cell reaches at most half of that out
+    /// of it.
+    pub fn near(
+        &self,
+        p: [f64; 3],
+        reach_m: f64,
+        slack_m: f64,
+        mut passes: impl FnMut(u32) -> bool,
+    ) -> Vec<(Chord, f64)> {
         let (column, row) = self.cell(p[0], p[1]);
         // Rings count from the nearest cell inside the grid.
-        let (column, row) = (column.clamp(0, self.columns - 1), row.clamp(0, self.rows - 1));
+        let (column, row) = (
+            column.clamp(0, self.columns - 1),
+            row.clamp(0, self.rows - 1),
+        );
         let mut limit = f64::INFINITY;
         let mut found: Vec<(f64, Chord, f64)> = Vec::new();
         for ring in 0..=self.columns.max(self.rows) {
@@ -120,17 +152,34 @@ impl Grid {
                 found.retain(|f| f.0 <= limit);
             });
         }
-        found.into_iter().map(|(_, chord, share)| (chord, share)).collect()
+        found
+            .into_iter()
+            .map(|(_, chord, share)| (chord, share))
+            .collect()
     }
 
-    /// Least horizontal distance from `p` to the cells of the ring or beyond; sides beyond which the grid has none do not count.
+    /// Least horizontal distance from `p` to the cells of the ring or beyond; sides beyond which
+    /// the grid has none do not count.
     fn ring_distance(&self, p: [f64; 3], column: i64, row: i64, ring: i64) -> f64 {
         let side = |x: f64, origin: f64, cell: i64, cells: i64| {
-            let low = if cell - ring < 0 { f64::INFINITY } else { x - (origin + (cell - ring + 1) as f64 * self.cell_m) };
-            let high = if cell + ring >= cells { f64::INFINITY } else { origin + (cell + ring) as f64 * self.cell_m - x };
+            let low = if cell - ring < 0 {
+                f64::INFINITY
+            } else {
+                x - (origin + (cell - ring + 1) as f64 * self.cell_m)
+            };
+            let high = if cell + ring >= cells {
+                f64::INFINITY
+            } else {
+                origin + (cell + ring) as f64 * self.cell_m - x
+            };
             low.min(high)
         };
-        side(p[0], self.origin_m[0], column, self.columns).min(side(p[1], self.origin_m[1], row, self.rows))
+        side(p[0], self.origin_m[0], column, self.columns).min(side(
+            p[1],
+            self.origin_m[1],
+            row,
+            self.rows,
+        ))
     }
 
     /// Visits the cells whose larger distance in columns or rows is exactly `ring`.
@@ -138,10 +187,20 @@ impl Grid {
         let columns = (column - ring).max(0)..=(column + ring).min(self.columns - 1);
         let rows = (row - ring).max(0)..=(row + ring).min(self.rows - 1);
         let sides = if ring == 0 { &[0][..] } else { &[-1, 1][..] };
-        for r in sides.iter().map(|side| row + side * ring).filter(|r| rows.contains(r)) {
-            columns.clone().for_each(|c| self.visit_cell(c, r, &mut visit));
+        for r in sides
+            .iter()
+            .map(|side| row + side * ring)
+            .filter(|r| rows.contains(r))
+        {
+            columns
+                .clone()
+                .for_each(|c| self.visit_cell(c, r, &mut visit));
         }
-        for c in sides.iter().map(|side| column + side * ring).filter(|c| ring > 0 && columns.contains(c)) {
+        for c in sides
+            .iter()
+            .map(|side| column + side * ring)
+            .filter(|c| ring > 0 && columns.contains(c))
+        {
             // The corners belong to the rows above.
             let between = rows.clone().filter(|r| (r - row).abs() < ring);
             between.for_each(|r| self.visit_cell(c, r, &mut visit));

@@ -13,7 +13,11 @@ pub struct LaneKey {
 
 impl std::fmt::Display for LaneKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "road {} section {} lane {}", self.road, self.section, self.lane)
+        write!(
+            f,
+            "road {} section {} lane {}",
+            self.road, self.section, self.lane
+        )
     }
 }
 
@@ -22,7 +26,8 @@ impl std::fmt::Display for LaneKey {
 pub struct LanePosition {
     /// The lane.
     pub lane: LaneKey,
-    /// Distance from the lane's start in its driving direction, metres along the road's reference line.
+    /// Distance from the lane's start in its driving direction, metres along the road's reference
+    /// line.
     pub s_m: f64,
     /// Distance from the lane's middle, metres, positive to the left of the driving direction.
     pub offset_m: f64,
@@ -31,7 +36,11 @@ pub struct LanePosition {
 impl LanePosition {
     /// The middle of `lane`, `s_m` after its start.
     pub fn new(lane: LaneKey, s_m: f64) -> Self {
-        LanePosition { lane, s_m, offset_m: 0.0 }
+        LanePosition {
+            lane,
+            s_m,
+            offset_m: 0.0,
+        }
     }
 }
 
@@ -74,9 +83,8 @@ pub enum LaneKind {
 impl LaneKind {
     pub(crate) fn from_text(text: &str) -> LaneKind {
         match text {
-            "driving" | "entry" | "exit" | "onRamp" | "offRamp" | "connectingRamp" | "slipLane" | "HOV" | "mwyEntry" | "mwyExit" => {
-                LaneKind::Driving
-            }
+            "driving" | "entry" | "exit" | "onRamp" | "offRamp" | "connectingRamp" | "slipLane"
+            | "HOV" | "mwyEntry" | "mwyExit" => LaneKind::Driving,
             "bidirectional" => LaneKind::Bidirectional,
             "shoulder" => LaneKind::Shoulder,
             "border" => LaneKind::Border,
@@ -115,7 +123,8 @@ pub struct Lane {
     pub forward: bool,
     /// Station at which its section begins, metres.
     pub section_start_m: f64,
-    /// Next lane to the left in driving direction that traffic uses the same way; cars only change between drivable lanes.
+    /// Next lane to the left in driving direction that traffic uses the same way; cars only change
+    /// between drivable lanes.
     pub left: Option<LaneKey>,
     /// Next lane to the right in driving direction that traffic uses the same way.
     pub right: Option<LaneKey>,
@@ -127,11 +136,19 @@ pub struct Lane {
 impl Lane {
     /// Station of the road `s_m` after the lane's start.
     pub fn station_m(&self, s_m: f64) -> f64 {
-        if self.forward { self.section_start_m + s_m } else { self.section_start_m + self.length_m - s_m }
+        if self.forward {
+            self.section_start_m + s_m
+        } else {
+            self.section_start_m + self.length_m - s_m
+        }
     }
 
     /// Distance from the lane's start of a station of the road.
     pub fn s_at_station_m(&self, station_m: f64) -> f64 {
-        if self.forward { station_m - self.section_start_m } else { self.section_start_m + self.length_m - station_m }
+        if self.forward {
+            station_m - self.section_start_m
+        } else {
+            self.section_start_m + self.length_m - station_m
+        }
     }
 }

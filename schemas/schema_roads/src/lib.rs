@@ -1,7 +1,9 @@
 //! OpenDRIVE maps: lanes, the lane graph, positions on it, signals and marks.
 //!
-//! [`RoadMap::parse`] reads a text; everything else is a query. Positions are f64, evaluated from the curves' definitions.
-//! World space is OpenDRIVE's inertial space (x east, y north, z up), which is also the simulator's.
+//! [`RoadMap::parse`] reads a text; everything else is a query. Positions are f64, evaluated from
+//! the curves' definitions.
+//! World space is OpenDRIVE's inertial space (x east, y north, z up), which is also the
+//! simulator's.
 //! Superelevation, lateral shape, crossfall and the height of lanes are part of every position.
 
 #![forbid(unsafe_code)]
@@ -30,7 +32,9 @@ pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
 pub use objects::RoadObject;
 pub use parse::xml::MAX_TEXT_BYTES;
 pub use signals::{Controller, Crosswalk, Signal, SignalKind, SignalStop};
-pub use surface::{JunctionInfo, JunctionKind, LaneSurface, RoadInfo, SectionSurface, SurfaceMark, SurfaceSteps};
+pub use surface::{
+    JunctionInfo, JunctionKind, LaneSurface, RoadInfo, SectionSurface, SurfaceMark, SurfaceSteps,
+};
 
 /// How much is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -81,7 +85,9 @@ pub enum MapError {
     #[error("the file is not OpenDRIVE: its root element is <{0}> and must be <OpenDRIVE>")]
     NotOpenDrive(String),
     /// No road can be used.
-    #[error("the map has no usable road: each needs a <planView> with a geometry and <lanes> with a section")]
+    #[error(
+        "the map has no usable road: each needs a <planView> with a geometry and <lanes> with a section"
+    )]
     Empty,
     /// Beyond a limit.
     #[error("the map is too large: {0}")]

@@ -20,7 +20,8 @@ const MAX_CHORDS: f64 = 2.0e6;
 /// Length of a chord where the map is not gigantic, metres.
 const CHORD_M: f64 = 2.0;
 
-/// Most chords that are cut in two for a tight bend; a map that has more such bends is no road network.
+/// Most chords that are cut in two for a tight bend; a map that has more such bends is no road
+/// network.
 const MAX_HALVINGS: u32 = 100_000;
 
 /// A road network.
@@ -43,21 +44,45 @@ impl RoadMap {
         let raw = parse::parse(xodr_text)?;
         let mut lanes = graph::lanes(&raw);
         if lanes.len() > MAX_LANES {
-            return Err(MapError::TooLarge(format!("it has {} lanes; at most {MAX_LANES} are read", lanes.len())));
+            return Err(MapError::TooLarge(format!(
+                "it has {} lanes; at most {MAX_LANES} are read",
+                lanes.len()
+            )));
         }
         graph::link(&raw, &mut lanes);
         let signals = signals::signals(&raw, &lanes);
         let controllers = signals::controllers(&raw, &signals);
-        let crosswalks = raw.crosswalks.iter().map(|walk| signals::crosswalk(&raw, walk)).collect();
-        let objects = raw.objects.iter().map(|object| objects::object(&raw, object)).collect();
+        let crosswalks = raw
+            .crosswalks
+            .iter()
+            .map(|walk| signals::crosswalk(&raw, walk))
+            .collect();
+        let objects = raw
+            .objects
+            .iter()
+            .map(|object| objects::object(&raw, object))
+            .collect();
         let mut signal_stops: HashMap<LaneKey, Vec<(u32, SignalStop)>> = HashMap::new();
         for (idx, signal) in signals.iter().enumerate() {
             for stop in &signal.stops {
-                signal_stops.entry(stop.lane).or_default().push((idx as u32, *stop));
+                signal_stops
+                    .entry(stop.lane)
+                    .or_default()
+                    .push((idx as u32, *stop));
             }
         }
         let grid = Grid::new(Vec::new());
-        let mut map = RoadMap { raw, lanes, grid, chord_reach_m: 0.0, signals, controllers, crosswalks, objects, signal_stops };
+        let mut map = RoadMap {
+            raw,
+            lanes,
+            grid,
+            chord_reach_m: 0.0,
+            signals,
+            controllers,
+            crosswalks,
+            objects,
+            signal_stops,
+        };
         map.build_index();
         Ok(map)
     }
@@ -73,7 +98,16 @@ impl RoadMap {
             let mut from_m = self.middle_point(lane, 0.0);
             for i in 0..pieces {
                 let to_m = self.middle_point(lane, at(i + 1));
-                self.add_chords(&mut chords, Chord { from_m, to_m, lane: idx as u32, s_m: [at(i), at(i + 1)] }, &mut halvings);
+                self.add_chords(
+                    &mut chords,
+                    Chord {
+                        from_m,
+                        to_m,
+                        lane: idx as u32,
+                        s_m: [at(i), at(i + 1)],
+                    },
+                    &mut halvings,
+                );
                 from_m = to_m;
             }
         }
@@ -82,7 +116,8 @@ impl RoadMap {
         self.grid = Grid::new(chords);
     }
 
-    /// The chord, or two for its halves where the lane's middle leaves it by half of what the search allows for: a bend may be tighter than a
+    /// The chord, or two for its halves where the lane's middle leaves it by half of what the
+    /// search allows for: a bend may be tighter than a
     /// chord is long.
     fn add_chords(&self, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
         const SHORTEST_M: f64 = 0.05;
@@ -91,12 +126,33 @@ impl RoadMap {
             let half_m = self.middle_point(&self.lanes[chord.lane as usize], half_s_m);
             if chord.foot(half_m).0.sqrt() > 0.5 * CHORD_SLACK_M {
                 *halvings -= 1;
-                self.add_chords(chords, Chord { to_m: half_m, s_m: [chord.s_m[0], half_s_m], ..chord }, halvings);
-                self.add_chords(chords, Chord { from_m: half_m, s_m: [half_s_m, chord.s_m[1]], ..chord }, halvings);
+                self.add_chords(
+                    chords,
+                    Chord {
+                        to_m: half_m,
+                        s_m: [chord.s_m[0], half_s_m],
+                        ..chord
+                    },
+                    halvings,
+                );
+                self.add_chords(
+                    chords,
+                    Chord {
+                        from_m: half_m,
+                        s_m: [half_s_m, chord.s_m[1]],
+                        ..chord
+                    },
+                    halvings,
+                );
                 return;
             }
         }
-        if chord.from_m.iter().chain(&chord.to_m).all(|x| x.is_finite() && x.abs() < 1e9) {
+        if chord
+            .from_m
+            .iter()
+            .chain(&chord.to_m)
+            .all(|x| x.is_finite() && x.abs() < 1e9)
+        {
             chords.push(chord);
         }
     }
@@ -139,7 +195,8 @@ impl RoadMap {
     /// Signals that must be obeyed by who takes this lane, and where to stop for each.
     pub fn signal_stops(&self, lane: LaneKey) -> impl Iterator<Item = (&Signal, SignalStop)> {
         let list = self.signal_stops.get(&lane).map_or(&[][..], Vec::as_slice);
-        list.iter().map(|(idx, stop)| (&self.signals[*idx as usize], *stop))
+        list.iter()
+            .map(|(idx, stop)| (&self.signals[*idx as usize], *stop))
     }
 
     /// Groups of signals that switch together.
@@ -164,11 +221,19 @@ impl RoadMap {
 
     /// OpenDRIVE's id of a road by its number.
     pub fn road_id(&self, road: u32) -> Option<&str> {
-        self.raw.roads.iter().find(|r| r.number == road).map(|r| r.id.as_str())
+        self.raw
+            .roads
+            .iter()
+            .find(|r| r.number == road)
+            .map(|r| r.id.as_str())
     }
 
     /// OpenDRIVE's id of a junction by its number.
     pub fn junction_id(&self, junction: u32) -> Option<&str> {
-        self.raw.junctions.iter().find(|j| j.number == junction).map(|j| j.id.as_str())
+        self.raw
+            .junctions
+            .iter()
+            .find(|j| j.number == junction)
+            .map(|j| j.id.as_str())
     }
 }

@@ -1,4 +1,5 @@
-//! Things beside and on the road that are not signals: poles, buildings, barriers, trees, parking spaces.
+//! Things beside and on the road that are not signals: poles, buildings, barriers, trees, parking
+//! spaces.
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
@@ -24,7 +25,8 @@ pub struct RoadObject {
     pub height_m: f64,
     /// Radius of a round one, metres; 0 if it is not round.
     pub radius_m: f64,
-    /// Corners of its outline in the world, and the height of the object over each; empty without an outline.
+    /// Corners of its outline in the world, and the height of the object over each; empty without
+    /// an outline.
     pub outline: Vec<([f64; 3], f64)>,
     /// Number of the road it is listed with.
     pub road: u32,
@@ -33,8 +35,10 @@ pub struct RoadObject {
 pub(crate) fn object(map: &RawMap, raw: &RawObject) -> RoadObject {
     let road = &map.roads[raw.road];
     let station = road.station(raw.s_m);
-    let local =
-        Isometry3::from_parts(Vector3::new(0.0, 0.0, raw.z_offset_m).into(), UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad));
+    let local = Isometry3::from_parts(
+        Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
+        UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
+    );
     let pose = station.frame(raw.t_m, 0.0, (0.0, 0.0)) * local;
     RoadObject {
         id: raw.id.clone(),
@@ -45,7 +49,11 @@ pub(crate) fn object(map: &RawMap, raw: &RawObject) -> RoadObject {
         width_m: raw.width_m,
         height_m: raw.height_m,
         radius_m: raw.radius_m,
-        outline: raw.corners.iter().map(|corner| world_corner(road, &pose, corner, raw.height_m)).collect(),
+        outline: raw
+            .corners
+            .iter()
+            .map(|corner| world_corner(road, &pose, corner, raw.height_m))
+            .collect(),
         road: road.number,
     }
 }

@@ -32,13 +32,19 @@ impl Profile {
         self.0.iter().map(|c| c.s_m)
     }
 
-    /// Value and slope at `s`; before the first start that record goes on backwards; without records 0.
+    /// Value and slope at `s`; before the first start that record goes on backwards; without
+    /// records 0.
     pub fn at(&self, s_m: f64) -> (f64, f64) {
         let after = self.0.partition_point(|c| c.s_m <= s_m + 1e-9);
-        let Some(cubic) = self.0.get(after.saturating_sub(1)) else { return (0.0, 0.0) };
+        let Some(cubic) = self.0.get(after.saturating_sub(1)) else {
+            return (0.0, 0.0);
+        };
         let x = s_m - cubic.s_m;
         let [a, b, c, d] = cubic.coefficients;
-        (a + x * (b + x * (c + x * d)), b + x * (2.0 * c + x * 3.0 * d))
+        (
+            a + x * (b + x * (c + x * d)),
+            b + x * (2.0 * c + x * 3.0 * d),
+        )
     }
 }
 
@@ -49,7 +55,10 @@ mod tests {
     #[test]
     fn the_record_in_force_is_the_last_one_begun() {
         let cubic = |s_m, coefficients| Cubic { s_m, coefficients };
-        let p = Profile::new(vec![cubic(10.0, [5.0, 0.0, 1.0, 0.0]), cubic(0.0, [1.0, 2.0, 0.0, 0.0])]);
+        let p = Profile::new(vec![
+            cubic(10.0, [5.0, 0.0, 1.0, 0.0]),
+            cubic(0.0, [1.0, 2.0, 0.0, 0.0]),
+        ]);
         assert_eq!(p.at(4.0), (9.0, 2.0));
         assert_eq!(p.at(12.0), (9.0, 4.0));
         assert_eq!(Profile::default().at(3.0), (0.0, 0.0));

@@ -28,20 +28,28 @@ impl RoadMap {
     fn at(&self, lane: &Lane, s_m: f64) -> (Station<'_>, Edges) {
         let (road, section) = self.place(lane);
         let station_m = lane.station_m(s_m);
-        (road.station(station_m), road.edges(section, lane.key.lane, station_m))
+        (
+            road.station(station_m),
+            road.edges(section, lane.key.lane, station_m),
+        )
     }
 
     pub(crate) fn middle_point(&self, lane: &Lane, s_m: f64) -> [f64; 3] {
         let (station, edges) = self.at(lane, s_m);
         let middle = edges.middle().0;
-        station.point(station.lane_offset_m + middle, self.lift(lane, &station, &edges, middle).0)
+        station.point(
+            station.lane_offset_m + middle,
+            self.lift(lane, &station, &edges, middle).0,
+        )
     }
 
     /// Height of a lane over its road at `t_m` before the lane offset, and its slope to the left.
     fn lift(&self, lane: &Lane, station: &Station<'_>, edges: &Edges, t_m: f64) -> (f64, f64) {
         let (_, section) = self.place(lane);
         match section.lane(lane.key.lane) {
-            Some(raw) if !raw.heights.is_empty() => edges.lift(raw, station.s_m - section.start_m, t_m),
+            Some(raw) if !raw.heights.is_empty() => {
+                edges.lift(raw, station.s_m - section.start_m, t_m)
+            }
             _ => (0.0, 0.0),
         }
     }
@@ -54,30 +62,42 @@ impl RoadMap {
         let t_m = station.lane_offset_m + t_m;
         let mut frame = station.frame(t_m, station.lane_offset_slope + slope, lift);
         if !lane.forward {
-            frame.rotation *= UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+            frame.rotation *=
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
         }
         (frame, station.stretch(t_m))
     }
 
-    /// Pose on the road surface: x along the driving direction, y left, z off the surface. `None` for an unknown lane.
+    /// Pose on the road surface: x along the driving direction, y left, z off the surface. `None`
+    /// for an unknown lane.
     /// `s_m` beyond the lane's ends is taken as its end.
     pub fn pose(&self, at: LanePosition) -> Option<Isometry3<f64>> {
         let lane = self.lane(at.lane)?;
-        Some(self.lane_pose(lane, at.s_m.clamp(0.0, lane.length_m), at.offset_m).0)
+        Some(
+            self.lane_pose(lane, at.s_m.clamp(0.0, lane.length_m), at.offset_m)
+                .0,
+        )
     }
 
-    /// Curvature of the lane's middle in driving direction, 1/m, positive to the left; 0 for an unknown lane.
+    /// Curvature of the lane's middle in driving direction, 1/m, positive to the left; 0 for an
+    /// unknown lane.
     pub fn curvature_per_m(&self, at: LanePosition) -> f64 {
-        let Some(lane) = self.lane(at.lane) else { return 0.0 };
+        let Some(lane) = self.lane(at.lane) else {
+            return 0.0;
+        };
         let (station, edges) = self.at(lane, at.s_m.clamp(0.0, lane.length_m));
-        let stretch = station.stretch(station.lane_offset_m + edges.middle().0).max(0.05);
+        let stretch = station
+            .stretch(station.lane_offset_m + edges.middle().0)
+            .max(0.05);
         let curvature = station.plan.curvature_per_m / stretch;
         if lane.forward { curvature } else { -curvature }
     }
 
     /// Width of the lane, metres; 0 for an unknown lane.
     pub fn width_m(&self, at: LanePosition) -> f64 {
-        self.lane(at.lane).map_or(0.0, |lane| self.at(lane, at.s_m.clamp(0.0, lane.length_m)).1.width_m())
+        self.lane(at.lane).map_or(0.0, |lane| {
+            self.at(lane, at.s_m.clamp(0.0, lane.length_m)).1.width_m()
+        })
     }
 
     /// Speed limit, m/s: the lane's own, else the road's; `None` if there is none.
@@ -89,46 +109,75 @@ impl RoadMap {
             let after = list.partition_point(|(from, _)| *from <= s + 1e-9);
             list.get(after.checked_sub(1)?).map(|(_, limit)| *limit)
         };
-        let own = section.lane(lane.key.lane).and_then(|raw| in_force(&raw.speeds, station_m - section.start_m));
+        let own = section
+            .lane(lane.key.lane)
+            .and_then(|raw| in_force(&raw.speeds, station_m - section.start_m));
         own.or_else(|| in_force(&road.speeds, station_m)).flatten()
     }
 
-    /// The lane whose middle is nearest to a world point, among those `filter` lets pass, and the place on it.
+    /// The lane whose middle is nearest to a world point, among those `filter` lets pass, and the
+    /// place on it.
     pub fn nearest(&self, point: [f64; 3], filter: impl Fn(&Lane) -> bool) -> Option<LanePosition> {
         if !point.iter().all(|x| x.is_finite()) {
             return None;
         }
         // Chords cut bends by less than the slack, so the nearest lane is among these.
-        let near = self.grid.near(point, self.chord_reach_m, CHORD_SLACK_M, |idx| filter(&self.lanes[idx as usize]));
+        let near = self
+            .grid
+            .near(point, self.chord_reach_m, CHORD_SLACK_M, |idx| {
+                filter(&self.lanes[idx as usize])
+            });
         let place = |(chord, share): &(Chord, f64)| {
             let lane = &self.lanes[chord.lane as usize];
-            let at = self.refine(lane, chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]), point);
+            let at = self.refine(
+                lane,
+                chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]),
+                point,
+            );
             (self.squared_distance(lane, at.s_m, point), at)
         };
-        let best = near.iter().map(place).min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.lane.cmp(&b.1.lane)));
+        let best = near
+            .iter()
+            .map(place)
+            .min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.lane.cmp(&b.1.lane)));
         best.map(|(_, at)| at)
     }
 
     /// The nearest place on one lane; `None` for an unknown lane.
     pub fn project(&self, key: LaneKey, point: [f64; 3]) -> Option<LanePosition> {
-        let lane = self.lane(key).filter(|_| point.iter().all(|x| x.is_finite()))?;
+        let lane = self
+            .lane(key)
+            .filter(|_| point.iter().all(|x| x.is_finite()))?;
         let pieces = (lane.length_m / 4.0).ceil().clamp(1.0, 500.0) as usize;
         let distance = |s: f64| self.squared_distance(lane, s, point);
-        let best = (0..=pieces).map(|i| lane.length_m * i as f64 / pieces as f64).min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
+        let best = (0..=pieces)
+            .map(|i| lane.length_m * i as f64 / pieces as f64)
+            .min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
         Some(self.refine(lane, best, point))
     }
 
-    /// The foot of the perpendicular near `start_m`: by Newton's steps, or by search where a bend is so tight that these miss.
+    /// The foot of the perpendicular near `start_m`: by Newton's steps, or by search where a bend
+    /// is so tight that these miss.
     fn refine(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> LanePosition {
         let start_m = start_m.clamp(0.0, lane.length_m);
         let by_steps = self.step_to_foot(lane, start_m, point);
         let s_m = match by_steps {
-            Some(s_m) if self.squared_distance(lane, s_m, point) <= self.squared_distance(lane, start_m, point) + 1e-6 => s_m,
+            Some(s_m)
+                if self.squared_distance(lane, s_m, point)
+                    <= self.squared_distance(lane, start_m, point) + 1e-6 =>
+            {
+                s_m
+            }
             _ => self.search_foot(lane, start_m, point),
         };
         let pose = self.lane_pose(lane, s_m, 0.0).0;
-        let offset_m = (pose.rotation.inverse() * (Vector3::from(point) - pose.translation.vector)).y;
-        LanePosition { lane: lane.key, s_m, offset_m }
+        let offset_m =
+            (pose.rotation.inverse() * (Vector3::from(point) - pose.translation.vector)).y;
+        LanePosition {
+            lane: lane.key,
+            s_m,
+            offset_m,
+        }
     }
 
     fn squared_distance(&self, lane: &Lane, s_m: f64, point: [f64; 3]) -> f64 {
@@ -159,10 +208,14 @@ impl RoadMap {
         const PIECES: u32 = 12;
         let (mut best_m, mut reach_m) = (start_m, REACH_M);
         while reach_m > 1e-6 {
-            let around = (0..=2 * PIECES).map(|i| best_m + reach_m * (f64::from(i) / f64::from(PIECES) - 1.0));
+            let around = (0..=2 * PIECES)
+                .map(|i| best_m + reach_m * (f64::from(i) / f64::from(PIECES) - 1.0));
             let nearer = around
                 .map(|s_m| s_m.clamp(0.0, lane.length_m))
-                .min_by(|a, b| self.squared_distance(lane, *a, point).total_cmp(&self.squared_distance(lane, *b, point)));
+                .min_by(|a, b| {
+                    self.squared_distance(lane, *a, point)
+                        .total_cmp(&self.squared_distance(lane, *b, point))
+                });
             best_m = nearer.unwrap_or(best_m);
             reach_m /= f64::from(PIECES) / 2.0;
         }
@@ -171,12 +224,14 @@ impl RoadMap {
 
     /// Whether marks allow a change to the lane on the left.
     pub fn may_change_left(&self, at: LanePosition) -> bool {
-        self.lane(at.lane).is_some_and(|lane| lane.left.is_some() && self.may_cross(lane, at.s_m, lane.forward))
+        self.lane(at.lane)
+            .is_some_and(|lane| lane.left.is_some() && self.may_cross(lane, at.s_m, lane.forward))
     }
 
     /// Whether marks allow a change to the lane on the right.
     pub fn may_change_right(&self, at: LanePosition) -> bool {
-        self.lane(at.lane).is_some_and(|lane| lane.right.is_some() && self.may_cross(lane, at.s_m, !lane.forward))
+        self.lane(at.lane)
+            .is_some_and(|lane| lane.right.is_some() && self.may_cross(lane, at.s_m, !lane.forward))
     }
 
     /// Whether the mark towards greater or smaller ids may be crossed.
@@ -184,7 +239,8 @@ impl RoadMap {
         let (_, section) = self.place(lane);
         let ds = lane.station_m(s_m.clamp(0.0, lane.length_m)) - section.start_m;
         let id = lane.key.lane;
-        // A lane's own record is its outer edge: the greater side of a positive id, the smaller side of a negative one.
+        // A lane's own record is its outer edge: the greater side of a positive id, the smaller
+        // side of a negative one.
         let records = if to_greater == (id > 0) {
             section.lane(id).map(|raw| &raw.marks)
         } else if id.abs() == 1 {
@@ -192,11 +248,20 @@ impl RoadMap {
         } else {
             section.lane(id - id.signum()).map(|raw| &raw.marks)
         };
-        let allowed = |mark: &MarkRecord| if to_greater { mark.to_greater } else { mark.to_smaller };
-        records.and_then(|records| mark_at(records, ds)).is_none_or(allowed)
+        let allowed = |mark: &MarkRecord| {
+            if to_greater {
+                mark.to_greater
+            } else {
+                mark.to_smaller
+            }
+        };
+        records
+            .and_then(|records| mark_at(records, ds))
+            .is_none_or(allowed)
     }
 
-    /// Where one can be after `distance_m` (backwards if negative): one place per branch, none past a dead end. At most 64.
+    /// Where one can be after `distance_m` (backwards if negative): one place per branch, none past
+    /// a dead end. At most 64.
     pub fn advance(&self, at: LanePosition, distance_m: f64) -> Vec<LanePosition> {
         let mut found = Vec::new();
         if !distance_m.is_finite() || self.lane(at.lane).is_none() {
@@ -211,34 +276,68 @@ impl RoadMap {
             }
             let Some(lane) = self.lane(key) else { continue };
             if s_m > lane.length_m {
-                open.extend(lane.successors.iter().rev().map(|next| (*next, s_m - lane.length_m)));
+                open.extend(
+                    lane.successors
+                        .iter()
+                        .rev()
+                        .map(|next| (*next, s_m - lane.length_m)),
+                );
             } else if s_m < 0.0 {
-                let before = lane.predecessors.iter().rev().filter_map(|key| Some((*key, s_m + self.lane(*key)?.length_m)));
+                let before = lane
+                    .predecessors
+                    .iter()
+                    .rev()
+                    .filter_map(|key| Some((*key, s_m + self.lane(*key)?.length_m)));
                 open.extend(before);
             } else {
-                found.push(LanePosition { lane: key, s_m, offset_m: at.offset_m });
+                found.push(LanePosition {
+                    lane: key,
+                    s_m,
+                    offset_m: at.offset_m,
+                });
             }
         }
         found
     }
 
-    /// Points of the lane's middle in driving direction, both ends included, at most `step_m` apart along the reference line.
+    /// Points of the lane's middle in driving direction, both ends included, at most `step_m` apart
+    /// along the reference line.
     pub fn centreline(&self, key: LaneKey, step_m: f64) -> Vec<[f64; 3]> {
-        let Some(lane) = self.lane(key) else { return Vec::new() };
-        stations(0.0, lane.length_m, step_m).map(|s| self.middle_point(lane, s)).collect()
+        let Some(lane) = self.lane(key) else {
+            return Vec::new();
+        };
+        stations(0.0, lane.length_m, step_m)
+            .map(|s| self.middle_point(lane, s))
+            .collect()
     }
 
     /// Left and right edge of the lane in driving direction, as [`RoadMap::centreline`].
     pub fn boundaries(&self, key: LaneKey, step_m: f64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-        let Some(lane) = self.lane(key) else { return Default::default() };
+        let Some(lane) = self.lane(key) else {
+            return Default::default();
+        };
         let edge_points = |s: f64| {
             let (station, edges) = self.at(lane, s);
-            let (low, high) = (edges.inner_m.min(edges.outer_m), edges.inner_m.max(edges.outer_m));
-            let (left, right) = if lane.forward { (high, low) } else { (low, high) };
-            let point = |t_m: f64| station.point(station.lane_offset_m + t_m, self.lift(lane, &station, &edges, t_m).0);
+            let (low, high) = (
+                edges.inner_m.min(edges.outer_m),
+                edges.inner_m.max(edges.outer_m),
+            );
+            let (left, right) = if lane.forward {
+                (high, low)
+            } else {
+                (low, high)
+            };
+            let point = |t_m: f64| {
+                station.point(
+                    station.lane_offset_m + t_m,
+                    self.lift(lane, &station, &edges, t_m).0,
+                )
+            };
             (point(left), point(right))
         };
-        stations(0.0, lane.length_m, step_m).map(edge_points).unzip()
+        stations(0.0, lane.length_m, step_m)
+            .map(edge_points)
+            .unzip()
     }
 
     /// All painted lines of all roads, for drawing.
@@ -246,9 +345,23 @@ impl RoadMap {
         let mut lines = Vec::new();
         for road in &self.raw.roads {
             for section in &road.sections {
-                self.section_marks(road, section, &section.centre_marks, None, step_m, &mut lines);
+                self.section_marks(
+                    road,
+                    section,
+                    &section.centre_marks,
+                    None,
+                    step_m,
+                    &mut lines,
+                );
                 for lane in section.left.iter().chain(&section.right) {
-                    self.section_marks(road, section, &lane.marks, Some(lane.id), step_m, &mut lines);
+                    self.section_marks(
+                        road,
+                        section,
+                        &lane.marks,
+                        Some(lane.id),
+                        step_m,
+                        &mut lines,
+                    );
                 }
             }
         }
@@ -266,7 +379,10 @@ impl RoadMap {
     ) {
         for (idx, mark) in records.iter().enumerate() {
             let from = (section.start_m + mark.s_offset_m).max(section.start_m);
-            let to = records.get(idx + 1).map_or(section.end_m, |next| section.start_m + next.s_offset_m).min(section.end_m);
+            let to = records
+                .get(idx + 1)
+                .map_or(section.end_m, |next| section.start_m + next.s_offset_m)
+                .min(section.end_m);
             if mark.kind == crate::MarkKind::None || to - from < 1e-6 {
                 continue;
             }
@@ -297,6 +413,8 @@ impl RoadMap {
 
 /// Evenly spread stations from `from` to `to`, both included.
 fn stations(from: f64, to: f64, step_m: f64) -> impl Iterator<Item = f64> {
-    let pieces = ((to - from) / step_m.max(0.01)).ceil().clamp(1.0, MAX_POINTS) as usize;
+    let pieces = ((to - from) / step_m.max(0.01))
+        .ceil()
+        .clamp(1.0, MAX_POINTS) as usize;
     (0..=pieces).map(move |i| from + (to - from) * i as f64 / pieces as f64)
 }

@@ -140,8 +140,18 @@ pub(crate) struct RawController {
 /// Corner of an object's outline.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Corner {
-    Road { s_m: f64, t_m: f64, dz_m: f64, height_m: f64 },
-    Local { u_m: f64, v_m: f64, z_m: f64, height_m: f64 },
+    Road {
+        s_m: f64,
+        t_m: f64,
+        dz_m: f64,
+        height_m: f64,
+    },
+    Local {
+        u_m: f64,
+        v_m: f64,
+        z_m: f64,
+        height_m: f64,
+    },
 }
 
 /// A crosswalk object.

@@ -22,7 +22,8 @@ pub(crate) struct Station<'r> {
     pub lane_offset_slope: f64,
 }
 
-/// Lateral positions of a lane's edges from the reference line (left positive), and their slopes along s.
+/// Lateral positions of a lane's edges from the reference line (left positive), and their slopes
+/// along s.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Edges {
     pub inner_m: f64,
@@ -37,7 +38,10 @@ impl Edges {
     }
 
     pub fn middle(&self) -> (f64, f64) {
-        (0.5 * (self.inner_m + self.outer_m), 0.5 * (self.inner_slope + self.outer_slope))
+        (
+            0.5 * (self.inner_m + self.outer_m),
+            0.5 * (self.inner_slope + self.outer_slope),
+        )
     }
 }
 
@@ -75,7 +79,9 @@ impl Road {
 
     /// Index of the section at `s_m`.
     pub fn section_at(&self, s_m: f64) -> usize {
-        self.sections.partition_point(|section| section.start_m <= s_m).saturating_sub(1)
+        self.sections
+            .partition_point(|section| section.start_m <= s_m)
+            .saturating_sub(1)
     }
 
     /// Edges of lane `id` of a section, without the lane offset.
@@ -97,15 +103,26 @@ impl Road {
                 Extent::Border(profile) => (at, slope) = profile.at(ds),
             }
             if lane.id == id {
-                return Edges { inner_m: inner, outer_m: at, inner_slope, outer_slope: slope };
+                return Edges {
+                    inner_m: inner,
+                    outer_m: at,
+                    inner_slope,
+                    outer_slope: slope,
+                };
             }
         }
-        Edges { inner_m: at, outer_m: at, inner_slope: slope, outer_slope: slope }
+        Edges {
+            inner_m: at,
+            outer_m: at,
+            inner_slope: slope,
+            outer_slope: slope,
+        }
     }
 }
 
 impl Edges {
-    /// How far a lane lies over the road at `t_m` from the reference line (lane offset not included), and the slope to the left.
+    /// How far a lane lies over the road at `t_m` from the reference line (lane offset not
+    /// included), and the slope to the left.
     pub fn lift(&self, lane: &RawLane, ds_m: f64, t_m: f64) -> (f64, f64) {
         let (inner, outer) = lane_height(&lane.heights, ds_m);
         let across = self.outer_m - self.inner_m;
@@ -118,13 +135,18 @@ impl Edges {
 }
 
 impl Station<'_> {
-    /// World point `t_m` to the left of the reference line (lane offset not included) and `lift_m` off the surface.
+    /// World point `t_m` to the left of the reference line (lane offset not included) and `lift_m`
+    /// off the surface.
     pub fn point(&self, t_m: f64, lift_m: f64) -> [f64; 3] {
         let (sin, cos) = self.plan.heading_rad.sin_cos();
         let (roll_sin, roll_cos) = self.roll_rad.sin_cos();
         let height = self.lateral.at(self.s_m, t_m).0 + lift_m;
         let flat = t_m * roll_cos - height * roll_sin;
-        [self.plan.x_m - sin * flat, self.plan.y_m + cos * flat, self.z_m + t_m * roll_sin + height * roll_cos]
+        [
+            self.plan.x_m - sin * flat,
+            self.plan.y_m + cos * flat,
+            self.z_m + t_m * roll_sin + height * roll_cos,
+        ]
     }
 
     /// Metres walked at offset `t_m` per metre of station.
@@ -132,7 +154,8 @@ impl Station<'_> {
         1.0 - self.plan.curvature_per_m * t_m
     }
 
-    /// Frame at offset `t_m` of a line that drifts by `t_slope` per metre: x along rising s, y left, z off the surface.
+    /// Frame at offset `t_m` of a line that drifts by `t_slope` per metre: x along rising s, y
+    /// left, z off the surface.
     /// `lift` is the lane's height over the road there and its slope to the left.
     pub fn frame(&self, t_m: f64, t_slope: f64, lift: (f64, f64)) -> Isometry3<f64> {
         let (sin, cos) = self.plan.heading_rad.sin_cos();
@@ -140,7 +163,8 @@ impl Station<'_> {
         let (shape, shape_slope) = self.lateral.at(self.s_m, t_m);
         let height = shape + lift.0;
         // A road tighter than its width folds over; its heading is then that of the reference line.
-        let stretch = (1.0 - self.plan.curvature_per_m * (t_m * roll_cos - height * roll_sin)).max(0.05);
+        let stretch =
+            (1.0 - self.plan.curvature_per_m * (t_m * roll_cos - height * roll_sin)).max(0.05);
         let tangent = Vector3::new(cos, sin, 0.0);
         let side = Vector3::new(-sin * roll_cos, cos * roll_cos, roll_sin);
         let normal = Vector3::new(sin * roll_sin, -cos * roll_sin, roll_cos);
@@ -148,14 +172,21 @@ impl Station<'_> {
         let height_rate = if self.lateral.is_plane() {
             0.0
         } else {
-            (self.lateral.at(self.s_m + H_M, t_m).0 - self.lateral.at(self.s_m - H_M, t_m).0) / (2.0 * H_M)
+            (self.lateral.at(self.s_m + H_M, t_m).0 - self.lateral.at(self.s_m - H_M, t_m).0)
+                / (2.0 * H_M)
         };
-        let along = tangent * stretch + Vector3::z() * self.grade + normal * (t_m * self.roll_rate + height_rate)
+        let along = tangent * stretch
+            + Vector3::z() * self.grade
+            + normal * (t_m * self.roll_rate + height_rate)
             - side * (height * self.roll_rate);
         let across = side + normal * (shape_slope + lift.1);
         let x = (along + across * t_slope).normalize();
         let y = (across - x * across.dot(&x)).normalize();
-        let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
-        Isometry3::from_parts(Translation3::from(self.point(t_m, lift.0)), UnitQuaternion::from_rotation_matrix(&rotation))
+        let rotation =
+            Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, x.cross(&y)]));
+        Isometry3::from_parts(
+            Translation3::from(self.point(t_m, lift.0)),
+            UnitQuaternion::from_rotation_matrix(&rotation),
+        )
     }
 }

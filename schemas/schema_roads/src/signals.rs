@@ -29,7 +29,8 @@ pub enum SignalKind {
 pub struct SignalStop {
     /// Lane that is controlled: who takes it must obey.
     pub lane: LaneKey,
-    /// Where to stop. On the controlled lane itself, or at the end of the lane before it if that one crosses a junction.
+    /// Where to stop. On the controlled lane itself, or at the end of the lane before it if that
+    /// one crosses a junction.
     pub stop: LanePosition,
 }
 
@@ -118,13 +119,20 @@ pub(crate) fn signals(map: &RawMap, lanes: &[Lane]) -> Vec<Signal> {
     map.signals
         .iter()
         .map(|raw| {
-            let further = references.get(raw.id.as_str()).into_iter().flatten().copied();
+            let further = references
+                .get(raw.id.as_str())
+                .into_iter()
+                .flatten()
+                .copied();
             let mut stops = Vec::new();
             for placement in std::iter::once(&raw.placement).chain(further) {
                 placed_stops(map, lanes, placement, &mut stops);
             }
-            let junction =
-                junction(map, &raw.placement).or_else(|| stops.iter().find_map(|stop| lanes[graph::find(lanes, stop.lane)?].junction));
+            let junction = junction(map, &raw.placement).or_else(|| {
+                stops
+                    .iter()
+                    .find_map(|stop| lanes[graph::find(lanes, stop.lane)?].junction)
+            });
             signal(map, raw, stops, junction)
         })
         .collect()
@@ -151,10 +159,20 @@ fn signal(map: &RawMap, raw: &RawSignal, stops: Vec<SignalStop>, junction: Optio
 }
 
 fn pose(map: &RawMap, raw: &RawSignal) -> Isometry3<f64> {
-    let Placement { road, s_m, t_m, along, .. } = raw.placement;
+    let Placement {
+        road,
+        s_m,
+        t_m,
+        along,
+        ..
+    } = raw.placement;
     let station = map.roads[road].station(s_m);
     let [x, y, z] = station.point(t_m, 0.0);
-    let against = if along == Some(false) { 0.0 } else { std::f64::consts::PI };
+    let against = if along == Some(false) {
+        0.0
+    } else {
+        std::f64::consts::PI
+    };
     let yaw = station.plan.heading_rad + against + raw.heading_offset_rad;
     Isometry3::new(Vector3::new(x, y, z + raw.z_offset_m), Vector3::z() * yaw)
 }
@@ -163,21 +181,39 @@ fn pose(map: &RawMap, raw: &RawSignal) -> Isometry3<f64> {
 fn placed_stops(map: &RawMap, lanes: &[Lane], placement: &Placement, stops: &mut Vec<SignalStop>) {
     let road = &map.roads[placement.road];
     let section = road.section_at(placement.s_m);
-    for raw in road.sections[section].left.iter().chain(&road.sections[section].right) {
-        let key = LaneKey { road: road.number, section: section as u16, lane: raw.id };
-        let Some(lane) = graph::find(lanes, key).map(|idx| &lanes[idx]) else { continue };
+    for raw in road.sections[section]
+        .left
+        .iter()
+        .chain(&road.sections[section].right)
+    {
+        let key = LaneKey {
+            road: road.number,
+            section: section as u16,
+            lane: raw.id,
+        };
+        let Some(lane) = graph::find(lanes, key).map(|idx| &lanes[idx]) else {
+            continue;
+        };
         let right_way = placement.along.is_none_or(|along| along == lane.forward);
         if !right_way || !lane.kind.is_drivable() || !is_valid_for(&placement.validity, raw.id) {
             continue;
         }
         if lane.junction.is_some() && !lane.predecessors.is_empty() {
             for before in &lane.predecessors {
-                let Some(idx) = graph::find(lanes, *before) else { continue };
-                stops.push(SignalStop { lane: key, stop: LanePosition::new(*before, lanes[idx].length_m) });
+                let Some(idx) = graph::find(lanes, *before) else {
+                    continue;
+                };
+                stops.push(SignalStop {
+                    lane: key,
+                    stop: LanePosition::new(*before, lanes[idx].length_m),
+                });
             }
         } else {
             let s_m = lane.s_at_station_m(placement.s_m).clamp(0.0, lane.length_m);
-            stops.push(SignalStop { lane: key, stop: LanePosition::new(key, s_m) });
+            stops.push(SignalStop {
+                lane: key,
+                stop: LanePosition::new(key, s_m),
+            });
         }
     }
 }
@@ -193,7 +229,8 @@ fn junction(map: &RawMap, placement: &Placement) -> Option<u32> {
         None if placement.s_m < 0.5 * road.length_m => [End::Start, End::Finish],
         None => [End::Finish, End::Start],
     };
-    ends.into_iter().find_map(|end| graph::junction_at(map, road, end))
+    ends.into_iter()
+        .find_map(|end| graph::junction_at(map, road, end))
 }
 
 pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
@@ -203,7 +240,10 @@ pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
             homes.insert(id, (junction.number, *sequence));
         }
     }
-    let junction_of: HashMap<&str, u32> = signals.iter().filter_map(|s| Some((s.id.as_str(), s.junction?))).collect();
+    let junction_of: HashMap<&str, u32> = signals
+        .iter()
+        .filter_map(|s| Some((s.id.as_str(), s.junction?)))
+        .collect();
     map.controllers
         .iter()
         .enumerate()
@@ -213,8 +253,15 @@ pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
                 id: raw.id.clone(),
                 name: raw.name.clone(),
                 signals: raw.signals.clone(),
-                junction: home.map(|h| h.0).or_else(|| raw.signals.iter().find_map(|id| junction_of.get(id.as_str()).copied())),
-                sequence: home.map(|h| h.1).filter(|s| *s != u32::MAX).unwrap_or(idx as u32),
+                junction: home.map(|h| h.0).or_else(|| {
+                    raw.signals
+                        .iter()
+                        .find_map(|id| junction_of.get(id.as_str()).copied())
+                }),
+                sequence: home
+                    .map(|h| h.1)
+                    .filter(|s| *s != u32::MAX)
+                    .unwrap_or(idx as u32),
             }
         })
         .collect()
@@ -228,15 +275,38 @@ pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
             Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
             UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
         );
-    let corners = raw.corners.iter().map(|corner| world_corner(road, &frame, corner, 0.0).0).collect();
-    Crosswalk { id: raw.id.clone(), corners }
+    let corners = raw
+        .corners
+        .iter()
+        .map(|corner| world_corner(road, &frame, corner, 0.0).0)
+        .collect();
+    Crosswalk {
+        id: raw.id.clone(),
+        corners,
+    }
 }
 
-/// A corner in the world and the height of its object there, `height_m` where the corner states none.
-pub(crate) fn world_corner(road: &Road, frame: &Isometry3<f64>, corner: &Corner, height_m: f64) -> ([f64; 3], f64) {
+/// A corner in the world and the height of its object there, `height_m` where the corner states
+/// none.
+pub(crate) fn world_corner(
+    road: &Road,
+    frame: &Isometry3<f64>,
+    corner: &Corner,
+    height_m: f64,
+) -> ([f64; 3], f64) {
     let (point, own_m) = match *corner {
-        Corner::Local { u_m, v_m, z_m, height_m } => ((frame * Point3::new(u_m, v_m, z_m)).coords.into(), height_m),
-        Corner::Road { s_m, t_m, dz_m, height_m } => (road.station(s_m).point(t_m, dz_m), height_m),
+        Corner::Local {
+            u_m,
+            v_m,
+            z_m,
+            height_m,
+        } => ((frame * Point3::new(u_m, v_m, z_m)).coords.into(), height_m),
+        Corner::Road {
+            s_m,
+            t_m,
+            dz_m,
+            height_m,
+        } => (road.station(s_m).point(t_m, dz_m), height_m),
     };
     (point, if own_m > 0.0 { own_m } else { height_m })
 }

@@ -1,4 +1,5 @@
-//! Road surfaces as rows of points, for meshes: every lane of a section at the same stations, so that neighbours share their edge.
+//! Road surfaces as rows of points, for meshes: every lane of a section at the same stations, so
+//! that neighbours share their edge.
 
 use std::collections::HashMap;
 
@@ -27,7 +28,12 @@ pub struct SurfaceSteps {
 
 impl Default for SurfaceSteps {
     fn default() -> Self {
-        SurfaceSteps { max_step_m: 6.0, tolerance_m: 0.003, junction_extra_m: 0.0, max_points: 500_000 }
+        SurfaceSteps {
+            max_step_m: 6.0,
+            tolerance_m: 0.003,
+            junction_extra_m: 0.0,
+            max_points: 500_000,
+        }
     }
 }
 
@@ -138,8 +144,10 @@ impl RoadMap {
         self.raw.geo_reference.is_some()
     }
 
-    /// Greatest difference between the length of a polynomial curve and the one that the file states, metres. Here such a curve begins and
-    /// ends where its record does; a reader that walks the curve by its own length ends that far from it.
+    /// Greatest difference between the length of a polynomial curve and the one that the file
+    /// states, metres. Here such a curve begins and
+    /// ends where its record does; a reader that walks the curve by its own length ends that far
+    /// from it.
     pub fn length_mismatch_m(&self) -> f64 {
         let curves = self.raw.roads.iter().flat_map(|road| &road.plan);
         let excess = |geometry: &crate::curve::Geometry| match &geometry.shape {
@@ -159,11 +167,16 @@ impl RoadMap {
         })
     }
 
-    /// Whether a lane's heights are more than its road's elevation: superelevation, shape, crossfall or a height of its own.
+    /// Whether a lane's heights are more than its road's elevation: superelevation, shape,
+    /// crossfall or a height of its own.
     pub fn is_tilted(&self, lane: crate::LaneKey) -> bool {
-        let Some(lane) = self.lane(lane) else { return false };
+        let Some(lane) = self.lane(lane) else {
+            return false;
+        };
         let (road, section) = self.place(lane);
-        let own = section.lane(lane.key.lane).is_some_and(|raw| !raw.heights.is_empty());
+        let own = section
+            .lane(lane.key.lane)
+            .is_some_and(|raw| !raw.heights.is_empty());
         own || !road.superelevation.is_zero() || !road.lateral.is_plane()
     }
 
@@ -179,10 +192,15 @@ impl RoadMap {
     }
 
     fn junction_numbers(&self) -> HashMap<&str, u32> {
-        self.raw.junctions.iter().map(|junction| (junction.id.as_str(), junction.number)).collect()
+        self.raw
+            .junctions
+            .iter()
+            .map(|junction| (junction.id.as_str(), junction.number))
+            .collect()
     }
 
-    /// World point on the surface of road number `road` at station `s_m`, `t_m` to the left of its reference line.
+    /// World point on the surface of road number `road` at station `s_m`, `t_m` to the left of its
+    /// reference line.
     pub fn road_point(&self, road: u32, s_m: f64, t_m: f64) -> Option<[f64; 3]> {
         let road = self.raw.roads.iter().find(|r| r.number == road)?;
         Some(road.station(s_m.clamp(0.0, road.length_m)).point(t_m, 0.0))
@@ -199,15 +217,30 @@ impl RoadMap {
         for road in &self.raw.roads {
             let junction = junction_of(&numbers, road);
             for (idx, section) in road.sections.iter().enumerate() {
-                let sampler = Sampler { road, section, steps, extra_m: if junction.is_some() { steps.junction_extra_m } else { 0.0 } };
+                let sampler = Sampler {
+                    road,
+                    section,
+                    steps,
+                    extra_m: if junction.is_some() {
+                        steps.junction_extra_m
+                    } else {
+                        0.0
+                    },
+                };
                 let per_row = 2 + section.left.len() + section.right.len();
                 let stations_m = sampler.stations(left / per_row);
                 let surface = sampler.surface(idx as u16, junction, stations_m);
                 let used: usize = surface.lanes.iter().map(|lane| lane.points_m.len()).sum();
-                left = left.checked_sub(used.max(1)).filter(|left| *left > per_row).ok_or_else(|| {
-                    let most = steps.max_points;
-                    MapError::TooLarge(format!("its surface needs more than {most} points, counted up to road \"{}\"", road.id))
-                })?;
+                left = left
+                    .checked_sub(used.max(1))
+                    .filter(|left| *left > per_row)
+                    .ok_or_else(|| {
+                        let most = steps.max_points;
+                        MapError::TooLarge(format!(
+                            "its surface needs more than {most} points, counted up to road \"{}\"",
+                            road.id
+                        ))
+                    })?;
                 all.push(surface);
             }
         }
@@ -216,7 +249,9 @@ impl RoadMap {
 }
 
 fn junction_of(numbers: &HashMap<&str, u32>, road: &Road) -> Option<u32> {
-    road.junction.as_deref().map(|id| numbers.get(id).copied().unwrap_or(u32::MAX))
+    road.junction
+        .as_deref()
+        .map(|id| numbers.get(id).copied().unwrap_or(u32::MAX))
 }
 
 struct Sampler<'m> {
@@ -227,7 +262,8 @@ struct Sampler<'m> {
 }
 
 impl Sampler<'_> {
-    /// Lateral edges of the lanes before the lane offset: those on the right outwards, then those on the left.
+    /// Lateral edges of the lanes before the lane offset: those on the right outwards, then those
+    /// on the left.
     fn edges(&self, s_m: f64) -> [Vec<f64>; 2] {
         let ds = s_m - self.section.start_m;
         [(&self.section.right, -1.0), (&self.section.left, 1.0)].map(|(lanes, sign)| {
@@ -244,7 +280,9 @@ impl Sampler<'_> {
                 })
                 .collect();
             if let Some(from) = outermost.filter(|_| self.extra_m > 0.0) {
-                edges[from..].iter_mut().for_each(|edge| *edge += sign * self.extra_m);
+                edges[from..]
+                    .iter_mut()
+                    .for_each(|edge| *edge += sign * self.extra_m);
             }
             edges
         })
@@ -255,15 +293,25 @@ impl Sampler<'_> {
         let station = self.road.station(s_m);
         let [right, left] = self.edges(s_m);
         let point = |t: f64| station.point(station.lane_offset_m + t, 0.0);
-        [point(right.last().copied().unwrap_or(0.0)), point(0.0), point(left.last().copied().unwrap_or(0.0))]
+        [
+            point(right.last().copied().unwrap_or(0.0)),
+            point(0.0),
+            point(left.last().copied().unwrap_or(0.0)),
+        ]
     }
 
-    /// Where rows are needed: at every record's start, and between them as often as the surface bends.
+    /// Where rows are needed: at every record's start, and between them as often as the surface
+    /// bends.
     fn stations(&self, most: usize) -> Vec<f64> {
         let (start, end) = (self.section.start_m, self.section.end_m);
         let road = self.road;
         let mut breaks: Vec<f64> = road.plan.iter().map(|g| g.s_m).collect();
-        breaks.extend(road.elevation.starts().chain(road.superelevation.starts()).chain(road.lane_offset.starts()));
+        breaks.extend(
+            road.elevation
+                .starts()
+                .chain(road.superelevation.starts())
+                .chain(road.lane_offset.starts()),
+        );
         breaks.extend(road.lateral.stations());
         for lane in self.section.left.iter().chain(&self.section.right) {
             let (Extent::Width(profile) | Extent::Border(profile)) = &lane.extent;
@@ -286,14 +334,28 @@ impl Sampler<'_> {
         stations
     }
 
-    fn divide(&self, a: (f64, &[[f64; 3]; 3]), b: (f64, &[[f64; 3]; 3]), most: usize, stations: &mut Vec<f64>) {
+    fn divide(
+        &self,
+        a: (f64, &[[f64; 3]; 3]),
+        b: (f64, &[[f64; 3]; 3]),
+        most: usize,
+        stations: &mut Vec<f64>,
+    ) {
         let length = b.0 - a.0;
         let s = 0.5 * (a.0 + b.0);
         let middle = self.profile(s);
-        let distance = |i: usize| (0..3).map(|k| (middle[i][k] - 0.5 * (a.1[i][k] + b.1[i][k])).powi(2)).sum::<f64>().sqrt();
+        let distance = |i: usize| {
+            (0..3)
+                .map(|k| (middle[i][k] - 0.5 * (a.1[i][k] + b.1[i][k])).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
         let bends = (0..3).any(|i| distance(i) > self.steps.tolerance_m);
-        let twist = (a.1[0][2] - a.1[2][2] - b.1[0][2] + b.1[2][2]).abs() > 6.0 * self.steps.tolerance_m;
-        if stations.len() < most && (length > self.steps.max_step_m || (length > 2.0 * MIN_STEP_M && (bends || twist))) {
+        let twist =
+            (a.1[0][2] - a.1[2][2] - b.1[0][2] + b.1[2][2]).abs() > 6.0 * self.steps.tolerance_m;
+        if stations.len() < most
+            && (length > self.steps.max_step_m || (length > 2.0 * MIN_STEP_M && (bends || twist)))
+        {
             self.divide(a, (s, &middle), most, stations);
             self.divide((s, &middle), b, most, stations);
         } else {
@@ -321,20 +383,39 @@ impl Sampler<'_> {
             centre_m.push(station.point(station.lane_offset_m, 0.0));
             for (place, out) in lanes.iter_mut().enumerate() {
                 let on_right = place < right.len();
-                let idx = if on_right { right.len() - 1 - place } else { place - right.len() };
-                let (lane, list) = if on_right { (&right[idx], &edges[0]) } else { (&left[idx], &edges[1]) };
+                let idx = if on_right {
+                    right.len() - 1 - place
+                } else {
+                    place - right.len()
+                };
+                let (lane, list) = if on_right {
+                    (&right[idx], &edges[0])
+                } else {
+                    (&left[idx], &edges[1])
+                };
                 let (inner, outer) = (if idx == 0 { 0.0 } else { list[idx - 1] }, list[idx]);
                 let (inner_lift, outer_lift) = crate::lateral::lane_height(&lane.heights, ds);
                 for column in 0..out.columns {
                     let share = column as f64 / (out.columns - 1) as f64;
                     let share = if on_right { 1.0 - share } else { share };
                     let lift = inner_lift + share * (outer_lift - inner_lift);
-                    out.points_m.push(station.point(station.lane_offset_m + inner + share * (outer - inner), lift));
+                    out.points_m.push(station.point(
+                        station.lane_offset_m + inner + share * (outer - inner),
+                        lift,
+                    ));
                 }
             }
         }
         let centre_marks = self.marks(&self.section.centre_marks);
-        SectionSurface { road: self.road.number, section, junction, stations_m, lanes, centre_m, centre_marks }
+        SectionSurface {
+            road: self.road.number,
+            section,
+            junction,
+            stations_m,
+            lanes,
+            centre_m,
+            centre_marks,
+        }
     }
 
     fn marks(&self, records: &[crate::marks::MarkRecord]) -> Vec<SurfaceMark> {
@@ -342,9 +423,17 @@ impl Sampler<'_> {
         let mut marks = Vec::new();
         for (idx, mark) in records.iter().enumerate() {
             let from_m = (start + mark.s_offset_m).max(start);
-            let to_m = records.get(idx + 1).map_or(end, |next| start + next.s_offset_m).min(end);
+            let to_m = records
+                .get(idx + 1)
+                .map_or(end, |next| start + next.s_offset_m)
+                .min(end);
             if mark.kind != MarkKind::None && to_m - from_m > 1e-3 {
-                marks.push(SurfaceMark { from_m, to_m, kind: mark.kind, stripes: mark.stripes() });
+                marks.push(SurfaceMark {
+                    from_m,
+                    to_m,
+                    kind: mark.kind,
+                    stripes: mark.stripes(),
+                });
             }
         }
         marks
@@ -360,7 +449,11 @@ impl crate::marks::MarkRecord {
         if !self.lines.is_empty() {
             return self.lines.clone();
         }
-        let width_m = if self.width_m > 0.0 { self.width_m } else { 0.12 };
+        let width_m = if self.width_m > 0.0 {
+            self.width_m
+        } else {
+            0.12
+        };
         let line = |t_offset_m: f64, broken: bool| MarkStripe {
             length_m: if broken { DASH_M.0 } else { 0.0 },
             space_m: if broken { DASH_M.1 } else { 0.0 },
@@ -369,7 +462,8 @@ impl crate::marks::MarkRecord {
             width_m,
             colour: self.colour,
         };
-        // "solid broken" is read from the inside outwards; either way the two lie a line's width apart.
+        // "solid broken" is read from the inside outwards; either way the two lie a line's width
+        // apart.
         let pair = |inner: bool, outer: bool| vec![line(-width_m, inner), line(width_m, outer)];
         match self.kind {
             MarkKind::None | MarkKind::Grass | MarkKind::Kerb => Vec::new(),
@@ -379,7 +473,11 @@ impl crate::marks::MarkRecord {
             MarkKind::SolidBroken => pair(false, true),
             MarkKind::BrokenSolid => pair(true, false),
             MarkKind::BrokenBroken => pair(true, true),
-            MarkKind::BottsDots => vec![MarkStripe { length_m: 0.1, space_m: 1.2, ..line(0.0, true) }],
+            MarkKind::BottsDots => vec![MarkStripe {
+                length_m: 0.1,
+                space_m: 1.2,
+                ..line(0.0, true)
+            }],
         }
     }
 }

@@ -7,7 +7,11 @@ use schema_roads::{LaneKey, LanePosition, MapError, RoadMap, SignalKind};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 fn key(road: u32, lane: i8) -> LaneKey {
-    LaneKey { road, section: 0, lane }
+    LaneKey {
+        road,
+        section: 0,
+        lane,
+    }
 }
 
 fn close(a: [f64; 3], b: [f64; 3]) {
@@ -17,32 +21,70 @@ fn close(a: [f64; 3], b: [f64; 3]) {
 
 fn at(map: &RoadMap, position: LanePosition) -> ([f64; 3], f64) {
     let pose = map.pose(position).unwrap();
-    (pose.translation.vector.into(), pose.rotation.euler_angles().2)
+    (
+        pose.translation.vector.into(),
+        pose.rotation.euler_angles().2,
+    )
 }
 
 #[test]
 fn straight_road_on_a_slope() {
-    let mut road = RoadText::new(7, 100.0, &geometry(0.0, 10.0, 20.0, FRAC_PI_2, 100.0, "<line/>"));
-    road.profiles = r#"<elevationProfile><elevation s="0" a="2" b="0.1" c="0" d="0"/></elevationProfile>"#.into();
+    let mut road = RoadText::new(
+        7,
+        100.0,
+        &geometry(0.0, 10.0, 20.0, FRAC_PI_2, 100.0, "<line/>"),
+    );
+    road.profiles =
+        r#"<elevationProfile><elevation s="0" a="2" b="0.1" c="0" d="0"/></elevationProfile>"#
+            .into();
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
     assert!(map.warnings().is_empty(), "{:?}", map.warnings());
     assert_eq!((map.geo_reference(), map.name()), ((48.5, 9.25), "test"));
-    // Right-hand traffic: −1 lies to the right of s and drives along it, 1 lies left and drives back.
+    // Right-hand traffic: −1 lies to the right of s and drives along it, 1 lies left and drives
+    // back.
     let (p, yaw) = at(&map, LanePosition::new(key(7, -1), 30.0));
     close(p, [11.75, 50.0, 5.0]);
     assert!((yaw - FRAC_PI_2).abs() < 1e-9);
-    let (p, yaw) = at(&map, LanePosition { lane: key(7, 1), s_m: 30.0, offset_m: 0.5 });
+    let (p, yaw) = at(
+        &map,
+        LanePosition {
+            lane: key(7, 1),
+            s_m: 30.0,
+            offset_m: 0.5,
+        },
+    );
     close(p, [10.0 - 1.75 + 0.5, 90.0, 9.0]);
     assert!((yaw + FRAC_PI_2).abs() < 1e-9);
-    let up = map.pose(LanePosition::new(key(7, -1), 30.0)).unwrap().rotation * nalgebra::Vector3::x();
+    let up = map
+        .pose(LanePosition::new(key(7, -1), 30.0))
+        .unwrap()
+        .rotation
+        * nalgebra::Vector3::x();
     assert!((up.z - 0.1 / 1.01f64.sqrt()).abs() < 1e-12, "{up}");
-    assert!((map.speed_limit_mps(LanePosition::new(key(7, 1), 0.0)).unwrap() - 50.0 / 3.6).abs() < 1e-12);
+    assert!(
+        (map.speed_limit_mps(LanePosition::new(key(7, 1), 0.0))
+            .unwrap()
+            - 50.0 / 3.6)
+            .abs()
+            < 1e-12
+    );
     assert!((map.width_m(LanePosition::new(key(7, 1), 3.0)) - 3.5).abs() < 1e-12);
 }
 
 #[test]
 fn quarter_circle() {
-    let road = RoadText::new(1, 50.0 * FRAC_PI_2, &geometry(0.0, 0.0, 0.0, 0.0, 50.0 * FRAC_PI_2, r#"<arc curvature="0.02"/>"#));
+    let road = RoadText::new(
+        1,
+        50.0 * FRAC_PI_2,
+        &geometry(
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            50.0 * FRAC_PI_2,
+            r#"<arc curvature="0.02"/>"#,
+        ),
+    );
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
     for i in 0..=20 {
         let s = 50.0 * FRAC_PI_2 * f64::from(i) / 20.0;
@@ -50,7 +92,9 @@ fn quarter_circle() {
         let (p, yaw) = at(&map, LanePosition::new(key(1, -1), s));
         close(p, [radius * angle.sin(), 50.0 - radius * angle.cos(), 0.0]);
         assert!((yaw - angle).abs() < 1e-9);
-        assert!((map.curvature_per_m(LanePosition::new(key(1, -1), s)) - 1.0 / radius).abs() < 1e-12);
+        assert!(
+            (map.curvature_per_m(LanePosition::new(key(1, -1), s)) - 1.0 / radius).abs() < 1e-12
+        );
         // Driven backwards it bends the other way, on the smaller circle.
         assert!((map.curvature_per_m(LanePosition::new(key(1, 1), s)) + 1.0 / 48.25).abs() < 1e-12);
     }
@@ -58,7 +102,11 @@ fn quarter_circle() {
 
 #[test]
 fn heading_is_the_direction_of_the_middle_also_where_a_lane_widens_on_a_bend() {
-    let mut road = RoadText::new(1, 40.0, &geometry(0.0, 0.0, 0.0, 0.0, 40.0, r#"<arc curvature="0.04"/>"#));
+    let mut road = RoadText::new(
+        1,
+        40.0,
+        &geometry(0.0, 0.0, 0.0, 0.0, 40.0, r#"<arc curvature="0.04"/>"#),
+    );
     road.lanes = r#"<laneOffset s="0" a="0" b="0" c="0.002" d="0"/><laneSection s="0"><left><lane id="1" type="driving"><width sOffset="0" a="2" b="0.05" c="0" d="0"/></lane></left><center><lane id="0" type="none"/></center></laneSection>"#.into();
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
     for i in 1..40 {
@@ -66,16 +114,24 @@ fn heading_is_the_direction_of_the_middle_also_where_a_lane_widens_on_a_bend() {
         let (s, h) = (f64::from(i), 1e-4);
         let ((a, _), (b, _), (_, yaw)) = (place(s - h), place(s + h), place(s));
         let direction = (b[1] - a[1]).atan2(b[0] - a[0]);
-        assert!(((yaw - direction + PI).rem_euclid(2.0 * PI) - PI).abs() < 1e-7, "{yaw} {direction}");
+        assert!(
+            ((yaw - direction + PI).rem_euclid(2.0 * PI) - PI).abs() < 1e-7,
+            "{yaw} {direction}"
+        );
     }
 }
 
 #[test]
 fn superelevation_lifts_the_left_side() {
     let mut road = RoadText::new(1, 10.0, &geometry(0.0, 0.0, 0.0, 0.0, 10.0, "<line/>"));
-    road.profiles = r#"<lateralProfile><superelevation s="0" a="0.1" b="0" c="0" d="0"/></lateralProfile>"#.into();
+    road.profiles =
+        r#"<lateralProfile><superelevation s="0" a="0.1" b="0" c="0" d="0"/></lateralProfile>"#
+            .into();
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
-    close(at(&map, LanePosition::new(key(1, 1), 5.0)).0, [5.0, 1.75 * 0.1f64.cos(), 1.75 * 0.1f64.sin()]);
+    close(
+        at(&map, LanePosition::new(key(1, 1), 5.0)).0,
+        [5.0, 1.75 * 0.1f64.cos(), 1.75 * 0.1f64.sin()],
+    );
 }
 
 #[test]
@@ -87,13 +143,23 @@ fn lanes_meet_across_the_junction() {
     assert_eq!(map.predecessors(key(2, -1)), [key(11, -1), key(14, -1)]);
     assert_eq!(map.successors(key(12, -1)), [key(1, 1)]);
     assert_eq!(map.successors(key(3, 1)), []);
-    assert_eq!((map.lane(key(13, -1)).unwrap().junction, map.lane(key(1, 1)).unwrap().junction), (Some(5), None));
+    assert_eq!(
+        (
+            map.lane(key(13, -1)).unwrap().junction,
+            map.lane(key(1, 1)).unwrap().junction
+        ),
+        (Some(5), None)
+    );
     for lane in map.lanes() {
         for next in map.successors(lane.key) {
             let (end, yaw) = at(&map, LanePosition::new(lane.key, lane.length_m));
             let (start, next_yaw) = at(&map, LanePosition::new(*next, 0.0));
             close(end, start);
-            assert!(((yaw - next_yaw + PI).rem_euclid(2.0 * PI) - PI).abs() < 1e-9, "{} {next}", lane.key);
+            assert!(
+                ((yaw - next_yaw + PI).rem_euclid(2.0 * PI) - PI).abs() < 1e-9,
+                "{} {next}",
+                lane.key
+            );
             assert!(map.predecessors(*next).contains(&lane.key));
         }
     }
@@ -103,28 +169,66 @@ fn lanes_meet_across_the_junction() {
 fn advancing_takes_every_branch_and_goes_back_too() {
     let map = RoadMap::parse(&t_junction()).unwrap();
     let found = map.advance(LanePosition::new(key(1, -1), 80.0), 35.0);
-    assert_eq!(found, [LanePosition::new(key(2, -1), 5.0), LanePosition::new(key(3, 1), 25.0 - 10.0 * FRAC_PI_2)]);
+    assert_eq!(
+        found,
+        [
+            LanePosition::new(key(2, -1), 5.0),
+            LanePosition::new(key(3, 1), 25.0 - 10.0 * FRAC_PI_2)
+        ]
+    );
     let back = map.advance(LanePosition::new(key(2, -1), 5.0), -10.0);
-    assert_eq!(back.iter().map(|p| p.lane).collect::<Vec<_>>(), [key(11, -1), key(14, -1)]);
+    assert_eq!(
+        back.iter().map(|p| p.lane).collect::<Vec<_>>(),
+        [key(11, -1), key(14, -1)]
+    );
     assert!((back[0].s_m - 15.0).abs() < 1e-12);
     assert_eq!(map.advance(LanePosition::new(key(2, -1), 5.0), 1000.0), []);
-    assert_eq!(map.advance(LanePosition::new(key(2, -1), 5.0), f64::NAN), []);
+    assert_eq!(
+        map.advance(LanePosition::new(key(2, -1), 5.0), f64::NAN),
+        []
+    );
 }
 
 #[test]
 fn lights_say_where_to_stop_on_each_lane() {
     let map = RoadMap::parse(&t_junction()).unwrap();
     let light = &map.signals()[0];
-    assert_eq!((light.id.as_str(), light.kind, light.junction), ("71", SignalKind::TrafficLight, Some(5)));
-    let stops: Vec<_> = light.stops.iter().map(|s| (s.lane, s.stop.lane, s.stop.s_m)).collect();
+    assert_eq!(
+        (light.id.as_str(), light.kind, light.junction),
+        ("71", SignalKind::TrafficLight, Some(5))
+    );
+    let stops: Vec<_> = light
+        .stops
+        .iter()
+        .map(|s| (s.lane, s.stop.lane, s.stop.s_m))
+        .collect();
     // On its own road at s; on the connecting road it is named on, at the end of the lane before.
-    assert_eq!(stops, [(key(1, -1), key(1, -1), 88.0), (key(13, -1), key(1, -1), 90.0)]);
+    assert_eq!(
+        stops,
+        [
+            (key(1, -1), key(1, -1), 88.0),
+            (key(13, -1), key(1, -1), 90.0)
+        ]
+    );
     close(light.pose.translation.vector.into(), [-12.0, -4.0, 5.0]);
     let face = light.pose.rotation * nalgebra::Vector3::x();
-    assert!((face.x + 1.0).abs() < 1e-9, "it looks at the traffic from the west: {face}");
+    assert!(
+        (face.x + 1.0).abs() < 1e-9,
+        "it looks at the traffic from the west: {face}"
+    );
     assert_eq!(map.signal_stops(key(13, -1)).count(), 1);
-    let groups: Vec<_> = map.controllers().iter().map(|c| (c.id.as_str(), c.junction, c.sequence, c.signals.join(","))).collect();
-    assert_eq!(groups, [("1", Some(5), 0, "71".to_owned()), ("2", Some(5), 1, "72".to_owned())]);
+    let groups: Vec<_> = map
+        .controllers()
+        .iter()
+        .map(|c| (c.id.as_str(), c.junction, c.sequence, c.signals.join(",")))
+        .collect();
+    assert_eq!(
+        groups,
+        [
+            ("1", Some(5), 0, "71".to_owned()),
+            ("2", Some(5), 1, "72".to_owned())
+        ]
+    );
 }
 
 /// Random points within `half_m` of `middle`: no lane passes nearer than the one that is found.
@@ -132,12 +236,36 @@ fn assert_nearest_of_everything(map: &RoadMap, middle: [f64; 2], half_m: f64) {
     let mut random = fastrand::Rng::with_seed(3);
     for _ in 0..300 {
         let mut coordinate = |at: f64| at + (random.f64() * 2.0 - 1.0) * half_m;
-        let point = [coordinate(middle[0]), coordinate(middle[1]), coordinate(0.0) / half_m];
+        let point = [
+            coordinate(middle[0]),
+            coordinate(middle[1]),
+            coordinate(0.0) / half_m,
+        ];
         let found = map.nearest(point, |lane| lane.kind.is_drivable()).unwrap();
-        let (p, _) = at(map, LanePosition { offset_m: 0.0, ..found });
-        let distance = |q: [f64; 3]| (0..3).map(|i| (q[i] - point[i]).powi(2)).sum::<f64>().sqrt();
-        let best = map.lanes().iter().flat_map(|lane| map.centreline(lane.key, 0.02)).map(distance).fold(f64::INFINITY, f64::min);
-        assert!(distance(p) < best + 1e-3, "{point:?}: {} to {found:?}, but {best}", distance(p));
+        let (p, _) = at(
+            map,
+            LanePosition {
+                offset_m: 0.0,
+                ..found
+            },
+        );
+        let distance = |q: [f64; 3]| {
+            (0..3)
+                .map(|i| (q[i] - point[i]).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        };
+        let best = map
+            .lanes()
+            .iter()
+            .flat_map(|lane| map.centreline(lane.key, 0.02))
+            .map(distance)
+            .fold(f64::INFINITY, f64::min);
+        assert!(
+            distance(p) < best + 1e-3,
+            "{point:?}: {} to {found:?}, but {best}",
+            distance(p)
+        );
     }
 }
 
@@ -149,15 +277,40 @@ fn nearest_agrees_with_a_search_of_everything() {
     assert_eq!(map.nearest([0.0; 3], |_| false), None);
 }
 
-/// Turns as network generators make them: tighter than the lane is wide, and one that comes back upon itself, beside a straight road.
+/// Turns as network generators make them: tighter than the lane is wide, and one that comes back
+/// upon itself, beside a straight road.
 #[test]
 fn nearest_agrees_with_a_search_of_everything_where_bends_are_tight() {
     let cubic = |b_u: f64, c_u: f64, c_v: f64| {
-        format!(r#"<paramPoly3 aU="0" bU="{b_u}" cU="{c_u}" dU="0" aV="0" bV="0" cV="{c_v}" dV="0" pRange="normalized"/>"#)
+        format!(
+            r#"<paramPoly3 aU="0" bU="{b_u}" cU="{c_u}" dU="0" aV="0" bV="0" cV="{c_v}" dV="0" pRange="normalized"/>"#
+        )
     };
     let roads = [
-        RoadText::new(1, 16.3085, &geometry(0.0, 0.0, 0.0, -0.27, 16.3085, &cubic(24.336, -19.063, -10.026))),
-        RoadText::new(2, 30.0328, &geometry(0.0, -18.0, 8.0, -0.98, 30.0328, &cubic(61.374, -31.544, -1.276))),
+        RoadText::new(
+            1,
+            16.3085,
+            &geometry(
+                0.0,
+                0.0,
+                0.0,
+                -0.27,
+                16.3085,
+                &cubic(24.336, -19.063, -10.026),
+            ),
+        ),
+        RoadText::new(
+            2,
+            30.0328,
+            &geometry(
+                0.0,
+                -18.0,
+                8.0,
+                -0.98,
+                30.0328,
+                &cubic(61.374, -31.544, -1.276),
+            ),
+        ),
         RoadText::new(3, 40.0, &geometry(0.0, -20.0, 3.0, 0.0, 40.0, "<line/>")),
     ];
     let map = RoadMap::parse(&document(&roads, "")).unwrap();
@@ -166,8 +319,16 @@ fn nearest_agrees_with_a_search_of_everything_where_bends_are_tight() {
 
 #[test]
 fn marks_allow_or_forbid_lane_changes() {
-    let lane = |id: i8, mark: &str| format!(r#"<lane id="{id}" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/>{mark}</lane>"#);
-    let mark = |change: &str, s: f64| format!(r#"<roadMark sOffset="{s}" type="broken" color="white" width="0.1" laneChange="{change}"/>"#);
+    let lane = |id: i8, mark: &str| {
+        format!(
+            r#"<lane id="{id}" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/>{mark}</lane>"#
+        )
+    };
+    let mark = |change: &str, s: f64| {
+        format!(
+            r#"<roadMark sOffset="{s}" type="broken" color="white" width="0.1" laneChange="{change}"/>"#
+        )
+    };
     let mut road = RoadText::new(1, 40.0, &geometry(0.0, 0.0, 0.0, 0.0, 40.0, "<line/>"));
     road.lanes = format!(
         r#"<laneSection s="0"><center><lane id="0" type="none"/></center><right>{}{}</right></laneSection>"#,
@@ -176,7 +337,13 @@ fn marks_allow_or_forbid_lane_changes() {
     );
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
     let place = |lane: i8, s: f64| LanePosition::new(key(1, lane), s);
-    assert_eq!((map.lane(key(1, -1)).unwrap().right, map.lane(key(1, -1)).unwrap().left), (Some(key(1, -2)), None));
+    assert_eq!(
+        (
+            map.lane(key(1, -1)).unwrap().right,
+            map.lane(key(1, -1)).unwrap().left
+        ),
+        (Some(key(1, -2)), None)
+    );
     assert!(map.may_change_right(place(-1, 5.0)) && map.may_change_left(place(-2, 5.0)));
     // Ids fall to the right, so "decrease" lets −1 go to −2 and not back.
     assert!(map.may_change_right(place(-1, 25.0)) && !map.may_change_left(place(-2, 25.0)));
@@ -189,9 +356,21 @@ fn marks_allow_or_forbid_lane_changes() {
 fn what_is_wrong_is_said_with_its_place() {
     let error = RoadMap::parse("<OpenDRIVE>\n  <road></raod></OpenDRIVE>").unwrap_err();
     assert!(matches!(error, MapError::Xml { line: 2, .. }), "{error}");
-    assert!(RoadMap::parse("<osm/>").unwrap_err().to_string().contains("<osm>"));
+    assert!(
+        RoadMap::parse("<osm/>")
+            .unwrap_err()
+            .to_string()
+            .contains("<osm>")
+    );
     assert_eq!(RoadMap::parse("<OpenDRIVE/>").unwrap_err(), MapError::Empty);
-    let text = document(&[RoadText::new(1, 10.0, &geometry(0.0, 0.0, 0.0, 0.0, 10.0, "\n<arc curvature=\"x\"/>"))], "");
+    let text = document(
+        &[RoadText::new(
+            1,
+            10.0,
+            &geometry(0.0, 0.0, 0.0, 0.0, 10.0, "\n<arc curvature=\"x\"/>"),
+        )],
+        "",
+    );
     let map = RoadMap::parse(&text).unwrap();
     assert_eq!(map.warnings()[0].line, Some(3), "{:?}", map.warnings());
     assert!(map.warnings()[0].to_string().contains("curvature=\"x\""));
@@ -201,18 +380,37 @@ fn what_is_wrong_is_said_with_its_place() {
 #[test]
 fn positions_agree_with_another_reader() {
     let spiral = r#"<spiral curvStart="0" curvEnd="0.05"/>"#;
-    let shapes = [("spiral", spiral, 40.0), ("arc", r#"<arc curvature="-0.03"/>"#, 55.0), ("line", "<line/>", 12.5)];
+    let shapes = [
+        ("spiral", spiral, 40.0),
+        ("arc", r#"<arc curvature="-0.03"/>"#, 55.0),
+        ("line", "<line/>", 12.5),
+    ];
     for (name, shape, length) in shapes {
         let mut road = RoadText::new(1, length, &geometry(0.0, 3.0, -2.0, 0.4, length, shape));
         road.profiles = r#"<elevationProfile><elevation s="0" a="1" b="0.02" c="0.001" d="0"/></elevationProfile>"#.into();
         let text = document(&[road], "");
-        let (ours, theirs) = (RoadMap::parse(&text).unwrap(), xodr::load_str(&text).unwrap());
-        let lane = theirs.lanes().iter().find(|l| theirs.road_lane(l.id).is_some_and(|r| r.od_id == -1)).unwrap();
+        let (ours, theirs) = (
+            RoadMap::parse(&text).unwrap(),
+            xodr::load_str(&text).unwrap(),
+        );
+        let lane = theirs
+            .lanes()
+            .iter()
+            .find(|l| theirs.road_lane(l.id).is_some_and(|r| r.od_id == -1))
+            .unwrap();
         for i in 0..=10 {
             let s = length * f64::from(i) / 10.0;
             let (p, _) = at(&ours, LanePosition::new(key(1, -1), s));
-            let q = theirs.lane_point(xodr::LanePosition { lane: lane.id, s, offset: 0.0 }).unwrap();
-            let apart = (p[0] - f64::from(q.x)).hypot(p[1] - f64::from(q.y)).hypot(p[2] - f64::from(q.z));
+            let q = theirs
+                .lane_point(xodr::LanePosition {
+                    lane: lane.id,
+                    s,
+                    offset: 0.0,
+                })
+                .unwrap();
+            let apart = (p[0] - f64::from(q.x))
+                .hypot(p[1] - f64::from(q.y))
+                .hypot(p[2] - f64::from(q.z));
             assert!(apart < 2e-3, "{name} at {s}: {p:?} {q:?}");
         }
     }
@@ -221,15 +419,38 @@ fn positions_agree_with_another_reader() {
 /// A few kilobytes must not become millions of triangles: outlines of many corners, repeated.
 #[test]
 fn outlines_are_bounded_over_the_whole_map() {
-    let corners: String = (0..1000).map(|i| format!(r#"<cornerLocal u="{}" v="{}" z="0" height="1"/>"#, i % 37, i % 41)).collect();
+    let corners: String = (0..1000)
+        .map(|i| {
+            format!(
+                r#"<cornerLocal u="{}" v="{}" z="0" height="1"/>"#,
+                i % 37,
+                i % 41
+            )
+        })
+        .collect();
     let object = |id: usize| {
         let repeats = r#"<repeat s="0" length="90" distance="0.1"/>"#.repeat(60);
-        format!(r#"<object id="{id}" type="building" s="5" t="20">{repeats}<outline>{corners}</outline></object>"#)
+        format!(
+            r#"<object id="{id}" type="building" s="5" t="20">{repeats}<outline>{corners}</outline></object>"#
+        )
     };
     let mut road = RoadText::new(7, 100.0, &geometry(0.0, 10.0, 20.0, 0.0, 100.0, "<line/>"));
-    road.signals = format!("<objects>{}</objects>", (0..12).map(object).collect::<String>());
+    road.signals = format!(
+        "<objects>{}</objects>",
+        (0..12).map(object).collect::<String>()
+    );
     let map = RoadMap::parse(&document(&[road], "")).unwrap();
-    let n_corners: usize = map.objects().iter().map(|object| object.outline.len()).sum();
+    let n_corners: usize = map
+        .objects()
+        .iter()
+        .map(|object| object.outline.len())
+        .sum();
     assert!((400_000..=500_000).contains(&n_corners), "{n_corners}");
-    assert!(map.warnings().iter().any(|warning| warning.to_string().contains("500000 corners")), "{:?}", map.warnings());
+    assert!(
+        map.warnings()
+            .iter()
+            .any(|warning| warning.to_string().contains("500000 corners")),
+        "{:?}",
+        map.warnings()
+    );
 }

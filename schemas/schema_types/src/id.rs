@@ -5,14 +5,44 @@
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// An actor: vehicle, walker, light, sign, prop, sensor or spectator. Never 0, never reused within an epoch, bit 31 clear.
+/// An actor: vehicle, walker, light, sign, prop, sensor or spectator. Never 0, never reused within
+/// an epoch, bit 31 clear.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    Pod,
+    Zeroable,
+    Serialize,
+    Deserialize,
+)]
 pub struct ActorId(pub u32);
 
-/// Anything a pixel or a ray can show: an actor's id, a scenery object (bit 31 set), or 0 for the background.
+/// Anything a pixel or a ray can show: an actor's id, a scenery object (bit 31 set), or 0 for the
+/// background.
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Pod, Zeroable, Serialize, Deserialize)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Hash,
+    PartialOrd,
+    Ord,
+    Pod,
+    Zeroable,
+    Serialize,
+    Deserialize,
+)]
 pub struct ObjectId(pub u32);
 
 /// Set in the id of every scenery object.
@@ -34,7 +64,11 @@ impl ObjectId {
 
     /// The actor, if this is one.
     pub const fn actor(self) -> Option<ActorId> {
-        if self.0 == 0 || self.is_scenery() { None } else { Some(ActorId(self.0)) }
+        if self.0 == 0 || self.is_scenery() {
+            None
+        } else {
+            Some(ActorId(self.0))
+        }
     }
 }
 

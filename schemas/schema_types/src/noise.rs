@@ -1,7 +1,9 @@
 //! Random numbers as a pure function of (seed, stream, tick, sample).
 //!
-//! No generator is shared, so adding a sensor changes no other sensor's bytes and order of evaluation does not matter.
-//! Mixing is SplitMix64's finaliser (Steele, Lea, Flood, *Fast splittable pseudorandom number generators*, 2014), once per key word.
+//! No generator is shared, so adding a sensor changes no other sensor's bytes and order of
+//! evaluation does not matter.
+//! Mixing is SplitMix64's finaliser (Steele, Lea, Flood, *Fast splittable pseudorandom number
+//! generators*, 2014), once per key word.
 
 /// SplitMix64's output function: a bijection on `u64` with good avalanche.
 pub const fn mix(mut z: u64) -> u64 {
@@ -36,7 +38,8 @@ impl Noise {
         (self.bits(sample) >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
-    /// Standard normal deviate (Box–Muller); uses the sample numbers `2·sample` and `2·sample + 1` of a stream of its own.
+    /// Standard normal deviate (Box–Muller); uses the sample numbers `2·sample` and `2·sample + 1`
+    /// of a stream of its own.
     pub fn gaussian(self, sample: u64) -> f64 {
         let key = Noise(self.0 ^ 0x6a09_e667_f3bc_c908);
         let radius = (-2.0 * (1.0 - key.uniform(2 * sample)).ln()).sqrt();
@@ -58,7 +61,8 @@ mod tests {
             sum += x;
             squares += x * x;
         }
-        // Standard errors: 1/√n = 0.0032 of the mean, √(2/n) = 0.0045 of the variance; five of each.
+        // Standard errors: 1/√n = 0.0032 of the mean, √(2/n) = 0.0045 of the variance; five of
+        // each.
         assert!((sum / n as f64).abs() < 0.016);
         assert!((squares / n as f64 - 1.0).abs() < 0.023);
     }
@@ -67,7 +71,9 @@ mod tests {
     fn neighbouring_keys_are_unrelated() {
         let a = Noise::new(1, 1, 1);
         let b = Noise::new(1, 1, 2);
-        let same_bits: u32 = (0..1000).map(|s| (!(a.bits(s) ^ b.bits(s))).count_ones()).sum();
+        let same_bits: u32 = (0..1000)
+            .map(|s| (!(a.bits(s) ^ b.bits(s))).count_ones())
+            .sum();
         // Binomial(64 000, ½): σ = 126; six σ.
         assert!((31_240..32_760).contains(&same_bits), "{same_bits}");
     }

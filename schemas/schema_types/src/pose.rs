@@ -4,7 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
-/// Rigid transform `target_from_source`: metres and a unit quaternion `[x, y, z, w]`. 56 bytes, no padding.
+/// Rigid transform `target_from_source`: metres and a unit quaternion `[x, y, z, w]`. 56 bytes, no
+/// padding.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 pub struct Pose {
@@ -17,17 +18,28 @@ const _: () = assert!(size_of::<Pose>() == 56);
 
 impl Pose {
     /// No displacement, no rotation.
-    pub const IDENTITY: Pose = Pose { translation_m: [0.0; 3], rotation_xyzw: [0.0, 0.0, 0.0, 1.0] };
+    pub const IDENTITY: Pose = Pose {
+        translation_m: [0.0; 3],
+        rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+    };
 
-    /// As nalgebra's type. The quaternion's bits are kept: what goes through here and back is the same bit for bit.
+    /// As nalgebra's type. The quaternion's bits are kept: what goes through here and back is the
+    /// same bit for bit.
     pub fn isometry(&self) -> Isometry3<f64> {
         let [x, y, z, w] = self.rotation_xyzw;
-        Isometry3::from_parts(Translation3::from(self.translation_m), UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)))
+        Isometry3::from_parts(
+            Translation3::from(self.translation_m),
+            UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
+        )
     }
 
     /// Position and heading about z (radians, counter-clockwise from x), level.
     pub fn from_xyz_yaw(x_m: f64, y_m: f64, z_m: f64, yaw_rad: f64) -> Pose {
-        Isometry3::new(nalgebra::Vector3::new(x_m, y_m, z_m), nalgebra::Vector3::z() * yaw_rad).into()
+        Isometry3::new(
+            nalgebra::Vector3::new(x_m, y_m, z_m),
+            nalgebra::Vector3::z() * yaw_rad,
+        )
+        .into()
     }
 
     /// Heading about z, radians in (−π, π].
@@ -45,7 +57,10 @@ impl Default for Pose {
 impl From<Isometry3<f64>> for Pose {
     fn from(iso: Isometry3<f64>) -> Self {
         let q = iso.rotation.quaternion();
-        Pose { translation_m: iso.translation.vector.into(), rotation_xyzw: [q.i, q.j, q.k, q.w] }
+        Pose {
+            translation_m: iso.translation.vector.into(),
+            rotation_xyzw: [q.i, q.j, q.k, q.w],
+        }
     }
 }
 

@@ -12,13 +12,15 @@
 //!
 //! - A transform is `target_from_source` and reads right to left.
 //! - Rotations are unit quaternions stored `[x, y, z, w]`.
-//! - Pixel (0, 0) begins at the outer corner of the top-left pixel, so that pixel's centre is (0.5, 0.5) and cx = W/2.
+//! - Pixel (0, 0) begins at the outer corner of the top-left pixel, so that pixel's centre is (0.5,
+//!   0.5) and cx = W/2.
 //!   Formats that count from pixel centres (OpenCV, ROS, Foxglove's K) get cx − 0.5, cy − 0.5.
 //! - Depth is measured along the optical axis (`camera` z), not along the ray.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-/// Rotation that takes a vector in `camera` to `sensor`: camera z is sensor x, camera x is sensor −y, camera y is sensor −z.
+/// Rotation that takes a vector in `camera` to `sensor`: camera z is sensor x, camera x is sensor
+/// −y, camera y is sensor −z.
 pub fn sensor_from_camera() -> UnitQuaternion<f64> {
     let columns = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(columns))

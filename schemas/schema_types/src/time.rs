@@ -42,12 +42,19 @@ impl TickClock {
     /// A clock that has not ticked: tick 0 is time 0, tick 1 is one period.
     pub fn new(period_nanos: u64) -> Self {
         assert!(period_nanos > 0, "a tick lasts at least a nanosecond");
-        TickClock { base_tick: 0, base_nanos: 0, period_nanos }
+        TickClock {
+            base_tick: 0,
+            base_nanos: 0,
+            period_nanos,
+        }
     }
 
     /// Time at the end of `tick`, which must not lie before the last change of the period.
     pub fn time_of(&self, tick: Tick) -> SimTime {
-        let ticks = tick.0.checked_sub(self.base_tick).expect("tick lies after the clock's base");
+        let ticks = tick
+            .0
+            .checked_sub(self.base_tick)
+            .expect("tick lies after the clock's base");
         SimTime(self.base_nanos + ticks * self.period_nanos)
     }
 
@@ -85,7 +92,10 @@ mod tests {
     fn a_leap_goes_forward_and_the_period_stays() {
         let mut clock = TickClock::new(10);
         clock.leap(Tick(5), SimTime(1000));
-        assert_eq!((clock.time_of(Tick(5)), clock.time_of(Tick(7))), (SimTime(1000), SimTime(1020)));
+        assert_eq!(
+            (clock.time_of(Tick(5)), clock.time_of(Tick(7))),
+            (SimTime(1000), SimTime(1020))
+        );
     }
 
     #[test]

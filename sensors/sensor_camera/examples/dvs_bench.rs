@@ -1,7 +1,9 @@
 //! Time of the event camera alone: pictures are rendered first, then fed again and again.
 //!
-//! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]` prints, per case, CPU time per frame and
-//! events per second and core. The drive moves 0.4 m a frame along the test street; `flicker` is a picture that turns brighter and darker
+//! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]`
+//! prints, per case, CPU time per frame and
+//! events per second and core. The drive moves 0.4 m a frame along the test street; `flicker` is a
+//! picture that turns brighter and darker
 //! everywhere, so that making, sorting and writing events is all there is to do.
 
 #[path = "../tests/kit/mod.rs"]
@@ -16,28 +18,72 @@ use shots::{Shot, cpu_secs, drive};
 const WINDOW_NANOS: u64 = 50_000_000;
 
 fn main() {
-    let numbers: Vec<u32> = std::env::args().skip(1).map(|text| text.parse().expect("arguments are whole numbers")).collect();
+    let numbers: Vec<u32> = std::env::args()
+        .skip(1)
+        .map(|text| text.parse().expect("arguments are whole numbers"))
+        .collect();
     let (size_px, rounds, threads) = match numbers[..] {
         [width, height, rounds, threads] => ([width, height], rounds, threads as usize),
         _ => ([800, 600], 3, 1),
     };
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("threads can be started");
     // Six firings, 0.4 m apart.
-    let drive = drive(size_px, (0..6u64).map(|step| (step as f64 * 0.4, (step + 1) * WINDOW_NANOS)));
+    let drive = drive(
+        size_px,
+        (0..6u64).map(|step| (step as f64 * 0.4, (step + 1) * WINDOW_NANOS)),
+    );
     pool.install(|| {
-        let base = DvsSpec { max_events: 20_000_000, ..Default::default() };
+        let base = DvsSpec {
+            max_events: 20_000_000,
+            ..Default::default()
+        };
         measure("drive, steps of 1 px", &drive, size_px, rounds, &base);
-        measure("drive, steps of 4 px", &drive, size_px, rounds, &DvsSpec { substep_px: 4.0, ..base.clone() });
-        measure("drive, two_frame", &drive, size_px, rounds, &DvsSpec { mode: DvsMode::TwoFrame, ..base.clone() });
+        measure(
+            "drive, steps of 4 px",
+            &drive,
+            size_px,
+            rounds,
+            &DvsSpec {
+                substep_px: 4.0,
+                ..base.clone()
+            },
+        );
+        measure(
+            "drive, two_frame",
+            &drive,
+            size_px,
+            rounds,
+            &DvsSpec {
+                mode: DvsMode::TwoFrame,
+                ..base.clone()
+            },
+        );
         let flicker = flicker(size_px);
         measure(
             "flicker, 1 event",
             &flicker,
             size_px,
             rounds,
-            &DvsSpec { positive_threshold: 0.6, negative_threshold: 0.6, ..base.clone() },
+            &DvsSpec {
+                positive_threshold: 0.6,
+                negative_threshold: 0.6,
+                ..base.clone()
+            },
         );
-        measure("flicker, 6 events", &flicker, size_px, rounds, &DvsSpec { positive_threshold: 0.1, negative_threshold: 0.1, ..base });
+        measure(
+            "flicker, 6 events",
+            &flicker,
+            size_px,
+            rounds,
+            &DvsSpec {
+                positive_threshold: 0.1,
+                negative_threshold: 0.1,
+                ..base
+            },
+        );
     });
 }
 
@@ -51,7 +97,14 @@ fn measure(name: &str, shots: &[Shot], size_px: [u32; 2], rounds: u32, spec: &Dv
     let (mut n_events, mut best, mut best_wall) = (0, f64::INFINITY, f64::INFINITY);
     for _ in 0..rounds {
         let (begin, wall) = (cpu_secs(), std::time::Instant::now());
-        n_events = order.iter().map(|i| camera.advance(&shots[*i].images(width), WINDOW_NANOS, &mut out).n_events).sum();
+        n_events = order
+            .iter()
+            .map(|i| {
+                camera
+                    .advance(&shots[*i].images(width), WINDOW_NANOS, &mut out)
+                    .n_events
+            })
+            .sum();
         best = best.min(cpu_secs() - begin);
         best_wall = best_wall.min(wall.elapsed().as_secs_f64());
     }
@@ -70,7 +123,9 @@ fn flicker([width, height]: [u32; 2]) -> Vec<Shot> {
     let n = (width * height) as usize;
     let grey = |i: usize| 0.2 + 0.1 * ((i * 7919) % 1000) as f32 * 1e-3;
     let shot = |step: usize| Shot {
-        luminance: (0..n).flat_map(|i| (grey(i) * if step % 2 == 1 { 0.65f32.exp() } else { 1.0 }).to_le_bytes()).collect(),
+        luminance: (0..n)
+            .flat_map(|i| (grey(i) * if step % 2 == 1 { 0.65f32.exp() } else { 1.0 }).to_le_bytes())
+            .collect(),
         flow: vec![0; 8 * n],
         depth: (0..n).flat_map(|_| 10f32.to_le_bytes()).collect(),
         instance: vec![1; 4 * n],

@@ -1,8 +1,12 @@
-//! The same rendered frames for other event cameras and for ours: `benches/dvs_peers.py` feeds them to v2e and to ESIM's formula and compares.
+//! The same rendered frames for other event cameras and for ours: `benches/dvs_peers.py` feeds them
+//! to v2e and to ESIM's formula and compares.
 //!
-//! `cargo run --release -p sensor_camera --example dvs_peers -- FOLDER [WIDTH HEIGHT]` renders 101 frames of a drive along the test street,
-//! 1 ms apart at 8 m/s, and writes into FOLDER: `luminance.f32` (frames × rows × columns, 0..1), `NAME.events` (records of 16 bytes as on the
-//! bus, behind each its window's number as u64) for `motion` and `two_frame` every 50 ms and `two_frame_1khz`, and `cpu.txt` with each one's
+//! `cargo run --release -p sensor_camera --example dvs_peers -- FOLDER [WIDTH HEIGHT]` renders 101
+//! frames of a drive along the test street,
+//! 1 ms apart at 8 m/s, and writes into FOLDER: `luminance.f32` (frames × rows × columns, 0..1),
+//! `NAME.events` (records of 16 bytes as on the
+//! bus, behind each its window's number as u64) for `motion` and `two_frame` every 50 ms and
+//! `two_frame_1khz`, and `cpu.txt` with each one's
 //! CPU seconds per simulated second.
 
 #[path = "../tests/kit/mod.rs"]
@@ -24,7 +28,10 @@ fn main() -> std::io::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
     let (folder, size_px) = match &words[..] {
         [folder] => (folder, [800, 600]),
-        [folder, width, height] => (folder, [width, height].map(|text| text.parse().expect("width and height are whole numbers"))),
+        [folder, width, height] => (
+            folder,
+            [width, height].map(|text| text.parse().expect("width and height are whole numbers")),
+        ),
         _ => panic!("give a folder, and perhaps width and height"),
     };
     let folder = std::path::Path::new(folder);
@@ -32,31 +39,65 @@ fn main() -> std::io::Result<()> {
     let fine = frames(size_px, 1);
     let coarse = frames(size_px, 50);
     let mut file = std::io::BufWriter::new(std::fs::File::create(folder.join("luminance.f32"))?);
-    fine.iter().try_for_each(|shot| file.write_all(&shot.luminance))?;
+    fine.iter()
+        .try_for_each(|shot| file.write_all(&shot.luminance))?;
     file.flush()?;
     let mut cpu = std::fs::File::create(folder.join("cpu.txt"))?;
-    let base = DvsSpec { max_events: 20_000_000, ..Default::default() };
-    let two_frame = DvsSpec { mode: DvsMode::TwoFrame, ..base.clone() };
+    let base = DvsSpec {
+        max_events: 20_000_000,
+        ..Default::default()
+    };
+    let two_frame = DvsSpec {
+        mode: DvsMode::TwoFrame,
+        ..base.clone()
+    };
     for (name, shots, step, spec) in [
         ("motion", &coarse, 50, &base),
-        ("motion_4px", &coarse, 50, &DvsSpec { substep_px: 4.0, ..base.clone() }),
+        (
+            "motion_4px",
+            &coarse,
+            50,
+            &DvsSpec {
+                substep_px: 4.0,
+                ..base.clone()
+            },
+        ),
         ("two_frame", &coarse, 50, &two_frame),
         ("two_frame_1khz", &fine, 1, &two_frame),
     ] {
-        let secs = write_events(&folder.join(format!("{name}.events")), shots, size_px, step, spec)?;
-        writeln!(cpu, "{name} {:.4}", secs / ((N_FRAMES - 1) as f64 * STEP_NANOS as f64 * 1e-9))?;
+        let secs = write_events(
+            &folder.join(format!("{name}.events")),
+            shots,
+            size_px,
+            step,
+            spec,
+        )?;
+        writeln!(
+            cpu,
+            "{name} {:.4}",
+            secs / ((N_FRAMES - 1) as f64 * STEP_NANOS as f64 * 1e-9)
+        )?;
     }
     Ok(())
 }
 
 /// CPU seconds of making the events, one thread.
-fn write_events(path: &std::path::Path, shots: &[Shot], size_px: [u32; 2], step: u64, spec: &DvsSpec) -> std::io::Result<f64> {
+fn write_events(
+    path: &std::path::Path,
+    shots: &[Shot],
+    size_px: [u32; 2],
+    step: u64,
+    spec: &DvsSpec,
+) -> std::io::Result<f64> {
     let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
     let mut camera = EventCamera::new(spec.clone(), size_px, 1, 2);
     let mut out = vec![0; spec.max_events as usize * 16];
     let (width, window_nanos) = (size_px[0] as usize, step * STEP_NANOS);
     let mut secs = 0.0;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread can be started");
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a thread can be started");
     for (window, shot) in shots.iter().enumerate() {
         let begin = cpu_secs();
         let made = pool.install(|| camera.advance(&shot.images(width), window_nanos, &mut out));
@@ -72,6 +113,11 @@ fn write_events(path: &std::path::Path, shots: &[Shot], size_px: [u32; 2], step:
 
 /// Every `step`-th frame of the drive.
 fn frames(size_px: [u32; 2], step: u64) -> Vec<Shot> {
-    let moment = |frame: u64| (frame as f64 * STEP_NANOS as f64 * 1e-9 * SPEED_MPS, (frame + step) * STEP_NANOS);
+    let moment = |frame: u64| {
+        (
+            frame as f64 * STEP_NANOS as f64 * 1e-9 * SPEED_MPS,
+            (frame + step) * STEP_NANOS,
+        )
+    };
     drive(size_px, (0..N_FRAMES).step_by(step as usize).map(moment))
 }

@@ -1,4 +1,5 @@
-//! The episode's meshes on the GPU: one vertex buffer, one index buffer, and what culling needs of each instance.
+//! The episode's meshes on the GPU: one vertex buffer, one index buffer, and what culling needs of
+//! each instance.
 
 use std::sync::Arc;
 
@@ -47,11 +48,15 @@ pub(crate) struct Sphere {
 impl Sphere {
     pub fn of(mesh: &Mesh, world_from_mesh: &Isometry3<f64>) -> Self {
         let centre = Point3::from(mesh.centre_m.map(f64::from));
-        Sphere { centre_m: world_from_mesh * centre, radius_m: mesh.radius_m as f64 }
+        Sphere {
+            centre_m: world_from_mesh * centre,
+            radius_m: mesh.radius_m as f64,
+        }
     }
 }
 
-/// What stands still, as culling and matrices want it: one number after the other, and poses as rows of `[rotation | translation]`.
+/// What stands still, as culling and matrices want it: one number after the other, and poses as
+/// rows of `[rotation | translation]`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Still {
     /// Middles of the bounding spheres, world x, y, z, and their radii.
@@ -63,8 +68,17 @@ impl Still {
     fn of(scene_assets: &SceneAssets, spheres: &[Sphere]) -> Still {
         let along = |axis: usize| spheres.iter().map(|sphere| sphere.centre_m[axis]).collect();
         Still {
-            spheres_m: [along(0), along(1), along(2), spheres.iter().map(|sphere| sphere.radius_m).collect()],
-            world_from_mesh: scene_assets.statics.iter().map(|instance| matrix_rows(&instance.world_from_mesh)).collect(),
+            spheres_m: [
+                along(0),
+                along(1),
+                along(2),
+                spheres.iter().map(|sphere| sphere.radius_m).collect(),
+            ],
+            world_from_mesh: scene_assets
+                .statics
+                .iter()
+                .map(|instance| matrix_rows(&instance.world_from_mesh))
+                .collect(),
         }
     }
 }
@@ -92,7 +106,8 @@ pub(crate) struct GpuAssets {
     /// Lamps per mesh.
     emitters: Vec<Vec<Emitter>>,
     ranges: Vec<MeshRange>,
-    /// Levels of detail of all meshes one after the other, each mesh's from the number that stands there: culling asks for many.
+    /// Levels of detail of all meshes one after the other, each mesh's from the number that stands
+    /// there: culling asks for many.
     levels: (Vec<u32>, Vec<Level>),
 }
 
@@ -104,9 +119,20 @@ const WALLS: [u8; 2] = [Material::Facade as u8, Material::ShopFront as u8];
 
 impl GpuAssets {
     pub fn upload(gpu: &Gpu, scene_assets: &Arc<SceneAssets>) -> Self {
-        let n_vertices: usize = scene_assets.meshes.iter().map(|mesh| mesh.vertices.len()).sum();
-        let n_indices: usize = scene_assets.meshes.iter().map(|mesh| mesh.indices.len()).sum();
-        let (mut vertices, mut indices) = (Vec::with_capacity(n_vertices), Vec::with_capacity(n_indices));
+        let n_vertices: usize = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| mesh.vertices.len())
+            .sum();
+        let n_indices: usize = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| mesh.indices.len())
+            .sum();
+        let (mut vertices, mut indices) = (
+            Vec::with_capacity(n_vertices),
+            Vec::with_capacity(n_indices),
+        );
         let mut ranges = Vec::with_capacity(scene_assets.meshes.len());
         for mesh in &scene_assets.meshes {
             ranges.push(MeshRange {
@@ -114,13 +140,20 @@ impl GpuAssets {
                 first_idx: indices.len() as u32,
                 n_places: mesh.indices.len() as u32,
                 casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
-                has_walls: mesh.vertices.iter().any(|vertex| WALLS.contains(&vertex.material)),
+                has_walls: mesh
+                    .vertices
+                    .iter()
+                    .any(|vertex| WALLS.contains(&vertex.material)),
             });
             vertices.extend_from_slice(&mesh.vertices);
             indices.extend_from_slice(&mesh.indices);
         }
         let spheres = spheres_of(scene_assets);
-        let emitters: Vec<Vec<Emitter>> = scene_assets.meshes.iter().map(|mesh| emitters_of(mesh)).collect();
+        let emitters: Vec<Vec<Emitter>> = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| emitters_of(mesh))
+            .collect();
         GpuAssets {
             scene_assets: scene_assets.clone(),
             vertices: gpu.buffer_with(
@@ -128,7 +161,11 @@ impl GpuAssets {
                 bytemuck::cast_slice(&vertices),
                 wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
             ),
-            indices: gpu.buffer_with("indices", bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE),
+            indices: gpu.buffer_with(
+                "indices",
+                bytemuck::cast_slice(&indices),
+                wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE,
+            ),
             still: Still::of(scene_assets, &spheres),
             spheres,
             still_lamps: switched::still_lamps(scene_assets, &emitters),
@@ -139,28 +176,40 @@ impl GpuAssets {
         }
     }
 
-    /// Whether other assets have the same meshes in the same places, so that at most their lamps are switched otherwise.
+    /// Whether other assets have the same meshes in the same places, so that at most their lamps
+    /// are switched otherwise.
     pub fn shows_the_same(&self, other: &SceneAssets) -> bool {
         let known = &self.scene_assets;
-        let same_meshes =
-            known.meshes.len() == other.meshes.len() && known.meshes.iter().zip(&other.meshes).all(|(a, b)| Arc::ptr_eq(a, b));
-        let is_same =
-            |(a, b): (&StaticInstance, &StaticInstance)| (a.mesh, a.object, a.world_from_mesh) == (b.mesh, b.object, b.world_from_mesh);
+        let same_meshes = known.meshes.len() == other.meshes.len()
+            && known
+                .meshes
+                .iter()
+                .zip(&other.meshes)
+                .all(|(a, b)| Arc::ptr_eq(a, b));
+        let is_same = |(a, b): (&StaticInstance, &StaticInstance)| {
+            (a.mesh, a.object, a.world_from_mesh) == (b.mesh, b.object, b.world_from_mesh)
+        };
         known.episode == other.episode
             && same_meshes
             && known.statics.len() == other.statics.len()
             && known.statics.iter().zip(&other.statics).all(is_same)
     }
 
-    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes; gives the bytes that went to the GPU,
-    /// which are the indices of the meshes that changed. `None`: they are others, or need more room; nothing was taken over then.
+    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes;
+    /// gives the bytes that went to the GPU,
+    /// which are the indices of the meshes that changed. `None`: they are others, or need more
+    /// room; nothing was taken over then.
     pub fn take_over(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) -> Option<u64> {
         let known = &self.scene_assets;
         if known.episode != other.episode || known.meshes.len() != other.meshes.len() {
             return None;
         }
         let pairs = known.meshes.iter().zip(&other.meshes);
-        let changed: Vec<usize> = pairs.enumerate().filter(|(_, (a, b))| !Arc::ptr_eq(a, b)).map(|(i, _)| i).collect();
+        let changed: Vec<usize> = pairs
+            .enumerate()
+            .filter(|(_, (a, b))| !Arc::ptr_eq(a, b))
+            .map(|(i, _)| i)
+            .collect();
         let fits = |i: &usize| {
             let (old, new) = (&known.meshes[*i], &other.meshes[*i]);
             new.indices.len() <= self.ranges[*i].n_places as usize && old.vertices == new.vertices
@@ -172,7 +221,8 @@ impl GpuAssets {
         for i in changed {
             let mesh = &other.meshes[i];
             let bytes: &[u8] = bytemuck::cast_slice(&mesh.indices);
-            gpu.queue().write_buffer(&self.indices, 4 * self.ranges[i].first_idx as u64, bytes);
+            gpu.queue()
+                .write_buffer(&self.indices, 4 * self.ranges[i].first_idx as u64, bytes);
             n_bytes += bytes.len() as u64;
             self.emitters[i] = emitters_of(mesh);
         }
@@ -200,11 +250,15 @@ impl GpuAssets {
         !self.scene_assets.switched.is_empty()
     }
 
-    /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the last.
+    /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the
+    /// last.
     pub fn level(&self, mesh: MeshId, distance_m: f64) -> Option<MeshDraw> {
         let (firsts, levels) = &self.levels;
         let of_mesh = firsts[mesh.0 as usize] as usize..firsts[mesh.0 as usize + 1] as usize;
-        levels[of_mesh].iter().find(|level| distance_m < level.until_m).map(|level| level.draw)
+        levels[of_mesh]
+            .iter()
+            .find(|level| distance_m < level.until_m)
+            .map(|level| level.draw)
     }
 
     /// Lamps of a mesh.
@@ -237,11 +291,17 @@ fn levels_of(assets: &SceneAssets, ranges: &[MeshRange]) -> (Vec<u32>, Vec<Level
 }
 
 fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {
-    assets.statics.iter().map(|instance| Sphere::of(assets.mesh(instance.mesh), &instance.world_from_mesh)).collect()
+    assets
+        .statics
+        .iter()
+        .map(|instance| Sphere::of(assets.mesh(instance.mesh), &instance.world_from_mesh))
+        .collect()
 }
 
 fn height_m(mesh: &Mesh) -> f32 {
     let heights = mesh.vertices.iter().map(|vertex| vertex.position_m[2]);
-    let (low, high) = heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+    let (low, high) = heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| {
+        (low.min(z), high.max(z))
+    });
     high - low
 }

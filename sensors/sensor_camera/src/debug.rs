@@ -1,4 +1,5 @@
-//! Debug strokes, drawn over the finished colour image of a view and hidden behind what is nearer. No other image knows them.
+//! Debug strokes, drawn over the finished colour image of a view and hidden behind what is nearer.
+//! No other image knows them.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -9,7 +10,8 @@ use sensor_spec::Intrinsics;
 use crate::draw::NEAR_M;
 use crate::targets::{Target, Targets};
 
-/// Strokes lie this much nearer than where they are, so that one on a road is not half swallowed by it.
+/// Strokes lie this much nearer than where they are, so that one on a road is not half swallowed by
+/// it.
 const NEARER_RATIO: f64 = 1.002;
 
 /// A corner of a triangle, as `shader/debug.wgsl` takes it.
@@ -29,43 +31,52 @@ pub(crate) struct DebugPass {
 impl DebugPass {
     pub fn new(gpu: &Gpu) -> Self {
         let shader = gpu.shader("debug", include_str!("shader/debug.wgsl"));
-        let attribute = |format, offset, shader_location| wgpu::VertexAttribute { format, offset, shader_location };
-        let pipeline = gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some("debug"),
-            layout: None,
-            vertex: wgpu::VertexState {
-                module: &shader,
-                entry_point: Some("vs_main"),
-                compilation_options: Default::default(),
-                buffers: &[Some(wgpu::VertexBufferLayout {
-                    array_stride: size_of::<Corner>() as u64,
-                    step_mode: wgpu::VertexStepMode::Vertex,
-                    attributes: &[attribute(wgpu::VertexFormat::Float32x4, 0, 0), attribute(wgpu::VertexFormat::Uint32, 16, 1)],
-                })],
-            },
-            primitive: Default::default(),
-            depth_stencil: Some(wgpu::DepthStencilState {
-                format: wgpu::TextureFormat::Depth32Float,
-                depth_write_enabled: Some(true),
-                // Reversed z.
-                depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
-                stencil: Default::default(),
-                bias: Default::default(),
-            }),
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &shader,
-                entry_point: Some("fs_main"),
-                compilation_options: Default::default(),
-                targets: &[Some(wgpu::ColorTargetState {
-                    format: Target::Color.format(),
-                    blend: None,
-                    write_mask: wgpu::ColorWrites::ALL,
-                })],
-            }),
-            multiview_mask: None,
-            cache: None,
-        });
+        let attribute = |format, offset, shader_location| wgpu::VertexAttribute {
+            format,
+            offset,
+            shader_location,
+        };
+        let pipeline = gpu
+            .device()
+            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some("debug"),
+                layout: None,
+                vertex: wgpu::VertexState {
+                    module: &shader,
+                    entry_point: Some("vs_main"),
+                    compilation_options: Default::default(),
+                    buffers: &[Some(wgpu::VertexBufferLayout {
+                        array_stride: size_of::<Corner>() as u64,
+                        step_mode: wgpu::VertexStepMode::Vertex,
+                        attributes: &[
+                            attribute(wgpu::VertexFormat::Float32x4, 0, 0),
+                            attribute(wgpu::VertexFormat::Uint32, 16, 1),
+                        ],
+                    })],
+                },
+                primitive: Default::default(),
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: wgpu::TextureFormat::Depth32Float,
+                    depth_write_enabled: Some(true),
+                    // Reversed z.
+                    depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &shader,
+                    entry_point: Some("fs_main"),
+                    compilation_options: Default::default(),
+                    targets: &[Some(wgpu::ColorTargetState {
+                        format: Target::Color.format(),
+                        blend: None,
+                        write_mask: wgpu::ColorWrites::ALL,
+                    })],
+                }),
+                multiview_mask: None,
+                cache: None,
+            });
         DebugPass { pipeline }
     }
 
@@ -79,17 +90,29 @@ impl DebugPass {
         world_from_camera: &Isometry3<f64>,
         (targets, layer): (&Targets, u32),
     ) {
-        let corners: Vec<Corner> = strokes.iter().flat_map(|stroke| corners(stroke, lens, world_from_camera)).flatten().collect();
+        let corners: Vec<Corner> = strokes
+            .iter()
+            .flat_map(|stroke| corners(stroke, lens, world_from_camera))
+            .flatten()
+            .collect();
         if corners.is_empty() {
             return;
         }
-        let [color, depth] = [Target::Color, Target::Depth].map(|target| targets.get(target).layer(layer));
+        let [color, depth] =
+            [Target::Color, Target::Depth].map(|target| targets.get(target).layer(layer));
         let bound = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("debug"),
             layout: &self.pipeline.get_bind_group_layout(0),
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&depth) }],
+            entries: &[wgpu::BindGroupEntry {
+                binding: 0,
+                resource: wgpu::BindingResource::TextureView(&depth),
+            }],
         });
-        let buffer = gpu.buffer_with("debug strokes", bytemuck::cast_slice(&corners), wgpu::BufferUsages::VERTEX);
+        let buffer = gpu.buffer_with(
+            "debug strokes",
+            bytemuck::cast_slice(&corners),
+            wgpu::BufferUsages::VERTEX,
+        );
         let kept = wgpu::StoreOp::Store;
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("debug"),
@@ -97,12 +120,18 @@ impl DebugPass {
                 view: &color,
                 depth_slice: None,
                 resolve_target: None,
-                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: kept },
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Load,
+                    store: kept,
+                },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &targets.z_buffer().view,
                 // Among strokes; the scene's depth is looked up.
-                depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
+                depth_ops: Some(wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(0.0),
+                    store: wgpu::StoreOp::Discard,
+                }),
                 stencil_ops: None,
             }),
             ..Default::default()
@@ -115,12 +144,23 @@ impl DebugPass {
 }
 
 /// Two triangles that face the camera; `None` for what lies behind it.
-fn corners(stroke: &DebugStroke, lens: &Intrinsics, world_from_camera: &Isometry3<f64>) -> Option<[Corner; 6]> {
-    let [from, to] = [stroke.from_m, stroke.to_m].map(|at| world_from_camera.inverse_transform_point(&Point3::from(at)).coords);
+fn corners(
+    stroke: &DebugStroke,
+    lens: &Intrinsics,
+    world_from_camera: &Isometry3<f64>,
+) -> Option<[Corner; 6]> {
+    let [from, to] = [stroke.from_m, stroke.to_m].map(|at| {
+        world_from_camera
+            .inverse_transform_point(&Point3::from(at))
+            .coords
+    });
     let (from, to) = in_front(from, to)?;
     // Never thinner than a pixel.
     let half_m = |at: &Vector3<f64>| (0.5 * stroke.width_m as f64).max(0.5 * at.z / lens.focal_px);
-    let quad = match (to - from).cross(&(from + to)).try_normalize(1e-9 * (from + to).norm_squared()) {
+    let quad = match (to - from)
+        .cross(&(from + to))
+        .try_normalize(1e-9 * (from + to).norm_squared())
+    {
         Some(aside) => {
             let (at_from, at_to) = (aside * half_m(&from), aside * half_m(&to));
             [from - at_from, from + at_from, to + at_to, to - at_to]
@@ -129,19 +169,25 @@ fn corners(stroke: &DebugStroke, lens: &Intrinsics, world_from_camera: &Isometry
         None => {
             let near = if from.z < to.z { from } else { to };
             let half_m = half_m(&near);
-            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| near + Vector3::new(x, y, 0.0) * half_m)
+            [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+                .map(|[x, y]| near + Vector3::new(x, y, 0.0) * half_m)
         }
     };
     let [r, g, b] = stroke.color_rgb;
     let bgra = u32::from_le_bytes([b, g, r, 255]);
-    let corner = |at: Vector3<f64>| Corner { clip: clip_from_camera(&at, lens), bgra };
+    let corner = |at: Vector3<f64>| Corner {
+        clip: clip_from_camera(&at, lens),
+        bgra,
+    };
     Some([0, 1, 2, 0, 2, 3].map(|i| corner(quad[i])))
 }
 
 /// The part of a stroke in front of the near plane.
 fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let least_m = NEAR_M * NEARER_RATIO * 1.01;
-    let cut = |inside: Vector3<f64>, outside: Vector3<f64>| inside + (outside - inside) * ((inside.z - least_m) / (inside.z - outside.z));
+    let cut = |inside: Vector3<f64>, outside: Vector3<f64>| {
+        inside + (outside - inside) * ((inside.z - least_m) / (inside.z - outside.z))
+    };
     match (from.z >= least_m, to.z >= least_m) {
         (true, true) => Some((from, to)),
         (true, false) => Some((from, cut(from, to))),
@@ -153,5 +199,11 @@ fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vecto
 /// As `geometry_listed.wgsl` has it: reversed z with the far plane at infinity.
 fn clip_from_camera(at: &Vector3<f64>, lens: &Intrinsics) -> [f32; 4] {
     let scale = |n_px: u32| 2.0 * lens.focal_px / n_px as f64;
-    [at.x * scale(lens.width_px), -at.y * scale(lens.height_px), NEAR_M * NEARER_RATIO, at.z].map(|x| x as f32)
+    [
+        at.x * scale(lens.width_px),
+        -at.y * scale(lens.height_px),
+        NEAR_M * NEARER_RATIO,
+        at.z,
+    ]
+    .map(|x| x as f32)
 }

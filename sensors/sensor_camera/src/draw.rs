@@ -1,4 +1,5 @@
-//! What a view sees: culling, level of detail, front-to-back order, and the matrices of what is left.
+//! What a view sees: culling, level of detail, front-to-back order, and the matrices of what is
+//! left.
 
 use nalgebra::Isometry3;
 use sensor_core::Scene;
@@ -19,7 +20,8 @@ pub(crate) struct DrawCall {
 /// What a view draws.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Drawn {
-    /// In runs of some triangles, nearest first; each has meshes without walls, then those with walls, each kind nearest first.
+    /// In runs of some triangles, nearest first; each has meshes without walls, then those with
+    /// walls, each kind nearest first.
     pub calls: Vec<DrawCall>,
     /// Where each run begins.
     pub runs: Vec<usize>,
@@ -38,15 +40,24 @@ impl Drawn {
     }
 
     fn add(&mut self, mesh: MeshDraw, distance_m: f64, data: InstanceData) {
-        self.calls.push(DrawCall { mesh, instance_idx: self.instances.len() as u32, distance_m });
+        self.calls.push(DrawCall {
+            mesh,
+            instance_idx: self.instances.len() as u32,
+            distance_m,
+        });
         self.instances.push(data);
         self.n_triangles += mesh.n_indices / 3;
     }
 
-    /// Puts the calls in order. To change pipelines costs a software rasteriser as much as a dozen draw calls, so they are changed twice a
+    /// Puts the calls in order. To change pipelines costs a software rasteriser as much as a dozen
+    /// draw calls, so they are changed twice a
     /// run at most.
     fn sort(&mut self) {
-        self.calls.sort_unstable_by(|a, b| a.distance_m.total_cmp(&b.distance_m).then(a.instance_idx.cmp(&b.instance_idx)));
+        self.calls.sort_unstable_by(|a, b| {
+            a.distance_m
+                .total_cmp(&b.distance_m)
+                .then(a.instance_idx.cmp(&b.instance_idx))
+        });
         let mut n_triangles = 0;
         for (i, call) in self.calls.iter().enumerate() {
             n_triangles += call.mesh.n_indices / 3;
@@ -82,10 +93,16 @@ impl CameraMotion {
         let camera_from_world = world_from_camera.inverse();
         // Equal poses give equal bits, so a camera at rest has a flow of exactly zero.
         let previous_camera_from_world = match previous {
-            Some(firing) if firing.world_from_camera != world_from_camera => firing.world_from_camera.inverse(),
+            Some(firing) if firing.world_from_camera != world_from_camera => {
+                firing.world_from_camera.inverse()
+            }
             _ => camera_from_world,
         };
-        CameraMotion { world_from_camera, camera_from_world, previous_camera_from_world }
+        CameraMotion {
+            world_from_camera,
+            camera_from_world,
+            previous_camera_from_world,
+        }
     }
 
     pub fn moved(&self) -> bool {
@@ -93,7 +110,8 @@ impl CameraMotion {
     }
 }
 
-/// The four side planes of a pinhole camera: unit normals inwards of the left and the right one, x and z, and of the upper and the lower
+/// The four side planes of a pinhole camera: unit normals inwards of the left and the right one, x
+/// and z, and of the upper and the lower
 /// one, y and z; the other's x or y is the opposite.
 struct Frustum {
     sideways: [f64; 2],
@@ -107,13 +125,18 @@ impl Frustum {
             let length = slope.hypot(1.0);
             [1.0 / length, slope / length]
         };
-        Frustum { sideways: unit(lens.width_px), upright: unit(lens.height_px) }
+        Frustum {
+            sideways: unit(lens.width_px),
+            upright: unit(lens.height_px),
+        }
     }
 
     /// Without branches, so that several spheres are tested at once.
     fn sees(&self, [x, y, z]: [f64; 3], radius_m: f64) -> bool {
         let (aside, above) = (self.sideways[0] * x.abs(), self.upright[0] * y.abs());
-        (z > NEAR_M - radius_m) & (self.sideways[1] * z - aside > -radius_m) & (self.upright[1] * z - above > -radius_m)
+        (z > NEAR_M - radius_m)
+            & (self.sideways[1] * z - aside > -radius_m)
+            & (self.upright[1] * z - above > -radius_m)
     }
 }
 
@@ -121,7 +144,11 @@ impl Frustum {
 const N_AT_ONCE: usize = 8;
 
 /// Numbers of the spheres that the camera sees.
-fn seen_spheres(spheres_m: &[Vec<f64>; 4], frustum: &Frustum, camera_from_world: &[[f64; 4]; 3]) -> Vec<u32> {
+fn seen_spheres(
+    spheres_m: &[Vec<f64>; 4],
+    frustum: &Frustum,
+    camera_from_world: &[[f64; 4]; 3],
+) -> Vec<u32> {
     let [x, y, z, radius] = spheres_m.each_ref().map(Vec::as_slice);
     let mut seen = Vec::with_capacity(x.len() / 4);
     let at = |i: usize| frustum.sees(apply(camera_from_world, [x[i], y[i], z[i]]), radius[i]);
@@ -129,10 +156,20 @@ fn seen_spheres(spheres_m: &[Vec<f64>; 4], frustum: &Frustum, camera_from_world:
     for first in (0..n_blocks).map(|block| block * N_AT_ONCE) {
         let block = first..first + N_AT_ONCE;
         let [x, y, z, radius] = [x, y, z, radius].map(|numbers| &numbers[block.clone()]);
-        let found: [bool; N_AT_ONCE] = std::array::from_fn(|i| frustum.sees(apply(camera_from_world, [x[i], y[i], z[i]]), radius[i]));
-        seen.extend((0..N_AT_ONCE).filter(|i| found[*i]).map(|i| (first + i) as u32));
+        let found: [bool; N_AT_ONCE] = std::array::from_fn(|i| {
+            frustum.sees(apply(camera_from_world, [x[i], y[i], z[i]]), radius[i])
+        });
+        seen.extend(
+            (0..N_AT_ONCE)
+                .filter(|i| found[*i])
+                .map(|i| (first + i) as u32),
+        );
     }
-    seen.extend((n_blocks * N_AT_ONCE..x.len()).filter(|i| at(*i)).map(|i| i as u32));
+    seen.extend(
+        (n_blocks * N_AT_ONCE..x.len())
+            .filter(|i| at(*i))
+            .map(|i| i as u32),
+    );
     seen
 }
 
@@ -145,7 +182,9 @@ fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
     a.map(|row| {
         let mut out = [0.0, 0.0, 0.0, row[3]];
         for (factor, row) in row.iter().zip(b) {
-            out.iter_mut().zip(row).for_each(|(sum, x)| *sum += factor * x);
+            out.iter_mut()
+                .zip(row)
+                .for_each(|(sum, x)| *sum += factor * x);
         }
         out.map(|x| x as f32)
     })
@@ -169,11 +208,19 @@ pub(crate) fn visible(
     };
     let static_previous = rows(&(motion.previous_camera_from_world * motion.world_from_camera));
     for i in seen_spheres(&assets.still.spheres_m, &frustum, &camera_from_world) {
-        let (instance, sphere) = (&assets.scene_assets.statics[i as usize], &assets.spheres[i as usize]);
+        let (instance, sphere) = (
+            &assets.scene_assets.statics[i as usize],
+            &assets.spheres[i as usize],
+        );
         let distance_m = distance_m(sphere.centre_m.coords.into(), sphere.radius_m);
-        let Some(mesh) = assets.level(instance.mesh, distance_m) else { continue };
+        let Some(mesh) = assets.level(instance.mesh, distance_m) else {
+            continue;
+        };
         let data = InstanceData {
-            camera_from_mesh: product(&camera_from_world, &assets.still.world_from_mesh[i as usize]),
+            camera_from_mesh: product(
+                &camera_from_world,
+                &assets.still.world_from_mesh[i as usize],
+            ),
             previous_from_camera: static_previous,
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.object.0,
@@ -184,20 +231,30 @@ pub(crate) fn visible(
         drawn.add(mesh, distance_m, data);
     }
     for instance in &scene.dynamics {
-        let sphere = Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
+        let sphere = Sphere::of(
+            assets.scene_assets.mesh(instance.mesh),
+            &instance.world_from_mesh,
+        );
         let centre_m = sphere.centre_m.coords.into();
         if !frustum.sees(apply(&camera_from_world, centre_m), sphere.radius_m) {
             continue;
         }
         let distance_m = distance_m(centre_m, sphere.radius_m);
-        let Some(mesh) = assets.level(instance.mesh, distance_m) else { continue };
-        let before = previous.and_then(|firing| firing.poses.get(instance.key())).copied().unwrap_or(instance.world_from_mesh);
+        let Some(mesh) = assets.level(instance.mesh, distance_m) else {
+            continue;
+        };
+        let before = previous
+            .and_then(|firing| firing.poses.get(instance.key()))
+            .copied()
+            .unwrap_or(instance.world_from_mesh);
         let moved = motion.moved() || before != instance.world_from_mesh;
         let mesh_from_camera = instance.world_from_mesh.inverse() * motion.world_from_camera;
         let [r, g, b] = instance.tint_rgb;
         let data = InstanceData {
             camera_from_mesh: product(&camera_from_world, &matrix_rows(&instance.world_from_mesh)),
-            previous_from_camera: rows(&(motion.previous_camera_from_world * before * mesh_from_camera)),
+            previous_from_camera: rows(
+                &(motion.previous_camera_from_world * before * mesh_from_camera),
+            ),
             world_from_mesh_xyzw: quaternion(&instance.world_from_mesh),
             object_id: instance.actor.0,
             tint: [r, g, b, 255],
@@ -224,7 +281,8 @@ fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {
 mod tests {
     use super::*;
 
-    /// Oracle: points of a sphere, projected. Whatever has a point in the image is seen, and nothing is that lies outside by its radius.
+    /// Oracle: points of a sphere, projected. Whatever has a point in the image is seen, and
+    /// nothing is that lies outside by its radius.
     #[test]
     fn spheres_are_seen_if_they_reach_into_the_image() {
         let lens = Intrinsics::from_fov(320, 200, 1.3);
@@ -232,8 +290,16 @@ mod tests {
         let mut rng = fastrand::Rng::with_seed(1);
         let mut spheres: [Vec<f64>; 4] = Default::default();
         for _ in 0..2003 {
-            let place = [rng.f64() * 80.0 - 40.0, rng.f64() * 80.0 - 40.0, rng.f64() * 90.0 - 30.0, rng.f64() * 6.0 + 0.1];
-            spheres.iter_mut().zip(place).for_each(|(numbers, x)| numbers.push(x));
+            let place = [
+                rng.f64() * 80.0 - 40.0,
+                rng.f64() * 80.0 - 40.0,
+                rng.f64() * 90.0 - 30.0,
+                rng.f64() * 6.0 + 0.1,
+            ];
+            spheres
+                .iter_mut()
+                .zip(place)
+                .for_each(|(numbers, x)| numbers.push(x));
         }
         let pose = Isometry3::new([1.0, -2.0, 0.5].into(), [0.3, -0.8, 0.2].into());
         let seen = seen_spheres(&spheres, &Frustum::new(&lens), &matrix_rows(&pose));
@@ -242,17 +308,36 @@ mod tests {
             let [y, z, radius_m] = [1, 2, 3].map(|k| spheres[k][i]);
             let centre = pose * nalgebra::Point3::new(*x, y, z);
             let reaches = (0..200).any(|k| {
-                let (theta, phi) = ((k as f64 * 0.618).fract() * std::f64::consts::TAU, (1.0 - 2.0 * (k as f64 + 0.5) / 200.0).acos());
-                let p = centre.coords + radius_m * nalgebra::Vector3::new(phi.sin() * theta.cos(), phi.sin() * theta.sin(), phi.cos());
+                let (theta, phi) = (
+                    (k as f64 * 0.618).fract() * std::f64::consts::TAU,
+                    (1.0 - 2.0 * (k as f64 + 0.5) / 200.0).acos(),
+                );
+                let p = centre.coords
+                    + radius_m
+                        * nalgebra::Vector3::new(
+                            phi.sin() * theta.cos(),
+                            phi.sin() * theta.sin(),
+                            phi.cos(),
+                        );
                 let [u, v] = [cx + fx * p.x / p.z, cy + fy * p.y / p.z];
                 p.z > NEAR_M && (0.0..320.0).contains(&u) && (0.0..200.0).contains(&v)
             });
             n_inside += reaches as usize;
-            assert!(!reaches || seen.binary_search(&(i as u32)).is_ok(), "sphere {i} reaches into the image");
+            assert!(
+                !reaches || seen.binary_search(&(i as u32)).is_ok(),
+                "sphere {i} reaches into the image"
+            );
             let behind = centre.z + radius_m < 0.0;
-            assert!(!behind || seen.binary_search(&(i as u32)).is_err(), "sphere {i} lies behind");
+            assert!(
+                !behind || seen.binary_search(&(i as u32)).is_err(),
+                "sphere {i} lies behind"
+            );
         }
-        assert!(n_inside > 200 && seen.len() < 2 * n_inside + 200, "{n_inside} of {} seen", seen.len());
+        assert!(
+            n_inside > 200 && seen.len() < 2 * n_inside + 200,
+            "{n_inside} of {} seen",
+            seen.len()
+        );
     }
 
     #[test]
@@ -261,6 +346,13 @@ mod tests {
         let b = Isometry3::new([-3.0, 7.0, 1e4].into(), [1.0, 0.1, -0.4].into());
         let (found, expected) = (product(&matrix_rows(&a), &matrix_rows(&b)), rows(&(a * b)));
         let near = |(a, b): (&f32, &f32)| (a - b).abs() <= 1e-6 * b.abs().max(1.0);
-        assert!(found.iter().flatten().zip(expected.iter().flatten()).all(near), "{found:?} instead of {expected:?}");
+        assert!(
+            found
+                .iter()
+                .flatten()
+                .zip(expected.iter().flatten())
+                .all(near),
+            "{found:?} instead of {expected:?}"
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! Lamps as sources of light: found in the meshes once, gathered per view, sorted into tiles of the image.
+//! Lamps as sources of light: found in the meshes once, gathered per view, sorted into tiles of the
+//! image.
 //!
-//! Every triangle of material `Lamp` belongs to one. What kind of lamp it is follows from its class and its lamp bit, so whoever makes a
+//! Every triangle of material `Lamp` belongs to one. What kind of lamp it is follows from its class
+//! and its lamp bit, so whoever makes a
 //! mesh with lamps in it has them shine without a further list; candelas are those of usual lamps.
 
 use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
@@ -14,7 +16,8 @@ use crate::renderer::Quality;
 use crate::switched::StillLamp;
 use crate::uniform::LampData;
 
-/// Lamps that one view can have: at most the bits of a tile's set in `lamps.wgsl`, and fewer where every lamp costs the CPU.
+/// Lamps that one view can have: at most the bits of a tile's set in `lamps.wgsl`, and fewer where
+/// every lamp costs the CPU.
 fn max_per_view(quality: Quality) -> usize {
     match quality {
         Quality::Low => 16,
@@ -62,16 +65,29 @@ pub(crate) fn emitters_of(mesh: &Mesh) -> Vec<Emitter> {
         n: f32,
     }
     let mut clusters: Vec<Cluster> = Vec::new();
-    for (corners, vertex) in mesh.triangles().filter(|(_, vertex)| vertex.material == Material::Lamp as u8) {
+    for (corners, vertex) in mesh
+        .triangles()
+        .filter(|(_, vertex)| vertex.material == Material::Lamp as u8)
+    {
         let key = (vertex.lamp, vertex.color, vertex.class, vertex.object_id);
         for corner in corners {
-            let near = |a: &[f32; 3]| (0..3).map(|i| (a[i] - corner[i]).powi(2)).sum::<f32>() < SAME_LAMP_M * SAME_LAMP_M;
-            match clusters.iter_mut().find(|cluster| cluster.key == key && near(&cluster.first)) {
+            let near = |a: &[f32; 3]| {
+                (0..3).map(|i| (a[i] - corner[i]).powi(2)).sum::<f32>() < SAME_LAMP_M * SAME_LAMP_M
+            };
+            match clusters
+                .iter_mut()
+                .find(|cluster| cluster.key == key && near(&cluster.first))
+            {
                 Some(cluster) => {
                     (0..3).for_each(|i| cluster.sum[i] += corner[i]);
                     cluster.n += 1.0;
                 }
-                None => clusters.push(Cluster { key, first: corner, sum: corner, n: 1.0 }),
+                None => clusters.push(Cluster {
+                    key,
+                    first: corner,
+                    sum: corner,
+                    n: 1.0,
+                }),
             }
         }
     }
@@ -89,11 +105,25 @@ pub(crate) fn emitters_of(mesh: &Mesh) -> Vec<Emitter> {
     clusters.into_iter().map(emitter).collect()
 }
 
-/// Lamp bits of vehicles are CARLA's light states: position, low beam, high beam, brake, blinkers, reverse, fog, interior.
+/// Lamp bits of vehicles are CARLA's light states: position, low beam, high beam, brake, blinkers,
+/// reverse, fog, interior.
 fn beam_of(class: Class, bit: u8, in_front: bool) -> Beam {
     let ahead = if in_front { 1.0 } else { -1.0 };
-    let beam = |axis: [f32; 3], candela, full_deg, edge_deg, reach_m| Beam { axis, candela, full_deg, edge_deg, reach_m };
-    let is_vehicle = [Class::CAR, Class::TRUCK, Class::BUS, Class::MOTORCYCLE, Class::BICYCLE].contains(&class);
+    let beam = |axis: [f32; 3], candela, full_deg, edge_deg, reach_m| Beam {
+        axis,
+        candela,
+        full_deg,
+        edge_deg,
+        reach_m,
+    };
+    let is_vehicle = [
+        Class::CAR,
+        Class::TRUCK,
+        Class::BUS,
+        Class::MOTORCYCLE,
+        Class::BICYCLE,
+    ]
+    .contains(&class);
     match (class, bit) {
         (Class::TRAFFIC_LIGHT, _) => beam([1.0, 0.0, -0.1], 120.0, 30.0, 85.0, 8.0),
         (_, 1) if is_vehicle => beam([ahead, 0.0, -0.035], 16_000.0, 2.0, 21.0, 80.0),
@@ -115,7 +145,8 @@ impl Emitter {
     pub fn set(mut self, rgb: Option<[u8; 3]>, strength_ratio: f32) -> Emitter {
         self.rgb = rgb.map_or(self.rgb, unit_luminance);
         self.beam.candela *= strength_ratio;
-        // As bright at its reach as before; further out than the tiles' culling is made for, it ends.
+        // As bright at its reach as before; further out than the tiles' culling is made for, it
+        // ends.
         self.beam.reach_m *= strength_ratio.sqrt().clamp(0.1, 3.0);
         self
     }
@@ -137,34 +168,70 @@ pub(crate) struct Shining<'a> {
     strength: f32,
 }
 
-/// All lamps that shine. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps shine.
-pub(crate) fn shining<'a>(scene: &Scene, assets: &'a GpuAssets, exposure: f32, dark_ratio: f32) -> Vec<Shining<'a>> {
+/// All lamps that shine. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps
+/// shine.
+pub(crate) fn shining<'a>(
+    scene: &Scene,
+    assets: &'a GpuAssets,
+    exposure: f32,
+    dark_ratio: f32,
+) -> Vec<Shining<'a>> {
     let mut found = Vec::new();
     let mut add = |place: Point3<f64>, axis: Vector3<f64>, emitter: &'a Emitter, share: f32| {
         let strength = emitter.beam.candela * 1e-3 * share * exposure;
         if strength >= MIN_LIGHT {
-            found.push(Shining { place, axis, emitter, strength });
+            found.push(Shining {
+                place,
+                axis,
+                emitter,
+                strength,
+            });
         }
     };
-    for StillLamp { place, emitter, is_on } in &assets.still_lamps {
+    for StillLamp {
+        place,
+        emitter,
+        is_on,
+    } in &assets.still_lamps
+    {
         if *is_on || dark_ratio > 0.0 {
-            add(*place, axis_of(emitter), emitter, if *is_on { 1.0 } else { dark_ratio });
+            add(
+                *place,
+                axis_of(emitter),
+                emitter,
+                if *is_on { 1.0 } else { dark_ratio },
+            );
         }
     }
     for instance in scene.dynamics.iter().filter(|instance| instance.lamps != 0) {
         let pose = &instance.world_from_mesh;
-        for emitter in assets.emitters(instance.mesh).iter().filter(|emitter| emitter.bit < 32 && instance.lamps >> emitter.bit & 1 == 1) {
-            add(pose * Point3::from(emitter.place_m.map(f64::from)), pose.rotation * axis_of(emitter), emitter, 1.0);
+        for emitter in assets
+            .emitters(instance.mesh)
+            .iter()
+            .filter(|emitter| emitter.bit < 32 && instance.lamps >> emitter.bit & 1 == 1)
+        {
+            add(
+                pose * Point3::from(emitter.place_m.map(f64::from)),
+                pose.rotation * axis_of(emitter),
+                emitter,
+                1.0,
+            );
         }
     }
     found
 }
 
-/// A lamp as a view's shader has it, and the tiles that it reaches: first and last across, first and last down.
+/// A lamp as a view's shader has it, and the tiles that it reaches: first and last across, first
+/// and last down.
 pub(crate) type LampInView = (LampData, [u32; 4]);
 
 /// The lamps that reach into a view, those that throw most light to the eye first.
-pub(crate) fn reaching(shining: &[Shining<'_>], quality: Quality, lens: &Intrinsics, motion: &CameraMotion) -> Vec<LampInView> {
+pub(crate) fn reaching(
+    shining: &[Shining<'_>],
+    quality: Quality,
+    lens: &Intrinsics,
+    motion: &CameraMotion,
+) -> Vec<LampInView> {
     let eye = Point3::from(motion.world_from_camera.translation.vector);
     let mut found: Vec<(f64, LampInView)> = Vec::new();
     for lamp in shining {
@@ -201,9 +268,14 @@ pub(crate) struct LampRange {
 impl LampLists {
     /// Adds the lamps that reach into a view.
     pub fn add_view(&mut self, found: &[LampInView], lens: &Intrinsics) -> LampRange {
-        let range = LampRange { first_lamp: self.lamps.len() as u32, first_tile: self.tiles.len() as u32, n: found.len() as u32 };
+        let range = LampRange {
+            first_lamp: self.lamps.len() as u32,
+            first_tile: self.tiles.len() as u32,
+            n: found.len() as u32,
+        };
         let [n_across, n_down] = n_tiles(lens);
-        self.tiles.resize(self.tiles.len() + (n_across * n_down) as usize, [0; 2]);
+        self.tiles
+            .resize(self.tiles.len() + (n_across * n_down) as usize, [0; 2]);
         let tiles = &mut self.tiles[range.first_tile as usize..];
         for (bit, (data, [x0, x1, y0, y1])) in found.iter().enumerate() {
             self.lamps.push(*data);
@@ -225,11 +297,17 @@ fn axis_of(emitter: &Emitter) -> Vector3<f64> {
 }
 
 fn n_tiles(lens: &Intrinsics) -> [u32; 2] {
-    [lens.width_px.div_ceil(TILE_PX), lens.height_px.div_ceil(TILE_PX)]
+    [
+        lens.width_px.div_ceil(TILE_PX),
+        lens.height_px.div_ceil(TILE_PX),
+    ]
 }
 
 /// The lamp for the shader, and a sphere around what it lights, camera space.
-fn in_camera(lamp: &Shining<'_>, camera_from_world: &Isometry3<f64>) -> (LampData, Vector3<f64>, f64) {
+fn in_camera(
+    lamp: &Shining<'_>,
+    camera_from_world: &Isometry3<f64>,
+) -> (LampData, Vector3<f64>, f64) {
     let (beam, strength) = (&lamp.emitter.beam, lamp.strength);
     let place = (camera_from_world * lamp.place).coords;
     let axis = camera_from_world.rotation * lamp.axis;
@@ -237,7 +315,12 @@ fn in_camera(lamp: &Shining<'_>, camera_from_world: &Isometry3<f64>) -> (LampDat
     let data = LampData {
         place: [place.x as f32, place.y as f32, place.z as f32, beam.reach_m],
         axis: [axis.x as f32, axis.y as f32, axis.z as f32, edge],
-        rgb: [lamp.emitter.rgb[0] * strength, lamp.emitter.rgb[1] * strength, lamp.emitter.rgb[2] * strength, 1.0 / (full - edge)],
+        rgb: [
+            lamp.emitter.rgb[0] * strength,
+            lamp.emitter.rgb[1] * strength,
+            lamp.emitter.rgb[2] * strength,
+            1.0 / (full - edge),
+        ],
     };
     let reach_m = beam.reach_m as f64;
     if beam.edge_deg < 45.0 {
@@ -264,12 +347,23 @@ fn tiles_of(lens: &Intrinsics, centre: Vector3<f64>, radius_m: f64) -> Option<[u
             if angle - half > EDGE || angle + half < -EDGE {
                 return None;
             }
-            low = if angle - half < -EDGE { low } else { f64::max(low, middle + focal * (angle - half).tan()) };
-            high = if angle + half > EDGE { high } else { f64::min(high, middle + focal * (angle + half).tan()) };
+            low = if angle - half < -EDGE {
+                low
+            } else {
+                f64::max(low, middle + focal * (angle - half).tan())
+            };
+            high = if angle + half > EDGE {
+                high
+            } else {
+                f64::min(high, middle + focal * (angle + half).tan())
+            };
         }
         (low <= high).then_some([low as u32 / TILE_PX, high as u32 / TILE_PX])
     };
-    let ([x0, x1], [y0, y1]) = (span(centre.x, fx, cx, lens.width_px)?, span(centre.y, fy, cy, lens.height_px)?);
+    let ([x0, x1], [y0, y1]) = (
+        span(centre.x, fx, cx, lens.width_px)?,
+        span(centre.y, fy, cy, lens.height_px)?,
+    );
     Some([x0, x1, y0, y1])
 }
 
@@ -283,13 +377,23 @@ mod tests {
     fn two_headlights_are_two_lamps_that_shine_forward() {
         let mut builder = MeshBuilder::new("car");
         for side in [-0.6, 0.6] {
-            builder.cuboid(Surface::lamp(Class::CAR, [255, 250, 240], 1), [2.0, side, 0.7], [0.05, 0.1, 0.1]);
+            builder.cuboid(
+                Surface::lamp(Class::CAR, [255, 250, 240], 1),
+                [2.0, side, 0.7],
+                [0.05, 0.1, 0.1],
+            );
         }
-        builder.cuboid(Surface::new(Class::CAR, Material::CarPaint, [90; 3]), [0.0, 0.0, 0.7], [2.0, 0.9, 0.4]);
+        builder.cuboid(
+            Surface::new(Class::CAR, Material::CarPaint, [90; 3]),
+            [0.0, 0.0, 0.7],
+            [2.0, 0.9, 0.4],
+        );
         let emitters = emitters_of(&builder.finish());
         assert_eq!(emitters.len(), 2);
         for (emitter, side) in emitters.iter().zip([-0.6, 0.6]) {
-            assert!((emitter.place_m[0] - 2.0).abs() < 1e-3 && (emitter.place_m[1] - side).abs() < 1e-3);
+            assert!(
+                (emitter.place_m[0] - 2.0).abs() < 1e-3 && (emitter.place_m[1] - side).abs() < 1e-3
+            );
             assert!(emitter.beam.axis[0] > 0.9 && emitter.bit == 1);
         }
     }
@@ -303,17 +407,29 @@ mod tests {
         for k in 0..400u64 {
             let noise = schema_types::noise::Noise::new(5, 1, k);
             let draw = |i: u64, low: f64, high: f64| low + (high - low) * noise.uniform(i);
-            let centre = Vector3::new(draw(0, -20.0, 20.0), draw(1, -8.0, 8.0), draw(2, -10.0, 30.0));
+            let centre = Vector3::new(
+                draw(0, -20.0, 20.0),
+                draw(1, -8.0, 8.0),
+                draw(2, -10.0, 30.0),
+            );
             let radius_m = draw(3, 0.5, 12.0);
             let rect = tiles_of(&lens, centre, radius_m);
             for i in 0..300 {
-                let (theta, phi) = ((i as f64 * 0.618).fract() * std::f64::consts::TAU, (1.0 - 2.0 * (i as f64 + 0.5) / 300.0).acos());
-                let point = centre + radius_m * Vector3::new(phi.sin() * theta.cos(), phi.sin() * theta.sin(), phi.cos());
+                let (theta, phi) = (
+                    (i as f64 * 0.618).fract() * std::f64::consts::TAU,
+                    (1.0 - 2.0 * (i as f64 + 0.5) / 300.0).acos(),
+                );
+                let point = centre
+                    + radius_m
+                        * Vector3::new(phi.sin() * theta.cos(), phi.sin() * theta.sin(), phi.cos());
                 let [u, v] = [cx + fx * point.x / point.z, cy + fy * point.y / point.z];
                 if point.z > NEAR_M && (0.0..319.99).contains(&u) && (0.0..199.99).contains(&v) {
                     let [x0, x1, y0, y1] = rect.expect("a visible sphere has tiles");
                     let [x, y] = [u as u32 / TILE_PX, v as u32 / TILE_PX];
-                    assert!((x0..=x1).contains(&x) && (y0..=y1).contains(&y), "{point} of {centre} r {radius_m}: {x} {y} not in {rect:?}");
+                    assert!(
+                        (x0..=x1).contains(&x) && (y0..=y1).contains(&y),
+                        "{point} of {centre} r {radius_m}: {x} {y} not in {rect:?}"
+                    );
                     n_seen += 1;
                 }
             }

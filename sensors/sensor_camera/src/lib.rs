@@ -1,10 +1,15 @@
-//! Views: cameras that give colour, depth, classes, instances, flow, normals and events from one drawing of the scene.
+//! Views: cameras that give colour, depth, classes, instances, flow, normals and events from one
+//! drawing of the scene.
 //!
-//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views of a tick in one submission, unless
+//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views
+//!   of a tick in one submission, unless
 //!   their shadow maps do not fit their memory.
-//! - Geometry is drawn once per view into exactly the targets that have readers; without readers nothing is drawn at all.
-//! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only colour differs.
-//! - Positions reach the GPU relative to the camera as `f32`, computed in `f64`: far from the origin is as sharp as at it.
+//! - Geometry is drawn once per view into exactly the targets that have readers; without readers
+//!   nothing is drawn at all.
+//! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only
+//!   colour differs.
+//! - Positions reach the GPU relative to the camera as `f32`, computed in `f64`: far from the
+//!   origin is as sharp as at it.
 //!
 //! Nothing here publishes: bytes go to a [`Place`] that the caller gives.
 
@@ -46,9 +51,18 @@ pub fn shader_sources() -> Vec<(&'static str, String)> {
     vec![
         ("geometry", pass::geometry_wgsl(false, false, false)),
         ("geometry, slim", pass::geometry_wgsl(false, true, false)),
-        ("geometry, attached", pass::geometry_wgsl(true, false, false)),
-        ("geometry, attached, slim", pass::geometry_wgsl(true, true, false)),
-        ("geometry, attached, slim, switched", pass::geometry_wgsl(true, true, true)),
+        (
+            "geometry, attached",
+            pass::geometry_wgsl(true, false, false),
+        ),
+        (
+            "geometry, attached, slim",
+            pass::geometry_wgsl(true, true, false),
+        ),
+        (
+            "geometry, attached, slim, switched",
+            pass::geometry_wgsl(true, true, true),
+        ),
         ("shade, computed", shade::shade_wgsl(false)),
         ("shade, drawn", shade::shade_wgsl(true)),
         ("raster", raster::raster_wgsl()),

@@ -2,53 +2,85 @@
 
 use sensor_gpu::Gpu;
 
-/// `LightData::materials` and `LightData::mirrors` of each [`sensor_core::Material`], by its number.
+/// `LightData::materials` and `LightData::mirrors` of each [`sensor_core::Material`], by its
+/// number.
 ///
-/// Texels per metre are powers of two: patterns then repeat within 1024 m, over which the eye's position is taken.
+/// Texels per metre are powers of two: patterns then repeat within 1024 m, over which the eye's
+/// position is taken.
 pub(crate) const LOOKS: [([f32; 4], [f32; 4]); 17] = [
-    ([8.0, 0.10, 1.0, 0.10], [0.0, 5.0, 0.0, 0.0]),   // matte
+    ([8.0, 0.10, 1.0, 0.10], [0.0, 5.0, 0.0, 0.0]), // matte
     ([32.0, 0.30, 2.0, 0.35], [0.02, 5.0, 0.0, 0.0]), // asphalt
-    ([32.0, 0.25, 4.0, 0.30], [0.0, 5.0, 0.0, 0.0]),  // concrete
-    ([16.0, 0.30, 4.0, 0.60], [0.0, 5.0, 0.0, 0.0]),  // paint on the road
-    ([16.0, 0.14, 2.0, 0.35], [0.0, 5.0, 0.0, 0.0]),  // facade
-    ([16.0, 0.14, 2.0, 0.30], [0.0, 5.0, 0.0, 0.0]),  // shop front
-    ([16.0, 0.40, 2.0, 0.40], [0.0, 5.0, 0.0, 0.0]),  // roof
+    ([32.0, 0.25, 4.0, 0.30], [0.0, 5.0, 0.0, 0.0]), // concrete
+    ([16.0, 0.30, 4.0, 0.60], [0.0, 5.0, 0.0, 0.0]), // paint on the road
+    ([16.0, 0.14, 2.0, 0.35], [0.0, 5.0, 0.0, 0.0]), // facade
+    ([16.0, 0.14, 2.0, 0.30], [0.0, 5.0, 0.0, 0.0]), // shop front
+    ([16.0, 0.40, 2.0, 0.40], [0.0, 5.0, 0.0, 0.0]), // roof
     ([16.0, 1.50, 4.0, 1.20], [0.0, 5.0, 0.30, 0.0]), // foliage
-    ([32.0, 0.90, 4.0, 0.60], [0.0, 5.0, 0.0, 0.0]),  // bark
+    ([32.0, 0.90, 4.0, 0.60], [0.0, 5.0, 0.0, 0.0]), // bark
     ([32.0, 0.80, 1.0, 0.90], [0.0, 5.0, 0.10, 0.0]), // grass
-    ([4.0, 0.0, 1.0, 0.0], [0.06, 3.0, 0.0, 0.0]),    // car paint
-    ([4.0, 0.0, 1.0, 0.0], [0.14, 1.0, 0.0, 0.0]),    // glass
+    ([4.0, 0.0, 1.0, 0.0], [0.06, 3.0, 0.0, 0.0]),  // car paint
+    ([4.0, 0.0, 1.0, 0.0], [0.14, 1.0, 0.0, 0.0]),  // glass
     ([16.0, 0.10, 1.0, 0.10], [0.22, 4.0, 0.0, 0.0]), // metal
     ([16.0, 0.15, 1.0, 0.10], [0.02, 5.0, 0.0, 0.0]), // rubber
-    ([4.0, 0.0, 1.0, 0.0], [0.05, 3.0, 0.0, 1.0]),    // lamp
-    ([32.0, 0.20, 4.0, 0.10], [0.0, 5.0, 0.0, 0.0]),  // cloth
-    ([4.0, 0.20, 1.0, 0.30], [0.05, 1.0, 0.0, 0.0]),  // water
+    ([4.0, 0.0, 1.0, 0.0], [0.05, 3.0, 0.0, 1.0]),  // lamp
+    ([32.0, 0.20, 4.0, 0.10], [0.0, 5.0, 0.0, 0.0]), // cloth
+    ([4.0, 0.20, 1.0, 0.30], [0.05, 1.0, 0.0, 0.0]), // water
 ];
 
 /// A row of [`LOOKS`] as `LightData::looks`.
 pub(crate) fn in_bytes((material, mirror): ([f32; 4], [f32; 4])) -> [u32; 4] {
     let word = |values: [f32; 4], whole: [f32; 4]| {
-        u32::from_le_bytes(std::array::from_fn(|i| (values[i] / whole[i] * 255.0).round().clamp(0.0, 255.0) as u8))
+        u32::from_le_bytes(std::array::from_fn(|i| {
+            (values[i] / whole[i] * 255.0).round().clamp(0.0, 255.0) as u8
+        }))
     };
-    [word(material, [255.0, 2.0, 255.0, 2.0]), word(mirror, [1.0, 5.0, 1.0, 1.0]), 0, 0]
+    [
+        word(material, [255.0, 2.0, 255.0, 2.0]),
+        word(mirror, [1.0, 5.0, 1.0, 1.0]),
+        0,
+        0,
+    ]
 }
 
 const SIDE_PX: u32 = 256;
 
-/// The noise texture with its mip levels: R grain, G clouds of many sizes, B and A white noise; repeats.
+/// The noise texture with its mip levels: R grain, G clouds of many sizes, B and A white noise;
+/// repeats.
 pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
     let mut texels = finest();
     let n_mips = SIDE_PX.ilog2() + 1;
     let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
-    let texture = gpu.texture("noise", [SIDE_PX, SIDE_PX], n_mips, wgpu::TextureFormat::Rgba8Unorm, usage);
+    let texture = gpu.texture(
+        "noise",
+        [SIDE_PX, SIDE_PX],
+        n_mips,
+        wgpu::TextureFormat::Rgba8Unorm,
+        usage,
+    );
     for mip_level in 0..n_mips {
         let side_px = SIDE_PX >> mip_level;
-        let bytes: Vec<[u8; 4]> = texels.iter().map(|texel| texel.map(|x| (x * 255.0 + 0.5) as u8)).collect();
+        let bytes: Vec<[u8; 4]> = texels
+            .iter()
+            .map(|texel| texel.map(|x| (x * 255.0 + 0.5) as u8))
+            .collect();
         gpu.queue().write_texture(
-            wgpu::TexelCopyTextureInfo { texture: &texture, mip_level, origin: wgpu::Origin3d::ZERO, aspect: wgpu::TextureAspect::All },
+            wgpu::TexelCopyTextureInfo {
+                texture: &texture,
+                mip_level,
+                origin: wgpu::Origin3d::ZERO,
+                aspect: wgpu::TextureAspect::All,
+            },
             bytemuck::cast_slice(&bytes),
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side_px), rows_per_image: None },
-            wgpu::Extent3d { width: side_px, height: side_px, depth_or_array_layers: 1 },
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * side_px),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d {
+                width: side_px,
+                height: side_px,
+                depth_or_array_layers: 1,
+            },
         );
         texels = halve(&texels, side_px as usize);
     }
@@ -57,10 +89,14 @@ pub(crate) fn noise_texture(gpu: &Gpu) -> wgpu::TextureView {
 
 /// The finest level, shifted so that no channel brightens or darkens what it roughens.
 fn finest() -> Vec<[f32; 4]> {
-    let mut texels: Vec<[f32; 4]> = (0..SIDE_PX * SIDE_PX).map(|i| texel(i % SIDE_PX, i / SIDE_PX)).collect();
+    let mut texels: Vec<[f32; 4]> = (0..SIDE_PX * SIDE_PX)
+        .map(|i| texel(i % SIDE_PX, i / SIDE_PX))
+        .collect();
     for channel in 0..4 {
         let mean = texels.iter().map(|texel| texel[channel]).sum::<f32>() / texels.len() as f32;
-        texels.iter_mut().for_each(|texel| texel[channel] = (texel[channel] + 0.5 - mean).clamp(0.0, 1.0));
+        texels
+            .iter_mut()
+            .for_each(|texel| texel[channel] = (texel[channel] + 0.5 - mean).clamp(0.0, 1.0));
     }
     texels
 }
@@ -73,7 +109,9 @@ fn halve(texels: &[[f32; 4]], side_px: usize) -> Vec<[f32; 4]> {
             + texels[(y + 1) * side_px + x][c]
             + texels[(y + 1) * side_px + x + 1][c])
     };
-    (0..half_px * half_px).map(|i| std::array::from_fn(|c| mean(i % half_px * 2, i / half_px * 2, c))).collect()
+    (0..half_px * half_px)
+        .map(|i| std::array::from_fn(|c| mean(i % half_px * 2, i / half_px * 2, c)))
+        .collect()
 }
 
 fn white(x: u32, y: u32, channel: u64) -> f32 {
@@ -83,9 +121,18 @@ fn white(x: u32, y: u32, channel: u64) -> f32 {
 
 fn texel(x: u32, y: u32) -> [f32; 4] {
     let grain = 0.6 * white(x, y, 0) + 0.4 * smooth(x, y, 4, 1);
-    // Octaves of 64 to 2 texels; contrast is stretched, because a sum of octaves crowds around its mean.
-    let clouds: f32 = (1..7).map(|octave| smooth(x, y, 1 << octave, 10 + octave as u64) * (1 << octave) as f32).sum::<f32>() / 126.0;
-    [grain, (0.5 + 1.8 * (clouds - 0.5)).clamp(0.0, 1.0), white(x, y, 2), white(x, y, 3)]
+    // Octaves of 64 to 2 texels; contrast is stretched, because a sum of octaves crowds around its
+    // mean.
+    let clouds: f32 = (1..7)
+        .map(|octave| smooth(x, y, 1 << octave, 10 + octave as u64) * (1 << octave) as f32)
+        .sum::<f32>()
+        / 126.0;
+    [
+        grain,
+        (0.5 + 1.8 * (clouds - 0.5)).clamp(0.0, 1.0),
+        white(x, y, 2),
+        white(x, y, 3),
+    ]
 }
 
 /// Value noise on a lattice of `pitch` texels, periodic over the texture.
@@ -112,8 +159,12 @@ mod tests {
         for (material, mirror) in LOOKS {
             let [first, second, ..] = in_bytes((material, mirror));
             let check = |word: u32, values: [f32; 4], whole: [f32; 4]| {
-                for ((byte, value), whole) in word.to_le_bytes().into_iter().zip(values).zip(whole) {
-                    assert!((byte as f32 / 255.0 * whole - value).abs() <= 0.51 / 255.0 * whole, "{value}");
+                for ((byte, value), whole) in word.to_le_bytes().into_iter().zip(values).zip(whole)
+                {
+                    assert!(
+                        (byte as f32 / 255.0 * whole - value).abs() <= 0.51 / 255.0 * whole,
+                        "{value}"
+                    );
                 }
             };
             check(first, material, [255.0, 2.0, 255.0, 2.0]);

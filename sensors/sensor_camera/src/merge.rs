@@ -7,7 +7,8 @@ use crate::view::ViewJob;
 
 /// For each job the first one whose drawing it shares; itself if there is none.
 ///
-/// Pose, lens and previous firing must agree to the bit, and whoever wants colour must want the same colour.
+/// Pose, lens and previous firing must agree to the bit, and whoever wants colour must want the
+/// same colour.
 pub(crate) fn leaders(jobs: &[ViewJob<'_, '_>]) -> Vec<usize> {
     let mut leaders: Vec<usize> = Vec::with_capacity(jobs.len());
     for (i, job) in jobs.iter().enumerate() {
@@ -17,13 +18,21 @@ pub(crate) fn leaders(jobs: &[ViewJob<'_, '_>]) -> Vec<usize> {
     leaders
 }
 
-fn shares_drawing(jobs: &[ViewJob<'_, '_>], leaders: &[usize], leader: usize, job: &ViewJob<'_, '_>) -> bool {
+fn shares_drawing(
+    jobs: &[ViewJob<'_, '_>],
+    leaders: &[usize],
+    leader: usize,
+    job: &ViewJob<'_, '_>,
+) -> bool {
     let first = &jobs[leader];
     let sees_alike = first.view.spec.intrinsics == job.view.spec.intrinsics
         && first.world_from_sensor == job.world_from_sensor
         && match (&first.view.previous, &job.view.previous) {
             (None, None) => true,
-            (Some(a), Some(b)) => (a.sim_time, a.episode, a.world_from_camera) == (b.sim_time, b.episode, b.world_from_camera),
+            (Some(a), Some(b)) => {
+                (a.sim_time, a.episode, a.world_from_camera)
+                    == (b.sim_time, b.episode, b.world_from_camera)
+            }
             _ => false,
         };
     if !sees_alike || job.outputs.is_empty() || first.outputs.is_empty() {
@@ -32,13 +41,24 @@ fn shares_drawing(jobs: &[ViewJob<'_, '_>], leaders: &[usize], leader: usize, jo
     if !wants_colour(job) {
         return true;
     }
-    // Automatic exposure remembers, so each such view develops its own picture; others share one of equal optics.
-    let remembers = |job: &ViewJob<'_, '_>| job.view.spec.optics.exposure.mode == ExposureMode::Histogram;
-    let coloured = (leader..jobs.len().min(leaders.len())).filter(|k| leaders[*k] == leader).map(|k| &jobs[k]).filter(|k| wants_colour(k));
+    // Automatic exposure remembers, so each such view develops its own picture; others share one of
+    // equal optics.
+    let remembers =
+        |job: &ViewJob<'_, '_>| job.view.spec.optics.exposure.mode == ExposureMode::Histogram;
+    let coloured = (leader..jobs.len().min(leaders.len()))
+        .filter(|k| leaders[*k] == leader)
+        .map(|k| &jobs[k])
+        .filter(|k| wants_colour(k));
     let first_optics = &first.view.spec.optics;
-    first_optics == &job.view.spec.optics && !remembers(job) && coloured.into_iter().all(|other| other.view.spec.optics == *first_optics)
+    first_optics == &job.view.spec.optics
+        && !remembers(job)
+        && coloured
+            .into_iter()
+            .all(|other| other.view.spec.optics == *first_optics)
 }
 
 fn wants_colour(job: &ViewJob<'_, '_>) -> bool {
-    job.outputs.iter().any(|output| output.modality == Modality::Rgb)
+    job.outputs
+        .iter()
+        .any(|output| output.modality == Modality::Rgb)
 }

@@ -10,7 +10,9 @@ use sensor_gpu::Gpu;
 
 use attributes::InstanceAttributes;
 pub(crate) use attributes::{VERTEX_ATTRIBUTES, VERTEX_BYTES};
-pub(crate) use bindings::{entry, grow, sampler, storage, texture, texture_of, uniform, written_layers};
+pub(crate) use bindings::{
+    entry, grow, sampler, storage, texture, texture_of, uniform, written_layers,
+};
 pub(crate) use pipelines::geometry_wgsl;
 use pipelines::{Drawing, GeometryKey, Pipelines};
 
@@ -79,7 +81,8 @@ pub(crate) struct ViewPass<'p> {
     pub view_idx: usize,
 }
 
-/// Views one after the other whose targets are layers of the same textures: compute shaders do them together.
+/// Views one after the other whose targets are layers of the same textures: compute shaders do them
+/// together.
 pub(crate) struct Together<'t> {
     pub targets: &'t Targets,
     /// What the targets have, wanted or not.
@@ -116,14 +119,25 @@ impl GeometryPass {
                 ],
             })
         };
-        let [view_layout, views_layout] = [wgpu::TextureViewDimension::D2, wgpu::TextureViewDimension::D2Array].map(layout_of_views);
+        let [view_layout, views_layout] = [
+            wgpu::TextureViewDimension::D2,
+            wgpu::TextureViewDimension::D2Array,
+        ]
+        .map(layout_of_views);
         let submit = match (gpu.is_software(), gpu.has_indirect_instances()) {
             (true, _) => Submit::Attached,
             (false, true) => Submit::Indirect,
             (false, false) => Submit::Single,
         };
-        let drawings =
-            [false, true].map(|switched| Drawing::new(gpu, submit == Submit::Attached, slim, switched, [&scene_layout, &view_layout]));
+        let drawings = [false, true].map(|switched| {
+            Drawing::new(
+                gpu,
+                submit == Submit::Attached,
+                slim,
+                switched,
+                [&scene_layout, &view_layout],
+            )
+        });
         let linear = wgpu::SamplerDescriptor {
             label: Some("sky"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -147,7 +161,13 @@ impl GeometryPass {
             drawings,
             submit,
             slim,
-            interlude: image(gpu, "interlude", [1, 1], wgpu::TextureFormat::R8Unorm, wgpu::TextureUsages::RENDER_ATTACHMENT),
+            interlude: image(
+                gpu,
+                "interlude",
+                [1, 1],
+                wgpu::TextureFormat::R8Unorm,
+                wgpu::TextureUsages::RENDER_ATTACHMENT,
+            ),
             sky_sampler: device.create_sampler(&linear),
             noise: material::noise_texture(gpu),
             noise_sampler: device.create_sampler(&repeat),
@@ -156,21 +176,53 @@ impl GeometryPass {
             view_layout,
             views_layout,
             pipelines: BTreeMap::new(),
-            light: gpu.buffer("light", size_of::<LightData>() as u64, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
-            views: gpu.buffer("views", VIEWS_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
-            instances: gpu.buffer("instances", INSTANCE_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
-            attributes: gpu.buffer("instance attributes", INSTANCE_BYTES, wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_DST),
-            lamps: gpu.buffer("lamps", LAMP_BYTES, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
-            lamp_tiles: gpu.buffer("lamp tiles", 8, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST),
-            calls: gpu.buffer("draw calls", CALL_BYTES, wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_DST),
+            light: gpu.buffer(
+                "light",
+                size_of::<LightData>() as u64,
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            ),
+            views: gpu.buffer(
+                "views",
+                VIEWS_BYTES,
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            ),
+            instances: gpu.buffer(
+                "instances",
+                INSTANCE_BYTES,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            ),
+            attributes: gpu.buffer(
+                "instance attributes",
+                INSTANCE_BYTES,
+                wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::COPY_DST,
+            ),
+            lamps: gpu.buffer(
+                "lamps",
+                LAMP_BYTES,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            ),
+            lamp_tiles: gpu.buffer(
+                "lamp tiles",
+                8,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            ),
+            calls: gpu.buffer(
+                "draw calls",
+                CALL_BYTES,
+                wgpu::BufferUsages::INDIRECT | wgpu::BufferUsages::COPY_DST,
+            ),
         }
     }
 
     fn key(&self, set: TargetSet, switched: bool) -> GeometryKey {
-        GeometryKey { set: set.drawn(), switched: switched && self.slim && set.contains(Target::Surface) }
+        GeometryKey {
+            set: set.drawn(),
+            switched: switched && self.slim && set.contains(Target::Surface),
+        }
     }
 
-    /// Makes the pipelines for a set of targets, once; `switched`: somebody switched lamps or windows of the scenery.
+    /// Makes the pipelines for a set of targets, once; `switched`: somebody switched lamps or
+    /// windows of the scenery.
     pub fn prepare(&mut self, gpu: &Gpu, set: TargetSet, switched: bool) {
         let key = self.key(set, switched);
         if !self.pipelines.contains_key(&key) {
@@ -185,16 +237,33 @@ impl GeometryPass {
         &self.instances
     }
 
-    /// Uploads what changes from tick to tick; `listed`: a compute shader draws, and has its own lists.
-    pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], drawn: &[&Drawn], lamps: &LampLists, listed: bool) {
+    /// Uploads what changes from tick to tick; `listed`: a compute shader draws, and has its own
+    /// lists.
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        light: &LightData,
+        views: &[ViewData],
+        drawn: &[&Drawn],
+        lamps: &LampLists,
+        listed: bool,
+    ) {
         // The last view's binding reaches beyond it.
-        grow(gpu, &mut self.views, VIEW_BYTES * views.len() as u64 + VIEWS_BYTES);
-        gpu.queue().write_buffer(&self.light, 0, bytemuck::bytes_of(light));
-        gpu.queue().write_buffer(&self.views, 0, bytemuck::cast_slice(views));
+        grow(
+            gpu,
+            &mut self.views,
+            VIEW_BYTES * views.len() as u64 + VIEWS_BYTES,
+        );
+        gpu.queue()
+            .write_buffer(&self.light, 0, bytemuck::bytes_of(light));
+        gpu.queue()
+            .write_buffer(&self.views, 0, bytemuck::cast_slice(views));
         grow(gpu, &mut self.lamps, LAMP_BYTES * lamps.lamps.len() as u64);
         grow(gpu, &mut self.lamp_tiles, 8 * lamps.tiles.len() as u64);
-        gpu.queue().write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
-        gpu.queue().write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
+        gpu.queue()
+            .write_buffer(&self.lamps, 0, bytemuck::cast_slice(&lamps.lamps));
+        gpu.queue()
+            .write_buffer(&self.lamp_tiles, 0, bytemuck::cast_slice(&lamps.tiles));
         if !listed && self.submit == Submit::Attached {
             let attributes = InstanceAttributes::of_all(views, drawn);
             let bytes: &[u8] = bytemuck::cast_slice(&attributes);
@@ -204,7 +273,11 @@ impl GeometryPass {
             self.room_for_instances(gpu, drawn.iter().map(|drawn| drawn.instances.len()).sum());
             for drawn in drawn {
                 let begin = INSTANCE_BYTES * drawn.first_instance as u64;
-                gpu.queue().write_buffer(&self.instances, begin, bytemuck::cast_slice(&drawn.instances));
+                gpu.queue().write_buffer(
+                    &self.instances,
+                    begin,
+                    bytemuck::cast_slice(&drawn.instances),
+                );
             }
         }
         if !listed && self.submit == Submit::Indirect {
@@ -213,29 +286,62 @@ impl GeometryPass {
                 let first = drawn.first_instance;
                 let word = move |call: &DrawCall| {
                     let mesh = call.mesh;
-                    [mesh.n_indices, 1, mesh.first_idx, mesh.base_vertex as u32, first + call.instance_idx]
+                    [
+                        mesh.n_indices,
+                        1,
+                        mesh.first_idx,
+                        mesh.base_vertex as u32,
+                        first + call.instance_idx,
+                    ]
                 };
                 drawn.calls.iter().map(word).collect::<Vec<[u32; 5]>>()
             };
             let words: Vec<[u32; 5]> = drawn.iter().flat_map(words).collect();
             grow(gpu, &mut self.calls, CALL_BYTES * words.len() as u64);
-            gpu.queue().write_buffer(&self.calls, 0, bytemuck::cast_slice(&words));
+            gpu.queue()
+                .write_buffer(&self.calls, 0, bytemuck::cast_slice(&words));
         }
     }
 
     /// Bind group of what all views share.
-    pub fn bind_scene(&self, gpu: &Gpu, sky: &wgpu::TextureView, switched: &wgpu::Buffer) -> wgpu::BindGroup {
+    pub fn bind_scene(
+        &self,
+        gpu: &Gpu,
+        sky: &wgpu::TextureView,
+        switched: &wgpu::Buffer,
+    ) -> wgpu::BindGroup {
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("scene"),
             layout: &self.scene_layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: self.light.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 1, resource: self.instances.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::TextureView(sky) },
-                wgpu::BindGroupEntry { binding: 3, resource: wgpu::BindingResource::Sampler(&self.sky_sampler) },
-                wgpu::BindGroupEntry { binding: 4, resource: wgpu::BindingResource::TextureView(&self.noise) },
-                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::Sampler(&self.noise_sampler) },
-                wgpu::BindGroupEntry { binding: 6, resource: switched.as_entire_binding() },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: self.light.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: self.instances.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::TextureView(sky),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: wgpu::BindingResource::Sampler(&self.sky_sampler),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: wgpu::BindingResource::TextureView(&self.noise),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 5,
+                    resource: wgpu::BindingResource::Sampler(&self.noise_sampler),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 6,
+                    resource: switched.as_entire_binding(),
+                },
             ],
         })
     }
@@ -250,33 +356,79 @@ impl GeometryPass {
         self.bind(gpu, &self.views_layout, shadows)
     }
 
-    fn bind(&self, gpu: &Gpu, layout: &wgpu::BindGroupLayout, [near, far]: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
-        let view = wgpu::BufferBinding { buffer: &self.views, offset: 0, size: std::num::NonZeroU64::new(VIEWS_BYTES) };
+    fn bind(
+        &self,
+        gpu: &Gpu,
+        layout: &wgpu::BindGroupLayout,
+        [near, far]: [&wgpu::TextureView; 2],
+    ) -> wgpu::BindGroup {
+        let view = wgpu::BufferBinding {
+            buffer: &self.views,
+            offset: 0,
+            size: std::num::NonZeroU64::new(VIEWS_BYTES),
+        };
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("view"),
             layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(view) },
-                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(near) },
-                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.shadow_sampler) },
-                wgpu::BindGroupEntry { binding: 3, resource: self.lamps.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 4, resource: self.lamp_tiles.as_entire_binding() },
-                wgpu::BindGroupEntry { binding: 5, resource: wgpu::BindingResource::TextureView(far) },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::Buffer(view),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::TextureView(near),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::Sampler(&self.shadow_sampler),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 3,
+                    resource: self.lamps.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 4,
+                    resource: self.lamp_tiles.as_entire_binding(),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 5,
+                    resource: wgpu::BindingResource::TextureView(far),
+                },
             ],
         })
     }
 
     /// Bind groups of what is attached: scene and views.
-    fn bind_attached(&self, gpu: &Gpu, key: GeometryKey, switched: &wgpu::Buffer) -> [wgpu::BindGroup; 2] {
+    fn bind_attached(
+        &self,
+        gpu: &Gpu,
+        key: GeometryKey,
+        switched: &wgpu::Buffer,
+    ) -> [wgpu::BindGroup; 2] {
         let [scene, view] = &self.drawings[key.switched as usize].groups;
         let bind = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
-            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("drawn"), layout, entries })
+            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("drawn"),
+                layout,
+                entries,
+            })
         };
-        let views = wgpu::BufferBinding { buffer: &self.views, offset: 0, size: std::num::NonZeroU64::new(VIEWS_BYTES) };
-        let scene_entries = [(0, &self.light), (6, switched)]
-            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() });
+        let views = wgpu::BufferBinding {
+            buffer: &self.views,
+            offset: 0,
+            size: std::num::NonZeroU64::new(VIEWS_BYTES),
+        };
+        let scene_entries =
+            [(0, &self.light), (6, switched)].map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding,
+                resource: buffer.as_entire_binding(),
+            });
         let n_bound = if key.switched { 2 } else { 1 };
-        let views = wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(views) };
+        let views = wgpu::BindGroupEntry {
+            binding: 0,
+            resource: wgpu::BindingResource::Buffer(views),
+        };
         [bind(scene, &scene_entries[..n_bound]), bind(view, &[views])]
     }
 
@@ -295,18 +447,25 @@ impl GeometryPass {
         view: &ViewPass<'_>,
     ) {
         let attachment = |target: Target| {
-            view.set.drawn().contains(target).then(|| wgpu::RenderPassColorAttachment {
-                view: &view.targets.get(target).view,
-                depth_slice: None,
-                resolve_target: None,
-                // Not cleared: meshes and sky together write every pixel.
-                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
-            })
+            view.set
+                .drawn()
+                .contains(target)
+                .then(|| wgpu::RenderPassColorAttachment {
+                    view: &view.targets.get(target).view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    // Not cleared: meshes and sky together write every pixel.
+                    ops: wgpu::Operations {
+                        load: wgpu::LoadOp::Load,
+                        store: wgpu::StoreOp::Store,
+                    },
+                })
         };
         let attachments = Target::DRAWN.map(attachment);
         let key = self.key(view.set, assets.is_switched());
         let pipelines = &self.pipelines[&key];
-        let own = (self.submit == Submit::Attached).then(|| self.bind_attached(gpu, key, &assets.switched));
+        let own = (self.submit == Submit::Attached)
+            .then(|| self.bind_attached(gpu, key, &assets.switched));
         let [scene, bound] = own.as_ref().map_or(shared, |own| own.each_ref());
         let begin = |encoder: &mut wgpu::CommandEncoder, load: wgpu::LoadOp<f32>| {
             gpu.counters().add_pass();
@@ -316,7 +475,10 @@ impl GeometryPass {
                     color_attachments: &attachments,
                     depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                         view: &view.targets.z_buffer().view,
-                        depth_ops: Some(wgpu::Operations { load, store: wgpu::StoreOp::Store }),
+                        depth_ops: Some(wgpu::Operations {
+                            load,
+                            store: wgpu::StoreOp::Store,
+                        }),
                         stencil_ops: None,
                     }),
                     timestamp_writes: None,
@@ -337,11 +499,26 @@ impl GeometryPass {
         let mut pass = begin(encoder, wgpu::LoadOp::Clear(0.0));
         // The pipeline that is set is one of these.
         let mut is_plain = false;
-        let Drawn { calls, runs, first_instance, .. } = view.drawn;
+        let Drawn {
+            calls,
+            runs,
+            first_instance,
+            ..
+        } = view.drawn;
         if self.submit == Submit::Indirect && !calls.is_empty() {
-            pass.multi_draw_indexed_indirect(&self.calls, CALL_BYTES * view.first_call as u64, calls.len() as u32);
+            pass.multi_draw_indexed_indirect(
+                &self.calls,
+                CALL_BYTES * view.first_call as u64,
+                calls.len() as u32,
+            );
         }
-        for (i, DrawCall { mesh, instance_idx, .. }) in calls.iter().enumerate() {
+        for (
+            i,
+            DrawCall {
+                mesh, instance_idx, ..
+            },
+        ) in calls.iter().enumerate()
+        {
             gpu.counters().add_draw(mesh.n_indices as u64 / 3);
             if self.submit == Submit::Indirect {
                 continue;
@@ -354,22 +531,39 @@ impl GeometryPass {
             }
             if self.has_plain(key) && is_plain == mesh.has_walls {
                 is_plain = !is_plain;
-                pass.set_pipeline(if is_plain { &pipelines.plain } else { &pipelines.meshes });
+                pass.set_pipeline(if is_plain {
+                    &pipelines.plain
+                } else {
+                    &pipelines.meshes
+                });
             }
             let first = first_instance + instance_idx;
-            pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, first..first + 1);
+            pass.draw_indexed(
+                mesh.first_idx..mesh.first_idx + mesh.n_indices,
+                mesh.base_vertex,
+                first..first + 1,
+            );
         }
         pass.set_pipeline(&pipelines.sky);
         pass.draw(0..3, 0..1);
         gpu.counters().add_draw(1);
     }
 
-    /// Makes a software rasteriser begin with the run that it was given: it fills pixels when the attachments change, on other threads than the one
+    /// Makes a software rasteriser begin with the run that it was given: it fills pixels when the
+    /// attachments change, on other threads than the one
     /// that goes on with the next vertices.
     fn hand_over(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
         gpu.counters().add_pass();
-        let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
-        let attachment = wgpu::RenderPassColorAttachment { view: &self.interlude.view, depth_slice: None, resolve_target: None, ops };
+        let ops = wgpu::Operations {
+            load: wgpu::LoadOp::Load,
+            store: wgpu::StoreOp::Store,
+        };
+        let attachment = wgpu::RenderPassColorAttachment {
+            view: &self.interlude.view,
+            depth_slice: None,
+            resolve_target: None,
+            ops,
+        };
         let attachments = [Some(attachment)];
         encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("interlude"),

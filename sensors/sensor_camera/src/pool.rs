@@ -1,6 +1,7 @@
 //! Targets that views of equal size share, a layer for each, so that one dispatch serves them all.
 //!
-//! Who holds a layer changes from tick to tick; nothing in it outlives a submission and its copies. The textures live as long as a view that
+//! Who holds a layer changes from tick to tick; nothing in it outlives a submission and its copies.
+//! The textures live as long as a view that
 //! was last drawn into them: the pool itself keeps none.
 
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -24,9 +25,11 @@ pub(crate) struct PoolKey {
     pub part: u32,
 }
 
-/// Targets that submissions take by turns: two sets where one is copied while the next submission is drawn, else one.
+/// Targets that submissions take by turns: two sets where one is copied while the next submission
+/// is drawn, else one.
 ///
-/// Two are enough for any number of submissions in flight: drawing and copying each go one after the other.
+/// Two are enough for any number of submissions in flight: drawing and copying each go one after
+/// the other.
 #[derive(Debug)]
 pub(crate) struct Turns {
     sets: Vec<Arc<Targets>>,
@@ -35,11 +38,26 @@ pub(crate) struct Turns {
 
 impl Turns {
     fn new(gpu: &Gpu, key: PoolKey, n_layers: u32) -> Turns {
-        let mut sets = vec![Arc::new(Targets::layered(gpu, key.size_px, key.set, n_layers, None))];
+        let mut sets = vec![Arc::new(Targets::layered(
+            gpu,
+            key.size_px,
+            key.set,
+            n_layers,
+            None,
+        ))];
         if gpu.copies_beside() {
-            sets.push(Arc::new(Targets::layered(gpu, key.size_px, key.set, n_layers, Some(&sets[0]))));
+            sets.push(Arc::new(Targets::layered(
+                gpu,
+                key.size_px,
+                key.set,
+                n_layers,
+                Some(&sets[0]),
+            )));
         }
-        Turns { sets, n_taken: AtomicUsize::new(0) }
+        Turns {
+            sets,
+            n_taken: AtomicUsize::new(0),
+        }
     }
 
     /// The set for the next submission.
@@ -82,13 +100,21 @@ impl TargetPool {
             && let Some(turns) = entry.turns.upgrade()
             && turns.n_layers() >= n_layers
         {
-            entry.n_half_empty = if 2 * n_layers > turns.n_layers() { 0 } else { entry.n_half_empty + 1 };
+            entry.n_half_empty = if 2 * n_layers > turns.n_layers() {
+                0
+            } else {
+                entry.n_half_empty + 1
+            };
             if entry.n_half_empty < MAX_HALF_EMPTY {
                 return turns;
             }
         }
         let turns = Arc::new(Turns::new(gpu, key, n_layers));
-        let entry = Entry { key, turns: Arc::downgrade(&turns), n_half_empty: 0 };
+        let entry = Entry {
+            key,
+            turns: Arc::downgrade(&turns),
+            n_half_empty: 0,
+        };
         match known {
             Some(i) => self.entries[i] = entry,
             None => self.entries.push(entry),
@@ -102,30 +128,53 @@ mod tests {
     use super::*;
     use sensor_gpu::{CopyPath, GpuOptions};
 
-    /// Where copies go on beside drawing, two submissions in a row are drawn into textures of their own for what readers get, and share all
+    /// Where copies go on beside drawing, two submissions in a row are drawn into textures of their
+    /// own for what readers get, and share all
     /// else; where they do not, there is one set.
     #[test]
     fn submissions_take_turns_where_copies_go_on_beside_them() {
         let set = Target::Depth.bit().union(Target::Surface.bit());
         for (copies, n_sets) in [(CopyPath::Behind, 1), (CopyPath::Apart, 2)] {
-            let gpu = Gpu::open(&GpuOptions { copies, ..Default::default() }).unwrap_or_else(|error| panic!("{error}"));
+            let gpu = Gpu::open(&GpuOptions {
+                copies,
+                ..Default::default()
+            })
+            .unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(gpu.copies_beside(), n_sets == 2);
-            let turns = TargetPool::default().take(&gpu, PoolKey { size_px: [16, 16], set, part: 0 }, 3);
+            let turns = TargetPool::default().take(
+                &gpu,
+                PoolKey {
+                    size_px: [16, 16],
+                    set,
+                    part: 0,
+                },
+                3,
+            );
             let taken: Vec<Arc<Targets>> = (0..4).map(|_| turns.next()).collect();
             for (i, j) in [(0, 1), (1, 2), (0, 2), (1, 3)] {
-                let is_same = |target: Target| taken[i].get(target).texture == taken[j].get(target).texture;
-                assert_eq!(is_same(Target::Depth), (j - i) % n_sets == 0, "{copies:?}: {i} and {j}");
+                let is_same =
+                    |target: Target| taken[i].get(target).texture == taken[j].get(target).texture;
+                assert_eq!(
+                    is_same(Target::Depth),
+                    (j - i) % n_sets == 0,
+                    "{copies:?}: {i} and {j}"
+                );
                 assert!(is_same(Target::Surface), "{copies:?}: {i} and {j}");
             }
         }
     }
 
-    /// Views of equal size share textures while one of them lives; more of them get larger ones, and what nobody holds is gone.
+    /// Views of equal size share textures while one of them lives; more of them get larger ones,
+    /// and what nobody holds is gone.
     #[test]
     fn targets_live_as_long_as_a_view_that_was_drawn_into_them() {
         let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"));
         let mut pool = TargetPool::default();
-        let key = |size_px| PoolKey { size_px, set: Target::Depth.bit(), part: 0 };
+        let key = |size_px| PoolKey {
+            size_px,
+            set: Target::Depth.bit(),
+            part: 0,
+        };
         let first = pool.take(&gpu, key([16, 16]), 3);
         assert_eq!(first.n_layers(), 3);
         assert!(Arc::ptr_eq(&first, &pool.take(&gpu, key([16, 16]), 2)));

@@ -1,6 +1,8 @@
-//! What a camera does to its colour picture after shading: exposure, lens, bloom, white balance, film, smooth edges.
+//! What a camera does to its colour picture after shading: exposure, lens, bloom, white balance,
+//! film, smooth edges.
 //!
-//! Compute shaders over the shaded radiance. Views whose optics are neutral and whose edges stay as they are skip all this.
+//! Compute shaders over the shaded radiance. Views whose optics are neutral and whose edges stay as
+//! they are skip all this.
 
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
@@ -12,7 +14,11 @@ use crate::uniform::MAX_TOGETHER;
 
 /// Text of the shader.
 pub(crate) fn post_wgsl() -> String {
-    [include_str!("shader/film.wgsl"), include_str!("shader/post.wgsl")].concat()
+    [
+        include_str!("shader/film.wgsl"),
+        include_str!("shader/post.wgsl"),
+    ]
+    .concat()
 }
 
 /// Mirror of `Post` in `shader/post.wgsl`, which says what is what.
@@ -61,7 +67,8 @@ impl PostJob<'_> {
         self.optics.postprocess && self.optics.bloom_intensity > 0.0
     }
 
-    /// Whether it needs no memory and no pictures of its own, so that it can be developed together with its likes.
+    /// Whether it needs no memory and no pictures of its own, so that it can be developed together
+    /// with its likes.
     pub fn is_plain(&self) -> bool {
         self.meter.is_none() && !self.has_bloom()
     }
@@ -85,7 +92,8 @@ pub(crate) struct PostPass {
     /// Bound where a pass has nothing to write, or no glow to read.
     no_color: Image,
     black: Image,
-    /// What stands in for a view's meter and glow: each view has its own, for what is shared makes the GPU do one view after the other.
+    /// What stands in for a view's meter and glow: each view has its own, for what is shared makes
+    /// the GPU do one view after the other.
     spares: Vec<(wgpu::Buffer, Image)>,
     data: wgpu::Buffer,
 }
@@ -101,20 +109,48 @@ impl PostPass {
         let device = gpu.device();
         let written = |binding, format| {
             let access = wgpu::StorageTextureAccess::WriteOnly;
-            entry(binding, wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2 })
+            entry(
+                binding,
+                wgpu::BindingType::StorageTexture {
+                    access,
+                    format,
+                    view_dimension: wgpu::TextureViewDimension::D2,
+                },
+            )
         };
-        let buffer = |binding, ty| entry(binding, wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None });
+        let buffer = |binding, ty| {
+            entry(
+                binding,
+                wgpu::BindingType::Buffer {
+                    ty,
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+            )
+        };
         let mut entries = [
             uniform(0, POSTS_BYTES, true),
-            texture_of(1, wgpu::TextureSampleType::Float { filterable: true }, wgpu::TextureViewDimension::D2Array),
-            entry(2, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            texture_of(
+                1,
+                wgpu::TextureSampleType::Float { filterable: true },
+                wgpu::TextureViewDimension::D2Array,
+            ),
+            entry(
+                2,
+                wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
+            ),
             buffer(3, wgpu::BufferBindingType::Storage { read_only: false }),
             written_layers(4, Target::Color.format()),
             texture(5, wgpu::TextureSampleType::Float { filterable: true }),
             written(6, GLOW_FORMAT),
         ];
-        entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
-        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("post"), entries: &entries });
+        entries
+            .iter_mut()
+            .for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("post"),
+            entries: &entries,
+        });
         let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("post"),
             bind_group_layouts: &[Some(&layout)],
@@ -141,10 +177,26 @@ impl PostPass {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
-            no_color: image(gpu, "nowhere", [1, 1], Target::Color.format(), wgpu::TextureUsages::STORAGE_BINDING),
-            black: image(gpu, "no glow", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::TEXTURE_BINDING),
+            no_color: image(
+                gpu,
+                "nowhere",
+                [1, 1],
+                Target::Color.format(),
+                wgpu::TextureUsages::STORAGE_BINDING,
+            ),
+            black: image(
+                gpu,
+                "no glow",
+                [1, 1],
+                GLOW_FORMAT,
+                wgpu::TextureUsages::TEXTURE_BINDING,
+            ),
             spares: Vec::new(),
-            data: gpu.buffer("post", POSTS_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            data: gpu.buffer(
+                "post",
+                POSTS_BYTES,
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            ),
         }
     }
 
@@ -154,23 +206,43 @@ impl PostPass {
             return;
         }
         while self.spares.len() < n_views {
-            self.spares.push((meter(gpu), image(gpu, "nowhere", [1, 1], GLOW_FORMAT, wgpu::TextureUsages::STORAGE_BINDING)));
+            self.spares.push((
+                meter(gpu),
+                image(
+                    gpu,
+                    "nowhere",
+                    [1, 1],
+                    GLOW_FORMAT,
+                    wgpu::TextureUsages::STORAGE_BINDING,
+                ),
+            ));
         }
         let mut data = vec![PostData::zeroed(); n_views];
         for job in jobs {
             data[job.view_idx] = post_data(job, job.targets.size_px(Target::Radiance.bit()));
         }
         // The last view's binding reaches beyond it.
-        grow(gpu, &mut self.data, POST_BYTES * n_views as u64 + POSTS_BYTES);
-        gpu.queue().write_buffer(&self.data, 0, bytemuck::cast_slice(&data));
+        grow(
+            gpu,
+            &mut self.data,
+            POST_BYTES * n_views as u64 + POSTS_BYTES,
+        );
+        gpu.queue()
+            .write_buffer(&self.data, 0, bytemuck::cast_slice(&data));
     }
 
-    /// Records the way from `Radiance` to `Color` of plain views whose targets are layers of the same textures.
+    /// Records the way from `Radiance` to `Color` of plain views whose targets are layers of the
+    /// same textures.
     pub fn develop_plain(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, views: &Together<'_>) {
         let radiance = views.targets.get(Target::Radiance);
         let color = &views.targets.get(Target::Color).layers;
         let (no_meter, no_glow) = &self.spares[views.first];
-        let bound = self.bind(gpu, &radiance.layers, no_meter, [color, &self.black.view, &no_glow.view]);
+        let bound = self.bind(
+            gpu,
+            &radiance.layers,
+            no_meter,
+            [color, &self.black.view, &no_glow.view],
+        );
         let [across, down] = groups([radiance.texture.width(), radiance.texture.height()]);
         pass.set_pipeline(&self.main);
         pass.set_bind_group(0, &bound, &[offset_of(views.first)]);
@@ -181,32 +253,56 @@ impl PostPass {
     pub fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
         let radiance = job.targets.get(Target::Radiance);
         let size_px = [radiance.texture.width(), radiance.texture.height()];
-        let [radiance, color] = [radiance, job.targets.get(Target::Color)].map(|image| image.single_layer(job.layer));
+        let [radiance, color] =
+            [radiance, job.targets.get(Target::Color)].map(|image| image.single_layer(job.layer));
         let (no_meter, no_glow) = &self.spares[job.view_idx];
         let meter = job.meter.unwrap_or(no_meter);
         let (no_color, no_glow, black) = (&self.no_color.layers, &no_glow.view, &self.black.view);
-        let mut run = |pipeline: &wgpu::ComputePipeline, from: &wgpu::TextureView, images: [&wgpu::TextureView; 3], groups: [u32; 2]| {
+        let mut run = |pipeline: &wgpu::ComputePipeline,
+                       from: &wgpu::TextureView,
+                       images: [&wgpu::TextureView; 3],
+                       groups: [u32; 2]| {
             pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &self.bind(gpu, from, meter, images), &[offset_of(job.view_idx)]);
+            pass.set_bind_group(
+                0,
+                &self.bind(gpu, from, meter, images),
+                &[offset_of(job.view_idx)],
+            );
             pass.dispatch_workgroups(groups[0], groups[1], 1);
         };
         if job.meter.is_some() {
-            run(&self.metering, &radiance, [no_color, black, no_glow], [1, 1]);
+            run(
+                &self.metering,
+                &radiance,
+                [no_color, black, no_glow],
+                [1, 1],
+            );
         }
         let mut glows: Vec<Image> = Vec::new();
         if job.has_bloom() {
             let mut size = size_px;
             for _ in 0..N_GLOW {
                 size = size.map(|side| side.div_ceil(2));
-                let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
+                let usage =
+                    wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
                 let smaller = image(gpu, "glow", size, GLOW_FORMAT, usage);
                 let from = glows.last().map_or(&radiance, |glow| &glow.layers);
-                run(&self.shrink, from, [no_color, black, &smaller.view], groups(size));
+                run(
+                    &self.shrink,
+                    from,
+                    [no_color, black, &smaller.view],
+                    groups(size),
+                );
                 glows.push(smaller);
             }
         }
         let glow = glows.last().map_or(black, |glow| &glow.view);
-        run(&self.main, &radiance, [&color, glow, no_glow], groups(size_px));
+        run(
+            &self.main,
+            &radiance,
+            [&color, glow, no_glow],
+            groups(size_px),
+        );
     }
 
     /// Bind group of what is read, the meter, and color, glow, and what glow is written to.
@@ -217,15 +313,28 @@ impl PostPass {
         meter: &wgpu::Buffer,
         [color, glow, glow_out]: [&wgpu::TextureView; 3],
     ) -> wgpu::BindGroup {
-        let view = |binding, view| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
-        let data = wgpu::BufferBinding { buffer: &self.data, offset: 0, size: std::num::NonZeroU64::new(POSTS_BYTES) };
+        let view = |binding, view| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        };
+        let data = wgpu::BufferBinding {
+            buffer: &self.data,
+            offset: 0,
+            size: std::num::NonZeroU64::new(POSTS_BYTES),
+        };
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("post"),
             layout: &self.layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::Buffer(data) },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::Buffer(data),
+                },
                 view(1, from),
-                wgpu::BindGroupEntry { binding: 2, resource: wgpu::BindingResource::Sampler(&self.sampler) },
+                wgpu::BindGroupEntry {
+                    binding: 2,
+                    resource: wgpu::BindingResource::Sampler(&self.sampler),
+                },
                 buffer_entry(3, meter),
                 view(4, color),
                 view(5, glow),
@@ -248,7 +357,10 @@ fn offset_of(view_idx: usize) -> u32 {
 const GLOW_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba16Float;
 
 fn buffer_entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+    wgpu::BindGroupEntry {
+        binding,
+        resource: buffer.as_entire_binding(),
+    }
 }
 
 /// Memory of automatic exposure, as it is before the first picture.
@@ -275,15 +387,34 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
     PostData {
         size_px: [width, height, 1.0 / width, 1.0 / height],
         exposure: [factor, metered, 2.2 / optics.gamma, yes(optics.postprocess)],
-        range: [exposure.min_ev100, exposure.max_ev100, gone(exposure.speed_up_per_s), gone(exposure.speed_down_per_s)],
+        range: [
+            exposure.min_ev100,
+            exposure.max_ev100,
+            gone(exposure.speed_up_per_s),
+            gone(exposure.speed_down_per_s),
+        ],
         meter: [
             white,
             exposure.calibration,
             yes(job.smooth_edges),
-            if optics.postprocess { optics.bloom_intensity * BLOOM_SHARE } else { 0.0 },
+            if optics.postprocess {
+                optics.bloom_intensity * BLOOM_SHARE
+            } else {
+                0.0
+            },
         ],
-        lens: [optics.distortion_k, optics.distortion_k_cubed, optics.distortion_size[0], optics.distortion_size[1]],
-        rim: [optics.vignette_multiplier, optics.vignette_falloff, optics.chromatic_aberration, optics.chromatic_aberration_start],
+        lens: [
+            optics.distortion_k,
+            optics.distortion_k_cubed,
+            optics.distortion_size[0],
+            optics.distortion_size[1],
+        ],
+        rim: [
+            optics.vignette_multiplier,
+            optics.vignette_falloff,
+            optics.chromatic_aberration,
+            optics.chromatic_aberration_start,
+        ],
         white: [r, g, b, 0.0],
         // Others look at their layer alone.
         layers: [if job.is_plain() { job.layer } else { 0 }, 0, 0, 0],
@@ -296,12 +427,17 @@ fn white_gains(kelvin: f32, tint: f32) -> [f32; 3] {
     let light = planckian(kelvin);
     let neutral = planckian(6500.0);
     let gains: [f32; 3] = std::array::from_fn(|c| neutral[c] / light[c].max(1e-3));
-    let tinted = [gains[0] * (1.0 + 0.1 * tint), gains[1] * (1.0 - 0.1 * tint), gains[2] * (1.0 + 0.1 * tint)];
+    let tinted = [
+        gains[0] * (1.0 + 0.1 * tint),
+        gains[1] * (1.0 - 0.1 * tint),
+        gains[2] * (1.0 + 0.1 * tint),
+    ];
     let luminance = 0.2126 * tinted[0] + 0.7152 * tinted[1] + 0.0722 * tinted[2];
     tinted.map(|gain| gain / luminance)
 }
 
-/// Linear sRGB of a black body, luminance 1: chromaticity by Kim and others (US patent 7024034, 2006), then the matrix of sRGB.
+/// Linear sRGB of a black body, luminance 1: chromaticity by Kim and others (US patent 7024034,
+/// 2006), then the matrix of sRGB.
 fn planckian(kelvin: f32) -> [f32; 3] {
     let t = kelvin.clamp(1667.0, 25_000.0) as f64;
     let (t1, t2, t3) = (1e3 / t, 1e6 / (t * t), 1e9 / (t * t * t));
@@ -319,18 +455,27 @@ fn planckian(kelvin: f32) -> [f32; 3] {
         3.081_758_0 * x3 - 5.873_386_70 * x2 + 3.751_129_97 * x - 0.370_014_83
     };
     let (xx, zz) = (x / y, (1.0 - x - y) / y);
-    [3.2406 * xx - 1.5372 - 0.4986 * zz, -0.9689 * xx + 1.8758 + 0.0415 * zz, 0.0557 * xx - 0.2040 + 1.0570 * zz].map(|c| c.max(0.0) as f32)
+    [
+        3.2406 * xx - 1.5372 - 0.4986 * zz,
+        -0.9689 * xx + 1.8758 + 0.0415 * zz,
+        0.0557 * xx - 0.2040 + 1.0570 * zz,
+    ]
+    .map(|c| c.max(0.0) as f32)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Oracle: D65 is sRGB's white, and a black body of 6500 K lies close to it; candle light is red, the northern sky blue.
+    /// Oracle: D65 is sRGB's white, and a black body of 6500 K lies close to it; candle light is
+    /// red, the northern sky blue.
     #[test]
     fn black_bodies_have_their_colours() {
         let [r, g, b] = planckian(6500.0);
-        assert!((r - 1.0).abs() < 0.06 && (g - 1.0).abs() < 0.03 && (b - 1.0).abs() < 0.06, "{r} {g} {b}");
+        assert!(
+            (r - 1.0).abs() < 0.06 && (g - 1.0).abs() < 0.03 && (b - 1.0).abs() < 0.06,
+            "{r} {g} {b}"
+        );
         let [r, _, b] = planckian(2000.0);
         assert!(r > 2.0 && b < 0.2, "{r} {b}");
         let [r, _, b] = planckian(15_000.0);
@@ -339,7 +484,11 @@ mod tests {
 
     #[test]
     fn neutral_white_balance_changes_nothing_and_a_high_one_warms() {
-        assert!(white_gains(6500.0, 0.0).iter().all(|gain| (gain - 1.0).abs() < 1e-5));
+        assert!(
+            white_gains(6500.0, 0.0)
+                .iter()
+                .all(|gain| (gain - 1.0).abs() < 1e-5)
+        );
         let [r, _, b] = white_gains(10_000.0, 0.0);
         assert!(r > 1.05 && b < 0.95, "{r} {b}");
     }

@@ -1,7 +1,10 @@
-//! Triangles to pixels without the GPU's rasteriser: pipelines and lists for `raster.wgsl` and `resolve.wgsl`.
+//! Triangles to pixels without the GPU's rasteriser: pipelines and lists for `raster.wgsl` and
+//! `resolve.wgsl`.
 //!
-//! GPUs made for computing have one or two per cent of their arithmetic behind the rasteriser. There a compute shader finds the nearest
-//! triangle of every pixel, and a second one writes what each modality keeps of it into the same targets that drawing fills.
+//! GPUs made for computing have one or two per cent of their arithmetic behind the rasteriser.
+//! There a compute shader finds the nearest
+//! triangle of every pixel, and a second one writes what each modality keeps of it into the same
+//! targets that drawing fills.
 
 mod lists;
 
@@ -27,7 +30,11 @@ pub enum Rasteriser {
 impl Rasteriser {
     /// Computed on GPUs that can, drawn on software adapters and all others.
     pub fn default_for(gpu: &Gpu) -> Self {
-        if !gpu.is_software() && can_compute(gpu) { Rasteriser::Computed } else { Rasteriser::Drawn }
+        if !gpu.is_software() && can_compute(gpu) {
+            Rasteriser::Computed
+        } else {
+            Rasteriser::Drawn
+        }
     }
 }
 
@@ -124,7 +131,11 @@ pub(crate) struct RasterJob<'r> {
 
 impl<'r> RasterJob<'r> {
     pub fn new(view: &ViewData, drawn: &'r Drawn) -> Self {
-        RasterJob { lens_px: view.lens_px, size_px: [view.frame[0] as u32, view.frame[1] as u32], drawn }
+        RasterJob {
+            lens_px: view.lens_px,
+            size_px: [view.frame[0] as u32, view.frame[1] as u32],
+            drawn,
+        }
     }
 }
 
@@ -190,20 +201,44 @@ impl RasterPass {
         };
         let written = |binding| {
             let ty = wgpu::BufferBindingType::Storage { read_only: false };
-            let ty = wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
-            wgpu::BindGroupLayoutEntry { ty, ..storage(binding) }
+            let ty = wgpu::BindingType::Buffer {
+                ty,
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            };
+            wgpu::BindGroupLayoutEntry {
+                ty,
+                ..storage(binding)
+            }
         };
         let mut entries: Vec<_> = (0..6).map(storage).collect();
-        entries.extend([written(6), written(7), uniform(8, size_of::<RasterBatch>() as u64, true)]);
+        entries.extend([
+            written(6),
+            written(7),
+            uniform(8, size_of::<RasterBatch>() as u64, true),
+        ]);
         let entries: Vec<_> = entries.into_iter().map(compute).collect();
-        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("raster"), entries: &entries });
-        let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some("raster arguments"), entries: &[compute(written(0))] };
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("raster"),
+            entries: &entries,
+        });
+        let descriptor = wgpu::BindGroupLayoutDescriptor {
+            label: Some("raster arguments"),
+            entries: &[compute(written(0))],
+        };
         let arguments_layout = device.create_bind_group_layout(&descriptor);
         let layout_of = |layouts: &[Option<&wgpu::BindGroupLayout>]| {
-            let descriptor = wgpu::PipelineLayoutDescriptor { label: Some("raster"), bind_group_layouts: layouts, immediate_size: 0 };
+            let descriptor = wgpu::PipelineLayoutDescriptor {
+                label: Some("raster"),
+                bind_group_layouts: layouts,
+                immediate_size: 0,
+            };
             device.create_pipeline_layout(&descriptor)
         };
-        let (lists_only, with_arguments) = (layout_of(&[Some(&layout)]), layout_of(&[Some(&layout), Some(&arguments_layout)]));
+        let (lists_only, with_arguments) = (
+            layout_of(&[Some(&layout)]),
+            layout_of(&[Some(&layout), Some(&arguments_layout)]),
+        );
         let shader = gpu.shader("raster", &raster_wgsl());
         let pipeline = |entry_point, layout| {
             device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -216,13 +251,26 @@ impl RasterPass {
             })
         };
         let lists: Vec<_> = (0..4).map(|binding| compute(storage(binding))).collect();
-        let lists_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("seen"), entries: &lists });
-        let images: Vec<_> = (0..).zip(Target::DRAWN).map(|(binding, target)| written_layers(binding, target.format())).collect();
-        let images_layout =
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("resolved images"), entries: &images });
+        let lists_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("seen"),
+            entries: &lists,
+        });
+        let images: Vec<_> = (0..)
+            .zip(Target::DRAWN)
+            .map(|(binding, target)| written_layers(binding, target.format()))
+            .collect();
+        let images_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("resolved images"),
+            entries: &images,
+        });
         let resolve_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("resolve"),
-            bind_group_layouts: &[Some(&geometry.scene_layout), Some(&geometry.views_layout), Some(&lists_layout), Some(&images_layout)],
+            bind_group_layouts: &[
+                Some(&geometry.scene_layout),
+                Some(&geometry.views_layout),
+                Some(&lists_layout),
+                Some(&images_layout),
+            ],
             immediate_size: 0,
         });
         let resolve = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -233,7 +281,13 @@ impl RasterPass {
             compilation_options: Default::default(),
             cache: None,
         });
-        let list = |label, n_bytes| gpu.buffer(label, n_bytes, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
+        let list = |label, n_bytes| {
+            gpu.buffer(
+                label,
+                n_bytes,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST,
+            )
+        };
         RasterPass {
             small: pipeline("cs_small", &lists_only),
             arguments_of: pipeline("cs_arguments", &with_arguments),
@@ -247,9 +301,20 @@ impl RasterPass {
             draws: list("raster draws", size_of::<RasterDraw>() as u64),
             chunks: list("raster chunks", 8),
             seen: list("seen", SEEN_BYTES),
-            queue: list("raster queue", QUEUE_HEAD_BYTES + ITEM_BYTES * MAX_TILES as u64),
-            arguments: gpu.buffer("raster arguments", 12, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT),
-            batches: gpu.buffer("raster batches", BATCH_STRIDE_BYTES, wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST),
+            queue: list(
+                "raster queue",
+                QUEUE_HEAD_BYTES + ITEM_BYTES * MAX_TILES as u64,
+            ),
+            arguments: gpu.buffer(
+                "raster arguments",
+                12,
+                wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::INDIRECT,
+            ),
+            batches: gpu.buffer(
+                "raster batches",
+                BATCH_STRIDE_BYTES,
+                wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            ),
         }
     }
 
@@ -260,7 +325,12 @@ impl RasterPass {
     }
 
     /// Uploads the lists of all views.
-    pub fn upload(&mut self, gpu: &Gpu, jobs: &[RasterJob<'_>], instances: &wgpu::Buffer) -> RasterPlan {
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        jobs: &[RasterJob<'_>],
+        instances: &wgpu::Buffer,
+    ) -> RasterPlan {
         let limit = gpu.device().limits().max_storage_buffer_binding_size / SEEN_BYTES;
         let max_pixels = limit.min(MAX_PIXELS);
         let mut plan = RasterPlan::default();
@@ -268,38 +338,87 @@ impl RasterPass {
         let (mut n_draws, mut n_chunks) = (0, 0);
         for job in jobs {
             let n_pixels = job.size_px[0] as u64 * job.size_px[1] as u64;
-            if plan.n_pixels.last().is_none_or(|before| before + n_pixels > max_pixels) {
-                plan.batches.push(RasterBatch { first_chunk: n_chunks, n_chunks: 0, n_across: 0, max_tiles: MAX_TILES });
+            if plan
+                .n_pixels
+                .last()
+                .is_none_or(|before| before + n_pixels > max_pixels)
+            {
+                plan.batches.push(RasterBatch {
+                    first_chunk: n_chunks,
+                    n_chunks: 0,
+                    n_across: 0,
+                    max_tiles: MAX_TILES,
+                });
                 plan.n_pixels.push(0);
             }
             let batch = plan.batches.len() - 1;
             let first_pixel = plan.n_pixels[batch] as u32;
             plan.n_pixels[batch] += n_pixels;
-            views.push(RasterView { lens_px: job.lens_px, size_px: job.size_px, first_pixel, near_m: NEAR_M as f32 });
+            views.push(RasterView {
+                lens_px: job.lens_px,
+                size_px: job.size_px,
+                first_pixel,
+                near_m: NEAR_M as f32,
+            });
             let n_calls = job.drawn.calls.len() as u32;
-            plan.places.push(Place { batch, first_draw: n_draws, n_draws: n_calls, first_chunk: n_chunks, first_pixel });
+            plan.places.push(Place {
+                batch,
+                first_draw: n_draws,
+                n_draws: n_calls,
+                first_chunk: n_chunks,
+                first_pixel,
+            });
             n_draws += n_calls;
             n_chunks += lists::n_chunks(job.drawn);
             plan.batches[batch].n_chunks = n_chunks - plan.batches[batch].first_chunk;
-            gpu.counters().add_draws(n_calls as u64, job.drawn.n_triangles as u64);
+            gpu.counters()
+                .add_draws(n_calls as u64, job.drawn.n_triangles as u64);
         }
-        grow(gpu, &mut self.draws, size_of::<RasterDraw>() as u64 * n_draws as u64);
-        grow(gpu, &mut self.chunks, size_of::<[u32; 2]>() as u64 * n_chunks as u64);
-        lists::write(gpu, &Lists { instances, draws: &self.draws, chunks: &self.chunks }, jobs, &plan.places);
+        grow(
+            gpu,
+            &mut self.draws,
+            size_of::<RasterDraw>() as u64 * n_draws as u64,
+        );
+        grow(
+            gpu,
+            &mut self.chunks,
+            size_of::<[u32; 2]>() as u64 * n_chunks as u64,
+        );
+        lists::write(
+            gpu,
+            &Lists {
+                instances,
+                draws: &self.draws,
+                chunks: &self.chunks,
+            },
+            jobs,
+            &plan.places,
+        );
         self.write(gpu, &mut plan, &views);
         plan
     }
 
     fn write(&mut self, gpu: &Gpu, plan: &mut RasterPlan, views: &[RasterView]) {
         let mut most_chunks = 0;
-        grow(gpu, &mut self.batches, BATCH_STRIDE_BYTES * plan.batches.len() as u64);
+        grow(
+            gpu,
+            &mut self.batches,
+            BATCH_STRIDE_BYTES * plan.batches.len() as u64,
+        );
         for (i, batch) in plan.batches.iter_mut().enumerate() {
-            batch.n_across = batch.n_chunks.div_ceil(batch.n_chunks.div_ceil(MAX_ACROSS).max(1));
+            batch.n_across = batch
+                .n_chunks
+                .div_ceil(batch.n_chunks.div_ceil(MAX_ACROSS).max(1));
             most_chunks = most_chunks.max(batch.n_chunks);
-            gpu.queue().write_buffer(&self.batches, i as u64 * BATCH_STRIDE_BYTES, bytemuck::bytes_of(batch));
+            gpu.queue().write_buffer(
+                &self.batches,
+                i as u64 * BATCH_STRIDE_BYTES,
+                bytemuck::bytes_of(batch),
+            );
         }
         grow(gpu, &mut self.views, size_of_val(views) as u64);
-        gpu.queue().write_buffer(&self.views, 0, bytemuck::cast_slice(views));
+        gpu.queue()
+            .write_buffer(&self.views, 0, bytemuck::cast_slice(views));
         let most_pixels = plan.n_pixels.iter().copied().max().unwrap_or(0);
         if self.seen.size() < SEEN_BYTES * most_pixels {
             self.seen = gpu.buffer("seen", SEEN_BYTES * most_pixels, self.seen.usage());
@@ -309,7 +428,8 @@ impl RasterPass {
         grow(gpu, &mut self.queue, QUEUE_HEAD_BYTES + ITEM_BYTES * items);
     }
 
-    /// Records the rasterising of one batch: what its views see stands in the list until the next batch is recorded.
+    /// Records the rasterising of one batch: what its views see stands in the list until the next
+    /// batch is recorded.
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -326,20 +446,47 @@ impl RasterPass {
         }
         encoder.clear_buffer(&self.queue, 0, Some(QUEUE_HEAD_BYTES));
         let size = std::num::NonZeroU64::new(size_of::<RasterBatch>() as u64);
-        let lists = [&self.views, instances, &self.draws, &self.chunks, &assets.vertices, &assets.indices, &self.seen, &self.queue];
-        let mut entries: Vec<_> = (0..).zip(lists).map(|(binding, buffer)| whole(binding, buffer)).collect();
-        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer: &self.batches, offset: 0, size });
-        entries.push(wgpu::BindGroupEntry { binding: 8, resource });
-        let group =
-            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("raster"), layout: &self.layout, entries: &entries });
+        let lists = [
+            &self.views,
+            instances,
+            &self.draws,
+            &self.chunks,
+            &assets.vertices,
+            &assets.indices,
+            &self.seen,
+            &self.queue,
+        ];
+        let mut entries: Vec<_> = (0..)
+            .zip(lists)
+            .map(|(binding, buffer)| whole(binding, buffer))
+            .collect();
+        let resource = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.batches,
+            offset: 0,
+            size,
+        });
+        entries.push(wgpu::BindGroupEntry {
+            binding: 8,
+            resource,
+        });
+        let group = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("raster"),
+            layout: &self.layout,
+            entries: &entries,
+        });
         let arguments = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("raster arguments"),
             layout: &self.arguments_layout,
             entries: &[whole(0, &self.arguments)],
         });
         let offset = [(batch_idx as u64 * BATCH_STRIDE_BYTES) as u32];
-        let mut run = |pipeline: &wgpu::ComputePipeline, arguments: Option<&wgpu::BindGroup>, groups: Option<[u32; 2]>| {
-            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label: Some("raster"), timestamp_writes: None });
+        let mut run = |pipeline: &wgpu::ComputePipeline,
+                       arguments: Option<&wgpu::BindGroup>,
+                       groups: Option<[u32; 2]>| {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some("raster"),
+                timestamp_writes: None,
+            });
             gpu.counters().add_pass();
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &group, &offset);
@@ -351,7 +498,11 @@ impl RasterPass {
                 None => pass.dispatch_workgroups_indirect(&self.arguments, 0),
             }
         };
-        run(&self.small, None, Some([batch.n_across, batch.n_chunks.div_ceil(batch.n_across)]));
+        run(
+            &self.small,
+            None,
+            Some([batch.n_across, batch.n_chunks.div_ceil(batch.n_across)]),
+        );
         run(&self.arguments_of, Some(&arguments), Some([1, 1]));
         run(&self.tiles, None, None);
     }
@@ -359,16 +510,35 @@ impl RasterPass {
     /// Bind group of what resolving reads of all views.
     pub fn bind_lists(&self, gpu: &Gpu, assets: &GpuAssets) -> wgpu::BindGroup {
         let lists = [&self.draws, &assets.vertices, &assets.indices, &self.seen];
-        let entries: Vec<_> = (0..).zip(lists).map(|(binding, buffer)| whole(binding, buffer)).collect();
-        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("seen"), layout: &self.lists_layout, entries: &entries })
+        let entries: Vec<_> = (0..)
+            .zip(lists)
+            .map(|(binding, buffer)| whole(binding, buffer))
+            .collect();
+        gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("seen"),
+            layout: &self.lists_layout,
+            entries: &entries,
+        })
     }
 
     /// Records the way from what views see to their targets.
-    pub fn resolve(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, [scene, bound, lists]: [&wgpu::BindGroup; 3], views: &Together<'_>) {
+    pub fn resolve(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::ComputePass<'_>,
+        [scene, bound, lists]: [&wgpu::BindGroup; 3],
+        views: &Together<'_>,
+    ) {
         let (targets, set) = (views.targets, views.kept);
-        let images = (0..).zip(Target::DRAWN).map(|(binding, target)| (binding, targets.get_or_nowhere(target, set)));
-        let entries: Vec<_> =
-            images.map(|(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) }).collect();
+        let images = (0..)
+            .zip(Target::DRAWN)
+            .map(|(binding, target)| (binding, targets.get_or_nowhere(target, set)));
+        let entries: Vec<_> = images
+            .map(|(binding, view)| wgpu::BindGroupEntry {
+                binding,
+                resource: wgpu::BindingResource::TextureView(view),
+            })
+            .collect();
         let images = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("resolved images"),
             layout: &self.images_layout,
@@ -385,5 +555,8 @@ impl RasterPass {
 }
 
 fn whole(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+    wgpu::BindGroupEntry {
+        binding,
+        resource: buffer.as_entire_binding(),
+    }
 }

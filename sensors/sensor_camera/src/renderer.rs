@@ -44,7 +44,11 @@ pub enum Quality {
 impl Quality {
     /// `Low` on software adapters, else `High`.
     pub fn default_for(gpu: &Gpu) -> Self {
-        if gpu.is_software() { Quality::Low } else { Quality::High }
+        if gpu.is_software() {
+            Quality::Low
+        } else {
+            Quality::High
+        }
     }
 }
 
@@ -92,7 +96,8 @@ pub struct CameraRenderer {
     far_shadows: Option<Shadows>,
     debug: DebugPass,
     pool: TargetPool,
-    /// Whether the GPU follows events where it can, and what does it once somebody looked through an event camera.
+    /// Whether the GPU follows events where it can, and what does it once somebody looked through
+    /// an event camera.
     events_on_gpu: bool,
     events: Option<EventPass>,
     /// Memory of earlier submissions.
@@ -127,14 +132,16 @@ impl CameraRenderer {
         Self::with_rasteriser(gpu, quality, Rasteriser::default_for(gpu))
     }
 
-    /// The same, with a rasteriser of one's choice; an adapter that cannot compute draws all the same.
+    /// The same, with a rasteriser of one's choice; an adapter that cannot compute draws all the
+    /// same.
     pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
         let computes = rasteriser == Rasteriser::Computed && can_compute(gpu);
         let slim = quality == Quality::Low && !computes;
         let pass = GeometryPass::new(gpu, slim);
         let shade = ShadePass::new(gpu, &pass, quality, slim);
         let [near_bytes, far_bytes] = groups::share(quality, groups::MOST_SHADOW_BYTES);
-        let shadows = |cascade, most_bytes| Shadows::new(gpu, cascade, !shade.is_drawn(), most_bytes);
+        let shadows =
+            |cascade, most_bytes| Shadows::new(gpu, cascade, !shade.is_drawn(), most_bytes);
         CameraRenderer {
             gpu: gpu.clone(),
             quality,
@@ -154,10 +161,16 @@ impl CameraRenderer {
         }
     }
 
-    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's assets are others than before. Where only
-    /// other objects of the same scenery are shown, what changed is uploaded. Gives the number of bytes.
+    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's
+    /// assets are others than before. Where only
+    /// other objects of the same scenery are shown, what changed is uploaded. Gives the number of
+    /// bytes.
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> u64 {
-        if let Some(n_bytes) = self.assets.as_mut().and_then(|loaded| loaded.take_over(&self.gpu, assets)) {
+        if let Some(n_bytes) = self
+            .assets
+            .as_mut()
+            .and_then(|loaded| loaded.take_over(&self.gpu, assets))
+        {
             self.gpu.submit([]);
             self.shadows.redraw();
             self.far_shadows.iter_mut().for_each(Shadows::redraw);
@@ -168,7 +181,8 @@ impl CameraRenderer {
         let uploaded = GpuAssets::upload(&self.gpu, assets);
         let n_bytes = uploaded.n_bytes();
         self.assets = Some(uploaded);
-        // An upload waits for the next submission, and what was dropped for the one after; a world that nobody looks at has none.
+        // An upload waits for the next submission, and what was dropped for the one after; a world
+        // that nobody looks at has none.
         self.gpu.submit([]);
         self.gpu.wait_idle();
         self.shadows.clear();
@@ -178,18 +192,26 @@ impl CameraRenderer {
         n_bytes
     }
 
-    /// Draws what is read of all `jobs` and remembers every job's firing. One submission, unless their shadow maps do not fit their memory
+    /// Draws what is read of all `jobs` and remembers every job's firing. One submission, unless
+    /// their shadow maps do not fit their memory
     /// ([`CameraRenderer::limit_shadow_bytes`]); none at all if nobody reads.
     ///
     /// # Errors
-    /// A job asks for what a camera does not make, asks twice, or its place is too small; nothing was drawn or remembered then.
-    pub fn render<'a>(&mut self, scene: &Scene, mut jobs: Vec<ViewJob<'_, 'a>>) -> Result<Submission<'a>, RenderError> {
+    /// A job asks for what a camera does not make, asks twice, or its place is too small; nothing
+    /// was drawn or remembered then.
+    pub fn render<'a>(
+        &mut self,
+        scene: &Scene,
+        mut jobs: Vec<ViewJob<'_, 'a>>,
+    ) -> Result<Submission<'a>, RenderError> {
         for job in &jobs {
             check(job)?;
         }
         match &mut self.assets {
             Some(loaded) if Arc::ptr_eq(&loaded.scene_assets, &scene.assets) => {}
-            Some(loaded) if loaded.shows_the_same(&scene.assets) => loaded.switch_lamps(&self.gpu, &scene.assets),
+            Some(loaded) if loaded.shows_the_same(&scene.assets) => {
+                loaded.switch_lamps(&self.gpu, &scene.assets)
+            }
             _ => drop(self.load(&scene.assets)),
         }
         for job in &mut jobs {
@@ -199,8 +221,12 @@ impl CameraRenderer {
         let poses = Arc::new(InstancePoses::of(scene));
         for job in jobs {
             let world_from_camera = world_from_camera(&job.world_from_sensor);
-            job.view.previous =
-                Some(Firing { world_from_camera, sim_time: scene.sim_time, episode: scene.assets.episode, poses: poses.clone() });
+            job.view.previous = Some(Firing {
+                world_from_camera,
+                sim_time: scene.sim_time,
+                episode: scene.assets.episode,
+                poses: poses.clone(),
+            });
         }
         Ok(submission)
     }
@@ -210,43 +236,70 @@ impl CameraRenderer {
         let leaders = gpu.time("merge", || merge::leaders(jobs));
         let mut active = self.activate(scene, jobs, &leaders);
         if active.is_empty() {
-            return Submission { in_flight: None, plans: jobs.iter().map(|_| Vec::new()).collect() };
+            return Submission {
+                in_flight: None,
+                plans: jobs.iter().map(|_| Vec::new()).collect(),
+            };
         }
         let assets = self.assets.as_ref().expect("render() loaded the assets");
         let computes = self.raster.is_some() && RasterPass::takes(&gpu, assets);
         let shadows = gpu.time("find", || self.find(scene, jobs, &mut active));
         let mut lamps = LampLists::default();
         for active in active.iter_mut().filter(|active| active.set.is_lit()) {
-            active.lamps = lamps.add_view(&active.lamps_in_view, &jobs[active.job_idx].view.spec.intrinsics);
+            active.lamps = lamps.add_view(
+                &active.lamps_in_view,
+                &jobs[active.job_idx].view.spec.intrinsics,
+            );
         }
         gpu.time("targets", || self.take_targets(jobs, &mut active, computes));
-        let mut encoder = gpu.time("record", || self.record_groups(scene, &mut active, jobs, (&lamps, shadows), computes));
+        let mut encoder = gpu.time("record", || {
+            self.record_groups(scene, &mut active, jobs, (&lamps, shadows), computes)
+        });
         let mut batch = CopyBatch::new();
         let mut images = vec![None; jobs.len()];
-        active.iter().for_each(|active| batch.overwrites(&active.targets.reads));
-        active.iter().for_each(|active| images[active.job_idx] = Some((active.targets.clone(), active.layer)));
-        self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
-        let plans = jobs.iter_mut().zip(&leaders).map(|(job, leader)| match &images[*leader] {
-            Some((targets, layer)) => {
-                let list = self.record_events(job, (targets, *layer), scene, &mut encoder);
-                plan_outputs(job, (targets, *layer), scene, &mut batch, list)
-            }
-            None => Vec::new(),
+        active
+            .iter()
+            .for_each(|active| batch.overwrites(&active.targets.reads));
+        active.iter().for_each(|active| {
+            images[active.job_idx] = Some((active.targets.clone(), active.layer))
         });
+        self.spare_drawn = active.into_iter().map(|active| active.drawn).collect();
+        let plans = jobs
+            .iter_mut()
+            .zip(&leaders)
+            .map(|(job, leader)| match &images[*leader] {
+                Some((targets, layer)) => {
+                    let list = self.record_events(job, (targets, *layer), scene, &mut encoder);
+                    plan_outputs(job, (targets, *layer), scene, &mut batch, list)
+                }
+                None => Vec::new(),
+            });
         let plans = plans.collect();
-        Submission { in_flight: Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))), plans }
+        Submission {
+            in_flight: Some(gpu.time("copies and submit", || batch.submit(&gpu, encoder))),
+            plans,
+        }
     }
 
     /// Who has something to draw, and what.
-    fn activate(&mut self, scene: &Scene, jobs: &mut [ViewJob<'_, '_>], leaders: &[usize]) -> Vec<Active> {
+    fn activate(
+        &mut self,
+        scene: &Scene,
+        jobs: &mut [ViewJob<'_, '_>],
+        leaders: &[usize],
+    ) -> Vec<Active> {
         let is_switched = !scene.assets.switched.is_empty();
         let mut active = Vec::new();
         let mut asked = vec![TargetSet::default(); jobs.len()];
         for (job, leader) in jobs.iter().zip(leaders) {
-            asked[*leader] = job.outputs.iter().fold(asked[*leader], |set, output| set.union(targets_of(output.modality)));
+            asked[*leader] = job.outputs.iter().fold(asked[*leader], |set, output| {
+                set.union(targets_of(output.modality))
+            });
         }
         for (job_idx, (job, mut set)) in jobs.iter_mut().zip(asked).enumerate() {
-            if set.contains(Target::Color) && (self.quality == Quality::High || !job.view.spec.optics.is_neutral()) {
+            if set.contains(Target::Color)
+                && (self.quality == Quality::High || !job.view.spec.optics.is_neutral())
+            {
                 set = set.union(Target::Radiance.bit());
             }
             if set.is_lit() {
@@ -259,7 +312,10 @@ impl CameraRenderer {
                 continue;
             }
             job.view.kept = job.view.kept.union(set);
-            let motion = CameraMotion::new(world_from_camera(&job.world_from_sensor), job.view.previous.as_ref());
+            let motion = CameraMotion::new(
+                world_from_camera(&job.world_from_sensor),
+                job.view.previous.as_ref(),
+            );
             let drawn = self.spare_drawn.pop().unwrap_or_default();
             active.push(Active {
                 job_idx,
@@ -276,31 +332,63 @@ impl CameraRenderer {
         active
     }
 
-    /// Makes the weather's light, and finds what each view sees, which lamps reach into it, and what is new in its shadow maps, if all of
+    /// Makes the weather's light, and finds what each view sees, which lamps reach into it, and
+    /// what is new in its shadow maps, if all of
     /// them fit into memory: side by side.
-    fn find(&mut self, scene: &Scene, jobs: &[ViewJob<'_, '_>], active: &mut [Active]) -> Option<ShadowPlans> {
-        if self.light.as_ref().is_none_or(|light| !light.is_of(&scene.weather)) {
+    fn find(
+        &mut self,
+        scene: &Scene,
+        jobs: &[ViewJob<'_, '_>],
+        active: &mut [Active],
+    ) -> Option<ShadowPlans> {
+        if self
+            .light
+            .as_ref()
+            .is_none_or(|light| !light.is_of(&scene.weather))
+        {
             self.light = Some(Light::new(&self.gpu, self.quality, &scene.weather));
         }
-        let (Some(light), Some(assets)) = (&self.light, &self.assets) else { return Some(ShadowPlans::default()) };
-        let eyes = if light.has_shadows { groups::eyes_of(active, jobs) } else { Vec::new() };
+        let (Some(light), Some(assets)) = (&self.light, &self.assets) else {
+            return Some(ShadowPlans::default());
+        };
+        let eyes = if light.has_shadows {
+            groups::eyes_of(active, jobs)
+        } else {
+            Vec::new()
+        };
         let fits = self.n_fitting(&eyes) == eyes.len();
         let shining = lamps::shining(scene, assets, light.exposure, light.dark_ratio);
         let quality = self.quality;
-        let seen: Vec<(Intrinsics, Option<&Firing>)> =
-            active.iter().map(|active| &*jobs[active.job_idx].view).map(|view| (view.spec.intrinsics, view.previous.as_ref())).collect();
+        let seen: Vec<(Intrinsics, Option<&Firing>)> = active
+            .iter()
+            .map(|active| &*jobs[active.job_idx].view)
+            .map(|view| (view.spec.intrinsics, view.previous.as_ref()))
+            .collect();
         let find = |(active, (lens, previous)): (&mut Active, (Intrinsics, Option<&Firing>))| {
-            draw::visible(scene, assets, &lens, &active.motion, previous, &mut active.drawn);
+            draw::visible(
+                scene,
+                assets,
+                &lens,
+                &active.motion,
+                previous,
+                &mut active.drawn,
+            );
             if active.set.is_lit() {
                 active.lamps_in_view = lamps::reaching(&shining, quality, &lens, &active.motion);
             }
         };
-        let plan = |shadows: &mut Shadows| (fits && !eyes.is_empty()).then(|| shadows.plan(assets, scene, light.sun_towards, &eyes));
+        let plan = |shadows: &mut Shadows| {
+            (fits && !eyes.is_empty())
+                .then(|| shadows.plan(assets, scene, light.sun_towards, &eyes))
+        };
         let (near, far) = (&mut self.shadows, &mut self.far_shadows);
         // One view is done before other threads wake up.
         if active.len() == 1 {
             active.iter_mut().zip(seen).for_each(find);
-            return Some(ShadowPlans { near: plan(near), far: far.as_mut().and_then(plan) });
+            return Some(ShadowPlans {
+                near: plan(near),
+                far: far.as_mut().and_then(plan),
+            });
         }
         let views = || active.par_iter_mut().zip(seen).for_each(find);
         let plans = || rayon::join(|| plan(near), || far.as_mut().and_then(plan));
@@ -308,19 +396,35 @@ impl CameraRenderer {
         fits.then_some(ShadowPlans { near, far })
     }
 
-    /// Gives every view its targets. Views that compute shaders do alike come to stand one after the other, and share textures.
-    fn take_targets(&mut self, jobs: &mut [ViewJob<'_, '_>], active: &mut [Active], computes: bool) {
+    /// Gives every view its targets. Views that compute shaders do alike come to stand one after
+    /// the other, and share textures.
+    fn take_targets(
+        &mut self,
+        jobs: &mut [ViewJob<'_, '_>],
+        active: &mut [Active],
+        computes: bool,
+    ) {
         if !computes {
             let is_switched = self.assets.as_ref().is_some_and(GpuAssets::is_switched);
             for active in active {
                 self.pass.prepare(&self.gpu, active.set, is_switched);
                 let view = &mut *jobs[active.job_idx].view;
-                let Intrinsics { width_px, height_px, .. } = view.spec.intrinsics;
+                let Intrinsics {
+                    width_px,
+                    height_px,
+                    ..
+                } = view.spec.intrinsics;
                 if self.gpu.copies_beside() {
                     view.targets.swap(0, 1);
                 }
                 let [targets, twin] = &mut view.targets;
-                Arc::make_mut(targets).ensure(&self.gpu, [width_px, height_px], view.kept, self.shade.is_drawn(), twin);
+                Arc::make_mut(targets).ensure(
+                    &self.gpu,
+                    [width_px, height_px],
+                    view.kept,
+                    self.shade.is_drawn(),
+                    twin,
+                );
                 view.turns = None;
                 active.targets = view.targets[0].clone();
             }
@@ -328,7 +432,17 @@ impl CameraRenderer {
         }
         let key = |active: &Active| {
             let view = &jobs[active.job_idx].view;
-            (([view.spec.intrinsics.width_px, view.spec.intrinsics.height_px], view.kept), active.set, active.lamps.n > 0)
+            (
+                (
+                    [
+                        view.spec.intrinsics.width_px,
+                        view.spec.intrinsics.height_px,
+                    ],
+                    view.kept,
+                ),
+                active.set,
+                active.lamps.n > 0,
+            )
         };
         active.sort_by_key(key);
         let mut turns_of = Vec::with_capacity(active.len());
@@ -336,7 +450,11 @@ impl CameraRenderer {
             let (size_px, set) = key(&alike[0]).0;
             let most = TargetPool::max_layers(&self.gpu, size_px);
             for (part, alike) in (0..).zip(alike.chunks_mut(most as usize)) {
-                let turns = self.pool.take(&self.gpu, PoolKey { size_px, set, part }, alike.len() as u32);
+                let turns = self.pool.take(
+                    &self.gpu,
+                    PoolKey { size_px, set, part },
+                    alike.len() as u32,
+                );
                 let targets = turns.next();
                 for (layer, active) in (0..).zip(alike) {
                     (active.targets, active.layer) = (targets.clone(), layer);
@@ -355,7 +473,9 @@ impl CameraRenderer {
 
 /// Time since the view's previous firing.
 fn window_nanos(view: &View, scene: &Scene) -> u64 {
-    view.previous.as_ref().map_or(0, |firing| scene.sim_time.0.saturating_sub(firing.sim_time.0))
+    view.previous.as_ref().map_or(0, |firing| {
+        scene.sim_time.0.saturating_sub(firing.sim_time.0)
+    })
 }
 
 fn world_from_camera(world_from_sensor: &Isometry3<f64>) -> Isometry3<f64> {
@@ -371,9 +491,15 @@ fn targets_of(modality: Modality) -> TargetSet {
         Modality::Instance => Target::Instance.bit(),
         Modality::Flow => Target::Flow.bit(),
         Modality::Normals => Target::Normals.bit(),
-        Modality::Dvs => [Target::Luminance, Target::Flow, Target::Depth, Target::Instance, Target::Class]
-            .into_iter()
-            .fold(TargetSet::default(), |set, target| set.union(target.bit())),
+        Modality::Dvs => [
+            Target::Luminance,
+            Target::Flow,
+            Target::Depth,
+            Target::Instance,
+            Target::Class,
+        ]
+        .into_iter()
+        .fold(TargetSet::default(), |set, target| set.union(target.bit())),
         _ => TargetSet::default(),
     }
 }
@@ -397,12 +523,19 @@ fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
         if targets_of(modality) == TargetSet::default() {
             return Err(RenderError::NotACamera { modality });
         }
-        if job.outputs[..i].iter().any(|other| other.modality == modality) {
+        if job.outputs[..i]
+            .iter()
+            .any(|other| other.modality == modality)
+        {
             return Err(RenderError::Twice { modality });
         }
         let (needed, room) = (job.view.payload_bytes(modality), place.capacity_bytes());
         if modality != Modality::Dvs && room < needed {
-            return Err(RenderError::TooSmall { modality, needed, room });
+            return Err(RenderError::TooSmall {
+                modality,
+                needed,
+                room,
+            });
         }
     }
     Ok(())
@@ -411,15 +544,29 @@ fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
 /// Drops what does not outlive an episode or the last reader.
 fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) {
     let view: &mut View = job.view;
-    if view.previous.as_ref().is_some_and(|firing| firing.episode != scene.assets.episode) {
+    if view
+        .previous
+        .as_ref()
+        .is_some_and(|firing| firing.episode != scene.assets.episode)
+    {
         view.reset();
     }
-    if !job.outputs.iter().any(|output| output.modality == Modality::Dvs) {
+    if !job
+        .outputs
+        .iter()
+        .any(|output| output.modality == Modality::Dvs)
+    {
         view.dvs = None;
         view.gpu_events = None;
     }
-    let has_meter = view.spec.optics.exposure.mode == ExposureMode::Histogram && view.spec.optics.postprocess;
-    if has_meter && job.outputs.iter().any(|output| output.modality == Modality::Rgb) {
+    let has_meter =
+        view.spec.optics.exposure.mode == ExposureMode::Histogram && view.spec.optics.postprocess;
+    if has_meter
+        && job
+            .outputs
+            .iter()
+            .any(|output| output.modality == Modality::Rgb)
+    {
         view.meter_begins = view.meter.is_none();
         view.meter.get_or_insert_with(|| post::meter(gpu));
     } else {
@@ -444,20 +591,34 @@ fn plan_outputs<'a>(
         match image_of(modality) {
             Some(target) => {
                 let is_flow = modality == Modality::Flow;
-                let first = is_flow && view.previous.is_none() || modality == Modality::Rgb && view.meter_begins;
+                let first = is_flow && view.previous.is_none()
+                    || modality == Modality::Rgb && view.meter_begins;
                 let (image, n_bytes) = (targets.get(target), target.element_bytes());
                 let copy = match image.is_shared {
-                    true => batch.shared_layer(&image.texture, layer, n_bytes, place, &targets.reads),
+                    true => {
+                        batch.shared_layer(&image.texture, layer, n_bytes, place, &targets.reads)
+                    }
                     false => batch.texture_layer(&image.texture, layer, n_bytes, place),
                 };
-                plans.push(Plan::Copied { modality, copy, first, window_nanos: if is_flow { window_nanos } else { 0 } });
+                plans.push(Plan::Copied {
+                    modality,
+                    copy,
+                    first,
+                    window_nanos: if is_flow { window_nanos } else { 0 },
+                });
             }
             None => {
                 if let Some(list) = list.take() {
-                    plans.push(Plan::EventList { place, list, window_nanos });
+                    plans.push(Plan::EventList {
+                        place,
+                        list,
+                        window_nanos,
+                    });
                     continue;
                 }
-                let mut map = |target: Target| batch.map_texture(texture(target), layer, target.element_bytes());
+                let mut map = |target: Target| {
+                    batch.map_texture(texture(target), layer, target.element_bytes())
+                };
                 let maps = DvsMaps {
                     luminance: map(Target::Luminance),
                     flow: map(Target::Flow),
@@ -465,8 +626,16 @@ fn plan_outputs<'a>(
                     instance: map(Target::Instance),
                     class: map(Target::Class),
                 };
-                let state = view.dvs.get_or_insert_with(|| Arc::new(Mutex::new(event_camera(&view.spec)))).clone();
-                plans.push(Plan::Events { place, maps, state, window_nanos });
+                let state = view
+                    .dvs
+                    .get_or_insert_with(|| Arc::new(Mutex::new(event_camera(&view.spec))))
+                    .clone();
+                plans.push(Plan::Events {
+                    place,
+                    maps,
+                    state,
+                    window_nanos,
+                });
             }
         }
     }

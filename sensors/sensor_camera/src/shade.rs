@@ -1,7 +1,10 @@
-//! The shading pass: light on what the geometry pass saw, once per pixel, however often it was drawn over.
+//! The shading pass: light on what the geometry pass saw, once per pixel, however often it was
+//! drawn over.
 //!
-//! One compute dispatch for views of equal size, because GPUs made for computing have many times more arithmetic there than in fragment shaders. In low
-//! quality a software rasteriser draws triangles over the image instead, and its depth test sorts sky from surfaces.
+//! One compute dispatch for views of equal size, because GPUs made for computing have many times
+//! more arithmetic there than in fragment shaders. In low
+//! quality a software rasteriser draws triangles over the image instead, and its depth test sorts
+//! sky from surfaces.
 
 use std::collections::BTreeMap;
 
@@ -14,14 +17,26 @@ use crate::targets::{Image, Target, TargetSet, image};
 /// Text of the shading shader.
 pub(crate) fn shade_wgsl(drawn: bool) -> String {
     let (surfaces, entries) = if drawn {
-        (include_str!("shader/seen_slim.wgsl"), include_str!("shader/shade_raster.wgsl"))
+        (
+            include_str!("shader/seen_slim.wgsl"),
+            include_str!("shader/shade_raster.wgsl"),
+        )
     } else {
-        (include_str!("shader/seen_wide.wgsl"), include_str!("shader/shade_compute.wgsl"))
+        (
+            include_str!("shader/seen_wide.wgsl"),
+            include_str!("shader/shade_compute.wgsl"),
+        )
     };
     let [uniforms, view] = if drawn {
-        [include_str!("shader/carried.wgsl"), include_str!("shader/view_drawn.wgsl")]
+        [
+            include_str!("shader/carried.wgsl"),
+            include_str!("shader/view_drawn.wgsl"),
+        ]
     } else {
-        [include_str!("shader/bound.wgsl"), include_str!("shader/view_computed.wgsl")]
+        [
+            include_str!("shader/bound.wgsl"),
+            include_str!("shader/view_computed.wgsl"),
+        ]
     };
     [
         include_str!("shader/scene.wgsl"),
@@ -76,46 +91,94 @@ pub(crate) struct ShadePass {
 #[derive(Debug)]
 enum Pipelines {
     Computed(wgpu::ComputePipeline),
-    Drawn { surface: wgpu::RenderPipeline, sky: wgpu::RenderPipeline },
+    Drawn {
+        surface: wgpu::RenderPipeline,
+        sky: wgpu::RenderPipeline,
+    },
 }
 
 impl ShadePass {
     pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality, drawn: bool) -> Self {
         let device = gpu.device();
         let read = |binding: u32, sample_type: wgpu::TextureSampleType| {
-            let dimension = if drawn { wgpu::TextureViewDimension::D2 } else { wgpu::TextureViewDimension::D2Array };
+            let dimension = if drawn {
+                wgpu::TextureViewDimension::D2
+            } else {
+                wgpu::TextureViewDimension::D2Array
+            };
             texture_of(binding, sample_type, dimension)
         };
         let mut entries = vec![
             read(0, wgpu::TextureSampleType::Uint),
-            read(1, if drawn { wgpu::TextureSampleType::Depth } else { wgpu::TextureSampleType::Float { filterable: false } }),
+            read(
+                1,
+                if drawn {
+                    wgpu::TextureSampleType::Depth
+                } else {
+                    wgpu::TextureSampleType::Float { filterable: false }
+                },
+            ),
             read(2, wgpu::TextureSampleType::Uint),
         ];
         if !drawn {
-            entries.iter_mut().for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
             entries
-                .extend([Target::Color, Target::Luminance, Target::Radiance].iter().zip(3..).map(|(t, i)| written_layers(i, t.format())));
+                .iter_mut()
+                .for_each(|entry| entry.visibility = wgpu::ShaderStages::COMPUTE);
+            entries.extend(
+                [Target::Color, Target::Luminance, Target::Radiance]
+                    .iter()
+                    .zip(3..)
+                    .map(|(t, i)| written_layers(i, t.format())),
+            );
         }
-        let images_layout =
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some("shaded images"), entries: &entries });
-        let views = if drawn { &geometry.view_layout } else { &geometry.views_layout };
+        let images_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("shaded images"),
+            entries: &entries,
+        });
+        let views = if drawn {
+            &geometry.view_layout
+        } else {
+            &geometry.views_layout
+        };
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("shade"),
-            bind_group_layouts: &[Some(&geometry.scene_layout), Some(views), Some(&images_layout)],
+            bind_group_layouts: &[
+                Some(&geometry.scene_layout),
+                Some(views),
+                Some(&images_layout),
+            ],
             immediate_size: 0,
         });
         let shader = gpu.shader("shade", &shade_wgsl(drawn));
-        let no_ids = image(gpu, "no ids", [1, 1], Target::Instance.format(), wgpu::TextureUsages::TEXTURE_BINDING);
-        ShadePass { quality, drawn, shader, layout, images_layout, no_ids, pipelines: BTreeMap::new() }
+        let no_ids = image(
+            gpu,
+            "no ids",
+            [1, 1],
+            Target::Instance.format(),
+            wgpu::TextureUsages::TEXTURE_BINDING,
+        );
+        ShadePass {
+            quality,
+            drawn,
+            shader,
+            layout,
+            images_layout,
+            no_ids,
+            pipelines: BTreeMap::new(),
+        }
     }
 
     /// Makes the pipelines for `key`, once.
     pub fn prepare(&mut self, gpu: &Gpu, key: ShadeKey) {
         if !self.pipelines.contains_key(&key) {
             let pipelines = if self.drawn {
-                // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was drawn.
+                // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was
+                // drawn.
                 let surface = self.drawn_over(gpu, key, "fs_surface", wgpu::CompareFunction::Less);
-                Pipelines::Drawn { surface, sky: self.drawn_over(gpu, key, "fs_sky", wgpu::CompareFunction::Equal) }
+                Pipelines::Drawn {
+                    surface,
+                    sky: self.drawn_over(gpu, key, "fs_sky", wgpu::CompareFunction::Equal),
+                }
             } else {
                 Pipelines::Computed(self.computed(gpu, key))
             };
@@ -125,49 +188,71 @@ impl ShadePass {
 
     fn computed(&self, gpu: &Gpu, key: ShadeKey) -> wgpu::ComputePipeline {
         let constants = self.constants(key);
-        gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("shade"),
-            layout: Some(&self.layout),
-            module: &self.shader,
-            entry_point: Some("cs_main"),
-            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
-            cache: None,
-        })
+        gpu.device()
+            .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some("shade"),
+                layout: Some(&self.layout),
+                module: &self.shader,
+                entry_point: Some("cs_main"),
+                compilation_options: wgpu::PipelineCompilationOptions {
+                    constants: &constants,
+                    ..Default::default()
+                },
+                cache: None,
+            })
     }
 
-    fn drawn_over(&self, gpu: &Gpu, key: ShadeKey, fragment: &str, depth_compare: wgpu::CompareFunction) -> wgpu::RenderPipeline {
+    fn drawn_over(
+        &self,
+        gpu: &Gpu,
+        key: ShadeKey,
+        fragment: &str,
+        depth_compare: wgpu::CompareFunction,
+    ) -> wgpu::RenderPipeline {
         let constants = self.constants(key);
-        let options = wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() };
-        let state = |on: bool, target: Target| {
-            on.then(|| wgpu::ColorTargetState { format: target.format(), blend: None, write_mask: wgpu::ColorWrites::ALL })
+        let options = wgpu::PipelineCompilationOptions {
+            constants: &constants,
+            ..Default::default()
         };
-        gpu.device().create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-            label: Some(fragment),
-            layout: Some(&self.layout),
-            vertex: wgpu::VertexState {
-                module: &self.shader,
-                entry_point: Some("vs_main"),
-                compilation_options: options.clone(),
-                buffers: &[],
-            },
-            primitive: Default::default(),
-            depth_stencil: Some(wgpu::DepthStencilState {
-                format: wgpu::TextureFormat::Depth32Float,
-                depth_write_enabled: Some(false),
-                depth_compare: Some(depth_compare),
-                stencil: Default::default(),
-                bias: Default::default(),
-            }),
-            multisample: Default::default(),
-            fragment: Some(wgpu::FragmentState {
-                module: &self.shader,
-                entry_point: Some(fragment),
-                compilation_options: options,
-                targets: &[state(key.color, Target::Color), state(key.luminance, Target::Luminance), state(key.radiance, Target::Radiance)],
-            }),
-            multiview_mask: None,
-            cache: None,
-        })
+        let state = |on: bool, target: Target| {
+            on.then(|| wgpu::ColorTargetState {
+                format: target.format(),
+                blend: None,
+                write_mask: wgpu::ColorWrites::ALL,
+            })
+        };
+        gpu.device()
+            .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+                label: Some(fragment),
+                layout: Some(&self.layout),
+                vertex: wgpu::VertexState {
+                    module: &self.shader,
+                    entry_point: Some("vs_main"),
+                    compilation_options: options.clone(),
+                    buffers: &[],
+                },
+                primitive: Default::default(),
+                depth_stencil: Some(wgpu::DepthStencilState {
+                    format: wgpu::TextureFormat::Depth32Float,
+                    depth_write_enabled: Some(false),
+                    depth_compare: Some(depth_compare),
+                    stencil: Default::default(),
+                    bias: Default::default(),
+                }),
+                multisample: Default::default(),
+                fragment: Some(wgpu::FragmentState {
+                    module: &self.shader,
+                    entry_point: Some(fragment),
+                    compilation_options: options,
+                    targets: &[
+                        state(key.color, Target::Color),
+                        state(key.luminance, Target::Luminance),
+                        state(key.radiance, Target::Radiance),
+                    ],
+                }),
+                multiview_mask: None,
+                cache: None,
+            })
     }
 
     /// Which of the work there is: of the scene, and (drawn only) of what is read.
@@ -190,13 +275,24 @@ impl ShadePass {
         constants
     }
 
-    /// What of a view it reads. Slim surfaces come with the rasteriser's own depth, and ids are for lamps that somebody switched.
+    /// What of a view it reads. Slim surfaces come with the rasteriser's own depth, and ids are for
+    /// lamps that somebody switched.
     pub fn reads(&self, switched: bool) -> TargetSet {
-        let ids_and_depth = if self.drawn { (switched, false) } else { (true, true) };
-        [(true, Target::Surface), (ids_and_depth.0, Target::Instance), (ids_and_depth.1, Target::Depth)]
-            .into_iter()
-            .filter(|(is_read, _)| *is_read)
-            .fold(TargetSet::default(), |set, (_, target)| set.union(target.bit()))
+        let ids_and_depth = if self.drawn {
+            (switched, false)
+        } else {
+            (true, true)
+        };
+        [
+            (true, Target::Surface),
+            (ids_and_depth.0, Target::Instance),
+            (ids_and_depth.1, Target::Depth),
+        ]
+        .into_iter()
+        .filter(|(is_read, _)| *is_read)
+        .fold(TargetSet::default(), |set, (_, target)| {
+            set.union(target.bit())
+        })
     }
 
     /// Whether views are shaded by [`ShadePass::draw`]; else by [`ShadePass::compute`].
@@ -213,16 +309,24 @@ impl ShadePass {
         views: &Together<'_>,
         key: ShadeKey,
     ) {
-        let Pipelines::Computed(pipeline) = &self.pipelines[&key] else { return };
+        let Pipelines::Computed(pipeline) = &self.pipelines[&key] else {
+            return;
+        };
         let [width, height] = views.targets.size_px(views.kept);
-        let read = [Target::Surface, Target::Depth, Target::Instance].map(|target| &views.targets.get(target).layers);
-        let written = [Target::Color, Target::Luminance, Target::Radiance].map(|target| views.targets.get_or_nowhere(target, views.kept));
+        let read = [Target::Surface, Target::Depth, Target::Instance]
+            .map(|target| &views.targets.get(target).layers);
+        let written = [Target::Color, Target::Luminance, Target::Radiance]
+            .map(|target| views.targets.get_or_nowhere(target, views.kept));
         let images: Vec<&wgpu::TextureView> = read.into_iter().chain(written).collect();
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, scene, &[]);
         pass.set_bind_group(1, bound, &[GeometryPass::offset_of(views.first)]);
         pass.set_bind_group(2, &self.bind_images(gpu, &images), &[]);
-        pass.dispatch_workgroups(width.div_ceil(GROUP_PX[0]), height.div_ceil(GROUP_PX[1]), views.n as u32);
+        pass.dispatch_workgroups(
+            width.div_ceil(GROUP_PX[0]),
+            height.div_ceil(GROUP_PX[1]),
+            views.n as u32,
+        );
     }
 
     /// Records the shading of one view that the geometry pass has drawn.
@@ -234,9 +338,20 @@ impl ShadePass {
         view: &ViewPass<'_>,
         key: ShadeKey,
     ) {
-        let Pipelines::Drawn { surface, sky } = &self.pipelines[&key] else { return };
-        let ids = if key.switched { view.targets.get(Target::Instance) } else { &self.no_ids };
-        let images = [view.targets.get(Target::Surface), view.targets.z_buffer(), ids].map(|image| &image.view);
+        let Pipelines::Drawn { surface, sky } = &self.pipelines[&key] else {
+            return;
+        };
+        let ids = if key.switched {
+            view.targets.get(Target::Instance)
+        } else {
+            &self.no_ids
+        };
+        let images = [
+            view.targets.get(Target::Surface),
+            view.targets.z_buffer(),
+            ids,
+        ]
+        .map(|image| &image.view);
         let images = self.bind_images(gpu, &images);
         let mut pass = self.begin_drawing(encoder, view, key);
         gpu.counters().add_pass();
@@ -249,14 +364,22 @@ impl ShadePass {
         }
     }
 
-    fn begin_drawing<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, view: &ViewPass<'_>, key: ShadeKey) -> wgpu::RenderPass<'e> {
+    fn begin_drawing<'e>(
+        &self,
+        encoder: &'e mut wgpu::CommandEncoder,
+        view: &ViewPass<'_>,
+        key: ShadeKey,
+    ) -> wgpu::RenderPass<'e> {
         let attachment = |on: bool, target: Target| {
             on.then(|| wgpu::RenderPassColorAttachment {
                 view: &view.targets.get(target).view,
                 depth_slice: None,
                 resolve_target: None,
                 // Not cleared: surfaces and sky together write every pixel.
-                ops: wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store },
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Load,
+                    store: wgpu::StoreOp::Store,
+                },
             })
         };
         encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -276,8 +399,12 @@ impl ShadePass {
     }
 
     fn bind_images(&self, gpu: &Gpu, images: &[&wgpu::TextureView]) -> wgpu::BindGroup {
-        let entry = |(binding, view)| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(view) };
-        let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..).zip(images.iter().copied()).map(entry).collect();
+        let entry = |(binding, view)| wgpu::BindGroupEntry {
+            binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        };
+        let entries: Vec<wgpu::BindGroupEntry<'_>> =
+            (0..).zip(images.iter().copied()).map(entry).collect();
         gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("shaded images"),
             layout: &self.images_layout,

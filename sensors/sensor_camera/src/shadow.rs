@@ -1,10 +1,15 @@
-//! Shadow maps: one square map of the sun's view per 32 m cell of the ground in which a lit camera stands.
+//! Shadow maps: one square map of the sun's view per 32 m cell of the ground in which a lit camera
+//! stands.
 //!
-//! A map depends on the cell, the sun and the scene only, never on who else looks, so that readers change no one's bytes.
-//! What stands still is drawn once per cell and sun; what moves is drawn over a copy of it when it has moved, and of that copy only those
-//! parts are made good again that were drawn over before. High quality has a second, coarser map of what stands still further away.
+//! A map depends on the cell, the sun and the scene only, never on who else looks, so that readers
+//! change no one's bytes.
+//! What stands still is drawn once per cell and sun; what moves is drawn over a copy of it when it
+//! has moved, and of that copy only those
+//! parts are made good again that were drawn over before. High quality has a second, coarser map of
+//! what stands still further away.
 //!
-//! Maps have a bounded memory. Views that need more of them than fit are lit in groups, one after the other, which draw their maps over
+//! Maps have a bounded memory. Views that need more of them than fit are lit in groups, one after
+//! the other, which draw their maps over
 //! those of the groups before: slower, and the same pictures.
 
 mod cascade;
@@ -33,7 +38,8 @@ pub(crate) struct Eye {
     pub focal_px: f64,
 }
 
-/// Maps of a size kept though nobody needs them just now, where each is a layer of its own: cameras come back.
+/// Maps of a size kept though nobody needs them just now, where each is a layer of its own: cameras
+/// come back.
 const SPARE_MAPS: u32 = 3;
 /// So many maps are drawn before other threads wake up.
 const FEW_MAPS: usize = 4;
@@ -66,21 +72,39 @@ impl Map {
     }
 
     /// Says what is to be drawn now that these casters stand in it.
-    fn plan(&mut self, still: Option<Vec<Caster>>, moving: Option<Vec<Caster>>) -> [Option<MapWork>; 2] {
+    fn plan(
+        &mut self,
+        still: Option<Vec<Caster>>,
+        moving: Option<Vec<Caster>>,
+    ) -> [Option<MapWork>; 2] {
         let (origin_px, side_px) = (self.origin_px(), self.side_px);
         let still = still.map(|casters| {
             self.fresh = true;
             // What was drawn over the old one is of no use any more.
             self.dirty_px = vec![self.whole_px()];
             self.over.clear();
-            MapWork { origin_px, side_px, wiped_px: vec![self.whole_px()], casters }
+            MapWork {
+                origin_px,
+                side_px,
+                wiped_px: vec![self.whole_px()],
+                casters,
+            }
         });
-        let changed = moving.filter(|moving| still.is_some() || self.over != *moving || self.dirty_px.contains(&self.whole_px()));
+        let changed = moving.filter(|moving| {
+            still.is_some() || self.over != *moving || self.dirty_px.contains(&self.whole_px())
+        });
         let all = changed.map(|casters| {
             let wiped_px = std::mem::take(&mut self.dirty_px);
-            casters.iter().for_each(|caster| add_rect(&mut self.dirty_px, caster.rect_px));
+            casters
+                .iter()
+                .for_each(|caster| add_rect(&mut self.dirty_px, caster.rect_px));
             self.over.clone_from(&casters);
-            MapWork { origin_px, side_px, wiped_px, casters }
+            MapWork {
+                origin_px,
+                side_px,
+                wiped_px,
+                casters,
+            }
         });
         [still, all]
     }
@@ -138,7 +162,8 @@ pub(crate) struct ShadowLookup {
 }
 
 impl Shadows {
-    /// `together`: for compute shaders, which look up all maps in one texture. Its textures get no more than `most_bytes`, or one map of
+    /// `together`: for compute shaders, which look up all maps in one texture. Its textures get no
+    /// more than `most_bytes`, or one map of
     /// each size.
     pub fn new(gpu: &Gpu, cascade: Cascade, together: bool, most_bytes: u64) -> Self {
         let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::RENDER_ATTACHMENT;
@@ -151,7 +176,13 @@ impl Shadows {
             maps: Vec::new(),
             sun_towards: Vector3::zeros(),
             n_uses: 0,
-            none: image(gpu, "no shadows", [1, 1], wgpu::TextureFormat::Depth16Unorm, usage),
+            none: image(
+                gpu,
+                "no shadows",
+                [1, 1],
+                wgpu::TextureFormat::Depth16Unorm,
+                usage,
+            ),
         }
     }
 
@@ -177,7 +208,10 @@ impl Shadows {
     pub fn n_fitting(&self, eyes: &[Eye]) -> usize {
         let (mut sheets, mut known): (Vec<Sheet>, Vec<([i64; 3], u32)>) = (Vec::new(), Vec::new());
         for (i, eye) in eyes.iter().enumerate() {
-            let key = (self.cascade.cell_of(&eye.world_from_camera), self.cascade.seen_with(eye.focal_px).side_px);
+            let key = (
+                self.cascade.cell_of(&eye.world_from_camera),
+                self.cascade.seen_with(eye.focal_px).side_px,
+            );
             if known.contains(&key) {
                 continue;
             }
@@ -194,13 +228,25 @@ impl Shadows {
     }
 
     fn page_px(&self, side_px: u32) -> u32 {
-        if self.together { self.cascade.side_px } else { side_px }
+        if self.together {
+            self.cascade.side_px
+        } else {
+            side_px
+        }
     }
 
     /// A sheet for maps of this size, with its share of the memory.
     fn sheet(&self, side_px: u32) -> Sheet {
-        let n_sheets = if self.together { 1 } else { self.cascade.n_sizes() };
-        Sheet::new(self.page_px(side_px), self.cascade.moving, self.most_bytes / n_sheets)
+        let n_sheets = if self.together {
+            1
+        } else {
+            self.cascade.n_sizes()
+        };
+        Sheet::new(
+            self.page_px(side_px),
+            self.cascade.moving,
+            self.most_bytes / n_sheets,
+        )
     }
 
     /// Draws what stands still anew when it is next needed: other things stand there.
@@ -228,8 +274,15 @@ impl Shadows {
         }
     }
 
-    /// Finds out what is to be drawn for these eyes, which are no more than [`Shadows::n_fitting`] says.
-    pub fn plan(&mut self, assets: &GpuAssets, scene: &Scene, sun_towards: Vector3<f64>, eyes: &[Eye]) -> ShadowPlan {
+    /// Finds out what is to be drawn for these eyes, which are no more than [`Shadows::n_fitting`]
+    /// says.
+    pub fn plan(
+        &mut self,
+        assets: &GpuAssets,
+        scene: &Scene,
+        sun_towards: Vector3<f64>,
+        eyes: &[Eye],
+    ) -> ShadowPlan {
         if self.sun_towards != sun_towards {
             self.clear();
             self.sun_towards = sun_towards;
@@ -246,23 +299,44 @@ impl Shadows {
             self.take_maps(&places)
         });
         let maps = maps.expect("so many eyes fit");
-        ShadowPlan { places, maps, works: self.works(assets, scene) }
+        ShadowPlan {
+            places,
+            maps,
+            works: self.works(assets, scene),
+        }
     }
 
     /// Draws what was planned and returns a lookup for each eye.
-    pub fn record(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, plan: &ShadowPlan) -> Vec<ShadowLookup> {
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        plan: &ShadowPlan,
+    ) -> Vec<ShadowLookup> {
         let n_spare = if self.together { 1 } else { SPARE_MAPS };
-        self.sheets.iter_mut().for_each(|sheet| sheet.ensure(gpu, encoder, n_spare));
+        self.sheets
+            .iter_mut()
+            .for_each(|sheet| sheet.ensure(gpu, encoder, n_spare));
         self.draw_maps(gpu, encoder, assets, &plan.works);
         let lookup = |(place, map_idx): (&Place, &usize)| {
-            let Place { cascade, cell, world_from_camera } = place;
+            let Place {
+                cascade,
+                cell,
+                world_from_camera,
+            } = place;
             let map = &self.maps[*map_idx];
             let sheet = &self.sheets[map.sheet];
-            let shadow_from_camera = cascade.shadow_from_world(*cell, self.sun_towards) * world_from_camera.to_homogeneous();
+            let shadow_from_camera = cascade.shadow_from_world(*cell, self.sun_towards)
+                * world_from_camera.to_homogeneous();
             let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
             let [x, y] = map.slot.tile.map(|i| i as f32);
             ShadowLookup {
-                view: if self.shows_all(map) { sheet.all(map.slot.layer).clone() } else { sheet.still(map.slot.layer).clone() },
+                view: if self.shows_all(map) {
+                    sheet.all(map.slot.layer).clone()
+                } else {
+                    sheet.still(map.slot.layer).clone()
+                },
                 layer: map.slot.layer,
                 tile: [x, y, map.side_px as f32 / sheet.page_px as f32],
                 shadow_from_camera: top_rows(&shadow_from_camera),
@@ -285,7 +359,11 @@ impl Shadows {
         let mut missing: Vec<([i64; 3], u32)> = Vec::new();
         for Place { cascade, cell, .. } in places {
             let key = (*cell, cascade.side_px);
-            match self.maps.iter_mut().find(|map| (map.cell, map.side_px) == key) {
+            match self
+                .maps
+                .iter_mut()
+                .find(|map| (map.cell, map.side_px) == key)
+            {
                 Some(map) => map.used = used,
                 None if !missing.contains(&key) => missing.push(key),
                 None => {}
@@ -295,23 +373,40 @@ impl Shadows {
             let (page_px, new) = (self.page_px(side_px), self.sheet(side_px));
             let sheet = sheet_of(&mut self.sheets, page_px, || new);
             let slot = self.take_slot(sheet, cell, side_px)?;
-            self.maps.push(Map { cell, side_px, sheet, slot, fresh: false, over: Vec::new(), dirty_px: Vec::new(), used });
+            self.maps.push(Map {
+                cell,
+                side_px,
+                sheet,
+                slot,
+                fresh: false,
+                over: Vec::new(),
+                dirty_px: Vec::new(),
+                used,
+            });
         }
         let idx_of = |Place { cascade, cell, .. }: &Place| {
-            let found = self.maps.iter().position(|map| (map.cell, map.side_px) == (*cell, cascade.side_px));
+            let found = self
+                .maps
+                .iter()
+                .position(|map| (map.cell, map.side_px) == (*cell, cascade.side_px));
             found.expect("every missing map was made")
         };
         Some(places.iter().map(idx_of).collect())
     }
 
-    /// Room for a map; those longest out of use make it, and a new layer if there are none and there may be one more.
+    /// Room for a map; those longest out of use make it, and a new layer if there are none and
+    /// there may be one more.
     fn take_slot(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Option<Slot> {
         loop {
             if let Some(slot) = self.sheets[sheet].take(cell, side_px) {
                 return Some(slot);
             }
-            let is_free = |idx: &usize| self.maps[*idx].sheet == sheet && self.maps[*idx].used < self.n_uses;
-            match (0..self.maps.len()).filter(is_free).min_by_key(|idx| self.maps[*idx].used) {
+            let is_free =
+                |idx: &usize| self.maps[*idx].sheet == sheet && self.maps[*idx].used < self.n_uses;
+            match (0..self.maps.len())
+                .filter(is_free)
+                .min_by_key(|idx| self.maps[*idx].used)
+            {
                 Some(oldest) => {
                     let map = self.maps.swap_remove(oldest);
                     self.sheets[sheet].give_back(map.slot);
@@ -324,37 +419,81 @@ impl Shadows {
 
     /// What is new in the maps that are in use.
     fn works(&mut self, assets: &GpuAssets, scene: &Scene) -> Vec<PlannedMap> {
-        let (cascade, together, used, sun_towards) = (self.cascade, self.together, self.n_uses, self.sun_towards);
-        let moving = if cascade.moving { MovingCaster::all_of(assets, scene) } else { Vec::new() };
+        let (cascade, together, used, sun_towards) =
+            (self.cascade, self.together, self.n_uses, self.sun_towards);
+        let moving = if cascade.moving {
+            MovingCaster::all_of(assets, scene)
+        } else {
+            Vec::new()
+        };
         let plan = |map: &mut Map| {
-            let cascade = Cascade { side_px: map.side_px, ..cascade };
+            let cascade = Cascade {
+                side_px: map.side_px,
+                ..cascade
+            };
             let still = (!map.fresh).then(|| cascade.still_casters(assets, map.cell, sun_towards));
-            let casters = cascade.moving.then(|| cascade.moving_casters(assets, &moving, map.cell, sun_towards));
-            // Nobody looks at the map of all where nothing moves, unless all maps are looked up there.
-            let casters = casters.filter(|casters| together || !casters.is_empty() || !map.over.is_empty());
+            let casters = cascade
+                .moving
+                .then(|| cascade.moving_casters(assets, &moving, map.cell, sun_towards));
+            // Nobody looks at the map of all where nothing moves, unless all maps are looked up
+            // there.
+            let casters =
+                casters.filter(|casters| together || !casters.is_empty() || !map.over.is_empty());
             map.plan(still, casters)
         };
         let work = |map: &mut Map| (map.sheet, map.slot.layer, plan(map));
         if self.maps.len() <= FEW_MAPS {
-            self.maps.iter_mut().filter(|map| map.used == used).map(work).collect()
+            self.maps
+                .iter_mut()
+                .filter(|map| map.used == used)
+                .map(work)
+                .collect()
         } else {
-            self.maps.par_iter_mut().filter(|map| map.used == used).map(work).collect()
+            self.maps
+                .par_iter_mut()
+                .filter(|map| map.used == used)
+                .map(work)
+                .collect()
         }
     }
 
-    fn draw_maps(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, works: &[PlannedMap]) {
+    fn draw_maps(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        works: &[PlannedMap],
+    ) {
         // What stands still of all layers first.
         let mut layers: Vec<((usize, u32, usize), LayerWork<'_>)> = Vec::new();
         for kind in 0..2 {
-            for (sheet, layer, work) in works.iter().filter_map(|(sheet, layer, works)| Some((*sheet, *layer, works[kind].as_ref()?))) {
-                if let Some((_, known)) = layers.iter_mut().find(|(key, _)| *key == (sheet, layer, kind)) {
+            for (sheet, layer, work) in works
+                .iter()
+                .filter_map(|(sheet, layer, works)| Some((*sheet, *layer, works[kind].as_ref()?)))
+            {
+                if let Some((_, known)) = layers
+                    .iter_mut()
+                    .find(|(key, _)| *key == (sheet, layer, kind))
+                {
                     known.maps.push(work);
                     continue;
                 }
                 let Sheet { page_px, .. } = self.sheets[sheet];
                 let still = self.sheets[sheet].still(layer);
-                let (view, from) = if kind == 0 { (still, None) } else { (self.sheets[sheet].all(layer), Some(still)) };
-                layers.push(((sheet, layer, kind), LayerWork { view, page_px, from, maps: vec![work] }));
+                let (view, from) = if kind == 0 {
+                    (still, None)
+                } else {
+                    (self.sheets[sheet].all(layer), Some(still))
+                };
+                layers.push((
+                    (sheet, layer, kind),
+                    LayerWork {
+                        view,
+                        page_px,
+                        from,
+                        maps: vec![work],
+                    },
+                ));
             }
         }
         let layers: Vec<LayerWork<'_>> = layers.into_iter().map(|(_, work)| work).collect();
@@ -364,16 +503,23 @@ impl Shadows {
 
 /// Number of the sheet of layers of this size, made if there is none.
 fn sheet_of(sheets: &mut Vec<Sheet>, page_px: u32, new: impl FnOnce() -> Sheet) -> usize {
-    sheets.iter().position(|sheet| sheet.page_px == page_px).unwrap_or_else(|| {
-        sheets.push(new());
-        sheets.len() - 1
-    })
+    sheets
+        .iter()
+        .position(|sheet| sheet.page_px == page_px)
+        .unwrap_or_else(|| {
+            sheets.push(new());
+            sheets.len() - 1
+        })
 }
 
 /// Adds a rectangle unless another one holds it: wheels lie within their car.
 fn add_rect(rects: &mut Vec<[u32; 4]>, new: [u32; 4]) {
-    let holds =
-        |[x, y, width, height]: &[u32; 4]| *x <= new[0] && *y <= new[1] && x + width >= new[0] + new[2] && y + height >= new[1] + new[3];
+    let holds = |[x, y, width, height]: &[u32; 4]| {
+        *x <= new[0]
+            && *y <= new[1]
+            && x + width >= new[0] + new[2]
+            && y + height >= new[1] + new[3]
+    };
     if !rects.iter().any(holds) {
         rects.push(new);
     }

@@ -1,6 +1,8 @@
-//! The sky as a picture: Hosek-Wilkie radiance with clouds, in an octahedral map of the upper hemisphere.
+//! The sky as a picture: Hosek-Wilkie radiance with clouds, in an octahedral map of the upper
+//! hemisphere.
 //!
-//! Made on the CPU when the weather changes, because a software rasteriser samples a texture far faster than it evaluates the model.
+//! Made on the CPU when the weather changes, because a software rasteriser samples a texture far
+//! faster than it evaluates the model.
 //! Values are luminous (kilolux per steradian) until [`SkyMap::scaled`].
 
 #[cfg(test)]
@@ -59,8 +61,14 @@ impl SkyMap {
                 radiance(look, clear, direction_of(at(x), at(y)))
             })
         };
-        let rgb: Vec<Vec<[f32; 3]>> = (0..side_px).into_par_iter().map(|y| row(y).collect()).collect();
-        SkyMap { side_px, rgb: rgb.concat() }
+        let rgb: Vec<Vec<[f32; 3]>> = (0..side_px)
+            .into_par_iter()
+            .map(|y| row(y).collect())
+            .collect();
+        SkyMap {
+            side_px,
+            rgb: rgb.concat(),
+        }
     }
 
     /// The same times a factor.
@@ -75,12 +83,17 @@ impl SkyMap {
     pub fn halved(&self) -> SkyMap {
         let side_px = self.side_px / 2;
         let at = |x: usize, y: usize, c: usize| self.rgb[y * self.side_px + x][c];
-        let mean = |x: usize, y: usize, c: usize| 0.25 * (at(x, y, c) + at(x + 1, y, c) + at(x, y + 1, c) + at(x + 1, y + 1, c));
-        let rgb = (0..side_px * side_px).map(|i| std::array::from_fn(|c| mean(i % side_px * 2, i / side_px * 2, c))).collect();
+        let mean = |x: usize, y: usize, c: usize| {
+            0.25 * (at(x, y, c) + at(x + 1, y, c) + at(x, y + 1, c) + at(x + 1, y + 1, c))
+        };
+        let rgb = (0..side_px * side_px)
+            .map(|i| std::array::from_fn(|c| mean(i % side_px * 2, i / side_px * 2, c)))
+            .collect();
         SkyMap { side_px, rgb }
     }
 
-    /// Irradiance of a surface with this normal from the sky above the horizon (a numerical integral over a grid of directions).
+    /// Irradiance of a surface with this normal from the sky above the horizon (a numerical
+    /// integral over a grid of directions).
     pub fn irradiance(&self, normal: Vector3<f32>) -> [f32; 3] {
         let mut sum = [0.0; 3];
         for i in 0..self.rgb.len() {
@@ -98,23 +111,36 @@ impl SkyMap {
     /// Mean radiance just above the horizon.
     pub fn horizon(&self) -> [f32; 3] {
         let n = self.side_px;
-        let rim: Vec<[f32; 3]> =
-            (0..n).flat_map(|i| [self.rgb[i], self.rgb[(n - 1) * n + i], self.rgb[i * n], self.rgb[i * n + n - 1]]).collect();
+        let rim: Vec<[f32; 3]> = (0..n)
+            .flat_map(|i| {
+                [
+                    self.rgb[i],
+                    self.rgb[(n - 1) * n + i],
+                    self.rgb[i * n],
+                    self.rgb[i * n + n - 1],
+                ]
+            })
+            .collect();
         std::array::from_fn(|c| rim.iter().map(|texel| texel[c]).sum::<f32>() / rim.len() as f32)
     }
 
     /// Half-float R G B A texels.
     pub fn texels(&self) -> Vec<[u16; 4]> {
-        self.rgb.iter().map(|[r, g, b]| [half(*r), half(*g), half(*b), half(1.0)]).collect()
+        self.rgb
+            .iter()
+            .map(|[r, g, b]| [half(*r), half(*g), half(*b), half(1.0)])
+            .collect()
     }
 }
 
-/// Solid angle of a texel: its area on the octahedron (√3/2 · area of the projection, doubled by the rotation) over distance cubed.
+/// Solid angle of a texel: its area on the octahedron (√3/2 · area of the projection, doubled by
+/// the rotation) over distance cubed.
 fn solid_angle(u: f32, v: f32, side_px: usize) -> f32 {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     let (x, y) = (0.5 * (a + b), 0.5 * (a - b));
     let z = (1.0 - x.abs() - y.abs()).max(0.0);
-    // The face |x|+|y|+z = 1 lies 1/√3 from the origin: dω = (1/√3) dA / r³ with dA = √3 dx dy, so dω = dx dy / r³; dx dy = da db / 2.
+    // The face |x|+|y|+z = 1 lies 1/√3 from the origin: dω = (1/√3) dA / r³ with dA = √3 dx dy, so
+    // dω = dx dy / r³; dx dy = da db / 2.
     let texel = 2.0 / side_px as f32;
     0.5 * texel * texel / (x * x + y * y + z * z).powf(1.5)
 }
@@ -128,15 +154,22 @@ struct ClearSky {
 impl ClearSky {
     fn new(look: &SkyLook) -> Self {
         let elevation = look.sun_towards.z.clamp(0.0, 1.0).asin();
-        let params = SkyParams { elevation, turbidity: 2.5 + 3.0 * look.clouds_ratio, albedo: [0.2; 3] };
-        let state = SkyState::new(&params).expect("elevation is 0..=π/2, turbidity 2.5..=5.5, albedo 0.2");
+        let params = SkyParams {
+            elevation,
+            turbidity: 2.5 + 3.0 * look.clouds_ratio,
+            albedo: [0.2; 3],
+        };
+        let state =
+            SkyState::new(&params).expect("elevation is 0..=π/2, turbidity 2.5..=5.5, albedo 0.2");
         let mut sky = ClearSky { state, scale: 1.0 };
         const COARSE_PX: usize = 32;
         let at = |i: usize| (i as f32 + 0.5) / COARSE_PX as f32;
         let texel = |i: usize| {
             let (u, v) = (at(i % COARSE_PX), at(i / COARSE_PX));
             let direction = direction_of(u, v);
-            luminance(sky.radiance(look.sun_towards, direction)) * direction.z * solid_angle(u, v, COARSE_PX)
+            luminance(sky.radiance(look.sun_towards, direction))
+                * direction.z
+                * solid_angle(u, v, COARSE_PX)
         };
         let raw: f32 = (0..COARSE_PX * COARSE_PX).map(texel).sum();
         sky.scale = look.clear_klx / raw.max(1e-9);
@@ -146,7 +179,8 @@ impl ClearSky {
     fn radiance(&self, sun: Vector3<f32>, direction: Vector3<f32>) -> [f32; 3] {
         let theta = direction.z.clamp(0.0, 1.0).acos().min(0.5 * PI - 0.01);
         let gamma = direction.dot(&sun).clamp(-1.0, 1.0).acos();
-        [Channel::R, Channel::G, Channel::B].map(|channel| self.state.radiance(theta, gamma, channel).max(0.0) * self.scale)
+        [Channel::R, Channel::G, Channel::B]
+            .map(|channel| self.state.radiance(theta, gamma, channel).max(0.0) * self.scale)
     }
 }
 
@@ -154,18 +188,30 @@ fn radiance(look: &SkyLook, clear: &ClearSky, direction: Vector3<f32>) -> [f32; 
     let blue = clear.radiance(look.sun_towards, direction);
     let cover = cloud_cover(direction, look.clouds_ratio);
     let day_klx = look.clear_klx + luminance(look.sun_klx) * look.sun_towards.z.max(0.0);
-    // Base of a cloud is darker where it is thick; its rim glows towards the sun. Overcast brightens towards the zenith (CIE).
+    // Base of a cloud is darker where it is thick; its rim glows towards the sun. Overcast
+    // brightens towards the zenith (CIE).
     let towards = direction.dot(&look.sun_towards).max(0.0);
     let rim = towards.powi(6) * (1.0 - cover) * 1.2;
     let overcast = (1.0 + 2.0 * direction.z) / 3.0;
     let body = 0.55 - 0.3 * cover * cover * look.clouds_ratio.max(0.45) + rim * 0.4;
-    let tint: [f32; 3] = std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
-    let starlight = if look.night_klx[0] > 0.0 { star(direction) * (1.0 - cover) * smoothstep(0.02, 0.25, direction.z) } else { 0.0 };
-    let (moon, haze) = (moon(look, direction) * (1.0 - 0.97 * cover), aureole(look, direction));
+    let tint: [f32; 3] =
+        std::array::from_fn(|c| 0.75 + 0.25 * look.sun_klx[c] / luminance(look.sun_klx).max(1e-6));
+    let starlight = if look.night_klx[0] > 0.0 {
+        star(direction) * (1.0 - cover) * smoothstep(0.02, 0.25, direction.z)
+    } else {
+        0.0
+    };
+    let (moon, haze) = (
+        moon(look, direction) * (1.0 - 0.97 * cover),
+        aureole(look, direction),
+    );
     std::array::from_fn(|c| {
         let white = day_klx * body / PI * tint[c] * (1.0 + (overcast - 1.0) * look.clouds_ratio);
         let air = blue[c] * molecules(c, look.rayleigh_ratio) + haze * look.sun_klx[c];
-        air + (white - air) * cover + look.night_klx[c] / PI * (1.3 - direction.z) + starlight * look.night_klx[c] + moon
+        air + (white - air) * cover
+            + look.night_klx[c] / PI * (1.3 - direction.z)
+            + starlight * look.night_klx[c]
+            + moon
     })
 }
 
@@ -181,15 +227,18 @@ pub(crate) fn molecules(channel: usize, ratio: f32) -> f32 {
     scattered(ratio) / scattered(1.0)
 }
 
-/// Radiance of haze beyond the usual per irradiance of the sun: Henyey and Greenstein's phase function, scattered once.
+/// Radiance of haze beyond the usual per irradiance of the sun: Henyey and Greenstein's phase
+/// function, scattered once.
 fn aureole(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     const G: f32 = 0.76;
-    let phase = (1.0 - G * G) / (4.0 * PI * (1.0 + G * G - 2.0 * G * direction.dot(&look.sun_towards)).powf(1.5));
+    let phase = (1.0 - G * G)
+        / (4.0 * PI * (1.0 + G * G - 2.0 * G * direction.dot(&look.sun_towards)).powf(1.5));
     let depth = MIE_DEPTH * (look.mie_ratio - 1.0).max(0.0) / (direction.z.max(0.0) + 0.08);
     (1.0 - (-depth).exp()) * phase
 }
 
-/// Radiance of a full moon opposite the sun, kilolux per steradian. It is twice as wide as the true one, so that the map's texels show it, and
+/// Radiance of a full moon opposite the sun, kilolux per steradian. It is twice as wide as the true
+/// one, so that the map's texels show it, and
 /// far dimmer: white in pictures of streets under lamps.
 fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     if look.sun_towards.z >= 0.0 {
@@ -200,13 +249,18 @@ fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     (0.105 * smoothstep(0.62, 0.42, away_deg) + 0.0006 * (-away_deg * away_deg / 8.0).exp()) * rise
 }
 
-/// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of cells, few of them bright.
+/// Brightness of the stars in a direction, in units of the night sky: points in a fixed grid of
+/// cells, few of them bright.
 fn star(direction: Vector3<f32>) -> f32 {
     const CELLS: f32 = 70.0;
     let at = direction * CELLS;
     let cell = at.map(|x| x.floor());
-    let key = (cell.x as i64 & 0xff) as u64 | ((cell.y as i64 & 0xff) as u64) << 8 | ((cell.z as i64 & 0xff) as u64) << 16;
-    let draw = |channel: u64| (schema_types::noise::mix(key | channel << 32) >> 40) as f32 / (1u64 << 24) as f32;
+    let key = (cell.x as i64 & 0xff) as u64
+        | ((cell.y as i64 & 0xff) as u64) << 8
+        | ((cell.z as i64 & 0xff) as u64) << 16;
+    let draw = |channel: u64| {
+        (schema_types::noise::mix(key | channel << 32) >> 40) as f32 / (1u64 << 24) as f32
+    };
     if draw(0) > 0.09 {
         return 0.0;
     }
@@ -258,12 +312,18 @@ fn value_noise(x: f32, y: f32) -> f32 {
     low + (high - low) * smooth(fy)
 }
 
-/// IEEE half of a number that is 0 or above; what is too small becomes 0, too large the largest half.
+/// IEEE half of a number that is 0 or above; what is too small becomes 0, too large the largest
+/// half.
 fn half(x: f32) -> u16 {
     const LARGEST: f32 = 65504.0;
     let bits = x.clamp(0.0, LARGEST).to_bits();
-    // Rebias the exponent from 127 to 15 and drop 13 mantissa bits, rounded; below the smallest normal half nothing is left.
-    if bits < 0x3880_0000 { 0 } else { ((bits - 0x3800_0000 + 0x1000) >> 13).min(0x7bff) as u16 }
+    // Rebias the exponent from 127 to 15 and drop 13 mantissa bits, rounded; below the smallest
+    // normal half nothing is left.
+    if bits < 0x3880_0000 {
+        0
+    } else {
+        ((bits - 0x3800_0000 + 0x1000) >> 13).min(0x7bff) as u16
+    }
 }
 
 #[cfg(test)]
@@ -274,7 +334,9 @@ mod tests {
     fn solid_angles_of_the_map_add_up_to_a_hemisphere() {
         let n = 64;
         let at = |i: usize| (i as f32 + 0.5) / n as f32;
-        let sum: f32 = (0..n * n).map(|i| solid_angle(at(i % n), at(i / n), n)).sum();
+        let sum: f32 = (0..n * n)
+            .map(|i| solid_angle(at(i % n), at(i / n), n))
+            .sum();
         assert!((sum - 2.0 * PI).abs() < 0.01, "{sum}");
     }
 
@@ -297,8 +359,13 @@ mod tests {
     #[test]
     fn air_scatters_blue_most_and_a_moon_stands_opposite_the_sun() {
         assert!(molecules(0, 1.0) == 1.0 && molecules(2, 0.0) == 0.0);
-        // Thin air scatters in proportion; ten times the air is past that, in blue more than in red.
-        assert!((molecules(0, 0.1) - 0.1).abs() < 0.01 && molecules(0, 10.0) / 10.0 > 0.75 && molecules(2, 10.0) / 10.0 < 0.5);
+        // Thin air scatters in proportion; ten times the air is past that, in blue more than in
+        // red.
+        assert!(
+            (molecules(0, 0.1) - 0.1).abs() < 0.01
+                && molecules(0, 10.0) / 10.0 > 0.75
+                && molecules(2, 10.0) / 10.0 < 0.5
+        );
         let sun_towards = Vector3::new(0.6, 0.0, -0.8);
         let look = SkyLook {
             sun_towards,
@@ -314,7 +381,13 @@ mod tests {
 
     #[test]
     fn halves_round_trip_simple_values() {
-        for (x, bits) in [(0.0, 0), (1.0, 0x3c00), (0.5, 0x3800), (65504.0, 0x7bff), (1e9, 0x7bff)] {
+        for (x, bits) in [
+            (0.0, 0),
+            (1.0, 0x3c00),
+            (0.5, 0x3800),
+            (65504.0, 0x7bff),
+            (1e9, 0x7bff),
+        ] {
             assert_eq!(half(x), bits, "{x}");
         }
     }

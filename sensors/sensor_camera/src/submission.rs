@@ -17,7 +17,8 @@ pub struct OutputResult {
     pub n_bytes: usize,
     /// Copies by the CPU on the way: 0 or 1 (`dvs` is written in place: 0).
     pub cpu_copies: u32,
-    /// First frame since the state began (flow without a previous firing, event camera that starts anew).
+    /// First frame since the state began (flow without a previous firing, event camera that starts
+    /// anew).
     pub first: bool,
     /// Events that did not fit.
     pub n_dropped: u64,
@@ -36,11 +37,25 @@ pub struct ViewResult {
 #[derive(Debug)]
 pub(crate) enum Plan<'a> {
     /// A copy that was recorded under this number.
-    Copied { modality: Modality, copy: usize, first: bool, window_nanos: u64 },
+    Copied {
+        modality: Modality,
+        copy: usize,
+        first: bool,
+        window_nanos: u64,
+    },
     /// Events to be made from mapped images.
-    Events { place: Place<'a>, maps: DvsMaps, state: Arc<Mutex<EventCamera>>, window_nanos: u64 },
+    Events {
+        place: Place<'a>,
+        maps: DvsMaps,
+        state: Arc<Mutex<EventCamera>>,
+        window_nanos: u64,
+    },
     /// Events that the GPU made and that are to be put in order.
-    EventList { place: Place<'a>, list: EventList, window_nanos: u64 },
+    EventList {
+        place: Place<'a>,
+        list: EventList,
+        window_nanos: u64,
+    },
 }
 
 /// Numbers of the mapped copies that events are made from.
@@ -67,7 +82,8 @@ impl Submission<'_> {
         self.in_flight.is_none()
     }
 
-    /// Waits for the GPU, makes the events, and says what was written: one result per job, in order.
+    /// Waits for the GPU, makes the events, and says what was written: one result per job, in
+    /// order.
     ///
     /// # Errors
     /// The device was lost.
@@ -76,10 +92,19 @@ impl Submission<'_> {
             Some(in_flight) => in_flight.wait()?,
             None => Vec::new(),
         };
-        #[expect(unsafe_code, reason = "the GPU has written events; the block carries its proof")]
+        #[expect(
+            unsafe_code,
+            reason = "the GPU has written events; the block carries its proof"
+        )]
         // SAFETY: the submission was waited for, and without one there are no plans.
         let mut finish = |plan| unsafe { finish_output(plan, &mut copies) };
-        Ok(self.plans.into_iter().map(|plans| ViewResult { outputs: plans.into_iter().map(&mut finish).collect() }).collect())
+        Ok(self
+            .plans
+            .into_iter()
+            .map(|plans| ViewResult {
+                outputs: plans.into_iter().map(&mut finish).collect(),
+            })
+            .collect())
     }
 }
 
@@ -87,26 +112,74 @@ impl Submission<'_> {
 ///
 /// # Safety
 /// The submission that the plan belongs to is done.
-#[expect(unsafe_code, reason = "the GPU has written events; the block carries its proof")]
+#[expect(
+    unsafe_code,
+    reason = "the GPU has written events; the block carries its proof"
+)]
 unsafe fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputResult {
     match plan {
-        Plan::Copied { modality, copy, first, window_nanos } => {
-            let CopyOutcome { n_bytes, cpu_copies, .. } = copies[copy];
-            OutputResult { modality, n_bytes, cpu_copies, first, n_dropped: 0, window_nanos }
+        Plan::Copied {
+            modality,
+            copy,
+            first,
+            window_nanos,
+        } => {
+            let CopyOutcome {
+                n_bytes,
+                cpu_copies,
+                ..
+            } = copies[copy];
+            OutputResult {
+                modality,
+                n_bytes,
+                cpu_copies,
+                first,
+                n_dropped: 0,
+                window_nanos,
+            }
         }
-        Plan::Events { mut place, maps, state, window_nanos } => {
-            let mut mapped = |copy: usize| copies[copy].mapped.take().expect("recorded as mapped, taken once");
-            let maps = [maps.luminance, maps.flow, maps.depth, maps.instance, maps.class].map(&mut mapped);
+        Plan::Events {
+            mut place,
+            maps,
+            state,
+            window_nanos,
+        } => {
+            let mut mapped = |copy: usize| {
+                copies[copy]
+                    .mapped
+                    .take()
+                    .expect("recorded as mapped, taken once")
+            };
+            let maps = [
+                maps.luminance,
+                maps.flow,
+                maps.depth,
+                maps.instance,
+                maps.class,
+            ]
+            .map(&mut mapped);
             let [luminance, flow, depth, instance, class] = maps.each_ref().map(|map| {
                 let (bytes, row_bytes, stride_bytes) = map.padded();
                 Rows::new(bytes, row_bytes, stride_bytes)
             });
-            let images = EventImages { luminance, flow, depth, instance, class };
-            let mut state = state.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let images = EventImages {
+                luminance,
+                flow,
+                depth,
+                instance,
+                class,
+            };
+            let mut state = state
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
             let made = state.advance(&images, window_nanos, place.bytes_mut());
             events_result(made, window_nanos)
         }
-        Plan::EventList { mut place, list, window_nanos } => {
+        Plan::EventList {
+            mut place,
+            list,
+            window_nanos,
+        } => {
             // SAFETY: the caller promises it.
             let made = unsafe { list.finish(place.bytes_mut()) };
             events_result(made, window_nanos)

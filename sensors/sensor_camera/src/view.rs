@@ -32,7 +32,13 @@ pub struct ViewSpec {
 impl ViewSpec {
     /// A lens and nothing special: optics and event camera as by default, seed and id 0.
     pub fn pinhole(intrinsics: Intrinsics) -> ViewSpec {
-        ViewSpec { intrinsics, optics: OpticsSpec::default(), dvs: DvsSpec::default(), seed: 0, sensor_id: 0 }
+        ViewSpec {
+            intrinsics,
+            optics: OpticsSpec::default(),
+            dvs: DvsSpec::default(),
+            seed: 0,
+            sensor_id: 0,
+        }
     }
 }
 
@@ -41,7 +47,8 @@ pub struct View {
     pub(crate) spec: ViewSpec,
     /// Where compute shaders write them: shared with its likes.
     pub(crate) turns: Option<Arc<Turns>>,
-    /// Where it is drawn: those of this firing and, where they are copied beside the next drawing, those of the firing before.
+    /// Where it is drawn: those of this firing and, where they are copied beside the next drawing,
+    /// those of the firing before.
     pub(crate) targets: [Arc<Targets>; 2],
     /// Everything that was ever asked of it: targets stay.
     pub(crate) kept: TargetSet,
@@ -57,7 +64,9 @@ pub struct View {
 
 impl std::fmt::Debug for View {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("View").field("spec", &self.spec).finish_non_exhaustive()
+        f.debug_struct("View")
+            .field("spec", &self.spec)
+            .finish_non_exhaustive()
     }
 }
 
@@ -76,13 +85,20 @@ pub(crate) struct InstancePoses(Vec<((u32, u16), Isometry3<f64>)>);
 
 impl InstancePoses {
     pub fn of(scene: &Scene) -> Self {
-        let mut poses: Vec<_> = scene.dynamics.iter().map(|instance| (instance.key(), instance.world_from_mesh)).collect();
+        let mut poses: Vec<_> = scene
+            .dynamics
+            .iter()
+            .map(|instance| (instance.key(), instance.world_from_mesh))
+            .collect();
         poses.sort_by_key(|(key, _)| *key);
         InstancePoses(poses)
     }
 
     pub fn get(&self, key: (u32, u16)) -> Option<&Isometry3<f64>> {
-        self.0.binary_search_by_key(&key, |(known, _)| *known).ok().map(|i| &self.0[i].1)
+        self.0
+            .binary_search_by_key(&key, |(known, _)| *known)
+            .ok()
+            .map(|i| &self.0[i].1)
     }
 }
 
@@ -110,14 +126,18 @@ impl View {
     /// Bytes one frame of `modality` has; for `dvs` the most it can have.
     pub fn payload_bytes(&self, modality: Modality) -> usize {
         let n_elements = if modality == Modality::Dvs {
-            self.spec.dvs.max_events_of(self.spec.intrinsics.width_px, self.spec.intrinsics.height_px) as usize
+            self.spec.dvs.max_events_of(
+                self.spec.intrinsics.width_px,
+                self.spec.intrinsics.height_px,
+            ) as usize
         } else {
             self.spec.intrinsics.width_px as usize * self.spec.intrinsics.height_px as usize
         };
         n_elements * modality.element_bytes()
     }
 
-    /// Forgets the previous firing and the event camera's state, as if the sensor had just been made.
+    /// Forgets the previous firing and the event camera's state, as if the sensor had just been
+    /// made.
     pub fn reset(&mut self) {
         self.previous = None;
         self.dvs = None;
@@ -131,11 +151,13 @@ impl View {
 pub struct Output<'a> {
     /// What it shows.
     pub modality: Modality,
-    /// Where its bytes go; at least [`View::payload_bytes`] long (`dvs`: any length, it bounds the number of events).
+    /// Where its bytes go; at least [`View::payload_bytes`] long (`dvs`: any length, it bounds the
+    /// number of events).
     pub place: Place<'a>,
 }
 
-/// One scheduled firing of a view. Pass it even when nobody reads (`outputs` empty): flow refers to the previous *scheduled* firing.
+/// One scheduled firing of a view. Pass it even when nobody reads (`outputs` empty): flow refers to
+/// the previous *scheduled* firing.
 #[derive(Debug)]
 pub struct ViewJob<'v, 'a> {
     /// The view.

@@ -1,9 +1,14 @@
-//! Frames that are copied beside the drawing of the next ones are those that are copied behind their own, whoever comes and goes meanwhile.
+//! Frames that are copied beside the drawing of the next ones are those that are copied behind
+//! their own, whoever comes and goes meanwhile.
 //!
-//! `Apart` takes the way of two queues through one: on every adapter it shows lifetimes and bookkeeping. The order of two queues shows only
+//! `Apart` takes the way of two queues through one: on every adapter it shows lifetimes and
+//! bookkeeping. The order of two queues shows only
 //! where there are two; there both ways are tried.
 
-#![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
+#![expect(
+    unsafe_code,
+    reason = "targets are raw memory; each block carries its proof"
+)]
 
 mod kit;
 
@@ -12,23 +17,41 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 use schema_frames::Modality;
-use sensor_camera::{CameraRenderer, Output, Place, Quality, Rasteriser, Submission, View, ViewJob, ViewSpec};
+use sensor_camera::{
+    CameraRenderer, Output, Place, Quality, Rasteriser, Submission, View, ViewJob, ViewSpec,
+};
 use sensor_core::{MeshId, Scene, SceneAssets};
 use sensor_gpu::{CopyPath, Gpu, GpuOptions, ShmTarget};
 use sensor_spec::{ExposureMode, Intrinsics};
 
-const SIX: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+const SIX: [Modality; 6] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+];
 
 fn open(copies: CopyPath) -> Gpu {
-    Gpu::open(&GpuOptions { copies, ..Default::default() }).unwrap_or_else(|error| panic!("{error}"))
+    Gpu::open(&GpuOptions {
+        copies,
+        ..Default::default()
+    })
+    .unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Devices whose copies go on beside the drawing.
 fn gpus() -> Vec<Gpu> {
-    [CopyPath::Apart, CopyPath::Beside].map(open).into_iter().filter(Gpu::copies_beside).collect()
+    [CopyPath::Apart, CopyPath::Beside]
+        .map(open)
+        .into_iter()
+        .filter(Gpu::copies_beside)
+        .collect()
 }
 
-/// Page-aligned memory that lives as long as the test process, as a segment does as long as its publisher.
+/// Page-aligned memory that lives as long as the test process, as a segment does as long as its
+/// publisher.
 fn segment(n_bytes: usize) -> (*mut u8, usize) {
     const PAGE: usize = 1 << 16;
     let len = n_bytes.next_multiple_of(PAGE);
@@ -53,7 +76,10 @@ fn asked(number: usize, step: u64) -> Vec<Modality> {
 fn view(gpu: &Gpu, number: usize, scale: u32) -> View {
     let [width, height] = [[80, 60], [64, 48], [64, 48], [40, 40]][number].map(|side| side * scale);
     let lens = Intrinsics::from_fov(width, height, 90f64.to_radians());
-    let mut spec = ViewSpec { sensor_id: number as u32, ..ViewSpec::pinhole(lens) };
+    let mut spec = ViewSpec {
+        sensor_id: number as u32,
+        ..ViewSpec::pinhole(lens)
+    };
     if number == 3 {
         spec.optics.exposure.mode = ExposureMode::Histogram;
     }
@@ -62,8 +88,21 @@ fn view(gpu: &Gpu, number: usize, scale: u32) -> View {
 
 fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
     let turn = (step % 40) as f64;
-    let pose = |i: f64| kit::pose(6.0 + 9.0 * i + 0.3 * turn, 1.8 - i, 0.0, [0.0, 0.0, 9.0 * turn]);
-    kit::scene(assets, (0..4u32).map(|i| kit::moving(5 + i, car, pose(i as f64))).collect(), step * 50_000_000)
+    let pose = |i: f64| {
+        kit::pose(
+            6.0 + 9.0 * i + 0.3 * turn,
+            1.8 - i,
+            0.0,
+            [0.0, 0.0, 9.0 * turn],
+        )
+    };
+    kit::scene(
+        assets,
+        (0..4u32)
+            .map(|i| kit::moving(5 + i, car, pose(i as f64)))
+            .collect(),
+        step * 50_000_000,
+    )
 }
 
 /// Hashes of all frames, in order, with `n_in_flight` submissions on their way.
@@ -72,16 +111,26 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
     let (assets, car) = kit::street();
     let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
     let mut views: Vec<View> = (0..4).map(|number| view(gpu, number, scale)).collect();
-    let room = |view: &View| SIX.iter().chain(&[Modality::Dvs]).map(|m| view.payload_bytes(*m).next_multiple_of(64)).sum::<usize>();
+    let room = |view: &View| {
+        SIX.iter()
+            .chain(&[Modality::Dvs])
+            .map(|m| view.payload_bytes(*m).next_multiple_of(64))
+            .sum::<usize>()
+    };
     let step_bytes: usize = views.iter().map(room).sum();
     let (base, len) = segment(step_bytes * n_in_flight);
-    // SAFETY: the segment is leaked, and each range is looked at only when its submission was waited for.
+    // SAFETY: the segment is leaked, and each range is looked at only when its submission was
+    // waited for.
     let target = Arc::new(unsafe { ShmTarget::import(gpu, base, len) });
     assert_eq!(target.cpu_copies(), 0);
     let mut hashes = Vec::new();
     let mut take = |(submission, offsets): (Submission<'static>, Vec<usize>)| {
         let results = submission.wait().unwrap();
-        for (result, begin) in results.iter().flat_map(|result| &result.outputs).zip(offsets) {
+        for (result, begin) in results
+            .iter()
+            .flat_map(|result| &result.outputs)
+            .zip(offsets)
+        {
             // SAFETY: leaked, and the submission that writes to this range is done.
             let bytes = unsafe { std::slice::from_raw_parts_mut(base.add(begin), result.n_bytes) };
             let mut hasher = DefaultHasher::new();
@@ -96,20 +145,40 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
         if on_their_way.len() == n_in_flight {
             on_their_way.drain(..).for_each(&mut take);
         }
-        let (mut next, mut offsets, mut jobs) = ((step as usize % n_in_flight) * step_bytes, Vec::new(), Vec::new());
+        let (mut next, mut offsets, mut jobs) = (
+            (step as usize % n_in_flight) * step_bytes,
+            Vec::new(),
+            Vec::new(),
+        );
         for (number, view) in views.iter_mut().enumerate() {
             let mut outputs = Vec::new();
             for modality in asked(number, step) {
                 let capacity_bytes = view.payload_bytes(modality);
-                let place = Place::Shm { target: target.clone(), offset_bytes: next, capacity_bytes };
+                let place = Place::Shm {
+                    target: target.clone(),
+                    offset_bytes: next,
+                    capacity_bytes,
+                };
                 outputs.push(Output { modality, place });
                 offsets.push(next);
                 next += capacity_bytes.next_multiple_of(64);
             }
-            let world_from_sensor = kit::pose(-3.0 * number as f64 + 0.05 * step as f64, 0.3, 1.6, [0.0, 2.0, 2.0 * step as f64]);
-            jobs.push(ViewJob { view, world_from_sensor, outputs });
+            let world_from_sensor = kit::pose(
+                -3.0 * number as f64 + 0.05 * step as f64,
+                0.3,
+                1.6,
+                [0.0, 2.0, 2.0 * step as f64],
+            );
+            jobs.push(ViewJob {
+                view,
+                world_from_sensor,
+                outputs,
+            });
         }
-        on_their_way.push((renderer.render(&scene(&assets, car, step), jobs).unwrap(), offsets));
+        on_their_way.push((
+            renderer.render(&scene(&assets, car, step), jobs).unwrap(),
+            offsets,
+        ));
     }
     on_their_way.into_iter().for_each(&mut take);
     hashes
@@ -126,15 +195,23 @@ fn frames_do_not_show_how_they_were_copied() {
             assert!(expected.windows(2).any(|pair| pair[0] != pair[1]));
             for gpu in gpus() {
                 for n_in_flight in if gpu.is_software() { 5..=5 } else { 2..=6 } {
-                    let wrong = film(&gpu, quality, rasteriser, n_in_flight).iter().zip(&expected).filter(|(a, b)| a != b).count();
-                    assert_eq!(wrong, 0, "{gpu:?}: {rasteriser:?}, {quality:?}, {n_in_flight} in flight: frames that differ");
+                    let wrong = film(&gpu, quality, rasteriser, n_in_flight)
+                        .iter()
+                        .zip(&expected)
+                        .filter(|(a, b)| a != b)
+                        .count();
+                    assert_eq!(
+                        wrong, 0,
+                        "{gpu:?}: {rasteriser:?}, {quality:?}, {n_in_flight} in flight: frames that differ"
+                    );
                 }
             }
         }
     }
 }
 
-/// Cameras of all sizes are made and dropped while their frames are on their way; their textures go with them.
+/// Cameras of all sizes are made and dropped while their frames are on their way; their textures go
+/// with them.
 #[test]
 fn cameras_come_and_go_under_way() {
     let (assets, car) = kit::street();
@@ -147,8 +224,12 @@ fn cameras_come_and_go_under_way() {
         let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
         let mut under_way: VecDeque<Submission<'static>> = VecDeque::new();
         for round in 1..=n_rounds {
-            let lens = |dice: &mut fastrand::Rng| Intrinsics::from_fov(dice.u32(1..130), dice.u32(1..100), 1.2);
-            let mut views: Vec<View> = (0..dice.usize(1..5)).map(|_| View::new(&gpu, ViewSpec::pinhole(lens(&mut dice)))).collect();
+            let lens = |dice: &mut fastrand::Rng| {
+                Intrinsics::from_fov(dice.u32(1..130), dice.u32(1..100), 1.2)
+            };
+            let mut views: Vec<View> = (0..dice.usize(1..5))
+                .map(|_| View::new(&gpu, ViewSpec::pinhole(lens(&mut dice))))
+                .collect();
             for part in 0..2 {
                 let mut next = part * len / 2;
                 let mut jobs = Vec::new();
@@ -159,18 +240,32 @@ fn cameras_come_and_go_under_way() {
                         if dice.bool() {
                             outputs.push(Output {
                                 modality,
-                                place: Place::Shm { target: target.clone(), offset_bytes: next, capacity_bytes },
+                                place: Place::Shm {
+                                    target: target.clone(),
+                                    offset_bytes: next,
+                                    capacity_bytes,
+                                },
                             });
                             next += capacity_bytes.next_multiple_of(64);
                         }
                     }
-                    jobs.push(ViewJob { view, world_from_sensor: kit::pose(0.1 * round as f64, 0.0, 1.5, [0.0; 3]), outputs });
+                    jobs.push(ViewJob {
+                        view,
+                        world_from_sensor: kit::pose(0.1 * round as f64, 0.0, 1.5, [0.0; 3]),
+                        outputs,
+                    });
                 }
-                under_way.push_back(renderer.render(&scene(&assets, car, 2 * round + part as u64), jobs).unwrap());
+                under_way.push_back(
+                    renderer
+                        .render(&scene(&assets, car, 2 * round + part as u64), jobs)
+                        .unwrap(),
+                );
             }
             // Waited for, dropped, or left under way with its views gone.
             match dice.u8(0..3) {
-                0 => under_way.drain(..).for_each(|submission| drop(submission.wait().unwrap())),
+                0 => under_way
+                    .drain(..)
+                    .for_each(|submission| drop(submission.wait().unwrap())),
                 1 => under_way.clear(),
                 _ => drop(under_way.pop_front()),
             }

@@ -1,4 +1,5 @@
-//! What nobody reads costs nothing, what is read together is drawn once, and the same input gives the same bytes.
+//! What nobody reads costs nothing, what is read together is drawn once, and the same input gives
+//! the same bytes.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -10,8 +11,15 @@ use sensor_camera::{CameraRenderer, Output, Place, Quality, Rasteriser, RenderEr
 use sensor_gpu::Counts;
 use sensor_gpu::Gpu;
 
-const ALL: [Modality; 7] =
-    [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Dvs];
+const ALL: [Modality; 7] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+    Modality::Dvs,
+];
 
 #[test]
 fn view_without_readers_draws_nothing() {
@@ -22,7 +30,11 @@ fn view_without_readers_draws_nothing() {
     let before = gpu.counters().counts();
     for nanos in [50_000_000, 100_000_000] {
         let scene = kit::scene(&assets, vec![], nanos);
-        let job = ViewJob { view: &mut view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs: vec![] };
+        let job = ViewJob {
+            view: &mut view,
+            world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+            outputs: vec![],
+        };
         let submission = renderer.render(&scene, vec![job]).unwrap();
         assert!(submission.is_empty());
         assert!(submission.wait().unwrap()[0].outputs.is_empty());
@@ -35,22 +47,48 @@ fn cost_of(gpu: &Gpu, sizes_px: &[[u32; 2]]) -> Counts {
     let mut renderer = CameraRenderer::new(gpu, Quality::Low);
     let (assets, _) = kit::street();
     let scene = kit::scene(&assets, vec![], 50_000_000);
-    let mut views: Vec<_> = sizes_px.iter().map(|[width, height]| kit::view(gpu, *width, *height)).collect();
-    let mut memory: Vec<Vec<Vec<u8>>> =
-        views.iter().map(|v| [Modality::Depth, Modality::Semantic].iter().map(|m| vec![0; v.payload_bytes(*m)]).collect()).collect();
+    let mut views: Vec<_> = sizes_px
+        .iter()
+        .map(|[width, height]| kit::view(gpu, *width, *height))
+        .collect();
+    let mut memory: Vec<Vec<Vec<u8>>> = views
+        .iter()
+        .map(|v| {
+            [Modality::Depth, Modality::Semantic]
+                .iter()
+                .map(|m| vec![0; v.payload_bytes(*m)])
+                .collect()
+        })
+        .collect();
     let before = gpu.counters().counts();
     let jobs = views.iter_mut().zip(&mut memory).map(|(view, memory)| {
-        let outputs = [Modality::Depth, Modality::Semantic].into_iter().zip(memory);
-        let outputs = outputs.map(|(modality, bytes)| Output { modality, place: Place::Memory(bytes) }).collect();
+        let outputs = [Modality::Depth, Modality::Semantic]
+            .into_iter()
+            .zip(memory);
+        let outputs = outputs
+            .map(|(modality, bytes)| Output {
+                modality,
+                place: Place::Memory(bytes),
+            })
+            .collect();
         let width_px = view.intrinsics().width_px;
-        ViewJob { view, world_from_sensor: kit::pose(width_px as f64 * 0.01, 0.0, 1.5, [0.0; 3]), outputs }
+        ViewJob {
+            view,
+            world_from_sensor: kit::pose(width_px as f64 * 0.01, 0.0, 1.5, [0.0; 3]),
+            outputs,
+        }
     });
-    let results = renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+    let results = renderer
+        .render(&scene, jobs.collect())
+        .unwrap()
+        .wait()
+        .unwrap();
     assert_eq!(results.len(), sizes_px.len());
     gpu.counters().counts().since(before)
 }
 
-/// Goal: one submission for all, with no more passes than each view needs by itself; where views are computed, for all what one needs.
+/// Goal: one submission for all, with no more passes than each view needs by itself; where views
+/// are computed, for all what one needs.
 #[test]
 fn all_views_of_a_tick_are_drawn_in_one_submission() {
     let gpu = kit::gpu();
@@ -61,11 +99,18 @@ fn all_views_of_a_tick_are_drawn_in_one_submission() {
         Rasteriser::Drawn => alone.iter().map(|counts| counts.passes).sum(),
         Rasteriser::Computed => alone[0].passes,
     };
-    assert_eq!((together.passes, together.copies, together.submissions), (n_passes, 6, 1));
-    assert_eq!(together.draws, alone.iter().map(|counts| counts.draws).sum::<u64>());
+    assert_eq!(
+        (together.passes, together.copies, together.submissions),
+        (n_passes, 6, 1)
+    );
+    assert_eq!(
+        together.draws,
+        alone.iter().map(|counts| counts.draws).sum::<u64>()
+    );
 }
 
-/// Goal: cameras of one pose, lens and history are drawn once, whoever they belong to, and get the bytes they would get alone.
+/// Goal: cameras of one pose, lens and history are drawn once, whoever they belong to, and get the
+/// bytes they would get alone.
 #[test]
 fn sensors_that_see_the_same_are_drawn_once() {
     let gpu = kit::gpu();
@@ -73,26 +118,74 @@ fn sensors_that_see_the_same_are_drawn_once() {
     let run = |groups: &[&[Modality]]| {
         let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
         let mut views: Vec<_> = groups.iter().map(|_| kit::view(&gpu, 96, 64)).collect();
-        let mut memory: Vec<Vec<Vec<u8>>> =
-            groups.iter().map(|list| list.iter().map(|m| vec![0; views[0].payload_bytes(*m)]).collect()).collect();
+        let mut memory: Vec<Vec<Vec<u8>>> = groups
+            .iter()
+            .map(|list| {
+                list.iter()
+                    .map(|m| vec![0; views[0].payload_bytes(*m)])
+                    .collect()
+            })
+            .collect();
         let mut passes = 0;
         for step in 1..3u64 {
-            let cars = vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))];
+            let cars = vec![kit::moving(
+                5,
+                car,
+                kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+            )];
             let mut scene = kit::scene(&assets, cars, step * 50_000_000);
             scene.weather.cloudiness = 100.0;
-            let jobs = views.iter_mut().zip(&mut memory).zip(groups).map(|((view, memory), list)| {
-                let outputs = list.iter().zip(memory).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
-                ViewJob { view, world_from_sensor: kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0; 3]), outputs }
-            });
+            let jobs =
+                views
+                    .iter_mut()
+                    .zip(&mut memory)
+                    .zip(groups)
+                    .map(|((view, memory), list)| {
+                        let outputs = list
+                            .iter()
+                            .zip(memory)
+                            .map(|(m, bytes)| Output {
+                                modality: *m,
+                                place: Place::Memory(bytes),
+                            })
+                            .collect();
+                        ViewJob {
+                            view,
+                            world_from_sensor: kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0; 3]),
+                            outputs,
+                        }
+                    });
             let before = gpu.counters().counts();
-            renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+            renderer
+                .render(&scene, jobs.collect())
+                .unwrap()
+                .wait()
+                .unwrap();
             passes = gpu.counters().counts().since(before).passes;
         }
         (memory.concat(), passes)
     };
-    let together = run(&[&[Modality::Rgb], &[Modality::Depth, Modality::Flow], &[Modality::Rgb, Modality::Instance]]);
-    let alone = [&[Modality::Rgb][..], &[Modality::Depth, Modality::Flow], &[Modality::Rgb, Modality::Instance]].map(|list| run(&[list]));
-    assert_eq!(together.1, run(&[&[Modality::Rgb, Modality::Depth, Modality::Flow, Modality::Instance]]).1);
+    let together = run(&[
+        &[Modality::Rgb],
+        &[Modality::Depth, Modality::Flow],
+        &[Modality::Rgb, Modality::Instance],
+    ]);
+    let alone = [
+        &[Modality::Rgb][..],
+        &[Modality::Depth, Modality::Flow],
+        &[Modality::Rgb, Modality::Instance],
+    ]
+    .map(|list| run(&[list]));
+    assert_eq!(
+        together.1,
+        run(&[&[
+            Modality::Rgb,
+            Modality::Depth,
+            Modality::Flow,
+            Modality::Instance
+        ]])
+        .1
+    );
     assert!(together.0 == alone.map(|(bytes, _)| bytes).concat());
 }
 
@@ -112,8 +205,15 @@ fn readers_change_nothing(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) {
         let mut view = kit::view(gpu, 96, 64);
         let mut frames = BTreeMap::new();
         for step in 1..5u64 {
-            let scene =
-                kit::scene(&assets, vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))], step * 50_000_000);
+            let scene = kit::scene(
+                &assets,
+                vec![kit::moving(
+                    5,
+                    car,
+                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                )],
+                step * 50_000_000,
+            );
             let pose = kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0, 1.0, step as f64]);
             frames = kit::render(&mut renderer, &scene, &mut view, pose, modalities);
         }
@@ -123,7 +223,10 @@ fn readers_change_nothing(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) {
     assert_eq!(first, second);
     assert!(first[&Modality::Dvs].1.n_bytes > 0);
     for modality in ALL {
-        assert!(run(&[modality])[&modality].0 == first[&modality].0, "{modality:?} depends on other readers");
+        assert!(
+            run(&[modality])[&modality].0 == first[&modality].0,
+            "{modality:?} depends on other readers"
+        );
     }
 }
 
@@ -136,14 +239,41 @@ fn wrong_requests_are_refused_with_a_sentence() {
     let mut view = kit::view(&gpu, 64, 48);
     let mut ask = |modalities: &[Modality], n_bytes: usize| {
         let mut memory = vec![vec![0u8; n_bytes]; modalities.len()];
-        let outputs = modalities.iter().zip(&mut memory).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
-        let job = ViewJob { view: &mut view, world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]), outputs };
-        renderer.render(&scene, vec![job]).map(|submission| submission.wait().unwrap()).unwrap_err()
+        let outputs = modalities
+            .iter()
+            .zip(&mut memory)
+            .map(|(m, bytes)| Output {
+                modality: *m,
+                place: Place::Memory(bytes),
+            })
+            .collect();
+        let job = ViewJob {
+            view: &mut view,
+            world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+            outputs,
+        };
+        renderer
+            .render(&scene, vec![job])
+            .map(|submission| submission.wait().unwrap())
+            .unwrap_err()
     };
-    assert_eq!(ask(&[Modality::Lidar], 100_000), RenderError::NotACamera { modality: Modality::Lidar });
-    assert_eq!(ask(&[Modality::Rgb, Modality::Rgb], 100_000), RenderError::Twice { modality: Modality::Rgb });
+    assert_eq!(
+        ask(&[Modality::Lidar], 100_000),
+        RenderError::NotACamera {
+            modality: Modality::Lidar
+        }
+    );
+    assert_eq!(
+        ask(&[Modality::Rgb, Modality::Rgb], 100_000),
+        RenderError::Twice {
+            modality: Modality::Rgb
+        }
+    );
     let error = ask(&[Modality::Depth], 100);
-    assert_eq!(error.to_string(), "\"depth\" needs 12288 bytes, but its place has 100");
+    assert_eq!(
+        error.to_string(),
+        "\"depth\" needs 12288 bytes, but its place has 100"
+    );
 }
 
 #[test]
@@ -154,46 +284,109 @@ fn quality_changes_colour_only() {
         let mut renderer = CameraRenderer::new(&gpu, quality);
         let mut view = kit::view(&gpu, 96, 64);
         let scene = |step: u64| {
-            kit::scene(&assets, vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))], step * 50_000_000)
+            kit::scene(
+                &assets,
+                vec![kit::moving(
+                    5,
+                    car,
+                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                )],
+                step * 50_000_000,
+            )
         };
-        kit::render(&mut renderer, &scene(1), &mut view, kit::pose(0.0, -1.0, 1.5, [0.0; 3]), &[]);
-        kit::render(&mut renderer, &scene(2), &mut view, kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]), &ALL[..6])
+        kit::render(
+            &mut renderer,
+            &scene(1),
+            &mut view,
+            kit::pose(0.0, -1.0, 1.5, [0.0; 3]),
+            &[],
+        );
+        kit::render(
+            &mut renderer,
+            &scene(2),
+            &mut view,
+            kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
+            &ALL[..6],
+        )
     };
     let (low, high) = (run(Quality::Low), run(Quality::High));
     for modality in &ALL[1..6] {
-        assert!(low[modality].0 == high[modality].0, "{modality:?} depends on the quality");
+        assert!(
+            low[modality].0 == high[modality].0,
+            "{modality:?} depends on the quality"
+        );
     }
 }
 
-/// Goal: the sun's shadow of a box darkens the ground behind it and nothing else, and an overcast sky throws none.
+/// Goal: the sun's shadow of a box darkens the ground behind it and nothing else, and an overcast
+/// sky throws none.
 #[test]
 fn box_throws_a_shadow_away_from_the_sun() {
     use sensor_core::mesh::Surface;
     use sensor_core::{Material, MeshBuilder, SceneAssets};
     let gpu = kit::gpu();
-    let mut assets = SceneAssets { episode: 1, ..Default::default() };
+    let mut assets = SceneAssets {
+        episode: 1,
+        ..Default::default()
+    };
     let mut ground = MeshBuilder::new("ground");
     let grey = Surface::new(schema_types::Class::GROUND, Material::Cloth, [128; 3]);
-    ground.quad(grey, [[-40.0, -40.0, 0.0], [40.0, -40.0, 0.0], [40.0, 40.0, 0.0], [-40.0, 40.0, 0.0]], [[0.0; 2]; 4]);
+    ground.quad(
+        grey,
+        [
+            [-40.0, -40.0, 0.0],
+            [40.0, -40.0, 0.0],
+            [40.0, 40.0, 0.0],
+            [-40.0, 40.0, 0.0],
+        ],
+        [[0.0; 2]; 4],
+    );
     let ground = assets.add_mesh(ground.finish());
-    assets.statics.push(kit::fixed(ground, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    assets
+        .statics
+        .push(kit::fixed(ground, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
     let tower = assets.add_mesh(kit::cuboid("tower", grey, [0.0, 0.0, 2.0], [0.5, 0.5, 2.0]));
-    assets.statics.push(kit::fixed(tower, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    assets
+        .statics
+        .push(kit::fixed(tower, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
     let assets = std::sync::Arc::new(assets);
     // Straight down from 20 m: x runs up the image, y to the left, 64 px are 40 m.
     let green_at = |cloudiness: f32| {
         let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
         let mut view = kit::view(&gpu, 64, 64);
         let mut scene = kit::scene(&assets, vec![], 50_000_000);
-        (scene.weather.sun_azimuth_deg, scene.weather.sun_altitude_deg, scene.weather.cloudiness) = (0.0, 45.0, cloudiness);
-        let frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(0.0, 0.0, 20.0, [0.0, 90.0, 0.0]), &[Modality::Rgb]);
+        (
+            scene.weather.sun_azimuth_deg,
+            scene.weather.sun_altitude_deg,
+            scene.weather.cloudiness,
+        ) = (0.0, 45.0, cloudiness);
+        let frames = kit::render(
+            &mut renderer,
+            &scene,
+            &mut view,
+            kit::pose(0.0, 0.0, 20.0, [0.0, 90.0, 0.0]),
+            &[Modality::Rgb],
+        );
         let bytes = frames[&Modality::Rgb].0.clone();
-        move |x_m: f64, y_m: f64| bytes[4 * ((32.0 - 1.6 * x_m) as usize * 64 + (32.0 - 1.6 * y_m) as usize) + 1] as i32
+        move |x_m: f64, y_m: f64| {
+            bytes[4 * ((32.0 - 1.6 * x_m) as usize * 64 + (32.0 - 1.6 * y_m) as usize) + 1] as i32
+        }
     };
     let clear = green_at(0.0);
     // The sun stands towards +x at 45 degrees: 4 m of tower throw 4 m of shadow towards -x.
-    let (shade, lit) = (clear(-2.5, 0.0), [clear(2.5, 0.0), clear(-6.5, 0.0), clear(0.0, 5.0), clear(0.0, -5.0)]);
-    assert!(lit.iter().all(|green| *green > shade + 40), "{shade} in the shade, {lit:?} in the light");
+    let (shade, lit) = (
+        clear(-2.5, 0.0),
+        [
+            clear(2.5, 0.0),
+            clear(-6.5, 0.0),
+            clear(0.0, 5.0),
+            clear(0.0, -5.0),
+        ],
+    );
+    assert!(
+        lit.iter().all(|green| *green > shade + 40),
+        "{shade} in the shade, {lit:?} in the light"
+    );
     let overcast = green_at(100.0);
     assert!((overcast(-2.5, 0.0) - overcast(2.5, 0.0)).abs() < 8);
 }

@@ -1,4 +1,5 @@
-//! Debug strokes: in colour where a pinhole puts them, behind what is nearer, and in no other image.
+//! Debug strokes: in colour where a pinhole puts them, behind what is nearer, and in no other
+//! image.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -17,53 +18,119 @@ const SIZE_PX: [u32; 2] = [160, 120];
 const MAGENTA: [u8; 4] = [255, 0, 255, 255];
 
 fn stroke(from_m: [f64; 3], to_m: [f64; 3], width_m: f32) -> DebugStroke {
-    DebugStroke { from_m, to_m, width_m, color_rgb: [255, 0, 255] }
+    DebugStroke {
+        from_m,
+        to_m,
+        width_m,
+        color_rgb: [255, 0, 255],
+    }
 }
 
 /// Pixels in the stroke's colour.
 fn painted(bgra: &[u8]) -> Vec<(u32, u32)> {
-    let hits = bgra.chunks_exact(4).enumerate().filter(|(_, pixel)| *pixel == MAGENTA);
-    hits.map(|(i, _)| (i as u32 % SIZE_PX[0], i as u32 / SIZE_PX[0])).collect()
+    let hits = bgra
+        .chunks_exact(4)
+        .enumerate()
+        .filter(|(_, pixel)| *pixel == MAGENTA);
+    hits.map(|(i, _)| (i as u32 % SIZE_PX[0], i as u32 / SIZE_PX[0]))
+        .collect()
 }
 
 #[test]
 fn strokes_are_where_a_pinhole_puts_them_and_in_colour_only() {
     let gpu = kit::gpu();
-    let mut assets = SceneAssets { episode: 1, ..Default::default() };
-    let wall = kit::cuboid("wall", Surface::new(Class::WALLS, Material::Concrete, [90, 120, 90]), [20.0, 10.0, 0.0], [0.5, 10.0, 20.0]);
+    let mut assets = SceneAssets {
+        episode: 1,
+        ..Default::default()
+    };
+    let wall = kit::cuboid(
+        "wall",
+        Surface::new(Class::WALLS, Material::Concrete, [90, 120, 90]),
+        [20.0, 10.0, 0.0],
+        [0.5, 10.0, 20.0],
+    );
     let wall = assets.add_mesh(wall);
     assets.statics.push(kit::fixed(wall, Isometry3::identity()));
     let assets = Arc::new(assets);
-    let modalities = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+    let modalities = [
+        Modality::Rgb,
+        Modality::Depth,
+        Modality::Semantic,
+        Modality::Instance,
+        Modality::Flow,
+        Modality::Normals,
+    ];
     for quality in [Quality::Low, Quality::High] {
         let mut renderer = CameraRenderer::new(&gpu, quality);
         let mut look = |debug: Vec<DebugStroke>| {
             let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
-            let scene = Scene { debug, ..kit::scene(&assets, Vec::new(), 50_000_000) };
-            kit::render(&mut renderer, &scene, &mut view, Isometry3::identity(), &modalities)
+            let scene = Scene {
+                debug,
+                ..kit::scene(&assets, Vec::new(), 50_000_000)
+            };
+            kit::render(
+                &mut renderer,
+                &scene,
+                &mut view,
+                Isometry3::identity(),
+                &modalities,
+            )
         };
         let plain = look(Vec::new());
         assert!(painted(&plain[&Modality::Rgb].0).is_empty());
-        // 90° across 160 pixels: f = 80. A bar 10 m ahead from 4 m left to 4 m right, 0.5 m thick: 64 by 4 pixels about the middle.
+        // 90° across 160 pixels: f = 80. A bar 10 m ahead from 4 m left to 4 m right, 0.5 m thick:
+        // 64 by 4 pixels about the middle.
         let bar = look(vec![stroke([10.0, 4.0, 0.0], [10.0, -4.0, 0.0], 0.5)]);
         let pixels = painted(&bar[&Modality::Rgb].0);
         let (xs, ys): (Vec<u32>, Vec<u32>) = pixels.iter().copied().unzip();
         assert_eq!(pixels.len(), 64 * 4, "{quality:?}");
-        assert_eq!((xs.iter().min(), xs.iter().max(), ys.iter().min(), ys.iter().max()), (Some(&48), Some(&111), Some(&58), Some(&61)));
+        assert_eq!(
+            (
+                xs.iter().min(),
+                xs.iter().max(),
+                ys.iter().min(),
+                ys.iter().max()
+            ),
+            (Some(&48), Some(&111), Some(&58), Some(&61))
+        );
         for modality in &modalities[1..] {
-            assert_eq!(plain[modality].0, bar[modality].0, "{modality:?} must not see it");
+            assert_eq!(
+                plain[modality].0, bar[modality].0,
+                "{modality:?} must not see it"
+            );
         }
         let others = |(a, b): (&[u8], &[u8])| a != b && b != MAGENTA;
-        let n_others = plain[&Modality::Rgb].0.chunks(4).zip(bar[&Modality::Rgb].0.chunks(4)).filter(|pair| others(*pair)).count();
+        let n_others = plain[&Modality::Rgb]
+            .0
+            .chunks(4)
+            .zip(bar[&Modality::Rgb].0.chunks(4))
+            .filter(|pair| others(*pair))
+            .count();
         assert_eq!(n_others, 0, "nothing else changes colour");
         // A point 16 m ahead is a square: 1.6 m are 8 pixels.
-        assert_eq!(painted(&look(vec![stroke([16.0, 0.0, 2.0], [16.0, 0.0, 2.0], 1.6)])[&Modality::Rgb].0).len(), 64);
-        // The wall covers the left half from 19.5 m on: of a bar behind it only the right half is seen.
-        let behind = painted(&look(vec![stroke([30.0, 12.0, 0.0], [30.0, -12.0, 0.0], 1.5)])[&Modality::Rgb].0);
+        assert_eq!(
+            painted(&look(vec![stroke([16.0, 0.0, 2.0], [16.0, 0.0, 2.0], 1.6)])[&Modality::Rgb].0)
+                .len(),
+            64
+        );
+        // The wall covers the left half from 19.5 m on: of a bar behind it only the right half is
+        // seen.
+        let behind = painted(
+            &look(vec![stroke([30.0, 12.0, 0.0], [30.0, -12.0, 0.0], 1.5)])[&Modality::Rgb].0,
+        );
         assert_eq!(behind.len(), 32 * 4, "{quality:?}");
         assert!(behind.iter().all(|(x, _)| *x >= 80));
-        // Through the camera and behind it: no panic, and what is in front is seen; a hair is still a pixel wide.
-        assert!(!painted(&look(vec![stroke([-5.0, 1.0, -1.0], [10.0, -1.0, 0.5], 0.0)])[&Modality::Rgb].0).is_empty());
-        assert!(painted(&look(vec![stroke([-5.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 1.0)])[&Modality::Rgb].0).is_empty());
+        // Through the camera and behind it: no panic, and what is in front is seen; a hair is still
+        // a pixel wide.
+        assert!(
+            !painted(
+                &look(vec![stroke([-5.0, 1.0, -1.0], [10.0, -1.0, 0.5], 0.0)])[&Modality::Rgb].0
+            )
+            .is_empty()
+        );
+        assert!(
+            painted(&look(vec![stroke([-5.0, 0.0, 0.0], [-1.0, 0.0, 0.0], 1.0)])[&Modality::Rgb].0)
+                .is_empty()
+        );
     }
 }

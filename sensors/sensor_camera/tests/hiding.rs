@@ -1,4 +1,5 @@
-//! Objects of the scenery that are hidden and shown again: pictures as of a scene without them, for the price of what changed.
+//! Objects of the scenery that are hidden and shown again: pictures as of a scene without them, for
+//! the price of what changed.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -13,7 +14,14 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder, SceneAssets};
 use sensor_gpu::Gpu;
 
-const ALL: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+const ALL: [Modality; 6] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+];
 
 /// A street with a mesh of three posts, each an object of its own, and a house.
 fn street() -> (Arc<SceneAssets>, [ObjectId; 3]) {
@@ -22,24 +30,41 @@ fn street() -> (Arc<SceneAssets>, [ObjectId; 3]) {
     let mut builder = MeshBuilder::new("posts");
     for (i, post) in (0..).zip(posts) {
         let surface = Surface::new(Class::POLES, Material::Metal, [200, 60, 40]).of(post);
-        builder.cuboid(surface, [6.0 + 2.0 * i as f32, 1.5 - i as f32, 1.5], [0.3, 0.3, 1.5]);
+        builder.cuboid(
+            surface,
+            [6.0 + 2.0 * i as f32, 1.5 - i as f32, 1.5],
+            [0.3, 0.3, 1.5],
+        );
     }
     let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(kit::fixed(mesh, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    assets
+        .statics
+        .push(kit::fixed(mesh, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
     (Arc::new(assets), posts)
 }
 
 fn picture(gpu: &Gpu, renderer: &mut CameraRenderer, assets: &Arc<SceneAssets>) -> Vec<Vec<u8>> {
     let mut view = kit::view(gpu, 96, 64);
     let scene = kit::scene(assets, vec![], 50_000_000);
-    kit::render(renderer, &scene, &mut view, kit::pose(0.0, 0.0, 1.5, [0.0; 3]), &ALL).into_values().map(|(bytes, _)| bytes).collect()
+    kit::render(
+        renderer,
+        &scene,
+        &mut view,
+        kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+        &ALL,
+    )
+    .into_values()
+    .map(|(bytes, _)| bytes)
+    .collect()
 }
 
 #[test]
 fn hidden_objects_leave_the_picture_and_come_back_and_only_what_changed_is_uploaded() {
     let gpu = kit::gpu();
     let (whole, posts) = street();
-    let cases = kit::rasterisers(&gpu).into_iter().flat_map(|rasteriser| [(rasteriser, Quality::Low), (rasteriser, Quality::High)]);
+    let cases = kit::rasterisers(&gpu)
+        .into_iter()
+        .flat_map(|rasteriser| [(rasteriser, Quality::Low), (rasteriser, Quality::High)]);
     for (rasteriser, quality) in cases {
         let fresh = || CameraRenderer::with_rasteriser(&gpu, quality, rasteriser);
         let mut renderer = fresh();
@@ -51,12 +76,21 @@ fn hidden_objects_leave_the_picture_and_come_back_and_only_what_changed_is_uploa
         for shown in [&some, &none, &whole] {
             let n_bytes = renderer.load(shown);
             // Three posts of twelve triangles.
-            assert!(n_bytes <= 3 * 12 * 3 * 4 && n_bytes < n_whole / 10, "{n_bytes} of {n_whole} bytes");
+            assert!(
+                n_bytes <= 3 * 12 * 3 * 4 && n_bytes < n_whole / 10,
+                "{n_bytes} of {n_whole} bytes"
+            );
             let now = picture(&gpu, &mut renderer, shown);
-            assert!(now == picture(&gpu, &mut fresh(), shown), "{rasteriser:?} {quality:?}: not the picture of a scene without them");
+            assert!(
+                now == picture(&gpu, &mut fresh(), shown),
+                "{rasteriser:?} {quality:?}: not the picture of a scene without them"
+            );
             seen.push(now);
         }
-        assert!(seen[0] != seen[1] && seen[1] != seen[2] && seen[2] != seen[3] && seen[3] == seen[0], "{rasteriser:?} {quality:?}");
+        assert!(
+            seen[0] != seen[1] && seen[1] != seen[2] && seen[2] != seen[3] && seen[3] == seen[0],
+            "{rasteriser:?} {quality:?}"
+        );
     }
 }
 

@@ -2,11 +2,17 @@
 
 use std::mem::offset_of;
 
-use sensor_camera::{EventJob, InstanceData, LampData, LightData, PostData, ViewData, shader_sources};
+use sensor_camera::{
+    EventJob, InstanceData, LampData, LightData, PostData, ViewData, shader_sources,
+};
 
 fn module(name: &str) -> naga::Module {
-    let (_, text) = shader_sources().into_iter().find(|(known, _)| *known == name).unwrap();
-    naga::front::wgsl::parse_str(&text).unwrap_or_else(|error| panic!("{}", error.emit_to_string(&text)))
+    let (_, text) = shader_sources()
+        .into_iter()
+        .find(|(known, _)| *known == name)
+        .unwrap();
+    naga::front::wgsl::parse_str(&text)
+        .unwrap_or_else(|error| panic!("{}", error.emit_to_string(&text)))
 }
 
 const CAPABILITIES: naga::valid::Capabilities = naga::valid::Capabilities::IMMEDIATES
@@ -17,20 +23,39 @@ const CAPABILITIES: naga::valid::Capabilities = naga::valid::Capabilities::IMMED
 fn every_shader_validates() {
     for (name, _) in shader_sources() {
         let module = module(name);
-        let mut validator = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), CAPABILITIES);
-        validator.validate(&module).unwrap_or_else(|error| panic!("{name}: {error:?}"));
+        let mut validator =
+            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), CAPABILITIES);
+        validator
+            .validate(&module)
+            .unwrap_or_else(|error| panic!("{name}: {error:?}"));
     }
 }
 
 #[test]
 fn wgsl_structs_lie_where_rust_has_them() {
-    let modules = [module("geometry"), module("shade, drawn"), module("post"), module("events")];
+    let modules = [
+        module("geometry"),
+        module("shade, drawn"),
+        module("post"),
+        module("events"),
+    ];
     let check = |name: &str, size: usize, offsets: &[usize]| {
         let mut types = modules.iter().flat_map(|module| module.types.iter());
-        let (_, found) = types.find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap();
-        let naga::TypeInner::Struct { members, span } = &found.inner else { panic!("{name} is not a struct") };
-        let found: Vec<usize> = members.iter().map(|member| member.offset as usize).collect();
-        assert_eq!((found.as_slice(), *span as usize), (offsets, size), "{name}");
+        let (_, found) = types
+            .find(|(_, ty)| ty.name.as_deref() == Some(name))
+            .unwrap();
+        let naga::TypeInner::Struct { members, span } = &found.inner else {
+            panic!("{name} is not a struct")
+        };
+        let found: Vec<usize> = members
+            .iter()
+            .map(|member| member.offset as usize)
+            .collect();
+        assert_eq!(
+            (found.as_slice(), *span as usize),
+            (offsets, size),
+            "{name}"
+        );
     };
     check(
         "Job",
@@ -102,7 +127,15 @@ fn wgsl_structs_lie_where_rust_has_them() {
             offset_of!(LightData, looks),
         ],
     );
-    check("Lamp", size_of::<LampData>(), &[offset_of!(LampData, place), offset_of!(LampData, axis), offset_of!(LampData, rgb)]);
+    check(
+        "Lamp",
+        size_of::<LampData>(),
+        &[
+            offset_of!(LampData, place),
+            offset_of!(LampData, axis),
+            offset_of!(LampData, rgb),
+        ],
+    );
     check(
         "Post",
         size_of::<PostData>(),

@@ -1,4 +1,5 @@
-//! The compute shader that rasterises: no pixel left out or taken twice at common edges, near and huge triangles, and the same picture
+//! The compute shader that rasterises: no pixel left out or taken twice at common edges, near and
+//! huge triangles, and the same picture
 //! as the adapter draws.
 
 mod kit;
@@ -17,7 +18,10 @@ fn grey() -> Surface {
 }
 
 fn assets(mesh: Mesh) -> Arc<SceneAssets> {
-    let mut assets = SceneAssets { episode: 1, ..Default::default() };
+    let mut assets = SceneAssets {
+        episode: 1,
+        ..Default::default()
+    };
     let mesh = assets.add_mesh(mesh);
     assets.statics.push(kit::fixed(mesh, Isometry3::identity()));
     Arc::new(assets)
@@ -28,26 +32,52 @@ fn shell(n: usize, seed: u64) -> Mesh {
     let mut rng = fastrand::Rng::with_seed(seed);
     let sectors = 2 * n;
     let mut radii = vec![vec![0.0f32; sectors]; n + 1];
-    radii.iter_mut().flatten().for_each(|radius| *radius = 2.0 + 20.0 * rng.f32());
+    radii
+        .iter_mut()
+        .flatten()
+        .for_each(|radius| *radius = 2.0 + 20.0 * rng.f32());
     let (top, bottom) = (radii[0][0], radii[n][0]);
     radii[0].fill(top);
     radii[n].fill(bottom);
     let at = |ring: usize, sector: usize| {
-        let (theta, phi) =
-            (ring as f32 / n as f32 * std::f32::consts::PI, (sector % sectors) as f32 / sectors as f32 * std::f32::consts::TAU);
+        let (theta, phi) = (
+            ring as f32 / n as f32 * std::f32::consts::PI,
+            (sector % sectors) as f32 / sectors as f32 * std::f32::consts::TAU,
+        );
         // The poles' corners must agree to the bit.
-        let across = if ring == 0 || ring == n { 0.0 } else { theta.sin() };
+        let across = if ring == 0 || ring == n {
+            0.0
+        } else {
+            theta.sin()
+        };
         let radius = radii[ring][sector % sectors];
-        [across * phi.cos() * radius, across * phi.sin() * radius, theta.cos() * radius]
+        [
+            across * phi.cos() * radius,
+            across * phi.sin() * radius,
+            theta.cos() * radius,
+        ]
     };
     let mut builder = MeshBuilder::new("shell");
     for ring in 0..n {
         for sector in 0..sectors {
-            let [a, b, c, d] = [at(ring, sector), at(ring + 1, sector), at(ring + 1, sector + 1), at(ring, sector + 1)];
+            let [a, b, c, d] = [
+                at(ring, sector),
+                at(ring + 1, sector),
+                at(ring + 1, sector + 1),
+                at(ring, sector + 1),
+            ];
             // Reversed: the inside is the front.
             for triangle in [[a, c, b], [a, d, c]] {
-                if triangle[0] != triangle[1] && triangle[1] != triangle[2] && triangle[2] != triangle[0] {
-                    builder.polygon_with_normals(grey(), &triangle, &[[0.0, 0.0, 1.0]; 3], &[[0.0; 2]; 3]);
+                if triangle[0] != triangle[1]
+                    && triangle[1] != triangle[2]
+                    && triangle[2] != triangle[0]
+                {
+                    builder.polygon_with_normals(
+                        grey(),
+                        &triangle,
+                        &[[0.0, 0.0, 1.0]; 3],
+                        &[[0.0; 2]; 3],
+                    );
                 }
             }
         }
@@ -55,7 +85,8 @@ fn shell(n: usize, seed: u64) -> Mesh {
     builder.finish()
 }
 
-/// Oracle: from inside a closed shell there is no sky, however its triangles lie to pixels, near plane and image.
+/// Oracle: from inside a closed shell there is no sky, however its triangles lie to pixels, near
+/// plane and image.
 #[test]
 fn nothing_shines_through_a_closed_shell() {
     let gpu = kit::gpu();
@@ -70,9 +101,16 @@ fn nothing_shines_through_a_closed_shell() {
                 let turn = [0; 3].map(|_| rng.f64() * 360.0);
                 let place = [0; 3].map(|_| rng.f64() * 1.6 - 0.8);
                 let pose = kit::pose(place[0], place[1], place[2], turn);
-                let frames = kit::render(&mut renderer, &scene, &mut view, pose, &[Modality::Depth, Modality::Semantic]);
+                let frames = kit::render(
+                    &mut renderer,
+                    &scene,
+                    &mut view,
+                    pose,
+                    &[Modality::Depth, Modality::Semantic],
+                );
                 let depth = kit::floats(&frames[&Modality::Depth].0);
-                // Nearer than the near plane one looks through; a corner of the image sees that 0.13 m away.
+                // Nearer than the near plane one looks through; a corner of the image sees that
+                // 0.13 m away.
                 let holes = depth.iter().filter(|depth| !depth.is_finite()).count();
                 assert_eq!(holes, 0, "{rasteriser:?}, {n} rings, step {step}");
                 assert!(depth.iter().all(|depth| (0.1..30.0).contains(depth)));
@@ -81,17 +119,32 @@ fn nothing_shines_through_a_closed_shell() {
     }
 }
 
-/// Oracle: depth of a plane in closed form. Two triangles of a kilometre under a camera that nearly lies on them, level and tilted.
+/// Oracle: depth of a plane in closed form. Two triangles of a kilometre under a camera that nearly
+/// lies on them, level and tilted.
 #[test]
 fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
     let gpu = kit::gpu();
     let mut builder = MeshBuilder::new("plain");
     let far = 600.0;
-    builder.quad(grey(), [[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]], [[0.0; 2]; 4]);
+    builder.quad(
+        grey(),
+        [
+            [-far, -far, 0.0],
+            [far, -far, 0.0],
+            [far, far, 0.0],
+            [-far, far, 0.0],
+        ],
+        [[0.0; 2]; 4],
+    );
     let assets = assets(builder.finish());
     for rasteriser in kit::rasterisers(&gpu) {
         let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
-        for (height_m, rpy_deg) in [(1.6, [0.0, 0.0, 0.0]), (0.3, [0.0, 5.0, 30.0]), (1.6, [25.0, 8.0, 77.0]), (12.0, [3.0, 60.0, 10.0])] {
+        for (height_m, rpy_deg) in [
+            (1.6, [0.0, 0.0, 0.0]),
+            (0.3, [0.0, 5.0, 30.0]),
+            (1.6, [25.0, 8.0, 77.0]),
+            (12.0, [3.0, 60.0, 10.0]),
+        ] {
             let mut view = kit::view(&gpu, 320, 200);
             let lens = view.intrinsics();
             let pose = kit::pose(3.0, 2.0, height_m, rpy_deg);
@@ -103,58 +156,97 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
             for (i, depth_m) in depth.iter().enumerate() {
                 let (x, y) = ((i % 320) as f64 + 0.5, (i / 320) as f64 + 0.5);
                 let ray = pose.rotation * Vector3::new(1.0, -(x - cx) / fx, -(y - cy) / fy);
-                let expected_m = if ray.z < 0.0 { -height_m / ray.z } else { f64::INFINITY };
+                let expected_m = if ray.z < 0.0 {
+                    -height_m / ray.z
+                } else {
+                    f64::INFINITY
+                };
                 if !(0.11..300.0).contains(&expected_m) {
                     continue;
                 }
                 n_hits += 1;
                 let error_m = (*depth_m as f64 - expected_m).abs();
-                // A camera so near to a plane sees 5 cm more or less as kilometres at its end: relative to the slope.
+                // A camera so near to a plane sees 5 cm more or less as kilometres at its end:
+                // relative to the slope.
                 let allowed_m = 1e-3 + 1e-5 * expected_m * (1.0 + expected_m / height_m * 0.02);
-                assert!(error_m <= allowed_m, "{rasteriser:?} at {x} {y}: {depth_m} m instead of {expected_m} m");
+                assert!(
+                    error_m <= allowed_m,
+                    "{rasteriser:?} at {x} {y}: {depth_m} m instead of {expected_m} m"
+                );
             }
             assert!(n_hits > 10_000, "{n_hits}");
         }
     }
 }
 
-/// Goal: whoever rasterises, the picture is the same but for pixels at edges, whose corners are rounded in other ways. Tolerances leave
+/// Goal: whoever rasterises, the picture is the same but for pixels at edges, whose corners are
+/// rounded in other ways. Tolerances leave
 /// room for the coarse depth and normals of a GPU's own rasteriser.
 #[test]
 fn computed_pictures_are_drawn_pictures() {
     let gpu = kit::gpu();
     let (assets, car) = kit::street();
-    let all = [Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Rgb];
+    let all = [
+        Modality::Depth,
+        Modality::Semantic,
+        Modality::Instance,
+        Modality::Flow,
+        Modality::Normals,
+        Modality::Rgb,
+    ];
     for quality in [Quality::Low, Quality::High] {
         let shoot = |rasteriser: Rasteriser| {
             let mut renderer = CameraRenderer::with_rasteriser(&gpu, quality, rasteriser);
             let mut view = kit::view(&gpu, 320, 240);
             let scene = |step: u64| {
-                let cars = vec![kit::moving(5, car, kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]))];
+                let cars = vec![kit::moving(
+                    5,
+                    car,
+                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                )];
                 kit::scene(&assets, cars, step * 50_000_000)
             };
-            kit::render(&mut renderer, &scene(1), &mut view, kit::pose(0.0, -1.0, 1.5, [0.0; 3]), &[]);
-            kit::render(&mut renderer, &scene(2), &mut view, kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]), &all)
+            kit::render(
+                &mut renderer,
+                &scene(1),
+                &mut view,
+                kit::pose(0.0, -1.0, 1.5, [0.0; 3]),
+                &[],
+            );
+            kit::render(
+                &mut renderer,
+                &scene(2),
+                &mut view,
+                kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
+                &all,
+            )
         };
         let (drawn, computed) = (shoot(Rasteriser::Drawn), shoot(Rasteriser::Computed));
         let n_pixels = 320 * 240;
         for modality in all {
             let size = drawn[&modality].0.len() / n_pixels;
-            let pairs = drawn[&modality].0.chunks_exact(size).zip(computed[&modality].0.chunks_exact(size));
+            let pairs = drawn[&modality]
+                .0
+                .chunks_exact(size)
+                .zip(computed[&modality].0.chunks_exact(size));
             let differ = |(a, b): (&[u8], &[u8])| match modality {
                 Modality::Rgb => a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 8),
-                Modality::Depth | Modality::Flow => {
-                    kit::floats(a).iter().zip(kit::floats(b)).any(|(a, b)| (a - b).abs() > 1e-2 + 2e-3 * a.abs())
-                }
+                Modality::Depth | Modality::Flow => kit::floats(a)
+                    .iter()
+                    .zip(kit::floats(b))
+                    .any(|(a, b)| (a - b).abs() > 1e-2 + 2e-3 * a.abs()),
                 // Halves of unit vectors: one step.
-                Modality::Normals => a
-                    .chunks_exact(2)
-                    .zip(b.chunks_exact(2))
-                    .any(|(a, b)| u16::from_le_bytes([a[0], a[1]]).abs_diff(u16::from_le_bytes([b[0], b[1]])) > 2 && a[1] & 0x7c > 0x10),
+                Modality::Normals => a.chunks_exact(2).zip(b.chunks_exact(2)).any(|(a, b)| {
+                    u16::from_le_bytes([a[0], a[1]]).abs_diff(u16::from_le_bytes([b[0], b[1]])) > 2
+                        && a[1] & 0x7c > 0x10
+                }),
                 _ => a != b,
             };
             let n_differ = pairs.filter(|pair| differ(*pair)).count();
-            assert!(n_differ * 100 < n_pixels, "{quality:?} {modality:?}: {n_differ} of {n_pixels} pixels differ");
+            assert!(
+                n_differ * 100 < n_pixels,
+                "{quality:?} {modality:?}: {n_differ} of {n_pixels} pixels differ"
+            );
         }
     }
 }
@@ -165,20 +257,35 @@ fn computed_pictures_come_out_the_same_twice() {
     let gpu = kit::gpu();
     let assets = assets(shell(60, 3));
     let shoot = |n_views: usize| {
-        let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::High, Rasteriser::Computed);
+        let mut renderer =
+            CameraRenderer::with_rasteriser(&gpu, Quality::High, Rasteriser::Computed);
         let mut views: Vec<_> = (0..n_views).map(|_| kit::view(&gpu, 160, 120)).collect();
-        let mut bytes: Vec<Vec<u8>> = views.iter().map(|view| vec![0; view.payload_bytes(Modality::Rgb)]).collect();
+        let mut bytes: Vec<Vec<u8>> = views
+            .iter()
+            .map(|view| vec![0; view.payload_bytes(Modality::Rgb)])
+            .collect();
         let scene = kit::scene(&assets, vec![], 50_000_000);
         let pose = |i: usize| {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7 * i as f64);
             Isometry3::from_parts(Vector3::new(0.1, 0.2, 0.3).into(), turn)
         };
-        let jobs = views.iter_mut().zip(&mut bytes).enumerate().map(|(i, (view, bytes))| sensor_camera::ViewJob {
-            view,
-            world_from_sensor: pose(i),
-            outputs: vec![sensor_camera::Output { modality: Modality::Rgb, place: sensor_camera::Place::Memory(bytes) }],
-        });
-        renderer.render(&scene, jobs.collect()).unwrap().wait().unwrap();
+        let jobs = views
+            .iter_mut()
+            .zip(&mut bytes)
+            .enumerate()
+            .map(|(i, (view, bytes))| sensor_camera::ViewJob {
+                view,
+                world_from_sensor: pose(i),
+                outputs: vec![sensor_camera::Output {
+                    modality: Modality::Rgb,
+                    place: sensor_camera::Place::Memory(bytes),
+                }],
+            });
+        renderer
+            .render(&scene, jobs.collect())
+            .unwrap()
+            .wait()
+            .unwrap();
         bytes
     };
     let (once, again, alone) = (shoot(5), shoot(5), shoot(1));

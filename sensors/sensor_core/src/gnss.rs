@@ -1,11 +1,15 @@
 //! GNSS: latitude, longitude and altitude of a point of the world.
 //!
-//! Our world is OpenDRIVE's: **x east, y left of x and thus north**, z up. So y = −(CARLA's y), and driving towards +y raises the latitude.
-//! (CARLA 0.9.16 feeds its own y, which points south, into the same formula, so that driving north lowers its latitude.
+//! Our world is OpenDRIVE's: **x east, y left of x and thus north**, z up. So y = −(CARLA's y), and
+//! driving towards +y raises the latitude.
+//! (CARLA 0.9.16 feeds its own y, which points south, into the same formula, so that driving north
+//! lowers its latitude.
 //! A gateway that must agree with it mirrors y before it asks.)
 //!
-//! The projection is a transverse Mercator on a sphere of 6378137 m, scale 0.9996, its origin at the map's reference point:
-//! Snyder, *Map Projections: A Working Manual* (USGS 1395, 1987), equations 8-1 to 8-7. Exact inverse included.
+//! The projection is a transverse Mercator on a sphere of 6378137 m, scale 0.9996, its origin at
+//! the map's reference point:
+//! Snyder, *Map Projections: A Working Manual* (USGS 1395, 1987), equations 8-1 to 8-7. Exact
+//! inverse included.
 
 use nalgebra::{Point3, Vector3};
 use schema_frames::GnssSample;
@@ -29,7 +33,10 @@ pub struct GeoReference {
 impl Default for GeoReference {
     /// 42° N, 2° E: what maps without a reference get.
     fn default() -> Self {
-        GeoReference { latitude_deg: 42.0, longitude_deg: 2.0 }
+        GeoReference {
+            latitude_deg: 42.0,
+            longitude_deg: 2.0,
+        }
     }
 }
 
@@ -51,7 +58,11 @@ impl GeoReference {
         let north = point_in_world_m.y / (EARTH_RADIUS_M * SCALE) + self.latitude_deg.to_radians();
         let latitude = (north.sin() / east.cosh()).asin();
         let longitude = self.longitude_deg.to_radians() + east.sinh().atan2(north.cos());
-        GeoPoint { latitude_deg: latitude.to_degrees(), longitude_deg: wrap_deg(longitude.to_degrees()), altitude_m: point_in_world_m.z }
+        GeoPoint {
+            latitude_deg: latitude.to_degrees(),
+            longitude_deg: wrap_deg(longitude.to_degrees()),
+            altitude_m: point_in_world_m.z,
+        }
     }
 
     /// The point of the world at a place on Earth: the inverse of [`GeoReference::locate`].
@@ -60,8 +71,12 @@ impl GeoReference {
         let from_meridian = (place.longitude_deg - self.longitude_deg).to_radians();
         let east = (latitude.cos() * from_meridian.sin()).atanh();
         // atan2 of sine and cosine rather than of the tangent, so that the poles need no care.
-        let north = latitude.sin().atan2(latitude.cos() * from_meridian.cos()) - self.latitude_deg.to_radians();
-        Point3::from(Vector3::new(east, north, 0.0) * (EARTH_RADIUS_M * SCALE) + Vector3::z() * place.altitude_m)
+        let north = latitude.sin().atan2(latitude.cos() * from_meridian.cos())
+            - self.latitude_deg.to_radians();
+        Point3::from(
+            Vector3::new(east, north, 0.0) * (EARTH_RADIUS_M * SCALE)
+                + Vector3::z() * place.altitude_m,
+        )
     }
 }
 
@@ -70,14 +85,32 @@ fn wrap_deg(angle_deg: f64) -> f64 {
     180.0 - (180.0 - angle_deg).rem_euclid(360.0)
 }
 
-/// One fix of a receiver at `point_in_world_m`. Noise samples 0, 1, 2 go to latitude, longitude and altitude.
-pub fn sample(spec: &GnssSpec, reference: &GeoReference, point_in_world_m: &Point3<f64>, noise: Noise) -> GnssSample {
+/// One fix of a receiver at `point_in_world_m`. Noise samples 0, 1, 2 go to latitude, longitude and
+/// altitude.
+pub fn sample(
+    spec: &GnssSpec,
+    reference: &GeoReference,
+    point_in_world_m: &Point3<f64>,
+    noise: Noise,
+) -> GnssSample {
     let place = reference.locate(point_in_world_m);
-    let gaussian = |stddev: f64, number: u64| if stddev > 0.0 { stddev * noise.gaussian(number) } else { 0.0 };
+    let gaussian = |stddev: f64, number: u64| {
+        if stddev > 0.0 {
+            stddev * noise.gaussian(number)
+        } else {
+            0.0
+        }
+    };
     GnssSample {
-        latitude_deg: place.latitude_deg + spec.bias_position_deg[0] + gaussian(spec.noise_position_stddev_deg[0], 0),
-        longitude_deg: place.longitude_deg + spec.bias_position_deg[1] + gaussian(spec.noise_position_stddev_deg[1], 1),
-        altitude_m: place.altitude_m + spec.bias_altitude_m + gaussian(spec.noise_altitude_stddev_m, 2),
+        latitude_deg: place.latitude_deg
+            + spec.bias_position_deg[0]
+            + gaussian(spec.noise_position_stddev_deg[0], 0),
+        longitude_deg: place.longitude_deg
+            + spec.bias_position_deg[1]
+            + gaussian(spec.noise_position_stddev_deg[1], 1),
+        altitude_m: place.altitude_m
+            + spec.bias_altitude_m
+            + gaussian(spec.noise_altitude_stddev_m, 2),
         reserved: [0; 2],
     }
 }
@@ -89,43 +122,74 @@ mod tests {
     #[test]
     fn the_origin_is_the_reference() {
         let place = GeoReference::default().locate(&Point3::new(0.0, 0.0, 7.5));
-        assert!((place.latitude_deg - 42.0).abs() < 1e-12 && (place.longitude_deg - 2.0).abs() < 1e-12);
+        assert!(
+            (place.latitude_deg - 42.0).abs() < 1e-12 && (place.longitude_deg - 2.0).abs() < 1e-12
+        );
         assert_eq!(place.altitude_m, 7.5);
     }
 
     #[test]
     fn plus_y_is_north_and_plus_x_is_east_at_the_right_scale() {
-        let reference = GeoReference { latitude_deg: 60.0, longitude_deg: 10.0 };
-        // One degree of arc on the sphere is R·π/180; the map is 0.9996 of it. Circles of latitude shrink with cos 60° = ½.
+        let reference = GeoReference {
+            latitude_deg: 60.0,
+            longitude_deg: 10.0,
+        };
+        // One degree of arc on the sphere is R·π/180; the map is 0.9996 of it. Circles of latitude
+        // shrink with cos 60° = ½.
         let degree_m = EARTH_RADIUS_M * SCALE * 1f64.to_radians();
         let north = reference.locate(&Point3::new(0.0, degree_m, 0.0));
-        assert!((north.latitude_deg - 61.0).abs() < 1e-9 && (north.longitude_deg - 10.0).abs() < 1e-9);
+        assert!(
+            (north.latitude_deg - 61.0).abs() < 1e-9 && (north.longitude_deg - 10.0).abs() < 1e-9
+        );
         let east = reference.locate(&Point3::new(0.001 * degree_m, 0.0, 0.0));
-        assert!((east.longitude_deg - 10.002).abs() < 1e-8 && (east.latitude_deg - 60.0).abs() < 1e-6, "{east:?}");
+        assert!(
+            (east.longitude_deg - 10.002).abs() < 1e-8 && (east.latitude_deg - 60.0).abs() < 1e-6,
+            "{east:?}"
+        );
     }
 
     #[test]
     fn the_inverse_returns_to_the_millimetre() {
         let mut rng = fastrand::Rng::with_seed(11);
         for _ in 0..10_000 {
-            let reference = GeoReference { latitude_deg: rng.f64() * 170.0 - 85.0, longitude_deg: rng.f64() * 360.0 - 180.0 };
-            let point = Point3::new(rng.f64() * 2e4 - 1e4, rng.f64() * 2e4 - 1e4, rng.f64() * 100.0);
+            let reference = GeoReference {
+                latitude_deg: rng.f64() * 170.0 - 85.0,
+                longitude_deg: rng.f64() * 360.0 - 180.0,
+            };
+            let point = Point3::new(
+                rng.f64() * 2e4 - 1e4,
+                rng.f64() * 2e4 - 1e4,
+                rng.f64() * 100.0,
+            );
             let found = reference.point(&reference.locate(&point));
-            assert!((found - point).norm() < 1e-6, "{reference:?} {point} {found}");
+            assert!(
+                (found - point).norm() < 1e-6,
+                "{reference:?} {point} {found}"
+            );
         }
     }
 
     #[test]
     fn longitude_stays_within_half_a_turn() {
         assert_eq!(
-            [wrap_deg(190.0), wrap_deg(-190.0), wrap_deg(180.0), wrap_deg(-180.0), wrap_deg(0.0)],
+            [
+                wrap_deg(190.0),
+                wrap_deg(-190.0),
+                wrap_deg(180.0),
+                wrap_deg(-180.0),
+                wrap_deg(0.0)
+            ],
             [-170.0, 170.0, 180.0, 180.0, 0.0]
         );
     }
 
     #[test]
     fn noise_has_the_asked_spread_per_component() {
-        let spec = GnssSpec { noise_position_stddev_deg: [1e-5, 2e-5], noise_altitude_stddev_m: 3.0, ..Default::default() };
+        let spec = GnssSpec {
+            noise_position_stddev_deg: [1e-5, 2e-5],
+            noise_altitude_stddev_m: 3.0,
+            ..Default::default()
+        };
         let (reference, point) = (GeoReference::default(), Point3::new(100.0, 200.0, 3.0));
         let exact = reference.locate(&point);
         let n = 20_000;
@@ -140,11 +204,23 @@ mod tests {
             // Relative standard error of a standard deviation is 1/√(2n) = 0.5 %; five of them.
             assert!(((sum / n as f64).sqrt() / expected - 1.0).abs() < 0.025);
         }
-        let biased = GnssSpec { bias_position_deg: [0.5, -0.25], bias_altitude_m: 8.0, ..Default::default() };
+        let biased = GnssSpec {
+            bias_position_deg: [0.5, -0.25],
+            bias_altitude_m: 8.0,
+            ..Default::default()
+        };
         let found = sample(&biased, &reference, &point, Noise::new(1, 4, 1));
-        assert!((found.latitude_deg - exact.latitude_deg - 0.5).abs() < 1e-12 && (found.altitude_m - exact.altitude_m - 8.0).abs() < 1e-12);
+        assert!(
+            (found.latitude_deg - exact.latitude_deg - 0.5).abs() < 1e-12
+                && (found.altitude_m - exact.altitude_m - 8.0).abs() < 1e-12
+        );
         assert!((found.longitude_deg - exact.longitude_deg + 0.25).abs() < 1e-12);
-        let quiet = sample(&GnssSpec::default(), &reference, &point, Noise::new(1, 4, 1));
+        let quiet = sample(
+            &GnssSpec::default(),
+            &reference,
+            &point,
+            Noise::new(1, 4, 1),
+        );
         assert_eq!(
             (quiet.latitude_deg, quiet.longitude_deg, quiet.altitude_m),
             (exact.latitude_deg, exact.longitude_deg, exact.altitude_m)

@@ -1,9 +1,14 @@
-//! IMU: specific force, angular velocity and compass from the exact state of the body that carries it.
+//! IMU: specific force, angular velocity and compass from the exact state of the body that carries
+//! it.
 //!
-//! The specific force is the velocity gained by the sensor's own point over the tick, divided by the tick, less gravity, seen in the
-//! sensor's orientation at the middle of the tick: what a strap-down unit integrates. It is the second derivative of the position
-//! that a quadratic through three positions gives, but taken from velocities, because the physics engine's `f32` positions
-//! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and centripetal terms are included.
+//! The specific force is the velocity gained by the sensor's own point over the tick, divided by
+//! the tick, less gravity, seen in the
+//! sensor's orientation at the middle of the tick: what a strap-down unit integrates. It is the
+//! second derivative of the position
+//! that a quadratic through three positions gives, but taken from velocities, because the physics
+//! engine's `f32` positions
+//! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and
+//! centripetal terms are included.
 //!
 //! No clock, no state but the two last ticks; noise is a function of (seed, sensor, tick).
 
@@ -47,12 +52,15 @@ pub struct BodyMotion {
 impl BodyMotion {
     /// Adds the state at the end of a tick. A time that does not lie ahead begins the history anew.
     pub fn push(&mut self, state: BodyState) {
-        let ahead = self.current.is_some_and(|current| state.sim_time > current.sim_time);
+        let ahead = self
+            .current
+            .is_some_and(|current| state.sim_time > current.sim_time);
         self.previous = if ahead { self.current } else { None };
         self.current = Some(state);
     }
 
-    /// Forgets the history: after a teleport or a respawn, so that the jump does not read as an acceleration.
+    /// Forgets the history: after a teleport or a respawn, so that the jump does not read as an
+    /// acceleration.
     pub fn reset(&mut self) {
         *self = BodyMotion::default();
     }
@@ -67,7 +75,13 @@ impl BodyMotion {
             Some(before) => {
                 let dt_secs = (now.sim_time.0 - before.sim_time.0) as f64 * 1e-9;
                 let gained_mps = now.velocity_at(&arm_m) - before.velocity_at(&arm_m);
-                (gained_mps / dt_secs, halfway(&before.world_from_vehicle.rotation, &now.world_from_vehicle.rotation))
+                (
+                    gained_mps / dt_secs,
+                    halfway(
+                        &before.world_from_vehicle.rotation,
+                        &now.world_from_vehicle.rotation,
+                    ),
+                )
             }
             None => (Vector3::zeros(), now.world_from_vehicle.rotation),
         };
@@ -104,27 +118,46 @@ pub struct ImuInput {
 /// One sample. Noise samples 0–2 go to the specific force, 3–5 to the angular velocity (x, y, z).
 pub fn sample(spec: &ImuSpec, input: &ImuInput, noise: Noise) -> ImuSample {
     let lift = Vector3::z() * input.gravity_mps2;
-    let force = input.world_from_sensor_mid.inverse_transform_vector(&(input.acceleration_in_world_mps2 + lift));
-    let turn = input.world_from_sensor.inverse_transform_vector(&input.angular_velocity_in_world_radps);
-    let gaussian = |stddev: f64, number: u64| if stddev > 0.0 { stddev * noise.gaussian(number) } else { 0.0 };
+    let force = input
+        .world_from_sensor_mid
+        .inverse_transform_vector(&(input.acceleration_in_world_mps2 + lift));
+    let turn = input
+        .world_from_sensor
+        .inverse_transform_vector(&input.angular_velocity_in_world_radps);
+    let gaussian = |stddev: f64, number: u64| {
+        if stddev > 0.0 {
+            stddev * noise.gaussian(number)
+        } else {
+            0.0
+        }
+    };
     ImuSample {
-        specific_force_mps2: std::array::from_fn(|axis| force[axis] + gaussian(spec.noise_accel_stddev_mps2[axis], axis as u64)),
+        specific_force_mps2: std::array::from_fn(|axis| {
+            force[axis] + gaussian(spec.noise_accel_stddev_mps2[axis], axis as u64)
+        }),
         angular_velocity_radps: std::array::from_fn(|axis| {
-            turn[axis] + spec.bias_gyro_radps[axis] + gaussian(spec.noise_gyro_stddev_radps[axis], 3 + axis as u64)
+            turn[axis]
+                + spec.bias_gyro_radps[axis]
+                + gaussian(spec.noise_gyro_stddev_radps[axis], 3 + axis as u64)
         }),
         compass_rad: compass_rad(&input.world_from_sensor),
         reserved: [0; 2],
     }
 }
 
-/// Heading of the sensor's forward axis, clockwise from north (world +y), in [0, 2π). East is world +x.
+/// Heading of the sensor's forward axis, clockwise from north (world +y), in [0, 2π). East is world
+/// +x.
 ///
 /// A sensor that looks straight up or down reads 0.
 pub fn compass_rad(world_from_sensor: &UnitQuaternion<f64>) -> f64 {
     let forward = world_from_sensor * Vector3::x();
     let angle = forward.x.atan2(forward.y).rem_euclid(std::f64::consts::TAU);
     // A tiny negative angle plus 2π rounds to 2π itself.
-    if angle < std::f64::consts::TAU { angle } else { 0.0 }
+    if angle < std::f64::consts::TAU {
+        angle
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]
@@ -134,24 +167,40 @@ mod tests {
 
     const DT_NANOS: u64 = 10_000_000;
 
-    /// States of a body at ticks 1 and 2 from a closed-form motion of time in seconds, then the noiseless sample.
-    fn feel(mount: Isometry3<f64>, spec: &ImuSpec, state: impl Fn(f64) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>)) -> ImuSample {
+    /// States of a body at ticks 1 and 2 from a closed-form motion of time in seconds, then the
+    /// noiseless sample.
+    fn feel(
+        mount: Isometry3<f64>,
+        spec: &ImuSpec,
+        state: impl Fn(f64) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>),
+    ) -> ImuSample {
         let mut motion = BodyMotion::default();
         for tick in 1..=2 {
             let sim_time = SimTime(tick * DT_NANOS);
-            let (world_from_vehicle, velocity_in_world_mps, angular_velocity_in_world_radps) = state(sim_time.as_secs());
-            motion.push(BodyState { sim_time, world_from_vehicle, velocity_in_world_mps, angular_velocity_in_world_radps });
+            let (world_from_vehicle, velocity_in_world_mps, angular_velocity_in_world_radps) =
+                state(sim_time.as_secs());
+            motion.push(BodyState {
+                sim_time,
+                world_from_vehicle,
+                velocity_in_world_mps,
+                angular_velocity_in_world_radps,
+            });
         }
         sample(spec, &motion.at(&mount, 9.81).unwrap(), Noise::new(1, 2, 3))
     }
 
     fn close(found: [f64; 3], expected: [f64; 3], tolerance: f64) {
-        assert!((0..3).all(|axis| (found[axis] - expected[axis]).abs() < tolerance), "{found:?} is not {expected:?}");
+        assert!(
+            (0..3).all(|axis| (found[axis] - expected[axis]).abs() < tolerance),
+            "{found:?} is not {expected:?}"
+        );
     }
 
     #[test]
     fn at_rest_z_reads_plus_9_81() {
-        let sample = feel(Isometry3::identity(), &ImuSpec::default(), |_| (Isometry3::identity(), Vector3::zeros(), Vector3::zeros()));
+        let sample = feel(Isometry3::identity(), &ImuSpec::default(), |_| {
+            (Isometry3::identity(), Vector3::zeros(), Vector3::zeros())
+        });
         close(sample.specific_force_mps2, [0.0, 0.0, 9.81], 1e-12);
         close(sample.angular_velocity_radps, [0.0; 3], 1e-12);
     }
@@ -159,15 +208,22 @@ mod tests {
     #[test]
     fn free_fall_reads_nothing() {
         let sample = feel(Isometry3::identity(), &ImuSpec::default(), |t| {
-            (Isometry3::translation(3.0 * t, 0.0, -0.5 * 9.81 * t * t), Vector3::new(3.0, 0.0, -9.81 * t), Vector3::zeros())
+            (
+                Isometry3::translation(3.0 * t, 0.0, -0.5 * 9.81 * t * t),
+                Vector3::new(3.0, 0.0, -9.81 * t),
+                Vector3::zeros(),
+            )
         });
         close(sample.specific_force_mps2, [0.0; 3], 1e-9);
     }
 
     #[test]
     fn a_circle_at_constant_speed_reads_the_centripetal_acceleration_to_the_left() {
-        // 15 m/s on a radius of 30 m, turning left: v²/r = 7.5 m/s² along y, v/r = 0.5 rad/s about z.
-        let sample = feel(Isometry3::identity(), &ImuSpec::default(), |t| circle(15.0, 30.0, t));
+        // 15 m/s on a radius of 30 m, turning left: v²/r = 7.5 m/s² along y, v/r = 0.5 rad/s about
+        // z.
+        let sample = feel(Isometry3::identity(), &ImuSpec::default(), |t| {
+            circle(15.0, 30.0, t)
+        });
         // A chord over an angle of 0.005 rad is shorter than its arc by 0.005²/24 of it.
         close(sample.specific_force_mps2, [0.0, 7.5, 9.81], 7.5e-5);
         close(sample.angular_velocity_radps, [0.0, 0.0, 0.5], 1e-12);
@@ -181,27 +237,56 @@ mod tests {
         close(sample.specific_force_mps2, [0.0, 10.0, 9.81], 1e-4);
     }
 
-    fn circle(speed_mps: f64, radius_m: f64, t: f64) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
+    fn circle(
+        speed_mps: f64,
+        radius_m: f64,
+        t: f64,
+    ) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
         let (rate, angle) = (speed_mps / radius_m, speed_mps / radius_m * t);
         let position = Vector3::new(radius_m * angle.sin(), radius_m * (1.0 - angle.cos()), 0.0);
         let pose = Isometry3::new(position, Vector3::z() * angle);
-        (pose, pose.rotation * Vector3::x() * speed_mps, Vector3::z() * rate)
+        (
+            pose,
+            pose.rotation * Vector3::x() * speed_mps,
+            Vector3::z() * rate,
+        )
     }
 
     #[test]
     fn a_tilted_mount_splits_gravity_and_turn_between_its_axes() {
-        // Nose down by 30° (positive pitch about y): gravity's reaction shows on −x, and so does a turn about the vertical.
+        // Nose down by 30° (positive pitch about y): gravity's reaction shows on −x, and so does a
+        // turn about the vertical.
         let mount = Isometry3::rotation(Vector3::y() * (PI / 6.0));
-        let spec = ImuSpec { bias_gyro_radps: [0.01, 0.02, 0.03], ..Default::default() };
-        let sample = feel(mount, &spec, |t| (Isometry3::rotation(Vector3::z() * 0.4 * t), Vector3::zeros(), Vector3::z() * 0.4));
-        close(sample.specific_force_mps2, [-9.81 * 0.5, 0.0, 9.81 * (PI / 6.0).cos()], 1e-9);
-        close(sample.angular_velocity_radps, [-0.2 + 0.01, 0.02, 0.4 * (PI / 6.0).cos() + 0.03], 1e-12);
+        let spec = ImuSpec {
+            bias_gyro_radps: [0.01, 0.02, 0.03],
+            ..Default::default()
+        };
+        let sample = feel(mount, &spec, |t| {
+            (
+                Isometry3::rotation(Vector3::z() * 0.4 * t),
+                Vector3::zeros(),
+                Vector3::z() * 0.4,
+            )
+        });
+        close(
+            sample.specific_force_mps2,
+            [-9.81 * 0.5, 0.0, 9.81 * (PI / 6.0).cos()],
+            1e-9,
+        );
+        close(
+            sample.angular_velocity_radps,
+            [-0.2 + 0.01, 0.02, 0.4 * (PI / 6.0).cos() + 0.03],
+            1e-12,
+        );
     }
 
     #[test]
     fn compass_turns_clockwise_from_north() {
         let yaw = |angle: f64| compass_rad(&UnitQuaternion::from_euler_angles(0.0, 0.0, angle));
-        assert!(yaw(FRAC_PI_2).abs() < 1e-12 || yaw(FRAC_PI_2) > TAU - 1e-12, "facing +y is north");
+        assert!(
+            yaw(FRAC_PI_2).abs() < 1e-12 || yaw(FRAC_PI_2) > TAU - 1e-12,
+            "facing +y is north"
+        );
         assert!((yaw(0.0) - FRAC_PI_2).abs() < 1e-12, "facing +x is east");
         assert!((yaw(-FRAC_PI_2) - PI).abs() < 1e-12, "facing −y is south");
         assert!((yaw(PI) - 1.5 * PI).abs() < 1e-12, "facing −x is west");
@@ -223,9 +308,21 @@ mod tests {
         motion.push(state(1.0, 0.0));
         motion.reset();
         motion.push(state(1.1, 1e4));
-        assert_eq!(motion.at(&Isometry3::identity(), 9.81).unwrap().acceleration_in_world_mps2, Vector3::zeros());
+        assert_eq!(
+            motion
+                .at(&Isometry3::identity(), 9.81)
+                .unwrap()
+                .acceleration_in_world_mps2,
+            Vector3::zeros()
+        );
         motion.push(state(1.1, 0.0));
-        assert_eq!(motion.at(&Isometry3::identity(), 9.81).unwrap().acceleration_in_world_mps2, Vector3::zeros());
+        assert_eq!(
+            motion
+                .at(&Isometry3::identity(), 9.81)
+                .unwrap()
+                .acceleration_in_world_mps2,
+            Vector3::zeros()
+        );
     }
 
     #[test]
@@ -250,14 +347,21 @@ mod tests {
             assert_eq!(found, sample(&spec, &input, Noise::new(5, 9, tick)));
             for axis in 0..3 {
                 squares[axis] += (found.specific_force_mps2[axis] - [0.0, 0.0, 9.81][axis]).powi(2);
-                squares[3 + axis] += (found.angular_velocity_radps[axis] - spec.bias_gyro_radps[axis]).powi(2);
+                squares[3 + axis] +=
+                    (found.angular_velocity_radps[axis] - spec.bias_gyro_radps[axis]).powi(2);
                 gyro_sum[axis] += found.angular_velocity_radps[axis];
             }
         }
         for (i, expected) in [0.1, 0.2, 0.3, 0.01, 0.02, 0.03].into_iter().enumerate() {
             // Relative standard error of a standard deviation is 1/√(2n) = 0.5 %; five of them.
-            assert!(((squares[i] / n as f64).sqrt() / expected - 1.0).abs() < 0.025, "axis {i}");
+            assert!(
+                ((squares[i] / n as f64).sqrt() / expected - 1.0).abs() < 0.025,
+                "axis {i}"
+            );
         }
-        assert!((0..3).all(|axis| (gyro_sum[axis] / n as f64 - spec.bias_gyro_radps[axis]).abs() < 0.002));
+        assert!(
+            (0..3)
+                .all(|axis| (gyro_sum[axis] / n as f64 - spec.bias_gyro_radps[axis]).abs() < 0.002)
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! Eight `f32` side by side: written once over [`Lanes`], run with AVX2 where the processor has it and with plain arrays elsewhere.
+//! Eight `f32` side by side: written once over [`Lanes`], run with AVX2 where the processor has it
+//! and with plain arrays elsewhere.
 //!
-//! Every operation is exactly IEEE's, one at a time and never fused, so that both give the same bits.
+//! Every operation is exactly IEEE's, one at a time and never fused, so that both give the same
+//! bits.
 
 /// Eight numbers.
 pub trait Lanes: Copy {
@@ -43,7 +45,8 @@ pub trait Lanes: Copy {
     fn prefetch<T>(x: &T);
 }
 
-/// Work over eight lanes. Mark `run` and all it calls `#[inline(always)]`: what is not inlined is compiled for any processor.
+/// Work over eight lanes. Mark `run` and all it calls `#[inline(always)]`: what is not inlined is
+/// compiled for any processor.
 pub trait LaneWork {
     /// What comes of it.
     type Out;
@@ -109,15 +112,29 @@ impl Lanes for Array {
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        each(|i| if self.0[i] < other.0[i] { self.0[i] } else { other.0[i] })
+        each(|i| {
+            if self.0[i] < other.0[i] {
+                self.0[i]
+            } else {
+                other.0[i]
+            }
+        })
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        each(|i| if self.0[i] > other.0[i] { self.0[i] } else { other.0[i] })
+        each(|i| {
+            if self.0[i] > other.0[i] {
+                self.0[i]
+            } else {
+                other.0[i]
+            }
+        })
     }
     #[inline(always)]
     fn largest(self) -> f32 {
-        self.0.iter().fold(f32::NEG_INFINITY, |a, b| if a > *b { a } else { *b })
+        self.0
+            .iter()
+            .fold(f32::NEG_INFINITY, |a, b| if a > *b { a } else { *b })
     }
     #[inline(always)]
     fn le(self, other: Self) -> [bool; 8] {
@@ -148,7 +165,10 @@ impl Lanes for Array {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[expect(unsafe_code, reason = "vector instructions, asked for before they are used")]
+#[expect(
+    unsafe_code,
+    reason = "vector instructions, asked for before they are used"
+)]
 mod x86 {
     use std::arch::x86_64::*;
 
@@ -171,7 +191,8 @@ mod x86 {
     #[derive(Clone, Copy)]
     struct Avx(__m256);
 
-    /// SAFETY of every block: AVX2 is there (see [`Avx`]); loads and stores go to whole arrays, at any alignment.
+    /// SAFETY of every block: AVX2 is there (see [`Avx`]); loads and stores go to whole arrays, at
+    /// any alignment.
     impl Lanes for Avx {
         type Mask = Avx;
 
@@ -226,7 +247,10 @@ mod x86 {
         fn largest(self) -> f32 {
             // SAFETY: see the head of this impl.
             unsafe {
-                let four = _mm_max_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+                let four = _mm_max_ps(
+                    _mm256_castps256_ps128(self.0),
+                    _mm256_extractf128_ps::<1>(self.0),
+                );
                 let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
                 _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))
             }
@@ -276,7 +300,8 @@ mod x86 {
 mod tests {
     use super::*;
 
-    /// Every operation once, over numbers that hold NaN, infinities, zeros of both signs and subnormals.
+    /// Every operation once, over numbers that hold NaN, infinities, zeros of both signs and
+    /// subnormals.
     struct Everything<'a>(&'a [f32; 8], &'a [f32; 8]);
 
     impl LaneWork for Everything<'_> {
@@ -285,9 +310,26 @@ mod tests {
         #[inline(always)]
         fn run<L: Lanes>(self) -> Self::Out {
             let (a, b) = (L::load(self.0), L::load(self.1));
-            let masks = [a.le(b), a.lt(b), L::and(a.le(b), b.le(a)), L::or(a.lt(b), b.lt(a))];
-            let sums = [a.add(b), a.sub(b), a.mul(b), a.div(b), a.min(b), a.max(b), L::splat(3.5), L::select(masks[0], a, b)];
-            let bits = |x: L| x.store().map(|x| if x.is_nan() { 0x7fc0_0000 } else { x.to_bits() });
+            let masks = [
+                a.le(b),
+                a.lt(b),
+                L::and(a.le(b), b.le(a)),
+                L::or(a.lt(b), b.lt(a)),
+            ];
+            let sums = [
+                a.add(b),
+                a.sub(b),
+                a.mul(b),
+                a.div(b),
+                a.min(b),
+                a.max(b),
+                L::splat(3.5),
+                L::select(masks[0], a, b),
+            ];
+            let bits = |x: L| {
+                x.store()
+                    .map(|x| if x.is_nan() { 0x7fc0_0000 } else { x.to_bits() })
+            };
             (sums.map(bits).to_vec(), masks.map(L::bits).to_vec())
         }
     }
@@ -295,12 +337,32 @@ mod tests {
     #[test]
     fn vectors_and_arrays_give_the_same_bits() {
         let mut rng = fastrand::Rng::with_seed(5);
-        let special = [0.0, -0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-42, -1e-42, f32::MAX];
+        let special = [
+            0.0,
+            -0.0,
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            1e-42,
+            -1e-42,
+            f32::MAX,
+        ];
         for _ in 0..2000 {
-            let mut numbers =
-                || std::array::from_fn(|_| if rng.u8(0..4) == 0 { special[rng.usize(0..8)] } else { (rng.f32() - 0.5) * 100.0 });
+            let mut numbers = || {
+                std::array::from_fn(|_| {
+                    if rng.u8(0..4) == 0 {
+                        special[rng.usize(0..8)]
+                    } else {
+                        (rng.f32() - 0.5) * 100.0
+                    }
+                })
+            };
             let (a, b) = (numbers(), numbers());
-            assert_eq!(in_lanes(Everything(&a, &b)), in_arrays(Everything(&a, &b)), "{a:?} {b:?}");
+            assert_eq!(
+                in_lanes(Everything(&a, &b)),
+                in_arrays(Everything(&a, &b)),
+                "{a:?} {b:?}"
+            );
         }
     }
 
@@ -325,7 +387,10 @@ mod tests {
         }
         for lane in 0..8 {
             let numbers = std::array::from_fn(|i| if i == lane { 3.0 } else { -(i as f32) });
-            assert_eq!((in_lanes(Largest(numbers)), in_arrays(Largest(numbers))), (3.0, 3.0));
+            assert_eq!(
+                (in_lanes(Largest(numbers)), in_arrays(Largest(numbers))),
+                (3.0, 3.0)
+            );
         }
     }
 }

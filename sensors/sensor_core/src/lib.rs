@@ -1,6 +1,7 @@
 //! What every sensor shares: the scene it looks at, when it fires, its noise, IMU and GNSS models.
 //!
-//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, GPU or shared memory.
+//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, GPU or
+//! shared memory.
 
 #![warn(missing_docs)]
 

@@ -15,7 +15,8 @@ pub enum Material {
     Concrete = 2,
     /// Road paint.
     Paint = 3,
-    /// Wall with a procedural grid of windows; `Vertex::uv_m` runs along and up the facade in metres.
+    /// Wall with a procedural grid of windows; `Vertex::uv_m` runs along and up the facade in
+    /// metres.
     Facade = 4,
     /// Shop front: large panes at street level; `uv_m` as for `Facade`.
     ShopFront = 5,
@@ -35,7 +36,8 @@ pub enum Material {
     Metal = 12,
     /// Rubber, dark plastic.
     Rubber = 13,
-    /// A lamp: shines in its vertex colour when the instance's `lamps` has the bit `Vertex::lamp`, else dark.
+    /// A lamp: shines in its vertex colour when the instance's `lamps` has the bit `Vertex::lamp`,
+    /// else dark.
     Lamp = 14,
     /// Skin and cloth.
     Cloth = 15,
@@ -43,7 +45,8 @@ pub enum Material {
     Water = 16,
 }
 
-/// One corner. 36 bytes. Vertices are not shared between triangles of different class or object: labels are flat.
+/// One corner. 36 bytes. Vertices are not shared between triangles of different class or object:
+/// labels are flat.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Vertex {
@@ -75,7 +78,8 @@ pub struct Lod {
     pub first_idx: u32,
     /// Number of indices, a multiple of 3.
     pub n_indices: u32,
-    /// Distance from the eye to the mesh's bounding sphere up to which this level is drawn; `f32::INFINITY` for the last.
+    /// Distance from the eye to the mesh's bounding sphere up to which this level is drawn;
+    /// `f32::INFINITY` for the last.
     /// Beyond the last level's distance nothing is drawn. Rays always use level 0.
     pub until_m: f32,
 }
@@ -98,19 +102,36 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Triangles of the finest level as corner positions with the first corner's vertex (labels are flat).
+    /// Triangles of the finest level as corner positions with the first corner's vertex (labels are
+    /// flat).
     pub fn triangles(&self) -> impl Iterator<Item = ([[f32; 3]; 3], &Vertex)> {
-        let lod = self.lods.first().copied().unwrap_or(Lod { first_idx: 0, n_indices: 0, until_m: 0.0 });
+        let lod = self.lods.first().copied().unwrap_or(Lod {
+            first_idx: 0,
+            n_indices: 0,
+            until_m: 0.0,
+        });
         let range = lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize;
         self.indices[range].chunks_exact(3).map(|t| {
             let corner = |i: usize| &self.vertices[t[i] as usize];
-            ([corner(0).position_m, corner(1).position_m, corner(2).position_m], corner(0))
+            (
+                [
+                    corner(0).position_m,
+                    corner(1).position_m,
+                    corner(2).position_m,
+                ],
+                corner(0),
+            )
         })
     }
 
-    /// The same mesh with only those triangles whose first corner passes, in all levels of detail. Vertices stay.
+    /// The same mesh with only those triangles whose first corner passes, in all levels of detail.
+    /// Vertices stay.
     pub fn keeping(&self, mut passes: impl FnMut(&Vertex) -> bool) -> Mesh {
-        let mut kept = Mesh { indices: Vec::with_capacity(self.indices.len()), lods: Vec::new(), ..self.clone() };
+        let mut kept = Mesh {
+            indices: Vec::with_capacity(self.indices.len()),
+            lods: Vec::new(),
+            ..self.clone()
+        };
         kept.indices.clear();
         for lod in &self.lods {
             let first_idx = kept.indices.len() as u32;
@@ -120,14 +141,20 @@ impl Mesh {
                     kept.indices.extend(triangle);
                 }
             }
-            kept.lods.push(Lod { first_idx, n_indices: kept.indices.len() as u32 - first_idx, until_m: lod.until_m });
+            kept.lods.push(Lod {
+                first_idx,
+                n_indices: kept.indices.len() as u32 - first_idx,
+                until_m: lod.until_m,
+            });
         }
         kept
     }
 
     /// Number of triangles of the finest level.
     pub fn n_triangles(&self) -> usize {
-        self.lods.first().map_or(0, |lod| lod.n_indices as usize / 3)
+        self.lods
+            .first()
+            .map_or(0, |lod| lod.n_indices as usize / 3)
     }
 }
 
@@ -149,7 +176,13 @@ pub struct Surface {
 impl Surface {
     /// A surface that takes the instance's id.
     pub fn new(class: Class, material: Material, rgb: [u8; 3]) -> Self {
-        Surface { class, material, rgb, object: ObjectId::BACKGROUND, lamp: 0 }
+        Surface {
+            class,
+            material,
+            rgb,
+            object: ObjectId::BACKGROUND,
+            lamp: 0,
+        }
     }
 
     /// The same with an object id of its own.
@@ -159,7 +192,13 @@ impl Surface {
 
     /// A lamp: `rgb` shines when the instance's lamp bit is set.
     pub fn lamp(class: Class, rgb: [u8; 3], bit: u8) -> Self {
-        Surface { class, material: Material::Lamp, rgb, object: ObjectId::BACKGROUND, lamp: bit }
+        Surface {
+            class,
+            material: Material::Lamp,
+            rgb,
+            object: ObjectId::BACKGROUND,
+            lamp: bit,
+        }
     }
 }
 
@@ -173,7 +212,13 @@ pub struct MeshBuilder {
 impl MeshBuilder {
     /// An empty mesh.
     pub fn new(name: impl Into<String>) -> Self {
-        MeshBuilder { mesh: Mesh { name: name.into(), ..Default::default() }, level_first_idx: 0 }
+        MeshBuilder {
+            mesh: Mesh {
+                name: name.into(),
+                ..Default::default()
+            },
+            level_first_idx: 0,
+        }
     }
 
     /// Adds one triangle, counter-clockwise from outside; the normal is the face's.
@@ -181,26 +226,44 @@ impl MeshBuilder {
         self.polygon(surface, &corners_m, &[[0.0; 2]; 3]);
     }
 
-    /// Adds a convex polygon as a fan, counter-clockwise from outside, with surface coordinates per corner. Where the corners do not lie
+    /// Adds a convex polygon as a fan, counter-clockwise from outside, with surface coordinates per
+    /// corner. Where the corners do not lie
     /// in one plane, each triangle has its own normal.
     pub fn polygon(&mut self, surface: Surface, corners_m: &[[f32; 3]], uv_m: &[[f32; 2]]) {
-        assert_eq!(corners_m.len(), uv_m.len(), "one surface coordinate per corner");
+        assert_eq!(
+            corners_m.len(),
+            uv_m.len(),
+            "one surface coordinate per corner"
+        );
         let normal = newell_normal(corners_m);
         let fan = |i: usize| [corners_m[0], corners_m[i], corners_m[i + 1]];
         let is_flat = corners_m.len() <= 3
-            || (1..corners_m.len() - 1).all(|i| is_sliver(&fan(i)) || cosine(&newell_normal(&fan(i)), &normal) > FLAT_COSINE);
+            || (1..corners_m.len() - 1).all(|i| {
+                is_sliver(&fan(i)) || cosine(&newell_normal(&fan(i)), &normal) > FLAT_COSINE
+            });
         if is_flat {
             self.polygon_with_normals(surface, corners_m, &vec![normal; corners_m.len()], uv_m);
             return;
         }
         for i in (1..corners_m.len() - 1).filter(|i| !is_sliver(&fan(*i))) {
             let corners = fan(i);
-            self.polygon_with_normals(surface, &corners, &[newell_normal(&corners); 3], &[uv_m[0], uv_m[i], uv_m[i + 1]]);
+            self.polygon_with_normals(
+                surface,
+                &corners,
+                &[newell_normal(&corners); 3],
+                &[uv_m[0], uv_m[i], uv_m[i + 1]],
+            );
         }
     }
 
     /// As [`MeshBuilder::polygon`] with a unit normal per corner, for rounded shapes.
-    pub fn polygon_with_normals(&mut self, surface: Surface, corners_m: &[[f32; 3]], normals: &[[f32; 3]], uv_m: &[[f32; 2]]) {
+    pub fn polygon_with_normals(
+        &mut self,
+        surface: Surface,
+        corners_m: &[[f32; 3]],
+        normals: &[[f32; 3]],
+        uv_m: &[[f32; 2]],
+    ) {
         let base = self.mesh.vertices.len() as u32;
         for ((position_m, normal), uv_m) in corners_m.iter().zip(normals).zip(uv_m) {
             let snorm = |x: f32| (x.clamp(-1.0, 1.0) * 127.0).round() as i8;
@@ -228,21 +291,86 @@ impl MeshBuilder {
 
     /// Adds an axis-aligned box (six faces).
     pub fn cuboid(&mut self, surface: Surface, centre_m: [f32; 3], half_m: [f32; 3]) {
-        let at = |sx: f32, sy: f32, sz: f32| [centre_m[0] + sx * half_m[0], centre_m[1] + sy * half_m[1], centre_m[2] + sz * half_m[2]];
+        let at = |sx: f32, sy: f32, sz: f32| {
+            [
+                centre_m[0] + sx * half_m[0],
+                centre_m[1] + sy * half_m[1],
+                centre_m[2] + sz * half_m[2],
+            ]
+        };
         let (w, d, h) = (2.0 * half_m[0], 2.0 * half_m[1], 2.0 * half_m[2]);
         let uv = |a: f32, b: f32| [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]];
-        self.quad(surface, [at(1., -1., -1.), at(1., 1., -1.), at(1., 1., 1.), at(1., -1., 1.)], uv(d, h));
-        self.quad(surface, [at(-1., 1., -1.), at(-1., -1., -1.), at(-1., -1., 1.), at(-1., 1., 1.)], uv(d, h));
-        self.quad(surface, [at(1., 1., -1.), at(-1., 1., -1.), at(-1., 1., 1.), at(1., 1., 1.)], uv(w, h));
-        self.quad(surface, [at(-1., -1., -1.), at(1., -1., -1.), at(1., -1., 1.), at(-1., -1., 1.)], uv(w, h));
-        self.quad(surface, [at(-1., -1., 1.), at(1., -1., 1.), at(1., 1., 1.), at(-1., 1., 1.)], uv(w, d));
-        self.quad(surface, [at(-1., 1., -1.), at(1., 1., -1.), at(1., -1., -1.), at(-1., -1., -1.)], uv(w, d));
+        self.quad(
+            surface,
+            [
+                at(1., -1., -1.),
+                at(1., 1., -1.),
+                at(1., 1., 1.),
+                at(1., -1., 1.),
+            ],
+            uv(d, h),
+        );
+        self.quad(
+            surface,
+            [
+                at(-1., 1., -1.),
+                at(-1., -1., -1.),
+                at(-1., -1., 1.),
+                at(-1., 1., 1.),
+            ],
+            uv(d, h),
+        );
+        self.quad(
+            surface,
+            [
+                at(1., 1., -1.),
+                at(-1., 1., -1.),
+                at(-1., 1., 1.),
+                at(1., 1., 1.),
+            ],
+            uv(w, h),
+        );
+        self.quad(
+            surface,
+            [
+                at(-1., -1., -1.),
+                at(1., -1., -1.),
+                at(1., -1., 1.),
+                at(-1., -1., 1.),
+            ],
+            uv(w, h),
+        );
+        self.quad(
+            surface,
+            [
+                at(-1., -1., 1.),
+                at(1., -1., 1.),
+                at(1., 1., 1.),
+                at(-1., 1., 1.),
+            ],
+            uv(w, d),
+        );
+        self.quad(
+            surface,
+            [
+                at(-1., 1., -1.),
+                at(1., 1., -1.),
+                at(1., -1., -1.),
+                at(-1., -1., -1.),
+            ],
+            uv(w, d),
+        );
     }
 
-    /// Ends the current level of detail: what was added since the last call is drawn up to `until_m`.
+    /// Ends the current level of detail: what was added since the last call is drawn up to
+    /// `until_m`.
     pub fn end_level(&mut self, until_m: f32) {
         let n_indices = self.mesh.indices.len() as u32 - self.level_first_idx;
-        self.mesh.lods.push(Lod { first_idx: self.level_first_idx, n_indices, until_m });
+        self.mesh.lods.push(Lod {
+            first_idx: self.level_first_idx,
+            n_indices,
+            until_m,
+        });
         self.level_first_idx = self.mesh.indices.len() as u32;
     }
 
@@ -265,9 +393,19 @@ impl MeshBuilder {
         }
         if !self.mesh.vertices.is_empty() {
             let centre: [f32; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
-            let distance2 = |v: &Vertex| (0..3).map(|axis| (v.position_m[axis] - centre[axis]).powi(2)).sum::<f32>();
+            let distance2 = |v: &Vertex| {
+                (0..3)
+                    .map(|axis| (v.position_m[axis] - centre[axis]).powi(2))
+                    .sum::<f32>()
+            };
             self.mesh.centre_m = centre;
-            self.mesh.radius_m = self.mesh.vertices.iter().map(distance2).fold(0.0, f32::max).sqrt();
+            self.mesh.radius_m = self
+                .mesh
+                .vertices
+                .iter()
+                .map(distance2)
+                .fold(0.0, f32::max)
+                .sqrt();
         }
         self.mesh
     }
@@ -282,7 +420,8 @@ fn cosine(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 /// Whether a triangle is so thin, under a tenth of a millimetre, that its normal says nothing.
 fn is_sliver([a, b, c]: &[[f32; 3]; 3]) -> bool {
-    let side = |p: &[f32; 3], q: &[f32; 3]| nalgebra::Vector3::from(*q) - nalgebra::Vector3::from(*p);
+    let side =
+        |p: &[f32; 3], q: &[f32; 3]| nalgebra::Vector3::from(*q) - nalgebra::Vector3::from(*p);
     let (ab, ac, bc) = (side(a, b), side(a, c), side(b, c));
     ab.cross(&ac).norm() < 1e-4 * ab.norm().max(ac.norm()).max(bc.norm())
 }
@@ -297,7 +436,11 @@ fn newell_normal(corners_m: &[[f32; 3]]) -> [f32; 3] {
         n[2] += (a[0] - b[0]) * (a[1] + b[1]);
     }
     let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-    if length > 0.0 { n.map(|x| x / length) } else { [0.0, 0.0, 1.0] }
+    if length > 0.0 {
+        n.map(|x| x / length)
+    } else {
+        [0.0, 0.0, 1.0]
+    }
 }
 
 #[cfg(test)]
@@ -309,13 +452,25 @@ mod tests {
         let surface = Surface::new(Class::STATIC, Material::Matte, [200; 3]);
         for (rise_m, n_vertices) in [(0.0, 4), (0.4, 6)] {
             let mut builder = MeshBuilder::new("quad");
-            builder.quad(surface, [[0.0; 3], [2.0, 0.0, 0.0], [2.0, 1.0, rise_m], [0.0, 1.0, 0.0]], [[0.0; 2]; 4]);
+            builder.quad(
+                surface,
+                [
+                    [0.0; 3],
+                    [2.0, 0.0, 0.0],
+                    [2.0, 1.0, rise_m],
+                    [0.0, 1.0, 0.0],
+                ],
+                [[0.0; 2]; 4],
+            );
             let mesh = builder.finish();
             assert_eq!((mesh.n_triangles(), mesh.vertices.len()), (2, n_vertices));
             for ([a, b, c], vertex) in mesh.triangles() {
                 let [a, b, c] = [a, b, c].map(nalgebra::Vector3::from);
                 let face = (b - a).cross(&(c - a)).normalize();
-                let stored = nalgebra::Vector3::new(vertex.normal[0], vertex.normal[1], vertex.normal[2]).cast::<f32>().normalize();
+                let stored =
+                    nalgebra::Vector3::new(vertex.normal[0], vertex.normal[1], vertex.normal[2])
+                        .cast::<f32>()
+                        .normalize();
                 assert!(face.angle(&stored).to_degrees() < 0.5, "{face} {stored}");
             }
         }
@@ -324,15 +479,28 @@ mod tests {
     #[test]
     fn cuboid_faces_point_outwards() {
         let mut builder = MeshBuilder::new("box");
-        builder.cuboid(Surface::new(Class::STATIC, Material::Matte, [200; 3]), [1.0, 2.0, 3.0], [0.5, 1.0, 2.0]);
+        builder.cuboid(
+            Surface::new(Class::STATIC, Material::Matte, [200; 3]),
+            [1.0, 2.0, 3.0],
+            [0.5, 1.0, 2.0],
+        );
         let mesh = builder.finish();
         assert_eq!(mesh.n_triangles(), 12);
         for (corners, vertex) in mesh.triangles() {
-            let centroid: [f32; 3] = std::array::from_fn(|axis| (corners[0][axis] + corners[1][axis] + corners[2][axis]) / 3.0);
-            let outwards: f32 = (0..3).map(|axis| (centroid[axis] - [1.0, 2.0, 3.0][axis]) * vertex.normal[axis] as f32).sum();
+            let centroid: [f32; 3] = std::array::from_fn(|axis| {
+                (corners[0][axis] + corners[1][axis] + corners[2][axis]) / 3.0
+            });
+            let outwards: f32 = (0..3)
+                .map(|axis| (centroid[axis] - [1.0, 2.0, 3.0][axis]) * vertex.normal[axis] as f32)
+                .sum();
             assert!(outwards > 0.0, "{corners:?} {:?}", vertex.normal);
             let face = newell_normal(&corners);
-            assert!((0..3).map(|axis| face[axis] * vertex.normal[axis] as f32).sum::<f32>() > 126.0);
+            assert!(
+                (0..3)
+                    .map(|axis| face[axis] * vertex.normal[axis] as f32)
+                    .sum::<f32>()
+                    > 126.0
+            );
         }
         assert!((mesh.radius_m - (0.25f32 + 1.0 + 4.0).sqrt()).abs() < 1e-5);
     }

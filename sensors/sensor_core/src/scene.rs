@@ -13,7 +13,8 @@ use crate::mesh::Mesh;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct MeshId(pub u32);
 
-/// A mesh that stands still for the whole episode. Its triangles carry their own object ids where they differ.
+/// A mesh that stands still for the whole episode. Its triangles carry their own object ids where
+/// they differ.
 #[derive(Clone, Debug)]
 pub struct StaticInstance {
     /// Mesh.
@@ -57,14 +58,16 @@ impl SceneAssets {
         MeshId(self.meshes.len() as u32 - 1)
     }
 
-    /// The same without some objects of the scenery: their instances go, and their triangles in meshes that show several objects.
+    /// The same without some objects of the scenery: their instances go, and their triangles in
+    /// meshes that show several objects.
     pub fn without(&self, hidden: &BTreeSet<ObjectId>) -> SceneAssets {
         let mut left = self.clone();
         left.hidden.extend(hidden);
         if hidden.is_empty() {
             return left;
         }
-        left.statics.retain(|instance| !hidden.contains(&instance.object));
+        left.statics
+            .retain(|instance| !hidden.contains(&instance.object));
         // Vertices come in runs of one object, so most questions are answered by the one before.
         let mut last = (ObjectId::BACKGROUND, false);
         let mut is_hidden = |id: u32| {
@@ -75,7 +78,11 @@ impl SceneAssets {
         };
         let mut empty = BTreeSet::new();
         for (i, mesh) in left.meshes.iter_mut().enumerate() {
-            if mesh.vertices.iter().any(|vertex| is_hidden(vertex.object_id)) {
+            if mesh
+                .vertices
+                .iter()
+                .any(|vertex| is_hidden(vertex.object_id))
+            {
                 let shown = mesh.keeping(|vertex| !is_hidden(vertex.object_id));
                 if shown.indices.is_empty() {
                     empty.insert(MeshId(i as u32));
@@ -83,7 +90,8 @@ impl SceneAssets {
                 *mesh = Arc::new(shown);
             }
         }
-        left.statics.retain(|instance| !empty.contains(&instance.mesh));
+        left.statics
+            .retain(|instance| !empty.contains(&instance.mesh));
         left
     }
 
@@ -129,8 +137,17 @@ pub struct Sun {
 impl Sun {
     /// The sun of a weather.
     pub fn of(weather: &Weather) -> Sun {
-        let (azimuth, altitude) = ((weather.sun_azimuth_deg as f64).to_radians(), (weather.sun_altitude_deg as f64).to_radians());
-        Sun { towards: Vector3::new(altitude.cos() * azimuth.cos(), altitude.cos() * azimuth.sin(), altitude.sin()) }
+        let (azimuth, altitude) = (
+            (weather.sun_azimuth_deg as f64).to_radians(),
+            (weather.sun_altitude_deg as f64).to_radians(),
+        );
+        Sun {
+            towards: Vector3::new(
+                altitude.cos() * azimuth.cos(),
+                altitude.cos() * azimuth.sin(),
+                altitude.sin(),
+            ),
+        }
     }
 }
 

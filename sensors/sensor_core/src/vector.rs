@@ -1,9 +1,13 @@
-//! The widest vector instructions of the processor this runs on, for loops over numbers that the compiler vectorises.
+//! The widest vector instructions of the processor this runs on, for loops over numbers that the
+//! compiler vectorises.
 //!
-//! Programs are built for any processor of their kind. Work given to [`vectorised`] is compiled twice, and the copy that fits is run. Both
-//! copies do the same arithmetic in the same order (nothing is fused), so that results do not depend on the processor.
+//! Programs are built for any processor of their kind. Work given to [`vectorised`] is compiled
+//! twice, and the copy that fits is run. Both
+//! copies do the same arithmetic in the same order (nothing is fused), so that results do not
+//! depend on the processor.
 
-/// Work in plain arithmetic. Mark `run` and all it calls `#[inline(always)]`: what is not inlined is compiled for any processor.
+/// Work in plain arithmetic. Mark `run` and all it calls `#[inline(always)]`: what is not inlined
+/// is compiled for any processor.
 pub trait VectorWork {
     /// What comes of it.
     type Out;
@@ -17,7 +21,10 @@ pub trait VectorWork {
 pub fn vectorised<W: VectorWork>(work: W) -> W::Out {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") {
-        #[expect(unsafe_code, reason = "an instruction set is asked for before it is used")]
+        #[expect(
+            unsafe_code,
+            reason = "an instruction set is asked for before it is used"
+        )]
         // SAFETY: AVX2 was just found on this processor.
         return unsafe { with_avx2(work) };
     }
@@ -41,7 +48,13 @@ mod tests {
 
         #[inline(always)]
         fn run(self) -> f32 {
-            self.0.chunks_exact(8).fold([0.0; 8], |sum: [f32; 8], x| std::array::from_fn(|i| sum[i] + x[i] * 3.0)).iter().sum()
+            self.0
+                .chunks_exact(8)
+                .fold([0.0; 8], |sum: [f32; 8], x| {
+                    std::array::from_fn(|i| sum[i] + x[i] * 3.0)
+                })
+                .iter()
+                .sum()
         }
     }
 
@@ -49,6 +62,9 @@ mod tests {
     fn results_do_not_depend_on_the_instructions() {
         let mut rng = fastrand::Rng::with_seed(1);
         let numbers: Vec<f32> = (0..4096).map(|_| rng.f32() - 0.5).collect();
-        assert_eq!(vectorised(Sum(&numbers)).to_bits(), Sum(&numbers).run().to_bits());
+        assert_eq!(
+            vectorised(Sum(&numbers)).to_bits(),
+            Sum(&numbers).run().to_bits()
+        );
     }
 }

@@ -1,9 +1,14 @@
-//! Copies out of textures and buffers: one batch per submission, three ways to the reader, one interface.
+//! Copies out of textures and buffers: one batch per submission, three ways to the reader, one
+//! interface.
 //!
-//! Imported targets get a raw `vkCmdCopyImageToBuffer` with tight rows, because wgpu's own copy pads rows to 256 bytes. Textures that the
-//! copy queue may read are copied there ([`crate::copy_queue`]), beside what is drawn next. All else is copied behind the drawing: the
-//! caller's passes and the transitions to COPY_SRC/COPY_DST (first encoder), the raw copies (second; wgpu does not allow raw and ordinary
-//! calls in one encoder), the transition that makes the bytes visible to the host (third), all in one submit. What has no imported target
+//! Imported targets get a raw `vkCmdCopyImageToBuffer` with tight rows, because wgpu's own copy
+//! pads rows to 256 bytes. Textures that the
+//! copy queue may read are copied there ([`crate::copy_queue`]), beside what is drawn next. All
+//! else is copied behind the drawing: the
+//! caller's passes and the transitions to COPY_SRC/COPY_DST (first encoder), the raw copies
+//! (second; wgpu does not allow raw and ordinary
+//! calls in one encoder), the transition that makes the bytes visible to the host (third), all in
+//! one submit. What has no imported target
 //! goes through staging buffers.
 
 use std::sync::Arc;
@@ -20,11 +25,13 @@ use crate::target::ShmTarget;
 /// Where bytes go.
 #[derive(Debug)]
 pub enum Place<'a> {
-    /// A range of a target that begins at this offset; the caller holds it alone (see [`ShmTarget::import`]).
+    /// A range of a target that begins at this offset; the caller holds it alone (see
+    /// [`ShmTarget::import`]).
     Shm {
         /// The segment.
         target: Arc<ShmTarget>,
-        /// Where the payload begins, bytes from the segment's base; a multiple of 4 and of the element size.
+        /// Where the payload begins, bytes from the segment's base; a multiple of 4 and of the
+        /// element size.
         offset_bytes: usize,
         /// Length of the payload's memory.
         capacity_bytes: usize,
@@ -53,9 +60,14 @@ impl Place<'_> {
     /// The memory itself, for what the CPU makes in place.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         match self {
-            // SAFETY: the constructors of `ShmTarget` make the caller promise that the range of a place is nobody else's; `&mut self`
+            // SAFETY: the constructors of `ShmTarget` make the caller promise that the range of a
+            // place is nobody else's; `&mut self`
             // keeps the slice single.
-            Place::Shm { target, offset_bytes, capacity_bytes } => unsafe { target.range_mut(*offset_bytes, *capacity_bytes) },
+            Place::Shm {
+                target,
+                offset_bytes,
+                capacity_bytes,
+            } => unsafe { target.range_mut(*offset_bytes, *capacity_bytes) },
             Place::Memory(memory) => memory,
         }
     }
@@ -64,21 +76,44 @@ impl Place<'_> {
 /// Where a copy comes from.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
-    Texture { texture: wgpu::Texture, layer: u32, row_bytes: usize, n_rows: usize },
-    Buffer { buffer: wgpu::Buffer, offset_bytes: u64, n_bytes: usize },
+    Texture {
+        texture: wgpu::Texture,
+        layer: u32,
+        row_bytes: usize,
+        n_rows: usize,
+    },
+    Buffer {
+        buffer: wgpu::Buffer,
+        offset_bytes: u64,
+        n_bytes: usize,
+    },
 }
 
 impl Source {
     fn of_texture(texture: &wgpu::Texture, layer: u32, element_bytes: usize) -> Source {
-        assert!(layer < texture.depth_or_array_layers(), "layer {layer} of a texture that has {}", texture.depth_or_array_layers());
-        let (row_bytes, n_rows) = (texture.width() as usize * element_bytes, texture.height() as usize);
-        Source::Texture { texture: texture.clone(), layer, row_bytes, n_rows }
+        assert!(
+            layer < texture.depth_or_array_layers(),
+            "layer {layer} of a texture that has {}",
+            texture.depth_or_array_layers()
+        );
+        let (row_bytes, n_rows) = (
+            texture.width() as usize * element_bytes,
+            texture.height() as usize,
+        );
+        Source::Texture {
+            texture: texture.clone(),
+            layer,
+            row_bytes,
+            n_rows,
+        }
     }
 
     /// Bytes without padding.
     pub fn n_bytes(&self) -> usize {
         match self {
-            Source::Texture { row_bytes, n_rows, .. } => row_bytes * n_rows,
+            Source::Texture {
+                row_bytes, n_rows, ..
+            } => row_bytes * n_rows,
             Source::Buffer { n_bytes, .. } => *n_bytes,
         }
     }
@@ -86,7 +121,10 @@ impl Source {
     /// Row length and distance between rows in a staging buffer.
     pub fn staged_rows(&self) -> (usize, usize) {
         match self {
-            Source::Texture { row_bytes, .. } => (*row_bytes, row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize)),
+            Source::Texture { row_bytes, .. } => (
+                *row_bytes,
+                row_bytes.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize),
+            ),
             Source::Buffer { n_bytes, .. } => (*n_bytes, n_bytes.next_multiple_of(4)),
         }
     }
@@ -139,18 +177,36 @@ impl<'a> CopyBatch<'a> {
         CopyBatch::default()
     }
 
-    /// Copies a whole colour texture, rows tight. Its usage must contain `COPY_SRC`; `element_bytes` is the size of a texel.
-    pub fn texture(&mut self, texture: &wgpu::Texture, element_bytes: usize, place: Place<'a>) -> usize {
+    /// Copies a whole colour texture, rows tight. Its usage must contain `COPY_SRC`;
+    /// `element_bytes` is the size of a texel.
+    pub fn texture(
+        &mut self,
+        texture: &wgpu::Texture,
+        element_bytes: usize,
+        place: Place<'a>,
+    ) -> usize {
         self.texture_layer(texture, 0, element_bytes, place)
     }
 
     /// The same for one layer of a texture.
-    pub fn texture_layer(&mut self, texture: &wgpu::Texture, layer: u32, element_bytes: usize, place: Place<'a>) -> usize {
-        self.push(Source::of_texture(texture, layer, element_bytes), place, None)
+    pub fn texture_layer(
+        &mut self,
+        texture: &wgpu::Texture,
+        layer: u32,
+        element_bytes: usize,
+        place: Place<'a>,
+    ) -> usize {
+        self.push(
+            Source::of_texture(texture, layer, element_bytes),
+            place,
+            None,
+        )
     }
 
-    /// The same for a texture that [`Gpu::shared_texture_layers`] made and said to be shared: its copy goes on beside later submissions. Each of
-    /// those that writes to a texture of the group `reads` has to say so with [`CopyBatch::overwrites`] or [`Gpu::submit_overwriting`].
+    /// The same for a texture that [`Gpu::shared_texture_layers`] made and said to be shared: its
+    /// copy goes on beside later submissions. Each of
+    /// those that writes to a texture of the group `reads` has to say so with
+    /// [`CopyBatch::overwrites`] or [`Gpu::submit_overwriting`].
     pub fn shared_layer(
         &mut self,
         texture: &wgpu::Texture,
@@ -159,44 +215,107 @@ impl<'a> CopyBatch<'a> {
         place: Place<'a>,
         reads: &Arc<Reads>,
     ) -> usize {
-        self.push(Source::of_texture(texture, layer, element_bytes), place, Some(reads.clone()))
+        self.push(
+            Source::of_texture(texture, layer, element_bytes),
+            place,
+            Some(reads.clone()),
+        )
     }
 
-    /// Says that the submission writes to textures of a group: on the GPU it waits for copies of earlier submissions that read them.
+    /// Says that the submission writes to textures of a group: on the GPU it waits for copies of
+    /// earlier submissions that read them.
     pub fn overwrites(&mut self, reads: &Arc<Reads>) {
-        if !self.overwritten.iter().any(|known| Arc::ptr_eq(known, reads)) {
+        if !self
+            .overwritten
+            .iter()
+            .any(|known| Arc::ptr_eq(known, reads))
+        {
             self.overwritten.push(reads.clone());
         }
     }
 
-    /// Copies part of a buffer; `offset_bytes` and `n_bytes` are multiples of 4 and its usage contains `COPY_SRC`.
-    pub fn buffer(&mut self, buffer: &wgpu::Buffer, offset_bytes: u64, n_bytes: usize, place: Place<'a>) -> usize {
-        self.push(Source::Buffer { buffer: buffer.clone(), offset_bytes, n_bytes }, place, None)
+    /// Copies part of a buffer; `offset_bytes` and `n_bytes` are multiples of 4 and its usage
+    /// contains `COPY_SRC`.
+    pub fn buffer(
+        &mut self,
+        buffer: &wgpu::Buffer,
+        offset_bytes: u64,
+        n_bytes: usize,
+        place: Place<'a>,
+    ) -> usize {
+        self.push(
+            Source::Buffer {
+                buffer: buffer.clone(),
+                offset_bytes,
+                n_bytes,
+            },
+            place,
+            None,
+        )
     }
 
     /// Copies a layer of a colour texture to where [`InFlight::wait`] leaves it mapped for the CPU.
-    pub fn map_texture(&mut self, texture: &wgpu::Texture, layer: u32, element_bytes: usize) -> usize {
+    pub fn map_texture(
+        &mut self,
+        texture: &wgpu::Texture,
+        layer: u32,
+        element_bytes: usize,
+    ) -> usize {
         self.map(Source::of_texture(texture, layer, element_bytes))
     }
 
-    /// Copies part of a buffer to where [`InFlight::wait`] leaves it mapped for the CPU; conditions as for [`CopyBatch::buffer`].
-    pub fn map_buffer(&mut self, buffer: &wgpu::Buffer, offset_bytes: u64, n_bytes: usize) -> usize {
-        self.map(Source::Buffer { buffer: buffer.clone(), offset_bytes, n_bytes })
+    /// Copies part of a buffer to where [`InFlight::wait`] leaves it mapped for the CPU; conditions
+    /// as for [`CopyBatch::buffer`].
+    pub fn map_buffer(
+        &mut self,
+        buffer: &wgpu::Buffer,
+        offset_bytes: u64,
+        n_bytes: usize,
+    ) -> usize {
+        self.map(Source::Buffer {
+            buffer: buffer.clone(),
+            offset_bytes,
+            n_bytes,
+        })
     }
 
     fn map(&mut self, source: Source) -> usize {
-        self.items.push(Item { source, sink: Sink::Mapped, staging: None, shared: None });
+        self.items.push(Item {
+            source,
+            sink: Sink::Mapped,
+            staging: None,
+            shared: None,
+        });
         self.items.len() - 1
     }
 
     fn push(&mut self, source: Source, place: Place<'a>, shared: Option<Arc<Reads>>) -> usize {
         let (needed, room) = (source.n_bytes(), place.capacity_bytes());
-        assert!(needed <= room, "a copy of {needed} bytes does not fit {room} bytes");
-        if let Place::Shm { target, offset_bytes, capacity_bytes } = &place {
-            assert!(offset_bytes.is_multiple_of(4), "offset {offset_bytes} is not a multiple of 4");
-            assert!(offset_bytes + capacity_bytes <= target.n_bytes(), "the place leaves its segment");
+        assert!(
+            needed <= room,
+            "a copy of {needed} bytes does not fit {room} bytes"
+        );
+        if let Place::Shm {
+            target,
+            offset_bytes,
+            capacity_bytes,
+        } = &place
+        {
+            assert!(
+                offset_bytes.is_multiple_of(4),
+                "offset {offset_bytes} is not a multiple of 4"
+            );
+            assert!(
+                offset_bytes + capacity_bytes <= target.n_bytes(),
+                "the place leaves its segment"
+            );
         }
-        self.items.push(Item { source, sink: Sink::Place(place), staging: None, shared });
+        self.items.push(Item {
+            source,
+            sink: Sink::Place(place),
+            staging: None,
+            shared,
+        });
         self.items.len() - 1
     }
 
@@ -213,9 +332,13 @@ impl<'a> CopyBatch<'a> {
             }
         }
         let imported = self.items.iter().filter(|item| item.imported().is_some());
-        let (beside, behind): (Vec<_>, Vec<_>) = imported.partition(|item| item.shared.is_some() && gpu.copy_queue().is_some());
+        let (beside, behind): (Vec<_>, Vec<_>) =
+            imported.partition(|item| item.shared.is_some() && gpu.copy_queue().is_some());
         record_transitions(&mut encoder, &behind, &beside);
-        let marks = gpu.copy_queue().filter(|_| !beside.is_empty() && gpu.is_timing()).and_then(CopyQueue::new_marks);
+        let marks = gpu
+            .copy_queue()
+            .filter(|_| !beside.is_empty() && gpu.is_timing())
+            .and_then(CopyQueue::new_marks);
         let mut commands = Vec::with_capacity(4);
         if let (Some(queue), Some(marks)) = (gpu.copy_queue(), &marks) {
             let mut reset = gpu.encoder("marks of copies");
@@ -235,10 +358,16 @@ impl<'a> CopyBatch<'a> {
             record_visible(&mut visible, &behind);
             gpu.mark(&mut visible, "copies");
             let pending = gpu.close_marks(&mut visible);
-            commands.extend([encoder.finish(), record_behind(gpu, &behind), visible.finish()]);
+            commands.extend([
+                encoder.finish(),
+                record_behind(gpu, &behind),
+                visible.finish(),
+            ]);
             pending
         };
-        let (submission, beside) = gpu.time("submit", || submit(gpu, commands, &beside, marks, &self.overwritten));
+        let (submission, beside) = gpu.time("submit", || {
+            submit(gpu, commands, &beside, marks, &self.overwritten)
+        });
         if let Some(pending) = &pending {
             pending.map();
         }
@@ -251,9 +380,14 @@ impl<'a> CopyBatch<'a> {
 }
 
 impl Gpu {
-    /// Submits commands that bring no copies, and write to textures of these groups: on the GPU they wait for copies of earlier submissions
+    /// Submits commands that bring no copies, and write to textures of these groups: on the GPU
+    /// they wait for copies of earlier submissions
     /// that read them.
-    pub fn submit_overwriting(&self, commands: Vec<wgpu::CommandBuffer>, overwritten: &[Arc<Reads>]) {
+    pub fn submit_overwriting(
+        &self,
+        commands: Vec<wgpu::CommandBuffer>,
+        overwritten: &[Arc<Reads>],
+    ) {
         submit(self, commands, &[], None, overwritten);
         self.counters().add_submission(0);
     }
@@ -267,11 +401,17 @@ fn submit(
     marks: Option<CopyMarks>,
     overwritten: &[Arc<Reads>],
 ) -> (wgpu::SubmissionIndex, Option<Beside>) {
-    let Some(queue) = gpu.copy_queue() else { return (gpu.submit(commands), None) };
+    let Some(queue) = gpu.copy_queue() else {
+        return (gpu.submit(commands), None);
+    };
     let copies = RawCopies::of(beside);
     let mut turn = queue.turn();
     let mut drawing = gpu.drawing();
-    let newest = overwritten.iter().map(|reads| reads.newest()).max().unwrap_or(0);
+    let newest = overwritten
+        .iter()
+        .map(|reads| reads.newest())
+        .max()
+        .unwrap_or(0);
     let is_read = newest > 0 && queue.reached().is_ok_and(|reached| reached < newest);
     let wait = is_read.then_some((queue.copied, newest));
     if beside.is_empty() {
@@ -279,16 +419,29 @@ fn submit(
     }
     let number = turn.next();
     let submission = drawing.submit(gpu, commands, wait, Some((queue.drawn, number)));
-    // SAFETY: the submission signals the number, and left textures as copies want them; the items own textures and targets until the copies
-    // are done, and who draws into the textures again waits for them. The drawing queue is ours alone here.
+    // SAFETY: the submission signals the number, and left textures as copies want them; the items
+    // own textures and targets until the copies
+    // are done, and who draws into the textures again waits for them. The drawing queue is ours
+    // alone here.
     let submitted = unsafe { queue.submit(&mut turn, number, &copies, marks.as_ref()) };
     if submitted.is_ok() {
-        beside.iter().filter_map(|item| item.shared.as_ref()).for_each(|reads| reads.add(number));
+        beside
+            .iter()
+            .filter_map(|item| item.shared.as_ref())
+            .for_each(|reads| reads.add(number));
     }
-    (submission, Some(Beside { number, submitted, marks }))
+    (
+        submission,
+        Some(Beside {
+            number,
+            submitted,
+            marks,
+        }),
+    )
 }
 
-/// One item per imported buffer: several frames may go to one segment, and a barrier names a buffer once.
+/// One item per imported buffer: several frames may go to one segment, and a barrier names a buffer
+/// once.
 fn unique_buffers<'i>(behind: &[&'i Item<'_>]) -> Vec<&'i wgpu::Buffer> {
     let mut unique: Vec<&wgpu::Buffer> = Vec::with_capacity(behind.len());
     for buffer in behind.iter().filter_map(|item| item.imported()) {
@@ -303,16 +456,46 @@ fn unique_buffers<'i>(behind: &[&'i Item<'_>]) -> Vec<&'i wgpu::Buffer> {
 fn record_staged(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, source: &Source) -> wgpu::Buffer {
     let (_, stride) = source.staged_rows();
     match source {
-        Source::Texture { texture, layer, n_rows, .. } => {
+        Source::Texture {
+            texture,
+            layer,
+            n_rows,
+            ..
+        } => {
             let staging = gpu.take_staging((stride * n_rows) as u64);
-            let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride as u32), rows_per_image: None };
-            let origin = wgpu::Origin3d { x: 0, y: 0, z: *layer };
-            let from = wgpu::TexelCopyTextureInfo { origin, ..texture.as_image_copy() };
-            let size = wgpu::Extent3d { depth_or_array_layers: 1, ..texture.size() };
-            encoder.copy_texture_to_buffer(from, wgpu::TexelCopyBufferInfo { buffer: &staging, layout }, size);
+            let layout = wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(stride as u32),
+                rows_per_image: None,
+            };
+            let origin = wgpu::Origin3d {
+                x: 0,
+                y: 0,
+                z: *layer,
+            };
+            let from = wgpu::TexelCopyTextureInfo {
+                origin,
+                ..texture.as_image_copy()
+            };
+            let size = wgpu::Extent3d {
+                depth_or_array_layers: 1,
+                ..texture.size()
+            };
+            encoder.copy_texture_to_buffer(
+                from,
+                wgpu::TexelCopyBufferInfo {
+                    buffer: &staging,
+                    layout,
+                },
+                size,
+            );
             staging
         }
-        Source::Buffer { buffer, offset_bytes, .. } => {
+        Source::Buffer {
+            buffer,
+            offset_bytes,
+            ..
+        } => {
             let staging = gpu.take_staging(stride as u64);
             encoder.copy_buffer_to_buffer(buffer, *offset_bytes, &staging, 0, stride as u64);
             staging
@@ -320,21 +503,38 @@ fn record_staged(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, source: &Source)
     }
 }
 
-/// Puts sources, and the imported buffers of copies behind the drawing, into the states that raw copies expect.
-fn record_transitions(encoder: &mut wgpu::CommandEncoder, behind: &[&Item<'_>], beside: &[&Item<'_>]) {
+/// Puts sources, and the imported buffers of copies behind the drawing, into the states that raw
+/// copies expect.
+fn record_transitions(
+    encoder: &mut wgpu::CommandEncoder,
+    behind: &[&Item<'_>],
+    beside: &[&Item<'_>],
+) {
     if behind.is_empty() && beside.is_empty() {
         return;
     }
-    let mut buffers: Vec<wgt::BufferTransition<&wgpu::Buffer>> =
-        unique_buffers(behind).into_iter().map(|buffer| wgt::BufferTransition { buffer, state: wgt::BufferUses::COPY_DST }).collect();
+    let mut buffers: Vec<wgt::BufferTransition<&wgpu::Buffer>> = unique_buffers(behind)
+        .into_iter()
+        .map(|buffer| wgt::BufferTransition {
+            buffer,
+            state: wgt::BufferUses::COPY_DST,
+        })
+        .collect();
     let mut textures: Vec<wgt::TextureTransition<&wgpu::Texture>> = Vec::new();
     for item in behind.iter().chain(beside) {
         match &item.source {
             Source::Texture { texture, .. } if !textures.iter().any(|t| t.texture == texture) => {
-                textures.push(wgt::TextureTransition { texture, selector: None, state: wgt::TextureUses::COPY_SRC });
+                textures.push(wgt::TextureTransition {
+                    texture,
+                    selector: None,
+                    state: wgt::TextureUses::COPY_SRC,
+                });
             }
             Source::Buffer { buffer, .. } if !buffers.iter().any(|b| b.buffer == buffer) => {
-                buffers.push(wgt::BufferTransition { buffer, state: wgt::BufferUses::COPY_SRC });
+                buffers.push(wgt::BufferTransition {
+                    buffer,
+                    state: wgt::BufferUses::COPY_SRC,
+                });
             }
             _ => {}
         }
@@ -346,18 +546,29 @@ fn record_transitions(encoder: &mut wgpu::CommandEncoder, behind: &[&Item<'_>], 
 fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
     let mut encoder = gpu.encoder("copies to shared memory");
     // SAFETY: the guard only lends the device for recording.
-    let device = unsafe { gpu.device().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan").raw_device().clone();
+    let device = unsafe { gpu.device().as_hal::<Vulkan>() }
+        .expect("the device was opened as Vulkan")
+        .raw_device()
+        .clone();
     let copies = RawCopies::of(behind);
-    // SAFETY: the encoder before left textures, buffers and targets in the states that the copies expect, and the items live until the
+    // SAFETY: the encoder before left textures, buffers and targets in the states that the copies
+    // expect, and the items live until the
     // submission is done; nothing ordinary is recorded with this encoder.
-    unsafe { encoder.as_hal_mut::<Vulkan, _, _>(|hal| copies.record(&device, hal.expect("made by Vulkan").raw_handle())) };
+    unsafe {
+        encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
+            copies.record(&device, hal.expect("made by Vulkan").raw_handle())
+        })
+    };
     encoder.finish()
 }
 
 fn record_visible(encoder: &mut wgpu::CommandEncoder, behind: &[&Item<'_>]) {
     let buffers = unique_buffers(behind);
     encoder.transition_resources(
-        buffers.iter().map(|buffer| wgt::BufferTransition { buffer: *buffer, state: wgt::BufferUses::MAP_READ }),
+        buffers.iter().map(|buffer| wgt::BufferTransition {
+            buffer: *buffer,
+            state: wgt::BufferUses::MAP_READ,
+        }),
         std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>(),
     );
 }

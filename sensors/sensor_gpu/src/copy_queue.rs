@@ -1,8 +1,11 @@
 //! A second queue, which copies what one submission drew while the next one is drawn.
 //!
-//! Commands of our own on it wait on the GPU until the drawing queue has signalled the submission's number on one timeline, and signal the
-//! same number on another when the bytes are at their readers'. Whoever draws into the copied textures again waits for that, on the GPU too.
-//! Textures and imported memory that both queues touch are made `CONCURRENT`: nothing changes owners, so wgpu's books stay true. Layouts
+//! Commands of our own on it wait on the GPU until the drawing queue has signalled the submission's
+//! number on one timeline, and signal the
+//! same number on another when the bytes are at their readers'. Whoever draws into the copied
+//! textures again waits for that, on the GPU too.
+//! Textures and imported memory that both queues touch are made `CONCURRENT`: nothing changes
+//! owners, so wgpu's books stay true. Layouts
 //! are wgpu's: it leaves a texture ready to be copied from, and finds it so.
 
 use std::collections::VecDeque;
@@ -20,17 +23,20 @@ use crate::shared::Room;
 /// Where finished frames are copied to their readers' memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CopyPath {
-    /// Beside the drawing of the next frame, by a queue that only copies; on adapters that have none, as `Behind`.
+    /// Beside the drawing of the next frame, by a queue that only copies; on adapters that have
+    /// none, as `Behind`.
     #[default]
     Beside,
     /// Behind the drawing of the same frame, by the queue that drew it.
     Behind,
-    /// As `Beside`, but on the queue that draws: shows on every adapter how long things live and that the books are right, not in which order
+    /// As `Beside`, but on the queue that draws: shows on every adapter how long things live and
+    /// that the books are right, not in which order
     /// two queues work. Saves no time.
     Apart,
 }
 
-/// Until when a group of textures is read by copies: textures that one submission draws, and another one draws again.
+/// Until when a group of textures is read by copies: textures that one submission draws, and
+/// another one draws again.
 ///
 /// Only for textures made by [`crate::Gpu::shared_texture_layers`].
 #[derive(Debug, Default)]
@@ -62,17 +68,33 @@ pub(crate) struct Family {
 /// Most queues of a family that are opened.
 pub(crate) const MAX_QUEUES: usize = 8;
 
-/// The family whose queues do nothing but copy, if the adapter has one and can tell queues of each other.
+/// The family whose queues do nothing but copy, if the adapter has one and can tell queues of each
+/// other.
 pub(crate) fn family_for(hal: &wgpu::hal::vulkan::Adapter, path: CopyPath) -> Option<Family> {
     if path == CopyPath::Behind || !has_timelines(hal) {
         return None;
     }
     // SAFETY: instance and physical device belong together and live.
-    let families = unsafe { hal.shared_instance().raw_instance().get_physical_device_queue_family_properties(hal.raw_physical_device()) };
+    let families = unsafe {
+        hal.shared_instance()
+            .raw_instance()
+            .get_physical_device_queue_family_properties(hal.raw_physical_device())
+    };
     let family = |(index, family): (u32, &vk::QueueFamilyProperties)| {
         // The last one: the first of two was slower by a tenth on an H200.
-        let queue = if path == CopyPath::Apart { 0 } else { family.queue_count.clamp(1, MAX_QUEUES as u32) - 1 };
-        (family.queue_flags, Family { index, timestamp_bits: family.timestamp_valid_bits, queue })
+        let queue = if path == CopyPath::Apart {
+            0
+        } else {
+            family.queue_count.clamp(1, MAX_QUEUES as u32) - 1
+        };
+        (
+            family.queue_flags,
+            Family {
+                index,
+                timestamp_bits: family.timestamp_valid_bits,
+                queue,
+            },
+        )
     };
     let works = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
     let video = vk::QueueFlags::VIDEO_DECODE_KHR | vk::QueueFlags::VIDEO_ENCODE_KHR;
@@ -82,7 +104,11 @@ pub(crate) fn family_for(hal: &wgpu::hal::vulkan::Adapter, path: CopyPath) -> Op
         CopyPath::Apart => family.index == 0,
         _ => flags.contains(vk::QueueFlags::TRANSFER) && !flags.intersects(others),
     };
-    (0..).zip(&families).map(family).find(copies).map(|(_, family)| family)
+    (0..)
+        .zip(&families)
+        .map(family)
+        .find(copies)
+        .map(|(_, family)| family)
 }
 
 /// The queue, what is on its way there, and where the two queues tell each other.
@@ -102,7 +128,9 @@ pub(crate) struct CopyQueue {
 
 impl std::fmt::Debug for CopyQueue {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("CopyQueue").field("family", &self.family).finish_non_exhaustive()
+        f.debug_struct("CopyQueue")
+            .field("family", &self.family)
+            .finish_non_exhaustive()
     }
 }
 
@@ -128,16 +156,28 @@ impl Turn {
 
 impl CopyQueue {
     /// The queue of a device that was opened with a queue of this family.
-    pub fn new(device: &wgpu::Device, adapter: &wgpu::Adapter, family: Family) -> Result<CopyQueue, vk::Result> {
+    pub fn new(
+        device: &wgpu::Device,
+        adapter: &wgpu::Adapter,
+        family: Family,
+    ) -> Result<CopyQueue, vk::Result> {
         // SAFETY: the guard only lends the device for the calls below.
-        let hal = unsafe { device.as_hal::<Vulkan>() }.ok_or(vk::Result::ERROR_INITIALIZATION_FAILED)?;
+        let hal =
+            unsafe { device.as_hal::<Vulkan>() }.ok_or(vk::Result::ERROR_INITIALIZATION_FAILED)?;
         let raw = hal.raw_device().clone();
         let drawing = hal.queue_family_index();
         // SAFETY: the device was opened with this queue, the drawing family's with its own.
         let queue = unsafe { raw.get_device_queue(family.index, family.queue) };
-        let families = if family.index == drawing { Vec::new() } else { vec![drawing, family.index] };
-        let flags = vk::CommandPoolCreateFlags::TRANSIENT | vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER;
-        let info = vk::CommandPoolCreateInfo::default().queue_family_index(family.index).flags(flags);
+        let families = if family.index == drawing {
+            Vec::new()
+        } else {
+            vec![drawing, family.index]
+        };
+        let flags = vk::CommandPoolCreateFlags::TRANSIENT
+            | vk::CommandPoolCreateFlags::RESET_COMMAND_BUFFER;
+        let info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(family.index)
+            .flags(flags);
         // SAFETY: a well-formed create info for a family of this device.
         let pool = unsafe { raw.create_command_pool(&info, None) }?;
         // SAFETY: the device has timelines, or the family would not have been asked for.
@@ -147,16 +187,36 @@ impl CopyQueue {
             (drawn, copied) => {
                 // SAFETY: they are ours and were never used.
                 unsafe {
-                    [drawn, copied].into_iter().flatten().for_each(|semaphore| raw.destroy_semaphore(semaphore, None));
+                    [drawn, copied]
+                        .into_iter()
+                        .flatten()
+                        .for_each(|semaphore| raw.destroy_semaphore(semaphore, None));
                     raw.destroy_command_pool(pool, None);
                 }
-                return Err(drawn.and(copied).err().unwrap_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY));
+                return Err(drawn
+                    .and(copied)
+                    .err()
+                    .unwrap_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY));
             }
         };
         let room = Arc::new(Room::of(&hal, adapter));
         drop(hal);
-        let turn = Mutex::new(Turn { pool, newest: 0, submitted: 0, busy: VecDeque::new() });
-        Ok(CopyQueue { raw, queue, family, families, drawn, copied, room, turn })
+        let turn = Mutex::new(Turn {
+            pool,
+            newest: 0,
+            submitted: 0,
+            busy: VecDeque::new(),
+        });
+        Ok(CopyQueue {
+            raw,
+            queue,
+            family,
+            families,
+            drawn,
+            copied,
+            room,
+            turn,
+        })
     }
 
     /// Families that share what both queues touch; empty if there is one for both.
@@ -172,41 +232,73 @@ impl CopyQueue {
     /// Gives copies to the queue: they wait for `number` on `drawn`, and signal it on `copied`.
     ///
     /// # Safety
-    /// The drawing queue was given what signals `number`, and the copies stay as [`RawCopies::record`] wants them until `copied` has it.
+    /// The drawing queue was given what signals `number`, and the copies stay as
+    /// [`RawCopies::record`] wants them until `copied` has it.
     /// If one queue does both, the caller holds the lock on it.
-    pub unsafe fn submit(&self, turn: &mut Turn, number: u64, copies: &RawCopies, marks: Option<&CopyMarks>) -> Result<(), vk::Result> {
+    pub unsafe fn submit(
+        &self,
+        turn: &mut Turn,
+        number: u64,
+        copies: &RawCopies,
+        marks: Option<&CopyMarks>,
+    ) -> Result<(), vk::Result> {
         let commands = self.free_commands(turn)?;
-        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the command buffer is new or its copies are done, it is of a pool that `turn` guards, and the marks' queries were reset
+        let begin = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is new or its copies are done, it is of a pool that `turn`
+        // guards, and the marks' queries were reset
         // by the submission that `drawn` waits for.
         let recorded = unsafe {
-            self.raw.begin_command_buffer(commands, &begin).and_then(|()| {
-                self.mark(commands, marks, 0);
-                copies.record(&self.raw, commands);
-                let written = vk::MemoryBarrier::default()
-                    .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
-                    .dst_access_mask(vk::AccessFlags::HOST_READ);
-                let (from, to) = (vk::PipelineStageFlags::TRANSFER, vk::PipelineStageFlags::HOST);
-                self.raw.cmd_pipeline_barrier(commands, from, to, vk::DependencyFlags::empty(), &[written], &[], &[]);
-                self.mark(commands, marks, 1);
-                self.raw.end_command_buffer(commands)
-            })
+            self.raw
+                .begin_command_buffer(commands, &begin)
+                .and_then(|()| {
+                    self.mark(commands, marks, 0);
+                    copies.record(&self.raw, commands);
+                    let written = vk::MemoryBarrier::default()
+                        .src_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+                        .dst_access_mask(vk::AccessFlags::HOST_READ);
+                    let (from, to) = (
+                        vk::PipelineStageFlags::TRANSFER,
+                        vk::PipelineStageFlags::HOST,
+                    );
+                    self.raw.cmd_pipeline_barrier(
+                        commands,
+                        from,
+                        to,
+                        vk::DependencyFlags::empty(),
+                        &[written],
+                        &[],
+                        &[],
+                    );
+                    self.mark(commands, marks, 1);
+                    self.raw.end_command_buffer(commands)
+                })
         };
         if let Err(error) = recorded {
             turn.busy.push_front((0, commands));
             return Err(error);
         }
         let (numbers, buffers) = ([number], [commands]);
-        let (waits, signals, stages) = ([self.drawn], [self.copied], [vk::PipelineStageFlags::ALL_COMMANDS]);
-        let mut timelines = vk::TimelineSemaphoreSubmitInfo::default().wait_semaphore_values(&numbers).signal_semaphore_values(&numbers);
+        let (waits, signals, stages) = (
+            [self.drawn],
+            [self.copied],
+            [vk::PipelineStageFlags::ALL_COMMANDS],
+        );
+        let mut timelines = vk::TimelineSemaphoreSubmitInfo::default()
+            .wait_semaphore_values(&numbers)
+            .signal_semaphore_values(&numbers);
         let info = vk::SubmitInfo::default()
             .wait_semaphores(&waits)
             .wait_dst_stage_mask(&stages)
             .command_buffers(&buffers)
             .signal_semaphores(&signals)
             .push_next(&mut timelines);
-        // SAFETY: `turn` keeps others off a queue of ours, the caller off a shared one; numbers only rise.
-        if let Err(error) = unsafe { self.raw.queue_submit(self.queue, &[info], vk::Fence::null()) } {
+        // SAFETY: `turn` keeps others off a queue of ours, the caller off a shared one; numbers
+        // only rise.
+        if let Err(error) = unsafe {
+            self.raw
+                .queue_submit(self.queue, &[info], vk::Fence::null())
+        } {
             turn.busy.push_front((0, commands));
             return Err(error);
         }
@@ -222,10 +314,15 @@ impl CopyQueue {
             && let Some((_, commands)) = turn.busy.pop_front()
         {
             // SAFETY: its copies are done; the pool allows it.
-            unsafe { self.raw.reset_command_buffer(commands, vk::CommandBufferResetFlags::empty()) }?;
+            unsafe {
+                self.raw
+                    .reset_command_buffer(commands, vk::CommandBufferResetFlags::empty())
+            }?;
             return Ok(commands);
         }
-        let info = vk::CommandBufferAllocateInfo::default().command_pool(turn.pool).command_buffer_count(1);
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(turn.pool)
+            .command_buffer_count(1);
         // SAFETY: a pool of this device, which `turn` guards.
         Ok(unsafe { self.raw.allocate_command_buffers(&info) }?[0])
     }
@@ -251,7 +348,9 @@ impl CopyQueue {
     /// Waits until copy `number`, which is on its way, is done.
     pub fn wait(&self, number: u64) -> Result<(), vk::Result> {
         let (semaphores, values) = ([self.copied], [number]);
-        let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+        let info = vk::SemaphoreWaitInfo::default()
+            .semaphores(&semaphores)
+            .values(&values);
         // SAFETY: the semaphore is of this device and lives as long as `self`.
         unsafe { self.raw.wait_semaphores(&info, u64::MAX) }
     }
@@ -262,16 +361,22 @@ impl CopyQueue {
         self.wait(submitted)
     }
 
-    /// Gives everything back once all copies are done; left to the driver if nobody can wait for them.
+    /// Gives everything back once all copies are done; left to the driver if nobody can wait for
+    /// them.
     ///
     /// # Safety
-    /// No submission of the drawing queue that waits for `copied` or signals `drawn` is on its way, and none comes.
+    /// No submission of the drawing queue that waits for `copied` or signals `drawn` is on its way,
+    /// and none comes.
     pub unsafe fn close(self) {
         if self.wait_idle().is_err() {
             return;
         }
-        let turn = self.turn.into_inner().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: made from this device, both of whose queues are done with them (the other by the caller's promise); command buffers go
+        let turn = self
+            .turn
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: made from this device, both of whose queues are done with them (the other by the
+        // caller's promise); command buffers go
         // with their pool.
         unsafe {
             self.raw.destroy_command_pool(turn.pool, None);
@@ -286,23 +391,30 @@ impl CopyQueue {
 pub(crate) struct CopyMarks(vk::QueryPool);
 
 impl CopyQueue {
-    /// Marks for one submission, if the queue knows the time. Their queries are to be reset by the drawing queue: one that only copies cannot.
+    /// Marks for one submission, if the queue knows the time. Their queries are to be reset by the
+    /// drawing queue: one that only copies cannot.
     pub fn new_marks(&self) -> Option<CopyMarks> {
         if self.family.timestamp_bits == 0 {
             return None;
         }
-        let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(2);
+        let info = vk::QueryPoolCreateInfo::default()
+            .query_type(vk::QueryType::TIMESTAMP)
+            .query_count(2);
         // SAFETY: a well-formed create info.
-        unsafe { self.raw.create_query_pool(&info, None) }.ok().map(CopyMarks)
+        unsafe { self.raw.create_query_pool(&info, None) }
+            .ok()
+            .map(CopyMarks)
     }
 
     /// Records the reset of marks on the drawing queue.
     pub fn reset_marks(&self, encoder: &mut wgpu::CommandEncoder, marks: &CopyMarks) {
-        // SAFETY: the encoder is of this device and holds nothing else; the pool lives until its copies are done.
+        // SAFETY: the encoder is of this device and holds nothing else; the pool lives until its
+        // copies are done.
         unsafe {
             encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
                 if let Some(hal) = hal {
-                    self.raw.cmd_reset_query_pool(hal.raw_handle(), marks.0, 0, 2);
+                    self.raw
+                        .cmd_reset_query_pool(hal.raw_handle(), marks.0, 0, 2);
                 }
             });
         }
@@ -313,7 +425,14 @@ impl CopyQueue {
     unsafe fn mark(&self, commands: vk::CommandBuffer, marks: Option<&CopyMarks>, query: u32) {
         if let Some(CopyMarks(pool)) = marks {
             // SAFETY: the caller promises what the call asks.
-            unsafe { self.raw.cmd_write_timestamp(commands, vk::PipelineStageFlags::TRANSFER, *pool, query) };
+            unsafe {
+                self.raw.cmd_write_timestamp(
+                    commands,
+                    vk::PipelineStageFlags::TRANSFER,
+                    *pool,
+                    query,
+                )
+            };
         }
     }
 
@@ -321,7 +440,10 @@ impl CopyQueue {
     pub fn take_marks(&self, CopyMarks(pool): CopyMarks) -> Option<u64> {
         let mut times = [0u64; 2];
         // SAFETY: a pool of this device with two queries; `TYPE_64` is what `times` takes.
-        let read = unsafe { self.raw.get_query_pool_results(pool, 0, &mut times, vk::QueryResultFlags::TYPE_64) };
+        let read = unsafe {
+            self.raw
+                .get_query_pool_results(pool, 0, &mut times, vk::QueryResultFlags::TYPE_64)
+        };
         // SAFETY: ours, and its copies are done.
         unsafe { self.raw.destroy_query_pool(pool, None) };
         let bits = u64::MAX >> (64 - self.family.timestamp_bits.clamp(1, 64));

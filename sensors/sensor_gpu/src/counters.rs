@@ -1,4 +1,5 @@
-//! Counts of what was given to the GPU, so that a test can show that what nobody reads costs nothing.
+//! Counts of what was given to the GPU, so that a test can show that what nobody reads costs
+//! nothing.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 

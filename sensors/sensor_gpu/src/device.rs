@@ -11,7 +11,8 @@ use crate::timing::Timing;
 /// What to open.
 #[derive(Clone, Debug)]
 pub struct GpuOptions {
-    /// Part of the adapter's name, any case; `None` takes a hardware GPU if there is one, else a software adapter.
+    /// Part of the adapter's name, any case; `None` takes a hardware GPU if there is one, else a
+    /// software adapter.
     pub adapter: Option<String>,
     /// Import shared memory where the driver can; `false` forces the staged path.
     pub allow_import: bool,
@@ -21,7 +22,11 @@ pub struct GpuOptions {
 
 impl Default for GpuOptions {
     fn default() -> Self {
-        GpuOptions { adapter: None, allow_import: true, copies: CopyPath::default() }
+        GpuOptions {
+            adapter: None,
+            allow_import: true,
+            copies: CopyPath::default(),
+        }
     }
 }
 
@@ -29,7 +34,9 @@ impl Default for GpuOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
     /// The Vulkan loader found nothing.
-    #[error("no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)")]
+    #[error(
+        "no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)"
+    )]
     NoAdapter,
     /// None has the name asked for.
     #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
@@ -79,15 +86,24 @@ struct Inner {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // What the drawing queue waits for or signals may be in use as long as nobody knows that it is done: it is left to the driver then.
-        if self.device.poll(wgpu::PollType::wait_indefinitely()).is_err() {
+        // What the drawing queue waits for or signals may be in use as long as nobody knows that it
+        // is done: it is left to the driver then.
+        if self
+            .device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .is_err()
+        {
             return;
         }
         if let Some(queue) = self.copy_queue.take() {
             // SAFETY: the drawing queue has finished everything, and who could submit more is gone.
             unsafe { queue.close() };
         }
-        let timeline = self.timeline.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner).take();
+        let timeline = self
+            .timeline
+            .get_mut()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
+            .take();
         if let Some(timeline) = timeline {
             // SAFETY: made from this device, whose drawing queue has finished everything.
             unsafe { timeline.destroy(&self.device) };
@@ -116,14 +132,17 @@ impl Gpu {
             AdapterInfo {
                 is_software: info.device_type == wgpu::DeviceType::Cpu,
                 can_import: import::has_import(adapter),
-                driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+                driver: format!("{} {}", info.driver, info.driver_info)
+                    .trim()
+                    .to_owned(),
                 name: info.name,
             }
         };
         enumerate().iter().map(describe).collect()
     }
 
-    /// Waits until the device has finished everything that was submitted and freed what was dropped.
+    /// Waits until the device has finished everything that was submitted and freed what was
+    /// dropped.
     pub fn wait_idle(&self) {
         if let Err(error) = self.copy_queue().map_or(Ok(()), CopyQueue::wait_idle) {
             tracing::warn!(%error, "the GPU's copies did not end");
@@ -141,12 +160,27 @@ impl Gpu {
         let adapter = choose(enumerate(), options.adapter.as_deref())?;
         let info = adapter.get_info();
         // Without imports nothing is copied to readers but by the CPU.
-        let copies = if options.allow_import { options.copies } else { CopyPath::Behind };
-        let refused = |reason| GpuError::Open { name: info.name.clone(), reason };
-        let import::Opened { device, queue, caps, copying } = import::open_device(&adapter, copies).map_err(refused)?;
+        let copies = if options.allow_import {
+            options.copies
+        } else {
+            CopyPath::Behind
+        };
+        let refused = |reason| GpuError::Open {
+            name: info.name.clone(),
+            reason,
+        };
+        let import::Opened {
+            device,
+            queue,
+            caps,
+            copying,
+        } = import::open_device(&adapter, copies).map_err(refused)?;
         let import = if options.allow_import { caps } else { None };
         let software = info.device_type == wgpu::DeviceType::Cpu;
-        let copy_queue = match copying.map(|family| CopyQueue::new(&device, &adapter, family)).transpose() {
+        let copy_queue = match copying
+            .map(|family| CopyQueue::new(&device, &adapter, family))
+            .transpose()
+        {
             Ok(queue) => queue,
             Err(error) => {
                 tracing::warn!(%error, "frames are copied behind drawing, not beside it");
@@ -154,7 +188,14 @@ impl Gpu {
             }
         };
         let beside = copy_queue.is_some();
-        tracing::info!(adapter = info.name, driver = info.driver_info, software, can_import = import.is_some(), beside, "opened GPU");
+        tracing::info!(
+            adapter = info.name,
+            driver = info.driver_info,
+            software,
+            can_import = import.is_some(),
+            beside,
+            "opened GPU"
+        );
         Ok(Gpu(Arc::new(Inner {
             timeline: Mutex::new(Timeline::new(&device, &adapter)),
             name: info.name,
@@ -191,17 +232,27 @@ impl Gpu {
 
     /// Whether pipelines can take this many bytes with each draw call, without a buffer.
     pub fn has_immediates(&self, n_bytes: u32) -> bool {
-        self.0.device.features().contains(wgpu::Features::IMMEDIATES) && self.0.device.limits().max_immediate_size >= n_bytes
+        self.0
+            .device
+            .features()
+            .contains(wgpu::Features::IMMEDIATES)
+            && self.0.device.limits().max_immediate_size >= n_bytes
     }
 
     /// Whether shaders can count in `f64` and `u64`.
     pub fn has_wide_numbers(&self) -> bool {
-        self.0.device.features().contains(wgpu::Features::SHADER_F64 | wgpu::Features::SHADER_INT64)
+        self.0
+            .device
+            .features()
+            .contains(wgpu::Features::SHADER_F64 | wgpu::Features::SHADER_INT64)
     }
 
     /// Whether draw calls that lie in a buffer can begin at any instance.
     pub fn has_indirect_instances(&self) -> bool {
-        self.0.device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
+        self.0
+            .device
+            .features()
+            .contains(wgpu::Features::INDIRECT_FIRST_INSTANCE)
     }
 
     /// Largest buffer, and so the largest segment that can be imported, bytes.
@@ -214,7 +265,8 @@ impl Gpu {
         &self.0.device
     }
 
-    /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`] and [`Gpu::submit`].
+    /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`] and
+    /// [`Gpu::submit`].
     pub fn queue(&self) -> &wgpu::Queue {
         &self.0.queue
     }
@@ -242,7 +294,11 @@ impl Gpu {
 
     /// A mappable buffer of at least `n_bytes` from the pool of those that came back.
     pub(crate) fn take_staging(&self, n_bytes: u64) -> wgpu::Buffer {
-        let mut pool = self.0.staging.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut pool = self
+            .0
+            .staging
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
         if let Some(i) = pool.iter().position(|buffer| buffer.size() == n_bytes) {
             return pool.swap_remove(i);
         }
@@ -252,7 +308,11 @@ impl Gpu {
     }
 
     pub(crate) fn give_staging(&self, buffer: wgpu::Buffer) {
-        let mut pool = self.0.staging.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let mut pool = self
+            .0
+            .staging
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
         // Sizes change when resolutions do: old ones fall out at the front.
         if pool.len() >= MAX_POOLED_STAGING {
             pool.remove(0);
@@ -261,17 +321,22 @@ impl Gpu {
     }
 
     pub(crate) fn lost(&self, reason: impl ToString) -> GpuError {
-        GpuError::Lost { name: self.0.name.clone(), reason: reason.to_string() }
+        GpuError::Lost {
+            name: self.0.name.clone(),
+            reason: reason.to_string(),
+        }
     }
 }
 
-/// Staging buffers kept for reuse; eight cameras with six modalities in two frames in flight use 96.
+/// Staging buffers kept for reuse; eight cameras with six modalities in two frames in flight use
+/// 96.
 const MAX_POOLED_STAGING: usize = 128;
 
 fn enumerate() -> Vec<wgpu::Adapter> {
     let descriptor = wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
-        // Checking draw calls that lie in a buffer costs a pass on the GPU, and ours are written by us.
+        // Checking draw calls that lie in a buffer costs a pass on the GPU, and ours are written by
+        // us.
         flags: wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     };
@@ -279,11 +344,22 @@ fn enumerate() -> Vec<wgpu::Adapter> {
 }
 
 fn choose(adapters: Vec<wgpu::Adapter>, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
-    let found: Vec<String> = adapters.iter().map(|adapter| adapter.get_info().name).collect();
+    let found: Vec<String> = adapters
+        .iter()
+        .map(|adapter| adapter.get_info().name)
+        .collect();
     if adapters.is_empty() {
         return Err(GpuError::NoAdapter);
     }
-    let named = |adapter: &wgpu::Adapter| asked.is_none_or(|part| adapter.get_info().name.to_lowercase().contains(&part.to_lowercase()));
+    let named = |adapter: &wgpu::Adapter| {
+        asked.is_none_or(|part| {
+            adapter
+                .get_info()
+                .name
+                .to_lowercase()
+                .contains(&part.to_lowercase())
+        })
+    };
     adapters
         .into_iter()
         .filter(named)
@@ -294,5 +370,8 @@ fn choose(adapters: Vec<wgpu::Adapter>, asked: Option<&str>) -> Result<wgpu::Ada
             wgpu::DeviceType::Other => 3,
             wgpu::DeviceType::Cpu => 4,
         })
-        .ok_or_else(|| GpuError::UnknownAdapter { asked: asked.unwrap_or_default().to_owned(), found })
+        .ok_or_else(|| GpuError::UnknownAdapter {
+            asked: asked.unwrap_or_default().to_owned(),
+            found,
+        })
 }

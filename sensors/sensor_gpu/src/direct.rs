@@ -1,4 +1,5 @@
-//! Submissions whose shaders write into their readers' memory themselves: no copies, no mapping, and a semaphore of our own to wait for,
+//! Submissions whose shaders write into their readers' memory themselves: no copies, no mapping,
+//! and a semaphore of our own to wait for,
 //! so that nobody looks after wgpu's books before the bytes are handed on.
 
 use std::sync::{Arc, MutexGuard, PoisonError};
@@ -12,7 +13,8 @@ use crate::device::{Gpu, GpuError};
 use crate::target::ShmTarget;
 use crate::timing::Pending;
 
-/// How long a thread that waits awake stays so: short work on a GPU of its own is over before a thread wakes up.
+/// How long a thread that waits awake stays so: short work on a GPU of its own is over before a
+/// thread wakes up.
 pub(crate) const AWAKE: Duration = Duration::from_micros(500);
 
 /// A timeline that submissions count up when they are done.
@@ -34,7 +36,10 @@ impl Timeline {
         let hal = unsafe { device.as_hal::<Vulkan>() }?;
         // SAFETY: wgpu enables the feature wherever the adapter has it (checked above).
         let semaphore = unsafe { timeline_semaphore(hal.raw_device()) }.ok()?;
-        Some(Timeline { semaphore, newest: 0 })
+        Some(Timeline {
+            semaphore,
+            newest: 0,
+        })
     }
 
     /// Gives the semaphore back.
@@ -55,7 +60,9 @@ impl Timeline {
 /// # Safety
 /// The device was opened with timelines.
 pub(crate) unsafe fn timeline_semaphore(device: &ash::Device) -> Result<vk::Semaphore, vk::Result> {
-    let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE).initial_value(0);
+    let mut kind = vk::SemaphoreTypeCreateInfo::default()
+        .semaphore_type(vk::SemaphoreType::TIMELINE)
+        .initial_value(0);
     let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
     // SAFETY: a well-formed create info, of a feature that is enabled (caller).
     unsafe { device.create_semaphore(&info, None) }
@@ -63,9 +70,14 @@ pub(crate) unsafe fn timeline_semaphore(device: &ash::Device) -> Result<vk::Sema
 
 /// Whether an adapter has timeline semaphores in its core (Vulkan 1.2).
 pub(crate) fn has_timelines(hal: &wgpu::hal::vulkan::Adapter) -> bool {
-    let (instance, physical) = (hal.shared_instance().raw_instance(), hal.raw_physical_device());
+    let (instance, physical) = (
+        hal.shared_instance().raw_instance(),
+        hal.raw_physical_device(),
+    );
     // SAFETY: instance and physical device belong together and live.
-    if unsafe { instance.get_physical_device_properties(physical) }.api_version < vk::API_VERSION_1_2 {
+    if unsafe { instance.get_physical_device_properties(physical) }.api_version
+        < vk::API_VERSION_1_2
+    {
         return false;
     }
     let mut timelines = vk::PhysicalDeviceTimelineSemaphoreFeatures::default();
@@ -75,7 +87,8 @@ pub(crate) fn has_timelines(hal: &wgpu::hal::vulkan::Adapter) -> bool {
     timelines.timeline_semaphore == vk::TRUE
 }
 
-/// The drawing queue in the hands of who submits: what a submission waits for and signals must not come to be another's.
+/// The drawing queue in the hands of who submits: what a submission waits for and signals must not
+/// come to be another's.
 pub(crate) struct Drawing<'g>(MutexGuard<'g, Option<Timeline>>);
 
 impl Drawing<'_> {
@@ -88,10 +101,16 @@ impl Drawing<'_> {
         signal: Option<(vk::Semaphore, u64)>,
     ) -> wgpu::SubmissionIndex {
         if wait.is_some() || signal.is_some() {
-            // SAFETY: the guard only lends the queue; the semaphores live as long as the device, and their values only rise.
-            let queue = unsafe { gpu.queue().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan");
+            // SAFETY: the guard only lends the queue; the semaphores live as long as the device,
+            // and their values only rise.
+            let queue =
+                unsafe { gpu.queue().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan");
             if let Some((semaphore, value)) = wait {
-                queue.add_wait_semaphore(semaphore, Some(value), vk::PipelineStageFlags::ALL_COMMANDS);
+                queue.add_wait_semaphore(
+                    semaphore,
+                    Some(value),
+                    vk::PipelineStageFlags::ALL_COMMANDS,
+                );
             }
             if let Some((semaphore, value)) = signal {
                 queue.add_signal_semaphore(semaphore, Some(value));
@@ -116,47 +135,80 @@ pub struct Direct {
 }
 
 impl Gpu {
-    /// Whether shaders can write into imported memory and be waited for: see [`ShmTarget::storage`].
+    /// Whether shaders can write into imported memory and be waited for: see
+    /// [`ShmTarget::storage`].
     pub fn can_write_directly(&self) -> bool {
         self.can_import() && self.drawing().0.is_some()
     }
 
-    /// Gives commands to the GPU; all submissions go through here, because one may have to be told from the others.
-    pub fn submit(&self, commands: impl IntoIterator<Item = wgpu::CommandBuffer>) -> wgpu::SubmissionIndex {
+    /// Gives commands to the GPU; all submissions go through here, because one may have to be told
+    /// from the others.
+    pub fn submit(
+        &self,
+        commands: impl IntoIterator<Item = wgpu::CommandBuffer>,
+    ) -> wgpu::SubmissionIndex {
         self.drawing().submit(self, commands, None, None)
     }
 
     /// The drawing queue, for one at a time.
     pub(crate) fn drawing(&self) -> Drawing<'_> {
-        Drawing(self.timeline().lock().unwrap_or_else(PoisonError::into_inner))
+        Drawing(
+            self.timeline()
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner),
+        )
     }
 
-    /// Submits `encoder`, whose shaders write to `targets`, and makes what they wrote visible to the host.
+    /// Submits `encoder`, whose shaders write to `targets`, and makes what they wrote visible to
+    /// the host.
     ///
     /// Panics unless [`Gpu::can_write_directly`].
-    pub fn submit_direct(&self, mut encoder: wgpu::CommandEncoder, targets: Vec<Arc<ShmTarget>>) -> Direct {
+    pub fn submit_direct(
+        &self,
+        mut encoder: wgpu::CommandEncoder,
+        targets: Vec<Arc<ShmTarget>>,
+    ) -> Direct {
         let mut buffers: Vec<&wgpu::Buffer> = Vec::with_capacity(targets.len());
         for buffer in targets.iter().filter_map(|target| target.imported()) {
             if !buffers.contains(&buffer) {
                 buffers.push(buffer);
             }
         }
-        let visible = buffers.iter().map(|buffer| wgt::BufferTransition { buffer: *buffer, state: wgt::BufferUses::MAP_READ });
-        encoder.transition_resources(visible, std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>());
+        let visible = buffers.iter().map(|buffer| wgt::BufferTransition {
+            buffer: *buffer,
+            state: wgt::BufferUses::MAP_READ,
+        });
+        encoder.transition_resources(
+            visible,
+            std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>(),
+        );
         self.mark(&mut encoder, "visible");
         let pending = self.close_marks(&mut encoder);
         let commands = encoder.finish();
         let mut drawing = self.drawing();
-        let timeline = drawing.0.as_mut().expect("the caller asked whether the GPU can");
+        let timeline = drawing
+            .0
+            .as_mut()
+            .expect("the caller asked whether the GPU can");
         timeline.newest += 1;
         let (semaphore, value) = (timeline.semaphore, timeline.newest);
-        let submission = self.time("submit", || drawing.submit(self, [commands], None, Some((semaphore, value))));
+        let submission = self.time("submit", || {
+            drawing.submit(self, [commands], None, Some((semaphore, value)))
+        });
         drop(drawing);
         self.counters().add_submission(0);
         if let Some(pending) = &pending {
             pending.map();
         }
-        Direct { gpu: self.clone(), semaphore, value, submission, pending, _targets: targets, is_done: false }
+        Direct {
+            gpu: self.clone(),
+            semaphore,
+            value,
+            submission,
+            pending,
+            _targets: targets,
+            is_done: false,
+        }
     }
 }
 
@@ -168,8 +220,14 @@ impl Direct {
     pub fn wait_awake(mut self) -> Result<(), GpuError> {
         self.wait_for_semaphore()?;
         if let Some(pending) = self.pending.take() {
-            let wait = wgpu::PollType::Wait { submission_index: Some(self.submission.clone()), timeout: None };
-            self.gpu.device().poll(wait).map_err(|error| self.gpu.lost(error))?;
+            let wait = wgpu::PollType::Wait {
+                submission_index: Some(self.submission.clone()),
+                timeout: None,
+            };
+            self.gpu
+                .device()
+                .poll(wait)
+                .map_err(|error| self.gpu.lost(error))?;
             self.gpu.read_marks(&pending);
         }
         Ok(())
@@ -178,19 +236,24 @@ impl Direct {
     fn wait_for_semaphore(&mut self) -> Result<(), GpuError> {
         self.is_done = true;
         // SAFETY: the guard only lends the device for the calls below.
-        let hal = unsafe { self.gpu.device().as_hal::<Vulkan>() }.expect("the device was opened as Vulkan");
+        let hal = unsafe { self.gpu.device().as_hal::<Vulkan>() }
+            .expect("the device was opened as Vulkan");
         let raw = hal.raw_device();
         let lost = |error: vk::Result| self.gpu.lost(error);
         let begin = Instant::now();
         while !self.gpu.is_software() && begin.elapsed() < AWAKE {
             // SAFETY: the semaphore is of this device and lives as long as it.
-            if unsafe { raw.get_semaphore_counter_value(self.semaphore) }.map_err(lost)? >= self.value {
+            if unsafe { raw.get_semaphore_counter_value(self.semaphore) }.map_err(lost)?
+                >= self.value
+            {
                 return Ok(());
             }
             std::hint::spin_loop();
         }
         let (semaphores, values) = ([self.semaphore], [self.value]);
-        let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
+        let info = vk::SemaphoreWaitInfo::default()
+            .semaphores(&semaphores)
+            .values(&values);
         // SAFETY: as above.
         unsafe { raw.wait_semaphores(&info, u64::MAX) }.map_err(lost)
     }

@@ -16,7 +16,8 @@ pub struct HostMemory {
     layout: Layout,
 }
 
-// SAFETY: the memory belongs to the value; it is only read and written through methods whose callers keep accesses apart.
+// SAFETY: the memory belongs to the value; it is only read and written through methods whose
+// callers keep accesses apart.
 unsafe impl Send for HostMemory {}
 // SAFETY: as above.
 unsafe impl Sync for HostMemory {}
@@ -30,14 +31,21 @@ impl HostMemory {
         if !gpu.can_write_directly() {
             return None;
         }
-        let layout = Layout::from_size_align(n_bytes.max(1).next_multiple_of(ALIGN_BYTES), ALIGN_BYTES).ok()?;
+        let layout =
+            Layout::from_size_align(n_bytes.max(1).next_multiple_of(ALIGN_BYTES), ALIGN_BYTES)
+                .ok()?;
         // SAFETY: the layout is not empty.
         let base = unsafe { std::alloc::alloc_zeroed(layout) };
         if base.is_null() {
             return None;
         }
-        let mut memory = HostMemory { target: None, base, layout };
-        // SAFETY: the memory lives until `drop` has dropped the target, and nobody has a reference to it.
+        let mut memory = HostMemory {
+            target: None,
+            base,
+            layout,
+        };
+        // SAFETY: the memory lives until `drop` has dropped the target, and nobody has a reference
+        // to it.
         let target = unsafe { ShmTarget::import(gpu, base, layout.size()) };
         target.storage()?;
         memory.target = Some(Arc::new(target));
@@ -61,16 +69,24 @@ impl HostMemory {
 
     /// Lets the host see what the commands before write there.
     pub fn make_visible(&self, encoder: &mut wgpu::CommandEncoder) {
-        let visible = wgt::BufferTransition { buffer: self.buffer(), state: wgt::BufferUses::MAP_READ };
-        encoder.transition_resources([visible].into_iter(), std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>());
+        let visible = wgt::BufferTransition {
+            buffer: self.buffer(),
+            state: wgt::BufferUses::MAP_READ,
+        };
+        encoder.transition_resources(
+            [visible].into_iter(),
+            std::iter::empty::<wgt::TextureTransition<&wgpu::Texture>>(),
+        );
     }
 
     /// The memory itself.
     ///
     /// # Safety
-    /// While the slice lives, nobody calls [`HostMemory::write`], and no submission that writes to the memory is on its way.
+    /// While the slice lives, nobody calls [`HostMemory::write`], and no submission that writes to
+    /// the memory is on its way.
     pub unsafe fn bytes(&self) -> &[u8] {
-        // SAFETY: initialised, and written through `write` and by submissions only, which the caller keeps apart from this.
+        // SAFETY: initialised, and written through `write` and by submissions only, which the
+        // caller keeps apart from this.
         unsafe { std::slice::from_raw_parts(self.base, self.layout.size()) }
     }
 
@@ -79,12 +95,20 @@ impl HostMemory {
     /// Panics if the range leaves the memory.
     ///
     /// # Safety
-    /// No submission that writes to the range is on its way, and no other thread writes to it meanwhile.
+    /// No submission that writes to the range is on its way, and no other thread writes to it
+    /// meanwhile.
     pub unsafe fn read(&self, offset_bytes: usize, into: &mut [u8]) {
         self.check_range(offset_bytes, into.len());
-        // SAFETY: in bounds and initialised, `into` is other memory, because nobody ever has a mutable reference to this, and nobody writes
+        // SAFETY: in bounds and initialised, `into` is other memory, because nobody ever has a
+        // mutable reference to this, and nobody writes
         // meanwhile (caller).
-        unsafe { std::ptr::copy_nonoverlapping(self.base.add(offset_bytes), into.as_mut_ptr(), into.len()) };
+        unsafe {
+            std::ptr::copy_nonoverlapping(
+                self.base.add(offset_bytes),
+                into.as_mut_ptr(),
+                into.len(),
+            )
+        };
     }
 
     /// Copies bytes in.
@@ -92,17 +116,27 @@ impl HostMemory {
     /// Panics if the range leaves the memory.
     ///
     /// # Safety
-    /// No submission that reads or writes the range is on its way, no other thread reads or writes it meanwhile, and nobody holds what
+    /// No submission that reads or writes the range is on its way, no other thread reads or writes
+    /// it meanwhile, and nobody holds what
     /// [`HostMemory::bytes`] gave.
     pub unsafe fn write(&self, offset_bytes: usize, from: &[u8]) {
         self.check_range(offset_bytes, from.len());
-        // SAFETY: in bounds, `from` is other memory, because nobody holds a reference to this, and nobody looks meanwhile (caller).
-        unsafe { std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len()) };
+        // SAFETY: in bounds, `from` is other memory, because nobody holds a reference to this, and
+        // nobody looks meanwhile (caller).
+        unsafe {
+            std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len())
+        };
     }
 
     fn check_range(&self, offset_bytes: usize, n_bytes: usize) {
-        let is_inside = offset_bytes.checked_add(n_bytes).is_some_and(|end| end <= self.n_bytes());
-        assert!(is_inside, "{n_bytes} bytes at {offset_bytes} of {}", self.n_bytes());
+        let is_inside = offset_bytes
+            .checked_add(n_bytes)
+            .is_some_and(|end| end <= self.n_bytes());
+        assert!(
+            is_inside,
+            "{n_bytes} bytes at {offset_bytes} of {}",
+            self.n_bytes()
+        );
     }
 }
 
@@ -120,7 +154,9 @@ impl Drop for HostMemory {
                 // SAFETY: allocated with this layout; the device no longer has it.
                 unsafe { std::alloc::dealloc(self.base, self.layout) };
             }
-            Err(_) => tracing::error!("a submission outlived the memory it writes to, which is therefore kept"),
+            Err(_) => tracing::error!(
+                "a submission outlived the memory it writes to, which is therefore kept"
+            ),
         }
     }
 }

@@ -8,7 +8,8 @@ use crate::device::{Gpu, GpuError};
 use crate::direct::AWAKE;
 use crate::timing::Pending;
 
-/// A submission on its way. Dropping it waits too, so that nothing is written to memory that the caller takes back.
+/// A submission on its way. Dropping it waits too, so that nothing is written to memory that the
+/// caller takes back.
 #[derive(Debug)]
 #[must_use = "the copies are done only after wait()"]
 pub struct InFlight<'a> {
@@ -49,7 +50,11 @@ impl Mapped {
 
     /// All bytes, the bytes of a row in use, and the bytes from one row to the next.
     pub fn padded(&self) -> (&[u8], usize, usize) {
-        (self.view.as_ref().expect("the view lives as long as self"), self.row_bytes, self.stride_bytes)
+        (
+            self.view.as_ref().expect("the view lives as long as self"),
+            self.row_bytes,
+            self.stride_bytes,
+        )
     }
 }
 
@@ -80,7 +85,13 @@ impl<'a> InFlight<'a> {
         beside: Option<Beside>,
         pending: Option<Pending>,
     ) -> InFlight<'a> {
-        InFlight { gpu: gpu.clone(), items, submission: Some(submission), beside, pending }
+        InFlight {
+            gpu: gpu.clone(),
+            items,
+            submission: Some(submission),
+            beside,
+            pending,
+        }
     }
 
     /// Waits until the bytes are where they belong; one outcome per copy, in order of recording.
@@ -92,18 +103,31 @@ impl<'a> InFlight<'a> {
         if let Some(pending) = self.pending.take() {
             self.gpu.read_marks(&pending);
         }
-        std::mem::take(&mut self.items).into_iter().map(|item| finish(&self.gpu, item)).collect()
+        std::mem::take(&mut self.items)
+            .into_iter()
+            .map(|item| finish(&self.gpu, item))
+            .collect()
     }
 
-    /// As [`InFlight::wait`], but awake for the first half millisecond: short work on a GPU of its own is over before a thread wakes up.
+    /// As [`InFlight::wait`], but awake for the first half millisecond: short work on a GPU of its
+    /// own is over before a thread wakes up.
     ///
     /// # Errors
     /// The device was lost.
     pub fn wait_awake(self) -> Result<Vec<CopyOutcome>, GpuError> {
         if !self.gpu.is_software() {
             match (&self.beside, self.gpu.copy_queue()) {
-                (Some(Beside { number, submitted: Ok(()), .. }), Some(queue)) => {
-                    queue.wait_awake(*number).map_err(|error| self.gpu.lost(error))?;
+                (
+                    Some(Beside {
+                        number,
+                        submitted: Ok(()),
+                        ..
+                    }),
+                    Some(queue),
+                ) => {
+                    queue
+                        .wait_awake(*number)
+                        .map_err(|error| self.gpu.lost(error))?;
                 }
                 _ => self.poll_awake(),
             }
@@ -113,30 +137,62 @@ impl<'a> InFlight<'a> {
 
     fn poll_awake(&self) {
         let begin = std::time::Instant::now();
-        let now = wgpu::PollType::Wait { submission_index: self.submission.clone(), timeout: Some(std::time::Duration::ZERO) };
-        while begin.elapsed() < AWAKE && matches!(self.gpu.device().poll(now.clone()), Err(wgpu::PollError::Timeout)) {
+        let now = wgpu::PollType::Wait {
+            submission_index: self.submission.clone(),
+            timeout: Some(std::time::Duration::ZERO),
+        };
+        while begin.elapsed() < AWAKE
+            && matches!(
+                self.gpu.device().poll(now.clone()),
+                Err(wgpu::PollError::Timeout)
+            )
+        {
             std::hint::spin_loop();
         }
     }
 
     fn wait_for_gpu(&mut self) -> Result<(), GpuError> {
-        let Some(submission) = self.submission.take() else { return Ok(()) };
-        // Copies beside the drawing are done after it: nobody needs to look after wgpu's books, unless something of its own is waited for.
-        let is_plain = self.pending.is_none() && self.items.iter().all(|item| item.staging.is_none());
-        let copied = self.beside.take().map(|beside| self.gpu.time("wait", || wait_beside(&self.gpu, beside)));
+        let Some(submission) = self.submission.take() else {
+            return Ok(());
+        };
+        // Copies beside the drawing are done after it: nobody needs to look after wgpu's books,
+        // unless something of its own is waited for.
+        let is_plain =
+            self.pending.is_none() && self.items.iter().all(|item| item.staging.is_none());
+        let copied = self
+            .beside
+            .take()
+            .map(|beside| self.gpu.time("wait", || wait_beside(&self.gpu, beside)));
         if is_plain && matches!(copied, Some(Ok(()))) {
             return Ok(());
         }
-        let wait = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
-        let drawn = self.gpu.time("wait", || self.gpu.device().poll(wait)).map(|_| ()).map_err(|error| self.gpu.lost(error));
+        let wait = wgpu::PollType::Wait {
+            submission_index: Some(submission),
+            timeout: None,
+        };
+        let drawn = self
+            .gpu
+            .time("wait", || self.gpu.device().poll(wait))
+            .map(|_| ())
+            .map_err(|error| self.gpu.lost(error));
         copied.unwrap_or(Ok(())).and(drawn)
     }
 }
 
-fn wait_beside(gpu: &Gpu, Beside { number, submitted, marks }: Beside) -> Result<(), GpuError> {
+fn wait_beside(
+    gpu: &Gpu,
+    Beside {
+        number,
+        submitted,
+        marks,
+    }: Beside,
+) -> Result<(), GpuError> {
     let queue = gpu.copy_queue().expect("only its copies are beside");
-    let done = submitted.and_then(|()| queue.wait(number)).map_err(|error| gpu.lost(error));
-    // Marks of copies that nobody can wait for are never freed: what resets them may still be on its way.
+    let done = submitted
+        .and_then(|()| queue.wait(number))
+        .map_err(|error| gpu.lost(error));
+    // Marks of copies that nobody can wait for are never freed: what resets them may still be on
+    // its way.
     if done.is_ok()
         && let Some(steps) = marks.and_then(|marks| queue.take_marks(marks))
     {
@@ -156,16 +212,39 @@ impl Drop for InFlight<'_> {
 fn finish(gpu: &Gpu, item: Item<'_>) -> Result<CopyOutcome, GpuError> {
     let n_bytes = item.source.n_bytes();
     let Some(buffer) = item.staging else {
-        return Ok(CopyOutcome { n_bytes, cpu_copies: 0, mapped: None });
+        return Ok(CopyOutcome {
+            n_bytes,
+            cpu_copies: 0,
+            mapped: None,
+        });
     };
     let (row_bytes, stride_bytes) = item.source.staged_rows();
-    let view = buffer.get_mapped_range(..).map_err(|error| gpu.lost(error))?;
-    let mapped = Mapped { view: Some(view), buffer, gpu: gpu.clone(), row_bytes, stride_bytes };
-    let Sink::Place(mut place) = item.sink else {
-        return Ok(CopyOutcome { n_bytes: 0, cpu_copies: 0, mapped: Some(mapped) });
+    let view = buffer
+        .get_mapped_range(..)
+        .map_err(|error| gpu.lost(error))?;
+    let mapped = Mapped {
+        view: Some(view),
+        buffer,
+        gpu: gpu.clone(),
+        row_bytes,
+        stride_bytes,
     };
-    for (y, row) in place.bytes_mut()[..n_bytes].chunks_exact_mut(row_bytes).enumerate() {
+    let Sink::Place(mut place) = item.sink else {
+        return Ok(CopyOutcome {
+            n_bytes: 0,
+            cpu_copies: 0,
+            mapped: Some(mapped),
+        });
+    };
+    for (y, row) in place.bytes_mut()[..n_bytes]
+        .chunks_exact_mut(row_bytes)
+        .enumerate()
+    {
         row.copy_from_slice(mapped.row(y));
     }
-    Ok(CopyOutcome { n_bytes, cpu_copies: 1, mapped: None })
+    Ok(CopyOutcome {
+        n_bytes,
+        cpu_copies: 1,
+        mapped: None,
+    })
 }

@@ -1,9 +1,14 @@
 //! Sums over the lanes of a workgroup, as shaders of several crates need them.
 
-/// Text to be put before a shader whose workgroups have `n_lanes` lanes, a power of two: `sum_up_to(lane, value)` gives the sum of the values
-/// of all lanes up to and with this one, and leaves every lane's in the workgroup's `sums`. All lanes have to call it together.
+/// Text to be put before a shader whose workgroups have `n_lanes` lanes, a power of two:
+/// `sum_up_to(lane, value)` gives the sum of the values
+/// of all lanes up to and with this one, and leaves every lane's in the workgroup's `sums`. All
+/// lanes have to call it together.
 ///
 /// Source: Hillis and Steele, *Data Parallel Algorithms* (1986).
 pub fn prefix_sum_wgsl(n_lanes: u32) -> String {
-    format!("const SUM_LANES: u32 = {n_lanes}u;\n{}", include_str!("prefix_sum.wgsl"))
+    format!(
+        "const SUM_LANES: u32 = {n_lanes}u;\n{}",
+        include_str!("prefix_sum.wgsl")
+    )
 }

@@ -1,4 +1,5 @@
-//! Copies with tight rows into imported memory, as Vulkan commands: wgpu's own copies pad rows to 256 bytes.
+//! Copies with tight rows into imported memory, as Vulkan commands: wgpu's own copies pad rows to
+//! 256 bytes.
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
@@ -11,8 +12,16 @@ pub(crate) struct RawCopies(Vec<RawCopy>);
 
 #[derive(Debug)]
 enum RawCopy {
-    Texture { from: vk::Image, to: vk::Buffer, regions: Vec<vk::BufferImageCopy> },
-    Buffer { from: vk::Buffer, to: vk::Buffer, regions: Vec<vk::BufferCopy> },
+    Texture {
+        from: vk::Image,
+        to: vk::Buffer,
+        regions: Vec<vk::BufferImageCopy>,
+    },
+    Buffer {
+        from: vk::Buffer,
+        to: vk::Buffer,
+        regions: Vec<vk::BufferCopy>,
+    },
 }
 
 impl RawCopies {
@@ -31,18 +40,30 @@ impl RawCopies {
     /// Records them.
     ///
     /// # Safety
-    /// The command buffer is of this device and being recorded. When it runs, textures are laid out to be copied from, sources can be read by
-    /// transfers and targets written, and until it has run the items live and nobody else writes to either.
+    /// The command buffer is of this device and being recorded. When it runs, textures are laid out
+    /// to be copied from, sources can be read by
+    /// transfers and targets written, and until it has run the items live and nobody else writes to
+    /// either.
     pub unsafe fn record(&self, device: &ash::Device, commands: vk::CommandBuffer) {
         for copy in &self.0 {
             match copy {
-                // SAFETY: the regions lie inside both (checked when the items were made), row length 0 means tight rows, and offsets are
+                // SAFETY: the regions lie inside both (checked when the items were made), row
+                // length 0 means tight rows, and offsets are
                 // multiples of 4 and of the texel size. The rest is the caller's promise.
                 RawCopy::Texture { from, to, regions } => unsafe {
-                    device.cmd_copy_image_to_buffer(commands, *from, vk::ImageLayout::TRANSFER_SRC_OPTIMAL, *to, regions);
+                    device.cmd_copy_image_to_buffer(
+                        commands,
+                        *from,
+                        vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+                        *to,
+                        regions,
+                    );
                 },
-                // SAFETY: all ranges lie inside their buffers (checked for the target, promised for the source when the items were made).
-                RawCopy::Buffer { from, to, regions } => unsafe { device.cmd_copy_buffer(commands, *from, *to, regions) },
+                // SAFETY: all ranges lie inside their buffers (checked for the target, promised for
+                // the source when the items were made).
+                RawCopy::Buffer { from, to, regions } => unsafe {
+                    device.cmd_copy_buffer(commands, *from, *to, regions)
+                },
             }
         }
     }
@@ -50,19 +71,41 @@ impl RawCopies {
 
 fn copy_of(alike: &[&Item<'_>]) -> RawCopy {
     let raw = |buffer: &wgpu::Buffer| {
-        // SAFETY: the handle is used while its wgpu object lives: the items own it until the submission is done.
-        unsafe { buffer.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() }
+        // SAFETY: the handle is used while its wgpu object lives: the items own it until the
+        // submission is done.
+        unsafe {
+            buffer
+                .as_hal::<Vulkan>()
+                .expect("made by Vulkan")
+                .raw_handle()
+        }
     };
-    let to = raw(alike[0].imported().expect("only items with an imported target are copied this way"));
+    let to = raw(alike[0]
+        .imported()
+        .expect("only items with an imported target are copied this way"));
     match &alike[0].source {
         Source::Texture { texture, .. } => {
             // SAFETY: as for buffers.
-            let from = unsafe { texture.as_hal::<Vulkan>().expect("made by Vulkan").raw_handle() };
-            RawCopy::Texture { from, to, regions: alike.iter().filter_map(|item| image_region(item)).collect() }
+            let from = unsafe {
+                texture
+                    .as_hal::<Vulkan>()
+                    .expect("made by Vulkan")
+                    .raw_handle()
+            };
+            RawCopy::Texture {
+                from,
+                to,
+                regions: alike.iter().filter_map(|item| image_region(item)).collect(),
+            }
         }
-        Source::Buffer { buffer, .. } => {
-            RawCopy::Buffer { from: raw(buffer), to, regions: alike.iter().filter_map(|item| buffer_region(item)).collect() }
-        }
+        Source::Buffer { buffer, .. } => RawCopy::Buffer {
+            from: raw(buffer),
+            to,
+            regions: alike
+                .iter()
+                .filter_map(|item| buffer_region(item))
+                .collect(),
+        },
     }
 }
 
@@ -77,14 +120,40 @@ fn is_alike(a: &Item<'_>, b: &Item<'_>) -> bool {
 }
 
 fn image_region(item: &Item<'_>) -> Option<vk::BufferImageCopy> {
-    let Source::Texture { texture, layer, .. } = &item.source else { return None };
-    let layers =
-        vk::ImageSubresourceLayers { aspect_mask: vk::ImageAspectFlags::COLOR, mip_level: 0, base_array_layer: *layer, layer_count: 1 };
-    let extent = vk::Extent3D { width: texture.width(), height: texture.height(), depth: 1 };
-    Some(vk::BufferImageCopy::default().buffer_offset(item.target_offset()?).image_subresource(layers).image_extent(extent))
+    let Source::Texture { texture, layer, .. } = &item.source else {
+        return None;
+    };
+    let layers = vk::ImageSubresourceLayers {
+        aspect_mask: vk::ImageAspectFlags::COLOR,
+        mip_level: 0,
+        base_array_layer: *layer,
+        layer_count: 1,
+    };
+    let extent = vk::Extent3D {
+        width: texture.width(),
+        height: texture.height(),
+        depth: 1,
+    };
+    Some(
+        vk::BufferImageCopy::default()
+            .buffer_offset(item.target_offset()?)
+            .image_subresource(layers)
+            .image_extent(extent),
+    )
 }
 
 fn buffer_region(item: &Item<'_>) -> Option<vk::BufferCopy> {
-    let Source::Buffer { offset_bytes, n_bytes, .. } = &item.source else { return None };
-    Some(vk::BufferCopy { src_offset: *offset_bytes, dst_offset: item.target_offset()?, size: *n_bytes as u64 })
+    let Source::Buffer {
+        offset_bytes,
+        n_bytes,
+        ..
+    } = &item.source
+    else {
+        return None;
+    };
+    Some(vk::BufferCopy {
+        src_offset: *offset_bytes,
+        dst_offset: item.target_offset()?,
+        size: *n_bytes as u64,
+    })
 }

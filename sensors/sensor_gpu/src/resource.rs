@@ -7,12 +7,26 @@ impl Gpu {
     pub fn buffer(&self, label: &str, n_bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         // Vulkan has no empty buffers, and wgpu copies in units of 4.
         let size = n_bytes.next_multiple_of(4).max(4);
-        self.device().create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
+        self.device().create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage,
+            mapped_at_creation: false,
+        })
     }
 
     /// A buffer with these contents.
-    pub fn buffer_with(&self, label: &str, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
-        let buffer = self.buffer(label, contents.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
+    pub fn buffer_with(
+        &self,
+        label: &str,
+        contents: &[u8],
+        usage: wgpu::BufferUsages,
+    ) -> wgpu::Buffer {
+        let buffer = self.buffer(
+            label,
+            contents.len() as u64,
+            usage | wgpu::BufferUsages::COPY_DST,
+        );
         let whole = contents.len() & !3;
         self.queue().write_buffer(&buffer, 0, &contents[..whole]);
         if whole < contents.len() {
@@ -57,7 +71,11 @@ impl Gpu {
     ) -> wgpu::Texture {
         self.device().create_texture(&wgpu::TextureDescriptor {
             label: Some(label),
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: n_layers },
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: n_layers,
+            },
             mip_level_count: n_mips,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -70,21 +88,32 @@ impl Gpu {
     /// A shader from WGSL text.
     pub fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
         self.device()
-            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) })
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(label),
+                source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+            })
     }
 
-    /// A shader from WGSL text of ours, without the checks that a stranger's would need: of indices, and that loops end.
+    /// A shader from WGSL text of ours, without the checks that a stranger's would need: of
+    /// indices, and that loops end.
     ///
     /// # Safety
     /// The shader stays inside its buffers and arrays, and its loops end.
     pub unsafe fn shader_unchecked(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
-        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(label), source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some(label),
+            source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+        };
         // SAFETY: the caller promises what the callee asks.
-        unsafe { self.device().create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) }
+        unsafe {
+            self.device()
+                .create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
+        }
     }
 
     /// An encoder for one submission.
     pub fn encoder(&self, label: &str) -> wgpu::CommandEncoder {
-        self.device().create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
+        self.device()
+            .create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some(label) })
     }
 }

@@ -18,23 +18,33 @@ pub(crate) struct Room {
 }
 
 impl Room {
-    /// A quarter of what the driver allows: wgpu, imports and the driver's other users need some too.
+    /// A quarter of what the driver allows: wgpu, imports and the driver's other users need some
+    /// too.
     pub fn of(hal: &wgpu::hal::vulkan::Device, adapter: &wgpu::Adapter) -> Room {
         let instance = hal.shared_instance().raw_instance();
         // SAFETY: instance and physical device belong together and live.
-        let limits = unsafe { instance.get_physical_device_properties(hal.raw_physical_device()) }.limits;
-        Room { adapter: adapter.clone(), most: limits.max_memory_allocation_count / 4, n: AtomicU32::new(0) }
+        let limits =
+            unsafe { instance.get_physical_device_properties(hal.raw_physical_device()) }.limits;
+        Room {
+            adapter: adapter.clone(),
+            most: limits.max_memory_allocation_count / 4,
+            n: AtomicU32::new(0),
+        }
     }
 }
 
 impl Gpu {
-    /// How many textures that [`Gpu::shared_texture_layers`] made and said to be shared have not been freed.
+    /// How many textures that [`Gpu::shared_texture_layers`] made and said to be shared have not
+    /// been freed.
     pub fn n_shared_textures(&self) -> u32 {
-        self.copy_queue().map_or(0, |queue| queue.room.n.load(Relaxed))
+        self.copy_queue()
+            .map_or(0, |queue| queue.room.n.load(Relaxed))
     }
 
-    /// Several layers of one level, and whether copies can go on beside drawing: [`crate::CopyBatch::shared_layer`] says what that asks for.
-    /// Not, and an ordinary texture, where there is no queue for it or the driver refuses; contents are undefined.
+    /// Several layers of one level, and whether copies can go on beside drawing:
+    /// [`crate::CopyBatch::shared_layer`] says what that asks for.
+    /// Not, and an ordinary texture, where there is no queue for it or the driver refuses; contents
+    /// are undefined.
     pub fn shared_texture_layers(
         &self,
         label: &str,
@@ -43,7 +53,11 @@ impl Gpu {
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
     ) -> (wgpu::Texture, bool) {
-        let size = wgpu::Extent3d { width: size_px[0], height: size_px[1], depth_or_array_layers: n_layers };
+        let size = wgpu::Extent3d {
+            width: size_px[0],
+            height: size_px[1],
+            depth_or_array_layers: n_layers,
+        };
         let descriptor = wgpu::TextureDescriptor {
             label: Some(label),
             size,
@@ -56,31 +70,48 @@ impl Gpu {
         };
         match self.make_shared(&descriptor) {
             Some(texture) => (texture, true),
-            None => (self.texture_layers(label, size_px, n_layers, format, usage), false),
+            None => (
+                self.texture_layers(label, size_px, n_layers, format, usage),
+                false,
+            ),
         }
     }
 
     fn make_shared(&self, descriptor: &wgpu::TextureDescriptor<'_>) -> Option<wgpu::Texture> {
         let queue = self.copy_queue()?;
-        let is_empty = [descriptor.size.width, descriptor.size.height, descriptor.size.depth_or_array_layers].contains(&0);
+        let is_empty = [
+            descriptor.size.width,
+            descriptor.size.height,
+            descriptor.size.depth_or_array_layers,
+        ]
+        .contains(&0);
         if is_empty {
             return None;
         }
         let room = queue.room.clone();
         let (usage, uses) = usage_of(descriptor.usage)?;
         // SAFETY: the hal adapter is only read, and lives as long as this guard.
-        let format = unsafe { room.adapter.as_hal::<Vulkan>() }?.texture_format_as_raw(descriptor.format);
+        let format =
+            unsafe { room.adapter.as_hal::<Vulkan>() }?.texture_format_as_raw(descriptor.format);
         // SAFETY: the guard only lends the device for the calls below.
         let hal = unsafe { self.device().as_hal::<Vulkan>() }?;
         if room.n.fetch_add(1, Relaxed) >= room.most {
             room.n.fetch_sub(1, Relaxed);
             return None;
         }
-        let sharing = if queue.families().is_empty() { vk::SharingMode::EXCLUSIVE } else { vk::SharingMode::CONCURRENT };
+        let sharing = if queue.families().is_empty() {
+            vk::SharingMode::EXCLUSIVE
+        } else {
+            vk::SharingMode::CONCURRENT
+        };
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
             .format(format)
-            .extent(vk::Extent3D { width: descriptor.size.width, height: descriptor.size.height, depth: 1 })
+            .extent(vk::Extent3D {
+                width: descriptor.size.width,
+                height: descriptor.size.height,
+                depth: 1,
+            })
             .mip_levels(1)
             .array_layers(descriptor.size.depth_or_array_layers)
             .samples(vk::SampleCountFlags::TYPE_1)
@@ -89,7 +120,8 @@ impl Gpu {
             .sharing_mode(sharing)
             .queue_family_indices(queue.families())
             .initial_layout(vk::ImageLayout::UNDEFINED);
-        // SAFETY: a well-formed create info, of families that are the device's; what the device does not take is refused before.
+        // SAFETY: a well-formed create info, of families that are the device's; what the device
+        // does not take is refused before.
         let Ok((image, memory)) = (unsafe { create(&hal, &info) }) else {
             room.n.fetch_sub(1, Relaxed);
             return None;
@@ -114,23 +146,56 @@ impl Gpu {
             memory_flags: wgpu::hal::MemoryFlags::empty(),
             view_formats: Vec::new(),
         };
-        // SAFETY: image and memory were made from this device as the descriptor says, and live until wgpu calls back.
-        let texture = unsafe { hal.texture_from_raw(image, &hal_descriptor, Some(Box::new(give_back)), TextureMemory::External) };
+        // SAFETY: image and memory were made from this device as the descriptor says, and live
+        // until wgpu calls back.
+        let texture = unsafe {
+            hal.texture_from_raw(
+                image,
+                &hal_descriptor,
+                Some(Box::new(give_back)),
+                TextureMemory::External,
+            )
+        };
         drop(hal);
-        // SAFETY: made from this device as the descriptor says. What stands in it is undefined, and no one reads it before it was drawn.
-        Some(unsafe { self.device().create_texture_from_hal::<Vulkan>(texture, descriptor, wgt::TextureUses::UNINITIALIZED) })
+        // SAFETY: made from this device as the descriptor says. What stands in it is undefined, and
+        // no one reads it before it was drawn.
+        Some(unsafe {
+            self.device().create_texture_from_hal::<Vulkan>(
+                texture,
+                descriptor,
+                wgt::TextureUses::UNINITIALIZED,
+            )
+        })
     }
 }
 
 /// The same in Vulkan's words and in wgpu-hal's; `None` for usages that render targets do not have.
 fn usage_of(usage: wgpu::TextureUsages) -> Option<(vk::ImageUsageFlags, wgt::TextureUses)> {
     let words = [
-        (wgpu::TextureUsages::COPY_SRC, vk::ImageUsageFlags::TRANSFER_SRC, wgt::TextureUses::COPY_SRC),
-        (wgpu::TextureUsages::TEXTURE_BINDING, vk::ImageUsageFlags::SAMPLED, wgt::TextureUses::RESOURCE),
-        (wgpu::TextureUsages::STORAGE_BINDING, vk::ImageUsageFlags::STORAGE, wgt::TextureUses::STORAGE_WRITE_ONLY),
-        (wgpu::TextureUsages::RENDER_ATTACHMENT, vk::ImageUsageFlags::COLOR_ATTACHMENT, wgt::TextureUses::COLOR_TARGET),
+        (
+            wgpu::TextureUsages::COPY_SRC,
+            vk::ImageUsageFlags::TRANSFER_SRC,
+            wgt::TextureUses::COPY_SRC,
+        ),
+        (
+            wgpu::TextureUsages::TEXTURE_BINDING,
+            vk::ImageUsageFlags::SAMPLED,
+            wgt::TextureUses::RESOURCE,
+        ),
+        (
+            wgpu::TextureUsages::STORAGE_BINDING,
+            vk::ImageUsageFlags::STORAGE,
+            wgt::TextureUses::STORAGE_WRITE_ONLY,
+        ),
+        (
+            wgpu::TextureUsages::RENDER_ATTACHMENT,
+            vk::ImageUsageFlags::COLOR_ATTACHMENT,
+            wgt::TextureUses::COLOR_TARGET,
+        ),
     ];
-    let known = words.iter().fold(wgpu::TextureUsages::empty(), |known, word| known | word.0);
+    let known = words
+        .iter()
+        .fold(wgpu::TextureUsages::empty(), |known, word| known | word.0);
     let mut both = (vk::ImageUsageFlags::empty(), wgt::TextureUses::empty());
     for (wgpu, vulkan, hal) in words {
         if usage.contains(wgpu) {
@@ -144,38 +209,65 @@ fn usage_of(usage: wgpu::TextureUsages) -> Option<(vk::ImageUsageFlags, wgt::Tex
 ///
 /// # Safety
 /// The create info is well formed, and its sides and layers are not 0.
-unsafe fn create(hal: &wgpu::hal::vulkan::Device, info: &vk::ImageCreateInfo<'_>) -> Result<(vk::Image, vk::DeviceMemory), vk::Result> {
+unsafe fn create(
+    hal: &wgpu::hal::vulkan::Device,
+    info: &vk::ImageCreateInfo<'_>,
+) -> Result<(vk::Image, vk::DeviceMemory), vk::Result> {
     let raw = hal.raw_device();
     let instance = hal.shared_instance().raw_instance();
     // SAFETY: instance and physical device belong together and live.
     let limits = unsafe {
         let physical = hal.raw_physical_device();
-        instance.get_physical_device_image_format_properties(physical, info.format, info.image_type, info.tiling, info.usage, info.flags)
+        instance.get_physical_device_image_format_properties(
+            physical,
+            info.format,
+            info.image_type,
+            info.tiling,
+            info.usage,
+            info.flags,
+        )
     }?;
     let (asked, most) = (info.extent, limits.max_extent);
-    if asked.width > most.width || asked.height > most.height || info.array_layers > limits.max_array_layers {
+    if asked.width > most.width
+        || asked.height > most.height
+        || info.array_layers > limits.max_array_layers
+    {
         return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
     }
-    // SAFETY: the caller promises what the call asks, the limits hold; on failure the image is destroyed below.
+    // SAFETY: the caller promises what the call asks, the limits hold; on failure the image is
+    // destroyed below.
     let image = unsafe { raw.create_image(info, None) }?;
     // SAFETY: the image was just made from this device.
     let needs = unsafe { raw.get_image_memory_requirements(image) };
     // SAFETY: instance and physical device belong together.
-    let known = unsafe { instance.get_physical_device_memory_properties(hal.raw_physical_device()) };
+    let known =
+        unsafe { instance.get_physical_device_memory_properties(hal.raw_physical_device()) };
     let is_local = |i: &u32| {
         let flags = known.memory_types[*i as usize].property_flags;
-        needs.memory_type_bits & (1 << i) != 0 && flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL)
+        needs.memory_type_bits & (1 << i) != 0
+            && flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL)
     };
-    let allocated = (0..known.memory_type_count).find(is_local).ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY).and_then(|memory_type| {
-        let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().image(image);
-        let info = vk::MemoryAllocateInfo::default().allocation_size(needs.size).memory_type_index(memory_type).push_next(&mut dedicated);
-        // SAFETY: size and type are what the image asks for, and the memory is for it alone.
-        unsafe { raw.allocate_memory(&info, None) }
-    });
+    let allocated = (0..known.memory_type_count)
+        .find(is_local)
+        .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)
+        .and_then(|memory_type| {
+            let mut dedicated = vk::MemoryDedicatedAllocateInfo::default().image(image);
+            let info = vk::MemoryAllocateInfo::default()
+                .allocation_size(needs.size)
+                .memory_type_index(memory_type)
+                .push_next(&mut dedicated);
+            // SAFETY: size and type are what the image asks for, and the memory is for it alone.
+            unsafe { raw.allocate_memory(&info, None) }
+        });
     let bound = allocated.and_then(|memory| {
-        // SAFETY: fresh image, fresh memory of the size it asks for, offset 0; freed if they do not go together.
-        unsafe { raw.bind_image_memory(image, memory, 0) }.map(|()| memory).inspect_err(|_| unsafe { raw.free_memory(memory, None) })
+        // SAFETY: fresh image, fresh memory of the size it asks for, offset 0; freed if they do not
+        // go together.
+        unsafe { raw.bind_image_memory(image, memory, 0) }
+            .map(|()| memory)
+            .inspect_err(|_| unsafe { raw.free_memory(memory, None) })
     });
     // SAFETY: the image is ours and was never used.
-    bound.map(|memory| (image, memory)).inspect_err(|_| unsafe { raw.destroy_image(image, None) })
+    bound
+        .map(|memory| (image, memory))
+        .inspect_err(|_| unsafe { raw.destroy_image(image, None) })
 }

@@ -14,26 +14,44 @@ pub struct ShmTarget {
     reason: Option<String>,
 }
 
-// SAFETY: `base` is only written through, in ranges which whoever renders holds alone (contract of the constructors);
+// SAFETY: `base` is only written through, in ranges which whoever renders holds alone (contract of
+// the constructors);
 // no method gives out a reference to the memory.
 unsafe impl Send for ShmTarget {}
 // SAFETY: as above; the wgpu buffer is `Sync` itself.
 unsafe impl Sync for ShmTarget {}
 
 impl ShmTarget {
-    /// Imports a whole data segment, once; if that cannot be, the target is staged and [`ShmTarget::staged_reason`] says why.
+    /// Imports a whole data segment, once; if that cannot be, the target is staged and
+    /// [`ShmTarget::staged_reason`] says why.
     ///
     /// # Safety
-    /// - `base..base + len` stays mapped and writable until the target, with all its clones in places, is dropped.
-    /// - While a submission that copies to a range of it is in flight (until `InFlight::wait` returned), nobody else in this process
+    /// - `base..base + len` stays mapped and writable until the target, with all its clones in
+    ///   places, is dropped.
+    /// - While a submission that copies to a range of it is in flight (until `InFlight::wait`
+    ///   returned), nobody else in this process
     ///   reads, writes or holds a reference to that range.
     pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
         // SAFETY: the caller promises what the callee asks.
         match unsafe { import::import_host_memory(gpu, base, len) } {
-            Ok(buffer) => ShmTarget { base, len, imported: Some((buffer, gpu.clone())), reason: None },
+            Ok(buffer) => ShmTarget {
+                base,
+                len,
+                imported: Some((buffer, gpu.clone())),
+                reason: None,
+            },
             Err(reason) => {
-                tracing::warn!(reason, len, "shared memory is not imported; frames cost one CPU copy");
-                ShmTarget { base, len, imported: None, reason: Some(reason) }
+                tracing::warn!(
+                    reason,
+                    len,
+                    "shared memory is not imported; frames cost one CPU copy"
+                );
+                ShmTarget {
+                    base,
+                    len,
+                    imported: None,
+                    reason: Some(reason),
+                }
             }
         }
     }
@@ -43,7 +61,12 @@ impl ShmTarget {
     /// # Safety
     /// As [`ShmTarget::import`].
     pub unsafe fn staged(base: *mut u8, len: usize) -> ShmTarget {
-        ShmTarget { base, len, imported: None, reason: Some("asked for".to_owned()) }
+        ShmTarget {
+            base,
+            len,
+            imported: None,
+            reason: Some("asked for".to_owned()),
+        }
     }
 
     /// Copies per frame by the CPU on the way there: 0 imported, 1 staged.
@@ -66,7 +89,8 @@ impl ShmTarget {
         self.base as usize
     }
 
-    /// The memory as a buffer that shaders read and write; `None` if it is staged, or longer than what a shader can be given.
+    /// The memory as a buffer that shaders read and write; `None` if it is staged, or longer than
+    /// what a shader can be given.
     pub fn storage(&self) -> Option<&wgpu::Buffer> {
         let (buffer, gpu) = self.imported.as_ref()?;
         (buffer.size() <= gpu.device().limits().max_storage_buffer_binding_size).then_some(buffer)
@@ -80,14 +104,20 @@ impl ShmTarget {
     ///
     /// # Safety
     /// Nobody else accesses the range while the slice lives.
-    #[expect(clippy::mut_from_ref, reason = "the range belongs to whoever renders, by the constructors' contract")]
+    #[expect(
+        clippy::mut_from_ref,
+        reason = "the range belongs to whoever renders, by the constructors' contract"
+    )]
     pub(crate) unsafe fn range_mut(&self, offset_bytes: usize, n_bytes: usize) -> &mut [u8] {
         assert!(
-            offset_bytes.checked_add(n_bytes).is_some_and(|end| end <= self.len),
+            offset_bytes
+                .checked_add(n_bytes)
+                .is_some_and(|end| end <= self.len),
             "range {offset_bytes}+{n_bytes} exceeds {} bytes",
             self.len
         );
-        // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes have no invalid values.
+        // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes
+        // have no invalid values.
         unsafe { std::slice::from_raw_parts_mut(self.base.add(offset_bytes), n_bytes) }
     }
 }
@@ -96,7 +126,8 @@ impl Drop for ShmTarget {
     fn drop(&mut self) {
         if let Some((buffer, gpu)) = self.imported.take() {
             drop(buffer);
-            // wgpu frees a buffer when it next looks after its submissions. A lost device has let go already.
+            // wgpu frees a buffer when it next looks after its submissions. A lost device has let
+            // go already.
             if let Err(error) = gpu.device().poll(wgpu::PollType::wait_indefinitely()) {
                 tracing::warn!(%error, "the device did not confirm that it let go of shared memory");
             }

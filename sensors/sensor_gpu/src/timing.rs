@@ -1,4 +1,5 @@
-//! Where the time of a submission goes, on the GPU and while it is prepared: for benchmarks. Off until asked for, and then no cost.
+//! Where the time of a submission goes, on the GPU and while it is prepared: for benchmarks. Off
+//! until asked for, and then no cost.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -61,7 +62,8 @@ impl Timing {
 impl Gpu {
     /// Begins or ends timing. `false` if the adapter cannot say when it is where.
     pub fn set_timing(&self, on: bool) -> bool {
-        let wanted = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
+        let wanted =
+            wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
         let can = self.device().features().contains(wanted);
         self.timing().on.store(on && can, Relaxed);
         can
@@ -70,7 +72,14 @@ impl Gpu {
     /// Times since the last call, by label.
     pub fn take_spans(&self) -> Vec<Span> {
         let spans = std::mem::take(&mut self.timing().state().spans);
-        spans.into_iter().map(|((place, label), nanos)| Span { place, label, millis: nanos * 1e-6 }).collect()
+        spans
+            .into_iter()
+            .map(|((place, label), nanos)| Span {
+                place,
+                label,
+                millis: nanos * 1e-6,
+            })
+            .collect()
     }
 
     pub(crate) fn is_timing(&self) -> bool {
@@ -80,10 +89,16 @@ impl Gpu {
     /// Adds steps of the GPU's clock that something took beside the drawing.
     pub(crate) fn add_span(&self, label: &'static str, steps: u64) {
         let nanos = steps as f64 * self.queue().get_timestamp_period() as f64;
-        *self.timing().state().spans.entry(("GPU", label)).or_default() += nanos;
+        *self
+            .timing()
+            .state()
+            .spans
+            .entry(("GPU", label))
+            .or_default() += nanos;
     }
 
-    /// Ends the span `label` of the submission that is being recorded; the first mark of a submission only begins one.
+    /// Ends the span `label` of the submission that is being recorded; the first mark of a
+    /// submission only begins one.
     pub fn mark(&self, encoder: &mut wgpu::CommandEncoder, label: &'static str) {
         if !self.timing().on.load(Relaxed) {
             return;
@@ -91,9 +106,18 @@ impl Gpu {
         let mut state = self.timing().state();
         let State { open, spare, .. } = &mut *state;
         let marks = open.get_or_insert_with(|| {
-            let descriptor = wgpu::QuerySetDescriptor { label: Some("marks"), ty: wgpu::QueryType::Timestamp, count: MAX_MARKS };
-            let queries = spare.pop().unwrap_or_else(|| self.device().create_query_set(&descriptor));
-            Marks { queries, labels: Vec::new() }
+            let descriptor = wgpu::QuerySetDescriptor {
+                label: Some("marks"),
+                ty: wgpu::QueryType::Timestamp,
+                count: MAX_MARKS,
+            };
+            let queries = spare
+                .pop()
+                .unwrap_or_else(|| self.device().create_query_set(&descriptor));
+            Marks {
+                queries,
+                labels: Vec::new(),
+            }
         });
         if (marks.labels.len() as u32) < MAX_MARKS {
             encoder.write_timestamp(&marks.queries, marks.labels.len() as u32);
@@ -108,7 +132,12 @@ impl Gpu {
         }
         let begin = Instant::now();
         let out = work();
-        *self.timing().state().spans.entry(("CPU", label)).or_default() += begin.elapsed().as_nanos() as f64;
+        *self
+            .timing()
+            .state()
+            .spans
+            .entry(("CPU", label))
+            .or_default() += begin.elapsed().as_nanos() as f64;
         out
     }
 
@@ -118,21 +147,32 @@ impl Gpu {
         let n_bytes = 8 * marks.labels.len() as u64;
         let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
         let resolved = self.buffer("marks", n_bytes, usage);
-        let values = self.buffer("marks", n_bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
+        let values = self.buffer(
+            "marks",
+            n_bytes,
+            wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+        );
         encoder.resolve_query_set(&marks.queries, 0..marks.labels.len() as u32, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &values, 0, n_bytes);
-        Some(Pending { queries: marks.queries, labels: marks.labels, values })
+        Some(Pending {
+            queries: marks.queries,
+            labels: marks.labels,
+            values,
+        })
     }
 
     /// Adds up the marks of a submission that is done.
     pub(crate) fn read_marks(&self, pending: &Pending) {
-        let Ok(view) = pending.values.get_mapped_range(..) else { return };
+        let Ok(view) = pending.values.get_mapped_range(..) else {
+            return;
+        };
         let at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| view[8 * i + k]));
         let period_nanos = self.queue().get_timestamp_period() as f64;
         let mut state = self.timing().state();
         state.spare.push(pending.queries.clone());
         for (i, label) in pending.labels.iter().enumerate().skip(1) {
-            *state.spans.entry(("GPU", label)).or_default() += at(i).saturating_sub(at(i - 1)) as f64 * period_nanos;
+            *state.spans.entry(("GPU", label)).or_default() +=
+                at(i).saturating_sub(at(i - 1)) as f64 * period_nanos;
         }
     }
 }

@@ -1,6 +1,10 @@
-//! What reaches the reader: imported and staged targets get the same, tightly packed bytes, whatever the size of a row.
+//! What reaches the reader: imported and staged targets get the same, tightly packed bytes,
+//! whatever the size of a row.
 
-#![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
+#![expect(
+    unsafe_code,
+    reason = "targets are raw memory; each block carries its proof"
+)]
 
 use std::sync::Arc;
 
@@ -10,7 +14,8 @@ fn gpu() -> Gpu {
     Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Page-aligned memory that lives as long as the test process, as a segment does as long as its publisher.
+/// Page-aligned memory that lives as long as the test process, as a segment does as long as its
+/// publisher.
 fn segment(n_bytes: usize) -> (*mut u8, usize) {
     let len = n_bytes.next_multiple_of(4096);
     let memory: &'static mut [u8] = vec![0u8; len + 4096].leak();
@@ -19,12 +24,24 @@ fn segment(n_bytes: usize) -> (*mut u8, usize) {
 }
 
 /// A texture whose texels count upwards.
-fn counted(gpu: &Gpu, size_px: [u32; 2], format: wgpu::TextureFormat, element_bytes: usize) -> (wgpu::Texture, Vec<u8>) {
+fn counted(
+    gpu: &Gpu,
+    size_px: [u32; 2],
+    format: wgpu::TextureFormat,
+    element_bytes: usize,
+) -> (wgpu::Texture, Vec<u8>) {
     let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::COPY_DST;
     let texture = gpu.texture("counted", size_px, 1, format, usage);
-    let bytes: Vec<u8> = (0..size_px[0] as usize * size_px[1] as usize * element_bytes).map(|i| (i * 7 + i / 251) as u8).collect();
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(size_px[0] * element_bytes as u32), rows_per_image: None };
-    gpu.queue().write_texture(texture.as_image_copy(), &bytes, layout, texture.size());
+    let bytes: Vec<u8> = (0..size_px[0] as usize * size_px[1] as usize * element_bytes)
+        .map(|i| (i * 7 + i / 251) as u8)
+        .collect();
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(size_px[0] * element_bytes as u32),
+        rows_per_image: None,
+    };
+    gpu.queue()
+        .write_texture(texture.as_image_copy(), &bytes, layout, texture.size());
     (texture, bytes)
 }
 
@@ -41,31 +58,65 @@ fn check(gpu: &Gpu, target: Arc<ShmTarget>, base: *const u8, size_px: [u32; 2]) 
     let mut offset_bytes = 384;
     for (format, element_bytes) in formats {
         let (texture, bytes) = counted(gpu, size_px, format, element_bytes);
-        batch.texture(&texture, element_bytes, Place::Shm { target: target.clone(), offset_bytes, capacity_bytes: bytes.len() });
+        batch.texture(
+            &texture,
+            element_bytes,
+            Place::Shm {
+                target: target.clone(),
+                offset_bytes,
+                capacity_bytes: bytes.len(),
+            },
+        );
         let next = (offset_bytes + bytes.len() + 64).next_multiple_of(64);
         expected.push((offset_bytes, bytes));
         offset_bytes = next;
     }
     let buffer = gpu.buffer_with("list", &[9; 400], wgpu::BufferUsages::COPY_SRC);
-    batch.buffer(&buffer, 16, 100, Place::Shm { target: target.clone(), offset_bytes, capacity_bytes: 128 });
+    batch.buffer(
+        &buffer,
+        16,
+        100,
+        Place::Shm {
+            target: target.clone(),
+            offset_bytes,
+            capacity_bytes: 128,
+        },
+    );
     expected.push((offset_bytes, vec![9; 100]));
     let outcomes = batch.submit(gpu, gpu.encoder("test")).wait().unwrap();
-    assert!(outcomes.iter().all(|outcome| outcome.cpu_copies == target.cpu_copies()));
+    assert!(
+        outcomes
+            .iter()
+            .all(|outcome| outcome.cpu_copies == target.cpu_copies())
+    );
     // SAFETY: the memory is leaked, and nothing is in flight any more.
     let memory = unsafe { std::slice::from_raw_parts(base, target.n_bytes()) };
     let mut untouched = 0;
     for (begin, bytes) in &expected {
-        assert!(memory[untouched..*begin].iter().all(|byte| *byte == 0), "wrote before {begin}");
-        assert!(memory[*begin..begin + bytes.len()] == bytes[..], "{size_px:?} at {begin}");
+        assert!(
+            memory[untouched..*begin].iter().all(|byte| *byte == 0),
+            "wrote before {begin}"
+        );
+        assert!(
+            memory[*begin..begin + bytes.len()] == bytes[..],
+            "{size_px:?} at {begin}"
+        );
         untouched = begin + bytes.len();
     }
-    assert!(memory[untouched..].iter().all(|byte| *byte == 0), "wrote behind the last copy");
+    assert!(
+        memory[untouched..].iter().all(|byte| *byte == 0),
+        "wrote behind the last copy"
+    );
 }
 
 #[test]
 fn imported_and_staged_targets_get_the_same_bytes() {
     let gpu = gpu();
-    assert!(gpu.can_import(), "{} lacks VK_EXT_external_memory_host", gpu.name());
+    assert!(
+        gpu.can_import(),
+        "{} lacks VK_EXT_external_memory_host",
+        gpu.name()
+    );
     for size_px in [[801, 599], [64, 64], [33, 7], [255, 16], [800, 600]] {
         let n_bytes = size_px[0] as usize * size_px[1] as usize * 17 + 4096;
         let (base, len) = segment(n_bytes);
@@ -75,7 +126,12 @@ fn imported_and_staged_targets_get_the_same_bytes() {
         check(&gpu, imported, base, size_px);
         let (base, len) = segment(n_bytes);
         // SAFETY: as above.
-        check(&gpu, Arc::new(unsafe { ShmTarget::staged(base, len) }), base, size_px);
+        check(
+            &gpu,
+            Arc::new(unsafe { ShmTarget::staged(base, len) }),
+            base,
+            size_px,
+        );
     }
 }
 
@@ -86,18 +142,40 @@ fn import_that_cannot_be_is_staged_and_says_why() {
     // SAFETY: the segment is leaked and used by nobody else.
     let odd = unsafe { ShmTarget::import(&gpu, base.add(64), len - 64) };
     assert_eq!(odd.cpu_copies(), 1);
-    assert!(odd.staged_reason().unwrap().contains("not aligned"), "{:?}", odd.staged_reason());
-    let refused = Gpu::open(&GpuOptions { allow_import: false, ..Default::default() }).unwrap();
+    assert!(
+        odd.staged_reason().unwrap().contains("not aligned"),
+        "{:?}",
+        odd.staged_reason()
+    );
+    let refused = Gpu::open(&GpuOptions {
+        allow_import: false,
+        ..Default::default()
+    })
+    .unwrap();
     assert!(!refused.can_import());
     // SAFETY: as above.
-    assert!(unsafe { ShmTarget::import(&refused, base, len) }.staged_reason().unwrap().contains("switched off"));
+    assert!(
+        unsafe { ShmTarget::import(&refused, base, len) }
+            .staged_reason()
+            .unwrap()
+            .contains("switched off")
+    );
 }
 
 #[test]
 fn unknown_adapter_is_refused_with_the_names_of_all() {
-    let error = Gpu::open(&GpuOptions { adapter: Some("voodoo".into()), ..Default::default() }).unwrap_err();
-    let GpuError::UnknownAdapter { found, .. } = &error else { panic!("{error}") };
-    assert!(!found.is_empty() && error.to_string().contains(&found[0]), "{error}");
+    let error = Gpu::open(&GpuOptions {
+        adapter: Some("voodoo".into()),
+        ..Default::default()
+    })
+    .unwrap_err();
+    let GpuError::UnknownAdapter { found, .. } = &error else {
+        panic!("{error}")
+    };
+    assert!(
+        !found.is_empty() && error.to_string().contains(&found[0]),
+        "{error}"
+    );
 }
 
 #[test]
@@ -110,7 +188,10 @@ fn ordinary_memory_and_mapped_rows_carry_the_same_bytes() {
     batch.texture(&texture, 4, Place::Memory(&mut memory));
     let mapped = batch.map_texture(&texture, 0, 4);
     let mut outcomes = batch.submit(&gpu, gpu.encoder("test")).wait().unwrap();
-    assert_eq!((outcomes[0].n_bytes, outcomes[0].cpu_copies), (expected.len(), 1));
+    assert_eq!(
+        (outcomes[0].n_bytes, outcomes[0].cpu_copies),
+        (expected.len(), 1)
+    );
     let rows = outcomes[mapped].mapped.take().unwrap();
     assert!((0..11).all(|y| rows.row(y) == &expected[y * 37 * 4..(y + 1) * 37 * 4]));
     assert_eq!(memory, expected);

@@ -1,9 +1,14 @@
-//! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in (imported) memory, and rays per second over
+//! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in
+//! (imported) memory, and rays per second over
 //! a batch of lidars at different places.
 //!
-//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; `mesh_file` has the format of MESH.
+//! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; `mesh_file`
+//! has the format of MESH.
 
-#![expect(unsafe_code, reason = "targets are raw memory; each block carries its proof")]
+#![expect(
+    unsafe_code,
+    reason = "targets are raw memory; each block carries its proof"
+)]
 
 #[path = "mesh_file/mod.rs"]
 mod mesh_file;
@@ -20,8 +25,14 @@ use sensor_spec::LidarSpec;
 fn main() {
     let mut args = std::env::args().skip(1);
     let path = args.next().expect("the first argument is the mesh file");
-    let turns: usize = args.next().map_or(20, |text| text.parse().expect("turns are a whole number"));
-    let gpu = Gpu::open(&GpuOptions { adapter: args.next(), ..Default::default() }).unwrap_or_else(|error| panic!("{error}"));
+    let turns: usize = args
+        .next()
+        .map_or(20, |text| text.parse().expect("turns are a whole number"));
+    let gpu = Gpu::open(&GpuOptions {
+        adapter: args.next(),
+        ..Default::default()
+    })
+    .unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
     let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);
@@ -30,24 +41,44 @@ fn main() {
     // SAFETY: the memory is leaked, and only the scans write to it.
     let target = Arc::new(unsafe { ShmTarget::import(&gpu, base, len) });
     let default = GpuRayOptions::default();
-    let of_blocks = [4, 8, 16, 32].map(|block_columns| GpuRayOptions { block_columns, ..default });
-    let of_groups = [1 << 18, 1 << 19, 1 << 21, 1 << 30].map(|group_rays| GpuRayOptions { group_rays, ..default });
-    for options in of_blocks.into_iter().chain(of_groups).chain([GpuRayOptions { writes_directly: false, ..default }]) {
+    let of_blocks = [4, 8, 16, 32].map(|block_columns| GpuRayOptions {
+        block_columns,
+        ..default
+    });
+    let of_groups = [1 << 18, 1 << 19, 1 << 21, 1 << 30].map(|group_rays| GpuRayOptions {
+        group_rays,
+        ..default
+    });
+    for options in of_blocks
+        .into_iter()
+        .chain(of_groups)
+        .chain([GpuRayOptions {
+            writes_directly: false,
+            ..default
+        }])
+    {
         let mut rays = GpuRays::new(&gpu, options);
-        rays.update(&scene).unwrap_or_else(|error| panic!("{error}"));
+        rays.update(&scene)
+            .unwrap_or_else(|error| panic!("{error}"));
         println!("{options:?}");
         for n_lidars in [1, 4, 16, BATCH] {
             measure(&mut rays, &target, n_lidars, turns, true);
         }
     }
     let mut rays = GpuRays::new(&gpu, default);
-    rays.update(&scene).unwrap_or_else(|error| panic!("{error}"));
+    rays.update(&scene)
+        .unwrap_or_else(|error| panic!("{error}"));
     if gpu.set_timing(true) {
         for n_lidars in [1, BATCH] {
             gpu.take_spans();
             measure(&mut rays, &target, n_lidars, turns, true);
             for span in gpu.take_spans() {
-                println!("    {} {}: {:.4} ms", span.place, span.label, span.millis / (turns + 3) as f64);
+                println!(
+                    "    {} {}: {:.4} ms",
+                    span.place,
+                    span.label,
+                    span.millis / (turns + 3) as f64
+                );
             }
         }
         gpu.set_timing(false);
@@ -61,25 +92,51 @@ const BATCH: usize = 32;
 const SLOT_BYTES: usize = 64 * 2048 * 16 + 4096;
 
 fn spec(columns: u32) -> LidarSpec {
-    LidarSpec { channels: 64, columns, upper_fov_deg: 2.0, lower_fov_deg: -24.8, range_m: 1e4, ..Default::default() }
+    LidarSpec {
+        channels: 64,
+        columns,
+        upper_fov_deg: 2.0,
+        lower_fov_deg: -24.8,
+        range_m: 1e4,
+        ..Default::default()
+    }
 }
 
 /// The place of the comparison with other ray casters, then others along the street.
 fn place(i: usize) -> SensorPath {
     let turn = Vector3::new(0.0, 0.0, 0.4 * i as f64);
-    SensorPath::still(Isometry3::new(Vector3::new(3.0 * i as f64, -1.7, 1.9), turn))
+    SensorPath::still(Isometry3::new(
+        Vector3::new(3.0 * i as f64, -1.7, 1.9),
+        turn,
+    ))
 }
 
-fn measure(rays: &mut GpuRays, target: &Arc<ShmTarget>, n_lidars: usize, turns: usize, whole: bool) {
+fn measure(
+    rays: &mut GpuRays,
+    target: &Arc<ShmTarget>,
+    n_lidars: usize,
+    turns: usize,
+    whole: bool,
+) {
     let spec = spec(if whole { 2048 } else { 16 });
     let mut lidars: Vec<Lidar> = (0..n_lidars).map(|_| Lidar::new(spec.clone())).collect();
     let (mut after_submit, mut with_recording) = (Vec::new(), Vec::new());
     let mut n_points = 0;
     for turn in 0..turns + 3 {
-        let place_of = |i| Place::Shm { target: target.clone(), offset_bytes: i * SLOT_BYTES, capacity_bytes: SLOT_BYTES };
+        let place_of = |i| Place::Shm {
+            target: target.clone(),
+            offset_bytes: i * SLOT_BYTES,
+            capacity_bytes: SLOT_BYTES,
+        };
         let noise = Noise::new(1, 2, turn as u64);
         let begin = Instant::now();
-        let job = |(i, lidar)| ScanJob { lidar, path: place(i), noise, ignored: None, place: place_of(i) };
+        let job = |(i, lidar)| ScanJob {
+            lidar,
+            path: place(i),
+            noise,
+            ignored: None,
+            place: place_of(i),
+        };
         let scans = rays.scan(lidars.iter_mut().enumerate().map(job).collect());
         let submitted = Instant::now();
         let outcomes = scans.wait().unwrap_or_else(|error| panic!("{error}"));
@@ -108,17 +165,36 @@ fn compare(rays: &mut GpuRays, scene: &RayScene) {
     let (mut on_gpu, mut on_cpu) = (Lidar::new(spec(2048)), Lidar::new(spec(2048)));
     let mut bytes = vec![0u8; SLOT_BYTES];
     let noise = Noise::new(1, 2, 3);
-    let job = ScanJob { lidar: &mut on_gpu, path: place(0), noise, ignored: None, place: Place::Memory(&mut bytes) };
-    let outcome = rays.scan(vec![job]).wait().unwrap_or_else(|error| panic!("{error}"));
+    let job = ScanJob {
+        lidar: &mut on_gpu,
+        path: place(0),
+        noise,
+        ignored: None,
+        place: Place::Memory(&mut bytes),
+    };
+    let outcome = rays
+        .scan(vec![job])
+        .wait()
+        .unwrap_or_else(|error| panic!("{error}"));
     let n_points = on_cpu.scan(scene, &place(0), noise, None);
     let mut expected = vec![0u8; on_cpu.payload_bytes()];
     on_cpu.write(&mut expected);
-    let points = |bytes: &[u8]| bytemuck::pod_collect_to_vec::<u8, schema_frames::LidarPoint>(bytes);
-    let (ours, theirs) = (points(&bytes[..16 * outcome[0].n_points as usize]), points(&expected));
-    let gaps: Vec<f32> =
-        ours.iter().zip(&theirs).map(|(a, b)| (Vector3::from(a.hit_in_sensor_m) - Vector3::from(b.hit_in_sensor_m)).norm()).collect();
+    let points =
+        |bytes: &[u8]| bytemuck::pod_collect_to_vec::<u8, schema_frames::LidarPoint>(bytes);
+    let (ours, theirs) = (
+        points(&bytes[..16 * outcome[0].n_points as usize]),
+        points(&expected),
+    );
+    let gaps: Vec<f32> = ours
+        .iter()
+        .zip(&theirs)
+        .map(|(a, b)| (Vector3::from(a.hit_in_sensor_m) - Vector3::from(b.hit_in_sensor_m)).norm())
+        .collect();
     let n_far = gaps.iter().filter(|gap| **gap > 1e-3).count();
-    println!("{} points on the GPU, {n_points} on the CPU, {n_far} farther than 1 mm apart", outcome[0].n_points);
+    println!(
+        "{} points on the GPU, {n_points} on the CPU, {n_far} farther than 1 mm apart",
+        outcome[0].n_points
+    );
 }
 
 /// Page-aligned memory that lives as long as the process.

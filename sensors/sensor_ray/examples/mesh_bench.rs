@@ -1,8 +1,11 @@
-//! Rays per second against a triangle mesh from a file, for comparison with other ray casters on the same mesh, rays and threads.
+//! Rays per second against a triangle mesh from a file, for comparison with other ray casters on
+//! the same mesh, rays and threads.
 //!
-//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. `mesh_file` has the format of MESH. The
+//! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. `mesh_file`
+//! has the format of MESH. The
 //! lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and 2048 azimuths;
-//! what is timed ends with the points in a frame's bytes, distances made exact in `f64`. CPU time does not count what neighbours take.
+//! what is timed ends with the points in a frame's bytes, distances made exact in `f64`. CPU time
+//! does not count what neighbours take.
 
 #[path = "mesh_file/mod.rs"]
 mod mesh_file;
@@ -17,9 +20,16 @@ use sensor_spec::LidarSpec;
 fn main() {
     let mut args = std::env::args().skip(1);
     let path = args.next().expect("the first argument is the mesh file");
-    let threads = args.next().map_or(1, |text| text.parse().expect("threads are a whole number"));
-    let turns = args.next().map_or(12, |text| text.parse().expect("turns are a whole number"));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+    let threads = args
+        .next()
+        .map_or(1, |text| text.parse().expect("threads are a whole number"));
+    let turns = args
+        .next()
+        .map_or(12, |text| text.parse().expect("turns are a whole number"));
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("threads can be started");
     pool.install(|| run(&path, threads, turns));
 }
 
@@ -27,8 +37,19 @@ fn run(path: &str, threads: usize, turns: usize) {
     let assets = mesh_file::read(path);
     let begin = Instant::now();
     let scene = RayScene::load(&assets);
-    println!("{} triangles, built in {:.0} ms", scene.n_static_triangles(), begin.elapsed().as_secs_f64() * 1e3);
-    let spec = LidarSpec { channels: 64, columns: 2048, upper_fov_deg: 2.0, lower_fov_deg: -24.8, range_m: 1e4, ..Default::default() };
+    println!(
+        "{} triangles, built in {:.0} ms",
+        scene.n_static_triangles(),
+        begin.elapsed().as_secs_f64() * 1e3
+    );
+    let spec = LidarSpec {
+        channels: 64,
+        columns: 2048,
+        upper_fov_deg: 2.0,
+        lower_fov_deg: -24.8,
+        range_m: 1e4,
+        ..Default::default()
+    };
     let n_rays = spec.channels * spec.columns;
     let mut lidar = Lidar::new(spec);
     let mut bytes = vec![0; n_rays as usize * 16];
@@ -56,7 +77,8 @@ fn run(path: &str, threads: usize, turns: usize) {
 
 /// CPU time of this process: it does not count what neighbours take.
 fn cpu_millis() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
+    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF)
+        .expect("a process may ask for its own usage");
     let millis = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 * 1e3 + t.tv_usec() as f64 * 1e-3;
     millis(usage.user_time()) + millis(usage.system_time())
 }

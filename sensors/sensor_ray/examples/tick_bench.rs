@@ -1,7 +1,9 @@
-//! What the processor does for lidars in a tick before rays go: people of twelve parts and cars of five are put in place and told to the GPU.
+//! What the processor does for lidars in a tick before rays go: people of twelve parts and cars of
+//! five are put in place and told to the GPU.
 //! And what the hierarchy over them costs the rays.
 //!
-//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS]` prints CPU time of this thread, best and median.
+//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS]` prints CPU time
+//! of this thread, best and median.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use nix::sys::time::TimeSpec;
@@ -9,13 +11,16 @@ use nix::time::{ClockId, clock_gettime};
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::mesh::Surface;
-use sensor_core::{DynamicInstance, Material, Mesh, MeshBuilder, MeshId, SceneAssets, StaticInstance};
+use sensor_core::{
+    DynamicInstance, Material, Mesh, MeshBuilder, MeshId, SceneAssets, StaticInstance,
+};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_ray::lidar::{Lidar, SensorPath};
 use sensor_ray::{GpuRayOptions, GpuRays, RayScene};
 use sensor_spec::LidarSpec;
 
-/// Middles of a person's parts over the ground and half their sides, metres: hips, chest, head, then limb by limb.
+/// Middles of a person's parts over the ground and half their sides, metres: hips, chest, head,
+/// then limb by limb.
 const PARTS: [([f64; 3], [f32; 3]); 12] = [
     ([0.0, 0.0, 0.95], [0.12, 0.17, 0.12]),
     ([0.0, 0.0, 1.3], [0.13, 0.2, 0.25]),
@@ -32,7 +37,12 @@ const PARTS: [([f64; 3], [f32; 3]); 12] = [
 ];
 
 fn main() {
-    let number = |place: usize, default: usize| std::env::args().nth(place).and_then(|n| n.parse().ok()).unwrap_or(default);
+    let number = |place: usize, default: usize| {
+        std::env::args()
+            .nth(place)
+            .and_then(|n| n.parse().ok())
+            .unwrap_or(default)
+    };
     let (n_people, n_cars, n_ticks) = (number(1, 40), number(2, 21), number(3, 200));
     let assets = place();
     let mut scene = RayScene::load_for_gpu(&assets);
@@ -44,26 +54,50 @@ fn main() {
         placed.push(micros(|| scene.update_for_gpu(&instances)));
         let _ = rays.update(&scene);
         scene.update_for_gpu(&crowd(n_people, n_cars, (tick as f64 + 0.5) * 0.05));
-        told.push(micros(|| assert!(format!("{:?}", rays.update(&scene)).len() > 1)));
+        told.push(micros(|| {
+            assert!(format!("{:?}", rays.update(&scene)).len() > 1)
+        }));
         for_cpu.push(micros(|| scene.update(&instances)));
     }
     let n = crowd(n_people, n_cars, 0.0).len();
-    for (what, mut times) in [("place", placed), ("tell the GPU", told), ("for the processor's rays", for_cpu)] {
+    for (what, mut times) in [
+        ("place", placed),
+        ("tell the GPU", told),
+        ("for the processor's rays", for_cpu),
+    ] {
         times.sort_by(f64::total_cmp);
-        println!("sensor_ray/tick/{what}: {n} parts, best {:.0} µs, median {:.0} µs", times[0], times[times.len() / 2]);
+        println!(
+            "sensor_ray/tick/{what}: {n} parts, best {:.0} µs, median {:.0} µs",
+            times[0],
+            times[times.len() / 2]
+        );
     }
     let mut lidar = Lidar::new(LidarSpec::default());
     let path = SensorPath::still(Isometry3::translation(0.0, 0.0, 1.8));
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread can be started");
-    let mut turns: Vec<f64> =
-        one.install(|| (0..25).map(|_| micros(|| assert!(lidar.scan(&scene, &path, Noise::new(1, 2, 3), None) > 1000))).collect());
+    let one = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a thread can be started");
+    let mut turns: Vec<f64> = one.install(|| {
+        (0..25)
+            .map(|_| {
+                micros(|| assert!(lidar.scan(&scene, &path, Noise::new(1, 2, 3), None) > 1000))
+            })
+            .collect()
+    });
     turns.sort_by(f64::total_cmp);
-    println!("sensor_ray/tick/turn: 64x2000 rays, one thread, best {:.0} µs, median {:.0} µs", turns[0], turns[turns.len() / 2]);
+    println!(
+        "sensor_ray/tick/turn: 64x2000 rays, one thread, best {:.0} µs, median {:.0} µs",
+        turns[0],
+        turns[turns.len() / 2]
+    );
 }
 
 /// CPU time of this thread.
 fn micros(work: impl FnOnce()) -> f64 {
-    let now = || clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).expect("a thread may ask for its own time");
+    let now = || {
+        clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).expect("a thread may ask for its own time")
+    };
     let started = now();
     work();
     let spent: TimeSpec = now() - started;
@@ -74,7 +108,11 @@ fn body(class: Class, half_m: [f32; 3]) -> Mesh {
     let mut builder = MeshBuilder::new("part");
     for k in 0..8 {
         let lift = half_m[2] * (2.0 * k as f32 + 1.0) / 8.0 - half_m[2];
-        builder.cuboid(Surface::new(class, Material::Matte, [128; 3]), [0.0, 0.0, lift], [half_m[0], half_m[1], half_m[2] / 8.0]);
+        builder.cuboid(
+            Surface::new(class, Material::Matte, [128; 3]),
+            [0.0, 0.0, lift],
+            [half_m[0], half_m[1], half_m[2] / 8.0],
+        );
     }
     builder.finish()
 }
@@ -85,10 +123,23 @@ fn place() -> SceneAssets {
     let mut builder = MeshBuilder::new("square");
     let ground = Surface::new(Class::ROADS, Material::Asphalt, [90; 3]);
     for (x, y) in (-20..20).flat_map(|x| (-20..20).map(move |y| (x as f32 * 5.0, y as f32 * 5.0))) {
-        builder.quad(ground, [[x, y, 0.0], [x + 5.0, y, 0.0], [x + 5.0, y + 5.0, 0.0], [x, y + 5.0, 0.0]], [[0.0; 2]; 4]);
+        builder.quad(
+            ground,
+            [
+                [x, y, 0.0],
+                [x + 5.0, y, 0.0],
+                [x + 5.0, y + 5.0, 0.0],
+                [x, y + 5.0, 0.0],
+            ],
+            [[0.0; 2]; 4],
+        );
     }
     let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(1) });
+    assets.statics.push(StaticInstance {
+        mesh,
+        world_from_mesh: Isometry3::identity(),
+        object: ObjectId::scenery(1),
+    });
     for (_, half_m) in PARTS {
         assets.add_mesh(body(Class::PEDESTRIANS, half_m));
     }
@@ -114,7 +165,10 @@ fn crowd(n_people: usize, n_cars: usize, secs: f64) -> Vec<DynamicInstance> {
     let on_circle = |i: usize, n: usize, radius_m: f64, speed_mps: f64| {
         let angle = i as f64 * 2.399 + speed_mps / radius_m * secs;
         let reach = radius_m * (0.2 + 0.8 * (i as f64 / n as f64).sqrt());
-        Isometry3::new(Vector3::new(reach * angle.cos(), reach * angle.sin(), 0.0), Vector3::z() * (angle + 1.57))
+        Isometry3::new(
+            Vector3::new(reach * angle.cos(), reach * angle.sin(), 0.0),
+            Vector3::z() * (angle + 1.57),
+        )
     };
     for i in 0..n_people {
         let world_from_person = on_circle(i, n_people, 40.0, 1.4);
@@ -122,14 +176,32 @@ fn crowd(n_people: usize, n_cars: usize, secs: f64) -> Vec<DynamicInstance> {
             let swing = 0.5 * (secs * 6.0 + i as f64 + part as f64).sin() * (part > 2) as u8 as f64;
             let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), swing);
             let at = Point3::from(middle) + Vector3::x() * (0.2 * swing);
-            add(i, part, 1 + part, world_from_person * Isometry3::from_parts(at.into(), turn));
+            add(
+                i,
+                part,
+                1 + part,
+                world_from_person * Isometry3::from_parts(at.into(), turn),
+            );
         }
     }
     for i in 0..n_cars {
         let world_from_car = on_circle(i, n_cars, 90.0, 10.0);
-        add(n_people + i, 0, 1 + PARTS.len(), world_from_car * Isometry3::translation(0.0, 0.0, 0.75));
-        for (wheel, (x, y)) in [(1.4, 0.8), (1.4, -0.8), (-1.4, 0.8), (-1.4, -0.8)].into_iter().enumerate() {
-            add(n_people + i, 1 + wheel, 2 + PARTS.len(), world_from_car * Isometry3::translation(x, y, 0.33));
+        add(
+            n_people + i,
+            0,
+            1 + PARTS.len(),
+            world_from_car * Isometry3::translation(0.0, 0.0, 0.75),
+        );
+        for (wheel, (x, y)) in [(1.4, 0.8), (1.4, -0.8), (-1.4, 0.8), (-1.4, -0.8)]
+            .into_iter()
+            .enumerate()
+        {
+            add(
+                n_people + i,
+                1 + wheel,
+                2 + PARTS.len(),
+                world_from_car * Isometry3::translation(x, y, 0.33),
+            );
         }
     }
     instances

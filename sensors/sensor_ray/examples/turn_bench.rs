@@ -1,6 +1,8 @@
-//! Time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving cars.
+//! Time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving
+//! cars.
 //!
-//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads]` prints CPU time (best and median) and the best wall time.
+//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads]` prints CPU time (best
+//! and median) and the best wall time.
 
 use std::time::Instant;
 
@@ -15,10 +17,18 @@ use sensor_ray::lidar::{Lidar, SensorPath};
 use sensor_spec::LidarSpec;
 
 fn main() {
-    let number = |place: usize, default: usize| std::env::args().nth(place).and_then(|n| n.parse().ok()).unwrap_or(default);
+    let number = |place: usize, default: usize| {
+        std::env::args()
+            .nth(place)
+            .and_then(|n| n.parse().ok())
+            .unwrap_or(default)
+    };
     let (turns, threads) = (number(1, 15), number(2, 1));
     let assets = street();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be started");
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("threads can be started");
     pool.install(|| {
         let started = cpu_nanos();
         let mut scene = RayScene::load(&assets);
@@ -65,10 +75,15 @@ fn measure(turns: usize, mut work: impl FnMut()) -> Millis {
         cpu.push((cpu_nanos() - started) as f64 * 1e-6);
     }
     cpu.sort_by(f64::total_cmp);
-    Millis { cpu_best: cpu[0], cpu_median: cpu[cpu.len() / 2], wall_best }
+    Millis {
+        cpu_best: cpu[0],
+        cpu_median: cpu[cpu.len() / 2],
+        wall_best,
+    }
 }
 
-/// A straight street: road and pavement grid, houses with window boxes, trees of leaves, lamp posts.
+/// A straight street: road and pavement grid, houses with window boxes, trees of leaves, lamp
+/// posts.
 fn street() -> SceneAssets {
     let mut assets = SceneAssets::default();
     let mut rng = fastrand::Rng::with_seed(1);
@@ -78,39 +93,78 @@ fn street() -> SceneAssets {
         for i in 0..20 {
             for j in 0..24 {
                 let (x, y) = (i as f32 * 2.0, j as f32 - 12.0);
-                let class = if y.abs() < 7.0 { Class::ROADS } else { Class::SIDEWALKS };
-                builder.quad(surface(class), [[x, y, 0.], [x + 2., y, 0.], [x + 2., y + 1., 0.], [x, y + 1., 0.]], [[0.0; 2]; 4]);
+                let class = if y.abs() < 7.0 {
+                    Class::ROADS
+                } else {
+                    Class::SIDEWALKS
+                };
+                builder.quad(
+                    surface(class),
+                    [
+                        [x, y, 0.],
+                        [x + 2., y, 0.],
+                        [x + 2., y + 1., 0.],
+                        [x, y + 1., 0.],
+                    ],
+                    [[0.0; 2]; 4],
+                );
             }
         }
         for side in [-1.0f32, 1.0] {
             for house in 0..2 {
                 let x = house as f32 * 20.0 + 10.0;
-                builder.cuboid(surface(Class::BUILDINGS), [x, side * 20.0, 8.0], [9.0, 8.0, 8.0]);
+                builder.cuboid(
+                    surface(Class::BUILDINGS),
+                    [x, side * 20.0, 8.0],
+                    [9.0, 8.0, 8.0],
+                );
                 for window in 0..160 {
                     let (column, floor) = (window % 20, window / 20);
-                    let at = [x - 8.5 + column as f32 * 0.9, side * 12.0, 1.5 + floor as f32 * 1.9];
+                    let at = [
+                        x - 8.5 + column as f32 * 0.9,
+                        side * 12.0,
+                        1.5 + floor as f32 * 1.9,
+                    ];
                     builder.cuboid(surface(Class::BUILDINGS), at, [0.3, 0.1, 0.6]);
                 }
             }
             for tree in 0..4 {
                 let x = tree as f32 * 10.0 + 5.0;
-                builder.cuboid(surface(Class::VEGETATION), [x, side * 9.0, 1.5], [0.15, 0.15, 1.5]);
+                builder.cuboid(
+                    surface(Class::VEGETATION),
+                    [x, side * 9.0, 1.5],
+                    [0.15, 0.15, 1.5],
+                );
                 for _ in 0..500 {
                     let mut at = |scale: f32| (rng.f32() - 0.5) * scale;
                     let leaf = [x + at(4.0), side * 9.0 + at(4.0), 4.5 + at(3.0)];
-                    let corners = std::array::from_fn(|_| [leaf[0] + at(0.5), leaf[1] + at(0.5), leaf[2] + at(0.5)]);
+                    let corners = std::array::from_fn(|_| {
+                        [leaf[0] + at(0.5), leaf[1] + at(0.5), leaf[2] + at(0.5)]
+                    });
                     builder.triangle(surface(Class::VEGETATION), corners);
                 }
             }
         }
         let mesh = assets.add_mesh(builder.finish());
         let world_from_mesh = Isometry3::translation(chunk as f64 * 40.0, 0.0, 0.0);
-        assets.statics.push(StaticInstance { mesh, world_from_mesh, object: ObjectId::scenery((chunk + 10) as u32) });
+        assets.statics.push(StaticInstance {
+            mesh,
+            world_from_mesh,
+            object: ObjectId::scenery((chunk + 10) as u32),
+        });
     }
     let mut builder = MeshBuilder::new("car");
     for i in 0..150 {
-        let at = [(i % 15) as f32 * 0.3 - 2.1, (i / 15 % 5) as f32 * 0.4 - 0.8, 0.4 + (i / 75) as f32 * 0.6];
-        builder.cuboid(Surface::new(Class::CAR, Material::CarPaint, [200; 3]), at, [0.15, 0.2, 0.3]);
+        let at = [
+            (i % 15) as f32 * 0.3 - 2.1,
+            (i / 15 % 5) as f32 * 0.4 - 0.8,
+            0.4 + (i / 75) as f32 * 0.6,
+        ];
+        builder.cuboid(
+            Surface::new(Class::CAR, Material::CarPaint, [200; 3]),
+            at,
+            [0.15, 0.2, 0.3],
+        );
     }
     assets.add_mesh(builder.finish());
     assets
@@ -119,7 +173,13 @@ fn street() -> SceneAssets {
 /// Two hundred cars in four lanes.
 fn traffic(assets: &SceneAssets) -> Vec<DynamicInstance> {
     let mesh = sensor_core::MeshId(assets.meshes.len() as u32 - 1);
-    let place = |k: u32| Isometry3::translation(-390.0 + k as f64 * 3.9 + 2.5, [-5.2, -1.8, 1.8, 5.2][k as usize % 4], 0.0);
+    let place = |k: u32| {
+        Isometry3::translation(
+            -390.0 + k as f64 * 3.9 + 2.5,
+            [-5.2, -1.8, 1.8, 5.2][k as usize % 4],
+            0.0,
+        )
+    };
     (0..200)
         .map(|k| DynamicInstance {
             actor: ActorId(k + 1),

@@ -1,6 +1,7 @@
 //! A ball moved along a line until it touches a triangle: what the obstacle detector asks.
 //!
-//! The ball against a triangle is a point against the triangle thickened by the radius: two planes, three cylinders, three balls.
+//! The ball against a triangle is a point against the triangle thickened by the radius: two planes,
+//! three cylinders, three balls.
 //! Source: Ericson, *Real-Time Collision Detection* (2005), sections 5.5.6 and 5.3.7.
 
 use nalgebra::{Point3, Vector3};
@@ -31,7 +32,8 @@ pub struct BallHit {
 }
 
 impl RayScene {
-    /// Moves a ball of `radius_m` from `centre_m` along the unit vector `direction` by at most `max_m` until it touches a triangle.
+    /// Moves a ball of `radius_m` from `centre_m` along the unit vector `direction` by at most
+    /// `max_m` until it touches a triangle.
     ///
     /// Of things touched after the same way the scenery counts first, then the smaller actor.
     pub fn move_ball(
@@ -42,21 +44,48 @@ impl RayScene {
         max_m: f64,
         filter: BallFilter,
     ) -> Option<BallHit> {
-        let ball = Ball { centre: *centre_m, direction: *direction, radius_m };
-        let mut search = Search { scene: self, ball, only_traffic: filter.only_traffic, found: None };
+        let ball = Ball {
+            centre: *centre_m,
+            direction: *direction,
+            radius_m,
+        };
+        let mut search = Search {
+            scene: self,
+            ball,
+            only_traffic: filter.only_traffic,
+            found: None,
+        };
         let mut limit_m = max_m;
-        let scenery = if filter.only_traffic { &[][..] } else { &self.tiles };
+        let scenery = if filter.only_traffic {
+            &[][..]
+        } else {
+            &self.tiles
+        };
         for tile in scenery {
-            let near = Ball { centre: Point3::from(centre_m - tile.origin_m), ..ball };
-            tile.tree.visit_ball(&near, &mut limit_m, |number, limit_m| {
-                let (instance, triangle) = tile.sources[number as usize];
-                search.touch(&self.statics[instance as usize], triangle, limit_m);
-            });
+            let near = Ball {
+                centre: Point3::from(centre_m - tile.origin_m),
+                ..ball
+            };
+            tile.tree
+                .visit_ball(&near, &mut limit_m, |number, limit_m| {
+                    let (instance, triangle) = tile.sources[number as usize];
+                    search.touch(&self.statics[instance as usize], triangle, limit_m);
+                });
         }
         let ignored = filter.ignored.map(ObjectId::from);
-        for placed in self.dynamics.iter().filter(|placed| Some(placed.object) != ignored) {
-            let Some(tree) = &self.mesh_trees[placed.mesh_idx as usize] else { continue };
-            tree.visit_ball(&ball.seen_from(placed), &mut limit_m, |triangle, limit_m| search.touch(placed, triangle, limit_m));
+        for placed in self
+            .dynamics
+            .iter()
+            .filter(|placed| Some(placed.object) != ignored)
+        {
+            let Some(tree) = &self.mesh_trees[placed.mesh_idx as usize] else {
+                continue;
+            };
+            tree.visit_ball(
+                &ball.seen_from(placed),
+                &mut limit_m,
+                |triangle, limit_m| search.touch(placed, triangle, limit_m),
+            );
         }
         search.found
     }
@@ -81,17 +110,28 @@ impl Search<'_> {
             return;
         }
         let corners = [0, 1, 2].map(|i| Point3::from(vertex(i).position_m.map(f64::from)));
-        let Some(touch) = self.ball.seen_from(placed).touch(&corners, *limit_m) else { return };
-        if self.found.is_some_and(|found| touch.way_m >= found.distance_m) {
+        let Some(touch) = self.ball.seen_from(placed).touch(&corners, *limit_m) else {
+            return;
+        };
+        if self
+            .found
+            .is_some_and(|found| touch.way_m >= found.distance_m)
+        {
             return;
         }
         *limit_m = touch.way_m;
         let own = ObjectId(vertex(0).object_id);
         self.found = Some(BallHit {
             distance_m: touch.way_m,
-            contact_in_world_m: placed.mesh_from_world.inverse_transform_point(&touch.contact),
+            contact_in_world_m: placed
+                .mesh_from_world
+                .inverse_transform_point(&touch.contact),
             class,
-            object: if own == ObjectId::BACKGROUND { placed.object } else { own },
+            object: if own == ObjectId::BACKGROUND {
+                placed.object
+            } else {
+                own
+            },
         });
     }
 }
@@ -122,19 +162,28 @@ impl Ball {
     /// The same ball in the space of an instance's mesh.
     fn seen_from(&self, placed: &Placed) -> Ball {
         let mesh_from_world = &placed.mesh_from_world;
-        Ball { centre: mesh_from_world * self.centre, direction: mesh_from_world.rotation * self.direction, radius_m: self.radius_m }
+        Ball {
+            centre: mesh_from_world * self.centre,
+            direction: mesh_from_world.rotation * self.direction,
+            radius_m: self.radius_m,
+        }
     }
 
     /// First touch of a triangle on a way of at most `max_m`.
     pub fn touch(&self, corners: &[Point3<f64>; 3], max_m: f64) -> Option<Touch> {
         let nearest = nearest_point(&self.centre, corners);
         if (nearest - self.centre).norm_squared() <= self.radius_m * self.radius_m {
-            return Some(Touch { way_m: 0.0, contact: nearest });
+            return Some(Touch {
+                way_m: 0.0,
+                contact: nearest,
+            });
         }
         let touch = match self.touch_face(corners) {
             // Nothing of a triangle is touched before its inside, if that is touched at all.
             Some(touch) => Some(touch),
-            None => (0..3).filter_map(|i| self.touch_edge(&corners[i], &corners[(i + 1) % 3])).min_by(|a, b| a.way_m.total_cmp(&b.way_m)),
+            None => (0..3)
+                .filter_map(|i| self.touch_edge(&corners[i], &corners[(i + 1) % 3]))
+                .min_by(|a, b| a.way_m.total_cmp(&b.way_m)),
         };
         touch.filter(|touch| touch.way_m <= max_m)
     }
@@ -144,7 +193,9 @@ impl Ball {
     }
 
     fn touch_face(&self, corners: &[Point3<f64>; 3]) -> Option<Touch> {
-        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).try_normalize(0.0)?;
+        let normal = (corners[1] - corners[0])
+            .cross(&(corners[2] - corners[0]))
+            .try_normalize(0.0)?;
         let height = normal.dot(&(self.centre - corners[0]));
         let normal = if height < 0.0 { -normal } else { normal };
         let closing = -normal.dot(&self.direction);
@@ -168,23 +219,41 @@ impl Ball {
         let side = if length2 > 0.0 {
             // Without their parts along the edge, ray and centre meet a circle.
             let across = |v: Vector3<f64>| v - edge * (v.dot(&edge) / length2);
-            first_root(&across(self.centre - a), &across(self.direction), self.radius_m).and_then(|way_m| {
+            first_root(
+                &across(self.centre - a),
+                &across(self.direction),
+                self.radius_m,
+            )
+            .and_then(|way_m| {
                 let along = (self.at(way_m) - a).dot(&edge) / length2;
-                (0.0..=1.0).contains(&along).then(|| Touch { way_m, contact: a + edge * along })
+                (0.0..=1.0).contains(&along).then(|| Touch {
+                    way_m,
+                    contact: a + edge * along,
+                })
             })
         } else {
             None
         };
         let end = |corner: &Point3<f64>| {
-            first_root(&(self.centre - corner), &self.direction, self.radius_m).map(|way_m| Touch { way_m, contact: *corner })
+            first_root(&(self.centre - corner), &self.direction, self.radius_m).map(|way_m| Touch {
+                way_m,
+                contact: *corner,
+            })
         };
-        [side, end(a), end(b)].into_iter().flatten().min_by(|a, b| a.way_m.total_cmp(&b.way_m))
+        [side, end(a), end(b)]
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.way_m.total_cmp(&b.way_m))
     }
 }
 
 /// Smallest t ≥ 0 at which |from + t·direction| falls to the radius.
 fn first_root(from: &Vector3<f64>, direction: &Vector3<f64>, radius_m: f64) -> Option<f64> {
-    let (a, b, c) = (direction.norm_squared(), from.dot(direction), from.norm_squared() - radius_m * radius_m);
+    let (a, b, c) = (
+        direction.norm_squared(),
+        from.dot(direction),
+        from.norm_squared() - radius_m * radius_m,
+    );
     let discriminant = b * b - a * c;
     if a <= 1e-18 || b >= 0.0 || discriminant < 0.0 {
         return None;
@@ -224,7 +293,11 @@ fn nearest_point(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
         return b + (c - b) * if sum > 0.0 { (d4 - d3) / sum } else { 0.0 };
     }
     let sum = va + vb + vc;
-    if sum == 0.0 { *a } else { a + ab * (vb / sum) + ac * (vc / sum) }
+    if sum == 0.0 {
+        *a
+    } else {
+        a + ab * (vb / sum) + ac * (vc / sum)
+    }
 }
 
 #[cfg(test)]
@@ -252,18 +325,38 @@ mod tests {
         let mut rng = fastrand::Rng::with_seed(3);
         let (mut n_touched, mut n_missed) = (0, 0);
         for _ in 0..300 {
-            let corners = [random(&mut rng, 4.0), random(&mut rng, 4.0), random(&mut rng, 4.0)];
+            let corners = [
+                random(&mut rng, 4.0),
+                random(&mut rng, 4.0),
+                random(&mut rng, 4.0),
+            ];
             let centre = random(&mut rng, 16.0);
             let direction = (random(&mut rng, 5.0) - centre).normalize();
-            let ball = Ball { centre, direction, radius_m: 0.2 + rng.f64() };
+            let ball = Ball {
+                centre,
+                direction,
+                radius_m: 0.2 + rng.f64(),
+            };
             // A grid of 80 by 80 on edges of up to 6 m is off by 5 cm at most, and only too far.
             let gap = |t: f64| gridded_distance(&ball.at(t), &corners, 80) - ball.radius_m;
             match ball.touch(&corners, 30.0) {
                 Some(touch) => {
                     n_touched += 1;
-                    assert!(touch.way_m == 0.0 || gap(touch.way_m).abs() < 0.06, "{touch:?} {}", gap(touch.way_m));
-                    assert!((0..20).all(|i| gap(touch.way_m * i as f64 / 20.0) > -1e-9), "touched before");
-                    assert!(touch.way_m == 0.0 || ((touch.contact - ball.at(touch.way_m)).norm() - ball.radius_m).abs() < 1e-9);
+                    assert!(
+                        touch.way_m == 0.0 || gap(touch.way_m).abs() < 0.06,
+                        "{touch:?} {}",
+                        gap(touch.way_m)
+                    );
+                    assert!(
+                        (0..20).all(|i| gap(touch.way_m * i as f64 / 20.0) > -1e-9),
+                        "touched before"
+                    );
+                    assert!(
+                        touch.way_m == 0.0
+                            || ((touch.contact - ball.at(touch.way_m)).norm() - ball.radius_m)
+                                .abs()
+                                < 1e-9
+                    );
                 }
                 None => {
                     n_missed += 1;

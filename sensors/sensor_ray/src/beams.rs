@@ -34,7 +34,9 @@ impl Beams {
     /// Beams of a spec whose columns look at these azimuths, not in bunches yet.
     pub fn new(spec: &LidarSpec, azimuths_rad: impl Iterator<Item = f64>) -> Self {
         Beams {
-            elevations: (0..spec.channels).map(|channel| cos_sin(spec.elevation_rad(channel))).collect(),
+            elevations: (0..spec.channels)
+                .map(|channel| cos_sin(spec.elevation_rad(channel)))
+                .collect(),
             azimuths: azimuths_rad.map(cos_sin).collect(),
             ..Default::default()
         }
@@ -46,19 +48,31 @@ impl Beams {
         if !self.bunches.is_empty() || n_columns == 0 {
             return;
         }
-        let [channels, columns] = if spec.motion_distortion { [DISTORTED_CHANNELS, 1] } else { shape(spec, n_columns) };
-        self.bunch_rays = if spec.motion_distortion { DISTORTED_CHANNELS } else { RAYS };
+        let [channels, columns] = if spec.motion_distortion {
+            [DISTORTED_CHANNELS, 1]
+        } else {
+            shape(spec, n_columns)
+        };
+        self.bunch_rays = if spec.motion_distortion {
+            DISTORTED_CHANNELS
+        } else {
+            RAYS
+        };
         // Upright strips: what one of them fetches, the next one finds near at hand.
         for column in (0..n_columns).step_by(columns) {
             for channel in (0..n_channels).step_by(channels) {
-                self.add([channel, (channel + channels).min(n_channels)], [column, (column + columns).min(n_columns)]);
+                self.add(
+                    [channel, (channel + channels).min(n_channels)],
+                    [column, (column + columns).min(n_columns)],
+                );
             }
         }
         self.slots = vec![0; n_channels * n_columns];
         for (i, bunch) in self.bunches.iter().enumerate() {
             // Those that are not there come last.
             for (ray, (channel, column)) in bunch.rays.iter().enumerate().rev() {
-                self.slots[*channel as usize * n_columns + *column as usize] = (i * self.bunch_rays + ray) as u32;
+                self.slots[*channel as usize * n_columns + *column as usize] =
+                    (i * self.bunch_rays + ray) as u32;
             }
         }
     }
@@ -86,19 +100,34 @@ impl Beams {
         let mut rays: Vec<Option<(u32, u32)>> = Vec::new();
         // Groups are as wide as they can be.
         let by_column = n_columns == 1;
-        let (outer, inner) = if by_column { (columns, channels) } else { (channels, columns) };
+        let (outer, inner) = if by_column {
+            (columns, channels)
+        } else {
+            (channels, columns)
+        };
         for i in outer[0]..outer[1] {
             for j in inner[0]..inner[1] {
-                rays.push(Some(if by_column { (j as u32, i as u32) } else { (i as u32, j as u32) }));
+                rays.push(Some(if by_column {
+                    (j as u32, i as u32)
+                } else {
+                    (i as u32, j as u32)
+                }));
             }
             rays.resize(rays.len().next_multiple_of(GROUP), None);
         }
-        let directions: Vec<_> =
-            rays.iter().map(|ray| ray.map(|(channel, column)| self.direction(channel as usize, column as usize))).collect();
+        let directions: Vec<_> = rays
+            .iter()
+            .map(|ray| {
+                ray.map(|(channel, column)| self.direction(channel as usize, column as usize))
+            })
+            .collect();
         match Bundle::new(&directions) {
             Some(bundle) => {
                 let first = rays.iter().flatten().next().copied().unwrap_or_default();
-                self.bunches.push(Bunch { bundle, rays: rays.into_iter().map(|ray| ray.unwrap_or(first)).collect() });
+                self.bunches.push(Bunch {
+                    bundle,
+                    rays: rays.into_iter().map(|ray| ray.unwrap_or(first)).collect(),
+                });
             }
             None if n_columns >= n_channels => {
                 let middle = columns[0] + n_columns / 2;
@@ -114,15 +143,23 @@ impl Beams {
     }
 }
 
-/// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as that goes.
+/// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as that
+/// goes.
 fn shape(spec: &LidarSpec, n_columns: usize) -> [usize; 2] {
-    let between_channels = (spec.upper_fov_deg - spec.lower_fov_deg) / spec.channels.saturating_sub(1).max(1) as f64;
+    let between_channels =
+        (spec.upper_fov_deg - spec.lower_fov_deg) / spec.channels.saturating_sub(1).max(1) as f64;
     let between_columns = spec.horizontal_fov_deg / n_columns.max(1) as f64;
     let squareness = |n_channels: &usize| {
-        let (height, width) = (*n_channels as f64 * between_channels, (RAYS / n_channels) as f64 * between_columns);
+        let (height, width) = (
+            *n_channels as f64 * between_channels,
+            (RAYS / n_channels) as f64 * between_columns,
+        );
         (height.max(1e-6) / width.max(1e-6)).ln().abs()
     };
-    let n_channels = [1, 2, 4, GROUPS].into_iter().min_by(|a, b| squareness(a).total_cmp(&squareness(b))).unwrap_or(GROUPS);
+    let n_channels = [1, 2, 4, GROUPS]
+        .into_iter()
+        .min_by(|a, b| squareness(a).total_cmp(&squareness(b)))
+        .unwrap_or(GROUPS);
     [n_channels, RAYS / n_channels]
 }
 

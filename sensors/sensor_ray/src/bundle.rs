@@ -1,10 +1,14 @@
 //! Bundles of rays with a common origin, and how they walk a hierarchy together.
 //!
-//! A bundle looks along an axis. Its rays are points (u, v) of the plane one metre ahead, eight to a group; boxes are tested against the
-//! pyramid about all of them, triangles are projected to the plane and tested only against the groups that lie under their outline.
-//! A ray is inside a triangle if it passes all three edges on the same side: an edge that two triangles share gives the same number with
+//! A bundle looks along an axis. Its rays are points (u, v) of the plane one metre ahead, eight to
+//! a group; boxes are tested against the
+//! pyramid about all of them, triangles are projected to the plane and tested only against the
+//! groups that lie under their outline.
+//! A ray is inside a triangle if it passes all three edges on the same side: an edge that two
+//! triangles share gives the same number with
 //! the other sign for the other one, so that no ray slips between them.
-//! Sources: Pineda, *A Parallel Algorithm for Polygon Rasterization* (1988); Reshetov, Soupikov and Hurley, *Multi-Level Ray Tracing
+//! Sources: Pineda, *A Parallel Algorithm for Polygon Rasterization* (1988); Reshetov, Soupikov and
+//! Hurley, *Multi-Level Ray Tracing
 //! Algorithm* (2005).
 
 use nalgebra::Vector3;
@@ -22,7 +26,8 @@ pub(crate) const RAYS: usize = GROUP * GROUPS;
 /// Place of a ray that has hit nothing.
 pub(crate) const NOWHERE: u32 = u32::MAX;
 
-/// By how much outlines on the plane are widened before they are compared: far more than `f32` loses there.
+/// By how much outlines on the plane are widened before they are compared: far more than `f32`
+/// loses there.
 const MARGIN: f32 = 1e-5;
 /// Share of the largest coordinate by which boxes may be off.
 const SLACK: f32 = 2e-6;
@@ -47,10 +52,18 @@ pub(crate) struct Bundle {
 impl Bundle {
     /// Rays along unit vectors, eight to a group; `None` if they lie too far apart for one bundle.
     pub fn new(directions: &[Option<Vector3<f64>>]) -> Option<Bundle> {
-        assert!(directions.len() <= RAYS, "{} rays in a bundle", directions.len());
+        assert!(
+            directions.len() <= RAYS,
+            "{} rays in a bundle",
+            directions.len()
+        );
         let sum: Vector3<f64> = directions.iter().flatten().sum();
         let axis = sum.try_normalize(1e-6)?;
-        let reference = if axis.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() };
+        let reference = if axis.z.abs() < 0.9 {
+            Vector3::z()
+        } else {
+            Vector3::x()
+        };
         let side = reference.cross(&axis).normalize();
         let up = axis.cross(&side);
         let mut bundle = Bundle {
@@ -58,8 +71,18 @@ impl Bundle {
             u: [[0.0; GROUP]; GROUPS],
             v: [[0.0; GROUP]; GROUPS],
             depth: [[-1.0; GROUP]; GROUPS],
-            bounds: [[f32::INFINITY; GROUPS], [f32::NEG_INFINITY; GROUPS], [f32::INFINITY; GROUPS], [f32::NEG_INFINITY; GROUPS]],
-            pyramid: [f32::INFINITY, f32::NEG_INFINITY, f32::INFINITY, f32::NEG_INFINITY],
+            bounds: [
+                [f32::INFINITY; GROUPS],
+                [f32::NEG_INFINITY; GROUPS],
+                [f32::INFINITY; GROUPS],
+                [f32::NEG_INFINITY; GROUPS],
+            ],
+            pyramid: [
+                f32::INFINITY,
+                f32::NEG_INFINITY,
+                f32::INFINITY,
+                f32::NEG_INFINITY,
+            ],
         };
         for (ray, direction) in directions.iter().enumerate() {
             let Some(direction) = direction else { continue };
@@ -67,16 +90,37 @@ impl Bundle {
             if depth < NARROW {
                 return None;
             }
-            bundle.put(ray, [direction.dot(&side) / depth, direction.dot(&up) / depth, depth].map(|x| x as f32));
+            bundle.put(
+                ray,
+                [
+                    direction.dot(&side) / depth,
+                    direction.dot(&up) / depth,
+                    depth,
+                ]
+                .map(|x| x as f32),
+            );
         }
         Some(bundle)
     }
 
     fn put(&mut self, ray: usize, [u, v, depth]: [f32; 3]) {
         let (group, lane) = (ray / GROUP, ray % GROUP);
-        (self.u[group][lane], self.v[group][lane], self.depth[group][lane]) = (u, v, depth);
-        for (i, x) in [u - MARGIN, u + MARGIN, v - MARGIN, v + MARGIN].into_iter().enumerate() {
-            let wider = |bound: f32| if i % 2 == 0 { bound.min(x) } else { bound.max(x) };
+        (
+            self.u[group][lane],
+            self.v[group][lane],
+            self.depth[group][lane],
+        ) = (u, v, depth);
+        for (i, x) in [u - MARGIN, u + MARGIN, v - MARGIN, v + MARGIN]
+            .into_iter()
+            .enumerate()
+        {
+            let wider = |bound: f32| {
+                if i % 2 == 0 {
+                    bound.min(x)
+                } else {
+                    bound.max(x)
+                }
+            };
             self.bounds[i][group] = wider(self.bounds[i][group]);
             self.pyramid[i] = wider(self.pyramid[i]);
         }
@@ -110,7 +154,13 @@ impl Hits {
                 *depth *= limit;
             }
         }
-        Hits { depth, slot: [[0; GROUP]; GROUPS], place: [[NOWHERE; GROUP]; GROUPS], group_depth: [-1.0; GROUPS], farthest: -1.0 }
+        Hits {
+            depth,
+            slot: [[0; GROUP]; GROUPS],
+            place: [[NOWHERE; GROUP]; GROUPS],
+            group_depth: [-1.0; GROUPS],
+            farthest: -1.0,
+        }
     }
 
     /// Leaves a ray out.
@@ -138,7 +188,10 @@ pub(crate) struct Frame {
 
 impl Frame {
     pub fn new(origin: &Vector3<f64>, basis: &[Vector3<f64>; 3]) -> Self {
-        Frame { origin: origin.cast::<f32>().into(), basis: basis.map(|axis| axis.cast::<f32>().into()) }
+        Frame {
+            origin: origin.cast::<f32>().into(),
+            basis: basis.map(|axis| axis.cast::<f32>().into()),
+        }
     }
 }
 
@@ -157,7 +210,11 @@ impl<L: Lanes> Plane<L> {
     fn new(normal: [f32; 3], origin: &[f32; 3], slack: f32, farthest: bool) -> Self {
         let side = |n: f32| ((n >= 0.0) == farthest) as usize;
         let offset = normal[0] * origin[0] + normal[1] * origin[1] + normal[2] * origin[2];
-        Plane { normal: splat3(&normal), offset: L::splat(offset - slack), side: [side(normal[0]), side(normal[1]), side(normal[2])] }
+        Plane {
+            normal: splat3(&normal),
+            offset: L::splat(offset - slack),
+            side: [side(normal[0]), side(normal[1]), side(normal[2])],
+        }
     }
 
     /// Height over the plane of the corner that was asked for, for each child.
@@ -182,16 +239,33 @@ pub(crate) trait Leaves {
 
 /// Visits every leaf whose box some ray may enter before its hit, roughly in order of depth.
 #[inline(always)]
-pub(crate) fn walk<L: Lanes>(tree: &Tree, frame: &Frame, bundle: &Bundle, hits: &mut Hits, stack: &mut Stack, leaves: &mut impl Leaves) {
+pub(crate) fn walk<L: Lanes>(
+    tree: &Tree,
+    frame: &Frame,
+    bundle: &Bundle,
+    hits: &mut Hits,
+    stack: &mut Stack,
+    leaves: &mut impl Leaves,
+) {
     if tree.nodes.is_empty() {
         return;
     }
-    let Frame { origin, basis: [side, up, axis] } = frame;
-    let reach = origin.iter().fold(tree.reach, |reach, x| reach.max(x.abs()));
+    let Frame {
+        origin,
+        basis: [side, up, axis],
+    } = frame;
+    let reach = origin
+        .iter()
+        .fold(tree.reach, |reach, x| reach.max(x.abs()));
     let slack = SLACK * reach;
     let [u0, u1, v0, v1] = bundle.pyramid;
-    let tilt =
-        |a: &[f32; 3], sign: f32, at: f32| [sign * (a[0] - at * axis[0]), sign * (a[1] - at * axis[1]), sign * (a[2] - at * axis[2])];
+    let tilt = |a: &[f32; 3], sign: f32, at: f32| {
+        [
+            sign * (a[0] - at * axis[0]),
+            sign * (a[1] - at * axis[1]),
+            sign * (a[2] - at * axis[2]),
+        ]
+    };
     let planes = [
         Plane::<L>::new(tilt(side, 1.0, u0), origin, slack, true),
         Plane::<L>::new(tilt(side, -1.0, u1), origin, slack, true),
@@ -240,7 +314,8 @@ pub(crate) fn walk<L: Lanes>(tree: &Tree, frame: &Frame, bundle: &Bundle, hits: 
     }
 }
 
-// Closures and the methods of arrays are not always inlined, so the loops over three axes are written out.
+// Closures and the methods of arrays are not always inlined, so the loops over three axes are
+// written out.
 
 #[inline(always)]
 pub(crate) fn splat3<L: Lanes>(x: &[f32; 3]) -> [L; 3] {

@@ -26,20 +26,45 @@ pub(crate) struct Stacks {
 impl Caster<'_> {
     /// Nearest hits of a bundle whose space is turned into the world by `world_from_bundle`.
     #[inline(always)]
-    pub fn cast<L: Lanes>(&mut self, origin_m: &Point3<f64>, world_from_bundle: &Matrix3<f64>, bundle: &Bundle, hits: &mut Hits) {
+    pub fn cast<L: Lanes>(
+        &mut self,
+        origin_m: &Point3<f64>,
+        world_from_bundle: &Matrix3<f64>,
+        bundle: &Bundle,
+        hits: &mut Hits,
+    ) {
         let scene = self.scene;
         let basis = bundle.basis.map(|axis| world_from_bundle * axis);
         for (place, tile) in scene.tiles.iter().enumerate() {
             let frame = Frame::new(&(origin_m - tile.origin_m), &basis);
-            tile.tree.intersect::<L>(&frame, bundle, hits, place as u32, &mut self.stacks.triangles);
+            tile.tree.intersect::<L>(
+                &frame,
+                bundle,
+                hits,
+                place as u32,
+                &mut self.stacks.triangles,
+            );
         }
         if scene.dynamics.is_empty() {
             return;
         }
         let frame = Frame::new(&(origin_m - scene.dynamics_origin_m), &basis);
         let ignored = self.ignored.map(ObjectId::from);
-        let mut instances = Instances { scene, ignored, origin_m, basis: &basis, stack: &mut self.stacks.triangles };
-        walk::<L>(&scene.dynamics_tree, &frame, bundle, hits, &mut self.stacks.boxes, &mut instances);
+        let mut instances = Instances {
+            scene,
+            ignored,
+            origin_m,
+            basis: &basis,
+            stack: &mut self.stacks.triangles,
+        };
+        walk::<L>(
+            &scene.dynamics_tree,
+            &frame,
+            bundle,
+            hits,
+            &mut self.stacks.boxes,
+            &mut instances,
+        );
     }
 }
 
@@ -62,11 +87,23 @@ impl Leaves for Instances<'_> {
         if Some(placed.object) == self.ignored {
             return;
         }
-        let Some(tree) = &self.scene.mesh_trees[placed.mesh_idx as usize] else { return };
-        let rotation: Matrix3<f64> = *placed.mesh_from_world.rotation.to_rotation_matrix().matrix();
+        let Some(tree) = &self.scene.mesh_trees[placed.mesh_idx as usize] else {
+            return;
+        };
+        let rotation: Matrix3<f64> = *placed
+            .mesh_from_world
+            .rotation
+            .to_rotation_matrix()
+            .matrix();
         let origin = rotation * self.origin_m.coords + placed.mesh_from_world.translation.vector;
         let frame = Frame::new(&origin, &self.basis.map(|axis| rotation * axis));
-        tree.intersect::<L>(&frame, bundle, hits, self.scene.tiles.len() as u32 + leaf, self.stack);
+        tree.intersect::<L>(
+            &frame,
+            bundle,
+            hits,
+            self.scene.tiles.len() as u32 + leaf,
+            self.stack,
+        );
     }
 }
 
@@ -84,7 +121,8 @@ impl LaneWork for OneBundle<'_, '_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
         self.hits.begin::<L>();
-        self.caster.cast::<L>(self.origin_m, &Matrix3::identity(), self.bundle, self.hits);
+        self.caster
+            .cast::<L>(self.origin_m, &Matrix3::identity(), self.bundle, self.hits);
     }
 }
 
@@ -110,28 +148,60 @@ mod tests {
         let surface = Surface::new(Class::BUILDINGS, Material::Matte, [128; 3]);
         for _ in 0..2000 {
             let centre = random(&mut rng, 60.0);
-            builder.triangle(surface, std::array::from_fn(|_| (centre + random(&mut rng, 5.0)).cast::<f32>().into()));
+            builder.triangle(
+                surface,
+                std::array::from_fn(|_| (centre + random(&mut rng, 5.0)).cast::<f32>().into()),
+            );
         }
         let mut assets = SceneAssets::default();
         let mesh = assets.add_mesh(builder.finish());
-        assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(1) });
+        assets.statics.push(StaticInstance {
+            mesh,
+            world_from_mesh: Isometry3::identity(),
+            object: ObjectId::scenery(1),
+        });
         let scene = RayScene::load(&assets);
         let mut n_hits = 0;
         for _ in 0..300 {
             let (axis, width) = (random(&mut rng, 1.0).normalize(), rng.f64());
-            let directions: Vec<_> = (0..RAYS).map(|_| Some((axis + random(&mut rng, width)).normalize())).collect();
-            let Some(bundle) = Bundle::new(&directions) else { continue };
+            let directions: Vec<_> = (0..RAYS)
+                .map(|_| Some((axis + random(&mut rng, width)).normalize()))
+                .collect();
+            let Some(bundle) = Bundle::new(&directions) else {
+                continue;
+            };
             let origin_m = random(&mut rng, 40.0).into();
             let mut hits = [Hits::new(&bundle, 50.0), Hits::new(&bundle, 50.0)];
             for (i, hits) in hits.iter_mut().enumerate() {
-                let mut caster = Caster { scene: &scene, ignored: None, stacks: Stacks::default() };
-                let work = OneBundle { caster: &mut caster, origin_m: &origin_m, bundle: &bundle, hits };
-                if i == 0 { in_lanes(work) } else { in_arrays(work) }
+                let mut caster = Caster {
+                    scene: &scene,
+                    ignored: None,
+                    stacks: Stacks::default(),
+                };
+                let work = OneBundle {
+                    caster: &mut caster,
+                    origin_m: &origin_m,
+                    bundle: &bundle,
+                    hits,
+                };
+                if i == 0 {
+                    in_lanes(work)
+                } else {
+                    in_arrays(work)
+                }
             }
             let [a, b] = hits;
-            assert_eq!(a.depth.map(|x| x.map(f32::to_bits)), b.depth.map(|x| x.map(f32::to_bits)));
+            assert_eq!(
+                a.depth.map(|x| x.map(f32::to_bits)),
+                b.depth.map(|x| x.map(f32::to_bits))
+            );
             assert_eq!((a.slot, a.place), (b.slot, b.place));
-            n_hits += a.place.iter().flatten().filter(|place| **place == 0).count();
+            n_hits += a
+                .place
+                .iter()
+                .flatten()
+                .filter(|place| **place == 0)
+                .count();
         }
         assert!(n_hits > 3000, "{n_hits} hits");
     }

@@ -1,7 +1,10 @@
-//! Lidars on the GPU: the hierarchies that the CPU walks, walked by a compute shader, many lidars to a submission.
+//! Lidars on the GPU: the hierarchies that the CPU walks, walked by a compute shader, many lidars
+//! to a submission.
 //!
-//! Hits are made exact in `f64` there too, noise and drop-off come from the same integers, and points are packed in the same order, so that
-//! frames agree with the CPU's to a rounding of the last step (`exp`, the normal deviate). Where readers' memory is imported, the shader that
+//! Hits are made exact in `f64` there too, noise and drop-off come from the same integers, and
+//! points are packed in the same order, so that
+//! frames agree with the CPU's to a rounding of the last step (`exp`, the normal deviate). Where
+//! readers' memory is imported, the shader that
 //! packs writes into it; else points are packed in the GPU's memory and copied.
 
 use std::ops::Range;
@@ -26,7 +29,8 @@ mod world;
 
 /// Rays whose returns are counted together, as in the shader.
 const CHUNK_RAYS: u32 = 256;
-/// Entries of the shader's stack: one for each level of the deepest mesh and two for each level of the hierarchy over instances.
+/// Entries of the shader's stack: one for each level of the deepest mesh and two for each level of
+/// the hierarchy over instances.
 const STACK_ENTRIES: u32 = 32;
 /// Rays of a workgroup.
 const BLOCK_RAYS: u32 = 64;
@@ -65,9 +69,17 @@ enum Way<'p> {
     /// There were no jobs.
     None,
     /// Points are copied; which copy is a job's, `None` for a job without rays.
-    Copied { copies: InFlight<'p>, of_jobs: Vec<Option<usize>>, _uploaded: Option<Arc<HostMemory>> },
+    Copied {
+        copies: InFlight<'p>,
+        of_jobs: Vec<Option<usize>>,
+        _uploaded: Option<Arc<HostMemory>>,
+    },
     /// The shader writes points and their number where they belong.
-    Direct { flight: Direct, totals: Arc<HostMemory>, n_jobs: usize },
+    Direct {
+        flight: Direct,
+        totals: Arc<HostMemory>,
+        n_jobs: usize,
+    },
 }
 
 impl Scans<'_> {
@@ -78,9 +90,14 @@ impl Scans<'_> {
     pub fn wait(self) -> Result<Vec<ScanOutcome>, GpuError> {
         match self.0 {
             Way::None => Ok(Vec::new()),
-            Way::Copied { copies, of_jobs, .. } => {
+            Way::Copied {
+                copies, of_jobs, ..
+            } => {
                 let outcomes = copies.wait_awake()?;
-                let totals = outcomes.last().and_then(|outcome| outcome.mapped.as_ref()).expect("the last copy is that of the totals");
+                let totals = outcomes
+                    .last()
+                    .and_then(|outcome| outcome.mapped.as_ref())
+                    .expect("the last copy is that of the totals");
                 let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
                 let scan = |(copy, n_points): (&Option<usize>, &u32)| ScanOutcome {
                     n_points: *n_points,
@@ -88,15 +105,29 @@ impl Scans<'_> {
                 };
                 Ok(of_jobs.iter().zip(&totals).map(scan).collect())
             }
-            Way::Direct { flight, totals, n_jobs } => {
+            Way::Direct {
+                flight,
+                totals,
+                n_jobs,
+            } => {
                 flight.wait_awake()?;
                 let mut n_points = vec![0u32; n_jobs];
-                #[expect(unsafe_code, reason = "the GPU has written there; the block carries its proof")]
-                // SAFETY: the submission that wrote there is done, and the next one gets other memory as long as this is held.
+                #[expect(
+                    unsafe_code,
+                    reason = "the GPU has written there; the block carries its proof"
+                )]
+                // SAFETY: the submission that wrote there is done, and the next one gets other
+                // memory as long as this is held.
                 unsafe {
                     totals.read(0, bytemuck::cast_slice_mut(&mut n_points))
                 };
-                Ok(n_points.into_iter().map(|n_points| ScanOutcome { n_points, cpu_copies: 0 }).collect())
+                Ok(n_points
+                    .into_iter()
+                    .map(|n_points| ScanOutcome {
+                        n_points,
+                        cpu_copies: 0,
+                    })
+                    .collect())
             }
         }
     }
@@ -115,7 +146,11 @@ pub struct GpuRayOptions {
 
 impl Default for GpuRayOptions {
     fn default() -> Self {
-        GpuRayOptions { block_columns: 16, group_rays: 1 << 20, writes_directly: true }
+        GpuRayOptions {
+            block_columns: 16,
+            group_rays: 1 << 20,
+            writes_directly: true,
+        }
     }
 }
 
@@ -130,7 +165,8 @@ pub struct GpuRays {
     bindings: Option<wgpu::BindGroup>,
 }
 
-/// Lidars that are traced by one dispatch and packed by the next, and where their points go: nowhere if they are to be copied.
+/// Lidars that are traced by one dispatch and packed by the next, and where their points go:
+/// nowhere if they are to be copied.
 struct Group {
     lidars: Range<usize>,
     targets: Vec<Arc<ShmTarget>>,
@@ -148,7 +184,10 @@ impl GpuRays {
         if let Some(missing) = Self::missing(gpu) {
             panic!("{missing}");
         }
-        assert!(block_columns.is_power_of_two() && block_columns <= BLOCK_RAYS, "blocks {block_columns} columns wide");
+        assert!(
+            block_columns.is_power_of_two() && block_columns <= BLOCK_RAYS,
+            "blocks {block_columns} columns wide"
+        );
         GpuRays {
             options,
             pipelines: Pipelines::new(gpu, options),
@@ -159,11 +198,13 @@ impl GpuRays {
         }
     }
 
-    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after every [`RayScene::update`],
+    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after
+    /// every [`RayScene::update`],
     /// [`RayScene::update_for_gpu`] or [`RayScene::hide`].
     ///
     /// # Errors
-    /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the CPU has to cast.
+    /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the
+    /// CPU has to cast.
     pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
         let updated = self.world.update(&self.gpu, scene);
         // A world that is too much may have got other buffers before that was found.
@@ -185,50 +226,97 @@ impl GpuRays {
         if frame.lidars.is_empty() {
             return Scans(Way::None);
         }
-        let writes_directly = self.options.writes_directly && places.iter().all(is_reachable) && self.memory.fit_host(&self.gpu, &frame);
-        let groups = groups(&mut frame, &places, self.options.group_rays, writes_directly);
+        let writes_directly = self.options.writes_directly
+            && places.iter().all(is_reachable)
+            && self.memory.fit_host(&self.gpu, &frame);
+        let groups = groups(
+            &mut frame,
+            &places,
+            self.options.group_rays,
+            writes_directly,
+        );
         let mut encoder = self.gpu.encoder("lidars");
-        if self.memory.upload(&self.gpu, &mut encoder, &mut frame, !writes_directly) {
+        if self
+            .memory
+            .upload(&self.gpu, &mut encoder, &mut frame, !writes_directly)
+        {
             self.bindings = None;
         }
         self.gpu.mark(&mut encoder, "begin");
         let host = self.memory.host().filter(|_| writes_directly).cloned();
         self.record(&mut encoder, &frame, &groups, host.as_deref());
         if let Some(host) = host {
-            let targets = groups.into_iter().flat_map(|group| group.targets).chain([host.target().clone()]).collect();
+            let targets = groups
+                .into_iter()
+                .flat_map(|group| group.targets)
+                .chain([host.target().clone()])
+                .collect();
             let flight = self.gpu.submit_direct(encoder, targets);
-            return Scans(Way::Direct { flight, totals: host, n_jobs: places.len() });
+            return Scans(Way::Direct {
+                flight,
+                totals: host,
+                n_jobs: places.len(),
+            });
         }
         let mut batch = CopyBatch::new();
         let mut of_jobs = Vec::with_capacity(places.len());
         for (lidar, place) in frame.lidars.iter().zip(places) {
             let (begin, n_bytes) = (4 * lidar.first_word() as u64, lidar.n_bytes());
-            of_jobs.push((n_bytes > 0).then(|| batch.buffer(&self.memory.packed.buffer, begin, n_bytes, place)));
+            of_jobs.push(
+                (n_bytes > 0)
+                    .then(|| batch.buffer(&self.memory.packed.buffer, begin, n_bytes, place)),
+            );
         }
         batch.map_buffer(&self.memory.totals.buffer, 0, 4 * frame.lidars.len());
         let _uploaded = self.memory.host().cloned();
-        Scans(Way::Copied { copies: batch.submit(&self.gpu, encoder), of_jobs, _uploaded })
+        Scans(Way::Copied {
+            copies: batch.submit(&self.gpu, encoder),
+            of_jobs,
+            _uploaded,
+        })
     }
 
     /// Records tracing of each group with packing of the one before it.
-    fn record(&mut self, encoder: &mut wgpu::CommandEncoder, frame: &Frame, groups: &[Group], host: Option<&HostMemory>) {
+    fn record(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: &Frame,
+        groups: &[Group],
+        host: Option<&HostMemory>,
+    ) {
         let bindings = self.bindings.get_or_insert_with(|| {
             let (world, memory) = (&self.world, &self.memory);
-            let scratch = [&memory.lidars, &memory.tables, &memory.points, &memory.kept].map(|growing: &Growing| &growing.buffer);
-            let buffers = [&world.nodes, &world.triangles, &world.instances].into_iter().chain(scratch);
+            let scratch = [&memory.lidars, &memory.tables, &memory.points, &memory.kept]
+                .map(|growing: &Growing| &growing.buffer);
+            let buffers = [&world.nodes, &world.triangles, &world.instances]
+                .into_iter()
+                .chain(scratch);
             bind(&self.gpu, &self.pipelines.scene, buffers)
         });
         let bindings = bindings.clone();
         for step in 0..=groups.len() {
-            let (traced, packed) = (groups.get(step), step.checked_sub(1).map(|before| &groups[before]));
+            let (traced, packed) = (
+                groups.get(step),
+                step.checked_sub(1).map(|before| &groups[before]),
+            );
             let (of_traced, of_packed) = (lidars_of(traced), lidars_of(packed));
             let turn = Turn {
                 first_traced: of_traced.start as u32,
                 n_traced: of_traced.len() as u32,
                 first_packed: of_packed.start as u32,
                 n_packed: of_packed.len() as u32,
-                n_blocks: frame.lidars[of_traced].iter().map(|lidar| self.n_blocks(lidar)).max().unwrap_or(0).max(1),
-                n_chunks: frame.lidars[of_packed].iter().map(LidarWords::n_chunks).max().unwrap_or(0).max(1),
+                n_blocks: frame.lidars[of_traced]
+                    .iter()
+                    .map(|lidar| self.n_blocks(lidar))
+                    .max()
+                    .unwrap_or(0)
+                    .max(1),
+                n_chunks: frame.lidars[of_packed]
+                    .iter()
+                    .map(LidarWords::n_chunks)
+                    .max()
+                    .unwrap_or(0)
+                    .max(1),
             };
             let outputs = self.bind_outputs(packed.or(traced), host);
             let (pipeline, label) = self.pipelines.of(&turn);
@@ -258,9 +346,20 @@ impl GpuRays {
             None => (&memory.totals.buffer, &memory.packed.buffer),
         };
         let targets = group.map_or(&[][..], |group| &group.targets);
-        let targets = targets.iter().map(|target| target.storage().expect("only reachable targets are written to"));
-        let outputs = targets.chain(std::iter::once(scratch)).chain(std::iter::repeat(&memory.unused)).take(MAX_OUTPUTS);
-        bind(&self.gpu, &self.pipelines.outputs, std::iter::once(totals).chain(outputs))
+        let targets = targets.iter().map(|target| {
+            target
+                .storage()
+                .expect("only reachable targets are written to")
+        });
+        let outputs = targets
+            .chain(std::iter::once(scratch))
+            .chain(std::iter::repeat(&memory.unused))
+            .take(MAX_OUTPUTS);
+        bind(
+            &self.gpu,
+            &self.pipelines.outputs,
+            std::iter::once(totals).chain(outputs),
+        )
     }
 }
 
@@ -274,25 +373,47 @@ fn is_reachable(place: &Place<'_>) -> bool {
 }
 
 /// Puts lidars into groups of `group_rays` or a little more, and tells each where its points go.
-fn groups(frame: &mut Frame, places: &[Place<'_>], group_rays: u32, writes_directly: bool) -> Vec<Group> {
+fn groups(
+    frame: &mut Frame,
+    places: &[Place<'_>],
+    group_rays: u32,
+    writes_directly: bool,
+) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     let mut n_rays = 0;
     for (i, (lidar, place)) in frame.lidars.iter_mut().zip(places).enumerate() {
         let target = match place {
-            Place::Shm { target, offset_bytes, .. } if writes_directly => {
+            Place::Shm {
+                target,
+                offset_bytes,
+                ..
+            } if writes_directly => {
                 let (n_bytes, end) = (lidar.n_bytes(), offset_bytes + lidar.n_bytes());
-                assert!(n_bytes <= place.capacity_bytes(), "{n_bytes} bytes do not fit {} bytes", place.capacity_bytes());
-                assert!(offset_bytes.is_multiple_of(4) && end <= target.n_bytes(), "bytes {offset_bytes} to {end} of {}", target.n_bytes());
+                assert!(
+                    n_bytes <= place.capacity_bytes(),
+                    "{n_bytes} bytes do not fit {} bytes",
+                    place.capacity_bytes()
+                );
+                assert!(
+                    offset_bytes.is_multiple_of(4) && end <= target.n_bytes(),
+                    "bytes {offset_bytes} to {end} of {}",
+                    target.n_bytes()
+                );
                 Some((target, offset_bytes / 4))
             }
             _ => None,
         };
         let is_full = groups.last().is_none_or(|group| {
-            let is_new = target.is_some_and(|(target, _)| !group.targets.iter().any(|known| Arc::ptr_eq(known, target)));
+            let is_new = target.is_some_and(|(target, _)| {
+                !group.targets.iter().any(|known| Arc::ptr_eq(known, target))
+            });
             n_rays >= group_rays || is_new && group.targets.len() == MAX_OUTPUTS
         });
         if is_full {
-            groups.push(Group { lidars: i..i, targets: Vec::new() });
+            groups.push(Group {
+                lidars: i..i,
+                targets: Vec::new(),
+            });
             n_rays = 0;
         }
         let group = groups.last_mut().expect("there is one by now");
@@ -301,7 +422,10 @@ fn groups(frame: &mut Frame, places: &[Place<'_>], group_rays: u32, writes_direc
         let first_word = lidar.first_word();
         lidar.out[..2].copy_from_slice(&match target {
             Some((target, first_word)) => {
-                let known = group.targets.iter().position(|known| Arc::ptr_eq(known, target));
+                let known = group
+                    .targets
+                    .iter()
+                    .position(|known| Arc::ptr_eq(known, target));
                 let output = known.unwrap_or_else(|| {
                     group.targets.push(target.clone());
                     group.targets.len() - 1

@@ -1,4 +1,5 @@
-//! Scenery that is hidden: its triangles become points, which nothing hits, in hierarchies that stay as they are.
+//! Scenery that is hidden: its triangles become points, which nothing hits, in hierarchies that
+//! stay as they are.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -46,7 +47,11 @@ struct Run {
 
 impl Hiding {
     pub fn new(never_there: &BTreeSet<ObjectId>) -> Self {
-        Hiding { never_there: never_there.clone(), hidden: never_there.clone(), ..Default::default() }
+        Hiding {
+            never_there: never_there.clone(),
+            hidden: never_there.clone(),
+            ..Default::default()
+        }
     }
 
     /// Whether nothing has to be shown that is not there.
@@ -67,7 +72,9 @@ impl RayScene {
             let hides = run.objects.iter().any(|object| hidden.contains(object));
             if hides != run.is_hidden {
                 run.is_hidden = hides;
-                run.numbers.clone().for_each(|number| self.set_triangle(run.tile, number, hides, &table.slots, &table.items));
+                run.numbers.clone().for_each(|number| {
+                    self.set_triangle(run.tile, number, hides, &table.slots, &table.items)
+                });
             }
         }
         self.hiding.hidden.clone_from(hidden);
@@ -75,7 +82,14 @@ impl RayScene {
     }
 
     /// Makes a triangle a point or itself again.
-    fn set_triangle(&mut self, tile_idx: usize, number: u32, is_hidden: bool, slots: &[Vec<u32>], items: &[Vec<u32>]) {
+    fn set_triangle(
+        &mut self,
+        tile_idx: usize,
+        number: u32,
+        is_hidden: bool,
+        slots: &[Vec<u32>],
+        items: &[Vec<u32>],
+    ) {
         let tile = &mut self.tiles[tile_idx];
         let (instance, triangle) = tile.sources[number as usize];
         let placed = &self.statics[instance as usize];
@@ -88,12 +102,23 @@ impl RayScene {
         if slot != NO_TRIANGLE as usize {
             let (block, lane) = (&mut tile.tree.blocks[slot / WIDTH], slot % WIDTH);
             for (of_all, corner) in block.corner.iter_mut().zip(&corners) {
-                of_all.iter_mut().zip(corner).for_each(|(of_all, x)| of_all[lane] = *x);
+                of_all
+                    .iter_mut()
+                    .zip(corner)
+                    .for_each(|(of_all, x)| of_all[lane] = *x);
             }
             tile.tree.numbers[slot / WIDTH][lane] = if is_hidden { NO_TRIANGLE } else { number };
         }
-        let item = items[tile_idx].get(number as usize).copied().unwrap_or(NO_TRIANGLE) as usize;
-        if let Some(packed) = tile.tree.packed.as_mut().filter(|packed| item < packed.corners.len()) {
+        let item = items[tile_idx]
+            .get(number as usize)
+            .copied()
+            .unwrap_or(NO_TRIANGLE) as usize;
+        if let Some(packed) = tile
+            .tree
+            .packed
+            .as_mut()
+            .filter(|packed| item < packed.corners.len())
+        {
             packed.corners[item] = corners;
             let chunks = &mut self.hiding.chunks[tile_idx];
             chunks.resize(packed.corners.len().div_ceil(CHUNK), 0);
@@ -104,18 +129,39 @@ impl RayScene {
 
 /// Looks for everything: nothing is hidden yet.
 fn table_of(scene: &RayScene) -> Table {
-    let mut table = Table { runs: Vec::new(), slots: Vec::new(), items: Vec::new() };
+    let mut table = Table {
+        runs: Vec::new(),
+        slots: Vec::new(),
+        items: Vec::new(),
+    };
     for (tile_idx, tile) in scene.tiles.iter().enumerate() {
         for (number, (instance, triangle)) in (0..).zip(&tile.sources) {
             let placed = &scene.statics[*instance as usize];
-            let objects = [placed.object, ObjectId(scene.labels(placed.mesh_idx, *triangle).0)];
+            let objects = [
+                placed.object,
+                ObjectId(scene.labels(placed.mesh_idx, *triangle).0),
+            ];
             match table.runs.last_mut() {
-                Some(run) if (run.tile, run.objects) == (tile_idx, objects) => run.numbers.end = number + 1,
-                _ => table.runs.push(Run { tile: tile_idx, numbers: number..number + 1, objects, is_hidden: false }),
+                Some(run) if (run.tile, run.objects) == (tile_idx, objects) => {
+                    run.numbers.end = number + 1
+                }
+                _ => table.runs.push(Run {
+                    tile: tile_idx,
+                    numbers: number..number + 1,
+                    objects,
+                    is_hidden: false,
+                }),
             }
         }
-        table.slots.push(inverse(tile, (0..).zip(tile.tree.numbers.iter().flatten().copied())));
-        let items = tile.tree.packed.iter().flat_map(|packed| packed.items.iter().copied());
+        table.slots.push(inverse(
+            tile,
+            (0..).zip(tile.tree.numbers.iter().flatten().copied()),
+        ));
+        let items = tile
+            .tree
+            .packed
+            .iter()
+            .flat_map(|packed| packed.items.iter().copied());
         table.items.push(inverse(tile, (0..).zip(items)));
     }
     table
@@ -124,6 +170,8 @@ fn table_of(scene: &RayScene) -> Table {
 /// By triangle number the place it was found at.
 fn inverse(tile: &Tile, found: impl Iterator<Item = (u32, u32)>) -> Vec<u32> {
     let mut places = vec![NO_TRIANGLE; tile.sources.len()];
-    found.filter(|(_, number)| *number != NO_TRIANGLE).for_each(|(place, number)| places[number as usize] = place);
+    found
+        .filter(|(_, number)| *number != NO_TRIANGLE)
+        .for_each(|(place, number)| places[number as usize] = place);
     places
 }

@@ -30,10 +30,15 @@ impl Hit {
     }
 }
 
-/// The distance to the plane of what was hit, unless it is a sliver, which has no plane worth the name: its `f32` distance is as good as any.
+/// The distance to the plane of what was hit, unless it is a sliver, which has no plane worth the
+/// name: its `f32` distance is as good as any.
 #[inline(always)]
 fn exact(plane_m: f64, found_m: f64) -> f64 {
-    if (plane_m - found_m).abs() <= 0.01 + 0.01 * found_m { plane_m.max(0.0) } else { found_m }
+    if (plane_m - found_m).abs() <= 0.01 + 0.01 * found_m {
+        plane_m.max(0.0)
+    } else {
+        found_m
+    }
 }
 
 impl RayScene {
@@ -51,7 +56,8 @@ impl RayScene {
         Some(self.resolve(place, slot, found_m, origin_m, direction))
     }
 
-    /// How far away the hits of a group are; NaN without one. `directions` are unit vectors in the world, an axis at a time.
+    /// How far away the hits of a group are; NaN without one. `directions` are unit vectors in the
+    /// world, an axis at a time.
     #[inline(always)]
     pub(crate) fn distances_m(
         &self,
@@ -74,7 +80,10 @@ impl RayScene {
                 moving |= 1 << lane;
                 continue;
             };
-            let (block, of_block) = (&tile.tree.blocks[slot as usize / GROUP], slot as usize % GROUP);
+            let (block, of_block) = (
+                &tile.tree.blocks[slot as usize / GROUP],
+                slot as usize % GROUP,
+            );
             for axis in 0..3 {
                 let from = origin_m[axis] - tile.origin_m[axis];
                 for (corner, of_all) in corners.iter_mut().zip(&block.corner) {
@@ -86,9 +95,15 @@ impl RayScene {
         for lane in 0..GROUP {
             distances_m[lane] = exact(distances_m[lane], found_m[lane]);
             if moving >> lane & 1 != 0 {
-                let direction = Vector3::new(directions[0][lane], directions[1][lane], directions[2][lane]);
+                let direction = Vector3::new(
+                    directions[0][lane],
+                    directions[1][lane],
+                    directions[2][lane],
+                );
                 let (place, slot) = (hits.place[group][lane], hits.slot[group][lane]);
-                distances_m[lane] = self.resolve(place, slot, found_m[lane], origin_m, &direction).distance_m;
+                distances_m[lane] = self
+                    .resolve(place, slot, found_m[lane], origin_m, &direction)
+                    .distance_m;
             }
         }
         distances_m
@@ -97,12 +112,21 @@ impl RayScene {
     /// Own object id (0: its instance's) and class of a mesh's triangle.
     pub(crate) fn labels(&self, mesh_idx: u32, triangle: u32) -> (u32, u8) {
         let mesh = &self.meshes[mesh_idx as usize];
-        let vertex = &mesh.vertices[mesh.indices[mesh.lods[0].first_idx as usize + 3 * triangle as usize] as usize];
+        let vertex = &mesh.vertices
+            [mesh.indices[mesh.lods[0].first_idx as usize + 3 * triangle as usize] as usize];
         (vertex.object_id, vertex.class)
     }
 
-    /// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the mesh's space, in `f64`.
-    fn resolve(&self, place: u32, slot: u32, found_m: f64, origin_m: &Point3<f64>, direction: &Vector3<f64>) -> Hit {
+    /// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the
+    /// mesh's space, in `f64`.
+    fn resolve(
+        &self,
+        place: u32,
+        slot: u32,
+        found_m: f64,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Hit {
         let (placed, triangle) = match self.tiles.get(place as usize) {
             Some(tile) => {
                 let (instance, triangle) = tile.sources[tile.tree.number(slot) as usize];
@@ -110,7 +134,9 @@ impl RayScene {
             }
             None => {
                 let placed = &self.dynamics[place as usize - self.tiles.len()];
-                let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref().expect("what was hit has a hierarchy");
+                let tree = self.mesh_trees[placed.mesh_idx as usize]
+                    .as_ref()
+                    .expect("what was hit has a hierarchy");
                 (placed, tree.number(slot))
             }
         };
@@ -120,16 +146,28 @@ impl RayScene {
         let corner = |i: usize| Point3::from(vertex(i).position_m.map(f64::from));
         let (v0, v1, v2) = (corner(0), corner(1), corner(2));
         let normal = (v1 - v0).cross(&(v2 - v0));
-        let (origin, forward) = (placed.mesh_from_world * origin_m, placed.mesh_from_world.rotation * direction);
+        let (origin, forward) = (
+            placed.mesh_from_world * origin_m,
+            placed.mesh_from_world.rotation * direction,
+        );
         let slope = normal.dot(&forward);
         let plane_m = normal.dot(&(v0 - origin)) / slope;
         let outwards = if slope > 0.0 { -normal } else { normal };
         let own = ObjectId(vertex(0).object_id);
         Hit {
             distance_m: exact(plane_m, found_m),
-            normal_in_world: placed.mesh_from_world.rotation.inverse_transform_vector(&outwards).try_normalize(0.0).unwrap_or(-direction),
+            normal_in_world: placed
+                .mesh_from_world
+                .rotation
+                .inverse_transform_vector(&outwards)
+                .try_normalize(0.0)
+                .unwrap_or(-direction),
             class: Class(vertex(0).class),
-            object: if own == ObjectId::BACKGROUND { placed.object } else { own },
+            object: if own == ObjectId::BACKGROUND {
+                placed.object
+            } else {
+                own
+            },
             material: vertex(0).material,
             velocity_in_world_mps: placed.velocity_in_world_mps,
         }
@@ -141,20 +179,38 @@ impl RayScene {
 fn found(hits: &Hits, bundle: &Bundle, ray: usize) -> Option<(u32, u32, f64)> {
     let (group, lane) = (ray / GROUP, ray % GROUP);
     let place = hits.place[group][lane];
-    (place != NOWHERE).then(|| (place, hits.slot[group][lane], (hits.depth[group][lane] / bundle.depth[group][lane]) as f64))
+    (place != NOWHERE).then(|| {
+        (
+            place,
+            hits.slot[group][lane],
+            (hits.depth[group][lane] / bundle.depth[group][lane]) as f64,
+        )
+    })
 }
 
 /// Distances at which rays from the origin meet the planes of a triangle each.
 #[inline(always)]
-fn plane_distances(corners: &[[[f64; GROUP]; 3]; 3], directions: &[[f64; GROUP]; 3]) -> [f64; GROUP] {
+fn plane_distances(
+    corners: &[[[f64; GROUP]; 3]; 3],
+    directions: &[[f64; GROUP]; 3],
+) -> [f64; GROUP] {
     let [a, b, c] = corners;
     let mut distances = [0.0; GROUP];
     for lane in 0..GROUP {
-        let (x1, y1, z1) = (b[0][lane] - a[0][lane], b[1][lane] - a[1][lane], b[2][lane] - a[2][lane]);
-        let (x2, y2, z2) = (c[0][lane] - a[0][lane], c[1][lane] - a[1][lane], c[2][lane] - a[2][lane]);
+        let (x1, y1, z1) = (
+            b[0][lane] - a[0][lane],
+            b[1][lane] - a[1][lane],
+            b[2][lane] - a[2][lane],
+        );
+        let (x2, y2, z2) = (
+            c[0][lane] - a[0][lane],
+            c[1][lane] - a[1][lane],
+            c[2][lane] - a[2][lane],
+        );
         let (x, y, z) = (y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2);
         let above = x * a[0][lane] + y * a[1][lane] + z * a[2][lane];
-        distances[lane] = above / (x * directions[0][lane] + y * directions[1][lane] + z * directions[2][lane]);
+        distances[lane] =
+            above / (x * directions[0][lane] + y * directions[1][lane] + z * directions[2][lane]);
     }
     distances
 }

@@ -1,10 +1,16 @@
-//! Spinning lidar, plain and semantic: one full turn per frame, ending at the tick, or CARLA's sweep of one tick.
+//! Spinning lidar, plain and semantic: one full turn per frame, ending at the tick, or CARLA's
+//! sweep of one tick.
 //!
-//! Columns of a turn run counter-clockwise from above, column `i` at azimuth −π + 2π·(i + 1)/columns, so that the last one looks straight
-//! back at the very tick; a narrower field of view is spread the same way about the front. Columns of a sweep run clockwise, as CARLA's
-//! head turns, from where it stood after the previous firing: of `h` the width of the turn, column `i` looks at h/2 − mod(was + step·i, h).
-//! Points come channel after channel, channel 0 on top, azimuth rising within each; rays without a return leave no gap.
-//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
+//! Columns of a turn run counter-clockwise from above, column `i` at azimuth −π + 2π·(i +
+//! 1)/columns, so that the last one looks straight
+//! back at the very tick; a narrower field of view is spread the same way about the front. Columns
+//! of a sweep run clockwise, as CARLA's
+//! head turns, from where it stood after the previous firing: of `h` the width of the turn, column
+//! `i` looks at h/2 − mod(was + step·i, h).
+//! Points come channel after channel, channel 0 on top, azimuth rising within each; rays without a
+//! return leave no gap.
+//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d),
+//! drop-off by intensity.
 //! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
 
 use nalgebra::{Isometry3, Matrix3, Point3};
@@ -36,7 +42,10 @@ pub struct SensorPath {
 impl SensorPath {
     /// A sensor that stands still.
     pub fn still(world_from_sensor: Isometry3<f64>) -> Self {
-        SensorPath { world_from_sensor_start: world_from_sensor, world_from_sensor }
+        SensorPath {
+            world_from_sensor_start: world_from_sensor,
+            world_from_sensor,
+        }
     }
 }
 
@@ -79,19 +88,26 @@ impl Lidar {
             spec,
         };
         if lidar.spec.scan == LidarScan::Turn {
-            lidar.turned_to_rad = Some((0..lidar.spec.columns).map(|column| azimuth_rad(&lidar.spec, column)).collect());
+            lidar.turned_to_rad = Some(
+                (0..lidar.spec.columns)
+                    .map(|column| azimuth_rad(&lidar.spec, column))
+                    .collect(),
+            );
         }
         lidar
     }
 
-    /// What the air takes of the light, 1/m, on its way there and again on its way back; added to the specification's own attenuation.
+    /// What the air takes of the light, 1/m, on its way there and again on its way back; added to
+    /// the specification's own attenuation.
     pub fn set_extinction(&mut self, extinction_per_m: f64) {
         self.spec.attenuation_per_m = self.clear_attenuation_per_m + 2.0 * extinction_per_m;
     }
 
-    /// Turns the head as far as it gets in a tick of `tick_nanos`. Call it at every firing, read or not.
+    /// Turns the head as far as it gets in a tick of `tick_nanos`. Call it at every firing, read or
+    /// not.
     ///
-    /// At most `max_points` rays are aimed, whatever the length of the tick. Without effect on a lidar of full turns.
+    /// At most `max_points` rays are aimed, whatever the length of the tick. Without effect on a
+    /// lidar of full turns.
     pub fn turn_head(&mut self, tick_nanos: u64, max_points: u32) {
         if self.spec.scan == LidarScan::Turn {
             return;
@@ -100,9 +116,14 @@ impl Lidar {
         let was_deg = self.turned_deg();
         self.swept_nanos += tick_nanos;
         let tick_secs = tick_nanos as f64 * 1e-9;
-        let n_columns = self.spec.columns_per_frame(tick_secs).min(max_points / self.spec.channels.max(1));
+        let n_columns = self
+            .spec
+            .columns_per_frame(tick_secs)
+            .min(max_points / self.spec.channels.max(1));
         let step_deg = self.spec.rotation_hz * fov_deg * tick_secs / n_columns.max(1) as f64;
-        let azimuth = |column: u32| (0.5 * fov_deg - (was_deg + step_deg * column as f64) % fov_deg).to_radians();
+        let azimuth = |column: u32| {
+            (0.5 * fov_deg - (was_deg + step_deg * column as f64) % fov_deg).to_radians()
+        };
         self.turned_to_rad = Some((0..n_columns).map(azimuth).collect());
     }
 
@@ -110,7 +131,9 @@ impl Lidar {
     pub fn head_rad(&self) -> f64 {
         match self.spec.scan {
             LidarScan::Turn => 0.5 * self.spec.horizontal_fov_deg.to_radians(),
-            LidarScan::Sweep => (0.5 * self.spec.horizontal_fov_deg - self.turned_deg()).to_radians(),
+            LidarScan::Sweep => {
+                (0.5 * self.spec.horizontal_fov_deg - self.turned_deg()).to_radians()
+            }
         }
     }
 
@@ -119,9 +142,11 @@ impl Lidar {
         self.swept_nanos = 0;
     }
 
-    /// How far the head has turned clockwise from the left rim of its field of view, degrees, less whole turns.
+    /// How far the head has turned clockwise from the left rim of its field of view, degrees, less
+    /// whole turns.
     fn turned_deg(&self) -> f64 {
-        self.spec.horizontal_fov_deg * (self.spec.rotation_hz * self.swept_nanos as f64 * 1e-9).fract()
+        self.spec.horizontal_fov_deg
+            * (self.spec.rotation_hz * self.swept_nanos as f64 * 1e-9).fract()
     }
 
     /// Beams as the head stands now.
@@ -146,10 +171,18 @@ impl Lidar {
         &self.spec
     }
 
-    /// Casts one frame on the current rayon pool and returns the number of points, which [`Lidar::write`] then puts into a frame.
+    /// Casts one frame on the current rayon pool and returns the number of points, which
+    /// [`Lidar::write`] then puts into a frame.
     ///
-    /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's lidar sees its own car: `None`).
-    pub fn scan(&mut self, scene: &RayScene, path: &SensorPath, noise: Noise, ignored: Option<ActorId>) -> u32 {
+    /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's
+    /// lidar sees its own car: `None`).
+    pub fn scan(
+        &mut self,
+        scene: &RayScene,
+        path: &SensorPath,
+        noise: Noise,
+        ignored: Option<ActorId>,
+    ) -> u32 {
         self.aim();
         self.make_room();
         let turn = Turn {
@@ -190,7 +223,8 @@ impl Lidar {
         self.n_points() as usize * point_bytes
     }
 
-    /// Writes the points of the last turn to the front of a frame and returns how many bytes that took.
+    /// Writes the points of the last turn to the front of a frame and returns how many bytes that
+    /// took.
     ///
     /// Panics if `payload` is shorter than [`Lidar::payload_bytes`].
     pub fn write(&self, payload: &mut [u8]) -> usize {
@@ -208,13 +242,20 @@ fn count<P: Point>(beams: &Beams, points: &[P], n_returns: &mut [u32]) {
     n_returns.fill(0);
     let rows = beams.slots.chunks(beams.n_columns().max(1));
     for (row, n) in rows.zip(n_returns) {
-        *n = row.iter().map(|slot| !points[*slot as usize].is_lost() as u32).sum();
+        *n = row
+            .iter()
+            .map(|slot| !points[*slot as usize].is_lost() as u32)
+            .sum();
     }
 }
 
 /// Writes the points that are not lost, channel after channel.
 fn write<P: Point + bytemuck::Pod>(beams: &Beams, points: &[P], payload: &mut [u8]) {
-    let kept = beams.slots.iter().map(|slot| &points[*slot as usize]).filter(|point| !point.is_lost());
+    let kept = beams
+        .slots
+        .iter()
+        .map(|slot| &points[*slot as usize])
+        .filter(|point| !point.is_lost());
     for (bytes, point) in payload.chunks_exact_mut(size_of::<P>()).zip(kept) {
         bytes.copy_from_slice(bytemuck::bytes_of(point));
     }
@@ -222,7 +263,8 @@ fn write<P: Point + bytemuck::Pod>(beams: &Beams, points: &[P], payload: &mut [u
 
 /// Azimuth of a column of a full turn, radians counter-clockwise from x.
 pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
-    0.5 * spec.horizontal_fov_deg.to_radians() * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
+    0.5 * spec.horizontal_fov_deg.to_radians()
+        * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
 }
 
 /// Where rays leave from, and how the sensor's space is turned.
@@ -233,7 +275,10 @@ pub(crate) struct Pose {
 
 impl From<&Isometry3<f64>> for Pose {
     fn from(pose: &Isometry3<f64>) -> Self {
-        Pose { origin_m: pose.translation.vector.into(), world_from_sensor: *pose.rotation.to_rotation_matrix().matrix() }
+        Pose {
+            origin_m: pose.translation.vector.into(),
+            world_from_sensor: *pose.rotation.to_rotation_matrix().matrix(),
+        }
     }
 }
 
@@ -265,16 +310,32 @@ impl Turn<'_> {
     fn cast<P: Point>(&self, points: &mut [P]) {
         let n_slots = (TASK_BUNCHES * self.beams.bunch_rays).max(1);
         let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
-        points.par_chunks_mut(n_slots).zip(bunches).for_each_init(Stacks::default, |stacks, (points, bunches)| {
-            let caster = Caster { scene: self.scene, ignored: self.ignored, stacks: std::mem::take(stacks) };
-            *stacks = in_lanes(Task { turn: self, caster, bunches, points });
-        });
+        points.par_chunks_mut(n_slots).zip(bunches).for_each_init(
+            Stacks::default,
+            |stacks, (points, bunches)| {
+                let caster = Caster {
+                    scene: self.scene,
+                    ignored: self.ignored,
+                    stacks: std::mem::take(stacks),
+                };
+                *stacks = in_lanes(Task {
+                    turn: self,
+                    caster,
+                    bunches,
+                    points,
+                });
+            },
+        );
     }
 
     #[inline(always)]
     fn cast_bunch<L: Lanes, P: Point>(&self, caster: &mut Caster, bunch: &Bunch, points: &mut [P]) {
         let Bunch { bundle, rays } = bunch;
-        let pose = &self.poses[if self.poses.len() == 1 { 0 } else { rays[0].1 as usize }];
+        let pose = &self.poses[if self.poses.len() == 1 {
+            0
+        } else {
+            rays[0].1 as usize
+        }];
         let mut hits = Hits::new(bundle, self.spec.range_m);
         if P::can_misfire(self.spec) {
             for (ray, beam) in rays.iter().enumerate() {
@@ -285,7 +346,11 @@ impl Turn<'_> {
         }
         hits.begin::<L>();
         caster.cast::<L>(&pose.origin_m, &pose.world_from_sensor, bundle, &mut hits);
-        for (group, (rays, points)) in rays.chunks_exact(GROUP).zip(points.chunks_exact_mut(GROUP)).enumerate() {
+        for (group, (rays, points)) in rays
+            .chunks_exact(GROUP)
+            .zip(points.chunks_exact_mut(GROUP))
+            .enumerate()
+        {
             let mut returns = Returns {
                 scene: self.scene,
                 spec: self.spec,
@@ -319,7 +384,8 @@ impl Turn<'_> {
         for axis in 0..3 {
             let (mx, my, mz) = (m[(axis, 0)], m[(axis, 1)], m[(axis, 2)]);
             for lane in 0..GROUP {
-                returns.directions_in_world[axis][lane] = mx * x[lane] + my * y[lane] + mz * z[lane];
+                returns.directions_in_world[axis][lane] =
+                    mx * x[lane] + my * y[lane] + mz * z[lane];
             }
         }
     }
@@ -340,7 +406,8 @@ impl<P: Point> LaneWork for Task<'_, P> {
     fn run<L: Lanes>(mut self) -> Stacks {
         let n_slots = self.turn.beams.bunch_rays;
         for (bunch, points) in self.bunches.iter().zip(self.points.chunks_mut(n_slots)) {
-            self.turn.cast_bunch::<L, P>(&mut self.caster, bunch, points);
+            self.turn
+                .cast_bunch::<L, P>(&mut self.caster, bunch, points);
         }
         self.caster.stacks
     }

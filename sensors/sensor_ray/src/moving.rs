@@ -1,8 +1,11 @@
-//! The hierarchy over what moves: the boxes of an actor's parts are fitted to nodes whose shape depends on nothing but their number, and a
+//! The hierarchy over what moves: the boxes of an actor's parts are fitted to nodes whose shape
+//! depends on nothing but their number, and a
 //! small hierarchy over the actors is built anew.
 //!
-//! What comes of it is a function of the tick alone. A hierarchy that were refitted from tick to tick would remember where things stood when it
-//! was built, and where two surfaces lie at the same distance a ray would tell the history of the run.
+//! What comes of it is a function of the tick alone. A hierarchy that were refitted from tick to
+//! tick would remember where things stood when it
+//! was built, and where two surfaces lie at the same distance a ray would tell the history of the
+//! run.
 
 use std::ops::Range;
 
@@ -16,7 +19,8 @@ use crate::tree::{LEAF, Node, Tree, WIDTH};
 /// Lower and upper corner.
 pub(crate) type Bounds = ([f32; 3], [f32; 3]);
 
-/// The hierarchy over boxes that come group by group; `ends` are the numbers of the first box behind each group. Leaves are numbers of boxes,
+/// The hierarchy over boxes that come group by group; `ends` are the numbers of the first box
+/// behind each group. Leaves are numbers of boxes,
 /// and the leaves of a node are neighbours.
 pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
     if boxes.is_empty() {
@@ -30,7 +34,8 @@ pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
         for i in 0..tree.nodes[upper].n_children as usize {
             let child = tree.nodes[upper].child[i];
             if child & LEAF != 0 {
-                tree.nodes[upper].child[i] = add_parts(&mut tree.nodes, boxes, group((child & !LEAF) as usize));
+                tree.nodes[upper].child[i] =
+                    add_parts(&mut tree.nodes, boxes, group((child & !LEAF) as usize));
             }
         }
     }
@@ -41,11 +46,19 @@ pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
 fn add_parts(nodes: &mut Vec<Node>, boxes: &[Bounds], items: Range<usize>) -> u32 {
     let (at, n) = (nodes.len(), items.len());
     nodes.push(Node::empty());
-    let n_children = if n <= WIDTH { n } else { n.div_ceil(WIDTH).min(WIDTH) };
+    let n_children = if n <= WIDTH {
+        n
+    } else {
+        n.div_ceil(WIDTH).min(WIDTH)
+    };
     for i in 0..n_children {
         let share = items.start + n * i / n_children..items.start + n * (i + 1) / n_children;
         let bounds = hull(&boxes[share.clone()]);
-        let child = if n <= WIDTH { LEAF | share.start as u32 } else { add_parts(nodes, boxes, share) };
+        let child = if n <= WIDTH {
+            LEAF | share.start as u32
+        } else {
+            add_parts(nodes, boxes, share)
+        };
         nodes[at].set(i, bounds, child);
     }
     nodes[at].n_children = n_children as u32;
@@ -54,21 +67,36 @@ fn add_parts(nodes: &mut Vec<Node>, boxes: &[Bounds], items: Range<usize>) -> u3
 
 /// The box about boxes.
 fn hull(boxes: &[Bounds]) -> Bounds {
-    let wider = |(low, high): Bounds, (a, b): &Bounds| ([0, 1, 2].map(|i| low[i].min(a[i])), [0, 1, 2].map(|i| high[i].max(b[i])));
+    let wider = |(low, high): Bounds, (a, b): &Bounds| {
+        (
+            [0, 1, 2].map(|i| low[i].min(a[i])),
+            [0, 1, 2].map(|i| high[i].max(b[i])),
+        )
+    };
     boxes[1..].iter().fold(boxes[0], wider)
 }
 
 fn box_hierarchy(boxes: &[Bounds]) -> Bvh2 {
-    let aabbs: Vec<Aabb> = boxes.iter().map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high))).collect();
+    let aabbs: Vec<Aabb> = boxes
+        .iter()
+        .map(|(low, high)| Aabb::new(Vec3A::from(*low), Vec3A::from(*high)))
+        .collect();
     let indices = (0..boxes.len() as u32).collect();
-    PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Low, &aabbs, indices, SortPrecision::U64, 0)
+    PlocBuilder::with_capacity(boxes.len()).build(
+        PlocSearchDistance::Low,
+        &aabbs,
+        indices,
+        SortPrecision::U64,
+        0,
+    )
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Numbers of the boxes under a node, each of which must lie in the box that its node has for it.
+    /// Numbers of the boxes under a node, each of which must lie in the box that its node has for
+    /// it.
     fn leaves(tree: &Tree, at: u32, boxes: &[Bounds], out: &mut Vec<u32>) {
         let node = &tree.nodes[at as usize];
         for i in 0..node.n_children as usize {
@@ -80,7 +108,12 @@ mod tests {
             }
             for leaf in &out[first..] {
                 let (low, high) = boxes[*leaf as usize];
-                assert!((0..3).all(|axis| node.low(i)[axis] <= low[axis] && high[axis] <= node.high(i)[axis]), "box {leaf} sticks out");
+                assert!(
+                    (0..3)
+                        .all(|axis| node.low(i)[axis] <= low[axis]
+                            && high[axis] <= node.high(i)[axis]),
+                    "box {leaf} sticks out"
+                );
             }
         }
     }
@@ -88,7 +121,14 @@ mod tests {
     #[test]
     fn every_box_hangs_in_the_tree_once_and_inside_of_all_boxes_above() {
         let mut rng = fastrand::Rng::with_seed(5);
-        for groups in [vec![1], vec![8], vec![9], vec![12, 1, 5, 64, 65, 200], vec![1; 300], vec![12; 60]] {
+        for groups in [
+            vec![1],
+            vec![8],
+            vec![9],
+            vec![12, 1, 5, 64, 65, 200],
+            vec![1; 300],
+            vec![12; 60],
+        ] {
             let ends: Vec<u32> = groups
                 .iter()
                 .scan(0, |end, n| {
@@ -107,7 +147,11 @@ mod tests {
             let mut found = Vec::new();
             leaves(&tree, 0, &boxes, &mut found);
             found.sort_unstable();
-            assert!(found.iter().copied().eq(0..n), "{} of {n} boxes", found.len());
+            assert!(
+                found.iter().copied().eq(0..n),
+                "{} of {n} boxes",
+                found.len()
+            );
             assert_eq!(tree.bounds, Some(hull(&boxes)));
         }
         assert!(moving_tree(&[], &[]).nodes.is_empty());

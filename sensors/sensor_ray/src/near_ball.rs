@@ -4,7 +4,8 @@ use crate::ball::Ball;
 use crate::tree::{LEAF, NO_TRIANGLE, Tree, TriangleTree};
 
 impl Tree {
-    /// Calls `leaf` for every leaf whose box a moving ball comes near before the limit, which `leaf` may shorten.
+    /// Calls `leaf` for every leaf whose box a moving ball comes near before the limit, which
+    /// `leaf` may shorten.
     fn walk_ball(&self, ball: &Ball, limit_m: &mut f64, mut leaf: impl FnMut(u32, &mut f64)) {
         let mut stack = Vec::new();
         if !self.nodes.is_empty() {
@@ -31,7 +32,10 @@ impl Ball {
         let (mut enter_m, mut leave_m) = (0.0f64, limit_m * (1.0 + 1e-6) + 1e-3);
         let room_m = self.radius_m + 1e-3;
         for axis in 0..3 {
-            let (from, to) = (low[axis] as f64 - room_m - self.centre[axis], high[axis] as f64 + room_m - self.centre[axis]);
+            let (from, to) = (
+                low[axis] as f64 - room_m - self.centre[axis],
+                high[axis] as f64 + room_m - self.centre[axis],
+            );
             let speed = self.direction[axis];
             if speed.abs() < 1e-12 {
                 if from > 0.0 || to < 0.0 {
@@ -47,11 +51,20 @@ impl Ball {
 }
 
 impl TriangleTree {
-    /// Calls `triangle` with the number of every triangle that a moving ball comes near, until the limit, which it may shorten.
-    pub fn visit_ball(&self, ball: &Ball, limit_m: &mut f64, mut triangle: impl FnMut(u32, &mut f64)) {
+    /// Calls `triangle` with the number of every triangle that a moving ball comes near, until the
+    /// limit, which it may shorten.
+    pub fn visit_ball(
+        &self,
+        ball: &Ball,
+        limit_m: &mut f64,
+        mut triangle: impl FnMut(u32, &mut f64),
+    ) {
         self.tree.walk_ball(ball, limit_m, |block, limit_m| {
             let numbers = &self.numbers[block as usize];
-            numbers.iter().filter(|number| **number != NO_TRIANGLE).for_each(|number| triangle(*number, limit_m));
+            numbers
+                .iter()
+                .filter(|number| **number != NO_TRIANGLE)
+                .for_each(|number| triangle(*number, limit_m));
         });
     }
 }

@@ -1,11 +1,13 @@
-//! Triangles under a bundle of rays: their outlines on the plane one metre ahead, and which rays lie inside.
+//! Triangles under a bundle of rays: their outlines on the plane one metre ahead, and which rays
+//! lie inside.
 
 use sensor_core::lanes::Lanes;
 
 use crate::bundle::{Bundle, Frame, GROUPS, Hits, Leaves, Stack, dot, splat3, walk};
 use crate::tree::{Block, TriangleTree, WIDTH};
 
-/// Vertices farther from the axis than this (depth over sideways distance) are not projected: `f32` would lose too much.
+/// Vertices farther from the axis than this (depth over sideways distance) are not projected: `f32`
+/// would lose too much.
 const FLATTEST: f32 = 0.05;
 
 /// Triangles at the leaves.
@@ -16,10 +18,29 @@ struct Blocks<'t> {
 }
 
 impl TriangleTree {
-    /// Nearest hits of all rays before their limits; hits are marked with `place` and the triangle's slot.
+    /// Nearest hits of all rays before their limits; hits are marked with `place` and the
+    /// triangle's slot.
     #[inline(always)]
-    pub fn intersect<L: Lanes>(&self, frame: &Frame, bundle: &Bundle, hits: &mut Hits, place: u32, stack: &mut Stack) {
-        walk::<L>(&self.tree, frame, bundle, hits, stack, &mut Blocks { blocks: &self.blocks, frame, place });
+    pub fn intersect<L: Lanes>(
+        &self,
+        frame: &Frame,
+        bundle: &Bundle,
+        hits: &mut Hits,
+        place: u32,
+        stack: &mut Stack,
+    ) {
+        walk::<L>(
+            &self.tree,
+            frame,
+            bundle,
+            hits,
+            stack,
+            &mut Blocks {
+                blocks: &self.blocks,
+                frame,
+                place,
+            },
+        );
     }
 }
 
@@ -42,14 +63,22 @@ impl Leaves for Blocks<'_> {
     #[inline(always)]
     fn visit<L: Lanes>(&mut self, bundle: &Bundle, hits: &mut Hits, leaf: u32) {
         let block = &self.blocks[leaf as usize];
-        let basis = [splat3(&self.frame.basis[0]), splat3(&self.frame.basis[1]), splat3(&self.frame.basis[2])];
+        let basis = [
+            splat3(&self.frame.basis[0]),
+            splat3(&self.frame.basis[1]),
+            splat3(&self.frame.basis[2]),
+        ];
         let origin = splat3(&self.frame.origin);
         let vertices: [[L; 3]; 3] = [
             seen_from(&block.corner[0], &origin, &basis),
             seen_from(&block.corner[1], &origin, &basis),
             seen_from(&block.corner[2], &origin, &basis),
         ];
-        let mut outlines = Outlines { edge: [[[0.0; WIDTH]; 3]; 3], depth: [[0.0; WIDTH]; 3], bounds: [[0.0; WIDTH]; 5] };
+        let mut outlines = Outlines {
+            edge: [[[0.0; WIDTH]; 3]; 3],
+            depth: [[0.0; WIDTH]; 3],
+            bounds: [[0.0; WIDTH]; 5],
+        };
         let mut bits = outlines.bound(&vertices, &bundle.pyramid, hits.farthest);
         if bits == 0 {
             return;
@@ -59,7 +88,14 @@ impl Leaves for Blocks<'_> {
             let lane = bits.trailing_zeros() as usize % WIDTH;
             bits &= bits - 1;
             let groups = outlines.groups::<L>(lane, bundle, hits);
-            outlines.test::<L>(lane, groups, bundle, hits, leaf * WIDTH as u32 + lane as u32, self.place);
+            outlines.test::<L>(
+                lane,
+                groups,
+                bundle,
+                hits,
+                leaf * WIDTH as u32 + lane as u32,
+                self.place,
+            );
         }
         hits.farthest = L::load(&hits.group_depth).largest();
     }
@@ -67,21 +103,37 @@ impl Leaves for Blocks<'_> {
 
 #[inline(always)]
 fn cross<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
-    [a[1].mul(b[2]).sub(a[2].mul(b[1])), a[2].mul(b[0]).sub(a[0].mul(b[2])), a[0].mul(b[1]).sub(a[1].mul(b[0]))]
+    [
+        a[1].mul(b[2]).sub(a[2].mul(b[1])),
+        a[2].mul(b[0]).sub(a[0].mul(b[2])),
+        a[0].mul(b[1]).sub(a[1].mul(b[0])),
+    ]
 }
 
 /// A vertex of each triangle in the bundle's axes.
 #[inline(always)]
 fn seen_from<L: Lanes>(corner: &[[f32; WIDTH]; 3], origin: &[L; 3], basis: &[[L; 3]; 3]) -> [L; 3] {
-    let from = [L::load(&corner[0]).sub(origin[0]), L::load(&corner[1]).sub(origin[1]), L::load(&corner[2]).sub(origin[2])];
-    [dot(&from, &basis[0]), dot(&from, &basis[1]), dot(&from, &basis[2])]
+    let from = [
+        L::load(&corner[0]).sub(origin[0]),
+        L::load(&corner[1]).sub(origin[1]),
+        L::load(&corner[2]).sub(origin[2]),
+    ];
+    [
+        dot(&from, &basis[0]),
+        dot(&from, &basis[1]),
+        dot(&from, &basis[2]),
+    ]
 }
 
-/// Normal of the plane through the origin and an edge: (a + b) × (b − a) = 2 a × b, exact where the edge is short, and exactly the other
+/// Normal of the plane through the origin and an edge: (a + b) × (b − a) = 2 a × b, exact where the
+/// edge is short, and exactly the other
 /// way round for the neighbour.
 #[inline(always)]
 fn edge_normal<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
-    cross(&[a[0].add(b[0]), a[1].add(b[1]), a[2].add(b[2])], &[b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])])
+    cross(
+        &[a[0].add(b[0]), a[1].add(b[1]), a[2].add(b[2])],
+        &[b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])],
+    )
 }
 
 /// Whether the vertices lie so far ahead that they can be projected.
@@ -101,7 +153,12 @@ fn overlap<L: Lanes>(low: L, high: L, from: L, to: L) -> L::Mask {
 impl Outlines {
     /// Sets the bounds and returns which triangles may lie in the pyramid, nearer than `farthest`.
     #[inline(always)]
-    fn bound<L: Lanes>(&mut self, vertices: &[[L; 3]; 3], pyramid: &[f32; 4], farthest: f32) -> u32 {
+    fn bound<L: Lanes>(
+        &mut self,
+        vertices: &[[L; 3]; 3],
+        pyramid: &[f32; 4],
+        farthest: f32,
+    ) -> u32 {
         let [a, b, c] = vertices;
         let nearest = a[2].min(b[2]).min(c[2]);
         let deepest = a[2].max(b[2]).max(c[2]);
@@ -110,15 +167,29 @@ impl Outlines {
         let inverse = [one.div(a[2]), one.div(b[2]), one.div(c[2])];
         let mut bounds = [nearest; 5];
         for axis in 0..2 {
-            let at = [a[axis].mul(inverse[0]), b[axis].mul(inverse[1]), c[axis].mul(inverse[2])];
+            let at = [
+                a[axis].mul(inverse[0]),
+                b[axis].mul(inverse[1]),
+                c[axis].mul(inverse[2]),
+            ];
             let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));
             bounds[2 * axis] = L::select(projected, low, L::splat(f32::NEG_INFINITY));
             bounds[2 * axis + 1] = L::select(projected, high, L::splat(f32::INFINITY));
         }
         // A hit lies between the vertices, less what rounding does.
         bounds[4] = nearest.mul(L::splat(1.0 - 2e-6));
-        let in_u = overlap(bounds[0], bounds[1], L::splat(pyramid[0]), L::splat(pyramid[1]));
-        let in_v = overlap(bounds[2], bounds[3], L::splat(pyramid[2]), L::splat(pyramid[3]));
+        let in_u = overlap(
+            bounds[0],
+            bounds[1],
+            L::splat(pyramid[0]),
+            L::splat(pyramid[1]),
+        );
+        let in_v = overlap(
+            bounds[2],
+            bounds[3],
+            L::splat(pyramid[2]),
+            L::splat(pyramid[3]),
+        );
         let in_depth = overlap(bounds[4], deepest, L::splat(0.0), L::splat(farthest));
         for (kept, bound) in self.bounds.iter_mut().zip(bounds) {
             *kept = bound.store();
@@ -135,34 +206,72 @@ impl Outlines {
         }
     }
 
-    /// Groups of rays that lie under a triangle's outline and have hit nothing nearer than all of it.
+    /// Groups of rays that lie under a triangle's outline and have hit nothing nearer than all of
+    /// it.
     #[inline(always)]
     fn groups<L: Lanes>(&self, lane: usize, bundle: &Bundle, hits: &Hits) -> u32 {
         let [u0, u1, v0, v1, nearest] = &self.bounds;
         let [low_u, high_u, low_v, high_v] = &bundle.bounds;
-        let in_u = overlap(L::splat(u0[lane]), L::splat(u1[lane]), L::load(low_u), L::load(high_u));
-        let in_v = overlap(L::splat(v0[lane]), L::splat(v1[lane]), L::load(low_v), L::load(high_v));
-        L::bits(L::and(L::and(in_u, in_v), L::splat(nearest[lane]).le(L::load(&hits.group_depth))))
+        let in_u = overlap(
+            L::splat(u0[lane]),
+            L::splat(u1[lane]),
+            L::load(low_u),
+            L::load(high_u),
+        );
+        let in_v = overlap(
+            L::splat(v0[lane]),
+            L::splat(v1[lane]),
+            L::load(low_v),
+            L::load(high_v),
+        );
+        L::bits(L::and(
+            L::and(in_u, in_v),
+            L::splat(nearest[lane]).le(L::load(&hits.group_depth)),
+        ))
     }
 
     /// Tests one triangle against the rays of some groups and keeps what is nearer.
     ///
-    /// Of two triangles of a set at the same depth the one with the smaller slot wins, of two sets the one visited first.
+    /// Of two triangles of a set at the same depth the one with the smaller slot wins, of two sets
+    /// the one visited first.
     #[inline(always)]
-    fn test<L: Lanes>(&self, lane: usize, mut groups: u32, bundle: &Bundle, hits: &mut Hits, slot: u32, place: u32) {
+    fn test<L: Lanes>(
+        &self,
+        lane: usize,
+        mut groups: u32,
+        bundle: &Bundle,
+        hits: &mut Hits,
+        slot: u32,
+        place: u32,
+    ) {
         if groups == 0 {
             return;
         }
         let zero = L::splat(0.0);
         let of = |x: &[[f32; WIDTH]; 3]| [x[0][lane], x[1][lane], x[2][lane]];
-        let edge: [[L; 3]; 3] = [splat3(&of(&self.edge[0])), splat3(&of(&self.edge[1])), splat3(&of(&self.edge[2]))];
+        let edge: [[L; 3]; 3] = [
+            splat3(&of(&self.edge[0])),
+            splat3(&of(&self.edge[1])),
+            splat3(&of(&self.edge[2])),
+        ];
         let depth: [L; 3] = splat3(&of(&self.depth));
         while groups != 0 {
             let group = groups.trailing_zeros() as usize % GROUPS;
             groups &= groups - 1;
-            let ray = [L::load(&bundle.u[group]), L::load(&bundle.v[group]), L::splat(1.0)];
-            let weight = [dot(&edge[0], &ray), dot(&edge[1], &ray), dot(&edge[2], &ray)];
-            let (low, high) = (weight[0].min(weight[1]).min(weight[2]), weight[0].max(weight[1]).max(weight[2]));
+            let ray = [
+                L::load(&bundle.u[group]),
+                L::load(&bundle.v[group]),
+                L::splat(1.0),
+            ];
+            let weight = [
+                dot(&edge[0], &ray),
+                dot(&edge[1], &ray),
+                dot(&edge[2], &ray),
+            ];
+            let (low, high) = (
+                weight[0].min(weight[1]).min(weight[2]),
+                weight[0].max(weight[1]).max(weight[2]),
+            );
             let inside = L::or(zero.le(low), high.le(zero));
             if L::bits(inside) == 0 {
                 continue;
@@ -180,13 +289,22 @@ impl Outlines {
 
 impl Hits {
     #[inline(always)]
-    fn take<L: Lanes>(&mut self, group: usize, reached: L::Mask, at: L, limit: L, slot: u32, place: u32) {
+    fn take<L: Lanes>(
+        &mut self,
+        group: usize,
+        reached: L::Mask,
+        at: L,
+        limit: L,
+        slot: u32,
+        place: u32,
+    ) {
         let mut nearer = L::and(reached, at.lt(limit));
         let tied = L::bits(reached) & !L::bits(nearer);
         if tied != 0 {
             let mut wins = [1.0; 8];
             for (i, wins) in wins.iter_mut().enumerate() {
-                if tied >> i & 1 != 0 && self.place[group][i] == place && slot < self.slot[group][i] {
+                if tied >> i & 1 != 0 && self.place[group][i] == place && slot < self.slot[group][i]
+                {
                     *wins = 0.0;
                 }
             }
@@ -194,8 +312,16 @@ impl Hits {
         }
         let depth = L::select(nearer, at, limit);
         self.depth[group] = depth.store();
-        self.slot[group] = words(L::select(nearer, L::splat(f32::from_bits(slot)), lanes(&self.slot[group])));
-        self.place[group] = words(L::select(nearer, L::splat(f32::from_bits(place)), lanes(&self.place[group])));
+        self.slot[group] = words(L::select(
+            nearer,
+            L::splat(f32::from_bits(slot)),
+            lanes(&self.slot[group]),
+        ));
+        self.place[group] = words(L::select(
+            nearer,
+            L::splat(f32::from_bits(place)),
+            lanes(&self.place[group]),
+        ));
         self.group_depth[group] = depth.largest();
     }
 }

@@ -1,6 +1,7 @@
 //! Point formats: how a return becomes one, and which returns are lost.
 //!
-//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d), drop-off by intensity.
+//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d),
+//! drop-off by intensity.
 
 use nalgebra::{Point3, Vector3};
 use schema_frames::{LidarPoint, SemanticLidarPoint};
@@ -35,7 +36,11 @@ impl Returns<'_> {
     #[inline(always)]
     fn at(&self, lane: usize, distance_m: f64) -> [f32; 3] {
         let [x, y, z] = &self.directions_in_sensor;
-        [(x[lane] * distance_m) as f32, (y[lane] * distance_m) as f32, (z[lane] * distance_m) as f32]
+        [
+            (x[lane] * distance_m) as f32,
+            (y[lane] * distance_m) as f32,
+            (z[lane] * distance_m) as f32,
+        ]
     }
 }
 
@@ -55,7 +60,11 @@ pub(crate) trait Point: Copy + Send + Sync {
 impl Point for LidarPoint {
     #[inline(always)]
     fn lost() -> Self {
-        LidarPoint { hit_in_sensor_m: [0.0; 3], intensity: 0, channel: LOST }
+        LidarPoint {
+            hit_in_sensor_m: [0.0; 3],
+            intensity: 0,
+            channel: LOST,
+        }
     }
 
     #[inline(always)]
@@ -75,22 +84,38 @@ impl Point for LidarPoint {
 
     #[inline(always)]
     fn write(returns: &Returns, points: &mut [Self]) {
-        let Returns { scene, spec, noise, bundle, hits, group, origin_m, .. } = returns;
-        let mut distances_m = scene.distances_m(hits, bundle, *group, origin_m, &returns.directions_in_world);
+        let Returns {
+            scene,
+            spec,
+            noise,
+            bundle,
+            hits,
+            group,
+            origin_m,
+            ..
+        } = returns;
+        let mut distances_m =
+            scene.distances_m(hits, bundle, *group, origin_m, &returns.directions_in_world);
         let is_return = distances_m.map(|distance_m| distance_m <= spec.range_m);
         if spec.noise_range_stddev_m > 0.0 {
             for (distance_m, ray) in distances_m.iter_mut().zip(&returns.rays) {
-                *distance_m = (*distance_m + spec.noise_range_stddev_m * noise.gaussian(*ray)).max(0.0);
+                *distance_m =
+                    (*distance_m + spec.noise_range_stddev_m * noise.gaussian(*ray)).max(0.0);
             }
         }
         let (limit, attenuation_per_m) = (keep_limit(spec), spec.attenuation_per_m);
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             let intensity = (-attenuation_per_m * distances_m[lane]).exp();
-            let kept = intensity >= limit || noise.uniform(2 * returns.rays[lane] + 1) < keep_ratio(spec, intensity);
+            let kept = intensity >= limit
+                || noise.uniform(2 * returns.rays[lane] + 1) < keep_ratio(spec, intensity);
             *point = LidarPoint {
                 hit_in_sensor_m: returns.at(lane, distances_m[lane]),
                 intensity: (intensity * 65535.0 + 0.5) as u16,
-                channel: if is_return[lane] && kept { returns.channels[lane] } else { LOST },
+                channel: if is_return[lane] && kept {
+                    returns.channels[lane]
+                } else {
+                    LOST
+                },
             };
         }
     }
@@ -98,7 +123,11 @@ impl Point for LidarPoint {
 
 /// Intensity from which on every return is kept.
 pub(crate) fn keep_limit(spec: &LidarSpec) -> f64 {
-    if spec.dropoff_zero_intensity_ratio > 0.0 { spec.dropoff_intensity_limit } else { 0.0 }
+    if spec.dropoff_zero_intensity_ratio > 0.0 {
+        spec.dropoff_intensity_limit
+    } else {
+        0.0
+    }
 }
 
 /// Share of returns kept at an intensity below the limit: from 1 − zero at 0 up to 1 at the limit.
@@ -109,7 +138,10 @@ fn keep_ratio(spec: &LidarSpec, intensity: f64) -> f64 {
 impl Point for SemanticLidarPoint {
     #[inline(always)]
     fn lost() -> Self {
-        SemanticLidarPoint { channel: LOST, ..bytemuck::Zeroable::zeroed() }
+        SemanticLidarPoint {
+            channel: LOST,
+            ..bytemuck::Zeroable::zeroed()
+        }
     }
 
     #[inline(always)]
@@ -129,7 +161,16 @@ impl Point for SemanticLidarPoint {
 
     #[inline(always)]
     fn write(returns: &Returns, points: &mut [Self]) {
-        let Returns { scene, spec, bundle, hits, group, origin_m, directions_in_world: [x, y, z], .. } = returns;
+        let Returns {
+            scene,
+            spec,
+            bundle,
+            hits,
+            group,
+            origin_m,
+            directions_in_world: [x, y, z],
+            ..
+        } = returns;
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             let forward = Vector3::new(x[lane], y[lane], z[lane]);
             let hit = scene.surface(hits, bundle, group * GROUP + lane, origin_m, &forward);

@@ -1,7 +1,9 @@
 //! Radar: rays into a cone, denser towards its middle, and how fast what they hit comes nearer.
 //!
-//! CARLA's model: of the rays of a tick each ends at (R, R·tan(h/2)·r·cos θ, R·tan(v/2)·r·sin θ) in the sensor's space with r uniform in
-//! 0..1 and θ uniform over the turn. No noise, cross sections or echoes. Rays pass through the radar's own carrier.
+//! CARLA's model: of the rays of a tick each ends at (R, R·tan(h/2)·r·cos θ, R·tan(v/2)·r·sin θ) in
+//! the sensor's space with r uniform in
+//! 0..1 and θ uniform over the turn. No noise, cross sections or echoes. Rays pass through the
+//! radar's own carrier.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::RadarDetection;
@@ -20,7 +22,8 @@ pub struct RadarPose {
     pub velocity_in_world_mps: Vector3<f64>,
 }
 
-/// Casts `n_rays` rays and appends a detection for each that hits; `noise` is the key (seed, sensor, tick).
+/// Casts `n_rays` rays and appends a detection for each that hits; `noise` is the key (seed,
+/// sensor, tick).
 pub fn scan(
     spec: &RadarSpec,
     scene: &RayScene,
@@ -35,9 +38,12 @@ pub fn scan(
         let end = ray_end(spec, noise, ray as u64);
         let direction = end.normalize();
         let forward = pose.world_from_sensor.rotation * direction;
-        let Some(hit) = scene.cast_ignoring(&origin_m, &forward, end.norm(), ignored) else { continue };
+        let Some(hit) = scene.cast_ignoring(&origin_m, &forward, end.norm(), ignored) else {
+            continue;
+        };
         out.push(RadarDetection {
-            velocity_mps: (hit.velocity_in_world_mps - pose.velocity_in_world_mps).dot(&forward) as f32,
+            velocity_mps: (hit.velocity_in_world_mps - pose.velocity_in_world_mps).dot(&forward)
+                as f32,
             azimuth_rad: direction.y.atan2(direction.x) as f32,
             altitude_rad: direction.z.asin() as f32,
             depth_m: hit.distance_m as f32,
@@ -51,10 +57,22 @@ pub fn scan(
 
 /// End of a ray of this tick in the sensor's space. Noise samples 2·ray and 2·ray + 1.
 fn ray_end(spec: &RadarSpec, noise: Noise, ray: u64) -> Vector3<f64> {
-    end_point(spec, noise.uniform(2 * ray), std::f64::consts::TAU * noise.uniform(2 * ray + 1))
+    end_point(
+        spec,
+        noise.uniform(2 * ray),
+        std::f64::consts::TAU * noise.uniform(2 * ray + 1),
+    )
 }
 
 fn end_point(spec: &RadarSpec, share: f64, angle: f64) -> Vector3<f64> {
-    let (half_width, half_height) = ((0.5 * spec.horizontal_fov_deg).to_radians().tan(), (0.5 * spec.vertical_fov_deg).to_radians().tan());
-    spec.range_m * Vector3::new(1.0, half_width * share * angle.cos(), half_height * share * angle.sin())
+    let (half_width, half_height) = (
+        (0.5 * spec.horizontal_fov_deg).to_radians().tan(),
+        (0.5 * spec.vertical_fov_deg).to_radians().tan(),
+    );
+    spec.range_m
+        * Vector3::new(
+            1.0,
+            half_width * share * angle.cos(),
+            half_height * share * angle.sin(),
+        )
 }

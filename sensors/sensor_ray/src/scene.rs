@@ -20,13 +20,15 @@ use crate::tree::{Tree, TriangleTree};
 /// Scenes that were built, so that a GPU knows whose triangles it has.
 static N_BUILT: AtomicU64 = AtomicU64::new(0);
 
-/// Side of the squares in which scenery is put into one hierarchy: keeps `f32` coordinates fine to 0.06 mm.
+/// Side of the squares in which scenery is put into one hierarchy: keeps `f32` coordinates fine to
+/// 0.06 mm.
 const TILE_M: f64 = 1024.0;
 
 /// Boxes of moving instances are widened by this, more than `f32` loses over a town.
 const BOX_MARGIN_M: f64 = 2e-3;
 
-/// Nothing is seen that is as far from the origin as this: the square of a distance beyond is no `f32` any more.
+/// Nothing is seen that is as far from the origin as this: the square of a distance beyond is no
+/// `f32` any more.
 const MAX_M: f64 = 1e18;
 
 /// Scenery of one square of the map.
@@ -50,7 +52,8 @@ pub(crate) struct Placed {
 
 /// Everything rays can hit in one tick.
 ///
-/// [`RayScene::load`] once per episode, [`RayScene::update`] once per tick, then any number of casts from any thread.
+/// [`RayScene::load`] once per episode, [`RayScene::update`] once per tick, then any number of
+/// casts from any thread.
 #[derive(Debug)]
 pub struct RayScene {
     episode: u32,
@@ -73,7 +76,8 @@ pub struct RayScene {
 }
 
 impl RayScene {
-    /// Builds the hierarchies of an episode: about a microsecond per triangle and core. Level of detail 0 only.
+    /// Builds the hierarchies of an episode: about a microsecond per triangle and core. Level of
+    /// detail 0 only.
     pub fn load(assets: &SceneAssets) -> Self {
         Self::build(assets, false)
     }
@@ -100,9 +104,23 @@ impl RayScene {
             })
             .collect();
         let squares: Vec<_> = squares(assets).into_iter().collect();
-        let tiles = squares.par_iter().map(|(square, members)| tile(assets, *square, members, for_gpu)).collect();
-        let build = |(mesh, is_scenery): (&Arc<Mesh>, &bool)| if *is_scenery { None } else { Some(mesh_tree(mesh, for_gpu)) };
-        let mesh_trees = assets.meshes.par_iter().zip(&is_scenery).map(build).collect();
+        let tiles = squares
+            .par_iter()
+            .map(|(square, members)| tile(assets, *square, members, for_gpu))
+            .collect();
+        let build = |(mesh, is_scenery): (&Arc<Mesh>, &bool)| {
+            if *is_scenery {
+                None
+            } else {
+                Some(mesh_tree(mesh, for_gpu))
+            }
+        };
+        let mesh_trees = assets
+            .meshes
+            .par_iter()
+            .zip(&is_scenery)
+            .map(build)
+            .collect();
         RayScene {
             episode: assets.episode,
             serial: N_BUILT.fetch_add(1, Ordering::Relaxed),
@@ -119,11 +137,14 @@ impl RayScene {
         }
     }
 
-    /// Hides what `assets` leave out of the scenery and shows the rest, for the price of what changed. False if that takes new hierarchies: for
+    /// Hides what `assets` leave out of the scenery and shows the rest, for the price of what
+    /// changed. False if that takes new hierarchies: for
     /// another episode, or if something is to be shown that was hidden when this was loaded.
     #[must_use]
     pub fn hide(&mut self, assets: &SceneAssets) -> bool {
-        let fits = assets.episode == self.episode && assets.meshes.len() == self.meshes.len() && self.hiding.can_hide(&assets.hidden);
+        let fits = assets.episode == self.episode
+            && assets.meshes.len() == self.meshes.len()
+            && self.hiding.can_hide(&assets.hidden);
         if fits {
             self.set_hidden(&assets.hidden);
         }
@@ -140,15 +161,21 @@ impl RayScene {
         self.tiles.iter().map(|tile| tile.sources.len()).sum()
     }
 
-    /// Puts the moving instances of a tick in place of those before; those of an actor are neighbours. Instances whose pose is not finite, or
+    /// Puts the moving instances of a tick in place of those before; those of an actor are
+    /// neighbours. Instances whose pose is not finite, or
     /// 10¹⁸ m away, are left out.
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
-        let boxes: Vec<Bounds> = self.dynamics.iter().map(|placed| self.bounds_of(placed, &self.dynamics_origin_m)).collect();
+        let boxes: Vec<Bounds> = self
+            .dynamics
+            .iter()
+            .map(|placed| self.bounds_of(placed, &self.dynamics_origin_m))
+            .collect();
         self.dynamics_tree = moving_tree(&boxes, &self.actor_ends);
     }
 
-    /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the processor casts meet nothing that moves until
+    /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the
+    /// processor casts meet nothing that moves until
     /// the next [`RayScene::update`].
     pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
@@ -160,16 +187,25 @@ impl RayScene {
         self.dynamics.clear();
         self.actor_ends.clear();
         let is_here = |instance: &&DynamicInstance| is_finite(&instance.world_from_mesh);
-        self.dynamics_origin_m = dynamics.iter().find(is_here).map_or(Point3::origin(), |i| i.world_from_mesh.translation.vector.into());
+        self.dynamics_origin_m = dynamics.iter().find(is_here).map_or(Point3::origin(), |i| {
+            i.world_from_mesh.translation.vector.into()
+        });
         for instance in dynamics.iter().filter(is_here) {
             let mesh_idx = instance.mesh.0 as usize;
-            let Some(mesh) = self.meshes.get(mesh_idx) else { continue };
-            let tree = self.mesh_trees[mesh_idx].get_or_insert_with(|| mesh_tree(mesh, self.for_gpu));
+            let Some(mesh) = self.meshes.get(mesh_idx) else {
+                continue;
+            };
+            let tree =
+                self.mesh_trees[mesh_idx].get_or_insert_with(|| mesh_tree(mesh, self.for_gpu));
             if tree.bounds().is_none() {
                 continue;
             }
             let object = instance.actor.into();
-            if self.dynamics.last().is_none_or(|before| before.object != object) {
+            if self
+                .dynamics
+                .last()
+                .is_none_or(|before| before.object != object)
+            {
                 self.actor_ends.push(self.dynamics.len() as u32);
             }
             self.dynamics.push(Placed {
@@ -186,22 +222,46 @@ impl RayScene {
     /// Box about a moving instance, relative to `origin_m`.
     pub(crate) fn bounds_of(&self, placed: &Placed, origin_m: &Point3<f64>) -> Bounds {
         let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref();
-        let bounds = tree.and_then(TriangleTree::bounds).expect("what moves has triangles");
+        let bounds = tree
+            .and_then(TriangleTree::bounds)
+            .expect("what moves has triangles");
         box_about(origin_m, &placed.world_from_mesh, bounds)
     }
 
-    /// The nearest hit from `origin_m` along the unit vector `direction` within `max_m`. Both sides of triangles count.
-    pub fn cast(&self, origin_m: &Point3<f64>, direction: &Vector3<f64>, max_m: f64) -> Option<Hit> {
+    /// The nearest hit from `origin_m` along the unit vector `direction` within `max_m`. Both sides
+    /// of triangles count.
+    pub fn cast(
+        &self,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max_m: f64,
+    ) -> Option<Hit> {
         self.cast_ignoring(origin_m, direction, max_m, None)
     }
 
     /// As [`RayScene::cast`], through the parts of one actor.
-    pub fn cast_ignoring(&self, origin_m: &Point3<f64>, direction: &Vector3<f64>, max_m: f64, ignored: Option<ActorId>) -> Option<Hit> {
-        let mut caster = Caster { scene: self, ignored, stacks: Stacks::default() };
+    pub fn cast_ignoring(
+        &self,
+        origin_m: &Point3<f64>,
+        direction: &Vector3<f64>,
+        max_m: f64,
+        ignored: Option<ActorId>,
+    ) -> Option<Hit> {
+        let mut caster = Caster {
+            scene: self,
+            ignored,
+            stacks: Stacks::default(),
+        };
         let bundle = Bundle::new(&[Some(*direction)])?;
         let mut hits = Hits::new(&bundle, max_m);
-        in_lanes(OneBundle { caster: &mut caster, origin_m, bundle: &bundle, hits: &mut hits });
-        self.surface(&hits, &bundle, 0, origin_m, direction).filter(|hit| hit.distance_m <= max_m)
+        in_lanes(OneBundle {
+            caster: &mut caster,
+            origin_m,
+            bundle: &bundle,
+            hits: &mut hits,
+        });
+        self.surface(&hits, &bundle, 0, origin_m, direction)
+            .filter(|hit| hit.distance_m <= max_m)
     }
 }
 
@@ -215,8 +275,12 @@ fn squares(assets: &SceneAssets) -> BTreeMap<(i64, i64), Vec<u32>> {
     let mut squares = BTreeMap::<_, Vec<u32>>::new();
     for (i, instance) in assets.statics.iter().enumerate() {
         if is_finite(&instance.world_from_mesh) {
-            let centre = instance.world_from_mesh * Point3::from(assets.mesh(instance.mesh).centre_m.map(f64::from));
-            let square = ((centre.x / TILE_M).round() as i64, (centre.y / TILE_M).round() as i64);
+            let centre = instance.world_from_mesh
+                * Point3::from(assets.mesh(instance.mesh).centre_m.map(f64::from));
+            let square = (
+                (centre.x / TILE_M).round() as i64,
+                (centre.y / TILE_M).round() as i64,
+            );
             squares.entry(square).or_default().push(i as u32);
         }
     }
@@ -234,11 +298,19 @@ fn tile(assets: &SceneAssets, square: (i64, i64), members: &[u32], for_gpu: bool
             sources.push((*instance_idx, i as u32));
         }
     }
-    Tile { origin_m, tree: TriangleTree::new(&corners, for_gpu), sources }
+    Tile {
+        origin_m,
+        tree: TriangleTree::new(&corners, for_gpu),
+        sources,
+    }
 }
 
 /// Corners of a mesh's triangle relative to a tile's origin.
-pub(crate) fn corners_in(origin_m: &Point3<f64>, world_from_mesh: &Isometry3<f64>, triangle: [[f32; 3]; 3]) -> [[f32; 3]; 3] {
+pub(crate) fn corners_in(
+    origin_m: &Point3<f64>,
+    world_from_mesh: &Isometry3<f64>,
+    triangle: [[f32; 3]; 3],
+) -> [[f32; 3]; 3] {
     triangle.map(|corner| {
         let at: Vector3<f64> = world_from_mesh * Point3::from(corner.map(f64::from)) - origin_m;
         at.cast::<f32>().into()
@@ -251,13 +323,24 @@ pub(crate) fn box_about(
     world_from_mesh: &Isometry3<f64>,
     (low, high): ([f32; 3], [f32; 3]),
 ) -> ([f32; 3], [f32; 3]) {
-    let (low, high) = (Vector3::from(low.map(f64::from)), Vector3::from(high.map(f64::from)));
+    let (low, high) = (
+        Vector3::from(low.map(f64::from)),
+        Vector3::from(high.map(f64::from)),
+    );
     let centre = world_from_mesh * Point3::from(0.5 * (low + high)) - origin_m;
-    let half = world_from_mesh.rotation.to_rotation_matrix().matrix().abs() * (0.5 * (high - low)) + Vector3::repeat(BOX_MARGIN_M);
-    ((centre - half).cast::<f32>().into(), (centre + half).cast::<f32>().into())
+    let half = world_from_mesh.rotation.to_rotation_matrix().matrix().abs() * (0.5 * (high - low))
+        + Vector3::repeat(BOX_MARGIN_M);
+    (
+        (centre - half).cast::<f32>().into(),
+        (centre + half).cast::<f32>().into(),
+    )
 }
 
 /// Whether a pose is one, and near enough for the hierarchies' `f32`.
 fn is_finite(pose: &Isometry3<f64>) -> bool {
-    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.abs() < MAX_M)
+    pose.translation
+        .vector
+        .iter()
+        .chain(pose.rotation.coords.iter())
+        .all(|x| x.abs() < MAX_M)
 }

@@ -1,4 +1,5 @@
-//! Hierarchies of boxes with eight children per node: built by obvhs (PLOC with reinsertion) as binary ones, then folded.
+//! Hierarchies of boxes with eight children per node: built by obvhs (PLOC with reinsertion) as
+//! binary ones, then folded.
 
 use std::time::Duration;
 
@@ -38,7 +39,11 @@ pub(crate) struct Node {
 
 impl Node {
     pub fn empty() -> Self {
-        Node { bounds: [[[0.0; WIDTH]; 2]; 3], child: [0; WIDTH], n_children: 0 }
+        Node {
+            bounds: [[[0.0; WIDTH]; 2]; 3],
+            child: [0; WIDTH],
+            n_children: 0,
+        }
     }
 
     /// Makes a box and what is in it child number `i`.
@@ -80,16 +85,31 @@ struct Folder<'b, F> {
 }
 
 impl Tree {
-    /// Folds `bvh`; subtrees of at most `leaf_items` items become leaves, each made by `make_leaf` from indices of items.
+    /// Folds `bvh`; subtrees of at most `leaf_items` items become leaves, each made by `make_leaf`
+    /// from indices of items.
     pub(crate) fn fold(bvh: &Bvh2, leaf_items: u32, make_leaf: impl FnMut(&[u32]) -> u32) -> Tree {
-        let Some(root) = bvh.nodes.first() else { return Tree::default() };
-        let mut folder =
-            Folder { bvh, n_items: vec![0; bvh.nodes.len()], leaf_items, make_leaf, nodes: Vec::with_capacity(bvh.nodes.len() / 4 + 1) };
+        let Some(root) = bvh.nodes.first() else {
+            return Tree::default();
+        };
+        let mut folder = Folder {
+            bvh,
+            n_items: vec![0; bvh.nodes.len()],
+            leaf_items,
+            make_leaf,
+            nodes: Vec::with_capacity(bvh.nodes.len() / 4 + 1),
+        };
         folder.count();
         folder.fold();
         let (low, high) = (root.aabb().min.to_array(), root.aabb().max.to_array());
-        let reach = low.iter().chain(&high).fold(0.0f32, |reach, x| reach.max(x.abs()));
-        Tree { nodes: folder.nodes, bounds: Some((low, high)), reach }
+        let reach = low
+            .iter()
+            .chain(&high)
+            .fold(0.0f32, |reach, x| reach.max(x.abs()));
+        Tree {
+            nodes: folder.nodes,
+            bounds: Some((low, high)),
+            reach,
+        }
     }
 }
 
@@ -108,7 +128,10 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
             let node = &self.bvh.nodes[idx as usize];
             self.n_items[idx as usize] = match node.is_leaf() {
                 true => node.prim_count,
-                false => self.n_items[node.first_index as usize] + self.n_items[node.first_index as usize + 1],
+                false => {
+                    self.n_items[node.first_index as usize]
+                        + self.n_items[node.first_index as usize + 1]
+                }
             };
         }
     }
@@ -132,18 +155,25 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
                     todo.push((*child, inner));
                     inner
                 };
-                self.nodes[wide as usize].set(i, (aabb.min.to_array(), aabb.max.to_array()), target);
+                self.nodes[wide as usize].set(
+                    i,
+                    (aabb.min.to_array(), aabb.max.to_array()),
+                    target,
+                );
             }
             self.nodes[wide as usize].n_children = children.len() as u32;
         }
     }
 
-    /// Up to eight binary nodes under `idx`: the one of largest surface is opened as long as there is room.
+    /// Up to eight binary nodes under `idx`: the one of largest surface is opened as long as there
+    /// is room.
     fn children(&self, idx: u32) -> Vec<u32> {
         let mut children = vec![idx];
         while children.len() < WIDTH {
             let area = |i: &usize| self.bvh.nodes[children[*i] as usize].aabb().half_area();
-            let opened = (0..children.len()).filter(|i| !self.is_leaf(children[*i])).max_by(|a, b| area(a).total_cmp(&area(b)));
+            let opened = (0..children.len())
+                .filter(|i| !self.is_leaf(children[*i]))
+                .max_by(|a, b| area(a).total_cmp(&area(b)));
             let Some(opened) = opened else { break };
             let first = self.bvh.nodes[children[opened] as usize].first_index;
             children[opened] = first;
@@ -158,7 +188,9 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
             let node = &self.bvh.nodes[idx as usize];
             if node.is_leaf() {
                 let first = node.first_index as usize;
-                items.extend_from_slice(&self.bvh.primitive_indices[first..first + node.prim_count as usize]);
+                items.extend_from_slice(
+                    &self.bvh.primitive_indices[first..first + node.prim_count as usize],
+                );
             } else {
                 todo.extend([node.first_index + 1, node.first_index]);
             }
@@ -187,10 +219,13 @@ pub(crate) struct TriangleTree {
 }
 
 impl TriangleTree {
-    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not finite are left out.
+    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not
+    /// finite are left out.
     pub fn new(corners: &[[[f32; 3]; 3]], for_gpu: bool) -> Self {
         let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
-        let numbers: Vec<u32> = (0..corners.len() as u32).filter(|i| finite(&corners[*i as usize])).collect();
+        let numbers: Vec<u32> = (0..corners.len() as u32)
+            .filter(|i| finite(&corners[*i as usize]))
+            .collect();
         let triangles: Vec<Triangle> = numbers
             .iter()
             .map(|i| {
@@ -203,15 +238,29 @@ impl TriangleTree {
         }
         let bvh = build_bvh2_from_tris(
             &triangles,
-            BvhBuildParams { max_prims_per_leaf: GPU_LEAF, ..BvhBuildParams::medium_build() },
+            BvhBuildParams {
+                max_prims_per_leaf: GPU_LEAF,
+                ..BvhBuildParams::medium_build()
+            },
             &mut Duration::default(),
         );
-        let (mut blocks, mut block_numbers) = (Vec::with_capacity(triangles.len() / 4), Vec::with_capacity(triangles.len() / 4));
+        let (mut blocks, mut block_numbers) = (
+            Vec::with_capacity(triangles.len() / 4),
+            Vec::with_capacity(triangles.len() / 4),
+        );
         let tree = Tree::fold(&bvh, WIDTH as u32, |items| {
             let first = blocks.len() as u32;
             assert!(items.len() <= WIDTH, "a leaf of {} triangles", items.len());
-            blocks.push(block(items.iter().map(|i| &corners[numbers[*i as usize] as usize])));
-            block_numbers.push([0, 1, 2, 3, 4, 5, 6, 7].map(|lane| items.get(lane).map_or(NO_TRIANGLE, |i| numbers[*i as usize])));
+            blocks.push(block(
+                items
+                    .iter()
+                    .map(|i| &corners[numbers[*i as usize] as usize]),
+            ));
+            block_numbers.push([0, 1, 2, 3, 4, 5, 6, 7].map(|lane| {
+                items
+                    .get(lane)
+                    .map_or(NO_TRIANGLE, |i| numbers[*i as usize])
+            }));
             first
         });
         let packed = for_gpu.then(|| {
@@ -220,11 +269,24 @@ impl TriangleTree {
                 leaves.push(items.iter().map(|i| numbers[*i as usize]).collect());
                 leaves.len() as u32 - 1
             });
-            let mut packed = Packed::new(&narrow, |leaf| &leaves[leaf as usize], MARGIN * narrow.reach);
-            packed.corners = packed.items.iter().map(|number| corners[*number as usize]).collect();
+            let mut packed = Packed::new(
+                &narrow,
+                |leaf| &leaves[leaf as usize],
+                MARGIN * narrow.reach,
+            );
+            packed.corners = packed
+                .items
+                .iter()
+                .map(|number| corners[*number as usize])
+                .collect();
             packed
         });
-        TriangleTree { tree, blocks, numbers: block_numbers, packed }
+        TriangleTree {
+            tree,
+            blocks,
+            numbers: block_numbers,
+            packed,
+        }
     }
 
     /// Lower and upper corner of the box around everything; `None` without triangles.
@@ -240,7 +302,9 @@ impl TriangleTree {
 }
 
 fn block<'c>(triangles: impl Iterator<Item = &'c [[f32; 3]; 3]>) -> Block {
-    let mut block = Block { corner: [[[0.0; WIDTH]; 3]; 3] };
+    let mut block = Block {
+        corner: [[[0.0; WIDTH]; 3]; 3],
+    };
     let mut set = |lane: usize, corners: &[[f32; 3]; 3]| {
         for (of_all, corner) in block.corner.iter_mut().zip(corners) {
             for (of_all, x) in of_all.iter_mut().zip(corner) {

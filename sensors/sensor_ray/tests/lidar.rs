@@ -1,4 +1,5 @@
-//! Whole turns of the lidar in a room whose walls are known, and its losses against their distributions.
+//! Whole turns of the lidar in a room whose walls are known, and its losses against their
+//! distributions.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::{LidarPoint, SemanticLidarPoint};
@@ -15,48 +16,84 @@ const HALF_M: [f32; 3] = [20.0, 15.0, 4.0];
 
 fn room() -> RayScene {
     let mut builder = MeshBuilder::new("room");
-    builder.cuboid(Surface::new(Class::WALLS, Material::Matte, [128; 3]), [0.0; 3], HALF_M);
+    builder.cuboid(
+        Surface::new(Class::WALLS, Material::Matte, [128; 3]),
+        [0.0; 3],
+        HALF_M,
+    );
     let mut assets = SceneAssets::default();
     let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(5) });
+    assets.statics.push(StaticInstance {
+        mesh,
+        world_from_mesh: Isometry3::identity(),
+        object: ObjectId::scenery(5),
+    });
     RayScene::load(&assets)
 }
 
 /// Distance from a point to the room's walls.
 fn to_wall_m(origin: &Vector3<f64>, direction: &Vector3<f64>) -> f64 {
-    let along = |axis: usize| (HALF_M[axis] as f64 * direction[axis].signum() - origin[axis]) / direction[axis];
-    (0..3).filter(|axis| direction[*axis] != 0.0).map(along).fold(f64::INFINITY, f64::min)
+    let along = |axis: usize| {
+        (HALF_M[axis] as f64 * direction[axis].signum() - origin[axis]) / direction[axis]
+    };
+    (0..3)
+        .filter(|axis| direction[*axis] != 0.0)
+        .map(along)
+        .fold(f64::INFINITY, f64::min)
 }
 
 fn spec() -> LidarSpec {
-    LidarSpec { channels: 13, columns: 90, attenuation_per_m: 0.02, ..Default::default() }
+    LidarSpec {
+        channels: 13,
+        columns: 90,
+        attenuation_per_m: 0.02,
+        ..Default::default()
+    }
 }
 
 fn turn(lidar: &mut Lidar, scene: &RayScene, path: &SensorPath, tick: u64) -> Vec<LidarPoint> {
     let n = lidar.scan(scene, path, Noise::new(1, 2, tick), None);
     let mut bytes = vec![0; lidar.payload_bytes()];
-    assert_eq!(lidar.write(&mut bytes), n as usize * size_of::<LidarPoint>());
+    assert_eq!(
+        lidar.write(&mut bytes),
+        n as usize * size_of::<LidarPoint>()
+    );
     bytemuck::pod_collect_to_vec(&bytes)
 }
 
 fn ray(spec: &LidarSpec, channel: u32, column: u32) -> Vector3<f64> {
     let (elevation, azimuth) = (spec.elevation_rad(channel), azimuth_rad(spec, column));
-    Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
+    Vector3::new(
+        elevation.cos() * azimuth.cos(),
+        elevation.cos() * azimuth.sin(),
+        elevation.sin(),
+    )
 }
 
 #[test]
 fn every_point_of_a_tilted_lidar_lies_on_the_wall_its_beam_meets() {
     let (scene, spec) = (room(), spec());
     let pose = Isometry3::new(Vector3::new(3.0, -2.0, 0.5), Vector3::new(0.1, -0.2, 1.0));
-    let points = turn(&mut Lidar::new(spec.clone()), &scene, &SensorPath::still(pose), 1);
+    let points = turn(
+        &mut Lidar::new(spec.clone()),
+        &scene,
+        &SensorPath::still(pose),
+        1,
+    );
     assert_eq!(points.len(), 13 * 90, "a closed room returns every beam");
     for (i, point) in points.iter().enumerate() {
         let (channel, column) = (i as u32 / 90, i as u32 % 90);
         let direction = ray(&spec, channel, column);
         let distance = to_wall_m(&pose.translation.vector, &(pose.rotation * direction));
         let found = Vector3::from(point.hit_in_sensor_m).cast::<f64>();
-        assert_eq!(point.channel as u32, channel, "channel after channel, 0 on top");
-        assert!((found - direction * distance).norm() < 1e-4, "channel {channel} column {column}");
+        assert_eq!(
+            point.channel as u32, channel,
+            "channel after channel, 0 on top"
+        );
+        assert!(
+            (found - direction * distance).norm() < 1e-4,
+            "channel {channel} column {column}"
+        );
         let intensity = (-0.02 * distance).exp() * 65535.0;
         assert!((point.intensity as f64 - intensity).abs() < 1.0);
     }
@@ -64,44 +101,92 @@ fn every_point_of_a_tilted_lidar_lies_on_the_wall_its_beam_meets() {
 
 #[test]
 fn channel_0_is_the_top_and_the_last_column_looks_straight_back() {
-    let spec = LidarSpec { channels: 3, columns: 8, upper_fov_deg: 10.0, lower_fov_deg: -30.0, ..Default::default() };
-    let points = turn(&mut Lidar::new(spec.clone()), &room(), &SensorPath::still(Isometry3::identity()), 1);
-    let elevation =
-        |p: &LidarPoint| (p.hit_in_sensor_m[2] as f64 / Vector3::from(p.hit_in_sensor_m).cast::<f64>().norm()).asin().to_degrees();
-    let azimuth = |p: &LidarPoint| (p.hit_in_sensor_m[1] as f64).atan2(p.hit_in_sensor_m[0] as f64).to_degrees();
+    let spec = LidarSpec {
+        channels: 3,
+        columns: 8,
+        upper_fov_deg: 10.0,
+        lower_fov_deg: -30.0,
+        ..Default::default()
+    };
+    let points = turn(
+        &mut Lidar::new(spec.clone()),
+        &room(),
+        &SensorPath::still(Isometry3::identity()),
+        1,
+    );
+    let elevation = |p: &LidarPoint| {
+        (p.hit_in_sensor_m[2] as f64 / Vector3::from(p.hit_in_sensor_m).cast::<f64>().norm())
+            .asin()
+            .to_degrees()
+    };
+    let azimuth = |p: &LidarPoint| {
+        (p.hit_in_sensor_m[1] as f64)
+            .atan2(p.hit_in_sensor_m[0] as f64)
+            .to_degrees()
+    };
     for (i, expected) in [10.0, -10.0, -30.0].into_iter().enumerate() {
         assert!((elevation(&points[8 * i]) - expected).abs() < 1e-4);
     }
-    for (i, expected) in [-135.0, -90.0, -45.0, 0.0, 45.0, 90.0, 135.0].into_iter().enumerate() {
-        assert!((azimuth(&points[i]) - expected).abs() < 1e-4, "azimuth rises");
+    for (i, expected) in [-135.0, -90.0, -45.0, 0.0, 45.0, 90.0, 135.0]
+        .into_iter()
+        .enumerate()
+    {
+        assert!(
+            (azimuth(&points[i]) - expected).abs() < 1e-4,
+            "azimuth rises"
+        );
     }
     assert!((azimuth(&points[7]).abs() - 180.0).abs() < 1e-4);
 }
 
 #[test]
 fn what_lies_beyond_the_range_returns_nothing() {
-    let spec = LidarSpec { range_m: 16.0, ..spec() };
+    let spec = LidarSpec {
+        range_m: 16.0,
+        ..spec()
+    };
     let pose = SensorPath::still(Isometry3::identity());
     let points = turn(&mut Lidar::new(spec.clone()), &room(), &pose, 1);
-    let expected = (0..13 * 90).filter(|i| to_wall_m(&Vector3::zeros(), &ray(&spec, i / 90, i % 90)) <= 16.0).count();
+    let expected = (0..13 * 90)
+        .filter(|i| to_wall_m(&Vector3::zeros(), &ray(&spec, i / 90, i % 90)) <= 16.0)
+        .count();
     assert_eq!(points.len(), expected);
     assert!(expected < 13 * 90);
 }
 
 #[test]
 fn semantic_points_carry_class_object_and_incidence() {
-    let (spec, pose) = (LidarSpec { semantic: true, dropoff_general_ratio: 0.9, ..spec() }, Isometry3::translation(0.0, 0.0, 0.5));
+    let (spec, pose) = (
+        LidarSpec {
+            semantic: true,
+            dropoff_general_ratio: 0.9,
+            ..spec()
+        },
+        Isometry3::translation(0.0, 0.0, 0.5),
+    );
     let mut lidar = Lidar::new(spec.clone());
-    assert_eq!(lidar.scan(&room(), &SensorPath::still(pose), Noise::new(1, 2, 3), None), 13 * 90, "a semantic lidar loses nothing");
+    assert_eq!(
+        lidar.scan(&room(), &SensorPath::still(pose), Noise::new(1, 2, 3), None),
+        13 * 90,
+        "a semantic lidar loses nothing"
+    );
     let mut bytes = vec![0; lidar.payload_bytes()];
-    assert_eq!(lidar.write(&mut bytes), 13 * 90 * size_of::<SemanticLidarPoint>());
+    assert_eq!(
+        lidar.write(&mut bytes),
+        13 * 90 * size_of::<SemanticLidarPoint>()
+    );
     let points: Vec<SemanticLidarPoint> = bytemuck::pod_collect_to_vec(&bytes);
     for (i, point) in points.iter().enumerate() {
         let direction = ray(&spec, i as u32 / 90, i as u32 % 90);
         let hit = Vector3::from(point.hit_in_sensor_m).cast::<f64>() + Vector3::new(0.0, 0.0, 0.5);
-        let (axis, _) =
-            (0..3).map(|axis| (axis, (hit[axis].abs() - HALF_M[axis] as f64).abs())).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
-        assert_eq!((point.class, point.object_id), (Class::WALLS.0, ObjectId::scenery(5).0));
+        let (axis, _) = (0..3)
+            .map(|axis| (axis, (hit[axis].abs() - HALF_M[axis] as f64).abs()))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap();
+        assert_eq!(
+            (point.class, point.object_id),
+            (Class::WALLS.0, ObjectId::scenery(5).0)
+        );
         assert!((point.cos_incidence as f64 - direction[axis].abs()).abs() < 1e-5);
     }
 }
@@ -112,22 +197,56 @@ fn general_drop_off_and_intensity_drop_off_lose_the_asked_shares() {
     let path = SensorPath::still(Isometry3::identity());
     let n_rays = 13.0 * 900.0;
     let count = |spec: LidarSpec| turn(&mut Lidar::new(spec), &scene, &path, 1).len() as f64;
-    let base = LidarSpec { columns: 900, ..spec() };
+    let base = LidarSpec {
+        columns: 900,
+        ..spec()
+    };
     // Binomial spread: √(n p q) = 54; five of them.
-    assert!((count(LidarSpec { dropoff_general_ratio: 0.45, ..base.clone() }) - 0.55 * n_rays).abs() < 270.0);
-    assert_eq!(count(LidarSpec { dropoff_general_ratio: 1.0, ..base.clone() }), 0.0);
+    assert!(
+        (count(LidarSpec {
+            dropoff_general_ratio: 0.45,
+            ..base.clone()
+        }) - 0.55 * n_rays)
+            .abs()
+            < 270.0
+    );
+    assert_eq!(
+        count(LidarSpec {
+            dropoff_general_ratio: 1.0,
+            ..base.clone()
+        }),
+        0.0
+    );
     // Limit 1, zero 0.4: a return of intensity I is kept with probability 0.6 + 0.4 I.
-    let lossy = LidarSpec { dropoff_intensity_limit: 1.0, dropoff_zero_intensity_ratio: 0.4, ..base.clone() };
-    let intensity = |i: u32| (-0.02 * to_wall_m(&Vector3::zeros(), &ray(&base, i / 900, i % 900))).exp();
+    let lossy = LidarSpec {
+        dropoff_intensity_limit: 1.0,
+        dropoff_zero_intensity_ratio: 0.4,
+        ..base.clone()
+    };
+    let intensity =
+        |i: u32| (-0.02 * to_wall_m(&Vector3::zeros(), &ray(&base, i / 900, i % 900))).exp();
     let expected: f64 = (0..13 * 900).map(|i| 0.6 + 0.4 * intensity(i)).sum();
     assert!((count(lossy) - expected).abs() < 270.0);
-    assert_eq!(count(LidarSpec { dropoff_intensity_limit: 0.5, dropoff_zero_intensity_ratio: 0.0, ..base }), n_rays, "zero 0 keeps all");
+    assert_eq!(
+        count(LidarSpec {
+            dropoff_intensity_limit: 0.5,
+            dropoff_zero_intensity_ratio: 0.0,
+            ..base
+        }),
+        n_rays,
+        "zero 0 keeps all"
+    );
 }
 
 #[test]
 fn range_noise_spreads_along_the_beam_only_and_repeats_with_its_key() {
     let (scene, path) = (room(), SensorPath::still(Isometry3::identity()));
-    let spec = LidarSpec { noise_range_stddev_m: 0.1, columns: 900, range_m: 1000.0, ..spec() };
+    let spec = LidarSpec {
+        noise_range_stddev_m: 0.1,
+        columns: 900,
+        range_m: 1000.0,
+        ..spec()
+    };
     let mut lidar = Lidar::new(spec.clone());
     let points = turn(&mut lidar, &scene, &path, 1);
     assert_eq!(points, turn(&mut lidar, &scene, &path, 1));
@@ -148,7 +267,13 @@ fn range_noise_spreads_along_the_beam_only_and_repeats_with_its_key() {
 
 #[test]
 fn motion_distortion_moves_the_sensor_along_its_path() {
-    let (scene, spec) = (room(), LidarSpec { motion_distortion: true, ..spec() });
+    let (scene, spec) = (
+        room(),
+        LidarSpec {
+            motion_distortion: true,
+            ..spec()
+        },
+    );
     let path = SensorPath {
         world_from_sensor_start: Isometry3::translation(-2.0, 0.0, 0.0),
         world_from_sensor: Isometry3::new(Vector3::new(2.0, 1.0, 0.0), Vector3::z() * 0.3),
@@ -157,10 +282,17 @@ fn motion_distortion_moves_the_sensor_along_its_path() {
     for (i, point) in points.iter().enumerate() {
         let (channel, column) = (i as u32 / 90, i as u32 % 90);
         let share = (column + 1) as f64 / 90.0;
-        let at = Isometry3::new(Vector3::new(-2.0 + 4.0 * share, share, 0.0), Vector3::z() * 0.3 * share);
+        let at = Isometry3::new(
+            Vector3::new(-2.0 + 4.0 * share, share, 0.0),
+            Vector3::z() * 0.3 * share,
+        );
         let direction = ray(&spec, channel, column);
         let distance = to_wall_m(&at.translation.vector, &(at.rotation * direction));
-        assert!((Vector3::from(point.hit_in_sensor_m).cast::<f64>() - direction * distance).norm() < 1e-4, "column {column}");
+        assert!(
+            (Vector3::from(point.hit_in_sensor_m).cast::<f64>() - direction * distance).norm()
+                < 1e-4,
+            "column {column}"
+        );
     }
 }
 
@@ -172,10 +304,18 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
     for i in 0..3000u32 {
         let mut at = |scale: f32| (rng.f32() - 0.5) * scale;
         let centre = [at(60.0), at(60.0), at(10.0)];
-        builder.cuboid(Surface::new(Class((i % 29) as u8), Material::Matte, [9; 3]).of(ObjectId::scenery(i)), centre, [0.4; 3]);
+        builder.cuboid(
+            Surface::new(Class((i % 29) as u8), Material::Matte, [9; 3]).of(ObjectId::scenery(i)),
+            centre,
+            [0.4; 3],
+        );
     }
     let mesh = assets.add_mesh(builder.finish());
-    assets.statics.push(StaticInstance { mesh, world_from_mesh: Isometry3::identity(), object: ObjectId::scenery(0) });
+    assets.statics.push(StaticInstance {
+        mesh,
+        world_from_mesh: Isometry3::identity(),
+        object: ObjectId::scenery(0),
+    });
     let dynamics: Vec<_> = (1..60)
         .map(|actor| DynamicInstance {
             actor: ActorId(actor),
@@ -187,13 +327,27 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
             velocity_in_world_mps: Vector3::zeros(),
         })
         .collect();
-    let spec = LidarSpec { noise_range_stddev_m: 0.02, dropoff_general_ratio: 0.3, channels: 30, columns: 333, ..Default::default() };
+    let spec = LidarSpec {
+        noise_range_stddev_m: 0.02,
+        dropoff_general_ratio: 0.3,
+        channels: 30,
+        columns: 333,
+        ..Default::default()
+    };
     let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| {
             let mut scene = RayScene::load(&assets);
             scene.update(&dynamics);
-            turn(&mut Lidar::new(spec.clone()), &scene, &SensorPath::still(Isometry3::identity()), 9)
+            turn(
+                &mut Lidar::new(spec.clone()),
+                &scene,
+                &SensorPath::still(Isometry3::identity()),
+                9,
+            )
         })
     };
     let one = run(1);

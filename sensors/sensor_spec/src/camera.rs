@@ -81,7 +81,9 @@ impl CameraSpec {
             errors.push(SpecError {
                 key: "modalities",
                 value: "empty".into(),
-                allowed: "must name at least one of rgb, depth, semantic, instance, flow, normals, dvs".into(),
+                allowed:
+                    "must name at least one of rgb, depth, semantic, instance, flow, normals, dvs"
+                        .into(),
             });
         }
         self.dvs.check(errors);
@@ -102,12 +104,21 @@ pub struct Intrinsics {
 impl Intrinsics {
     /// From the horizontal field of view: f = W / (2 tan(fov/2)).
     pub fn from_fov(width_px: u32, height_px: u32, fov_rad: f64) -> Self {
-        Intrinsics { width_px, height_px, focal_px: width_px as f64 / (2.0 * (0.5 * fov_rad).tan()) }
+        Intrinsics {
+            width_px,
+            height_px,
+            focal_px: width_px as f64 / (2.0 * (0.5 * fov_rad).tan()),
+        }
     }
 
     /// `[fx, fy, cx, cy]`, principal point from the image's outer corner.
     pub fn as_array(&self) -> [f64; 4] {
-        [self.focal_px, self.focal_px, 0.5 * self.width_px as f64, 0.5 * self.height_px as f64]
+        [
+            self.focal_px,
+            self.focal_px,
+            0.5 * self.width_px as f64,
+            0.5 * self.height_px as f64,
+        ]
     }
 }
 
@@ -146,11 +157,13 @@ pub struct DvsSpec {
     pub log_eps: f32,
     /// Events of rising brightness per second and pixel that come without any change.
     pub leak_rate_hz: f32,
-    /// Events per second and pixel of either polarity by chance in the dark; a quarter of that in full light.
+    /// Events per second and pixel of either polarity by chance in the dark; a quarter of that in
+    /// full light.
     pub shot_noise_rate_hz: f32,
     /// Longest path of a point over the image between two samples of its brightness.
     pub substep_px: f32,
-    /// Most events one frame can carry; what is beyond is dropped from its end and counted. 0: one per pixel, at least 4096.
+    /// Most events one frame can carry; what is beyond is dropped from its end and counted. 0: one
+    /// per pixel, at least 4096.
     pub max_events: u32,
     /// Tells the noise of otherwise equal event cameras apart.
     pub noise_seed: u64,
@@ -188,16 +201,62 @@ impl DvsSpec {
 
     fn check(&self, errors: &mut Vec<SpecError>) {
         // In grey levels of 255 without the logarithm.
-        let (least, most) = if self.use_log { (0.01, 10.0) } else { (0.1, 255.0) };
-        check_range("dvs.positive_threshold", self.positive_threshold, least, most, errors);
-        check_range("dvs.negative_threshold", self.negative_threshold, least, most, errors);
-        check_range("dvs.threshold_mismatch_stddev", self.threshold_mismatch_stddev, 0.0, most, errors);
-        check_range("dvs.sigma_positive_threshold", self.sigma_positive_threshold, 0.0, most, errors);
-        check_range("dvs.sigma_negative_threshold", self.sigma_negative_threshold, 0.0, most, errors);
-        check_range("dvs.refractory_nanos", self.refractory_nanos, 0, 1_000_000_000, errors);
+        let (least, most) = if self.use_log {
+            (0.01, 10.0)
+        } else {
+            (0.1, 255.0)
+        };
+        check_range(
+            "dvs.positive_threshold",
+            self.positive_threshold,
+            least,
+            most,
+            errors,
+        );
+        check_range(
+            "dvs.negative_threshold",
+            self.negative_threshold,
+            least,
+            most,
+            errors,
+        );
+        check_range(
+            "dvs.threshold_mismatch_stddev",
+            self.threshold_mismatch_stddev,
+            0.0,
+            most,
+            errors,
+        );
+        check_range(
+            "dvs.sigma_positive_threshold",
+            self.sigma_positive_threshold,
+            0.0,
+            most,
+            errors,
+        );
+        check_range(
+            "dvs.sigma_negative_threshold",
+            self.sigma_negative_threshold,
+            0.0,
+            most,
+            errors,
+        );
+        check_range(
+            "dvs.refractory_nanos",
+            self.refractory_nanos,
+            0,
+            1_000_000_000,
+            errors,
+        );
         check_range("dvs.log_eps", self.log_eps, 1e-6, 1.0, errors);
         check_range("dvs.leak_rate_hz", self.leak_rate_hz, 0.0, 1000.0, errors);
-        check_range("dvs.shot_noise_rate_hz", self.shot_noise_rate_hz, 0.0, 1000.0, errors);
+        check_range(
+            "dvs.shot_noise_rate_hz",
+            self.shot_noise_rate_hz,
+            0.0,
+            1000.0,
+            errors,
+        );
         check_range("dvs.substep_px", self.substep_px, 0.1, 64.0, errors);
         check_range("dvs.max_events", self.max_events, 0, 50_000_000, errors);
     }
@@ -214,8 +273,15 @@ fn from_names<'de, D: Deserializer<'de>>(input: D) -> Result<Vec<Modality>, D::E
         .into_iter()
         .map(|name| {
             Modality::from_name(&name).filter(camera).ok_or_else(|| {
-                let known: Vec<_> = Modality::ALL.iter().filter(|m| camera(m)).map(|m| m.name()).collect();
-                serde::de::Error::custom(format!("must name only {}; {name:?} is none of them", known.join(", ")))
+                let known: Vec<_> = Modality::ALL
+                    .iter()
+                    .filter(|m| camera(m))
+                    .map(|m| m.name())
+                    .collect();
+                serde::de::Error::custom(format!(
+                    "must name only {}; {name:?} is none of them",
+                    known.join(", ")
+                ))
             })
         })
         .collect()

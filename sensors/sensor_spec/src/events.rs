@@ -4,7 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{MountSpec, SpecError, check_range};
 
-/// Obstacle detector: a ball moved forward from the sensor until it touches something that is not its carrier.
+/// Obstacle detector: a ball moved forward from the sensor until it touches something that is not
+/// its carrier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ObstacleSpec {
@@ -22,7 +23,13 @@ pub struct ObstacleSpec {
 
 impl Default for ObstacleSpec {
     fn default() -> Self {
-        ObstacleSpec { rate_hz: 20.0, mount: MountSpec::default(), distance_m: 5.0, hit_radius_m: 0.5, only_dynamics: false }
+        ObstacleSpec {
+            rate_hz: 20.0,
+            mount: MountSpec::default(),
+            distance_m: 5.0,
+            hit_radius_m: 0.5,
+            only_dynamics: false,
+        }
     }
 }
 
@@ -41,7 +48,8 @@ pub struct CollisionSpec {
     pub mount: MountSpec,
 }
 
-/// Lane invasion detector: painted lines that its carrier's box went over in a tick. Looks at every tick.
+/// Lane invasion detector: painted lines that its carrier's box went over in a tick. Looks at every
+/// tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaneInvasionSpec {

@@ -51,7 +51,16 @@ pub enum SensorSpec {
 
 impl SensorSpec {
     /// Kinds as the key `kind` names them.
-    pub const KINDS: [&str; 8] = ["camera", "lidar", "imu", "gnss", "radar", "obstacle", "collision", "lane_invasion"];
+    pub const KINDS: [&str; 8] = [
+        "camera",
+        "lidar",
+        "imu",
+        "gnss",
+        "radar",
+        "obstacle",
+        "collision",
+        "lane_invasion",
+    ];
 
     /// The defaults of a kind, one of [`SensorSpec::KINDS`].
     pub fn default_of(kind: &str) -> Option<SensorSpec> {
@@ -68,7 +77,8 @@ impl SensorSpec {
         })
     }
 
-    /// Firings per second of simulated time; `None`: every tick, and there is no key to change that.
+    /// Firings per second of simulated time; `None`: every tick, and there is no key to change
+    /// that.
     pub fn rate_hz(&self) -> Option<f64> {
         match self {
             SensorSpec::Camera(spec) => Some(spec.rate_hz),
@@ -99,7 +109,11 @@ impl SensorSpec {
     pub fn modalities(&self) -> Vec<Modality> {
         match self {
             SensorSpec::Camera(spec) => spec.modalities.clone(),
-            SensorSpec::Lidar(spec) => vec![if spec.semantic { Modality::SemanticLidar } else { Modality::Lidar }],
+            SensorSpec::Lidar(spec) => vec![if spec.semantic {
+                Modality::SemanticLidar
+            } else {
+                Modality::Lidar
+            }],
             SensorSpec::Imu(_) => vec![Modality::Imu],
             SensorSpec::Gnss(_) => vec![Modality::Gnss],
             SensorSpec::Radar(_) => vec![Modality::Radar],
@@ -141,7 +155,11 @@ impl SensorSpec {
             SensorSpec::Obstacle(spec) => spec.check(&mut errors),
             SensorSpec::Collision(_) | SensorSpec::LaneInvasion(_) => {}
         }
-        if errors.is_empty() { Ok(()) } else { Err(errors) }
+        if errors.is_empty() {
+            Ok(())
+        } else {
+            Err(errors)
+        }
     }
 }
 
@@ -159,13 +177,28 @@ pub struct SpecError {
 
 impl SpecError {
     /// A value outside `low..=high`.
-    pub fn range(key: &'static str, value: impl std::fmt::Display, low: impl std::fmt::Display, high: impl std::fmt::Display) -> Self {
-        SpecError { key, value: value.to_string(), allowed: format!("must be {low} to {high}") }
+    pub fn range(
+        key: &'static str,
+        value: impl std::fmt::Display,
+        low: impl std::fmt::Display,
+        high: impl std::fmt::Display,
+    ) -> Self {
+        SpecError {
+            key,
+            value: value.to_string(),
+            allowed: format!("must be {low} to {high}"),
+        }
     }
 }
 
 /// Pushes an error unless `low <= value <= high` (NaN is outside).
-pub(crate) fn check_range<T: PartialOrd + std::fmt::Display>(key: &'static str, value: T, low: T, high: T, errors: &mut Vec<SpecError>) {
+pub(crate) fn check_range<T: PartialOrd + std::fmt::Display>(
+    key: &'static str,
+    value: T,
+    low: T,
+    high: T,
+    errors: &mut Vec<SpecError>,
+) {
     if !(value >= low && value <= high) {
         errors.push(SpecError::range(key, value, low, high));
     }
@@ -184,8 +217,15 @@ fn check_rate(rate_hz: f64, tick_hz: f64, errors: &mut Vec<SpecError>) {
     let ticks = tick_hz / rate_hz;
     if (ticks - ticks.round()).abs() > 1e-9 * ticks {
         let nearest = [ticks.floor(), ticks.ceil()].map(|n| format!("{}", tick_hz / n));
-        let allowed = format!("must divide the tick rate {tick_hz}; try {} or {}", nearest[0], nearest[1]);
-        errors.push(SpecError { key: "rate_hz", value: rate_hz.to_string(), allowed });
+        let allowed = format!(
+            "must divide the tick rate {tick_hz}; try {} or {}",
+            nearest[0], nearest[1]
+        );
+        errors.push(SpecError {
+            key: "rate_hz",
+            value: rate_hz.to_string(),
+            allowed,
+        });
     }
 }
 
@@ -195,15 +235,32 @@ mod tests {
 
     #[test]
     fn rate_that_does_not_divide_the_tick_rate_is_refused_with_neighbours() {
-        let spec = SensorSpec::Imu(ImuSpec { rate_hz: 30.0, ..Default::default() });
+        let spec = SensorSpec::Imu(ImuSpec {
+            rate_hz: 30.0,
+            ..Default::default()
+        });
         let errors = spec.check(100.0).unwrap_err();
-        assert_eq!(errors[0].to_string(), "rate_hz is 30, but must divide the tick rate 100; try 33.333333333333336 or 25");
-        assert!(SensorSpec::Imu(ImuSpec { rate_hz: 25.0, ..Default::default() }).check(100.0).is_ok());
+        assert_eq!(
+            errors[0].to_string(),
+            "rate_hz is 30, but must divide the tick rate 100; try 33.333333333333336 or 25"
+        );
+        assert!(
+            SensorSpec::Imu(ImuSpec {
+                rate_hz: 25.0,
+                ..Default::default()
+            })
+            .check(100.0)
+            .is_ok()
+        );
     }
 
     #[test]
     fn nan_is_refused() {
-        let spec = SensorSpec::Gnss(GnssSpec { rate_hz: f64::NAN, noise_altitude_stddev_m: f64::NAN, ..Default::default() });
+        let spec = SensorSpec::Gnss(GnssSpec {
+            rate_hz: f64::NAN,
+            noise_altitude_stddev_m: f64::NAN,
+            ..Default::default()
+        });
         assert_eq!(spec.check(20.0).unwrap_err().len(), 2);
     }
 }

@@ -16,7 +16,8 @@ pub enum LidarScan {
     /// One full turn of `columns` azimuths that ends at the tick, looking back.
     #[default]
     Turn,
-    /// What the head sweeps in one tick, counting `points_per_second` and `rotation_hz`: CARLA's lidar. The head turns clockwise
+    /// What the head sweeps in one tick, counting `points_per_second` and `rotation_hz`: CARLA's
+    /// lidar. The head turns clockwise
     /// seen from above and goes on from where it was at the previous firing.
     Sweep,
 }
@@ -96,27 +97,43 @@ impl LidarSpec {
     pub fn columns_per_frame(&self, tick_secs: f64) -> u32 {
         match self.scan {
             LidarScan::Turn => self.columns,
-            LidarScan::Sweep => (self.points_per_second as f64 * tick_secs / self.channels as f64).round() as u32,
+            LidarScan::Sweep => {
+                (self.points_per_second as f64 * tick_secs / self.channels as f64).round() as u32
+            }
         }
     }
 
     /// Most points a frame after a tick of `tick_secs` can have.
     pub fn points_per_frame(&self, tick_secs: f64) -> u32 {
-        self.channels.saturating_mul(self.columns_per_frame(tick_secs))
+        self.channels
+            .saturating_mul(self.columns_per_frame(tick_secs))
     }
 
     /// Elevation of a channel, radians; channel 0 is the highest.
     pub fn elevation_rad(&self, channel: u32) -> f64 {
         let steps = self.channels.saturating_sub(1).max(1) as f64;
-        (self.upper_fov_deg - channel as f64 * (self.upper_fov_deg - self.lower_fov_deg) / steps).to_radians()
+        (self.upper_fov_deg - channel as f64 * (self.upper_fov_deg - self.lower_fov_deg) / steps)
+            .to_radians()
     }
 
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
         check_range("channels", self.channels, 1, MAX_CHANNELS, errors);
         check_range("columns", self.columns, 1, 65_536, errors);
-        check_range("points_per_second", self.points_per_second, 1, MAX_POINTS_PER_SECOND, errors);
+        check_range(
+            "points_per_second",
+            self.points_per_second,
+            1,
+            MAX_POINTS_PER_SECOND,
+            errors,
+        );
         check_range("rotation_hz", self.rotation_hz, 0.0, 1000.0, errors);
-        check_range("horizontal_fov_deg", self.horizontal_fov_deg, 0.01, 360.0, errors);
+        check_range(
+            "horizontal_fov_deg",
+            self.horizontal_fov_deg,
+            0.01,
+            360.0,
+            errors,
+        );
         check_range("upper_fov_deg", self.upper_fov_deg, -90.0, 90.0, errors);
         check_range("lower_fov_deg", self.lower_fov_deg, -90.0, 90.0, errors);
         if self.lower_fov_deg > self.upper_fov_deg {
@@ -127,10 +144,40 @@ impl LidarSpec {
             });
         }
         check_range("range_m", self.range_m, 0.1, 10_000.0, errors);
-        check_range("attenuation_per_m", self.attenuation_per_m, 0.0, 10.0, errors);
-        check_range("dropoff_general_ratio", self.dropoff_general_ratio, 0.0, 1.0, errors);
-        check_range("dropoff_intensity_limit", self.dropoff_intensity_limit, 0.0, 1.0, errors);
-        check_range("dropoff_zero_intensity_ratio", self.dropoff_zero_intensity_ratio, 0.0, 1.0, errors);
-        check_range("noise_range_stddev_m", self.noise_range_stddev_m, 0.0, 100.0, errors);
+        check_range(
+            "attenuation_per_m",
+            self.attenuation_per_m,
+            0.0,
+            10.0,
+            errors,
+        );
+        check_range(
+            "dropoff_general_ratio",
+            self.dropoff_general_ratio,
+            0.0,
+            1.0,
+            errors,
+        );
+        check_range(
+            "dropoff_intensity_limit",
+            self.dropoff_intensity_limit,
+            0.0,
+            1.0,
+            errors,
+        );
+        check_range(
+            "dropoff_zero_intensity_ratio",
+            self.dropoff_zero_intensity_ratio,
+            0.0,
+            1.0,
+            errors,
+        );
+        check_range(
+            "noise_range_stddev_m",
+            self.noise_range_stddev_m,
+            0.0,
+            100.0,
+            errors,
+        );
     }
 }

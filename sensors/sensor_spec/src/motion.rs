@@ -88,7 +88,13 @@ impl GnssSpec {
         for value in self.noise_position_stddev_deg {
             check_range("noise_position_stddev_deg", value, 0.0, 360.0, errors);
         }
-        check_range("noise_altitude_stddev_m", self.noise_altitude_stddev_m, 0.0, 1e6, errors);
+        check_range(
+            "noise_altitude_stddev_m",
+            self.noise_altitude_stddev_m,
+            0.0,
+            1e6,
+            errors,
+        );
         for value in self.bias_position_deg {
             check_range("bias_position_deg", value, -360.0, 360.0, errors);
         }

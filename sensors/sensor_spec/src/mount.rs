@@ -14,7 +14,8 @@ pub use schema_frames::Attachment;
 pub struct MountSpec {
     /// Metres.
     pub position_m: [f64; 3],
-    /// Roll, pitch, yaw about x, y, z of the vehicle, degrees; positive pitch looks down, positive yaw turns left.
+    /// Roll, pitch, yaw about x, y, z of the vehicle, degrees; positive pitch looks down, positive
+    /// yaw turns left.
     pub rpy_deg: [f64; 3],
     /// How it follows.
     pub attachment: Attachment,
@@ -24,7 +25,10 @@ impl MountSpec {
     /// As a transform.
     pub fn vehicle_from_sensor(&self) -> Isometry3<f64> {
         let [roll, pitch, yaw] = self.rpy_deg.map(f64::to_radians);
-        Isometry3::from_parts(Translation3::from(self.position_m), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+        Isometry3::from_parts(
+            Translation3::from(self.position_m),
+            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+        )
     }
 
     /// As plain bytes.

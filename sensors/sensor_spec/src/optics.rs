@@ -1,4 +1,5 @@
-//! What a camera does to its colour picture: exposure, lens, white balance. Labels, depth, flow and events stay those of a pinhole.
+//! What a camera does to its colour picture: exposure, lens, white balance. Labels, depth, flow and
+//! events stay those of a pinhole.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +25,8 @@ pub struct OpticsSpec {
     pub vignette_multiplier: f32,
     /// Exponent of that.
     pub vignette_falloff: f32,
-    /// Distortion: a pixel at p (−0.5 to 0.5) shows what a pinhole has at p · (1 + k r² + k_cubed r³), r = |p · distortion_size|.
+    /// Distortion: a pixel at p (−0.5 to 0.5) shows what a pinhole has at p · (1 + k r² + k_cubed
+    /// r³), r = |p · distortion_size|.
     pub distortion_k: f32,
     /// Its cubic part.
     pub distortion_k_cubed: f32,
@@ -147,23 +149,68 @@ impl OpticsSpec {
             ("optics.white_kelvin", self.white_kelvin, 1500.0, 25_000.0),
             ("optics.tint", self.tint, -1.0, 1.0),
             ("optics.bloom_intensity", self.bloom_intensity, 0.0, 100.0),
-            ("optics.vignette_multiplier", self.vignette_multiplier, 0.0, 10.0),
+            (
+                "optics.vignette_multiplier",
+                self.vignette_multiplier,
+                0.0,
+                10.0,
+            ),
             ("optics.vignette_falloff", self.vignette_falloff, 0.0, 10.0),
             ("optics.distortion_k", self.distortion_k, -10.0, 10.0),
-            ("optics.distortion_k_cubed", self.distortion_k_cubed, -10.0, 10.0),
+            (
+                "optics.distortion_k_cubed",
+                self.distortion_k_cubed,
+                -10.0,
+                10.0,
+            ),
             ("optics.distortion_size", self.distortion_size[0], 0.0, 10.0),
             ("optics.distortion_size", self.distortion_size[1], 0.0, 10.0),
-            ("optics.chromatic_aberration", self.chromatic_aberration, 0.0, 100.0),
-            ("optics.chromatic_aberration_start", self.chromatic_aberration_start, 0.0, 1.0),
-            ("optics.exposure.compensation_ev", exposure.compensation_ev, -20.0, 20.0),
-            ("optics.exposure.shutter_per_s", exposure.shutter_per_s, 1e-3, 1e6),
+            (
+                "optics.chromatic_aberration",
+                self.chromatic_aberration,
+                0.0,
+                100.0,
+            ),
+            (
+                "optics.chromatic_aberration_start",
+                self.chromatic_aberration_start,
+                0.0,
+                1.0,
+            ),
+            (
+                "optics.exposure.compensation_ev",
+                exposure.compensation_ev,
+                -20.0,
+                20.0,
+            ),
+            (
+                "optics.exposure.shutter_per_s",
+                exposure.shutter_per_s,
+                1e-3,
+                1e6,
+            ),
             ("optics.exposure.iso", exposure.iso, 1.0, 1e6),
             ("optics.exposure.fstop", exposure.fstop, 0.1, 100.0),
             ("optics.exposure.min_ev100", exposure.min_ev100, -20.0, 30.0),
             ("optics.exposure.max_ev100", exposure.max_ev100, -20.0, 30.0),
-            ("optics.exposure.speed_up_per_s", exposure.speed_up_per_s, 0.0, 1e3),
-            ("optics.exposure.speed_down_per_s", exposure.speed_down_per_s, 0.0, 1e3),
-            ("optics.exposure.calibration", exposure.calibration, 1.0, 100.0),
+            (
+                "optics.exposure.speed_up_per_s",
+                exposure.speed_up_per_s,
+                0.0,
+                1e3,
+            ),
+            (
+                "optics.exposure.speed_down_per_s",
+                exposure.speed_down_per_s,
+                0.0,
+                1e3,
+            ),
+            (
+                "optics.exposure.calibration",
+                exposure.calibration,
+                1.0,
+                100.0,
+            ),
         ] {
             check_range(key, value, low, high, errors);
         }
@@ -171,7 +218,10 @@ impl OpticsSpec {
             errors.push(SpecError {
                 key: "optics.exposure.min_ev100",
                 value: exposure.min_ev100.to_string(),
-                allowed: format!("must not lie above optics.exposure.max_ev100 {}", exposure.max_ev100),
+                allowed: format!(
+                    "must not lie above optics.exposure.max_ev100 {}",
+                    exposure.max_ev100
+                ),
             });
         }
     }
@@ -184,8 +234,17 @@ mod tests {
     /// Sunny sixteen: f/16 at one over the film speed is EV100 15 in the sun (to a tenth).
     #[test]
     fn sunny_sixteen_is_ev_15() {
-        let sunny = ExposureSpec { fstop: 16.0, shutter_per_s: 125.0, iso: 100.0, ..Default::default() };
-        assert!((sunny.manual_ev100() - 15.0).abs() < 0.1, "{}", sunny.manual_ev100());
+        let sunny = ExposureSpec {
+            fstop: 16.0,
+            shutter_per_s: 125.0,
+            iso: 100.0,
+            ..Default::default()
+        };
+        assert!(
+            (sunny.manual_ev100() - 15.0).abs() < 0.1,
+            "{}",
+            sunny.manual_ev100()
+        );
     }
 
     #[test]
@@ -193,7 +252,14 @@ mod tests {
         let mut errors = Vec::new();
         OpticsSpec::default().check(&mut errors);
         assert!(errors.is_empty() && OpticsSpec::default().is_neutral());
-        OpticsSpec { gamma: f32::NAN, ..Default::default() }.check(&mut errors);
-        assert_eq!(errors[0].to_string(), "optics.gamma is NaN, but must be 0.1 to 10");
+        OpticsSpec {
+            gamma: f32::NAN,
+            ..Default::default()
+        }
+        .check(&mut errors);
+        assert_eq!(
+            errors[0].to_string(),
+            "optics.gamma is NaN, but must be 0.1 to 10"
+        );
     }
 }

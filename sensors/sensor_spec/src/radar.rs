@@ -47,9 +47,27 @@ impl RadarSpec {
     }
 
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
-        check_range("horizontal_fov_deg", self.horizontal_fov_deg, 0.0, 170.0, errors);
-        check_range("vertical_fov_deg", self.vertical_fov_deg, 0.0, 170.0, errors);
+        check_range(
+            "horizontal_fov_deg",
+            self.horizontal_fov_deg,
+            0.0,
+            170.0,
+            errors,
+        );
+        check_range(
+            "vertical_fov_deg",
+            self.vertical_fov_deg,
+            0.0,
+            170.0,
+            errors,
+        );
         check_range("range_m", self.range_m, 0.1, 10_000.0, errors);
-        check_range("points_per_second", self.points_per_second, 1, MAX_POINTS_PER_SECOND, errors);
+        check_range(
+            "points_per_second",
+            self.points_per_second,
+            1,
+            MAX_POINTS_PER_SECOND,
+            errors,
+        );
     }
 }

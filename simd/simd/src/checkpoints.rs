@@ -1,4 +1,5 @@
-//! Checkpoints: named ones in memory, files in the data folder, and the start of the episode for `reset`.
+//! Checkpoints: named ones in memory, files in the data folder, and the start of the episode for
+//! `reset`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -47,11 +48,18 @@ impl Daemon {
     }
 
     pub(crate) fn save_checkpoint(&mut self, to: &CheckpointPlace) -> anyhow::Result<CommandReply> {
-        let elapsed_nanos = self.clock.time_of(self.tick).0.saturating_sub(self.episode.start.0);
+        let elapsed_nanos = self
+            .clock
+            .time_of(self.tick)
+            .0
+            .saturating_sub(self.episode.start.0);
         let checkpoint = self.world.checkpoint(elapsed_nanos);
         let path = match to {
             CheckpointPlace::Name(name) => {
-                ensure!((1..=MAX_NAME).contains(&name.len()), "name is {name:?}, but must have 1 to {MAX_NAME} bytes");
+                ensure!(
+                    (1..=MAX_NAME).contains(&name.len()),
+                    "name is {name:?}, but must have 1 to {MAX_NAME} bytes"
+                );
                 let named = &mut self.checkpoints.named;
                 ensure!(
                     named.len() < MAX_NAMED || named.contains_key(name),
@@ -63,51 +71,78 @@ impl Daemon {
             CheckpointPlace::File(name) => {
                 let path = self.checkpoint_file(name)?;
                 let folder = path.parent().expect("files lie in a folder");
-                std::fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+                std::fs::create_dir_all(folder)
+                    .with_context(|| format!("cannot make the folder {}", folder.display()))?;
                 // Whole or not at all: a half-written file would be found damaged much later.
                 let part = path.with_extension("part");
-                std::fs::write(&part, checkpoint.to_bytes()?).with_context(|| format!("cannot write {}", part.display()))?;
-                std::fs::rename(&part, &path).with_context(|| format!("cannot write {}", path.display()))?;
+                std::fs::write(&part, checkpoint.to_bytes()?)
+                    .with_context(|| format!("cannot write {}", part.display()))?;
+                std::fs::rename(&part, &path)
+                    .with_context(|| format!("cannot write {}", path.display()))?;
                 path.display().to_string()
             }
         };
         Ok(CommandReply::Saved { path })
     }
 
-    pub(crate) fn restore_checkpoint(&mut self, from: &CheckpointPlace) -> anyhow::Result<CommandReply> {
+    pub(crate) fn restore_checkpoint(
+        &mut self,
+        from: &CheckpointPlace,
+    ) -> anyhow::Result<CommandReply> {
         let checkpoint = match from {
             CheckpointPlace::Name(name) => match self.checkpoints.named.get(name) {
                 Some(checkpoint) => checkpoint.clone(),
                 None => {
-                    let names: Vec<&str> = self.checkpoints.named.keys().map(String::as_str).collect();
-                    bail!("there is no checkpoint {name:?} in memory, only [{}]; a new map forgets them", names.join(", "))
+                    let names: Vec<&str> =
+                        self.checkpoints.named.keys().map(String::as_str).collect();
+                    bail!(
+                        "there is no checkpoint {name:?} in memory, only [{}]; a new map forgets them",
+                        names.join(", ")
+                    )
                 }
             },
             CheckpointPlace::File(name) => {
                 let path = self.checkpoint_file(name)?;
-                let length = std::fs::metadata(&path).with_context(|| format!("cannot read {}", path.display()))?.len();
-                ensure!(length <= MAX_FILE_BYTES, "{} has {length} bytes, at most {MAX_FILE_BYTES} are read", path.display());
-                let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-                Checkpoint::from_bytes(&bytes, &self.world).with_context(|| format!("cannot restore {}", path.display()))?
+                let length = std::fs::metadata(&path)
+                    .with_context(|| format!("cannot read {}", path.display()))?
+                    .len();
+                ensure!(
+                    length <= MAX_FILE_BYTES,
+                    "{} has {length} bytes, at most {MAX_FILE_BYTES} are read",
+                    path.display()
+                );
+                let bytes = std::fs::read(&path)
+                    .with_context(|| format!("cannot read {}", path.display()))?;
+                Checkpoint::from_bytes(&bytes, &self.world)
+                    .with_context(|| format!("cannot restore {}", path.display()))?
             }
         };
         self.go_back(&checkpoint)
     }
 
     pub(crate) fn reset(&mut self) -> anyhow::Result<CommandReply> {
-        let start = self.checkpoints.start.clone().context("there is no start to go back to")?;
+        let start = self
+            .checkpoints
+            .start
+            .clone()
+            .context("there is no start to go back to")?;
         self.go_back(&start)
     }
 
-    /// The tick goes on; the episode's time is the checkpoint's. If that is longer than the daemon has run, simulated time leaps ahead.
+    /// The tick goes on; the episode's time is the checkpoint's. If that is longer than the daemon
+    /// has run, simulated time leaps ahead.
     fn go_back(&mut self, checkpoint: &Checkpoint) -> anyhow::Result<CommandReply> {
         self.sensors.finish_all()?;
         let gone = self.world.restore(checkpoint)?;
         self.sensors.remove(|sensor| gone.contains(&sensor.actor))?;
-        self.sensors.sensors.iter_mut().for_each(crate::rig::Sensor::forget);
+        self.sensors
+            .sensors
+            .iter_mut()
+            .for_each(crate::rig::Sensor::forget);
         let SimTime(now_nanos) = self.clock.time_of(self.tick);
         if now_nanos < checkpoint.elapsed_nanos() {
-            self.clock.leap(self.tick, SimTime(checkpoint.elapsed_nanos()));
+            self.clock
+                .leap(self.tick, SimTime(checkpoint.elapsed_nanos()));
         }
         self.episode.start = SimTime(self.clock.time_of(self.tick).0 - checkpoint.elapsed_nanos());
         self.checkpoints.just_restored = true;
@@ -115,7 +150,9 @@ impl Daemon {
             self.pace = Pace::new(schema_bus::mono_now().0, self.clock.period_nanos());
         }
         self.ports.documents.touch_info();
-        Ok(CommandReply::Restored { gone: gone.into_iter().map(|actor| actor.0).collect() })
+        Ok(CommandReply::Restored {
+            gone: gone.into_iter().map(|actor| actor.0).collect(),
+        })
     }
 
     fn checkpoint_file(&self, name: &str) -> anyhow::Result<PathBuf> {

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 use clap::{Parser, ValueEnum};
 use launch_cli::CommonArgs;
 
-/// Simulation daemon: owns the world and the clock, renders the sensors and writes their frames straight into shared memory.
+/// Simulation daemon: owns the world and the clock, renders the sensors and writes their frames
+/// straight into shared memory.
 #[derive(Parser, Clone, Debug)]
 #[command(name = "simd", version, after_help = EXAMPLES)]
 pub struct Args {
-    /// Launch file whose scenario and sensors to run [default: a town with one car, 20 others and no sensors]
+    /// Launch file whose scenario and sensors to run [default: a town with one car, 20 others and
+    /// no sensors]
     #[arg(long, value_name = "FILE")]
     pub launch: Option<PathBuf>,
 
@@ -17,11 +19,13 @@ pub struct Args {
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 
-    /// Map to load instead of the launch file's: a town, the name of a file in the map folder, or the path of an .xodr file
+    /// Map to load instead of the launch file's: a town, the name of a file in the map folder, or
+    /// the path of an .xodr file
     #[arg(long, value_name = "MAP")]
     pub map: Option<String>,
 
-    /// Data folder: maps/ holds .xodr files by name, checkpoints/ saved worlds [default: gantry in the XDG data folder]
+    /// Data folder: maps/ holds .xodr files by name, checkpoints/ saved worlds [default: gantry in
+    /// the XDG data folder]
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
 
@@ -29,7 +33,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub export_map: Option<PathBuf>,
 
-    /// GPU whose name contains this text, e.g. "llvmpipe" or "H200" [default: a real GPU if there is one]
+    /// GPU whose name contains this text, e.g. "llvmpipe" or "H200" [default: a real GPU if there
+    /// is one]
     #[arg(long, value_name = "TEXT")]
     pub adapter: Option<String>,
 
@@ -41,11 +46,14 @@ pub struct Args {
     #[arg(long)]
     pub json: bool,
 
-    /// Picture quality: changes colour only, never depth, labels, flow or rays [default: low on software adapters, else high]
+    /// Picture quality: changes colour only, never depth, labels, flow or rays [default: low on
+    /// software adapters, else high]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
 
-    /// What casts the rays of lidars; points are the same but for rounding [default: scenario.lidars_on of the launch file; there, a real GPU if its shaders have 64-bit numbers, else cpu]
+    /// What casts the rays of lidars; points are the same but for rounding [default:
+    /// scenario.lidars_on of the launch file; there, a real GPU if its shaders have 64-bit numbers,
+    /// else cpu]
     #[arg(long, value_enum)]
     pub lidars_on: Option<LidarsOnArg>,
 
@@ -53,11 +61,13 @@ pub struct Args {
     #[arg(long)]
     pub staged: bool,
 
-    /// Copy frames on the queue that draws, behind their drawing, and not beside the drawing of the next ones where the GPU has a queue for copies
+    /// Copy frames on the queue that draws, behind their drawing, and not beside the drawing of the
+    /// next ones where the GPU has a queue for copies
     #[arg(long)]
     pub one_queue: bool,
 
-    /// Ticks that the world may go on while a camera's frame is on the GPU, in free-running mode: 1 to 4
+    /// Ticks that the world may go on while a camera's frame is on the GPU, in free-running mode: 1
+    /// to 4
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=4))]
     pub frames_in_flight: u32,
 
@@ -77,7 +87,8 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = OnLostClient::Resume)]
     pub on_lost_client: OnLostClient,
 
-    /// Remove a lockstep participant that has been idle for this many seconds although it lives [default: wait for ever]
+    /// Remove a lockstep participant that has been idle for this many seconds although it lives
+    /// [default: wait for ever]
     #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u32).range(1..))]
     pub lockstep_timeout: Option<u32>,
 

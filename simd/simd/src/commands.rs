@@ -27,7 +27,11 @@ impl Daemon {
         }
         for request in requests {
             let replies = match &request.batch {
-                Ok(batch) => batch.commands.iter().map(|command| self.run_command(command)).collect(),
+                Ok(batch) => batch
+                    .commands
+                    .iter()
+                    .map(|command| self.run_command(command))
+                    .collect(),
                 Err(error) => vec![refused(error)],
             };
             let answer = ReplyBatch {
@@ -45,14 +49,20 @@ impl Daemon {
 
     fn run_command(&mut self, command: &Command) -> CommandReply {
         match command {
-            Command::Ping => CommandReply::Pong { version: env!("CARGO_PKG_VERSION").into() },
+            Command::Ping => CommandReply::Pong {
+                version: env!("CARGO_PKG_VERSION").into(),
+            },
             Command::Step { n } => self.cue(*n),
-            Command::Configure { mode, period_nanos, longest_substep_nanos } => {
-                self.configure(*mode, *period_nanos, *longest_substep_nanos)
-            }
+            Command::Configure {
+                mode,
+                period_nanos,
+                longest_substep_nanos,
+            } => self.configure(*mode, *period_nanos, *longest_substep_nanos),
             Command::JoinLockstep { name } => self.join(name),
             Command::LeaveLockstep { participant } => self.leave(*participant),
-            Command::ListMaps => CommandReply::Maps { names: self.maps.names() },
+            Command::ListMaps => CommandReply::Maps {
+                names: self.maps.names(),
+            },
             Command::StoreMap(map) => match self.maps.store(map.clone()) {
                 Ok(()) => CommandReply::Done,
                 Err(error) => refused(&format!("{error:#}")),
@@ -61,14 +71,27 @@ impl Daemon {
                 Ok(()) => CommandReply::Done,
                 Err(error) => refused(&format!("{error:#}")),
             },
-            Command::Counters => CommandReply::Counters { counters: self.counters() },
+            Command::Counters => CommandReply::Counters {
+                counters: self.counters(),
+            },
             // CARLA's clients compute lane invasions themselves, and its gateway the radio.
             Command::Spawn { type_id, .. }
-                if type_id.starts_with("sensor.") && !simd_world::PASSIVE_SENSORS.contains(&type_id.as_str()) =>
+                if type_id.starts_with("sensor.")
+                    && !simd_world::PASSIVE_SENSORS.contains(&type_id.as_str()) =>
             {
-                refused(&format!("{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"))
+                refused(&format!(
+                    "{type_id:?} is a sensor; make it with the command spawn_sensor, which says what it measures"
+                ))
             }
-            Command::SpawnSensor { type_id, pose, parent_id, attachment, interval_nanos, spec, attributes } => {
+            Command::SpawnSensor {
+                type_id,
+                pose,
+                parent_id,
+                attachment,
+                interval_nanos,
+                spec,
+                attributes,
+            } => {
                 let wish = SensorWish {
                     type_id,
                     pose: Pose::from(*pose),
@@ -78,13 +101,24 @@ impl Daemon {
                     spec,
                     attributes,
                 };
-                self.spawn_sensor(wish).unwrap_or_else(|error| refused(&format!("{error:#}")))
+                self.spawn_sensor(wish)
+                    .unwrap_or_else(|error| refused(&format!("{error:#}")))
             }
-            Command::Destroy { actor_id } => self.destroy(ActorId(*actor_id)).unwrap_or_else(|error| refused(&format!("{error:#}"))),
-            Command::SaveCheckpoint { to } => self.save_checkpoint(to).unwrap_or_else(|error| refused(&format!("{error:#}"))),
-            Command::RestoreCheckpoint { from } => self.restore_checkpoint(from).unwrap_or_else(|error| refused(&format!("{error:#}"))),
-            Command::Reset => self.reset().unwrap_or_else(|error| refused(&format!("{error:#}"))),
-            Command::CastRays { rays, all } => self.cast_rays(rays, *all).unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::Destroy { actor_id } => self
+                .destroy(ActorId(*actor_id))
+                .unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::SaveCheckpoint { to } => self
+                .save_checkpoint(to)
+                .unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::RestoreCheckpoint { from } => self
+                .restore_checkpoint(from)
+                .unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::Reset => self
+                .reset()
+                .unwrap_or_else(|error| refused(&format!("{error:#}"))),
+            Command::CastRays { rays, all } => self
+                .cast_rays(rays, *all)
+                .unwrap_or_else(|error| refused(&format!("{error:#}"))),
             Command::DrawDebug { shapes } => match self.debug.draw(shapes) {
                 Ok(()) => CommandReply::Done,
                 Err(error) => refused(&format!("{error:#}")),
@@ -109,7 +143,9 @@ impl Daemon {
 
     fn cue(&mut self, n: u64) -> CommandReply {
         if self.gate.mode() != StepMode::Stepped {
-            return refused("step needs stepped mode; send {\"do\":\"configure\",\"mode\":\"stepped\"} first");
+            return refused(
+                "step needs stepped mode; send {\"do\":\"configure\",\"mode\":\"stepped\"} first",
+            );
         }
         if !(1..=MAX_CUE).contains(&n) {
             return refused(&format!("n is {n}, but must be 1 to {MAX_CUE}"));
@@ -118,11 +154,25 @@ impl Daemon {
             tracing::info!(tick = self.tick.0, "a client steps again");
         }
         self.last_client_nanos = mono_now().0;
-        CommandReply::Stepping { last_tick: self.gate.cue(n, self.tick.0) }
+        CommandReply::Stepping {
+            last_tick: self.gate.cue(n, self.tick.0),
+        }
     }
 
-    fn configure(&mut self, mode: Option<StepMode>, period_nanos: Option<u64>, longest_substep_nanos: Option<u64>) -> CommandReply {
-        let limits = [("period_nanos", period_nanos, PERIOD_NANOS), ("longest_substep_nanos", longest_substep_nanos, SUBSTEP_NANOS)];
+    fn configure(
+        &mut self,
+        mode: Option<StepMode>,
+        period_nanos: Option<u64>,
+        longest_substep_nanos: Option<u64>,
+    ) -> CommandReply {
+        let limits = [
+            ("period_nanos", period_nanos, PERIOD_NANOS),
+            (
+                "longest_substep_nanos",
+                longest_substep_nanos,
+                SUBSTEP_NANOS,
+            ),
+        ];
         for (name, given, (least, most)) in limits {
             if let Some(nanos) = given.filter(|nanos| !(least..=most).contains(nanos)) {
                 return refused(&format!("{name} is {nanos}, but must be {least} to {most}"));
@@ -146,13 +196,23 @@ impl Daemon {
 
     fn join(&mut self, name: &str) -> CommandReply {
         if name.is_empty() || name.len() > 64 {
-            return refused(&format!("name is {name:?}, but must have 1 to 64 characters"));
+            return refused(&format!(
+                "name is {name:?}, but must have 1 to 64 characters"
+            ));
         }
         let Tick(last_tick) = self.tick;
         let participant = self.gate.join(name.to_owned(), last_tick);
-        tracing::info!(name, participant, first_tick = last_tick + 1, "joined the lockstep");
+        tracing::info!(
+            name,
+            participant,
+            first_tick = last_tick + 1,
+            "joined the lockstep"
+        );
         self.ports.documents.touch_info();
-        CommandReply::Joined { participant, first_tick: last_tick + 1 }
+        CommandReply::Joined {
+            participant,
+            first_tick: last_tick + 1,
+        }
     }
 
     fn leave(&mut self, participant: u32) -> CommandReply {
@@ -162,11 +222,14 @@ impl Daemon {
                 self.ports.documents.touch_info();
                 CommandReply::Done
             }
-            None => refused(&format!("participant is {participant}, but nobody joined under that number")),
+            None => refused(&format!(
+                "participant is {participant}, but nobody joined under that number"
+            )),
         }
     }
 
-    /// Counters by name; everything a test or a person needs to see that work was, or was not, done.
+    /// Counters by name; everything a test or a person needs to see that work was, or was not,
+    /// done.
     fn counters(&self) -> BTreeMap<String, u64> {
         let gpu = self.sensors.gpu().counters().counts();
         let mut counters = BTreeMap::from([
@@ -181,11 +244,19 @@ impl Daemon {
             ("gpu_submissions".to_owned(), gpu.submissions),
             ("lidar_turns".to_owned(), self.sensors.n_lidar_turns()),
         ]);
-        for topic in self.sensors.sensors.iter().flat_map(|sensor| &sensor.topics) {
+        for topic in self
+            .sensors
+            .sensors
+            .iter()
+            .flat_map(|sensor| &sensor.topics)
+        {
             counters.insert(format!("sent {}", topic.name), topic.n_sent);
             counters.insert(format!("dropped {}", topic.name), topic.n_dropped);
             if topic.n_overflowed > 0 {
-                counters.insert(format!("events_left_out {}", topic.name), topic.n_overflowed);
+                counters.insert(
+                    format!("events_left_out {}", topic.name),
+                    topic.n_overflowed,
+                );
             }
         }
         counters
@@ -194,5 +265,7 @@ impl Daemon {
 
 /// A refusal with its sentence.
 fn refused(error: &str) -> CommandReply {
-    CommandReply::Refused { error: error.to_owned() }
+    CommandReply::Refused {
+        error: error.to_owned(),
+    }
 }

@@ -6,7 +6,9 @@ use std::time::Duration;
 use anyhow::Context as _;
 use launch_cli::Shutdown;
 use launch_spec::Launch;
-use schema_bus::{AckReader, CommandServer, ControlReader, Listener, Notifier, SnapshotPublisher, mono_now};
+use schema_bus::{
+    AckReader, CommandServer, ControlReader, Listener, Notifier, SnapshotPublisher, mono_now,
+};
 use schema_frames::{SnapshotHeader, StepMode};
 use schema_types::time::TickClock;
 use schema_types::{ActorId, SimTime, Tick};
@@ -29,7 +31,8 @@ const LOOK_AROUND: Duration = Duration::from_millis(100);
 /// Time without any client after which stepped mode runs on by itself (`--on-lost-client resume`).
 const LOST_CLIENT_NANOS: u64 = 10_000_000_000;
 
-/// How often a waiting daemon looks for clients that were killed: a dead one counts as a client until it is cleaned up.
+/// How often a waiting daemon looks for clients that were killed: a dead one counts as a client
+/// until it is cleaned up.
 const CLEAN_NANOS: u64 = 1_000_000_000;
 
 /// Ports of the daemon that are not topics of sensors.
@@ -132,7 +135,8 @@ impl Daemon {
         self.ports.greet();
         self.take_acks()?;
         if !self.may_start() {
-            // Before a wait nothing may be left on its way: all frames of tick N are sent before N+1 begins.
+            // Before a wait nothing may be left on its way: all frames of tick N are sent before
+            // N+1 begins.
             self.sensors.finish_all()?;
             self.ports.wake.wait(LOOK_AROUND)?;
             self.serve_commands()?;
@@ -147,7 +151,11 @@ impl Daemon {
                     self.sensors.finish_all()?;
                     return Ok(Next::Look);
                 }
-                if self.ports.wake.wait(Duration::from_nanos(wait_nanos).min(LOOK_AROUND))? {
+                if self
+                    .ports
+                    .wake
+                    .wait(Duration::from_nanos(wait_nanos).min(LOOK_AROUND))?
+                {
                     self.serve_commands()?;
                 }
                 return Ok(Next::Look);
@@ -160,8 +168,10 @@ impl Daemon {
     }
 
     fn may_start(&self) -> bool {
-        let enough = self.tick.0 > 0 || self.gate.participants().len() >= self.args.await_lockstep as usize;
-        let open = self.gate.is_open(self.tick.0) || (self.running_alone && self.gate.missing(self.tick.0).next().is_none());
+        let enough =
+            self.tick.0 > 0 || self.gate.participants().len() >= self.args.await_lockstep as usize;
+        let open = self.gate.is_open(self.tick.0)
+            || (self.running_alone && self.gate.missing(self.tick.0).next().is_none());
         enough && open
     }
 
@@ -183,15 +193,28 @@ impl Daemon {
         self.world.step(self.clock.period_nanos());
         self.publish_snapshot(sim_time)?;
         self.publish_documents()?;
-        self.sensors.settle_topics(&self.bus, self.args.staged, self.clock.period_nanos())?;
-        let scene = Scene { debug: self.debug.at(sim_time), ..self.scene(sim_time) };
+        self.sensors
+            .settle_topics(&self.bus, self.args.staged, self.clock.period_nanos())?;
+        let scene = Scene {
+            debug: self.debug.at(sim_time),
+            ..self.scene(sim_time)
+        };
         let (world, sensors) = (&self.world, &mut self.sensors);
-        let events = TickEvents { collisions: world.collisions(), roads: world.roads().map(Arc::as_ref) };
-        sensors.fire(&scene, &self.episode.stamp, &events, |actor| scene::carrier(world, actor, sim_time))
+        let events = TickEvents {
+            collisions: world.collisions(),
+            roads: world.roads().map(Arc::as_ref),
+        };
+        sensors.fire(&scene, &self.episode.stamp, &events, |actor| {
+            scene::carrier(world, actor, sim_time)
+        })
     }
 
     pub(crate) fn publish_snapshot(&mut self, sim_time: SimTime) -> anyhow::Result<()> {
-        let restored = if std::mem::take(&mut self.checkpoints.just_restored) { SnapshotHeader::RESTORED } else { 0 };
+        let restored = if std::mem::take(&mut self.checkpoints.just_restored) {
+            SnapshotHeader::RESTORED
+        } else {
+            0
+        };
         let flags = self.show_scenery()? | restored;
         let header = SnapshotHeader {
             flags,
@@ -206,15 +229,21 @@ impl Daemon {
         };
         let records = self.world.snapshot_records();
         if self.args.hash {
-            let hash = crate::hash::BytesHash::new().chunk(bytemuck::cast_slice(records)).finish();
+            let hash = crate::hash::BytesHash::new()
+                .chunk(bytemuck::cast_slice(records))
+                .finish();
             println!("{} world/snapshot {hash:016x}", self.tick.0);
         }
-        self.ports.snapshot.send(header, records).context("cannot publish the snapshot")?;
+        self.ports
+            .snapshot
+            .send(header, records)
+            .context("cannot publish the snapshot")?;
         self.ports.snapshot_wake.notify();
         Ok(())
     }
 
-    /// Takes over what was hidden, shown or switched since the last snapshot; gives the snapshot's flags.
+    /// Takes over what was hidden, shown or switched since the last snapshot; gives the snapshot's
+    /// flags.
     fn show_scenery(&mut self) -> anyhow::Result<u32> {
         let (now, before) = (self.world.scenery_revisions(), self.episode.scenery);
         if now == before {
@@ -228,7 +257,8 @@ impl Daemon {
             self.sensors.load(&self.episode.assets)?;
         }
         let flag = |changed: bool, flag: u32| if changed { flag } else { 0 };
-        Ok(flag(now.0 != before.0, SnapshotHeader::SCENERY_CHANGED) | flag(now.1 != before.1, SnapshotHeader::LAMPS_CHANGED))
+        Ok(flag(now.0 != before.0, SnapshotHeader::SCENERY_CHANGED)
+            | flag(now.1 != before.1, SnapshotHeader::LAMPS_CHANGED))
     }
 
     pub(crate) fn scene(&self, sim_time: SimTime) -> Scene {
@@ -250,7 +280,11 @@ impl Daemon {
         for batch in self.ports.controls.drain()? {
             for record in &batch.records {
                 let actor = ActorId(record.actor_id);
-                let lamps = if record.lamps == u32::MAX { Ok(()) } else { self.world.set_lamps(actor, record.lamps) };
+                let lamps = if record.lamps == u32::MAX {
+                    Ok(())
+                } else {
+                    self.world.set_lamps(actor, record.lamps)
+                };
                 if let Err(error) = self.world.set_control(actor, record.control()).and(lamps) {
                     if self.n_controls_refused == 0 {
                         tracing::warn!(writer = batch.writer, %error, "control refused; further refusals are only counted");
@@ -280,12 +314,23 @@ impl Daemon {
         let living = self.ports.acks.writers();
         let missing: Vec<_> = self.gate.missing(self.tick.0).cloned().collect();
         let idle_nanos = mono_now().0.saturating_sub(self.pace.last_start_nanos());
-        let timed_out = self.args.lockstep_timeout.is_some_and(|secs| idle_nanos > secs as u64 * 1_000_000_000);
+        let timed_out = self
+            .args
+            .lockstep_timeout
+            .is_some_and(|secs| idle_nanos > secs as u64 * 1_000_000_000);
         for participant in missing {
             let alive = living.contains(&participant.name);
             if !alive || timed_out {
-                let why = if alive { "is idle for longer than --lockstep-timeout" } else { "is gone" };
-                tracing::warn!(name = participant.name, tick = self.tick.0, "lockstep participant {why}; going on without it");
+                let why = if alive {
+                    "is idle for longer than --lockstep-timeout"
+                } else {
+                    "is gone"
+                };
+                tracing::warn!(
+                    name = participant.name,
+                    tick = self.tick.0,
+                    "lockstep participant {why}; going on without it"
+                );
                 self.gate.leave(participant.number);
                 self.ports.documents.touch_info();
             }
@@ -299,13 +344,19 @@ impl Daemon {
             self.bus.clean_dead_nodes();
             self.last_cleaned_nanos = now;
         }
-        if self.gate.mode() == StepMode::FreeRunning || self.ports.commands.n_clients() > 0 || self.tick.0 == 0 {
+        if self.gate.mode() == StepMode::FreeRunning
+            || self.ports.commands.n_clients() > 0
+            || self.tick.0 == 0
+        {
             self.last_client_nanos = now;
         } else if self.args.on_lost_client == OnLostClient::Resume
             && !self.running_alone
             && now.saturating_sub(self.last_client_nanos) > LOST_CLIENT_NANOS
         {
-            tracing::warn!(tick = self.tick.0, "no client for 10 s in stepped mode; running on by itself until the next cue");
+            tracing::warn!(
+                tick = self.tick.0,
+                "no client for 10 s in stepped mode; running on by itself until the next cue"
+            );
             self.running_alone = true;
             self.pace = Pace::new(now, self.clock.period_nanos());
         }
@@ -324,8 +375,14 @@ impl Daemon {
     }
 
     fn report(&self) {
-        let topics = self.sensors.sensors.iter().flat_map(|sensor| &sensor.topics);
-        let (sent, dropped) = topics.fold((0, 0), |(sent, dropped), topic| (sent + topic.n_sent, dropped + topic.n_dropped));
+        let topics = self
+            .sensors
+            .sensors
+            .iter()
+            .flat_map(|sensor| &sensor.topics);
+        let (sent, dropped) = topics.fold((0, 0), |(sent, dropped), topic| {
+            (sent + topic.n_sent, dropped + topic.n_dropped)
+        });
         tracing::info!(
             ticks = self.tick.0,
             frames = sent,

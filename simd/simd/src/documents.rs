@@ -1,4 +1,5 @@
-//! `world/info`, `world/map`, `world/actors`, `world/catalogue` and `world/spawn_points`: sent when they change.
+//! `world/info`, `world/map`, `world/actors`, `world/catalogue` and `world/spawn_points`: sent when
+//! they change.
 
 use anyhow::Context as _;
 use launch_spec::Launch;
@@ -44,7 +45,10 @@ pub struct State<'a> {
 impl Documents {
     /// Opens the five services; `world/info` last, because its publisher says "a daemon is here".
     pub fn open(bus: &Bus) -> anyhow::Result<Documents> {
-        let open = |name| bus.document_publisher(name).with_context(|| format!("cannot publish {name:?}"));
+        let open = |name| {
+            bus.document_publisher(name)
+                .with_context(|| format!("cannot publish {name:?}"))
+        };
         Ok(Documents {
             map: open(names::WORLD_MAP)?,
             actors: open(names::WORLD_ACTORS)?,
@@ -60,7 +64,15 @@ impl Documents {
 
     /// Hands the newest texts to readers that came since the last call.
     pub fn greet(&self) {
-        [&self.info, &self.map, &self.actors, &self.catalogue, &self.spawn_points].into_iter().for_each(DocumentPublisher::greet);
+        [
+            &self.info,
+            &self.map,
+            &self.actors,
+            &self.catalogue,
+            &self.spawn_points,
+        ]
+        .into_iter()
+        .for_each(DocumentPublisher::greet);
     }
 
     /// Makes the next [`Documents::publish`] look at `world/info` again.
@@ -68,7 +80,8 @@ impl Documents {
         self.info_changed = true;
     }
 
-    /// Revision of `world/actors` that lists the world's actors now, sent or about to be: what a snapshot names.
+    /// Revision of `world/actors` that lists the world's actors now, sent or about to be: what a
+    /// snapshot names.
     pub fn actors_revision(&self, world: &World) -> u64 {
         self.actors.revision() + u64::from(self.sent_actors != Some(world.actors_revision()))
     }
@@ -78,14 +91,24 @@ impl Documents {
         let epoch = state.episode.stamp.epoch;
         let new_episode = self.sent_episode != state.episode.stamp.episode;
         if new_episode {
-            self.map.send(&state.world.map().open_drive, epoch, state.tick)?;
-            self.catalogue.send_json(state.world.catalogue(), epoch, state.tick)?;
-            let points = state.world.map().spawn_points.iter().map(|pose| (*pose).into()).collect();
-            self.spawn_points.send_json(&SpawnPoints { points }, epoch, state.tick)?;
+            self.map
+                .send(&state.world.map().open_drive, epoch, state.tick)?;
+            self.catalogue
+                .send_json(state.world.catalogue(), epoch, state.tick)?;
+            let points = state
+                .world
+                .map()
+                .spawn_points
+                .iter()
+                .map(|pose| (*pose).into())
+                .collect();
+            self.spawn_points
+                .send_json(&SpawnPoints { points }, epoch, state.tick)?;
             self.sent_episode = state.episode.stamp.episode;
         }
         if self.sent_actors != Some(state.world.actors_revision()) {
-            self.actors.send_json(&state.world.actor_list(), epoch, state.tick)?;
+            self.actors
+                .send_json(&state.world.actor_list(), epoch, state.tick)?;
             self.sent_actors = Some(state.world.actors_revision());
         }
         if self.info_changed || new_episode {
@@ -101,7 +124,12 @@ impl Documents {
 }
 
 fn info(state: &State<'_>) -> WorldInfo {
-    let targets = state.sensors.sensors.iter().flat_map(|sensor| &sensor.topics).filter_map(|topic| topic.target());
+    let targets = state
+        .sensors
+        .sensors
+        .iter()
+        .flat_map(|sensor| &sensor.topics)
+        .filter_map(|topic| topic.target());
     WorldInfo {
         source: "live".into(),
         version: env!("CARGO_PKG_VERSION").into(),
@@ -112,7 +140,12 @@ fn info(state: &State<'_>) -> WorldInfo {
         mode: state.gate.mode(),
         period_nanos: state.period_nanos,
         episode_start_nanos: state.episode.start.0,
-        lockstep: state.gate.participants().iter().map(|participant| participant.name.clone()).collect(),
+        lockstep: state
+            .gate
+            .participants()
+            .iter()
+            .map(|participant| participant.name.clone())
+            .collect(),
         weather: *state.world.weather(),
         adapter: state.sensors.gpu().name().to_owned(),
         cpu_copies: targets.map(|target| target.cpu_copies()).max().unwrap_or(0),

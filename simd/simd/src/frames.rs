@@ -1,4 +1,5 @@
-//! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send, wake-ups.
+//! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send,
+//! wake-ups.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -76,7 +77,8 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// Sensors that render, and cast lidars if `lidars_on_gpu`, on `gpu` with at most `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
+    /// Sensors that render, and cast lidars if `lidars_on_gpu`, on `gpu` with at most
+    /// `max_in_flight` ticks on their way; `read_everything` treats every topic as read (`--hash`).
     pub fn new(
         gpu: Gpu,
         renderer: CameraRenderer,
@@ -86,7 +88,11 @@ impl Sensors {
         lidars_on_gpu: bool,
     ) -> Self {
         let lidar_gpu = lidars_on_gpu.then(|| GpuRays::new(&gpu, GpuRayOptions::default()));
-        let max_in_flight = if read_everything { 1 } else { u64::from(max_in_flight) };
+        let max_in_flight = if read_everything {
+            1
+        } else {
+            u64::from(max_in_flight)
+        };
         Sensors {
             sensors,
             gpu,
@@ -110,7 +116,9 @@ impl Sensors {
     /// The world that rays see, as in `scene`.
     pub fn rays(&mut self, scene: &Scene) -> &RayScene {
         let for_gpu = self.lidar_gpu.is_some();
-        let rays = self.rays.get_or_insert_with(|| load_rays(&scene.assets, for_gpu));
+        let rays = self
+            .rays
+            .get_or_insert_with(|| load_rays(&scene.assets, for_gpu));
         rays.update(&scene.dynamics);
         rays
     }
@@ -124,7 +132,8 @@ impl Sensors {
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> anyhow::Result<()> {
         self.finish_all()?;
         self.renderer.load(assets);
-        // Building takes the better part of a second: now, and not in the tick in which the first reader comes. Hiding something takes less.
+        // Building takes the better part of a second: now, and not in the tick in which the first
+        // reader comes. Hiding something takes less.
         if !self.rays.as_mut().is_some_and(|rays| rays.hide(assets)) {
             let casts_rays = self.sensors.iter().any(|sensor| sensor.model.casts_rays());
             self.rays = casts_rays.then(|| load_rays(assets, self.lidar_gpu.is_some()));
@@ -138,7 +147,8 @@ impl Sensors {
         self.in_flight.start_tick(tick.0);
     }
 
-    /// Fires what is due at the scene's tick, which was started. Frames of the GPU may still be on their way when this returns, CPU-made ones are sent.
+    /// Fires what is due at the scene's tick, which was started. Frames of the GPU may still be on
+    /// their way when this returns, CPU-made ones are sent.
     pub fn fire(
         &mut self,
         scene: &Scene,
@@ -151,7 +161,9 @@ impl Sensors {
         }
         let mut due = Vec::with_capacity(self.sensors.len());
         for (idx, sensor) in self.sensors.iter_mut().enumerate() {
-            let Some(carrier) = carrier(sensor.actor) else { continue };
+            let Some(carrier) = carrier(sensor.actor) else {
+                continue;
+            };
             sensor.model.follow(&carrier);
             if let Some(firing) = sensor.schedule.due(scene.sim_time) {
                 due.push((idx, firing, carrier));
@@ -166,7 +178,12 @@ impl Sensors {
         match pending {
             Some(pending) => {
                 // Rigs with pictures on their way are woken when those are sent.
-                waking.retain(|rig| !pending.frames.iter().any(|frame| Rc::ptr_eq(&self.sensors[frame.sensor_idx].rig, rig)));
+                waking.retain(|rig| {
+                    !pending
+                        .frames
+                        .iter()
+                        .any(|frame| Rc::ptr_eq(&self.sensors[frame.sensor_idx].rig, rig))
+                });
                 wake(&waking);
                 self.in_flight.push(pending);
             }
@@ -186,13 +203,16 @@ impl Sensors {
         self.sensors.push(sensor);
     }
 
-    /// Ends sensors whose actors are gone: no more firing, wait for what is on its way, then give their memory back.
+    /// Ends sensors whose actors are gone: no more firing, wait for what is on its way, then give
+    /// their memory back.
     pub fn remove(&mut self, is_gone: impl Fn(&Sensor) -> bool) -> anyhow::Result<()> {
         if !self.sensors.iter().any(&is_gone) {
             return Ok(());
         }
         self.finish_all()?;
-        let (gone, kept) = std::mem::take(&mut self.sensors).into_iter().partition(is_gone);
+        let (gone, kept) = std::mem::take(&mut self.sensors)
+            .into_iter()
+            .partition(is_gone);
         self.sensors = kept;
         let gone: Vec<Sensor> = gone;
         for topic in gone.into_iter().flat_map(|sensor| sensor.topics) {
@@ -201,25 +221,46 @@ impl Sensors {
         Ok(())
     }
 
-    /// Gives memory to topics that found their first reader, and takes it from those that lost their last a while ago.
+    /// Gives memory to topics that found their first reader, and takes it from those that lost
+    /// their last a while ago.
     ///
     /// A longer tick needs more room for what counts points per second; it comes here too.
-    pub fn settle_topics(&mut self, bus: &Bus, staged: bool, period_nanos: u64) -> anyhow::Result<()> {
+    pub fn settle_topics(
+        &mut self,
+        bus: &Bus,
+        staged: bool,
+        period_nanos: u64,
+    ) -> anyhow::Result<()> {
         let now_nanos = mono_now().0;
         if period_nanos > self.fitted_period_nanos {
             self.fitted_period_nanos = period_nanos;
-            self.sensors.iter_mut().for_each(|sensor| sensor.fit_topics(period_nanos));
+            self.sensors
+                .iter_mut()
+                .for_each(|sensor| sensor.fit_topics(period_nanos));
         }
         let unsettled = |topic: &mut Topic| topic.is_unsettled(now_nanos);
-        if !self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics).any(unsettled) {
+        if !self
+            .sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics)
+            .any(unsettled)
+        {
             return Ok(());
         }
         self.finish_all()?;
-        for topic in self.sensors.iter_mut().flat_map(|sensor| &mut sensor.topics) {
+        for topic in self
+            .sensors
+            .iter_mut()
+            .flat_map(|sensor| &mut sensor.topics)
+        {
             if topic.is_unsettled(now_nanos)
                 && let Err(error) = topic.settle(bus, &self.gpu, staged)
             {
-                tracing::warn!(topic = topic.name, error = format!("{error:#}"), "a topic did not get the memory that it needs");
+                tracing::warn!(
+                    topic = topic.name,
+                    error = format!("{error:#}"),
+                    "a topic did not get the memory that it needs"
+                );
             }
         }
         Ok(())
@@ -252,7 +293,11 @@ impl Sensors {
 
 /// The world as rays see it.
 fn load_rays(assets: &SceneAssets, for_gpu: bool) -> RayScene {
-    if for_gpu { RayScene::load_for_gpu(assets) } else { RayScene::load(assets) }
+    if for_gpu {
+        RayScene::load_for_gpu(assets)
+    } else {
+        RayScene::load(assets)
+    }
 }
 
 /// Notes a rig whose readers are to be woken, once.
@@ -269,7 +314,8 @@ fn wake(rigs: &[Rc<Rig>]) {
 }
 
 impl Topic {
-    /// A slot if somebody reads and one is free. No slot: the frame is dropped and counted, and its `seq` is spent.
+    /// A slot if somebody reads and one is free. No slot: the frame is dropped and counted, and its
+    /// `seq` is spent.
     fn loan_if_read(&mut self, read_everything: bool) -> Option<FrameLoan> {
         if !read_everything && self.n_readers() == 0 {
             return None;
@@ -290,7 +336,10 @@ impl Topic {
         *loan.header_mut() = header;
         if print_hash {
             let payload = &loan.payload_mut()[..header.payload_bytes as usize];
-            let hash = BytesHash::new().chunk(header.hashed_bytes()).chunk(payload).finish();
+            let hash = BytesHash::new()
+                .chunk(header.hashed_bytes())
+                .chunk(payload)
+                .finish();
             println!("{} {} {hash:016x}", header.tick, self.name);
         }
         match loan.send() {
@@ -308,7 +357,14 @@ impl Topic {
     }
 }
 
-fn base_header(modality: Modality, scene: &Scene, stamp: &Stamp, actor: ActorId, firing: &Firing, carrier: &Carrier) -> FrameHeader {
+fn base_header(
+    modality: Modality,
+    scene: &Scene,
+    stamp: &Stamp,
+    actor: ActorId,
+    firing: &Firing,
+    carrier: &Carrier,
+) -> FrameHeader {
     FrameHeader {
         sensor_id: actor.0,
         tick: scene.tick.0,

@@ -1,4 +1,5 @@
-//! What must have happened before the next tick may start: cues in stepped mode, acknowledgements of lockstep participants.
+//! What must have happened before the next tick may start: cues in stepped mode, acknowledgements
+//! of lockstep participants.
 
 use schema_frames::StepMode;
 
@@ -7,7 +8,8 @@ use schema_frames::StepMode;
 pub struct Participant {
     /// Number it acknowledges with.
     pub number: u32,
-    /// Name it joined under and writes its acknowledgements as; the gate opens without it when that writer is gone.
+    /// Name it joined under and writes its acknowledgements as; the gate opens without it when that
+    /// writer is gone.
     pub name: String,
     /// Last tick it is done with.
     pub acked_tick: u64,
@@ -25,7 +27,11 @@ pub struct Gate {
 impl Gate {
     /// A gate without participants.
     pub fn new(mode: StepMode) -> Self {
-        Gate { mode, next_number: 1, ..Default::default() }
+        Gate {
+            mode,
+            next_number: 1,
+            ..Default::default()
+        }
     }
 
     /// Mode in force.
@@ -49,7 +55,11 @@ impl Gate {
     pub fn join(&mut self, name: String, last_tick: u64) -> u32 {
         let number = self.next_number;
         self.next_number += 1;
-        self.participants.push(Participant { number, name, acked_tick: last_tick });
+        self.participants.push(Participant {
+            number,
+            name,
+            acked_tick: last_tick,
+        });
         number
     }
 
@@ -73,7 +83,9 @@ impl Gate {
 
     /// Participants that are not done with `last_tick`.
     pub fn missing(&self, last_tick: u64) -> impl Iterator<Item = &Participant> {
-        self.participants.iter().filter(move |p| p.acked_tick < last_tick)
+        self.participants
+            .iter()
+            .filter(move |p| p.acked_tick < last_tick)
     }
 
     /// Whether the next tick may start.
@@ -114,7 +126,10 @@ mod tests {
         assert!(!gate.is_open(8));
         gate.ack(number, 8);
         assert!(gate.is_open(8));
-        assert_eq!(gate.leave(number).map(|p| p.name).as_deref(), Some("recorder"));
+        assert_eq!(
+            gate.leave(number).map(|p| p.name).as_deref(),
+            Some("recorder")
+        );
         assert!(gate.is_open(1000));
     }
 }

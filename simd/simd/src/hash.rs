@@ -1,11 +1,14 @@
 //! `--hash`: one line per tick and topic on stdout, equal for equal bytes.
 //!
-//! The hash covers the first 192 header bytes and the payload in use; clocks and the epoch lie behind them.
-//! Two lanes of SplitMix64 over 8-byte words: no cryptography, but any flipped or moved word changes it.
+//! The hash covers the first 192 header bytes and the payload in use; clocks and the epoch lie
+//! behind them.
+//! Two lanes of SplitMix64 over 8-byte words: no cryptography, but any flipped or moved word
+//! changes it.
 
 use schema_types::noise::mix;
 
-/// Hash of some bytes in sequence. The split into chunks matters: hash header and payload as two chunks.
+/// Hash of some bytes in sequence. The split into chunks matters: hash header and payload as two
+/// chunks.
 #[derive(Clone, Copy, Debug)]
 pub struct BytesHash {
     lanes: [u64; 2],
@@ -15,7 +18,10 @@ pub struct BytesHash {
 impl BytesHash {
     /// Nothing hashed yet.
     pub fn new() -> Self {
-        BytesHash { lanes: [0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7344], length: 0 }
+        BytesHash {
+            lanes: [0x243f_6a88_85a3_08d3, 0x1319_8a2e_0370_7344],
+            length: 0,
+        }
     }
 
     /// Adds one chunk.

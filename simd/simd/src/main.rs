@@ -1,4 +1,5 @@
-//! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared memory.
+//! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared
+//! memory.
 
 mod checkpoints;
 mod cli;
@@ -47,7 +48,10 @@ fn main() -> ExitCode {
 /// `--export-map`: the text and nothing else.
 fn export_map(args: &cli::Args, file: &std::path::Path) -> anyhow::Result<Exit> {
     let launch = setup::read_launch(args)?;
-    let maps = maps::Maps::new(&launch_cli::data_dir(args.data.as_deref())?, args.launch.as_deref());
+    let maps = maps::Maps::new(
+        &launch_cli::data_dir(args.data.as_deref())?,
+        args.launch.as_deref(),
+    );
     let text = maps.text(&launch.scenario.map, launch.scenario.seed)?;
     if file.as_os_str() == "-" {
         std::io::stdout().write_all(text.as_bytes())?;
@@ -67,9 +71,17 @@ fn list_adapters(json: bool) -> anyhow::Result<Exit> {
                 serde_json::json!({ "name": adapter.name, "software": adapter.is_software, "driver": adapter.driver, "import": adapter.can_import })
             );
         } else {
-            let import = if adapter.can_import { "writes into shared memory" } else { "needs one copy per frame" };
+            let import = if adapter.can_import {
+                "writes into shared memory"
+            } else {
+                "needs one copy per frame"
+            };
             println!("{} ({}): {import}", adapter.name, adapter.driver);
         }
     }
-    Ok(if adapters.is_empty() { Exit::Failed } else { Exit::Done })
+    Ok(if adapters.is_empty() {
+        Exit::Failed
+    } else {
+        Exit::Done
+    })
 }

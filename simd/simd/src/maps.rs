@@ -1,4 +1,5 @@
-//! Maps by name: towns of ours, files of the map folder, paths, and texts that a client handed over. What was loaded is kept.
+//! Maps by name: towns of ours, files of the map folder, paths, and texts that a client handed
+//! over. What was loaded is kept.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,7 +15,8 @@ use simd_town::Town;
 use simd_town::imported::{ImportOptions, import};
 use simd_world::MapData;
 
-/// Loaded maps that are kept: going back and forth between two costs nothing, and memory stays bounded.
+/// Loaded maps that are kept: going back and forth between two costs nothing, and memory stays
+/// bounded.
 const KEPT: usize = 3;
 /// Most texts that clients hand over, and most bytes of all of them.
 const MAX_STORED: usize = 16;
@@ -36,8 +38,15 @@ pub struct LoadedMap {
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum Source {
     Town(String),
-    File { path: PathBuf, bytes: u64, changed: Option<SystemTime> },
-    Stored { name: String, revision: u64 },
+    File {
+        path: PathBuf,
+        bytes: u64,
+        changed: Option<SystemTime>,
+    },
+    Stored {
+        name: String,
+        revision: u64,
+    },
 }
 
 /// Where maps come from.
@@ -55,13 +64,23 @@ impl Maps {
     /// Maps of the data folder `data`; relative paths may also start beside the launch file.
     pub fn new(data: &Path, launch_file: Option<&Path>) -> Maps {
         let beside = launch_file.and_then(Path::parent).map(Path::to_owned);
-        Maps { folder: data.join("maps"), beside, stored: BTreeMap::new(), n_stored: 0, kept: Vec::new() }
+        Maps {
+            folder: data.join("maps"),
+            beside,
+            stored: BTreeMap::new(),
+            n_stored: 0,
+            kept: Vec::new(),
+        }
     }
 
-    /// Names that can be loaded: our towns, then files of the map folder, then texts that were handed over.
+    /// Names that can be loaded: our towns, then files of the map folder, then texts that were
+    /// handed over.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = Town::NAMES.iter().map(|name| (*name).to_owned()).collect();
-        let further = self.in_folder().into_iter().chain(self.stored.keys().cloned());
+        let further = self
+            .in_folder()
+            .into_iter()
+            .chain(self.stored.keys().cloned());
         for name in further {
             if !names.contains(&name) {
                 names.push(name);
@@ -72,7 +91,9 @@ impl Maps {
 
     /// Names of the `.xodr` files in the map folder, sorted.
     fn in_folder(&self) -> Vec<String> {
-        let Ok(entries) = std::fs::read_dir(&self.folder) else { return Vec::new() };
+        let Ok(entries) = std::fs::read_dir(&self.folder) else {
+            return Vec::new();
+        };
         let name = |entry: std::fs::DirEntry| {
             let path = entry.path();
             (path.extension()? == "xodr").then(|| path.file_stem()?.to_str().map(str::to_owned))?
@@ -89,12 +110,17 @@ impl Maps {
     pub fn store(&mut self, map: StoredMap) -> anyhow::Result<()> {
         let name = map.name.clone();
         if !is_plain(&name) {
-            return Err(wrong_usage(format!("map name {name:?} must be 1 to {MAX_NAME} letters, digits, '-', '_' and '.'")));
+            return Err(wrong_usage(format!(
+                "map name {name:?} must be 1 to {MAX_NAME} letters, digits, '-', '_' and '.'"
+            )));
         }
         if !self.stored.contains_key(&name) && self.stored.len() >= MAX_STORED {
-            return Err(wrong_usage(format!("{MAX_STORED} maps are kept already; use one of their names again")));
+            return Err(wrong_usage(format!(
+                "{MAX_STORED} maps are kept already; use one of their names again"
+            )));
         }
-        RoadMap::parse(&map.open_drive).map_err(|error| wrong_usage(format!("map {name:?}: {error}")))?;
+        RoadMap::parse(&map.open_drive)
+            .map_err(|error| wrong_usage(format!("map {name:?}: {error}")))?;
         self.n_stored += 1;
         self.stored.insert(name, (self.n_stored, map));
         Ok(())
@@ -106,7 +132,11 @@ impl Maps {
     /// When there is none, or it cannot be read.
     pub fn load(&mut self, name: &str, seed: u64) -> anyhow::Result<Arc<LoadedMap>> {
         let source = self.find(name)?;
-        if let Some(at) = self.kept.iter().position(|(kept, of_seed, _)| *kept == source && *of_seed == seed) {
+        if let Some(at) = self
+            .kept
+            .iter()
+            .position(|(kept, of_seed, _)| *kept == source && *of_seed == seed)
+        {
             let found = self.kept.remove(at);
             let map = found.2.clone();
             self.kept.push(found);
@@ -134,13 +164,20 @@ impl Maps {
 
     fn find(&self, name: &str) -> anyhow::Result<Source> {
         if name.is_empty() || name.len() > 4096 || name.contains('\0') {
-            return Err(wrong_usage(format!("a map name has {} characters, but must have 1 to 4096 and no NUL", name.len())));
+            return Err(wrong_usage(format!(
+                "a map name has {} characters, but must have 1 to 4096 and no NUL",
+                name.len()
+            )));
         }
         let short = short_name(name);
         if let Some((revision, _)) = self.stored.get(short) {
-            return Ok(Source::Stored { name: short.to_owned(), revision: *revision });
+            return Ok(Source::Stored {
+                name: short.to_owned(),
+                revision: *revision,
+            });
         }
-        let is_path = name.ends_with(".xodr") || (name.starts_with(['/', '.']) && !name.starts_with("/Game/"));
+        let is_path = name.ends_with(".xodr")
+            || (name.starts_with(['/', '.']) && !name.starts_with("/Game/"));
         let mut places: Vec<PathBuf> = Vec::new();
         if is_path {
             places.push(name.into());
@@ -152,18 +189,34 @@ impl Maps {
                 places.push(self.folder.join(format!("{short}.xodr")));
             }
         }
-        if let Some((path, file)) = places.iter().find_map(|path| Some((path, path.metadata().ok().filter(|file| file.is_file())?))) {
-            let path = path.canonicalize().with_context(|| format!("map file {} cannot be read", path.display()))?;
-            return Ok(Source::File { path, bytes: file.len(), changed: file.modified().ok() });
+        if let Some((path, file)) = places
+            .iter()
+            .find_map(|path| Some((path, path.metadata().ok().filter(|file| file.is_file())?)))
+        {
+            let path = path
+                .canonicalize()
+                .with_context(|| format!("map file {} cannot be read", path.display()))?;
+            return Ok(Source::File {
+                path,
+                bytes: file.len(),
+                changed: file.modified().ok(),
+            });
         }
         if is_path {
-            return Err(wrong_usage(format!("map file {name:?} not found; looked in {}", listed(&places))));
+            return Err(wrong_usage(format!(
+                "map file {name:?} not found; looked in {}",
+                listed(&places)
+            )));
         }
         if Town::NAMES.contains(&short) {
             return Ok(Source::Town(short.to_owned()));
         }
         let files = self.in_folder();
-        let there = if files.is_empty() { "which has no .xodr files".to_owned() } else { format!("which has {}", files.join(", ")) };
+        let there = if files.is_empty() {
+            "which has no .xodr files".to_owned()
+        } else {
+            format!("which has {}", files.join(", "))
+        };
         Err(wrong_usage(format!(
             "map {name:?} not found; generated towns are {}; put {name}.xodr into the map folder {}, {there}, or give a path",
             Town::NAMES.join(", "),
@@ -175,17 +228,28 @@ impl Maps {
         match source {
             Source::Town(name) => {
                 let town = Town::generate(name, seed).map_err(wrong_usage)?;
-                let roads = RoadMap::parse(&town.open_drive).with_context(|| format!("cannot load map {name:?}"))?;
-                Ok(LoadedMap { data: Arc::new(MapData::of_town(&town, Arc::new(roads))), assets: town.assets })
+                let roads = RoadMap::parse(&town.open_drive)
+                    .with_context(|| format!("cannot load map {name:?}"))?;
+                Ok(LoadedMap {
+                    data: Arc::new(MapData::of_town(&town, Arc::new(roads))),
+                    assets: town.assets,
+                })
             }
             Source::File { path, bytes, .. } => {
-                let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
+                let name = path
+                    .file_stem()
+                    .map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
                 let text = read_text(path, *bytes)?;
-                build(&name, &text, seed, &ImportOptions::default()).map_err(|error| wrong_usage(format!("{}: {error:#}", path.display())))
+                build(&name, &text, seed, &ImportOptions::default())
+                    .map_err(|error| wrong_usage(format!("{}: {error:#}", path.display())))
             }
             Source::Stored { name, .. } => {
-                let (_, map) = self.stored.get(name).expect("a stored map was just found under this name");
-                build(name, &map.open_drive, seed, &options_of(map)).map_err(|error| wrong_usage(format!("map {name:?}: {error:#}")))
+                let (_, map) = self
+                    .stored
+                    .get(name)
+                    .expect("a stored map was just found under this name");
+                build(name, &map.open_drive, seed, &options_of(map))
+                    .map_err(|error| wrong_usage(format!("map {name:?}: {error:#}")))
             }
         }
     }
@@ -194,9 +258,17 @@ impl Maps {
 /// The text of a file that is not too long.
 fn read_text(path: &Path, bytes: u64) -> anyhow::Result<String> {
     if bytes > MAX_TEXT_BYTES as u64 {
-        return Err(wrong_usage(format!("map file {} has {bytes} bytes; at most {MAX_TEXT_BYTES} are read", path.display())));
+        return Err(wrong_usage(format!(
+            "map file {} has {bytes} bytes; at most {MAX_TEXT_BYTES} are read",
+            path.display()
+        )));
     }
-    let raw = std::fs::read(path).map_err(|error| wrong_usage(format!("map file {} cannot be read: {error}", path.display())))?;
+    let raw = std::fs::read(path).map_err(|error| {
+        wrong_usage(format!(
+            "map file {} cannot be read: {error}",
+            path.display()
+        ))
+    })?;
     Ok(String::from_utf8_lossy(&raw).into_owned())
 }
 
@@ -208,13 +280,22 @@ fn build(name: &str, text: &str, seed: u64, options: &ImportOptions) -> anyhow::
         tracing::warn!(map = name, "{warning}");
     }
     if warnings.len() > WARNINGS_SHOWN {
-        tracing::warn!(map = name, "{} further warnings; `gantry map check` lists them", warnings.len() - WARNINGS_SHOWN);
+        tracing::warn!(
+            map = name,
+            "{} further warnings; `gantry map check` lists them",
+            warnings.len() - WARNINGS_SHOWN
+        );
     }
     let town = import(name, text, &roads, seed, options)?;
     if town.spawn_points.is_empty() {
-        anyhow::bail!("no driving lane is long and wide enough for a vehicle; at least one must be 2.4 m wide and a few metres long");
+        anyhow::bail!(
+            "no driving lane is long and wide enough for a vehicle; at least one must be 2.4 m wide and a few metres long"
+        );
     }
-    Ok(LoadedMap { data: Arc::new(MapData::of_town(&town, Arc::new(roads))), assets: town.assets })
+    Ok(LoadedMap {
+        data: Arc::new(MapData::of_town(&town, Arc::new(roads))),
+        assets: town.assets,
+    })
 }
 
 fn options_of(map: &StoredMap) -> ImportOptions {
@@ -237,11 +318,16 @@ fn short_name(name: &str) -> &str {
 fn is_plain(name: &str) -> bool {
     (1..=MAX_NAME).contains(&name.len())
         && !name.starts_with('.')
-        && name.chars().all(|c| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+'))
+        && name
+            .chars()
+            .all(|c| c.is_alphanumeric() || matches!(c, '-' | '_' | '.' | ' ' | '+'))
 }
 
 fn listed(places: &[PathBuf]) -> String {
-    let names: Vec<String> = places.iter().map(|path| path.display().to_string()).collect();
+    let names: Vec<String> = places
+        .iter()
+        .map(|path| path.display().to_string())
+        .collect();
     names.join(", ")
 }
 
@@ -254,11 +340,16 @@ mod tests {
         <lanes><laneSection s="0"><center><lane id="0" type="none"/></center><right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right></laneSection></lanes></road></OpenDRIVE>"#;
 
     fn stored(name: &str) -> StoredMap {
-        StoredMap { name: name.into(), open_drive: ROAD.into(), ..StoredMap::default() }
+        StoredMap {
+            name: name.into(),
+            open_drive: ROAD.into(),
+            ..StoredMap::default()
+        }
     }
 
     fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("gantry-maps-{name}-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("gantry-maps-{name}-{}", std::process::id()));
         std::fs::create_dir_all(folder.join("maps")).unwrap();
         folder
     }
@@ -269,19 +360,48 @@ mod tests {
         std::fs::write(data.join("maps/mine.xodr"), ROAD).unwrap();
         std::fs::write(data.join("other.xodr"), ROAD).unwrap();
         let mut maps = Maps::new(&data, None);
-        assert!(maps.names().contains(&"mine".to_owned()) && maps.names().contains(&"Town02".to_owned()));
+        assert!(
+            maps.names().contains(&"mine".to_owned())
+                && maps.names().contains(&"Town02".to_owned())
+        );
         let mine = maps.load("mine", 1).unwrap();
         assert_eq!(mine.data.name, "mine");
         // Far from zero all the same: the origin is in its middle.
         assert_eq!(mine.data.origin_m[0], 500_050.0);
-        assert!(Arc::ptr_eq(&mine, &maps.load("/Game/Carla/Maps/mine_Opt", 1).unwrap()));
-        assert!(!Arc::ptr_eq(&mine, &maps.load("mine", 2).unwrap()), "another seed is another world");
-        assert_eq!(maps.load(data.join("other.xodr").to_str().unwrap(), 1).unwrap().data.name, "other");
+        assert!(Arc::ptr_eq(
+            &mine,
+            &maps.load("/Game/Carla/Maps/mine_Opt", 1).unwrap()
+        ));
+        assert!(
+            !Arc::ptr_eq(&mine, &maps.load("mine", 2).unwrap()),
+            "another seed is another world"
+        );
+        assert_eq!(
+            maps.load(data.join("other.xodr").to_str().unwrap(), 1)
+                .unwrap()
+                .data
+                .name,
+            "other"
+        );
         // A file in the folder takes the place of a town of its name.
         std::fs::write(data.join("maps/Town02.xodr"), ROAD).unwrap();
-        assert_eq!(maps.load("Town02", 1).unwrap().data.roads.as_ref().unwrap().lanes().len(), 1);
+        assert_eq!(
+            maps.load("Town02", 1)
+                .unwrap()
+                .data
+                .roads
+                .as_ref()
+                .unwrap()
+                .lanes()
+                .len(),
+            1
+        );
         // A changed file is read again.
-        std::fs::write(data.join("maps/mine.xodr"), ROAD.replace("\"3.5\"", "\"3.25\"")).unwrap();
+        std::fs::write(
+            data.join("maps/mine.xodr"),
+            ROAD.replace("\"3.5\"", "\"3.25\""),
+        )
+        .unwrap();
         assert!(!Arc::ptr_eq(&mine, &maps.load("mine", 1).unwrap()));
         std::fs::remove_dir_all(data).unwrap();
     }
@@ -291,11 +411,18 @@ mod tests {
         let data = folder("fail");
         let mut maps = Maps::new(&data, None);
         let mut error = |name: &str| maps.load(name, 1).unwrap_err().to_string();
-        assert!(error("Town99").contains("Town10HD") && error("Town99").contains("map folder"), "{}", error("Town99"));
+        assert!(
+            error("Town99").contains("Town10HD") && error("Town99").contains("map folder"),
+            "{}",
+            error("Town99")
+        );
         assert!(error("nowhere/x.xodr").contains("not found"));
         std::fs::write(data.join("maps/bad.xodr"), "<OpenDRIVE><road").unwrap();
         assert!(error("bad").contains("line 1"), "{}", error("bad"));
-        assert!(error("/dev/zero").contains("not found"), "only plain files are read");
+        assert!(
+            error("/dev/zero").contains("not found"),
+            "only plain files are read"
+        );
         std::fs::remove_dir_all(data).unwrap();
     }
 
@@ -304,14 +431,29 @@ mod tests {
         let data = folder("store");
         let mut maps = Maps::new(&data, None);
         for name in ["../x", "a/b", "", ".hidden"] {
-            assert!(maps.store(stored(name)).unwrap_err().to_string().contains("map name"), "{name}");
+            assert!(
+                maps.store(stored(name))
+                    .unwrap_err()
+                    .to_string()
+                    .contains("map name"),
+                "{name}"
+            );
         }
-        assert!(maps.store(StoredMap { open_drive: "no".into(), ..stored("x") }).is_err());
+        assert!(
+            maps.store(StoredMap {
+                open_drive: "no".into(),
+                ..stored("x")
+            })
+            .is_err()
+        );
         maps.store(stored("OpenDriveMap")).unwrap();
         let first = maps.load("OpenDriveMap", 1).unwrap();
         assert_eq!(first.data.name, "OpenDriveMap");
         maps.store(stored("OpenDriveMap")).unwrap();
-        assert!(!Arc::ptr_eq(&first, &maps.load("Carla/Maps/OpenDriveMap", 1).unwrap()), "the newer text counts");
+        assert!(
+            !Arc::ptr_eq(&first, &maps.load("Carla/Maps/OpenDriveMap", 1).unwrap()),
+            "the newer text counts"
+        );
         std::fs::remove_dir_all(data).unwrap();
     }
 }

@@ -1,10 +1,13 @@
 //! When the next tick may start in free-running mode.
 //!
-//! Deadlines are absolute (`start + n × period`), so lateness never adds up. What cannot be caught up is counted and given up:
-//! after a pause longer than [`GIVE_UP_PERIODS`] the schedule starts anew instead of racing through missed ticks.
+//! Deadlines are absolute (`start + n × period`), so lateness never adds up. What cannot be caught
+//! up is counted and given up:
+//! after a pause longer than [`GIVE_UP_PERIODS`] the schedule starts anew instead of racing through
+//! missed ticks.
 
 /// Ticks the daemon tries to catch up by running faster before it gives the lost time up.
-/// Ten ticks at 20 Hz are half a second: longer stalls are a suspended machine or a debugger, not jitter.
+/// Ten ticks at 20 Hz are half a second: longer stalls are a suspended machine or a debugger, not
+/// jitter.
 const GIVE_UP_PERIODS: u64 = 10;
 
 /// Absolute schedule of free-running ticks, in `CLOCK_MONOTONIC` nanoseconds.
@@ -20,7 +23,13 @@ pub struct Pace {
 impl Pace {
     /// The first tick is due at once.
     pub fn new(now_nanos: u64, period_nanos: u64) -> Self {
-        Pace { next_nanos: now_nanos, last_start_nanos: now_nanos, period_nanos, n_late: 0, n_given_up: 0 }
+        Pace {
+            next_nanos: now_nanos,
+            last_start_nanos: now_nanos,
+            period_nanos,
+            n_late: 0,
+            n_given_up: 0,
+        }
     }
 
     /// Nanoseconds until the next tick is due; 0 if it is due or late.

@@ -1,6 +1,7 @@
 //! Sensors and their topics: from a launch file's tables to publishers in shared memory.
 //!
-//! A sensor is a passive actor in the world (so its pose in the snapshot and in its frames is one value) plus a schedule and a model.
+//! A sensor is a passive actor in the world (so its pose in the snapshot and in its frames is one
+//! value) plus a schedule and a model.
 //! A topic is one modality of it: one publisher whose segment the GPU may have imported.
 
 use std::rc::Rc;
@@ -25,7 +26,8 @@ use crate::frames::Carrier;
 use crate::hash::BytesHash;
 use crate::import;
 
-/// All sensors with the same first topic segment; they share one wake-up per tick. Goes with its last sensor.
+/// All sensors with the same first topic segment; they share one wake-up per tick. Goes with its
+/// last sensor.
 pub struct Rig {
     /// First segment of its topics.
     pub name: String,
@@ -41,7 +43,8 @@ pub struct Sensor {
     pub name: String,
     /// Its rig.
     pub rig: Rc<Rig>,
-    /// Where it belongs in the launch file; `None` if a command made it: then it goes with its episode.
+    /// Where it belongs in the launch file; `None` if a command made it: then it goes with its
+    /// episode.
     pub place: Option<launch_spec::Rig>,
     /// What was asked for.
     pub spec: SensorSpec,
@@ -51,7 +54,8 @@ pub struct Sensor {
     pub topics: Vec<Topic>,
     /// Its model's state.
     pub model: Model,
-    /// Keeps its noise apart from that of others. Says nothing of who else exists: bytes do not depend on other sensors.
+    /// Keeps its noise apart from that of others. Says nothing of who else exists: bytes do not
+    /// depend on other sensors.
     pub stream: u64,
     /// Frames of an event-like sensor so far, read or not.
     pub n_event_frames: u64,
@@ -90,14 +94,19 @@ pub enum Model {
 impl Model {
     /// Whether it needs the scene's triangles as rays see them.
     pub fn casts_rays(&self) -> bool {
-        matches!(self, Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle)
+        matches!(
+            self,
+            Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle
+        )
     }
 
     /// Takes note of a tick, whether the sensor fires or not.
     pub fn follow(&mut self, carrier: &Carrier) {
         match self {
             Model::Imu(motion) => motion.push(carrier.body),
-            Model::Lidar { ticks, .. } => *ticks = [ticks[1], Some(carrier.world_from_sensor.isometry())],
+            Model::Lidar { ticks, .. } => {
+                *ticks = [ticks[1], Some(carrier.world_from_sensor.isometry())]
+            }
             _ => {}
         }
     }
@@ -106,7 +115,11 @@ impl Model {
     fn reset(&mut self) {
         match self {
             Model::View(view) => view.reset(),
-            Model::Lidar { lidar, previous, ticks } => {
+            Model::Lidar {
+                lidar,
+                previous,
+                ticks,
+            } => {
                 lidar.reset();
                 (*previous, *ticks) = (None, [None; 2]);
             }
@@ -122,7 +135,10 @@ enum Outlet {
     /// Readers can find it, it has no memory.
     Idle(FrameService),
     /// It has memory, and the GPU's view of it (`None` for what the CPU makes).
-    Open { publisher: FramePublisher, target: Option<Arc<ShmTarget>> },
+    Open {
+        publisher: FramePublisher,
+        target: Option<Arc<ShmTarget>>,
+    },
     /// Between the two; seen only if reopening failed.
     Closed,
 }
@@ -154,17 +170,30 @@ pub struct Topic {
     outgrown: bool,
 }
 
-/// Memory of a topic made at run time outlives its last reader by this much, so that a reader that comes back soon costs nothing.
+/// Memory of a topic made at run time outlives its last reader by this much, so that a reader that
+/// comes back soon costs nothing.
 const LINGER_NANOS: u64 = 5_000_000_000;
 
-/// Shared memory that a topic made at run time may take for more readers than the fewest: such sensors may be many.
+/// Shared memory that a topic made at run time may take for more readers than the fewest: such
+/// sensors may be many.
 const ON_DEMAND_BYTES: usize = 64 << 20;
 
-/// Readers that a topic made at run time can have: as many as its share of memory allows. It depends on the size alone, so that a service that
+/// Readers that a topic made at run time can have: as many as its share of memory allows. It
+/// depends on the size alone, so that a service that
 /// outlived a daemon fits the next.
 fn readers_on_demand(modality: Modality, max_payload_bytes: usize) -> usize {
-    let bytes = |readers: usize| Qos { readers, ..Qos::of(modality) }.slots(qos::SPARE_LOANS).saturating_mul(max_payload_bytes);
-    [16, 8].into_iter().find(|readers| bytes(*readers) <= ON_DEMAND_BYTES).unwrap_or(qos::RUN_TIME_FRAME_READERS)
+    let bytes = |readers: usize| {
+        Qos {
+            readers,
+            ..Qos::of(modality)
+        }
+        .slots(qos::SPARE_LOANS)
+        .saturating_mul(max_payload_bytes)
+    };
+    [16, 8]
+        .into_iter()
+        .find(|readers| bytes(*readers) <= ON_DEMAND_BYTES)
+        .unwrap_or(qos::RUN_TIME_FRAME_READERS)
 }
 
 /// What [`Sensor::open`] needs besides the sensor.
@@ -194,9 +223,19 @@ impl Topic {
         options: &TopicOptions,
     ) -> anyhow::Result<Topic> {
         let usual = FrameTopic::new(modality, max_payload_bytes);
-        let max_readers = if options.on_demand { readers_on_demand(modality, max_payload_bytes) } else { usual.max_readers };
-        let spec = FrameTopic { frames_in_flight: options.frames_in_flight as usize, max_readers, ..usual };
-        let service = bus.frame_service(&name, spec).with_context(|| format!("cannot publish {name:?}"))?;
+        let max_readers = if options.on_demand {
+            readers_on_demand(modality, max_payload_bytes)
+        } else {
+            usual.max_readers
+        };
+        let spec = FrameTopic {
+            frames_in_flight: options.frames_in_flight as usize,
+            max_readers,
+            ..usual
+        };
+        let service = bus
+            .frame_service(&name, spec)
+            .with_context(|| format!("cannot publish {name:?}"))?;
         check_room(&name, &service, 0)?;
         let wake = bus.notifier(&name)?;
         let by_gpu = match modality.sensor_kind() {
@@ -204,7 +243,11 @@ impl Topic {
             SensorKind::Lidar => options.lidars_on_gpu,
             _ => false,
         };
-        let outlet = if options.on_demand { Outlet::Idle(service) } else { open_outlet(service, gpu, by_gpu, options.staged)? };
+        let outlet = if options.on_demand {
+            Outlet::Idle(service)
+        } else {
+            open_outlet(service, gpu, by_gpu, options.staged)?
+        };
         Ok(Topic {
             name,
             modality,
@@ -242,12 +285,15 @@ impl Topic {
     /// A slot of its memory.
     pub fn loan(&self) -> Result<FrameLoan, String> {
         match &self.outlet {
-            Outlet::Open { publisher, .. } => publisher.loan(self.max_payload_bytes).map_err(|error| error.to_string()),
+            Outlet::Open { publisher, .. } => publisher
+                .loan(self.max_payload_bytes)
+                .map_err(|error| error.to_string()),
             _ => Err(format!("{:?} has no memory", self.name)),
         }
     }
 
-    /// Whether [`Topic::settle`] has something to do: the memory of a topic made at run time comes and goes with its readers.
+    /// Whether [`Topic::settle`] has something to do: the memory of a topic made at run time comes
+    /// and goes with its readers.
     pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
         if self.outgrown {
             return true;
@@ -265,7 +311,8 @@ impl Topic {
         }
     }
 
-    /// Opens the memory for the first reader, or gives it back after the last. Nothing may be in flight.
+    /// Opens the memory for the first reader, or gives it back after the last. Nothing may be in
+    /// flight.
     pub fn settle(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
         if std::mem::take(&mut self.outgrown) {
             return self.grow(bus, gpu, staged);
@@ -281,14 +328,21 @@ impl Topic {
         Ok(())
     }
 
-    /// Makes the memory anew in the size that is needed now; readers stay connected. Where it does not fit, the topic keeps what it has, and its
+    /// Makes the memory anew in the size that is needed now; readers stay connected. Where it does
+    /// not fit, the topic keeps what it has, and its
     /// frames what goes into that.
     fn grow(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
         let (had_bytes, needed_bytes) = (self.max_payload_bytes, self.spec.max_payload_bytes);
-        let Err(error) = self.reopen(bus, gpu, staged) else { return Ok(()) };
+        let Err(error) = self.reopen(bus, gpu, staged) else {
+            return Ok(());
+        };
         self.max_payload_bytes = had_bytes;
         self.spec.max_payload_bytes = had_bytes;
-        Err(error).with_context(|| format!("frames keep to {had_bytes} bytes, but ticks of this length can need {needed_bytes}"))
+        Err(error).with_context(|| {
+            format!(
+                "frames keep to {had_bytes} bytes, but ticks of this length can need {needed_bytes}"
+            )
+        })
     }
 
     fn reopen(&mut self, bus: &Bus, gpu: &Gpu, staged: bool) -> anyhow::Result<()> {
@@ -296,9 +350,17 @@ impl Topic {
         let service = bus.frame_service(&self.name, self.spec)?;
         let was_open = matches!(self.outlet, Outlet::Open { .. });
         if was_open {
-            // Readers hold on to the old memory for a while; without them it is free when it is closed.
-            let before = FrameTopic { max_payload_bytes: self.max_payload_bytes, ..self.spec };
-            let given_back = if self.n_readers() == 0 { bus.frame_service(&self.name, before)?.segment_bytes() } else { 0 };
+            // Readers hold on to the old memory for a while; without them it is free when it is
+            // closed.
+            let before = FrameTopic {
+                max_payload_bytes: self.max_payload_bytes,
+                ..self.spec
+            };
+            let given_back = if self.n_readers() == 0 {
+                bus.frame_service(&self.name, before)?.segment_bytes()
+            } else {
+                0
+            };
             check_room(&self.name, &service, given_back)?;
         }
         let outlet = std::mem::replace(&mut self.outlet, Outlet::Closed);
@@ -306,7 +368,11 @@ impl Topic {
             close_outlet(publisher, target, gpu);
         }
         self.max_payload_bytes = self.spec.max_payload_bytes;
-        self.outlet = if was_open { open_outlet(service, gpu, self.by_gpu, staged)? } else { Outlet::Idle(service) };
+        self.outlet = if was_open {
+            open_outlet(service, gpu, self.by_gpu, staged)?
+        } else {
+            Outlet::Idle(service)
+        };
         Ok(())
     }
 
@@ -320,15 +386,25 @@ impl Topic {
 
 /// Whether the memory of a topic fits into what is free once `given_back` bytes are.
 fn check_room(name: &str, service: &FrameService, given_back: u64) -> anyhow::Result<()> {
-    let free_bytes = schema_bus::shared_memory_free().map_or(u64::MAX, |free_bytes| free_bytes.saturating_add(given_back));
+    let free_bytes = schema_bus::shared_memory_free()
+        .map_or(u64::MAX, |free_bytes| free_bytes.saturating_add(given_back));
     if service.segment_bytes() > free_bytes {
         let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        bail!("{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free", mib(service.segment_bytes()), mib(free_bytes));
+        bail!(
+            "{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free",
+            mib(service.segment_bytes()),
+            mib(free_bytes)
+        );
     }
     Ok(())
 }
 
-fn open_outlet(service: FrameService, gpu: &Gpu, by_gpu: bool, staged: bool) -> anyhow::Result<Outlet> {
+fn open_outlet(
+    service: FrameService,
+    gpu: &Gpu,
+    by_gpu: bool,
+    staged: bool,
+) -> anyhow::Result<Outlet> {
     let publisher = service.publisher()?;
     publisher.touch()?;
     let segment = publisher.segment()?;
@@ -357,7 +433,14 @@ impl Sensor {
         let tick_secs = options.period_nanos as f64 * 1e-9;
         for modality in spec.modalities() {
             let name = format!("{}/{}/{}", place.rig.name, place.name, modality.name());
-            topics.push(Topic::open(bus, gpu, name, modality, spec.max_payload_bytes(modality, tick_secs), options)?);
+            topics.push(Topic::open(
+                bus,
+                gpu,
+                name,
+                modality,
+                spec.max_payload_bytes(modality, tick_secs),
+                options,
+            )?);
         }
         let model = match &spec {
             SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
@@ -370,7 +453,11 @@ impl Sensor {
                     sensor_id: (place.stream ^ (place.stream >> 32)) as u32,
                 },
             ))),
-            SensorSpec::Lidar(lidar) => Model::Lidar { lidar: Box::new(Lidar::new(lidar.clone())), previous: None, ticks: [None; 2] },
+            SensorSpec::Lidar(lidar) => Model::Lidar {
+                lidar: Box::new(Lidar::new(lidar.clone())),
+                previous: None,
+                ticks: [None; 2],
+            },
             SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),
             SensorSpec::Gnss(_) => Model::Gnss,
             SensorSpec::Radar(_) => Model::Radar(Vec::new()),
@@ -378,13 +465,33 @@ impl Sensor {
             SensorSpec::Collision(_) => Model::Collision,
             SensorSpec::LaneInvasion(_) => Model::LaneInvasion { corners: None },
         };
-        let SensorPlace { rig, place, name, actor, stream } = place;
-        Ok(Sensor { actor, name, rig, place, spec, schedule, topics, model, stream, n_event_frames: 0 })
+        let SensorPlace {
+            rig,
+            place,
+            name,
+            actor,
+            stream,
+        } = place;
+        Ok(Sensor {
+            actor,
+            name,
+            rig,
+            place,
+            spec,
+            schedule,
+            topics,
+            model,
+            stream,
+            n_event_frames: 0,
+        })
     }
 
     /// Its topics, for `world/actors`.
     pub fn topic_infos(&self) -> Vec<TopicInfo> {
-        let info = |topic: &Topic| TopicInfo { topic: topic.name.clone(), modality: topic.modality.name().to_owned() };
+        let info = |topic: &Topic| TopicInfo {
+            topic: topic.name.clone(),
+            modality: topic.modality.name().to_owned(),
+        };
         self.topics.iter().map(info).collect()
     }
 
@@ -404,7 +511,9 @@ impl Sensor {
     /// Marks topics whose memory is too small for ticks of this length.
     pub fn fit_topics(&mut self, period_nanos: u64) {
         for topic in &mut self.topics {
-            let needed = self.spec.max_payload_bytes(topic.modality, period_nanos as f64 * 1e-9);
+            let needed = self
+                .spec
+                .max_payload_bytes(topic.modality, period_nanos as f64 * 1e-9);
             if needed > topic.max_payload_bytes {
                 topic.spec.max_payload_bytes = needed;
                 topic.outgrown = true;
@@ -423,7 +532,10 @@ pub fn schedule_of(spec: &SensorSpec, made_at: SimTime, period_nanos: u64) -> Sc
 
 /// Stream of noise of a sensor that is told apart by `parts`.
 pub fn noise_stream(parts: &[&[u8]]) -> u64 {
-    parts.iter().fold(BytesHash::new(), |hash, part| hash.chunk(part)).finish()
+    parts
+        .iter()
+        .fold(BytesHash::new(), |hash, part| hash.chunk(part))
+        .finish()
 }
 
 /// Where a sensor belongs.

@@ -7,23 +7,41 @@ use simd_world::World;
 
 use crate::frames::Carrier;
 
-/// Pose of a sensor and the state of the body it sits on; `None` if the sensor or its parent is gone.
+/// Pose of a sensor and the state of the body it sits on; `None` if the sensor or its parent is
+/// gone.
 pub fn carrier(world: &World, sensor: ActorId, sim_time: SimTime) -> Option<Carrier> {
     let record = world.record(sensor)?;
-    let body = if record.parent_id == 0 { record } else { world.record(ActorId(record.parent_id))? };
-    let body_box = world.catalogue().entries.get(body.catalogue_idx as usize)?.body_box;
+    let body = if record.parent_id == 0 {
+        record
+    } else {
+        world.record(ActorId(record.parent_id))?
+    };
+    let body_box = world
+        .catalogue()
+        .entries
+        .get(body.catalogue_idx as usize)?
+        .body_box;
     let world_from_vehicle = body.world_from_actor.isometry();
     let lower = |x: f64, y: f64| {
         let half = body_box.half_m.map(f64::from);
         let centre = body_box.centre_m.map(f64::from);
-        let corner = Point3::new(centre[0] + x * half[0], centre[1] + y * half[1], centre[2] - half[2]);
+        let corner = Point3::new(
+            centre[0] + x * half[0],
+            centre[1] + y * half[1],
+            centre[2] - half[2],
+        );
         (world_from_vehicle * corner).coords.into()
     };
     Some(Carrier {
         parent: ActorId(record.parent_id),
         world_from_sensor: record.world_from_actor,
         velocity_in_world_mps: Vector3::from(record.velocity_in_world_mps),
-        lower_corners: [lower(1.0, 1.0), lower(1.0, -1.0), lower(-1.0, -1.0), lower(-1.0, 1.0)],
+        lower_corners: [
+            lower(1.0, 1.0),
+            lower(1.0, -1.0),
+            lower(-1.0, -1.0),
+            lower(-1.0, 1.0),
+        ],
         body: BodyState {
             sim_time,
             world_from_vehicle,

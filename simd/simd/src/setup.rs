@@ -33,13 +33,24 @@ const MAX_ACTORS: usize = 4096;
 pub fn read_launch(args: &Args) -> anyhow::Result<Launch> {
     let (text, name) = match &args.launch {
         Some(path) => (
-            std::fs::read_to_string(path).map_err(|error| wrong_usage(format!("cannot read launch file: {error}: {}", path.display())))?,
+            std::fs::read_to_string(path).map_err(|error| {
+                wrong_usage(format!(
+                    "cannot read launch file: {error}: {}",
+                    path.display()
+                ))
+            })?,
             path.display().to_string(),
         ),
-        None => ("version = 1\n[scenario]\nvehicles = 20\n".to_owned(), "built-in defaults".to_owned()),
+        None => (
+            "version = 1\n[scenario]\nvehicles = 20\n".to_owned(),
+            "built-in defaults".to_owned(),
+        ),
     };
     // The last word counts, so `--map` comes after every `--set`.
-    let map = args.map.iter().map(|map| format!("scenario.map={}", toml_text(map)));
+    let map = args
+        .map
+        .iter()
+        .map(|map| format!("scenario.map={}", toml_text(map)));
     let set: Vec<String> = args.set.iter().cloned().chain(map).collect();
     Launch::parse_with(&text, &name, &set).map_err(wrong_usage)
 }
@@ -49,7 +60,8 @@ fn toml_text(text: &str) -> String {
     format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// Whether `gpu` casts the lidars: if the command line or else the launch file asks, else if it is a real one that can.
+/// Whether `gpu` casts the lidars: if the command line or else the launch file asks, else if it is
+/// a real one that can.
 fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>, in_file: LidarsOn) -> anyhow::Result<bool> {
     let missing = GpuRays::missing(gpu);
     let (on_gpu, whose) = match (asked, in_file) {
@@ -58,14 +70,21 @@ fn casts_lidars(gpu: &Gpu, asked: Option<LidarsOnArg>, in_file: LidarsOn) -> any
         (None, asked) => (asked == LidarsOn::Gpu, "scenario.lidars_on = \"gpu\""),
     };
     match missing {
-        Some(missing) if on_gpu => return Err(wrong_usage(format!("{whose}: {missing}; say cpu, or choose another --adapter"))),
-        Some(missing) if !gpu.is_software() => tracing::info!(missing, "lidars are cast on the CPU"),
+        Some(missing) if on_gpu => {
+            return Err(wrong_usage(format!(
+                "{whose}: {missing}; say cpu, or choose another --adapter"
+            )));
+        }
+        Some(missing) if !gpu.is_software() => {
+            tracing::info!(missing, "lidars are cast on the CPU")
+        }
         _ => {}
     }
     Ok(on_gpu)
 }
 
-/// Brings everything up. Fails before anything is published if the domain is taken or memory is short.
+/// Brings everything up. Fails before anything is published if the domain is taken or memory is
+/// short.
 pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     let launch = read_launch(&args)?;
     let bus = Bus::open(&args.common.domain, "simd")?;
@@ -76,25 +95,63 @@ pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
         )));
     }
     check_memory(&launch, &args)?;
-    let copies = if args.one_queue { CopyPath::Behind } else { CopyPath::Beside };
-    let gpu = Gpu::open(&GpuOptions { adapter: args.adapter.clone(), allow_import: !args.staged, copies })?;
+    let copies = if args.one_queue {
+        CopyPath::Behind
+    } else {
+        CopyPath::Beside
+    };
+    let gpu = Gpu::open(&GpuOptions {
+        adapter: args.adapter.clone(),
+        allow_import: !args.staged,
+        copies,
+    })?;
     let quality = match args.quality {
         Some(QualityArg::Low) => Quality::Low,
         Some(QualityArg::High) => Quality::High,
         None => Quality::default_for(&gpu),
     };
-    tracing::info!(adapter = gpu.name(), ?quality, import = gpu.can_import() && !args.staged, "rendering");
+    tracing::info!(
+        adapter = gpu.name(),
+        ?quality,
+        import = gpu.can_import() && !args.staged,
+        "rendering"
+    );
     let lidars_on_gpu = casts_lidars(&gpu, args.lidars_on, launch.scenario.lidars_on)?;
-    args.lidars_on = Some(if lidars_on_gpu { LidarsOnArg::Gpu } else { LidarsOnArg::Cpu });
+    args.lidars_on = Some(if lidars_on_gpu {
+        LidarsOnArg::Gpu
+    } else {
+        LidarsOnArg::Cpu
+    });
     let renderer = CameraRenderer::new(&gpu, quality);
     let period_nanos = launch.scenario.period_nanos();
-    let mut world = World::new(WorldOptions { seed: launch.scenario.seed, ..Default::default() });
+    let mut world = World::new(WorldOptions {
+        seed: launch.scenario.seed,
+        ..Default::default()
+    });
     let epoch = new_epoch();
-    let mut maps = Maps::new(&launch_cli::data_dir(args.data.as_deref())?, args.launch.as_deref());
+    let mut maps = Maps::new(
+        &launch_cli::data_dir(args.data.as_deref())?,
+        args.launch.as_deref(),
+    );
     let map = maps.load(&launch.scenario.map, launch.scenario.seed)?;
     let episode = begin_episode(&mut world, &launch, &map, epoch, 1, SimTime(0))?;
-    let sensors = open_sensors(&bus, &gpu, &mut world, &episode.scenario, &launch, &args, period_nanos)?;
-    let mut sensors = Sensors::new(gpu, renderer, sensors, args.frames_in_flight, args.hash, lidars_on_gpu);
+    let sensors = open_sensors(
+        &bus,
+        &gpu,
+        &mut world,
+        &episode.scenario,
+        &launch,
+        &args,
+        period_nanos,
+    )?;
+    let mut sensors = Sensors::new(
+        gpu,
+        renderer,
+        sensors,
+        args.frames_in_flight,
+        args.hash,
+        lidars_on_gpu,
+    );
     sensors.load(&episode.assets)?;
     let ports = open_ports(&bus)?;
     let now = mono_now().0;
@@ -121,18 +178,28 @@ pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
     };
     daemon.mark_start();
     daemon.publish_documents()?;
-    // Who must be ready before the first tick (lockstep, drivers) sees the world as it stands before it.
+    // Who must be ready before the first tick (lockstep, drivers) sees the world as it stands
+    // before it.
     daemon.publish_snapshot(SimTime(0))?;
-    tracing::info!(map = daemon.world.map().name, actors = daemon.world.snapshot_records().len(), "ready");
+    tracing::info!(
+        map = daemon.world.map().name,
+        actors = daemon.world.snapshot_records().len(),
+        "ready"
+    );
     Ok(daemon)
 }
 
 /// The segments of all topics are summed before the first is made: half a rig is worse than none.
 fn check_memory(launch: &Launch, args: &Args) -> anyhow::Result<()> {
-    let Some(free_bytes) = schema_bus::shared_memory_free() else { return Ok(()) };
+    let Some(free_bytes) = schema_bus::shared_memory_free() else {
+        return Ok(());
+    };
     let need = |topic: &launch_spec::TopicBudget| {
         let usual = schema_bus::FrameTopic::new(topic.modality, topic.max_payload_bytes);
-        let spec = schema_bus::FrameTopic { frames_in_flight: args.frames_in_flight as usize, ..usual };
+        let spec = schema_bus::FrameTopic {
+            frames_in_flight: args.frames_in_flight as usize,
+            ..usual
+        };
         schema_bus::shared_memory_needed(&schema_bus::qos::Qos::of(topic.modality), &spec)
     };
     let need_bytes: u64 = launch.memory_budget().iter().map(need).sum();
@@ -160,7 +227,8 @@ fn open_ports(bus: &Bus) -> anyhow::Result<Ports> {
     })
 }
 
-/// Puts a map into the world and populates it as the launch file says. A map that cannot be used leaves the running episode as it is.
+/// Puts a map into the world and populates it as the launch file says. A map that cannot be used
+/// leaves the running episode as it is.
 pub fn begin_episode(
     world: &mut World,
     launch: &Launch,
@@ -169,12 +237,21 @@ pub fn begin_episode(
     episode: u32,
     start: SimTime,
 ) -> anyhow::Result<Episode> {
-    let mut assets = SceneAssets { episode, ..map.assets.clone() };
+    let mut assets = SceneAssets {
+        episode,
+        ..map.assets.clone()
+    };
     world.load_shared(&map.data)?;
     world.register_meshes(&mut assets);
-    world.set_weather(launch.scenario.weather).map_err(wrong_usage)?;
+    world
+        .set_weather(launch.scenario.weather)
+        .map_err(wrong_usage)?;
     world.set_weather_effects(launch.scenario.weather_effects);
-    let ego_type_id = if launch.ego.is_none() { Ego::default().type_id } else { launch.ego.type_id.clone() };
+    let ego_type_id = if launch.ego.is_none() {
+        Ego::default().type_id
+    } else {
+        launch.ego.type_id.clone()
+    };
     let scenario = world.spawn_scenario(
         &ego_type_id,
         launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
@@ -192,12 +269,33 @@ pub fn begin_episode(
     }
     let n_walkers = world.spawn_walkers(launch.scenario.walkers as usize).len();
     if n_walkers < launch.scenario.walkers as usize {
-        tracing::warn!(asked = launch.scenario.walkers, placed = n_walkers, "the map has no room on its pavements for more walkers");
+        tracing::warn!(
+            asked = launch.scenario.walkers,
+            placed = n_walkers,
+            "the map has no room on its pavements for more walkers"
+        );
     }
-    let (latitude_deg, longitude_deg) = world.roads().map_or((42.0, 2.0), |roads| roads.geo_reference());
-    let stamp = Stamp { epoch, episode, seed: launch.scenario.seed, geo_reference: GeoReference { latitude_deg, longitude_deg } };
+    let (latitude_deg, longitude_deg) = world
+        .roads()
+        .map_or((42.0, 2.0), |roads| roads.geo_reference());
+    let stamp = Stamp {
+        epoch,
+        episode,
+        seed: launch.scenario.seed,
+        geo_reference: GeoReference {
+            latitude_deg,
+            longitude_deg,
+        },
+    };
     let whole = Arc::new(assets);
-    Ok(Episode { assets: whole.clone(), whole, scenery: world.scenery_revisions(), stamp, start, scenario })
+    Ok(Episode {
+        assets: whole.clone(),
+        whole,
+        scenery: world.scenery_revisions(),
+        stamp,
+        start,
+        scenario,
+    })
 }
 
 fn open_sensors(
@@ -219,14 +317,26 @@ fn open_sensors(
     };
     let mut sensors: Vec<Sensor> = Vec::new();
     for placed in launch.placed_sensors() {
-        let spec = launch.rigs.get(placed.rig).expect("a checked launch file has every rig it names");
+        let spec = launch
+            .rigs
+            .get(placed.rig)
+            .expect("a checked launch file has every rig it names");
         let rig = match sensors.iter().find(|sensor| sensor.rig.name == placed.rig) {
             Some(sensor) => sensor.rig.clone(),
-            None => Rc::new(Rig { name: placed.rig.to_owned(), wake: bus.notifier(&names::rig_tick(placed.rig))? }),
+            None => Rc::new(Rig {
+                name: placed.rig.to_owned(),
+                wake: bus.notifier(&names::rig_tick(placed.rig))?,
+            }),
         };
         let actor = spawn_sensor(world, scenario, spec, placed.spec, placed.name)?;
         let stream = noise_stream(&[placed.rig.as_bytes(), placed.name.as_bytes()]);
-        let place = SensorPlace { rig, place: Some(*spec), name: placed.name.to_owned(), actor, stream };
+        let place = SensorPlace {
+            rig,
+            place: Some(*spec),
+            name: placed.name.to_owned(),
+            actor,
+            stream,
+        };
         let schedule = schedule_of(placed.spec, SimTime(0), period_nanos);
         let sensor = Sensor::open(bus, gpu, place, placed.spec.clone(), schedule, &options)?;
         world.set_topics(actor, sensor.topic_infos())?;
@@ -248,7 +358,12 @@ fn spawn_sensor(
         RigSpec::Ego => (Some(scenario.ego), mount.into()),
         RigSpec::Other(idx) => {
             let other = scenario.others.get(*idx as usize);
-            (Some(*other.with_context(|| format!("other vehicle {idx} could not be placed on the map"))?), mount.into())
+            (
+                Some(*other.with_context(|| {
+                    format!("other vehicle {idx} could not be placed on the map")
+                })?),
+                mount.into(),
+            )
         }
         RigSpec::Free(place) => (None, (place.pose().isometry() * mount).into()),
     };
@@ -274,18 +389,35 @@ fn sensor_type(spec: &sensor_spec::SensorSpec) -> &'static str {
 }
 
 impl Daemon {
-    /// A new episode on another map (or the same one): the launch file's actors are made anew and its topics stay; sensors that
+    /// A new episode on another map (or the same one): the launch file's actors are made anew and
+    /// its topics stay; sensors that
     /// commands made go.
     pub(crate) fn load_map(&mut self, map: &str) -> anyhow::Result<()> {
         self.sensors.finish_all()?;
         let sim_time = self.clock.time_of(self.tick);
         let stamp = self.episode.stamp;
         let loaded = self.maps.load(map, self.launch.scenario.seed)?;
-        self.episode = begin_episode(&mut self.world, &self.launch, &loaded, stamp.epoch, stamp.episode + 1, sim_time)?;
+        self.episode = begin_episode(
+            &mut self.world,
+            &self.launch,
+            &loaded,
+            stamp.epoch,
+            stamp.episode + 1,
+            sim_time,
+        )?;
         self.sensors.remove(|sensor| sensor.place.is_none())?;
         for sensor in &mut self.sensors.sensors {
-            let rig = sensor.place.as_ref().expect("those without a place were removed");
-            let actor = spawn_sensor(&mut self.world, &self.episode.scenario, rig, &sensor.spec, &sensor.name)?;
+            let rig = sensor
+                .place
+                .as_ref()
+                .expect("those without a place were removed");
+            let actor = spawn_sensor(
+                &mut self.world,
+                &self.episode.scenario,
+                rig,
+                &sensor.spec,
+                &sensor.name,
+            )?;
             self.world.set_topics(actor, sensor.topic_infos())?;
             sensor.begin_episode(actor, sim_time, self.clock.period_nanos());
         }
@@ -300,6 +432,8 @@ impl Daemon {
 
 /// Tells one start of the daemon from another.
 fn new_epoch() -> u64 {
-    let wall = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+    let wall = std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos() as u64);
     schema_types::noise::mix(wall ^ schema_types::noise::mix(std::process::id() as u64))
 }

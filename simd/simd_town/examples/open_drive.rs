@@ -1,4 +1,5 @@
-//! Prints a town's OpenDRIVE text: `cargo run --release -p simd_town --example open_drive -- Town10HD 1 > town.xodr`.
+//! Prints a town's OpenDRIVE text: `cargo run --release -p simd_town --example open_drive --
+//! Town10HD 1 > town.xodr`.
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);

@@ -35,16 +35,38 @@ struct Manner {
 
 impl Manner {
     fn of(houses: Houses) -> Manner {
-        let row = Manner { width_m: (13.0, 27.0), depth_m: (11.0, 16.0), setback_m: 0.05, gaps: 0.12, gap_m: (3.5, 3.5), close_m: 0.04 };
+        let row = Manner {
+            width_m: (13.0, 27.0),
+            depth_m: (11.0, 16.0),
+            setback_m: 0.05,
+            gaps: 0.12,
+            gap_m: (3.5, 3.5),
+            close_m: 0.04,
+        };
         match houses {
             Houses::Towers { .. } => row,
-            Houses::Terraces => Manner { width_m: (8.0, 15.0), depth_m: (8.0, 11.5), gaps: 0.08, ..row },
-            Houses::Cottages => {
-                Manner { width_m: (9.0, 15.0), depth_m: (8.0, 10.5), setback_m: 3.2, gaps: 0.35, gap_m: (7.0, 16.0), close_m: 3.0 }
-            }
-            Houses::Farms => {
-                Manner { width_m: (10.0, 19.0), depth_m: (8.0, 11.0), setback_m: 5.5, gaps: 0.8, gap_m: (25.0, 110.0), close_m: 5.0 }
-            }
+            Houses::Terraces => Manner {
+                width_m: (8.0, 15.0),
+                depth_m: (8.0, 11.5),
+                gaps: 0.08,
+                ..row
+            },
+            Houses::Cottages => Manner {
+                width_m: (9.0, 15.0),
+                depth_m: (8.0, 10.5),
+                setback_m: 3.2,
+                gaps: 0.35,
+                gap_m: (7.0, 16.0),
+                close_m: 3.0,
+            },
+            Houses::Farms => Manner {
+                width_m: (10.0, 19.0),
+                depth_m: (8.0, 11.0),
+                setback_m: 5.5,
+                gaps: 0.8,
+                gap_m: (25.0, 110.0),
+                close_m: 5.0,
+            },
         }
     }
 }
@@ -62,22 +84,37 @@ pub fn lots(ring: &Ring, houses: Houses, random: &mut Random) -> Vec<Lot> {
     let at = |l: f64| {
         let l = l.rem_euclid(total);
         let i = lengths.partition_point(|&x| x <= l).clamp(1, n) - 1;
-        border[i] + (border[(i + 1) % n] - border[i]) * ((l - lengths[i]) / (lengths[i + 1] - lengths[i]).max(1e-9))
+        border[i]
+            + (border[(i + 1) % n] - border[i])
+                * ((l - lengths[i]) / (lengths[i + 1] - lengths[i]).max(1e-9))
     };
-    let place = |l: f64| lengths.partition_point(|&x| x <= l.rem_euclid(total)).clamp(1, n) - 1;
-    let faces_a_street = |from: f64, to: f64| [from, 0.5 * (from + to), to].into_iter().all(|l| ring.fronted[place(l)]);
+    let place = |l: f64| {
+        lengths
+            .partition_point(|&x| x <= l.rem_euclid(total))
+            .clamp(1, n)
+            - 1
+    };
+    let faces_a_street = |from: f64, to: f64| {
+        [from, 0.5 * (from + to), to]
+            .into_iter()
+            .all(|l| ring.fronted[place(l)])
+    };
     let mut lots: Vec<Lot> = Vec::new();
     let mut l = 0.0;
     while l < total - 6.0 {
         let wanted = random.between(manner.width_m.0, manner.width_m.1);
         let depth = random.between(manner.depth_m.0, manner.depth_m.1);
-        let fitting = [1.0, 0.75, 0.55, 0.45].iter().map(|share| wanted * share).find_map(|width| {
-            if !faces_a_street(l, l + width) {
-                return None;
-            }
-            let lot = lot_at(&at, (l, l + width), depth, manner.setback_m)?;
-            (fits(&lot, ring) && !lots.iter().any(|other| overlap(&lot, other))).then_some((lot, width))
-        });
+        let fitting = [1.0, 0.75, 0.55, 0.45]
+            .iter()
+            .map(|share| wanted * share)
+            .find_map(|width| {
+                if !faces_a_street(l, l + width) {
+                    return None;
+                }
+                let lot = lot_at(&at, (l, l + width), depth, manner.setback_m)?;
+                (fits(&lot, ring) && !lots.iter().any(|other| overlap(&lot, other)))
+                    .then_some((lot, width))
+            });
         match fitting {
             Some((lot, width)) => {
                 lots.push(lot);
@@ -112,7 +149,9 @@ fn lot_at(at: &impl Fn(f64) -> P2, (from, to): (f64, f64), depth: f64, back_m: f
     }
     let setback = setback + back_m - 0.05;
     let (a, b) = (a + inward * setback, b + inward * setback);
-    Some(Lot { footprint_m: [a, b, b + inward * depth, a + inward * depth] })
+    Some(Lot {
+        footprint_m: [a, b, b + inward * depth, a + inward * depth],
+    })
 }
 
 /// Whether a lot lies within its block.
@@ -125,7 +164,10 @@ pub fn fits(lot: &Lot, ring: &Ring) -> bool {
             let p = corners[i] + (corners[(i + 1) % 4] - corners[i]) * (k as f64 / 4.0);
             inside(p + (middle - p) * 0.002)
         })
-    }) && !ring.back_m.iter().any(|&p| contains(corners, p + (p - middle).normalize() * 0.05))
+    }) && !ring
+        .back_m
+        .iter()
+        .any(|&p| contains(corners, p + (p - middle).normalize() * 0.05))
 }
 
 /// Whether two lots have ground in common.
@@ -177,17 +219,44 @@ struct Size {
 impl Size {
     fn of(houses: Houses, lot: &Lot) -> Size {
         match houses {
-            Houses::Towers { within_m } if lot.footprint_m[0].norm() < within_m => Size { floors: (4, 8), shops: 0.85, pitched: 0.0 },
-            Houses::Towers { .. } => Size { floors: (3, 4), shops: 0.45, pitched: 0.45 },
-            Houses::Terraces => Size { floors: (2, 2), shops: 0.35, pitched: 0.85 },
-            Houses::Cottages => Size { floors: (1, 2), shops: 0.0, pitched: 0.95 },
-            Houses::Farms => Size { floors: (1, 2), shops: 0.0, pitched: 1.0 },
+            Houses::Towers { within_m } if lot.footprint_m[0].norm() < within_m => Size {
+                floors: (4, 8),
+                shops: 0.85,
+                pitched: 0.0,
+            },
+            Houses::Towers { .. } => Size {
+                floors: (3, 4),
+                shops: 0.45,
+                pitched: 0.45,
+            },
+            Houses::Terraces => Size {
+                floors: (2, 2),
+                shops: 0.35,
+                pitched: 0.85,
+            },
+            Houses::Cottages => Size {
+                floors: (1, 2),
+                shops: 0.0,
+                pitched: 0.95,
+            },
+            Houses::Farms => Size {
+                floors: (1, 2),
+                shops: 0.0,
+                pitched: 1.0,
+            },
         }
     }
 }
 
 /// Builds a house on a lot. Returns its height over the pavement.
-pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: Houses, object: ObjectId, random: &mut Random) -> f64 {
+pub fn build(
+    chunks: &mut Chunks,
+    solid: &mut CollisionMesh,
+    lot: &Lot,
+    houses: Houses,
+    object: ObjectId,
+    random: &mut Random,
+) -> f64 {
     let size = Size::of(houses, lot);
     let floors = size.floors.0 + random.below(size.floors.1);
     let shop_m = if random.chance(size.shops) { 3.9 } else { 0.0 };
@@ -207,7 +276,13 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
     };
     walls(chunks, &house);
     if lowest_m < base_m - 0.3 {
-        chunks.prism(house.key, ALL, house.surface(Material::Concrete, house.darker(0.7)), &house.grown(0.03), (lowest_m, base_m - 0.05));
+        chunks.prism(
+            house.key,
+            ALL,
+            house.surface(Material::Concrete, house.darker(0.7)),
+            &house.grown(0.03),
+            (lowest_m, base_m - 0.05),
+        );
     }
     let pitched = size.pitched > 0.0 && floors < 6 && random.chance(size.pitched);
     if pitched {
@@ -220,15 +295,33 @@ pub fn build(chunks: &mut Chunks, solid: &mut CollisionMesh, lot: &Lot, houses: 
     if shop_m == 0.0 && !matches!(houses, Houses::Cottages | Houses::Farms) {
         entrance::build(chunks, lot, entrance::place_m(lot, object), object);
     }
-    box_solid(solid, object, &house.footprint, (lowest_m, base_m + eaves_m));
+    box_solid(
+        solid,
+        object,
+        &house.footprint,
+        (lowest_m, base_m + eaves_m),
+    );
     eaves_m
 }
 
 /// An upright prism with a lid, for collision.
-pub fn box_solid(solid: &mut CollisionMesh, object: ObjectId, footprint: &[P2], (low, high): (f64, f64)) {
+pub fn box_solid(
+    solid: &mut CollisionMesh,
+    object: ObjectId,
+    footprint: &[P2],
+    (low, high): (f64, f64),
+) {
     for i in 0..footprint.len() {
         let (a, b) = (footprint[i], footprint[(i + 1) % footprint.len()]);
-        solid.polygon(object, &[[a.x, a.y, low], [b.x, b.y, low], [b.x, b.y, high], [a.x, a.y, high]]);
+        solid.polygon(
+            object,
+            &[
+                [a.x, a.y, low],
+                [b.x, b.y, low],
+                [b.x, b.y, high],
+                [a.x, a.y, high],
+            ],
+        );
     }
     let lid: Vec<[f64; 3]> = footprint.iter().map(|p| [p.x, p.y, high]).collect();
     solid.polygon(object, &lid);
@@ -248,7 +341,12 @@ impl House {
         let f = &self.footprint;
         let along = (f[1] - f[0]).normalize() * by;
         let deep = (f[3] - f[0]).normalize() * by;
-        [f[0] - along - deep, f[1] + along - deep, f[2] + along + deep, f[3] - along + deep]
+        [
+            f[0] - along - deep,
+            f[1] + along - deep,
+            f[2] + along + deep,
+            f[3] - along + deep,
+        ]
     }
 }
 
@@ -259,12 +357,30 @@ fn walls(chunks: &mut Chunks, house: &House) {
     for i in 0..4 {
         let edge = (f[i], f[(i + 1) % 4]);
         let at_street = i == 0;
-        let low = if house.shop_m > 0.0 { house.base_m + house.shop_m } else { house.base_m };
+        let low = if house.shop_m > 0.0 {
+            house.base_m + house.shop_m
+        } else {
+            house.base_m
+        };
         if house.shop_m > 0.0 {
-            let ground = if at_street || i % 2 == 1 { shop } else { facade };
+            let ground = if at_street || i % 2 == 1 {
+                shop
+            } else {
+                facade
+            };
             chunks.wall(house.key, ALL, ground, edge, (house.base_m - 0.1, low), 0.0);
         }
-        chunks.wall(house.key, ALL, facade, edge, (low - if house.shop_m > 0.0 { 0.0 } else { 0.1 }, house.base_m + house.eaves_m), 0.0);
+        chunks.wall(
+            house.key,
+            ALL,
+            facade,
+            edge,
+            (
+                low - if house.shop_m > 0.0 { 0.0 } else { 0.1 },
+                house.base_m + house.eaves_m,
+            ),
+            0.0,
+        );
     }
 }
 
@@ -277,29 +393,78 @@ fn flat_roof(chunks: &mut Chunks, house: &House, random: &mut Random) {
     for i in 0..4 {
         let k = (i + 1) % 4;
         let f = &house.footprint;
-        chunks.wall(house.key, 0..=1, trim, (f[i], f[k]), (top, top + parapet), 0.0);
-        chunks.wall(house.key, 0..=1, trim, (inner[k], inner[i]), (top, top + parapet), 0.0);
+        chunks.wall(
+            house.key,
+            0..=1,
+            trim,
+            (f[i], f[k]),
+            (top, top + parapet),
+            0.0,
+        );
+        chunks.wall(
+            house.key,
+            0..=1,
+            trim,
+            (inner[k], inner[i]),
+            (top, top + parapet),
+            0.0,
+        );
         let rim = [f[i], f[k], inner[k], inner[i]].map(|p| [p.x, p.y, top + parapet]);
         chunks.polygon(house.key, 0..=1, trim, &rim, &[[0.0; 2]; 4]);
     }
     let lid = |p: &[P2; 4]| p.map(|p| [p.x, p.y, top]);
-    chunks.polygon(house.key, ALL, felt, &lid(&house.footprint), &house.footprint.map(|p| [p.x as f32, p.y as f32]));
+    chunks.polygon(
+        house.key,
+        ALL,
+        felt,
+        &lid(&house.footprint),
+        &house.footprint.map(|p| [p.x as f32, p.y as f32]),
+    );
     let f = &house.footprint;
     let place = |u: f64, v: f64| f[0] + (f[1] - f[0]) * u + (f[3] - f[0]) * v;
     if random.chance(0.75) {
         let (u, v) = (random.between(0.2, 0.6), random.between(0.4, 0.6));
-        let hut = [place(u, v), place(u + 0.2, v), place(u + 0.2, v + 0.25), place(u, v + 0.25)];
-        chunks.prism(house.key, 0..=1, trim, &hut, (top, top + random.between(1.8, 3.0)));
+        let hut = [
+            place(u, v),
+            place(u + 0.2, v),
+            place(u + 0.2, v + 0.25),
+            place(u, v + 0.25),
+        ];
+        chunks.prism(
+            house.key,
+            0..=1,
+            trim,
+            &hut,
+            (top, top + random.between(1.8, 3.0)),
+        );
     }
     for _ in 0..random.below(3) {
         let (u, v) = (random.between(0.1, 0.8), random.between(0.1, 0.3));
-        let unit_ = [place(u, v), place(u + 0.08, v), place(u + 0.08, v + 0.1), place(u, v + 0.1)];
-        chunks.prism(house.key, 0..=0, house.surface(Material::Metal, [150, 152, 154]), &unit_, (top, top + 1.1));
+        let unit_ = [
+            place(u, v),
+            place(u + 0.08, v),
+            place(u + 0.08, v + 0.1),
+            place(u, v + 0.1),
+        ];
+        chunks.prism(
+            house.key,
+            0..=0,
+            house.surface(Material::Metal, [150, 152, 154]),
+            &unit_,
+            (top, top + 1.1),
+        );
     }
 }
 
 fn pitched_roof(chunks: &mut Chunks, house: &House) {
-    let tiles = house.surface(Material::Roof, if house.object.0.is_multiple_of(3) { [112, 62, 48] } else { [86, 78, 76] });
+    let tiles = house.surface(
+        Material::Roof,
+        if house.object.0.is_multiple_of(3) {
+            [112, 62, 48]
+        } else {
+            [86, 78, 76]
+        },
+    );
     let gable = house.surface(Material::Matte, house.wall);
     let f = house.grown(0.0);
     let top = house.base_m + house.eaves_m;
@@ -310,15 +475,58 @@ fn pitched_roof(chunks: &mut Chunks, house: &House) {
     let slope = (0.25 * depth * depth + (ridge_m - top).powi(2)).sqrt() as f32;
     let width = (f[1] - f[0]).norm() as f32;
     let uv = [[0.0, 0.0], [width, 0.0], [width, slope], [0.0, slope]];
-    chunks.polygon(house.key, ALL, tiles, &[up(f[0], top), up(f[1], top), up(ridge[1], ridge_m), up(ridge[0], ridge_m)], &uv);
-    chunks.polygon(house.key, ALL, tiles, &[up(f[2], top), up(f[3], top), up(ridge[0], ridge_m), up(ridge[1], ridge_m)], &uv);
-    chunks.polygon(house.key, ALL, gable, &[up(f[1], top), up(f[2], top), up(ridge[1], ridge_m)], &[[0.0; 2]; 3]);
-    chunks.polygon(house.key, ALL, gable, &[up(f[3], top), up(f[0], top), up(ridge[0], ridge_m)], &[[0.0; 2]; 3]);
+    chunks.polygon(
+        house.key,
+        ALL,
+        tiles,
+        &[
+            up(f[0], top),
+            up(f[1], top),
+            up(ridge[1], ridge_m),
+            up(ridge[0], ridge_m),
+        ],
+        &uv,
+    );
+    chunks.polygon(
+        house.key,
+        ALL,
+        tiles,
+        &[
+            up(f[2], top),
+            up(f[3], top),
+            up(ridge[0], ridge_m),
+            up(ridge[1], ridge_m),
+        ],
+        &uv,
+    );
+    chunks.polygon(
+        house.key,
+        ALL,
+        gable,
+        &[up(f[1], top), up(f[2], top), up(ridge[1], ridge_m)],
+        &[[0.0; 2]; 3],
+    );
+    chunks.polygon(
+        house.key,
+        ALL,
+        gable,
+        &[up(f[3], top), up(f[0], top), up(ridge[0], ridge_m)],
+        &[[0.0; 2]; 3],
+    );
     for share in [0.3, 0.72] {
         let p = f[0] + (f[1] - f[0]) * share + (f[3] - f[0]) * 0.62;
-        let (u, v) = ((f[1] - f[0]).normalize() * 0.45, (f[3] - f[0]).normalize() * 0.3);
+        let (u, v) = (
+            (f[1] - f[0]).normalize() * 0.45,
+            (f[3] - f[0]).normalize() * 0.3,
+        );
         let stack = [p - u - v, p + u - v, p + u + v, p - u + v];
-        chunks.prism(house.key, 0..=1, house.surface(Material::Matte, [122, 74, 60]), &stack, (top, ridge_m + 0.7));
+        chunks.prism(
+            house.key,
+            0..=1,
+            house.surface(Material::Matte, [122, 74, 60]),
+            &stack,
+            (top, ridge_m + 0.7),
+        );
     }
 }
 
@@ -334,7 +542,14 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
         [p(from, depth), p(to, depth), p(to, 0.0), p(from, 0.0)]
     };
     let mut band = |z: f64, depth: f64, height: f64, levels| {
-        closed_prism(chunks, house.key, levels, stone, &slab(0.02, width - 0.02, depth), (z, z + height));
+        closed_prism(
+            chunks,
+            house.key,
+            levels,
+            stone,
+            &slab(0.02, width - 0.02, depth),
+            (z, z + height),
+        );
     };
     let top = house.base_m + house.eaves_m;
     band(top - 0.35, if pitched { 0.4 } else { 0.28 }, 0.3, 0..=1);
@@ -344,18 +559,50 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
         band(house.base_m - 0.1, 0.06, 0.7, 0..=0);
     }
     for u in [0.02, width - 0.42] {
-        closed_prism(chunks, house.key, 0..=0, stone, &slab(u, u + 0.4, 0.1), (house.base_m - 0.1, top - 0.35));
+        closed_prism(
+            chunks,
+            house.key,
+            0..=0,
+            stone,
+            &slab(u, u + 0.4, 0.1),
+            (house.base_m - 0.1, top - 0.35),
+        );
     }
     if house.shop_m > 0.0 && random.chance(0.6) {
-        let awning = house.surface(Material::Cloth, random.pick(&[[150, 40, 36], [36, 84, 60], [40, 60, 110], [190, 150, 60]]));
+        let awning = house.surface(
+            Material::Cloth,
+            random.pick(&[[150, 40, 36], [36, 84, 60], [40, 60, 110], [190, 150, 60]]),
+        );
         let (u0, u1) = (0.15 * width, 0.85 * width);
         let p = |u: f64, d: f64, z: f64| {
             let q = f[0] + along * u + out * d;
             [q.x, q.y, house.base_m + z]
         };
         let (high, low) = (3.3, 2.75);
-        chunks.polygon(house.key, 0..=1, awning, &[p(u0, 1.2, low), p(u1, 1.2, low), p(u1, 0.02, high), p(u0, 0.02, high)], &[[0.0; 2]; 4]);
-        chunks.polygon(house.key, 0..=1, awning, &[p(u0, 0.02, high), p(u1, 0.02, high), p(u1, 1.2, low), p(u0, 1.2, low)], &[[0.0; 2]; 4]);
+        chunks.polygon(
+            house.key,
+            0..=1,
+            awning,
+            &[
+                p(u0, 1.2, low),
+                p(u1, 1.2, low),
+                p(u1, 0.02, high),
+                p(u0, 0.02, high),
+            ],
+            &[[0.0; 2]; 4],
+        );
+        chunks.polygon(
+            house.key,
+            0..=1,
+            awning,
+            &[
+                p(u0, 0.02, high),
+                p(u1, 0.02, high),
+                p(u1, 1.2, low),
+                p(u0, 1.2, low),
+            ],
+            &[[0.0; 2]; 4],
+        );
     }
     if random.chance(0.4) {
         let rail = house.surface(Material::Metal, [58, 60, 64]);
@@ -365,17 +612,45 @@ fn ornaments(chunks: &mut Chunks, house: &House, pitched: bool, random: &mut Ran
             for c in 0..columns {
                 let u = 1.5 + (width - 3.0) * (c as f64 + 0.5) / columns as f64;
                 let z = house.base_m + house.shop_m + 3.1 * floor as f64;
-                closed_prism(chunks, house.key, 0..=0, stone, &slab(u - 1.1, u + 1.1, 0.95), (z - 0.12, z));
-                closed_prism(chunks, house.key, 0..=0, rail, &slab(u - 1.1, u + 1.1, 0.95), (z, z + 0.06));
+                closed_prism(
+                    chunks,
+                    house.key,
+                    0..=0,
+                    stone,
+                    &slab(u - 1.1, u + 1.1, 0.95),
+                    (z - 0.12, z),
+                );
+                closed_prism(
+                    chunks,
+                    house.key,
+                    0..=0,
+                    rail,
+                    &slab(u - 1.1, u + 1.1, 0.95),
+                    (z, z + 0.06),
+                );
                 let front = slab(u - 1.1, u + 1.1, 0.95);
-                chunks.wall(house.key, 0..=0, rail, (front[0], front[1]), (z + 0.06, z + 0.95), 0.0);
+                chunks.wall(
+                    house.key,
+                    0..=0,
+                    rail,
+                    (front[0], front[1]),
+                    (z + 0.06, z + 0.95),
+                    0.0,
+                );
             }
         }
     }
 }
 
 /// A prism with lid and floor.
-fn closed_prism(chunks: &mut Chunks, key: Key, levels: crate::chunk::Levels, surface: Surface, footprint: &[P2; 4], span: (f64, f64)) {
+fn closed_prism(
+    chunks: &mut Chunks,
+    key: Key,
+    levels: crate::chunk::Levels,
+    surface: Surface,
+    footprint: &[P2; 4],
+    span: (f64, f64),
+) {
     chunks.prism(key, levels.clone(), surface, footprint, span);
     let mut floor = footprint.map(|p| [p.x, p.y, span.0]);
     floor.reverse();

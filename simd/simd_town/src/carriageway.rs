@@ -1,4 +1,5 @@
-//! Lines of a carriageway where it goes on through a junction: the map says of them what is painted.
+//! Lines of a carriageway where it goes on through a junction: the map says of them what is
+//! painted.
 
 use crate::network::{Link, Network};
 
@@ -11,7 +12,8 @@ pub enum LaneLine {
     Broken,
 }
 
-/// Lines at the left and right edge of a connecting lane. There are some only where a motorway goes on, past ramps and where it gains or loses
+/// Lines at the left and right edge of a connecting lane. There are some only where a motorway goes
+/// on, past ramps and where it gains or loses
 /// a lane: elsewhere nothing is painted inside a junction.
 pub fn lines(network: &Network, link: &Link) -> [Option<LaneLine>; 2] {
     let junction = &network.junctions[link.junction];

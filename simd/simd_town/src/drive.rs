@@ -28,8 +28,16 @@ const CLEAR_M: f64 = 0.5;
 const MAX_RISE_M: f64 = 0.22;
 
 impl Builder<'_> {
-    /// Lays drives where there is room and gives the plots they take; `front_m` is between houses and pavement.
-    pub fn drives(&mut self, kit: &Kit, ring: &Ring, idx: usize, lots: &[Lot], front_m: f64) -> Vec<Lot> {
+    /// Lays drives where there is room and gives the plots they take; `front_m` is between houses
+    /// and pavement.
+    pub fn drives(
+        &mut self,
+        kit: &Kit,
+        ring: &Ring,
+        idx: usize,
+        lots: &[Lot],
+        front_m: f64,
+    ) -> Vec<Lot> {
         let mut random = Random::new(self.seed, DRIVES, idx as u64);
         let mut drives: Vec<Lot> = Vec::new();
         for lot in lots {
@@ -37,15 +45,34 @@ impl Builder<'_> {
             let (along, out) = ((f[1] - f[0]).normalize(), (f[0] - f[3]).normalize());
             let width = (f[1] - f[0]).norm();
             let wanted = random.chance(0.6);
-            let side = if random.chance(0.5) { -BESIDE_M } else { width + BESIDE_M };
+            let side = if random.chance(0.5) {
+                -BESIDE_M
+            } else {
+                width + BESIDE_M
+            };
             let plot = |grown: f64| {
                 let corner = |u: f64, v: f64| f[0] + along * (side + u) + out * v;
                 let (half, back) = (HALF_M + grown, front_m - LENGTH_M - grown);
-                Lot { footprint_m: [corner(-half, front_m), corner(half, front_m), corner(half, back), corner(-half, back)] }
+                Lot {
+                    footprint_m: [
+                        corner(-half, front_m),
+                        corner(half, front_m),
+                        corner(half, back),
+                        corner(-half, back),
+                    ],
+                }
             };
             let is_free = |lots: &[Lot], plot: &Lot| !lots.iter().any(|other| overlap(plot, other));
-            let others: Vec<Lot> = lots.iter().filter(|other| other.footprint_m != f).cloned().collect();
-            if !wanted || !fits(&plot(0.0), ring) || !is_free(&others, &plot(APART_M)) || !is_free(&drives, &plot(APART_M)) {
+            let others: Vec<Lot> = lots
+                .iter()
+                .filter(|other| other.footprint_m != f)
+                .cloned()
+                .collect();
+            if !wanted
+                || !fits(&plot(0.0), ring)
+                || !is_free(&others, &plot(APART_M))
+                || !is_free(&drives, &plot(APART_M))
+            {
                 continue;
             }
             let drive = plot(0.0);
@@ -61,14 +88,19 @@ impl Builder<'_> {
     fn drive(&mut self, kit: &Kit, drive: &Lot, (along, out): (P2, P2), random: &mut Random) {
         let f = drive.footprint_m;
         let object = self.object_in(Some(MapLayer::Ground), Class::GROUND, "drive");
-        let slab =
-            Surface::new(Class::GROUND, Material::Concrete, random.pick(&[[140, 132, 122], [112, 110, 108], [158, 140, 122]])).of(object);
+        let slab = Surface::new(
+            Class::GROUND,
+            Material::Concrete,
+            random.pick(&[[140, 132, 122], [112, 110, 108], [158, 140, 122]]),
+        )
+        .of(object);
         // In pieces, which follow the ground.
         for k in 0..4 {
             let (s, t) = (f64::from(k) / 4.0, f64::from(k + 1) / 4.0);
             let ends = |s: f64| [f[0] + (f[3] - f[0]) * s, f[1] + (f[2] - f[1]) * s];
             let ([a, b], [d, c]) = (ends(s), ends(t));
-            let corners = [a, b, c, d].map(|p| [p.x, p.y, self.chunks.terrain.at(p) + KERB_HEIGHT_M + 0.02]);
+            let corners =
+                [a, b, c, d].map(|p| [p.x, p.y, self.chunks.terrain.at(p) + KERB_HEIGHT_M + 0.02]);
             self.chunks.sheet(Layer::Ground, 0..=1, slab, &corners);
         }
         let (mesh, shape) = random.pick(&kit.cars);
@@ -80,13 +112,24 @@ impl Builder<'_> {
             return;
         }
         let yaw = heading(if nose_in { -out } else { out }) + random.between(-0.03, 0.03);
-        let car = self.stand(mesh, (MapLayer::ParkedVehicles, Class::CAR, "parked_car"), p, KERB_HEIGHT_M + 0.02, yaw);
+        let car = self.stand(
+            mesh,
+            (MapLayer::ParkedVehicles, Class::CAR, "parked_car"),
+            p,
+            KERB_HEIGHT_M + 0.02,
+            yaw,
+        );
         let aside = along * shape.half_m[1];
         let z = self.chunks.terrain.at(p) + KERB_HEIGHT_M;
         box_solid(
             &mut self.solid,
             car,
-            &[p - half + aside, p - half - aside, p + half - aside, p + half + aside],
+            &[
+                p - half + aside,
+                p - half - aside,
+                p + half - aside,
+                p + half + aside,
+            ],
             (z, z + 2.0 * shape.half_m[2]),
         );
     }

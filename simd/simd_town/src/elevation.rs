@@ -19,7 +19,8 @@ pub struct Piece {
     pub d: f64,
 }
 
-/// Height of a road's reference line over its length; level at both ends, so that junctions can be level.
+/// Height of a road's reference line over its length; level at both ends, so that junctions can be
+/// level.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elevation {
     /// In order; the first begins at 0.
@@ -27,34 +28,54 @@ pub struct Elevation {
 }
 
 impl Elevation {
-    /// From one height to another over `length_m`; on the way this much above the straight line between both, at shares of the length.
+    /// From one height to another over `length_m`; on the way this much above the straight line
+    /// between both, at shares of the length.
     pub fn between(length_m: f64, from_m: f64, to_m: f64, rises_m: &[(f64, f64)]) -> Elevation {
         let mut knots = vec![(0.0, from_m)];
-        knots.extend(rises_m.iter().map(|&(share, rise_m)| (share * length_m, from_m + (to_m - from_m) * share + rise_m)));
+        knots.extend(
+            rises_m.iter().map(|&(share, rise_m)| {
+                (share * length_m, from_m + (to_m - from_m) * share + rise_m)
+            }),
+        );
         knots.push((length_m, to_m));
         let piece = |pair: &[(f64, f64)]| {
             let ((s_m, a_m), (end_m, b_m)) = (pair[0], pair[1]);
             let (length, rise) = (end_m - s_m, b_m - a_m);
-            Piece { s_m, a_m, c: 3.0 * rise / length.powi(2), d: -2.0 * rise / length.powi(3) }
+            Piece {
+                s_m,
+                a_m,
+                c: 3.0 * rise / length.powi(2),
+                d: -2.0 * rise / length.powi(3),
+            }
         };
-        Elevation { pieces: knots.windows(2).map(piece).collect() }
+        Elevation {
+            pieces: knots.windows(2).map(piece).collect(),
+        }
     }
 
     /// Height at a station.
     pub fn at(&self, s_m: f64) -> f64 {
-        let piece = self.pieces.iter().rev().find(|piece| piece.s_m <= s_m).unwrap_or(&self.pieces[0]);
+        let piece = self
+            .pieces
+            .iter()
+            .rev()
+            .find(|piece| piece.s_m <= s_m)
+            .unwrap_or(&self.pieces[0]);
         let u = s_m - piece.s_m;
         piece.a_m + u * u * (piece.c + u * piece.d)
     }
 
-    /// Stations whose chords deviate by at most 3 mm in height, each with the distance to its neighbours; both ends included.
+    /// Stations whose chords deviate by at most 3 mm in height, each with the distance to its
+    /// neighbours; both ends included.
     pub fn steps(&self, length_m: f64) -> Vec<(f64, f64)> {
         let mut steps = vec![(0.0, 0.0)];
         for (i, piece) in self.pieces.iter().enumerate() {
             let end = self.pieces.get(i + 1).map_or(length_m, |next| next.s_m);
             let length = end - piece.s_m;
             // Of a cubic that is level at both ends, the ends are bent most.
-            let wanted = (8.0 * 0.003 / (2.0 * piece.c.abs()).max(1e-9)).sqrt().clamp(2.5, 16.0);
+            let wanted = (8.0 * 0.003 / (2.0 * piece.c.abs()).max(1e-9))
+                .sqrt()
+                .clamp(2.5, 16.0);
             let n = (length / wanted).ceil().max(1.0);
             steps.extend((1..=n as usize).map(|k| (piece.s_m + length * k as f64 / n, length / n)));
         }
@@ -63,7 +84,9 @@ impl Elevation {
 
     /// Whether the whole road has one height.
     pub fn is_level(&self) -> bool {
-        self.pieces.iter().all(|piece| piece.c == 0.0 && piece.d == 0.0)
+        self.pieces
+            .iter()
+            .all(|piece| piece.c == 0.0 && piece.d == 0.0)
     }
 }
 
@@ -92,13 +115,21 @@ impl Terrain {
             for (from, to) in road.on_ground() {
                 for pair in road.stations_between(from, to).windows(2) {
                     let at = |s: f64, t: f64| lifted(road.path.beside(s, t), road.elevation.at(s));
-                    terrain.polygon(&[at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)]);
+                    terrain.polygon(&[
+                        at(pair[0], -kerb),
+                        at(pair[1], -kerb),
+                        at(pair[1], kerb),
+                        at(pair[0], kerb),
+                    ]);
                 }
             }
         }
         for junction in 0..network.junctions.len() {
-            let border: Vec<[f64; 3]> =
-                network.border(junction).into_iter().map(|p| lifted(p, network.junctions[junction].height_m)).collect();
+            let border: Vec<[f64; 3]> = network
+                .border(junction)
+                .into_iter()
+                .map(|p| lifted(p, network.junctions[junction].height_m))
+                .collect();
             terrain.polygon(&border);
         }
         for ring in rings {
@@ -112,10 +143,17 @@ impl Terrain {
         let back = |i: usize| lifted(ring.back_m[i], ring.height_m[i]);
         for i in (0..n).filter(|&i| !ring.seam[i]) {
             let k = (i + 1) % n;
-            self.polygon(&[lifted(ring.kerb_m[i], ring.height_m[i]), lifted(ring.kerb_m[k], ring.height_m[k]), back(k), back(i)]);
+            self.polygon(&[
+                lifted(ring.kerb_m[i], ring.height_m[i]),
+                lifted(ring.kerb_m[k], ring.height_m[k]),
+                back(k),
+                back(i),
+            ]);
         }
         for triangle in &ring.ground.triangles {
-            self.polygon(&triangle.map(|i| lifted(ring.ground.points_m[i], ring.ground.heights_m[i])));
+            self.polygon(
+                &triangle.map(|i| lifted(ring.ground.points_m[i], ring.ground.heights_m[i])),
+            );
         }
     }
 
@@ -125,7 +163,9 @@ impl Terrain {
             let t = [corners[0], corners[i], corners[i + 1]];
             let idx = self.triangles.len();
             let span = |axis: usize| {
-                let (low, high) = t.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[axis]), h.max(p[axis])));
+                let (low, high) = t.iter().fold((f64::MAX, f64::MIN), |(l, h), p| {
+                    (l.min(p[axis]), h.max(p[axis]))
+                });
                 ((low - 0.1) / CELL_M).floor() as i32..=((high + 0.1) / CELL_M).floor() as i32
             };
             self.triangles.push(t);
@@ -150,11 +190,20 @@ impl Terrain {
             if area < 1e-6 {
                 continue;
             }
-            let w = [cross(c - b, p - b) / area, cross(a - c, p - c) / area, cross(b - a, p - a) / area];
+            let w = [
+                cross(c - b, p - b) / area,
+                cross(a - c, p - c) / area,
+                cross(b - a, p - a) / area,
+            ];
             // How far inside: metres from the nearest edge.
-            let inside = (w[0] * area / (c - b).norm()).min(w[1] * area / (a - c).norm()).min(w[2] * area / (b - a).norm());
+            let inside = (w[0] * area / (c - b).norm())
+                .min(w[1] * area / (a - c).norm())
+                .min(w[2] * area / (b - a).norm());
             if inside > best.0 {
-                best = (inside, (0..3).map(|i| w[i] * self.triangles[idx][i][2]).sum());
+                best = (
+                    inside,
+                    (0..3).map(|i| w[i] * self.triangles[idx][i][2]).sum(),
+                );
             }
         }
         best.1

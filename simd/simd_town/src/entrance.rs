@@ -31,20 +31,47 @@ pub fn build(chunks: &mut Chunks, lot: &Lot, at_m: f64, object: ObjectId) {
     let surface = |material, rgb| Surface::new(Class::BUILDINGS, material, rgb).of(object);
     let at = |u: f64, deep: f64| f[0] + along * (at_m + u) + out * deep;
     // A box before the wall: its front, its sides and its lid.
-    let mut block = |surface: Surface, half: f64, deep: f64, (low, high): (f64, f64), has_floor: bool| {
-        let (a, b, c, d) = (at(-half, deep), at(half, deep), at(half, 0.0), at(-half, 0.0));
-        for side in [(d, a), (a, b), (b, c)] {
-            chunks.wall(key, 0..=0, surface, side, (base + low, base + high), 0.0);
-        }
-        let level = |corners: [P2; 4], z: f64| corners.map(|p| [p.x, p.y, base + z]);
-        chunks.polygon(key, 0..=0, surface, &level([a, b, c, d], high), &[[0.0; 2]; 4]);
-        if has_floor {
-            chunks.polygon(key, 0..=0, surface, &level([d, c, b, a], low), &[[0.0; 2]; 4]);
-        }
-    };
-    let stone = surface(Material::Concrete, random.pick(&[[196, 190, 178], [150, 144, 136], [216, 212, 204]]));
+    let mut block =
+        |surface: Surface, half: f64, deep: f64, (low, high): (f64, f64), has_floor: bool| {
+            let (a, b, c, d) = (
+                at(-half, deep),
+                at(half, deep),
+                at(half, 0.0),
+                at(-half, 0.0),
+            );
+            for side in [(d, a), (a, b), (b, c)] {
+                chunks.wall(key, 0..=0, surface, side, (base + low, base + high), 0.0);
+            }
+            let level = |corners: [P2; 4], z: f64| corners.map(|p| [p.x, p.y, base + z]);
+            chunks.polygon(
+                key,
+                0..=0,
+                surface,
+                &level([a, b, c, d], high),
+                &[[0.0; 2]; 4],
+            );
+            if has_floor {
+                chunks.polygon(
+                    key,
+                    0..=0,
+                    surface,
+                    &level([d, c, b, a], low),
+                    &[[0.0; 2]; 4],
+                );
+            }
+        };
+    let stone = surface(
+        Material::Concrete,
+        random.pick(&[[196, 190, 178], [150, 144, 136], [216, 212, 204]]),
+    );
     block(stone, HALF_M.0, 0.10, (-0.3, 2.72), false);
-    block(surface(Material::Concrete, [140, 136, 130]), HALF_M.0 + 0.1, 0.42, (-0.3, 0.09), false);
+    block(
+        surface(Material::Concrete, [140, 136, 130]),
+        HALF_M.0 + 0.1,
+        0.42,
+        (-0.3, 0.09),
+        false,
+    );
     if random.chance(0.4) {
         block(stone, HALF_M.0 + 0.25, 0.85, (2.72, 2.84), true);
     }
@@ -52,7 +79,18 @@ pub fn build(chunks: &mut Chunks, lot: &Lot, at_m: f64, object: ObjectId) {
         let (a, b) = (at(-half, 0.105), at(half, 0.105));
         chunks.wall(key, 0..=0, surface, (a, b), (base + low, base + high), 0.0);
     };
-    let leaf = random.pick(&[[96, 34, 30], [34, 62, 48], [40, 52, 84], [112, 78, 48], [62, 58, 54], [176, 172, 164]]);
+    let leaf = random.pick(&[
+        [96, 34, 30],
+        [34, 62, 48],
+        [40, 52, 84],
+        [112, 78, 48],
+        [62, 58, 54],
+        [176, 172, 164],
+    ]);
     pane(surface(Material::Matte, leaf), HALF_M.1, (0.09, 2.12));
-    pane(surface(Material::Glass, [40, 46, 52]), HALF_M.1, (2.2, 2.55));
+    pane(
+        surface(Material::Glass, [40, 46, 52]),
+        HALF_M.1,
+        (2.2, 2.55),
+    );
 }

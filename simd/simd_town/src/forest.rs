@@ -1,4 +1,5 @@
-//! Woods in the distance: upright bands of treetops beyond the town, so that the horizon is not bare.
+//! Woods in the distance: upright bands of treetops beyond the town, so that the horizon is not
+//! bare.
 
 use schema_types::Class;
 use sensor_core::Material;
@@ -28,7 +29,10 @@ pub fn build(b: &mut Builder<'_>, border_m: &[P2]) {
                 continue;
             }
             let angle = std::f64::consts::TAU * (k as f64 + random.between(0.0, 0.4)) / n as f64;
-            let (away, height) = (radius + random.between(-30.0, 40.0), random.between(8.0, 13.0));
+            let (away, height) = (
+                radius + random.between(-30.0, 40.0),
+                random.between(8.0, 13.0),
+            );
             let turn = BAND_M.0 / away;
             let points: Vec<P2> = (0..=(BAND_M.0 / BAND_M.1) as usize)
                 .map(|i| angle + turn * i as f64 * BAND_M.1 / BAND_M.0)
@@ -49,7 +53,13 @@ fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) 
     let tops: Vec<f64> = points
         .iter()
         .enumerate()
-        .map(|(i, _)| if i == 0 || i + 1 == points.len() { 2.0 } else { height_m * random.between(0.7, 1.15) })
+        .map(|(i, _)| {
+            if i == 0 || i + 1 == points.len() {
+                2.0
+            } else {
+                height_m * random.between(0.7, 1.15)
+            }
+        })
         .collect();
     let ground: Vec<f64> = points.iter().map(|&p| b.chunks.terrain.at(p)).collect();
     for i in 0..points.len() - 1 {
@@ -57,7 +67,8 @@ fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) 
         let middle = 0.5 * (p + q);
         // Over the line between both tops, so that the piece is convex.
         let flat = 0.5 * (ground[i] + tops[i] + ground[i + 1] + tops[i + 1]);
-        let peak = (0.5 * (ground[i] + ground[i + 1]) + height_m * random.between(0.85, 1.3)).max(flat + 0.5);
+        let peak = (0.5 * (ground[i] + ground[i + 1]) + height_m * random.between(0.85, 1.3))
+            .max(flat + 0.5);
         let at = |p: P2, z: f64| [p.x, p.y, z];
         let corners = [
             at(p, ground[i] - 1.0),
@@ -66,7 +77,13 @@ fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) 
             at(middle, peak),
             at(p, ground[i] + tops[i]),
         ];
-        let uv = [[0.0, 0.0], [12.0, 0.0], [12.0, 8.0], [6.0, 10.0], [0.0, 8.0]];
+        let uv = [
+            [0.0, 0.0],
+            [12.0, 0.0],
+            [12.0, 8.0],
+            [6.0, 10.0],
+            [0.0, 8.0],
+        ];
         let key = Key::at(Layer::Wood, middle);
         b.chunks.polygon(key, ALL, leaves, &corners, &uv);
         let mut back = corners;

@@ -20,25 +20,58 @@ pub fn street_lamp() -> Mesh {
     let glow = Surface::lamp(Class::POLES, [255, 226, 178], 0);
     for (n, until_m) in [(8, 40.0), (4, 130.0)] {
         let thin = if n == 8 { 0.055 } else { 0.085 };
-        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.10), ([0.0, 0.0, 7.6], thin), n);
-        tube(&mut builder, steel(), ([0.0, 0.0, 7.5], 0.8 * thin), ([1.5, 0.0, 8.0], 0.7 * thin), n);
+        tube(
+            &mut builder,
+            steel(),
+            ([0.0, 0.0, -0.05], 0.10),
+            ([0.0, 0.0, 7.6], thin),
+            n,
+        );
+        tube(
+            &mut builder,
+            steel(),
+            ([0.0, 0.0, 7.5], 0.8 * thin),
+            ([1.5, 0.0, 8.0], 0.7 * thin),
+            n,
+        );
         builder.cuboid(steel(), [1.75, 0.0, 8.03], [0.36, 0.13, 0.05]);
         builder.cuboid(glow, [1.75, 0.0, 7.97], [0.30, 0.10, 0.02]);
         if n == 8 {
-            tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.15), ([0.0, 0.0, 0.8], 0.13), n);
+            tube(
+                &mut builder,
+                steel(),
+                ([0.0, 0.0, -0.05], 0.15),
+                ([0.0, 0.0, 0.8], 0.13),
+                n,
+            );
         }
         builder.end_level(until_m);
     }
-    far_lamps(&mut builder, (steel(), glow), [0.0, 0.0, 7.75], [2.1, 0.0, 7.98], [240.0, 350.0]);
+    far_lamps(
+        &mut builder,
+        (steel(), glow),
+        [0.0, 0.0, 7.75],
+        [2.1, 0.0, 7.98],
+        [240.0, 350.0],
+    );
     builder.finish()
 }
 
-/// Two levels of a lamp from far away: its pole up to a place, from there an arm whose end glows; at last the pole alone, whose end glows.
+/// Two levels of a lamp from far away: its pole up to a place, from there an arm whose end glows;
+/// at last the pole alone, whose end glows.
 ///
-/// Poles are thicker than they are: a head without a pole would hang in the air, and pixels miss what is much narrower than they.
-pub fn far_lamps(builder: &mut MeshBuilder, (metal, glow): (Surface, Surface), top: [f32; 3], end: [f32; 3], until_m: [f32; 2]) {
+/// Poles are thicker than they are: a head without a pole would hang in the air, and pixels miss
+/// what is much narrower than they.
+pub fn far_lamps(
+    builder: &mut MeshBuilder,
+    (metal, glow): (Surface, Surface),
+    top: [f32; 3],
+    end: [f32; 3],
+    until_m: [f32; 2],
+) {
     let foot = [0.0, 0.0, -0.05];
-    let between = |share: f32| std::array::from_fn::<f32, 3, _>(|i| top[i] + (end[i] - top[i]) * share);
+    let between =
+        |share: f32| std::array::from_fn::<f32, 3, _>(|i| top[i] + (end[i] - top[i]) * share);
     post(builder, metal, foot, top, until_m[0] / 1400.0);
     if end[0] > top[0] {
         post(builder, metal, top, between(0.68), until_m[0] / 1800.0);
@@ -48,18 +81,41 @@ pub fn far_lamps(builder: &mut MeshBuilder, (metal, glow): (Surface, Surface), t
     }
     builder.end_level(until_m[0]);
     post(builder, metal, foot, top, until_m[1] / 1400.0);
-    post(builder, glow, top, [top[0], top[1], top[2] + 0.4], until_m[1] / 1400.0);
+    post(
+        builder,
+        glow,
+        top,
+        [top[0], top[1], top[2] + 0.4],
+        until_m[1] / 1400.0,
+    );
     builder.end_level(until_m[1]);
 }
 
-/// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y, over the carriageway.
+/// A traffic light's pole: +x faces the traffic that must obey; an arm reaches `arm_m` towards −y,
+/// over the carriageway.
 pub fn light_pole(arm_m: f32) -> Mesh {
     let mut builder = MeshBuilder::new("traffic light pole");
-    let top = if arm_m > 0.0 { HEADS_M.1 as f32 + 0.2 } else { HEADS_M.0 as f32 + 0.75 };
+    let top = if arm_m > 0.0 {
+        HEADS_M.1 as f32 + 0.2
+    } else {
+        HEADS_M.0 as f32 + 0.75
+    };
     for (n, until_m) in [(8, 40.0), (4, 110.0)] {
-        tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.09), ([0.0, 0.0, top], 0.07), n);
+        tube(
+            &mut builder,
+            steel(),
+            ([0.0, 0.0, -0.05], 0.09),
+            ([0.0, 0.0, top], 0.07),
+            n,
+        );
         if arm_m > 0.0 {
-            tube(&mut builder, steel(), ([0.0, 0.0, top - 0.15], 0.065), ([0.0, -arm_m, top], if n == 8 { 0.04 } else { 0.06 }), n);
+            tube(
+                &mut builder,
+                steel(),
+                ([0.0, 0.0, top - 0.15], 0.065),
+                ([0.0, -arm_m, top], if n == 8 { 0.04 } else { 0.06 }),
+                n,
+            );
         }
         if n == 8 {
             let button = Surface::new(Class::POLES, Material::Matte, [210, 170, 40]);
@@ -67,11 +123,24 @@ pub fn light_pole(arm_m: f32) -> Mesh {
         }
         builder.end_level(until_m);
     }
-    // Heads are drawn at any distance, and so is what carries them: thicker than it is, as pixels miss what is much narrower than they.
+    // Heads are drawn at any distance, and so is what carries them: thicker than it is, as pixels
+    // miss what is much narrower than they.
     for (radius, until_m) in [(0.14, 220.0), (0.24, f32::INFINITY)] {
-        post(&mut builder, steel(), [0.0, 0.0, -0.05], [0.0, 0.0, top], radius);
+        post(
+            &mut builder,
+            steel(),
+            [0.0, 0.0, -0.05],
+            [0.0, 0.0, top],
+            radius,
+        );
         if arm_m > 0.0 {
-            post(&mut builder, steel(), [0.0, 0.0, top - 0.1], [0.0, -arm_m, top], 0.7 * radius);
+            post(
+                &mut builder,
+                steel(),
+                [0.0, 0.0, top - 0.1],
+                [0.0, -arm_m, top],
+                0.7 * radius,
+            );
         }
         builder.end_level(until_m);
     }
@@ -89,18 +158,38 @@ pub fn light_head() -> Mesh {
             builder.cuboid(black, [-0.09, 0.0, 0.0], [0.012, 0.27, 0.58]);
         } else {
             // From far away the board alone, seen from both sides.
-            let board = [[0.0, -0.27, -0.58], [0.0, 0.27, -0.58], [0.0, 0.27, 0.58], [0.0, -0.27, 0.58]];
+            let board = [
+                [0.0, -0.27, -0.58],
+                [0.0, 0.27, -0.58],
+                [0.0, 0.27, 0.58],
+                [0.0, -0.27, 0.58],
+            ];
             builder.polygon(black, &board, &[[0.0; 2]; 4]);
-            builder.polygon(black, &[board[3], board[2], board[1], board[0]], &[[0.0; 2]; 4]);
+            builder.polygon(
+                black,
+                &[board[3], board[2], board[1], board[0]],
+                &[[0.0; 2]; 4],
+            );
         }
-        for (bit, (rgb, z)) in [([255, 38, 28], 0.29), ([255, 190, 30], 0.0), ([40, 255, 120], -0.29f32)].into_iter().enumerate() {
+        for (bit, (rgb, z)) in [
+            ([255, 38, 28], 0.29),
+            ([255, 190, 30], 0.0),
+            ([40, 255, 120], -0.29f32),
+        ]
+        .into_iter()
+        .enumerate()
+        {
             let disc: Vec<[f32; 3]> = (0..n)
                 .map(|k| {
                     let a = std::f32::consts::TAU * k as f32 / n as f32;
                     [0.106, 0.105 * a.cos(), z + 0.105 * a.sin()]
                 })
                 .collect();
-            builder.polygon(Surface::lamp(class, rgb, bit as u8), &disc, &vec![[0.0; 2]; n]);
+            builder.polygon(
+                Surface::lamp(class, rgb, bit as u8),
+                &disc,
+                &vec![[0.0; 2]; n],
+            );
             if n == 14 {
                 visor(&mut builder, black, z);
             }
@@ -130,15 +219,33 @@ pub fn sign(kind: SignalKind) -> Mesh {
     let mut builder = MeshBuilder::new(format!("sign {kind:?}").to_lowercase());
     let class = Class::TRAFFIC_SIGNS;
     let paint = |rgb| Surface::new(class, Material::Matte, rgb);
-    let (red, white, black, grey) = (paint([190, 22, 26]), paint([240, 240, 236]), paint([24, 24, 24]), paint([130, 132, 134]));
+    let (red, white, black, grey) = (
+        paint([190, 22, 26]),
+        paint([240, 240, 236]),
+        paint([24, 24, 24]),
+        paint([130, 132, 134]),
+    );
     for (n, until_m) in [(20usize, 30.0), (8, 80.0), (6, 180.0)] {
         if n == 20 {
-            tube(&mut builder, steel(), ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), 6);
+            tube(
+                &mut builder,
+                steel(),
+                ([0.0, 0.0, -0.05], 0.035),
+                ([0.0, 0.0, 2.75], 0.035),
+                6,
+            );
         } else {
-            // From afar thicker than it is, so that the board stands on something; no part of it before the board.
+            // From afar thicker than it is, so that the board stands on something; no part of it
+            // before the board.
             let radius = if n == 8 { 0.055 } else { 0.11 };
             let x = 0.03 - 0.9 * radius;
-            post(&mut builder, steel(), [x, 0.0, -0.05], [x, 0.0, 2.6], radius);
+            post(
+                &mut builder,
+                steel(),
+                [x, 0.0, -0.05],
+                [x, 0.0, 2.6],
+                radius,
+            );
         }
         let (sides, turn, radius) = match kind {
             SignalKind::Stop => (8, 0.5, 0.40),
@@ -158,8 +265,23 @@ pub fn sign(kind: SignalKind) -> Mesh {
         let mut back = face(radius, 0.036);
         back.reverse();
         builder.polygon(grey, &back, &uv);
-        builder.polygon(if kind == SignalKind::Stop { white } else { red }, &face(radius, 0.040), &uv);
-        let inner = if kind == SignalKind::Stop { (red, 0.93) } else { (white, if kind == SignalKind::Yield { 0.66 } else { 0.78 }) };
+        builder.polygon(
+            if kind == SignalKind::Stop { white } else { red },
+            &face(radius, 0.040),
+            &uv,
+        );
+        let inner = if kind == SignalKind::Stop {
+            (red, 0.93)
+        } else {
+            (
+                white,
+                if kind == SignalKind::Yield {
+                    0.66
+                } else {
+                    0.78
+                },
+            )
+        };
         builder.polygon(inner.0, &face(radius * inner.1, 0.046), &uv);
         match kind {
             SignalKind::Limit(kmh) if n == 20 => digits(&mut builder, black, kmh),
@@ -187,7 +309,11 @@ fn digits(builder: &mut MeshBuilder, surface: Surface, number: u32) {
         ];
         for (i, (across, up, half_across, half_up)) in bars.into_iter().enumerate() {
             if BARS[digit as usize] >> i & 1 == 1 {
-                builder.cuboid(surface, [0.05, place + across, 2.4 + up], [0.003, half_across, half_up]);
+                builder.cuboid(
+                    surface,
+                    [0.05, place + across, 2.4 + up],
+                    [0.003, half_across, half_up],
+                );
             }
         }
     }
@@ -196,13 +322,23 @@ fn digits(builder: &mut MeshBuilder, surface: Surface, number: u32) {
 /// A bench 1.8 m long; people on it look to +x.
 pub fn bench() -> Mesh {
     let mut builder = MeshBuilder::new("bench");
-    let (wood, iron) =
-        (Surface::new(Class::STATIC, Material::Matte, [128, 88, 56]), Surface::new(Class::STATIC, Material::Metal, [52, 54, 56]));
+    let (wood, iron) = (
+        Surface::new(Class::STATIC, Material::Matte, [128, 88, 56]),
+        Surface::new(Class::STATIC, Material::Metal, [52, 54, 56]),
+    );
     for k in 0..4 {
-        builder.cuboid(wood, [-0.15 + 0.12 * k as f32, 0.0, 0.45], [0.05, 0.9, 0.02]);
+        builder.cuboid(
+            wood,
+            [-0.15 + 0.12 * k as f32, 0.0, 0.45],
+            [0.05, 0.9, 0.02],
+        );
     }
     for k in 0..3 {
-        builder.cuboid(wood, [-0.24 - 0.03 * k as f32, 0.0, 0.58 + 0.13 * k as f32], [0.02, 0.9, 0.05]);
+        builder.cuboid(
+            wood,
+            [-0.24 - 0.03 * k as f32, 0.0, 0.58 + 0.13 * k as f32],
+            [0.02, 0.9, 0.05],
+        );
     }
     for y in [-0.7, 0.7] {
         builder.cuboid(iron, [0.03, y, 0.21], [0.24, 0.03, 0.22]);
@@ -221,8 +357,20 @@ pub fn bin() -> Mesh {
     let green = Surface::new(Class::DYNAMIC, Material::Metal, [46, 84, 60]);
     let dark = Surface::new(Class::DYNAMIC, Material::Rubber, [24, 26, 26]);
     for (n, until_m) in [(10, 35.0), (5, 100.0)] {
-        tube(&mut builder, green, ([0.0, 0.0, 0.0], 0.21), ([0.0, 0.0, 0.82], 0.25), n);
-        tube(&mut builder, dark, ([0.0, 0.0, 0.82], 0.26), ([0.0, 0.0, 0.95], 0.18), n);
+        tube(
+            &mut builder,
+            green,
+            ([0.0, 0.0, 0.0], 0.21),
+            ([0.0, 0.0, 0.82], 0.25),
+            n,
+        );
+        tube(
+            &mut builder,
+            dark,
+            ([0.0, 0.0, 0.82], 0.26),
+            ([0.0, 0.0, 0.95], 0.18),
+            n,
+        );
         builder.end_level(until_m);
     }
     builder.finish()
@@ -233,11 +381,29 @@ pub fn bollard() -> Mesh {
     let mut builder = MeshBuilder::new("bollard");
     let iron = Surface::new(Class::STATIC, Material::Metal, [56, 58, 62]);
     let ring = Surface::new(Class::STATIC, Material::Paint, [224, 224, 220]);
-    tube(&mut builder, iron, ([0.0, 0.0, 0.0], 0.065), ([0.0, 0.0, 0.86], 0.055), 8);
-    tube(&mut builder, ring, ([0.0, 0.0, 0.68], 0.066), ([0.0, 0.0, 0.76], 0.065), 8);
+    tube(
+        &mut builder,
+        iron,
+        ([0.0, 0.0, 0.0], 0.065),
+        ([0.0, 0.0, 0.86], 0.055),
+        8,
+    );
+    tube(
+        &mut builder,
+        ring,
+        ([0.0, 0.0, 0.68], 0.066),
+        ([0.0, 0.0, 0.76], 0.065),
+        8,
+    );
     ellipsoid(&mut builder, iron, [0.0, 0.0, 0.86], [0.06, 0.06, 0.05], 8);
     builder.end_level(30.0);
-    tube(&mut builder, iron, ([0.0, 0.0, 0.0], 0.065), ([0.0, 0.0, 0.9], 0.05), 4);
+    tube(
+        &mut builder,
+        iron,
+        ([0.0, 0.0, 0.0], 0.065),
+        ([0.0, 0.0, 0.9], 0.05),
+        4,
+    );
     builder.end_level(90.0);
     builder.finish()
 }

@@ -31,17 +31,36 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
     let reach = road.profile.kerb_m() + 0.9;
     let key = Key::at(Layer::Small, p);
     let steel = Surface::new(Class::POLES, Material::Metal, [112, 116, 120]).of(object);
-    let bar = |t0: f64, t1: f64, half: f64| [p + v * t0 - u * half, p + v * t0 + u * half, p + v * t1 + u * half, p + v * t1 - u * half];
+    let bar = |t0: f64, t1: f64, half: f64| {
+        [
+            p + v * t0 - u * half,
+            p + v * t0 + u * half,
+            p + v * t1 + u * half,
+            p + v * t1 - u * half,
+        ]
+    };
     let upright = |t: f64| bar(t + 0.16, t - 0.16, 0.16).map(|q: P2| q);
     for t in [reach, -reach] {
         let mut post = upright(t);
         post.reverse();
-        b.chunks.prism(key, ALL, steel, &ccw(post), (z - 0.3, z + CLEAR_M + 1.4));
-        box_solid(&mut b.solid, object, &ccw(post), (z - 0.3, z + CLEAR_M + 1.4));
+        b.chunks
+            .prism(key, ALL, steel, &ccw(post), (z - 0.3, z + CLEAR_M + 1.4));
+        box_solid(
+            &mut b.solid,
+            object,
+            &ccw(post),
+            (z - 0.3, z + CLEAR_M + 1.4),
+        );
     }
     for (low, high) in [(0.0, 0.16), (1.24, 1.4)] {
         let beam = ccw(bar(-reach, reach, 0.13));
-        b.chunks.prism(key, ALL, steel, &beam, (z + CLEAR_M + low, z + CLEAR_M + high));
+        b.chunks.prism(
+            key,
+            ALL,
+            steel,
+            &beam,
+            (z + CLEAR_M + low, z + CLEAR_M + high),
+        );
     }
     let panel = Surface::new(Class::TRAFFIC_SIGNS, Material::Matte, [18, 72, 148]).of(object);
     let white = Surface::new(Class::TRAFFIC_SIGNS, Material::Matte, [236, 238, 238]).of(object);
@@ -51,11 +70,25 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
         let (low, high) = (z + CLEAR_M - 0.2, z + CLEAR_M + 2.3);
         // The panel looks against the traffic.
         let face = |t0: f64, t1: f64, back: f64| (p - u * back + v * t0, p - u * back + v * t1);
-        b.chunks.wall(key, ALL, panel, face(middle + half, middle - half, 0.2), (low, high), 0.0);
+        b.chunks.wall(
+            key,
+            ALL,
+            panel,
+            face(middle + half, middle - half, 0.2),
+            (low, high),
+            0.0,
+        );
         let (a, c) = face(middle + half, middle - half, 0.17);
         b.chunks.wall(key, ALL, steel, (c, a), (low, high), 0.0);
         let stripe = |b: &mut Builder<'_>, t0: f64, t1: f64, z0: f64, z1: f64| {
-            b.chunks.wall(key, 0..=1, white, face(middle + t0, middle + t1, 0.215), (z0, z1), 0.0);
+            b.chunks.wall(
+                key,
+                0..=1,
+                white,
+                face(middle + t0, middle + t1, 0.215),
+                (z0, z1),
+                0.0,
+            );
         };
         // Frame, two lines of text as bars, an arrow down to the lane.
         stripe(b, half - 0.06, 0.06 - half, high - 0.12, high - 0.07);
@@ -71,9 +104,22 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
             }
         }
         stripe(b, 0.06, -0.06, low + 0.45, low + 0.95);
-        let (tip, base) = (face(middle, middle, 0.215).0, face(middle + 0.24, middle - 0.24, 0.215));
+        let (tip, base) = (
+            face(middle, middle, 0.215).0,
+            face(middle + 0.24, middle - 0.24, 0.215),
+        );
         let at = |q: P2, z: f64| [q.x, q.y, z];
-        b.chunks.polygon(key, 0..=1, white, &[at(tip, low + 0.2), at(base.1, low + 0.52), at(base.0, low + 0.52)], &[[0.0; 2]; 3]);
+        b.chunks.polygon(
+            key,
+            0..=1,
+            white,
+            &[
+                at(tip, low + 0.2),
+                at(base.1, low + 0.52),
+                at(base.0, low + 0.52),
+            ],
+            &[[0.0; 2]; 3],
+        );
     }
 }
 

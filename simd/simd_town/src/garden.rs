@@ -27,7 +27,13 @@ pub fn build(b: &mut Builder<'_>, lot: &Lot, house: ObjectId, houses: Houses, ra
     let f = lot.footprint_m;
     let (along, out) = ((f[1] - f[0]).normalize(), (f[0] - f[3]).normalize());
     let deep = if houses == Houses::Farms { 4.9 } else { 2.6 };
-    let edging = random.pick(&[Edging::Hedge, Edging::Hedge, Edging::Fence, Edging::Fence, Edging::Wall]);
+    let edging = random.pick(&[
+        Edging::Hedge,
+        Edging::Hedge,
+        Edging::Fence,
+        Edging::Fence,
+        Edging::Wall,
+    ]);
     let width = (f[1] - f[0]).norm();
     let gate = width * random.between(0.35, 0.65);
     let corner = |u: f64, d: f64| f[0] + along * u + out * d;
@@ -44,7 +50,12 @@ pub fn build(b: &mut Builder<'_>, lot: &Lot, house: ObjectId, houses: Houses, ra
     let object = b.object_in(Some(MapLayer::Props), Class::SIDEWALKS, "garden_path");
     let slab = Surface::new(Class::SIDEWALKS, Material::Concrete, [150, 142, 130]).of(object);
     let lift = |p: P2, b: &Builder<'_>| [p.x, p.y, b.chunks.terrain.at(p) + KERB_HEIGHT_M + 0.015];
-    let corners = [corner(gate - 0.55, deep + 0.2), corner(gate + 0.55, deep + 0.2), corner(gate + 0.55, 0.0), corner(gate - 0.55, 0.0)];
+    let corners = [
+        corner(gate - 0.55, deep + 0.2),
+        corner(gate + 0.55, deep + 0.2),
+        corner(gate + 0.55, 0.0),
+        corner(gate - 0.55, 0.0),
+    ];
     let corners = corners.map(|p| lift(p, b));
     b.chunks.sheet(Layer::Ground, 0..=1, slab, &corners);
     entrance::build(&mut b.chunks, lot, gate, house);
@@ -63,23 +74,49 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
     };
     let object = b.object_in(Some(layer), class, name);
     let key = Key::at(Layer::Small, 0.5 * (from + to));
-    let (u, v) = ((to - from) / length, crate::geometry::left((to - from) / length));
+    let (u, v) = (
+        (to - from) / length,
+        crate::geometry::left((to - from) / length),
+    );
     let (za, zb) = (b.chunks.terrain.at(from), b.chunks.terrain.at(to));
     let low = za.min(zb) + KERB_HEIGHT_M - 0.1;
     let top = za.max(zb) + KERB_HEIGHT_M;
     let bar = |from_m: f64, to_m: f64, half: f64| {
-        [from + u * from_m - v * half, from + u * to_m - v * half, from + u * to_m + v * half, from + u * from_m + v * half]
+        [
+            from + u * from_m - v * half,
+            from + u * to_m - v * half,
+            from + u * to_m + v * half,
+            from + u * from_m + v * half,
+        ]
     };
     match edging {
         Edging::Hedge => {
             let leaves = Surface::new(class, Material::Foliage, [64, 96, 44]).of(object);
-            b.chunks.prism(key, 0..=2, leaves, &bar(0.0, length, 0.3), (low, top + 1.05));
+            b.chunks.prism(
+                key,
+                0..=2,
+                leaves,
+                &bar(0.0, length, 0.3),
+                (low, top + 1.05),
+            );
         }
         Edging::Wall => {
             let stone = Surface::new(class, Material::Concrete, [150, 128, 108]).of(object);
             let cap = Surface::new(class, Material::Concrete, [176, 172, 164]).of(object);
-            b.chunks.prism(key, 0..=2, stone, &bar(0.0, length, 0.12), (low, top + 0.75));
-            b.chunks.prism(key, 0..=1, cap, &bar(-0.03, length + 0.03, 0.16), (top + 0.75, top + 0.82));
+            b.chunks.prism(
+                key,
+                0..=2,
+                stone,
+                &bar(0.0, length, 0.12),
+                (low, top + 0.75),
+            );
+            b.chunks.prism(
+                key,
+                0..=1,
+                cap,
+                &bar(-0.03, length + 0.03, 0.16),
+                (top + 0.75, top + 0.82),
+            );
         }
         Edging::Fence => {
             let wood = Surface::new(class, Material::Matte, [214, 208, 196]).of(object);
@@ -89,11 +126,18 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
                 for flip in [false, true] {
                     let (p, q) = (from + u * (s - 0.05), from + u * (s + 0.05));
                     let ends = if flip { (q, p) } else { (p, q) };
-                    b.chunks.wall(key, 0..=0, wood, ends, (low, top + 0.92), 0.0);
+                    b.chunks
+                        .wall(key, 0..=0, wood, ends, (low, top + 0.92), 0.0);
                 }
             }
             for z in [0.28, 0.7] {
-                b.chunks.prism(key, 0..=0, wood, &bar(0.0, length, 0.025), (top + z, top + z + 0.07));
+                b.chunks.prism(
+                    key,
+                    0..=0,
+                    wood,
+                    &bar(0.0, length, 0.025),
+                    (top + z, top + z + 0.07),
+                );
             }
             for flip in [false, true] {
                 let ends = if flip { (to, from) } else { (from, to) };
@@ -101,5 +145,10 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
             }
         }
     }
-    box_solid(&mut b.solid, object, &bar(0.0, length, 0.12), (low, top + 0.8));
+    box_solid(
+        &mut b.solid,
+        object,
+        &bar(0.0, length, 0.12),
+        (low, top + 0.8),
+    );
 }

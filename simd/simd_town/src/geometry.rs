@@ -1,4 +1,5 @@
-//! Plane curves of lines and arcs, parametrised by arc length: what every OpenDRIVE reader evaluates exactly alike.
+//! Plane curves of lines and arcs, parametrised by arc length: what every OpenDRIVE reader
+//! evaluates exactly alike.
 
 use nalgebra::Vector2;
 
@@ -24,7 +25,11 @@ pub fn cross(a: P2, b: P2) -> f64 {
 pub fn wrap(angle_rad: f64) -> f64 {
     let turns = (angle_rad / std::f64::consts::TAU).round();
     let wrapped = angle_rad - turns * std::f64::consts::TAU;
-    if wrapped <= -std::f64::consts::PI { wrapped + std::f64::consts::TAU } else { wrapped }
+    if wrapped <= -std::f64::consts::PI {
+        wrapped + std::f64::consts::TAU
+    } else {
+        wrapped
+    }
 }
 
 /// Heading of a vector.
@@ -48,25 +53,43 @@ pub struct Segment {
 impl Segment {
     fn line(from: P2, to: P2) -> Segment {
         let v = to - from;
-        Segment { start_m: from, heading_rad: heading(v), length_m: v.norm(), curvature_per_m: 0.0 }
+        Segment {
+            start_m: from,
+            heading_rad: heading(v),
+            length_m: v.norm(),
+            curvature_per_m: 0.0,
+        }
     }
 
     /// Arc length of the nearest point.
     fn nearest(&self, p: P2) -> f64 {
         let k = self.curvature_per_m;
         if k.abs() < 1e-12 {
-            return (p - self.start_m).dot(&unit(self.heading_rad)).clamp(0.0, self.length_m);
+            return (p - self.start_m)
+                .dot(&unit(self.heading_rad))
+                .clamp(0.0, self.length_m);
         }
         let centre = self.start_m + left(unit(self.heading_rad)) / k;
         let turned = wrap(heading(p - centre) - heading(self.start_m - centre));
-        let (along, turn) = (if k > 0.0 { turned } else { -turned }, self.length_m * k.abs());
+        let (along, turn) = (
+            if k > 0.0 { turned } else { -turned },
+            self.length_m * k.abs(),
+        );
         // Behind the end or before the start, whichever is nearer.
-        let along = if along < 0.0 && along + std::f64::consts::TAU <= turn { along + std::f64::consts::TAU } else { along };
+        let along = if along < 0.0 && along + std::f64::consts::TAU <= turn {
+            along + std::f64::consts::TAU
+        } else {
+            along
+        };
         if (0.0..=turn).contains(&along) {
             return along / k.abs();
         }
         let ends = [0.0, self.length_m].map(|s| (self.at(s).0 - p).norm());
-        if ends[0] <= ends[1] { 0.0 } else { self.length_m }
+        if ends[0] <= ends[1] {
+            0.0
+        } else {
+            self.length_m
+        }
     }
 
     /// Point and heading at arc length `s`.
@@ -76,7 +99,10 @@ impl Segment {
             return (self.start_m + unit(h) * s_m, h);
         }
         let e = h + k * s_m;
-        (self.start_m + P2::new(e.sin() - h.sin(), h.cos() - e.cos()) / k, e)
+        (
+            self.start_m + P2::new(e.sin() - h.sin(), h.cos() - e.cos()) / k,
+            e,
+        )
     }
 }
 
@@ -146,7 +172,9 @@ impl Path {
                 length_m: segment.length_m,
             }
         };
-        Path { segments: self.segments.iter().rev().map(turned).collect() }
+        Path {
+            segments: self.segments.iter().rev().map(turned).collect(),
+        }
     }
 
     /// The curve `aside_m` to the left.
@@ -160,7 +188,9 @@ impl Path {
                 ..*segment
             }
         };
-        Path { segments: self.segments.iter().map(moved).collect() }
+        Path {
+            segments: self.segments.iter().map(moved).collect(),
+        }
     }
 
     /// The closed curve's part from `from` on, `length_m` long, over its start if need be.
@@ -181,12 +211,18 @@ impl Path {
         let mut from = a;
         for (i, bend) in bends.iter().enumerate() {
             let next = bends.get(i + 1).map_or(b, |n| n.corner_m);
-            let (u, v) = ((bend.corner_m - from).normalize(), (next - bend.corner_m).normalize());
+            let (u, v) = (
+                (bend.corner_m - from).normalize(),
+                (next - bend.corner_m).normalize(),
+            );
             // A single corner between equal legs may take them whole.
-            let whole = bends.len() == 1 && ((bend.corner_m - from).norm() - (next - bend.corner_m).norm()).abs() < 1e-6;
+            let whole = bends.len() == 1
+                && ((bend.corner_m - from).norm() - (next - bend.corner_m).norm()).abs() < 1e-6;
             let turn = cross(u, v).atan2(u.dot(&v));
             let ahead = if whole { 1.0 } else { 0.49 } * (next - bend.corner_m).norm();
-            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan()).min(ahead).min((bend.corner_m - from).norm());
+            let tangent = (bend.radius_m * (0.5 * turn.abs()).tan())
+                .min(ahead)
+                .min((bend.corner_m - from).norm());
             let radius = tangent / (0.5 * turn.abs()).tan();
             let arc_start = bend.corner_m - u * tangent;
             segments.push(Segment::line(from, arc_start));
@@ -214,19 +250,27 @@ impl Path {
             let (a, b) = ((from_m - s).max(0.0), (to_m - s).min(segment.length_m));
             if b - a > 1e-6 {
                 let (start_m, heading_rad) = segment.at(a);
-                segments.push(Segment { start_m, heading_rad, length_m: b - a, ..*segment });
+                segments.push(Segment {
+                    start_m,
+                    heading_rad,
+                    length_m: b - a,
+                    ..*segment
+                });
             }
             s += segment.length_m;
         }
         Path { segments }
     }
 
-    /// A smooth curve from pose to pose: a line, line–arc–line, or two arcs. Arcs of a single turn are at most `max_radius_m` wide.
+    /// A smooth curve from pose to pose: a line, line–arc–line, or two arcs. Arcs of a single turn
+    /// are at most `max_radius_m` wide.
     pub fn connect(from: (P2, f64), to: (P2, f64), max_radius_m: f64) -> Path {
         let (u, v, d) = (unit(from.1), unit(to.1), to.0 - from.0);
         let turn = wrap(to.1 - from.1);
         if turn.abs() < 1e-9 && cross(u, d).abs() < 1e-7 && u.dot(&d) > 0.0 {
-            return Path { segments: vec![Segment::line(from.0, to.0)] };
+            return Path {
+                segments: vec![Segment::line(from.0, to.0)],
+            };
         }
         let sine = cross(u, v);
         if sine.abs() > 1e-6 {
@@ -240,13 +284,17 @@ impl Path {
         two_arcs(from, to)
     }
 
-    /// A single rounded corner of this radius where the directions meet; two arcs where they do not.
+    /// A single rounded corner of this radius where the directions meet; two arcs where they do
+    /// not.
     pub fn corner(from: (P2, f64), to: (P2, f64), radius_m: f64) -> Path {
         let (u, v, d) = (unit(from.1), unit(to.1), to.0 - from.0);
         let (turn, sine) = (wrap(to.1 - from.1), cross(u, v));
         if sine.abs() > 1e-6 {
             let reach = (cross(d, v) / sine, cross(u, d) / sine);
-            let tangent = reach.0.min(reach.1).min(radius_m * (0.5 * turn.abs()).tan());
+            let tangent = reach
+                .0
+                .min(reach.1)
+                .min(radius_m * (0.5 * turn.abs()).tan());
             if tangent > 0.05 {
                 return line_arc_line(from, to, turn, reach, tangent);
             }
@@ -254,13 +302,17 @@ impl Path {
         Path::connect(from, to, f64::INFINITY)
     }
 
-    /// Stations such that chords deviate little from the curve and no step exceeds `max_step_m`; both ends included.
+    /// Stations such that chords deviate little from the curve and no step exceeds `max_step_m`;
+    /// both ends included.
     pub fn stations(&self, max_step_m: f64) -> Vec<f64> {
         let mut stations = vec![0.0];
         let mut s = 0.0;
         for segment in &self.segments {
             let by_angle = segment.length_m * segment.curvature_per_m.abs() / 0.12;
-            let n = (segment.length_m / max_step_m).ceil().max(by_angle.ceil()).max(1.0) as usize;
+            let n = (segment.length_m / max_step_m)
+                .ceil()
+                .max(by_angle.ceil())
+                .max(1.0) as usize;
             stations.extend((1..=n).map(|i| s + segment.length_m * i as f64 / n as f64));
             s += segment.length_m;
         }
@@ -268,12 +320,23 @@ impl Path {
     }
 }
 
-fn line_arc_line(from: (P2, f64), to: (P2, f64), turn: f64, reach: (f64, f64), tangent: f64) -> Path {
+fn line_arc_line(
+    from: (P2, f64),
+    to: (P2, f64),
+    turn: f64,
+    reach: (f64, f64),
+    tangent: f64,
+) -> Path {
     let radius = tangent / (0.5 * turn.abs()).tan();
     let mut segments = Vec::new();
     let first = reach.0 - tangent;
     if first > 1e-6 {
-        segments.push(Segment { start_m: from.0, heading_rad: from.1, length_m: first, curvature_per_m: 0.0 });
+        segments.push(Segment {
+            start_m: from.0,
+            heading_rad: from.1,
+            length_m: first,
+            curvature_per_m: 0.0,
+        });
     }
     let arc_start = from.0 + unit(from.1) * first;
     segments.push(Segment {
@@ -284,7 +347,12 @@ fn line_arc_line(from: (P2, f64), to: (P2, f64), turn: f64, reach: (f64, f64), t
     });
     let last = reach.1 - tangent;
     if last > 1e-6 {
-        segments.push(Segment { start_m: to.0 - unit(to.1) * last, heading_rad: to.1, length_m: last, curvature_per_m: 0.0 });
+        segments.push(Segment {
+            start_m: to.0 - unit(to.1) * last,
+            heading_rad: to.1,
+            length_m: last,
+            curvature_per_m: 0.0,
+        });
     }
     Path { segments }
 }
@@ -294,20 +362,38 @@ fn two_arcs(from: (P2, f64), to: (P2, f64)) -> Path {
     let (u, v, d) = (unit(from.1), unit(to.1), to.0 - from.0);
     let (sum, bend) = (u + v, 2.0 * (1.0 - u.dot(&v)));
     let along = d.dot(&sum);
-    let reach =
-        if bend < 1e-9 { d.norm_squared() / (4.0 * d.dot(&v)) } else { ((along * along + bend * d.norm_squared()).sqrt() - along) / bend };
+    let reach = if bend < 1e-9 {
+        d.norm_squared() / (4.0 * d.dot(&v))
+    } else {
+        ((along * along + bend * d.norm_squared()).sqrt() - along) / bend
+    };
     let middle = 0.5 * ((from.0 + u * reach) + (to.0 - v * reach));
     let arc = |start_m: P2, heading_rad: f64, end: P2| {
         let chord = end - start_m;
         let w = unit(heading_rad);
         let turn = 2.0 * cross(w, chord).atan2(w.dot(&chord));
         let curvature_per_m = 2.0 * cross(w, chord) / chord.norm_squared();
-        let length_m = if turn.abs() < 1e-9 { chord.norm() } else { turn / curvature_per_m };
-        Segment { start_m, heading_rad, length_m, curvature_per_m: if turn.abs() < 1e-9 { 0.0 } else { curvature_per_m } }
+        let length_m = if turn.abs() < 1e-9 {
+            chord.norm()
+        } else {
+            turn / curvature_per_m
+        };
+        Segment {
+            start_m,
+            heading_rad,
+            length_m,
+            curvature_per_m: if turn.abs() < 1e-9 {
+                0.0
+            } else {
+                curvature_per_m
+            },
+        }
     };
     let first = arc(from.0, from.1, middle);
     let second = arc(middle, first.at(first.length_m).1, to.0);
-    Path { segments: vec![first, second] }
+    Path {
+        segments: vec![first, second],
+    }
 }
 
 #[cfg(test)]
@@ -316,25 +402,43 @@ mod tests {
 
     #[test]
     fn connections_end_where_they_should() {
-        for (x, y, turn) in
-            [(20.0, 0.0, 0.0), (20.0, 1.5, 0.0), (12.0, 12.0, 1.57), (12.0, -12.0, -1.4), (25.0, 2.0, 0.2), (20.0, -8.0, 0.3)]
-        {
+        for (x, y, turn) in [
+            (20.0, 0.0, 0.0),
+            (20.0, 1.5, 0.0),
+            (12.0, 12.0, 1.57),
+            (12.0, -12.0, -1.4),
+            (25.0, 2.0, 0.2),
+            (20.0, -8.0, 0.3),
+        ] {
             let from = (P2::new(3.0, 4.0), 0.4);
             let rotate = |p: P2| unit(0.4) * p.x + left(unit(0.4)) * p.y;
             let to = (from.0 + rotate(P2::new(x, y)), 0.4 + turn);
             let path = Path::connect(from, to, f64::INFINITY);
             let (p, h) = path.at(path.length_m());
-            assert!((p - to.0).norm() < 1e-9 && wrap(h - to.1).abs() < 1e-9, "{x} {y} {turn}: {p} {h}");
+            assert!(
+                (p - to.0).norm() < 1e-9 && wrap(h - to.1).abs() < 1e-9,
+                "{x} {y} {turn}: {p} {h}"
+            );
             for pair in path.segments.windows(2) {
                 let (p, h) = pair[0].at(pair[0].length_m);
-                assert!((p - pair[1].start_m).norm() < 1e-9 && wrap(h - pair[1].heading_rad).abs() < 1e-9);
+                assert!(
+                    (p - pair[1].start_m).norm() < 1e-9
+                        && wrap(h - pair[1].heading_rad).abs() < 1e-9
+                );
             }
         }
     }
 
     #[test]
     fn a_cut_path_keeps_its_points() {
-        let path = Path::rounded(P2::zeros(), &[Bend { corner_m: P2::new(50.0, 0.0), radius_m: 20.0 }], P2::new(50.0, 60.0));
+        let path = Path::rounded(
+            P2::zeros(),
+            &[Bend {
+                corner_m: P2::new(50.0, 0.0),
+                radius_m: 20.0,
+            }],
+            P2::new(50.0, 60.0),
+        );
         let cut = path.cut(10.0, 70.0);
         assert!((cut.length_m() - 60.0).abs() < 1e-9);
         for s in [0.0, 13.0, 31.0, 60.0] {

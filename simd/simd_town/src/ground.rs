@@ -41,18 +41,32 @@ fn yellow(object: ObjectId) -> Surface {
 }
 
 /// Surface and paint of a road.
-pub fn road(chunks: &mut Chunks, floor: &mut Floor, network: &Network, road: &Road, object: ObjectId) {
+pub fn road(
+    chunks: &mut Chunks,
+    floor: &mut Floor,
+    network: &Network,
+    road: &Road,
+    object: ObjectId,
+) {
     let kerb = road.profile.kerb_m();
     for pair in road.stations.windows(2) {
         let at = |s: f64, t: f64| road.point(s, t, 0.0);
-        let corners = [at(pair[0], -kerb), at(pair[1], -kerb), at(pair[1], kerb), at(pair[0], kerb)];
+        let corners = [
+            at(pair[0], -kerb),
+            at(pair[1], -kerb),
+            at(pair[1], kerb),
+            at(pair[0], kerb),
+        ];
         chunks.sheet(Layer::Ground, ALL, asphalt(object), &corners);
         floor.road.polygon(object, &corners);
     }
     let idx = road.id as usize - 1;
     let arm_at = |end: usize| {
         let arms = &network.junctions[road.ends[end]].arms;
-        *arms.iter().find(|arm| arm.road == idx && arm.at_start == (end == 0)).expect("a road ends at the junction it names")
+        *arms
+            .iter()
+            .find(|arm| arm.road == idx && arm.at_start == (end == 0))
+            .expect("a road ends at the junction it names")
     };
     let arms = [arm_at(0), arm_at(1)];
     long_lines(chunks, road, &arms, object);
@@ -73,20 +87,47 @@ impl Road {
 }
 
 /// A painted stripe along the road.
-fn stripe(chunks: &mut Chunks, levels: Levels, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64, width_m: f64) {
+fn stripe(
+    chunks: &mut Chunks,
+    levels: Levels,
+    road: &Road,
+    surface: Surface,
+    (from_m, to_m): (f64, f64),
+    t_m: f64,
+    width_m: f64,
+) {
     for pair in road.stations_between(from_m, to_m).windows(2) {
         let at = |s: f64, side: f64| road.point(s, t_m + 0.5 * side * width_m, PAINT_M);
-        let corners = [at(pair[0], -1.0), at(pair[1], -1.0), at(pair[1], 1.0), at(pair[0], 1.0)];
+        let corners = [
+            at(pair[0], -1.0),
+            at(pair[1], -1.0),
+            at(pair[1], 1.0),
+            at(pair[0], 1.0),
+        ];
         chunks.sheet(Layer::Ground, levels.clone(), surface, &corners);
     }
 }
 
-fn dashes(chunks: &mut Chunks, road: &Road, surface: Surface, (from_m, to_m): (f64, f64), t_m: f64) {
+fn dashes(
+    chunks: &mut Chunks,
+    road: &Road,
+    surface: Surface,
+    (from_m, to_m): (f64, f64),
+    t_m: f64,
+) {
     let (dash, period) = (3.0, 7.5);
     let n = ((to_m - from_m + period - dash) / period) as usize;
     for k in 0..n {
         let s = from_m + k as f64 * period;
-        stripe(chunks, 0..=1, road, surface, (s, (s + dash).min(to_m)), t_m, 0.12);
+        stripe(
+            chunks,
+            0..=1,
+            road,
+            surface,
+            (s, (s + dash).min(to_m)),
+            t_m,
+            0.12,
+        );
     }
 }
 
@@ -96,7 +137,13 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
     let profile = &road.profile;
     if profile.one_way {
         for k in 1..profile.n_lanes {
-            dashes(chunks, road, white(object), span, profile.driving_m() - k as f64 * profile.lane_m);
+            dashes(
+                chunks,
+                road,
+                white(object),
+                span,
+                profile.driving_m() - k as f64 * profile.lane_m,
+            );
         }
     } else if profile.main {
         for t in [-0.12, 0.12] {
@@ -107,9 +154,23 @@ fn long_lines(chunks: &mut Chunks, road: &Road, arms: &[Arm; 2], object: ObjectI
     }
     for side in [1.0, -1.0] {
         for k in 1..if profile.one_way { 1 } else { profile.n_lanes } {
-            dashes(chunks, road, white(object), span, side * k as f64 * profile.lane_m);
+            dashes(
+                chunks,
+                road,
+                white(object),
+                span,
+                side * k as f64 * profile.lane_m,
+            );
         }
-        stripe(chunks, 0..=1, road, white(object), span, side * profile.driving_m(), 0.12);
+        stripe(
+            chunks,
+            0..=1,
+            road,
+            white(object),
+            span,
+            side * profile.driving_m(),
+            0.12,
+        );
     }
 }
 
@@ -124,14 +185,30 @@ fn across(chunks: &mut Chunks, network: &Network, arm: &Arm, road: &Road, object
         let side = if arm.at_start { 1.0 } else { -1.0 };
         let outer = road.profile.driving_m() - 0.08;
         let inner = if road.profile.one_way { -outer } else { 0.2 };
-        stripe(chunks, 0..=1, road, white(object), span(STOP_M - 0.2, STOP_M + 0.2), side * 0.5 * (inner + outer), outer - inner);
+        stripe(
+            chunks,
+            0..=1,
+            road,
+            white(object),
+            span(STOP_M - 0.2, STOP_M + 0.2),
+            side * 0.5 * (inner + outer),
+            outer - inner,
+        );
     }
     if arm.crosswalk {
         let half = road.profile.kerb_m() - 0.3;
         let n = (2.0 * half / 1.0).floor();
         for k in 0..n as usize {
             let t = (k as f64 - 0.5 * (n - 1.0)) * 1.0;
-            stripe(chunks, 0..=0, road, white(object), span(CROSSWALK_M.0, CROSSWALK_M.1), t, 0.5);
+            stripe(
+                chunks,
+                0..=0,
+                road,
+                white(object),
+                span(CROSSWALK_M.0, CROSSWALK_M.1),
+                t,
+                0.5,
+            );
         }
     }
 }
@@ -145,21 +222,32 @@ fn arrows(chunks: &mut Chunks, network: &Network, junction: usize, arm_idx: usiz
     let side = if arm.at_start { 1.0 } else { -1.0 };
     for lane in 1..=road.profile.n_lanes as i32 {
         let id = if arm.at_start { lane } else { -lane };
-        let middle = side * (road.profile.lane_left_m(lane as usize - 1) + 0.5 * road.profile.lane_m);
+        let middle =
+            side * (road.profile.lane_left_m(lane as usize - 1) + 0.5 * road.profile.lane_m);
         // (forward, left) in driving direction, from the arrow's tail.
-        let at = |(forward, left): (f64, f64)| road.point(network.arm_station(arm, STOP_M + 8.5 - forward), middle - side * left, PAINT_M);
+        let at = |(forward, left): (f64, f64)| {
+            road.point(
+                network.arm_station(arm, STOP_M + 8.5 - forward),
+                middle - side * left,
+                PAINT_M,
+            )
+        };
         let turns: Vec<f64> = (network.links.iter())
             .filter(|link| link.junction == junction && link.from == (arm_idx, id))
             .map(|link| wrap(arms[link.to.0].heading_rad - arm.heading_rad - std::f64::consts::PI))
             .collect();
         let straight = turns.iter().any(|turn| turn.abs() < 0.6);
         let tip = if straight { 3.2 } else { 1.55 };
-        let mut shapes: Vec<Vec<(f64, f64)>> = vec![vec![(0.0, -0.08), (tip, -0.08), (tip, 0.08), (0.0, 0.08)]];
+        let mut shapes: Vec<Vec<(f64, f64)>> =
+            vec![vec![(0.0, -0.08), (tip, -0.08), (tip, 0.08), (0.0, 0.08)]];
         if straight {
             shapes.push(vec![(3.2, -0.26), (4.2, 0.0), (3.2, 0.26)]);
         }
         for turn in turns.iter().filter(|turn| turn.abs() >= 0.6) {
-            let branch = [vec![(1.55, 0.08), (2.3, 0.62), (2.15, 0.75), (1.30, 0.08)], vec![(2.39, 0.47), (2.77, 1.12), (2.05, 0.91)]];
+            let branch = [
+                vec![(1.55, 0.08), (2.3, 0.62), (2.15, 0.75), (1.30, 0.08)],
+                vec![(2.39, 0.47), (2.77, 1.12), (2.05, 0.91)],
+            ];
             shapes.extend(branch.map(|mut corners| {
                 if *turn < 0.0 {
                     corners.iter_mut().for_each(|corner| corner.1 = -corner.1);
@@ -189,17 +277,40 @@ fn bays(chunks: &mut Chunks, road: &Road, object: ObjectId) {
         for k in 0..=n {
             let s = BAYS_M.0 + k as f64 * BAYS_M.1;
             let t = side * (road.profile.driving_m() + 0.5 * road.profile.edge_m);
-            stripe(chunks, 0..=0, road, white(object), (s - 0.05, s + 0.05), t, road.profile.edge_m - 0.25);
+            stripe(
+                chunks,
+                0..=0,
+                road,
+                white(object),
+                (s - 0.05, s + 0.05),
+                t,
+                road.profile.edge_m - 0.25,
+            );
         }
     }
 }
 
 /// The area between the roads' ends.
-pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: usize, object: ObjectId) {
+pub fn junction(
+    chunks: &mut Chunks,
+    floor: &mut Floor,
+    network: &Network,
+    idx: usize,
+    object: ObjectId,
+) {
     let junction = &network.junctions[idx];
     let border = network.border(idx);
     let heights = vec![junction.height_m; border.len()];
-    let fill = Fill::of(&Border { points_m: &border, heights_m: &heights, outside: false }, false, 0.0, &[]);
+    let fill = Fill::of(
+        &Border {
+            points_m: &border,
+            heights_m: &heights,
+            outside: false,
+        },
+        false,
+        0.0,
+        &[],
+    );
     for triangle in &fill.triangles {
         let corners = triangle.map(|i| [fill.points_m[i].x, fill.points_m[i].y, junction.height_m]);
         chunks.sheet(Layer::Ground, ALL, asphalt(object), &corners);
@@ -213,10 +324,12 @@ pub fn junction(chunks: &mut Chunks, floor: &mut Floor, network: &Network, idx: 
     }
 }
 
-/// Longest chord of a line through a junction: on the sharpest bend of a motorway it is off by less than half a line's width.
+/// Longest chord of a line through a junction: on the sharpest bend of a motorway it is off by less
+/// than half a line's width.
 const LINE_CHORD_M: f64 = 2.5;
 
-/// Lines of a motorway where ramps leave and arrive and where lanes begin and end: those of its roads go on.
+/// Lines of a motorway where ramps leave and arrive and where lanes begin and end: those of its
+/// roads go on.
 fn carriageway_lines(chunks: &mut Chunks, network: &Network, idx: usize, object: ObjectId) {
     let junction = &network.junctions[idx];
     for link in network.links.iter().filter(|link| link.junction == idx) {
@@ -230,7 +343,12 @@ fn carriageway_lines(chunks: &mut Chunks, network: &Network, idx: usize, object:
                     [p.x, p.y, junction.height_m + PAINT_M]
                 };
                 let (a, b) = (station(k), station(k + 1));
-                chunks.sheet(Layer::Ground, 0..=1, white(object), &[at(a, -0.06), at(b, -0.06), at(b, 0.06), at(a, 0.06)]);
+                chunks.sheet(
+                    Layer::Ground,
+                    0..=1,
+                    white(object),
+                    &[at(a, -0.06), at(b, -0.06), at(b, 0.06), at(a, 0.06)],
+                );
             }
         };
         let asides: [&dyn Fn(f64) -> f64; 2] = [&|_| 0.0, &|s| -link.width_at(s)];
@@ -257,7 +375,11 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
     let pavement = (slabs, stone);
     let grass = Surface::new(Class::TERRAIN, Material::Grass, [95, 111, 66]).of(object);
     for i in (0..n).filter(|&i| !ring.seam[i]) {
-        let (slabs, stone) = if ring.verge[i] && ring.verge[(i + 1) % n] { (grass, grass) } else { pavement };
+        let (slabs, stone) = if ring.verge[i] && ring.verge[(i + 1) % n] {
+            (grass, grass)
+        } else {
+            pavement
+        };
         let k = (i + 1) % n;
         let (a, b) = (ring.kerb_m[i], ring.kerb_m[k]);
         if (a - b).norm() < 1e-6 && (ring.back_m[i] - ring.back_m[k]).norm() < 1e-6 {
@@ -270,18 +392,38 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
         let inner = |i: usize| {
             let across = ring.back_m[i] - ring.kerb_m[i];
             let share = (STONE_M / across.norm()).min(0.5);
-            lift(ring.kerb_m[i] + across * share, i, ring.rise_m[i] + (KERB_HEIGHT_M - ring.rise_m[i]) * share)
+            lift(
+                ring.kerb_m[i] + across * share,
+                i,
+                ring.rise_m[i] + (KERB_HEIGHT_M - ring.rise_m[i]) * share,
+            )
         };
         let whole = [kerb(i), kerb(k), back(k), back(i)];
-        chunks.sheet(Layer::Ground, 0..=0, stone, &[kerb(i), kerb(k), inner(k), inner(i)]);
-        chunks.sheet(Layer::Ground, 0..=0, slabs, &[inner(i), inner(k), back(k), back(i)]);
+        chunks.sheet(
+            Layer::Ground,
+            0..=0,
+            stone,
+            &[kerb(i), kerb(k), inner(k), inner(i)],
+        );
+        chunks.sheet(
+            Layer::Ground,
+            0..=0,
+            slabs,
+            &[inner(i), inner(k), back(k), back(i)],
+        );
         chunks.sheet(Layer::Ground, 1..=2, slabs, &whole);
         floor.raised.polygon(object, &whole);
         if (a - b).norm() > 1e-6 {
             let key = Key::at(Layer::Ground, 0.5 * (a + b));
             let face = [lift(a, i, -0.08), lift(b, k, -0.08), kerb(k), kerb(i)];
             let (length, height) = ((b - a).norm() as f32, KERB_HEIGHT_M as f32 + 0.08);
-            chunks.polygon(key, 0..=1, stone, &face, &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]]);
+            chunks.polygon(
+                key,
+                0..=1,
+                stone,
+                &face,
+                &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]],
+            );
             floor.raised.polygon(object, &face);
         }
     }
@@ -290,13 +432,27 @@ pub fn pavement(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, object: Obj
 /// Yard, lawn or open country behind the pavements, with its ponds.
 pub fn block(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, object: ObjectId) {
     let surface = if green {
-        Surface::new(Class::TERRAIN, Material::Grass, if ring.outside { [100, 114, 70] } else { [92, 113, 63] })
+        Surface::new(
+            Class::TERRAIN,
+            Material::Grass,
+            if ring.outside {
+                [100, 114, 70]
+            } else {
+                [92, 113, 63]
+            },
+        )
     } else {
         Surface::new(Class::GROUND, Material::Concrete, [128, 124, 116])
     };
     let ground = &ring.ground;
     for triangle in &ground.triangles {
-        let corners = triangle.map(|i| [ground.points_m[i].x, ground.points_m[i].y, ground.heights_m[i] + KERB_HEIGHT_M]);
+        let corners = triangle.map(|i| {
+            [
+                ground.points_m[i].x,
+                ground.points_m[i].y,
+                ground.heights_m[i] + KERB_HEIGHT_M,
+            ]
+        });
         chunks.sheet(Layer::Ground, ALL, surface.of(object), &corners);
         floor.raised.polygon(object, &corners);
     }
@@ -306,11 +462,21 @@ pub fn block(chunks: &mut Chunks, floor: &mut Floor, ring: &Ring, green: bool, o
 pub fn pond(chunks: &mut Chunks, pond: &Pond, object: ObjectId) {
     let water = Surface::new(Class::WATER, Material::Water, [38, 62, 66]).of(object);
     let at = |k: usize| {
-        let p = pond.middle_m + unit(std::f64::consts::TAU * k as f64 / 24.0) * (pond.radius_m + 8.0);
+        let p =
+            pond.middle_m + unit(std::f64::consts::TAU * k as f64 / 24.0) * (pond.radius_m + 8.0);
         [p.x, p.y, pond.level_m + KERB_HEIGHT_M]
     };
-    let middle = [pond.middle_m.x, pond.middle_m.y, pond.level_m + KERB_HEIGHT_M];
+    let middle = [
+        pond.middle_m.x,
+        pond.middle_m.y,
+        pond.level_m + KERB_HEIGHT_M,
+    ];
     for k in 0..24 {
-        chunks.sheet(Layer::Ground, ALL, water, &[middle, at(k), at((k + 1) % 24)]);
+        chunks.sheet(
+            Layer::Ground,
+            ALL,
+            water,
+            &[middle, at(k), at((k + 1) % 24)],
+        );
     }
 }

@@ -1,7 +1,9 @@
 //! Numbers of Town10HD's spawn points that CARLA's guides use.
 //!
-//! Its guide to the Traffic Manager sends cars from two spawn points along lists of others, by number. Numbers mean places here as there: at
-//! those numbers stand points that follow each other along lanes, one per road, so that cars which are led from one to the next need not
+//! Its guide to the Traffic Manager sends cars from two spawn points along lists of others, by
+//! number. Numbers mean places here as there: at
+//! those numbers stand points that follow each other along lanes, one per road, so that cars which
+//! are led from one to the next need not
 //! turn round.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,15 +12,26 @@ use schema_roads::{LaneKey, LaneKind, RoadMap};
 use schema_types::Pose;
 
 /// The guide's two routes: where cars start, then where they are led.
-pub const ROUTES: [&[usize]; 2] = [&[32, 129, 28, 124, 33, 97, 119, 58, 154, 147], &[149, 21, 76, 38, 34, 90, 3]];
+pub const ROUTES: [&[usize]; 2] = [
+    &[32, 129, 28, 124, 33, 97, 119, 58, 154, 147],
+    &[149, 21, 76, 38, 34, 90, 3],
+];
 
 /// Spawn points by the lane that they stand on, in its direction.
 type OnLanes = BTreeMap<LaneKey, Vec<usize>>;
 
-/// Exchanges points so that the guide's routes lie along lanes. The first and the last point stay: other guides drive from one to the other.
+/// Exchanges points so that the guide's routes lie along lanes. The first and the last point stay:
+/// other guides drive from one to the other.
 pub fn number(points: &mut [Pose], open_drive: &str) {
-    let Ok(roads) = RoadMap::parse(open_drive) else { return };
-    let most = ROUTES.iter().flat_map(|route| route.iter()).max().copied().unwrap_or_default();
+    let Ok(roads) = RoadMap::parse(open_drive) else {
+        return;
+    };
+    let most = ROUTES
+        .iter()
+        .flat_map(|route| route.iter())
+        .max()
+        .copied()
+        .unwrap_or_default();
     if points.len() <= most + 1 {
         return;
     }
@@ -29,11 +42,18 @@ pub fn number(points: &mut [Pose], open_drive: &str) {
         let begins = on_lanes.keys().copied().collect::<Vec<_>>();
         let found = begins.into_iter().find_map(|lane| {
             let mut lanes = vec![lane];
-            (!used.contains(&lane.road) && extend(&roads, &on_lanes, &used, &mut lanes, numbers.len())).then_some(lanes)
+            (!used.contains(&lane.road)
+                && extend(&roads, &on_lanes, &used, &mut lanes, numbers.len()))
+            .then_some(lanes)
         });
         let Some(lanes) = found else { continue };
         used.extend(lanes.iter().map(|lane| lane.road));
-        places.extend(numbers.iter().zip(&lanes).map(|(number, lane)| (*number, on_lanes[lane][on_lanes[lane].len() / 2])));
+        places.extend(
+            numbers
+                .iter()
+                .zip(&lanes)
+                .map(|(number, lane)| (*number, on_lanes[lane][on_lanes[lane].len() / 2])),
+        );
     }
     // Where each of the old points is by now.
     let mut now: Vec<usize> = (0..points.len()).collect();
@@ -47,7 +67,9 @@ pub fn number(points: &mut [Pose], open_drive: &str) {
 fn on_lanes(points: &[Pose], roads: &RoadMap) -> OnLanes {
     let mut found: BTreeMap<LaneKey, Vec<(f64, usize)>> = BTreeMap::new();
     for (idx, point) in points.iter().enumerate().take(points.len() - 1).skip(1) {
-        let on = roads.nearest(point.translation_m, |lane| lane.kind == LaneKind::Driving && lane.junction.is_none());
+        let on = roads.nearest(point.translation_m, |lane| {
+            lane.kind == LaneKind::Driving && lane.junction.is_none()
+        });
         if let Some(at) = on {
             found.entry(at.lane).or_default().push((at.s_m, idx));
         }
@@ -61,12 +83,21 @@ fn on_lanes(points: &[Pose], roads: &RoadMap) -> OnLanes {
         .collect()
 }
 
-/// Goes on from the last lane, through one junction at a time, to as many lanes with points as are wanted; no road twice.
-fn extend(roads: &RoadMap, on_lanes: &OnLanes, used: &BTreeSet<u32>, lanes: &mut Vec<LaneKey>, n_wanted: usize) -> bool {
+/// Goes on from the last lane, through one junction at a time, to as many lanes with points as are
+/// wanted; no road twice.
+fn extend(
+    roads: &RoadMap,
+    on_lanes: &OnLanes,
+    used: &BTreeSet<u32>,
+    lanes: &mut Vec<LaneKey>,
+    n_wanted: usize,
+) -> bool {
     if lanes.len() == n_wanted {
         return true;
     }
-    let Some(last) = lanes.last().copied() else { return false };
+    let Some(last) = lanes.last().copied() else {
+        return false;
+    };
     for exit in exits(roads, last) {
         let is_new = !used.contains(&exit.road) && lanes.iter().all(|lane| lane.road != exit.road);
         if is_new && on_lanes.contains_key(&exit) {
@@ -87,7 +118,9 @@ fn exits(roads: &RoadMap, lane: LaneKey) -> Vec<LaneKey> {
     for _ in 0..MOST_STEPS {
         let Some(next) = open.pop() else { break };
         match roads.lane(next) {
-            Some(inside) if inside.junction.is_some() || next.road == lane.road => open.extend(roads.successors(next)),
+            Some(inside) if inside.junction.is_some() || next.road == lane.road => {
+                open.extend(roads.successors(next))
+            }
             Some(_) => exits.push(next),
             None => {}
         }

@@ -1,6 +1,8 @@
-//! Generated towns: a street network written as OpenDRIVE, the scenery that belongs to it, and vehicle bodies.
+//! Generated towns: a street network written as OpenDRIVE, the scenery that belongs to it, and
+//! vehicle bodies.
 //!
-//! Everything is a function of (name, seed): the same pair gives the same bytes. No GPU, no physics, no I/O.
+//! Everything is a function of (name, seed): the same pair gives the same bytes. No GPU, no
+//! physics, no I/O.
 //!
 //! ```text
 //!   plan (nodes, streets) ─► network (roads, junctions, lanes, signals) ─► OpenDRIVE text, spawn points
@@ -55,4 +57,6 @@ pub use person::{PersonMeshes, PersonShape, person_meshes};
 pub use town::{CollisionMesh, LightSite, Town, TownError};
 pub use vehicle::door::{Door, DoorMeshes, DoorMotion, door_meshes, outfitted_door_meshes};
 pub use vehicle::outfit::Outfit;
-pub use vehicle::{BodyStyle, VehicleMeshes, VehicleShape, WheelSite, outfitted_meshes, vehicle_meshes};
+pub use vehicle::{
+    BodyStyle, VehicleMeshes, VehicleShape, WheelSite, outfitted_meshes, vehicle_meshes,
+};

@@ -34,7 +34,8 @@ pub struct Road {
     pub bridge: Option<(f64, f64)>,
     /// Junction indices at start and end.
     pub ends: [usize; 2],
-    /// Stations of the surface's corners: chords deviate little from the road, sideways and in height.
+    /// Stations of the surface's corners: chords deviate little from the road, sideways and in
+    /// height.
     pub stations: Vec<f64>,
 }
 
@@ -60,7 +61,11 @@ impl Road {
     pub fn stations_between(&self, from_m: f64, to_m: f64) -> Vec<f64> {
         let mut stations = vec![from_m];
         let first = self.stations.partition_point(|&s| s <= from_m + 0.05);
-        stations.extend(self.stations[first..].iter().take_while(|&&s| s < to_m - 0.05));
+        stations.extend(
+            self.stations[first..]
+                .iter()
+                .take_while(|&&s| s < to_m - 0.05),
+        );
         stations.push(to_m);
         stations
     }
@@ -73,7 +78,9 @@ impl Road {
     /// Parts that lie on the ground: the whole road, or what is before and behind a bridge.
     pub fn on_ground(&self) -> Vec<(f64, f64)> {
         let length = self.path.length_m();
-        self.bridge.map_or(vec![(0.0, length)], |(from, to)| vec![(0.0, from), (to, length)])
+        self.bridge.map_or(vec![(0.0, length)], |(from, to)| {
+            vec![(0.0, from), (to, length)]
+        })
     }
 }
 
@@ -196,7 +203,11 @@ pub struct Network {
 impl Network {
     /// Lays out a plan.
     pub fn build(plan: &Plan) -> Network {
-        let course = |s: &Street| s.course.clone().unwrap_or_else(|| Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to]));
+        let course = |s: &Street| {
+            s.course.clone().unwrap_or_else(|| {
+                Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to])
+            })
+        };
         let whole: Vec<Path> = plan.streets.iter().map(course).collect();
         let mut trims = vec![[0.0; 2]; plan.streets.len()];
         let mut junctions = Vec::new();
@@ -219,7 +230,12 @@ impl Network {
                 }
             }
             junctions.push(right_of_way::control(
-                Junction { id: 2001 + node as u32, height_m: plan.heights_m[node], arms, control: Control::Lights },
+                Junction {
+                    id: 2001 + node as u32,
+                    height_m: plan.heights_m[node],
+                    arms,
+                    control: Control::Lights,
+                },
                 plan,
             ));
         }
@@ -230,19 +246,43 @@ impl Network {
             .zip(&trims)
             .enumerate()
             .map(|(i, ((street, path), trim))| {
-                let (whole_m, path) = (path.length_m(), path.cut(trim[0], path.length_m() - trim[1]));
+                let (whole_m, path) = (
+                    path.length_m(),
+                    path.cut(trim[0], path.length_m() - trim[1]),
+                );
                 let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
                 // Shares of the whole street are shares of what the junctions left of it.
                 let share = |share: f64| (share * whole_m - trim[0]) / path.length_m();
-                let rises: Vec<(f64, f64)> = street.rises_m.iter().map(|&(at, rise_m)| (share(at), rise_m)).collect();
+                let rises: Vec<(f64, f64)> = street
+                    .rises_m
+                    .iter()
+                    .map(|&(at, rise_m)| (share(at), rise_m))
+                    .collect();
                 let elevation = Elevation::between(path.length_m(), from_m, to_m, &rises);
-                let bridge = street.bridge_m.map(|(from, to)| (from - trim[0], to - trim[0]));
+                let bridge = street
+                    .bridge_m
+                    .map(|(from, to)| (from - trim[0], to - trim[0]));
                 let ends = [street.from, street.to];
                 let stations = stations(&path, &elevation, bridge);
-                Road { id: 1 + i as u32, path, elevation, profile: street.profile, tunnel: street.tunnel, bridge, ends, stations }
+                Road {
+                    id: 1 + i as u32,
+                    path,
+                    elevation,
+                    profile: street.profile,
+                    tunnel: street.tunnel,
+                    bridge,
+                    ends,
+                    stations,
+                }
             })
             .collect();
-        let mut network = Network { roads, junctions, links: Vec::new(), signals: Vec::new(), stages: Vec::new() };
+        let mut network = Network {
+            roads,
+            junctions,
+            links: Vec::new(),
+            signals: Vec::new(),
+            stages: Vec::new(),
+        };
         for junction in 0..network.junctions.len() {
             let links = connect::links_of(&network, junction);
             network.links.extend(links);
@@ -254,13 +294,18 @@ impl Network {
 
     /// Whether everything has the height 0.
     pub fn is_level(&self) -> bool {
-        self.junctions.iter().all(|junction| junction.height_m == 0.0) && self.roads.iter().all(|road| road.elevation.is_level())
+        self.junctions
+            .iter()
+            .all(|junction| junction.height_m == 0.0)
+            && self.roads.iter().all(|road| road.elevation.is_level())
     }
 
     /// The edge of a junction's surface, counter-clockwise.
     pub fn border(&self, junction: usize) -> Vec<P2> {
         let arms = 0..self.junctions[junction].arms.len();
-        let mut border: Vec<P2> = arms.flat_map(|i| corner(self, junction, i).kerb_m).collect();
+        let mut border: Vec<P2> = arms
+            .flat_map(|i| corner(self, junction, i).kerb_m)
+            .collect();
         border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
         border
     }
@@ -278,7 +323,11 @@ impl Network {
 
     /// Station of the road that lies `away_m` metres from the junction along the arm.
     pub fn arm_station(&self, arm: &Arm, away_m: f64) -> f64 {
-        if arm.at_start { away_m } else { self.roads[arm.road].path.length_m() - away_m }
+        if arm.at_start {
+            away_m
+        } else {
+            self.roads[arm.road].path.length_m() - away_m
+        }
     }
 }
 
@@ -291,9 +340,19 @@ fn arms_of(plan: &Plan, whole: &[Path], node: usize) -> Vec<Arm> {
     for (road, street) in plan.streets.iter().enumerate() {
         for (at_start, end) in [(true, street.from), (false, street.to)] {
             if end == node {
-                let s = if at_start { 0.0 } else { whole[road].length_m() };
+                let s = if at_start {
+                    0.0
+                } else {
+                    whole[road].length_m()
+                };
                 let heading_rad = wrap(whole[road].at(s).1 + if at_start { 0.0 } else { PI });
-                arms.push(Arm { road, at_start, heading_rad, waits: true, crosswalk: !street.profile.verge });
+                arms.push(Arm {
+                    road,
+                    at_start,
+                    heading_rad,
+                    waits: true,
+                    crosswalk: !street.profile.verge,
+                });
             }
         }
     }
@@ -301,7 +360,8 @@ fn arms_of(plan: &Plan, whole: &[Path], node: usize) -> Vec<Arm> {
     arms
 }
 
-/// How far from the node each of two neighbouring arms must end, the second `angle` to the left of the first.
+/// How far from the node each of two neighbouring arms must end, the second `angle` to the left of
+/// the first.
 fn corner_needs(a: Profile, b: Profile, angle: f64) -> (f64, f64) {
     if !(SHARPEST_RAD..2.9).contains(&angle) {
         return (6.0, 6.0);

@@ -76,13 +76,32 @@ pub struct SceneryLamp {
 impl SceneryLamp {
     /// The lit windows of a building.
     pub(crate) fn windows(object: ObjectId, position_m: [f64; 3]) -> SceneryLamp {
-        SceneryLamp { object, position_m, rgb: [255, 206, 148], intensity_lm: 2000.0, group: LampGroup::Building }
+        SceneryLamp {
+            object,
+            position_m,
+            rgb: [255, 206, 148],
+            intensity_lm: 2000.0,
+            group: LampGroup::Building,
+        }
     }
 }
 
 impl SceneryObject {
-    pub(crate) fn new(id: ObjectId, class: Class, name: String, layer: Option<MapLayer>) -> SceneryObject {
-        SceneryObject { id, class, name, layer, pose: Pose::default(), box_pose: Pose::default(), box_half_m: [0.0; 3] }
+    pub(crate) fn new(
+        id: ObjectId,
+        class: Class,
+        name: String,
+        layer: Option<MapLayer>,
+    ) -> SceneryObject {
+        SceneryObject {
+            id,
+            class,
+            name,
+            layer,
+            pose: Pose::default(),
+            box_pose: Pose::default(),
+            box_half_m: [0.0; 3],
+        }
     }
 }
 
@@ -94,7 +113,10 @@ struct Extent {
 }
 
 impl Extent {
-    const NONE: Extent = Extent { low: Vector3::new(f64::MAX, f64::MAX, f64::MAX), high: Vector3::new(f64::MIN, f64::MIN, f64::MIN) };
+    const NONE: Extent = Extent {
+        low: Vector3::new(f64::MAX, f64::MAX, f64::MAX),
+        high: Vector3::new(f64::MIN, f64::MIN, f64::MIN),
+    };
 
     fn add(&mut self, p: Vector3<f64>) {
         (self.low, self.high) = (self.low.inf(&p), self.high.sup(&p));
@@ -105,7 +127,8 @@ impl Extent {
     }
 }
 
-/// Measures every object's box: along its mesh's axes where it is one mesh, along the world's where it is part of larger ones.
+/// Measures every object's box: along its mesh's axes where it is one mesh, along the world's where
+/// it is part of larger ones.
 /// Objects without a triangle are taken out.
 pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
     let index = |id: ObjectId| (id.0 & !schema_types::id::SCENERY_BIT) as usize;
@@ -117,14 +140,17 @@ pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
         if each.object != ObjectId::BACKGROUND {
             let local = of_mesh[each.mesh.0 as usize].get_or_insert_with(|| {
                 let mut extent = Extent::NONE;
-                mesh.vertices.iter().for_each(|v| extent.add(Vector3::from(v.position_m).cast()));
+                mesh.vertices
+                    .iter()
+                    .for_each(|v| extent.add(Vector3::from(v.position_m).cast()));
                 extent
             });
             whole[index(each.object)] = Some((each.world_from_mesh, *local));
             continue;
         }
         for vertex in &mesh.vertices {
-            let p = each.world_from_mesh * Point3::from(Vector3::from(vertex.position_m).cast::<f64>());
+            let p =
+                each.world_from_mesh * Point3::from(Vector3::from(vertex.position_m).cast::<f64>());
             part_of[index(ObjectId(vertex.object_id))].add(p.coords);
         }
     }
@@ -134,11 +160,17 @@ pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
         if extent.is_empty() {
             continue;
         }
-        let middle =
-            Isometry3::from_parts(nalgebra::Translation3::from(0.5 * (extent.low + extent.high)), nalgebra::UnitQuaternion::identity());
+        let middle = Isometry3::from_parts(
+            nalgebra::Translation3::from(0.5 * (extent.low + extent.high)),
+            nalgebra::UnitQuaternion::identity(),
+        );
         object.box_pose = (frame * middle).into();
         object.box_half_m = (0.5 * (extent.high - extent.low)).into();
-        object.pose = if whole[idx].is_some() { frame.into() } else { object.box_pose };
+        object.pose = if whole[idx].is_some() {
+            frame.into()
+        } else {
+            object.box_pose
+        };
     }
     objects.retain(|object| object.box_half_m != [0.0; 3]);
 }

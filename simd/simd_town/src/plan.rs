@@ -1,4 +1,5 @@
-//! What a town's streets look like before any geometry: nodes, streets between them, cross-sections.
+//! What a town's streets look like before any geometry: nodes, streets between them,
+//! cross-sections.
 //!
 //! A further town is a further function that returns a [`Plan`]; everything behind it is shared.
 
@@ -55,7 +56,8 @@ impl Profile {
         self.n_lanes as f64 * self.lane_m * if self.one_way { 0.5 } else { 1.0 }
     }
 
-    /// Left edge of a lane (0 is the leftmost), metres to the right of the reference line as its drivers see it.
+    /// Left edge of a lane (0 is the leftmost), metres to the right of the reference line as its
+    /// drivers see it.
     pub fn lane_left_m(&self, lane: usize) -> f64 {
         lane as f64 * self.lane_m - if self.one_way { self.driving_m() } else { 0.0 }
     }
@@ -160,7 +162,16 @@ pub struct Street {
 impl Street {
     /// A street on level ground.
     pub fn new(from: usize, to: usize, bends: Vec<Bend>, profile: Profile) -> Street {
-        Street { from, to, bends, profile, course: None, rises_m: Vec::new(), tunnel: false, bridge_m: None }
+        Street {
+            from,
+            to,
+            bends,
+            profile,
+            course: None,
+            rises_m: Vec::new(),
+            tunnel: false,
+            bridge_m: None,
+        }
     }
 }
 
@@ -194,10 +205,21 @@ pub struct Plan {
 const COLUMNS_M: [f64; 6] = [-205.0, -128.0, -48.0, 38.0, 122.0, 205.0];
 const ROWS_M: [f64; 6] = [-200.0, -120.0, -38.0, 44.0, 126.0, 200.0];
 /// Grid edges that are left out: (column, row) of the first node, and whether it runs along x.
-const LEFT_OUT: [(usize, usize, bool); 5] = [(1, 1, false), (3, 1, true), (3, 4, true), (1, 4, true), (4, 2, false)];
+const LEFT_OUT: [(usize, usize, bool); 5] = [
+    (1, 1, false),
+    (3, 1, true),
+    (3, 4, true),
+    (1, 4, true),
+    (4, 2, false),
+];
 /// Grid edges that bow: the same and metres to the left.
-const BOWED: [(usize, usize, bool, f64); 5] =
-    [(1, 2, true, 7.0), (4, 1, false, -8.0), (3, 4, false, 6.0), (0, 3, false, 9.0), (3, 0, true, -9.0)];
+const BOWED: [(usize, usize, bool, f64); 5] = [
+    (1, 2, true, 7.0),
+    (4, 1, false, -8.0),
+    (3, 4, false, 6.0),
+    (0, 3, false, 9.0),
+    (3, 0, true, -9.0),
+];
 
 /// The dense centre: an irregular grid inside a ring with rounded corners, two avenues crossing.
 pub fn dense_centre(name: &str, seed: u64) -> Plan {
@@ -208,10 +230,14 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
             let (c, r) = (i % n, i / n);
             let (jx, jy) = (random.between(-6.0, 6.0), random.between(-6.0, 6.0));
             let inner = |k: usize| k > 0 && k + 1 < n;
-            P2::new(COLUMNS_M[c] + if inner(c) { jx } else { 0.0 }, ROWS_M[r] + if inner(r) { jy } else { 0.0 })
+            P2::new(
+                COLUMNS_M[c] + if inner(c) { jx } else { 0.0 },
+                ROWS_M[r] + if inner(r) { jy } else { 0.0 },
+            )
         })
         .collect();
-    let is_corner = |i: usize| (i.is_multiple_of(n) || i % n == n - 1) && (i / n == 0 || i / n == n - 1);
+    let is_corner =
+        |i: usize| (i.is_multiple_of(n) || i % n == n - 1) && (i / n == 0 || i / n == n - 1);
     let (mut nodes_m, mut node_of) = (Vec::new(), vec![usize::MAX; n * n]);
     for i in (0..n * n).filter(|&i| !is_corner(i)) {
         node_of[i] = nodes_m.len();
@@ -221,20 +247,34 @@ pub fn dense_centre(name: &str, seed: u64) -> Plan {
     for i in 0..n * n {
         for along_x in [true, false] {
             let (c, r) = (i % n, i / n);
-            if (along_x && c + 1 == n) || (!along_x && r + 1 == n) || LEFT_OUT.contains(&(c, r, along_x)) {
+            if (along_x && c + 1 == n)
+                || (!along_x && r + 1 == n)
+                || LEFT_OUT.contains(&(c, r, along_x))
+            {
                 continue;
             }
             let j = if along_x { i + 1 } else { i + n };
             if !is_corner(i) && !is_corner(j) {
                 let bends = bow(&grid, i, j, along_x, n);
-                streets.push(Street::new(node_of[i], node_of[j], bends, profile(c, r, along_x, n)));
+                streets.push(Street::new(
+                    node_of[i],
+                    node_of[j],
+                    bends,
+                    profile(c, r, along_x, n),
+                ));
             }
         }
     }
-    for (corner, a, b) in
-        [(0, 1, n), (n - 1, n - 2, 2 * n - 1), (n * (n - 1), n * (n - 2), n * (n - 1) + 1), (n * n - 1, n * n - 2, n * (n - 1) - 1)]
-    {
-        let bends = vec![Bend { corner_m: grid[corner], radius_m: 34.0 }];
+    for (corner, a, b) in [
+        (0, 1, n),
+        (n - 1, n - 2, 2 * n - 1),
+        (n * (n - 1), n * (n - 2), n * (n - 1) + 1),
+        (n * n - 1, n * n - 2, n * (n - 1) - 1),
+    ] {
+        let bends = vec![Bend {
+            corner_m: grid[corner],
+            radius_m: 34.0,
+        }];
         streets.push(Street::new(node_of[a], node_of[b], bends, RING));
     }
     let middle = |i: usize, j: usize| 0.5 * (grid[i] + grid[j]);
@@ -266,8 +306,16 @@ fn profile(c: usize, r: usize, along_x: bool, n: usize) -> Profile {
 }
 
 fn bow(grid: &[P2], i: usize, j: usize, along_x: bool, n: usize) -> Vec<Bend> {
-    let Some(&(.., aside_m)) = BOWED.iter().find(|b| (b.0, b.1, b.2) == (i % n, i / n, along_x)) else { return Vec::new() };
+    let Some(&(.., aside_m)) = BOWED
+        .iter()
+        .find(|b| (b.0, b.1, b.2) == (i % n, i / n, along_x))
+    else {
+        return Vec::new();
+    };
     let middle = 0.5 * (grid[i] + grid[j]);
     let across = crate::geometry::left((grid[j] - grid[i]).normalize());
-    vec![Bend { corner_m: middle + across * aside_m, radius_m: 55.0 }]
+    vec![Bend {
+        corner_m: middle + across * aside_m,
+        radius_m: 55.0,
+    }]
 }

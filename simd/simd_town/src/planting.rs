@@ -20,12 +20,19 @@ const AVENUE: u64 = 0x76;
 const WARM_DEG: f64 = 36.0;
 
 impl Builder<'_> {
-    /// Trees where houses left room: in corners and yards, along verges, and in a belt round the town.
+    /// Trees where houses left room: in corners and yards, along verges, and in a belt round the
+    /// town.
     pub fn green_gaps(&mut self, kit: &Kit, ring: &Ring, lots: &[Lot], random: &mut Random) {
         let n = ring.back_m.len();
-        let around: f64 = (0..n).map(|i| (ring.back_m[(i + 1) % n] - ring.back_m[i]).norm()).sum();
+        let around: f64 = (0..n)
+            .map(|i| (ring.back_m[(i + 1) % n] - ring.back_m[i]).norm())
+            .sum();
         let country = matches!(self.plan.houses, Houses::Cottages | Houses::Farms);
-        let wanted = if ring.outside { (around / 9.0) as usize } else { (around / if country { 14.0 } else { 42.0 }) as usize };
+        let wanted = if ring.outside {
+            (around / 9.0) as usize
+        } else {
+            (around / if country { 14.0 } else { 42.0 }) as usize
+        };
         let wanted = wanted.clamp(5, 330);
         let deepest = if ring.outside {
             95.0
@@ -37,7 +44,9 @@ impl Builder<'_> {
         let clear = |p: P2| {
             let near = |lot: &Lot| {
                 let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-                (middle - p).norm() < 22.0 && (0..12).any(|k| contains(&lot.footprint_m, p + unit(f64::from(k) * 0.53) * 2.4))
+                (middle - p).norm() < 22.0
+                    && (0..12)
+                        .any(|k| contains(&lot.footprint_m, p + unit(f64::from(k) * 0.53) * 2.4))
             };
             !lots.iter().any(near)
         };
@@ -73,8 +82,13 @@ impl Builder<'_> {
         let mut spots: Vec<P2> = Vec::new();
         for _ in 0..900 {
             let p = middle + P2::new(random.between(-60.0, 60.0), random.between(-90.0, 90.0));
-            let deep = contains(&ring.back_m, p) && contains(&ring.back_m, p + (p - middle).normalize() * 2.5);
-            if spots.len() < 70 && deep && self.is_free(p, 1.0) && spots.iter().all(|q| (p - q).norm() > 5.5) {
+            let deep = contains(&ring.back_m, p)
+                && contains(&ring.back_m, p + (p - middle).normalize() * 2.5);
+            if spots.len() < 70
+                && deep
+                && self.is_free(p, 1.0)
+                && spots.iter().all(|q| (p - q).norm() > 5.5)
+            {
                 spots.push(p);
             }
         }
@@ -89,10 +103,22 @@ impl Builder<'_> {
                 let inward = left((b - a).normalize());
                 if k % 12 > 1 {
                     let yaw = random.between(0.0, std::f64::consts::TAU);
-                    self.stand(kit.bush, (MapLayer::Foliage, Class::VEGETATION, "hedge"), p + inward * 0.7, KERB_HEIGHT_M, yaw);
+                    self.stand(
+                        kit.bush,
+                        (MapLayer::Foliage, Class::VEGETATION, "hedge"),
+                        p + inward * 0.7,
+                        KERB_HEIGHT_M,
+                        yaw,
+                    );
                 }
                 if k % 12 == 6 {
-                    self.stand(kit.bench, (MapLayer::Props, Class::STATIC, "bench"), p + inward * 2.2, KERB_HEIGHT_M, heading(inward));
+                    self.stand(
+                        kit.bench,
+                        (MapLayer::Props, Class::STATIC, "bench"),
+                        p + inward * 2.2,
+                        KERB_HEIGHT_M,
+                        heading(inward),
+                    );
                 }
             }
         }
@@ -101,7 +127,11 @@ impl Builder<'_> {
     /// A tree of a kind that suits the town, on the ground.
     pub fn tree(&mut self, kit: &Kit, p: P2, random: &mut Random) {
         let conifers = matches!(self.plan.houses, Houses::Farms) || p.norm() > 330.0;
-        let mesh = if conifers && random.chance(0.4) { random.pick(&kit.conifers) } else { random.pick(&kit.trees) };
+        let mesh = if conifers && random.chance(0.4) {
+            random.pick(&kit.conifers)
+        } else {
+            random.pick(&kit.trees)
+        };
         let yaw = random.between(0.0, std::f64::consts::TAU);
         self.plant(mesh, p, yaw);
     }
@@ -110,14 +140,28 @@ impl Builder<'_> {
     pub fn street_tree(&mut self, kit: &Kit, road: usize, p: P2, random: &mut Random) {
         let mut kinds = Random::new(self.seed, AVENUE, road as u64);
         let is_warm = self.plan.lat_lon_deg.0.abs() < WARM_DEG;
-        let usual = if is_warm && kinds.chance(0.45) { kit.palm } else { kinds.pick(&kit.trees) };
-        let mesh = if random.chance(0.85) { usual } else { random.pick(&kit.trees) };
+        let usual = if is_warm && kinds.chance(0.45) {
+            kit.palm
+        } else {
+            kinds.pick(&kit.trees)
+        };
+        let mesh = if random.chance(0.85) {
+            usual
+        } else {
+            random.pick(&kit.trees)
+        };
         let yaw = random.between(0.0, std::f64::consts::TAU);
         self.plant(mesh, p, yaw);
     }
 
     fn plant(&mut self, mesh: MeshId, p: P2, yaw_rad: f64) {
-        let object = self.stand(mesh, (MapLayer::Foliage, Class::VEGETATION, "tree"), p, KERB_HEIGHT_M, yaw_rad);
+        let object = self.stand(
+            mesh,
+            (MapLayer::Foliage, Class::VEGETATION, "tree"),
+            p,
+            KERB_HEIGHT_M,
+            yaw_rad,
+        );
         self.pole_solid(object, p, 0.17, 4.0);
     }
 }

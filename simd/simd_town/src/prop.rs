@@ -54,7 +54,8 @@ pub enum PropStyle {
     Plate,
 }
 
-/// Measures and colours of a thing. Its origin is on the ground in the middle; x forward, y left, z up.
+/// Measures and colours of a thing. Its origin is on the ground in the middle; x forward, y left, z
+/// up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PropShape {
     /// Family.
@@ -89,33 +90,69 @@ impl Kit<'_> {
         2.0 * self.half[2]
     }
 
-    /// A box from shares of the half extents: middle and half size, heights as shares of the whole height.
+    /// A box from shares of the half extents: middle and half size, heights as shares of the whole
+    /// height.
     fn block(&mut self, material: Material, rgb: [u8; 3], middle: [f32; 3], half: [f32; 3]) {
         let [x, y, z] = self.half;
         let surface = self.surface(material, rgb);
         let centre_m = [middle[0] * x, middle[1] * y, middle[2] * 2.0 * z];
-        self.builder.cuboid(surface, centre_m, [half[0] * x, half[1] * y, half[2] * 2.0 * z]);
+        self.builder.cuboid(
+            surface,
+            centre_m,
+            [half[0] * x, half[1] * y, half[2] * 2.0 * z],
+        );
     }
 
-    /// A turned body: (height, width) as shares of the height and the half extents, with the material of the band above.
+    /// A turned body: (height, width) as shares of the height and the half extents, with the
+    /// material of the band above.
     fn turned(&mut self, n: usize, profile: &[(f32, f32, Material, [u8; 3])]) {
         let [x, y, _] = self.half;
         let height = self.height();
-        let rings: Vec<Ring> =
-            profile.iter().map(|(z, w, ..)| Ring { z_m: z * height, x_m: 0.0, half_x_m: w * x, half_y_m: w * y }).collect();
+        let rings: Vec<Ring> = profile
+            .iter()
+            .map(|(z, w, ..)| Ring {
+                z_m: z * height,
+                x_m: 0.0,
+                half_x_m: w * x,
+                half_y_m: w * y,
+            })
+            .collect();
         let class = self.class;
-        stack(self.builder, &rings, n, |i| Surface::new(class, profile[i].2, profile[i].3));
+        stack(self.builder, &rings, n, |i| {
+            Surface::new(class, profile[i].2, profile[i].3)
+        });
     }
 
     /// A round bar between two points in shares of the box.
-    fn bar(&mut self, material: Material, rgb: [u8; 3], from: [f32; 3], to: [f32; 3], radius_m: f32, n: usize) {
+    fn bar(
+        &mut self,
+        material: Material,
+        rgb: [u8; 3],
+        from: [f32; 3],
+        to: [f32; 3],
+        radius_m: f32,
+        n: usize,
+    ) {
         let [x, y, z] = self.half;
         let at = |p: [f32; 3]| [p[0] * x, p[1] * y, p[2] * 2.0 * z];
         let surface = self.surface(material, rgb);
-        tube(self.builder, surface, (at(from), radius_m), (at(to), radius_m), n);
+        tube(
+            self.builder,
+            surface,
+            (at(from), radius_m),
+            (at(to), radius_m),
+            n,
+        );
     }
 
-    fn blob(&mut self, material: Material, rgb: [u8; 3], middle: [f32; 3], half: [f32; 3], n: usize) {
+    fn blob(
+        &mut self,
+        material: Material,
+        rgb: [u8; 3],
+        middle: [f32; 3],
+        half: [f32; 3],
+        n: usize,
+    ) {
         let [x, y, z] = self.half;
         let surface = self.surface(material, rgb);
         ellipsoid(
@@ -137,7 +174,13 @@ pub fn prop_mesh(shape: &PropShape) -> Mesh {
     let mut builder = MeshBuilder::new(format!("prop {:?}", shape.style).to_lowercase());
     for (n, until_m) in [(12, NEAR_M), (8, f32::INFINITY)] {
         let half = shape.half_m.map(|x| x as f32);
-        let mut kit = Kit { builder: &mut builder, half, class: shape.class, main: shape.rgb, accent: shape.accent_rgb };
+        let mut kit = Kit {
+            builder: &mut builder,
+            half,
+            class: shape.class,
+            main: shape.rgb,
+            accent: shape.accent_rgb,
+        };
         build(&mut kit, shape.style, n);
         builder.end_level(until_m);
     }
@@ -159,8 +202,18 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
         PropStyle::Cone => {
             kit.block(Rubber, [36, 36, 38], [0.0, 0.0, 0.025], [1.0, 1.0, 0.025]);
             let (o, w) = ((Matte, main), (Matte, accent));
-            let rows = [(0.05, 0.78, o), (0.36, 0.56, w), (0.52, 0.45, o), (0.66, 0.36, w), (0.78, 0.28, o), (1.0, 0.12, o)];
-            kit.turned(n, &rows.map(|(z, w, (material, rgb))| (z, w, material, rgb)));
+            let rows = [
+                (0.05, 0.78, o),
+                (0.36, 0.56, w),
+                (0.52, 0.45, o),
+                (0.66, 0.36, w),
+                (0.78, 0.28, o),
+                (1.0, 0.12, o),
+            ];
+            kit.turned(
+                n,
+                &rows.map(|(z, w, (material, rgb))| (z, w, material, rgb)),
+            );
         }
         PropStyle::Barrel => {
             let rows = [
@@ -175,7 +228,13 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
             kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
         }
         PropStyle::Bin => {
-            let rows = [(0.0, 0.78, main), (0.80, 0.96, accent), (0.84, 1.0, accent), (0.90, 1.0, dark), (1.0, 0.55, dark)];
+            let rows = [
+                (0.0, 0.78, main),
+                (0.80, 0.96, accent),
+                (0.84, 1.0, accent),
+                (0.90, 1.0, dark),
+                (1.0, 0.55, dark),
+            ];
             kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
             kit.block(Matte, [24, 24, 26], [0.80, 0.0, 0.70], [0.14, 0.42, 0.05]);
         }
@@ -217,13 +276,30 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
             for z in [0.42, 0.86] {
                 for k in 0..8 {
                     let rgb = if k % 2 == 0 { main } else { accent };
-                    kit.block(Matte, rgb, [0.0, -0.875 + 0.25 * k as f32, z], [0.22, 0.125, 0.11]);
+                    kit.block(
+                        Matte,
+                        rgb,
+                        [0.0, -0.875 + 0.25 * k as f32, z],
+                        [0.22, 0.125, 0.11],
+                    );
                 }
             }
-            kit.block(Lamp, [255, 170, 40], [0.0, 0.84, 0.985], [0.30, 0.03, 0.015]);
+            kit.block(
+                Lamp,
+                [255, 170, 40],
+                [0.0, 0.84, 0.985],
+                [0.30, 0.03, 0.015],
+            );
         }
         PropStyle::Sign => {
-            kit.bar(Metal, [150, 152, 156], [0.0, 0.0, 0.0], [0.0, 0.0, 0.98], thin.max(0.02), n);
+            kit.bar(
+                Metal,
+                [150, 152, 156],
+                [0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.98],
+                thin.max(0.02),
+                n,
+            );
             kit.block(Metal, main, [0.0, 0.0, 0.84], [0.5, 1.0, 0.16]);
             kit.block(Matte, accent, [0.55, 0.0, 0.84], [0.45, 0.86, 0.12]);
             kit.block(Metal, [120, 122, 126], [0.0, 0.0, 0.01], [1.0, 0.3, 0.01]);
@@ -235,8 +311,12 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
             kit.block(Matte, main, [0.18, 0.0, 0.66], [0.10, 0.86, 0.27]);
         }
         PropStyle::Plant => {
-            let rows =
-                [(0.0, 0.42, Concrete, main), (0.28, 0.60, Concrete, dark), (0.32, 0.62, Concrete, dark), (0.33, 0.50, Bark, [70, 52, 38])];
+            let rows = [
+                (0.0, 0.42, Concrete, main),
+                (0.28, 0.60, Concrete, dark),
+                (0.32, 0.62, Concrete, dark),
+                (0.33, 0.50, Bark, [70, 52, 38]),
+            ];
             kit.turned(n, &rows);
             let leaves: [([f32; 3], [f32; 3]); 4] = [
                 ([0.0, 0.0, 0.72], [0.72, 0.72, 0.28]),
@@ -250,12 +330,18 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
         }
         PropStyle::Tree => {
             let stem = 0.10;
-            let rows =
-                [(0.0, 1.5 * stem, Bark, main), (0.06, stem, Bark, main), (0.55, 0.7 * stem, Bark, main), (0.8, 0.3 * stem, Bark, main)];
+            let rows = [
+                (0.0, 1.5 * stem, Bark, main),
+                (0.06, stem, Bark, main),
+                (0.55, 0.7 * stem, Bark, main),
+                (0.8, 0.3 * stem, Bark, main),
+            ];
             kit.turned(8, &rows);
-            for (middle, half) in
-                [([0.0, 0.0, 0.72], [1.0, 1.0, 0.28]), ([0.35, 0.3, 0.55], [0.6, 0.6, 0.16]), ([-0.35, -0.25, 0.52], [0.62, 0.6, 0.15])]
-            {
+            for (middle, half) in [
+                ([0.0, 0.0, 0.72], [1.0, 1.0, 0.28]),
+                ([0.35, 0.3, 0.55], [0.6, 0.6, 0.16]),
+                ([-0.35, -0.25, 0.52], [0.62, 0.6, 0.15]),
+            ] {
                 kit.blob(Foliage, accent, middle, half, n.max(8));
             }
         }
@@ -303,16 +389,36 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 kit.bar(Metal, accent, [x, y, 0.0], [x, y, 0.96], thin.max(0.03), 8);
             }
             kit.block(Metal, main, [0.0, 0.0, 0.97], [1.0, 1.0, 0.03]);
-            kit.block(Glass, [160, 180, 190], [-0.9, 0.0, 0.55], [0.02, 0.88, 0.35]);
+            kit.block(
+                Glass,
+                [160, 180, 190],
+                [-0.9, 0.0, 0.55],
+                [0.02, 0.88, 0.35],
+            );
             kit.block(Bark, dark, [-0.45, 0.0, 0.2], [0.3, 0.6, 0.02]);
             kit.block(Metal, accent, [-0.45, 0.0, 0.09], [0.06, 0.5, 0.09]);
         }
         PropStyle::Lamp => {
-            let rows = [(0.0, 0.8, dark), (0.04, 0.4, main), (0.10, 0.22, main), (0.72, 0.18, main), (0.74, 0.7, dark), (0.77, 0.9, dark)];
+            let rows = [
+                (0.0, 0.8, dark),
+                (0.04, 0.4, main),
+                (0.10, 0.22, main),
+                (0.72, 0.18, main),
+                (0.74, 0.7, dark),
+                (0.77, 0.9, dark),
+            ];
             kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
-            let bulb = [(0.77, 0.70, Lamp, accent), (0.92, 0.92, Lamp, accent), (0.93, 0.8, Lamp, accent)];
+            let bulb = [
+                (0.77, 0.70, Lamp, accent),
+                (0.92, 0.92, Lamp, accent),
+                (0.93, 0.8, Lamp, accent),
+            ];
             kit.turned(n, &bulb);
-            let hat = [(0.93, 1.0, Metal, dark), (0.95, 1.0, Metal, dark), (1.0, 0.1, Metal, dark)];
+            let hat = [
+                (0.93, 1.0, Metal, dark),
+                (0.95, 1.0, Metal, dark),
+                (1.0, 0.1, Metal, dark),
+            ];
             kit.turned(n, &hat);
         }
         PropStyle::Fountain => {
@@ -376,26 +482,47 @@ mod tests {
     fn every_family_fits_its_box_to_a_centimetre() {
         use PropStyle::*;
         let all = [
-            Crate, Cone, Barrel, Bin, Bench, Chair, Table, Barrier, Sign, Board, Plant, Tree, Bag, Debris, Container, Shelter, Lamp,
-            Fountain, Cart, Round, Plate,
+            Crate, Cone, Barrel, Bin, Bench, Chair, Table, Barrier, Sign, Board, Plant, Tree, Bag,
+            Debris, Container, Shelter, Lamp, Fountain, Cart, Round, Plate,
         ];
         for style in all {
             for half_m in [[0.3, 0.4, 0.5], [1.1, 0.6, 1.2]] {
-                let shape = PropShape { style, half_m, rgb: [200, 90, 30], accent_rgb: [240; 3], class: Class::STATIC };
+                let shape = PropShape {
+                    style,
+                    half_m,
+                    rgb: [200, 90, 30],
+                    accent_rgb: [240; 3],
+                    class: Class::STATIC,
+                };
                 let mesh = prop_mesh(&shape);
                 let (mut low, mut high) = ([f32::MAX; 3], [f32::MIN; 3]);
                 for (corners, vertex) in mesh.triangles() {
                     assert_eq!(vertex.class, Class::STATIC.0);
                     for corner in corners {
-                        (0..3).for_each(|i| (low[i], high[i]) = (low[i].min(corner[i]), high[i].max(corner[i])));
+                        (0..3).for_each(|i| {
+                            (low[i], high[i]) = (low[i].min(corner[i]), high[i].max(corner[i]))
+                        });
                     }
                 }
-                let expected = [(-half_m[0], half_m[0]), (-half_m[1], half_m[1]), (0.0, 2.0 * half_m[2])];
+                let expected = [
+                    (-half_m[0], half_m[0]),
+                    (-half_m[1], half_m[1]),
+                    (0.0, 2.0 * half_m[2]),
+                ];
                 for (axis, (from, to)) in expected.into_iter().enumerate() {
-                    let off = (f64::from(low[axis]) - from).abs().max((f64::from(high[axis]) - to).abs());
-                    assert!(off < 0.01, "{style:?} axis {axis}: {low:?} {high:?} {half_m:?}");
+                    let off = (f64::from(low[axis]) - from)
+                        .abs()
+                        .max((f64::from(high[axis]) - to).abs());
+                    assert!(
+                        off < 0.01,
+                        "{style:?} axis {axis}: {low:?} {high:?} {half_m:?}"
+                    );
                 }
-                assert!(mesh.n_triangles() < 800, "{style:?}: {}", mesh.n_triangles());
+                assert!(
+                    mesh.n_triangles() < 800,
+                    "{style:?}: {}",
+                    mesh.n_triangles()
+                );
             }
         }
     }

@@ -18,16 +18,52 @@ pub fn lantern() -> Mesh {
     let mut builder = MeshBuilder::new("lantern");
     let glow = Surface::lamp(Class::POLES, [255, 220, 160], 0);
     for (n, until_m) in [(8, 35.0), (4, 110.0)] {
-        tube(&mut builder, iron(), ([0.0, 0.0, -0.05], 0.075), ([0.0, 0.0, 4.05], 0.045), n);
-        tube(&mut builder, glow, ([0.0, 0.0, 4.05], 0.13), ([0.0, 0.0, 4.45], 0.2), n);
-        tube(&mut builder, iron(), ([0.0, 0.0, 4.45], 0.26), ([0.0, 0.0, 4.68], 0.03), n);
+        tube(
+            &mut builder,
+            iron(),
+            ([0.0, 0.0, -0.05], 0.075),
+            ([0.0, 0.0, 4.05], 0.045),
+            n,
+        );
+        tube(
+            &mut builder,
+            glow,
+            ([0.0, 0.0, 4.05], 0.13),
+            ([0.0, 0.0, 4.45], 0.2),
+            n,
+        );
+        tube(
+            &mut builder,
+            iron(),
+            ([0.0, 0.0, 4.45], 0.26),
+            ([0.0, 0.0, 4.68], 0.03),
+            n,
+        );
         if n == 8 {
-            tube(&mut builder, iron(), ([0.0, 0.0, -0.05], 0.15), ([0.0, 0.0, 0.55], 0.11), n);
-            tube(&mut builder, iron(), ([0.0, 0.0, 3.5], 0.07), ([0.0, 0.0, 3.62], 0.07), n);
+            tube(
+                &mut builder,
+                iron(),
+                ([0.0, 0.0, -0.05], 0.15),
+                ([0.0, 0.0, 0.55], 0.11),
+                n,
+            );
+            tube(
+                &mut builder,
+                iron(),
+                ([0.0, 0.0, 3.5], 0.07),
+                ([0.0, 0.0, 3.62], 0.07),
+                n,
+            );
         }
         builder.end_level(until_m);
     }
-    far_lamps(&mut builder, (iron(), glow), [0.0, 0.0, 4.05], [0.0, 0.0, 4.6], [190.0, 300.0]);
+    far_lamps(
+        &mut builder,
+        (iron(), glow),
+        [0.0, 0.0, 4.05],
+        [0.0, 0.0, 4.6],
+        [190.0, 300.0],
+    );
     builder.finish()
 }
 
@@ -38,13 +74,31 @@ pub fn mast() -> Mesh {
     let glow = Surface::lamp(Class::POLES, [255, 232, 196], 0);
     for (n, until_m) in [(8, 40.0), (4, 140.0)] {
         let thin = if n == 8 { 0.07 } else { 0.10 };
-        tube(&mut builder, steel, ([0.0, 0.0, -0.05], 0.13), ([0.0, 0.0, 11.0], thin), n);
-        tube(&mut builder, steel, ([0.0, 0.0, 10.9], 0.8 * thin), ([1.9, 0.0, 11.3], 0.7 * thin), n);
+        tube(
+            &mut builder,
+            steel,
+            ([0.0, 0.0, -0.05], 0.13),
+            ([0.0, 0.0, 11.0], thin),
+            n,
+        );
+        tube(
+            &mut builder,
+            steel,
+            ([0.0, 0.0, 10.9], 0.8 * thin),
+            ([1.9, 0.0, 11.3], 0.7 * thin),
+            n,
+        );
         builder.cuboid(steel, [2.2, 0.0, 11.32], [0.42, 0.16, 0.06]);
         builder.cuboid(glow, [2.2, 0.0, 11.25], [0.36, 0.13, 0.02]);
         builder.end_level(until_m);
     }
-    far_lamps(&mut builder, (steel, glow), [0.0, 0.0, 11.1], [2.6, 0.0, 11.3], [260.0, 420.0]);
+    far_lamps(
+        &mut builder,
+        (steel, glow),
+        [0.0, 0.0, 11.1],
+        [2.6, 0.0, 11.3],
+        [260.0, 420.0],
+    );
     builder.finish()
 }
 
@@ -53,11 +107,35 @@ pub fn hydrant() -> Mesh {
     let mut builder = MeshBuilder::new("hydrant");
     let red = Surface::new(Class::STATIC, Material::Matte, [176, 36, 30]);
     for (n, until_m) in [(10, 28.0), (4, 80.0)] {
-        tube(&mut builder, red, ([0.0, 0.0, 0.0], 0.13), ([0.0, 0.0, 0.08], 0.13), n);
-        tube(&mut builder, red, ([0.0, 0.0, 0.0], 0.1), ([0.0, 0.0, 0.6], 0.09), n);
+        tube(
+            &mut builder,
+            red,
+            ([0.0, 0.0, 0.0], 0.13),
+            ([0.0, 0.0, 0.08], 0.13),
+            n,
+        );
+        tube(
+            &mut builder,
+            red,
+            ([0.0, 0.0, 0.0], 0.1),
+            ([0.0, 0.0, 0.6], 0.09),
+            n,
+        );
         if n == 10 {
-            tube(&mut builder, red, ([0.0, -0.17, 0.42], 0.045), ([0.0, 0.17, 0.42], 0.045), 6);
-            tube(&mut builder, red, ([0.0, 0.0, 0.38], 0.055), ([0.17, 0.0, 0.38], 0.055), 6);
+            tube(
+                &mut builder,
+                red,
+                ([0.0, -0.17, 0.42], 0.045),
+                ([0.0, 0.17, 0.42], 0.045),
+                6,
+            );
+            tube(
+                &mut builder,
+                red,
+                ([0.0, 0.0, 0.38], 0.055),
+                ([0.17, 0.0, 0.38], 0.055),
+                6,
+            );
             ellipsoid(&mut builder, red, [0.0, 0.0, 0.6], [0.1, 0.1, 0.1], 8);
         }
         builder.end_level(until_m);
@@ -73,12 +151,20 @@ pub fn planter() -> Mesh {
     for (n, until_m) in [(7, 30.0), (4, 90.0)] {
         builder.cuboid(stone, [0.0, 0.0, 0.25], [0.75, 0.3, 0.25]);
         for k in 0..if n == 7 { 5 } else { 2 } {
-            let (x, r) = if n == 7 { (-0.56 + 0.28 * k as f32, 0.19) } else { (-0.36 + 0.72 * k as f32, 0.34) };
+            let (x, r) = if n == 7 {
+                (-0.56 + 0.28 * k as f32, 0.19)
+            } else {
+                (-0.36 + 0.72 * k as f32, 0.34)
+            };
             ellipsoid(&mut builder, leaves, [x, 0.0, 0.56], [r, 0.24, 0.2], n);
         }
         if n == 7 {
             for k in 0..8 {
-                let flower = Surface::new(Class::VEGETATION, Material::Matte, [[206, 60, 84], [236, 190, 60], [232, 232, 236]][k % 3]);
+                let flower = Surface::new(
+                    Class::VEGETATION,
+                    Material::Matte,
+                    [[206, 60, 84], [236, 190, 60], [232, 232, 236]][k % 3],
+                );
                 let (x, y) = (-0.6 + 0.17 * k as f32, if k % 2 == 0 { 0.1 } else { -0.1 });
                 builder.cuboid(flower, [x, y, 0.74], [0.035, 0.035, 0.02]);
             }
@@ -95,7 +181,9 @@ pub fn rack() -> Mesh {
     for (n, until_m) in [(5, 28.0), (3, 70.0)] {
         for k in 0..4 {
             let x = -0.9 + 0.6 * k as f32;
-            let rail = |b: &mut MeshBuilder, from: [f32; 3], to: [f32; 3]| tube(b, steel, (from, 0.025), (to, 0.025), n);
+            let rail = |b: &mut MeshBuilder, from: [f32; 3], to: [f32; 3]| {
+                tube(b, steel, (from, 0.025), (to, 0.025), n)
+            };
             rail(&mut builder, [x, -0.32, -0.02], [x, -0.32, 0.78]);
             rail(&mut builder, [x, 0.32, -0.02], [x, 0.32, 0.78]);
             rail(&mut builder, [x, -0.33, 0.78], [x, 0.33, 0.78]);
@@ -141,7 +229,10 @@ pub fn manhole() -> Mesh {
     let ring = Surface::new(Class::ROADS, Material::Matte, [92, 92, 92]);
     for (n, until_m) in [(14usize, 22.0), (8, 45.0)] {
         let disc = |r: f32, z: f32| -> Vec<[f32; 3]> {
-            (0..n).map(|k| std::f32::consts::TAU * k as f32 / n as f32).map(|a| [r * a.cos(), r * a.sin(), z]).collect()
+            (0..n)
+                .map(|k| std::f32::consts::TAU * k as f32 / n as f32)
+                .map(|a| [r * a.cos(), r * a.sin(), z])
+                .collect()
         };
         builder.polygon(ring, &disc(0.4, 0.006), &vec![[0.0; 2]; n]);
         builder.polygon(iron, &disc(0.33, 0.011), &vec![[0.0; 2]; n]);
@@ -159,11 +250,23 @@ pub fn power_pole() -> Mesh {
     let wood = Surface::new(Class::POLES, Material::Bark, [104, 84, 64]);
     let glass = Surface::new(Class::POLES, Material::Matte, [188, 196, 194]);
     for (n, until_m) in [(7, 45.0), (3, 300.0)] {
-        tube(&mut builder, wood, ([0.0, 0.0, -0.3], 0.15), ([0.0, 0.0, 8.4], 0.1), n);
+        tube(
+            &mut builder,
+            wood,
+            ([0.0, 0.0, -0.3], 0.15),
+            ([0.0, 0.0, 8.4], 0.1),
+            n,
+        );
         builder.cuboid(wood, [0.0, 0.0, 7.95], [0.06, 1.05, 0.07]);
         if n == 7 {
             for y in WIRES_M.1 {
-                tube(&mut builder, glass, ([0.0, y as f32, 8.0], 0.04), ([0.0, y as f32, WIRES_M.0 as f32], 0.03), 5);
+                tube(
+                    &mut builder,
+                    glass,
+                    ([0.0, y as f32, 8.0], 0.04),
+                    ([0.0, y as f32, WIRES_M.0 as f32], 0.03),
+                    5,
+                );
             }
         }
         builder.end_level(until_m);
@@ -180,7 +283,8 @@ pub fn wires(chunks: &mut Chunks, object: ObjectId, from: (P2, f64), to: (P2, f6
         let (a, b) = (end(from), end(to));
         let at = |share: f64, up: f64| {
             let p = a + (b - a) * share;
-            let z = ground[0] + (ground[1] - ground[0]) * share + WIRES_M.0 - 0.75 * 4.0 * share * (1.0 - share);
+            let z = ground[0] + (ground[1] - ground[0]) * share + WIRES_M.0
+                - 0.75 * 4.0 * share * (1.0 - share);
             [p.x, p.y, z + up]
         };
         let key = Key::at(Layer::Small, 0.5 * (a + b));
@@ -189,7 +293,13 @@ pub fn wires(chunks: &mut Chunks, object: ObjectId, from: (P2, f64), to: (P2, f6
             let (s, t) = (k as f64 / f64::from(n), f64::from(k + 1) / f64::from(n));
             let face = [at(s, -0.014), at(t, -0.014), at(t, 0.014), at(s, 0.014)];
             chunks.polygon(key, 0..=1, black, &face, &[[0.0; 2]; 4]);
-            chunks.polygon(key, 0..=1, black, &[face[1], face[0], face[3], face[2]], &[[0.0; 2]; 4]);
+            chunks.polygon(
+                key,
+                0..=1,
+                black,
+                &[face[1], face[0], face[3], face[2]],
+                &[[0.0; 2]; 4],
+            );
         }
     }
 }

@@ -12,7 +12,10 @@ pub struct Random {
 impl Random {
     /// The stream `stream`, sub-stream `part`, of a town's seed.
     pub fn new(seed: u64, stream: u64, part: u64) -> Self {
-        Random { noise: Noise::new(seed, stream, part), drawn: 0 }
+        Random {
+            noise: Noise::new(seed, stream, part),
+            drawn: 0,
+        }
     }
 
     /// Uniform in [0, 1).

@@ -34,7 +34,11 @@ pub struct Ring {
 
 /// Every block's ring, and the one round the town.
 pub fn rings(network: &Network, plan: &Plan) -> Vec<Ring> {
-    let mut seen: Vec<Vec<bool>> = network.junctions.iter().map(|j| vec![false; j.arms.len()]).collect();
+    let mut seen: Vec<Vec<bool>> = network
+        .junctions
+        .iter()
+        .map(|j| vec![false; j.arms.len()])
+        .collect();
     let mut rings = Vec::new();
     for start in 0..network.junctions.len() {
         for first in 0..network.junctions[start].arms.len() {
@@ -69,13 +73,16 @@ const SLOPE_M: f64 = 0.5;
 
 impl Ring {
     fn point(&mut self, road: &Road, s_m: f64, left: f64, drop_m: f64, rise_m: f64) {
-        self.kerb_m.push(road.path.beside(s_m, left * road.profile.kerb_m()));
-        self.back_m.push(road.path.beside(s_m, left * road.profile.back_m()));
+        self.kerb_m
+            .push(road.path.beside(s_m, left * road.profile.kerb_m()));
+        self.back_m
+            .push(road.path.beside(s_m, left * road.profile.back_m()));
         self.height_m.push(road.elevation.at(s_m) - drop_m);
         self.rise_m.push(rise_m);
         self.verge.push(road.profile.verge);
         self.seam.push(false);
-        self.fronted.push(!road.profile.one_way && road.profile.speed_kmh < 80 && !road.tunnel);
+        self.fronted
+            .push(!road.profile.one_way && road.profile.speed_kmh < 80 && !road.tunnel);
     }
 
     /// Along one side of a road, in the order of the stations.
@@ -86,16 +93,39 @@ impl Ring {
     }
 
     fn fill(&mut self, plan: &Plan, is_rough: bool) {
-        let border = Border { points_m: &self.back_m, heights_m: &self.height_m, outside: self.outside };
-        let level = self.height_m.iter().all(|h| (h - self.height_m[0]).abs() < 1e-9);
-        for &(middle_m, radius_m) in plan.ponds_m.iter().filter(|pond| contains(&self.back_m, pond.0) != self.outside) {
+        let border = Border {
+            points_m: &self.back_m,
+            heights_m: &self.height_m,
+            outside: self.outside,
+        };
+        let level = self
+            .height_m
+            .iter()
+            .all(|h| (h - self.height_m[0]).abs() < 1e-9);
+        for &(middle_m, radius_m) in plan
+            .ponds_m
+            .iter()
+            .filter(|pond| contains(&self.back_m, pond.0) != self.outside)
+        {
             let lowest = (self.back_m.iter().zip(&self.height_m))
                 .filter(|(p, _)| (*p - middle_m).norm() < radius_m + 60.0)
                 .map(|(_, h)| *h)
                 .fold(f64::INFINITY, f64::min);
-            self.ponds.push(Pond { middle_m, radius_m, level_m: if lowest.is_finite() { lowest } else { self.height_m[0] } - 0.9 });
+            self.ponds.push(Pond {
+                middle_m,
+                radius_m,
+                level_m: if lowest.is_finite() {
+                    lowest
+                } else {
+                    self.height_m[0]
+                } - 0.9,
+            });
         }
-        let rough = if self.outside { is_rough } else { !level || !self.ponds.is_empty() };
+        let rough = if self.outside {
+            is_rough
+        } else {
+            !level || !self.ponds.is_empty()
+        };
         self.ground = Fill::of(&border, rough, plan.hills_m, &self.ponds);
     }
 }
@@ -106,10 +136,20 @@ impl Network {
         let idx = road.id as usize - 1;
         let rise = |end: usize| {
             let arms = &self.junctions[road.ends[end]].arms;
-            let crossed = arms.iter().any(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk);
-            let away = if end == 0 { s_m } else { road.path.length_m() - s_m };
+            let crossed = arms
+                .iter()
+                .any(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk);
+            let away = if end == 0 {
+                s_m
+            } else {
+                road.path.length_m() - s_m
+            };
             let beside = (CROSSWALK_M.0 - away).max(away - CROSSWALK_M.1);
-            if crossed { LOWERED_M + (KERB_RISE_M - LOWERED_M) * (beside / SLOPE_M).clamp(0.0, 1.0) } else { KERB_RISE_M }
+            if crossed {
+                LOWERED_M + (KERB_RISE_M - LOWERED_M) * (beside / SLOPE_M).clamp(0.0, 1.0)
+            } else {
+                KERB_RISE_M
+            }
         };
         rise(0).min(rise(1))
     }
@@ -118,8 +158,17 @@ impl Network {
     fn kerb_stations(&self, road: &Road, from_m: f64, to_m: f64) -> Vec<f64> {
         let mut stations = road.stations_between(from_m, to_m);
         let length = road.path.length_m();
-        let knots = [CROSSWALK_M.0 - SLOPE_M, CROSSWALK_M.0, CROSSWALK_M.1, CROSSWALK_M.1 + SLOPE_M];
-        for s in knots.into_iter().flat_map(|k| [k, length - k]).filter(|&s| s > from_m + 0.05 && s < to_m - 0.05) {
+        let knots = [
+            CROSSWALK_M.0 - SLOPE_M,
+            CROSSWALK_M.0,
+            CROSSWALK_M.1,
+            CROSSWALK_M.1 + SLOPE_M,
+        ];
+        for s in knots
+            .into_iter()
+            .flat_map(|k| [k, length - k])
+            .filter(|&s| s > from_m + 0.05 && s < to_m - 0.05)
+        {
             let sunk = self.kerb_rise(road, s) < KERB_RISE_M
                 || self.kerb_rise(road, s + 0.1) < KERB_RISE_M
                 || self.kerb_rise(road, s - 0.1) < KERB_RISE_M;
@@ -132,7 +181,8 @@ impl Network {
     }
 }
 
-/// Along the left side of a road to its other end and round the corner there; gives the next arm. Where the road goes on a deck,
+/// Along the left side of a road to its other end and round the corner there; gives the next arm.
+/// Where the road goes on a deck,
 /// round the end of what lies on the ground and back along the right side.
 fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> (usize, usize) {
     let arm = &network.junctions[junction].arms[arm_idx];
@@ -150,11 +200,17 @@ fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> 
         ring.side(network, road, &ordered(0.0, length, arm.at_start), sign);
         let there = road.ends[usize::from(arm.at_start)];
         let arms = &network.junctions[there].arms;
-        let arrived =
-            arms.iter().position(|a| a.road == arm.road && a.at_start != arm.at_start).expect("a road ends at the junction it names");
+        let arrived = arms
+            .iter()
+            .position(|a| a.road == arm.road && a.at_start != arm.at_start)
+            .expect("a road ends at the junction it names");
         return round_corner(network, road, there, arrived, ring);
     };
-    let (near, far, tip) = if arm.at_start { (0.0, from, from + ABUTMENT_M.0) } else { (to, length, to - ABUTMENT_M.0) };
+    let (near, far, tip) = if arm.at_start {
+        (0.0, from, from + ABUTMENT_M.0)
+    } else {
+        (to, length, to - ABUTMENT_M.0)
+    };
     ring.side(network, road, &ordered(near, far, arm.at_start), sign);
     ring.point(road, tip, sign, ABUTMENT_M.1, KERB_RISE_M);
     *ring.seam.last_mut().expect("a point was pushed") = true;
@@ -166,7 +222,13 @@ fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> 
 }
 
 /// From the arm on which the walk arrives round the corner to the next one.
-fn round_corner(network: &Network, road: &Road, junction: usize, arrived: usize, ring: &mut Ring) -> (usize, usize) {
+fn round_corner(
+    network: &Network,
+    road: &Road,
+    junction: usize,
+    arrived: usize,
+    ring: &mut Ring,
+) -> (usize, usize) {
     let arms = &network.junctions[junction].arms;
     let next = (arrived + arms.len() - 1) % arms.len();
     let corner = corner(network, junction, next);
@@ -174,7 +236,10 @@ fn round_corner(network: &Network, road: &Road, junction: usize, arrived: usize,
     // The ends of the corner are the ends of the roads.
     ring.kerb_m.extend(corner.kerb_m[1..n - 1].iter().rev());
     ring.back_m.extend(corner.back_m[1..n - 1].iter().rev());
-    ring.height_m.extend(std::iter::repeat_n(network.junctions[junction].height_m, n - 2));
+    ring.height_m.extend(std::iter::repeat_n(
+        network.junctions[junction].height_m,
+        n - 2,
+    ));
     ring.rise_m.extend(std::iter::repeat_n(KERB_RISE_M, n - 2));
     let verge = road.profile.verge && network.roads[arms[next].road].profile.verge;
     ring.verge.extend(std::iter::repeat_n(verge, n - 2));
@@ -185,7 +250,9 @@ fn round_corner(network: &Network, road: &Road, junction: usize, arrived: usize,
 
 /// Signed area, counter-clockwise positive.
 pub fn area(polygon: &[P2]) -> f64 {
-    (0..polygon.len()).map(|i| 0.5 * cross(polygon[i], polygon[(i + 1) % polygon.len()])).sum()
+    (0..polygon.len())
+        .map(|i| 0.5 * cross(polygon[i], polygon[(i + 1) % polygon.len()]))
+        .sum()
 }
 
 /// Whether a point lies inside.
@@ -219,8 +286,18 @@ mod tests {
                     if ring.seam[i] {
                         continue;
                     }
-                    let quad = [ring.kerb_m[i], ring.kerb_m[k], ring.back_m[k], ring.back_m[i]];
-                    assert!(area(&quad) > -0.02, "{}: {quad:?} has area {}", plan.name, area(&quad));
+                    let quad = [
+                        ring.kerb_m[i],
+                        ring.kerb_m[k],
+                        ring.back_m[k],
+                        ring.back_m[i],
+                    ];
+                    assert!(
+                        area(&quad) > -0.02,
+                        "{}: {quad:?} has area {}",
+                        plan.name,
+                        area(&quad)
+                    );
                 }
             }
         }

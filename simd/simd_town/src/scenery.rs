@@ -48,7 +48,10 @@ pub struct Builder<'a> {
 pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
     let rings = rings(network, plan);
     let chunks = Chunks::on(Terrain::build(network, &rings, plan.hills_m));
-    let named = |name: &str| CollisionMesh { name: name.to_owned(), ..CollisionMesh::default() };
+    let named = |name: &str| CollisionMesh {
+        name: name.to_owned(),
+        ..CollisionMesh::default()
+    };
     let mut b = Builder {
         network,
         plan,
@@ -57,7 +60,10 @@ pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
         objects: Vec::new(),
         lamps: Vec::new(),
         chunks,
-        floor: Floor { road: named("road"), raised: named("pavement") },
+        floor: Floor {
+            road: named("road"),
+            raised: named("pavement"),
+        },
         solid: named("buildings and poles"),
         lights: Vec::new(),
         drive_plots_m: Vec::new(),
@@ -72,10 +78,25 @@ pub fn build(plan: &Plan, network: &Network, seed: u64) -> Scenery {
     for signal in &network.signals {
         b.signal(&kit, signal);
     }
-    let Builder { mut assets, mut objects, lamps, chunks, floor, solid, lights, .. } = b;
+    let Builder {
+        mut assets,
+        mut objects,
+        lamps,
+        chunks,
+        floor,
+        solid,
+        lights,
+        ..
+    } = b;
     chunks.finish(&mut assets);
     measure(&mut objects, &assets);
-    Scenery { assets, objects, lamps, lights, collision: vec![floor.road, floor.raised, solid] }
+    Scenery {
+        assets,
+        objects,
+        lamps,
+        lights,
+        collision: vec![floor.road, floor.raised, solid],
+    }
 }
 
 /// Stream of random numbers of the houses.
@@ -91,12 +112,24 @@ impl Builder<'_> {
     pub fn object_in(&mut self, layer: Option<MapLayer>, class: Class, name: &str) -> ObjectId {
         let number = 1 + self.objects.len() as u32;
         let id = ObjectId::scenery(number);
-        self.objects.push(SceneryObject::new(id, class, format!("{name}_{number}"), layer));
+        self.objects.push(SceneryObject::new(
+            id,
+            class,
+            format!("{name}_{number}"),
+            layer,
+        ));
         id
     }
 
     /// Puts a mesh on the ground, `z_m` over it.
-    pub fn stand(&mut self, mesh: MeshId, (layer, class, name): (MapLayer, Class, &str), p: P2, z_m: f64, yaw_rad: f64) -> ObjectId {
+    pub fn stand(
+        &mut self,
+        mesh: MeshId,
+        (layer, class, name): (MapLayer, Class, &str),
+        p: P2,
+        z_m: f64,
+        yaw_rad: f64,
+    ) -> ObjectId {
         let object = self.object_in(Some(layer), class, name);
         self.stand_as(object, mesh, p, z_m + self.chunks.terrain.at(p), yaw_rad);
         object
@@ -104,14 +137,20 @@ impl Builder<'_> {
 
     /// Puts a mesh at a height.
     pub fn stand_as(&mut self, object: ObjectId, mesh: MeshId, p: P2, z_m: f64, yaw_rad: f64) {
-        place(&mut self.assets, mesh, Isometry3::new(Vector3::new(p.x, p.y, z_m), Vector3::z() * yaw_rad), object);
+        place(
+            &mut self.assets,
+            mesh,
+            Isometry3::new(Vector3::new(p.x, p.y, z_m), Vector3::z() * yaw_rad),
+            object,
+        );
     }
 
     /// A street lamp with its switch.
     pub fn lamp(&mut self, lamp: &Lamp, p: P2, z_m: f64, yaw_rad: f64) {
         let object = self.object_in(Some(MapLayer::StreetLights), Class::POLES, "street_lamp");
         self.stand_as(object, lamp.mesh, p, z_m, yaw_rad);
-        let light = Isometry3::new(Vector3::new(p.x, p.y, z_m), Vector3::z() * yaw_rad) * nalgebra::Point3::from(lamp.light_m);
+        let light = Isometry3::new(Vector3::new(p.x, p.y, z_m), Vector3::z() * yaw_rad)
+            * nalgebra::Point3::from(lamp.light_m);
         self.lamps.push(SceneryLamp {
             object,
             position_m: light.coords.into(),
@@ -127,9 +166,22 @@ impl Builder<'_> {
         let object = self.object(Class::BUILDINGS, "tunnel_lamp");
         let rgb = [255, 232, 190];
         let key = Key::at(Layer::Building, P2::new(corners_m[0][0], corners_m[0][1]));
-        self.chunks.polygon(key, ALL, Surface::lamp(Class::BUILDINGS, rgb, 0).of(object), corners_m, &[[0.0; 2]; 4]);
-        let position_m = std::array::from_fn(|i| 0.25 * corners_m.iter().map(|corner| corner[i]).sum::<f64>());
-        self.lamps.push(SceneryLamp { object, position_m, rgb, intensity_lm: 3000.0, group: LampGroup::Other });
+        self.chunks.polygon(
+            key,
+            ALL,
+            Surface::lamp(Class::BUILDINGS, rgb, 0).of(object),
+            corners_m,
+            &[[0.0; 2]; 4],
+        );
+        let position_m =
+            std::array::from_fn(|i| 0.25 * corners_m.iter().map(|corner| corner[i]).sum::<f64>());
+        self.lamps.push(SceneryLamp {
+            object,
+            position_m,
+            rgb,
+            intensity_lm: 3000.0,
+            group: LampGroup::Other,
+        });
     }
 
     /// A solid pole on the ground.
@@ -139,7 +191,9 @@ impl Builder<'_> {
     }
 
     fn pole_at(&mut self, object: ObjectId, p: P2, z_m: f64, radius_m: f64, height_m: f64) {
-        let ring: Vec<P2> = (0..6).map(|k| p + unit(std::f64::consts::TAU * k as f64 / 6.0) * radius_m).collect();
+        let ring: Vec<P2> = (0..6)
+            .map(|k| p + unit(std::f64::consts::TAU * k as f64 / 6.0) * radius_m)
+            .collect();
         building::box_solid(&mut self.solid, object, &ring, (z_m - 0.1, z_m + height_m));
     }
 
@@ -180,10 +234,19 @@ impl Builder<'_> {
         for (i, ring) in rings.iter().enumerate() {
             let object = self.object(Class::SIDEWALKS, "pavement");
             ground::pavement(&mut self.chunks, &mut self.floor, ring, object);
-            let park = !ring.outside && self.plan.parks_m.iter().any(|&p| contains(&ring.kerb_m, p));
-            let open = ring.fronted.iter().filter(|&&fronted| !fronted).count() * 2 > ring.fronted.len();
-            let green = park || open || ring.outside || matches!(self.plan.houses, Houses::Cottages | Houses::Farms);
-            let (layer, class) = if green { (None, Class::TERRAIN) } else { (Some(MapLayer::Ground), Class::GROUND) };
+            let park =
+                !ring.outside && self.plan.parks_m.iter().any(|&p| contains(&ring.kerb_m, p));
+            let open =
+                ring.fronted.iter().filter(|&&fronted| !fronted).count() * 2 > ring.fronted.len();
+            let green = park
+                || open
+                || ring.outside
+                || matches!(self.plan.houses, Houses::Cottages | Houses::Farms);
+            let (layer, class) = if green {
+                (None, Class::TERRAIN)
+            } else {
+                (Some(MapLayer::Ground), Class::GROUND)
+            };
             let object = self.object_in(layer, class, "block");
             ground::block(&mut self.chunks, &mut self.floor, ring, green, object);
             for pond in &ring.ponds {
@@ -206,21 +269,41 @@ impl Builder<'_> {
         let houses = match self.plan.houses {
             Houses::Towers { .. } if ring.outside => Houses::Towers { within_m: 0.0 },
             Houses::Cottages if ring.outside => Houses::Farms,
-            _ if !ring.outside && self.plan.cottages_m.iter().any(|&p| contains(&ring.kerb_m, p)) => Houses::Cottages,
+            _ if !ring.outside
+                && self
+                    .plan
+                    .cottages_m
+                    .iter()
+                    .any(|&p| contains(&ring.kerb_m, p)) =>
+            {
+                Houses::Cottages
+            }
             other => other,
         };
         let mut lots = building::lots(ring, houses, &mut random);
         lots.retain(|lot| {
             let f = &lot.footprint_m;
-            (0..4).all(|i| self.is_free(f[i], 3.0) && self.is_free(0.5 * (f[i] + f[(i + 1) % 4]), 3.0))
+            (0..4).all(|i| {
+                self.is_free(f[i], 3.0) && self.is_free(0.5 * (f[i] + f[(i + 1) % 4]), 3.0)
+            })
         });
         let mut built = Vec::new();
         for lot in &lots {
             let object = self.object_in(Some(MapLayer::Buildings), Class::BUILDINGS, "building");
-            let height_m = building::build(&mut self.chunks, &mut self.solid, lot, houses, object, &mut random);
+            let height_m = building::build(
+                &mut self.chunks,
+                &mut self.solid,
+                lot,
+                houses,
+                object,
+                &mut random,
+            );
             let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
             let ground_m = self.chunks.terrain.at(middle);
-            self.lamps.push(SceneryLamp::windows(object, [middle.x, middle.y, ground_m + 0.5 * height_m]));
+            self.lamps.push(SceneryLamp::windows(
+                object,
+                [middle.x, middle.y, ground_m + 0.5 * height_m],
+            ));
             built.push(object);
         }
         if matches!(houses, Houses::Cottages | Houses::Farms) {
@@ -236,9 +319,17 @@ impl Builder<'_> {
 
     /// No tunnel, bridge or pond is at this place or near it.
     pub fn is_free(&self, p: P2, margin_m: f64) -> bool {
-        let in_tunnel =
-            self.network.roads.iter().filter(|road| road.tunnel).any(|road| road.path.nearest(p).1 < road.profile.back_m() + 6.0);
-        let in_pond = self.plan.ponds_m.iter().any(|(middle, radius)| (p - middle).norm() < radius + 2.0 + margin_m);
+        let in_tunnel = self
+            .network
+            .roads
+            .iter()
+            .filter(|road| road.tunnel)
+            .any(|road| road.path.nearest(p).1 < road.profile.back_m() + 6.0);
+        let in_pond = self
+            .plan
+            .ponds_m
+            .iter()
+            .any(|(middle, radius)| (p - middle).norm() < radius + 2.0 + margin_m);
         !in_tunnel && !in_pond && !bridge::is_near(self.network, p, margin_m)
     }
 
@@ -253,7 +344,12 @@ impl Builder<'_> {
         let yaw = facing(road.path.at(signal.pole_s_m).1, signal.against);
         let z = KERB_HEIGHT_M + road.elevation.at(signal.pole_s_m);
         if signal.kind != SignalKind::Light {
-            let mesh = kit.signs.iter().find(|(kind, _)| *kind == signal.kind).expect("the kit has every sign that networks place").1;
+            let mesh = kit
+                .signs
+                .iter()
+                .find(|(kind, _)| *kind == signal.kind)
+                .expect("the kit has every sign that networks place")
+                .1;
             let object = self.object(Class::TRAFFIC_SIGNS, "traffic_sign");
             self.stand_as(object, mesh, foot, z, yaw);
             self.pole_at(object, foot, z, 0.09, 2.6);
@@ -269,6 +365,10 @@ impl Builder<'_> {
         if wide {
             heads.push(head(-4.6, furniture::HEADS_M.1 - 0.45));
         }
-        self.lights.push(LightSite { signal_id: signal.id.to_string(), pole: pole.into(), heads });
+        self.lights.push(LightSite {
+            signal_id: signal.id.to_string(),
+            pole: pole.into(),
+            heads,
+        });
     }
 }

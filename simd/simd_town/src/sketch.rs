@@ -18,11 +18,30 @@ pub(crate) const LANE: Profile = Profile {
     motorway: false,
 };
 /// The same with priority and traffic lights.
-pub(crate) const HIGH_STREET: Profile = Profile { pavement_m: 3.5, speed_kmh: 40, main: true, ..LANE };
+pub(crate) const HIGH_STREET: Profile = Profile {
+    pavement_m: 3.5,
+    speed_kmh: 40,
+    main: true,
+    ..LANE
+};
 /// One lane each way between fields.
-pub(crate) const COUNTRY: Profile = Profile { n_lanes: 1, lane_m: 3.5, edge_m: 0.7, pavement_m: 1.8, speed_kmh: 70, verge: true, ..LANE };
+pub(crate) const COUNTRY: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge_m: 0.7,
+    pavement_m: 1.8,
+    speed_kmh: 70,
+    verge: true,
+    ..LANE
+};
 /// Round a roundabout, counter-clockwise.
-const CIRCLE: Profile = Profile { lane_m: 5.0, pavement_m: 2.5, speed_kmh: 30, one_way: true, ..LANE };
+const CIRCLE: Profile = Profile {
+    lane_m: 5.0,
+    pavement_m: 2.5,
+    speed_kmh: 30,
+    one_way: true,
+    ..LANE
+};
 /// Three lanes each way.
 const BOULEVARD: Profile = Profile {
     n_lanes: 3,
@@ -38,7 +57,15 @@ const BOULEVARD: Profile = Profile {
 };
 
 /// Over the streets of a town.
-const ELEVATED: Profile = Profile { n_lanes: 2, lane_m: 3.5, edge_m: 0.8, pavement_m: 1.6, speed_kmh: 70, verge: true, ..LANE };
+const ELEVATED: Profile = Profile {
+    n_lanes: 2,
+    lane_m: 3.5,
+    edge_m: 0.8,
+    pavement_m: 1.6,
+    speed_kmh: 70,
+    verge: true,
+    ..LANE
+};
 
 /// Collects nodes and streets.
 pub(crate) struct Sketch {
@@ -47,7 +74,13 @@ pub(crate) struct Sketch {
 }
 
 impl Sketch {
-    pub fn new(name: &str, seed: u64, stream: u64, lat_lon_deg: (f64, f64), houses: Houses) -> Sketch {
+    pub fn new(
+        name: &str,
+        seed: u64,
+        stream: u64,
+        lat_lon_deg: (f64, f64),
+        houses: Houses,
+    ) -> Sketch {
         let plan = Plan {
             name: name.to_owned(),
             lat_lon_deg,
@@ -61,7 +94,10 @@ impl Sketch {
             houses,
             cottages_m: Vec::new(),
         };
-        Sketch { plan, random: Random::new(seed, stream, 0) }
+        Sketch {
+            plan,
+            random: Random::new(seed, stream, 0),
+        }
     }
 
     pub fn node(&mut self, x: f64, y: f64) -> usize {
@@ -78,19 +114,42 @@ impl Sketch {
     }
 
     /// A street through rounded corners: (x, y, radius).
-    pub fn street(&mut self, from: usize, to: usize, corners: &[(f64, f64, f64)], profile: Profile) {
-        let bends = corners.iter().map(|&(x, y, radius_m)| Bend { corner_m: P2::new(x, y), radius_m }).collect();
-        self.plan.streets.push(Street::new(from, to, bends, profile));
+    pub fn street(
+        &mut self,
+        from: usize,
+        to: usize,
+        corners: &[(f64, f64, f64)],
+        profile: Profile,
+    ) {
+        let bends = corners
+            .iter()
+            .map(|&(x, y, radius_m)| Bend {
+                corner_m: P2::new(x, y),
+                radius_m,
+            })
+            .collect();
+        self.plan
+            .streets
+            .push(Street::new(from, to, bends, profile));
     }
 
     /// A roundabout about a point with one junction per heading (counter-clockwise, radians).
     fn roundabout(&mut self, centre: P2, radius_m: f64, headings: &[f64]) -> Vec<usize> {
-        let nodes: Vec<usize> = headings.iter().map(|&h| centre + unit(h) * radius_m).map(|p| self.node(p.x, p.y)).collect();
+        let nodes: Vec<usize> = headings
+            .iter()
+            .map(|&h| centre + unit(h) * radius_m)
+            .map(|p| self.node(p.x, p.y))
+            .collect();
         for i in 0..nodes.len() {
             let k = (i + 1) % nodes.len();
             let turn = (headings[k] - headings[i]).rem_euclid(std::f64::consts::TAU);
             let corner = centre + unit(headings[i] + 0.5 * turn) * (radius_m / (0.5 * turn).cos());
-            self.street(nodes[i], nodes[k], &[(corner.x, corner.y, radius_m)], CIRCLE);
+            self.street(
+                nodes[i],
+                nodes[k],
+                &[(corner.x, corner.y, radius_m)],
+                CIRCLE,
+            );
         }
         self.plan.parks_m.push(centre);
         nodes
@@ -103,7 +162,8 @@ impl Sketch {
         }
     }
 
-    /// Puts the street drawn last on a deck between two places (metres from its first node), with heights as [`Street::rises_m`].
+    /// Puts the street drawn last on a deck between two places (metres from its first node), with
+    /// heights as [`Street::rises_m`].
     pub fn bridge(&mut self, bridge_m: (f64, f64), rises_m: &[(f64, f64)]) {
         if let Some(street) = self.plan.streets.last_mut() {
             street.bridge_m = Some(bridge_m);
@@ -171,11 +231,17 @@ pub fn compact(name: &str, seed: u64) -> Plan {
     let inner = ys.map(|y| xs.map(|x| s.node(x, y)));
     for r in 0..3 {
         let profile = [STREET, HIGH_STREET, LANE][r];
-        s.chain(&[west[r], inner[r][0], inner[r][1], inner[r][2], east[r]], profile);
+        s.chain(
+            &[west[r], inner[r][0], inner[r][1], inner[r][2], east[r]],
+            profile,
+        );
     }
     for c in 0..3 {
         let profile = [LANE, HIGH_STREET, STREET][c];
-        s.chain(&[south[c], inner[0][c], inner[1][c], inner[2][c], north[c]], profile);
+        s.chain(
+            &[south[c], inner[0][c], inner[1][c], inner[2][c], north[c]],
+            profile,
+        );
     }
     for side in [south, north, west, east] {
         s.chain(&side, LANE);
@@ -190,7 +256,13 @@ pub fn compact(name: &str, seed: u64) -> Plan {
 
 /// Town05: a grid of streets with several lanes, a wide ring round it.
 pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
-    let mut s = Sketch::new(name, seed, 0x105, (33.75, -84.39), Houses::Towers { within_m: 190.0 });
+    let mut s = Sketch::new(
+        name,
+        seed,
+        0x105,
+        (33.75, -84.39),
+        Houses::Towers { within_m: 190.0 },
+    );
     let (w, h) = (345.0, 240.0);
     let xs = s.moved([-190.0, -95.0, 5.0, 100.0, 195.0], 5.0);
     let ys = s.moved([-145.0, -52.0, 58.0, 150.0], 4.0);
@@ -215,7 +287,10 @@ pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
     let over_y = 0.5 * (ys[1] + ys[2]);
     let ends = [-w, w].map(|x| s.node(x, over_y));
     s.street(ends[0], ends[1], &[], ELEVATED);
-    s.bridge((85.0, 2.0 * w - 85.0), &[(128.0 / (2.0 * w), 6.4), (1.0 - 128.0 / (2.0 * w), 6.4)]);
+    s.bridge(
+        (85.0, 2.0 * w - 85.0),
+        &[(128.0 / (2.0 * w), 6.4), (1.0 - 128.0 / (2.0 * w), 6.4)],
+    );
     for (side, end) in [(&west, ends[0]), (&east, ends[1])] {
         s.chain(&[side[0], side[1], end, side[2], side[3]], HIGHWAY);
     }
@@ -233,20 +308,41 @@ pub fn multi_lane_grid(name: &str, seed: u64) -> Plan {
 /// Town07: country roads over hills, a village in the middle.
 pub fn country(name: &str, seed: u64) -> Plan {
     let mut s = Sketch::new(name, seed, 0x107, (47.55, 10.71), Houses::Farms);
-    const SQUARE: [(f64, f64); 6] = [(-52.0, -46.0), (4.0, -50.0), (58.0, -44.0), (60.0, 48.0), (2.0, 52.0), (-56.0, 46.0)];
+    const SQUARE: [(f64, f64); 6] = [
+        (-52.0, -46.0),
+        (4.0, -50.0),
+        (58.0, -44.0),
+        (60.0, 48.0),
+        (2.0, 52.0),
+        (-56.0, 46.0),
+    ];
     let square = SQUARE.map(|(x, y)| s.node(x, y));
     let mut at: Vec<(f64, f64)> = Vec::new();
     for (i, (x, y)) in SQUARE.into_iter().enumerate() {
         let away = [318.0, 262.0, 300.0, 330.0, 285.0, 305.0][i] + s.random.between(-10.0, 10.0);
         at.push((y.atan2(x) + s.random.between(-0.06, 0.06), away));
     }
-    let outer: Vec<usize> = at.iter().map(|&(angle, away)| unit(angle) * away).map(|p| s.node(p.x, p.y)).collect();
+    let outer: Vec<usize> = at
+        .iter()
+        .map(|&(angle, away)| unit(angle) * away)
+        .map(|p| s.node(p.x, p.y))
+        .collect();
     for i in 0..6 {
         let (a, b) = (at[i], at[(i + 1) % 6]);
         let turn = wrap(b.0 - a.0);
-        let bend = |share: f64, factor: f64| unit(a.0 + share * turn) * ((a.1 + (b.1 - a.1) * share) * factor);
-        let (first, second) = (bend(0.36, [1.16, 0.98][i % 2]), bend(0.66, [0.97, 1.17][i % 2]));
-        s.street(outer[i], outer[(i + 1) % 6], &[(first.x, first.y, 80.0), (second.x, second.y, 80.0)], COUNTRY);
+        let bend = |share: f64, factor: f64| {
+            unit(a.0 + share * turn) * ((a.1 + (b.1 - a.1) * share) * factor)
+        };
+        let (first, second) = (
+            bend(0.36, [1.16, 0.98][i % 2]),
+            bend(0.66, [0.97, 1.17][i % 2]),
+        );
+        s.street(
+            outer[i],
+            outer[(i + 1) % 6],
+            &[(first.x, first.y, 80.0), (second.x, second.y, 80.0)],
+            COUNTRY,
+        );
         s.crest([3.0, -2.5, 2.0, 0.0][i % 4]);
         s.street(square[i], square[(i + 1) % 6], &[], HIGH_STREET);
     }
@@ -256,7 +352,12 @@ pub fn country(name: &str, seed: u64) -> Plan {
         let (p, q) = (s.plan.nodes_m[square[i]], s.plan.nodes_m[outer[i]]);
         let across = left((q - p).normalize()) * [16.0, -14.0][i % 2];
         let (first, second) = (p + (q - p) * 0.36 + across, p + (q - p) * 0.68 - across);
-        s.street(square[i], outer[i], &[(first.x, first.y, 70.0), (second.x, second.y, 70.0)], COUNTRY);
+        s.street(
+            square[i],
+            outer[i],
+            &[(first.x, first.y, 70.0), (second.x, second.y, 70.0)],
+            COUNTRY,
+        );
         s.crest([2.0, -1.5][i % 2]);
     }
     let phases = [s.random.between(0.0, 6.0), s.random.between(0.0, 6.0)];
@@ -272,7 +373,13 @@ pub fn country(name: &str, seed: u64) -> Plan {
 /// Town03: a hilly town about a large roundabout, and a tunnel.
 pub fn roundabouts(name: &str, seed: u64) -> Plan {
     use std::f64::consts::{FRAC_PI_2, PI};
-    let mut s = Sketch::new(name, seed, 0x103, (45.76, 4.84), Houses::Towers { within_m: 0.0 });
+    let mut s = Sketch::new(
+        name,
+        seed,
+        0x103,
+        (45.76, 4.84),
+        Houses::Towers { within_m: 0.0 },
+    );
     let (w, h) = (270.0, 225.0);
     let xs = s.moved([-155.0, 0.0, 160.0], 4.0);
     let ys = s.moved([-120.0, 0.0, 122.0], 4.0);
@@ -304,7 +411,12 @@ pub fn roundabouts(name: &str, seed: u64) -> Plan {
     s.street(south[2], east[0], &[(w, -h, 40.0)], LANE);
     s.street(east[2], north[2], &[(w, h, 40.0)], LANE);
     s.street(north[0], west[2], &[(-w, h, 40.0)], LANE);
-    for street in s.plan.streets.iter_mut().filter(|street| street.from == north[1]) {
+    for street in s
+        .plan
+        .streets
+        .iter_mut()
+        .filter(|street| street.from == north[1])
+    {
         street.tunnel = true;
     }
     for i in 0..s.plan.nodes_m.len() {

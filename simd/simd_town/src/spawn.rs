@@ -16,7 +16,10 @@ pub fn spawn_points(network: &Network) -> Vec<Pose> {
     for road in &network.roads {
         let length = road.path.length_m();
         for lane in 0..road.profile.n_lanes {
-            for against in [false, true].into_iter().filter(|&against| !(against && road.profile.one_way)) {
+            for against in [false, true]
+                .into_iter()
+                .filter(|&against| !(against && road.profile.one_way))
+            {
                 let room = length - MARGINS_M.0 - MARGINS_M.1;
                 if room < 0.0 {
                     continue;
@@ -26,8 +29,14 @@ pub fn spawn_points(network: &Network) -> Vec<Pose> {
                     let s = if against { length - along } else { along };
                     let aside = road.profile.lane_left_m(lane) + 0.5 * road.profile.lane_m;
                     let p = road.path.beside(s, if against { aside } else { -aside });
-                    let heading = road.path.at(s).1 + if against { std::f64::consts::PI } else { 0.0 };
-                    points.push(Pose::from_xyz_yaw(p.x, p.y, road.elevation.at(s) + 0.3, wrap(heading)));
+                    let heading =
+                        road.path.at(s).1 + if against { std::f64::consts::PI } else { 0.0 };
+                    points.push(Pose::from_xyz_yaw(
+                        p.x,
+                        p.y,
+                        road.elevation.at(s) + 0.3,
+                        wrap(heading),
+                    ));
                 }
             }
         }

@@ -33,7 +33,8 @@ pub enum TownError {
 pub struct LightSite {
     /// Id of the signal in the OpenDRIVE text.
     pub signal_id: String,
-    /// Foot of its pole, yaw facing the traffic that must obey (x points against the traffic's direction).
+    /// Foot of its pole, yaw facing the traffic that must obey (x points against the traffic's
+    /// direction).
     pub pole: Pose,
     /// Where to draw [`Town::light_head`]: x points towards the traffic that must obey.
     pub heads: Vec<Isometry3<f64>>,
@@ -56,8 +57,10 @@ impl CollisionMesh {
     /// Adds a convex polygon of an object.
     pub(crate) fn polygon(&mut self, object: ObjectId, corners_m: &[[f64; 3]]) {
         let base = self.vertices_m.len() as u32;
-        self.vertices_m.extend(corners_m.iter().map(|c| c.map(|x| x as f32)));
-        self.triangles.extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
+        self.vertices_m
+            .extend(corners_m.iter().map(|c| c.map(|x| x as f32)));
+        self.triangles
+            .extend((1..corners_m.len() as u32 - 1).map(|i| [base, base + i, base + i + 1]));
         self.objects.resize(self.triangles.len(), object);
     }
 }
@@ -89,13 +92,18 @@ pub struct Town {
 
 impl Town {
     /// Names that [`Town::generate`] knows. `_Opt` behind a name is the same town.
-    pub const NAMES: [&'static str; 8] = ["Town01", "Town02", "Town03", "Town04", "Town05", "Town06", "Town07", "Town10HD"];
+    pub const NAMES: [&'static str; 8] = [
+        "Town01", "Town02", "Town03", "Town04", "Town05", "Town06", "Town07", "Town10HD",
+    ];
 
-    /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change nothing.
+    /// The town of this name and seed. `Carla/Maps/` in front and `_Opt` behind the name change
+    /// nothing.
     pub fn generate(name: &str, seed: u64) -> Result<Town, TownError> {
         let short = name.rsplit('/').next().unwrap_or(name);
         let short = short.strip_suffix("_Opt").unwrap_or(short);
-        let plan = plan_of(short, seed).ok_or_else(|| TownError::Unknown { name: name.to_owned() })?;
+        let plan = plan_of(short, seed).ok_or_else(|| TownError::Unknown {
+            name: name.to_owned(),
+        })?;
         let network = Network::build(&plan);
         let scenery = scenery::build(&plan, &network, seed);
         let open_drive = open_drive::write(&plan, &network);
@@ -134,5 +142,7 @@ fn plan_of(name: &str, seed: u64) -> Option<Plan> {
 
 #[cfg(test)]
 pub(crate) fn plans(seed: u64) -> impl Iterator<Item = Plan> {
-    Town::NAMES.into_iter().map(move |name| plan_of(name, seed).expect("a name of the list"))
+    Town::NAMES
+        .into_iter()
+        .map(move |name| plan_of(name, seed).expect("a name of the list"))
 }

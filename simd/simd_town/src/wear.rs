@@ -1,6 +1,8 @@
-//! What years leave on a road: gutters and gullies along the kerbs, repaired patches, cut trenches, sealed cracks.
+//! What years leave on a road: gutters and gullies along the kerbs, repaired patches, cut trenches,
+//! sealed cracks.
 //!
-//! All of it is road, a few millimetres over the asphalt and under the paint, with the road's own id.
+//! All of it is road, a few millimetres over the asphalt and under the paint, with the road's own
+//! id.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::Material;
@@ -13,7 +15,8 @@ use crate::random::Random;
 
 /// Stream of random numbers.
 const WEAR: u64 = 0x7a;
-/// Heights over the asphalt: what is sealed, what is filled, what lies in the gutter. Paint is higher.
+/// Heights over the asphalt: what is sealed, what is filled, what lies in the gutter. Paint is
+/// higher.
 const TAR_M: f64 = 0.0015;
 const PATCH_M: f64 = 0.003;
 const GUTTER_M: f64 = 0.002;
@@ -36,7 +39,11 @@ pub fn road(chunks: &mut Chunks, seed: u64, road: &Road) {
         return;
     }
     let mut random = Random::new(seed, WEAR, u64::from(road.id));
-    let mut brush = Brush { chunks, road, object: ObjectId::scenery(road.id) };
+    let mut brush = Brush {
+        chunks,
+        road,
+        object: ObjectId::scenery(road.id),
+    };
     if !road.profile.verge {
         brush.gutters();
         brush.gullies();
@@ -55,18 +62,40 @@ impl Brush<'_> {
     }
 
     /// A four-sided piece; corners are (station, aside), counter-clockwise from above.
-    fn quad(&mut self, layer: Layer, levels: Levels, surface: Surface, corners: [[f64; 2]; 4], up_m: f64) {
+    fn quad(
+        &mut self,
+        layer: Layer,
+        levels: Levels,
+        surface: Surface,
+        corners: [[f64; 2]; 4],
+        up_m: f64,
+    ) {
         let corners = corners.map(|[s, t]| self.road.point(s, t, up_m));
         let uv = corners.map(|c| [c[0] as f32, c[1] as f32]);
         let middle = corners.iter().map(|c| P2::new(c[0], c[1])).sum::<P2>() / 4.0;
-        self.chunks.polygon(Key::at(layer, middle), levels, surface, &corners, &uv);
+        self.chunks
+            .polygon(Key::at(layer, middle), levels, surface, &corners, &uv);
     }
 
     /// A strip along the road from `from_m` to `to_m`, between two distances from the middle.
-    fn strip(&mut self, layer: Layer, levels: Levels, surface: Surface, (from_m, to_m): (f64, f64), [low, high]: [f64; 2], up_m: f64) {
+    fn strip(
+        &mut self,
+        layer: Layer,
+        levels: Levels,
+        surface: Surface,
+        (from_m, to_m): (f64, f64),
+        [low, high]: [f64; 2],
+        up_m: f64,
+    ) {
         for pair in self.road.stations_between(from_m, to_m).windows(2) {
             let (a, b) = (pair[0], pair[1]);
-            self.quad(layer, levels.clone(), surface, [[a, low], [b, low], [b, high], [a, high]], up_m);
+            self.quad(
+                layer,
+                levels.clone(),
+                surface,
+                [[a, low], [b, low], [b, high], [a, high]],
+                up_m,
+            );
         }
     }
 
@@ -74,8 +103,18 @@ impl Brush<'_> {
     fn gutters(&mut self) {
         let (kerb, length) = (self.road.profile.kerb_m(), self.road.path.length_m());
         let stones = self.surface(Material::Concrete, [112, 110, 106]);
-        for [low, high] in [[-kerb, GUTTER_WIDTH_M - kerb], [kerb - GUTTER_WIDTH_M, kerb]] {
-            self.strip(Layer::Ground, 0..=0, stones, (0.0, length), [low, high], GUTTER_M);
+        for [low, high] in [
+            [-kerb, GUTTER_WIDTH_M - kerb],
+            [kerb - GUTTER_WIDTH_M, kerb],
+        ] {
+            self.strip(
+                Layer::Ground,
+                0..=0,
+                stones,
+                (0.0, length),
+                [low, high],
+                GUTTER_M,
+            );
         }
     }
 
@@ -83,23 +122,38 @@ impl Brush<'_> {
     fn gullies(&mut self) {
         let length = self.road.path.length_m();
         let n = ((length - 2.0 * END_M) / GULLY_M.1) as usize;
-        let (iron, hole) = (self.surface(Material::Matte, [54, 53, 52]), self.surface(Material::Matte, [14, 14, 14]));
+        let (iron, hole) = (
+            self.surface(Material::Matte, [54, 53, 52]),
+            self.surface(Material::Matte, [14, 14, 14]),
+        );
         for k in 0..=n {
             let s = 0.5 * (length - n as f64 * GULLY_M.1) + k as f64 * GULLY_M.1;
             for side in [1.0, -1.0] {
                 let t = side * (self.road.profile.kerb_m() - GULLY_M.0);
                 let block = |s: f64, half_s: f64, half_t: f64| {
-                    [[s - half_s, t - half_t], [s + half_s, t - half_t], [s + half_s, t + half_t], [s - half_s, t + half_t]]
+                    [
+                        [s - half_s, t - half_t],
+                        [s + half_s, t - half_t],
+                        [s + half_s, t + half_t],
+                        [s - half_s, t + half_t],
+                    ]
                 };
                 self.quad(Layer::Small, 0..=1, iron, block(s, 0.25, 0.165), PATCH_M);
                 for slot in 0..4 {
-                    self.quad(Layer::Small, 0..=0, hole, block(s - 0.165 + 0.11 * f64::from(slot), 0.032, 0.125), PATCH_M + 0.001);
+                    self.quad(
+                        Layer::Small,
+                        0..=0,
+                        hole,
+                        block(s - 0.165 + 0.11 * f64::from(slot), 0.032, 0.125),
+                        PATCH_M + 0.001,
+                    );
                 }
             }
         }
     }
 
-    /// Asphalt of other years: pieces along a lane, and trenches across it, their rims sealed with tar.
+    /// Asphalt of other years: pieces along a lane, and trenches across it, their rims sealed with
+    /// tar.
     fn patches(&mut self, random: &mut Random) {
         let length = self.road.path.length_m();
         let rgbs = [[58, 58, 61], [64, 64, 66], [84, 84, 85], [90, 89, 88]];
@@ -113,13 +167,36 @@ impl Brush<'_> {
                 let sides = [[-reach, middle], [middle, reach], [-reach, reach]];
                 (random.between(0.45, 0.8), random.pick(&sides))
             } else {
-                let (wide, middle) = (random.between(0.7, 2.3), random.between(-1.0, 1.0) * (driving - 0.4));
-                (random.between(1.1, 7.5), [(middle - 0.5 * wide).max(-reach), (middle + 0.5 * wide).min(reach)])
+                let (wide, middle) = (
+                    random.between(0.7, 2.3),
+                    random.between(-1.0, 1.0) * (driving - 0.4),
+                );
+                (
+                    random.between(1.1, 7.5),
+                    [
+                        (middle - 0.5 * wide).max(-reach),
+                        (middle + 0.5 * wide).min(reach),
+                    ],
+                )
             };
             if high - low > 0.4 {
                 let (tar, rim) = (self.tar(), 0.045);
-                self.strip(Layer::Small, 0..=0, tar, (s - rim, s + long + rim), [low - rim, high + rim], TAR_M);
-                self.strip(Layer::Small, 0..=1, filled, (s, s + long), [low, high], PATCH_M);
+                self.strip(
+                    Layer::Small,
+                    0..=0,
+                    tar,
+                    (s - rim, s + long + rim),
+                    [low - rim, high + rim],
+                    TAR_M,
+                );
+                self.strip(
+                    Layer::Small,
+                    0..=1,
+                    filled,
+                    (s, s + long),
+                    [low, high],
+                    PATCH_M,
+                );
             }
             s += long + random.between(9.0, 46.0);
         }
@@ -133,7 +210,10 @@ impl Brush<'_> {
         while s < length - END_M {
             let is_across = random.chance(0.45);
             let n = 4 + random.below(6);
-            let mut at = [s, random.between(-1.0, 1.0) * if is_across { reach } else { 0.8 * reach }];
+            let mut at = [
+                s,
+                random.between(-1.0, 1.0) * if is_across { reach } else { 0.8 * reach },
+            ];
             let way = if at[1] > 0.0 { -1.0 } else { 1.0 };
             for _ in 0..n {
                 let (ahead, aside) = if is_across {
@@ -155,8 +235,18 @@ impl Brush<'_> {
     /// A line of tar; its pieces overlap a little.
     fn line(&mut self, from: [f64; 2], to: [f64; 2], half_m: f64) {
         let d = P2::new(to[0] - from[0], to[1] - from[1]).normalize();
-        let at = |p: [f64; 2], along: f64, aside: f64| [p[0] + d.x * along - d.y * aside, p[1] + d.y * along + d.x * aside];
-        let corners = [at(from, -half_m, -half_m), at(to, half_m, -half_m), at(to, half_m, half_m), at(from, -half_m, half_m)];
+        let at = |p: [f64; 2], along: f64, aside: f64| {
+            [
+                p[0] + d.x * along - d.y * aside,
+                p[1] + d.y * along + d.x * aside,
+            ]
+        };
+        let corners = [
+            at(from, -half_m, -half_m),
+            at(to, half_m, -half_m),
+            at(to, half_m, half_m),
+            at(from, -half_m, half_m),
+        ];
         let tar = self.tar();
         self.quad(Layer::Small, 0..=0, tar, corners, TAR_M);
     }

@@ -1,10 +1,17 @@
 //! Doors: shut they are the body's skin, open they leave a hole with an interior behind it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use simd_town::{BodyStyle, Door, DoorMeshes, DoorMotion, VehicleShape, door_meshes, vehicle_meshes};
+use simd_town::{
+    BodyStyle, Door, DoorMeshes, DoorMotion, VehicleShape, door_meshes, vehicle_meshes,
+};
 
 fn shapes() -> Vec<VehicleShape> {
-    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape { style, half_m, wheel_radius_m, wheelbase_m };
+    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape {
+        style,
+        half_m,
+        wheel_radius_m,
+        wheelbase_m,
+    };
     vec![
         shape(BodyStyle::Saloon, [2.503, 1.049, 0.767], 0.34, 2.95),
         shape(BodyStyle::Hatch, [2.276, 1.049, 0.884], 0.31, 2.5),
@@ -21,7 +28,9 @@ fn triangles(mesh: &sensor_core::Mesh, at: &Isometry3<f64>) -> Vec<Triangle> {
     let lod = mesh.lods[0];
     let used = &mesh.indices[lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize];
     let corner = |i: &u32| at * Point3::from(mesh.vertices[*i as usize].position_m).cast::<f64>();
-    used.chunks(3).map(|ids| [corner(&ids[0]), corner(&ids[1]), corner(&ids[2])]).collect()
+    used.chunks(3)
+        .map(|ids| [corner(&ids[0]), corner(&ids[1]), corner(&ids[2])])
+        .collect()
 }
 
 /// Distance to the nearest triangle whose outside the ray meets, as cameras see it.
@@ -35,12 +44,21 @@ fn hit_m(triangles: &[Triangle], from: Point3<f64>, direction: Vector3<f64>) -> 
         }
         let t = normal.dot(&(a - from)) / towards;
         let p = from + direction * t - a;
-        let (d00, d01, d11, d20, d21) = (ab.dot(&ab), ab.dot(&ac), ac.dot(&ac), p.dot(&ab), p.dot(&ac));
+        let (d00, d01, d11, d20, d21) = (
+            ab.dot(&ab),
+            ab.dot(&ac),
+            ac.dot(&ac),
+            p.dot(&ab),
+            p.dot(&ac),
+        );
         let det = d00 * d11 - d01 * d01;
         let (v, w) = ((d11 * d20 - d01 * d21) / det, (d00 * d21 - d01 * d20) / det);
         (t > 0.0 && v >= -1e-7 && w >= -1e-7 && v + w <= 1.0 + 1e-7).then_some(t)
     };
-    triangles.iter().filter_map(meets).fold(f64::INFINITY, f64::min)
+    triangles
+        .iter()
+        .filter_map(meets)
+        .fold(f64::INFINITY, f64::min)
 }
 
 fn with_doors(meshes: &DoorMeshes, opening: f64) -> Vec<Triangle> {
@@ -69,7 +87,10 @@ fn rays(shape: &VehicleShape) -> Vec<(Point3<f64>, Vector3<f64>)> {
             for l in 0..16 {
                 let x = half_x * (-0.9 + 1.8 * (f64::from(k) + 0.37) / 40.0);
                 let z = 2.0 * half_z * (f64::from(l) + 0.41) / 16.0;
-                rays.push((Point3::new(x, side * (half_y + 1.0), z), Vector3::new(0.0, -side, 0.0)));
+                rays.push((
+                    Point3::new(x, side * (half_y + 1.0), z),
+                    Vector3::new(0.0, -side, 0.0),
+                ));
             }
         }
     }
@@ -83,9 +104,16 @@ fn shut_doors_are_the_skin_of_the_body() {
         let shut = with_doors(&door_meshes(&shape).unwrap(), 0.0);
         let mut n_hits = 0;
         for (from, direction) in rays(&shape) {
-            let (a, b) = (hit_m(&plain, from, direction), hit_m(&shut, from, direction));
+            let (a, b) = (
+                hit_m(&plain, from, direction),
+                hit_m(&shut, from, direction),
+            );
             // The door's handle stands out of the skin by 2 cm.
-            assert!(a == b || (a - b).abs() < 0.021, "{:?} at {from}: {a} m without doors, {b} m with doors shut", shape.style);
+            assert!(
+                a == b || (a - b).abs() < 0.021,
+                "{:?} at {from}: {a} m without doors, {b} m with doors shut",
+                shape.style
+            );
             n_hits += usize::from(a.is_finite());
         }
         assert!(n_hits > 700, "{n_hits}");
@@ -101,7 +129,10 @@ fn open_doors_show_an_interior_and_stand_out_of_the_body() {
         let mut n_holes = 0;
         for (from, direction) in rays(&shape) {
             let hollow = &open_on[usize::from(from.y < 0.0)];
-            let (a, b) = (hit_m(&plain, from, direction), hit_m(hollow, from, direction));
+            let (a, b) = (
+                hit_m(&plain, from, direction),
+                hit_m(hollow, from, direction),
+            );
             n_holes += usize::from(b > a + 0.1);
             assert_eq!(a.is_finite(), b.is_finite(), "{:?} at {from}", shape.style);
         }
@@ -109,16 +140,23 @@ fn open_doors_show_an_interior_and_stand_out_of_the_body() {
         for door in &meshes.doors {
             let farthest = |opening: f64| {
                 let all = triangles(&door.mesh, &door.vehicle_from_mesh(opening));
-                all.iter().flatten().map(|corner| corner.y.abs()).fold(0.0, f64::max)
+                all.iter()
+                    .flatten()
+                    .map(|corner| corner.y.abs())
+                    .fold(0.0, f64::max)
             };
             let outwards = if door.left { 1.0 } else { -1.0 };
             assert!(door.hinge_m[1] * outwards > 0.0);
-            assert!(farthest(0.0) < shape.half_m[1], "shut doors stay within the box");
+            assert!(
+                farthest(0.0) < shape.half_m[1],
+                "shut doors stay within the box"
+            );
             assert!(farthest(1.0) > farthest(0.0) + 0.05);
             match door.motion {
                 DoorMotion::Hinged => assert!(farthest(1.0) > farthest(0.3) + 0.3),
                 DoorMotion::Sliding(length_m) => {
-                    let moved = door.vehicle_from_mesh(1.0).translation.x - door.vehicle_from_mesh(0.0).translation.x;
+                    let moved = door.vehicle_from_mesh(1.0).translation.x
+                        - door.vehicle_from_mesh(0.0).translation.x;
                     assert!(length_m > 0.8 && moved < -0.8, "{length_m} {moved}");
                 }
             }
@@ -126,7 +164,8 @@ fn open_doors_show_an_interior_and_stand_out_of_the_body() {
     }
 }
 
-/// Through one open door no ray passes through the body: lining, bulkheads, floor and the other doors close it.
+/// Through one open door no ray passes through the body: lining, bulkheads, floor and the other
+/// doors close it.
 #[test]
 fn the_interior_is_closed() {
     for shape in shapes() {
@@ -136,14 +175,26 @@ fn the_interior_is_closed() {
             // The middle of the opening, half way up to the belt.
             let mesh = triangles(&door.mesh, &door.vehicle_from_mesh(0.0));
             let corners: Vec<&Point3<f64>> = mesh.iter().flatten().collect();
-            let mean = corners.iter().fold(Vector3::zeros(), |sum, corner| sum + corner.coords) / corners.len() as f64;
+            let mean = corners
+                .iter()
+                .fold(Vector3::zeros(), |sum, corner| sum + corner.coords)
+                / corners.len() as f64;
             let side = if door.left { 1.0 } else { -1.0 };
             for k in 0..9 {
                 for l in 0..5 {
-                    let direction = Vector3::new(-0.8 + 0.2 * f64::from(k), -side, -0.25 - 0.15 * f64::from(l)).normalize();
+                    let direction = Vector3::new(
+                        -0.8 + 0.2 * f64::from(k),
+                        -side,
+                        -0.25 - 0.15 * f64::from(l),
+                    )
+                    .normalize();
                     let from = Point3::from(mean) - direction * 0.4;
                     let hit = hit_m(&hollow, from, direction);
-                    assert!(hit.is_finite(), "{:?}: from {from} towards {direction}", shape.style);
+                    assert!(
+                        hit.is_finite(),
+                        "{:?}: from {from} towards {direction}",
+                        shape.style
+                    );
                 }
             }
         }
@@ -152,7 +203,20 @@ fn the_interior_is_closed() {
 
 #[test]
 fn bodies_without_such_doors_have_none() {
-    for style in [BodyStyle::Bus, BodyStyle::Lorry, BodyStyle::Motorcycle, BodyStyle::Bicycle] {
-        assert!(door_meshes(&VehicleShape { style, half_m: [3.0, 1.0, 1.0], wheel_radius_m: 0.4, wheelbase_m: 3.0 }).is_none());
+    for style in [
+        BodyStyle::Bus,
+        BodyStyle::Lorry,
+        BodyStyle::Motorcycle,
+        BodyStyle::Bicycle,
+    ] {
+        assert!(
+            door_meshes(&VehicleShape {
+                style,
+                half_m: [3.0, 1.0, 1.0],
+                wheel_radius_m: 0.4,
+                wheelbase_m: 3.0
+            })
+            .is_none()
+        );
     }
 }

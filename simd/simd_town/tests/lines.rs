@@ -29,7 +29,8 @@ impl Near {
         let (x, y) = flat(p);
         let cells = (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| (x, y)));
         let all = cells.filter_map(|cell| self.0.get(&cell)).flatten();
-        all.map(|q| (Vector3::from(p) - Vector3::from(*q)).norm()).fold(f64::INFINITY, f64::min)
+        all.map(|q| (Vector3::from(p) - Vector3::from(*q)).norm())
+            .fold(f64::INFINITY, f64::min)
     }
 }
 
@@ -41,7 +42,10 @@ fn paint(town: &Town) -> Vec<[Point3<f64>; 3]> {
             if vertex.class != Class::ROAD_LINES.0 {
                 continue;
             }
-            triangles.push(corners.map(|corner| instance.world_from_mesh * Point3::from(corner.map(f64::from))));
+            triangles.push(
+                corners
+                    .map(|corner| instance.world_from_mesh * Point3::from(corner.map(f64::from))),
+            );
         }
     }
     triangles
@@ -51,8 +55,11 @@ fn paint(town: &Town) -> Vec<[Point3<f64>; 3]> {
 fn spread([a, b, c]: [Point3<f64>; 3]) -> Vec<[f64; 3]> {
     let (ab, ac) = (b - a, c - a);
     let n = (ab.norm().max(ac.norm()) / 0.1).ceil().max(1.0) as usize;
-    let places = (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i as f64 / n as f64, k as f64 / n as f64)));
-    places.map(|(i, k)| (a + ab * i + ac * k).coords.into()).collect()
+    let places =
+        (0..=n).flat_map(|i| (0..=n - i).map(move |k| (i as f64 / n as f64, k as f64 / n as f64)));
+    places
+        .map(|(i, k)| (a + ab * i + ac * k).coords.into())
+        .collect()
 }
 
 #[test]
@@ -61,15 +68,34 @@ fn paint_in_junctions_is_that_of_the_map() {
     for name in Town::NAMES {
         let town = Town::generate(name, 2).expect("a name of the list");
         let roads = RoadMap::parse(&town.open_drive).expect("our own text");
-        let connecting: BTreeMap<u32, u32> = roads.lanes().iter().filter_map(|lane| Some((lane.key.road, lane.junction?))).collect();
-        let lengths_m: BTreeMap<_, _> = roads.lanes().iter().map(|lane| (lane.key, lane.length_m)).collect();
+        let connecting: BTreeMap<u32, u32> = roads
+            .lanes()
+            .iter()
+            .filter_map(|lane| Some((lane.key.road, lane.junction?)))
+            .collect();
+        let lengths_m: BTreeMap<_, _> = roads
+            .lanes()
+            .iter()
+            .map(|lane| (lane.key, lane.length_m))
+            .collect();
         let marks = roads.mark_lines(0.1);
         let triangles = paint(&town);
         let painted = Near::of(triangles.iter().flat_map(|triangle| spread(*triangle)));
-        for mark in marks.iter().filter(|mark| connecting.contains_key(&mark.road)) {
+        for mark in marks
+            .iter()
+            .filter(|mark| connecting.contains_key(&mark.road))
+        {
             *n_lines.entry((name, mark.kind as u8)).or_insert(0) += 1;
-            let reach_m = if mark.kind == MarkKind::Solid { 0.1 } else { GAP_M + 0.1 };
-            assert!(matches!(mark.kind, MarkKind::Solid | MarkKind::Broken), "{name}: {:?}", mark.kind);
+            let reach_m = if mark.kind == MarkKind::Solid {
+                0.1
+            } else {
+                GAP_M + 0.1
+            };
+            assert!(
+                matches!(mark.kind, MarkKind::Solid | MarkKind::Broken),
+                "{name}: {:?}",
+                mark.kind
+            );
             for point in &mark.points {
                 let away_m = painted.away_m(*point);
                 assert!(
@@ -83,16 +109,30 @@ fn paint_in_junctions_is_that_of_the_map() {
         for [a, b, c] in triangles {
             let point: [f64; 3] = ((a.coords + b.coords + c.coords) / 3.0).into();
             // Half a metre inside a junction: stripes of roads end at its edge, square to the road.
-            let inside =
-                roads.nearest(point, |lane| lane.kind.is_drivable()).filter(|at| connecting.contains_key(&at.lane.road)).filter(|at| {
+            let inside = roads
+                .nearest(point, |lane| lane.kind.is_drivable())
+                .filter(|at| connecting.contains_key(&at.lane.road))
+                .filter(|at| {
                     let length_m = lengths_m[&at.lane];
                     at.s_m > 0.5 && at.s_m < length_m - 0.5
                 });
-            assert!(inside.is_none() || said.away_m(point) < 0.12, "{name}: paint at {point:.2?} of which the map does not know");
+            assert!(
+                inside.is_none() || said.away_m(point) < 0.12,
+                "{name}: paint at {point:.2?} of which the map does not know"
+            );
         }
     }
     // Motorways go on past their ramps; in other towns nothing is painted inside junctions.
-    let n = |town: &'static str, kind: MarkKind| n_lines.get(&(town, kind as u8)).copied().unwrap_or(0);
-    assert!(n("Town04", MarkKind::Solid) > 10 && n("Town04", MarkKind::Broken) > 10, "{n_lines:?}");
-    assert!(n_lines.keys().all(|(name, _)| !["Town01", "Town02", "Town07"].contains(name)), "{n_lines:?}");
+    let n =
+        |town: &'static str, kind: MarkKind| n_lines.get(&(town, kind as u8)).copied().unwrap_or(0);
+    assert!(
+        n("Town04", MarkKind::Solid) > 10 && n("Town04", MarkKind::Broken) > 10,
+        "{n_lines:?}"
+    );
+    assert!(
+        n_lines
+            .keys()
+            .all(|(name, _)| !["Town01", "Town02", "Town07"].contains(name)),
+        "{n_lines:?}"
+    );
 }

@@ -13,7 +13,9 @@ fn town(seed: u64) -> Town {
 
 /// Every town there is.
 fn towns(seed: u64) -> impl Iterator<Item = Town> {
-    Town::NAMES.into_iter().map(move |name| Town::generate(name, seed).expect("a name of the list"))
+    Town::NAMES
+        .into_iter()
+        .map(move |name| Town::generate(name, seed).expect("a name of the list"))
 }
 
 fn hash(town: &Town) -> u64 {
@@ -25,12 +27,20 @@ fn hash(town: &Town) -> u64 {
     }
     for each in &town.assets.statics {
         (each.mesh, each.object).hash(&mut hasher);
-        each.world_from_mesh.to_homogeneous().iter().for_each(|x| x.to_bits().hash(&mut hasher));
+        each.world_from_mesh
+            .to_homogeneous()
+            .iter()
+            .for_each(|x| x.to_bits().hash(&mut hasher));
     }
     for mesh in &town.collision {
-        mesh.vertices_m.iter().flatten().for_each(|x| x.to_bits().hash(&mut hasher));
+        mesh.vertices_m
+            .iter()
+            .flatten()
+            .for_each(|x| x.to_bits().hash(&mut hasher));
     }
-    town.spawn_points.iter().for_each(|p| bytemuck::bytes_of(p).hash(&mut hasher));
+    town.spawn_points
+        .iter()
+        .for_each(|p| bytemuck::bytes_of(p).hash(&mut hasher));
     hasher.finish()
 }
 
@@ -42,9 +52,19 @@ fn same_seed_same_town_other_seed_other_town() {
 
 #[test]
 fn names_are_forgiving_and_unknown_ones_are_named() {
-    assert_eq!(Town::generate("Carla/Maps/Town10HD_Opt", 1).expect("long name").name, "Town10HD");
+    assert_eq!(
+        Town::generate("Carla/Maps/Town10HD_Opt", 1)
+            .expect("long name")
+            .name,
+        "Town10HD"
+    );
     let error = Town::generate("Town99", 1).expect_err("no such town");
-    assert_eq!(error, TownError::Unknown { name: "Town99".to_owned() });
+    assert_eq!(
+        error,
+        TownError::Unknown {
+            name: "Town99".to_owned()
+        }
+    );
     assert_eq!(
         error.to_string(),
         "map \"Town99\" not found; generated towns are Town01, Town02, Town03, Town04, Town05, Town06, Town07, Town10HD"
@@ -58,11 +78,22 @@ fn spawn_points_keep_their_distance() {
         assert!(points.len() >= 155, "{seed} has {}", points.len());
         for (i, a) in points.iter().enumerate() {
             for b in &points[..i] {
-                let same_way = (a.isometry().rotation * Vector3::x()).dot(&(b.isometry().rotation * Vector3::x())) > 0.0;
-                let d = a.isometry().inverse_transform_point(&Point3::from(Vector3::from(b.translation_m)));
+                let same_way = (a.isometry().rotation * Vector3::x())
+                    .dot(&(b.isometry().rotation * Vector3::x()))
+                    > 0.0;
+                let d = a
+                    .isometry()
+                    .inverse_transform_point(&Point3::from(Vector3::from(b.translation_m)));
                 // A bridge and what passes under it are different places.
                 let apart = (a.translation_m[2] - b.translation_m[2]).abs() > 4.0;
-                assert!(!same_way || apart || d.x.abs() > 11.9 || d.y.abs() > 3.4 || d.coords.norm() > 12.0, "{seed}: {a:?} {b:?}");
+                assert!(
+                    !same_way
+                        || apart
+                        || d.x.abs() > 11.9
+                        || d.y.abs() > 3.4
+                        || d.coords.norm() > 12.0,
+                    "{seed}: {a:?} {b:?}"
+                );
             }
             assert!((-3.0..16.0).contains(&a.translation_m[2]), "{seed}: {a:?}");
         }
@@ -77,12 +108,18 @@ fn spawn_points_hover_over_the_road() {
             let [x, y, z] = point.translation_m.map(|x| x as f32);
             let heights = road.triangles.iter().filter_map(|t| {
                 let p = t.map(|i| road.vertices_m[i as usize]);
-                let weight = |a: [f32; 3], b: [f32; 3]| (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]);
+                let weight = |a: [f32; 3], b: [f32; 3]| {
+                    (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+                };
                 let w = [weight(p[1], p[2]), weight(p[2], p[0]), weight(p[0], p[1])];
                 let area: f32 = w.iter().sum();
-                w.iter().all(|&w| w >= 0.0).then(|| (0..3).map(|i| w[i] / area * p[i][2]).sum::<f32>())
+                w.iter()
+                    .all(|&w| w >= 0.0)
+                    .then(|| (0..3).map(|i| w[i] / area * p[i][2]).sum::<f32>())
             });
-            let off = heights.map(|height| z - 0.3 - height).fold(f32::INFINITY, |a, b| if b.abs() < a.abs() { b } else { a });
+            let off = heights
+                .map(|height| z - 0.3 - height)
+                .fold(f32::INFINITY, |a, b| if b.abs() < a.abs() { b } else { a });
             assert!(off.abs() < 0.02, "{}: {point:?} is {off} m off", town.name);
         }
     }
@@ -91,12 +128,17 @@ fn spawn_points_hover_over_the_road() {
 #[test]
 fn a_lorry_fits_on_every_spawn_point() {
     for town in towns(1) {
-        let solid = town.collision.iter().find(|c| c.name == "buildings and poles").expect("solid things");
+        let solid = town
+            .collision
+            .iter()
+            .find(|c| c.name == "buildings and poles")
+            .expect("solid things");
         for point in &town.spawn_points {
             let here = point.isometry();
             for corner in &solid.vertices_m {
-                let local =
-                    here.inverse_transform_point(&Point3::from(Vector3::from(*corner).cast::<f64>() + Vector3::from(town.origin_m)));
+                let local = here.inverse_transform_point(&Point3::from(
+                    Vector3::from(*corner).cast::<f64>() + Vector3::from(town.origin_m),
+                ));
                 assert!(
                     local.x.abs() > 5.3 || local.y.abs() > 1.95 || !(-0.5..4.3).contains(&local.z),
                     "{}: {corner:?} stands in the way of {point:?}",
@@ -116,24 +158,51 @@ fn check_triangles(mesh: &Mesh) {
         let v = [0, 1, 2].map(|i| &mesh.vertices[t[i] as usize]);
         let p = v.map(|v| Vector3::from(v.position_m));
         let face = (p[1] - p[0]).cross(&(p[2] - p[0]));
-        assert!(p.iter().all(|p| p.iter().all(|x| x.is_finite())), "{}", mesh.name);
+        assert!(
+            p.iter().all(|p| p.iter().all(|x| x.is_finite())),
+            "{}",
+            mesh.name
+        );
         for v in v {
-            assert!(v.class > 0 && v.class <= 28, "{} has class {}", mesh.name, v.class);
+            assert!(
+                v.class > 0 && v.class <= 28,
+                "{} has class {}",
+                mesh.name,
+                v.class
+            );
             let normal = Vector3::new(v.normal[0], v.normal[1], v.normal[2]).map(f32::from) / 127.0;
-            assert!((normal.norm() - 1.0).abs() < 0.03, "{} has a normal of length {}", mesh.name, normal.norm());
+            assert!(
+                (normal.norm() - 1.0).abs() < 0.03,
+                "{} has a normal of length {}",
+                mesh.name,
+                normal.norm()
+            );
             if face.norm() > 1e-3 {
-                assert!(face.normalize().dot(&normal) > 0.1, "{}: corners and normal disagree: {p:?} {normal:?}", mesh.name);
+                assert!(
+                    face.normalize().dot(&normal) > 0.1,
+                    "{}: corners and normal disagree: {p:?} {normal:?}",
+                    mesh.name
+                );
             }
         }
-        let within = |q: Vector3<f32>| (q - Vector3::from(mesh.centre_m)).norm() <= mesh.radius_m * 1.001 + 1e-3;
-        assert!(p.into_iter().all(within), "{} sticks out of its sphere", mesh.name);
+        let within = |q: Vector3<f32>| {
+            (q - Vector3::from(mesh.centre_m)).norm() <= mesh.radius_m * 1.001 + 1e-3
+        };
+        assert!(
+            p.into_iter().all(within),
+            "{} sticks out of its sphere",
+            mesh.name
+        );
     }
 }
 
 #[test]
 fn every_triangle_has_class_object_and_a_normal_that_agrees() {
     for town in towns(1) {
-        town.assets.meshes.iter().for_each(|mesh| check_triangles(mesh));
+        town.assets
+            .meshes
+            .iter()
+            .for_each(|mesh| check_triangles(mesh));
         check_triangles(&town.light_head);
         let known: BTreeSet<u32> = town.objects.iter().map(|object| object.id.0).collect();
         assert_eq!(known.len(), town.objects.len());
@@ -144,7 +213,11 @@ fn every_triangle_has_class_object_and_a_normal_that_agrees() {
                 assert!(each.object.is_scenery() && known.contains(&each.object.0));
                 continue;
             }
-            assert!(mesh.vertices.iter().all(|v| known.contains(&v.object_id)), "{} has triangles of nobody", mesh.name);
+            assert!(
+                mesh.vertices.iter().all(|v| known.contains(&v.object_id)),
+                "{} has triangles of nobody",
+                mesh.name
+            );
         }
     }
 }
@@ -152,16 +225,23 @@ fn every_triangle_has_class_object_and_a_normal_that_agrees() {
 #[test]
 fn the_road_has_no_holes_and_nothing_lies_on_anything() {
     for town in towns(1) {
-        // Vertical probes: exactly one of road, pavement or block surface at every point of the town.
+        // Vertical probes: exactly one of road, pavement or block surface at every point of the
+        // town.
         let mut cells: BTreeMap<(i32, i32), Vec<[Vector3<f32>; 3]>> = BTreeMap::new();
-        for mesh in town.collision.iter().filter(|c| c.name != "buildings and poles") {
+        for mesh in town
+            .collision
+            .iter()
+            .filter(|c| c.name != "buildings and poles")
+        {
             for t in &mesh.triangles {
                 let p = t.map(|i| Vector3::from(mesh.vertices_m[i as usize]));
                 if (p[1] - p[0]).cross(&(p[2] - p[0])).z < 1e-4 {
                     continue;
                 }
                 let span = |axis: usize| {
-                    let (low, high) = p.iter().fold((f32::MAX, f32::MIN), |(l, h), q| (l.min(q[axis]), h.max(q[axis])));
+                    let (low, high) = p.iter().fold((f32::MAX, f32::MIN), |(l, h), q| {
+                        (l.min(q[axis]), h.max(q[axis]))
+                    });
                     (low / 10.0).floor() as i32..=(high / 10.0).floor() as i32
                 };
                 for x in span(0) {
@@ -169,13 +249,23 @@ fn the_road_has_no_holes_and_nothing_lies_on_anything() {
                 }
             }
         }
-        let road = town.collision[0].vertices_m.iter().map(|&v| Vector3::from(v));
+        let road = town.collision[0]
+            .vertices_m
+            .iter()
+            .map(|&v| Vector3::from(v));
         let margin = Vector3::repeat(8.0);
-        let low = road.clone().reduce(|a, b| a.inf(&b)).expect("a town has roads") - margin;
+        let low = road
+            .clone()
+            .reduce(|a, b| a.inf(&b))
+            .expect("a town has roads")
+            - margin;
         let high = road.reduce(|a, b| a.sup(&b)).expect("a town has roads") + margin;
         let (mut holes, mut doubles, mut places) = (0, 0, Vec::new());
         for i in 0..40_000 {
-            let (x, y) = (low.x + (high.x - low.x) * ((i as f32 * 0.618_034) % 1.0), low.y + (high.y - low.y) * (i as f32 / 40_000.0));
+            let (x, y) = (
+                low.x + (high.x - low.x) * ((i as f32 * 0.618_034) % 1.0),
+                low.y + (high.y - low.y) * (i as f32 / 40_000.0),
+            );
             let inside = |t: &&[Vector3<f32>; 3]| {
                 (0..3).all(|k| {
                     let (a, b) = (t[k], t[(k + 1) % 3]);
@@ -188,7 +278,9 @@ fn the_road_has_no_holes_and_nothing_lies_on_anything() {
                     (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x) > -2e-2
                 })
             };
-            let cell = cells.get(&((x / 10.0).floor() as i32, (y / 10.0).floor() as i32)).map_or(&[][..], Vec::as_slice);
+            let cell = cells
+                .get(&((x / 10.0).floor() as i32, (y / 10.0).floor() as i32))
+                .map_or(&[][..], Vec::as_slice);
             let is_hole = !cell.iter().any(|t| near(&t));
             holes += usize::from(is_hole);
             // Under a bridge lies another surface, far below.
@@ -216,10 +308,13 @@ fn a_street_view_stays_within_the_triangle_budget() {
             let n: usize = (town.assets.statics.iter())
                 .filter_map(|each| {
                     let mesh = town.assets.mesh(each.mesh);
-                    let to = each.world_from_mesh * Point3::from(Vector3::from(mesh.centre_m).cast::<f64>()) - Point3::from(eye);
+                    let to = each.world_from_mesh
+                        * Point3::from(Vector3::from(mesh.centre_m).cast::<f64>())
+                        - Point3::from(eye);
                     let radius = f64::from(mesh.radius_m);
                     // A quarter turn of view.
-                    let out = to.dot(&forward) < -radius || to.dot(&left).abs() - to.dot(&forward) > radius * 2f64.sqrt();
+                    let out = to.dot(&forward) < -radius
+                        || to.dot(&left).abs() - to.dot(&forward) > radius * 2f64.sqrt();
                     let away = (to.norm() - radius) as f32;
                     let lod = mesh.lods.iter().find(|lod| away < lod.until_m)?;
                     (!out).then_some(lod.n_indices as usize / 3)
@@ -229,12 +324,23 @@ fn a_street_view_stays_within_the_triangle_budget() {
             counts.push(n);
         }
         counts.sort_unstable();
-        println!("{}: median {}, most {}, from {} places", town.name, counts[counts.len() / 2], counts[counts.len() - 1], counts.len());
+        println!(
+            "{}: median {}, most {}, from {} places",
+            town.name,
+            counts[counts.len() / 2],
+            counts[counts.len() - 1],
+            counts.len()
+        );
     }
 }
 
 fn shapes() -> Vec<VehicleShape> {
-    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape { style, half_m, wheel_radius_m, wheelbase_m };
+    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape {
+        style,
+        half_m,
+        wheel_radius_m,
+        wheelbase_m,
+    };
     vec![
         shape(BodyStyle::Saloon, [2.396, 1.082, 0.744], 0.34, 2.88),
         shape(BodyStyle::Saloon, [2.679, 1.017, 0.705], 0.33, 2.8),
@@ -259,10 +365,16 @@ fn vehicles_fill_their_boxes_to_a_centimetre() {
         check_triangles(&meshes.wheel);
         let lod = meshes.body.lods[0];
         let used = &meshes.body.indices[..lod.n_indices as usize];
-        let bodies = used.iter().map(|&i| Vector3::from(meshes.body.vertices[i as usize].position_m).cast::<f64>());
+        let bodies = used
+            .iter()
+            .map(|&i| Vector3::from(meshes.body.vertices[i as usize].position_m).cast::<f64>());
         let wheels = meshes.wheels.iter().flat_map(|site| {
             let centre = Vector3::from(site.centre_m);
-            meshes.wheel.vertices.iter().map(move |v| centre + Vector3::from(v.position_m).cast::<f64>())
+            meshes
+                .wheel
+                .vertices
+                .iter()
+                .map(move |v| centre + Vector3::from(v.position_m).cast::<f64>())
         });
         let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
         for p in bodies.chain(wheels) {
@@ -276,9 +388,17 @@ fn vehicles_fill_their_boxes_to_a_centimetre() {
             (high.z, 2.0 * shape.half_m[2]),
             (low.z, 0.0),
         ] {
-            assert!((got - want).abs() < 0.0101, "{:?}: {got} instead of {want}; {low} {high}", shape.style);
+            assert!(
+                (got - want).abs() < 0.0101,
+                "{:?}: {got} instead of {want}; {low} {high}",
+                shape.style
+            );
         }
-        assert!(lod.n_indices < 3 * 2400 && meshes.body.lods[2].n_indices < 3 * 420, "{:?}", shape.style);
+        assert!(
+            lod.n_indices < 3 * 2400 && meshes.body.lods[2].n_indices < 3 * 420,
+            "{:?}",
+            shape.style
+        );
     }
 }
 
@@ -286,8 +406,13 @@ fn vehicles_fill_their_boxes_to_a_centimetre() {
 fn cars_carry_every_lamp() {
     for shape in &shapes()[..10] {
         let meshes = vehicle_meshes(shape);
-        let bits: BTreeSet<u8> =
-            meshes.body.vertices.iter().filter(|v| v.material == sensor_core::Material::Lamp as u8).map(|v| v.lamp).collect();
+        let bits: BTreeSet<u8> = meshes
+            .body
+            .vertices
+            .iter()
+            .filter(|v| v.material == sensor_core::Material::Lamp as u8)
+            .map(|v| v.lamp)
+            .collect();
         assert_eq!(bits, (0..=6).collect(), "{:?}", shape.style);
     }
 }
@@ -299,7 +424,10 @@ fn every_light_of_the_map_has_heads_that_face_its_traffic() {
         assert_eq!(town.lights.len(), in_map);
         assert!(in_map >= 9, "{} has {in_map} lights", town.name);
         for light in &town.lights {
-            assert!(town.open_drive.contains(&format!(r#"<control signalId="{}""#, light.signal_id)));
+            assert!(
+                town.open_drive
+                    .contains(&format!(r#"<control signalId="{}""#, light.signal_id))
+            );
             assert!(!light.heads.is_empty());
         }
     }

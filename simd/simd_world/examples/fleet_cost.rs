@@ -1,7 +1,10 @@
-//! What vehicles cost: CPU time of `World::step` (50 ms, sub-steps of 10 ms) on one core for fleets of 50 to 1000 on town streets, all with
-//! physics and changing controls, and with nine out of ten moved by `set_pose` as a Traffic Manager's hybrid mode does.
+//! What vehicles cost: CPU time of `World::step` (50 ms, sub-steps of 10 ms) on one core for fleets
+//! of 50 to 1000 on town streets, all with
+//! physics and changing controls, and with nine out of ten moved by `set_pose` as a Traffic
+//! Manager's hybrid mode does.
 //!
-//! `cargo run --release -p simd_world --example fleet_cost`; results are in `docs/benchmarks/vehicles.md`.
+//! `cargo run --release -p simd_world --example fleet_cost`; results are in
+//! `docs/benchmarks/vehicles.md`.
 
 use nix::time::{ClockId, clock_gettime};
 use schema_frames::command::Command;
@@ -21,16 +24,26 @@ fn cpu_secs() -> f64 {
 
 fn streets() -> Result<MapData, Box<dyn std::error::Error>> {
     let town = MapData::from(&simd_town::Town::generate("Town10HD", 1)?);
-    let mut map = MapData { name: "streets".to_owned(), origin_m: town.origin_m, ..MapData::default() };
+    let mut map = MapData {
+        name: "streets".to_owned(),
+        origin_m: town.origin_m,
+        ..MapData::default()
+    };
     for copy in 0..N_COPIES {
         let shift_m = 2000.0 * copy as f32;
         for mesh in &town.collision {
             let mut mesh = mesh.clone();
-            mesh.vertices_m.iter_mut().for_each(|corner| corner[0] += shift_m);
+            mesh.vertices_m
+                .iter_mut()
+                .for_each(|corner| corner[0] += shift_m);
             map.collision.push(mesh);
         }
         let moved = |point: &Pose| Pose {
-            translation_m: [point.translation_m[0] + f64::from(shift_m), point.translation_m[1], point.translation_m[2]],
+            translation_m: [
+                point.translation_m[0] + f64::from(shift_m),
+                point.translation_m[1],
+                point.translation_m[2],
+            ],
             ..*point
         };
         map.spawn_points.extend(town.spawn_points.iter().map(moved));
@@ -51,14 +64,26 @@ fn control(actor: ActorId, tick: u64) -> VehicleControl {
     }
 }
 
-fn measure(map: &MapData, n_vehicles: usize, n_simulated: usize) -> Result<(usize, f64, f64), Box<dyn std::error::Error>> {
+fn measure(
+    map: &MapData,
+    n_vehicles: usize,
+    n_simulated: usize,
+) -> Result<(usize, f64, f64), Box<dyn std::error::Error>> {
     let mut world = World::new(WorldOptions::default());
     world.load(map)?;
     let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, n_vehicles - 1)?;
-    let cars: Vec<ActorId> = scenario.others.iter().chain([&scenario.ego]).copied().collect();
+    let cars: Vec<ActorId> = scenario
+        .others
+        .iter()
+        .chain([&scenario.ego])
+        .copied()
+        .collect();
     let (driven, carried) = cars.split_at(n_simulated.min(cars.len()));
     for car in carried {
-        world.apply(&Command::Physics { actor_id: car.0, action: PhysicsAction::SetSimulated { enabled: false } });
+        world.apply(&Command::Physics {
+            actor_id: car.0,
+            action: PhysicsAction::SetSimulated { enabled: false },
+        });
     }
     let (mut in_steps, mut in_all) = (0.0, 0.0);
     for tick in 0..2 * N_TICKS {
@@ -79,18 +104,45 @@ fn measure(map: &MapData, n_vehicles: usize, n_simulated: usize) -> Result<(usiz
             in_all += cpu_secs() - before;
         }
     }
-    Ok((cars.len(), in_steps / N_TICKS as f64, in_all / N_TICKS as f64))
+    Ok((
+        cars.len(),
+        in_steps / N_TICKS as f64,
+        in_all / N_TICKS as f64,
+    ))
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // One core: what is measured is CPU time, and one thread makes it one core's.
-    rayon::ThreadPoolBuilder::new().num_threads(1).build_global()?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build_global()?;
     let map = streets()?;
-    println!("{} collision triangles", map.collision.iter().map(|mesh| mesh.triangles.len()).sum::<usize>());
-    println!("vehicles | with physics | ms per step | steps per second | us per vehicle and step | with commands, ms");
-    for (n_vehicles, n_simulated) in [(50, 50), (100, 100), (200, 200), (500, 500), (1000, 1000), (1000, 100)] {
+    println!(
+        "{} collision triangles",
+        map.collision
+            .iter()
+            .map(|mesh| mesh.triangles.len())
+            .sum::<usize>()
+    );
+    println!(
+        "vehicles | with physics | ms per step | steps per second | us per vehicle and step | with commands, ms"
+    );
+    for (n_vehicles, n_simulated) in [
+        (50, 50),
+        (100, 100),
+        (200, 200),
+        (500, 500),
+        (1000, 1000),
+        (1000, 100),
+    ] {
         let (n, step, all) = measure(&map, n_vehicles, n_simulated)?;
-        println!("{n} | {n_simulated} | {:.2} | {:.0} | {:.1} | {:.2}", step * 1e3, 1.0 / step, step * 1e6 / n as f64, all * 1e3);
+        println!(
+            "{n} | {n_simulated} | {:.2} | {:.0} | {:.1} | {:.2}",
+            step * 1e3,
+            1.0 / step,
+            step * 1e6 / n as f64,
+            all * 1e3
+        );
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
-//! Driving by angle and speed: two controllers, one from speed to acceleration and one from acceleration to pedals.
+//! Driving by angle and speed: two controllers, one from speed to acceleration and one from
+//! acceleration to pedals.
 //!
-//! CARLA's controllers add their output to what they asked for before, once per frame at 20 Hz; here the same per second, so that the tick's
+//! CARLA's controllers add their output to what they asked for before, once per frame at 20 Hz;
+//! here the same per second, so that the tick's
 //! length changes nothing.
 
 use schema_frames::{AckermannControl, AckermannGains, VehicleControl};
@@ -46,7 +48,13 @@ pub(crate) struct Seen {
 impl Ackermann {
     /// New wishes; what was learnt stays if there were wishes before.
     pub fn wish(before: Option<Ackermann>, control: AckermannControl, steer_rad: f32) -> Ackermann {
-        let clean = |x: f32, most: f32| if x.is_finite() { x.clamp(-most, most) } else { 0.0 };
+        let clean = |x: f32, most: f32| {
+            if x.is_finite() {
+                x.clamp(-most, most)
+            } else {
+                0.0
+            }
+        };
         let control = AckermannControl {
             steer_rad: clean(control.steer_rad, 1.6),
             steer_rate_radps: clean(control.steer_rate_radps, 1e3).abs(),
@@ -56,7 +64,11 @@ impl Ackermann {
         };
         match before {
             Some(before) => Ackermann { control, ..before },
-            None => Ackermann { control, steer_rad, ..Ackermann::default() },
+            None => Ackermann {
+                control,
+                steer_rad,
+                ..Ackermann::default()
+            },
         }
     }
 
@@ -65,14 +77,21 @@ impl Ackermann {
         let steer_ratio = self.steer(seen);
         let target_mps = self.control.speed_mps;
         let frames = seen.dt_secs / FRAME_SECS;
-        let measured = self.last_speed_mps.map_or(0.0, |last| (seen.speed_mps - last) / seen.dt_secs);
+        let measured = self
+            .last_speed_mps
+            .map_or(0.0, |last| (seen.speed_mps - last) / seen.dt_secs);
         self.last_speed_mps = Some(seen.speed_mps);
         // Keeps four fifths per frame.
         self.measured_mps2 += (measured - self.measured_mps2) * (1.0 - 0.8f32.powf(frames));
         let stands = seen.speed_mps.abs() < TURN_MPS;
         if target_mps.abs() < STAND_MPS && stands {
             self.forget();
-            return VehicleControl { steer_ratio, brake_ratio: 1.0, reverse: self.reverse, ..VehicleControl::default() };
+            return VehicleControl {
+                steer_ratio,
+                brake_ratio: 1.0,
+                reverse: self.reverse,
+                ..VehicleControl::default()
+            };
         }
         if stands && target_mps.abs() >= STAND_MPS && self.reverse != (target_mps < 0.0) {
             self.forget();
@@ -80,10 +99,20 @@ impl Ackermann {
         }
         // Everything from here on along the gear.
         let way = if self.reverse { -1.0 } else { 1.0 };
-        let (speed, target, acceleration) = (way * seen.speed_mps, way * target_mps, way * self.measured_mps2);
+        let (speed, target, acceleration) = (
+            way * seen.speed_mps,
+            way * target_mps,
+            way * self.measured_mps2,
+        );
         self.aim(gains, target.max(0.0) - speed, frames, seen.dt_secs);
         let error = self.wanted_mps2 - acceleration;
-        self.pedal += frames * controller(gains.acceleration, error, &mut self.acceleration_error, seen.dt_secs);
+        self.pedal += frames
+            * controller(
+                gains.acceleration,
+                error,
+                &mut self.acceleration_error,
+                seen.dt_secs,
+            );
         self.pedal = self.pedal.clamp(-1.0, 1.0);
         VehicleControl {
             throttle_ratio: self.pedal.max(0.0),
@@ -100,7 +129,10 @@ impl Ackermann {
         let change = frames * controller(gains.speed, error_mps, &mut self.speed_error, dt_secs);
         let limit = match self.control.acceleration_mps2 {
             0.0 => ACCELERATION_MPS2,
-            most => ((-most).max(ACCELERATION_MPS2.0), most.min(ACCELERATION_MPS2.1)),
+            most => (
+                (-most).max(ACCELERATION_MPS2.0),
+                most.min(ACCELERATION_MPS2.1),
+            ),
         };
         self.wanted_mps2 = (before + change).clamp(limit.0, limit.1);
         if self.control.jerk_mps3 > 0.0 {
@@ -110,8 +142,15 @@ impl Ackermann {
     }
 
     fn steer(&mut self, seen: &Seen) -> f32 {
-        let wanted = self.control.steer_rad.clamp(-seen.max_steer_rad, seen.max_steer_rad);
-        let most = if self.control.steer_rate_radps > 0.0 { self.control.steer_rate_radps * seen.dt_secs } else { f32::INFINITY };
+        let wanted = self
+            .control
+            .steer_rad
+            .clamp(-seen.max_steer_rad, seen.max_steer_rad);
+        let most = if self.control.steer_rate_radps > 0.0 {
+            self.control.steer_rate_radps * seen.dt_secs
+        } else {
+            f32::INFINITY
+        };
         self.steer_rad += (wanted - self.steer_rad).clamp(-most, most);
         (self.steer_rad / seen.max_steer_rad.max(1e-3)).clamp(-1.0, 1.0)
     }

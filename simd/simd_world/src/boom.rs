@@ -1,7 +1,9 @@
 //! Camera booms: how what is attached by a spring arm lags behind its parent and keeps off walls.
 //!
-//! The arm looks from the child back to its parent and follows the parent's yaw alone, a share of the way in each sub-step; the child
-//! hangs at its end. Position is never late, only direction. What hangs on a boom is for eyes: its pose is no rigid mount.
+//! The arm looks from the child back to its parent and follows the parent's yaw alone, a share of
+//! the way in each sub-step; the child
+//! hangs at its end. Position is never late, only direction. What hangs on a boom is for eyes: its
+//! pose is no rigid mount.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::parry::query::ShapeCastOptions;
@@ -27,7 +29,8 @@ const PROBE_M: f32 = 0.12;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Boom {
     shortens: bool,
-    /// Rotation of the arm, `[x, y, z, w]`: its x points from the child to the pivot; `None` before the first look at the parent.
+    /// Rotation of the arm, `[x, y, z, w]`: its x points from the child to the pivot; `None` before
+    /// the first look at the parent.
     arm_xyzw: Option<[f64; 4]>,
 }
 
@@ -36,12 +39,19 @@ impl Boom {
     fn new(attachment: Attachment) -> Option<Boom> {
         match attachment {
             Attachment::Rigid => None,
-            Attachment::SpringArm => Some(Boom { shortens: true, arm_xyzw: None }),
-            Attachment::SpringArmGhost => Some(Boom { shortens: false, arm_xyzw: None }),
+            Attachment::SpringArm => Some(Boom {
+                shortens: true,
+                arm_xyzw: None,
+            }),
+            Attachment::SpringArmGhost => Some(Boom {
+                shortens: false,
+                arm_xyzw: None,
+            }),
         }
     }
 
-    /// Pose of a child `dt_secs` after the last one (0: as it was); `free_m(pivot, direction, length)` is how far one gets.
+    /// Pose of a child `dt_secs` after the last one (0: as it was); `free_m(pivot, direction,
+    /// length)` is how far one gets.
     pub fn follow(
         &mut self,
         world_from_parent: &Isometry3<f64>,
@@ -52,23 +62,35 @@ impl Boom {
         let place = parent_from_child.translation.vector;
         let length_m = place.norm();
         let target = target(world_from_parent, &place);
-        let mut arm = self.arm_xyzw.map_or(target, |xyzw| UnitQuaternion::new_unchecked(Quaternion::from(xyzw)));
+        let mut arm = self.arm_xyzw.map_or(target, |xyzw| {
+            UnitQuaternion::new_unchecked(Quaternion::from(xyzw))
+        });
         let mut left_secs = dt_secs;
         while left_secs > 1e-9 {
             let step_secs = left_secs.min(SUB_STEP_SECS);
-            arm = arm.try_slerp(&target, (SPEED_PER_SEC * step_secs).min(1.0), 1e-9).unwrap_or(target);
+            arm = arm
+                .try_slerp(&target, (SPEED_PER_SEC * step_secs).min(1.0), 1e-9)
+                .unwrap_or(target);
             left_secs -= step_secs;
         }
         self.arm_xyzw = Some(arm.coords.into());
         let raise_m = if self.shortens { RAISE_M } else { 0.0 };
         let pivot = world_from_parent.translation.vector + Vector3::z() * raise_m;
         let outwards = -(arm * Vector3::x());
-        let reach_m = if self.shortens { free_m(&pivot, &outwards, length_m) } else { length_m };
-        Isometry3::from_parts(Translation3::from(pivot + outwards * reach_m), arm * parent_from_child.rotation)
+        let reach_m = if self.shortens {
+            free_m(&pivot, &outwards, length_m)
+        } else {
+            length_m
+        };
+        Isometry3::from_parts(
+            Translation3::from(pivot + outwards * reach_m),
+            arm * parent_from_child.rotation,
+        )
     }
 }
 
-/// Where an arm wants to point: from the child's place back to the parent, the parent's pitch and roll left out.
+/// Where an arm wants to point: from the child's place back to the parent, the parent's pitch and
+/// roll left out.
 fn target(world_from_parent: &Isometry3<f64>, place: &Vector3<f64>) -> UnitQuaternion<f64> {
     let forward = world_from_parent.rotation * Vector3::x();
     let parent_yaw = forward.y.atan2(forward.x);
@@ -79,7 +101,8 @@ fn target(world_from_parent: &Isometry3<f64>, place: &Vector3<f64>) -> UnitQuate
     UnitQuaternion::from_euler_angles(0.0, pitch, yaw)
 }
 
-/// How far a probe gets from `pivot` along the unit vector `direction`, at most `length_m`; parts of `parent` do not stop it.
+/// How far a probe gets from `pivot` along the unit vector `direction`, at most `length_m`; parts
+/// of `parent` do not stop it.
 pub(crate) fn free_m(
     physics: &Physics,
     parent: Option<rapier3d::prelude::RigidBodyHandle>,
@@ -87,8 +110,13 @@ pub(crate) fn free_m(
     direction: &Vector3<f64>,
     length_m: f64,
 ) -> f64 {
-    let filter = parent.map_or(QueryFilter::default(), |body| QueryFilter::default().exclude_rigid_body(body));
-    let from = physics.engine_pose(&Isometry3::from_parts(Translation3::from(*pivot), UnitQuaternion::identity()));
+    let filter = parent.map_or(QueryFilter::default(), |body| {
+        QueryFilter::default().exclude_rigid_body(body)
+    });
+    let from = physics.engine_pose(&Isometry3::from_parts(
+        Translation3::from(*pivot),
+        UnitQuaternion::identity(),
+    ));
     let pipeline = physics.engine.query_pipeline_with_filter(filter);
     let options = ShapeCastOptions::with_max_time_of_impact(length_m as f32);
     let hit = pipeline.cast_shape(&from, narrow(direction), &Ball::new(PROBE_M), options);
@@ -97,20 +125,37 @@ pub(crate) fn free_m(
 
 impl World {
     /// Says how an attached actor follows its parent. Without a parent only `rigid` is allowed.
-    pub fn set_attachment(&mut self, actor: ActorId, attachment: Attachment) -> Result<(), ActorError> {
+    pub fn set_attachment(
+        &mut self,
+        actor: ActorId,
+        attachment: Attachment,
+    ) -> Result<(), ActorError> {
         let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
-        let refuse = |problem| Err(ActorError::Value { actor, what: "attachment", problem });
+        let refuse = |problem| {
+            Err(ActorError::Value {
+                actor,
+                what: "attachment",
+                problem,
+            })
+        };
         let Some(boom) = Boom::new(attachment) else {
             self.booms.remove(&actor);
             self.refresh_records(None);
             return Ok(());
         };
         if known.parent.is_none() {
-            return refuse("is a spring arm, but there is no parent to hang it on; attach it, or use rigid");
+            return refuse(
+                "is a spring arm, but there is no parent to hang it on; attach it, or use rigid",
+            );
         }
-        let Pose { translation_m: [x, y, _], .. } = known.pose;
+        let Pose {
+            translation_m: [x, y, _],
+            ..
+        } = known.pose;
         if x.hypot(y) < 1e-6 {
-            return refuse("is a spring arm, but the pose lies right above or below the parent's origin, so the arm has no direction");
+            return refuse(
+                "is a spring arm, but the pose lies right above or below the parent's origin, so the arm has no direction",
+            );
         }
         self.booms.insert(actor, boom);
         self.refresh_records(None);
@@ -123,7 +168,10 @@ mod tests {
     use super::*;
 
     fn mount(x: f64, y: f64, z: f64, pitch: f64) -> Isometry3<f64> {
-        Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(0.0, pitch, 0.0))
+        Isometry3::from_parts(
+            Translation3::new(x, y, z),
+            UnitQuaternion::from_euler_angles(0.0, pitch, 0.0),
+        )
     }
 
     fn ghost() -> Boom {
@@ -132,9 +180,15 @@ mod tests {
 
     #[test]
     fn a_chase_camera_looks_down_at_its_parent() {
-        // The published example: 5.5 m behind and 2.5 m up, raised by 8°: looks down by atan(2.5 / 5.5) − 8° = 16.4°.
+        // The published example: 5.5 m behind and 2.5 m up, raised by 8°: looks down by atan(2.5 /
+        // 5.5) − 8° = 16.4°.
         let parent = Isometry3::translation(10.0, 20.0, 1.0);
-        let pose = ghost().follow(&parent, &mount(-5.5, 0.0, 2.5, -8f64.to_radians()), 0.05, |_, _, _| unreachable!());
+        let pose = ghost().follow(
+            &parent,
+            &mount(-5.5, 0.0, 2.5, -8f64.to_radians()),
+            0.05,
+            |_, _, _| unreachable!(),
+        );
         assert!((pose.translation.vector - Vector3::new(4.5, 20.0, 3.5)).norm() < 1e-12);
         let forward = pose.rotation * Vector3::x();
         let expected = 8f64.to_radians() - 2.5f64.atan2(5.5);
@@ -145,22 +199,32 @@ mod tests {
     fn the_parents_pitch_and_roll_do_not_shake_the_arm() {
         let place = mount(-5.0, 1.0, 2.0, 0.0);
         let at = |roll: f64, pitch: f64| {
-            let parent = Isometry3::from_parts(Translation3::new(1.0, 2.0, 3.0), UnitQuaternion::from_euler_angles(roll, pitch, 0.7));
+            let parent = Isometry3::from_parts(
+                Translation3::new(1.0, 2.0, 3.0),
+                UnitQuaternion::from_euler_angles(roll, pitch, 0.7),
+            );
             ghost().follow(&parent, &place, 0.05, |_, _, _| unreachable!())
         };
         assert!((at(0.3, -0.2).translation.vector - at(0.0, 0.0).translation.vector).norm() < 1e-9);
     }
 
-    /// Goal: after the parent turned by 90° at once, the angle left shrinks by (1 − 8 h) per sub-step of h ≤ 1/60 s.
+    /// Goal: after the parent turned by 90° at once, the angle left shrinks by (1 − 8 h) per
+    /// sub-step of h ≤ 1/60 s.
     #[test]
     fn the_arm_lags_a_turn_as_the_formula_says() {
         let place = mount(-6.0, 0.0, 0.0, 0.0);
         for (dt_secs, sub_steps) in [(0.05, 3), (0.01, 1), (1.0 / 30.0, 2), (0.5, 30)] {
             let mut boom = ghost();
-            boom.follow(&Isometry3::identity(), &place, 0.0, |_, _, _| unreachable!());
+            boom.follow(
+                &Isometry3::identity(),
+                &place,
+                0.0,
+                |_, _, _| unreachable!(),
+            );
             let turned = Isometry3::rotation(Vector3::z() * std::f64::consts::FRAC_PI_2);
             let pose = boom.follow(&turned, &place, dt_secs, |_, _, _| unreachable!());
-            let left = std::f64::consts::FRAC_PI_2 * (1.0 - 8.0 * dt_secs / sub_steps as f64).powi(sub_steps);
+            let left = std::f64::consts::FRAC_PI_2
+                * (1.0 - 8.0 * dt_secs / sub_steps as f64).powi(sub_steps);
             let forward = pose.rotation * Vector3::x();
             let angle = std::f64::consts::FRAC_PI_2 - forward.y.atan2(forward.x);
             assert!((angle - left).abs() < 1e-9, "{dt_secs}: {angle} {left}");
@@ -170,10 +234,19 @@ mod tests {
     #[test]
     fn a_wall_behind_pulls_the_child_in_and_lifts_the_pivot() {
         let mut boom = Boom::new(Attachment::SpringArm).unwrap();
-        let pose = boom.follow(&Isometry3::identity(), &mount(-6.0, 0.0, 0.0, 0.0), 0.05, |pivot, direction, length_m| {
-            assert!((pivot.z - 0.3).abs() < 1e-12 && (direction.x + 1.0).abs() < 1e-12 && (length_m - 6.0).abs() < 1e-12);
-            2.5
-        });
+        let pose = boom.follow(
+            &Isometry3::identity(),
+            &mount(-6.0, 0.0, 0.0, 0.0),
+            0.05,
+            |pivot, direction, length_m| {
+                assert!(
+                    (pivot.z - 0.3).abs() < 1e-12
+                        && (direction.x + 1.0).abs() < 1e-12
+                        && (length_m - 6.0).abs() < 1e-12
+                );
+                2.5
+            },
+        );
         assert!((pose.translation.vector - Vector3::new(-2.5, 0.0, 0.3)).norm() < 1e-12);
     }
 }

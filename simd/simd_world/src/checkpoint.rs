@@ -1,12 +1,19 @@
-//! Checkpoints: a copy of the whole world, in memory or as bytes, from which a run goes on bit for bit.
+//! Checkpoints: a copy of the whole world, in memory or as bytes, from which a run goes on bit for
+//! bit.
 //!
-//! A checkpoint is the [`World`] itself, so a field that is added to the world, to a vehicle or to a light is in it at once. As bytes it is
-//! postcard, which wants plain serde: no `flatten`, no `untagged` or tagged enums, no `skip_serializing_if`. The engine's contacts and their
-//! impulses are part of it (a solver that starts warm ends elsewhere than one that starts cold); the map's solid geometry is not: its
-//! colliders travel with a stand-in for their shape and take it back from the living world, whose map must be the same.
+//! A checkpoint is the [`World`] itself, so a field that is added to the world, to a vehicle or to
+//! a light is in it at once. As bytes it is
+//! postcard, which wants plain serde: no `flatten`, no `untagged` or tagged enums, no
+//! `skip_serializing_if`. The engine's contacts and their
+//! impulses are part of it (a solver that starts warm ends elsewhere than one that starts cold);
+//! the map's solid geometry is not: its
+//! colliders travel with a stand-in for their shape and take it back from the living world, whose
+//! map must be the same.
 //!
-//! Sensors are instruments and not part of the world's state: those that exist stay, those of the checkpoint's time come back only as far
-//! as they still exist. Ids go on counting; nothing is ever called what something else was called before.
+//! Sensors are instruments and not part of the world's state: those that exist stay, those of the
+//! checkpoint's time come back only as far
+//! as they still exist. Ids go on counting; nothing is ever called what something else was called
+//! before.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -26,7 +33,8 @@ const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
 const VERSION: u32 = 1;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
-/// Hash of everything that decides how the body is laid out: this crate's sources and the versions it is built with.
+/// Hash of everything that decides how the body is laid out: this crate's sources and the versions
+/// it is built with.
 const LAYOUT: &str = env!("GANTRY_WORLD_LAYOUT");
 
 /// The world at one moment.
@@ -43,13 +51,19 @@ pub enum CheckpointError {
     #[error("this is not a checkpoint: it does not begin with GCKP")]
     Foreign,
     /// A head of another version.
-    #[error("the checkpoint's format is version {0}, but this program reads version {VERSION}; save it anew")]
+    #[error(
+        "the checkpoint's format is version {0}, but this program reads version {VERSION}; save it anew"
+    )]
     Version(u32),
     /// Another build wrote it.
-    #[error("the checkpoint was saved by another build of Gantry, whose world is laid out differently; save it anew with this one")]
+    #[error(
+        "the checkpoint was saved by another build of Gantry, whose world is laid out differently; save it anew with this one"
+    )]
     Layout,
     /// The file ends early or goes on for too long.
-    #[error("the checkpoint has {found} bytes after its head, but its head says {said}; the file is cut off or damaged")]
+    #[error(
+        "the checkpoint has {found} bytes after its head, but its head says {said}; the file is cut off or damaged"
+    )]
     Length {
         /// Bytes there are.
         found: u64,
@@ -71,7 +85,9 @@ pub enum CheckpointError {
         loaded: String,
     },
     /// The map of this name was another one.
-    #[error("the checkpoint is of another version of map {0:?}: roads or solid ground differ; load the map it was saved on")]
+    #[error(
+        "the checkpoint is of another version of map {0:?}: roads or solid ground differ; load the map it was saved on"
+    )]
     ChangedMap(String),
 }
 
@@ -86,12 +102,22 @@ impl Checkpoint {
     /// # Errors
     /// [`CheckpointError::Body`] if something in the world cannot be written.
     pub fn to_bytes(&self) -> Result<Vec<u8>, CheckpointError> {
-        let body = Body { map: self.world.map.name.clone(), world: &self.world };
-        let body = postcard::to_allocvec(&body).map_err(|error| CheckpointError::Body(error.to_string()))?;
+        let body = Body {
+            map: self.world.map.name.clone(),
+            world: &self.world,
+        };
+        let body = postcard::to_allocvec(&body)
+            .map_err(|error| CheckpointError::Body(error.to_string()))?;
         let mut bytes = Vec::with_capacity(HEAD_BYTES + body.len());
         bytes.extend(MAGIC.to_le_bytes());
         bytes.extend(VERSION.to_le_bytes());
-        for word in [layout(), map_hash(&self.world.map), self.elapsed_nanos, body.len() as u64, hash(&body)] {
+        for word in [
+            layout(),
+            map_hash(&self.world.map),
+            self.elapsed_nanos,
+            body.len() as u64,
+            hash(&body),
+        ] {
             bytes.extend(word.to_le_bytes());
         }
         bytes.extend(body);
@@ -106,19 +132,33 @@ impl Checkpoint {
         if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
             return Err(CheckpointError::Foreign);
         }
-        let version = bytes.get(4..8).map_or(0, |word| u32::from_le_bytes(word.try_into().expect("four bytes")));
+        let version = bytes.get(4..8).map_or(0, |word| {
+            u32::from_le_bytes(word.try_into().expect("four bytes"))
+        });
         if version != VERSION {
             return Err(CheckpointError::Version(version));
         }
         let Some((head, body)) = bytes.split_at_checked(HEAD_BYTES) else {
-            return Err(CheckpointError::Length { found: 0, said: HEAD_BYTES as u64 });
+            return Err(CheckpointError::Length {
+                found: 0,
+                said: HEAD_BYTES as u64,
+            });
         };
-        let word = |idx: usize| u64::from_le_bytes(head[8 + 8 * idx..16 + 8 * idx].try_into().expect("eight bytes"));
+        let word = |idx: usize| {
+            u64::from_le_bytes(
+                head[8 + 8 * idx..16 + 8 * idx]
+                    .try_into()
+                    .expect("eight bytes"),
+            )
+        };
         if word(0) != layout() {
             return Err(CheckpointError::Layout);
         }
         if body.len() as u64 != word(3) {
-            return Err(CheckpointError::Length { found: body.len() as u64, said: word(3) });
+            return Err(CheckpointError::Length {
+                found: body.len() as u64,
+                said: word(3),
+            });
         }
         if hash(body) != word(4) {
             return Err(CheckpointError::Checksum);
@@ -126,15 +166,22 @@ impl Checkpoint {
         let broken = |error: postcard::Error| CheckpointError::Body(error.to_string());
         let (map, rest): (String, &[u8]) = postcard::take_from_bytes(body).map_err(broken)?;
         if map != living.map.name {
-            return Err(CheckpointError::OtherMap { of: map, loaded: living.map.name.clone() });
+            return Err(CheckpointError::OtherMap {
+                of: map,
+                loaded: living.map.name.clone(),
+            });
         }
         if word(1) != map_hash(&living.map) {
             return Err(CheckpointError::ChangedMap(map));
         }
         let mut world: World = postcard::from_bytes(rest).map_err(broken)?;
-        engine::take_geometry(&mut world.physics.engine, &living.physics.engine).map_err(CheckpointError::Body)?;
+        engine::take_geometry(&mut world.physics.engine, &living.physics.engine)
+            .map_err(CheckpointError::Body)?;
         world.take_constants(living);
-        Ok(Checkpoint { world, elapsed_nanos: word(2) })
+        Ok(Checkpoint {
+            world,
+            elapsed_nanos: word(2),
+        })
     }
 }
 
@@ -146,22 +193,32 @@ struct Body<'w> {
 }
 
 impl World {
-    /// A copy of everything that changes. `elapsed_nanos` is the simulated time since the episode began.
+    /// A copy of everything that changes. `elapsed_nanos` is the simulated time since the episode
+    /// began.
     pub fn checkpoint(&self, elapsed_nanos: u64) -> Checkpoint {
-        Checkpoint { world: self.clone(), elapsed_nanos }
+        Checkpoint {
+            world: self.clone(),
+            elapsed_nanos,
+        }
     }
 
-    /// Goes back to a checkpoint of this map and returns the sensors that went because their parent does not exist there.
+    /// Goes back to a checkpoint of this map and returns the sensors that went because their parent
+    /// does not exist there.
     ///
-    /// The counts of actors and of episodes never go back. Records are those of the checkpoint, so a snapshot can be sent at once.
+    /// The counts of actors and of episodes never go back. Records are those of the checkpoint, so
+    /// a snapshot can be sent at once.
     ///
     /// # Errors
-    /// [`CheckpointError::OtherMap`] or [`CheckpointError::ChangedMap`]; the world is then as before.
+    /// [`CheckpointError::OtherMap`] or [`CheckpointError::ChangedMap`]; the world is then as
+    /// before.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<Vec<ActorId>, CheckpointError> {
         let of = &checkpoint.world.map;
         if !Arc::ptr_eq(of, &self.map) {
             if of.name != self.map.name {
-                return Err(CheckpointError::OtherMap { of: of.name.clone(), loaded: self.map.name.clone() });
+                return Err(CheckpointError::OtherMap {
+                    of: of.name.clone(),
+                    loaded: self.map.name.clone(),
+                });
             }
             if map_hash(of) != map_hash(&self.map) {
                 return Err(CheckpointError::ChangedMap(of.name.clone()));
@@ -192,9 +249,24 @@ impl World {
 
     /// The sensors of `living` instead of one's own. Returns those for which there is no place.
     fn take_sensors(&mut self, living: &World) -> Vec<ActorId> {
-        let is_sensor = |world: &World, id: &ActorId| world.actors.get(id).is_some_and(|actor| actor.kind == ActorKind::Sensor);
-        let alive: BTreeSet<ActorId> = living.actors.keys().copied().filter(|id| is_sensor(living, id)).collect();
-        let lost: Vec<ActorId> = self.actors.keys().copied().filter(|id| is_sensor(self, id) && !alive.contains(id)).collect();
+        let is_sensor = |world: &World, id: &ActorId| {
+            world
+                .actors
+                .get(id)
+                .is_some_and(|actor| actor.kind == ActorKind::Sensor)
+        };
+        let alive: BTreeSet<ActorId> = living
+            .actors
+            .keys()
+            .copied()
+            .filter(|id| is_sensor(living, id))
+            .collect();
+        let lost: Vec<ActorId> = self
+            .actors
+            .keys()
+            .copied()
+            .filter(|id| is_sensor(self, id) && !alive.contains(id))
+            .collect();
         for id in lost {
             self.actors.remove(&id);
             self.booms.remove(&id);
@@ -203,12 +275,15 @@ impl World {
         // Parents have smaller ids, so a sensor on a sensor finds it already settled.
         for id in alive {
             let sensor = &living.actors[&id];
-            let has_parent = sensor.parent.is_none_or(|parent| self.actors.contains_key(&parent));
+            let has_parent = sensor
+                .parent
+                .is_none_or(|parent| self.actors.contains_key(&parent));
             match self.actors.get_mut(&id) {
                 Some(own) if own.kind == ActorKind::Sensor => own.topics = sensor.topics.clone(),
                 None if has_parent => {
                     self.actors.insert(id, sensor.clone());
-                    self.booms.extend(living.booms.get(&id).map(|boom| (id, *boom)));
+                    self.booms
+                        .extend(living.booms.get(&id).map(|boom| (id, *boom)));
                 }
                 _ => gone.push(id),
             }
@@ -244,13 +319,20 @@ pub(crate) mod engine {
 
     /// Colliders whose shape comes with the map: triangles are nobody else's.
     fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ {
-        engine.colliders.iter().filter(|(_, collider)| collider.shape().as_trimesh().is_some()).map(|(handle, _)| handle)
+        engine
+            .colliders
+            .iter()
+            .filter(|(_, collider)| collider.shape().as_trimesh().is_some())
+            .map(|(handle, _)| handle)
     }
 
     /// Radius of a stand-in; nothing real is that small.
     const STAND_IN_M: f32 = f32::MIN_POSITIVE;
 
-    pub(crate) fn serialize<S: Serializer>(engine: &PhysicsWorld, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(
+        engine: &PhysicsWorld,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         let mut light = copy(engine);
         for handle in geometry(engine) {
             if let Some(collider) = light.colliders.get_mut(handle) {
@@ -260,15 +342,23 @@ pub(crate) mod engine {
         light.serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PhysicsWorld, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<PhysicsWorld, D::Error> {
         PhysicsWorld::deserialize(deserializer)
     }
 
-    /// Puts the colliders of the map where the stand-ins are. The living ones come whole: with them comes the mark "nothing changed here", so
+    /// Puts the colliders of the map where the stand-ins are. The living ones come whole: with them
+    /// comes the mark "nothing changed here", so
     /// that the engine keeps what it knows of their contacts.
-    pub(crate) fn take_geometry(engine: &mut PhysicsWorld, living: &PhysicsWorld) -> Result<(), String> {
+    pub(crate) fn take_geometry(
+        engine: &mut PhysicsWorld,
+        living: &PhysicsWorld,
+    ) -> Result<(), String> {
         for handle in geometry(living) {
-            let Some(original) = living.colliders.get(handle) else { continue };
+            let Some(original) = living.colliders.get(handle) else {
+                continue;
+            };
             if let Some(stand_in) = engine.colliders.get_mut(handle) {
                 let is_enabled = stand_in.is_enabled();
                 *stand_in = original.clone();
@@ -277,8 +367,17 @@ pub(crate) mod engine {
                 }
             }
         }
-        let is_stand_in = |collider: &Collider| collider.shape().as_ball().is_some_and(|ball| ball.radius == STAND_IN_M);
-        match engine.colliders.iter().any(|(_, collider)| is_stand_in(collider)) {
+        let is_stand_in = |collider: &Collider| {
+            collider
+                .shape()
+                .as_ball()
+                .is_some_and(|ball| ball.radius == STAND_IN_M)
+        };
+        match engine
+            .colliders
+            .iter()
+            .any(|(_, collider)| is_stand_in(collider))
+        {
             true => Err("it has solid geometry that the loaded map lacks".to_owned()),
             false => Ok(()),
         }
@@ -303,7 +402,8 @@ fn map_hash(map: &MapData) -> u64 {
     sum
 }
 
-/// 64 bits that change with any flipped bit or moved word: two lanes of SplitMix64. No cryptography.
+/// 64 bits that change with any flipped bit or moved word: two lanes of SplitMix64. No
+/// cryptography.
 fn hash(bytes: &[u8]) -> u64 {
     let mut lanes = [0x243f_6a88_85a3_08d3u64, 0x1319_8a2e_0370_7344];
     for (idx, chunk) in bytes.chunks(8).enumerate() {

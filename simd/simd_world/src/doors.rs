@@ -29,7 +29,11 @@ impl Doors {
         for (door, opening) in self.opening.iter_mut().enumerate() {
             let way = (dt_secs / OPENING_SECS) as f32;
             let asked = self.asked >> door & 1 != 0;
-            *opening = if asked { (*opening + way).min(1.0) } else { (*opening - way).max(0.0) };
+            *opening = if asked {
+                (*opening + way).min(1.0)
+            } else {
+                (*opening - way).max(0.0)
+            };
         }
     }
 
@@ -48,7 +52,11 @@ impl Doors {
     pub fn flags(&self) -> u32 {
         // A door that is ajar is not shut.
         let level = |opening: &f32| (opening * WIDE_OPEN).ceil() as u32;
-        self.opening.iter().enumerate().map(|(door, opening)| level(opening) << (16 + 4 * door)).sum()
+        self.opening
+            .iter()
+            .enumerate()
+            .map(|(door, opening)| level(opening) << (16 + 4 * door))
+            .sum()
     }
 }
 
@@ -61,17 +69,30 @@ impl VehicleModel {
 }
 
 impl World {
-    /// Opens or shuts doors of a vehicle, one bit each: 1 front left, 2 front right, 4 rear left, 8 rear right. They take their time.
+    /// Opens or shuts doors of a vehicle, one bit each: 1 front left, 2 front right, 4 rear left, 8
+    /// rear right. They take their time.
     pub fn set_doors(&mut self, actor: ActorId, doors: u8, open: bool) -> Result<(), ActorError> {
         let vehicle = self.vehicle_mut(actor)?;
         if !vehicle.model.has_dynamic_doors() {
             let type_id = vehicle.model.type_id.to_owned();
-            return Err(ActorError::WrongKind { actor, type_id, needed: "vehicle whose has_dynamic_doors is true" });
+            return Err(ActorError::WrongKind {
+                actor,
+                type_id,
+                needed: "vehicle whose has_dynamic_doors is true",
+            });
         }
         if doors == 0 || doors > 15 {
-            return Err(ActorError::Value { actor, what: "doors", problem: "must be a sum of 1, 2, 4 and 8 (front left to rear right)" });
+            return Err(ActorError::Value {
+                actor,
+                what: "doors",
+                problem: "must be a sum of 1, 2, 4 and 8 (front left to rear right)",
+            });
         }
-        vehicle.doors.asked = if open { vehicle.doors.asked | doors } else { vehicle.doors.asked & !doors };
+        vehicle.doors.asked = if open {
+            vehicle.doors.asked | doors
+        } else {
+            vehicle.doors.asked & !doors
+        };
         Ok(())
     }
 }

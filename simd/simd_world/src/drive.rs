@@ -1,9 +1,13 @@
 //! Engine, clutch and gearbox of one vehicle: pedals and wheel speed in, torque at the wheels out.
 //!
-//! The engine is a flywheel that follows its torque curve. While the clutch is locked it turns with the wheels and its inertia rides on
-//! them; while it slips it passes a friction torque that depends on no speed difference, so nothing is stiff. Below idle speed the clutch
-//! opens by itself and closes with rising engine speed, as a driver or an automatic would do it. Electric motors and legs have no idle
-//! speed and stay locked. The automatic gearbox shifts at the gears' own shares of the largest engine speed, earlier with less throttle,
+//! The engine is a flywheel that follows its torque curve. While the clutch is locked it turns with
+//! the wheels and its inertia rides on
+//! them; while it slips it passes a friction torque that depends on no speed difference, so nothing
+//! is stiff. Below idle speed the clutch
+//! opens by itself and closes with rising engine speed, as a driver or an automatic would do it.
+//! Electric motors and legs have no idle
+//! speed and stay locked. The automatic gearbox shifts at the gears' own shares of the largest
+//! engine speed, earlier with less throttle,
 //! and waits between shifts, so that it does not hunt.
 
 use schema_frames::{VehicleControl, VehiclePhysics};
@@ -23,7 +27,8 @@ const SLIP_STEP_SECS: f32 = 0.002;
 /// With the throttle shut the gearbox shifts up at this share of the speed at full throttle.
 const EARLY_SHIFT_RATIO: f32 = 0.45;
 
-/// What an engine with its gearbox is by its kind. Torques in N·m at the crankshaft, ratios engine to gearbox output.
+/// What an engine with its gearbox is by its kind. Torques in N·m at the crankshaft, ratios engine
+/// to gearbox output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EngineSpec {
     /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm.
@@ -56,8 +61,15 @@ pub struct EngineSpec {
 
 /// Full-throttle torque of the data in force, N·m; 0 beyond the last point and beyond `max_rpm`.
 fn torque_nm(physics: &VehiclePhysics, rpm: f32) -> f32 {
-    let beyond = physics.torque_curve.last().is_none_or(|[last, _]| rpm > *last);
-    if rpm > physics.max_rpm || beyond { 0.0 } else { along(&physics.torque_curve, rpm, 0.0) }
+    let beyond = physics
+        .torque_curve
+        .last()
+        .is_none_or(|[last, _]| rpm > *last);
+    if rpm > physics.max_rpm || beyond {
+        0.0
+    } else {
+        along(&physics.torque_curve, rpm, 0.0)
+    }
 }
 
 /// What the drive train is asked in one sub-step.
@@ -98,7 +110,13 @@ pub struct DriveTrain {
 pub(crate) fn overall_ratio(spec: &EngineSpec, physics: &VehiclePhysics, gear: i32) -> f32 {
     match gear {
         -1 => -spec.reverse_ratio * physics.final_ratio,
-        1.. => physics.forward_gears.get(gear as usize - 1).map_or(0.0, |gear| gear.ratio) * physics.final_ratio,
+        1.. => {
+            physics
+                .forward_gears
+                .get(gear as usize - 1)
+                .map_or(0.0, |gear| gear.ratio)
+                * physics.final_ratio
+        }
         _ => 0.0,
     }
 }
@@ -107,11 +125,22 @@ impl DriveTrain {
     /// Engine idling in first gear.
     pub fn new(spec: &EngineSpec) -> Self {
         let engine_radps = spec.idle_rpm * RADPS_PER_RPM;
-        DriveTrain { gear: 1, engine_radps, locked: spec.idle_rpm == 0.0, shift_left_secs: 0.0, pause_left_secs: 0.0 }
+        DriveTrain {
+            gear: 1,
+            engine_radps,
+            locked: spec.idle_rpm == 0.0,
+            shift_left_secs: 0.0,
+            pause_left_secs: 0.0,
+        }
     }
 
     /// Advances by one sub-step.
-    pub fn step(&mut self, spec: &EngineSpec, physics: &VehiclePhysics, input: &DriveInput) -> DriveOutput {
+    pub fn step(
+        &mut self,
+        spec: &EngineSpec,
+        physics: &VehiclePhysics,
+        input: &DriveInput,
+    ) -> DriveOutput {
         self.shift_left_secs = (self.shift_left_secs - input.dt_secs).max(0.0);
         self.pause_left_secs = (self.pause_left_secs - input.dt_secs).max(0.0);
         self.choose_gear(spec, physics, input);
@@ -120,7 +149,13 @@ impl DriveTrain {
         if ratio == 0.0 || self.shift_left_secs > 0.0 {
             self.locked = false;
             // During a shift the throttle is shut; in neutral the engine revs.
-            self.rev(spec, physics, if ratio == 0.0 { throttle } else { 0.0 }, 0.0, input.dt_secs);
+            self.rev(
+                spec,
+                physics,
+                if ratio == 0.0 { throttle } else { 0.0 },
+                0.0,
+                input.dt_secs,
+            );
             return DriveOutput::default();
         }
         let idle_radps = spec.idle_rpm * RADPS_PER_RPM;
@@ -131,19 +166,41 @@ impl DriveTrain {
         self.locked = may_lock && (self.locked || idle_radps == 0.0) && torque_nm <= capacity_nm;
         if self.locked {
             self.engine_radps = geared_radps;
-            let damping = lerp(physics.damping_closed_engaged_nms, physics.damping_full_throttle_nms, throttle);
+            let damping = lerp(
+                physics.damping_closed_engaged_nms,
+                physics.damping_full_throttle_nms,
+                throttle,
+            );
             return DriveOutput {
                 torque_nm: torque_nm * ratio * spec.efficiency_ratio,
                 damping_nms: damping * ratio * ratio,
                 inertia_kgm2: physics.engine_inertia_kgm2 * ratio * ratio,
             };
         }
-        let passed_nm = self.slip(spec, physics, throttle, geared_radps, may_lock, input.dt_secs);
-        DriveOutput { torque_nm: passed_nm * ratio * spec.efficiency_ratio, ..DriveOutput::default() }
+        let passed_nm = self.slip(
+            spec,
+            physics,
+            throttle,
+            geared_radps,
+            may_lock,
+            input.dt_secs,
+        );
+        DriveOutput {
+            torque_nm: passed_nm * ratio * spec.efficiency_ratio,
+            ..DriveOutput::default()
+        }
     }
 
     /// The clutch slips: mean torque that it passes on. Locks when both sides turn alike.
-    fn slip(&mut self, spec: &EngineSpec, physics: &VehiclePhysics, throttle: f32, geared_radps: f32, may_lock: bool, dt_secs: f32) -> f32 {
+    fn slip(
+        &mut self,
+        spec: &EngineSpec,
+        physics: &VehiclePhysics,
+        throttle: f32,
+        geared_radps: f32,
+        may_lock: bool,
+        dt_secs: f32,
+    ) -> f32 {
         let n_steps = (dt_secs / SLIP_STEP_SECS).ceil().max(1.0);
         let step_secs = dt_secs / n_steps;
         let capacity_nm = physics.clutch_strength_nms * CLUTCH_SLIP_RADPS;
@@ -158,12 +215,19 @@ impl DriveTrain {
                 sum_nm += torque_nm(physics, geared_radps / RADPS_PER_RPM) * throttle;
                 continue;
             }
-            // Closes between idle and launch speed; closed altogether once the wheels turn fast enough.
-            let closed = if may_lock { f32::INFINITY } else { 1.2 * (self.engine_radps - idle).max(0.0) / (launch - idle).max(1.0) };
+            // Closes between idle and launch speed; closed altogether once the wheels turn fast
+            // enough.
+            let closed = if may_lock {
+                f32::INFINITY
+            } else {
+                1.2 * (self.engine_radps - idle).max(0.0) / (launch - idle).max(1.0)
+            };
             let passed_nm = capacity_nm.min(peak_nm * closed) * slip_radps.signum();
             let before = self.engine_radps;
             self.rev(spec, physics, throttle, passed_nm, step_secs);
-            if may_lock && (before - geared_radps).signum() != (self.engine_radps - geared_radps).signum() {
+            if may_lock
+                && (before - geared_radps).signum() != (self.engine_radps - geared_radps).signum()
+            {
                 self.engine_radps = geared_radps;
             }
             sum_nm += passed_nm;
@@ -172,12 +236,26 @@ impl DriveTrain {
     }
 
     /// The engine turns by itself against `load_nm`; a governor keeps it at idle.
-    fn rev(&mut self, spec: &EngineSpec, physics: &VehiclePhysics, throttle: f32, load_nm: f32, dt_secs: f32) {
-        let torque_nm = torque_nm(physics, self.engine_radps.abs() / RADPS_PER_RPM) * throttle - load_nm;
-        let damping_nms = lerp(physics.damping_closed_open_nms, physics.damping_full_throttle_nms, throttle);
+    fn rev(
+        &mut self,
+        spec: &EngineSpec,
+        physics: &VehiclePhysics,
+        throttle: f32,
+        load_nm: f32,
+        dt_secs: f32,
+    ) {
+        let torque_nm =
+            torque_nm(physics, self.engine_radps.abs() / RADPS_PER_RPM) * throttle - load_nm;
+        let damping_nms = lerp(
+            physics.damping_closed_open_nms,
+            physics.damping_full_throttle_nms,
+            throttle,
+        );
         let inertia = physics.engine_inertia_kgm2;
-        let revved = (inertia * self.engine_radps + dt_secs * torque_nm) / (inertia + dt_secs * damping_nms);
-        let [idle, most] = [spec.idle_rpm.min(physics.max_rpm), physics.max_rpm].map(|rpm| rpm * RADPS_PER_RPM);
+        let revved =
+            (inertia * self.engine_radps + dt_secs * torque_nm) / (inertia + dt_secs * damping_nms);
+        let [idle, most] =
+            [spec.idle_rpm.min(physics.max_rpm), physics.max_rpm].map(|rpm| rpm * RADPS_PER_RPM);
         // Above its largest speed, e.g. after a shift down, only the clutch brings it there.
         self.engine_radps = revved.clamp(idle, most.max(self.engine_radps));
     }
@@ -197,7 +275,8 @@ impl DriveTrain {
             return;
         }
         let share_in = |gear: i32| {
-            let geared = (input.wheel_radps * overall_ratio(spec, physics, gear)).max(0.0) / RADPS_PER_RPM;
+            let geared =
+                (input.wheel_radps * overall_ratio(spec, physics, gear)).max(0.0) / RADPS_PER_RPM;
             geared / physics.max_rpm
         };
         let early = lerp(EARLY_SHIFT_RATIO, 1.0, control.throttle_ratio);
@@ -205,7 +284,10 @@ impl DriveTrain {
         let gear = self.gear;
         if gear < n_gears && share_in(gear) > data(gear).up_ratio * early {
             self.shift(gear + 1, physics);
-        } else if gear > 1 && share_in(gear) < data(gear).down_ratio * early && share_in(gear - 1) < 0.9 * data(gear - 1).up_ratio * early {
+        } else if gear > 1
+            && share_in(gear) < data(gear).down_ratio * early
+            && share_in(gear - 1) < 0.9 * data(gear - 1).up_ratio * early
+        {
             self.shift(gear - 1, physics);
         }
     }
@@ -229,8 +311,15 @@ mod tests {
     use crate::vehicle_models;
 
     fn input(throttle_ratio: f32, wheel_radps: f32) -> DriveInput {
-        let control = VehicleControl { throttle_ratio, ..Default::default() };
-        DriveInput { control, wheel_radps, dt_secs: 0.01 }
+        let control = VehicleControl {
+            throttle_ratio,
+            ..Default::default()
+        };
+        DriveInput {
+            control,
+            wheel_radps,
+            dt_secs: 0.01,
+        }
     }
 
     #[test]
@@ -243,37 +332,76 @@ mod tests {
             let mut shut = input(1.0, rpm * RADPS_PER_RPM / ratio);
             shut.control.manual_gear_shift = true;
             shut.control.gear = 1;
-            let out = (0..200).map(|_| train.step(spec, &physics, &shut)).last().unwrap();
+            let out = (0..200)
+                .map(|_| train.step(spec, &physics, &shut))
+                .last()
+                .unwrap();
             let expected_nm = torque_nm(&physics, rpm) * ratio * spec.efficiency_ratio;
-            assert!((out.torque_nm / expected_nm - 1.0).abs() < 1e-4, "{}: {out:?}, expected {expected_nm}", model.type_id);
+            assert!(
+                (out.torque_nm / expected_nm - 1.0).abs() < 1e-4,
+                "{}: {out:?}, expected {expected_nm}",
+                model.type_id
+            );
             assert!((out.inertia_kgm2 - spec.inertia_kgm2 * ratio * ratio).abs() < 1e-3);
         }
     }
 
     #[test]
     fn a_standing_engine_pulls_away_near_its_launch_speed() {
-        for model in vehicle_models().iter().filter(|model| model.engine.idle_rpm > 0.0) {
+        for model in vehicle_models()
+            .iter()
+            .filter(|model| model.engine.idle_rpm > 0.0)
+        {
             let (spec, physics) = (&model.engine, model.physics());
             let mut train = DriveTrain::new(spec);
-            assert_eq!(train.step(spec, &physics, &input(0.0, 0.0)).torque_nm, 0.0, "idles without creeping");
-            let out = (0..100).map(|_| train.step(spec, &physics, &input(1.0, 0.0))).last().unwrap();
+            assert_eq!(
+                train.step(spec, &physics, &input(0.0, 0.0)).torque_nm,
+                0.0,
+                "idles without creeping"
+            );
+            let out = (0..100)
+                .map(|_| train.step(spec, &physics, &input(1.0, 0.0)))
+                .last()
+                .unwrap();
             let rpm = train.engine_radps / RADPS_PER_RPM;
-            assert!(rpm > 0.7 * spec.launch_rpm && rpm < 1.1 * spec.launch_rpm, "{}: {rpm} rpm", model.type_id);
+            assert!(
+                rpm > 0.7 * spec.launch_rpm && rpm < 1.1 * spec.launch_rpm,
+                "{}: {rpm} rpm",
+                model.type_id
+            );
             // In balance the clutch passes what the engine gives.
-            let given_nm = torque_nm(&physics, rpm) * overall_ratio(spec, &physics, 1) * spec.efficiency_ratio;
-            assert!((out.torque_nm / given_nm - 1.0).abs() < 0.02, "{}: {} of {given_nm}", model.type_id, out.torque_nm);
+            let given_nm =
+                torque_nm(&physics, rpm) * overall_ratio(spec, &physics, 1) * spec.efficiency_ratio;
+            assert!(
+                (out.torque_nm / given_nm - 1.0).abs() < 0.02,
+                "{}: {} of {given_nm}",
+                model.type_id,
+                out.torque_nm
+            );
         }
     }
 
     #[test]
     fn a_weak_clutch_passes_only_what_it_carries() {
-        let model = vehicle_models().iter().find(|model| model.engine.idle_rpm > 0.0).unwrap();
+        let model = vehicle_models()
+            .iter()
+            .find(|model| model.engine.idle_rpm > 0.0)
+            .unwrap();
         let mut physics = model.physics();
         physics.clutch_strength_nms = 1.0;
         let mut train = DriveTrain::new(&model.engine);
-        let out = (0..100).map(|_| train.step(&model.engine, &physics, &input(1.0, 0.0))).last().unwrap();
-        let expected_nm = CLUTCH_SLIP_RADPS * overall_ratio(&model.engine, &physics, 1) * model.engine.efficiency_ratio;
-        assert!((out.torque_nm / expected_nm - 1.0).abs() < 1e-4, "{} {expected_nm}", out.torque_nm);
+        let out = (0..100)
+            .map(|_| train.step(&model.engine, &physics, &input(1.0, 0.0)))
+            .last()
+            .unwrap();
+        let expected_nm = CLUTCH_SLIP_RADPS
+            * overall_ratio(&model.engine, &physics, 1)
+            * model.engine.efficiency_ratio;
+        assert!(
+            (out.torque_nm / expected_nm - 1.0).abs() < 1e-4,
+            "{} {expected_nm}",
+            out.torque_nm
+        );
     }
 
     #[test]
@@ -290,7 +418,11 @@ mod tests {
                 assert!((train.gear - before).abs() <= 1);
                 shifts += (train.gear != before) as usize;
             }
-            assert!(shifts < spec.ratios.len(), "{}: {shifts} shifts", model.type_id);
+            assert!(
+                shifts < spec.ratios.len(),
+                "{}: {shifts} shifts",
+                model.type_id
+            );
         }
     }
 
@@ -305,7 +437,10 @@ mod tests {
         let mut neutral = input(0.5, 0.0);
         neutral.control.manual_gear_shift = true;
         assert_eq!(train.step(spec, &physics, &neutral), DriveOutput::default());
-        let petrol = vehicle_models().iter().find(|model| model.engine.ratios.len() > 1).unwrap();
+        let petrol = vehicle_models()
+            .iter()
+            .find(|model| model.engine.ratios.len() > 1)
+            .unwrap();
         (physics, train) = (petrol.physics(), DriveTrain::new(&petrol.engine));
         physics.automatic_gearbox = false;
         for _ in 0..500 {

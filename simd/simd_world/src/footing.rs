@@ -1,9 +1,13 @@
 //! The solid ground near a vehicle, kept at hand for its wheels.
 //!
-//! A wheel asks where the ground is in every sub-step, and a search through a whole town for each would cost more than all the rest. So a
-//! vehicle keeps the triangles about it and looks there until it leaves their room or the ground changes. What a ray finds depends on
-//! neither: of the triangles whose box touches the ray's box, the nearest hit counts, and of equally near ones the first by collider and
-//! number. A vehicle with a full room, with an empty one or just restored from a checkpoint finds the same bits.
+//! A wheel asks where the ground is in every sub-step, and a search through a whole town for each
+//! would cost more than all the rest. So a
+//! vehicle keeps the triangles about it and looks there until it leaves their room or the ground
+//! changes. What a ray finds depends on
+//! neither: of the triangles whose box touches the ray's box, the nearest hit counts, and of
+//! equally near ones the first by collider and
+//! number. A vehicle with a full room, with an empty one or just restored from a checkpoint finds
+//! the same bits.
 
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::query::details::local_ray_intersection_with_triangle;
@@ -25,14 +29,23 @@ struct Room {
 }
 
 impl Room {
-    const NOWHERE: Room = Room { low: Vector::splat(f32::INFINITY), high: Vector::splat(f32::NEG_INFINITY) };
+    const NOWHERE: Room = Room {
+        low: Vector::splat(f32::INFINITY),
+        high: Vector::splat(f32::NEG_INFINITY),
+    };
 
     fn around(points: impl IntoIterator<Item = Vector>) -> Room {
-        points.into_iter().fold(Room::NOWHERE, |room, point| Room { low: room.low.min(point), high: room.high.max(point) })
+        points.into_iter().fold(Room::NOWHERE, |room, point| Room {
+            low: room.low.min(point),
+            high: room.high.max(point),
+        })
     }
 
     fn grown(self, margin: Vector) -> Room {
-        Room { low: self.low - margin, high: self.high + margin }
+        Room {
+            low: self.low - margin,
+            high: self.high + margin,
+        }
     }
 
     fn touches(&self, other: &Room) -> bool {
@@ -50,7 +63,10 @@ impl Room {
 
 impl From<Aabb> for Room {
     fn from(aabb: Aabb) -> Room {
-        Room { low: aabb.mins, high: aabb.maxs }
+        Room {
+            low: aabb.mins,
+            high: aabb.maxs,
+        }
     }
 }
 
@@ -88,14 +104,20 @@ impl StillThings {
             if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() {
                 continue;
             }
-            // A body that was moved takes its colliders along in the next step only; the wheels are earlier.
+            // A body that was moved takes its colliders along in the next step only; the wheels are
+            // earlier.
             let place = match (body, collider.position_wrt_parent()) {
                 (Some(body), Some(in_body)) => *body.position() * *in_body,
                 _ => *collider.position(),
             };
-            self.things.push(Still { collider: handle, place, room: collider.shape().compute_aabb(&place).into() });
+            self.things.push(Still {
+                collider: handle,
+                place,
+                room: collider.shape().compute_aabb(&place).into(),
+            });
         }
-        self.things.sort_by_key(|thing| thing.collider.into_raw_parts());
+        self.things
+            .sort_by_key(|thing| thing.collider.into_raw_parts());
         self.revision += 1;
         self.is_known = true;
     }
@@ -111,12 +133,22 @@ pub(crate) struct Feeler {
 }
 
 impl Feeler {
-    pub const NONE: Feeler = Feeler { from: Vector::ZERO, direction: Vector::Z, length_m: 0.0, room: Room::NOWHERE };
+    pub const NONE: Feeler = Feeler {
+        from: Vector::ZERO,
+        direction: Vector::Z,
+        length_m: 0.0,
+        room: Room::NOWHERE,
+    };
 
     /// `direction` has unit length.
     pub fn new(from: Vector, direction: Vector, length_m: f32) -> Feeler {
         let room = Room::around([from, from + direction * length_m]).grown(Vector::splat(SKIN_M));
-        Feeler { from, direction, length_m, room }
+        Feeler {
+            from,
+            direction,
+            length_m,
+            room,
+        }
     }
 }
 
@@ -142,7 +174,13 @@ pub(crate) struct Footing {
 
 impl Default for Footing {
     fn default() -> Self {
-        Footing { revision: 0, room: Room::NOWHERE, rooms: Vec::new(), corners: Vec::new(), others: Vec::new() }
+        Footing {
+            revision: 0,
+            room: Room::NOWHERE,
+            rooms: Vec::new(),
+            corners: Vec::new(),
+            others: Vec::new(),
+        }
     }
 }
 
@@ -155,29 +193,56 @@ impl Clone for Footing {
 
 impl Footing {
     /// Makes sure that everything these feelers can meet is at hand.
-    pub fn prepare(&mut self, feelers: &[Feeler], velocity: Vector, still: &StillThings, colliders: &ColliderSet) {
-        let needed = Room::around(feelers.iter().flat_map(|feeler| [feeler.room.low, feeler.room.high]));
+    pub fn prepare(
+        &mut self,
+        feelers: &[Feeler],
+        velocity: Vector,
+        still: &StillThings,
+        colliders: &ColliderSet,
+    ) {
+        let needed = Room::around(
+            feelers
+                .iter()
+                .flat_map(|feeler| [feeler.room.low, feeler.room.high]),
+        );
         if self.revision == still.revision && self.room.contains(&needed) {
             return;
         }
         self.revision = still.revision;
         let ahead = velocity * AHEAD_SECS;
         let mut room = needed.grown(Vector::splat(MARGIN_M));
-        room = Room { low: room.low + ahead.min(Vector::ZERO), high: room.high + ahead.max(Vector::ZERO) };
+        room = Room {
+            low: room.low + ahead.min(Vector::ZERO),
+            high: room.high + ahead.max(Vector::ZERO),
+        };
         if !self.collect(room, still, colliders, MOST_TRIANGLES) {
             self.collect(needed, still, colliders, usize::MAX);
         }
     }
 
     /// Takes what is in a room; false if that is more than `most` triangles.
-    fn collect(&mut self, room: Room, still: &StillThings, colliders: &ColliderSet, most: usize) -> bool {
+    fn collect(
+        &mut self,
+        room: Room,
+        still: &StillThings,
+        colliders: &ColliderSet,
+        most: usize,
+    ) -> bool {
         self.room = room;
         self.rooms.clear();
         self.corners.clear();
         self.others.clear();
         let aabb = room.aabb();
-        for (idx, thing) in still.things.iter().enumerate().filter(|(_, thing)| thing.room.touches(&room)) {
-            let Some(mesh) = colliders.get(thing.collider).and_then(|collider| collider.shape().as_trimesh()) else {
+        for (idx, thing) in still
+            .things
+            .iter()
+            .enumerate()
+            .filter(|(_, thing)| thing.room.touches(&room))
+        {
+            let Some(mesh) = colliders
+                .get(thing.collider)
+                .and_then(|collider| collider.shape().as_trimesh())
+            else {
                 self.others.push(idx);
                 continue;
             };
@@ -204,12 +269,22 @@ impl Footing {
     }
 
     /// The nearest that a feeler meets, which was among those prepared for.
-    pub fn feel(&self, feeler: &Feeler, still: &StillThings, colliders: &ColliderSet) -> Option<Felt> {
+    pub fn feel(
+        &self,
+        feeler: &Feeler,
+        still: &StillThings,
+        colliders: &ColliderSet,
+    ) -> Option<Felt> {
         let ray = Ray::new(feeler.from, feeler.direction);
         let mut best: Option<Felt> = None;
         let mut consider = |hit: RayIntersection| {
-            if hit.time_of_impact <= feeler.length_m && best.is_none_or(|best| hit.time_of_impact < best.distance_m) {
-                best = Some(Felt { distance_m: hit.time_of_impact, normal: hit.normal });
+            if hit.time_of_impact <= feeler.length_m
+                && best.is_none_or(|best| hit.time_of_impact < best.distance_m)
+            {
+                best = Some(Felt {
+                    distance_m: hit.time_of_impact,
+                    normal: hit.normal,
+                });
             }
         };
         for (room, [a, b, c]) in self.rooms.iter().zip(&self.corners) {
@@ -219,9 +294,20 @@ impl Footing {
                 consider(hit);
             }
         }
-        for thing in self.others.iter().map(|&idx| &still.things[idx]).filter(|thing| thing.room.touches(&feeler.room)) {
-            let shape = colliders.get(thing.collider).map(|collider| collider.shape());
-            shape.and_then(|shape| shape.cast_ray_and_get_normal(&thing.place, &ray, feeler.length_m, true)).map(&mut consider);
+        for thing in self
+            .others
+            .iter()
+            .map(|&idx| &still.things[idx])
+            .filter(|thing| thing.room.touches(&feeler.room))
+        {
+            let shape = colliders
+                .get(thing.collider)
+                .map(|collider| collider.shape());
+            shape
+                .and_then(|shape| {
+                    shape.cast_ray_and_get_normal(&thing.place, &ray, feeler.length_m, true)
+                })
+                .map(&mut consider);
         }
         best
     }
@@ -244,7 +330,9 @@ mod tests {
         let mut physics = Physics::with_solids(map.origin_m, &solids);
         let stone = ColliderBuilder::cuboid(0.6, 0.4, 0.2).translation(Vector::new(0.0, 0.0, 0.1));
         let spot = physics.engine_point(map.spawn_points[0].translation_m);
-        physics.engine.insert(RigidBodyBuilder::fixed().translation(spot), stone);
+        physics
+            .engine
+            .insert(RigidBodyBuilder::fixed().translation(spot), stone);
         physics.engine.step();
         physics.still.forget();
         (physics, map)
@@ -254,37 +342,60 @@ mod tests {
     fn feelers(at: Vector, noise: &Noise) -> Vec<Feeler> {
         let lot = |n: u64, most: f64| (most * (2.0 * noise.uniform(n) - 1.0)) as f32;
         let feeler = |i: u64| {
-            let from = at + Vector::new(lot(5 * i, 3.0), lot(5 * i + 1, 2.0), 0.4 + lot(5 * i + 2, 0.3));
+            let from = at
+                + Vector::new(
+                    lot(5 * i, 3.0),
+                    lot(5 * i + 1, 2.0),
+                    0.4 + lot(5 * i + 2, 0.3),
+                );
             let direction = Vector::new(lot(5 * i + 3, 0.5), lot(5 * i + 4, 0.5), -1.0).normalize();
             Feeler::new(from, direction, 0.9)
         };
         (0..4).map(feeler).collect()
     }
 
-    /// The engine's own query is the oracle: same distance, same normal but for edges, where either neighbour's will do.
+    /// The engine's own query is the oracle: same distance, same normal but for edges, where either
+    /// neighbour's will do.
     #[test]
     fn wheels_find_what_the_engine_finds_wherever_they_are() {
         let (mut physics, map) = town();
         physics.refresh_still();
-        let query = physics.engine.query_pipeline_with_filter(QueryFilter::only_fixed());
+        let query = physics
+            .engine
+            .query_pipeline_with_filter(QueryFilter::only_fixed());
         let (mut n_hits, mut n_other_normals) = (0, 0);
         let mut footing = Footing::default();
         for (i, spawn) in map.spawn_points.iter().enumerate() {
             let at = physics.engine_point(spawn.translation_m);
             for turn in 0..20 {
                 let feelers = feelers(at, &Noise::new(5, i as u64, turn));
-                footing.prepare(&feelers, Vector::new(4.0, -3.0, 0.0), &physics.still, &physics.engine.colliders);
+                footing.prepare(
+                    &feelers,
+                    Vector::new(4.0, -3.0, 0.0),
+                    &physics.still,
+                    &physics.engine.colliders,
+                );
                 for feeler in &feelers {
                     let felt = footing.feel(feeler, &physics.still, &physics.engine.colliders);
                     let ray = Ray::new(feeler.from, feeler.direction);
-                    let expected = query.cast_ray_and_get_normal(&ray, feeler.length_m, true).map(|(_, hit)| hit);
-                    assert_eq!(felt.map(|felt| felt.distance_m), expected.map(|hit| hit.time_of_impact), "{feeler:?}");
+                    let expected = query
+                        .cast_ray_and_get_normal(&ray, feeler.length_m, true)
+                        .map(|(_, hit)| hit);
+                    assert_eq!(
+                        felt.map(|felt| felt.distance_m),
+                        expected.map(|hit| hit.time_of_impact),
+                        "{feeler:?}"
+                    );
                     n_hits += usize::from(felt.is_some());
-                    n_other_normals += usize::from(felt.map(|felt| felt.normal) != expected.map(|hit| hit.normal));
+                    n_other_normals +=
+                        usize::from(felt.map(|felt| felt.normal) != expected.map(|hit| hit.normal));
                 }
             }
         }
-        assert!(n_hits > 5000 && n_other_normals < n_hits / 1000, "{n_hits} hits, {n_other_normals} with another normal");
+        assert!(
+            n_hits > 5000 && n_other_normals < n_hits / 1000,
+            "{n_hits} hits, {n_other_normals} with another normal"
+        );
     }
 
     #[test]
@@ -297,13 +408,19 @@ mod tests {
             let at = physics.engine_point(spawn.translation_m);
             for turn in 0..20 {
                 let feelers = feelers(at, &Noise::new(6, i as u64, turn));
-                wide.prepare(&feelers, Vector::new(20.0, 20.0, 20.0), &physics.still, colliders);
+                wide.prepare(
+                    &feelers,
+                    Vector::new(20.0, 20.0, 20.0),
+                    &physics.still,
+                    colliders,
+                );
                 let mut narrow = Footing::default();
                 narrow.prepare(&feelers, Vector::ZERO, &physics.still, colliders);
                 for feeler in &feelers {
                     let mut own = Footing::default();
                     own.collect(feeler.room, &physics.still, colliders, usize::MAX);
-                    let found = [&wide, &narrow, &own].map(|footing| footing.feel(feeler, &physics.still, colliders));
+                    let found = [&wide, &narrow, &own]
+                        .map(|footing| footing.feel(feeler, &physics.still, colliders));
                     assert!(found[0] == found[1] && found[1] == found[2], "{found:?}");
                 }
             }
@@ -313,13 +430,21 @@ mod tests {
     #[test]
     fn a_thing_that_comes_moves_or_goes_is_noticed() {
         let (mut physics, map) = town();
-        let at = physics.engine_point(map.spawn_points[3].translation_m) + Vector::new(0.0, 0.0, 0.5);
+        let at =
+            physics.engine_point(map.spawn_points[3].translation_m) + Vector::new(0.0, 0.0, 0.5);
         let feeler = Feeler::new(at, -Vector::Z, 3.0);
         let mut footing = Footing::default();
         let mut find = |physics: &mut Physics| {
             physics.refresh_still();
-            footing.prepare(&[feeler], Vector::ZERO, &physics.still, &physics.engine.colliders);
-            footing.feel(&feeler, &physics.still, &physics.engine.colliders).map_or(f32::NAN, |felt| felt.distance_m)
+            footing.prepare(
+                &[feeler],
+                Vector::ZERO,
+                &physics.still,
+                &physics.engine.colliders,
+            );
+            footing
+                .feel(&feeler, &physics.still, &physics.engine.colliders)
+                .map_or(f32::NAN, |felt| felt.distance_m)
         };
         let ground = find(&mut physics);
         let ball = RigidBodyBuilder::fixed().translation(at - Vector::new(0.0, 0.0, 0.4));

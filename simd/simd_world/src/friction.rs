@@ -8,8 +8,14 @@ use serde::{Deserialize, Serialize};
 
 /// Catalogue id.
 pub(crate) const TYPE_ID: &str = "static.trigger.friction";
-/// Attributes with what they are without a wish: friction, then half extents in **centimetres**, as in CARLA.
-pub(crate) const ATTRIBUTES: [(&str, &str); 4] = [("friction", "3.5"), ("extent_x", "700.0"), ("extent_y", "700.0"), ("extent_z", "700.0")];
+/// Attributes with what they are without a wish: friction, then half extents in **centimetres**, as
+/// in CARLA.
+pub(crate) const ATTRIBUTES: [(&str, &str); 4] = [
+    ("friction", "3.5"),
+    ("extent_x", "700.0"),
+    ("extent_y", "700.0"),
+    ("extent_z", "700.0"),
+];
 
 /// A box about a pose, in which tyres have this friction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +31,10 @@ impl FrictionBox {
     ///
     /// # Errors
     /// Name and value of an attribute that is no such number, and what is allowed.
-    pub fn new(pose: &Pose, attributes: &BTreeMap<String, String>) -> Result<FrictionBox, (String, String, String)> {
+    pub fn new(
+        pose: &Pose,
+        attributes: &BTreeMap<String, String>,
+    ) -> Result<FrictionBox, (String, String, String)> {
         let mut values = [0.0; 4];
         for ((name, usual), value) in ATTRIBUTES.iter().zip(&mut values) {
             let text = attributes.get(*name).map_or(*usual, String::as_str);
@@ -35,10 +44,20 @@ impl FrictionBox {
                 .parse()
                 .ok()
                 .filter(|number: &f64| (0.0..=most).contains(number))
-                .ok_or_else(|| ((*name).to_owned(), text.to_owned(), format!("it must be a number from 0 to {most}")))?;
+                .ok_or_else(|| {
+                    (
+                        (*name).to_owned(),
+                        text.to_owned(),
+                        format!("it must be a number from 0 to {most}"),
+                    )
+                })?;
         }
         let [friction, x, y, z] = values;
-        Ok(FrictionBox { box_from_world: pose.isometry().inverse(), half_m: [x, y, z].map(|cm| cm / 100.0), friction: friction as f32 })
+        Ok(FrictionBox {
+            box_from_world: pose.isometry().inverse(),
+            half_m: [x, y, z].map(|cm| cm / 100.0),
+            friction: friction as f32,
+        })
     }
 
     /// Whether a point lies inside.

@@ -1,7 +1,10 @@
-//! The world: actors, vehicle physics, traffic lights, commands that change them, and what the snapshot says about them.
+//! The world: actors, vehicle physics, traffic lights, commands that change them, and what the
+//! snapshot says about them.
 //!
-//! Knows no sensors and no bus: a sensor is a passive actor that rides on another one. Time comes in as whole nanoseconds per step.
-//! Everything is a function of (map, seed, commands, steps): nothing reads a clock and nothing iterates over a hash map.
+//! Knows no sensors and no bus: a sensor is a passive actor that rides on another one. Time comes
+//! in as whole nanoseconds per step.
+//! Everything is a function of (map, seed, commands, steps): nothing reads a clock and nothing
+//! iterates over a hash map.
 //!
 //! ```text
 //!   commands ─► World ─► step: drive train ─► wheels ─► rapier ─► lights ─► records ─► snapshot, scene

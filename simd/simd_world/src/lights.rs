@@ -1,7 +1,10 @@
-//! Traffic lights: stages of the controllers of a junction, and which vehicle stands before which light.
+//! Traffic lights: stages of the controllers of a junction, and which vehicle stands before which
+//! light.
 //!
-//! CARLA's timing: a controller is green 10 s, yellow 3 s, then all are red 2 s, then the junction's next controller is green. Each
-//! controller's three times can be set. Time is whole nanoseconds, so a stage ends in exactly the tick that completes it.
+//! CARLA's timing: a controller is green 10 s, yellow 3 s, then all are red 2 s, then the
+//! junction's next controller is green. Each
+//! controller's three times can be set. Time is whole nanoseconds, so a stage ends in exactly the
+//! tick that completes it.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::LightState;
@@ -76,12 +79,27 @@ pub(crate) struct Lights {
 }
 
 impl Lights {
-    /// Lights of the map's signals; `next_actor` gives each an id. Every group begins with its first controller green.
+    /// Lights of the map's signals; `next_actor` gives each an id. Every group begins with its
+    /// first controller green.
     pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> Lights {
         let mut all = Lights::default();
-        for signal in roads.signals().iter().filter(|signal| signal.kind == SignalKind::TrafficLight) {
-            let boxes =
-                signal.stops.iter().filter_map(|stop| stop_box(roads, stop.stop, STOP_BOX_UPSTREAM_M, STOP_BOX_HALF_WIDTH_RATIO)).collect();
+        for signal in roads
+            .signals()
+            .iter()
+            .filter(|signal| signal.kind == SignalKind::TrafficLight)
+        {
+            let boxes = signal
+                .stops
+                .iter()
+                .filter_map(|stop| {
+                    stop_box(
+                        roads,
+                        stop.stop,
+                        STOP_BOX_UPSTREAM_M,
+                        STOP_BOX_HALF_WIDTH_RATIO,
+                    )
+                })
+                .collect();
             all.lights.push(Light {
                 actor: next_actor(),
                 signal_id: signal.id.clone(),
@@ -99,13 +117,15 @@ impl Lights {
         all
     }
 
-    /// One group per junction, one turn per controller; lights without a controller take a turn of their own.
+    /// One group per junction, one turn per controller; lights without a controller take a turn of
+    /// their own.
     fn group(&mut self, roads: &RoadMap) {
         let mut turns: Vec<(Option<u32>, u32, Vec<usize>)> = Vec::new();
         let mut taken = vec![false; self.lights.len()];
         for controller in roads.controllers() {
-            let of_controller: Vec<usize> =
-                (0..self.lights.len()).filter(|i| !taken[*i] && controller.signals.contains(&self.lights[*i].signal_id)).collect();
+            let of_controller: Vec<usize> = (0..self.lights.len())
+                .filter(|i| !taken[*i] && controller.signals.contains(&self.lights[*i].signal_id))
+                .collect();
             if of_controller.is_empty() {
                 continue;
             }
@@ -113,24 +133,40 @@ impl Lights {
             turns.push((controller.junction, controller.sequence, of_controller));
         }
         for i in (0..self.lights.len()).filter(|i| !taken[*i]) {
-            let junction = roads.signals().iter().find(|signal| signal.id == self.lights[i].signal_id).and_then(|signal| signal.junction);
+            let junction = roads
+                .signals()
+                .iter()
+                .find(|signal| signal.id == self.lights[i].signal_id)
+                .and_then(|signal| signal.junction);
             turns.push((junction, u32::MAX, vec![i]));
         }
         turns.sort_by_key(|(junction, sequence, _)| (*junction, *sequence));
         let mut last_junction = None;
         for (junction, _, lights) in turns {
             if junction.is_none() || junction != last_junction {
-                self.groups.push(Group { turns: Vec::new(), turn: 0, stage: Stage::Green, in_stage_nanos: 0 });
+                self.groups.push(Group {
+                    turns: Vec::new(),
+                    turn: 0,
+                    stage: Stage::Green,
+                    in_stage_nanos: 0,
+                });
             }
             last_junction = junction;
             let group_idx = self.groups.len() - 1;
             let group = &mut self.groups[group_idx];
-            let first_pole_idx = group.turns.iter().map(|turn| turn.lights.len()).sum::<usize>() as u32;
+            let first_pole_idx = group
+                .turns
+                .iter()
+                .map(|turn| turn.lights.len())
+                .sum::<usize>() as u32;
             for (pole_idx, light) in (first_pole_idx..).zip(&lights) {
                 self.lights[*light].group = group_idx;
                 self.lights[*light].pole_idx = pole_idx;
             }
-            group.turns.push(Turn { lights, stage_nanos: STAGE_NANOS });
+            group.turns.push(Turn {
+                lights,
+                stage_nanos: STAGE_NANOS,
+            });
         }
     }
 
@@ -139,7 +175,9 @@ impl Lights {
         if self.frozen {
             return;
         }
-        self.lights.iter_mut().for_each(|light| light.in_state_nanos += dt_nanos);
+        self.lights
+            .iter_mut()
+            .for_each(|light| light.in_state_nanos += dt_nanos);
         for idx in 0..self.groups.len() {
             self.groups[idx].in_stage_nanos += dt_nanos;
             while self.groups[idx].in_stage_nanos >= self.groups[idx].stage_nanos() {
@@ -170,12 +208,16 @@ impl Lights {
         }
     }
 
-    /// Every controller's times are as they were made, but its group begins anew: the first controller green, all time at 0.
+    /// Every controller's times are as they were made, but its group begins anew: the first
+    /// controller green, all time at 0.
     pub fn reset_group(&mut self, group_idx: usize) {
         let group = &mut self.groups[group_idx];
         (group.turn, group.stage, group.in_stage_nanos) = (0, Stage::Green, 0);
         self.show_stage(group_idx);
-        self.lights.iter_mut().filter(|light| light.group == group_idx).for_each(|light| light.in_state_nanos = 0);
+        self.lights
+            .iter_mut()
+            .filter(|light| light.group == group_idx)
+            .for_each(|light| light.in_state_nanos = 0);
     }
 
     /// Begins every group anew.
@@ -183,7 +225,8 @@ impl Lights {
         (0..self.groups.len()).for_each(|group| self.reset_group(group));
     }
 
-    /// Sets for how long the controller of a light shows a state. The stage that runs is measured by the new length at once.
+    /// Sets for how long the controller of a light shows a state. The stage that runs is measured
+    /// by the new length at once.
     ///
     /// # Errors
     /// What is wrong with the state or the time.
@@ -192,14 +235,28 @@ impl Lights {
             LightState::Green => 0,
             LightState::Yellow => 1,
             LightState::Red => 2,
-            other => return Err(format!("state is {:?}, but only red, yellow and green last for a set time", other.name())),
+            other => {
+                return Err(format!(
+                    "state is {:?}, but only red, yellow and green last for a set time",
+                    other.name()
+                ));
+            }
         };
         if !(STAGE_SECS.0..=STAGE_SECS.1).contains(&secs) {
-            return Err(format!("secs is {secs}, but must be {} to {}", STAGE_SECS.0, STAGE_SECS.1));
+            return Err(format!(
+                "secs is {secs}, but must be {} to {}",
+                STAGE_SECS.0, STAGE_SECS.1
+            ));
         }
-        let idx = self.idx_of(actor).ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
+        let idx = self
+            .idx_of(actor)
+            .ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
         let group = &mut self.groups[self.lights[idx].group];
-        if let Some(turn) = group.turns.iter_mut().find(|turn| turn.lights.contains(&idx)) {
+        if let Some(turn) = group
+            .turns
+            .iter_mut()
+            .find(|turn| turn.lights.contains(&idx))
+        {
             turn.stage_nanos[stage] = (secs * 1e9).round() as u64;
         }
         Ok(())
@@ -228,20 +285,36 @@ impl Lights {
     /// Stage lengths of a light's controller: green, yellow, all red, seconds.
     pub fn stage_secs(&self, light: &Light) -> [f32; 3] {
         let turns = &self.groups[light.group].turns;
-        let first = |turn: &&Turn| turn.lights.iter().any(|idx| self.lights[*idx].actor == light.actor);
-        turns.iter().find(first).map_or(STAGE_NANOS, |turn| turn.stage_nanos).map(|nanos| (nanos as f64 * 1e-9) as f32)
+        let first = |turn: &&Turn| {
+            turn.lights
+                .iter()
+                .any(|idx| self.lights[*idx].actor == light.actor)
+        };
+        turns
+            .iter()
+            .find(first)
+            .map_or(STAGE_NANOS, |turn| turn.stage_nanos)
+            .map(|nanos| (nanos as f64 * 1e-9) as f32)
     }
 
     /// The light in whose box the vehicle's body stands, nearest box first.
-    pub fn light_at(&self, world_from_vehicle: &Isometry3<f64>, half_m: [f64; 3]) -> Option<&Light> {
+    pub fn light_at(
+        &self,
+        world_from_vehicle: &Isometry3<f64>,
+        half_m: [f64; 3],
+    ) -> Option<&Light> {
         let reach_m = half_m[0].hypot(half_m[1]) + 4.0;
         let at = world_from_vehicle.translation.vector;
-        let near = |b: &StopBox| (b.world_from_box.translation.vector - at).norm_squared() < reach_m * reach_m;
+        let near = |b: &StopBox| {
+            (b.world_from_box.translation.vector - at).norm_squared() < reach_m * reach_m
+        };
         let mut best: Option<(f64, &Light)> = None;
         for light in &self.lights {
             for stop_box in light.boxes.iter().filter(|b| near(b)) {
                 let distance = (stop_box.world_from_box.translation.vector - at).norm_squared();
-                if best.is_none_or(|(nearest, _)| distance < nearest) && stop_box.overlaps(world_from_vehicle, half_m) {
+                if best.is_none_or(|(nearest, _)| distance < nearest)
+                    && stop_box.overlaps(world_from_vehicle, half_m)
+                {
                     best = Some((distance, light));
                 }
             }
@@ -268,7 +341,8 @@ impl Group {
 }
 
 impl StopBox {
-    /// Separating axes of two upright boxes in the plane, and at most 2 m apart in height. The vehicle must drive the lane's way.
+    /// Separating axes of two upright boxes in the plane, and at most 2 m apart in height. The
+    /// vehicle must drive the lane's way.
     fn overlaps(&self, world_from_vehicle: &Isometry3<f64>, half_m: [f64; 3]) -> bool {
         let box_from_vehicle = self.world_from_box.inv_mul(world_from_vehicle);
         let along = box_from_vehicle * Vector3::x();
@@ -278,18 +352,41 @@ impl StopBox {
             return false;
         }
         let reach = |axis: [f64; 2], half: [f64; 2], x: Vector3<f64>, y: Vector3<f64>| {
-            half[0] * (axis[0] * x.x + axis[1] * x.y).abs() + half[1] * (axis[0] * y.x + axis[1] * y.y).abs()
+            half[0] * (axis[0] * x.x + axis[1] * x.y).abs()
+                + half[1] * (axis[0] * y.x + axis[1] * y.y).abs()
         };
-        [[1.0, 0.0], [0.0, 1.0], [along.x, along.y], [aside.x, aside.y]].iter().all(|axis| {
+        [
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [along.x, along.y],
+            [aside.x, aside.y],
+        ]
+        .iter()
+        .all(|axis| {
             let apart = (axis[0] * offset.x + axis[1] * offset.y).abs();
-            apart <= reach(*axis, self.half_m, Vector3::x(), Vector3::y()) + reach(*axis, [half_m[0], half_m[1]], along, aside)
+            apart
+                <= reach(*axis, self.half_m, Vector3::x(), Vector3::y())
+                    + reach(*axis, [half_m[0], half_m[1]], along, aside)
         })
     }
 }
 
-/// The box on the lane of `stop`, its middle `upstream_m` before it, as wide as `half_width_ratio` of the lane to either side.
-pub(crate) fn stop_box(roads: &RoadMap, stop: LanePosition, upstream_m: f64, half_width_ratio: f64) -> Option<StopBox> {
-    let middle = LanePosition { s_m: (stop.s_m - upstream_m).max(0.0), offset_m: 0.0, ..stop };
+/// The box on the lane of `stop`, its middle `upstream_m` before it, as wide as `half_width_ratio`
+/// of the lane to either side.
+pub(crate) fn stop_box(
+    roads: &RoadMap,
+    stop: LanePosition,
+    upstream_m: f64,
+    half_width_ratio: f64,
+) -> Option<StopBox> {
+    let middle = LanePosition {
+        s_m: (stop.s_m - upstream_m).max(0.0),
+        offset_m: 0.0,
+        ..stop
+    };
     let world_from_box = roads.pose(middle)?;
-    Some(StopBox { world_from_box, half_m: [STOP_BOX_HALF_M, half_width_ratio * roads.width_m(middle)] })
+    Some(StopBox {
+        world_from_box,
+        half_m: [STOP_BOX_HALF_M, half_width_ratio * roads.width_m(middle)],
+    })
 }

@@ -39,7 +39,8 @@ pub struct MapData {
     pub origin_m: [f64; 3],
     /// What vehicles drive on and run into.
     pub collision: Vec<CollisionMesh>,
-    /// Scenery object of every triangle, by mesh of `collision`; empty for meshes that cannot be hidden.
+    /// Scenery object of every triangle, by mesh of `collision`; empty for meshes that cannot be
+    /// hidden.
     pub collision_objects: Vec<Vec<ObjectId>>,
     /// Objects that can be listed and hidden.
     pub objects: Vec<SceneryObject>,
@@ -51,7 +52,8 @@ pub struct MapData {
     pub lights: Vec<LightHeads>,
     /// A head with lamps 0 red, 1 yellow, 2 green.
     pub light_head: Mesh,
-    /// What `open_drive` says, if it has been read already; otherwise the world reads it when it loads the map.
+    /// What `open_drive` says, if it has been read already; otherwise the world reads it when it
+    /// loads the map.
     pub roads: Option<Arc<RoadMap>>,
 }
 
@@ -79,14 +81,27 @@ pub enum LoadError {
 }
 
 impl MapData {
-    /// A level square at height 0 without roads, `half_m` in each direction, with spawn points 12 m apart along x.
+    /// A level square at height 0 without roads, `half_m` in each direction, with spawn points 12 m
+    /// apart along x.
     pub fn flat(half_m: f32) -> MapData {
         let corner = |x: f32, y: f32| [x * half_m, y * half_m, 0.0];
-        let spawn_points = (0..200).map(|i| Pose::from_xyz_yaw(-100.0 + 12.0 * (i % 20) as f64, 12.0 * (i / 20) as f64, 0.3, 0.0));
+        let spawn_points = (0..200).map(|i| {
+            Pose::from_xyz_yaw(
+                -100.0 + 12.0 * (i % 20) as f64,
+                12.0 * (i / 20) as f64,
+                0.3,
+                0.0,
+            )
+        });
         MapData {
             name: "flat".to_owned(),
             collision: vec![CollisionMesh {
-                vertices_m: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+                vertices_m: vec![
+                    corner(-1.0, -1.0),
+                    corner(1.0, -1.0),
+                    corner(1.0, 1.0),
+                    corner(-1.0, 1.0),
+                ],
                 triangles: vec![[0, 1, 2], [0, 2, 3]],
                 class: Class::GROUND,
             }],
@@ -99,7 +114,10 @@ impl MapData {
 impl MapData {
     /// A town whose text has been read.
     pub fn of_town(town: &simd_town::Town, roads: Arc<RoadMap>) -> MapData {
-        MapData { roads: Some(roads), ..MapData::from(town) }
+        MapData {
+            roads: Some(roads),
+            ..MapData::from(town)
+        }
     }
 }
 
@@ -114,13 +132,20 @@ impl From<&simd_town::Town> for MapData {
                 _ => Class::UNLABELED,
             },
         };
-        let heads = |site: &simd_town::LightSite| LightHeads { signal_id: site.signal_id.clone(), heads: site.heads.clone() };
+        let heads = |site: &simd_town::LightSite| LightHeads {
+            signal_id: site.signal_id.clone(),
+            heads: site.heads.clone(),
+        };
         MapData {
             name: town.name.clone(),
             open_drive: town.open_drive.clone(),
             origin_m: town.origin_m,
             collision: town.collision.iter().map(solid).collect(),
-            collision_objects: town.collision.iter().map(|mesh| mesh.objects.clone()).collect(),
+            collision_objects: town
+                .collision
+                .iter()
+                .map(|mesh| mesh.objects.clone())
+                .collect(),
             objects: town.objects.clone(),
             lamps: town.lamps.clone(),
             spawn_points: town.spawn_points.clone(),

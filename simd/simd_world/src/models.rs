@@ -1,6 +1,7 @@
 //! The vehicles: measures, masses, engines, paints.
 //!
-//! Ids, half extents and types are CARLA 0.9.16's; masses, wheelbases and engines are ours, chosen for the kind of vehicle.
+//! Ids, half extents and types are CARLA 0.9.16's; masses, wheelbases and engines are ours, chosen
+//! for the kind of vehicle.
 
 use schema_frames::document::BodyBox;
 use schema_types::Class;
@@ -27,7 +28,8 @@ pub struct VehicleModel {
     pub special_type: &'static str,
     /// CARLA's `generation`.
     pub generation: u8,
-    /// Half length, width, height of the body box with mirrors, metres; the box stands on the ground about the origin.
+    /// Half length, width, height of the body box with mirrors, metres; the box stands on the
+    /// ground about the origin.
     pub half_m: [f64; 3],
     /// Axles: 2, or 3 for a lorry with a pair of rear axles.
     pub n_axles: usize,
@@ -63,7 +65,8 @@ impl VehicleModel {
         matches!(self.style, BodyStyle::Motorcycle | BodyStyle::Bicycle)
     }
 
-    /// Largest mean steering angle of the front wheels, radians: 70° for cars as in CARLA, whose drivers count on it.
+    /// Largest mean steering angle of the front wheels, radians: 70° for cars as in CARLA, whose
+    /// drivers count on it.
     pub fn max_steer_rad(&self) -> f64 {
         let degrees: f64 = match self.style {
             BodyStyle::Bus | BodyStyle::Lorry => 60.0,
@@ -91,7 +94,8 @@ impl VehicleModel {
         }
     }
 
-    /// Half extents of the body without mirrors, metres: CARLA's boxes of buses and lorries include them, roads allow 2.6 m.
+    /// Half extents of the body without mirrors, metres: CARLA's boxes of buses and lorries include
+    /// them, roads allow 2.6 m.
     pub fn solid_half_m(&self) -> [f64; 3] {
         [self.half_m[0], self.half_m[1].min(1.3), self.half_m[2]]
     }
@@ -99,7 +103,12 @@ impl VehicleModel {
     /// The shape its meshes are made from.
     pub fn shape(&self) -> VehicleShape {
         let half_m = self.solid_half_m();
-        VehicleShape { style: self.style, half_m, wheel_radius_m: self.wheel_radius_m, wheelbase_m: self.wheelbase_m }
+        VehicleShape {
+            style: self.style,
+            half_m,
+            wheel_radius_m: self.wheel_radius_m,
+            wheelbase_m: self.wheelbase_m,
+        }
     }
 
     /// What it carries and how it is painted.
@@ -115,7 +124,10 @@ impl VehicleModel {
     }
 
     pub(crate) fn body_box(&self) -> BodyBox {
-        BodyBox { centre_m: [0.0, 0.0, self.half_m[2] as f32], half_m: self.half_m.map(|x| x as f32) }
+        BodyBox {
+            centre_m: [0.0, 0.0, self.half_m[2] as f32],
+            half_m: self.half_m.map(|x| x as f32),
+        }
     }
 }
 
@@ -131,14 +143,20 @@ mod tests {
     #[test]
     fn wheels_lie_within_the_body() {
         for model in MODELS {
-            assert!(0.5 * model.wheelbase_m + 0.3 * model.wheel_radius_m < model.half_m[0], "{}", model.type_id);
+            assert!(
+                0.5 * model.wheelbase_m + 0.3 * model.wheel_radius_m < model.half_m[0],
+                "{}",
+                model.type_id
+            );
         }
     }
 
     #[test]
     fn every_style_is_there() {
         use BodyStyle::*;
-        for style in [Saloon, Hatch, Suv, Van, Microbus, Wedge, Bus, Lorry, Motorcycle, Bicycle] {
+        for style in [
+            Saloon, Hatch, Suv, Van, Microbus, Wedge, Bus, Lorry, Motorcycle, Bicycle,
+        ] {
             assert!(MODELS.iter().any(|model| model.style == style), "{style:?}");
         }
     }
@@ -148,7 +166,15 @@ mod tests {
     fn meshes_are_of_the_models_class() {
         for model in MODELS {
             let meshes = simd_town::vehicle_meshes(&model.shape());
-            assert!(meshes.body.vertices.iter().any(|vertex| vertex.class == model.class.0), "{}", model.type_id);
+            assert!(
+                meshes
+                    .body
+                    .vertices
+                    .iter()
+                    .any(|vertex| vertex.class == model.class.0),
+                "{}",
+                model.type_id
+            );
         }
     }
 }

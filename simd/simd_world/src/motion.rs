@@ -1,6 +1,8 @@
-//! One sub-step of one vehicle: steering, drive train, brakes, air, springs and tyres, solved into new velocities of its body.
+//! One sub-step of one vehicle: steering, drive train, brakes, air, springs and tyres, solved into
+//! new velocities of its body.
 //!
-//! A vehicle reads the engine's world and changes only itself, so vehicles are planned side by side on any number of threads with the same
+//! A vehicle reads the engine's world and changes only itself, so vehicles are planned side by side
+//! on any number of threads with the same
 //! bits; the new velocities are given to the engine afterwards, in order.
 
 use rapier3d::math::{Pose as EnginePose, Vector};
@@ -21,11 +23,13 @@ pub(crate) const AIR_KGPM3: f32 = 1.2;
 const STEER_RATE_RADPS: f32 = 3.0;
 /// Turns of the solver in a sub-step.
 const SOLVER_TURNS: u32 = 6;
-/// Slip over the slip of most grip at which anti-lock brakes and traction control begin, and over which they let go by half.
+/// Slip over the slip of most grip at which anti-lock brakes and traction control begin, and over
+/// which they let go by half.
 const SLIP_CONTROL: [f32; 2] = [1.2, 1.0];
 /// Slip speed below which they do nothing, m/s.
 const SLIP_CONTROL_MPS: f32 = 0.5;
-/// How fast a rider rights a two-wheeler, rad/s, and how fast the lean asked for follows the bend, seconds.
+/// How fast a rider rights a two-wheeler, rad/s, and how fast the lean asked for follows the bend,
+/// seconds.
 const BALANCE_RADPS: f32 = 7.0;
 const LEAN_SECS: f32 = 0.15;
 /// Furthest that a rider leans: as far as tyres hold.
@@ -71,16 +75,31 @@ impl Vehicle {
         }
         let body = &around.physics.engine.bodies[self.body];
         let pose = *body.position();
-        let [forward, left, up] = [Vector::X, Vector::Y, Vector::Z].map(|axis| pose.rotation * axis);
+        let [forward, left, up] =
+            [Vector::X, Vector::Y, Vector::Z].map(|axis| pose.rotation * axis);
         let center = pose * Vector::from(self.physics.center_of_mass_m);
         let velocity = body.linvel();
         let (forward_mps, falling_mps) = (forward.dot(velocity), -up.dot(velocity));
-        let frame = Frame { pose, center, forward, left, up, velocity, forward_mps, falling_mps };
+        let frame = Frame {
+            pose,
+            center,
+            forward,
+            left,
+            up,
+            velocity,
+            forward_mps,
+            falling_mps,
+        };
         let rotation = Mat3::from_cols(forward, left, up);
         let inertia = body.mass_properties().local_mprops.principal_inertia();
         let inv_inertia = rotation * Mat3::from_diagonal(1.0 / inertia) * rotation.transpose();
         let mass_kg = self.physics.mass_kg;
-        let mut chassis = Chassis { linear: body.linvel(), angular: body.angvel(), inv_mass: 1.0 / mass_kg, inv_inertia };
+        let mut chassis = Chassis {
+            linear: body.linvel(),
+            angular: body.angvel(),
+            inv_mass: 1.0 / mass_kg,
+            inv_inertia,
+        };
         self.steer(frame.forward_mps, around.dt_secs);
         self.fly(&mut chassis, around.dt_secs);
         let drive = self.drive(around.dt_secs);
@@ -91,12 +110,20 @@ impl Vehicle {
             *row = self.wheel_rows(i, &drive, &grounds, &frame, &mut chassis, around);
         }
         let mut balance = self.balance(&frame, &mut chassis, around.dt_secs);
-        solve(&mut chassis, &mut rows[..n_wheels], balance.as_mut(), SOLVER_TURNS);
+        solve(
+            &mut chassis,
+            &mut rows[..n_wheels],
+            balance.as_mut(),
+            SOLVER_TURNS,
+        );
         for (wheel, rows) in self.wheels.iter_mut().zip(&rows) {
             take_over(wheel, rows, &chassis, around.dt_secs);
         }
         self.hold_velocity(&frame, &mut chassis);
-        Some(Motion { linear: chassis.linear, angular: chassis.angular })
+        Some(Motion {
+            linear: chassis.linear,
+            angular: chassis.angular,
+        })
     }
 
     fn steer(&mut self, forward_mps: f32, dt_secs: f32) {
@@ -109,16 +136,26 @@ impl Vehicle {
         for wheel in &mut self.wheels {
             let [x_m, y_m, _] = wheel.spec.physics.position_m;
             let lock = wheel.spec.physics.max_steer_rad;
-            let angle = if x_m > 0.0 { (base_m * tan).atan2(base_m - y_m * tan) } else { rear_ratio * lock };
-            // Inside of a sharp bend the centre may lie within the track, where no angle points to it.
-            let angle = if angle * self.steer_rad < 0.0 { lock.copysign(self.steer_rad) } else { angle };
+            let angle = if x_m > 0.0 {
+                (base_m * tan).atan2(base_m - y_m * tan)
+            } else {
+                rear_ratio * lock
+            };
+            // Inside of a sharp bend the centre may lie within the track, where no angle points to
+            // it.
+            let angle = if angle * self.steer_rad < 0.0 {
+                lock.copysign(self.steer_rad)
+            } else {
+                angle
+            };
             wheel.steer_rad = angle.clamp(-lock, lock);
         }
     }
 
     /// Gravity, air drag and what pushes from outside.
     ///
-    /// Gravity comes from here and not from the engine: the engine spreads it over its solver's iterations, the springs' answer comes at
+    /// Gravity comes from here and not from the engine: the engine spreads it over its solver's
+    /// iterations, the springs' answer comes at
     /// once, and at rest the difference would show as a constant vertical velocity.
     fn fly(&self, chassis: &mut Chassis, dt_secs: f32) {
         let drag_n = -self.drag_n(chassis.linear.length());
@@ -137,14 +174,24 @@ impl Vehicle {
 
     fn drive(&mut self, dt_secs: f32) -> DriveOutput {
         let driven = || self.wheels.iter().filter(|wheel| wheel.spec.driven);
-        let wheel_radps = driven().map(|wheel| wheel.roll_radps).sum::<f32>() / driven().count().max(1) as f32;
-        let input = DriveInput { control: self.control, wheel_radps, dt_secs };
+        let wheel_radps =
+            driven().map(|wheel| wheel.roll_radps).sum::<f32>() / driven().count().max(1) as f32;
+        let input = DriveInput {
+            control: self.control,
+            wheel_radps,
+            dt_secs,
+        };
         self.train.step(&self.model.engine, &self.physics, &input)
     }
 
     /// Where the ground is under each wheel, and what it grips there.
-    fn feel(&mut self, around: &Around<'_>, frame: &Frame) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
-        // Ground that the sub-step will reach counts already, or a long one would fall deep into it.
+    fn feel(
+        &mut self,
+        around: &Around<'_>,
+        frame: &Frame,
+    ) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
+        // Ground that the sub-step will reach counts already, or a long one would fall deep into
+        // it.
         let reach_m = (frame.falling_mps * around.dt_secs).max(0.0);
         let n_wheels = self.wheels.len().min(MAX_WHEELS);
         let mut grounds = [None; MAX_WHEELS];
@@ -157,19 +204,30 @@ impl Vehicle {
         let Physics { engine, still, .. } = around.physics;
         let sweep = self.physics.sweep_wheels;
         if !sweep {
-            self.footing.prepare(&feelers[..n_wheels], frame.velocity, still, &engine.colliders);
+            self.footing.prepare(
+                &feelers[..n_wheels],
+                frame.velocity,
+                still,
+                &engine.colliders,
+            );
         }
         for ((wheel, ground), feeler) in self.wheels.iter_mut().zip(&mut grounds).zip(&feelers) {
             let Some((_, mount)) = *ground else { continue };
             let felt = match sweep {
                 true => wheel.sweep(&mount, &around.physics.ground_query(), reach_m),
-                false => self.footing.feel(feeler, still, &engine.colliders).map(|felt| wheel.ground(&mount, &felt)),
+                false => self
+                    .footing
+                    .feel(feeler, still, &engine.colliders)
+                    .map(|felt| wheel.ground(&mount, &felt)),
             };
             wheel.on_ground = felt.is_some_and(|ground| ground.compression_m >= 0.0);
             wheel.compression_m = felt.map_or(0.0, |ground| ground.compression_m);
             wheel.friction = wheel.spec.physics.friction * around.grip_ratio;
             if let Some(felt) = felt.filter(|_| !around.friction.is_empty()) {
-                let inside = around.friction.iter().find(|area| area.contains(&around.physics.world_point(felt.point)));
+                let inside = around
+                    .friction
+                    .iter()
+                    .find(|area| area.contains(&around.physics.world_point(felt.point)));
                 wheel.friction = inside.map_or(wheel.friction, |area| area.friction);
             }
             *ground = felt.map(|felt| (felt, mount));
@@ -188,12 +246,21 @@ impl Vehicle {
     ) -> WheelRows {
         let dt_secs = around.dt_secs;
         let share = self.drive_share(i);
-        let n_driven = self.wheels.iter().filter(|wheel| wheel.spec.driven).count().max(1) as f32;
+        let n_driven = self
+            .wheels
+            .iter()
+            .filter(|wheel| wheel.spec.driven)
+            .count()
+            .max(1) as f32;
         let foot = self.control.brake_ratio;
         let hand = self.control.hand_brake;
         let wheel = &mut self.wheels[i];
         let physics = wheel.spec.physics;
-        let driven_ratio = if wheel.spec.driven { 1.0 / n_driven } else { 0.0 };
+        let driven_ratio = if wheel.spec.driven {
+            1.0 / n_driven
+        } else {
+            0.0
+        };
         let inertia = wheel.spec.inertia_kgm2 + drive.inertia_kgm2 * driven_ratio;
         let (drive_most, brake_most) = grip_torques(wheel, inertia, frame.forward_mps);
         wheel.drive_nm = (drive.torque_nm * share).clamp(-drive_most, drive_most);
@@ -214,45 +281,70 @@ impl Vehicle {
         let before = (wheel.brake_nm * dt_secs).clamp(-rows.most_brake, rows.most_brake);
         rows.brake_impulse = before;
         rows.radps += before / inertia;
-        rows.contact = grounds[i].map(|(ground, mount)| contact(wheel, &ground, &mount, frame, chassis, &mut rows, dt_secs));
+        rows.contact = grounds[i].map(|(ground, mount)| {
+            contact(wheel, &ground, &mount, frame, chassis, &mut rows, dt_secs)
+        });
         rows
     }
 
-    /// Share of the engine's torque that goes to a wheel: by load among the driven ones, as limited-slip differentials do it.
+    /// Share of the engine's torque that goes to a wheel: by load among the driven ones, as
+    /// limited-slip differentials do it.
     fn drive_share(&self, i: usize) -> f32 {
         if !self.wheels[i].spec.driven {
             return 0.0;
         }
         let driven = || self.wheels.iter().filter(|wheel| wheel.spec.driven);
         let load_n: f32 = driven().map(|wheel| wheel.load_n).sum();
-        if load_n > 0.0 { self.wheels[i].load_n / load_n } else { 1.0 / driven().count() as f32 }
+        if load_n > 0.0 {
+            self.wheels[i].load_n / load_n
+        } else {
+            1.0 / driven().count() as f32
+        }
     }
 
-    /// A rider leans into the bend and balances: a spring about the wheels' line towards the lean that the bend needs.
-    fn balance(&mut self, frame: &Frame, chassis: &mut Chassis, dt_secs: f32) -> Option<(Row, f32)> {
+    /// A rider leans into the bend and balances: a spring about the wheels' line towards the lean
+    /// that the bend needs.
+    fn balance(
+        &mut self,
+        frame: &Frame,
+        chassis: &mut Chassis,
+        dt_secs: f32,
+    ) -> Option<(Row, f32)> {
         // Nobody balances what lies on its side.
         if !self.model.is_two_wheeler() || frame.up.z < 0.4 {
             return None;
         }
         let gravity = GRAVITY_MPS2 as f32;
         let lateral_mps2 = frame.forward_mps * chassis.angular.z;
-        let wanted = -(lateral_mps2 / gravity).atan().clamp(-MOST_LEAN_RAD, MOST_LEAN_RAD);
+        let wanted = -(lateral_mps2 / gravity)
+            .atan()
+            .clamp(-MOST_LEAN_RAD, MOST_LEAN_RAD);
         self.lean_rad += (wanted - self.lean_rad) * (dt_secs / LEAN_SECS).min(1.0);
         let (height_m, mass_kg) = (self.physics.center_of_mass_m[2], self.physics.mass_kg);
-        let inertia = 1.0 / frame.forward.dot(chassis.inv_inertia * frame.forward) + mass_kg * height_m * height_m;
+        let inertia = 1.0 / frame.forward.dot(chassis.inv_inertia * frame.forward)
+            + mass_kg * height_m * height_m;
         let stiffness = inertia * BALANCE_RADPS * BALANCE_RADPS;
         let lean = frame.left.z.clamp(-1.0, 1.0).asin();
-        let soft = Softness { push_n: stiffness * (self.lean_rad - lean), damping: 2.0 * inertia * BALANCE_RADPS + stiffness * dt_secs };
+        let soft = Softness {
+            push_n: stiffness * (self.lean_rad - lean),
+            damping: 2.0 * inertia * BALANCE_RADPS + stiffness * dt_secs,
+        };
         let row = Row::about(chassis, frame.forward).soft(soft, dt_secs, 0.0, chassis, &mut 0.0);
         Some((row, BALANCE_RATIO * mass_kg * gravity * height_m * dt_secs))
     }
 
     /// A velocity that is held replaces what came out, except for falling.
     fn hold_velocity(&self, frame: &Frame, chassis: &mut Chassis) {
-        let Some([x, y, z]) = self.switches.held_mps else { return };
+        let Some([x, y, z]) = self.switches.held_mps else {
+            return;
+        };
         let held = frame.forward * x + frame.left * y + frame.up * z;
         let origin = held + chassis.angular.cross(frame.center - frame.pose.translation);
-        chassis.linear = Vector::new(origin.x, origin.y, if z == 0.0 { chassis.linear.z } else { origin.z });
+        chassis.linear = Vector::new(
+            origin.x,
+            origin.y,
+            if z == 0.0 { chassis.linear.z } else { origin.z },
+        );
     }
 
     /// What it feels, of the last sub-step.
@@ -300,7 +392,8 @@ fn no_wheel() -> WheelRows {
     }
 }
 
-/// Most that traction control lets the engine and anti-lock lets the brakes do to a wheel, N·m: what the road takes at this load, what the
+/// Most that traction control lets the engine and anti-lock lets the brakes do to a wheel, N·m:
+/// what the road takes at this load, what the
 /// wheel itself takes to change its speed as fast, and less where it slips more than it grips.
 fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32) {
     if !wheel.on_ground || wheel.load_n <= 0.0 {
@@ -318,7 +411,10 @@ fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32
     // Slip in the direction of travel is the engine's, against it the brakes'.
     let spins = slips && slip_mps * forward_mps >= 0.0;
     let blocks = slips && slip_mps * forward_mps < 0.0;
-    (if spins { eased * most_nm } else { most_nm }, if blocks { eased * most_nm } else { most_nm })
+    (
+        if spins { eased * most_nm } else { most_nm },
+        if blocks { eased * most_nm } else { most_nm },
+    )
 }
 
 fn contact(
@@ -341,13 +437,40 @@ fn contact(
     let cosine = normal.dot(mount.up).clamp(0.3, 1.0);
     let (spring, most_load) = wheel.spring(ground, cosine, velocity.dot(normal), dt_secs);
     let [long_n, lat_n] = wheel.force_n;
-    let (tyre_long, tyre_lat) = (wheel.tyre(0, speed_mps, dt_secs), wheel.tyre(1, speed_mps, dt_secs));
+    let (tyre_long, tyre_lat) = (
+        wheel.tyre(0, speed_mps, dt_secs),
+        wheel.tyre(1, speed_mps, dt_secs),
+    );
     let radps = &mut rows.radps;
-    let spring = Row::at(chassis, normal, lever, (0.0, 0.0)).soft(spring, dt_secs, wheel.load_n * dt_secs, chassis, radps);
+    let spring = Row::at(chassis, normal, lever, (0.0, 0.0)).soft(
+        spring,
+        dt_secs,
+        wheel.load_n * dt_secs,
+        chassis,
+        radps,
+    );
     let turns = (radius, 1.0 / rows.inertia);
-    let long = Row::at(chassis, along, lever, turns).soft(tyre_long, dt_secs, long_n * dt_secs, chassis, radps);
-    let lat = Row::at(chassis, across, lever, (0.0, 0.0)).soft(tyre_lat, dt_secs, lat_n * dt_secs, chassis, radps);
-    Contact { spring, long, lat, most_load, friction: wheel.friction }
+    let long = Row::at(chassis, along, lever, turns).soft(
+        tyre_long,
+        dt_secs,
+        long_n * dt_secs,
+        chassis,
+        radps,
+    );
+    let lat = Row::at(chassis, across, lever, (0.0, 0.0)).soft(
+        tyre_lat,
+        dt_secs,
+        lat_n * dt_secs,
+        chassis,
+        radps,
+    );
+    Contact {
+        spring,
+        long,
+        lat,
+        most_load,
+        friction: wheel.friction,
+    }
 }
 
 /// What came out of the solver becomes the wheel's state.
@@ -361,11 +484,20 @@ fn take_over(wheel: &mut Wheel, rows: &WheelRows, chassis: &Chassis, dt_secs: f3
         return;
     };
     wheel.load_n = contact.spring.impulse / dt_secs;
-    wheel.force_n = [contact.long.impulse / dt_secs, contact.lat.impulse / dt_secs];
-    let slip_mps = [-contact.long.speed(chassis, rows.radps), -contact.lat.speed(chassis, rows.radps)];
+    wheel.force_n = [
+        contact.long.impulse / dt_secs,
+        contact.lat.impulse / dt_secs,
+    ];
+    let slip_mps = [
+        -contact.long.speed(chassis, rows.radps),
+        -contact.lat.speed(chassis, rows.radps),
+    ];
     let rim_mps = rows.radps * wheel.spec.physics.radius_m;
     let travel_mps = (rim_mps - slip_mps[0]).abs();
-    wheel.slip = [slip_mps[0] / travel_mps.max(0.5), (-slip_mps[1]).atan2(travel_mps.max(0.5))];
+    wheel.slip = [
+        slip_mps[0] / travel_mps.max(0.5),
+        (-slip_mps[1]).atan2(travel_mps.max(0.5)),
+    ];
     let speed_mps = (travel_mps * travel_mps + slip_mps[1] * slip_mps[1]).sqrt();
     wheel.deflect(slip_mps, speed_mps.max(rim_mps.abs()), dt_secs);
 }
@@ -380,14 +512,21 @@ mod tests {
 
     fn flat_ground() -> Physics {
         let map = std::sync::Arc::new(MapData::flat(100.0));
-        let solids = crate::solids::Solids::default().of(&map).expect("the flat map is valid");
+        let solids = crate::solids::Solids::default()
+            .of(&map)
+            .expect("the flat map is valid");
         Physics::with_solids(map.origin_m, &solids)
     }
 
     fn step(physics: &mut Physics, cars: &mut [Vehicle]) {
         physics.refresh_still();
         for car in cars {
-            let around = Around { physics, friction: &[], grip_ratio: 1.0, dt_secs: 0.01 };
+            let around = Around {
+                physics,
+                friction: &[],
+                grip_ratio: 1.0,
+                dt_secs: 0.01,
+            };
             if let Some(motion) = car.plan(&around) {
                 let body = &mut physics.engine.bodies[car.body];
                 body.set_linvel(motion.linear, true);
@@ -401,20 +540,38 @@ mod tests {
     fn body_that_is_not_finite_is_put_back_and_harms_nobody_else() {
         let mut physics = flat_ground();
         let at = |x: f64| Isometry3::translation(x, 0.0, 0.1);
-        let mut cars: Vec<Vehicle> =
-            (0..2).map(|i| Vehicle::new(&mut physics, &vehicle_models()[0], i + 1, &at(20.0 * i as f64))).collect();
+        let mut cars: Vec<Vehicle> = (0..2)
+            .map(|i| {
+                Vehicle::new(
+                    &mut physics,
+                    &vehicle_models()[0],
+                    i + 1,
+                    &at(20.0 * i as f64),
+                )
+            })
+            .collect();
         let mut reports = 0;
         for i in 0..200 {
             if i == 100 {
-                physics.engine.bodies[cars[0].body].set_linvel(Vector::new(f32::NAN, 0.0, 0.0), true);
+                physics.engine.bodies[cars[0].body]
+                    .set_linvel(Vector::new(f32::NAN, 0.0, 0.0), true);
             }
             step(&mut physics, &mut cars);
-            reports += cars.iter_mut().filter_map(|car| car.finish_step(&mut physics).then_some(())).count();
+            reports += cars
+                .iter_mut()
+                .filter_map(|car| car.finish_step(&mut physics).then_some(()))
+                .count();
         }
-        assert_eq!((reports, cars[0].quarantined, cars[1].quarantined), (1, true, false));
+        assert_eq!(
+            (reports, cars[0].quarantined, cars[1].quarantined),
+            (1, true, false)
+        );
         for (car, x_m) in cars.iter().zip([0.0, 20.0]) {
             let place = car.pose(&physics).translation.vector;
-            assert!((place.x - x_m).abs() < 0.01 && place.z.abs() < 0.02, "{place}");
+            assert!(
+                (place.x - x_m).abs() < 0.01 && place.z.abs() < 0.02,
+                "{place}"
+            );
         }
         // A new pose brings it back to life.
         cars[0].set_pose(&mut physics, &at(40.0));
@@ -423,21 +580,34 @@ mod tests {
             assert!(!cars[0].finish_step(&mut physics));
         }
         let (velocity, spin) = cars[0].velocity(&physics);
-        assert!(velocity.norm() + spin.norm() < 0.01 && cars[0].pose(&physics).translation.z.abs() < 0.02);
+        assert!(
+            velocity.norm() + spin.norm() < 0.01
+                && cars[0].pose(&physics).translation.z.abs() < 0.02
+        );
     }
 
     /// Whatever a vehicle is comes back from its serialised form, bit for bit.
     #[test]
     fn a_vehicle_survives_being_written_down() {
         let mut physics = flat_ground();
-        let mut cars = [Vehicle::new(&mut physics, &vehicle_models()[1], 1, &Isometry3::translation(0.0, 0.0, 0.1))];
+        let mut cars = [Vehicle::new(
+            &mut physics,
+            &vehicle_models()[1],
+            1,
+            &Isometry3::translation(0.0, 0.0, 0.1),
+        )];
         cars[0].control.throttle_ratio = 0.7;
         cars[0].control.steer_ratio = 0.2;
         (0..150).for_each(|_| step(&mut physics, &mut cars));
         let text = serde_json::to_string(&cars[0]).unwrap();
         let mut again: Vehicle = serde_json::from_str(&text).unwrap();
         assert_eq!(serde_json::to_string(&again).unwrap(), text);
-        let around = Around { physics: &physics, friction: &[], grip_ratio: 1.0, dt_secs: 0.01 };
+        let around = Around {
+            physics: &physics,
+            friction: &[],
+            grip_ratio: 1.0,
+            dt_secs: 0.01,
+        };
         assert_eq!(cars[0].plan(&around), again.plan(&around));
     }
 }

@@ -1,4 +1,5 @@
-//! Physical data of each kind of vehicle as one can read and change them, and what values are possible.
+//! Physical data of each kind of vehicle as one can read and change them, and what values are
+//! possible.
 
 use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
@@ -16,22 +17,33 @@ const HAND_BRAKE_GRIP_RATIO: f32 = 1.3;
 const CLUTCH_RESERVE: f32 = 1.6;
 /// Slip that the load at rest divided by the longitudinal stiffness makes.
 const LONG_STIFFNESS: f32 = 15.0;
-/// Lateral stiffness of front and rear tyres per load and radian: softer in front, so that vehicles understeer.
+/// Lateral stiffness of front and rear tyres per load and radian: softer in front, so that vehicles
+/// understeer.
 const LAT_STIFFNESS_PER_RAD: [f32; 2] = [15.0, 17.0];
 /// Speed (m/s) and share of full lock: 0, 20, 60 and 120 km/h.
-const STEERING_CURVE: [[f32; 2]; 4] = [[0.0, 1.0], [5.555_556, 0.9], [16.666_667, 0.7], [33.333_333, 0.5]];
+const STEERING_CURVE: [[f32; 2]; 4] = [
+    [0.0, 1.0],
+    [5.555_556, 0.9],
+    [16.666_667, 0.7],
+    [33.333_333, 0.5],
+];
 /// Distance between the two rear axles of a lorry with three, metres.
 const TANDEM_M: f64 = 1.3;
 
 impl VehicleModel {
-    /// Where the wheels stand on the ground: x forward, y left of the origin, metres. Two-wheelers: front, rear; others front left, front right, …
+    /// Where the wheels stand on the ground: x forward, y left of the origin, metres. Two-wheelers:
+    /// front, rear; others front left, front right, …
     pub fn wheel_sites_m(&self) -> Vec<[f64; 2]> {
         let x = 0.5 * self.wheelbase_m;
         if self.is_two_wheeler() {
             return vec![[x, 0.0], [-x, 0.0]];
         }
         let y = self.solid_half_m()[1] - 0.17;
-        let axles = if self.n_wheels() == 6 { vec![x, -x + 0.5 * TANDEM_M, -x - 0.5 * TANDEM_M] } else { vec![x, -x] };
+        let axles = if self.n_wheels() == 6 {
+            vec![x, -x + 0.5 * TANDEM_M, -x - 0.5 * TANDEM_M]
+        } else {
+            vec![x, -x]
+        };
         axles.into_iter().flat_map(|x| [[x, y], [x, -y]]).collect()
     }
 
@@ -50,10 +62,22 @@ impl VehicleModel {
     /// Physical data as it leaves the factory.
     pub fn physics(&self) -> VehiclePhysics {
         let engine = &self.engine;
-        let peak_nm = engine.torque_curve.iter().map(|(_, torque)| *torque).fold(0.0, f32::max);
-        let gear = |ratio: &f32| GearPhysics { ratio: *ratio, down_ratio: engine.down_ratio, up_ratio: engine.up_ratio };
+        let peak_nm = engine
+            .torque_curve
+            .iter()
+            .map(|(_, torque)| *torque)
+            .fold(0.0, f32::max);
+        let gear = |ratio: &f32| GearPhysics {
+            ratio: *ratio,
+            down_ratio: engine.down_ratio,
+            up_ratio: engine.up_ratio,
+        };
         VehiclePhysics {
-            torque_curve: engine.torque_curve.iter().map(|(rpm, torque)| [*rpm, *torque]).collect(),
+            torque_curve: engine
+                .torque_curve
+                .iter()
+                .map(|(rpm, torque)| [*rpm, *torque])
+                .collect(),
             max_rpm: engine.max_rpm,
             engine_inertia_kgm2: engine.inertia_kgm2,
             // The curve is what is left after the engine's own friction.
@@ -78,22 +102,42 @@ impl VehicleModel {
         let weight_n = (self.mass_kg * GRAVITY_MPS2) as f32;
         let radius_m = self.wheel_radius_m as f32;
         let com = self.center_of_mass_m();
-        // At the limit the load moves forward by height over wheelbase; brakes share themselves out for that.
-        let front = (self.front_load_ratio() + self.mass_height_m() / self.wheelbase_m).clamp(0.5, 0.85) as f32;
+        // At the limit the load moves forward by height over wheelbase; brakes share themselves out
+        // for that.
+        let front = (self.front_load_ratio() + self.mass_height_m() / self.wheelbase_m)
+            .clamp(0.5, 0.85) as f32;
         let sites = self.wheel_sites_m();
         let n_front = sites.iter().filter(|[x, _]| *x > 0.0).count() as f32;
         let n_rear = sites.len() as f32 - n_front;
-        let loads = rest_load_ratios(&sites.iter().map(|site| site.map(|x| x as f32)).collect::<Vec<_>>(), com[0]);
+        let loads = rest_load_ratios(
+            &sites
+                .iter()
+                .map(|site| site.map(|x| x as f32))
+                .collect::<Vec<_>>(),
+            com[0],
+        );
         let wheel = |([x, y], load): (&[f64; 2], &f32)| {
             let (is_front, load_n) = (*x > 0.0, load * weight_n);
-            let brake_share = if is_front { front / n_front } else { (1.0 - front) / n_rear };
+            let brake_share = if is_front {
+                front / n_front
+            } else {
+                (1.0 - front) / n_rear
+            };
             WheelPhysics {
                 friction: TYRE_FRICTION,
                 damping_nms: 0.0,
-                max_steer_rad: if is_front { self.max_steer_rad() as f32 } else { 0.0 },
+                max_steer_rad: if is_front {
+                    self.max_steer_rad() as f32
+                } else {
+                    0.0
+                },
                 radius_m,
                 max_brake_nm: BRAKE_GRIP_RATIO * brake_share * weight_n * radius_m,
-                max_hand_brake_nm: if is_front { 0.0 } else { HAND_BRAKE_GRIP_RATIO * load_n * radius_m },
+                max_hand_brake_nm: if is_front {
+                    0.0
+                } else {
+                    HAND_BRAKE_GRIP_RATIO * load_n * radius_m
+                },
                 long_stiffness_kg: LONG_STIFFNESS * load_n / GRAVITY_MPS2 as f32,
                 lat_stiffness_per_rad: LAT_STIFFNESS_PER_RAD[usize::from(!is_front)],
                 lat_load_limit: 2.0,
@@ -104,15 +148,32 @@ impl VehicleModel {
     }
 }
 
-/// Share of the weight on each wheel at rest, by the place of the centre of mass between front and rear wheels.
+/// Share of the weight on each wheel at rest, by the place of the centre of mass between front and
+/// rear wheels.
 pub(crate) fn rest_load_ratios(sites_m: &[[f32; 2]], com_x_m: f32) -> Vec<f32> {
     let mean = |front: bool| {
-        let of: Vec<f32> = sites_m.iter().filter(|[x, _]| (*x > 0.0) == front).map(|[x, _]| *x).collect();
-        (of.iter().sum::<f32>() / of.len().max(1) as f32, of.len().max(1) as f32)
+        let of: Vec<f32> = sites_m
+            .iter()
+            .filter(|[x, _]| (*x > 0.0) == front)
+            .map(|[x, _]| *x)
+            .collect();
+        (
+            of.iter().sum::<f32>() / of.len().max(1) as f32,
+            of.len().max(1) as f32,
+        )
     };
     let ((front_m, n_front), (rear_m, n_rear)) = (mean(true), mean(false));
     let front = ((com_x_m - rear_m) / (front_m - rear_m)).clamp(0.05, 0.95);
-    sites_m.iter().map(|[x, _]| if *x > 0.0 { front / n_front } else { (1.0 - front) / n_rear }).collect()
+    sites_m
+        .iter()
+        .map(|[x, _]| {
+            if *x > 0.0 {
+                front / n_front
+            } else {
+                (1.0 - front) / n_rear
+            }
+        })
+        .collect()
 }
 
 /// Checks what somebody wants to set: a sentence that names the value and what is allowed.
@@ -123,16 +184,44 @@ pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), Str
     };
     within("mass_kg", physics.mass_kg, 1.0, 1e6)?;
     within("max_rpm", physics.max_rpm, 1.0, 1e5)?;
-    within("engine_inertia_kgm2", physics.engine_inertia_kgm2, 1e-4, 1e3)?;
-    within("damping_full_throttle_nms", physics.damping_full_throttle_nms, 0.0, 1e4)?;
-    within("damping_closed_engaged_nms", physics.damping_closed_engaged_nms, 0.0, 1e4)?;
-    within("damping_closed_open_nms", physics.damping_closed_open_nms, 0.0, 1e4)?;
+    within(
+        "engine_inertia_kgm2",
+        physics.engine_inertia_kgm2,
+        1e-4,
+        1e3,
+    )?;
+    within(
+        "damping_full_throttle_nms",
+        physics.damping_full_throttle_nms,
+        0.0,
+        1e4,
+    )?;
+    within(
+        "damping_closed_engaged_nms",
+        physics.damping_closed_engaged_nms,
+        0.0,
+        1e4,
+    )?;
+    within(
+        "damping_closed_open_nms",
+        physics.damping_closed_open_nms,
+        0.0,
+        1e4,
+    )?;
     within("gear_switch_secs", physics.gear_switch_secs, 0.0, 60.0)?;
     within("clutch_strength_nms", physics.clutch_strength_nms, 0.0, 1e6)?;
     within("final_ratio", physics.final_ratio, 1e-3, 100.0)?;
     within("drag_coefficient", physics.drag_coefficient, 0.0, 100.0)?;
-    physics.center_of_mass_m.iter().try_for_each(|x| within("center_of_mass_m", *x, -20.0, 20.0))?;
-    within("number of forward_gears", physics.forward_gears.len() as f32, 1.0, 20.0)?;
+    physics
+        .center_of_mass_m
+        .iter()
+        .try_for_each(|x| within("center_of_mass_m", *x, -20.0, 20.0))?;
+    within(
+        "number of forward_gears",
+        physics.forward_gears.len() as f32,
+        1.0,
+        20.0,
+    )?;
     for gear in &physics.forward_gears {
         within("ratio of a gear", gear.ratio, 1e-3, 100.0)?;
         within("down_ratio of a gear", gear.down_ratio, 0.0, 1.0)?;
@@ -141,7 +230,10 @@ pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), Str
     curve("torque_curve", &physics.torque_curve, 1, [1e6, 1e6])?;
     curve("steering_curve", &physics.steering_curve, 0, [1e4, 1.0])?;
     if physics.wheels.len() != n_wheels {
-        return Err(format!("number of wheels is {}, but must stay {n_wheels}", physics.wheels.len()));
+        return Err(format!(
+            "number of wheels is {}, but must stay {n_wheels}",
+            physics.wheels.len()
+        ));
     }
     physics.wheels.iter().try_for_each(|wheel| {
         within("friction of a wheel", wheel.friction, 0.0, 100.0)?;
@@ -149,30 +241,61 @@ pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), Str
         within("max_steer_rad of a wheel", wheel.max_steer_rad, 0.0, 1.55)?;
         within("radius_m of a wheel", wheel.radius_m, 0.05, 3.0)?;
         within("max_brake_nm of a wheel", wheel.max_brake_nm, 0.0, 1e6)?;
-        within("max_hand_brake_nm of a wheel", wheel.max_hand_brake_nm, 0.0, 1e6)?;
-        within("long_stiffness_kg of a wheel", wheel.long_stiffness_kg, 0.0, 1e6)?;
-        within("lat_stiffness_per_rad of a wheel", wheel.lat_stiffness_per_rad, 0.0, 1e4)?;
+        within(
+            "max_hand_brake_nm of a wheel",
+            wheel.max_hand_brake_nm,
+            0.0,
+            1e6,
+        )?;
+        within(
+            "long_stiffness_kg of a wheel",
+            wheel.long_stiffness_kg,
+            0.0,
+            1e6,
+        )?;
+        within(
+            "lat_stiffness_per_rad of a wheel",
+            wheel.lat_stiffness_per_rad,
+            0.0,
+            1e4,
+        )?;
         within("lat_load_limit of a wheel", wheel.lat_load_limit, 1e-2, 1e3)
     })
 }
 
 fn curve(name: &str, points: &[[f32; 2]], least: usize, most: [f32; 2]) -> Result<(), String> {
     if !(least..=256).contains(&points.len()) {
-        return Err(format!("{name} has {} points, but must have {least} to 256", points.len()));
+        return Err(format!(
+            "{name} has {} points, but must have {least} to 256",
+            points.len()
+        ));
     }
-    if let Some([x, y]) = points.iter().find(|[x, y]| !((0.0..=most[0]).contains(x) && (0.0..=most[1]).contains(y))) {
-        return Err(format!("{name} has the point ({x}, {y}), but points must be 0 to {} and 0 to {}", most[0], most[1]));
+    if let Some([x, y]) = points
+        .iter()
+        .find(|[x, y]| !((0.0..=most[0]).contains(x) && (0.0..=most[1]).contains(y)))
+    {
+        return Err(format!(
+            "{name} has the point ({x}, {y}), but points must be 0 to {} and 0 to {}",
+            most[0], most[1]
+        ));
     }
     match points.windows(2).find(|pair| pair[1][0] < pair[0][0]) {
-        Some(pair) => Err(format!("{name} goes from {} back to {}, but must rise", pair[0][0], pair[1][0])),
+        Some(pair) => Err(format!(
+            "{name} goes from {} back to {}, but must rise",
+            pair[0][0], pair[1][0]
+        )),
         None => Ok(()),
     }
 }
 
-/// Value of a curve of straight lines: flat before its first and after its last point; `empty` without points.
+/// Value of a curve of straight lines: flat before its first and after its last point; `empty`
+/// without points.
 pub(crate) fn along(points: &[[f32; 2]], x: f32, empty: f32) -> f32 {
     let after = points.partition_point(|[at, _]| *at < x);
-    match (after.checked_sub(1).and_then(|i| points.get(i)), points.get(after)) {
+    match (
+        after.checked_sub(1).and_then(|i| points.get(i)),
+        points.get(after),
+    ) {
         (Some([a, low]), Some([b, high])) => low + (high - low) * (x - a) / (b - a).max(1e-9),
         (Some([_, y]), None) | (None, Some([_, y])) => *y,
         (None, None) => empty,
@@ -188,12 +311,31 @@ mod tests {
     fn factory_data_of_every_model_are_possible_and_loads_add_up() {
         for model in vehicle_models() {
             let physics = model.physics();
-            check(&physics, model.n_wheels()).unwrap_or_else(|error| panic!("{}: {error}", model.type_id));
-            let sites: Vec<[f32; 2]> = model.wheel_sites_m().iter().map(|site| site.map(|x| x as f32)).collect();
+            check(&physics, model.n_wheels())
+                .unwrap_or_else(|error| panic!("{}: {error}", model.type_id));
+            let sites: Vec<[f32; 2]> = model
+                .wheel_sites_m()
+                .iter()
+                .map(|site| site.map(|x| x as f32))
+                .collect();
             let loads = rest_load_ratios(&sites, physics.center_of_mass_m[0]);
-            let front: f32 = sites.iter().zip(&loads).filter(|([x, _], _)| *x > 0.0).map(|(_, load)| load).sum();
-            assert!((loads.iter().sum::<f32>() - 1.0).abs() < 1e-5 && (front - model.front_load_ratio() as f32).abs() < 1e-3);
-            assert!(sites.iter().all(|[x, _]| f64::from(x.abs()) < model.half_m[0]), "{} has wheels outside", model.type_id);
+            let front: f32 = sites
+                .iter()
+                .zip(&loads)
+                .filter(|([x, _], _)| *x > 0.0)
+                .map(|(_, load)| load)
+                .sum();
+            assert!(
+                (loads.iter().sum::<f32>() - 1.0).abs() < 1e-5
+                    && (front - model.front_load_ratio() as f32).abs() < 1e-3
+            );
+            assert!(
+                sites
+                    .iter()
+                    .all(|[x, _]| f64::from(x.abs()) < model.half_m[0]),
+                "{} has wheels outside",
+                model.type_id
+            );
         }
     }
 
@@ -205,9 +347,15 @@ mod tests {
             change(&mut physics);
             check(&physics, model.n_wheels()).unwrap_err()
         };
-        assert_eq!(refused(|p| p.mass_kg = -1.0), "mass_kg is -1, but must be 1 to 1000000");
+        assert_eq!(
+            refused(|p| p.mass_kg = -1.0),
+            "mass_kg is -1, but must be 1 to 1000000"
+        );
         assert!(refused(|p| p.final_ratio = f32::NAN).starts_with("final_ratio is NaN"));
-        assert_eq!(refused(|p| p.wheels.truncate(3)), "number of wheels is 3, but must stay 4");
+        assert_eq!(
+            refused(|p| p.wheels.truncate(3)),
+            "number of wheels is 3, but must stay 4"
+        );
         assert!(refused(|p| p.forward_gears.clear()).contains("forward_gears is 0"));
         assert!(refused(|p| p.torque_curve.reverse()).contains("must rise"));
         assert!(refused(|p| p.wheels[1].radius_m = 0.0).contains("radius_m of a wheel is 0"));
@@ -216,7 +364,10 @@ mod tests {
     #[test]
     fn curves_are_straight_between_points_and_flat_outside() {
         let points = [[1.0, 10.0], [3.0, 20.0]];
-        assert_eq!([0.0, 1.0, 2.0, 3.0, 9.0].map(|x| along(&points, x, 7.0)), [10.0, 10.0, 15.0, 20.0, 20.0]);
+        assert_eq!(
+            [0.0, 1.0, 2.0, 3.0, 9.0].map(|x| along(&points, x, 7.0)),
+            [10.0, 10.0, 15.0, 20.0, 20.0]
+        );
         assert_eq!(along(&[], 5.0, 7.0), 7.0);
     }
 }

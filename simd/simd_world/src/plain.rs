@@ -1,4 +1,5 @@
-//! How types of other crates, which do not know serde, are written into a checkpoint: `#[serde(with = "crate::plain::…")]`.
+//! How types of other crates, which do not know serde, are written into a checkpoint: `#[serde(with
+//! = "crate::plain::…")]`.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::Pose;
@@ -10,11 +11,16 @@ use crate::models::{VehicleModel, vehicle_models};
 pub(crate) mod isometry {
     use super::*;
 
-    pub(crate) fn serialize<S: Serializer>(pose: &Isometry3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(
+        pose: &Isometry3<f64>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         Pose::from(*pose).serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Isometry3<f64>, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Isometry3<f64>, D::Error> {
         Pose::deserialize(deserializer).map(|pose| pose.isometry())
     }
 }
@@ -23,11 +29,16 @@ pub(crate) mod isometry {
 pub(crate) mod vector {
     use super::*;
 
-    pub(crate) fn serialize<S: Serializer>(vector: &Vector3<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(
+        vector: &Vector3<f64>,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         <[f64; 3]>::from(*vector).serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vector3<f64>, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vector3<f64>, D::Error> {
         <[f64; 3]>::deserialize(deserializer).map(Vector3::from)
     }
 }
@@ -36,13 +47,20 @@ pub(crate) mod vector {
 pub(crate) mod model {
     use super::*;
 
-    pub(crate) fn serialize<S: Serializer>(model: &&'static VehicleModel, serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<S: Serializer>(
+        model: &&'static VehicleModel,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         model.type_id.serialize(serializer)
     }
 
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static VehicleModel, D::Error> {
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<&'static VehicleModel, D::Error> {
         let type_id = String::deserialize(deserializer)?;
-        let found = vehicle_models().iter().find(|model| model.type_id == type_id);
+        let found = vehicle_models()
+            .iter()
+            .find(|model| model.type_id == type_id);
         found.ok_or_else(|| serde::de::Error::custom(format!("there is no vehicle {type_id:?}")))
     }
 }
@@ -51,11 +69,16 @@ pub(crate) mod model {
 pub(crate) mod pods {
     use super::*;
 
-    pub(crate) fn serialize<T: bytemuck::Pod, S: Serializer>(records: &[T], serializer: S) -> Result<S::Ok, S::Error> {
+    pub(crate) fn serialize<T: bytemuck::Pod, S: Serializer>(
+        records: &[T],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
         serializer.serialize_bytes(bytemuck::cast_slice(records))
     }
 
-    pub(crate) fn deserialize<'de, T: bytemuck::Pod, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+    pub(crate) fn deserialize<'de, T: bytemuck::Pod, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vec<T>, D::Error> {
         struct Bytes<T>(std::marker::PhantomData<T>);
         impl<T: bytemuck::Pod> serde::de::Visitor<'_> for Bytes<T> {
             type Value = Vec<T>;

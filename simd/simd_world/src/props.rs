@@ -16,7 +16,8 @@ use crate::physics::{Physics, collider_tag};
 use crate::spawn::SpawnError;
 use crate::world::{Actor, World};
 
-/// One kind of thing: name behind `static.prop.`, family, length, width and height in centimetres, two colours.
+/// One kind of thing: name behind `static.prop.`, family, length, width and height in centimetres,
+/// two colours.
 type Row = (&'static str, PropStyle, [u16; 3], [u8; 3], [u8; 3]);
 
 const ORANGE: [u8; 3] = [226, 92, 24];
@@ -35,8 +36,8 @@ const CLAY: [u8; 3] = [168, 92, 62];
 const STRAW: [u8; 3] = [206, 176, 96];
 
 use PropStyle::{
-    Bag, Barrel, Barrier, Bench, Bin, Board, Cart, Chair, Cone, Container, Crate, Debris, Fountain, Lamp, Plant, Plate, Round, Shelter,
-    Sign, Table, Tree,
+    Bag, Barrel, Barrier, Bench, Bin, Board, Cart, Chair, Cone, Container, Crate, Debris, Fountain,
+    Lamp, Plant, Plate, Round, Shelter, Sign, Table, Tree,
 };
 
 const ROWS: &[Row] = &[
@@ -183,31 +184,52 @@ impl PropModel {
         let longest_m = half_m.iter().fold(0.0f64, |a, b| a.max(2.0 * b));
         PropModel {
             type_id: format!("static.prop.{name}"),
-            shape: PropShape { style, half_m, rgb, accent_rgb, class },
+            shape: PropShape {
+                style,
+                half_m,
+                rgb,
+                accent_rgb,
+                class,
+            },
             size: size_word(longest_m),
         }
     }
 
     fn attributes(&self) -> BTreeMap<String, String> {
         let size = [("size", self.size)];
-        let of_mesh = if self.type_id == MESH { MESH_ATTRIBUTES } else { &[] };
-        size.iter().chain(of_mesh).map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()
+        let of_mesh = if self.type_id == MESH {
+            MESH_ATTRIBUTES
+        } else {
+            &[]
+        };
+        size.iter()
+            .chain(of_mesh)
+            .map(|(name, value)| ((*name).to_owned(), (*value).to_owned()))
+            .collect()
     }
 
     /// Why an attribute cannot have this value.
     fn refusal(&self, name: &str, value: &str) -> Option<String> {
         let attributes = self.attributes();
-        let is_positive = value.parse::<f64>().is_ok_and(|number| number > 0.0 && number.is_finite());
+        let is_positive = value
+            .parse::<f64>()
+            .is_ok_and(|number| number > 0.0 && number.is_finite());
         match (name, attributes.get(name)) {
             (_, Some(is)) if is == value => None,
-            // A file of CARLA's engine, which nobody here can read: a box of a metre stands for it, and nothing that was put down moves.
+            // A file of CARLA's engine, which nobody here can read: a box of a metre stands for it,
+            // and nothing that was put down moves.
             ("mesh_path", Some(_)) => None,
             ("mass", Some(_)) if is_positive => None,
             ("mass", Some(_)) => Some("it must be a number above 0".to_owned()),
             ("scale", Some(_)) if value.parse() == Ok(1.0f64) => None,
-            ("scale", Some(_)) => Some("only 1.0 is supported: a box of 1 m stands for the mesh".to_owned()),
+            ("scale", Some(_)) => {
+                Some("only 1.0 is supported: a box of 1 m stands for the mesh".to_owned())
+            }
             (_, Some(is)) => Some(format!("it is fixed at {is:?}")),
-            (_, None) => Some(format!("this prop has only {}", attributes.keys().cloned().collect::<Vec<_>>().join(", "))),
+            (_, None) => Some(format!(
+                "this prop has only {}",
+                attributes.keys().cloned().collect::<Vec<_>>().join(", ")
+            )),
         }
     }
 
@@ -217,7 +239,10 @@ impl PropModel {
             type_id: self.type_id.clone(),
             kind: "prop".to_owned(),
             class: self.shape.class.0,
-            body_box: BodyBox { centre_m: [0.0, 0.0, half_m[2]], half_m },
+            body_box: BodyBox {
+                centre_m: [0.0, 0.0, half_m[2]],
+                half_m,
+            },
             attributes: self.attributes(),
             recommended: BTreeMap::new(),
         }
@@ -251,7 +276,8 @@ fn half_of(model: &PropModel) -> Vector {
 }
 
 impl World {
-    /// Puts down a prop where nobody stands; scenery may be touched, for things lie on the ground and lean on walls.
+    /// Puts down a prop where nobody stands; scenery may be touched, for things lie on the ground
+    /// and lean on walls.
     pub(crate) fn spawn_prop(
         &mut self,
         type_id: &str,
@@ -261,19 +287,35 @@ impl World {
         role: &str,
         given: &BTreeMap<String, String>,
     ) -> Result<ActorId, SpawnError> {
-        let model_idx = prop_models().iter().position(|model| model.type_id == type_id).expect("the catalogue lists only these");
-        let mut attributes = self.catalogue.entries[catalogue_idx as usize].attributes.clone();
+        let model_idx = prop_models()
+            .iter()
+            .position(|model| model.type_id == type_id)
+            .expect("the catalogue lists only these");
+        let mut attributes = self.catalogue.entries[catalogue_idx as usize]
+            .attributes
+            .clone();
         for (name, value) in given {
             if let Some(allowed) = prop_models()[model_idx].refusal(name, value) {
-                return Err(SpawnError::Attribute { type_id: type_id.to_owned(), name: name.clone(), value: value.clone(), allowed });
+                return Err(SpawnError::Attribute {
+                    type_id: type_id.to_owned(),
+                    name: name.clone(),
+                    value: value.clone(),
+                    allowed,
+                });
             }
             attributes.insert(name.clone(), value.clone());
         }
         let half = half_of(&prop_models()[model_idx]);
         if parent.is_none()
-            && let Some(obstacle) = self.someone_in(&box_pose(&self.physics, &pose.isometry(), half), &Cuboid::new(half))
+            && let Some(obstacle) = self.someone_in(
+                &box_pose(&self.physics, &pose.isometry(), half),
+                &Cuboid::new(half),
+            )
         {
-            return Err(SpawnError::Occupied { type_id: type_id.to_owned(), obstacle });
+            return Err(SpawnError::Occupied {
+                type_id: type_id.to_owned(),
+                obstacle,
+            });
         }
         let id = self.new_id();
         let body = parent.is_none().then(|| {
@@ -286,9 +328,27 @@ impl World {
             self.physics.still.forget();
             self.physics.engine.insert(body, collider).0
         });
-        self.props.insert(id, Prop { model_idx: model_idx as u16, body });
+        self.props.insert(
+            id,
+            Prop {
+                model_idx: model_idx as u16,
+                body,
+            },
+        );
         let role = role.to_owned();
-        self.actors.insert(id, Actor { id, kind: ActorKind::Prop, catalogue_idx, role, parent, pose, attributes, topics: Vec::new() });
+        self.actors.insert(
+            id,
+            Actor {
+                id,
+                kind: ActorKind::Prop,
+                catalogue_idx,
+                role,
+                parent,
+                pose,
+                attributes,
+                topics: Vec::new(),
+            },
+        );
         Ok(id)
     }
 
@@ -298,7 +358,8 @@ impl World {
         let half = half_of(model);
         let mut other_at = *self.physics.engine.bodies.get(prop.body?)?.position();
         other_at.translation += other_at.rotation * Vector::new(0.0, 0.0, half.z);
-        let touches = intersection_test(at, shape, &other_at, &Cuboid::new(half)).is_ok_and(|hit| hit.intersecting);
+        let touches = intersection_test(at, shape, &other_at, &Cuboid::new(half))
+            .is_ok_and(|hit| hit.intersecting);
         touches.then(|| model.type_id.clone())
     }
 
@@ -329,9 +390,16 @@ mod tests {
         assert!(ROWS.len() >= 95, "{}", ROWS.len());
         for model in prop_models() {
             let [x, y, z] = model.shape.half_m;
-            assert!((0.005..5.0).contains(&x) && (0.005..5.0).contains(&y) && (0.005..5.0).contains(&z), "{}", model.type_id);
+            assert!(
+                (0.005..5.0).contains(&x) && (0.005..5.0).contains(&y) && (0.005..5.0).contains(&z),
+                "{}",
+                model.type_id
+            );
         }
-        let cone = prop_models().iter().find(|model| model.type_id == "static.prop.trafficcone01").unwrap();
+        let cone = prop_models()
+            .iter()
+            .find(|model| model.type_id == "static.prop.trafficcone01")
+            .unwrap();
         assert_eq!(cone.size, "small");
     }
 }

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::document::BodyBox;
 use schema_frames::snapshot::id_bytes;
-use schema_frames::{ActorKind, ActorRecord, LightState, TrafficLightPart, TrafficSignPart, VehiclePart};
+use schema_frames::{
+    ActorKind, ActorRecord, LightState, TrafficLightPart, TrafficSignPart, VehiclePart,
+};
 use schema_types::{ActorId, Pose};
 
 use crate::boom::{self, Boom};
@@ -22,20 +24,36 @@ struct Motion {
     spin: Vector3<f64>,
 }
 
-/// What records are made with that changes as they are made: speed limits that were looked up, and booms.
-type Memory<'w> = (&'w mut BTreeMap<ActorId, ([f64; 3], f32)>, &'w mut BTreeMap<ActorId, Boom>);
+/// What records are made with that changes as they are made: speed limits that were looked up, and
+/// booms.
+type Memory<'w> = (
+    &'w mut BTreeMap<ActorId, ([f64; 3], f32)>,
+    &'w mut BTreeMap<ActorId, Boom>,
+);
 
 impl World {
-    /// `dt_secs` is the length of the step that led here; without one (a change between steps) accelerations and contact flags stay.
+    /// `dt_secs` is the length of the step that led here; without one (a change between steps)
+    /// accelerations and contact flags stay.
     pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
         let previous = std::mem::take(&mut self.records);
         let mut records = std::mem::take(&mut self.previous_records);
         records.clear();
-        let before = |id: ActorId| previous.binary_search_by_key(&id.0, |record| record.id).ok().map(|idx| &previous[idx]);
+        let before = |id: ActorId| {
+            previous
+                .binary_search_by_key(&id.0, |record| record.id)
+                .ok()
+                .map(|idx| &previous[idx])
+        };
         let mut limits = std::mem::take(&mut self.speed_limits);
         let mut booms = std::mem::take(&mut self.booms);
         for actor in self.actors.values() {
-            let record = self.full_record(actor, &records, before(actor.id), (&mut limits, &mut booms), dt_secs);
+            let record = self.full_record(
+                actor,
+                &records,
+                before(actor.id),
+                (&mut limits, &mut booms),
+                dt_secs,
+            );
             records.push(record);
         }
         self.speed_limits = limits;
@@ -44,7 +62,8 @@ impl World {
         self.previous_records = previous;
     }
 
-    /// The records of one actor and of what rides on it, after a change between steps to nobody else: a step's worth of commands to a
+    /// The records of one actor and of what rides on it, after a change between steps to nobody
+    /// else: a step's worth of commands to a
     /// thousand vehicles must not make a million records.
     pub(crate) fn refresh_actor(&mut self, actor: ActorId) {
         let mut records = std::mem::take(&mut self.records);
@@ -60,7 +79,13 @@ impl World {
             if (rides || *id == actor)
                 && let Ok(idx) = records.binary_search_by_key(&id.0, |record| record.id)
             {
-                records[idx] = self.full_record(other, &records, Some(&records[idx]), (&mut limits, &mut booms), None);
+                records[idx] = self.full_record(
+                    other,
+                    &records,
+                    Some(&records[idx]),
+                    (&mut limits, &mut booms),
+                    None,
+                );
             }
         }
         self.speed_limits = limits;
@@ -95,13 +120,23 @@ impl World {
             }
             ActorKind::Walker => {
                 let walker = &self.walkers[&actor.id];
-                record.flags |= if walker.lost { ActorRecord::QUARANTINED } else { 0 };
+                record.flags |= if walker.lost {
+                    ActorRecord::QUARANTINED
+                } else {
+                    0
+                };
                 record.set_part(&walker.part());
             }
             ActorKind::TrafficLight => record.set_part(&self.light_part(actor.id)),
             ActorKind::TrafficSign => {
-                let opendrive_id = actor.attributes.get("opendrive_id").map_or([0; 32], |id| id_bytes(id));
-                record.set_part(&TrafficSignPart { opendrive_id, reserved: [0; 64] });
+                let opendrive_id = actor
+                    .attributes
+                    .get("opendrive_id")
+                    .map_or([0; 32], |id| id_bytes(id));
+                record.set_part(&TrafficSignPart {
+                    opendrive_id,
+                    reserved: [0; 64],
+                });
             }
             _ => {}
         }
@@ -112,31 +147,71 @@ impl World {
     fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> Motion {
         if let Some(vehicle) = self.vehicles.get(&actor.id) {
             let (velocity, spin) = vehicle.velocity(&self.physics);
-            return Motion { pose: vehicle.pose(&self.physics).into(), velocity, spin };
+            return Motion {
+                pose: vehicle.pose(&self.physics).into(),
+                velocity,
+                spin,
+            };
         }
         if let Some(walker) = self.walkers.get(&actor.id) {
             let spin = Vector3::new(0.0, 0.0, walker.yaw_radps);
-            return Motion { pose: walker.pose().into(), velocity: walker.velocity_mps.into(), spin };
+            return Motion {
+                pose: walker.pose().into(),
+                velocity: walker.velocity_mps.into(),
+                spin,
+            };
         }
-        let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
+        let parent = actor
+            .parent
+            .and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok())
+            .map(|idx| &made[idx]);
         let Some(parent) = parent else {
-            return Motion { pose: actor.pose, velocity: Vector3::zeros(), spin: Vector3::zeros() };
+            return Motion {
+                pose: actor.pose,
+                velocity: Vector3::zeros(),
+                spin: Vector3::zeros(),
+            };
         };
         let world_from_parent = parent.world_from_actor.isometry();
         let lever = world_from_parent.rotation * Vector3::from(actor.pose.translation_m);
         let spin = Vector3::from(parent.angular_velocity_in_world_radps);
         let velocity = Vector3::from(parent.velocity_in_world_mps) + spin.cross(&lever);
-        Motion { pose: (world_from_parent * actor.pose.isometry()).into(), velocity, spin }
+        Motion {
+            pose: (world_from_parent * actor.pose.isometry()).into(),
+            velocity,
+            spin,
+        }
     }
 
     /// Puts what hangs on a boom in its place. Its velocity stays that of a rigid mount.
-    fn hang(&self, motion: &mut Motion, boom: &mut Boom, actor: &Actor, made: &[ActorRecord], dt_secs: f64) {
-        let parent = actor.parent.and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok()).map(|idx| &made[idx]);
+    fn hang(
+        &self,
+        motion: &mut Motion,
+        boom: &mut Boom,
+        actor: &Actor,
+        made: &[ActorRecord],
+        dt_secs: f64,
+    ) {
+        let parent = actor
+            .parent
+            .and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok())
+            .map(|idx| &made[idx]);
         let Some(parent) = parent else { return };
-        let body = self.vehicles.get(&ActorId(parent.id)).map(|vehicle| vehicle.body);
-        let free_m =
-            |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| boom::free_m(&self.physics, body, pivot, direction, length_m);
-        motion.pose = boom.follow(&parent.world_from_actor.isometry(), &actor.pose.isometry(), dt_secs, free_m).into();
+        let body = self
+            .vehicles
+            .get(&ActorId(parent.id))
+            .map(|vehicle| vehicle.body);
+        let free_m = |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| {
+            boom::free_m(&self.physics, body, pivot, direction, length_m)
+        };
+        motion.pose = boom
+            .follow(
+                &parent.world_from_actor.isometry(),
+                &actor.pose.isometry(),
+                dt_secs,
+                free_m,
+            )
+            .into();
     }
 
     fn record_of(&self, actor: &Actor, motion: &Motion) -> ActorRecord {
@@ -160,7 +235,12 @@ impl World {
     }
 
     /// Acceleration as a finite difference over the tick, and the contact flag.
-    fn fill_changes(&self, record: &mut ActorRecord, before: Option<&ActorRecord>, dt_secs: Option<f64>) {
+    fn fill_changes(
+        &self,
+        record: &mut ActorRecord,
+        before: Option<&ActorRecord>,
+        dt_secs: Option<f64>,
+    ) {
         let Some(dt_secs) = dt_secs else {
             if let Some(before) = before {
                 record.acceleration_in_world_mps2 = before.acceleration_in_world_mps2;
@@ -169,12 +249,17 @@ impl World {
             return;
         };
         if let Some(before) = before {
-            let change = |axis: usize| (record.velocity_in_world_mps[axis] - before.velocity_in_world_mps[axis]) / dt_secs;
+            let change = |axis: usize| {
+                (record.velocity_in_world_mps[axis] - before.velocity_in_world_mps[axis]) / dt_secs
+            };
             record.acceleration_in_world_mps2 = [change(0), change(1), change(2)];
         }
         let collisions = self.collisions();
         let first = collisions.partition_point(|collision| collision.actor.0 < record.id);
-        if collisions.get(first).is_some_and(|collision| collision.actor.0 == record.id) {
+        if collisions
+            .get(first)
+            .is_some_and(|collision| collision.actor.0 == record.id)
+        {
             record.flags |= ActorRecord::TOUCHED;
         }
     }
@@ -191,10 +276,17 @@ impl World {
         }
     }
 
-    fn vehicle_part(&self, vehicle: &Vehicle, motion: &Motion, speed_limit_mps: f32) -> VehiclePart {
+    fn vehicle_part(
+        &self,
+        vehicle: &Vehicle,
+        motion: &Motion,
+        speed_limit_mps: f32,
+    ) -> VehiclePart {
         let control = vehicle.control;
         let world_from_vehicle: Isometry3<f64> = motion.pose.isometry();
-        let light = self.lights.light_at(&world_from_vehicle, vehicle.model.half_m);
+        let light = self
+            .lights
+            .light_at(&world_from_vehicle, vehicle.model.half_m);
         let mut part = VehiclePart {
             throttle_ratio: control.throttle_ratio,
             steer_ratio: control.steer_ratio,
@@ -224,7 +316,10 @@ impl World {
     }
 
     fn light_part(&self, actor: ActorId) -> TrafficLightPart {
-        let light = self.lights.get(actor).expect("every traffic light actor has a light");
+        let light = self
+            .lights
+            .get(actor)
+            .expect("every traffic light actor has a light");
         let [green_secs, yellow_secs, red_secs] = self.lights.stage_secs(light);
         TrafficLightPart {
             state: light.state as u32,

@@ -18,21 +18,37 @@ const STREAM: u64 = 0x5ce7_a210;
 pub struct Scenario {
     /// The vehicle with role `ego_vehicle`.
     pub ego: ActorId,
-    /// Vehicles with role `autopilot`; fewer than asked for if the map has too few free spawn points.
+    /// Vehicles with role `autopilot`; fewer than asked for if the map has too few free spawn
+    /// points.
     pub others: Vec<ActorId>,
 }
 
 impl World {
-    /// Puts the ego at a spawn point and `n_vehicles` others at points, of kinds and in colours that follow from the seed.
+    /// Puts the ego at a spawn point and `n_vehicles` others at points, of kinds and in colours
+    /// that follow from the seed.
     ///
     /// # Errors
-    /// If the ego can be put nowhere. A place that is taken only makes it, like the others, move on to the next one.
-    pub fn spawn_scenario(&mut self, ego_type: &str, ego_spawn_idx: usize, n_vehicles: usize) -> Result<Scenario, SpawnError> {
+    /// If the ego can be put nowhere. A place that is taken only makes it, like the others, move on
+    /// to the next one.
+    pub fn spawn_scenario(
+        &mut self,
+        ego_type: &str,
+        ego_spawn_idx: usize,
+        n_vehicles: usize,
+    ) -> Result<Scenario, SpawnError> {
         let points = self.map.spawn_points.clone();
-        let no_place = SpawnError::SpawnPoint { idx: ego_spawn_idx, map: self.map.name.clone(), n_points: points.len() };
+        let no_place = SpawnError::SpawnPoint {
+            idx: ego_spawn_idx,
+            map: self.map.name.clone(),
+            n_points: points.len(),
+        };
         let mut result = Err(no_place);
         let mut taken_idx = ego_spawn_idx;
-        let before = if ego_spawn_idx < points.len() { 0..ego_spawn_idx } else { 0..0 };
+        let before = if ego_spawn_idx < points.len() {
+            0..ego_spawn_idx
+        } else {
+            0..0
+        };
         for idx in (ego_spawn_idx..points.len()).chain(before) {
             taken_idx = idx;
             result = self.spawn(ego_type, points[idx], None, "ego_vehicle", &BTreeMap::new());
@@ -69,7 +85,8 @@ impl World {
     }
 }
 
-/// Largest half length and half width that pass a town's junctions without swinging into the lane beside, metres.
+/// Largest half length and half width that pass a town's junctions without swinging into the lane
+/// beside, metres.
 const FITS_HALF_M: [f64; 2] = [3.5, 1.35];
 
 /// Mostly cars, some vans, now and then a lorry or a bus that fits the lanes, a motorcycle.
@@ -81,8 +98,18 @@ fn pick_model(draw: Noise) -> &'static VehicleModel {
         92..95 => "bus",
         _ => "motorcycle",
     };
-    let fits = |model: &&VehicleModel| model.half_m[0] <= FITS_HALF_M[0] && model.half_m[1] <= FITS_HALF_M[1];
-    let of = |kind: &str| vehicle_models().iter().filter(|model| model.base_type == kind).filter(fits).collect::<Vec<_>>();
-    let of_type = Some(of(base_type)).filter(|list| !list.is_empty()).unwrap_or_else(|| of("car"));
+    let fits = |model: &&VehicleModel| {
+        model.half_m[0] <= FITS_HALF_M[0] && model.half_m[1] <= FITS_HALF_M[1]
+    };
+    let of = |kind: &str| {
+        vehicle_models()
+            .iter()
+            .filter(|model| model.base_type == kind)
+            .filter(fits)
+            .collect::<Vec<_>>()
+    };
+    let of_type = Some(of(base_type))
+        .filter(|list| !list.is_empty())
+        .unwrap_or_else(|| of("car"));
     of_type[(draw.bits(1) % of_type.len() as u64) as usize]
 }

@@ -41,7 +41,8 @@ pub(crate) struct ActorMeshes {
 }
 
 impl World {
-    /// Adds the meshes of every actor that may appear; once per episode, after the map's own meshes.
+    /// Adds the meshes of every actor that may appear; once per episode, after the map's own
+    /// meshes.
     pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
         let vehicles = vehicle_models().iter().map(|model| {
             let meshes = outfitted_meshes(&model.shape(), model.outfit());
@@ -49,57 +50,119 @@ impl World {
         });
         let vehicles = vehicles.collect();
         let mut open_bodies = BTreeMap::new();
-        for (idx, model) in vehicle_models().iter().enumerate().filter(|(_, model)| model.has_dynamic_doors()) {
-            let Some(meshes) = outfitted_door_meshes(&model.shape(), model.outfit()) else { continue };
+        for (idx, model) in vehicle_models()
+            .iter()
+            .enumerate()
+            .filter(|(_, model)| model.has_dynamic_doors())
+        {
+            let Some(meshes) = outfitted_door_meshes(&model.shape(), model.outfit()) else {
+                continue;
+            };
             let body = assets.add_mesh(meshes.body);
             let mut add = |mut door: Door| (assets.add_mesh(std::mem::take(&mut door.mesh)), door);
-            open_bodies.insert(idx as u32, Arc::new((body, meshes.doors.into_iter().map(&mut add).collect())));
+            open_bodies.insert(
+                idx as u32,
+                Arc::new((body, meshes.doors.into_iter().map(&mut add).collect())),
+            );
         }
         let walkers = walker_models().iter().map(|model| {
             let meshes = person_meshes(&model.shape);
-            (meshes.parts.map(|part| assets.add_mesh(part)), assets.add_mesh(meshes.wheelchair))
+            (
+                meshes.parts.map(|part| assets.add_mesh(part)),
+                assets.add_mesh(meshes.wheelchair),
+            )
         });
         let walkers = walkers.collect();
-        let props = prop_models().iter().map(|model| assets.add_mesh(prop_mesh(&model.shape))).collect();
-        let light_head = (!self.map.light_head.lods.is_empty()).then(|| assets.add_mesh(self.map.light_head.clone()));
-        self.meshes = ActorMeshes { vehicles, open_bodies, walkers, props, light_head, heads: BTreeMap::new() };
+        let props = prop_models()
+            .iter()
+            .map(|model| assets.add_mesh(prop_mesh(&model.shape)))
+            .collect();
+        let light_head = (!self.map.light_head.lods.is_empty())
+            .then(|| assets.add_mesh(self.map.light_head.clone()));
+        self.meshes = ActorMeshes {
+            vehicles,
+            open_bodies,
+            walkers,
+            props,
+            light_head,
+            heads: BTreeMap::new(),
+        };
         self.find_light_heads();
     }
 
     /// Which heads belong to which light actor; again whenever the lights' ids may be others.
     pub(crate) fn find_light_heads(&mut self) {
-        let heads_of = |signal_id: &str| self.map.lights.iter().find(|site| site.signal_id == signal_id).map(|site| site.heads.clone());
-        self.meshes.heads = self.lights.lights.iter().filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?))).collect();
+        let heads_of = |signal_id: &str| {
+            self.map
+                .lights
+                .iter()
+                .find(|site| site.signal_id == signal_id)
+                .map(|site| site.heads.clone())
+        };
+        self.meshes.heads = self
+            .lights
+            .lights
+            .iter()
+            .filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?)))
+            .collect();
     }
 
-    /// Fills `out` with every part of every actor, by rising (actor, part). Empty before [`World::register_meshes`].
+    /// Fills `out` with every part of every actor, by rising (actor, part). Empty before
+    /// [`World::register_meshes`].
     pub fn dynamic_instances(&self, out: &mut Vec<DynamicInstance>) {
         out.clear();
         for record in &self.records {
             let actor = ActorId(record.id);
             if let Some(vehicle) = self.vehicles.get(&actor) {
-                if let Some((body, wheel)) = self.meshes.vehicles.get(record.catalogue_idx as usize) {
+                if let Some((body, wheel)) = self.meshes.vehicles.get(record.catalogue_idx as usize)
+                {
                     let world_from_vehicle = record.world_from_actor.isometry();
-                    let open = self.meshes.open_bodies.get(&record.catalogue_idx).filter(|_| !vehicle.doors.are_shut());
+                    let open = self
+                        .meshes
+                        .open_bodies
+                        .get(&record.catalogue_idx)
+                        .filter(|_| !vehicle.doors.are_shut());
                     let body = open.map_or(*body, |open| open.0);
-                    self.add_vehicle(out, actor, vehicle, &world_from_vehicle, (body, *wheel), open.map(Arc::as_ref));
+                    self.add_vehicle(
+                        out,
+                        actor,
+                        vehicle,
+                        &world_from_vehicle,
+                        (body, *wheel),
+                        open.map(Arc::as_ref),
+                    );
                 }
             } else if let Some(walker) = self.walkers.get(&actor) {
                 self.add_walker(out, actor, walker);
             } else if let Some(prop) = self.props.get(&actor) {
                 if let Some(mesh) = self.meshes.props.get(prop.model_idx as usize) {
                     let velocity_in_world_mps = Vector3::from(record.velocity_in_world_mps);
-                    out.push(DynamicInstance { velocity_in_world_mps, ..still(actor, 0, *mesh, record.world_from_actor.isometry(), 0) });
+                    out.push(DynamicInstance {
+                        velocity_in_world_mps,
+                        ..still(actor, 0, *mesh, record.world_from_actor.isometry(), 0)
+                    });
                 }
-            } else if let (Some(heads), Some(mesh)) = (self.meshes.heads.get(&actor), self.meshes.light_head) {
-                let lamps = self.lights.get(actor).map_or(0, |light| lamp_bits(light.state));
-                out.extend(heads.iter().enumerate().map(|(part, head)| still(actor, part as u16, mesh, *head, lamps)));
+            } else if let (Some(heads), Some(mesh)) =
+                (self.meshes.heads.get(&actor), self.meshes.light_head)
+            {
+                let lamps = self
+                    .lights
+                    .get(actor)
+                    .map_or(0, |light| lamp_bits(light.state));
+                out.extend(
+                    heads
+                        .iter()
+                        .enumerate()
+                        .map(|(part, head)| still(actor, part as u16, mesh, *head, lamps)),
+                );
             }
         }
     }
 
     fn add_walker(&self, out: &mut Vec<DynamicInstance>, actor: ActorId, walker: &Walker) {
-        let Some((parts, wheelchair)) = self.meshes.walkers.get(walker.model_idx as usize) else { return };
+        let Some((parts, wheelchair)) = self.meshes.walkers.get(walker.model_idx as usize) else {
+            return;
+        };
         let posture = walker.posture();
         let world_from_ground = walker.world_from_ground();
         let velocity_in_world_mps = Vector3::from(walker.velocity_mps);
@@ -113,7 +176,12 @@ impl World {
             velocity_in_world_mps,
         };
         let poses = walker.parts();
-        out.extend(poses.iter().enumerate().map(|(idx, pose)| part(idx, parts[mesh_of(idx)], pose)));
+        out.extend(
+            poses
+                .iter()
+                .enumerate()
+                .map(|(idx, pose)| part(idx, parts[mesh_of(idx)], pose)),
+        );
         if posture == Posture::Seated {
             out.push(part(poses.len(), *wheelchair, &Isometry3::identity()));
         }
@@ -133,25 +201,50 @@ impl World {
         let part = |part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>| {
             let lever = world_from_mesh.translation.vector - world_from_vehicle.translation.vector;
             let velocity_in_world_mps = velocity + spin.cross(&lever);
-            DynamicInstance { actor, part, mesh, world_from_mesh, tint_rgb: vehicle.tint_rgb, lamps, velocity_in_world_mps }
+            DynamicInstance {
+                actor,
+                part,
+                mesh,
+                world_from_mesh,
+                tint_rgb: vehicle.tint_rgb,
+                lamps,
+                velocity_in_world_mps,
+            }
         };
         out.push(part(BODY_PART, body, *world_from_vehicle));
         for (i, wheel) in vehicle.visible_wheels().enumerate() {
             let radius_m = f64::from(vehicle.physics.wheels[i].radius_m);
-            out.push(part(1 + i as u16, wheel_mesh, world_from_vehicle * vehicle_from_wheel(&wheel, radius_m)));
+            out.push(part(
+                1 + i as u16,
+                wheel_mesh,
+                world_from_vehicle * vehicle_from_wheel(&wheel, radius_m),
+            ));
         }
         for (i, (mesh, door)) in open.iter().flat_map(|open| &open.1).enumerate() {
             let vehicle_from_door = door.vehicle_from_mesh(vehicle.doors.visible(i));
-            out.push(part(FIRST_DOOR_PART + i as u16, *mesh, world_from_vehicle * vehicle_from_door));
+            out.push(part(
+                FIRST_DOOR_PART + i as u16,
+                *mesh,
+                world_from_vehicle * vehicle_from_door,
+            ));
         }
     }
 }
 
-/// Steering about z, then roll about the axle, then half a turn for wheels on the left, whose outside would else look inwards.
+/// Steering about z, then roll about the axle, then half a turn for wheels on the left, whose
+/// outside would else look inwards.
 fn vehicle_from_wheel(wheel: &WheelState, radius_m: f64) -> Isometry3<f64> {
-    let place = Translation3::new(wheel.x_m as f64, wheel.y_m as f64, radius_m + wheel.travel_m as f64);
+    let place = Translation3::new(
+        wheel.x_m as f64,
+        wheel.y_m as f64,
+        radius_m + wheel.travel_m as f64,
+    );
     let about = |axis, angle: f64| UnitQuaternion::from_axis_angle(&axis, angle);
-    let half_turn = if wheel.y_m > 0.0 { std::f64::consts::PI } else { 0.0 };
+    let half_turn = if wheel.y_m > 0.0 {
+        std::f64::consts::PI
+    } else {
+        0.0
+    };
     let rotation = about(Vector3::z_axis(), wheel.steer_rad as f64)
         * about(Vector3::y_axis(), wheel.spin_rad as f64)
         * about(Vector3::z_axis(), half_turn);
@@ -167,6 +260,20 @@ fn lamp_bits(state: LightState) -> u32 {
     }
 }
 
-fn still(actor: ActorId, part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>, lamps: u32) -> DynamicInstance {
-    DynamicInstance { actor, part, mesh, world_from_mesh, tint_rgb: [255; 3], lamps, velocity_in_world_mps: Vector3::zeros() }
+fn still(
+    actor: ActorId,
+    part: u16,
+    mesh: MeshId,
+    world_from_mesh: Isometry3<f64>,
+    lamps: u32,
+) -> DynamicInstance {
+    DynamicInstance {
+        actor,
+        part,
+        mesh,
+        world_from_mesh,
+        tint_rgb: [255; 3],
+        lamps,
+        velocity_in_world_mps: Vector3::zeros(),
+    }
 }

@@ -1,4 +1,5 @@
-//! What of the scenery is shown, and which of its lamps shine: switched at run time, for all sensors and for collisions.
+//! What of the scenery is shown, and which of its lamps shine: switched at run time, for all
+//! sensors and for collisions.
 //!
 //! A checkpoint does not carry it: going back keeps what is hidden hidden, as it keeps the map.
 
@@ -33,7 +34,12 @@ impl Lamp {
             LampGroup::Building => 3,
             LampGroup::Other => 4,
         };
-        Lamp { rgb: lamp.rgb, intensity_lm: lamp.intensity_lm, group, on: None }
+        Lamp {
+            rgb: lamp.rgb,
+            intensity_lm: lamp.intensity_lm,
+            group,
+            on: None,
+        }
     }
 }
 
@@ -50,7 +56,10 @@ pub(crate) struct SceneryState {
 
 impl SceneryState {
     pub fn of(map: &MapData) -> SceneryState {
-        SceneryState { lamps: map.lamps.iter().map(Lamp::of).collect(), ..SceneryState::default() }
+        SceneryState {
+            lamps: map.lamps.iter().map(Lamp::of).collect(),
+            ..SceneryState::default()
+        }
     }
 }
 
@@ -68,7 +77,14 @@ impl World {
             let rgb = (lamp.rgb != site.rgb).then_some(lamp.rgb);
             let strength_ratio = lamp.intensity_lm / site.intensity_lm;
             let set = on.is_some() || rgb.is_some() || strength_ratio != 1.0;
-            set.then_some((site.object, LampSetting { on, rgb, strength_ratio }))
+            set.then_some((
+                site.object,
+                LampSetting {
+                    on,
+                    rgb,
+                    strength_ratio,
+                },
+            ))
         };
         lamps.filter_map(setting).collect()
     }
@@ -90,29 +106,45 @@ impl World {
             shown: !self.scenery.hidden.contains(&object.id),
         });
         let dark = self.weather.sun_altitude_deg < DUSK_DEG && !self.scenery.no_cycle;
-        let lamps = self.map.lamps.iter().zip(&self.scenery.lamps).enumerate().map(|(number, (site, lamp))| SceneryLampInfo {
-            lamp: number as u32,
-            object_id: site.object.0,
-            position_m: site.position_m,
-            rgb: lamp.rgb,
-            intensity_lm: lamp.intensity_lm,
-            group: lamp.group,
-            on: lamp.on.unwrap_or(dark),
-        });
-        CommandReply::Scenery { objects: objects.collect(), lamps: lamps.collect() }
+        let lamps = self
+            .map
+            .lamps
+            .iter()
+            .zip(&self.scenery.lamps)
+            .enumerate()
+            .map(|(number, (site, lamp))| SceneryLampInfo {
+                lamp: number as u32,
+                object_id: site.object.0,
+                position_m: site.position_m,
+                rgb: lamp.rgb,
+                intensity_lm: lamp.intensity_lm,
+                group: lamp.group,
+                on: lamp.on.unwrap_or(dark),
+            });
+        CommandReply::Scenery {
+            objects: objects.collect(),
+            lamps: lamps.collect(),
+        }
     }
 
     pub(crate) fn show_objects(&mut self, ids: &[u32], shown: bool) -> Result<(), String> {
         let known: BTreeSet<u32> = self.map.objects.iter().map(|object| object.id.0).collect();
         if let Some(id) = ids.iter().find(|id| !known.contains(id)) {
-            return Err(format!("object {id} is not in map {:?}; the command scenery lists those that are", self.map.name));
+            return Err(format!(
+                "object {id} is not in map {:?}; the command scenery lists those that are",
+                self.map.name
+            ));
         }
         self.show(ids.iter().map(|&id| ObjectId(id)).collect(), shown);
         Ok(())
     }
 
     pub(crate) fn show_layers(&mut self, layers: u16, shown: bool) {
-        let members = self.map.objects.iter().filter(|object| object.layer.is_some_and(|layer| layers & layer as u16 != 0));
+        let members = self
+            .map
+            .objects
+            .iter()
+            .filter(|object| object.layer.is_some_and(|layer| layers & layer as u16 != 0));
         self.show(members.map(|object| object.id).collect(), shown);
     }
 
@@ -136,13 +168,25 @@ impl World {
         let n = self.scenery.lamps.len();
         for change in changes {
             if change.lamp as usize >= n {
-                return Err(format!("lamp {} is not in map {:?}, which has {n}", change.lamp, self.map.name));
+                return Err(format!(
+                    "lamp {} is not in map {:?}, which has {n}",
+                    change.lamp, self.map.name
+                ));
             }
-            if let Some(lumen) = change.intensity_lm.filter(|lumen| !(0.0..=1e9).contains(lumen)) {
-                return Err(format!("intensity_lm of lamp {} is {lumen}, but must be 0 to 1e9", change.lamp));
+            if let Some(lumen) = change
+                .intensity_lm
+                .filter(|lumen| !(0.0..=1e9).contains(lumen))
+            {
+                return Err(format!(
+                    "intensity_lm of lamp {} is {lumen}, but must be 0 to 1e9",
+                    change.lamp
+                ));
             }
             if let Some(group) = change.group.filter(|&group| group > 4) {
-                return Err(format!("group of lamp {} is {group}, but must be 0 to 4", change.lamp));
+                return Err(format!(
+                    "group of lamp {} is {group}, but must be 0 to 4",
+                    change.lamp
+                ));
             }
         }
         for change in changes {
@@ -156,11 +200,15 @@ impl World {
         Ok(())
     }
 
-    /// Whether lamps that nobody switched shine in the dark. Switched ones go back to doing so when it is turned on.
+    /// Whether lamps that nobody switched shine in the dark. Switched ones go back to doing so when
+    /// it is turned on.
     pub(crate) fn set_lamp_cycle(&mut self, on: bool) {
         self.scenery.no_cycle = !on;
         if on {
-            self.scenery.lamps.iter_mut().for_each(|lamp| lamp.on = None);
+            self.scenery
+                .lamps
+                .iter_mut()
+                .for_each(|lamp| lamp.on = None);
         }
         self.scenery.revisions.1 += 1;
     }

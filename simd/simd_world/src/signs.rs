@@ -1,4 +1,5 @@
-//! What drivers' programs ask about lights and signs: the boxes on lanes at which one is before them, and the boxes of lamp heads.
+//! What drivers' programs ask about lights and signs: the boxes on lanes at which one is before
+//! them, and the boxes of lamp heads.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::PosedBox;
@@ -14,26 +15,44 @@ const LIMIT_HALF_WIDTH_RATIO: f64 = 0.35;
 /// Half height of a box; it stands on the lane.
 const HALF_HEIGHT_M: f64 = 1.0;
 
-/// The box round all places on lanes at which vehicles are before a signal, in the signal's space; `None` if it is for no lane.
+/// The box round all places on lanes at which vehicles are before a signal, in the signal's space;
+/// `None` if it is for no lane.
 pub(crate) fn trigger_box(roads: &RoadMap, signal: &Signal) -> Option<BodyBox> {
     let (upstream_m, half_width_ratio) = match signal.kind {
         SignalKind::SpeedLimit | SignalKind::Other => (0.0, LIMIT_HALF_WIDTH_RATIO),
-        SignalKind::TrafficLight | SignalKind::Stop | SignalKind::Yield => (STOP_BOX_UPSTREAM_M, STOP_BOX_HALF_WIDTH_RATIO),
+        SignalKind::TrafficLight | SignalKind::Stop | SignalKind::Yield => {
+            (STOP_BOX_UPSTREAM_M, STOP_BOX_HALF_WIDTH_RATIO)
+        }
     };
-    let boxes = signal.stops.iter().filter_map(|stop| stop_box(roads, stop.stop, upstream_m, half_width_ratio));
-    let corners = boxes.flat_map(|stop_box| corners(&stop_box)).map(|corner| signal.pose.inverse_transform_point(&corner));
+    let boxes = signal
+        .stops
+        .iter()
+        .filter_map(|stop| stop_box(roads, stop.stop, upstream_m, half_width_ratio));
+    let corners = boxes
+        .flat_map(|stop_box| corners(&stop_box))
+        .map(|corner| signal.pose.inverse_transform_point(&corner));
     let (low, high) = corners.fold(None, |range: Option<(Point3<f64>, Point3<f64>)>, corner| {
-        Some(range.map_or((corner, corner), |(low, high)| (low.inf(&corner), high.sup(&corner))))
+        Some(range.map_or((corner, corner), |(low, high)| {
+            (low.inf(&corner), high.sup(&corner))
+        }))
     })?;
     let (centre, half) = (nalgebra::center(&low, &high), 0.5 * (high - low));
-    Some(BodyBox { centre_m: centre.coords.cast::<f32>().into(), half_m: half.cast::<f32>().into() })
+    Some(BodyBox {
+        centre_m: centre.coords.cast::<f32>().into(),
+        half_m: half.cast::<f32>().into(),
+    })
 }
 
 fn corners(stop_box: &StopBox) -> impl Iterator<Item = Point3<f64>> + use<> {
     let ([along_m, across_m], world_from_box) = (stop_box.half_m, stop_box.world_from_box);
     (0..8).map(move |i| {
         let side = |bit: i32| if i & bit == 0 { -1.0 } else { 1.0 };
-        world_from_box * Point3::new(along_m * side(1), across_m * side(2), HALF_HEIGHT_M * (1.0 + side(4)))
+        world_from_box
+            * Point3::new(
+                along_m * side(1),
+                across_m * side(2),
+                HALF_HEIGHT_M * (1.0 + side(4)),
+            )
     })
 }
 
@@ -43,13 +62,28 @@ impl World {
     /// # Errors
     /// If there is no such light.
     pub fn light_boxes(&self, actor: ActorId) -> Result<Vec<PosedBox>, String> {
-        let light = self.lights.get(actor).ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
-        let heads = self.map.lights.iter().find(|site| site.signal_id == light.signal_id).map_or(&[][..], |site| &site.heads);
-        let corners = self.map.light_head.vertices.iter().map(|vertex| Vector3::from(vertex.position_m.map(f64::from)));
+        let light = self
+            .lights
+            .get(actor)
+            .ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
+        let heads = self
+            .map
+            .lights
+            .iter()
+            .find(|site| site.signal_id == light.signal_id)
+            .map_or(&[][..], |site| &site.heads);
+        let corners = self
+            .map
+            .light_head
+            .vertices
+            .iter()
+            .map(|vertex| Vector3::from(vertex.position_m.map(f64::from)));
         let range = corners.fold(None, |range: Option<(Vector3<f64>, Vector3<f64>)>, at| {
             Some(range.map_or((at, at), |(low, high)| (low.inf(&at), high.sup(&at))))
         });
-        let Some((low, high)) = range else { return Ok(Vec::new()) };
+        let Some((low, high)) = range else {
+            return Ok(Vec::new());
+        };
         let boxed = |head: &Isometry3<f64>| PosedBox {
             pose: PoseText::from(Pose::from(head * Isometry3::from(0.5 * (low + high)))),
             half_m: (0.5 * (high - low)).into(),

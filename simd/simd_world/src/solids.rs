@@ -1,4 +1,5 @@
-//! Solid ground of maps as the engine wants it. Sorting its triangles is the dear part of loading a map, so the last few are kept.
+//! Solid ground of maps as the engine wants it. Sorting its triangles is the dear part of loading a
+//! map, so the last few are kept.
 
 use std::sync::Arc;
 
@@ -49,11 +50,20 @@ fn solids(map: &MapData) -> Result<Vec<Solid>, (usize, String)> {
             return Err((mesh_idx, "has a corner that is not finite".to_owned()));
         }
         let n_vertices = mesh.vertices_m.len() as u32;
-        if let Some(corner) = mesh.triangles.iter().flatten().find(|corner| **corner >= n_vertices) {
-            return Err((mesh_idx, format!("names corner {corner} but has only {n_vertices}")));
+        if let Some(corner) = mesh
+            .triangles
+            .iter()
+            .flatten()
+            .find(|corner| **corner >= n_vertices)
+        {
+            return Err((
+                mesh_idx,
+                format!("names corner {corner} but has only {n_vertices}"),
+            ));
         }
         let vertices = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
-        let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone()).map_err(|error| (mesh_idx, error.to_string()))?;
+        let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone())
+            .map_err(|error| (mesh_idx, error.to_string()))?;
         solids.push((collider.shape, mesh.class));
     }
     Ok(solids)

@@ -1,9 +1,12 @@
-//! One vehicle: a rigid body on wheels that feel the ground by rays, with its drive train, brakes, steering and air drag.
+//! One vehicle: a rigid body on wheels that feel the ground by rays, with its drive train, brakes,
+//! steering and air drag.
 //!
-//! The body's frame is the vehicle's: origin on the ground midway between the axles. Gravity and everything at the wheels are solved by us
+//! The body's frame is the vehicle's: origin on the ground midway between the axles. Gravity and
+//! everything at the wheels are solved by us
 //! ([`crate::motion`]); rapier moves the body and lets it bump into things.
 //!
-//! [`Vehicle`] is all state there is: a copy of it (or its serialised form) and of the engine's world continue bit for bit.
+//! [`Vehicle`] is all state there is: a copy of it (or its serialised form) and of the engine's
+//! world continue bit for bit.
 
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::math::Vector;
@@ -27,7 +30,8 @@ const FALL_M: f32 = 500.0;
 pub(crate) const MAX_WHEELS: usize = 6;
 /// Mass of the wheels together per mass of the vehicle.
 const WHEEL_MASS_RATIO: f32 = 0.05;
-/// A vehicle without physics that is put further than this in a second was moved, it did not drive, m/s.
+/// A vehicle without physics that is put further than this in a second was moved, it did not drive,
+/// m/s.
 const JUMP_MPS: f64 = 100.0;
 
 /// A vehicle's physical state, whole: see the head of this file.
@@ -58,7 +62,8 @@ pub(crate) struct Vehicle {
     pub torque_nm: [f32; 3],
     pub quarantined: bool,
     last_good: Pose,
-    /// Where a vehicle without physics was at the end of the last tick, and the velocities that follow from it.
+    /// Where a vehicle without physics was at the end of the last tick, and the velocities that
+    /// follow from it.
     last_tick: Pose,
     carried: [[f64; 3]; 2],
     /// Follows from the place and the map.
@@ -81,7 +86,12 @@ pub(crate) struct Switches {
 
 impl Vehicle {
     /// Adds the body of `model` at a world pose; `actor` is what contacts report.
-    pub fn new(physics: &mut Physics, model: &'static VehicleModel, actor: u32, pose: &Isometry3<f64>) -> Self {
+    pub fn new(
+        physics: &mut Physics,
+        model: &'static VehicleModel,
+        actor: u32,
+        pose: &Isometry3<f64>,
+    ) -> Self {
         let data = model.physics();
         let body = RigidBodyBuilder::dynamic()
             .pose(physics.engine_pose(pose))
@@ -105,7 +115,10 @@ impl Vehicle {
             model,
             body,
             collider,
-            wheels: wheel_specs(model, &data).into_iter().map(Wheel::new).collect(),
+            wheels: wheel_specs(model, &data)
+                .into_iter()
+                .map(Wheel::new)
+                .collect(),
             physics: Box::new(data),
             train: DriveTrain::new(&model.engine),
             control: VehicleControl::default(),
@@ -116,7 +129,13 @@ impl Vehicle {
             tint_rgb: model.colors[0],
             steer_rad: 0.0,
             lean_rad: 0.0,
-            switches: Switches { gravity: true, simulated: true, collides: true, sticky_control: true, held_mps: None },
+            switches: Switches {
+                gravity: true,
+                simulated: true,
+                collides: true,
+                sticky_control: true,
+                held_mps: None,
+            },
             is_new_control: false,
             force_n: [0.0; 3],
             torque_nm: [0.0; 3],
@@ -128,7 +147,8 @@ impl Vehicle {
         }
     }
 
-    /// Replaces the physical data, which were checked; the drive train begins anew, velocities stay.
+    /// Replaces the physical data, which were checked; the drive train begins anew, velocities
+    /// stay.
     pub fn set_physics(&mut self, physics: &mut Physics, mut data: VehiclePhysics) {
         for (wheel, now) in data.wheels.iter_mut().zip(&self.physics.wheels) {
             wheel.position_m = [now.position_m[0], now.position_m[1], wheel.radius_m];
@@ -154,22 +174,35 @@ impl Vehicle {
         self.control = control.clamped();
         self.is_new_control = true;
         self.ackermann = None;
-        self.wheels.iter_mut().for_each(|wheel| wheel.shown_steer_rad = None);
+        self.wheels
+            .iter_mut()
+            .for_each(|wheel| wheel.shown_steer_rad = None);
     }
 
-    /// Before the sub-steps of a tick: a control that was for one tick is let go, the Ackermann controllers press the pedals.
+    /// Before the sub-steps of a tick: a control that was for one tick is let go, the Ackermann
+    /// controllers press the pedals.
     pub fn begin_tick(&mut self, physics: &Physics, dt_secs: f32) {
         if !std::mem::take(&mut self.is_new_control) && !self.switches.sticky_control {
             self.control = VehicleControl::default();
         }
-        let Some(mut ackermann) = self.ackermann else { return };
+        let Some(mut ackermann) = self.ackermann else {
+            return;
+        };
         let speed_mps = self.forward_mps(physics);
         let max_steer_rad = self.max_steer_rad(speed_mps);
-        self.control = ackermann.step(&self.gains, &Seen { speed_mps, max_steer_rad, dt_secs });
+        self.control = ackermann.step(
+            &self.gains,
+            &Seen {
+                speed_mps,
+                max_steer_rad,
+                dt_secs,
+            },
+        );
         self.ackermann = Some(ackermann);
     }
 
-    /// After the sub-steps of a tick: pushes are over, doors move; one without physics has the velocity of its displacement.
+    /// After the sub-steps of a tick: pushes are over, doors move; one without physics has the
+    /// velocity of its displacement.
     pub fn end_tick(&mut self, physics: &Physics, dt_secs: f64) {
         self.force_n = [0.0; 3];
         self.torque_nm = [0.0; 3];
@@ -182,7 +215,10 @@ impl Vehicle {
         self.last_tick = pose.into();
         let velocity = (pose.translation.vector - before.translation.vector) / dt_secs;
         self.carried = if velocity.norm() <= JUMP_MPS {
-            [velocity.into(), ((pose.rotation * before.rotation.inverse()).scaled_axis() / dt_secs).into()]
+            [
+                velocity.into(),
+                ((pose.rotation * before.rotation.inverse()).scaled_axis() / dt_secs).into(),
+            ]
         } else {
             [[0.0; 3]; 2]
         };
@@ -195,7 +231,12 @@ impl Vehicle {
 
     /// Largest mean angle of the front wheels at a speed, radians.
     pub fn max_steer_rad(&self, speed_mps: f32) -> f32 {
-        let lock = self.physics.wheels.iter().map(|wheel| wheel.max_steer_rad).fold(0.0, f32::max);
+        let lock = self
+            .physics
+            .wheels
+            .iter()
+            .map(|wheel| wheel.max_steer_rad)
+            .fold(0.0, f32::max);
         lock * along(&self.physics.steering_curve, speed_mps.abs(), 1.0)
     }
 
@@ -205,7 +246,8 @@ impl Vehicle {
         (self.pose(physics).rotation.inverse() * velocity).x as f32
     }
 
-    /// After the engine's sub-step: a body whose state is not finite or absurd is put back and switched off. True if that happened now.
+    /// After the engine's sub-step: a body whose state is not finite or absurd is put back and
+    /// switched off. True if that happened now.
     pub fn finish_step(&mut self, physics: &mut Physics) -> bool {
         if self.quarantined || !self.switches.simulated {
             return false;
@@ -226,7 +268,9 @@ impl Vehicle {
         }
         self.quarantined = true;
         // What is not finite must not come back with the next pose.
-        self.wheels.iter_mut().for_each(|wheel| *wheel = Wheel::new(wheel.spec));
+        self.wheels
+            .iter_mut()
+            .for_each(|wheel| *wheel = Wheel::new(wheel.spec));
         self.train = DriveTrain::new(&self.model.engine);
         (self.steer_rad, self.lean_rad) = (0.0, 0.0);
         let pose = physics.engine_pose(&self.last_good.isometry());
@@ -252,7 +296,10 @@ impl Vehicle {
             return (self.carried[0].into(), self.carried[1].into());
         }
         let body = &physics.engine.bodies[self.body];
-        (widen(body.velocity_at_point(body.translation())), widen(body.angvel()))
+        (
+            widen(body.velocity_at_point(body.translation())),
+            widen(body.angvel()),
+        )
     }
 
     /// Gives the origin a velocity; rotation stays. The wheels roll along.
@@ -272,7 +319,11 @@ impl Vehicle {
     }
 
     /// Gives it an angular velocity about its centre of mass.
-    pub fn set_angular_velocity(&mut self, physics: &mut Physics, angular_in_world_radps: &Vector3<f64>) {
+    pub fn set_angular_velocity(
+        &mut self,
+        physics: &mut Physics,
+        angular_in_world_radps: &Vector3<f64>,
+    ) {
         physics.engine.bodies[self.body].set_angvel(narrow(angular_in_world_radps), true);
     }
 
@@ -313,7 +364,11 @@ impl Vehicle {
     /// Lets it bump into others, or not.
     pub fn set_collides(&mut self, physics: &mut Physics, collides: bool) {
         self.switches.collides = collides;
-        let groups = if collides { InteractionGroups::all() } else { InteractionGroups::none() };
+        let groups = if collides {
+            InteractionGroups::all()
+        } else {
+            InteractionGroups::none()
+        };
         if let Some(collider) = physics.engine.colliders.get_mut(self.collider) {
             collider.set_collision_groups(groups);
         }
@@ -339,9 +394,14 @@ impl Vehicle {
         })
     }
 
-    /// Lamps that shine: those that are set, the brake lamps while braking, the reversing lamp in reverse.
+    /// Lamps that shine: those that are set, the brake lamps while braking, the reversing lamp in
+    /// reverse.
     pub fn shining_lamps(&self) -> u32 {
-        let brake = if self.control.brake_ratio > 0.01 { 8 } else { 0 };
+        let brake = if self.control.brake_ratio > 0.01 {
+            8
+        } else {
+            0
+        };
         let reverse = if self.train.gear < 0 { 64 } else { 0 };
         self.lamps | brake | reverse
     }
@@ -370,7 +430,11 @@ fn sag_m(model: &VehicleModel) -> f32 {
 }
 
 fn wheel_specs(model: &VehicleModel, data: &VehiclePhysics) -> Vec<WheelSpec> {
-    let sites: Vec<[f32; 2]> = data.wheels.iter().map(|wheel| [wheel.position_m[0], wheel.position_m[1]]).collect();
+    let sites: Vec<[f32; 2]> = data
+        .wheels
+        .iter()
+        .map(|wheel| [wheel.position_m[0], wheel.position_m[1]])
+        .collect();
     let loads = rest_load_ratios(&sites, data.center_of_mass_m[0]);
     let wheel_kg = WHEEL_MASS_RATIO * model.mass_kg as f32 / sites.len() as f32;
     let spec = |(physics, load): (&schema_frames::WheelPhysics, &f32)| WheelSpec {
@@ -378,7 +442,11 @@ fn wheel_specs(model: &VehicleModel, data: &VehiclePhysics) -> Vec<WheelSpec> {
         rest_load_n: load * data.mass_kg * GRAVITY_MPS2 as f32,
         sag_m: sag_m(model),
         inertia_kgm2: 0.8 * wheel_kg * physics.radius_m * physics.radius_m,
-        driven: if physics.position_m[0] > 0.0 { model.front_driven } else { model.rear_driven },
+        driven: if physics.position_m[0] > 0.0 {
+            model.front_driven
+        } else {
+            model.rear_driven
+        },
     };
     data.wheels.iter().zip(&loads).map(spec).collect()
 }
@@ -390,7 +458,8 @@ fn mass_properties(model: &VehicleModel, data: &VehiclePhysics) -> MassPropertie
     MassProperties::new(data.center_of_mass_m.into(), data.mass_kg, inertia)
 }
 
-/// Centre and half extents of the solid body: the body box less the room below it. A two-wheeler's is narrow, so that it can lean.
+/// Centre and half extents of the solid body: the body box less the room below it. A two-wheeler's
+/// is narrow, so that it can lean.
 pub(crate) fn chassis_box(model: &VehicleModel) -> (Vector, Vector) {
     let [x, y, z] = model.solid_half_m().map(|half| half as f32);
     let (y, clearance) = match model.is_two_wheeler() {
@@ -398,5 +467,8 @@ pub(crate) fn chassis_box(model: &VehicleModel) -> (Vector, Vector) {
         false => (y, (0.6 * model.wheel_radius_m as f32).max(0.18)),
     };
     let half_z = 0.5 * (2.0 * z - clearance);
-    (Vector::new(0.0, 0.0, clearance + half_z), Vector::new(x, y, half_z))
+    (
+        Vector::new(0.0, 0.0, clearance + half_z),
+        Vector::new(x, y, half_z),
+    )
 }

@@ -24,7 +24,12 @@ impl World {
         let values = [
             ("cloudiness", weather.cloudiness, 0.0, 100.0),
             ("precipitation", weather.precipitation, 0.0, 100.0),
-            ("precipitation_deposits", weather.precipitation_deposits, 0.0, 100.0),
+            (
+                "precipitation_deposits",
+                weather.precipitation_deposits,
+                0.0,
+                100.0,
+            ),
             ("wind_intensity", weather.wind_intensity, 0.0, 100.0),
             ("sun_azimuth_deg", weather.sun_azimuth_deg, -360.0, 360.0),
             ("sun_altitude_deg", weather.sun_altitude_deg, -90.0, 90.0),
@@ -32,13 +37,33 @@ impl World {
             ("fog_distance_m", weather.fog_distance_m, 0.0, 1e5),
             ("fog_falloff", weather.fog_falloff, 0.0, 100.0),
             ("wetness", weather.wetness, 0.0, 100.0),
-            ("scattering_intensity", weather.scattering_intensity, 0.0, 1000.0),
-            ("mie_scattering_scale", weather.mie_scattering_scale, 0.0, 5.0),
-            ("rayleigh_scattering_scale", weather.rayleigh_scattering_scale, 0.0, 2.0),
+            (
+                "scattering_intensity",
+                weather.scattering_intensity,
+                0.0,
+                1000.0,
+            ),
+            (
+                "mie_scattering_scale",
+                weather.mie_scattering_scale,
+                0.0,
+                5.0,
+            ),
+            (
+                "rayleigh_scattering_scale",
+                weather.rayleigh_scattering_scale,
+                0.0,
+                2.0,
+            ),
             ("dust_storm", weather.dust_storm, 0.0, 100.0),
         ];
-        match values.iter().find(|(_, value, low, high)| !(value >= low && value <= high)) {
-            Some((name, value, low, high)) => Err(format!("{name} is {value}, but must be {low} to {high}")),
+        match values
+            .iter()
+            .find(|(_, value, low, high)| !(value >= low && value <= high))
+        {
+            Some((name, value, low, high)) => {
+                Err(format!("{name} is {value}, but must be {low} to {high}"))
+            }
             None => {
                 self.weather = weather;
                 Ok(())
@@ -53,22 +78,35 @@ impl World {
 
     /// Grip of tyres as a share of that on a dry road: 1 unless weather acts.
     pub fn grip_ratio(&self) -> f64 {
-        if self.weather_acts { grip_ratio(&self.weather) } else { 1.0 }
+        if self.weather_acts {
+            grip_ratio(&self.weather)
+        } else {
+            1.0
+        }
     }
 
     /// Extinction of lidar light by rain, fog and dust, 1/m: 0 unless weather acts.
     pub fn lidar_extinction_per_m(&self) -> f64 {
-        if self.weather_acts { extinction_per_m(&self.weather) } else { 0.0 }
+        if self.weather_acts {
+            extinction_per_m(&self.weather)
+        } else {
+            0.0
+        }
     }
 }
 
 /// Falls in a line with the water on the road, whatever brought it.
 fn grip_ratio(weather: &Weather) -> f64 {
-    let water = weather.wetness.max(weather.precipitation_deposits).max(weather.precipitation) as f64 / 100.0;
+    let water = weather
+        .wetness
+        .max(weather.precipitation_deposits)
+        .max(weather.precipitation) as f64
+        / 100.0;
     1.0 - (1.0 - SOAKED_GRIP_RATIO) * water.clamp(0.0, 1.0)
 }
 
-/// Rain after ITU-R P.1814 (1.076 R^0.67 dB/km with R in mm/h), fog after Koschmieder (3.912 over the visibility, which falls by equal
+/// Rain after ITU-R P.1814 (1.076 R^0.67 dB/km with R in mm/h), fog after Koschmieder (3.912 over
+/// the visibility, which falls by equal
 /// factors with the density), dust in a line.
 fn extinction_per_m(weather: &Weather) -> f64 {
     let share = |percent: f32| f64::from(percent).clamp(0.0, 100.0) / 100.0;
@@ -89,24 +127,59 @@ mod tests {
 
     #[test]
     fn weather_acts_only_where_asked() {
-        let storm = Weather { precipitation: 100.0, wetness: 100.0, fog_density: 100.0, ..Weather::default() };
+        let storm = Weather {
+            precipitation: 100.0,
+            wetness: 100.0,
+            fog_density: 100.0,
+            ..Weather::default()
+        };
         let mut world = World::new(Default::default());
         world.set_weather(storm).unwrap();
-        assert_eq!((world.grip_ratio(), world.lidar_extinction_per_m()), (1.0, 0.0));
+        assert_eq!(
+            (world.grip_ratio(), world.lidar_extinction_per_m()),
+            (1.0, 0.0)
+        );
         world.set_weather_effects(true);
         assert!((world.grip_ratio() - SOAKED_GRIP_RATIO).abs() < 1e-12);
-        // 50 mm/h are 14.8 dB/km by the formula, and 50 m of visibility leave 2 % of the light over 50 m.
+        // 50 mm/h are 14.8 dB/km by the formula, and 50 m of visibility leave 2 % of the light over
+        // 50 m.
         let expected = 14.79e-3 / 4.3429 + (1.0f64 / 0.02).ln() / 50.0;
-        assert!((world.lidar_extinction_per_m() / expected - 1.0).abs() < 2e-3, "{}", world.lidar_extinction_per_m());
-        world.set_weather(Weather { precipitation: 0.0, wetness: 0.0, fog_density: 0.0, ..storm }).unwrap();
-        assert_eq!((world.grip_ratio(), world.lidar_extinction_per_m()), (1.0, 0.0));
+        assert!(
+            (world.lidar_extinction_per_m() / expected - 1.0).abs() < 2e-3,
+            "{}",
+            world.lidar_extinction_per_m()
+        );
+        world
+            .set_weather(Weather {
+                precipitation: 0.0,
+                wetness: 0.0,
+                fog_density: 0.0,
+                ..storm
+            })
+            .unwrap();
+        assert_eq!(
+            (world.grip_ratio(), world.lidar_extinction_per_m()),
+            (1.0, 0.0)
+        );
     }
 
     #[test]
     fn what_is_out_of_range_is_named() {
         let mut world = World::new(Default::default());
-        let error = world.set_weather(Weather { dust_storm: 101.0, ..Weather::default() }).unwrap_err();
+        let error = world
+            .set_weather(Weather {
+                dust_storm: 101.0,
+                ..Weather::default()
+            })
+            .unwrap_err();
         assert_eq!(error, "dust_storm is 101, but must be 0 to 100");
-        assert!(world.set_weather(Weather { fog_density: f32::NAN, ..Weather::default() }).is_err());
+        assert!(
+            world
+                .set_weather(Weather {
+                    fog_density: f32::NAN,
+                    ..Weather::default()
+                })
+                .is_err()
+        );
     }
 }

@@ -1,8 +1,11 @@
 //! One wheel: where it is mounted, its spring, what it feels of the ground, and its tyre.
 //!
-//! A tyre is a spring between rim and road that relaxes as it rolls: deflection u follows du/dt = slip speed − |v|/σ · u with the
-//! relaxation length σ. Rolling, that is the usual stiffness per slip (force = C · slip speed / |v|); standing, it is a spring that holds
-//! without creeping. Force is linear in slip up to the friction of the load, combined over both directions.
+//! A tyre is a spring between rim and road that relaxes as it rolls: deflection u follows du/dt =
+//! slip speed − |v|/σ · u with the
+//! relaxation length σ. Rolling, that is the usual stiffness per slip (force = C · slip speed /
+//! |v|); standing, it is a spring that holds
+//! without creeping. Force is linear in slip up to the friction of the load, combined over both
+//! directions.
 
 use rapier3d::math::Vector;
 use rapier3d::parry::query::ShapeCastOptions;
@@ -136,19 +139,36 @@ impl Wheel {
         let [x_m, y_m, _] = self.spec.physics.position_m;
         let top = vehicle * Vector::new(x_m, y_m, self.top_m());
         let (sin, cos) = self.steer_rad.sin_cos();
-        Mount { top, up, axle: left * cos - forward * sin, rotation: vehicle.rotation }
+        Mount {
+            top,
+            up,
+            axle: left * cos - forward * sin,
+            rotation: vehicle.rotation,
+        }
     }
 
     /// Looks for what is under the wheel within the spring's reach and a little further.
     pub fn feeler(&self, mount: &Mount, reach_m: f32) -> Feeler {
-        Feeler::new(mount.top, -mount.up, SPRING_M + self.spec.physics.radius_m + reach_m)
+        Feeler::new(
+            mount.top,
+            -mount.up,
+            SPRING_M + self.spec.physics.radius_m + reach_m,
+        )
     }
 
     /// What the feeler met is the ground.
     pub fn ground(&self, mount: &Mount, felt: &Felt) -> Ground {
-        let normal = if felt.normal.dot(mount.up) < 0.0 { -felt.normal } else { felt.normal };
+        let normal = if felt.normal.dot(mount.up) < 0.0 {
+            -felt.normal
+        } else {
+            felt.normal
+        };
         let point = mount.top - mount.up * felt.distance_m;
-        Ground { point, normal, compression_m: SPRING_M + self.spec.physics.radius_m - felt.distance_m }
+        Ground {
+            point,
+            normal,
+            compression_m: SPRING_M + self.spec.physics.radius_m - felt.distance_m,
+        }
     }
 
     /// A cylinder of the wheel's size comes down along the spring.
@@ -156,29 +176,60 @@ impl Wheel {
         let radius = self.spec.physics.radius_m;
         // The engine's cylinders stand along y, which is a wheel's axle.
         let shape = Cylinder::new(HALF_WIDTH_M, radius);
-        let turn = rapier3d::math::Rotation::from_axis_angle(mount.up, self.steer_rad) * mount.rotation;
+        let turn =
+            rapier3d::math::Rotation::from_axis_angle(mount.up, self.steer_rad) * mount.rotation;
         let place = rapier3d::math::Pose::from_parts(mount.top, turn);
-        let options = ShapeCastOptions { max_time_of_impact: SPRING_M + reach_m, stop_at_penetration: true, ..ShapeCastOptions::default() };
+        let options = ShapeCastOptions {
+            max_time_of_impact: SPRING_M + reach_m,
+            stop_at_penetration: true,
+            ..ShapeCastOptions::default()
+        };
         let (_, hit) = query.cast_shape(&place, -mount.up, &shape, options)?;
         let middle = mount.top - mount.up * hit.time_of_impact;
         // Whichever way the engine reports it, the road pushes upwards.
-        let normal = if hit.normal1.dot(mount.up) < 0.0 { -hit.normal1 } else { hit.normal1 };
-        Some(Ground { point: middle - mount.up * radius, normal, compression_m: SPRING_M - hit.time_of_impact })
+        let normal = if hit.normal1.dot(mount.up) < 0.0 {
+            -hit.normal1
+        } else {
+            hit.normal1
+        };
+        Some(Ground {
+            point: middle - mount.up * radius,
+            normal,
+            compression_m: SPRING_M - hit.time_of_impact,
+        })
     }
 
-    /// Spring and damper along the ground's normal; `cosine` is that between spring and normal, `rise_mps` the speed away from the ground.
-    pub fn spring(&self, ground: &Ground, cosine: f32, rise_mps: f32, dt_secs: f32) -> (Softness, f32) {
+    /// Spring and damper along the ground's normal; `cosine` is that between spring and normal,
+    /// `rise_mps` the speed away from the ground.
+    pub fn spring(
+        &self,
+        ground: &Ground,
+        cosine: f32,
+        rise_mps: f32,
+        dt_secs: f32,
+    ) -> (Softness, f32) {
         let spec = &self.spec;
         let stiffness = spec.rest_load_n / spec.sag_m;
         let mass_kg = spec.rest_load_n / GRAVITY_MPS2 as f32;
         let half = if rise_mps < 0.0 { 0.8 } else { 1.2 };
-        let touches = if ground.compression_m >= 0.0 { 1.0 } else { 0.0 };
+        let touches = if ground.compression_m >= 0.0 {
+            1.0
+        } else {
+            0.0
+        };
         let damping = touches * half * 2.0 * DAMPING_RATIO * (stiffness * mass_kg).sqrt();
         let beyond = (ground.compression_m - spec.sag_m - BUMP_M).max(0.0);
-        let bump = if beyond > 0.0 { BUMP_STIFFNESS * stiffness } else { 0.0 };
+        let bump = if beyond > 0.0 {
+            BUMP_STIFFNESS * stiffness
+        } else {
+            0.0
+        };
         let push_n = (stiffness * ground.compression_m + bump * beyond) / cosine;
         let damping = (damping + (stiffness + bump) * dt_secs) / (cosine * cosine);
-        (Softness { push_n, damping }, 20.0 * spec.rest_load_n * dt_secs)
+        (
+            Softness { push_n, damping },
+            20.0 * spec.rest_load_n * dt_secs,
+        )
     }
 
     /// Stiffness of force over slip along and across at the load of the last sub-step, N.
@@ -187,20 +238,28 @@ impl Wheel {
         let load_ratio = self.load_n / rest;
         let rest_of = (1.0 - load_ratio / physics.lat_load_limit).max(0.0);
         let long = physics.long_stiffness_kg * GRAVITY_MPS2 as f32 * load_ratio;
-        [long, physics.lat_stiffness_per_rad * rest * (1.0 - rest_of * rest_of * rest_of)]
+        [
+            long,
+            physics.lat_stiffness_per_rad * rest * (1.0 - rest_of * rest_of * rest_of),
+        ]
     }
 
-    /// The tyre along (0) and across (1) as a spring-damper against slip speed, at `speed_mps` over ground.
+    /// The tyre along (0) and across (1) as a spring-damper against slip speed, at `speed_mps` over
+    /// ground.
     pub fn tyre(&self, axis: usize, speed_mps: f32, dt_secs: f32) -> Softness {
         let stiffness = self.slip_stiffness_n()[axis] / RELAXATION_M[axis];
         let rolled = 1.0 + dt_secs * speed_mps / RELAXATION_M[axis];
         let calm = (1.0 - speed_mps / CALM_MPS).max(0.0);
         let mass_kg = self.spec.rest_load_n / GRAVITY_MPS2 as f32;
         let damping = stiffness * dt_secs / rolled + calm * (stiffness * mass_kg).sqrt();
-        Softness { push_n: stiffness * self.deflection_m[axis] / rolled, damping }
+        Softness {
+            push_n: stiffness * self.deflection_m[axis] / rolled,
+            damping,
+        }
     }
 
-    /// After the sub-step: the tyre follows the slip speeds (m/s, of the rim over the road), within friction.
+    /// After the sub-step: the tyre follows the slip speeds (m/s, of the rim over the road), within
+    /// friction.
     pub fn deflect(&mut self, slip_mps: [f32; 2], speed_mps: f32, dt_secs: f32) {
         let stiffness = self.slip_stiffness_n();
         let mut force = [0.0; 2];
@@ -209,7 +268,10 @@ impl Wheel {
             self.deflection_m[axis] = (self.deflection_m[axis] + dt_secs * slip_mps[axis]) / rolled;
             force[axis] = self.deflection_m[axis] * stiffness[axis] / RELAXATION_M[axis];
         }
-        let (size, grip) = ((force[0] * force[0] + force[1] * force[1]).sqrt(), self.friction * self.load_n);
+        let (size, grip) = (
+            (force[0] * force[0] + force[1] * force[1]).sqrt(),
+            self.friction * self.load_n,
+        );
         if size > grip {
             self.deflection_m = self.deflection_m.map(|u| u * grip / size);
         }
@@ -217,6 +279,7 @@ impl Wheel {
 
     /// Turns by a sub-step.
     pub fn roll(&mut self, dt_secs: f32) {
-        self.roll_rad = (self.roll_rad + self.roll_radps * dt_secs).rem_euclid(std::f32::consts::TAU);
+        self.roll_rad =
+            (self.roll_rad + self.roll_radps * dt_secs).rem_euclid(std::f32::consts::TAU);
     }
 }

@@ -37,14 +37,18 @@ const LONGEST_SUBSTEP_SECS: f64 = 0.01;
 pub struct WorldOptions {
     /// Seed of everything that is drawn by lot.
     pub seed: u64,
-    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this and never longer than 10 ms: up to there
+    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this
+    /// and never longer than 10 ms: up to there
     /// the motion does not depend on it.
     pub physics_substep_secs: f64,
 }
 
 impl Default for WorldOptions {
     fn default() -> Self {
-        WorldOptions { seed: 1, physics_substep_secs: 0.01 }
+        WorldOptions {
+            seed: 1,
+            physics_substep_secs: 0.01,
+        }
     }
 }
 
@@ -92,8 +96,10 @@ pub(crate) struct Actor {
 
 /// Actors, physics, traffic lights, weather: all that changes from tick to tick.
 ///
-/// A [`crate::Checkpoint`] is a copy of this very struct: a new field is saved and restored without further ado. What follows from the map
-/// alone, or is made anew every tick, says `serde(skip)` and is taken from the living world by `World::restore`.
+/// A [`crate::Checkpoint`] is a copy of this very struct: a new field is saved and restored without
+/// further ado. What follows from the map
+/// alone, or is made anew every tick, says `serde(skip)` and is taken from the living world by
+/// `World::restore`.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct World {
     pub(crate) options: WorldOptions,
@@ -174,19 +180,33 @@ impl World {
         world
     }
 
-    /// Loads a map: a new episode without the old one's actors. Ids go on counting. On an error the old map stays.
+    /// Loads a map: a new episode without the old one's actors. Ids go on counting. On an error the
+    /// old map stays.
     pub fn load(&mut self, map: &MapData) -> Result<(), LoadError> {
         self.load_shared(&Arc::new(map.clone()))
     }
 
-    /// As [`World::load`]; a map that was loaded a short while ago costs little, for its solids are kept.
+    /// As [`World::load`]; a map that was loaded a short while ago costs little, for its solids are
+    /// kept.
     pub fn load_shared(&mut self, map: &Arc<MapData>) -> Result<(), LoadError> {
         let roads = match (&map.roads, map.open_drive.as_str()) {
             (Some(roads), _) => Some(roads.clone()),
             (None, "") => None,
-            (None, text) => Some(Arc::new(RoadMap::parse(text).map_err(|source| LoadError::Roads { map: map.name.clone(), source })?)),
+            (None, text) => Some(Arc::new(RoadMap::parse(text).map_err(|source| {
+                LoadError::Roads {
+                    map: map.name.clone(),
+                    source,
+                }
+            })?)),
         };
-        let solids = self.solids.of(map).map_err(|(mesh_idx, reason)| LoadError::Collision { map: map.name.clone(), mesh_idx, reason })?;
+        let solids = self
+            .solids
+            .of(map)
+            .map_err(|(mesh_idx, reason)| LoadError::Collision {
+                map: map.name.clone(),
+                mesh_idx,
+                reason,
+            })?;
         let physics = Physics::with_solids(map.origin_m, &solids);
         self.map = map.clone();
         self.roads = roads;
@@ -210,7 +230,14 @@ impl World {
     /// The actors that every episode has: spectator, traffic lights, signs.
     fn populate(&mut self) {
         let pose = self.map.spawn_points.first().copied().unwrap_or_default();
-        let above = Pose { translation_m: [pose.translation_m[0], pose.translation_m[1], pose.translation_m[2] + 20.0], ..pose };
+        let above = Pose {
+            translation_m: [
+                pose.translation_m[0],
+                pose.translation_m[1],
+                pose.translation_m[2] + 20.0,
+            ],
+            ..pose
+        };
         self.spectator = self.add_fixed("spectator", ActorKind::Spectator, above, BTreeMap::new());
         self.lights = Lights::default();
         self.trigger_boxes.clear();
@@ -220,30 +247,63 @@ impl World {
                 let (type_id, kind) = self.signal_type(signal);
                 let attributes = BTreeMap::from([("opendrive_id".to_owned(), signal.id.clone())]);
                 let id = self.add_fixed(&type_id, kind, signal.pose.into(), attributes);
-                self.trigger_boxes.extend(signs::trigger_box(&roads, signal).map(|trigger| (id, trigger)));
+                self.trigger_boxes
+                    .extend(signs::trigger_box(&roads, signal).map(|trigger| (id, trigger)));
                 if kind == ActorKind::TrafficLight {
                     ids.push(id);
                 }
             }
             let mut ids = ids.into_iter();
-            self.lights = Lights::new(&roads, || ids.next().expect("one actor was made for each light signal, in the same order"));
+            self.lights = Lights::new(&roads, || {
+                ids.next()
+                    .expect("one actor was made for each light signal, in the same order")
+            });
         }
         self.changed();
     }
 
-    fn add_fixed(&mut self, type_id: &str, kind: ActorKind, pose: Pose, attributes: BTreeMap<String, String>) -> ActorId {
-        let catalogue_idx = self.catalogue_idx(type_id).expect("the catalogue has every type the map can bring");
+    fn add_fixed(
+        &mut self,
+        type_id: &str,
+        kind: ActorKind,
+        pose: Pose,
+        attributes: BTreeMap<String, String>,
+    ) -> ActorId {
+        let catalogue_idx = self
+            .catalogue_idx(type_id)
+            .expect("the catalogue has every type the map can bring");
         let id = self.new_id();
-        self.actors.insert(id, Actor { id, kind, catalogue_idx, role: String::new(), parent: None, pose, attributes, topics: Vec::new() });
+        self.actors.insert(
+            id,
+            Actor {
+                id,
+                kind,
+                catalogue_idx,
+                role: String::new(),
+                parent: None,
+                pose,
+                attributes,
+                topics: Vec::new(),
+            },
+        );
         id
     }
 
     /// Advances by `dt_nanos`: vehicles in equal sub-steps, walkers, then lights, then the records.
     pub fn step(&mut self, dt_nanos: u64) {
         let dt_secs = dt_nanos as f64 * 1e-9;
-        let n_sub_steps = (dt_secs / self.options.physics_substep_secs.clamp(1e-4, LONGEST_SUBSTEP_SECS) - 1e-9).ceil().max(1.0) as u32;
+        let n_sub_steps = (dt_secs
+            / self
+                .options
+                .physics_substep_secs
+                .clamp(1e-4, LONGEST_SUBSTEP_SECS)
+            - 1e-9)
+            .ceil()
+            .max(1.0) as u32;
         let sub_step_secs = (dt_secs / n_sub_steps as f64) as f32;
-        self.vehicles.values_mut().for_each(|vehicle| vehicle.begin_tick(&self.physics, dt_secs as f32));
+        self.vehicles
+            .values_mut()
+            .for_each(|vehicle| vehicle.begin_tick(&self.physics, dt_secs as f32));
         self.physics.refresh_still();
         for _ in 0..n_sub_steps {
             self.move_vehicles(sub_step_secs);
@@ -259,7 +319,9 @@ impl World {
             }
             self.meet_vehicles();
         }
-        self.vehicles.values_mut().for_each(|vehicle| vehicle.end_tick(&self.physics, dt_secs));
+        self.vehicles
+            .values_mut()
+            .for_each(|vehicle| vehicle.end_tick(&self.physics, dt_secs));
         self.move_walkers(dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
@@ -269,10 +331,19 @@ impl World {
     /// Vehicles plan their sub-step side by side; what they plan is given to the engine in order.
     fn move_vehicles(&mut self, dt_secs: f32) {
         let grip_ratio = self.grip_ratio() as f32;
-        let around = Around { physics: &self.physics, friction: &self.friction_boxes, grip_ratio, dt_secs };
+        let around = Around {
+            physics: &self.physics,
+            friction: &self.friction_boxes,
+            grip_ratio,
+            dt_secs,
+        };
         let plan = |vehicle: &mut Vehicle| Some((vehicle.body, vehicle.plan(&around)?));
         let motions: Vec<_> = match self.vehicles.len() >= SIDE_BY_SIDE {
-            true => self.vehicles.par_iter_mut().map(|(_, vehicle)| plan(vehicle)).collect(),
+            true => self
+                .vehicles
+                .par_iter_mut()
+                .map(|(_, vehicle)| plan(vehicle))
+                .collect(),
             false => self.vehicles.values_mut().map(plan).collect(),
         };
         for (body, motion) in motions.into_iter().flatten() {
@@ -299,12 +370,16 @@ impl World {
 
     /// One actor's record.
     pub fn record(&self, actor: ActorId) -> Option<&ActorRecord> {
-        self.records.binary_search_by_key(&actor.0, |record| record.id).ok().map(|idx| &self.records[idx])
+        self.records
+            .binary_search_by_key(&actor.0, |record| record.id)
+            .ok()
+            .map(|idx| &self.records[idx])
     }
 
     /// Pose of an actor, the very bits of its record; `None` if there is no such actor.
     pub fn sensor_pose(&self, actor: ActorId) -> Option<Isometry3<f64>> {
-        self.record(actor).map(|record| record.world_from_actor.isometry())
+        self.record(actor)
+            .map(|record| record.world_from_actor.isometry())
     }
 
     /// What is constant about every actor.
@@ -324,7 +399,9 @@ impl World {
                 topics: actor.topics.clone(),
             }
         };
-        ActorList { actors: self.actors.values().map(info).collect() }
+        ActorList {
+            actors: self.actors.values().map(info).collect(),
+        }
     }
 
     /// Grows whenever [`World::actor_list`] changes.
@@ -364,11 +441,19 @@ impl World {
 
     /// First actor with this role.
     pub fn actor_with_role(&self, role: &str) -> Option<ActorId> {
-        self.actors.values().find(|actor| actor.role == role).map(|actor| actor.id)
+        self.actors
+            .values()
+            .find(|actor| actor.role == role)
+            .map(|actor| actor.id)
     }
 
-    /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not finite counts as 0.
-    pub fn set_control(&mut self, actor: ActorId, control: VehicleControl) -> Result<(), ActorError> {
+    /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not
+    /// finite counts as 0.
+    pub fn set_control(
+        &mut self,
+        actor: ActorId,
+        control: VehicleControl,
+    ) -> Result<(), ActorError> {
         self.vehicle_mut(actor)?.set_control(control);
         Ok(())
     }
@@ -381,7 +466,10 @@ impl World {
 
     /// Names a sensor's topics for `world/actors`.
     pub fn set_topics(&mut self, actor: ActorId, topics: Vec<TopicInfo>) -> Result<(), ActorError> {
-        self.actors.get_mut(&actor).ok_or(ActorError::Unknown(actor))?.topics = topics;
+        self.actors
+            .get_mut(&actor)
+            .ok_or(ActorError::Unknown(actor))?
+            .topics = topics;
         self.actors_revision += 1;
         Ok(())
     }
@@ -392,15 +480,25 @@ impl World {
             None => Err(match self.actors.get(&actor) {
                 None => ActorError::Unknown(actor),
                 Some(other) => {
-                    let type_id = self.catalogue.entries[other.catalogue_idx as usize].type_id.clone();
-                    ActorError::WrongKind { actor, type_id, needed: "vehicle" }
+                    let type_id = self.catalogue.entries[other.catalogue_idx as usize]
+                        .type_id
+                        .clone();
+                    ActorError::WrongKind {
+                        actor,
+                        type_id,
+                        needed: "vehicle",
+                    }
                 }
             }),
         }
     }
 
     pub(crate) fn catalogue_idx(&self, type_id: &str) -> Option<u32> {
-        self.catalogue.entries.iter().position(|entry| entry.type_id == type_id).map(|idx| idx as u32)
+        self.catalogue
+            .entries
+            .iter()
+            .position(|entry| entry.type_id == type_id)
+            .map(|idx| idx as u32)
     }
 
     pub(crate) fn new_id(&mut self) -> ActorId {
@@ -423,10 +521,15 @@ impl World {
             self.catalogue_idx(&type_id).map(|_| type_id)
         };
         match signal.kind {
-            SignalKind::TrafficLight => ("traffic.traffic_light".to_owned(), ActorKind::TrafficLight),
+            SignalKind::TrafficLight => {
+                ("traffic.traffic_light".to_owned(), ActorKind::TrafficLight)
+            }
             SignalKind::Stop => ("traffic.stop".to_owned(), ActorKind::TrafficSign),
             SignalKind::Yield => ("traffic.yield".to_owned(), ActorKind::TrafficSign),
-            SignalKind::SpeedLimit => (limit().unwrap_or_else(|| "traffic.unknown".to_owned()), ActorKind::TrafficSign),
+            SignalKind::SpeedLimit => (
+                limit().unwrap_or_else(|| "traffic.unknown".to_owned()),
+                ActorKind::TrafficSign,
+            ),
             SignalKind::Other => ("traffic.unknown".to_owned(), ActorKind::TrafficSign),
         }
     }

@@ -1,4 +1,5 @@
-//! A restored world goes on bit for bit, also with vehicles in contact; broken and foreign bytes are sentences.
+//! A restored world goes on bit for bit, also with vehicles in contact; broken and foreign bytes
+//! are sentences.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +20,14 @@ fn walled() -> MapData {
     map.collision.push(CollisionMesh {
         vertices_m: vec![a, b, c, d, e, f, g, h],
         class: Class::BUILDINGS,
-        triangles: vec![[0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5], [4, 5, 7], [4, 7, 6]],
+        triangles: vec![
+            [0, 4, 6],
+            [0, 6, 2],
+            [1, 3, 7],
+            [1, 7, 5],
+            [4, 5, 7],
+            [4, 7, 6],
+        ],
     });
     map
 }
@@ -28,22 +36,50 @@ fn walled() -> MapData {
 fn crowd(map: &MapData) -> (World, Vec<ActorId>) {
     let mut world = World::new(WorldOptions::default());
     world.load(map).unwrap();
-    let kinds = ["vehicle.tesla.model3", "vehicle.carlamotors.carlacola", "vehicle.audi.tt", "vehicle.yamaha.yzf", "vehicle.volkswagen.t2"];
+    let kinds = [
+        "vehicle.tesla.model3",
+        "vehicle.carlamotors.carlacola",
+        "vehicle.audi.tt",
+        "vehicle.yamaha.yzf",
+        "vehicle.volkswagen.t2",
+    ];
     let mut cars = Vec::new();
     for idx in 0..40usize {
         let (row, side) = (idx / 2, if idx % 2 == 0 { 1.0 } else { -1.0 });
-        let yaw = if side > 0.0 { 0.0 } else { std::f64::consts::PI };
-        let pose = Pose::from_xyz_yaw(-12.0 * side + 0.3 * row as f64, 4.0 * row as f64 - 40.0, 0.1, yaw);
-        cars.push(world.spawn(kinds[idx % kinds.len()], pose, None, "", &BTreeMap::new()).unwrap());
+        let yaw = if side > 0.0 {
+            0.0
+        } else {
+            std::f64::consts::PI
+        };
+        let pose = Pose::from_xyz_yaw(
+            -12.0 * side + 0.3 * row as f64,
+            4.0 * row as f64 - 40.0,
+            0.1,
+            yaw,
+        );
+        cars.push(
+            world
+                .spawn(kinds[idx % kinds.len()], pose, None, "", &BTreeMap::new())
+                .unwrap(),
+        );
     }
     (world, cars)
 }
 
 fn drive(world: &mut World, cars: &[ActorId], tick: u64) {
     for (idx, car) in cars.iter().enumerate() {
-        let throttle_ratio = if (tick / 40 + idx as u64).is_multiple_of(5) { 0.0 } else { 0.9 };
+        let throttle_ratio = if (tick / 40 + idx as u64).is_multiple_of(5) {
+            0.0
+        } else {
+            0.9
+        };
         let steer_ratio = ((tick as f32 * 0.05 + idx as f32).sin()) * 0.4;
-        let control = VehicleControl { throttle_ratio, steer_ratio, reverse: tick / 100 % 2 == 1, ..VehicleControl::default() };
+        let control = VehicleControl {
+            throttle_ratio,
+            steer_ratio,
+            reverse: tick / 100 % 2 == 1,
+            ..VehicleControl::default()
+        };
         if world.record(*car).is_some() {
             world.set_control(*car, control).unwrap();
         }
@@ -52,20 +88,36 @@ fn drive(world: &mut World, cars: &[ActorId], tick: u64) {
 }
 
 /// Records and collisions of `n` ticks.
-fn run(world: &mut World, cars: &[ActorId], from: u64, n: u64) -> Vec<(Vec<ActorRecord>, Vec<Collision>)> {
+fn run(
+    world: &mut World,
+    cars: &[ActorId],
+    from: u64,
+    n: u64,
+) -> Vec<(Vec<ActorRecord>, Vec<Collision>)> {
     (from..from + n)
         .map(|tick| {
             drive(world, cars, tick);
-            (world.snapshot_records().to_vec(), world.collisions().to_vec())
+            (
+                world.snapshot_records().to_vec(),
+                world.collisions().to_vec(),
+            )
         })
         .collect()
 }
 
 fn assert_same(a: &[(Vec<ActorRecord>, Vec<Collision>)], b: &[(Vec<ActorRecord>, Vec<Collision>)]) {
     for (tick, ((records, collisions), (others, other_collisions))) in a.iter().zip(b).enumerate() {
-        let differing = records.iter().zip(others).find(|(a, b)| bytemuck::bytes_of(*a) != bytemuck::bytes_of(*b));
+        let differing = records
+            .iter()
+            .zip(others)
+            .find(|(a, b)| bytemuck::bytes_of(*a) != bytemuck::bytes_of(*b));
         assert_eq!(differing, None, "after {} ticks", tick + 1);
-        assert_eq!((records.len(), collisions), (others.len(), other_collisions), "after {} ticks", tick + 1);
+        assert_eq!(
+            (records.len(), collisions),
+            (others.len(), other_collisions),
+            "after {} ticks",
+            tick + 1
+        );
     }
     assert_eq!(a.len(), b.len());
 }
@@ -76,19 +128,43 @@ fn a_restored_run_goes_on_bit_for_bit_from_memory_and_from_bytes() {
     let (mut world, cars) = crowd(&map);
     let before = run(&mut world, &cars, 0, 85);
     let in_contact = before.last().unwrap().1.len();
-    assert!(in_contact >= 20, "only {in_contact} contacts at the moment of saving");
-    assert!(before.last().unwrap().1.iter().any(|collision| collision.other.is_none()), "nobody leans on the wall");
+    assert!(
+        in_contact >= 20,
+        "only {in_contact} contacts at the moment of saving"
+    );
+    assert!(
+        before
+            .last()
+            .unwrap()
+            .1
+            .iter()
+            .any(|collision| collision.other.is_none()),
+        "nobody leans on the wall"
+    );
     let checkpoint = world.checkpoint(85 * TICK_NANOS);
     let bytes = checkpoint.to_bytes().unwrap();
-    assert!(bytes.len() < 2_000_000, "{} bytes: is the map's geometry among them?", bytes.len());
+    assert!(
+        bytes.len() < 2_000_000,
+        "{} bytes: is the map's geometry among them?",
+        bytes.len()
+    );
     let uninterrupted = run(&mut world, &cars, 85, 500);
-    assert!(uninterrupted.iter().filter(|(_, collisions)| !collisions.is_empty()).count() > 400);
+    assert!(
+        uninterrupted
+            .iter()
+            .filter(|(_, collisions)| !collisions.is_empty())
+            .count()
+            > 400
+    );
     // What happens in between must leave no trace.
     world.destroy(cars[3]).unwrap();
     assert_eq!(world.restore(&checkpoint).unwrap(), []);
     assert_same(&uninterrupted, &run(&mut world, &cars, 85, 500));
     // Another process with the same map.
-    let mut other = World::new(WorldOptions { seed: 99, ..WorldOptions::default() });
+    let mut other = World::new(WorldOptions {
+        seed: 99,
+        ..WorldOptions::default()
+    });
     other.load(&map).unwrap();
     let read = Checkpoint::from_bytes(&bytes, &other).unwrap();
     assert_eq!(read.elapsed_nanos(), 85 * TICK_NANOS);
@@ -122,8 +198,18 @@ fn a_checkpoint_of_untouched_spawns_and_teleports_is_whole() {
     let map = walled();
     let (mut world, cars) = crowd(&map);
     world.step(TICK_NANOS);
-    world.set_pose(cars[0], Pose::from_xyz_yaw(-100.0, 90.0, 1.0, 1.0)).unwrap();
-    let late = world.spawn("vehicle.audi.tt", Pose::from_xyz_yaw(-100.0, 100.0, 0.5, 0.0), None, "", &BTreeMap::new()).unwrap();
+    world
+        .set_pose(cars[0], Pose::from_xyz_yaw(-100.0, 90.0, 1.0, 1.0))
+        .unwrap();
+    let late = world
+        .spawn(
+            "vehicle.audi.tt",
+            Pose::from_xyz_yaw(-100.0, 100.0, 0.5, 0.0),
+            None,
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
     let cars = [cars, vec![late]].concat();
     let bytes = world.checkpoint(0).to_bytes().unwrap();
     let uninterrupted = run(&mut world, &cars, 0, 100);
@@ -140,28 +226,90 @@ fn lights_weather_and_counters_come_back_and_ids_go_on() {
     let mut world = World::new(WorldOptions::default());
     world.load(&MapData::from(&town)).unwrap();
     let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, 10).unwrap();
-    let camera = world.spawn("sensor.camera.rgb", Pose::IDENTITY, Some(scenario.ego), "", &BTreeMap::new()).unwrap();
+    let camera = world
+        .spawn(
+            "sensor.camera.rgb",
+            Pose::IDENTITY,
+            Some(scenario.ego),
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
     for _ in 0..30 {
         world.step(TICK_NANOS);
     }
     let checkpoint = world.checkpoint(0);
     let records = world.snapshot_records().to_vec();
-    let late_camera = world.spawn("sensor.camera.rgb", Pose::IDENTITY, Some(scenario.ego), "", &BTreeMap::new()).unwrap();
-    let late_car = world.spawn("vehicle.audi.tt", Pose::from_xyz_yaw(0.0, 0.0, 300.0, 0.0), None, "", &BTreeMap::new()).unwrap();
-    let on_late_car = world.spawn("sensor.camera.rgb", Pose::IDENTITY, Some(late_car), "", &BTreeMap::new()).unwrap();
-    let weather = schema_frames::document::Weather { precipitation: 80.0, ..Default::default() };
-    assert_eq!(world.apply(&Command::SetWeather { weather }), CommandReply::Done);
+    let late_camera = world
+        .spawn(
+            "sensor.camera.rgb",
+            Pose::IDENTITY,
+            Some(scenario.ego),
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
+    let late_car = world
+        .spawn(
+            "vehicle.audi.tt",
+            Pose::from_xyz_yaw(0.0, 0.0, 300.0, 0.0),
+            None,
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
+    let on_late_car = world
+        .spawn(
+            "sensor.camera.rgb",
+            Pose::IDENTITY,
+            Some(late_car),
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
+    let weather = schema_frames::document::Weather {
+        precipitation: 80.0,
+        ..Default::default()
+    };
+    assert_eq!(
+        world.apply(&Command::SetWeather { weather }),
+        CommandReply::Done
+    );
     for _ in 0..300 {
         world.step(TICK_NANOS);
     }
     let revision = world.actors_revision();
-    assert_eq!(world.restore(&checkpoint).unwrap(), [on_late_car], "a sensor goes with the parent that was not there");
+    assert_eq!(
+        world.restore(&checkpoint).unwrap(),
+        [on_late_car],
+        "a sensor goes with the parent that was not there"
+    );
     assert!(world.actors_revision() > revision);
     assert_eq!(world.weather().precipitation, 0.0);
-    let kept: Vec<_> = world.snapshot_records().iter().filter(|record| record.id != late_camera.0).copied().collect();
-    assert_eq!(bytemuck::cast_slice::<_, u8>(&kept), bytemuck::cast_slice::<_, u8>(&records));
-    assert!(world.record(camera).is_some() && world.record(late_camera).is_some() && world.record(late_car).is_none());
-    let next = world.spawn("vehicle.audi.tt", Pose::from_xyz_yaw(0.0, 0.0, 300.0, 0.0), None, "", &BTreeMap::new()).unwrap();
+    let kept: Vec<_> = world
+        .snapshot_records()
+        .iter()
+        .filter(|record| record.id != late_camera.0)
+        .copied()
+        .collect();
+    assert_eq!(
+        bytemuck::cast_slice::<_, u8>(&kept),
+        bytemuck::cast_slice::<_, u8>(&records)
+    );
+    assert!(
+        world.record(camera).is_some()
+            && world.record(late_camera).is_some()
+            && world.record(late_car).is_none()
+    );
+    let next = world
+        .spawn(
+            "vehicle.audi.tt",
+            Pose::from_xyz_yaw(0.0, 0.0, 300.0, 0.0),
+            None,
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
     assert!(next > on_late_car, "ids are never used again");
 }
 
@@ -171,10 +319,19 @@ fn broken_and_foreign_bytes_are_sentences() {
     let (mut world, cars) = crowd(&map);
     run(&mut world, &cars, 0, 20);
     let bytes = world.checkpoint(0).to_bytes().unwrap();
-    let error = |bytes: &[u8]| Checkpoint::from_bytes(bytes, &world).err().expect("must be refused").to_string();
+    let error = |bytes: &[u8]| {
+        Checkpoint::from_bytes(bytes, &world)
+            .err()
+            .expect("must be refused")
+            .to_string()
+    };
     assert!(error(b"").contains("not a checkpoint"));
     assert!(error(b"PNG and so on").contains("not a checkpoint"));
-    assert!(error(&bytes[..30]).contains("cut off"), "{}", error(&bytes[..30]));
+    assert!(
+        error(&bytes[..30]).contains("cut off"),
+        "{}",
+        error(&bytes[..30])
+    );
     assert!(error(&bytes[..bytes.len() - 1]).contains("cut off"));
     let changed = |at: usize| {
         let mut bytes = bytes.clone();
@@ -183,19 +340,40 @@ fn broken_and_foreign_bytes_are_sentences() {
     };
     assert!(error(&changed(4)).contains("version"));
     assert!(error(&changed(9)).contains("another build"));
-    assert!(error(&changed(17)).contains("another version of map"), "{}", error(&changed(17)));
+    assert!(
+        error(&changed(17)).contains("another version of map"),
+        "{}",
+        error(&changed(17))
+    );
     let mut rng = fastrand::Rng::with_seed(5);
     for _ in 0..200 {
         assert!(error(&changed(rng.usize(48..bytes.len()))).contains("checksum"));
     }
     let mut elsewhere = World::new(WorldOptions::default());
-    elsewhere.load(&MapData { name: "other".to_owned(), ..walled() }).unwrap();
-    let sentence = Checkpoint::from_bytes(&bytes, &elsewhere).err().unwrap().to_string();
-    assert_eq!(sentence, "the checkpoint is of map \"flat\", but \"other\" is loaded; load that map first");
+    elsewhere
+        .load(&MapData {
+            name: "other".to_owned(),
+            ..walled()
+        })
+        .unwrap();
+    let sentence = Checkpoint::from_bytes(&bytes, &elsewhere)
+        .err()
+        .unwrap()
+        .to_string();
+    assert_eq!(
+        sentence,
+        "the checkpoint is of map \"flat\", but \"other\" is loaded; load that map first"
+    );
     assert!(elsewhere.restore(&world.checkpoint(0)).is_err());
     let mut moved = walled();
     moved.collision[1].vertices_m[0][0] += 0.001;
     let mut elsewhere = World::new(WorldOptions::default());
     elsewhere.load(&moved).unwrap();
-    assert!(Checkpoint::from_bytes(&bytes, &elsewhere).err().unwrap().to_string().contains("roads or solid ground differ"));
+    assert!(
+        Checkpoint::from_bytes(&bytes, &elsewhere)
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("roads or solid ground differ")
+    );
 }

@@ -1,4 +1,5 @@
-//! Walkers that stroll by themselves: they stay on pavements and crosswalks, wait for red, and do the same twice.
+//! Walkers that stroll by themselves: they stay on pavements and crosswalks, wait for red, and do
+//! the same twice.
 
 use schema_frames::LightState;
 use schema_roads::walkable::Ground;
@@ -8,8 +9,13 @@ use simd_world::{MapData, World, WorldOptions};
 const TICK_NANOS: u64 = 50_000_000;
 
 fn town() -> World {
-    let mut world = World::new(WorldOptions { seed: 5, ..WorldOptions::default() });
-    world.load(&MapData::from(&Town::generate("Town10HD", 1).unwrap())).unwrap();
+    let mut world = World::new(WorldOptions {
+        seed: 5,
+        ..WorldOptions::default()
+    });
+    world
+        .load(&MapData::from(&Town::generate("Town10HD", 1).unwrap()))
+        .unwrap();
     world
 }
 
@@ -21,17 +27,36 @@ fn strollers_keep_to_pavements_and_cross_when_the_traffic_has_red() {
     let roads = world.roads().unwrap().clone();
     let mesh = roads.walkable(true);
     let (mut ways, mut seen, mut begun) = (vec![0.0; 40], [0usize; 3], 0);
-    let mut last: Vec<([f64; 3], Option<Ground>)> =
-        walkers.iter().map(|walker| (world.record(*walker).unwrap().world_from_actor.translation_m, None)).collect();
+    let mut last: Vec<([f64; 3], Option<Ground>)> = walkers
+        .iter()
+        .map(|walker| {
+            (
+                world
+                    .record(*walker)
+                    .unwrap()
+                    .world_from_actor
+                    .translation_m,
+                None,
+            )
+        })
+        .collect();
     for tick in 0..2400 {
         world.step(TICK_NANOS);
         if tick % 5 != 0 {
             continue;
         }
         for (i, walker) in walkers.iter().enumerate() {
-            let at = world.record(*walker).unwrap().world_from_actor.translation_m;
+            let at = world
+                .record(*walker)
+                .unwrap()
+                .world_from_actor
+                .translation_m;
             ways[i] += (at[0] - last[i].0[0]).hypot(at[1] - last[i].0[1]);
-            let feet = [at[0], at[1], at[2] - f64::from(world.record(*walker).unwrap().half_box_m[2])];
+            let feet = [
+                at[0],
+                at[1],
+                at[2] - f64::from(world.record(*walker).unwrap().half_box_m[2]),
+            ];
             let ground = mesh.face_at(feet, 1.5).map(|face| mesh.faces[face].ground);
             let lane = roads.nearest(feet, |lane| lane.kind.is_drivable()).unwrap();
             let on_lane = lane.offset_m.abs() < 0.5 * roads.width_m(lane);
@@ -43,14 +68,20 @@ fn strollers_keep_to_pavements_and_cross_when_the_traffic_has_red() {
                 Ground::Sidewalk
             };
             seen[of as usize] += 1;
-            let steps_out = last[i].1 == Some(Ground::Sidewalk) && ground == Some(Ground::Crosswalk);
+            let steps_out =
+                last[i].1 == Some(Ground::Sidewalk) && ground == Some(Ground::Crosswalk);
             // The light of the road that is crossed, if it has one, was red a moment ago.
-            if steps_out && let Some(lane) = roads.nearest(feet, |lane| lane.kind.is_drivable() && lane.junction.is_none()) {
+            if steps_out
+                && let Some(lane) = roads.nearest(feet, |lane| {
+                    lane.kind.is_drivable() && lane.junction.is_none()
+                })
+            {
                 begun += 1;
                 for signal in roads.signals() {
                     let guards = |stop: &schema_roads::SignalStop| {
                         let line = roads.pose(stop.stop).unwrap().translation.vector;
-                        stop.stop.lane.road == lane.lane.road && (line.x - feet[0]).hypot(line.y - feet[1]) < 10.0
+                        stop.stop.lane.road == lane.lane.road
+                            && (line.x - feet[0]).hypot(line.y - feet[1]) < 10.0
                     };
                     if signal.stops.iter().any(guards) {
                         let part = world
@@ -60,7 +91,11 @@ fn strollers_keep_to_pavements_and_cross_when_the_traffic_has_red() {
                             .find(|part| part.opendrive_id() == signal.id);
                         let Some(part) = part else { continue };
                         let red = part.state == LightState::Red as u32 || part.elapsed_secs < 2.0;
-                        assert!(red, "walker {walker} steps onto a crosswalk while {} shows {}", signal.id, part.state);
+                        assert!(
+                            red,
+                            "walker {walker} steps onto a crosswalk while {} shows {}",
+                            signal.id, part.state
+                        );
                     }
                 }
             }
@@ -71,7 +106,10 @@ fn strollers_keep_to_pavements_and_cross_when_the_traffic_has_red() {
     assert!(seen[Ground::Road as usize] * 50 < on_foot, "{seen:?}");
     assert!(begun >= 5, "{begun} crossings in two minutes");
     ways.sort_by(f64::total_cmp);
-    assert!(ways[10] > 40.0 && ways[39] < 250.0, "three of four walk most of the time: {ways:?}");
+    assert!(
+        ways[10] > 40.0 && ways[39] < 250.0,
+        "three of four walk most of the time: {ways:?}"
+    );
 }
 
 #[test]
@@ -83,10 +121,14 @@ fn the_same_seed_makes_the_same_crowd() {
         world.snapshot_records().to_vec()
     };
     let (first, second) = (run(), run());
-    assert_eq!(bytemuck::cast_slice::<_, u8>(&first), bytemuck::cast_slice::<_, u8>(&second));
+    assert_eq!(
+        bytemuck::cast_slice::<_, u8>(&first),
+        bytemuck::cast_slice::<_, u8>(&second)
+    );
 }
 
-/// Walkable ground is where the mesh has a face; who is parted from another or steps around a car may stand a little beside it.
+/// Walkable ground is where the mesh has a face; who is parted from another or steps around a car
+/// may stand a little beside it.
 #[test]
 fn in_long_ticks_strollers_keep_to_walkable_ground() {
     let mut world = town();
@@ -107,7 +149,11 @@ fn in_long_ticks_strollers_keep_to_walkable_ground() {
             off += usize::from(mesh.face_at(at, 1.5).is_none());
         }
     }
-    assert!(off * 50 < 30 * walkers.len(), "{off} of {} times beside the mesh", 30 * walkers.len());
+    assert!(
+        off * 50 < 30 * walkers.len(),
+        "{off} of {} times beside the mesh",
+        30 * walkers.len()
+    );
     ways.sort_by(f64::total_cmp);
     assert!(ways[10] > 60.0, "three of four walk: {ways:?}");
 }

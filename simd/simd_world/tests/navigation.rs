@@ -1,4 +1,5 @@
-//! The walkable mesh of generated towns: sound geometry, pavements that hang together, and ground where the mesh says there is some.
+//! The walkable mesh of generated towns: sound geometry, pavements that hang together, and ground
+//! where the mesh says there is some.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +26,12 @@ fn components(mesh: &WalkMesh, passes: impl Fn(Ground) -> bool) -> BTreeMap<usiz
         of[start] = Some(start);
         while let Some(face) = open.pop() {
             *area_m2.entry(start).or_default() += mesh.area_m2(face);
-            for next in mesh.faces[face].neighbours.iter().flatten().map(|next| *next as usize) {
+            for next in mesh.faces[face]
+                .neighbours
+                .iter()
+                .flatten()
+                .map(|next| *next as usize)
+            {
                 if of[next].is_none() && passes(mesh.faces[next].ground) {
                     of[next] = Some(start);
                     open.push(next);
@@ -41,7 +47,11 @@ fn faces_are_convex_and_know_their_neighbours() {
     for name in Town::NAMES {
         let map = roads(name);
         let mesh = map.walkable(true);
-        assert!(mesh.faces.len() > 200 && mesh.faces.len() < 0x7fff, "{name}: {} faces", mesh.faces.len());
+        assert!(
+            mesh.faces.len() > 200 && mesh.faces.len() < 0x7fff,
+            "{name}: {} faces",
+            mesh.faces.len()
+        );
         for (idx, face) in mesh.faces.iter().enumerate() {
             let corners: Vec<[f64; 3]> = mesh.corners_m(idx).collect();
             let n = corners.len();
@@ -54,7 +64,9 @@ fn faces_are_convex_and_know_their_neighbours() {
                     let other = &mesh.faces[other as usize];
                     let (from, to) = (face.corners[i], face.corners[(i + 1) % n]);
                     let m = other.corners.len();
-                    let back = (0..m).find(|k| (other.corners[*k], other.corners[(k + 1) % m]) == (to, from)).expect("both share the edge");
+                    let back = (0..m)
+                        .find(|k| (other.corners[*k], other.corners[(k + 1) % m]) == (to, from))
+                        .expect("both share the edge");
                     assert_eq!(other.neighbours[back], Some(idx as u32));
                 }
             }
@@ -68,22 +80,34 @@ fn pavements_have_the_area_that_the_map_says_and_hang_together_over_crosswalks()
         let map = roads(name);
         let mesh = map.walkable(false);
         let of = |ground: Ground| {
-            (0..mesh.faces.len()).filter(|face| mesh.faces[*face].ground == ground).map(|face| mesh.area_m2(face)).sum::<f64>()
+            (0..mesh.faces.len())
+                .filter(|face| mesh.faces[*face].ground == ground)
+                .map(|face| mesh.area_m2(face))
+                .sum::<f64>()
         };
         // Lanes, less what is kept clear; corners come on top.
         let lanes_m2: f64 = map
             .lanes()
             .iter()
             .filter(|lane| lane.kind == LaneKind::Sidewalk)
-            .map(|lane| lane.length_m * (map.width_m(LanePosition::new(lane.key, 0.5 * lane.length_m)) - 0.7))
+            .map(|lane| {
+                lane.length_m
+                    * (map.width_m(LanePosition::new(lane.key, 0.5 * lane.length_m)) - 0.7)
+            })
             .sum();
         let pavements_m2 = of(Ground::Sidewalk);
-        assert!((0.95..1.5).contains(&(pavements_m2 / lanes_m2)), "{name}: {pavements_m2} m² of mesh, {lanes_m2} m² of lanes");
+        assert!(
+            (0.95..1.5).contains(&(pavements_m2 / lanes_m2)),
+            "{name}: {pavements_m2} m² of mesh, {lanes_m2} m² of lanes"
+        );
         assert!(of(Ground::Crosswalk) > 100.0 && of(Ground::Road) == 0.0);
         let parts = components(&mesh, |_| true);
         let largest = parts.values().fold(0.0f64, |a, b| a.max(*b));
         let whole: f64 = parts.values().sum();
-        assert!(largest > 0.9 * whole, "{name}: the largest part has {largest} of {whole} m²");
+        assert!(
+            largest > 0.9 * whole,
+            "{name}: the largest part has {largest} of {whole} m²"
+        );
     }
 }
 
@@ -94,14 +118,22 @@ fn there_is_ground_where_the_mesh_says() {
     world.load(&MapData::from(&town)).unwrap();
     let map = world.roads().unwrap().clone();
     let mesh = map.walkable(false);
-    let pavements: Vec<usize> = (0..mesh.faces.len()).filter(|face| mesh.faces[*face].ground == Ground::Sidewalk).collect();
+    let pavements: Vec<usize> = (0..mesh.faces.len())
+        .filter(|face| mesh.faces[*face].ground == Ground::Sidewalk)
+        .collect();
     let draw = Noise::new(3, 1, 0);
     let mut placed = Vec::new();
     for i in 0..150 {
         let face = pavements[(draw.bits(i) % pavements.len() as u64) as usize];
         let [x, y, z] = mesh.middle_m(face);
         // Trees, poles and benches stand on pavements too.
-        if let Ok(actor) = world.spawn("walker.pedestrian.0001", Pose::from_xyz_yaw(x, y, z + 1.2, 0.0), None, "", &BTreeMap::new()) {
+        if let Ok(actor) = world.spawn(
+            "walker.pedestrian.0001",
+            Pose::from_xyz_yaw(x, y, z + 1.2, 0.0),
+            None,
+            "",
+            &BTreeMap::new(),
+        ) {
             placed.push((actor, [x, y]));
         }
     }
@@ -114,28 +146,55 @@ fn there_is_ground_where_the_mesh_says() {
         let lane = map.nearest(at, |lane| lane.kind.is_drivable()).unwrap();
         let over_road_m = at[2] - half_m - map.pose(lane).unwrap().translation.z;
         // A kerb's height over the road, and not moved by anything.
-        assert!((at[0] - x).hypot(at[1] - y) < 0.02 && (0.02..0.25).contains(&over_road_m), "{at:?} stands {over_road_m} m over the road");
+        assert!(
+            (at[0] - x).hypot(at[1] - y) < 0.02 && (0.02..0.25).contains(&over_road_m),
+            "{at:?} stands {over_road_m} m over the road"
+        );
         on_kerb += usize::from((0.1..0.25).contains(&over_road_m));
     }
     // The others stand where the kerb is lowered before a crosswalk.
-    assert!(on_kerb * 4 > n_placed * 3, "{on_kerb} of {n_placed} stand at a kerb's height over the road");
+    assert!(
+        on_kerb * 4 > n_placed * 3,
+        "{on_kerb} of {n_placed} stand at a kerb's height over the road"
+    );
 }
 
 #[test]
 fn people_stroll_in_every_town() {
     for name in Town::NAMES {
-        let mut world = World::new(WorldOptions { seed: 3, ..WorldOptions::default() });
-        world.load(&MapData::from(&Town::generate(name, 1).unwrap())).unwrap();
+        let mut world = World::new(WorldOptions {
+            seed: 3,
+            ..WorldOptions::default()
+        });
+        world
+            .load(&MapData::from(&Town::generate(name, 1).unwrap()))
+            .unwrap();
         let mesh = world.roads().unwrap().walkable(false);
         let of = |ground: Ground| {
-            (0..mesh.faces.len()).filter(|face| mesh.faces[*face].ground == ground).map(|face| mesh.area_m2(face)).sum::<f64>()
+            (0..mesh.faces.len())
+                .filter(|face| mesh.faces[*face].ground == ground)
+                .map(|face| mesh.area_m2(face))
+                .sum::<f64>()
         };
         let (pavements_m2, crosswalks_m2) = (of(Ground::Sidewalk), of(Ground::Crosswalk));
-        // A village of 400 m of streets with 2.5 m of mesh on both sides, and a crosswalk at every end of six streets.
-        assert!(pavements_m2 > 2000.0 && crosswalks_m2 > 12.0 * 3.2 * 7.0, "{name}: {pavements_m2} and {crosswalks_m2} m²");
+        // A village of 400 m of streets with 2.5 m of mesh on both sides, and a crosswalk at every
+        // end of six streets.
+        assert!(
+            pavements_m2 > 2000.0 && crosswalks_m2 > 12.0 * 3.2 * 7.0,
+            "{name}: {pavements_m2} and {crosswalks_m2} m²"
+        );
         let walkers = world.spawn_walkers(20);
         let at = |world: &World| -> Vec<[f64; 3]> {
-            walkers.iter().map(|walker| world.record(*walker).unwrap().world_from_actor.translation_m).collect()
+            walkers
+                .iter()
+                .map(|walker| {
+                    world
+                        .record(*walker)
+                        .unwrap()
+                        .world_from_actor
+                        .translation_m
+                })
+                .collect()
         };
         let (mut last, mut ways) = (at(&world), vec![0.0f64; walkers.len()]);
         for _ in 0..60 {
@@ -147,6 +206,10 @@ fn people_stroll_in_every_town() {
             last = now;
         }
         let n_strolled = ways.iter().filter(|way| **way > 20.0).count();
-        assert!(walkers.len() == 20 && n_strolled >= 14, "{name}: {n_strolled} of {} got anywhere: {ways:?}", walkers.len());
+        assert!(
+            walkers.len() == 20 && n_strolled >= 14,
+            "{name}: {n_strolled} of {} got anywhere: {ways:?}",
+            walkers.len()
+        );
     }
 }

@@ -16,7 +16,9 @@ fn flat() -> World {
 }
 
 fn put(world: &mut World, type_id: &str, pose: Pose, parent: Option<ActorId>) -> ActorId {
-    world.spawn(type_id, pose, parent, "", &BTreeMap::new()).unwrap()
+    world
+        .spawn(type_id, pose, parent, "", &BTreeMap::new())
+        .unwrap()
 }
 
 #[test]
@@ -25,22 +27,37 @@ fn every_prop_can_be_put_down_and_fits_its_box() {
     let mut assets = SceneAssets::default();
     world.register_meshes(&mut assets);
     let props: Vec<ActorId> = (prop_models().iter().enumerate())
-        .map(|(i, model)| put(&mut world, &model.type_id, Pose::from_xyz_yaw(10.0 * i as f64, 0.0, 0.0, 0.0), None))
+        .map(|(i, model)| {
+            put(
+                &mut world,
+                &model.type_id,
+                Pose::from_xyz_yaw(10.0 * i as f64, 0.0, 0.0, 0.0),
+                None,
+            )
+        })
         .collect();
     world.step(TICK_NANOS);
     let mut instances = Vec::new();
     world.dynamic_instances(&mut instances);
     for (prop, model) in props.iter().zip(prop_models()) {
         let record = world.record(*prop).unwrap();
-        assert_eq!((record.kind(), record.class, record.speed_mps()), (Some(ActorKind::Prop), model.shape.class.0, 0.0));
-        let instance = instances.iter().find(|instance| instance.actor == *prop).expect("it is seen");
+        assert_eq!(
+            (record.kind(), record.class, record.speed_mps()),
+            (Some(ActorKind::Prop), model.shape.class.0, 0.0)
+        );
+        let instance = instances
+            .iter()
+            .find(|instance| instance.actor == *prop)
+            .expect("it is seen");
         let place = record.world_from_actor.translation_m;
         for (corners, _) in assets.mesh(instance.mesh).triangles() {
             for corner in corners {
                 let p = instance.world_from_mesh * nalgebra::Point3::from(corner.map(f64::from));
                 let half = model.shape.half_m;
-                let inside =
-                    (p.x - place[0]).abs() < half[0] + 0.01 && p.y.abs() < half[1] + 0.01 && p.z > -0.01 && p.z < 2.0 * half[2] + 0.01;
+                let inside = (p.x - place[0]).abs() < half[0] + 0.01
+                    && p.y.abs() < half[1] + 0.01
+                    && p.z > -0.01
+                    && p.z < 2.0 * half[2] + 0.01;
                 assert!(inside, "{}: {p}", model.type_id);
             }
         }
@@ -53,34 +70,99 @@ fn every_prop_can_be_put_down_and_fits_its_box() {
 #[test]
 fn a_car_is_stopped_by_a_container_and_says_so() {
     let mut world = flat();
-    let container = put(&mut world, "static.prop.container", Pose::from_xyz_yaw(20.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2), None);
-    let car = put(&mut world, "vehicle.tesla.model3", Pose::from_xyz_yaw(0.0, 0.0, 0.02, 0.0), None);
-    let refused = world.spawn("vehicle.audi.tt", Pose::from_xyz_yaw(20.0, 0.0, 0.1, 0.0), None, "", &BTreeMap::new());
+    let container = put(
+        &mut world,
+        "static.prop.container",
+        Pose::from_xyz_yaw(20.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2),
+        None,
+    );
+    let car = put(
+        &mut world,
+        "vehicle.tesla.model3",
+        Pose::from_xyz_yaw(0.0, 0.0, 0.02, 0.0),
+        None,
+    );
+    let refused = world.spawn(
+        "vehicle.audi.tt",
+        Pose::from_xyz_yaw(20.0, 0.0, 0.1, 0.0),
+        None,
+        "",
+        &BTreeMap::new(),
+    );
     (0..20).for_each(|_| world.step(TICK_NANOS));
     world.set_velocity(car, [12.0, 0.0, 0.0]).unwrap();
     let mut hits = 0;
     for _ in 0..60 {
         world.step(TICK_NANOS);
-        hits += world.collisions().iter().filter(|hit| hit.actor == car && hit.other == Some(container)).count();
+        hits += world
+            .collisions()
+            .iter()
+            .filter(|hit| hit.actor == car && hit.other == Some(container))
+            .count();
     }
     assert!(hits > 0 && refused.is_err());
-    let front_m = world.record(car).unwrap().world_from_actor.translation_m[0] + vehicle_models()[0].half_m[0];
+    let front_m = world.record(car).unwrap().world_from_actor.translation_m[0]
+        + vehicle_models()[0].half_m[0];
     assert!(front_m < 20.0 - 1.0, "{front_m}");
-    assert_eq!(world.record(container).unwrap().world_from_actor.translation_m, [20.0, 0.0, 0.0]);
+    assert_eq!(
+        world
+            .record(container)
+            .unwrap()
+            .world_from_actor
+            .translation_m,
+        [20.0, 0.0, 0.0]
+    );
 }
 
 #[test]
 fn a_prop_rides_on_what_it_is_attached_to_and_can_be_moved() {
     let mut world = flat();
-    let car = put(&mut world, "vehicle.tesla.model3", Pose::from_xyz_yaw(0.0, 0.0, 0.02, 0.3), None);
-    let case = put(&mut world, "static.prop.travelcase", Pose::from_xyz_yaw(0.0, 0.0, 1.6, 0.0), Some(car));
-    let cone = put(&mut world, "static.prop.trafficcone01", Pose::from_xyz_yaw(9.0, 9.0, 0.0, 0.0), None);
-    world.set_pose(cone, Pose::from_xyz_yaw(5.0, -5.0, 0.0, 1.0)).unwrap();
+    let car = put(
+        &mut world,
+        "vehicle.tesla.model3",
+        Pose::from_xyz_yaw(0.0, 0.0, 0.02, 0.3),
+        None,
+    );
+    let case = put(
+        &mut world,
+        "static.prop.travelcase",
+        Pose::from_xyz_yaw(0.0, 0.0, 1.6, 0.0),
+        Some(car),
+    );
+    let cone = put(
+        &mut world,
+        "static.prop.trafficcone01",
+        Pose::from_xyz_yaw(9.0, 9.0, 0.0, 0.0),
+        None,
+    );
+    world
+        .set_pose(cone, Pose::from_xyz_yaw(5.0, -5.0, 0.0, 1.0))
+        .unwrap();
     (0..20).for_each(|_| world.step(TICK_NANOS));
-    let expected = world.record(car).unwrap().world_from_actor.isometry() * Pose::from_xyz_yaw(0.0, 0.0, 1.6, 0.0).isometry();
-    assert_eq!(world.record(case).unwrap().world_from_actor, Pose::from(expected));
-    assert_eq!(world.record(cone).unwrap().world_from_actor.translation_m, [5.0, -5.0, 0.0]);
-    let error = world.spawn("static.prop.bin", Pose::from_xyz_yaw(0.0, 0.0, 0.0, 0.0), None, "", &BTreeMap::new()).unwrap_err();
-    assert!(error.to_string().contains("would touch vehicle.tesla.model3"), "{error}");
+    let expected = world.record(car).unwrap().world_from_actor.isometry()
+        * Pose::from_xyz_yaw(0.0, 0.0, 1.6, 0.0).isometry();
+    assert_eq!(
+        world.record(case).unwrap().world_from_actor,
+        Pose::from(expected)
+    );
+    assert_eq!(
+        world.record(cone).unwrap().world_from_actor.translation_m,
+        [5.0, -5.0, 0.0]
+    );
+    let error = world
+        .spawn(
+            "static.prop.bin",
+            Pose::from_xyz_yaw(0.0, 0.0, 0.0, 0.0),
+            None,
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("would touch vehicle.tesla.model3"),
+        "{error}"
+    );
     assert_eq!(world.destroy(car).unwrap(), [car, case]);
 }

@@ -7,12 +7,20 @@ use simd_world::{MapData, World, WorldOptions};
 const TICK_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 1000;
 
-/// Hash of all records of all ticks (FNV-1a): vehicles that drive at random, bump into each other and are pushed.
+/// Hash of all records of all ticks (FNV-1a): vehicles that drive at random, bump into each other
+/// and are pushed.
 /// Ids go on counting over loads, so they are taken from the first one on.
 fn run(world: &mut World, n_vehicles: usize, n_ticks: u64) -> (u64, usize) {
     world.load(&MapData::flat(1000.0)).unwrap();
-    let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, n_vehicles - 1).unwrap();
-    let cars: Vec<_> = scenario.others.iter().chain([&scenario.ego]).copied().collect();
+    let scenario = world
+        .spawn_scenario("vehicle.tesla.model3", 0, n_vehicles - 1)
+        .unwrap();
+    let cars: Vec<_> = scenario
+        .others
+        .iter()
+        .chain([&scenario.ego])
+        .copied()
+        .collect();
     assert_eq!(cars.len(), n_vehicles);
     let first = world.spectator().0;
     let (mut hash, mut n_touched) = (0xcbf2_9ce4_8422_2325u64, 0);
@@ -30,7 +38,10 @@ fn run(world: &mut World, n_vehicles: usize, n_ticks: u64) -> (u64, usize) {
         world.step(TICK_NANOS);
         for record in world.snapshot_records() {
             n_touched += usize::from(record.flags & ActorRecord::TOUCHED != 0);
-            let record = ActorRecord { id: record.id - first, ..*record };
+            let record = ActorRecord {
+                id: record.id - first,
+                ..*record
+            };
             for byte in bytemuck::bytes_of(&record) {
                 hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
             }
@@ -40,13 +51,19 @@ fn run(world: &mut World, n_vehicles: usize, n_ticks: u64) -> (u64, usize) {
 }
 
 fn fresh() -> World {
-    World::new(WorldOptions { seed: 7, ..Default::default() })
+    World::new(WorldOptions {
+        seed: 7,
+        ..Default::default()
+    })
 }
 
 #[test]
 fn a_hundred_vehicles_repeat_bit_for_bit_after_a_load_and_on_any_number_of_threads() {
     let on_threads = |n_threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(n_threads)
+            .build()
+            .unwrap();
         pool.install(|| run(&mut fresh(), 100, N_TICKS))
     };
     let (hash, n_touched) = on_threads(1);

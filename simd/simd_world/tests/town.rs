@@ -1,4 +1,5 @@
-//! The world on a generated town: vehicles stand on its roads, its lights keep time, stop boxes lie before stop lines.
+//! The world on a generated town: vehicles stand on its roads, its lights keep time, stop boxes lie
+//! before stop lines.
 
 use std::collections::BTreeMap;
 
@@ -14,14 +15,26 @@ const TICK_NANOS: u64 = 50_000_000;
 
 fn town() -> World {
     let mut world = World::new(WorldOptions::default());
-    world.load(&MapData::from(&Town::generate("Town10HD", 1).unwrap())).unwrap();
+    world
+        .load(&MapData::from(&Town::generate("Town10HD", 1).unwrap()))
+        .unwrap();
     world
 }
 
 /// State of every light by OpenDRIVE id.
 fn states(world: &World) -> BTreeMap<String, LightState> {
-    let lights = world.snapshot_records().iter().filter_map(|record| record.traffic_light());
-    lights.map(|part| (part.opendrive_id().to_owned(), LightState::from_code(part.state))).collect()
+    let lights = world
+        .snapshot_records()
+        .iter()
+        .filter_map(|record| record.traffic_light());
+    lights
+        .map(|part| {
+            (
+                part.opendrive_id().to_owned(),
+                LightState::from_code(part.state),
+            )
+        })
+        .collect()
 }
 
 #[test]
@@ -40,8 +53,15 @@ fn vehicles_stand_upright_on_the_road_for_10_s() {
         let model = &vehicle_models()[record.catalogue_idx as usize];
         let place = record.world_from_actor;
         let up = place.isometry().rotation * nalgebra::Vector3::z();
-        assert!(up.z > 0.999 && record.speed_mps() < 0.01, "{}: up {up}, {} m/s", model.type_id, record.speed_mps());
-        let lane = roads.nearest(place.translation_m, |lane| lane.kind.is_drivable()).unwrap();
+        assert!(
+            up.z > 0.999 && record.speed_mps() < 0.01,
+            "{}: up {up}, {} m/s",
+            model.type_id,
+            record.speed_mps()
+        );
+        let lane = roads
+            .nearest(place.translation_m, |lane| lane.kind.is_drivable())
+            .unwrap();
         let ground_m = roads.pose(lane).unwrap().translation.z;
         assert!(
             (place.translation_m[2] - ground_m).abs() < 0.05,
@@ -62,14 +82,24 @@ fn every_spawn_point_takes_every_kind_of_vehicle() {
     assert!(points.len() >= 150);
     let mut refused = Vec::new();
     for (idx, point) in points.iter().enumerate() {
-        for type_id in ["vehicle.mitsubishi.fusorosa", "vehicle.carlamotors.firetruck", "vehicle.tesla.model3", "vehicle.yamaha.yzf"] {
+        for type_id in [
+            "vehicle.mitsubishi.fusorosa",
+            "vehicle.carlamotors.firetruck",
+            "vehicle.tesla.model3",
+            "vehicle.yamaha.yzf",
+        ] {
             match world.spawn(type_id, *point, None, "", &BTreeMap::new()) {
                 Ok(actor) => drop(world.destroy(actor).unwrap()),
                 Err(error) => refused.push(format!("{idx}: {error}")),
             }
         }
     }
-    assert!(refused.is_empty(), "{} refused, e.g. {:#?}", refused.len(), &refused[..refused.len().min(5)]);
+    assert!(
+        refused.is_empty(),
+        "{} refused, e.g. {:#?}",
+        refused.len(),
+        &refused[..refused.len().min(5)]
+    );
 }
 
 #[test]
@@ -77,8 +107,15 @@ fn lights_keep_time_to_the_tick_and_take_turns() {
     let mut world = town();
     let roads: &RoadMap = &world.roads().unwrap().clone();
     let mut turns: BTreeMap<u32, Vec<(u32, Vec<String>)>> = BTreeMap::new();
-    for controller in roads.controllers().iter().filter(|controller| controller.junction.is_some()) {
-        turns.entry(controller.junction.unwrap()).or_default().push((controller.sequence, controller.signals.clone()));
+    for controller in roads
+        .controllers()
+        .iter()
+        .filter(|controller| controller.junction.is_some())
+    {
+        turns
+            .entry(controller.junction.unwrap())
+            .or_default()
+            .push((controller.sequence, controller.signals.clone()));
     }
     assert!(!turns.is_empty(), "the town has signalled junctions");
     turns.values_mut().for_each(|turns| turns.sort());
@@ -106,14 +143,48 @@ fn lights_keep_time_to_the_tick_and_take_turns() {
 #[test]
 fn frozen_lights_stand_still_and_a_set_state_lasts_until_the_next_stage() {
     let mut world = town();
-    let light = world.snapshot_records().iter().find(|record| record.kind() == Some(ActorKind::TrafficLight)).unwrap().id;
-    let state = |world: &World| LightState::from_code(world.record(ActorId(light)).unwrap().traffic_light().unwrap().state);
-    assert_eq!(world.apply(&Command::FreezeTrafficLights { frozen: true }), CommandReply::Done);
-    assert_eq!(world.apply(&Command::SetTrafficLight { actor_id: light, state: "off".into() }), CommandReply::Done);
+    let light = world
+        .snapshot_records()
+        .iter()
+        .find(|record| record.kind() == Some(ActorKind::TrafficLight))
+        .unwrap()
+        .id;
+    let state = |world: &World| {
+        LightState::from_code(
+            world
+                .record(ActorId(light))
+                .unwrap()
+                .traffic_light()
+                .unwrap()
+                .state,
+        )
+    };
+    assert_eq!(
+        world.apply(&Command::FreezeTrafficLights { frozen: true }),
+        CommandReply::Done
+    );
+    assert_eq!(
+        world.apply(&Command::SetTrafficLight {
+            actor_id: light,
+            state: "off".into()
+        }),
+        CommandReply::Done
+    );
     (0..2000).for_each(|_| world.step(TICK_NANOS));
     assert_eq!(state(&world), LightState::Off);
-    assert_eq!(world.record(ActorId(light)).unwrap().traffic_light().unwrap().flags, 1);
-    assert_eq!(world.apply(&Command::FreezeTrafficLights { frozen: false }), CommandReply::Done);
+    assert_eq!(
+        world
+            .record(ActorId(light))
+            .unwrap()
+            .traffic_light()
+            .unwrap()
+            .flags,
+        1
+    );
+    assert_eq!(
+        world.apply(&Command::FreezeTrafficLights { frozen: false }),
+        CommandReply::Done
+    );
     (0..200).for_each(|_| world.step(TICK_NANOS));
     assert_ne!(state(&world), LightState::Off);
 }
@@ -122,14 +193,32 @@ fn frozen_lights_stand_still_and_a_set_state_lasts_until_the_next_stage() {
 fn vehicle_before_a_stop_line_sees_that_light_and_one_further_back_does_not() {
     let mut world = town();
     let roads = world.roads().unwrap().clone();
-    let car = world.spawn("vehicle.tesla.model3", world.map().spawn_points[0], None, "", &BTreeMap::new()).unwrap();
+    let car = world
+        .spawn(
+            "vehicle.tesla.model3",
+            world.map().spawn_points[0],
+            None,
+            "",
+            &BTreeMap::new(),
+        )
+        .unwrap();
     let half_m = vehicle_models()[0].half_m[0];
     let mut n_checked = 0;
-    for signal in roads.signals().iter().filter(|signal| signal.kind == SignalKind::TrafficLight) {
+    for signal in roads
+        .signals()
+        .iter()
+        .filter(|signal| signal.kind == SignalKind::TrafficLight)
+    {
         for stop in &signal.stops {
             let mut light_at = |front_m: f64| {
-                let at = LanePosition { s_m: stop.stop.s_m - front_m - half_m, offset_m: 0.0, ..stop.stop };
-                world.set_pose(car, Pose::from(roads.pose(at).unwrap())).unwrap();
+                let at = LanePosition {
+                    s_m: stop.stop.s_m - front_m - half_m,
+                    offset_m: 0.0,
+                    ..stop.stop
+                };
+                world
+                    .set_pose(car, Pose::from(roads.pose(at).unwrap()))
+                    .unwrap();
                 world.record(car).unwrap().vehicle().unwrap().light_actor_id
             };
             if stop.stop.s_m < 2.0 * half_m + 20.0 {
@@ -138,10 +227,22 @@ fn vehicle_before_a_stop_line_sees_that_light_and_one_further_back_does_not() {
             n_checked += 1;
             let seen = light_at(0.5);
             assert_eq!(light_at(15.0), 0, "15 m before signal {}", signal.id);
-            let id = world.record(ActorId(seen)).and_then(|record| record.traffic_light()).map(|part| part.opendrive_id().to_owned());
-            // Two signals may stand for one lane (another on the far side); it must be one for this lane.
-            let for_lane = id.is_some_and(|id| roads.signal_stops(stop.lane).any(|(other, _)| other.id == id));
-            assert!(for_lane, "signal {} on {}: sees actor {seen}", signal.id, stop.lane);
+            let id = world
+                .record(ActorId(seen))
+                .and_then(|record| record.traffic_light())
+                .map(|part| part.opendrive_id().to_owned());
+            // Two signals may stand for one lane (another on the far side); it must be one for this
+            // lane.
+            let for_lane = id.is_some_and(|id| {
+                roads
+                    .signal_stops(stop.lane)
+                    .any(|(other, _)| other.id == id)
+            });
+            assert!(
+                for_lane,
+                "signal {} on {}: sees actor {seen}",
+                signal.id, stop.lane
+            );
         }
     }
     assert!(n_checked > 10, "{n_checked} stop lines");
@@ -158,9 +259,20 @@ fn lamp_heads_show_the_state_of_their_light() {
     world.dynamic_instances(&mut instances);
     assert!(!instances.is_empty());
     for instance in &instances {
-        let state = LightState::from_code(world.record(instance.actor).unwrap().traffic_light().unwrap().state);
+        let state = LightState::from_code(
+            world
+                .record(instance.actor)
+                .unwrap()
+                .traffic_light()
+                .unwrap()
+                .state,
+        );
         let expected = [1, 2, 4][state as usize];
         assert_eq!(instance.lamps, expected, "{state:?}");
     }
-    assert!(instances.windows(2).all(|pair| pair[0].key() < pair[1].key()));
+    assert!(
+        instances
+            .windows(2)
+            .all(|pair| pair[0].key() < pair[1].key())
+    );
 }

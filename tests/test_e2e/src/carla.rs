@@ -12,7 +12,8 @@ pub fn empty_town(map: &str) -> String {
     format!("version = 1\n[scenario]\nmap = {map:?}\nseed = 7\ntick_hz = 20\nvehicles = 0\n")
 }
 
-/// A daemon with a gateway before it, in a sandbox of their own, for scripts under the stock client.
+/// A daemon with a gateway before it, in a sandbox of their own, for scripts under the stock
+/// client.
 #[derive(Debug)]
 pub struct Stage {
     // Processes end before their directory goes.
@@ -34,13 +35,23 @@ impl Stage {
     pub fn with(sandbox: Sandbox, launch: &str, extra: &[&str]) -> Stage {
         let daemon = start_daemon(&sandbox, launch, extra);
         let (gateway, port, _) = start_gateway(&sandbox);
-        Stage { gateway, daemon, port, sandbox }
+        Stage {
+            gateway,
+            daemon,
+            port,
+            sandbox,
+        }
     }
 
     /// Runs a script with the port and more arguments; as [`run_script`].
     pub fn run(&self, script: &str, more: &[&str], themes: &[&str]) -> Ended {
         let port = self.port.to_string();
-        run_script(&self.sandbox, script, &[&[port.as_str()], more].concat(), themes)
+        run_script(
+            &self.sandbox,
+            script,
+            &[&[port.as_str()], more].concat(),
+            themes,
+        )
     }
 
     /// Stops both, asserts that they end well and leave nothing, and returns what the gateway said.
@@ -58,18 +69,38 @@ impl Stage {
 /// If the machine has none.
 pub fn free_port() -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
-    listener.local_addr().expect("a bound listener has an address").port()
+    listener
+        .local_addr()
+        .expect("a bound listener has an address")
+        .port()
 }
 
-/// Starts the gateway on ports of its own choice; returns them too, RPC first. Its data folder is the sandbox's `data`.
+/// Starts the gateway on ports of its own choice; returns them too, RPC first. Its data folder is
+/// the sandbox's `data`.
 pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
     let data = sandbox.path("data");
-    let mut gateway = spawn_consumer(sandbox, "gantry-carla", &["--port", "0", "--data", data.to_str().expect("paths are UTF-8")]);
+    let mut gateway = spawn_consumer(
+        sandbox,
+        "gantry-carla",
+        &[
+            "--port",
+            "0",
+            "--data",
+            data.to_str().expect("paths are UTF-8"),
+        ],
+    );
     let line = gateway.wait_line("listening on");
     let ports: Vec<u16> = line
         .split(':')
         .skip(1)
-        .map(|part| part.split(',').next().unwrap_or_default().trim().parse().expect("a port stands behind each colon"))
+        .map(|part| {
+            part.split(',')
+                .next()
+                .unwrap_or_default()
+                .trim()
+                .parse()
+                .expect("a port stands behind each colon")
+        })
         .collect();
     (gateway, ports[0], ports[1])
 }
@@ -77,13 +108,20 @@ pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
 /// Starts a script of `tests/test_e2e/python` under the stock client.
 pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
     let script = repository().join("tests/test_e2e/python").join(script);
-    let args: Vec<&str> = std::iter::once(script.to_str().expect("paths are UTF-8")).chain(args.iter().copied()).collect();
+    let args: Vec<&str> = std::iter::once(script.to_str().expect("paths are UTF-8"))
+        .chain(args.iter().copied())
+        .collect();
     // The client keeps a cache in its home folder, which must not be the tester's.
     let home = sandbox.path("");
     let package = repository().join("schemas/python/src");
     let text = |path: &std::path::Path| path.to_str().expect("paths are UTF-8").to_owned();
     let (home, package) = (text(&home), text(&package));
-    let env = [("HOME", home.as_str()), ("PYTHONPATH", package.as_str()), ("PYTHONDONTWRITEBYTECODE", "1"), ("PYTHONUNBUFFERED", "1")];
+    let env = [
+        ("HOME", home.as_str()),
+        ("PYTHONPATH", package.as_str()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+        ("PYTHONUNBUFFERED", "1"),
+    ];
     sandbox.spawn_program("python", &venv_program("python"), &args, &env)
 }
 
@@ -94,7 +132,11 @@ pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
 pub fn run_script(sandbox: &Sandbox, script: &str, args: &[&str], themes: &[&str]) -> Ended {
     let ended = start_script(sandbox, script, args).wait().expect_code(0);
     for theme in themes {
-        assert!(ended.says(&format!("{theme} passed")), "{theme} is missing:\n{}", ended.lines.join("\n"));
+        assert!(
+            ended.says(&format!("{theme} passed")),
+            "{theme} is missing:\n{}",
+            ended.lines.join("\n")
+        );
     }
     ended
 }

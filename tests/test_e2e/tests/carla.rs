@@ -1,4 +1,5 @@
-//! The stock CARLA client, from the repository's own environment, through `gantry-carla` against a real daemon.
+//! The stock CARLA client, from the repository's own environment, through `gantry-carla` against a
+//! real daemon.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -11,8 +12,19 @@ use test_kit::Sandbox;
 #[test]
 fn the_stock_client_looks_round_steps_and_drives() {
     let stage = Stage::new("carla", &empty_town("Town10HD"));
-    let themes =
-        ["session", "settings", "ticks", "spectator", "weather", "vehicle", "batch", "lights", "autopilot", "sentences", "restore"];
+    let themes = [
+        "session",
+        "settings",
+        "ticks",
+        "spectator",
+        "weather",
+        "vehicle",
+        "batch",
+        "lights",
+        "autopilot",
+        "sentences",
+        "restore",
+    ];
     stage.run("carla_client.py", &[&free_port().to_string()], &themes);
     stage.run("carla_client.py", &[], &["loading"]);
     stage.end();
@@ -21,7 +33,9 @@ fn the_stock_client_looks_round_steps_and_drives() {
 /// Sends bytes and returns what came until the server closed the connection.
 fn exchange(port: u16, bytes: &[u8]) -> Vec<u8> {
     let mut connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    connection.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    connection
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     connection.write_all(bytes).unwrap();
     let mut answer = Vec::new();
     // A reset is as good as an end.
@@ -45,15 +59,23 @@ fn broken_messages_close_their_connection_and_nothing_else() {
     }
     // An unknown call is an answer, and the connection goes on: a second call is answered too.
     let mut connection = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    connection.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    connection
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     for _ in 0..2 {
-        connection.write_all(b"\x94\x00\x01\xa7nothing\x91\x91\xc2").unwrap();
+        connection
+            .write_all(b"\x94\x00\x01\xa7nothing\x91\x91\xc2")
+            .unwrap();
         let mut answer = vec![0; 4];
         connection.read_exact(&mut answer).unwrap();
         assert_eq!(answer[..3], [0x94, 0x01, 0x01]);
         let mut text = vec![0; 256];
         let n = connection.read(&mut text).unwrap();
-        assert!(String::from_utf8_lossy(&text[..n]).contains("'nothing'"), "{:?}", String::from_utf8_lossy(&text[..n]));
+        assert!(
+            String::from_utf8_lossy(&text[..n]).contains("'nothing'"),
+            "{:?}",
+            String::from_utf8_lossy(&text[..n])
+        );
     }
     // Seeded handshakes on the streaming port: odd numbers, half ones, hang-ups.
     let mut state = 9u32;
@@ -79,26 +101,33 @@ fn the_world_goes_on_when_the_client_that_stepped_it_is_killed() {
     daemon.stop().expect_code(0);
 }
 
-/// Far more connections than are served: those beyond are refused with a sentence, memory stays bounded, and who is in goes on.
+/// Far more connections than are served: those beyond are refused with a sentence, memory stays
+/// bounded, and who is in goes on.
 #[test]
 fn thousands_of_connections_are_refused_and_nothing_else_happens() {
     let sandbox = Sandbox::new("carlaflood");
     let (mut gateway, port, stream_port) = start_gateway(&sandbox);
     let version = |connection: &mut TcpStream| {
-        connection.write_all(b"\x94\x00\x01\xa7version\x91\x91\xc2").unwrap();
+        connection
+            .write_all(b"\x94\x00\x01\xa7version\x91\x91\xc2")
+            .unwrap();
         let mut answer = [0; 14];
         connection.read_exact(&mut answer).unwrap();
         assert!(answer.ends_with(b"0.9.16"), "{answer:?}");
     };
     let mut first = TcpStream::connect(("127.0.0.1", port)).unwrap();
-    first.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    first
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     version(&mut first);
     let before_bytes = gateway.resident_bytes();
     for port in [port, stream_port] {
         // Half-open: they say nothing, or half a word, and stay.
         let mut held = Vec::new();
         for n in 0..3000 {
-            let Ok(mut connection) = TcpStream::connect(("127.0.0.1", port)) else { continue };
+            let Ok(mut connection) = TcpStream::connect(("127.0.0.1", port)) else {
+                continue;
+            };
             let _ = connection.write_all(&[0x94, 0x00, 0x01][..n % 4]);
             if held.len() < 600 {
                 held.push(connection);

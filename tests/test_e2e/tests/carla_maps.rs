@@ -10,7 +10,11 @@ fn the_stock_client_lists_loads_and_generates_maps() {
     let sandbox = Sandbox::new("carlamaps");
     let data = sandbox.path("data");
     std::fs::create_dir_all(data.join("maps")).unwrap();
-    let stage = Stage::with(sandbox, &empty_town("Town02"), &["--data", data.to_str().unwrap()]);
+    let stage = Stage::with(
+        sandbox,
+        &empty_town("Town02"),
+        &["--data", data.to_str().unwrap()],
+    );
     // A town's own text, read back as anybody's file.
     let bus = join_bus(&stage.sandbox, "test");
     let file = data.join("maps/mine.xodr");
@@ -18,6 +22,10 @@ fn the_stock_client_lists_loads_and_generates_maps() {
     drop(bus);
     // Outside of the map folder: no client may reach it.
     std::fs::copy(&file, stage.sandbox.path("secret.xodr")).unwrap();
-    stage.run("carla_maps.py", &[file.to_str().unwrap()], &["listing", "folder", "generating", "refusals", "many"]);
+    stage.run(
+        "carla_maps.py",
+        &[file.to_str().unwrap()],
+        &["listing", "folder", "generating", "refusals", "many"],
+    );
     stage.end();
 }

@@ -1,4 +1,5 @@
-//! How vehicles move through the stock CARLA client: physical data, Ackermann control, pushes, switches, telemetry.
+//! How vehicles move through the stock CARLA client: physical data, Ackermann control, pushes,
+//! switches, telemetry.
 
 use test_e2e::carla::{Stage, empty_town};
 

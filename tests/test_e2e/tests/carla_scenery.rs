@@ -1,4 +1,5 @@
-//! What stands in the map through the stock CARLA client: environment objects, layers, boxes, street lights.
+//! What stands in the map through the stock CARLA client: environment objects, layers, boxes,
+//! street lights.
 
 use test_e2e::carla::{Stage, empty_town};
 

@@ -5,10 +5,25 @@ use test_e2e::carla::{Stage, empty_town};
 #[test]
 fn sensors_arrive_for_their_frame_and_show_what_is_there() {
     let stage = Stage::new("carlasensors", &empty_town("Town10HD"));
-    let themes = ["every kind", "pictures", "lidars", "motion", "sensor_tick", "listeners", "lanes", "ahead", "boom", "free running"];
+    let themes = [
+        "every kind",
+        "pictures",
+        "lidars",
+        "motion",
+        "sensor_tick",
+        "listeners",
+        "lanes",
+        "ahead",
+        "boom",
+        "free running",
+    ];
     stage.run("carla_sensors.py", &[], &themes);
     let ended = stage.end();
-    assert!(!ended.says("does not take its sensor's messages"), "{:?}", ended.lines);
+    assert!(
+        !ended.says("does not take its sensor's messages"),
+        "{:?}",
+        ended.lines
+    );
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! Clients that come while the gateway is still getting to know the world: they wait for the whole of it.
+//! Clients that come while the gateway is still getting to know the world: they wait for the whole
+//! of it.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -10,9 +11,15 @@ use test_e2e::carla::{empty_town, start_gateway};
 use test_e2e::{document, join_bus, start_daemon};
 use test_kit::Sandbox;
 
-const OTHERS: [&str; 4] = [names::WORLD_MAP, names::WORLD_ACTORS, names::WORLD_CATALOGUE, names::WORLD_SPAWN_POINTS];
+const OTHERS: [&str; 4] = [
+    names::WORLD_MAP,
+    names::WORLD_ACTORS,
+    names::WORLD_CATALOGUE,
+    names::WORLD_SPAWN_POINTS,
+];
 
-/// `get_required_files("Nav")` as a client asks for its navigation mesh: once per process, for good.
+/// `get_required_files("Nav")` as a client asks for its navigation mesh: once per process, for
+/// good.
 const REQUIRED_FILES: &[u8] = b"\x94\x00\x01\xb2get_required_files\x92\x91\xc2\xa3Nav";
 
 #[test]
@@ -34,16 +41,22 @@ fn no_call_is_answered_from_a_world_that_is_half_known() {
     let (gateway, port, _) = start_gateway(&sandbox);
     let mut client = TcpStream::connect(("127.0.0.1", port)).unwrap();
     client.write_all(REQUIRED_FILES).unwrap();
-    client.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    client
+        .set_read_timeout(Some(Duration::from_millis(100)))
+        .unwrap();
     let mut answer = [0; 256];
     for _ in 0..10 {
         first.greet();
-        client.read(&mut answer).expect_err("an answer before the map is known");
+        client
+            .read(&mut answer)
+            .expect_err("an answer before the map is known");
     }
     for (publisher, text) in publishers.iter_mut().zip(&others) {
         publisher.send(&text.text, text.header.epoch, 0).unwrap();
     }
-    client.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    client
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
     let mut n = 0;
     while !answer[..n].ends_with(b".bin") {
         let more = client.read(&mut answer[n..]).unwrap();
@@ -52,7 +65,10 @@ fn no_call_is_answered_from_a_world_that_is_half_known() {
         publishers.iter().for_each(|publisher| publisher.greet());
     }
     let text = String::from_utf8_lossy(&answer[..n]).into_owned();
-    assert!(text.contains("/Nav/") && text.ends_with("Town02.bin"), "{text}");
+    assert!(
+        text.contains("/Nav/") && text.ends_with("Town02.bin"),
+        "{text}"
+    );
     gateway.stop().expect_code(0);
 }
 
@@ -60,11 +76,21 @@ fn no_call_is_answered_from_a_world_that_is_half_known() {
 #[test]
 fn a_town_without_an_ego_vehicle_is_empty() {
     let sandbox = Sandbox::new("carlaempty");
-    let daemon = start_daemon(&sandbox, &(empty_town("Town02") + "[ego]\ntype_id = \"none\"\n"), &[]);
+    let daemon = start_daemon(
+        &sandbox,
+        &(empty_town("Town02") + "[ego]\ntype_id = \"none\"\n"),
+        &[],
+    );
     let bus = join_bus(&sandbox, "test");
     let actors: ActorList = document(&bus, names::WORLD_ACTORS).json().unwrap();
     assert!(!actors.actors.is_empty(), "lights and signs");
-    assert!(actors.actors.iter().all(|actor| !actor.type_id.starts_with("vehicle.")), "{actors:?}");
+    assert!(
+        actors
+            .actors
+            .iter()
+            .all(|actor| !actor.type_id.starts_with("vehicle.")),
+        "{actors:?}"
+    );
     drop(bus);
     daemon.stop().expect_code(0);
 }

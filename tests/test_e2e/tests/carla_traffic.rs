@@ -1,4 +1,5 @@
-//! The client's own Traffic Manager: it obeys lights, paths, speeds, drives near cars and moves far ones, and fifty cars touch nothing.
+//! The client's own Traffic Manager: it obeys lights, paths, speeds, drives near cars and moves far
+//! ones, and fifty cars touch nothing.
 //! With `GANTRY_SOAK=1` fifty cars drive ten minutes stepped and ten minutes free.
 
 use std::time::Duration;
@@ -9,11 +10,19 @@ use test_e2e::carla::{Stage, empty_town, free_port, start_script};
 fn fifty_cars_drive_without_touching_anything() {
     let stage = Stage::new("carlatraffic", &empty_town("Town10HD"));
     let manager_port = free_port().to_string();
-    stage.run("carla_traffic.py", &[&manager_port], &["lights", "paths", "speeds", "hybrid", "fifty"]);
+    stage.run(
+        "carla_traffic.py",
+        &[&manager_port],
+        &["lights", "paths", "speeds", "hybrid", "fifty"],
+    );
     if std::env::var_os("GANTRY_SOAK").is_some() {
         for mode in ["sync", "async"] {
             let (port, manager_port) = (stage.port.to_string(), free_port().to_string());
-            let mut drive = start_script(&stage.sandbox, "carla_traffic.py", &[&port, &manager_port, mode, "600"]);
+            let mut drive = start_script(
+                &stage.sandbox,
+                "carla_traffic.py",
+                &[&port, &manager_port, mode, "600"],
+            );
             // The script ends itself when it takes too long.
             while drive.is_running() {
                 std::thread::sleep(Duration::from_secs(1));

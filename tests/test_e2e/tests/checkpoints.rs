@@ -1,10 +1,13 @@
-//! Checkpoints through the daemon: in memory, from a file in another process, and the start of the episode.
+//! Checkpoints through the daemon: in memory, from a file in another process, and the start of the
+//! episode.
 
 use std::collections::BTreeMap;
 
 use schema_bus::{Bus, CommandClient, SnapshotReader};
 use schema_frames::command::CheckpointPlace;
-use schema_frames::{ActorKind, ActorRecord, Command, CommandReply, SnapshotHeader, VehicleControl};
+use schema_frames::{
+    ActorKind, ActorRecord, Command, CommandReply, SnapshotHeader, VehicleControl,
+};
 use test_e2e::{ask, document, join_bus, start_daemon, step};
 use test_kit::{Process, Sandbox, eventually};
 
@@ -34,7 +37,12 @@ impl Run {
         let bus = join_bus(sandbox, "test");
         let client = bus.command_client("test").unwrap();
         let snapshots = eventually("snapshots", || bus.snapshot_reader().ok());
-        Run { daemon, client, snapshots, bus }
+        Run {
+            daemon,
+            client,
+            snapshots,
+            bus,
+        }
     }
 
     fn ask(&mut self, command: Command) -> CommandReply {
@@ -44,8 +52,12 @@ impl Run {
     /// One tick's header and records.
     fn tick(&mut self) -> (SnapshotHeader, Vec<ActorRecord>) {
         let tick = step(&mut self.client, 1);
-        let snapshot =
-            eventually("the tick's snapshot", || self.snapshots.next().unwrap().filter(|snapshot| snapshot.header().tick == tick));
+        let snapshot = eventually("the tick's snapshot", || {
+            self.snapshots
+                .next()
+                .unwrap()
+                .filter(|snapshot| snapshot.header().tick == tick)
+        });
         (*snapshot.header(), snapshot.records().to_vec())
     }
 
@@ -55,9 +67,23 @@ impl Run {
 
     /// Every vehicle drives; controls hold.
     fn drive_off(&mut self, records: &[ActorRecord]) {
-        for (idx, record) in records.iter().filter(|record| record.kind() == Some(ActorKind::Vehicle)).enumerate() {
-            let control = VehicleControl { throttle_ratio: 0.8, steer_ratio: 0.3 * (idx as f32).sin(), ..Default::default() };
-            assert_eq!(self.ask(Command::ControlVehicle { actor_id: record.id, control }), CommandReply::Done);
+        for (idx, record) in records
+            .iter()
+            .filter(|record| record.kind() == Some(ActorKind::Vehicle))
+            .enumerate()
+        {
+            let control = VehicleControl {
+                throttle_ratio: 0.8,
+                steer_ratio: 0.3 * (idx as f32).sin(),
+                ..Default::default()
+            };
+            assert_eq!(
+                self.ask(Command::ControlVehicle {
+                    actor_id: record.id,
+                    control
+                }),
+                CommandReply::Done
+            );
         }
     }
 }
@@ -66,12 +92,24 @@ fn elapsed(header: &SnapshotHeader) -> u64 {
     header.sim_nanos - header.episode_start_nanos
 }
 
-fn assert_same_course(a: &[(SnapshotHeader, Vec<ActorRecord>)], b: &[(SnapshotHeader, Vec<ActorRecord>)]) {
+fn assert_same_course(
+    a: &[(SnapshotHeader, Vec<ActorRecord>)],
+    b: &[(SnapshotHeader, Vec<ActorRecord>)],
+) {
     assert_eq!(a.len(), b.len());
     for ((was, records), (is, again)) in a.iter().zip(b) {
         assert_eq!(elapsed(was), elapsed(is));
-        let differing = records.iter().zip(again).find(|(a, b)| bytemuck::bytes_of(*a) != bytemuck::bytes_of(*b));
-        assert_eq!((differing, records.len()), (None, again.len()), "at tick {} instead of {}", is.tick, was.tick);
+        let differing = records
+            .iter()
+            .zip(again)
+            .find(|(a, b)| bytemuck::bytes_of(*a) != bytemuck::bytes_of(*b));
+        assert_eq!(
+            (differing, records.len()),
+            (None, again.len()),
+            "at tick {} instead of {}",
+            is.tick,
+            was.tick
+        );
     }
 }
 
@@ -84,29 +122,57 @@ fn runs_go_on_bit_for_bit_from_memory_from_a_file_and_from_the_start() {
     let before = run.ticks(30);
     let place = |name: &str| CheckpointPlace::Name(name.into());
     let file = CheckpointPlace::File("rush_hour".into());
-    assert_eq!(run.ask(Command::SaveCheckpoint { to: place("here") }), CommandReply::Saved { path: String::new() });
-    let CommandReply::Saved { path } = run.ask(Command::SaveCheckpoint { to: file.clone() }) else { panic!("not saved") };
-    assert_eq!(std::path::Path::new(&path), sandbox.path("data/checkpoints/rush_hour.gckp"));
+    assert_eq!(
+        run.ask(Command::SaveCheckpoint { to: place("here") }),
+        CommandReply::Saved {
+            path: String::new()
+        }
+    );
+    let CommandReply::Saved { path } = run.ask(Command::SaveCheckpoint { to: file.clone() }) else {
+        panic!("not saved")
+    };
+    assert_eq!(
+        std::path::Path::new(&path),
+        sandbox.path("data/checkpoints/rush_hour.gckp")
+    );
     let course = run.ticks(60);
     let drove = |(a, b): &(&ActorRecord, &ActorRecord)| {
-        (0..2).any(|axis| (a.world_from_actor.translation_m[axis] - b.world_from_actor.translation_m[axis]).abs() > 0.5)
+        (0..2).any(|axis| {
+            (a.world_from_actor.translation_m[axis] - b.world_from_actor.translation_m[axis]).abs()
+                > 0.5
+        })
     };
     let n_driving = course[0].1.iter().zip(&course[59].1).filter(drove).count();
     assert!(n_driving >= 8, "only {n_driving} vehicles drive");
 
-    let restored = run.ask(Command::RestoreCheckpoint { from: place("here") });
+    let restored = run.ask(Command::RestoreCheckpoint {
+        from: place("here"),
+    });
     assert_eq!(restored, CommandReply::Restored { gone: Vec::new() });
     let again = run.ticks(60);
     assert_same_course(&course, &again);
     assert_eq!(again[0].0.tick, course[59].0.tick + 1, "ticks go on");
-    assert!(again[0].0.sim_nanos > course[59].0.sim_nanos, "time goes on");
-    let flags: Vec<u32> = again.iter().map(|(header, _)| header.flags & SnapshotHeader::RESTORED).collect();
-    assert_eq!((flags[0], flags[1..].iter().sum::<u32>()), (SnapshotHeader::RESTORED, 0));
-    let info: serde_json::Value = serde_json::from_str(&document(&run.bus, "world/info").text).unwrap();
+    assert!(
+        again[0].0.sim_nanos > course[59].0.sim_nanos,
+        "time goes on"
+    );
+    let flags: Vec<u32> = again
+        .iter()
+        .map(|(header, _)| header.flags & SnapshotHeader::RESTORED)
+        .collect();
+    assert_eq!(
+        (flags[0], flags[1..].iter().sum::<u32>()),
+        (SnapshotHeader::RESTORED, 0)
+    );
+    let info: serde_json::Value =
+        serde_json::from_str(&document(&run.bus, "world/info").text).unwrap();
     assert_eq!(info["episode_start_nanos"], again[0].0.episode_start_nanos);
 
     // The start of the episode: without the controls given since, so all stand as they did.
-    assert_eq!(run.ask(Command::Reset), CommandReply::Restored { gone: Vec::new() });
+    assert_eq!(
+        run.ask(Command::Reset),
+        CommandReply::Restored { gone: Vec::new() }
+    );
     let start = run.ticks(10);
     assert_same_course(&first, &start);
     run.drive_off(&start[9].1.clone());
@@ -115,7 +181,10 @@ fn runs_go_on_bit_for_bit_from_memory_from_a_file_and_from_the_start() {
     // Another process, which has run for less time than the checkpoint's episode.
     run.daemon.stop().expect_code(0);
     let mut run = Run::start(&sandbox);
-    assert_eq!(run.ask(Command::RestoreCheckpoint { from: file }), CommandReply::Restored { gone: Vec::new() });
+    assert_eq!(
+        run.ask(Command::RestoreCheckpoint { from: file }),
+        CommandReply::Restored { gone: Vec::new() }
+    );
     let elsewhere = run.ticks(60);
     assert_same_course(&course, &elsewhere);
     assert_eq!(elsewhere[0].0.tick, 1);
@@ -131,23 +200,36 @@ fn what_cannot_be_restored_is_a_sentence_and_changes_nothing() {
         CommandReply::Refused { error } => error,
         other => panic!("{other:?}"),
     };
-    let from = |name: &str| Command::RestoreCheckpoint { from: CheckpointPlace::File(name.into()) };
-    let unknown = refused(Command::RestoreCheckpoint { from: CheckpointPlace::Name("x".into()) });
+    let from = |name: &str| Command::RestoreCheckpoint {
+        from: CheckpointPlace::File(name.into()),
+    };
+    let unknown = refused(Command::RestoreCheckpoint {
+        from: CheckpointPlace::Name("x".into()),
+    });
     assert!(unknown.contains("no checkpoint \"x\""), "{unknown}");
     for name in ["../launch", "/etc/passwd", ".x", "a/b"] {
         assert!(refused(from(name)).contains("cannot be used"));
-        assert!(refused(Command::SaveCheckpoint { to: CheckpointPlace::File(name.into()) }).contains("cannot be used"));
+        assert!(
+            refused(Command::SaveCheckpoint {
+                to: CheckpointPlace::File(name.into())
+            })
+            .contains("cannot be used")
+        );
     }
     assert!(refused(from("missing")).contains("missing.gckp"));
     std::fs::create_dir_all(sandbox.path("data/checkpoints")).unwrap();
     std::fs::write(sandbox.path("data/checkpoints/foreign.gckp"), b"\x89PNG").unwrap();
     assert!(refused(from("foreign")).contains("not a checkpoint"));
-    let saved = run.ask(Command::SaveCheckpoint { to: CheckpointPlace::File("cut".into()) });
+    let saved = run.ask(Command::SaveCheckpoint {
+        to: CheckpointPlace::File("cut".into()),
+    });
     assert!(matches!(saved, CommandReply::Saved { .. }));
     let path = sandbox.path("data/checkpoints/cut.gckp");
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    let CommandReply::Refused { error } = run.ask(from("cut")) else { panic!("half a file was taken") };
+    let CommandReply::Refused { error } = run.ask(from("cut")) else {
+        panic!("half a file was taken")
+    };
     assert!(error.contains("cut off"), "{error}");
     assert!(run.daemon.is_running());
     run.daemon.stop().expect_code(0);
@@ -159,10 +241,17 @@ fn sensors_stay_unless_their_vehicle_goes() {
     let sandbox = Sandbox::new("checkpointsensors");
     let mut run = Run::start(&sandbox);
     let records = run.ticks(2).pop().unwrap().1;
-    let ego = records.iter().find(|record| record.kind() == Some(ActorKind::Vehicle)).unwrap().id;
-    let pose: schema_frames::document::PoseText = schema_types::Pose::from_xyz_yaw(0.0, 0.0, 2.0, 0.0).into();
+    let ego = records
+        .iter()
+        .find(|record| record.kind() == Some(ActorKind::Vehicle))
+        .unwrap()
+        .id;
+    let pose: schema_frames::document::PoseText =
+        schema_types::Pose::from_xyz_yaw(0.0, 0.0, 2.0, 0.0).into();
     let sensor = |parent_id: u32| {
-        let serde_json::Value::Object(spec) = serde_json::json!({ "kind": "imu" }) else { unreachable!() };
+        let serde_json::Value::Object(spec) = serde_json::json!({ "kind": "imu" }) else {
+            unreachable!()
+        };
         Command::SpawnSensor {
             type_id: "sensor.other.imu".into(),
             pose,
@@ -179,18 +268,45 @@ fn sensors_stay_unless_their_vehicle_goes() {
     };
     let high = schema_types::Pose::from_xyz_yaw(0.0, 0.0, 200.0, 0.0).into();
     let on_ego = made(run.ask(sensor(ego)));
-    let late =
-        Command::Spawn { type_id: "vehicle.audi.tt".into(), pose: high, parent_id: None, role: String::new(), attributes: BTreeMap::new() };
+    let late = Command::Spawn {
+        type_id: "vehicle.audi.tt".into(),
+        pose: high,
+        parent_id: None,
+        role: String::new(),
+        attributes: BTreeMap::new(),
+    };
     let car = made(run.ask(late));
     let on_car = made(run.ask(sensor(car)));
     run.ticks(2);
-    assert_eq!(run.ask(Command::Reset), CommandReply::Restored { gone: vec![on_car] });
+    assert_eq!(
+        run.ask(Command::Reset),
+        CommandReply::Restored { gone: vec![on_car] }
+    );
     let after = run.tick().1;
     let is_there = |id: u32| after.iter().any(|record| record.id == id);
-    assert_eq!((is_there(ego), is_there(on_ego), is_there(car), is_there(on_car)), (true, true, false, false));
-    let names: Vec<String> = run.bus.topics().unwrap().into_iter().map(|topic| topic.name).collect();
+    assert_eq!(
+        (
+            is_there(ego),
+            is_there(on_ego),
+            is_there(car),
+            is_there(on_car)
+        ),
+        (true, true, false, false)
+    );
+    let names: Vec<String> = run
+        .bus
+        .topics()
+        .unwrap()
+        .into_iter()
+        .map(|topic| topic.name)
+        .collect();
     assert!(
-        names.iter().any(|name| name.contains(&format!("s{on_ego}/"))) && !names.iter().any(|name| name.contains(&format!("s{on_car}/")))
+        names
+            .iter()
+            .any(|name| name.contains(&format!("s{on_ego}/")))
+            && !names
+                .iter()
+                .any(|name| name.contains(&format!("s{on_car}/")))
     );
     run.daemon.stop().expect_code(0);
 }

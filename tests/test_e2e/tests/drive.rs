@@ -1,4 +1,5 @@
-//! `gantry-drive` and a daemon, with nobody looking: a simulated minute in lockstep, as fast as the machine can.
+//! `gantry-drive` and a daemon, with nobody looking: a simulated minute in lockstep, as fast as the
+//! machine can.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -43,7 +44,9 @@ impl Log {
             self.driven_m += (at[0] - last[0]).hypot(at[1] - last[1]);
         }
         self.n_touches += u32::from(record.flags & ActorRecord::TOUCHED != 0);
-        let lane = map.nearest(at, |lane| lane.kind.is_drivable()).expect("a drivable lane is near");
+        let lane = map
+            .nearest(at, |lane| lane.kind.is_drivable())
+            .expect("a drivable lane is near");
         if lane.offset_m.abs() > self.worst_offset_m {
             (self.worst_offset_m, self.lane_width_m) = (lane.offset_m.abs(), map.width_m(lane));
         }
@@ -66,10 +69,17 @@ fn a_minute_of_traffic_stays_on_its_lanes_and_touches_nothing() {
     while next <= LAST_TICK {
         let snapshot = eventually(&format!("snapshot {next}"), || {
             wake.wait(Duration::from_millis(100)).unwrap();
-            snapshots.next().unwrap().filter(|snapshot| snapshot.header().tick >= next)
+            snapshots
+                .next()
+                .unwrap()
+                .filter(|snapshot| snapshot.header().tick >= next)
         });
         assert_eq!(snapshot.header().tick, next, "lockstep loses no snapshot");
-        for record in snapshot.records().iter().filter(|record| record.kind() == Some(ActorKind::Vehicle)) {
+        for record in snapshot
+            .records()
+            .iter()
+            .filter(|record| record.kind() == Some(ActorKind::Vehicle))
+        {
             logs.entry(record.id).or_default().add(record, &map);
         }
         gate.ack(next).unwrap();
@@ -77,18 +87,29 @@ fn a_minute_of_traffic_stays_on_its_lanes_and_touches_nothing() {
     }
     drop(gate);
     let actors: ActorList = document(&bus, names::WORLD_ACTORS).json().unwrap();
-    let ego = actors.actors.iter().find(|actor| actor.role == "ego_vehicle").unwrap();
+    let ego = actors
+        .actors
+        .iter()
+        .find(|actor| actor.role == "ego_vehicle")
+        .unwrap();
     let log = logs[&ego.id];
     assert!(log.driven_m >= 100.0, "the ego drove {:.0} m", log.driven_m);
     assert_eq!(logs.len(), 13);
     for (id, log) in &logs {
         assert_eq!(log.n_touches, 0, "vehicle {id} touched something: {log:?}");
-        assert!(log.worst_offset_m < log.lane_width_m / 2.0, "vehicle {id} left its lane: {log:?}");
+        assert!(
+            log.worst_offset_m < log.lane_width_m / 2.0,
+            "vehicle {id} left its lane: {log:?}"
+        );
     }
     let n_moved = logs.values().filter(|log| log.driven_m > 20.0).count();
     assert!(n_moved >= 10, "{n_moved} of 13 vehicles moved: {logs:?}");
     assert!(driver.is_running());
     let mut client = bus.command_client("counting").unwrap();
-    assert_eq!(counter(&mut client, "gpu_submissions"), 0, "nobody reads the camera");
+    assert_eq!(
+        counter(&mut client, "gpu_submissions"),
+        0,
+        "nobody reads the camera"
+    );
     driver.stop().expect_code(0);
 }

@@ -1,4 +1,5 @@
-//! `kill -9`, SIGSTOP and full memory: survivors go on, memory comes back, a message says what happened.
+//! `kill -9`, SIGSTOP and full memory: survivors go on, memory comes back, a message says what
+//! happened.
 
 use nix::sys::signal::Signal;
 use test_e2e::{SMALL_RIG, ask, counter, join_bus, reader, spawn_daemon, start_daemon, step};
@@ -6,7 +7,8 @@ use test_kit::{Sandbox, eventually};
 
 use schema_frames::{Command, CommandReply};
 
-/// A reader holds a frame while the daemon is killed: its bytes stay, and after a restart the same reader goes on by itself.
+/// A reader holds a frame while the daemon is killed: its bytes stay, and after a restart the same
+/// reader goes on by itself.
 #[test]
 fn daemon_killed_while_a_reader_holds_a_frame() {
     let sandbox = Sandbox::new("kill-daemon");
@@ -19,7 +21,11 @@ fn daemon_killed_while_a_reader_holds_a_frame() {
     daemon.kill9();
     assert_eq!(*held, bytes[..], "a held frame outlives its publisher");
     let _daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
-    let frame = eventually("a frame of the new daemon", || rgb.next().unwrap().filter(|frame| frame.header().epoch != epoch));
+    let frame = eventually("a frame of the new daemon", || {
+        rgb.next()
+            .unwrap()
+            .filter(|frame| frame.header().epoch != epoch)
+    });
     assert!(frame.header().seq >= 1);
     assert_eq!(*held, bytes[..], "and the new publisher as well");
 }
@@ -28,9 +34,18 @@ fn daemon_killed_while_a_reader_holds_a_frame() {
 fn nothing_is_left_in_shared_memory_after_everybody_was_killed() {
     let sandbox = Sandbox::new("left");
     let daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
-    let mut watcher = sandbox.spawn("gantry", &["topic", "hz", "ego/front/rgb", "--domain", sandbox.domain()]);
+    let mut watcher = sandbox.spawn(
+        "gantry",
+        &["topic", "hz", "ego/front/rgb", "--domain", sandbox.domain()],
+    );
     let bus = join_bus(&sandbox, "test");
-    eventually("gantry reads", || bus.topics().unwrap().iter().find(|t| t.name == "ego/front/rgb" && t.subscribers > 0).map(drop));
+    eventually("gantry reads", || {
+        bus.topics()
+            .unwrap()
+            .iter()
+            .find(|t| t.name == "ego/front/rgb" && t.subscribers > 0)
+            .map(drop)
+    });
     assert!(watcher.is_running());
     daemon.kill9();
     watcher.kill9();
@@ -54,19 +69,35 @@ fn daemon_stopped_by_sigterm_leaves_nothing() {
     assert_eq!(sandbox.leftovers(), Vec::<String>::new());
 }
 
-/// A reader that was stopped does not hold the tick: the daemon's ticks go on, and the reader finds the newest frames afterwards.
+/// A reader that was stopped does not hold the tick: the daemon's ticks go on, and the reader finds
+/// the newest frames afterwards.
 #[test]
 fn a_paused_reader_does_not_slow_the_daemon() {
     let sandbox = Sandbox::new("pause");
     let _daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
-    let watcher = sandbox.spawn("gantry", &["topic", "hz", "ego/imu/imu", "--domain", sandbox.domain()]);
-    eventually("gantry reads", || bus.topics().unwrap().iter().find(|t| t.name == "ego/imu/imu" && t.subscribers > 0).map(drop));
+    let watcher = sandbox.spawn(
+        "gantry",
+        &["topic", "hz", "ego/imu/imu", "--domain", sandbox.domain()],
+    );
+    eventually("gantry reads", || {
+        bus.topics()
+            .unwrap()
+            .iter()
+            .find(|t| t.name == "ego/imu/imu" && t.subscribers > 0)
+            .map(drop)
+    });
     watcher.signal(Signal::SIGSTOP);
     let before = counter(&mut client, "sent ego/imu/imu");
-    eventually("twenty more frames are sent", || (counter(&mut client, "sent ego/imu/imu") > before + 20).then_some(()));
-    assert_eq!(counter(&mut client, "dropped ego/imu/imu"), 0, "the reader loses frames, the daemon does not");
+    eventually("twenty more frames are sent", || {
+        (counter(&mut client, "sent ego/imu/imu") > before + 20).then_some(())
+    });
+    assert_eq!(
+        counter(&mut client, "dropped ego/imu/imu"),
+        0,
+        "the reader loses frames, the daemon does not"
+    );
     watcher.signal(Signal::SIGCONT);
 }
 
@@ -77,10 +108,15 @@ fn a_lockstep_participant_that_is_killed_is_removed() {
     let mut daemon = start_daemon(&sandbox, SMALL_RIG, &[]);
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
-    let driver = sandbox.spawn("gantry-drive", &["--lockstep", "--domain", sandbox.domain()]);
+    let driver = sandbox.spawn(
+        "gantry-drive",
+        &["--lockstep", "--domain", sandbox.domain()],
+    );
     daemon.wait_line("joined the lockstep");
     let before = counter(&mut client, "ticks");
-    eventually("ticks with the participant", || (counter(&mut client, "ticks") > before + 5).then_some(()));
+    eventually("ticks with the participant", || {
+        (counter(&mut client, "ticks") > before + 5).then_some(())
+    });
     driver.signal(Signal::SIGSTOP);
     let stopped = eventually("the gate closes", || {
         let ticks = counter(&mut client, "ticks");
@@ -88,7 +124,9 @@ fn a_lockstep_participant_that_is_killed_is_removed() {
         (counter(&mut client, "ticks") == ticks).then_some(ticks)
     });
     driver.kill9();
-    eventually("ticks without it", || (counter(&mut client, "ticks") > stopped + 5).then_some(()));
+    eventually("ticks without it", || {
+        (counter(&mut client, "ticks") > stopped + 5).then_some(())
+    });
     daemon.wait_line("lockstep participant is gone");
 }
 
@@ -105,8 +143,13 @@ fn a_client_that_dies_in_stepped_mode_does_not_halt_the_world_for_ever() {
     daemon.wait_line("running on by itself until the next cue");
     let bus = join_bus(&sandbox, "test");
     let mut client = bus.command_client("test").unwrap();
-    eventually("ticks without a cue", || (counter(&mut client, "ticks") > 4).then_some(()));
-    assert!(matches!(ask(&mut client, Command::Step { n: 1 }), CommandReply::Stepping { .. }));
+    eventually("ticks without a cue", || {
+        (counter(&mut client, "ticks") > 4).then_some(())
+    });
+    assert!(matches!(
+        ask(&mut client, Command::Step { n: 1 }),
+        CommandReply::Stepping { .. }
+    ));
     daemon.wait_line("a client steps again");
 }
 
@@ -120,7 +163,11 @@ fn too_little_shared_memory_is_one_sentence_before_anything_starts() {
         ));
     }
     let ended = spawn_daemon(&sandbox, &text, &[]).wait().expect_code(2);
-    assert!(ended.says("MiB of shared memory, but /dev/shm has"), "{:?}", ended.lines);
+    assert!(
+        ended.says("MiB of shared memory, but /dev/shm has"),
+        "{:?}",
+        ended.lines
+    );
     assert_eq!(sandbox.leftovers(), Vec::<String>::new());
 }
 
@@ -138,10 +185,23 @@ fn a_broken_launch_file_is_reported_with_its_place() {
     let sandbox = Sandbox::new("broken");
     let text = SMALL_RIG.replace("channels = 8", "chanels = 8");
     let ended = spawn_daemon(&sandbox, &text, &[]).wait().expect_code(2);
-    assert!(ended.says("unknown key \"chanels\" in [sensor.roof], did you mean \"channels\"?"), "{:?}", ended.lines);
+    assert!(
+        ended.says("unknown key \"chanels\" in [sensor.roof], did you mean \"channels\"?"),
+        "{:?}",
+        ended.lines
+    );
     assert!(ended.says("launch.toml:"), "{:?}", ended.lines);
-    let ended = sandbox.spawn("simd", &["--launch", "no-such-file.toml"]).wait().expect_code(2);
+    let ended = sandbox
+        .spawn("simd", &["--launch", "no-such-file.toml"])
+        .wait()
+        .expect_code(2);
     assert!(ended.says("no-such-file.toml"), "{:?}", ended.lines);
-    let ended = spawn_daemon(&sandbox, &SMALL_RIG.replace("Town10HD", "Town99"), &[]).wait().expect_code(2);
-    assert!(ended.says("Town99") && ended.says("Town10HD"), "{:?}", ended.lines);
+    let ended = spawn_daemon(&sandbox, &SMALL_RIG.replace("Town10HD", "Town99"), &[])
+        .wait()
+        .expect_code(2);
+    assert!(
+        ended.says("Town99") && ended.says("Town10HD"),
+        "{:?}",
+        ended.lines
+    );
 }

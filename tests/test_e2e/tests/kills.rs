@@ -1,10 +1,12 @@
-//! `kill -9` with every consumer running: whoever is left goes on, whoever comes back carries on, and shared memory ends empty.
+//! `kill -9` with every consumer running: whoever is left goes on, whoever comes back carries on,
+//! and shared memory ends empty.
 
 use nix::sys::signal::Signal;
 use schema_frames::ActorKind;
 use test_e2e::recording::{gapless, sequences};
 use test_e2e::{
-    SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, reader, spawn_consumer, start_daemon, venv_program, wait_readers,
+    SMALL_RIG, SMALL_RIG_TOPICS, assert_nothing_left, counter, join_bus, reader, spawn_consumer,
+    start_daemon, venv_program, wait_readers,
 };
 use test_kit::sandbox::repository;
 use test_kit::{Process, Sandbox, eventually};
@@ -13,7 +15,9 @@ const DRIVING: &str = "driving vehicles=5";
 
 fn wait_size(sandbox: &Sandbox, file: &str, n_bytes: u64) {
     eventually(&format!("{file} has {n_bytes} bytes"), || {
-        std::fs::metadata(sandbox.path(file)).is_ok_and(|file| file.len() >= n_bytes).then_some(())
+        std::fs::metadata(sandbox.path(file))
+            .is_ok_and(|file| file.len() >= n_bytes)
+            .then_some(())
     });
 }
 
@@ -23,7 +27,11 @@ fn wait_growth(sandbox: &Sandbox, file: &str) {
 }
 
 fn record(sandbox: &Sandbox, file: &str) -> Process {
-    let recorder = spawn_consumer(sandbox, "gantry-record", &["--out", file, "--compression", "none"]);
+    let recorder = spawn_consumer(
+        sandbox,
+        "gantry-record",
+        &["--out", file, "--compression", "none"],
+    );
     // The map is some 2 MB of it, then frames follow.
     wait_size(sandbox, &format!("{file}.part"), 6_000_000);
     recorder
@@ -46,9 +54,18 @@ fn wait_driven(sandbox: &Sandbox, after_epoch: Option<u64>) -> u64 {
     let bus = join_bus(sandbox, "looking");
     let mut snapshots = eventually("snapshots", || bus.snapshot_reader().ok());
     eventually("a vehicle is driven", || {
-        let snapshot = snapshots.latest().unwrap().filter(|snapshot| Some(snapshot.header().epoch) != after_epoch)?;
-        let is_driven = |record: &schema_frames::ActorRecord| record.kind() == Some(ActorKind::Vehicle) && record.speed_mps() > 1.0;
-        snapshot.records().iter().any(is_driven).then_some(snapshot.header().epoch)
+        let snapshot = snapshots
+            .latest()
+            .unwrap()
+            .filter(|snapshot| Some(snapshot.header().epoch) != after_epoch)?;
+        let is_driven = |record: &schema_frames::ActorRecord| {
+            record.kind() == Some(ActorKind::Vehicle) && record.speed_mps() > 1.0
+        };
+        snapshot
+            .records()
+            .iter()
+            .any(is_driven)
+            .then_some(snapshot.header().epoch)
     })
 }
 
@@ -63,7 +80,9 @@ fn each_consumer_may_be_killed_and_come_back() {
     let mut client = bus.command_client("test").unwrap();
     let mut go_on = |what: &str| {
         let before = counter(&mut client, "sent ego/front/rgb");
-        eventually(&format!("frames after {what} was killed"), || (counter(&mut client, "sent ego/front/rgb") > before + 10).then_some(()));
+        eventually(&format!("frames after {what} was killed"), || {
+            (counter(&mut client, "sent ego/front/rgb") > before + 10).then_some(())
+        });
     };
 
     viewer.kill9();
@@ -85,7 +104,8 @@ fn each_consumer_may_be_killed_and_come_back() {
     for process in [viewer, driver] {
         process.stop().expect_code(0);
     }
-    // A recorder on a busy machine may lose frames and say so; what matters here is that it finishes its file.
+    // A recorder on a busy machine may lose frames and say so; what matters here is that it
+    // finishes its file.
     assert!([0, 3].contains(&recorder.stop().code()));
     sequences(&sandbox.path("b.mcap"));
     assert!(daemon.is_running());
@@ -108,22 +128,39 @@ fn all_consumers_carry_on_by_themselves_after_the_simulator_was_killed() {
     assert_ne!(wait_driven(&sandbox, Some(epoch)), epoch);
     wait_size(&sandbox, "drive.2.mcap.part", 6_000_000);
     wait_size(&sandbox, "drive.2.rrd", 500_000);
-    assert!(driver.lines().iter().filter(|line| line.contains(DRIVING)).count() >= 2);
+    assert!(
+        driver
+            .lines()
+            .iter()
+            .filter(|line| line.contains(DRIVING))
+            .count()
+            >= 2
+    );
     for process in [viewer, driver] {
         process.stop().expect_code(0);
     }
     assert!([0, 3].contains(&recorder.stop().code()));
-    let (first, second) = (sequences(&sandbox.path("drive.mcap")), sequences(&sandbox.path("drive.2.mcap")));
+    let (first, second) = (
+        sequences(&sandbox.path("drive.mcap")),
+        sequences(&sandbox.path("drive.2.mcap")),
+    );
     for topic in SMALL_RIG_TOPICS {
         let channel = format!("/{topic}/gantry");
-        assert!(first.contains_key(&channel) && second.contains_key(&channel), "{topic} is recorded before and after");
+        assert!(
+            first.contains_key(&channel) && second.contains_key(&channel),
+            "{topic} is recorded before and after"
+        );
     }
-    assert!(gapless(&second, "/world/snapshot").0 <= 5, "the new run is recorded from its start");
+    assert!(
+        gapless(&second, "/world/snapshot").0 <= 5,
+        "the new run is recorded from its start"
+    );
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);
 }
 
-/// A reader that holds all the frames it may is killed; its place and its frames are free again. More often than there are places.
+/// A reader that holds all the frames it may is killed; its place and its frames are free again.
+/// More often than there are places.
 #[test]
 fn readers_killed_while_they_hold_frames_give_their_places_back() {
     let sandbox = Sandbox::new("holders");
@@ -133,23 +170,40 @@ fn readers_killed_while_they_hold_frames_give_their_places_back() {
         sandbox.domain()
     );
     let source = repository().join("schemas/python/src");
-    let env = [("PYTHONPATH", source.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1")];
+    let env = [
+        ("PYTHONPATH", source.to_str().unwrap()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+    ];
     let bus = join_bus(&sandbox, "test");
     let mut survivor = reader(&bus, "ego/front/depth");
     for _ in 0..3 {
-        let start = |_| sandbox.spawn_program("holder", &venv_program("python"), &["-c", &code], &env);
+        let start =
+            |_| sandbox.spawn_program("holder", &venv_program("python"), &["-c", &code], &env);
         let mut holders: Vec<Process> = (0..4).map(start).collect();
-        holders.iter_mut().for_each(|holder| drop(holder.wait_line("holding 3")));
+        holders
+            .iter_mut()
+            .for_each(|holder| drop(holder.wait_line("holding 3")));
         wait_readers(&bus, "ego/front/depth", 5);
         for holder in holders {
             holder.signal(Signal::SIGKILL);
             holder.wait();
         }
-        let seq = eventually("a frame", || survivor.latest().unwrap()).header().seq;
-        eventually("ten frames more", || survivor.latest().unwrap().filter(|frame| frame.header().seq > seq + 10));
+        let seq = eventually("a frame", || survivor.latest().unwrap())
+            .header()
+            .seq;
+        eventually("ten frames more", || {
+            survivor
+                .latest()
+                .unwrap()
+                .filter(|frame| frame.header().seq > seq + 10)
+        });
     }
     let mut client = bus.command_client("test").unwrap();
-    assert_eq!(counter(&mut client, "dropped ego/front/depth"), 0, "the daemon never lacked a slot");
+    assert_eq!(
+        counter(&mut client, "dropped ego/front/depth"),
+        0,
+        "the daemon never lacked a slot"
+    );
     drop((survivor, client, bus));
     daemon.stop().expect_code(0);
     assert_nothing_left(&sandbox);

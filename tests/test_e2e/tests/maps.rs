@@ -1,4 +1,5 @@
-//! Maps by name, by path, from the map folder and handed over as a text; and that loading again and again costs no memory.
+//! Maps by name, by path, from the map folder and handed over as a text; and that loading again and
+//! again costs no memory.
 
 use std::time::Instant;
 
@@ -25,7 +26,12 @@ fn start(name: &str) -> Bench {
     let daemon = start_daemon(&sandbox, LAUNCH, &["--data", data.to_str().unwrap()]);
     let bus = join_bus(&sandbox, "test");
     let client = bus.command_client("test").unwrap();
-    Bench { daemon, bus, client, sandbox }
+    Bench {
+        daemon,
+        bus,
+        client,
+        sandbox,
+    }
 }
 
 impl Bench {
@@ -36,19 +42,41 @@ impl Bench {
     /// The map is in force: its name, its text; the ego stands on it.
     fn expect(&mut self, name: &str, text: &str) {
         eventually(&format!("world/info names {name}"), || {
-            (document(&self.bus, names::WORLD_INFO).json::<WorldInfo>().unwrap().map == name).then_some(())
+            (document(&self.bus, names::WORLD_INFO)
+                .json::<WorldInfo>()
+                .unwrap()
+                .map
+                == name)
+                .then_some(())
         });
-        assert!(document(&self.bus, names::WORLD_MAP).text == text, "world/map is the text of {name}");
-        let points: SpawnPoints = document(&self.bus, names::WORLD_SPAWN_POINTS).json().unwrap();
-        assert!(points.points.len() > 20, "{} has {} spawn points", name, points.points.len());
+        assert!(
+            document(&self.bus, names::WORLD_MAP).text == text,
+            "world/map is the text of {name}"
+        );
+        let points: SpawnPoints = document(&self.bus, names::WORLD_SPAWN_POINTS)
+            .json()
+            .unwrap();
+        assert!(
+            points.points.len() > 20,
+            "{} has {} spawn points",
+            name,
+            points.points.len()
+        );
         step(&mut self.client, 20);
         let mut snapshots = self.bus.snapshot_reader().unwrap();
         let snapshot = eventually("the newest snapshot", || snapshots.latest().unwrap());
-        let vehicles = snapshot.records().iter().filter(|actor| actor.vehicle().is_some());
+        let vehicles = snapshot
+            .records()
+            .iter()
+            .filter(|actor| actor.vehicle().is_some());
         for actor in vehicles {
             // The vertical part of the body's own z axis: 1 − 2(x² + y²) of its quaternion.
             let [x, y, ..] = actor.world_from_actor.rotation_xyzw;
-            assert!(1.0 - 2.0 * (x * x + y * y) > 0.99, "actor {} lies on its side on {name}", actor.id);
+            assert!(
+                1.0 - 2.0 * (x * x + y * y) > 0.99,
+                "actor {} lies on its side on {name}",
+                actor.id
+            );
         }
     }
 }
@@ -63,30 +91,67 @@ fn maps_load_by_name_path_folder_and_text() {
     let road = bench.sandbox.path("elsewhere/road.xodr");
     std::fs::write(&road, text.replace("Town02", "road")).unwrap();
 
-    let CommandReply::Maps { names: listed } = ask(&mut bench.client, Command::ListMaps) else { panic!("maps are listed") };
-    assert!(["Town01", "Town10HD", "mine"].iter().all(|name| listed.contains(&(*name).to_owned())), "{listed:?}");
+    let CommandReply::Maps { names: listed } = ask(&mut bench.client, Command::ListMaps) else {
+        panic!("maps are listed")
+    };
+    assert!(
+        ["Town01", "Town10HD", "mine"]
+            .iter()
+            .all(|name| listed.contains(&(*name).to_owned())),
+        "{listed:?}"
+    );
     assert_eq!(bench.load("mine"), CommandReply::Done);
     bench.expect("mine", &text);
     assert_eq!(bench.load(road.to_str().unwrap()), CommandReply::Done);
     bench.expect("road", &text.replace("Town02", "road"));
-    for (map, sentence) in
-        [("nowhere", "not found"), ("../elsewhere/road", "not found"), ("elsewhere/none.xodr", "not found"), ("", "1 to 4096")]
-    {
-        let CommandReply::Refused { error } = bench.load(map) else { panic!("{map:?} must be refused") };
+    for (map, sentence) in [
+        ("nowhere", "not found"),
+        ("../elsewhere/road", "not found"),
+        ("elsewhere/none.xodr", "not found"),
+        ("", "1 to 4096"),
+    ] {
+        let CommandReply::Refused { error } = bench.load(map) else {
+            panic!("{map:?} must be refused")
+        };
         assert!(error.contains(sentence), "{error}");
     }
     std::fs::write(folder.join("broken.xodr"), &text[..text.len() / 2]).unwrap();
-    let CommandReply::Refused { error } = bench.load("broken") else { panic!("half a file must be refused") };
-    assert!(error.contains("broken.xodr") && error.contains("line"), "{error}");
+    let CommandReply::Refused { error } = bench.load("broken") else {
+        panic!("half a file must be refused")
+    };
+    assert!(
+        error.contains("broken.xodr") && error.contains("line"),
+        "{error}"
+    );
     bench.expect("road", &text.replace("Town02", "road"));
 
-    let stored =
-        StoredMap { name: "handed_over".into(), open_drive: text.clone(), wall_height_m: 1.0, roadside: false, ..StoredMap::default() };
-    assert_eq!(ask(&mut bench.client, Command::StoreMap(stored.clone())), CommandReply::Done);
+    let stored = StoredMap {
+        name: "handed_over".into(),
+        open_drive: text.clone(),
+        wall_height_m: 1.0,
+        roadside: false,
+        ..StoredMap::default()
+    };
+    assert_eq!(
+        ask(&mut bench.client, Command::StoreMap(stored.clone())),
+        CommandReply::Done
+    );
     assert_eq!(bench.load("handed_over"), CommandReply::Done);
     bench.expect("handed_over", &text);
-    for bad in [StoredMap { name: "../out".into(), ..stored.clone() }, StoredMap { open_drive: "<x/>".into(), ..stored }] {
-        assert!(matches!(ask(&mut bench.client, Command::StoreMap(bad)), CommandReply::Refused { .. }));
+    for bad in [
+        StoredMap {
+            name: "../out".into(),
+            ..stored.clone()
+        },
+        StoredMap {
+            open_drive: "<x/>".into(),
+            ..stored
+        },
+    ] {
+        assert!(matches!(
+            ask(&mut bench.client, Command::StoreMap(bad)),
+            CommandReply::Refused { .. }
+        ));
     }
     drop(bench.client);
     drop(bench.bus);
@@ -94,10 +159,15 @@ fn maps_load_by_name_path_folder_and_text() {
     test_e2e::assert_nothing_left(&bench.sandbox);
 }
 
-/// Loads maps in turn. After a first round, in which caches fill, resident memory must not grow with the number of loads.
+/// Loads maps in turn. After a first round, in which caches fill, resident memory must not grow
+/// with the number of loads.
 #[test]
 fn loading_again_and_again_costs_no_memory() {
-    let n_loads = if std::env::var_os("GANTRY_SOAK").is_some() { 1000 } else { 40 };
+    let n_loads = if std::env::var_os("GANTRY_SOAK").is_some() {
+        1000
+    } else {
+        40
+    };
     let mut bench = start("reload");
     let text = document(&bench.bus, names::WORLD_MAP).text.clone();
     std::fs::write(bench.sandbox.path("data/maps/mine.xodr"), &text).unwrap();
@@ -123,7 +193,10 @@ fn loading_again_and_again_costs_no_memory() {
         end_bytes >> 20
     );
     // A town's meshes and solids are tens of MiB: a leak of one per load would be hundreds.
-    assert!(end_bytes < settled_bytes + (48 << 20), "{settled_bytes} bytes grew to {end_bytes} over {n_loads} loads");
+    assert!(
+        end_bytes < settled_bytes + (48 << 20),
+        "{settled_bytes} bytes grew to {end_bytes} over {n_loads} loads"
+    );
     // Nine other towns push the first ones out of what is kept.
     for map in ["Town03", "Town05", "Town06", "Town07", "Town10HD"] {
         let started = Instant::now();

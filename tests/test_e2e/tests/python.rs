@@ -1,4 +1,5 @@
-//! The Python package against a real daemon, with the interpreter of the repository's own environment.
+//! The Python package against a real daemon, with the interpreter of the repository's own
+//! environment.
 
 use test_e2e::{SMALL_RIG, assert_nothing_left, spawn_consumer, start_daemon, venv_program};
 use test_kit::Sandbox;
@@ -13,9 +14,20 @@ fn every_kind_of_frame_is_read_in_place() {
     let script = repository().join("tests/test_e2e/python/every_frame.py");
     let package = repository().join("schemas/python/src");
     let args = [script.to_str().unwrap(), sandbox.domain()];
-    let env = [("PYTHONPATH", package.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1")];
-    let ended = sandbox.spawn_program("python", &venv_program("python"), &args, &env).wait().expect_code(0);
-    for check in ["check_every_kind", "check_sync", "check_world", "check_sentences"] {
+    let env = [
+        ("PYTHONPATH", package.to_str().unwrap()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+    ];
+    let ended = sandbox
+        .spawn_program("python", &venv_program("python"), &args, &env)
+        .wait()
+        .expect_code(0);
+    for check in [
+        "check_every_kind",
+        "check_sync",
+        "check_world",
+        "check_sentences",
+    ] {
         assert!(ended.says(&format!("{check} passed")), "{:?}", ended.lines);
     }
     driver.stop().expect_code(0);
@@ -30,8 +42,27 @@ fn the_package_passes_its_own_tests_without_skipping() {
     let package = repository().join("schemas/python");
     let (tests, source) = (package.join("tests"), package.join("src"));
     let card = binary_path("examples/test_card");
-    let env = [("PYTHONPATH", source.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1"), ("GANTRY_TEST_CARD", card.to_str().unwrap())];
-    let args = ["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", tests.to_str().unwrap()];
-    let ended = sandbox.spawn_program("pytest", &venv_program("python"), &args, &env).wait().expect_code(0);
-    assert!(ended.says(" passed") && !ended.says("skipped"), "{:?}", ended.lines);
+    let env = [
+        ("PYTHONPATH", source.to_str().unwrap()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+        ("GANTRY_TEST_CARD", card.to_str().unwrap()),
+    ];
+    let args = [
+        "-m",
+        "pytest",
+        "-q",
+        "-rs",
+        "-p",
+        "no:cacheprovider",
+        tests.to_str().unwrap(),
+    ];
+    let ended = sandbox
+        .spawn_program("pytest", &venv_program("python"), &args, &env)
+        .wait()
+        .expect_code(0);
+    assert!(
+        ended.says(" passed") && !ended.says("skipped"),
+        "{:?}",
+        ended.lines
+    );
 }

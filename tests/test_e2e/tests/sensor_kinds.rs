@@ -1,9 +1,13 @@
-//! Radar, obstacle, collision and lane invasion on the bus, against the snapshot and the map; spring arms; order of making.
+//! Radar, obstacle, collision and lane invasion on the bus, against the snapshot and the map;
+//! spring arms; order of making.
 
 use nalgebra::{Point3, Vector3};
 use schema_bus::{FrameReader, Snapshot, SnapshotReader};
 use schema_frames::document::PoseText;
-use schema_frames::{Attachment, CollisionEvent, Command, CommandReply, FrameHeader, LaneCrossing, ObstacleEvent, RadarDetection};
+use schema_frames::{
+    Attachment, CollisionEvent, Command, CommandReply, FrameHeader, LaneCrossing, ObstacleEvent,
+    RadarDetection,
+};
 use schema_types::{Class, Pose};
 use test_e2e::{ask, document, join_bus, reader, start_daemon, step};
 use test_kit::{Sandbox, eventually};
@@ -58,7 +62,8 @@ fn newest(snapshots: &mut SnapshotReader) -> Snapshot {
     eventually("the newest snapshot", || snapshots.latest().unwrap())
 }
 
-/// Goal: the ego runs into a parked car 14 m ahead; radar and obstacle detector see it come, the collision detector feels it.
+/// Goal: the ego runs into a parked car 14 m ahead; radar and obstacle detector see it come, the
+/// collision detector feels it.
 #[test]
 fn a_run_into_a_parked_car_is_seen_coming_and_felt() {
     let sandbox = Sandbox::new("kinds");
@@ -70,8 +75,15 @@ fn a_run_into_a_parked_car_is_seen_coming_and_felt() {
     let mut bump = reader(&bus, "ego/bump/collision");
     let mut snapshots = bus.snapshot_reader().unwrap();
     step(&mut client, 20);
-    assert!(drain::<ObstacleEvent>(&mut ahead).is_empty(), "nothing ahead, nothing sent");
-    let ego_id = drain::<RadarDetection>(&mut radar).last().expect("a radar sends every tick").0.parent_id;
+    assert!(
+        drain::<ObstacleEvent>(&mut ahead).is_empty(),
+        "nothing ahead, nothing sent"
+    );
+    let ego_id = drain::<RadarDetection>(&mut radar)
+        .last()
+        .expect("a radar sends every tick")
+        .0
+        .parent_id;
     drain::<CollisionEvent>(&mut bump);
 
     let ego = *newest(&mut snapshots).actor(ego_id).unwrap();
@@ -85,10 +97,18 @@ fn a_run_into_a_parked_car_is_seen_coming_and_felt() {
         role: String::new(),
         attributes: Default::default(),
     };
-    let CommandReply::Spawned { actor_id: parked, .. } = ask(&mut client, spawn) else { panic!("must be made") };
+    let CommandReply::Spawned {
+        actor_id: parked, ..
+    } = ask(&mut client, spawn)
+    else {
+        panic!("must be made")
+    };
     step(&mut client, 10);
     let forward = world_from_ego.rotation * Vector3::x();
-    let set = Command::SetVelocity { actor_id: ego_id, velocity_in_world_mps: (forward * 9.0).into() };
+    let set = Command::SetVelocity {
+        actor_id: ego_id,
+        velocity_in_world_mps: (forward * 9.0).into(),
+    };
     assert_eq!(ask(&mut client, set), CommandReply::Done);
     drain::<RadarDetection>(&mut radar);
     drain::<ObstacleEvent>(&mut ahead);
@@ -97,45 +117,81 @@ fn a_run_into_a_parked_car_is_seen_coming_and_felt() {
     for _ in 0..60 {
         step(&mut client, 1);
         let snapshot = newest(&mut snapshots);
-        let (ego, other) = (*snapshot.actor(ego_id).unwrap(), *snapshot.actor(parked).unwrap());
+        let (ego, other) = (
+            *snapshot.actor(ego_id).unwrap(),
+            *snapshot.actor(parked).unwrap(),
+        );
         drop(snapshot);
         felt.extend(drain::<CollisionEvent>(&mut bump));
         if !felt.is_empty() {
             break;
         }
-        let (header, detections) = drain::<RadarDetection>(&mut radar).pop().expect("one a tick");
+        let (header, detections) = drain::<RadarDetection>(&mut radar)
+            .pop()
+            .expect("one a tick");
         assert_eq!(header.window_nanos, 50_000_000);
-        let seen: Vec<_> = detections.iter().filter(|detection| detection.object_id == parked).collect();
-        assert!(seen.len() > 50, "4000 rays a second are 200 a tick, most of them on the car");
+        let seen: Vec<_> = detections
+            .iter()
+            .filter(|detection| detection.object_id == parked)
+            .collect();
+        assert!(
+            seen.len() > 50,
+            "4000 rays a second are 200 a tick, most of them on the car"
+        );
         // What the snapshot says of both, at the radar's own place.
         let lever = world_from_ego.rotation * Vector3::new(2.0, 0.0, 0.8);
-        let own = Vector3::from(ego.velocity_in_world_mps) + Vector3::from(ego.angular_velocity_in_world_radps).cross(&lever);
+        let own = Vector3::from(ego.velocity_in_world_mps)
+            + Vector3::from(ego.angular_velocity_in_world_radps).cross(&lever);
         let approach = Vector3::from(other.velocity_in_world_mps) - own;
         for detection in seen {
             assert_eq!(detection.class, Class::CAR.0);
             let (azimuth, altitude) = (detection.azimuth_rad as f64, detection.altitude_rad as f64);
-            let along = Vector3::new(azimuth.cos() * altitude.cos(), azimuth.sin() * altitude.cos(), altitude.sin());
+            let along = Vector3::new(
+                azimuth.cos() * altitude.cos(),
+                azimuth.sin() * altitude.cos(),
+                altitude.sin(),
+            );
             let along = header.world_from_sensor.isometry().rotation * along;
-            assert!((detection.velocity_mps as f64 - approach.dot(&along)).abs() < 0.3, "{detection:?} {approach}");
+            assert!(
+                (detection.velocity_mps as f64 - approach.dot(&along)).abs() < 0.3,
+                "{detection:?} {approach}"
+            );
         }
         n_seen += 1;
-        let (_, obstacles) = drain::<ObstacleEvent>(&mut ahead).pop().expect("the car is ahead");
-        let gap = (Vector3::from(other.world_from_actor.translation_m) - Vector3::from(ego.world_from_actor.translation_m)).norm();
-        // From the ego's origin to the other's rear: half its length, 2.3 to 2.4 m, and the ball's radius less.
+        let (_, obstacles) = drain::<ObstacleEvent>(&mut ahead)
+            .pop()
+            .expect("the car is ahead");
+        let gap = (Vector3::from(other.world_from_actor.translation_m)
+            - Vector3::from(ego.world_from_actor.translation_m))
+        .norm();
+        // From the ego's origin to the other's rear: half its length, 2.3 to 2.4 m, and the ball's
+        // radius less.
         assert_eq!((obstacles.len(), obstacles[0].object_id), (1, parked));
-        assert!((gap - obstacles[0].distance_m as f64 - 2.65).abs() < 0.25, "{gap} {:?}", obstacles[0]);
+        assert!(
+            (gap - obstacles[0].distance_m as f64 - 2.65).abs() < 0.25,
+            "{gap} {:?}",
+            obstacles[0]
+        );
     }
     let (header, events) = felt.first().expect("9 m/s over 9 m end in a collision");
     assert_eq!(header.parent_id, ego_id);
     assert!(n_seen > 5, "seen in {n_seen} ticks before");
-    let hit = events.iter().find(|event| event.other_id == parked).expect("with the parked car");
+    let hit = events
+        .iter()
+        .find(|event| event.other_id == parked)
+        .expect("with the parked car");
     assert_eq!(hit.class, Class::CAR.0);
     let impulse = Vector3::from(hit.impulse_in_world_ns);
-    // Braked by the other car: against the way, and no more than would stop the ego and throw it back as fast.
-    assert!(impulse.dot(&forward) < -500.0 && impulse.norm() < 2.0 * 9.0 * 2500.0, "{impulse}");
+    // Braked by the other car: against the way, and no more than would stop the ego and throw it
+    // back as fast.
+    assert!(
+        impulse.dot(&forward) < -500.0 && impulse.norm() < 2.0 * 9.0 * 2500.0,
+        "{impulse}"
+    );
 }
 
-/// Goal: pushed sideways over the lane's edges, each crossing is reported where a line of the map is, and none while standing.
+/// Goal: pushed sideways over the lane's edges, each crossing is reported where a line of the map
+/// is, and none while standing.
 #[test]
 fn lines_are_crossed_where_the_map_has_them() {
     let sandbox = Sandbox::new("lines");
@@ -150,41 +206,76 @@ fn lines_are_crossed_where_the_map_has_them() {
     let ego_id = imu.next().unwrap().unwrap().header().parent_id;
     drain::<LaneCrossing>(&mut lines);
     step(&mut client, 10);
-    assert!(drain::<LaneCrossing>(&mut lines).is_empty(), "a car at rest crosses nothing");
+    assert!(
+        drain::<LaneCrossing>(&mut lines).is_empty(),
+        "a car at rest crosses nothing"
+    );
 
     let mut snapshots = bus.snapshot_reader().unwrap();
-    let start = newest(&mut snapshots).actor(ego_id).unwrap().world_from_actor;
+    let start = newest(&mut snapshots)
+        .actor(ego_id)
+        .unwrap()
+        .world_from_actor;
     let (mut n_crossings, mut seqs) = (0, Vec::new());
     for k in 1..=24 {
         let at = start.isometry() * Point3::new(0.0, 0.25 * k as f64, 0.05);
-        let pose: PoseText = Pose { translation_m: at.coords.into(), ..start }.into();
-        assert_eq!(ask(&mut client, Command::SetPose { actor_id: ego_id, pose }), CommandReply::Done);
+        let pose: PoseText = Pose {
+            translation_m: at.coords.into(),
+            ..start
+        }
+        .into();
+        assert_eq!(
+            ask(
+                &mut client,
+                Command::SetPose {
+                    actor_id: ego_id,
+                    pose
+                }
+            ),
+            CommandReply::Done
+        );
         step(&mut client, 1);
         for (header, crossings) in drain::<LaneCrossing>(&mut lines) {
             seqs.push(header.seq);
             for crossing in crossings {
                 n_crossings += 1;
                 let place = crossing.crossing_in_world_m.map(f64::from);
-                let near =
-                    |mark: &schema_roads::MarkLine| mark.points.windows(2).any(|ends| distance_to_segment(place, ends[0], ends[1]) < 0.05);
-                let found = marks.iter().find(|mark| mark.kind as u8 == crossing.mark && mark.lane == crossing.lane && near(mark));
-                assert!(found.is_some_and(|mark| mark.road == crossing.road), "{crossing:?} is on no line of the map");
+                let near = |mark: &schema_roads::MarkLine| {
+                    mark.points
+                        .windows(2)
+                        .any(|ends| distance_to_segment(place, ends[0], ends[1]) < 0.05)
+                };
+                let found = marks.iter().find(|mark| {
+                    mark.kind as u8 == crossing.mark && mark.lane == crossing.lane && near(mark)
+                });
+                assert!(
+                    found.is_some_and(|mark| mark.road == crossing.road),
+                    "{crossing:?} is on no line of the map"
+                );
             }
         }
     }
     assert!(n_crossings > 0, "six metres to the left cross some line");
-    assert!(seqs.windows(2).all(|pair| pair[1] == pair[0] + 1), "{seqs:?}: numbers of event frames have no gaps");
+    assert!(
+        seqs.windows(2).all(|pair| pair[1] == pair[0] + 1),
+        "{seqs:?}: numbers of event frames have no gaps"
+    );
 }
 
 /// In the plan.
 fn distance_to_segment(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
     let (way, from) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let length2 = way[0] * way[0] + way[1] * way[1];
-    let share = if length2 > 0.0 { ((from[0] * way[0] + from[1] * way[1]) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    let share = if length2 > 0.0 {
+        ((from[0] * way[0] + from[1] * way[1]) / length2).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
     (from[0] - share * way[0]).hypot(from[1] - share * way[1])
 }
 
-/// Goal: what hangs on a boom lags a turn, its frames carry the snapshot's pose bit for bit, and a boom without a parent is refused.
+/// Goal: what hangs on a boom lags a turn, its frames carry the snapshot's pose bit for bit, and a
+/// boom without a parent is refused.
 #[test]
 fn a_boom_lags_and_its_pose_is_the_snapshots() {
     let sandbox = Sandbox::new("boom");
@@ -195,10 +286,23 @@ fn a_boom_lags_and_its_pose_is_the_snapshots() {
     let mut snapshots = bus.snapshot_reader().unwrap();
     step(&mut client, 20);
     let header = *imu.latest().unwrap().unwrap().header();
-    let ego = newest(&mut snapshots).actor(header.parent_id).unwrap().world_from_actor.isometry();
+    let ego = newest(&mut snapshots)
+        .actor(header.parent_id)
+        .unwrap()
+        .world_from_actor
+        .isometry();
     let turned = ego * nalgebra::Isometry3::rotation(Vector3::z() * 0.8);
     let pose: PoseText = Pose::from(turned).into();
-    assert_eq!(ask(&mut client, Command::SetPose { actor_id: header.parent_id, pose }), CommandReply::Done);
+    assert_eq!(
+        ask(
+            &mut client,
+            Command::SetPose {
+                actor_id: header.parent_id,
+                pose
+            }
+        ),
+        CommandReply::Done
+    );
     let yaw = |pose: &Pose| {
         let forward = pose.isometry().rotation * Vector3::x();
         forward.y.atan2(forward.x)
@@ -207,12 +311,22 @@ fn a_boom_lags_and_its_pose_is_the_snapshots() {
     for tick in 1..=8 {
         step(&mut client, 1);
         let frame = imu.latest().unwrap().expect("one a tick");
-        let sensor_pose = newest(&mut snapshots).actor(header.sensor_id).unwrap().world_from_actor;
-        assert_eq!(bytemuck::bytes_of(&frame.header().world_from_sensor), bytemuck::bytes_of(&sensor_pose));
+        let sensor_pose = newest(&mut snapshots)
+            .actor(header.sensor_id)
+            .unwrap()
+            .world_from_actor;
+        assert_eq!(
+            bytemuck::bytes_of(&frame.header().world_from_sensor),
+            bytemuck::bytes_of(&sensor_pose)
+        );
         // Three sub-steps of 1/60 s a tick, each leaving 1 − 8/60 of the angle.
         let left = 0.8 * (1.0 - 8.0 / 60.0f64).powi(3 * tick);
-        let turned = (yaw(&frame.header().world_from_sensor) - before).rem_euclid(std::f64::consts::TAU);
-        assert!((0.8 - turned - left).abs() < 0.02, "tick {tick}: {turned}, {left} left");
+        let turned =
+            (yaw(&frame.header().world_from_sensor) - before).rem_euclid(std::f64::consts::TAU);
+        assert!(
+            (0.8 - turned - left).abs() < 0.02,
+            "tick {tick}: {turned}, {left} left"
+        );
     }
     let wish = Command::SpawnSensor {
         type_id: "sensor.other.imu".into(),
@@ -223,11 +337,14 @@ fn a_boom_lags_and_its_pose_is_the_snapshots() {
         spec: serde_json::from_str(r#"{"kind": "imu"}"#).unwrap(),
         attributes: Default::default(),
     };
-    let CommandReply::Refused { error } = ask(&mut client, wish) else { panic!("nothing to hang it on") };
+    let CommandReply::Refused { error } = ask(&mut client, wish) else {
+        panic!("nothing to hang it on")
+    };
     assert!(error.contains("no parent"), "{error}");
 }
 
-/// Goal: the payloads of noisy sensors are the same whatever other sensors exist and in whatever order they were made.
+/// Goal: the payloads of noisy sensors are the same whatever other sensors exist and in whatever
+/// order they were made.
 #[test]
 fn bytes_do_not_depend_on_other_sensors_or_their_order() {
     let specs = [
@@ -238,7 +355,11 @@ fn bytes_do_not_depend_on_other_sensors_or_their_order() {
     ];
     let run = |order: &[usize], n_more: usize| {
         let sandbox = Sandbox::new("order");
-        let _daemon = start_daemon(&sandbox, &LAUNCH.replace("[sensor.bump]", "[sensor.bumper]"), &[]);
+        let _daemon = start_daemon(
+            &sandbox,
+            &LAUNCH.replace("[sensor.bump]", "[sensor.bumper]"),
+            &[],
+        );
         let bus = join_bus(&sandbox, "test");
         let mut client = bus.command_client("test").unwrap();
         let ego_id = {
@@ -264,10 +385,15 @@ fn bytes_do_not_depend_on_other_sensors_or_their_order() {
         for k in 0..n_more {
             make(specs[k % specs.len()], 1.0 + k as f64);
         }
-        let mut readers: Vec<_> = order.iter().map(|i| (*i, reader(&bus, &make(specs[*i], 0.0)))).collect();
+        let mut readers: Vec<_> = order
+            .iter()
+            .map(|i| (*i, reader(&bus, &make(specs[*i], 0.0))))
+            .collect();
         step(&mut client, 3);
         readers.sort_by_key(|(i, _)| *i);
-        let payloads = readers.into_iter().map(|(_, mut reader)| reader.latest().unwrap().expect("read").to_vec());
+        let payloads = readers
+            .into_iter()
+            .map(|(_, mut reader)| reader.latest().unwrap().expect("read").to_vec());
         payloads.collect::<Vec<_>>()
     };
     let first = run(&[0, 1, 2, 3], 0);

@@ -1,4 +1,5 @@
-//! `gantry up` with the real programs, as a user starts it: files that are whole, exit codes, nothing left behind.
+//! `gantry up` with the real programs, as a user starts it: files that are whole, exit codes,
+//! nothing left behind.
 
 use std::path::Path;
 
@@ -29,7 +30,14 @@ restart = {{ policy = \"on-failure\" }}
 fn up(sandbox: &Sandbox, launch: &str, more: &[&str]) -> Process {
     let file = sandbox.write("test.toml", launch);
     let data = sandbox.path("data");
-    let words = ["up", file.to_str().unwrap(), "--data", data.to_str().unwrap(), "--domain", sandbox.domain()];
+    let words = [
+        "up",
+        file.to_str().unwrap(),
+        "--data",
+        data.to_str().unwrap(),
+        "--domain",
+        sandbox.domain(),
+    ];
     sandbox.spawn("gantry", &[&words[..], more].concat())
 }
 
@@ -41,14 +49,23 @@ fn processes_of(sandbox: &Sandbox) -> Vec<(i32, String)> {
         let command = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
         Some((pid, String::from_utf8_lossy(&command).replace('\0', " ")))
     });
-    let named = |(_, command): &(i32, String)| command.split(' ').any(|word| word == sandbox.domain());
+    let named =
+        |(_, command): &(i32, String)| command.split(' ').any(|word| word == sandbox.domain());
     with_command.filter(named).collect()
 }
 
 fn pid_of(sandbox: &Sandbox, program: &str) -> Pid {
-    let is_it = |command: &str| command.split(' ').next().is_some_and(|first| first.rsplit('/').next() == Some(program));
+    let is_it = |command: &str| {
+        command
+            .split(' ')
+            .next()
+            .is_some_and(|first| first.rsplit('/').next() == Some(program))
+    };
     eventually(&format!("{program} runs"), || {
-        processes_of(sandbox).into_iter().find(|(_, command)| is_it(command)).map(|(pid, _)| Pid::from_raw(pid))
+        processes_of(sandbox)
+            .into_iter()
+            .find(|(_, command)| is_it(command))
+            .map(|(pid, _)| Pid::from_raw(pid))
     })
 }
 
@@ -62,11 +79,21 @@ fn assert_whole_files(sandbox: &Sandbox) {
     assert!(gapless(&found, "/world/snapshot").1 > 5);
     for topic in SMALL_RIG_TOPICS {
         let (first, last) = gapless(&found, &format!("/{topic}/gantry"));
-        assert!(first == 1 && last > 3, "{topic} goes from {first} to {last}");
+        assert!(
+            first == 1 && last > 3,
+            "{topic} goes from {first} to {last}"
+        );
     }
     let bytes = std::fs::read(sandbox.path("drive.rrd")).unwrap();
-    assert!(bytes.starts_with(b"RRF2") && bytes.len() > 100_000, "{} bytes", bytes.len());
-    let parts = std::fs::read_dir(sandbox.dir()).unwrap().flatten().filter(|entry| entry.file_name().to_string_lossy().ends_with(".part"));
+    assert!(
+        bytes.starts_with(b"RRF2") && bytes.len() > 100_000,
+        "{} bytes",
+        bytes.len()
+    );
+    let parts = std::fs::read_dir(sandbox.dir())
+        .unwrap()
+        .flatten()
+        .filter(|entry| entry.file_name().to_string_lossy().ends_with(".part"));
     assert_eq!(parts.count(), 0);
 }
 
@@ -77,7 +104,20 @@ fn size(path: &Path) -> u64 {
 #[test]
 fn some_seconds_give_a_recording_and_a_view_and_leave_nothing() {
     let sandbox = Sandbox::new("up");
-    up(&sandbox, &pipeline(), &["--for", "5s", "--record", "drive.mcap", "--view", "save:drive.rrd"]).wait().expect_code(0);
+    up(
+        &sandbox,
+        &pipeline(),
+        &[
+            "--for",
+            "5s",
+            "--record",
+            "drive.mcap",
+            "--view",
+            "save:drive.rrd",
+        ],
+    )
+    .wait()
+    .expect_code(0);
     assert_whole_files(&sandbox);
     assert_clean(&sandbox);
 }
@@ -85,10 +125,16 @@ fn some_seconds_give_a_recording_and_a_view_and_leave_nothing() {
 #[test]
 fn ctrl_c_in_the_middle_ends_well_with_whole_files() {
     let sandbox = Sandbox::new("ctrl-c");
-    let gantry = up(&sandbox, &pipeline(), &["--record", "drive.mcap", "--view", "save:drive.rrd"]);
+    let gantry = up(
+        &sandbox,
+        &pipeline(),
+        &["--record", "drive.mcap", "--view", "save:drive.rrd"],
+    );
     // The map and some frames; the viewer writes as it goes.
     eventually("files grow", || {
-        (size(&sandbox.path("drive.mcap.part")) > 5_000_000 && size(&sandbox.path("drive.rrd")) > 500_000).then_some(())
+        (size(&sandbox.path("drive.mcap.part")) > 5_000_000
+            && size(&sandbox.path("drive.rrd")) > 500_000)
+            .then_some(())
     });
     gantry.signal(Signal::SIGINT);
     gantry.wait().expect_code(0);
@@ -116,7 +162,15 @@ fn a_killed_driver_is_restarted_and_drives_on() {
     let first = pid_of(&sandbox, "gantry-drive");
     kill(first, Signal::SIGKILL).unwrap();
     gantry.wait_line("drive ended with signal SIGKILL");
-    eventually("it drives again", || (gantry.lines().iter().filter(|line| line.contains("driving vehicles=5")).count() >= 2).then_some(()));
+    eventually("it drives again", || {
+        (gantry
+            .lines()
+            .iter()
+            .filter(|line| line.contains("driving vehicles=5"))
+            .count()
+            >= 2)
+            .then_some(())
+    });
     assert_ne!(pid_of(&sandbox, "gantry-drive"), first);
     gantry.stop().expect_code(0);
     assert_clean(&sandbox);
@@ -125,8 +179,25 @@ fn a_killed_driver_is_restarted_and_drives_on() {
 #[test]
 fn a_dry_run_tells_everything_and_starts_nothing() {
     let sandbox = Sandbox::new("up-dry");
-    let ended = up(&sandbox, &pipeline(), &["--dry-run", "--record", "drive.mcap", "--set", "scenario.seed=9"]).wait().expect_code(0);
-    for text in ["seed = 9", "[sensor.roof]", "Shared memory", "ego/front/rgb (frames of up to 24576 bytes)"] {
+    let ended = up(
+        &sandbox,
+        &pipeline(),
+        &[
+            "--dry-run",
+            "--record",
+            "drive.mcap",
+            "--set",
+            "scenario.seed=9",
+        ],
+    )
+    .wait()
+    .expect_code(0);
+    for text in [
+        "seed = 9",
+        "[sensor.roof]",
+        "Shared memory",
+        "ego/front/rgb (frames of up to 24576 bytes)",
+    ] {
         assert!(ended.says(text), "{text:?} is not in {:?}", ended.lines);
     }
     assert!(!sandbox.path("drive.mcap.part").exists() && !sandbox.path("drive.mcap").exists());
@@ -136,15 +207,46 @@ fn a_dry_run_tells_everything_and_starts_nothing() {
 #[test]
 fn what_is_wrong_is_said_before_anything_starts() {
     let sandbox = Sandbox::new("up-wrong");
-    let ended = up(&sandbox, &pipeline().replace("rate_hz = 10", "rate_hs = 10"), &[]).wait().expect_code(2);
-    assert!(ended.says("unknown key \"rate_hs\"") && ended.says("did you mean \"rate_hz\"?"), "{:?}", ended.lines);
-    let ended = up(&sandbox, &pipeline().replace("\"gantry-drive\"", "\"gantry-drove\""), &[]).wait().expect_code(2);
-    assert!(ended.says("there is no program \"gantry-drove\""), "{:?}", ended.lines);
-    let ended = up(&sandbox, &pipeline(), &["--set", "sensor.front.rate_hz=7"]).wait().expect_code(2);
+    let ended = up(
+        &sandbox,
+        &pipeline().replace("rate_hz = 10", "rate_hs = 10"),
+        &[],
+    )
+    .wait()
+    .expect_code(2);
+    assert!(
+        ended.says("unknown key \"rate_hs\"") && ended.says("did you mean \"rate_hz\"?"),
+        "{:?}",
+        ended.lines
+    );
+    let ended = up(
+        &sandbox,
+        &pipeline().replace("\"gantry-drive\"", "\"gantry-drove\""),
+        &[],
+    )
+    .wait()
+    .expect_code(2);
+    assert!(
+        ended.says("there is no program \"gantry-drove\""),
+        "{:?}",
+        ended.lines
+    );
+    let ended = up(&sandbox, &pipeline(), &["--set", "sensor.front.rate_hz=7"])
+        .wait()
+        .expect_code(2);
     assert!(ended.says("rate_hz"), "{:?}", ended.lines);
     std::fs::write(sandbox.path("there.mcap"), "mine").unwrap();
-    let ended = up(&sandbox, &pipeline(), &["--record", "there.mcap", "--for", "1s"]).wait();
+    let ended = up(
+        &sandbox,
+        &pipeline(),
+        &["--record", "there.mcap", "--for", "1s"],
+    )
+    .wait();
     assert_ne!(ended.code(), 0, "{:?}", ended.lines);
-    assert_eq!(std::fs::read_to_string(sandbox.path("there.mcap")).unwrap(), "mine", "nobody's file is overwritten");
+    assert_eq!(
+        std::fs::read_to_string(sandbox.path("there.mcap")).unwrap(),
+        "mine",
+        "nobody's file is overwritten"
+    );
     assert_clean(&sandbox);
 }

@@ -1,4 +1,5 @@
-//! A topic of another version is refused by every kind of reader and by the simulator, each with a sentence that says what to do.
+//! A topic of another version is refused by every kind of reader and by the simulator, each with a
+//! sentence that says what to do.
 
 use schema_frames::SCHEMA_VERSION;
 use test_e2e::{SMALL_RIG, join_bus, spawn_consumer, spawn_daemon, venv_program};
@@ -10,7 +11,12 @@ const TOPIC: &str = "ego/front/rgb";
 /// A process that announces [`TOPIC`] with the schema of the future.
 fn other_version(sandbox: &Sandbox) -> Process {
     let program = binary_path("examples/other_version");
-    let mut process = sandbox.spawn_program("other_version", &program, &[sandbox.domain(), TOPIC, "99"], &[]);
+    let mut process = sandbox.spawn_program(
+        "other_version",
+        &program,
+        &[sandbox.domain(), TOPIC, "99"],
+        &[],
+    );
     process.wait_line("announces schema 99");
     process
 }
@@ -26,9 +32,14 @@ fn sentence(sandbox: &Sandbox) -> String {
 fn readers_refuse_another_version_with_a_sentence() {
     let sandbox = Sandbox::new("skew");
     let _other = other_version(&sandbox);
-    let error = join_bus(&sandbox, "test").frame_reader(TOPIC).map(drop).unwrap_err();
+    let error = join_bus(&sandbox, "test")
+        .frame_reader(TOPIC)
+        .map(drop)
+        .unwrap_err();
     assert_eq!(error.to_string(), sentence(&sandbox));
-    let ended = spawn_consumer(&sandbox, "gantry", &["topic", "hz", TOPIC]).wait().expect_code(1);
+    let ended = spawn_consumer(&sandbox, "gantry", &["topic", "hz", TOPIC])
+        .wait()
+        .expect_code(1);
     assert!(ended.says(&sentence(&sandbox)), "{:?}", ended.lines);
 }
 
@@ -41,10 +52,18 @@ fn python_refuses_another_version_with_a_sentence() {
         sandbox.domain()
     );
     let source = repository().join("schemas/python/src");
-    let env = [("PYTHONPATH", source.to_str().unwrap()), ("PYTHONDONTWRITEBYTECODE", "1")];
-    let ended = sandbox.spawn_program("python", &venv_program("python"), &["-c", &code], &env).wait().expect_code(0);
+    let env = [
+        ("PYTHONPATH", source.to_str().unwrap()),
+        ("PYTHONDONTWRITEBYTECODE", "1"),
+    ];
+    let ended = sandbox
+        .spawn_program("python", &venv_program("python"), &["-c", &code], &env)
+        .wait()
+        .expect_code(0);
     assert!(
-        ended.says(&format!("it carries schema 99, this package reads {SCHEMA_VERSION}; install the gantry package")),
+        ended.says(&format!(
+            "it carries schema 99, this package reads {SCHEMA_VERSION}; install the gantry package"
+        )),
         "{:?}",
         ended.lines
     );

@@ -32,12 +32,23 @@ pub struct Ended {
 impl Ended {
     /// Exit code; panics with the output if a signal ended it.
     pub fn code(&self) -> i32 {
-        self.status.code().unwrap_or_else(|| panic!("ended by a signal: {:?}\n{}", self.status, self.lines.join("\n")))
+        self.status.code().unwrap_or_else(|| {
+            panic!(
+                "ended by a signal: {:?}\n{}",
+                self.status,
+                self.lines.join("\n")
+            )
+        })
     }
 
     /// Asserts an exit code; the output is in the message.
     pub fn expect_code(self, code: i32) -> Self {
-        assert_eq!(self.status.code(), Some(code), "output:\n{}", self.lines.join("\n"));
+        assert_eq!(
+            self.status.code(),
+            Some(code),
+            "output:\n{}",
+            self.lines.join("\n")
+        );
         self
     }
 
@@ -48,7 +59,13 @@ impl Ended {
 }
 
 impl Process {
-    pub(crate) fn start(name: &str, program: &Path, args: &[&str], dir: &Path, env: &[(&str, &str)]) -> Self {
+    pub(crate) fn start(
+        name: &str,
+        program: &Path,
+        args: &[&str],
+        dir: &Path,
+        env: &[(&str, &str)],
+    ) -> Self {
         let mut child = Command::new(program)
             .args(args)
             .current_dir(dir)
@@ -63,7 +80,12 @@ impl Process {
         let out = child.stdout.take().expect("stdout is piped");
         let err = child.stderr.take().expect("stderr is piped");
         let readers = vec![collect(out, lines.clone()), collect(err, lines.clone())];
-        Process { name: name.to_owned(), child, lines, readers }
+        Process {
+            name: name.to_owned(),
+            child,
+            lines,
+            readers,
+        }
     }
 
     /// Process id.
@@ -73,7 +95,10 @@ impl Process {
 
     /// Lines so far.
     pub fn lines(&self) -> Vec<String> {
-        self.lines.lock().expect("reader threads do not panic").clone()
+        self.lines
+            .lock()
+            .expect("reader threads do not panic")
+            .clone()
     }
 
     /// Waits until a line contains `text` and returns it.
@@ -94,7 +119,12 @@ impl Process {
                 if let Some(line) = lines.iter().find(|line| line.contains(text)) {
                     return line.clone();
                 }
-                panic!("{} {} without saying {text:?}; output:\n{}", self.name, if ended { "ended" } else { "hangs" }, lines.join("\n"));
+                panic!(
+                    "{} {} without saying {text:?}; output:\n{}",
+                    self.name,
+                    if ended { "ended" } else { "hangs" },
+                    lines.join("\n")
+                );
             }
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
@@ -102,12 +132,16 @@ impl Process {
 
     /// Whether it still runs.
     pub fn is_running(&mut self) -> bool {
-        self.child.try_wait().expect("child can be waited for").is_none()
+        self.child
+            .try_wait()
+            .expect("child can be waited for")
+            .is_none()
     }
 
     /// Sends a signal.
     pub fn signal(&self, signal: Signal) {
-        kill(Pid::from_raw(self.child.id() as i32), signal).unwrap_or_else(|error| panic!("cannot signal {}: {error}", self.name));
+        kill(Pid::from_raw(self.child.id() as i32), signal)
+            .unwrap_or_else(|error| panic!("cannot signal {}: {error}", self.name));
     }
 
     /// `kill -9`, and waits until it is gone.
@@ -129,17 +163,28 @@ impl Process {
 
     /// Resident memory, bytes.
     pub fn resident_bytes(&self) -> u64 {
-        let statm = std::fs::read_to_string(format!("/proc/{}/statm", self.child.id())).unwrap_or_default();
-        statm.split_whitespace().nth(1).and_then(|pages| pages.parse::<u64>().ok()).unwrap_or(0) * 4096
+        let statm =
+            std::fs::read_to_string(format!("/proc/{}/statm", self.child.id())).unwrap_or_default();
+        statm
+            .split_whitespace()
+            .nth(1)
+            .and_then(|pages| pages.parse::<u64>().ok())
+            .unwrap_or(0)
+            * 4096
     }
 
     fn wait_end(&mut self) -> Ended {
         let name = self.name.clone();
-        let status = eventually(&format!("{name} ends"), || self.child.try_wait().expect("child can be waited for"));
+        let status = eventually(&format!("{name} ends"), || {
+            self.child.try_wait().expect("child can be waited for")
+        });
         for reader in self.readers.drain(..) {
             let _ = reader.join();
         }
-        Ended { status, lines: self.lines() }
+        Ended {
+            status,
+            lines: self.lines(),
+        }
     }
 }
 
@@ -152,10 +197,16 @@ impl Drop for Process {
     }
 }
 
-fn collect(pipe: impl Read + Send + 'static, lines: Arc<Mutex<Vec<String>>>) -> std::thread::JoinHandle<()> {
+fn collect(
+    pipe: impl Read + Send + 'static,
+    lines: Arc<Mutex<Vec<String>>>,
+) -> std::thread::JoinHandle<()> {
     std::thread::spawn(move || {
         for line in BufReader::new(pipe).split(b'\n').map_while(Result::ok) {
-            lines.lock().expect("reader threads do not panic").push(String::from_utf8_lossy(&line).into_owned());
+            lines
+                .lock()
+                .expect("reader threads do not panic")
+                .push(String::from_utf8_lossy(&line).into_owned());
         }
     })
 }

@@ -19,13 +19,24 @@ impl Sandbox {
     /// A fresh sandbox. `name` is for people who read a listing.
     pub fn new(name: &str) -> Self {
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
-        let dir = tempfile::Builder::new().prefix(&format!("gantry-{name}-")).tempdir().expect("temporary directory");
+        let dir = tempfile::Builder::new()
+            .prefix(&format!("gantry-{name}-"))
+            .tempdir()
+            .expect("temporary directory");
         let prefix = format!("gt{}x{number}_", std::process::id());
         std::fs::create_dir_all(dir.path().join("config")).expect("config directory");
         std::fs::create_dir_all(dir.path().join("iox")).expect("iceoryx2 root");
-        let config = format!("[global]\nroot-path = {:?}\nprefix = {prefix:?}\n", dir.path().join("iox").display().to_string());
-        std::fs::write(dir.path().join("config/iceoryx2.toml"), config).expect("iceoryx2 configuration");
-        Sandbox { dir, domain: format!("t{}x{number}", std::process::id()), prefix }
+        let config = format!(
+            "[global]\nroot-path = {:?}\nprefix = {prefix:?}\n",
+            dir.path().join("iox").display().to_string()
+        );
+        std::fs::write(dir.path().join("config/iceoryx2.toml"), config)
+            .expect("iceoryx2 configuration");
+        Sandbox {
+            dir,
+            domain: format!("t{}x{number}", std::process::id()),
+            prefix,
+        }
     }
 
     /// Working directory of every process of this test.
@@ -43,7 +54,8 @@ impl Sandbox {
         &self.domain
     }
 
-    /// Start of the names of this sandbox's files in `/dev/shm`, for ports opened by the test itself.
+    /// Start of the names of this sandbox's files in `/dev/shm`, for ports opened by the test
+    /// itself.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
@@ -53,7 +65,8 @@ impl Sandbox {
         self.path("iox")
     }
 
-    /// iceoryx2 file for programs that take one: relative to the working directory it is `config/iceoryx2.toml`.
+    /// iceoryx2 file for programs that take one: relative to the working directory it is
+    /// `config/iceoryx2.toml`.
     pub fn iceoryx_config(&self) -> PathBuf {
         self.path("config/iceoryx2.toml")
     }
@@ -71,16 +84,26 @@ impl Sandbox {
     }
 
     /// Starts any program in this sandbox with extra environment.
-    pub fn spawn_program(&self, name: &str, program: &Path, args: &[&str], env: &[(&str, &str)]) -> Process {
+    pub fn spawn_program(
+        &self,
+        name: &str,
+        program: &Path,
+        args: &[&str],
+        env: &[(&str, &str)],
+    ) -> Process {
         Process::start(name, program, args, self.dir.path(), env)
     }
 
     /// Shared-memory files that carry this sandbox's prefix.
     pub fn leftovers(&self) -> Vec<String> {
-        let Ok(entries) = std::fs::read_dir("/dev/shm") else { return Vec::new() };
+        let Ok(entries) = std::fs::read_dir("/dev/shm") else {
+            return Vec::new();
+        };
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
         // iceoryx2 keeps one 16-byte management file for ever, by design.
-        let mut left: Vec<String> = names.filter(|n| n.starts_with(&self.prefix) && !n.ends_with(".global_mgmt")).collect();
+        let mut left: Vec<String> = names
+            .filter(|n| n.starts_with(&self.prefix) && !n.ends_with(".global_mgmt"))
+            .collect();
         left.sort();
         left
     }
@@ -88,9 +111,15 @@ impl Sandbox {
 
 impl Drop for Sandbox {
     fn drop(&mut self) {
-        let Ok(entries) = std::fs::read_dir("/dev/shm") else { return };
+        let Ok(entries) = std::fs::read_dir("/dev/shm") else {
+            return;
+        };
         for entry in entries.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
+            if entry
+                .file_name()
+                .to_string_lossy()
+                .starts_with(&self.prefix)
+            {
                 let _ = std::fs::remove_file(entry.path());
             }
         }
@@ -103,12 +132,22 @@ impl Drop for Sandbox {
 /// With the command to run if it was not built.
 pub fn binary_path(binary: &str) -> PathBuf {
     let test = std::env::current_exe().expect("path of the running test");
-    let path = test.parent().and_then(Path::parent).expect("tests live in target/PROFILE/deps").join(binary);
-    assert!(path.exists(), "{binary} was not built; run: cargo build --release --workspace");
+    let path = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("tests live in target/PROFILE/deps")
+        .join(binary);
+    assert!(
+        path.exists(),
+        "{binary} was not built; run: cargo build --release --workspace"
+    );
     path
 }
 
 /// Root of the repository.
 pub fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("repository root")
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .canonicalize()
+        .expect("repository root")
 }

@@ -1,4 +1,5 @@
-//! Hiding scenery from rays: the hierarchies that there are against new ones, best of five, CPU time of the whole process.
+//! Hiding scenery from rays: the hierarchies that there are against new ones, best of five, CPU
+//! time of the whole process.
 //!
 //! `cargo run --release -p test_render --example ray_hiding [TOWN]`
 
@@ -14,14 +15,26 @@ fn main() {
     let town = std::env::args().nth(1).unwrap_or("Town10HD".to_owned());
     let stage = Stage::new(&town, 11, 10).unwrap_or_else(|error| panic!("{error}"));
     let whole = stage.scene(Weather::default()).assets;
-    let ids: BTreeSet<u32> =
-        whole.meshes.iter().flat_map(|mesh| &mesh.vertices).map(|vertex| vertex.object_id).filter(|id| *id != 0).collect();
+    let ids: BTreeSet<u32> = whole
+        .meshes
+        .iter()
+        .flat_map(|mesh| &mesh.vertices)
+        .map(|vertex| vertex.object_id)
+        .filter(|id| *id != 0)
+        .collect();
     let mut kept = RayScene::load_for_gpu(&whole);
-    println!("{town}: {} triangles, {} objects", kept.n_static_triangles(), ids.len());
+    println!(
+        "{town}: {} triangles, {} objects",
+        kept.n_static_triangles(),
+        ids.len()
+    );
     // The first time a table of the objects is made.
     let begin = Instant::now();
     assert!(kept.hide(&whole.without(&ids.iter().take(1).map(|id| ObjectId(*id)).collect())));
-    println!("hide the first object for the first time: {:.3} ms", begin.elapsed().as_secs_f64() * 1e3);
+    println!(
+        "hide the first object for the first time: {:.3} ms",
+        begin.elapsed().as_secs_f64() * 1e3
+    );
     for (name, step) in [("one object", ids.len()), ("every tenth object", 10)] {
         let less = whole.without(&ids.iter().step_by(step).map(|id| ObjectId(*id)).collect());
         let mut best_ms = [f64::INFINITY; 2];
@@ -34,6 +47,9 @@ fn main() {
             drop(RayScene::load_for_gpu(&less));
             best_ms[1] = best_ms[1].min(begin.elapsed().as_secs_f64() * 1e3);
         }
-        println!("hide {name}: in place {:.3} ms, new hierarchies {:.1} ms", best_ms[0], best_ms[1]);
+        println!(
+            "hide {name}: in place {:.3} ms, new hierarchies {:.1} ms",
+            best_ms[0], best_ms[1]
+        );
     }
 }

@@ -1,11 +1,16 @@
 //! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
 //!
-//! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
-//! `separate`: one view of six modalities against six sensors of one modality each, each rendered in a submission of its own, by turns in one run.
+//! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all
+//! but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
+//! `separate`: one view of six modalities against six sensors of one modality each, each rendered
+//! in a submission of its own, by turns in one run.
 //! `apart`: the same against six such views that go through one submission together.
-//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2` `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
-//! `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames are copied behind their drawing, or beside the next, where the adapter can).
-//! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of the process.
+//! Keys: `town=Town10HD` `vehicles=20` `frames=60` `size=800x600` `quality=low|high` `inflight=2`
+//! `place=0` `weather=day` `ply=FILE` `times=0|1` (what the passes take)
+//! `driving=0|1` (vehicles drive from frame to frame) `queues=1|2` (frames are copied behind their
+//! drawing, or beside the next, where the adapter can).
+//! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of
+//! the process.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -21,9 +26,18 @@ use sensor_spec::Intrinsics;
 use test_render::separate::{Sides, best, median};
 use test_render::{Cameras, Figures, Stage, peer, weathers};
 
-const SIX: [Modality; 6] = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+const SIX: [Modality; 6] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+];
 const TRIO: [Modality; 3] = [Modality::Rgb, Modality::Depth, Modality::Semantic];
-const ROWS: [&str; 8] = ["six", "separate", "apart", "rgb", "depth", "trio", "wide", "many"];
+const ROWS: [&str; 8] = [
+    "six", "separate", "apart", "rgb", "depth", "trio", "wide", "many",
+];
 
 struct Options {
     rows: Vec<String>,
@@ -60,12 +74,18 @@ fn options() -> Result<Options, String> {
     for word in std::env::args().skip(1) {
         let Some((key, value)) = word.split_once('=') else {
             if !ROWS.contains(&word.as_str()) && !["peer", "hide"].contains(&word.as_str()) {
-                return Err(format!("row {word:?} does not exist; rows are {}, hide, peer", ROWS.join(", ")));
+                return Err(format!(
+                    "row {word:?} does not exist; rows are {}, hide, peer",
+                    ROWS.join(", ")
+                ));
             }
             options.rows.push(word);
             continue;
         };
-        let number = |text: &str| text.parse::<usize>().map_err(|_| format!("{key} is {text:?}, but must be a whole number"));
+        let number = |text: &str| {
+            text.parse::<usize>()
+                .map_err(|_| format!("{key} is {text:?}, but must be a whole number"))
+        };
         match key {
             "town" => options.town = value.into(),
             "vehicles" => options.vehicles = number(value)?,
@@ -84,7 +104,9 @@ fn options() -> Result<Options, String> {
             }
             "ply" => options.ply = Some(value.into()),
             "size" => {
-                let (width, height) = value.split_once('x').ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
+                let (width, height) = value
+                    .split_once('x')
+                    .ok_or_else(|| format!("size is {value:?}, but must be like 800x600"))?;
                 options.size_px = [number(width)? as u32, number(height)? as u32];
             }
             "quality" => {
@@ -94,7 +116,11 @@ fn options() -> Result<Options, String> {
                     _ => return Err(format!("quality is {value:?}, but must be low or high")),
                 });
             }
-            _ => return Err(format!("key {key:?} does not exist; see the top of rendering_bench.rs")),
+            _ => {
+                return Err(format!(
+                    "key {key:?} does not exist; see the top of rendering_bench.rs"
+                ));
+            }
         }
     }
     if options.rows.is_empty() {
@@ -118,19 +144,44 @@ impl Bench {
         Intrinsics::from_fov(size_px[0], size_px[1], 90f64.to_radians())
     }
 
-    fn town(&self, name: &str, size_px: [u32; 2], asked: &[&[Modality]], pose: impl Fn(usize, f64) -> Isometry3<f64>) -> Figures {
-        let mut cameras = Cameras::new(&self.gpu, self.quality, self.lens(size_px), asked, self.in_flight);
+    fn town(
+        &self,
+        name: &str,
+        size_px: [u32; 2],
+        asked: &[&[Modality]],
+        pose: impl Fn(usize, f64) -> Isometry3<f64>,
+    ) -> Figures {
+        let mut cameras = Cameras::new(
+            &self.gpu,
+            self.quality,
+            self.lens(size_px),
+            asked,
+            self.in_flight,
+        );
         self.gpu.set_timing(self.options.times);
         let figures = cameras.run(self.options.frames, |frame| {
             let along_m = 0.4 * frame as f64;
-            (self.scenes[frame % self.scenes.len()].clone(), (0..asked.len()).map(|i| pose(i, along_m)).collect())
+            (
+                self.scenes[frame % self.scenes.len()].clone(),
+                (0..asked.len()).map(|i| pose(i, along_m)).collect(),
+            )
         });
         print(name, &figures, asked.len());
         if self.options.times {
             let n_frames = (self.options.frames + test_render::measure::WARM_UP) as f64;
             let spans = self.gpu.take_spans();
-            let texts = spans.iter().map(|span| format!("{} {} {:.3}", span.place, span.label, span.millis / n_frames));
-            println!("    ms a frame, first frames counted too: {}", texts.collect::<Vec<_>>().join(", "));
+            let texts = spans.iter().map(|span| {
+                format!(
+                    "{} {} {:.3}",
+                    span.place,
+                    span.label,
+                    span.millis / n_frames
+                )
+            });
+            println!(
+                "    ms a frame, first frames counted too: {}",
+                texts.collect::<Vec<_>>().join(", ")
+            );
         }
         figures
     }
@@ -138,21 +189,31 @@ impl Bench {
     fn one_pose(&self, name: &str, asked: &[&[Modality]]) -> Figures {
         self.town(name, self.options.size_px, asked, |view, along_m| {
             // A micrometre apart: cameras of one pose would be drawn once.
-            self.stage.camera(self.options.place, along_m + 1e-6 * view as f64, 0.0, 0.0)
+            self.stage
+                .camera(self.options.place, along_m + 1e-6 * view as f64, 0.0, 0.0)
         })
     }
 
     /// Six modalities of one pose against six sensors that are rendered one after the other.
     fn separate(&self) {
-        let mut sides = Sides::new(&self.gpu, self.quality, self.lens(self.options.size_px), &SIX, self.in_flight);
+        let mut sides = Sides::new(
+            &self.gpu,
+            self.quality,
+            self.lens(self.options.size_px),
+            &SIX,
+            self.in_flight,
+        );
         let comparison = sides.run(self.options.frames, |frame| {
-            let pose = self.stage.camera(self.options.place, 0.4 * frame as f64, 0.0, 0.0);
+            let pose = self
+                .stage
+                .camera(self.options.place, 0.4 * frame as f64, 0.0, 0.0);
             (self.scenes[frame % self.scenes.len()].clone(), pose)
         });
         let middle = |list: &[f64]| median(list.iter().copied());
-        for (name, turns) in
-            [("merged: one view, six modalities", &comparison.merged), ("six sensors, one after the other", &comparison.separate)]
-        {
+        for (name, turns) in [
+            ("merged: one view, six modalities", &comparison.merged),
+            ("six sensors, one after the other", &comparison.separate),
+        ] {
             let (wall_ms, cpu_ms) = (&turns.wall_ms, &turns.cpu_ms);
             println!(
                 "{name:38} p50 {:8.3}  best {:8.3} ms a set  {:8.1} sets/s  CPU {:7.2} best {:7.2} ms",
@@ -164,7 +225,16 @@ impl Bench {
             );
         }
         let each = SIX.iter().zip(&comparison.each_ms);
-        let each: Vec<_> = each.map(|(modality, list)| format!("{} {:.1} ({:.1})", modality.name(), middle(list), best(list))).collect();
+        let each: Vec<_> = each
+            .map(|(modality, list)| {
+                format!(
+                    "{} {:.1} ({:.1})",
+                    modality.name(),
+                    middle(list),
+                    best(list)
+                )
+            })
+            .collect();
         if !each.is_empty() {
             println!("    wall ms, median (best): {}", each.join(", "));
         }
@@ -180,7 +250,10 @@ impl Bench {
             "six" => drop(self.one_pose("one view, six modalities", &[&SIX])),
             "apart" => {
                 let together = self.one_pose("one view, six modalities", &[&SIX]);
-                let apart = self.one_pose("six views, one modality each", &SIX.each_ref().map(std::slice::from_ref));
+                let apart = self.one_pose(
+                    "six views, one modality each",
+                    &SIX.each_ref().map(std::slice::from_ref),
+                );
                 println!(
                     "  six views against one: {:.2} x wall, {:.2} x CPU",
                     apart.mean_ms / together.mean_ms,
@@ -194,12 +267,25 @@ impl Bench {
                 let of = |n: usize| vec![&[Modality::Rgb][..]; n];
                 let pose = |i: usize, along_m: f64| self.stage.camera(7 * i, along_m, 0.0, 0.0);
                 let one = self.town("1 rgb camera 1920x1080", [1920, 1080], &of(1), pose);
-                let all = self.town("16 rgb cameras 1920x1080, 16 places", [1920, 1080], &of(16), pose);
-                println!("  each further camera: {:.3} ms", (all.mean_ms - one.mean_ms) / 15.0);
+                let all = self.town(
+                    "16 rgb cameras 1920x1080, 16 places",
+                    [1920, 1080],
+                    &of(16),
+                    pose,
+                );
+                println!(
+                    "  each further camera: {:.3} ms",
+                    (all.mean_ms - one.mean_ms) / 15.0
+                );
             }
             "many" => {
                 let pose = |i: usize, along_m: f64| self.stage.camera(3 * i, along_m, 0.0, 0.0);
-                let all = self.town("64 rgb cameras 256x256, 64 places", [256, 256], &[&[Modality::Rgb][..]; 64], pose);
+                let all = self.town(
+                    "64 rgb cameras 256x256, 64 places",
+                    [256, 256],
+                    &[&[Modality::Rgb][..]; 64],
+                    pose,
+                );
                 println!("  images per second: {:.0}", 64e3 / all.mean_ms);
             }
             "hide" => self.hide(),
@@ -210,7 +296,11 @@ impl Bench {
     /// Objects that are hidden, and their scenery as if it were another map's.
     fn hide(&self) {
         let whole = &self.scenes[0].assets;
-        let ids = whole.meshes.iter().flat_map(|mesh| &mesh.vertices).map(|vertex| vertex.object_id);
+        let ids = whole
+            .meshes
+            .iter()
+            .flat_map(|mesh| &mesh.vertices)
+            .map(|vertex| vertex.object_id);
         let objects: BTreeSet<ObjectId> = ids.filter(|id| *id != 0).map(ObjectId).collect();
         let mut renderer = CameraRenderer::new(&self.gpu, self.quality);
         for (name, step) in [("one object", objects.len()), ("every tenth object", 10)] {
@@ -218,7 +308,10 @@ impl Bench {
             let mut best = [(f64::INFINITY, 0); 2];
             for _ in 0..5 {
                 let less = whole.without(&hidden);
-                let anew = SceneAssets { episode: whole.episode + 1, ..less.clone() };
+                let anew = SceneAssets {
+                    episode: whole.episode + 1,
+                    ..less.clone()
+                };
                 for (best, assets) in best.iter_mut().zip([anew, less]) {
                     renderer.load(whole);
                     let begin = Instant::now();
@@ -227,11 +320,14 @@ impl Bench {
                 }
             }
             let [(whole_ms, whole_bytes), (ms, n_bytes)] = best;
-            println!("hide {name:20} all uploaded {whole_ms:8.3} ms, {whole_bytes} bytes; what changed {ms:8.3} ms, {n_bytes} bytes");
+            println!(
+                "hide {name:20} all uploaded {whole_ms:8.3} ms, {whole_bytes} bytes; what changed {ms:8.3} ms, {n_bytes} bytes"
+            );
         }
     }
 
-    /// The camera of `render_mujoco.py`: 1.9 m above the street, six directions by turns, vertical field of view 60 degrees.
+    /// The camera of `render_mujoco.py`: 1.9 m above the street, six directions by turns, vertical
+    /// field of view 60 degrees.
     fn peer(&self) {
         let Some(path) = &self.options.ply else {
             eprintln!("row peer needs ply=FILE, made by gen_street.py");
@@ -242,12 +338,31 @@ impl Bench {
             std::process::exit(2);
         });
         let focal_px = 300.0 / 30f64.to_radians().tan();
-        let lens = Intrinsics { width_px: 800, height_px: 600, focal_px };
-        for asked in [&[Modality::Rgb][..], &[Modality::Depth], &[Modality::Semantic], &TRIO] {
+        let lens = Intrinsics {
+            width_px: 800,
+            height_px: 600,
+            focal_px,
+        };
+        for asked in [
+            &[Modality::Rgb][..],
+            &[Modality::Depth],
+            &[Modality::Semantic],
+            &TRIO,
+        ] {
             let mut cameras = Cameras::new(&self.gpu, self.quality, lens, &[asked], self.in_flight);
             let figures = cameras.run(self.options.frames, |frame| {
-                let turn = nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, frame as f64 * std::f64::consts::FRAC_PI_3);
-                (scene.clone(), vec![Isometry3::from_parts(nalgebra::Translation3::new(0.0, -1.7, 1.9), turn)])
+                let turn = nalgebra::UnitQuaternion::from_euler_angles(
+                    0.0,
+                    0.0,
+                    frame as f64 * std::f64::consts::FRAC_PI_3,
+                );
+                (
+                    scene.clone(),
+                    vec![Isometry3::from_parts(
+                        nalgebra::Translation3::new(0.0, -1.7, 1.9),
+                        turn,
+                    )],
+                )
             });
             let names: Vec<_> = asked.iter().map(|modality| modality.name()).collect();
             print(&format!("peer's street: {}", names.join(", ")), &figures, 1);
@@ -256,7 +371,15 @@ impl Bench {
 }
 
 fn print(name: &str, figures: &Figures, n_views: usize) {
-    let Figures { p50_ms, best_ms, mean_ms, cpu_ms, cpu_best_ms, n_triangles, n_draws } = figures;
+    let Figures {
+        p50_ms,
+        best_ms,
+        mean_ms,
+        cpu_ms,
+        cpu_best_ms,
+        n_triangles,
+        n_draws,
+    } = figures;
     println!(
         "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws",
         1e3 / mean_ms,
@@ -269,12 +392,20 @@ fn main() {
         eprintln!("{error}");
         std::process::exit(2);
     });
-    let gpu = Gpu::open(&GpuOptions { copies: options.copies, ..Default::default() }).unwrap_or_else(|error| {
+    let gpu = Gpu::open(&GpuOptions {
+        copies: options.copies,
+        ..Default::default()
+    })
+    .unwrap_or_else(|error| {
         eprintln!("{error}");
         std::process::exit(1);
     });
-    let quality = options.quality.unwrap_or_else(|| Quality::default_for(&gpu));
-    let in_flight = options.in_flight.unwrap_or(if gpu.is_software() { 1 } else { 2 });
+    let quality = options
+        .quality
+        .unwrap_or_else(|| Quality::default_for(&gpu));
+    let in_flight = options
+        .in_flight
+        .unwrap_or(if gpu.is_software() { 1 } else { 2 });
     let mut stage = Stage::new(&options.town, 7, options.vehicles).unwrap_or_else(|error| {
         eprintln!("{error}");
         std::process::exit(2);
@@ -288,22 +419,40 @@ fn main() {
         if options.driving { " that drive" } else { "" },
         options.weather,
         options.frames,
-        if gpu.copies_beside() { "beside" } else { "behind" },
+        if gpu.copies_beside() {
+            "beside"
+        } else {
+            "behind"
+        },
         load.trim()
     );
     let weather = weathers::named(&options.weather).unwrap_or_else(|| {
-        eprintln!("weather is {:?}, but must be one of {}", options.weather, weathers::NAMES.join(", "));
+        eprintln!(
+            "weather is {:?}, but must be one of {}",
+            options.weather,
+            weathers::NAMES.join(", ")
+        );
         std::process::exit(2);
     });
     let mut scenes = vec![Arc::new(stage.scene(weather))];
     if options.driving {
-        stage.drive(VehicleControl { throttle_ratio: 0.4, ..Default::default() });
+        stage.drive(VehicleControl {
+            throttle_ratio: 0.4,
+            ..Default::default()
+        });
         for _ in 0..options.frames + test_render::measure::WARM_UP {
             stage.step();
             scenes.push(Arc::new(stage.scene(weather)));
         }
     }
-    let bench = Bench { gpu, quality, in_flight, scenes, stage, options };
+    let bench = Bench {
+        gpu,
+        quality,
+        in_flight,
+        scenes,
+        stage,
+        options,
+    };
     for row in &bench.options.rows {
         bench.row(row);
     }

@@ -1,5 +1,7 @@
-//! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of docs/gallery/sensors;
-//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look at; `rendering_gallery front OUT_DIR` the
+//! Pictures of towns: `rendering_gallery sheets OUT_DIR` writes the contact sheets of
+//! docs/gallery/sensors;
+//! `rendering_gallery look OUT_DIR TOWN PLACE low|high WEATHER …` writes single pictures to look
+//! at; `rendering_gallery front OUT_DIR` the
 //! picture of the README.
 
 use std::path::Path;
@@ -11,8 +13,15 @@ use sensor_spec::Intrinsics;
 use test_render::sheet::Picture;
 use test_render::{Stage, weathers};
 
-const ALL: [Modality; 7] =
-    [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals, Modality::Dvs];
+const ALL: [Modality; 7] = [
+    Modality::Rgb,
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+    Modality::Dvs,
+];
 
 /// Position lamps, low beam.
 const LIGHTS_ON: u32 = 0b11;
@@ -25,47 +34,102 @@ struct Studio {
 
 impl Studio {
     fn new(gpu: &Gpu, town: &str, quality: Quality) -> Result<Studio, String> {
-        Ok(Studio { gpu: gpu.clone(), renderer: CameraRenderer::new(gpu, quality), stage: Stage::new(town, 7, 60)? })
+        Ok(Studio {
+            gpu: gpu.clone(),
+            renderer: CameraRenderer::new(gpu, quality),
+            stage: Stage::new(town, 7, 60)?,
+        })
     }
 
     /// Three firings of a camera that drives; the last one's pictures.
-    fn shoot(&mut self, place: usize, weather: &str, size_px: [u32; 2], modalities: &[Modality]) -> Result<Vec<Picture>, String> {
-        let weather = weathers::named(weather).ok_or_else(|| format!("weather {weather:?} is none of {}", weathers::NAMES.join(", ")))?;
-        let is_dark = weather.sun_altitude_deg < 5.0 || weather.precipitation > 30.0 || weather.fog_density > 30.0;
+    fn shoot(
+        &mut self,
+        place: usize,
+        weather: &str,
+        size_px: [u32; 2],
+        modalities: &[Modality],
+    ) -> Result<Vec<Picture>, String> {
+        let weather = weathers::named(weather).ok_or_else(|| {
+            format!(
+                "weather {weather:?} is none of {}",
+                weathers::NAMES.join(", ")
+            )
+        })?;
+        let is_dark = weather.sun_altitude_deg < 5.0
+            || weather.precipitation > 30.0
+            || weather.fog_density > 30.0;
         self.stage.set_lamps(if is_dark { LIGHTS_ON } else { 0 });
         let lens = Intrinsics::from_fov(size_px[0], size_px[1], 80f64.to_radians());
         let mut view = View::new(&self.gpu, ViewSpec::pinhole(lens));
-        let mut bytes: Vec<Vec<u8>> = modalities.iter().map(|modality| vec![0; view.payload_bytes(*modality)]).collect();
+        let mut bytes: Vec<Vec<u8>> = modalities
+            .iter()
+            .map(|modality| vec![0; view.payload_bytes(*modality)])
+            .collect();
         let mut lengths = Vec::new();
         for step in 0..3 {
             self.stage.step();
             let world_from_sensor = self.stage.camera(place, 0.4 * step as f64, 0.0, 1.0);
-            let outputs =
-                modalities.iter().zip(&mut bytes).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
-            let job = ViewJob { view: &mut view, world_from_sensor, outputs };
-            let submission = self.renderer.render(&self.stage.scene(weather), vec![job]).map_err(|error| error.to_string())?;
+            let outputs = modalities
+                .iter()
+                .zip(&mut bytes)
+                .map(|(m, bytes)| Output {
+                    modality: *m,
+                    place: Place::Memory(bytes),
+                })
+                .collect();
+            let job = ViewJob {
+                view: &mut view,
+                world_from_sensor,
+                outputs,
+            };
+            let submission = self
+                .renderer
+                .render(&self.stage.scene(weather), vec![job])
+                .map_err(|error| error.to_string())?;
             let results = submission.wait().map_err(|error| error.to_string())?;
-            lengths = results[0].outputs.iter().map(|output| output.n_bytes).collect();
+            lengths = results[0]
+                .outputs
+                .iter()
+                .map(|output| output.n_bytes)
+                .collect();
         }
         let size_px = size_px.map(|side| side as usize);
         let pictures = modalities.iter().zip(&bytes).zip(lengths);
-        Ok(pictures.map(|((modality, bytes), n)| Picture::of(*modality, size_px, &bytes[..n])).collect())
+        Ok(pictures
+            .map(|((modality, bytes), n)| Picture::of(*modality, size_px, &bytes[..n]))
+            .collect())
     }
 }
 
 fn look(gpu: &Gpu, folder: &Path, words: &[String]) -> Result<(), String> {
-    let [town, place, quality, weathers @ ..] = words else { return Err("look needs OUT_DIR TOWN PLACE low|high WEATHER …".into()) };
-    let place = place.parse().map_err(|_| format!("place is {place:?}, but must be a whole number"))?;
-    let quality = if quality == "high" { Quality::High } else { Quality::Low };
+    let [town, place, quality, weathers @ ..] = words else {
+        return Err("look needs OUT_DIR TOWN PLACE low|high WEATHER …".into());
+    };
+    let place = place
+        .parse()
+        .map_err(|_| format!("place is {place:?}, but must be a whole number"))?;
+    let quality = if quality == "high" {
+        Quality::High
+    } else {
+        Quality::Low
+    };
     let mut studio = Studio::new(gpu, town, quality)?;
     for weather in weathers {
-        let picture = studio.shoot(place, weather, [960, 600], &[Modality::Rgb])?.remove(0);
-        picture.write(&folder.join(format!("{town}_{place}_{quality:?}_{weather}.png").to_lowercase()))?;
+        let picture = studio
+            .shoot(place, weather, [960, 600], &[Modality::Rgb])?
+            .remove(0);
+        picture.write(
+            &folder.join(format!("{town}_{place}_{quality:?}_{weather}.png").to_lowercase()),
+        )?;
     }
     Ok(())
 }
 
-const TOWNS: [(&str, usize, usize); 3] = [("Town10HD", 57, 101), ("Town03", 12, 80), ("Town07", 20, 66)];
+const TOWNS: [(&str, usize, usize); 3] = [
+    ("Town10HD", 57, 101),
+    ("Town03", 12, 80),
+    ("Town07", 20, 66),
+];
 
 fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
     for (town, first, second) in TOWNS {
@@ -73,16 +137,27 @@ fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
         let mut light = Vec::new();
         for weather in ["day", "dusk", "night", "rain", "fog", "overcast"] {
             for place in [first, second] {
-                light.push(studio.shoot(place, weather, [800, 500], &[Modality::Rgb])?.remove(0).shrunk(2));
+                light.push(
+                    studio
+                        .shoot(place, weather, [800, 500], &[Modality::Rgb])?
+                        .remove(0)
+                        .shrunk(2),
+                );
             }
         }
         let name = town.to_lowercase();
         Picture::sheet(&light, 4).write_jpeg(&folder.join(format!("{name}_light.jpg")))?;
         let mut all = Vec::new();
         for weather in ["day", "dusk", "night", "rain", "fog"] {
-            all.extend(studio.shoot(first, weather, [480, 300], &ALL)?.iter().map(|picture| picture.shrunk(2)));
+            all.extend(
+                studio
+                    .shoot(first, weather, [480, 300], &ALL)?
+                    .iter()
+                    .map(|picture| picture.shrunk(2)),
+            );
         }
-        Picture::sheet(&all, ALL.len()).write_jpeg(&folder.join(format!("{name}_modalities.jpg")))?;
+        Picture::sheet(&all, ALL.len())
+            .write_jpeg(&folder.join(format!("{name}_modalities.jpg")))?;
     }
     Ok(())
 }
@@ -90,16 +165,30 @@ fn sheets(gpu: &Gpu, folder: &Path) -> Result<(), String> {
 /// Six modalities of one view behind the traffic of Town10HD.
 fn front(gpu: &Gpu, folder: &Path) -> Result<(), String> {
     let mut studio = Studio::new(gpu, "Town10HD", Quality::High)?;
-    let shown = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs];
-    let all: Vec<Picture> = studio.shoot(57, "day", [960, 720], &shown)?.iter().map(|picture| picture.shrunk(2)).collect();
+    let shown = [
+        Modality::Rgb,
+        Modality::Depth,
+        Modality::Semantic,
+        Modality::Instance,
+        Modality::Flow,
+        Modality::Dvs,
+    ];
+    let all: Vec<Picture> = studio
+        .shoot(57, "day", [960, 720], &shown)?
+        .iter()
+        .map(|picture| picture.shrunk(2))
+        .collect();
     Picture::sheet(&all, 3).write(&folder.join("front.png"))
 }
 
 fn run() -> Result<(), String> {
     let words: Vec<String> = std::env::args().skip(1).collect();
-    let [command, folder, rest @ ..] = words.as_slice() else { return Err("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR".into()) };
+    let [command, folder, rest @ ..] = words.as_slice() else {
+        return Err("say sheets OUT_DIR, look OUT_DIR … or front OUT_DIR".into());
+    };
     let folder = Path::new(folder);
-    std::fs::create_dir_all(folder).map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
+    std::fs::create_dir_all(folder)
+        .map_err(|error| format!("cannot make {}: {error}", folder.display()))?;
     let gpu = Gpu::open(&GpuOptions::default()).map_err(|error| error.to_string())?;
     match command.as_str() {
         "look" => look(&gpu, folder, rest),

@@ -1,4 +1,5 @@
-//! Holds frames of a camera and of a lidar against the [`Oracle`](crate::oracle::Oracle), pixel by pixel and beam by beam.
+//! Holds frames of a camera and of a lidar against the [`Oracle`](crate::oracle::Oracle), pixel by
+//! pixel and beam by beam.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::{Modality, SemanticLidarPoint};
@@ -25,19 +26,51 @@ pub struct Frames {
     pub normals: Vec<Vector3<f64>>,
 }
 
-const LABELS: [Modality; 5] = [Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Normals];
+const LABELS: [Modality; 5] = [
+    Modality::Depth,
+    Modality::Semantic,
+    Modality::Instance,
+    Modality::Flow,
+    Modality::Normals,
+];
 
 /// Fires a camera at two scenes, one after the other, and gives what it saw of the second.
-pub fn two_firings(gpu: &Gpu, renderer: &mut CameraRenderer, lens: Intrinsics, scenes: [&Scene; 2], poses: [Isometry3<f64>; 2]) -> Frames {
+pub fn two_firings(
+    gpu: &Gpu,
+    renderer: &mut CameraRenderer,
+    lens: Intrinsics,
+    scenes: [&Scene; 2],
+    poses: [Isometry3<f64>; 2],
+) -> Frames {
     let mut view = View::new(gpu, ViewSpec::pinhole(lens));
-    let mut bytes: Vec<Vec<u8>> = LABELS.iter().map(|modality| vec![0xa5; view.payload_bytes(*modality)]).collect();
+    let mut bytes: Vec<Vec<u8>> = LABELS
+        .iter()
+        .map(|modality| vec![0xa5; view.payload_bytes(*modality)])
+        .collect();
     for (scene, world_from_sensor) in scenes.into_iter().zip(poses) {
-        let outputs = LABELS.iter().zip(&mut bytes).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
-        let job = ViewJob { view: &mut view, world_from_sensor, outputs };
-        renderer.render(scene, vec![job]).expect("the request is in order").wait().expect("the device works");
+        let outputs = LABELS
+            .iter()
+            .zip(&mut bytes)
+            .map(|(m, bytes)| Output {
+                modality: *m,
+                place: Place::Memory(bytes),
+            })
+            .collect();
+        let job = ViewJob {
+            view: &mut view,
+            world_from_sensor,
+            outputs,
+        };
+        renderer
+            .render(scene, vec![job])
+            .expect("the request is in order")
+            .wait()
+            .expect("the device works");
     }
     let [depth, class, instance, flow, normals] = bytes.try_into().expect("one per modality");
-    let normals = normals.chunks_exact(8).map(|p| Vector3::new(half(p), half(&p[2..]), half(&p[4..])));
+    let normals = normals
+        .chunks_exact(8)
+        .map(|p| Vector3::new(half(p), half(&p[2..]), half(&p[4..])));
     Frames {
         lens,
         depth_m: bytemuck::pod_collect_to_vec(&depth),
@@ -86,11 +119,15 @@ impl Errors {
 
     /// Whether the sensors keep what they promise.
     pub fn is_exact(&self) -> bool {
-        self.n_labels_off == 0 && self.n_depth_off * 1000 <= self.n && self.worst_flow_px <= 0.01 && self.worst_normal_deg <= 0.5
+        self.n_labels_off == 0
+            && self.n_depth_off * 1000 <= self.n
+            && self.worst_flow_px <= 0.01
+            && self.worst_normal_deg <= 0.5
     }
 }
 
-/// Direction through an image position in the sensor's space (x forward, y left, z up), 1 along the optical axis.
+/// Direction through an image position in the sensor's space (x forward, y left, z up), 1 along the
+/// optical axis.
 fn ray(lens: &Intrinsics, x_px: f64, y_px: f64) -> Vector3<f64> {
     let [fx, fy, cx, cy] = lens.as_array();
     Vector3::new(1.0, -(x_px - cx) / fx, -(y_px - cy) / fy)
@@ -98,19 +135,36 @@ fn ray(lens: &Intrinsics, x_px: f64, y_px: f64) -> Vector3<f64> {
 
 fn project(lens: &Intrinsics, point_in_sensor: Vector3<f64>) -> [f64; 2] {
     let [fx, fy, cx, cy] = lens.as_array();
-    [cx - fx * point_in_sensor.y / point_in_sensor.x, cy - fy * point_in_sensor.z / point_in_sensor.x]
+    [
+        cx - fx * point_in_sensor.y / point_in_sensor.x,
+        cy - fy * point_in_sensor.z / point_in_sensor.x,
+    ]
 }
 
 /// Near plane of every camera, metres.
 const NEAR_M: f64 = 0.1;
 
 /// What the pixel's middle shows, unless the pixel is an edge.
-fn pixel<'o>(oracle: &'o Oracle, lens: &Intrinsics, pose: &Isometry3<f64>, at: [f64; 2]) -> Option<Option<Met<'o>>> {
+fn pixel<'o>(
+    oracle: &'o Oracle,
+    lens: &Intrinsics,
+    pose: &Isometry3<f64>,
+    at: [f64; 2],
+) -> Option<Option<Met<'o>>> {
     let origin = Point3::from(pose.translation.vector);
-    let cast = |dx: f64, dy: f64| oracle.cast(origin, pose.rotation * ray(lens, at[0] + dx, at[1] + dy), NEAR_M, false);
+    let cast = |dx: f64, dy: f64| {
+        oracle.cast(
+            origin,
+            pose.rotation * ray(lens, at[0] + dx, at[1] + dy),
+            NEAR_M,
+            false,
+        )
+    };
     let middle = cast(0.0, 0.0);
     // Far from the middle, and close to it: lines can be much thinner than a pixel.
-    let mut corners = [0.45, 0.02].into_iter().flat_map(|d| [(-d, -d), (d, -d), (-d, d), (d, d)]);
+    let mut corners = [0.45, 0.02]
+        .into_iter()
+        .flat_map(|d| [(-d, -d), (d, -d), (-d, d), (d, d)]);
     let agrees = |(dx, dy): (f64, f64)| match (&middle, &cast(dx, dy)) {
         (Some(a), Some(b)) => a.is_beside(b),
         (a, b) => a.is_none() && b.is_none(),
@@ -137,7 +191,12 @@ pub fn check_camera(frames: &Frames, scenes: [&Scene; 2], poses: [Isometry3<f64>
         if (frames.class[i], frames.instance[i]) != expected {
             errors.n_labels_off += 1;
             let found = (frames.class[i], frames.instance[i], frames.depth_m[i]);
-            errors.note(|| format!("({x}, {y}) shows class, id, depth {found:?} instead of {expected:?} at {:?}", seen.map(|met| met.t)));
+            errors.note(|| {
+                format!(
+                    "({x}, {y}) shows class, id, depth {found:?} instead of {expected:?} at {:?}",
+                    seen.map(|met| met.t)
+                )
+            });
             continue;
         }
         let then = match &seen {
@@ -156,7 +215,12 @@ pub fn check_camera(frames: &Frames, scenes: [&Scene; 2], poses: [Isometry3<f64>
             let error_px = (at[0] - then[0] - dx).hypot(at[1] - then[1] - dy);
             errors.n_flowing += (dx.hypot(dy) > 1.0) as usize;
             if error_px > 0.01 {
-                errors.note(|| format!("flow at ({x}, {y}) is [{dx}, {dy}], off by {error_px} px, at {:?} m", seen.map(|met| met.t)));
+                errors.note(|| {
+                    format!(
+                        "flow at ({x}, {y}) is [{dx}, {dy}], off by {error_px} px, at {:?} m",
+                        seen.map(|met| met.t)
+                    )
+                });
             }
             errors.worst_flow_px = errors.worst_flow_px.max(error_px);
         }
@@ -165,21 +229,36 @@ pub fn check_camera(frames: &Frames, scenes: [&Scene; 2], poses: [Isometry3<f64>
 }
 
 fn check_surface(frames: &Frames, i: usize, met: &Met<'_>, errors: &mut Errors) {
-    let at = [i as u32 % frames.lens.width_px, i as u32 / frames.lens.width_px];
+    let at = [
+        i as u32 % frames.lens.width_px,
+        i as u32 / frames.lens.width_px,
+    ];
     let error_m = (f64::from(frames.depth_m[i]) - met.t).abs();
     let allowed_m = 1e-3 + 1e-5 * met.t;
     if error_m > allowed_m {
         errors.n_depth_off += 1;
         let facing = met.triangle.face;
         errors.note(|| {
-            format!("depth at {at:?} is {} instead of {}, class {}, face {facing:?}", frames.depth_m[i], met.t, met.triangle.class)
+            format!(
+                "depth at {at:?} is {} instead of {}, class {}, face {facing:?}",
+                frames.depth_m[i], met.t, met.triangle.class
+            )
         });
     }
     errors.worst_depth_ratio = errors.worst_depth_ratio.max(error_m / allowed_m);
-    // Flat surfaces have their plane's normal, whatever is stored; rounded ones what lies between the corners'.
-    let normal = if met.is_flat() { met.triangle.face } else { met.normal() };
+    // Flat surfaces have their plane's normal, whatever is stored; rounded ones what lies between
+    // the corners'.
+    let normal = if met.is_flat() {
+        met.triangle.face
+    } else {
+        met.normal()
+    };
     let found = frames.normals[i];
-    let angle_deg = found.cross(&normal).norm().atan2(found.dot(&normal)).to_degrees();
+    let angle_deg = found
+        .cross(&normal)
+        .norm()
+        .atan2(found.dot(&normal))
+        .to_degrees();
     if angle_deg > 0.5 {
         let class = met.triangle.class;
         errors.note(|| format!("normal at {at:?} is {found:?} instead of {normal:?}: {angle_deg}°, class {class}, flat {}", met.is_flat()));
@@ -189,10 +268,18 @@ fn check_surface(frames: &Frames, i: usize, met: &Met<'_>, errors: &mut Errors) 
 
 /// Where a point of what was met lay when `before` was.
 fn place_before(before: &Scene, now: &Scene, met: &Met<'_>, point: Point3<f64>) -> Point3<f64> {
-    let Some(k) = met.triangle.dynamic else { return point };
+    let Some(k) = met.triangle.dynamic else {
+        return point;
+    };
     let instance = &now.dynamics[k];
-    match before.dynamics.iter().find(|earlier| earlier.key() == instance.key()) {
-        Some(earlier) => earlier.world_from_mesh * instance.world_from_mesh.inverse_transform_point(&point),
+    match before
+        .dynamics
+        .iter()
+        .find(|earlier| earlier.key() == instance.key())
+    {
+        Some(earlier) => {
+            earlier.world_from_mesh * instance.world_from_mesh.inverse_transform_point(&point)
+        }
         None => point,
     }
 }
@@ -212,7 +299,8 @@ pub struct LidarErrors {
     pub worst_m: f64,
 }
 
-/// Compares a turn of a semantic lidar: `channels` evenly from `upper_deg` down to `lower_deg`, `columns` whose last looks straight back.
+/// Compares a turn of a semantic lidar: `channels` evenly from `upper_deg` down to `lower_deg`,
+/// `columns` whose last looks straight back.
 pub fn check_lidar(
     points: &[SemanticLidarPoint],
     spec: &sensor_spec::LidarSpec,
@@ -224,7 +312,8 @@ pub fn check_lidar(
     let mut errors = LidarErrors::default();
     let step_rad = std::f64::consts::TAU / f64::from(spec.columns);
     let column_of = |point: &SemanticLidarPoint| {
-        let azimuth = f64::from(point.hit_in_sensor_m[1]).atan2(f64::from(point.hit_in_sensor_m[0]));
+        let azimuth =
+            f64::from(point.hit_in_sensor_m[1]).atan2(f64::from(point.hit_in_sensor_m[0]));
         ((azimuth + std::f64::consts::PI) / step_rad).round() as u32
     };
     let n_columns = spec.columns;
@@ -235,31 +324,44 @@ pub fn check_lidar(
     }
     for channel in 0..spec.channels {
         let down = f64::from(channel) / f64::from(spec.channels - 1);
-        let elevation = (spec.upper_fov_deg + (spec.lower_fov_deg - spec.upper_fov_deg) * down).to_radians();
+        let elevation =
+            (spec.upper_fov_deg + (spec.lower_fov_deg - spec.upper_fov_deg) * down).to_radians();
         for column in 0..n_columns {
             let azimuth = -std::f64::consts::PI + step_rad * f64::from(column + 1);
             let cast = |da: f64, de: f64| {
                 let (a, e) = (azimuth + da, elevation + de);
                 let direction = Vector3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin());
-                oracle.cast(origin, world_from_sensor.rotation * direction, 1e-9, true).filter(|met| met.t <= spec.range_m)
+                oracle
+                    .cast(origin, world_from_sensor.rotation * direction, 1e-9, true)
+                    .filter(|met| met.t <= spec.range_m)
             };
             const AWAY_RAD: f64 = 2e-4;
             let middle = cast(0.0, 0.0);
-            let agrees = |(da, de): (f64, f64)| match (&middle, &cast(da * AWAY_RAD, de * AWAY_RAD)) {
+            let agrees = |(da, de): (f64, f64)| match (&middle, &cast(da * AWAY_RAD, de * AWAY_RAD))
+            {
                 (Some(a), Some(b)) => a.is_beside(b),
                 (a, b) => a.is_none() && b.is_none(),
             };
-            if ![(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].into_iter().all(agrees) {
+            if ![(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)]
+                .into_iter()
+                .all(agrees)
+            {
                 continue;
             }
             errors.n += 1;
             match (middle, grid[(channel * n_columns + column) as usize]) {
                 (Some(met), Some(point)) => {
                     errors.n_hits += 1;
-                    let direction = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
+                    let direction = Vector3::new(
+                        elevation.cos() * azimuth.cos(),
+                        elevation.cos() * azimuth.sin(),
+                        elevation.sin(),
+                    );
                     let found = Vector3::from(point.hit_in_sensor_m).cast::<f64>();
                     errors.worst_m = errors.worst_m.max((found - direction * met.t).norm());
-                    errors.n_labels_off += ((point.class, point.object_id) != (met.triangle.class, met.triangle.object)) as usize;
+                    errors.n_labels_off += ((point.class, point.object_id)
+                        != (met.triangle.class, met.triangle.object))
+                        as usize;
                 }
                 (None, None) => {}
                 _ => errors.n_wrong += 1,

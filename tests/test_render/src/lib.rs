@@ -1,4 +1,5 @@
-//! Towns in front of cameras without a daemon: what the rendering benchmark, the gallery and their tests share.
+//! Towns in front of cameras without a daemon: what the rendering benchmark, the gallery and their
+//! tests share.
 
 #![warn(missing_docs)]
 

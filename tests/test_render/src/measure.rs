@@ -1,6 +1,10 @@
-//! Many cameras in one submission, several frames on their way, written where the GPU can reach: time per frame.
+//! Many cameras in one submission, several frames on their way, written where the GPU can reach:
+//! time per frame.
 
-#![expect(unsafe_code, reason = "frames go to raw memory that the GPU imported; each block carries its proof")]
+#![expect(
+    unsafe_code,
+    reason = "frames go to raw memory that the GPU imported; each block carries its proof"
+)]
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -37,7 +41,8 @@ pub struct Figures {
     pub mean_ms: f64,
     /// CPU time of this process per frame, milliseconds: mean.
     pub cpu_ms: f64,
-    /// The same, of the frame that took least: what is left when neighbours on the machine disturb least.
+    /// The same, of the frame that took least: what is left when neighbours on the machine disturb
+    /// least.
     pub cpu_best_ms: f64,
     /// Triangles given to draw calls, per frame.
     pub n_triangles: u64,
@@ -49,11 +54,25 @@ pub struct Figures {
 pub const WARM_UP: usize = 4;
 
 impl Cameras {
-    /// One view per list of `asked`, all of this lens; `n_in_flight` frames may be on their way at once.
-    pub fn new(gpu: &Gpu, quality: Quality, lens: Intrinsics, asked: &[&[Modality]], n_in_flight: usize) -> Cameras {
-        let spec = |i: usize| ViewSpec { sensor_id: i as u32, ..ViewSpec::pinhole(lens) };
+    /// One view per list of `asked`, all of this lens; `n_in_flight` frames may be on their way at
+    /// once.
+    pub fn new(
+        gpu: &Gpu,
+        quality: Quality,
+        lens: Intrinsics,
+        asked: &[&[Modality]],
+        n_in_flight: usize,
+    ) -> Cameras {
+        let spec = |i: usize| ViewSpec {
+            sensor_id: i as u32,
+            ..ViewSpec::pinhole(lens)
+        };
         let views: Vec<View> = (0..asked.len()).map(|i| View::new(gpu, spec(i))).collect();
-        let bytes = |list: &&[Modality]| list.iter().map(|modality| views[0].payload_bytes(*modality).next_multiple_of(64)).sum::<usize>();
+        let bytes = |list: &&[Modality]| {
+            list.iter()
+                .map(|modality| views[0].payload_bytes(*modality).next_multiple_of(64))
+                .sum::<usize>()
+        };
         let frame_bytes: usize = asked.iter().map(bytes).sum();
         let len = (frame_bytes * n_in_flight).next_multiple_of(1 << 21);
         let base = page_aligned(len);
@@ -78,15 +97,21 @@ impl Cameras {
     }
 
     /// Renders `n_frames`; `look` gives the scene and one pose per view for each of them.
-    pub fn run(&mut self, n_frames: usize, mut look: impl FnMut(usize) -> (Arc<Scene>, Vec<Isometry3<f64>>)) -> Figures {
+    pub fn run(
+        &mut self,
+        n_frames: usize,
+        mut look: impl FnMut(usize) -> (Arc<Scene>, Vec<Isometry3<f64>>),
+    ) -> Figures {
         let mut in_flight: VecDeque<Submission<'static>> = VecDeque::new();
         let (mut millis, mut cpu) = (Vec::with_capacity(n_frames), Vec::with_capacity(n_frames));
-        let (mut begin, mut cpu_begin, mut counts) = (Instant::now(), cpu_millis(), self.gpu.counters().counts());
+        let (mut begin, mut cpu_begin, mut counts) =
+            (Instant::now(), cpu_millis(), self.gpu.counters().counts());
         let mut last = begin;
         for frame in 0..n_frames + WARM_UP {
             if frame == WARM_UP {
                 in_flight.drain(..).for_each(finish);
-                (begin, cpu_begin, counts) = (Instant::now(), cpu_millis(), self.gpu.counters().counts());
+                (begin, cpu_begin, counts) =
+                    (Instant::now(), cpu_millis(), self.gpu.counters().counts());
                 last = begin;
             }
             while in_flight.len() >= self.n_in_flight {
@@ -107,26 +132,41 @@ impl Cameras {
         let counts = self.gpu.counters().counts().since(counts);
         let mut millis = millis.split_off(millis.len().min(WARM_UP));
         millis.sort_by(f64::total_cmp);
-        let at = |share: f64| millis.get((share * millis.len() as f64) as usize).copied().unwrap_or(mean_ms);
+        let at = |share: f64| {
+            millis
+                .get((share * millis.len() as f64) as usize)
+                .copied()
+                .unwrap_or(mean_ms)
+        };
         let per_frame = |n: u64| n / n_frames as u64;
         Figures {
             p50_ms: at(0.5),
             best_ms: at(0.0),
             mean_ms,
             cpu_ms,
-            cpu_best_ms: cpu[cpu.len().min(WARM_UP)..].windows(2).map(|pair| pair[1] - pair[0]).fold(cpu_ms, f64::min),
+            cpu_best_ms: cpu[cpu.len().min(WARM_UP)..]
+                .windows(2)
+                .map(|pair| pair[1] - pair[0])
+                .fold(cpu_ms, f64::min),
             n_triangles: per_frame(counts.triangles),
             n_draws: per_frame(counts.draws),
         }
     }
 
-    fn submit(&mut self, scene: &Scene, poses: &[Isometry3<f64>], slot: usize) -> Submission<'static> {
+    fn submit(
+        &mut self,
+        scene: &Scene,
+        poses: &[Isometry3<f64>],
+        slot: usize,
+    ) -> Submission<'static> {
         let mut offset_bytes = slot * self.frame_bytes;
         let mut jobs = Vec::with_capacity(self.views.len());
         for ((view, list), pose) in self.views.iter_mut().zip(&self.asked).zip(poses) {
             jobs.push(job(view, list, pose, &self.target, &mut offset_bytes));
         }
-        self.renderer.render(scene, jobs).expect("the request is in order")
+        self.renderer
+            .render(scene, jobs)
+            .expect("the request is in order")
     }
 
     /// How many views there are.
@@ -134,14 +174,38 @@ impl Cameras {
         self.views.len()
     }
 
-    /// Renders one of the views by itself; its bytes come to lie where they did the last time but `n_in_flight` - 1.
-    pub(crate) fn submit_one(&mut self, scene: &Scene, pose: &Isometry3<f64>, view_idx: usize) -> Submission<'static> {
+    /// Renders one of the views by itself; its bytes come to lie where they did the last time but
+    /// `n_in_flight` - 1.
+    pub(crate) fn submit_one(
+        &mut self,
+        scene: &Scene,
+        pose: &Isometry3<f64>,
+        view_idx: usize,
+    ) -> Submission<'static> {
         self.n_alone += 1;
-        let view_bytes = |view: &View, list: &[Modality]| list.iter().map(|m| view.payload_bytes(*m).next_multiple_of(64)).sum::<usize>();
-        let before: usize = self.views.iter().zip(&self.asked).take(view_idx).map(|(view, list)| view_bytes(view, list)).sum();
+        let view_bytes = |view: &View, list: &[Modality]| {
+            list.iter()
+                .map(|m| view.payload_bytes(*m).next_multiple_of(64))
+                .sum::<usize>()
+        };
+        let before: usize = self
+            .views
+            .iter()
+            .zip(&self.asked)
+            .take(view_idx)
+            .map(|(view, list)| view_bytes(view, list))
+            .sum();
         let mut offset_bytes = self.n_alone % self.n_in_flight * self.frame_bytes + before;
-        let job = job(&mut self.views[view_idx], &self.asked[view_idx], pose, &self.target, &mut offset_bytes);
-        self.renderer.render(scene, vec![job]).expect("the request is in order")
+        let job = job(
+            &mut self.views[view_idx],
+            &self.asked[view_idx],
+            pose,
+            &self.target,
+            &mut offset_bytes,
+        );
+        self.renderer
+            .render(scene, vec![job])
+            .expect("the request is in order")
     }
 }
 
@@ -156,11 +220,22 @@ fn job<'v>(
     let mut outputs = Vec::with_capacity(list.len());
     for modality in list {
         let capacity_bytes = view.payload_bytes(*modality);
-        let place = Place::Shm { target: target.clone(), offset_bytes: *offset_bytes, capacity_bytes };
-        outputs.push(Output { modality: *modality, place });
+        let place = Place::Shm {
+            target: target.clone(),
+            offset_bytes: *offset_bytes,
+            capacity_bytes,
+        };
+        outputs.push(Output {
+            modality: *modality,
+            place,
+        });
         *offset_bytes += capacity_bytes.next_multiple_of(64);
     }
-    ViewJob { view, world_from_sensor: *pose, outputs }
+    ViewJob {
+        view,
+        world_from_sensor: *pose,
+        outputs,
+    }
 }
 
 pub(crate) fn finish(submission: Submission<'static>) {

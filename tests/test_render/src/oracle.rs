@@ -1,4 +1,5 @@
-//! A slow, plain ray caster in `f64` over a scene's triangles, to hold sensors against. It shares no code with any of them.
+//! A slow, plain ray caster in `f64` over a scene's triangles, to hold sensors against. It shares
+//! no code with any of them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use sensor_core::{Lod, Mesh, Scene};
@@ -58,14 +59,16 @@ impl Met<'_> {
     pub fn is_beside(&self, other: &Met<'_>) -> bool {
         let (a, b) = (self.triangle, other.triangle);
         let same = (a.class, a.object, a.dynamic) == (b.class, b.object, b.dynamic);
-        same && (a.face - b.face).norm() < 1e-3 && a.face.dot(&(b.corners[0] - a.corners[0])).abs() < 1e-3
+        same && (a.face - b.face).norm() < 1e-3
+            && a.face.dot(&(b.corners[0] - a.corners[0])).abs() < 1e-3
     }
 }
 
 struct Node {
     low: [f64; 3],
     high: [f64; 3],
-    /// A leaf's triangles; of an inner node `n` is 0, its first child follows it and `first` is the second.
+    /// A leaf's triangles; of an inner node `n` is 0, its first child follows it and `first` is the
+    /// second.
     first: u32,
     n: u32,
 }
@@ -87,7 +90,9 @@ impl Oracle {
             if (middle - eye).norm() - f64::from(mesh.radius_m) > reach_m {
                 return;
             }
-            let Some(lod) = level(mesh, middle, detail) else { return };
+            let Some(lod) = level(mesh, middle, detail) else {
+                return;
+            };
             let range = lod.first_idx as usize..(lod.first_idx + lod.n_indices) as usize;
             for t in mesh.indices[range].chunks_exact(3) {
                 let vertices = [0, 1, 2].map(|i| &mesh.vertices[t[i] as usize]);
@@ -96,22 +101,57 @@ impl Oracle {
                 if across.norm() < 1e-12 {
                     continue;
                 }
-                let normals =
-                    vertices.map(|v| pose.rotation * Vector3::new(v.normal[0], v.normal[1], v.normal[2]).cast::<f64>().normalize());
-                let object = if vertices[0].object_id == 0 { id } else { vertices[0].object_id };
-                triangles.push(Triangle { corners, normals, face: across.normalize(), class: vertices[0].class, object, dynamic });
+                let normals = vertices.map(|v| {
+                    pose.rotation
+                        * Vector3::new(v.normal[0], v.normal[1], v.normal[2])
+                            .cast::<f64>()
+                            .normalize()
+                });
+                let object = if vertices[0].object_id == 0 {
+                    id
+                } else {
+                    vertices[0].object_id
+                };
+                triangles.push(Triangle {
+                    corners,
+                    normals,
+                    face: across.normalize(),
+                    class: vertices[0].class,
+                    object,
+                    dynamic,
+                });
             }
         };
         for instance in &scene.assets.statics {
-            add(scene.assets.mesh(instance.mesh), &instance.world_from_mesh, instance.object.0, None);
+            add(
+                scene.assets.mesh(instance.mesh),
+                &instance.world_from_mesh,
+                instance.object.0,
+                None,
+            );
         }
         for (i, instance) in scene.dynamics.iter().enumerate() {
-            add(scene.assets.mesh(instance.mesh), &instance.world_from_mesh, instance.actor.0, Some(i));
+            add(
+                scene.assets.mesh(instance.mesh),
+                &instance.world_from_mesh,
+                instance.actor.0,
+                Some(i),
+            );
         }
-        let mut oracle = Oracle { triangles: Vec::new(), nodes: Vec::new() };
-        let mut order: Vec<(u32, [f64; 3])> = triangles.iter().enumerate().map(|(i, t)| (i as u32, middle_of(t))).collect();
+        let mut oracle = Oracle {
+            triangles: Vec::new(),
+            nodes: Vec::new(),
+        };
+        let mut order: Vec<(u32, [f64; 3])> = triangles
+            .iter()
+            .enumerate()
+            .map(|(i, t)| (i as u32, middle_of(t)))
+            .collect();
         oracle.split(&triangles, &mut order, 0);
-        oracle.triangles = order.iter().map(|(i, _)| triangles[*i as usize].clone()).collect();
+        oracle.triangles = order
+            .iter()
+            .map(|(i, _)| triangles[*i as usize].clone())
+            .collect();
         oracle
     }
 
@@ -122,18 +162,28 @@ impl Oracle {
 
     fn split(&mut self, triangles: &[Triangle], order: &mut [(u32, [f64; 3])], first: usize) {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for corner in order.iter().flat_map(|(i, _)| &triangles[*i as usize].corners) {
+        for corner in order
+            .iter()
+            .flat_map(|(i, _)| &triangles[*i as usize].corners)
+        {
             for axis in 0..3 {
                 low[axis] = low[axis].min(corner[axis]);
                 high[axis] = high[axis].max(corner[axis]);
             }
         }
         let node = self.nodes.len();
-        self.nodes.push(Node { low, high, first: first as u32, n: order.len() as u32 });
+        self.nodes.push(Node {
+            low,
+            high,
+            first: first as u32,
+            n: order.len() as u32,
+        });
         if order.len() <= LEAF {
             return;
         }
-        let axis = (0..3).max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b]))).unwrap_or(0);
+        let axis = (0..3)
+            .max_by(|a, b| (high[*a] - low[*a]).total_cmp(&(high[*b] - low[*b])))
+            .unwrap_or(0);
         let half = order.len() / 2;
         order.select_nth_unstable_by(half, |a, b| a.1[axis].total_cmp(&b.1[axis]));
         let (left, right) = order.split_at_mut(half);
@@ -143,13 +193,27 @@ impl Oracle {
         self.split(triangles, right, first + half);
     }
 
-    /// The nearest triangle that `origin + t · direction` meets at `t ≥ from`; only its front, or both sides.
-    pub fn cast(&self, origin: Point3<f64>, direction: Vector3<f64>, from: f64, both_sides: bool) -> Option<Met<'_>> {
+    /// The nearest triangle that `origin + t · direction` meets at `t ≥ from`; only its front, or
+    /// both sides.
+    pub fn cast(
+        &self,
+        origin: Point3<f64>,
+        direction: Vector3<f64>,
+        from: f64,
+        both_sides: bool,
+    ) -> Option<Met<'_>> {
         let mut nearest: Option<Met<'_>> = None;
         let mut open = vec![0usize];
         while let Some(at) = open.pop() {
-            let Some(node) = self.nodes.get(at) else { continue };
-            if !enters(node, &origin, &direction, nearest.map_or(f64::INFINITY, |met| met.t)) {
+            let Some(node) = self.nodes.get(at) else {
+                continue;
+            };
+            if !enters(
+                node,
+                &origin,
+                &direction,
+                nearest.map_or(f64::INFINITY, |met| met.t),
+            ) {
                 continue;
             }
             if node.n == 0 {
@@ -169,9 +233,19 @@ impl Oracle {
     }
 
     /// As [`Oracle::cast`], triangle by triangle: what the boxes are held against.
-    pub fn cast_plainly(&self, origin: Point3<f64>, direction: Vector3<f64>, from: f64, both_sides: bool) -> Option<Met<'_>> {
-        let all = self.triangles.iter().filter_map(|triangle| meet(triangle, &origin, &direction, both_sides));
-        all.filter(|met| met.t >= from).min_by(|a, b| a.t.total_cmp(&b.t))
+    pub fn cast_plainly(
+        &self,
+        origin: Point3<f64>,
+        direction: Vector3<f64>,
+        from: f64,
+        both_sides: bool,
+    ) -> Option<Met<'_>> {
+        let all = self
+            .triangles
+            .iter()
+            .filter_map(|triangle| meet(triangle, &origin, &direction, both_sides));
+        all.filter(|met| met.t >= from)
+            .min_by(|a, b| a.t.total_cmp(&b.t))
     }
 }
 
@@ -180,7 +254,10 @@ fn level(mesh: &Mesh, middle: Point3<f64>, detail: Detail) -> Option<Lod> {
         Detail::Finest => mesh.lods.first().copied(),
         Detail::SeenFrom(eye) => {
             let distance_m = ((middle - eye).norm() - f64::from(mesh.radius_m)).max(0.0);
-            mesh.lods.iter().find(|lod| distance_m < f64::from(lod.until_m)).copied()
+            mesh.lods
+                .iter()
+                .find(|lod| distance_m < f64::from(lod.until_m))
+                .copied()
         }
     }
 }
@@ -193,7 +270,10 @@ fn middle_of(triangle: &Triangle) -> [f64; 3] {
 fn enters(node: &Node, origin: &Point3<f64>, direction: &Vector3<f64>, limit: f64) -> bool {
     let (mut from, mut to) = (0.0f64, limit);
     for axis in 0..3 {
-        let (a, b) = ((node.low[axis] - origin[axis]) / direction[axis], (node.high[axis] - origin[axis]) / direction[axis]);
+        let (a, b) = (
+            (node.low[axis] - origin[axis]) / direction[axis],
+            (node.high[axis] - origin[axis]) / direction[axis],
+        );
         // Parallel to the slab and on its face, 0/0: counts as within.
         if a.is_nan() || b.is_nan() {
             continue;
@@ -204,7 +284,12 @@ fn enters(node: &Node, origin: &Point3<f64>, direction: &Vector3<f64>, limit: f6
 }
 
 /// Möller and Trumbore.
-fn meet<'o>(triangle: &'o Triangle, origin: &Point3<f64>, direction: &Vector3<f64>, both_sides: bool) -> Option<Met<'o>> {
+fn meet<'o>(
+    triangle: &'o Triangle,
+    origin: &Point3<f64>,
+    direction: &Vector3<f64>,
+    both_sides: bool,
+) -> Option<Met<'o>> {
     let [a, b, c] = triangle.corners;
     if !both_sides && triangle.face.dot(direction) >= 0.0 {
         return None;
@@ -219,5 +304,9 @@ fn meet<'o>(triangle: &'o Triangle, origin: &Point3<f64>, direction: &Vector3<f6
     let u = from_a.dot(&p) / determinant;
     let q = from_a.cross(&ab);
     let v = direction.dot(&q) / determinant;
-    (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| Met { t: ac.dot(&q) / determinant, uv: [u, v], triangle })
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then(|| Met {
+        t: ac.dot(&q) / determinant,
+        uv: [u, v],
+        triangle,
+    })
 }

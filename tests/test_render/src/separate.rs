@@ -1,4 +1,5 @@
-//! One view of several modalities against the same modalities as sensors of their own, each in a submission of its own: by turns, in one run.
+//! One view of several modalities against the same modalities as sensors of their own, each in a
+//! submission of its own: by turns, in one run.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,7 +15,8 @@ use sensor_spec::Intrinsics;
 use crate::Cameras;
 use crate::measure::{WARM_UP, cpu_millis, finish};
 
-/// Sets that are made before it is the other side's turn, where several submissions may be on their way: whoever begins, the way there
+/// Sets that are made before it is the other side's turn, where several submissions may be on their
+/// way: whoever begins, the way there
 /// and back counts once for all of them.
 const SETS_PER_TURN: usize = 16;
 
@@ -34,7 +36,8 @@ pub struct Comparison {
     pub merged: Turns,
     /// One view and one submission per modality.
     pub separate: Turns,
-    /// Wall time of each of those submissions, in the order of the modalities; empty where several are on their way at once.
+    /// Wall time of each of those submissions, in the order of the modalities; empty where several
+    /// are on their way at once.
     pub each_ms: Vec<Vec<f64>>,
 }
 
@@ -57,16 +60,27 @@ pub fn best(numbers: &[f64]) -> f64 {
 }
 
 impl Comparison {
-    /// Medians of the turns' ratios, wall and CPU: neighbours on the machine who come and go disturb both sides of a turn alike.
+    /// Medians of the turns' ratios, wall and CPU: neighbours on the machine who come and go
+    /// disturb both sides of a turn alike.
     pub fn ratios(&self) -> [f64; 2] {
-        let Comparison { merged, separate, .. } = self;
-        [median(Turns::ratios(&separate.wall_ms, &merged.wall_ms)), median(Turns::ratios(&separate.cpu_ms, &merged.cpu_ms))]
+        let Comparison {
+            merged, separate, ..
+        } = self;
+        [
+            median(Turns::ratios(&separate.wall_ms, &merged.wall_ms)),
+            median(Turns::ratios(&separate.cpu_ms, &merged.cpu_ms)),
+        ]
     }
 
     /// Ratios of the best turns, wall and CPU.
     pub fn best_ratios(&self) -> [f64; 2] {
-        let Comparison { merged, separate, .. } = self;
-        [best(&separate.wall_ms) / best(&merged.wall_ms), best(&separate.cpu_ms) / best(&merged.cpu_ms)]
+        let Comparison {
+            merged, separate, ..
+        } = self;
+        [
+            best(&separate.wall_ms) / best(&merged.wall_ms),
+            best(&separate.cpu_ms) / best(&merged.cpu_ms),
+        ]
     }
 }
 
@@ -78,18 +92,39 @@ pub struct Sides {
 
 impl Sides {
     /// One view of all `modalities`, and one of each.
-    pub fn new(gpu: &Gpu, quality: Quality, lens: Intrinsics, modalities: &[Modality], n_in_flight: usize) -> Sides {
+    pub fn new(
+        gpu: &Gpu,
+        quality: Quality,
+        lens: Intrinsics,
+        modalities: &[Modality],
+        n_in_flight: usize,
+    ) -> Sides {
         let mut asked = vec![modalities];
         asked.extend(modalities.chunks(1));
-        Sides { cameras: Cameras::new(gpu, quality, lens, &asked, n_in_flight), n_in_flight }
+        Sides {
+            cameras: Cameras::new(gpu, quality, lens, &asked, n_in_flight),
+            n_in_flight,
+        }
     }
 
-    /// Makes `n_sets` of both kinds; `look` gives the scene and the pose, the same for all, of each.
-    pub fn run(&mut self, n_sets: usize, mut look: impl FnMut(usize) -> (Arc<Scene>, Isometry3<f64>)) -> Comparison {
-        let per_turn = if self.n_in_flight == 1 { 1 } else { SETS_PER_TURN };
+    /// Makes `n_sets` of both kinds; `look` gives the scene and the pose, the same for all, of
+    /// each.
+    pub fn run(
+        &mut self,
+        n_sets: usize,
+        mut look: impl FnMut(usize) -> (Arc<Scene>, Isometry3<f64>),
+    ) -> Comparison {
+        let per_turn = if self.n_in_flight == 1 {
+            1
+        } else {
+            SETS_PER_TURN
+        };
         let n_modalities = self.cameras.n_views() - 1;
         let submissions: [Vec<usize>; 2] = [vec![0], (1..=n_modalities).collect()];
-        let mut comparison = Comparison { each_ms: vec![Vec::new(); n_modalities], ..Default::default() };
+        let mut comparison = Comparison {
+            each_ms: vec![Vec::new(); n_modalities],
+            ..Default::default()
+        };
         let n_turns = n_sets.div_ceil(per_turn);
         for turn in 0..n_turns + WARM_UP {
             for (side, views) in submissions.iter().enumerate() {
@@ -115,11 +150,23 @@ impl Sides {
                 if turn < WARM_UP {
                     continue;
                 }
-                let turns = if side == 0 { &mut comparison.merged } else { &mut comparison.separate };
-                turns.wall_ms.push(begin.elapsed().as_secs_f64() * 1e3 / per_turn as f64);
-                turns.cpu_ms.push((cpu_millis() - cpu_begin) / per_turn as f64);
+                let turns = if side == 0 {
+                    &mut comparison.merged
+                } else {
+                    &mut comparison.separate
+                };
+                turns
+                    .wall_ms
+                    .push(begin.elapsed().as_secs_f64() * 1e3 / per_turn as f64);
+                turns
+                    .cpu_ms
+                    .push((cpu_millis() - cpu_begin) / per_turn as f64);
                 if side == 1 {
-                    comparison.each_ms.iter_mut().zip(each_ms).for_each(|(list, millis)| list.push(millis));
+                    comparison
+                        .each_ms
+                        .iter_mut()
+                        .zip(each_ms)
+                        .for_each(|(list, millis)| list.push(millis));
                 }
             }
         }

@@ -24,8 +24,16 @@ fn float(bytes: &[u8]) -> f32 {
 pub fn half(bytes: &[u8]) -> f32 {
     let bits = u16::from_le_bytes([bytes[0], bytes[1]]);
     let (exponent, mantissa) = ((bits >> 10 & 31) as i32, (bits & 1023) as f32);
-    let magnitude = if exponent == 0 { mantissa * 2f32.powi(-24) } else { (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15) };
-    if bits >> 15 == 1 { -magnitude } else { magnitude }
+    let magnitude = if exponent == 0 {
+        mantissa * 2f32.powi(-24)
+    } else {
+        (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15)
+    };
+    if bits >> 15 == 1 {
+        -magnitude
+    } else {
+        magnitude
+    }
 }
 
 /// Red at angle 0, then yellow, green, cyan, blue, magenta.
@@ -40,30 +48,64 @@ impl Picture {
     /// A frame of `modality` as people look at it.
     pub fn of(modality: Modality, size_px: [usize; 2], payload: &[u8]) -> Picture {
         let rgb = match modality {
-            Modality::Rgb => payload.chunks_exact(4).map(|p| [p[2], p[1], p[0]]).collect(),
-            Modality::Depth => payload.chunks_exact(4).map(|p| [(255.0 / (1.0 + 0.06 * float(p))) as u8; 3]).collect(),
-            Modality::Semantic => payload.iter().map(|class| schema_types::Class(*class).info().map_or([0; 3], |info| info.rgb)).collect(),
+            Modality::Rgb => payload
+                .chunks_exact(4)
+                .map(|p| [p[2], p[1], p[0]])
+                .collect(),
+            Modality::Depth => payload
+                .chunks_exact(4)
+                .map(|p| [(255.0 / (1.0 + 0.06 * float(p))) as u8; 3])
+                .collect(),
+            Modality::Semantic => payload
+                .iter()
+                .map(|class| {
+                    schema_types::Class(*class)
+                        .info()
+                        .map_or([0; 3], |info| info.rgb)
+                })
+                .collect(),
             Modality::Instance => {
                 let id = |p: &[u8]| u32::from_le_bytes([p[0], p[1], p[2], p[3]]);
                 // Scenery's ids have the highest bit set: the lower ones tell them apart.
                 let share = |id: u32, step: f32| ((id & 0xffff) as f32 * step).fract();
-                let colour = |id: u32| if id == 0 { [0; 3] } else { hue(share(id, 0.618_034), 0.45 + 0.5 * share(id, 0.37)) };
+                let colour = |id: u32| {
+                    if id == 0 {
+                        [0; 3]
+                    } else {
+                        hue(share(id, 0.618_034), 0.45 + 0.5 * share(id, 0.37))
+                    }
+                };
                 payload.chunks_exact(4).map(|p| colour(id(p))).collect()
             }
             Modality::Flow => {
-                let colour = |x: f32, y: f32| hue(y.atan2(x) / std::f32::consts::TAU, (x.hypot(y) / 12.0).min(1.0).sqrt());
-                payload.chunks_exact(8).map(|p| colour(float(p), float(&p[4..]))).collect()
+                let colour = |x: f32, y: f32| {
+                    hue(
+                        y.atan2(x) / std::f32::consts::TAU,
+                        (x.hypot(y) / 12.0).min(1.0).sqrt(),
+                    )
+                };
+                payload
+                    .chunks_exact(8)
+                    .map(|p| colour(float(p), float(&p[4..])))
+                    .collect()
             }
             Modality::Normals => {
                 let byte = |p: &[u8]| (half(p) * 127.0 + 128.0) as u8;
-                payload.chunks_exact(8).map(|p| [byte(p), byte(&p[2..]), byte(&p[4..])]).collect()
+                payload
+                    .chunks_exact(8)
+                    .map(|p| [byte(p), byte(&p[2..]), byte(&p[4..])])
+                    .collect()
             }
             _ => {
                 let mut rgb = vec![[16; 3]; size_px[0] * size_px[1]];
                 for event in payload.chunks_exact(size_of::<DvsEvent>()) {
                     let event: DvsEvent = bytemuck::pod_read_unaligned(event);
                     rgb[event.y_px as usize * size_px[0] + event.x_px as usize] =
-                        if event.polarity == 1 { [90, 160, 255] } else { [255, 90, 70] };
+                        if event.polarity == 1 {
+                            [90, 160, 255]
+                        } else {
+                            [255, 90, 70]
+                        };
                 }
                 rgb
             }
@@ -77,18 +119,26 @@ impl Picture {
         let mean = |i: usize| {
             let (x, y) = (i % size_px[0] * n, i / size_px[0] * n);
             std::array::from_fn(|c| {
-                let sum: usize = (0..n * n).map(|k| self.rgb[(y + k / n) * self.size_px[0] + x + k % n][c] as usize).sum();
+                let sum: usize = (0..n * n)
+                    .map(|k| self.rgb[(y + k / n) * self.size_px[0] + x + k % n][c] as usize)
+                    .sum();
                 (sum / (n * n)) as u8
             })
         };
-        Picture { size_px, rgb: (0..size_px[0] * size_px[1]).map(mean).collect() }
+        Picture {
+            size_px,
+            rgb: (0..size_px[0] * size_px[1]).map(mean).collect(),
+        }
     }
 
     /// Pictures of one size side by side, `n_across` in a row, with a rim of two pixels.
     pub fn sheet(tiles: &[Picture], n_across: usize) -> Picture {
         const RIM: usize = 2;
         let [width, height] = tiles[0].size_px;
-        let size_px = [n_across * (width + RIM) - RIM, tiles.len().div_ceil(n_across) * (height + RIM) - RIM];
+        let size_px = [
+            n_across * (width + RIM) - RIM,
+            tiles.len().div_ceil(n_across) * (height + RIM) - RIM,
+        ];
         let mut rgb = vec![[255; 3]; size_px[0] * size_px[1]];
         for (i, tile) in tiles.iter().enumerate() {
             let (x0, y0) = (i % n_across * (width + RIM), i / n_across * (height + RIM));
@@ -105,12 +155,20 @@ impl Picture {
     /// # Errors
     /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), String> {
-        let text = |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
+        let text =
+            |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
         let file = std::fs::File::create(path).map_err(|error| text(&error))?;
-        let mut encoder = png::Encoder::new(std::io::BufWriter::new(file), self.size_px[0] as u32, self.size_px[1] as u32);
+        let mut encoder = png::Encoder::new(
+            std::io::BufWriter::new(file),
+            self.size_px[0] as u32,
+            self.size_px[1] as u32,
+        );
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_compression(png::Compression::High);
-        encoder.write_header().and_then(|mut writer| writer.write_image_data(self.rgb.as_flattened())).map_err(|error| text(&error))
+        encoder
+            .write_header()
+            .and_then(|mut writer| writer.write_image_data(self.rgb.as_flattened()))
+            .map_err(|error| text(&error))
     }
 
     /// Writes a JPEG file: all colours, no bands, a fifth of the size of a PNG of streets.
@@ -118,11 +176,20 @@ impl Picture {
     /// # Errors
     /// The file cannot be written.
     pub fn write_jpeg(&self, path: &Path) -> Result<(), String> {
-        let text = |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
-        let file = std::io::BufWriter::new(std::fs::File::create(path).map_err(|error| text(&error))?);
+        let text =
+            |error: &dyn std::fmt::Display| format!("cannot write {}: {error}", path.display());
+        let file =
+            std::io::BufWriter::new(std::fs::File::create(path).map_err(|error| text(&error))?);
         let [width, height] = self.size_px.map(|side| side as u32);
         let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, JPEG_QUALITY);
-        encoder.encode(self.rgb.as_flattened(), width, height, image::ExtendedColorType::Rgb8).map_err(|error| text(&error))
+        encoder
+            .encode(
+                self.rgb.as_flattened(),
+                width,
+                height,
+                image::ExtendedColorType::Rgb8,
+            )
+            .map_err(|error| text(&error))
     }
 }
 
@@ -136,13 +203,23 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("gantry-sheet-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let path = folder.join("ramp.jpg");
-        let rgb: Vec<[u8; 3]> = (0..256 * 16).map(|i| [(i % 256) as u8, 128, 255 - (i % 256) as u8]).collect();
-        Picture { size_px: [256, 16], rgb: rgb.clone() }.write_jpeg(&path).unwrap();
+        let rgb: Vec<[u8; 3]> = (0..256 * 16)
+            .map(|i| [(i % 256) as u8, 128, 255 - (i % 256) as u8])
+            .collect();
+        Picture {
+            size_px: [256, 16],
+            rgb: rgb.clone(),
+        }
+        .write_jpeg(&path)
+        .unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         std::fs::remove_dir_all(&folder).unwrap();
         assert_eq!(read.dimensions(), (256, 16));
         for (wanted, found) in rgb.iter().zip(read.pixels()) {
-            assert!((0..3).all(|c| wanted[c].abs_diff(found.0[c]) <= 6), "{wanted:?} became {found:?}");
+            assert!(
+                (0..3).all(|c| wanted[c].abs_diff(found.0[c]) <= 6),
+                "{wanted:?} became {found:?}"
+            );
         }
     }
 

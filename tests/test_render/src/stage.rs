@@ -32,14 +32,29 @@ impl Stage {
     pub fn new(town: &str, seed: u64, n_vehicles: usize) -> Result<Stage, String> {
         let town = Town::generate(town, seed).map_err(|error| error.to_string())?;
         let map = MapData::from(&town);
-        let mut world = World::new(WorldOptions { seed, ..Default::default() });
+        let mut world = World::new(WorldOptions {
+            seed,
+            ..Default::default()
+        });
         world.load(&map).map_err(|error| error.to_string())?;
         let mut assets = town.assets;
         assets.episode = 1;
         world.register_meshes(&mut assets);
-        world.spawn_scenario("vehicle.tesla.model3", 0, n_vehicles).map_err(|error| error.to_string())?;
-        let places = map.spawn_points.iter().map(|point| point.isometry() * Translation3::new(0.0, 0.0, -0.3)).collect();
-        let mut stage = Stage { name: map.name.clone(), places, world, assets: Arc::new(assets), tick: 0 };
+        world
+            .spawn_scenario("vehicle.tesla.model3", 0, n_vehicles)
+            .map_err(|error| error.to_string())?;
+        let places = map
+            .spawn_points
+            .iter()
+            .map(|point| point.isometry() * Translation3::new(0.0, 0.0, -0.3))
+            .collect();
+        let mut stage = Stage {
+            name: map.name.clone(),
+            places,
+            world,
+            assets: Arc::new(assets),
+            tick: 0,
+        };
         for _ in 0..20 {
             stage.step();
         }
@@ -60,14 +75,21 @@ impl Stage {
     /// Gives every vehicle this control.
     pub fn drive(&mut self, control: schema_frames::VehicleControl) {
         for actor in self.actors(ActorKind::Vehicle) {
-            self.world.set_control(actor, control).expect("it is a vehicle of this world");
+            self.world
+                .set_control(actor, control)
+                .expect("it is a vehicle of this world");
         }
     }
 
     /// All actors of a kind, by rising id.
     pub fn actors(&self, kind: ActorKind) -> Vec<ActorId> {
         let of_kind = |record: &&schema_frames::ActorRecord| record.kind == kind as u16;
-        self.world.snapshot_records().iter().filter(of_kind).map(|record| ActorId(record.id)).collect()
+        self.world
+            .snapshot_records()
+            .iter()
+            .filter(of_kind)
+            .map(|record| ActorId(record.id))
+            .collect()
     }
 
     /// Does what a client would ask for.
@@ -78,7 +100,10 @@ impl Stage {
         let reply = self.world.apply(command);
         let switched = self.world.switched_lamps();
         if self.assets.switched != switched {
-            self.assets = Arc::new(SceneAssets { switched, ..(*self.assets).clone() });
+            self.assets = Arc::new(SceneAssets {
+                switched,
+                ..(*self.assets).clone()
+            });
         }
         match reply {
             CommandReply::Refused { error } => Err(error),
@@ -94,7 +119,9 @@ impl Stage {
     /// Switches every vehicle's lamps to these bits.
     pub fn set_lamps(&mut self, lamps: u32) {
         for actor in self.actors(ActorKind::Vehicle) {
-            self.world.set_lamps(actor, lamps).expect("it is a vehicle of this world");
+            self.world
+                .set_lamps(actor, lamps)
+                .expect("it is a vehicle of this world");
         }
     }
 
@@ -114,9 +141,18 @@ impl Stage {
         }
     }
 
-    /// A camera 1.6 m above a spawn point (counted round), moved along its lane, turned to the left and down.
-    pub fn camera(&self, place: usize, along_m: f64, yaw_deg: f64, pitch_deg: f64) -> Isometry3<f64> {
-        let turn = UnitQuaternion::from_euler_angles(0.0, pitch_deg.to_radians(), yaw_deg.to_radians());
-        self.places[place % self.places.len()] * Isometry3::from_parts(Translation3::new(along_m, 0.0, 1.6), turn)
+    /// A camera 1.6 m above a spawn point (counted round), moved along its lane, turned to the left
+    /// and down.
+    pub fn camera(
+        &self,
+        place: usize,
+        along_m: f64,
+        yaw_deg: f64,
+        pitch_deg: f64,
+    ) -> Isometry3<f64> {
+        let turn =
+            UnitQuaternion::from_euler_angles(0.0, pitch_deg.to_radians(), yaw_deg.to_radians());
+        self.places[place % self.places.len()]
+            * Isometry3::from_parts(Translation3::new(along_m, 0.0, 1.6), turn)
     }
 }

@@ -1,4 +1,5 @@
-//! The same as in the towns, in scenes thrown together by chance: boxes, shards and balls with levels of detail, turned anyhow, moving
+//! The same as in the towns, in scenes thrown together by chance: boxes, shards and balls with
+//! levels of detail, turned anyhow, moving
 //! anyhow, near the origin and ten kilometres away from it.
 
 use std::f64::consts::TAU;
@@ -11,7 +12,9 @@ use schema_types::noise::Noise;
 use schema_types::{ActorId, Class, ObjectId, SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
 use sensor_core::mesh::Surface;
-use sensor_core::{DynamicInstance, Material, Mesh, MeshBuilder, MeshId, Scene, SceneAssets, StaticInstance};
+use sensor_core::{
+    DynamicInstance, Material, Mesh, MeshBuilder, MeshId, Scene, SceneAssets, StaticInstance,
+};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_ray::{Lidar, RayScene, SensorPath};
 use sensor_spec::{Intrinsics, LidarSpec};
@@ -38,7 +41,13 @@ impl Chance {
 }
 
 fn surface(chance: &mut Chance, object: ObjectId) -> Surface {
-    let classes = [Class::BUILDINGS, Class::CAR, Class::ROADS, Class::VEGETATION, Class::POLES];
+    let classes = [
+        Class::BUILDINGS,
+        Class::CAR,
+        Class::ROADS,
+        Class::VEGETATION,
+        Class::POLES,
+    ];
     let class = classes[chance.between(0.0, 4.999) as usize];
     Surface::new(class, Material::Matte, [120; 3]).of(object)
 }
@@ -46,20 +55,36 @@ fn surface(chance: &mut Chance, object: ObjectId) -> Surface {
 /// A ball of rounded quads.
 fn ball(builder: &mut MeshBuilder, surface: Surface, radius_m: f32, n: usize) {
     let at = |i: usize, k: usize| {
-        let (theta, phi) = (i as f32 / n as f32 * std::f32::consts::PI, k as f32 / n as f32 * std::f32::consts::TAU);
-        [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+        let (theta, phi) = (
+            i as f32 / n as f32 * std::f32::consts::PI,
+            k as f32 / n as f32 * std::f32::consts::TAU,
+        );
+        [
+            theta.sin() * phi.cos(),
+            theta.sin() * phi.sin(),
+            theta.cos(),
+        ]
     };
     for i in 0..n {
         for k in 0..n {
             let normals = [at(i, k), at(i + 1, k), at(i + 1, k + 1), at(i, k + 1)];
-            builder.polygon_with_normals(surface, &normals.map(|x| x.map(|x| x * radius_m)), &normals, &[[0.0; 2]; 4]);
+            builder.polygon_with_normals(
+                surface,
+                &normals.map(|x| x.map(|x| x * radius_m)),
+                &normals,
+                &[[0.0; 2]; 4],
+            );
         }
     }
 }
 
 fn mesh(chance: &mut Chance, number: u32) -> Mesh {
     let mut builder = MeshBuilder::new(format!("thing {number}"));
-    let object = if chance.between(0.0, 1.0) < 0.5 { ObjectId::BACKGROUND } else { ObjectId::scenery(1000 + number) };
+    let object = if chance.between(0.0, 1.0) < 0.5 {
+        ObjectId::BACKGROUND
+    } else {
+        ObjectId::scenery(1000 + number)
+    };
     let surface = surface(chance, object);
     let size = |chance: &mut Chance| [0; 3].map(|_| chance.between(0.2, 3.0) as f32);
     match number % 3 {
@@ -109,14 +134,27 @@ struct Shot {
 
 fn shot(seed: u64) -> Shot {
     let mut chance = Chance(Noise::new(seed, 9, 9), 0);
-    let origin = if seed.is_multiple_of(2) { Vector3::zeros() } else { chance.vector([10_000.0, 10_000.0, 300.0]) };
-    let mut assets = SceneAssets { episode: 1, ..SceneAssets::default() };
-    let meshes: Vec<MeshId> = (0..30).map(|i| assets.add_mesh(mesh(&mut chance, i))).collect();
+    let origin = if seed.is_multiple_of(2) {
+        Vector3::zeros()
+    } else {
+        chance.vector([10_000.0, 10_000.0, 300.0])
+    };
+    let mut assets = SceneAssets {
+        episode: 1,
+        ..SceneAssets::default()
+    };
+    let meshes: Vec<MeshId> = (0..30)
+        .map(|i| assets.add_mesh(mesh(&mut chance, i)))
+        .collect();
     let away = Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::identity());
     const HALF_M: [f64; 3] = [30.0, 30.0, 8.0];
     for (i, mesh) in meshes.iter().enumerate().chain(meshes.iter().enumerate()) {
         let world_from_mesh = away * chance.pose(HALF_M);
-        assets.statics.push(StaticInstance { mesh: *mesh, world_from_mesh, object: ObjectId::scenery(i as u32) });
+        assets.statics.push(StaticInstance {
+            mesh: *mesh,
+            world_from_mesh,
+            object: ObjectId::scenery(i as u32),
+        });
     }
     let assets = Arc::new(assets);
     let mut dynamics = [Vec::new(), Vec::new()];
@@ -151,13 +189,24 @@ fn cameras_and_lidar_agree_with_rays_in_random_scenes() {
     let gpu = Gpu::open(&GpuOptions::default()).unwrap();
     let (mut sum, mut n_hits) = (Errors::default(), 0);
     for seed in 0..10 {
-        let Shot { scenes: [before, now], poses, lens } = shot(seed);
-        let mut renderer = CameraRenderer::new(&gpu, [Quality::Low, Quality::High][(seed % 4 == 3) as usize]);
+        let Shot {
+            scenes: [before, now],
+            poses,
+            lens,
+        } = shot(seed);
+        let mut renderer = CameraRenderer::new(
+            &gpu,
+            [Quality::Low, Quality::High][(seed % 4 == 3) as usize],
+        );
         let frames = two_firings(&gpu, &mut renderer, lens, [&before, &now], poses);
         let errors = check_camera(&frames, [&before, &now], poses);
         println!("seed {seed}: {errors:?}");
         assert!(errors.is_exact(), "seed {seed}: {errors:#?}");
-        (sum.n, sum.n_moving, sum.n_flowing) = (sum.n + errors.n, sum.n_moving + errors.n_moving, sum.n_flowing + errors.n_flowing);
+        (sum.n, sum.n_moving, sum.n_flowing) = (
+            sum.n + errors.n,
+            sum.n_moving + errors.n_moving,
+            sum.n_flowing + errors.n_flowing,
+        );
 
         let mut rays = RayScene::load(&now.assets);
         rays.update(&now.dynamics);
@@ -171,32 +220,55 @@ fn cameras_and_lidar_agree_with_rays_in_random_scenes() {
             ..Default::default()
         };
         let mut lidar = Lidar::new(spec.clone());
-        lidar.scan(&rays, &SensorPath::still(poses[1]), Noise::new(1, 2, 3), None);
+        lidar.scan(
+            &rays,
+            &SensorPath::still(poses[1]),
+            Noise::new(1, 2, 3),
+            None,
+        );
         let mut bytes = vec![0; lidar.payload_bytes()];
         let n_bytes = lidar.write(&mut bytes);
         let points: Vec<SemanticLidarPoint> = bytemuck::pod_collect_to_vec(&bytes[..n_bytes]);
         let errors = check_lidar(&points, &spec, &now, &poses[1]);
         println!("seed {seed}: {errors:?}");
-        assert!(errors.n_wrong == 0 && errors.n_labels_off == 0 && errors.worst_m <= 1e-3, "seed {seed}: {errors:?}");
+        assert!(
+            errors.n_wrong == 0 && errors.n_labels_off == 0 && errors.worst_m <= 1e-3,
+            "seed {seed}: {errors:?}"
+        );
         n_hits += errors.n_hits;
     }
-    assert!(sum.n > 100_000 && sum.n_moving > 20_000 && sum.n_flowing > 80_000 && n_hits > 6_000, "{sum:?}, {n_hits}");
+    assert!(
+        sum.n > 100_000 && sum.n_moving > 20_000 && sum.n_flowing > 80_000 && n_hits > 6_000,
+        "{sum:?}, {n_hits}"
+    );
 }
 
 /// What the comparison is worth: a point that is a centimetre off does not pass.
 #[test]
 fn the_comparison_finds_what_is_off() {
     let gpu = Gpu::open(&GpuOptions::default()).unwrap();
-    let Shot { scenes: [before, now], poses, lens } = shot(4);
+    let Shot {
+        scenes: [before, now],
+        poses,
+        lens,
+    } = shot(4);
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
     let frames = two_firings(&gpu, &mut renderer, lens, [&before, &now], poses);
     let aside = [poses[0], poses[1] * Isometry3::translation(0.01, 0.0, 0.0)];
     let errors = check_camera(&frames, [&before, &now], aside);
-    assert!(!errors.is_exact() && errors.n_depth_off > 2000, "{errors:?}");
+    assert!(
+        !errors.is_exact() && errors.n_depth_off > 2000,
+        "{errors:?}"
+    );
     let mut late = before.clone();
-    late.dynamics.iter_mut().for_each(|instance| instance.world_from_mesh.translation.vector += Vector3::new(0.0, 0.05, 0.0));
+    late.dynamics.iter_mut().for_each(|instance| {
+        instance.world_from_mesh.translation.vector += Vector3::new(0.0, 0.05, 0.0)
+    });
     let errors = check_camera(&frames, [&late, &now], poses);
-    assert!(errors.worst_flow_px > 0.1 && errors.n_depth_off == 0, "{errors:?}");
+    assert!(
+        errors.worst_flow_px > 0.1 && errors.n_depth_off == 0,
+        "{errors:?}"
+    );
     let eye = Point3::from(poses[1].translation.vector);
     assert!(eye.coords.norm() < 20.0, "seed 4 is near the origin");
 }

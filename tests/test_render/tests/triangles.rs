@@ -1,4 +1,5 @@
-//! The budget of a street view at quality `low`: 60 000 triangles with sixty vehicles and their moving shadows, as the renderer counts.
+//! The budget of a street view at quality `low`: 60 000 triangles with sixty vehicles and their
+//! moving shadows, as the renderer counts.
 
 use schema_frames::Modality;
 use schema_frames::document::Weather;
@@ -9,7 +10,8 @@ use simd_town::Town;
 use test_render::Stage;
 
 const BUDGET: u64 = 60_000;
-/// Places looked from in each town, evenly over its spawn points, and the steps forward along the lane at each, metres.
+/// Places looked from in each town, evenly over its spawn points, and the steps forward along the
+/// lane at each, metres.
 const N_PLACES: usize = 48;
 const ALONG_M: [f64; 2] = [0.0, 7.0];
 
@@ -20,7 +22,10 @@ fn every_street_view_stays_within_the_budget() {
     for name in Town::NAMES {
         let stage = Stage::new(name, 7, 60).unwrap();
         let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-        let mut view = View::new(&gpu, ViewSpec::pinhole(Intrinsics::from_fov(160, 120, 90f64.to_radians())));
+        let mut view = View::new(
+            &gpu,
+            ViewSpec::pinhole(Intrinsics::from_fov(160, 120, 90f64.to_radians())),
+        );
         let mut bytes = vec![0; view.payload_bytes(Modality::Rgb)];
         let scene = stage.scene(Weather::default());
         let mut counts = Vec::new();
@@ -32,8 +37,15 @@ fn every_street_view_stays_within_the_budget() {
                 // The second picture finds the shadows of what stands still.
                 for _ in 0..2 {
                     let before = gpu.counters().counts().triangles;
-                    let outputs = vec![Output { modality: Modality::Rgb, place: Place::Memory(&mut bytes) }];
-                    let job = ViewJob { view: &mut view, world_from_sensor, outputs };
+                    let outputs = vec![Output {
+                        modality: Modality::Rgb,
+                        place: Place::Memory(&mut bytes),
+                    }];
+                    let job = ViewJob {
+                        view: &mut view,
+                        world_from_sensor,
+                        outputs,
+                    };
                     renderer.render(&scene, vec![job]).unwrap().wait().unwrap();
                     n = gpu.counters().counts().triangles - before;
                 }
@@ -44,8 +56,16 @@ fn every_street_view_stays_within_the_budget() {
             }
         }
         counts.sort_unstable();
-        println!("{name}: median {}, most {}, from {} places", counts[counts.len() / 2], counts[counts.len() - 1], counts.len());
+        println!(
+            "{name}: median {}, most {}, from {} places",
+            counts[counts.len() / 2],
+            counts[counts.len() - 1],
+            counts.len()
+        );
         assert!(counts[0] > 500, "{name}: a view shows hardly anything");
     }
-    assert!(over.is_empty(), "(town, place, metres ahead, triangles): {over:?}");
+    assert!(
+        over.is_empty(),
+        "(town, place, metres ahead, triangles): {over:?}"
+    );
 }

@@ -1,4 +1,5 @@
-//! What weather does to a picture, field by field, where physics says which way it must go; and what it must not touch.
+//! What weather does to a picture, field by field, where physics says which way it must go; and
+//! what it must not touch.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::Modality;
@@ -25,26 +26,71 @@ struct Seen {
 impl Eye {
     fn new(quality: Quality) -> Eye {
         let gpu = Gpu::open(&GpuOptions::default()).unwrap();
-        Eye { renderer: CameraRenderer::new(&gpu, quality), gpu, stage: Stage::new("Town07", 3, 0).unwrap() }
+        Eye {
+            renderer: CameraRenderer::new(&gpu, quality),
+            gpu,
+            stage: Stage::new("Town07", 3, 0).unwrap(),
+        }
     }
 
     /// From 60 m above the ground towards this azimuth and altitude.
     fn look(&mut self, weather: Weather, azimuth_deg: f64, altitude_deg: f64) -> Seen {
-        let turn = UnitQuaternion::from_euler_angles(0.0, -altitude_deg.to_radians(), azimuth_deg.to_radians());
+        let turn = UnitQuaternion::from_euler_angles(
+            0.0,
+            -altitude_deg.to_radians(),
+            azimuth_deg.to_radians(),
+        );
         let place = self.stage.places[0].translation.vector + Vector3::new(0.0, 0.0, 60.0);
         let world_from_sensor = Isometry3::from_parts(Translation3::from(place), turn);
         let lens = Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], 40f64.to_radians());
         // Two stops darker, so that hardly anything is clipped.
-        let mut optics = OpticsSpec { postprocess: false, ..OpticsSpec::default() };
+        let mut optics = OpticsSpec {
+            postprocess: false,
+            ..OpticsSpec::default()
+        };
         optics.exposure.compensation_ev = -2.0;
-        let mut view = View::new(&self.gpu, ViewSpec { optics, ..ViewSpec::pinhole(lens) });
-        let modalities = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Normals];
-        let mut bytes: Vec<Vec<u8>> = modalities.iter().map(|modality| vec![0; view.payload_bytes(*modality)]).collect();
-        let outputs = modalities.iter().zip(&mut bytes).map(|(m, bytes)| Output { modality: *m, place: Place::Memory(bytes) }).collect();
-        let job = ViewJob { view: &mut view, world_from_sensor, outputs };
-        self.renderer.render(&self.stage.scene(weather), vec![job]).unwrap().wait().unwrap();
+        let mut view = View::new(
+            &self.gpu,
+            ViewSpec {
+                optics,
+                ..ViewSpec::pinhole(lens)
+            },
+        );
+        let modalities = [
+            Modality::Rgb,
+            Modality::Depth,
+            Modality::Semantic,
+            Modality::Instance,
+            Modality::Normals,
+        ];
+        let mut bytes: Vec<Vec<u8>> = modalities
+            .iter()
+            .map(|modality| vec![0; view.payload_bytes(*modality)])
+            .collect();
+        let outputs = modalities
+            .iter()
+            .zip(&mut bytes)
+            .map(|(m, bytes)| Output {
+                modality: *m,
+                place: Place::Memory(bytes),
+            })
+            .collect();
+        let job = ViewJob {
+            view: &mut view,
+            world_from_sensor,
+            outputs,
+        };
+        self.renderer
+            .render(&self.stage.scene(weather), vec![job])
+            .unwrap()
+            .wait()
+            .unwrap();
         let light = |byte: u8| (f64::from(byte) / 255.0).powf(2.2);
-        let rgb = bytes.remove(0).chunks_exact(4).map(|p| Vector3::new(light(p[2]), light(p[1]), light(p[0]))).collect();
+        let rgb = bytes
+            .remove(0)
+            .chunks_exact(4)
+            .map(|p| Vector3::new(light(p[2]), light(p[1]), light(p[0])))
+            .collect();
         Seen { rgb, labels: bytes }
     }
 }
@@ -62,7 +108,12 @@ impl Seen {
 }
 
 fn clear() -> Weather {
-    Weather { cloudiness: 0.0, sun_azimuth_deg: 0.0, sun_altitude_deg: 30.0, ..Weather::default() }
+    Weather {
+        cloudiness: 0.0,
+        sun_azimuth_deg: 0.0,
+        sun_altitude_deg: 30.0,
+        ..Weather::default()
+    }
 }
 
 #[test]
@@ -71,43 +122,155 @@ fn every_field_of_the_air_acts_the_way_it_should_and_changes_colours_only() {
         let mut eye = Eye::new(quality);
         let usual = clear();
         let mut pair = |a: Weather, b: Weather, azimuth_deg: f64, altitude_deg: f64| {
-            let (a, b) = (eye.look(a, azimuth_deg, altitude_deg), eye.look(b, azimuth_deg, altitude_deg));
-            assert!(a.labels == b.labels, "weather changes depth, classes, ids or normals");
+            let (a, b) = (
+                eye.look(a, azimuth_deg, altitude_deg),
+                eye.look(b, azimuth_deg, altitude_deg),
+            );
+            assert!(
+                a.labels == b.labels,
+                "weather changes depth, classes, ids or normals"
+            );
             (a, b)
         };
-        // Fewer molecules: a darker sky; many more: a whiter one (scattering saturates in blue first).
-        let (blue, dark) = pair(usual, Weather { rayleigh_scattering_scale: 0.005, ..usual }, 140.0, 45.0);
-        assert!(dark.middle().z < 0.3 * blue.middle().z, "{quality:?}: {} {}", blue.middle(), dark.middle());
-        let (_, white) = pair(usual, Weather { rayleigh_scattering_scale: 0.1, ..usual }, 140.0, 45.0);
+        // Fewer molecules: a darker sky; many more: a whiter one (scattering saturates in blue
+        // first).
+        let (blue, dark) = pair(
+            usual,
+            Weather {
+                rayleigh_scattering_scale: 0.005,
+                ..usual
+            },
+            140.0,
+            45.0,
+        );
+        assert!(
+            dark.middle().z < 0.3 * blue.middle().z,
+            "{quality:?}: {} {}",
+            blue.middle(),
+            dark.middle()
+        );
+        let (_, white) = pair(
+            usual,
+            Weather {
+                rayleigh_scattering_scale: 0.1,
+                ..usual
+            },
+            140.0,
+            45.0,
+        );
         let blueness = |seen: &Seen| seen.middle().z / seen.middle().x;
-        assert!(blueness(&white) < 0.9 * blueness(&blue), "{quality:?}: {} {}", blueness(&blue), blueness(&white));
+        assert!(
+            blueness(&white) < 0.9 * blueness(&blue),
+            "{quality:?}: {} {}",
+            blueness(&blue),
+            blueness(&white)
+        );
         // Haze: a glow about the sun, and none on the other side.
-        let hazy = Weather { mie_scattering_scale: 0.3, ..usual };
+        let hazy = Weather {
+            mie_scattering_scale: 0.3,
+            ..usual
+        };
         let (plain, glow) = pair(usual, hazy, 12.0, 38.0);
         let near = glow.middle().y - plain.middle().y;
         let (plain, glow) = pair(usual, hazy, 170.0, 38.0);
         let far = glow.middle().y - plain.middle().y;
-        assert!(near > 0.012 && far < 0.3 * near, "{quality:?}: {near} near the sun, {far} away from it");
+        assert!(
+            near > 0.012 && far < 0.3 * near,
+            "{quality:?}: {near} near the sun, {far} away from it"
+        );
         // Fog that scatters: brighter towards the sun only.
-        let fog = Weather { fog_density: 35.0, fog_falloff: 0.0, scattering_intensity: 0.0, ..usual };
-        let (plain, lit) = pair(fog, Weather { scattering_intensity: 3.0, ..fog }, 0.0, 0.0);
-        assert!(lit.middle().y > 1.15 * plain.middle().y, "{quality:?}: {} {}", plain.middle(), lit.middle());
-        let (plain, lit) = pair(fog, Weather { scattering_intensity: 3.0, ..fog }, 180.0, 0.0);
-        assert!((lit.middle().y - plain.middle().y).abs() < 2e-3, "{quality:?}: {} {}", plain.middle(), lit.middle());
+        let fog = Weather {
+            fog_density: 35.0,
+            fog_falloff: 0.0,
+            scattering_intensity: 0.0,
+            ..usual
+        };
+        let (plain, lit) = pair(
+            fog,
+            Weather {
+                scattering_intensity: 3.0,
+                ..fog
+            },
+            0.0,
+            0.0,
+        );
+        assert!(
+            lit.middle().y > 1.15 * plain.middle().y,
+            "{quality:?}: {} {}",
+            plain.middle(),
+            lit.middle()
+        );
+        let (plain, lit) = pair(
+            fog,
+            Weather {
+                scattering_intensity: 3.0,
+                ..fog
+            },
+            180.0,
+            0.0,
+        );
+        assert!(
+            (lit.middle().y - plain.middle().y).abs() < 2e-3,
+            "{quality:?}: {} {}",
+            plain.middle(),
+            lit.middle()
+        );
         // Dust: brown, and the distance fades.
-        let (plain, dust) = pair(usual, Weather { dust_storm: 100.0, ..usual }, 90.0, -6.0);
-        assert!(dust.middle().x > 1.4 * dust.middle().z, "{quality:?}: dust is brown: {}", dust.middle());
+        let (plain, dust) = pair(
+            usual,
+            Weather {
+                dust_storm: 100.0,
+                ..usual
+            },
+            90.0,
+            -6.0,
+        );
+        assert!(
+            dust.middle().x > 1.4 * dust.middle().z,
+            "{quality:?}: dust is brown: {}",
+            dust.middle()
+        );
         let contrast = |seen: &Seen| {
-            let row: Vec<f64> = (5..155).map(|x| seen.rgb[70 * SIZE_PX[0] as usize + x].y).collect();
+            let row: Vec<f64> = (5..155)
+                .map(|x| seen.rgb[70 * SIZE_PX[0] as usize + x].y)
+                .collect();
             row.iter().copied().fold(0.0, f64::max) - row.iter().copied().fold(1.0, f64::min)
         };
-        assert!(contrast(&dust) < 0.3 * contrast(&plain), "{quality:?}: {} {}", contrast(&plain), contrast(&dust));
+        assert!(
+            contrast(&dust) < 0.3 * contrast(&plain),
+            "{quality:?}: {} {}",
+            contrast(&plain),
+            contrast(&dust)
+        );
         // Night: a moon opposite the sun, behind clouds where there are any.
-        let night = Weather { sun_altitude_deg: -40.0, ..usual };
+        let night = Weather {
+            sun_altitude_deg: -40.0,
+            ..usual
+        };
         let (sky, _) = pair(night, night, 180.0, 40.0);
-        assert!(sky.middle().min() > 0.1, "{quality:?}: the moon is white: {}", sky.middle());
-        assert!(sky.at(20, 20).max() < 0.02, "{quality:?}: and the sky is dark: {}", sky.at(20, 20));
-        let (_, hidden) = pair(night, Weather { cloudiness: 100.0, ..night }, 180.0, 40.0);
-        assert!(hidden.middle().max() < 0.5 * sky.middle().max(), "{quality:?}: clouds hide it: {}", hidden.middle());
+        assert!(
+            sky.middle().min() > 0.1,
+            "{quality:?}: the moon is white: {}",
+            sky.middle()
+        );
+        assert!(
+            sky.at(20, 20).max() < 0.02,
+            "{quality:?}: and the sky is dark: {}",
+            sky.at(20, 20)
+        );
+        let (_, hidden) = pair(
+            night,
+            Weather {
+                cloudiness: 100.0,
+                ..night
+            },
+            180.0,
+            40.0,
+        );
+        assert!(
+            hidden.middle().max() < 0.5 * sky.middle().max(),
+            "{quality:?}: clouds hide it: {}",
+            hidden.middle()
+        );
     }
 }

@@ -6,14 +6,21 @@ use std::path::{Path, PathBuf};
 
 /// Root of the repository.
 pub fn repository() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().expect("repository root")
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .canonicalize()
+        .expect("repository root")
 }
 
-/// Every file below the root with one of `extensions`, without build products and hidden folders; sorted.
+/// Every file below the root with one of `extensions`, without build products and hidden folders;
+/// sorted.
 pub fn files(extensions: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
     walk(&repository(), &mut found);
-    found.retain(|path| path.extension().is_some_and(|e| extensions.contains(&e.to_string_lossy().as_ref())));
+    found.retain(|path| {
+        path.extension()
+            .is_some_and(|e| extensions.contains(&e.to_string_lossy().as_ref()))
+    });
     found.sort();
     found
 }
@@ -23,7 +30,11 @@ fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
         let name = entry.file_name().to_string_lossy().into_owned();
         let path = entry.path();
         if path.is_dir() {
-            if !(name == "target" || name == "shared" || name.starts_with('.') || name == "__pycache__") {
+            if !(name == "target"
+                || name == "shared"
+                || name.starts_with('.')
+                || name == "__pycache__")
+            {
                 walk(&path, found);
             }
         } else {
@@ -34,5 +45,8 @@ fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
 
 /// The path relative to the root, for messages.
 pub fn relative(path: &Path) -> String {
-    path.strip_prefix(repository()).unwrap_or(path).display().to_string()
+    path.strip_prefix(repository())
+        .unwrap_or(path)
+        .display()
+        .to_string()
 }

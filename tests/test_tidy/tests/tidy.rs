@@ -8,7 +8,8 @@ fn read(path: &std::path::Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", relative(path)))
 }
 
-/// `a → b`: crate `a` may depend on crate `b` of ours. Transitive closure is not implied; every allowed pair stands here.
+/// `a → b`: crate `a` may depend on crate `b` of ours. Transitive closure is not implied; every
+/// allowed pair stands here.
 fn allowed(from: &str, to: &str) -> bool {
     let district = |name: &str| name.split('_').next().unwrap_or(name).to_owned();
     match (from, to) {
@@ -21,7 +22,8 @@ fn allowed(from: &str, to: &str) -> bool {
         ("schema_bus", "schema_types" | "schema_frames") => true,
         ("schema_frames" | "schema_roads", "schema_types") => true,
         (_, to) if district(to) == "schema" => district(from) != "schema",
-        ("sensor_core", "sensor_spec") | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
+        ("sensor_core", "sensor_spec")
+        | ("sensor_camera" | "sensor_ray", "sensor_core" | "sensor_spec") => true,
         ("sensor_camera" | "sensor_ray", "sensor_gpu") => true,
         ("sensor_gpu", "sensor_core") => true,
         (from, "consumer_kit") => district(from) == "consumer",
@@ -32,9 +34,16 @@ fn allowed(from: &str, to: &str) -> bool {
 fn manifests() -> BTreeMap<String, (String, toml::Table)> {
     let mut found = BTreeMap::new();
     for path in files(&["toml"]) {
-        if path.file_name().is_some_and(|n| n == "Cargo.toml") && path.parent() != Some(repository().as_path()) {
-            let table: toml::Table = read(&path).parse().unwrap_or_else(|error| panic!("{}: {error}", relative(&path)));
-            let name = table["package"]["name"].as_str().expect("crates have names").to_owned();
+        if path.file_name().is_some_and(|n| n == "Cargo.toml")
+            && path.parent() != Some(repository().as_path())
+        {
+            let table: toml::Table = read(&path)
+                .parse()
+                .unwrap_or_else(|error| panic!("{}: {error}", relative(&path)));
+            let name = table["package"]["name"]
+                .as_str()
+                .expect("crates have names")
+                .to_owned();
             found.insert(name, (relative(&path), table));
         }
     }
@@ -45,8 +54,15 @@ fn manifests() -> BTreeMap<String, (String, toml::Table)> {
 fn crates_depend_only_in_the_allowed_direction() {
     let manifests = manifests();
     let mut wrong = Vec::new();
-    for (name, (path, table)) in manifests.iter().filter(|(name, _)| !name.starts_with("test_")) {
-        let dependencies = table.get("dependencies").and_then(|d| d.as_table()).cloned().unwrap_or_default();
+    for (name, (path, table)) in manifests
+        .iter()
+        .filter(|(name, _)| !name.starts_with("test_"))
+    {
+        let dependencies = table
+            .get("dependencies")
+            .and_then(|d| d.as_table())
+            .cloned()
+            .unwrap_or_default();
         for dependency in dependencies.keys().filter(|d| manifests.contains_key(*d)) {
             if !allowed(name, dependency) {
                 wrong.push(format!("{path}: {name} must not depend on {dependency}"));
@@ -70,7 +86,9 @@ fn only_one_crate_names_each_engine() {
     let mut wrong = Vec::new();
     for (name, (path, table)) in manifests() {
         for (engine, crates) in owners {
-            let uses = ["dependencies", "dev-dependencies"].iter().any(|kind| table.get(*kind).is_some_and(|d| d.get(engine).is_some()));
+            let uses = ["dependencies", "dev-dependencies"]
+                .iter()
+                .any(|kind| table.get(*kind).is_some_and(|d| d.get(engine).is_some()));
             if uses && !crates.contains(&name.as_str()) {
                 wrong.push(format!("{path}: only {crates:?} may depend on {engine}"));
             }
@@ -82,7 +100,12 @@ fn only_one_crate_names_each_engine() {
 #[test]
 fn crates_are_named_like_their_folders() {
     for (name, (path, _)) in manifests() {
-        let folder = path.trim_end_matches("/Cargo.toml").rsplit('/').next().unwrap_or_default().to_owned();
+        let folder = path
+            .trim_end_matches("/Cargo.toml")
+            .rsplit('/')
+            .next()
+            .unwrap_or_default()
+            .to_owned();
         assert_eq!(folder, name, "{path}");
     }
 }
@@ -92,7 +115,12 @@ fn versions_live_in_the_root_manifest() {
     let mut wrong = Vec::new();
     for (_, (path, table)) in manifests() {
         for kind in ["dependencies", "dev-dependencies", "build-dependencies"] {
-            for (dependency, value) in table.get(kind).and_then(|d| d.as_table()).into_iter().flatten() {
+            for (dependency, value) in table
+                .get(kind)
+                .and_then(|d| d.as_table())
+                .into_iter()
+                .flatten()
+            {
                 if value.get("workspace").and_then(|w| w.as_bool()) != Some(true) {
                     wrong.push(format!("{path}: {dependency} must say workspace = true"));
                 }
@@ -110,9 +138,19 @@ fn every_unsafe_block_has_its_proof() {
         let lines: Vec<&str> = text.lines().collect();
         for (i, line) in lines.iter().enumerate() {
             let code = line.split("//").next().unwrap_or_default();
-            let is_block = [concat!("unsa", "fe {"), concat!("unsa", "fe impl")].iter().any(|word| code.contains(word));
-            if is_block && !lines[i.saturating_sub(8)..=i].iter().any(|l| l.contains("SAFETY:")) {
-                wrong.push(format!("{}:{}: unsafe without a SAFETY comment above", relative(&path), i + 1));
+            let is_block = [concat!("unsa", "fe {"), concat!("unsa", "fe impl")]
+                .iter()
+                .any(|word| code.contains(word));
+            if is_block
+                && !lines[i.saturating_sub(8)..=i]
+                    .iter()
+                    .any(|l| l.contains("SAFETY:"))
+            {
+                wrong.push(format!(
+                    "{}:{}: unsafe without a SAFETY comment above",
+                    relative(&path),
+                    i + 1
+                ));
             }
         }
     }
@@ -158,9 +196,16 @@ fn no_file_knows_the_machine_it_was_written_on() {
 
 #[test]
 fn every_source_file_says_what_it_is_for() {
-    let silent: Vec<String> =
-        files(&["rs"]).iter().filter(|path| !read(path).starts_with("//!") && !read(path).is_empty()).map(|p| relative(p)).collect();
-    assert!(silent.is_empty(), "files without an opening //! line:\n{}", silent.join("\n"));
+    let silent: Vec<String> = files(&["rs"])
+        .iter()
+        .filter(|path| !read(path).starts_with("//!") && !read(path).is_empty())
+        .map(|p| relative(p))
+        .collect();
+    assert!(
+        silent.is_empty(),
+        "files without an opening //! line:\n{}",
+        silent.join("\n")
+    );
 }
 
 /// Words in backticks of the architecture page that look like a crate or a path must exist.
@@ -168,11 +213,19 @@ fn every_source_file_says_what_it_is_for() {
 fn the_architecture_page_names_things_that_exist() {
     let page = read(&repository().join("ARCHITECTURE.md"));
     let crates: BTreeSet<String> = manifests().into_keys().collect();
-    let districts = ["schema_", "sensor_", "simd_", "launch_", "consumer_", "test_"];
+    let districts = [
+        "schema_",
+        "sensor_",
+        "simd_",
+        "launch_",
+        "consumer_",
+        "test_",
+    ];
     let mut wrong = Vec::new();
     for word in page.split('`').skip(1).step_by(2) {
         let head = word.split("::").next().unwrap_or(word);
-        let is_crate_name = districts.iter().any(|d| head.starts_with(d)) && !head.contains(['/', '.', ' ']);
+        let is_crate_name =
+            districts.iter().any(|d| head.starts_with(d)) && !head.contains(['/', '.', ' ']);
         if is_crate_name && !crates.contains(head) {
             wrong.push(format!("`{word}`: there is no crate {head}"));
         }

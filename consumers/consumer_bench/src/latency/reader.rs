@@ -69,7 +69,14 @@ pub struct Received {
 
 impl Received {
     /// Takes note of a frame; returns whether it was the last.
-    fn frame(&mut self, seq: u64, stamp: MonoTime, held: MonoTime, first_and_last_byte: [u8; 2], last: u64) -> anyhow::Result<bool> {
+    fn frame(
+        &mut self,
+        seq: u64,
+        stamp: MonoTime,
+        held: MonoTime,
+        first_and_last_byte: [u8; 2],
+        last: u64,
+    ) -> anyhow::Result<bool> {
         ensure!(
             first_and_last_byte == [seq as u8; 2],
             "frame {seq} has the bytes {first_and_last_byte:?}: it was overwritten while it was held"
@@ -86,7 +93,9 @@ pub fn run(args: &ReaderArgs, domain: &str) -> anyhow::Result<Exit> {
     let mut received = Received::default();
     match (&args.address, &args.topic, &args.event) {
         (Some(address), ..) => read_tcp(args, address, &mut received)?,
-        (None, Some(topic), Some(event)) => read_shared_memory(args, domain, topic, event, &mut received)?,
+        (None, Some(topic), Some(event)) => {
+            read_shared_memory(args, domain, topic, event, &mut received)?
+        }
         _ => bail!("a reader needs --address, or --topic and --event"),
     }
     received.lost = (args.last - WARM_UP).saturating_sub(received.nanos.len() as u64);
@@ -99,10 +108,18 @@ fn say_ready() -> anyhow::Result<()> {
     std::io::stdout().flush().context("the writer hung up")
 }
 
-fn read_shared_memory(args: &ReaderArgs, domain: &str, topic: &str, event: &str, received: &mut Received) -> anyhow::Result<()> {
+fn read_shared_memory(
+    args: &ReaderArgs,
+    domain: &str,
+    topic: &str,
+    event: &str,
+    received: &mut Received,
+) -> anyhow::Result<()> {
     let bus = Bus::open(domain, "gantry-bench-reader")?;
     let mut reader = bus.frame_reader(topic)?;
-    let listener = (args.way == Way::Event).then(|| bus.listener(event)).transpose()?;
+    let listener = (args.way == Way::Event)
+        .then(|| bus.listener(event))
+        .transpose()?;
     say_ready()?;
     let mut heard = Instant::now();
     loop {
@@ -121,28 +138,58 @@ fn read_shared_memory(args: &ReaderArgs, domain: &str, topic: &str, event: &str,
         if n_frames > 0 {
             heard = Instant::now();
         } else {
-            ensure!(heard.elapsed() < PATIENCE, "no frame for {} s", PATIENCE.as_secs());
+            ensure!(
+                heard.elapsed() < PATIENCE,
+                "no frame for {} s",
+                PATIENCE.as_secs()
+            );
             std::thread::yield_now();
         }
     }
 }
 
-fn note(args: &ReaderArgs, received: &mut Received, frame: &Frame, held: MonoTime) -> anyhow::Result<bool> {
+fn note(
+    args: &ReaderArgs,
+    received: &mut Received,
+    frame: &Frame,
+    held: MonoTime,
+) -> anyhow::Result<bool> {
     let header = frame.header();
-    ensure!(frame.len() == args.size, "frame {} has {} bytes instead of {}", header.seq, frame.len(), args.size);
-    received.frame(header.seq, MonoTime(header.published_mono_nanos), held, [frame[0], frame[frame.len() - 1]], args.last)
+    ensure!(
+        frame.len() == args.size,
+        "frame {} has {} bytes instead of {}",
+        header.seq,
+        frame.len(),
+        args.size
+    );
+    received.frame(
+        header.seq,
+        MonoTime(header.published_mono_nanos),
+        held,
+        [frame[0], frame[frame.len() - 1]],
+        args.last,
+    )
 }
 
 fn read_tcp(args: &ReaderArgs, address: &str, received: &mut Received) -> anyhow::Result<()> {
-    let mut stream = TcpStream::connect(address).with_context(|| format!("cannot connect to {address}"))?;
+    let mut stream =
+        TcpStream::connect(address).with_context(|| format!("cannot connect to {address}"))?;
     stream.set_read_timeout(Some(PATIENCE))?;
     say_ready()?;
     let mut frame = vec![0u8; args.size];
     loop {
-        stream.read_exact(&mut frame).context("the writer hung up")?;
+        stream
+            .read_exact(&mut frame)
+            .context("the writer hung up")?;
         let held = mono_now();
         let number = |at: usize| u64::from_le_bytes(std::array::from_fn(|i| frame[at + i]));
-        if received.frame(number(8), MonoTime(number(0)), held, [frame[16], frame[frame.len() - 1]], args.last)? {
+        if received.frame(
+            number(8),
+            MonoTime(number(0)),
+            held,
+            [frame[16], frame[frame.len() - 1]],
+            args.last,
+        )? {
             return Ok(());
         }
     }
@@ -159,9 +206,18 @@ impl ReaderProcess {
     pub fn start(words: &[&str]) -> anyhow::Result<Self> {
         let program = std::env::current_exe().context("cannot find this program's file")?;
         let mut command = Command::new(program);
-        command.arg("latency-reader").args(words).stdin(Stdio::null()).stdout(Stdio::piped());
+        command
+            .arg("latency-reader")
+            .args(words)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped());
         let mut child = command.spawn().context("cannot start a reader")?;
-        let output = BufReader::new(child.stdout.take().expect("the reader's stdout is a pipe, see above"));
+        let output = BufReader::new(
+            child
+                .stdout
+                .take()
+                .expect("the reader's stdout is a pipe, see above"),
+        );
         Ok(ReaderProcess { child, output })
     }
 
@@ -169,7 +225,10 @@ impl ReaderProcess {
     pub fn wait_until_ready(&mut self) -> anyhow::Result<()> {
         let mut line = String::new();
         self.output.read_line(&mut line)?;
-        ensure!(line.trim() == "ready", "a reader ended before it was ready; its reason stands above");
+        ensure!(
+            line.trim() == "ready",
+            "a reader ended before it was ready; its reason stands above"
+        );
         Ok(())
     }
 
@@ -178,7 +237,10 @@ impl ReaderProcess {
         let mut text = String::new();
         self.output.read_to_string(&mut text)?;
         let status = self.child.wait()?;
-        ensure!(status.success(), "a reader failed with {status}; its reason stands above");
+        ensure!(
+            status.success(),
+            "a reader failed with {status}; its reason stands above"
+        );
         serde_json::from_str(&text).context("a reader's answer cannot be read")
     }
 }
@@ -198,10 +260,17 @@ mod tests {
     #[test]
     fn warm_up_is_not_counted_and_an_overwritten_frame_is_an_error() {
         let mut received = Received::default();
-        let mut frame = |seq: u64, byte: u8| received.frame(seq, MonoTime(100), MonoTime(150), [byte; 2], WARM_UP + 2);
+        let mut frame = |seq: u64, byte: u8| {
+            received.frame(seq, MonoTime(100), MonoTime(150), [byte; 2], WARM_UP + 2)
+        };
         assert!(!frame(WARM_UP, WARM_UP as u8).unwrap());
         assert!(!frame(WARM_UP + 1, WARM_UP as u8 + 1).unwrap());
-        assert!(frame(WARM_UP + 2, 0).unwrap_err().to_string().contains("overwritten"));
+        assert!(
+            frame(WARM_UP + 2, 0)
+                .unwrap_err()
+                .to_string()
+                .contains("overwritten")
+        );
         assert!(frame(WARM_UP + 2, WARM_UP as u8 + 2).unwrap());
         assert_eq!(received.nanos, [50, 50]);
     }

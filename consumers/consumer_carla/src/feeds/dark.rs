@@ -14,7 +14,8 @@ use crate::gateway::lock;
 const SWITCH: Duration = Duration::from_secs(2);
 
 impl Feeds {
-    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them. Returns when all have changed.
+    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them. Returns
+    /// when all have changed.
     pub fn set_no_rendering(&self, on: bool) {
         if self.no_rendering.swap(on, Ordering::AcqRel) == on {
             return;
@@ -23,8 +24,13 @@ impl Feeds {
             self.shut_or_open(feed);
         }
         let is_late = |progress: &&Arc<Progress>| {
-            let differs = progress.is_shut.as_ref().is_some_and(|shut| shut.load(Ordering::Acquire) != on);
-            differs && progress.is_connected.load(Ordering::Acquire) && Arc::strong_count(progress) > 1
+            let differs = progress
+                .is_shut
+                .as_ref()
+                .is_some_and(|shut| shut.load(Ordering::Acquire) != on);
+            differs
+                && progress.is_connected.load(Ordering::Acquire)
+                && Arc::strong_count(progress) > 1
         };
         let began = Instant::now();
         let mut active = lock(&self.active);
@@ -33,14 +39,20 @@ impl Feeds {
                 // A full pipe wakes as well as one byte more.
                 let _ = (&late.poke).write(&[1]);
             }
-            active = self.taken.wait_timeout(active, Duration::from_millis(20)).unwrap_or_else(PoisonError::into_inner).0;
+            active = self
+                .taken
+                .wait_timeout(active, Duration::from_millis(20))
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
     }
 
     /// Lets go of a camera's readers, or takes them again.
     pub(super) fn shut_or_open(&self, feed: &mut Feed) {
         let progress = feed.progress.clone();
-        let Some(is_shut) = &progress.is_shut else { return };
+        let Some(is_shut) = &progress.is_shut else {
+            return;
+        };
         let shut = self.no_rendering.load(Ordering::Acquire);
         if is_shut.load(Ordering::Acquire) == shut {
             return;

@@ -17,9 +17,15 @@ const BACKLOG: usize = 4;
 
 impl Feeds {
     /// If somebody reads this stream already: takes a place in the relay that sends to all others.
-    pub(super) fn beside<R>(self: &Arc<Self>, stream: u32, join: impl FnOnce(&Relay, Arc<Progress>) -> R) -> Option<R> {
+    pub(super) fn beside<R>(
+        self: &Arc<Self>,
+        stream: u32,
+        join: impl FnOnce(&Relay, Arc<Progress>) -> R,
+    ) -> Option<R> {
         let mut relays = lock(&self.relays);
-        let is_read = |progress: &&Arc<Progress>| progress.stream == stream && Arc::strong_count(progress) > 1;
+        let is_read = |progress: &&Arc<Progress>| {
+            progress.stream == stream && Arc::strong_count(progress) > 1
+        };
         let relay = match relays.get(&stream) {
             Some(relay) => relay.clone(),
             None => {
@@ -28,7 +34,9 @@ impl Feeds {
                 feed.progress.connect();
                 let relay = Arc::new(Relay::new(BACKLOG));
                 let (feeds, to) = (self.clone(), relay.clone());
-                let spawned = std::thread::Builder::new().name("relay".into()).spawn(move || feeds.relay(stream, feed, &to));
+                let spawned = std::thread::Builder::new()
+                    .name("relay".into())
+                    .spawn(move || feeds.relay(stream, feed, &to));
                 if let Err(error) = spawned {
                     tracing::warn!(stream, %error, "cannot start a thread for the listeners of a stream");
                     return None;

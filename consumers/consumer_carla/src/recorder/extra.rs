@@ -30,29 +30,50 @@ pub struct Extra {
 }
 
 fn actor_box(body: &BodyBox) -> ActorBox {
-    [axes::mirror(body.centre_m).map(|metres| f64::from(metres) + 0.0), body.half_m.map(f64::from)]
+    [
+        axes::mirror(body.centre_m).map(|metres| f64::from(metres) + 0.0),
+        body.half_m.map(f64::from),
+    ]
 }
 
 impl Extra {
     /// Notes an actor that came.
     pub fn note(&mut self, known: &Known, record: &ActorRecord) {
-        let Some(info) = known.actors.get(&record.id) else { return };
+        let Some(info) = known.actors.get(&record.id) else {
+            return;
+        };
         if record.vehicle().is_some() || record.walker().is_some() {
             self.boxes.insert(record.id, actor_box(&info.body_box));
         }
         if let Some(trigger) = &info.trigger_box {
-            self.triggers.insert(record.id, actor_box(&axes::sign_box(trigger)));
+            self.triggers
+                .insert(record.id, actor_box(&axes::sign_box(trigger)));
         }
     }
 
     /// The fields behind the others of a frame.
     pub fn values(&self) -> [Value; 4] {
         let boxes = |boxes: &BTreeMap<u32, ActorBox>| {
-            Value::Array(boxes.iter().map(|(id, [o, h])| list![*id, o[0], o[1], o[2], h[0], h[1], h[2]]).collect())
+            Value::Array(
+                boxes
+                    .iter()
+                    .map(|(id, [o, h])| list![*id, o[0], o[1], o[2], h[0], h[1], h[2]])
+                    .collect(),
+            )
         };
-        let times = self.light_times.iter().map(|(id, [green, yellow, red])| list![*id, *green, *yellow, *red]);
-        let platform = self.platform_secs.map_or(list![false], |secs| list![true, secs]);
-        [boxes(&self.boxes), boxes(&self.triggers), Value::Array(times.collect()), platform]
+        let times = self
+            .light_times
+            .iter()
+            .map(|(id, [green, yellow, red])| list![*id, *green, *yellow, *red]);
+        let platform = self
+            .platform_secs
+            .map_or(list![false], |secs| list![true, secs]);
+        [
+            boxes(&self.boxes),
+            boxes(&self.triggers),
+            Value::Array(times.collect()),
+            platform,
+        ]
     }
 
     /// Reads them.
@@ -63,27 +84,55 @@ impl Extra {
         for mut light in each(fields, "times of a light")? {
             light_times.insert(light.u32()?, [light.f32()?, light.f32()?, light.f32()?]);
         }
-        Ok(Extra { boxes, triggers, light_times, platform_secs: fields.optional_f64()? })
+        Ok(Extra {
+            boxes,
+            triggers,
+            light_times,
+            platform_secs: fields.optional_f64()?,
+        })
     }
 
     /// CARLA's lines about it.
     pub(super) fn tell(&self, out: &mut String) {
-        let Some(platform_secs) = self.platform_secs else { return };
-        for (title, boxes) in [("bounding boxes", &self.boxes), ("trigger volumes", &self.triggers)] {
+        let Some(platform_secs) = self.platform_secs else {
+            return;
+        };
+        for (title, boxes) in [
+            ("bounding boxes", &self.boxes),
+            ("trigger volumes", &self.triggers),
+        ] {
             writeln!(out, " Actor {title}: {}", boxes.len()).expect(ROOM);
             for (id, [origin_m, half_m]) in boxes {
-                writeln!(out, "  Id: {id} origin: {} extension: {}", centimetres(*origin_m), centimetres(*half_m)).expect(ROOM);
+                writeln!(
+                    out,
+                    "  Id: {id} origin: {} extension: {}",
+                    centimetres(*origin_m),
+                    centimetres(*half_m)
+                )
+                .expect(ROOM);
             }
         }
         writeln!(out, " Current platform time: {}", round(platform_secs)).expect(ROOM);
-        writeln!(out, " Traffic Light time events: {}", self.light_times.len()).expect(ROOM);
+        writeln!(
+            out,
+            " Traffic Light time events: {}",
+            self.light_times.len()
+        )
+        .expect(ROOM);
         for (id, [green, yellow, red]) in &self.light_times {
-            writeln!(out, "  Id: {id} green_time: {green} yellow_time: {yellow} red_time: {red}").expect(ROOM);
+            writeln!(
+                out,
+                "  Id: {id} green_time: {green} yellow_time: {yellow} red_time: {red}"
+            )
+            .expect(ROOM);
         }
     }
 }
 
-fn read_boxes(fields: &mut Fields<'_>, what: &'static str) -> Result<BTreeMap<u32, ActorBox>, Wrong> {
+fn read_boxes(
+    fields: &mut Fields<'_>,
+    what: &'static str,
+) -> Result<BTreeMap<u32, ActorBox>, Wrong> {
     let mut boxes = BTreeMap::new();
     for mut one in each(fields, what)? {
         let id = one.u32()?;

@@ -1,6 +1,7 @@
 //! A recording: its bytes and what is in them.
 //!
-//! One msgpack list after another: the head, then one list per frame. Axes and units are CARLA's. `docs/carla-recorder.md` has the table.
+//! One msgpack list after another: the head, then one list per frame. Axes and units are CARLA's.
+//! `docs/carla-recorder.md` has the table.
 
 use std::collections::BTreeMap;
 use std::io::{BufReader, Read};
@@ -124,7 +125,10 @@ pub struct Recording {
 impl Head {
     /// Appends its bytes.
     pub fn write(&self, out: &mut Vec<u8>) {
-        msgpack::write(out, &list![MAGIC, self.version, self.map.as_str(), self.date.as_str()]);
+        msgpack::write(
+            out,
+            &list![MAGIC, self.version, self.map.as_str(), self.date.as_str()],
+        );
     }
 }
 
@@ -137,40 +141,75 @@ impl Frame {
     /// Appends its bytes.
     pub fn write(&self, out: &mut Vec<u8>) {
         let born = |born: &Born| {
-            let attributes: Vec<Value> =
-                born.description.attributes.iter().map(|a| list![a.name.as_str(), a.kind, a.value.as_str()]).collect();
+            let attributes: Vec<Value> = born
+                .description
+                .attributes
+                .iter()
+                .map(|a| list![a.name.as_str(), a.kind, a.value.as_str()])
+                .collect();
             let description = list![0u32, born.description.type_id.as_str(), attributes];
             list![born.id, born.parent, description, floats(&born.at).to_vec()]
         };
-        let pose = |(id, at): (&u32, &Transform)| Value::Array([&[Value::from(*id)][..], &floats(at)].concat());
-        let pedals = |(id, p): (&u32, &Pedals)| list![*id, p.steer, p.throttle, p.brake, p.hand_brake, p.gear];
+        let pose = |(id, at): (&u32, &Transform)| {
+            Value::Array([&[Value::from(*id)][..], &floats(at)].concat())
+        };
+        let pedals = |(id, p): (&u32, &Pedals)| {
+            list![*id, p.steer, p.throttle, p.brake, p.hand_brake, p.gear]
+        };
         let motion = |(id, [v, w]): (&u32, &Motion)| list![*id, v[0], v[1], v[2], w[0], w[1], w[2]];
         let frame = list![
             self.tick,
             self.elapsed_secs,
             self.delta_secs,
             self.born.iter().map(born).collect::<Vec<_>>(),
-            self.gone.iter().map(|id| Value::from(*id)).collect::<Vec<_>>(),
+            self.gone
+                .iter()
+                .map(|id| Value::from(*id))
+                .collect::<Vec<_>>(),
             self.poses.iter().map(pose).collect::<Vec<_>>(),
             self.pedals.iter().map(pedals).collect::<Vec<_>>(),
-            self.lights.iter().map(|(id, light)| list![*id, light.state, light.frozen, light.elapsed_secs]).collect::<Vec<_>>(),
-            self.collisions.iter().map(|(a, b)| list![*a, *b]).collect::<Vec<_>>(),
-            self.gaits.iter().map(|(id, mps)| list![*id, *mps]).collect::<Vec<_>>(),
-            self.lamps.iter().map(|(id, bits)| list![*id, *bits]).collect::<Vec<_>>(),
+            self.lights
+                .iter()
+                .map(|(id, light)| list![*id, light.state, light.frozen, light.elapsed_secs])
+                .collect::<Vec<_>>(),
+            self.collisions
+                .iter()
+                .map(|(a, b)| list![*a, *b])
+                .collect::<Vec<_>>(),
+            self.gaits
+                .iter()
+                .map(|(id, mps)| list![*id, *mps])
+                .collect::<Vec<_>>(),
+            self.lamps
+                .iter()
+                .map(|(id, bits)| list![*id, *bits])
+                .collect::<Vec<_>>(),
             self.motions.iter().map(motion).collect::<Vec<_>>(),
         ];
-        let Value::Array(mut fields) = frame else { return };
+        let Value::Array(mut fields) = frame else {
+            return;
+        };
         fields.extend(self.extra.values());
         fields.extend(self.changes.values());
         msgpack::write(out, &Value::Array(fields));
     }
 
     fn read(fields: &mut Fields<'_>, version: u32) -> Result<Frame, Wrong> {
-        let mut frame = Frame { tick: fields.uint(u64::MAX)?, elapsed_secs: fields.f64()?, delta_secs: fields.f64()?, ..Frame::default() };
+        let mut frame = Frame {
+            tick: fields.uint(u64::MAX)?,
+            elapsed_secs: fields.f64()?,
+            delta_secs: fields.f64()?,
+            ..Frame::default()
+        };
         for mut born in each(fields, "an actor")? {
             let (id, parent, description) = (born.u32()?, born.u32()?, born.description()?);
             let at = place(&mut born.fields("a place")?)?;
-            frame.born.push(Born { id, parent, description, at });
+            frame.born.push(Born {
+                id,
+                parent,
+                description,
+                at,
+            });
         }
         let gone = fields.list()?;
         let mut ids = Fields::new("the actors that went", gone);
@@ -183,11 +222,27 @@ impl Frame {
         for mut given in each(fields, "a control")? {
             let id = given.u32()?;
             let (steer, throttle, brake) = (given.f32()?, given.f32()?, given.f32()?);
-            frame.pedals.insert(id, Pedals { steer, throttle, brake, hand_brake: given.bool()?, gear: given.i32()? });
+            frame.pedals.insert(
+                id,
+                Pedals {
+                    steer,
+                    throttle,
+                    brake,
+                    hand_brake: given.bool()?,
+                    gear: given.i32()?,
+                },
+            );
         }
         for mut light in each(fields, "a light")? {
             let id = light.u32()?;
-            frame.lights.insert(id, Light { state: light.u8()?, frozen: light.bool()?, elapsed_secs: light.f32()? });
+            frame.lights.insert(
+                id,
+                Light {
+                    state: light.u8()?,
+                    frozen: light.bool()?,
+                    elapsed_secs: light.f32()?,
+                },
+            );
         }
         for mut pair in each(fields, "a collision")? {
             frame.collisions.push((pair.u32()?, pair.u32()?));
@@ -214,7 +269,10 @@ impl Frame {
 }
 
 /// The fields of every item of a list.
-pub(super) fn each<'v>(fields: &mut Fields<'v>, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
+pub(super) fn each<'v>(
+    fields: &mut Fields<'v>,
+    what: &'static str,
+) -> Result<Vec<Fields<'v>>, Wrong> {
     let items = fields.list()?;
     let mut all = Fields::new(what, items);
     items.iter().map(|_| all.fields(what)).collect()
@@ -222,7 +280,10 @@ pub(super) fn each<'v>(fields: &mut Fields<'v>, what: &'static str) -> Result<Ve
 
 fn place(fields: &mut Fields<'_>) -> Result<Transform, Wrong> {
     let location_m = [fields.f64()?, fields.f64()?, fields.f64()?];
-    Ok(Transform { location_m, rotation_deg: [fields.f64()?, fields.f64()?, fields.f64()?] })
+    Ok(Transform {
+        location_m,
+        rotation_deg: [fields.f64()?, fields.f64()?, fields.f64()?],
+    })
 }
 
 impl Recording {
@@ -231,13 +292,19 @@ impl Recording {
     /// # Errors
     /// A sentence: no such file, not a recording, damaged.
     pub fn open(path: &Path) -> Result<Recording, String> {
-        let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let file = std::fs::File::open(path).map_err(|error| format!("File {name} not found on server ({error})"))?;
+        let name = path
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let file = std::fs::File::open(path)
+            .map_err(|error| format!("File {name} not found on server ({error})"))?;
         let n_bytes = file.metadata().map_or(0, |about| about.len());
         if n_bytes > MAX_BYTES {
-            return Err(format!("{name} has {n_bytes} bytes, at most {MAX_BYTES} are read"));
+            return Err(format!(
+                "{name} has {n_bytes} bytes, at most {MAX_BYTES} are read"
+            ));
         }
-        Recording::read(&mut BufReader::new(file)).map_err(|error| format!("{name} cannot be used: {error}"))
+        Recording::read(&mut BufReader::new(file))
+            .map_err(|error| format!("{name} cannot be used: {error}"))
     }
 
     /// Reads its bytes.
@@ -245,22 +312,44 @@ impl Recording {
     /// # Errors
     /// A sentence.
     pub fn read(reader: &mut impl Read) -> Result<Recording, String> {
-        let foreign = || "it is not a recording of gantry-carla (CARLA's own recordings have another format)".to_owned();
-        let Ok(Value::Array(head)) = msgpack::read(reader, Limits { bytes: 1 << 16, values: 16, depth: 2 }) else { return Err(foreign()) };
+        let foreign = || {
+            "it is not a recording of gantry-carla (CARLA's own recordings have another format)"
+                .to_owned()
+        };
+        let Ok(Value::Array(head)) = msgpack::read(
+            reader,
+            Limits {
+                bytes: 1 << 16,
+                values: 16,
+                depth: 2,
+            },
+        ) else {
+            return Err(foreign());
+        };
         let mut fields = Fields::new("its head", &head);
         if fields.text() != Ok(MAGIC) {
             return Err(foreign());
         }
         let version = fields.u32()?;
         if !(OLDEST..=VERSION).contains(&version) {
-            return Err(format!("its format is version {version}, but this program reads versions {OLDEST} to {VERSION}"));
+            return Err(format!(
+                "its format is version {version}, but this program reads versions {OLDEST} to {VERSION}"
+            ));
         }
-        let head = Head { version, map: fields.text()?.to_owned(), date: fields.text()?.to_owned() };
+        let head = Head {
+            version,
+            map: fields.text()?.to_owned(),
+            date: fields.text()?.to_owned(),
+        };
         let mut frames: Vec<Frame> = Vec::new();
         loop {
             match msgpack::read(reader, Limits::default()) {
-                Ok(Value::Array(items)) => frames.push(Frame::read(&mut Fields::new("a frame", &items), version)?),
-                Ok(other) => return Err(format!("a frame is {}, but must be a list", other.kind())),
+                Ok(Value::Array(items)) => {
+                    frames.push(Frame::read(&mut Fields::new("a frame", &items), version)?)
+                }
+                Ok(other) => {
+                    return Err(format!("a frame is {}, but must be a list", other.kind()));
+                }
                 Err(DecodeError::Closed | DecodeError::Io(_)) => break,
                 Err(error) => return Err(error.to_string()),
             }
@@ -284,6 +373,10 @@ impl Recording {
 
     /// Who each id was, for texts.
     pub fn names(&self) -> BTreeMap<u32, &Description> {
-        self.frames.iter().flat_map(|frame| &frame.born).map(|born| (born.id, &born.description)).collect()
+        self.frames
+            .iter()
+            .flat_map(|frame| &frame.born)
+            .map(|born| (born.id, &born.description))
+            .collect()
     }
 }

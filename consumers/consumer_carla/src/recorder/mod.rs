@@ -1,6 +1,8 @@
-//! CARLA's recorder: writes what snapshots show into a file of the data folder, tells about such files, and plays them back.
+//! CARLA's recorder: writes what snapshots show into a file of the data folder, tells about such
+//! files, and plays them back.
 //!
-//! A consumer's work altogether: it records what it reads on the bus and replays by commands that put actors where they were.
+//! A consumer's work altogether: it records what it reads on the bus and replays by commands that
+//! put actors where they were.
 //! The file is described in `docs/carla-recorder.md`.
 
 pub mod changes;
@@ -53,7 +55,15 @@ pub struct Settings {
 
 impl Default for State {
     fn default() -> Self {
-        State { writer: None, replay: None, settings: Settings { time_factor: 1.0, ignore_hero: false, ignore_spectator: true } }
+        State {
+            writer: None,
+            replay: None,
+            settings: Settings {
+                time_factor: 1.0,
+                ignore_hero: false,
+                ignore_spectator: true,
+            },
+        }
     }
 }
 
@@ -64,16 +74,20 @@ impl Recorder {
         let _ = self.data.set(data);
     }
 
-    /// The file of a name: only its last part counts, so that scripts' `/tmp/x.log` works and stays in the folder.
+    /// The file of a name: only its last part counts, so that scripts' `/tmp/x.log` works and stays
+    /// in the folder.
     ///
     /// # Errors
     /// A sentence about a name that is none.
     pub fn path(&self, name: &str) -> Result<PathBuf, String> {
-        let data = data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
+        let data =
+            data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
         let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
         let path = file_in(&data.join("recordings").join("carla"), plain, KIND)?;
         if path.is_symlink() {
-            return Err(format!("{plain:?} is a link; recordings are only read and written in their folder itself"));
+            return Err(format!(
+                "{plain:?} is a link; recordings are only read and written in their folder itself"
+            ));
         }
         Ok(path)
     }
@@ -145,7 +159,8 @@ impl Recorder {
         }
     }
 
-    /// After each snapshot, before clients see it: what they cue next finds the replay's actors in place.
+    /// After each snapshot, before clients see it: what they cue next finds the replay's actors in
+    /// place.
     pub fn step(&self, world: &World, commander: &Commander) {
         let mut state = lock(&self.state);
         if state.writer.is_none() && state.replay.is_none() {
@@ -158,7 +173,10 @@ impl Recorder {
             // Before the world is held: who answers looks at it too.
             writer.wanted(&snapshot).ask(commander, &mut changes);
         }
-        let failed = state.writer.as_mut().and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
+        let failed = state
+            .writer
+            .as_mut()
+            .and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
         if let Some(error) = failed {
             tracing::warn!(error, "the recording ends here");
             state.writer = None;

@@ -1,11 +1,15 @@
-//! Plays a recording back: actors are made anew where they are missing and put, tick by tick, where they were.
+//! Plays a recording back: actors are made anew where they are missing and put, tick by tick, where
+//! they were.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use consumer_kit::WorldAt;
 use schema_frames::document::PoseText;
-use schema_frames::{Attachment, Command, CommandReply, LightState, PhysicsAction, VehicleControl, VehicleControlRecord, WalkerControl};
+use schema_frames::{
+    Attachment, Command, CommandReply, LightState, PhysicsAction, VehicleControl,
+    VehicleControlRecord, WalkerControl,
+};
 use schema_types::Pose;
 
 use super::Settings;
@@ -20,7 +24,8 @@ use crate::world::Known;
 
 /// Above this factor poses are not interpolated, as in CARLA.
 const MAX_SMOOTH_FACTOR: f64 = 2.0;
-/// Actors are made this far above their place, one above the other, and put there afterwards: below, something may still be in the way.
+/// Actors are made this far above their place, one above the other, and put there afterwards:
+/// below, something may still be in the way.
 const MAKE_ABOVE_M: f64 = 200.0;
 const MAKE_APART_M: f64 = 6.0;
 
@@ -69,7 +74,9 @@ pub struct Replay {
 
 /// Whether a replay moves actors of this type.
 fn is_played(type_id: &str) -> bool {
-    ["vehicle.", "walker.", "static.prop."].iter().any(|family| type_id.starts_with(family))
+    ["vehicle.", "walker.", "static.prop."]
+        .iter()
+        .any(|family| type_id.starts_with(family))
 }
 
 /// Whether it is a sensor that the gateway can make.
@@ -78,12 +85,26 @@ fn is_sensor(type_id: &str) -> bool {
 }
 
 impl Replay {
-    /// Makes ready: the actors that are there at the first second. Returns what CARLA says about it.
-    pub fn begin(recording: Recording, wish: Wish, settings: Settings, known: &Known) -> (Replay, String) {
+    /// Makes ready: the actors that are there at the first second. Returns what CARLA says about
+    /// it.
+    pub fn begin(
+        recording: Recording,
+        wish: Wish,
+        settings: Settings,
+        known: &Known,
+    ) -> (Replay, String) {
         let total_secs = recording.duration_secs();
-        let from = if wish.start_secs < 0.0 { total_secs + wish.start_secs } else { wish.start_secs };
+        let from = if wish.start_secs < 0.0 {
+            total_secs + wish.start_secs
+        } else {
+            wish.start_secs
+        };
         let at_secs = from.clamp(0.0, total_secs);
-        let end_secs = if wish.duration_secs > 0.0 { (at_secs + wish.duration_secs).min(total_secs) } else { total_secs };
+        let end_secs = if wish.duration_secs > 0.0 {
+            (at_secs + wish.duration_secs).min(total_secs)
+        } else {
+            total_secs
+        };
         let factor = settings.time_factor;
         let text = format!(
             "Total time recorded: {total_secs:.3}\nReplaying from {at_secs:.3} s - {end_secs:.3} s ({:.3} s) at {factor:.1}x\n",
@@ -97,17 +118,30 @@ impl Replay {
             if description.attribute("role_name") == Some("hero") {
                 heroes.insert(id);
             }
-            if is_played(&description.type_id) && known.actors.get(&id).is_some_and(|actor| actor.type_id == description.type_id) {
+            if is_played(&description.type_id)
+                && known
+                    .actors
+                    .get(&id)
+                    .is_some_and(|actor| actor.type_id == description.type_id)
+            {
                 ids.insert(id, id);
             } else if description.type_id == "spectator" {
                 recorded_spectator = Some(id);
             } else if let Some(signal) = description.attribute("opendrive_id") {
-                let of_signal = |part: schema_frames::TrafficLightPart| part.opendrive_id() == signal;
-                let now = snapshot.iter().flat_map(|at| &at.records).find(|record| record.traffic_light().is_some_and(of_signal));
+                let of_signal =
+                    |part: schema_frames::TrafficLightPart| part.opendrive_id() == signal;
+                let now = snapshot
+                    .iter()
+                    .flat_map(|at| &at.records)
+                    .find(|record| record.traffic_light().is_some_and(of_signal));
                 lights.extend(now.map(|record| (id, record.id)));
             }
         }
-        let spectator = known.actors.values().find(|actor| actor.kind == "spectator").map(|actor| actor.id);
+        let spectator = known
+            .actors
+            .values()
+            .find(|actor| actor.kind == "spectator")
+            .map(|actor| actor.id);
         let replay = Replay {
             recording: Arc::new(recording),
             wish,
@@ -129,10 +163,14 @@ impl Replay {
         (replay, text)
     }
 
-    /// Puts everything where it was at the replay's time and moves that on. False once the end was shown.
+    /// Puts everything where it was at the replay's time and moves that on. False once the end was
+    /// shown.
     pub fn step(&mut self, snapshot: &WorldAt, commander: &Commander) -> bool {
         let recording = self.recording.clone();
-        let frame_idx = recording.frames.partition_point(|frame| frame.elapsed_secs <= self.at_secs).saturating_sub(1);
+        let frame_idx = recording
+            .frames
+            .partition_point(|frame| frame.elapsed_secs <= self.at_secs)
+            .saturating_sub(1);
         for idx in self.next_event..=frame_idx {
             self.run_events(&recording.frames[idx], commander);
         }
@@ -180,8 +218,14 @@ impl Replay {
     fn make(&mut self, born: &Born, frame: &Frame, commander: &Commander) {
         let (mut at, mut parent) = (born.at, None);
         if born.parent != 0 {
-            let (Some(now), Some(carrier)) = (self.ids.get(&born.parent), frame.poses.get(&born.parent)) else { return };
-            at = axes::transform(&Pose::from(axes::pose(carrier).isometry().inverse() * axes::pose(&born.at).isometry()));
+            let (Some(now), Some(carrier)) =
+                (self.ids.get(&born.parent), frame.poses.get(&born.parent))
+            else {
+                return;
+            };
+            at = axes::transform(&Pose::from(
+                axes::pose(carrier).isometry().inverse() * axes::pose(&born.at).isometry(),
+            ));
             parent = Some(*now);
         } else if is_played(&born.description.type_id) {
             at.location_m[2] += MAKE_ABOVE_M + MAKE_APART_M * (self.n_made % 500) as f64;
@@ -194,12 +238,24 @@ impl Replay {
                 self.made.push(actor_id);
             }
             Ok((other, _)) => tracing::warn!(?other, "no answer to a spawn of the replay"),
-            Err(error) => tracing::warn!(type_id = born.description.type_id, error, "the replay goes on without an actor"),
+            Err(error) => tracing::warn!(
+                type_id = born.description.type_id,
+                error,
+                "the replay goes on without an actor"
+            ),
         }
     }
 
-    fn put_actors(&mut self, frame: &Frame, next: Option<&Frame>, snapshot: &WorldAt, commander: &Commander) {
-        let share = next.map_or(0.0, |next| (self.at_secs - frame.elapsed_secs) / (next.elapsed_secs - frame.elapsed_secs));
+    fn put_actors(
+        &mut self,
+        frame: &Frame,
+        next: Option<&Frame>,
+        snapshot: &WorldAt,
+        commander: &Commander,
+    ) {
+        let share = next.map_or(0.0, |next| {
+            (self.at_secs - frame.elapsed_secs) / (next.elapsed_secs - frame.elapsed_secs)
+        });
         let share = share.clamp(0.0, 1.0);
         let place = |id: &u32| {
             let now = frame.poses.get(id)?;
@@ -229,30 +285,59 @@ impl Replay {
                 controls.push(VehicleControlRecord::new(now, control(pedals).clamped()));
                 put_lamps(now, frame.lamps.get(&id), snapshot, commander);
             }
-            commander.tell(Command::SetPose { actor_id: now, pose: axes::pose(&at).into() });
+            commander.tell(Command::SetPose {
+                actor_id: now,
+                pose: axes::pose(&at).into(),
+            });
         }
         if !controls.is_empty() {
             commander.control(controls);
         }
         let place = |id: &u32| place(id).map(|at| axes::pose(&at));
-        let followed = Some(self.wish.follow).filter(|id| *id != 0).and_then(|id| place(&id)).map(|pose| self.beside(&pose));
-        let recorded = || self.recorded_spectator.filter(|_| !self.settings.ignore_spectator).and_then(|id| place(&id)).map(PoseText::from);
+        let followed = Some(self.wish.follow)
+            .filter(|id| *id != 0)
+            .and_then(|id| place(&id))
+            .map(|pose| self.beside(&pose));
+        let recorded = || {
+            self.recorded_spectator
+                .filter(|_| !self.settings.ignore_spectator)
+                .and_then(|id| place(&id))
+                .map(PoseText::from)
+        };
         if let (Some(spectator), Some(pose)) = (self.spectator, followed.or_else(recorded)) {
-            commander.tell(Command::SetPose { actor_id: spectator, pose });
+            commander.tell(Command::SetPose {
+                actor_id: spectator,
+                pose,
+            });
         }
     }
 
     fn put_lights(&self, frame: &Frame, snapshot: &WorldAt, commander: &Commander) {
-        let is_frozen = |id: u32| snapshot.actor(id).and_then(|record| record.traffic_light()).is_some_and(|part| part.flags & 1 != 0);
+        let is_frozen = |id: u32| {
+            snapshot
+                .actor(id)
+                .and_then(|record| record.traffic_light())
+                .is_some_and(|part| part.flags & 1 != 0)
+        };
         if self.lights.values().any(|id| !is_frozen(*id)) {
             commander.tell(Command::FreezeTrafficLights { frozen: true });
         }
         for (id, now) in &self.lights {
-            let Some(light) = frame.lights.get(id) else { continue };
-            let shown = snapshot.actor(*now).and_then(|record| record.traffic_light()).map(|part| part.state);
+            let Some(light) = frame.lights.get(id) else {
+                continue;
+            };
+            let shown = snapshot
+                .actor(*now)
+                .and_then(|record| record.traffic_light())
+                .map(|part| part.state);
             if shown != Some(u32::from(light.state)) {
-                let state = LightState::from_code(u32::from(light.state)).name().to_owned();
-                commander.tell(Command::SetTrafficLight { actor_id: *now, state });
+                let state = LightState::from_code(u32::from(light.state))
+                    .name()
+                    .to_owned();
+                commander.tell(Command::SetTrafficLight {
+                    actor_id: *now,
+                    state,
+                });
             }
         }
     }
@@ -284,7 +369,11 @@ impl Replay {
             changes::let_go(actor_id, commander);
         }
         for actor_id in std::mem::take(&mut self.led) {
-            let control = WalkerControl { direction: [1.0, 0.0, 0.0], speed_mps: 0.0, jump: false };
+            let control = WalkerControl {
+                direction: [1.0, 0.0, 0.0],
+                speed_mps: 0.0,
+                jump: false,
+            };
             commander.tell(Command::ControlWalker { actor_id, control });
         }
         for now in std::mem::take(&mut self.held) {
@@ -296,15 +385,25 @@ impl Replay {
     }
 }
 
-/// Whether the engine moves a vehicle. While it does not, the vehicle's velocity is what it is moved by, and with that it goes on.
+/// Whether the engine moves a vehicle. While it does not, the vehicle's velocity is what it is
+/// moved by, and with that it goes on.
 fn simulate(actor_id: u32, enabled: bool, commander: &Commander) {
-    commander.tell(Command::Physics { actor_id, action: PhysicsAction::SetSimulated { enabled } });
+    commander.tell(Command::Physics {
+        actor_id,
+        action: PhysicsAction::SetSimulated { enabled },
+    });
 }
 
 fn put_lamps(actor_id: u32, lamps: Option<&u32>, snapshot: &WorldAt, commander: &Commander) {
-    let shown = snapshot.actor(actor_id).and_then(|record| record.vehicle()).map(|part| part.lamps);
+    let shown = snapshot
+        .actor(actor_id)
+        .and_then(|record| record.vehicle())
+        .map(|part| part.lamps);
     if let Some(lamps) = lamps.filter(|lamps| shown != Some(**lamps)) {
-        commander.tell(Command::SetLamps { actor_id, lamps: lamps & LAMPS });
+        commander.tell(Command::SetLamps {
+            actor_id,
+            lamps: lamps & LAMPS,
+        });
     }
 }
 
@@ -328,7 +427,12 @@ fn is_upright(at: &Transform) -> bool {
 }
 
 fn lead(actor_id: u32, at: &Transform, speed_mps: f64) -> Command {
-    Command::LeadWalker { actor_id, ground_point_m: axes::mirror(at.location_m), yaw_rad: axes::pose(at).yaw_rad(), speed_mps }
+    Command::LeadWalker {
+        actor_id,
+        ground_point_m: axes::mirror(at.location_m),
+        yaw_rad: axes::pose(at).yaw_rad(),
+        speed_mps,
+    }
 }
 
 /// Between two places: straight, and turned the short way round.
@@ -338,7 +442,9 @@ fn between(a: &Transform, b: &Transform, share: f64) -> Transform {
         a + by * share
     };
     Transform {
-        location_m: std::array::from_fn(|i| a.location_m[i] + (b.location_m[i] - a.location_m[i]) * share),
+        location_m: std::array::from_fn(|i| {
+            a.location_m[i] + (b.location_m[i] - a.location_m[i]) * share
+        }),
         rotation_deg: std::array::from_fn(|i| turn(a.rotation_deg[i], b.rotation_deg[i])),
     }
 }
@@ -349,7 +455,10 @@ mod tests {
 
     #[test]
     fn halfway_is_halfway_the_short_way_round() {
-        let at = |x: f64, yaw: f64| Transform { location_m: [x, 0.0, 1.0], rotation_deg: [0.0, yaw, 0.0] };
+        let at = |x: f64, yaw: f64| Transform {
+            location_m: [x, 0.0, 1.0],
+            rotation_deg: [0.0, yaw, 0.0],
+        };
         let half = between(&at(1.0, 170.0), &at(3.0, -170.0), 0.5);
         assert_eq!(half.location_m, [2.0, 0.0, 1.0]);
         assert!((half.rotation_deg[1] - 180.0).abs() < 1e-9);

@@ -9,11 +9,20 @@ use crate::fields::Description;
 pub(super) const ROOM: &str = "a text always has room";
 
 fn opening(recording: &Recording) -> String {
-    format!("Version: {}\nMap: {}\nDate: {}\n\n", recording.head.version, recording.head.map, recording.head.date)
+    format!(
+        "Version: {}\nMap: {}\nDate: {}\n\n",
+        recording.head.version, recording.head.map, recording.head.date
+    )
 }
 
 fn closing(out: &mut String, recording: &Recording) {
-    write!(out, "\nFrames: {}\nDuration: {} seconds\n", recording.frames.len(), round(recording.duration_secs())).expect(ROOM);
+    write!(
+        out,
+        "\nFrames: {}\nDuration: {} seconds\n",
+        recording.frames.len(),
+        round(recording.duration_secs())
+    )
+    .expect(ROOM);
 }
 
 /// CARLA's texts give places in centimetres.
@@ -38,30 +47,54 @@ fn family(type_id: &str) -> u8 {
     }
 }
 
-/// `show_recorder_file_info`: frames in which something comes, goes or touches; every frame with all its packets if `all`.
+/// `show_recorder_file_info`: frames in which something comes, goes or touches; every frame with
+/// all its packets if `all`.
 pub fn info(recording: &Recording, all: bool) -> String {
     let (mut out, names) = (opening(recording), recording.names());
     let mut n_collisions = 0;
     for (idx, frame) in recording.frames.iter().enumerate() {
-        let has_events = !(frame.born.is_empty() && frame.gone.is_empty() && frame.collisions.is_empty());
+        let has_events =
+            !(frame.born.is_empty() && frame.gone.is_empty() && frame.collisions.is_empty());
         if !has_events && !all && idx != 0 {
             continue;
         }
-        writeln!(out, "Frame {} at {} seconds", idx + 1, round(frame.elapsed_secs)).expect(ROOM);
+        writeln!(
+            out,
+            "Frame {} at {} seconds",
+            idx + 1,
+            round(frame.elapsed_secs)
+        )
+        .expect(ROOM);
         for born in &frame.born {
             let type_id = born.description.type_id.as_str();
-            writeln!(out, " Create {}: {type_id} ({}) at {}", born.id, family(type_id), centimetres(born.at.location_m)).expect(ROOM);
+            writeln!(
+                out,
+                " Create {}: {type_id} ({}) at {}",
+                born.id,
+                family(type_id),
+                centimetres(born.at.location_m)
+            )
+            .expect(ROOM);
             for attribute in &born.description.attributes {
                 writeln!(out, "  {} = {}", attribute.name, attribute.value).expect(ROOM);
             }
         }
-        frame.gone.iter().for_each(|id| writeln!(out, " Destroy {id}").expect(ROOM));
+        frame
+            .gone
+            .iter()
+            .for_each(|id| writeln!(out, " Destroy {id}").expect(ROOM));
         for born in frame.born.iter().filter(|born| born.parent != 0) {
             writeln!(out, " Parenting {} with {} (parent)", born.id, born.parent).expect(ROOM);
         }
         let hero = |id: &u32| if is_hero(&names, *id) { " (hero) " } else { "" };
         for (a, b) in &frame.collisions {
-            writeln!(out, " Collision id {n_collisions} between {a}{} with {b}{}", hero(a), hero(b)).expect(ROOM);
+            writeln!(
+                out,
+                " Collision id {n_collisions} between {a}{} with {b}{}",
+                hero(a),
+                hero(b)
+            )
+            .expect(ROOM);
             n_collisions += 1;
         }
         if all {
@@ -80,25 +113,63 @@ pub(super) fn round(secs: f64) -> f64 {
 fn details(out: &mut String, frame: &Frame) {
     writeln!(out, " Positions: {}", frame.poses.len()).expect(ROOM);
     for (id, at) in &frame.poses {
-        writeln!(out, "  Id: {id} Location: {} Rotation: {}", centimetres(at.location_m), turn(at.rotation_deg)).expect(ROOM);
+        writeln!(
+            out,
+            "  Id: {id} Location: {} Rotation: {}",
+            centimetres(at.location_m),
+            turn(at.rotation_deg)
+        )
+        .expect(ROOM);
     }
     writeln!(out, " State traffic lights: {}", frame.lights.len()).expect(ROOM);
     for (id, light) in &frame.lights {
-        let Light { state, frozen, elapsed_secs } = light;
-        writeln!(out, "  Id: {id} state: {state} frozen: {} elapsedTime: {elapsed_secs}", u8::from(*frozen)).expect(ROOM);
+        let Light {
+            state,
+            frozen,
+            elapsed_secs,
+        } = light;
+        writeln!(
+            out,
+            "  Id: {id} state: {state} frozen: {} elapsedTime: {elapsed_secs}",
+            u8::from(*frozen)
+        )
+        .expect(ROOM);
     }
     writeln!(out, " Vehicle animations: {}", frame.pedals.len()).expect(ROOM);
     for (id, p) in &frame.pedals {
-        let Pedals { steer, throttle, brake, hand_brake, gear } = p;
+        let Pedals {
+            steer,
+            throttle,
+            brake,
+            hand_brake,
+            gear,
+        } = p;
         let hand_brake = u8::from(*hand_brake);
         writeln!(out, "  Id: {id} Steering: {steer} Throttle: {throttle} Brake: {brake} Handbrake: {hand_brake} Gear: {gear}").expect(ROOM);
     }
     writeln!(out, " Walker animations: {}", frame.gaits.len()).expect(ROOM);
-    frame.gaits.iter().for_each(|(id, mps)| writeln!(out, "  Id: {id} speed: {}", mps * 100.0).expect(ROOM));
+    frame
+        .gaits
+        .iter()
+        .for_each(|(id, mps)| writeln!(out, "  Id: {id} speed: {}", mps * 100.0).expect(ROOM));
     writeln!(out, " Vehicle light animations: {}", frame.lamps.len()).expect(ROOM);
     for (id, bits) in &frame.lamps {
-        let on: Vec<&str> = LAMPS.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0).map(|(_, name)| *name).collect();
-        writeln!(out, "  Id: {id} {}", if on.is_empty() { "None".to_owned() } else { on.join(" ") }).expect(ROOM);
+        let on: Vec<&str> = LAMPS
+            .iter()
+            .enumerate()
+            .filter(|(bit, _)| bits >> bit & 1 != 0)
+            .map(|(_, name)| *name)
+            .collect();
+        writeln!(
+            out,
+            "  Id: {id} {}",
+            if on.is_empty() {
+                "None".to_owned()
+            } else {
+                on.join(" ")
+            }
+        )
+        .expect(ROOM);
     }
     if !frame.motions.is_empty() {
         writeln!(out, " Dynamic actors: {}", frame.motions.len()).expect(ROOM);
@@ -106,15 +177,30 @@ fn details(out: &mut String, frame: &Frame) {
     for (id, [velocity_mps, turning_deg]) in &frame.motions {
         let [x, y, z] = turning_deg;
         let velocity = centimetres(*velocity_mps);
-        writeln!(out, "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})").expect(ROOM);
+        writeln!(
+            out,
+            "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})"
+        )
+        .expect(ROOM);
     }
     frame.extra.tell(out);
     frame.changes.tell(out);
 }
 
 /// Names of vehicles' lamps by their bits.
-const LAMPS: [&str; 11] =
-    ["Position", "LowBeam", "HighBeam", "Brake", "RightBlinker", "LeftBlinker", "Reverse", "Fog", "Interior", "Special1", "Special2"];
+const LAMPS: [&str; 11] = [
+    "Position",
+    "LowBeam",
+    "HighBeam",
+    "Brake",
+    "RightBlinker",
+    "LeftBlinker",
+    "Reverse",
+    "Fog",
+    "Interior",
+    "Special1",
+    "Special2",
+];
 
 /// CARLA's letter of what an actor is: vehicle, walker, traffic light, other.
 fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {
@@ -122,7 +208,9 @@ fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {
 }
 
 fn is_hero(names: &BTreeMap<u32, &Description>, id: u32) -> bool {
-    names.get(&id).is_some_and(|who| who.attribute("role_name") == Some("hero"))
+    names
+        .get(&id)
+        .is_some_and(|who| who.attribute("role_name") == Some("hero"))
 }
 
 /// Whether an actor is of the kind a letter asks for; `h` is a hero, `a` is any.
@@ -135,7 +223,12 @@ pub fn collisions(recording: &Recording, first: char, second: char) -> String {
     let names = recording.names();
     let name = |id: u32| names.get(&id).map_or("", |who| who.type_id.as_str());
     let mut out = opening(recording);
-    writeln!(out, "{:>8}  {:5} {:>6} {:35} {:>6} {:35}", "Time", "Types", "Id", "Actor 1", "Id", "Actor 2").expect(ROOM);
+    writeln!(
+        out,
+        "{:>8}  {:5} {:>6} {:35} {:>6} {:35}",
+        "Time", "Types", "Id", "Actor 1", "Id", "Actor 2"
+    )
+    .expect(ROOM);
     for frame in &recording.frames {
         for (a, b) in &frame.collisions {
             let fits = |x: u32, y: u32| is_of(&names, x, first) && is_of(&names, y, second);
@@ -145,37 +238,70 @@ pub fn collisions(recording: &Recording, first: char, second: char) -> String {
                 _ => continue,
             };
             let kinds = format!(" {} {} ", letter(&names, a), letter(&names, b));
-            writeln!(out, "{:>8.0}  {kinds:5} {a:>6} {:35} {b:>6} {:35}", frame.elapsed_secs, name(a), name(b)).expect(ROOM);
+            writeln!(
+                out,
+                "{:>8.0}  {kinds:5} {a:>6} {:35} {b:>6} {:35}",
+                frame.elapsed_secs,
+                name(a),
+                name(b)
+            )
+            .expect(ROOM);
         }
     }
     closing(&mut out, recording);
     out
 }
 
-/// `show_recorder_actors_blocked`: vehicles and walkers that moved less than `min_distance` cm for at least `min_secs`.
+/// `show_recorder_actors_blocked`: vehicles and walkers that moved less than `min_distance` cm for
+/// at least `min_secs`.
 pub fn blocked(recording: &Recording, min_secs: f64, min_distance_cm: f64) -> String {
     let names = recording.names();
     let mut out = opening(recording);
-    writeln!(out, "{:>8} {:>6} {:35} {:>10}", "Time", "Id", "Actor", "Duration").expect(ROOM);
+    writeln!(
+        out,
+        "{:>8} {:>6} {:35} {:>10}",
+        "Time", "Id", "Actor", "Duration"
+    )
+    .expect(ROOM);
     let mut found: Vec<(f64, u32, f64)> = Vec::new();
     let mut since: BTreeMap<u32, (f64, [f64; 3])> = BTreeMap::new();
     for frame in &recording.frames {
-        for (id, at) in frame.poses.iter().filter(|(id, _)| matches!(letter(&names, **id), 'v' | 'w')) {
-            let (start, place) = *since.entry(*id).or_insert((frame.elapsed_secs, at.location_m));
-            let moved_m = (0..3).map(|i| (at.location_m[i] - place[i]).powi(2)).sum::<f64>().sqrt();
+        for (id, at) in frame
+            .poses
+            .iter()
+            .filter(|(id, _)| matches!(letter(&names, **id), 'v' | 'w'))
+        {
+            let (start, place) = *since
+                .entry(*id)
+                .or_insert((frame.elapsed_secs, at.location_m));
+            let moved_m = (0..3)
+                .map(|i| (at.location_m[i] - place[i]).powi(2))
+                .sum::<f64>()
+                .sqrt();
             if moved_m * 100.0 >= min_distance_cm {
-                found.extend(Some((start, *id, frame.elapsed_secs - start)).filter(|(_, _, length)| *length >= min_secs));
+                found.extend(
+                    Some((start, *id, frame.elapsed_secs - start))
+                        .filter(|(_, _, length)| *length >= min_secs),
+                );
                 since.insert(*id, (frame.elapsed_secs, at.location_m));
             }
         }
         for id in &frame.gone {
             if let Some((start, _)) = since.remove(id) {
-                found.extend(Some((start, *id, frame.elapsed_secs - start)).filter(|(_, _, length)| *length >= min_secs));
+                found.extend(
+                    Some((start, *id, frame.elapsed_secs - start))
+                        .filter(|(_, _, length)| *length >= min_secs),
+                );
             }
         }
     }
     let end = recording.duration_secs();
-    found.extend(since.into_iter().map(|(id, (start, _))| (start, id, end - start)).filter(|(_, _, length)| *length >= min_secs));
+    found.extend(
+        since
+            .into_iter()
+            .map(|(id, (start, _))| (start, id, end - start))
+            .filter(|(_, _, length)| *length >= min_secs),
+    );
     found.sort_by(|a, b| b.2.total_cmp(&a.2).then(a.1.cmp(&b.1)));
     for (start, id, length) in found {
         let name = names.get(&id).map_or("", |who| who.type_id.as_str());

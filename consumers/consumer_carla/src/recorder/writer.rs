@@ -41,7 +41,9 @@ pub struct Writer {
 /// Actors whose place can change. Sensors on an actor go where that goes.
 fn can_move(record: &ActorRecord) -> bool {
     match record.kind() {
-        Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator) => true,
+        Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator) => {
+            true
+        }
         Some(ActorKind::Sensor) => record.parent_id == 0,
         _ => false,
     }
@@ -57,7 +59,12 @@ impl Writer {
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
         let mut head = Vec::new();
-        Head { version: VERSION, map, date: date(SystemTime::now()) }.write(&mut head);
+        Head {
+            version: VERSION,
+            map,
+            date: date(SystemTime::now()),
+        }
+        .write(&mut head);
         file.write_all(&head).map_err(cannot)?;
         Ok(Writer {
             file,
@@ -85,8 +92,17 @@ impl Writer {
     /// Street lights were set; clients always say all of each.
     pub fn note_street_lights(&mut self, changes: &[LampChange]) {
         for change in changes {
-            if let (Some(on), Some(intensity_lm), Some(rgb)) = (change.on, change.intensity_lm, change.rgb) {
-                self.street_lights.insert(change.lamp, StreetLight { on, intensity_lm, rgb });
+            if let (Some(on), Some(intensity_lm), Some(rgb)) =
+                (change.on, change.intensity_lm, change.rgb)
+            {
+                self.street_lights.insert(
+                    change.lamp,
+                    StreetLight {
+                        on,
+                        intensity_lm,
+                        rgb,
+                    },
+                );
             }
         }
     }
@@ -97,7 +113,9 @@ impl Writer {
         if self.with_motion && snapshot.header.tick > self.last_tick {
             let set = std::mem::take(&mut self.physics_set);
             for record in &snapshot.records {
-                if record.vehicle().is_some() && (!self.alive.contains(&record.id) || set.contains(&record.id)) {
+                if record.vehicle().is_some()
+                    && (!self.alive.contains(&record.id) || set.contains(&record.id))
+                {
                     wanted.vehicles.push(record.id);
                 } else if record.walker().is_some() {
                     wanted.walkers.push(record.id);
@@ -111,7 +129,12 @@ impl Writer {
     ///
     /// # Errors
     /// A sentence: the disk is full, or another episode has begun.
-    pub fn write(&mut self, snapshot: &WorldAt, known: &Known, mut changes: Changes) -> Result<(), String> {
+    pub fn write(
+        &mut self,
+        snapshot: &WorldAt,
+        known: &Known,
+        mut changes: Changes,
+    ) -> Result<(), String> {
         let header = &snapshot.header;
         let episode = crate::episode::episode_id(header);
         if *self.episode.get_or_insert(episode) != episode {
@@ -126,12 +149,19 @@ impl Writer {
         }
         self.last_tick = header.tick;
         let mut frame = self.frame(snapshot, known);
-        self.watch.note(snapshot, known.info.as_ref().map(|info| info.weather), &mut changes);
+        self.watch.note(
+            snapshot,
+            known.info.as_ref().map(|info| info.weather),
+            &mut changes,
+        );
         changes.street_lights = std::mem::take(&mut self.street_lights);
         frame.changes = changes;
         let mut bytes = Vec::new();
         frame.write(&mut bytes);
-        self.file.write_all(&bytes).and_then(|()| self.file.flush()).map_err(|error| format!("cannot write the recording: {error}"))
+        self.file
+            .write_all(&bytes)
+            .and_then(|()| self.file.flush())
+            .map_err(|error| format!("cannot write the recording: {error}"))
     }
 
     fn frame(&mut self, snapshot: &WorldAt, known: &Known) -> Frame {
@@ -142,13 +172,23 @@ impl Writer {
             delta_secs: header.period_nanos as f64 * 1e-9,
             ..Frame::default()
         };
-        let records = || snapshot.records.iter().filter(|record| record.kind().is_some());
+        let records = || {
+            snapshot
+                .records
+                .iter()
+                .filter(|record| record.kind().is_some())
+        };
         let now: BTreeSet<u32> = records().map(|record| record.id).collect();
         frame.gone = self.alive.difference(&now).copied().collect();
         for record in records() {
             let at = axes::transform(&record.world_from_actor);
             if !self.alive.contains(&record.id) {
-                frame.born.push(Born { id: record.id, parent: record.parent_id, description: described(known, record), at });
+                frame.born.push(Born {
+                    id: record.id,
+                    parent: record.parent_id,
+                    description: described(known, record),
+                    at,
+                });
             }
             if can_move(record) {
                 frame.poses.insert(record.id, at);
@@ -156,7 +196,13 @@ impl Writer {
             if let Some(part) = record.vehicle() {
                 let steer = axes::steer(part.steer_ratio) + 0.0;
                 let hand_brake = part.control_flags & 1 != 0;
-                let pedals = Pedals { steer, throttle: part.throttle_ratio, brake: part.brake_ratio, hand_brake, gear: part.gear };
+                let pedals = Pedals {
+                    steer,
+                    throttle: part.throttle_ratio,
+                    brake: part.brake_ratio,
+                    hand_brake,
+                    gear: part.gear,
+                };
                 frame.pedals.insert(record.id, pedals);
                 frame.lamps.insert(record.id, part.lamps);
             }
@@ -164,15 +210,23 @@ impl Writer {
                 frame.gaits.insert(record.id, part.gait_mps);
             }
             if let Some(part) = record.traffic_light() {
-                let light = Light { state: part.state.min(4) as u8, frozen: part.flags & 1 != 0, elapsed_secs: part.elapsed_secs };
+                let light = Light {
+                    state: part.state.min(4) as u8,
+                    frozen: part.flags & 1 != 0,
+                    elapsed_secs: part.elapsed_secs,
+                };
                 frame.lights.insert(record.id, light);
             }
             if self.with_motion {
                 self.add_extra(&mut frame, record, known);
             }
             if self.with_motion && can_move(record) {
-                let turning_deg = axes::angular_velocity_deg(record.angular_velocity_in_world_radps);
-                frame.motions.insert(record.id, [axes::mirror(record.velocity_in_world_mps), turning_deg]);
+                let turning_deg =
+                    axes::angular_velocity_deg(record.angular_velocity_in_world_radps);
+                frame.motions.insert(
+                    record.id,
+                    [axes::mirror(record.velocity_in_world_mps), turning_deg],
+                );
             }
         }
         let touching = touching(snapshot);
@@ -200,7 +254,11 @@ fn described(known: &Known, record: &ActorRecord) -> Description {
     let mut description = description(known, record.id);
     if let Some(part) = record.traffic_light() {
         let value = part.opendrive_id().to_owned();
-        description.attributes.push(Attribute { name: "opendrive_id".into(), kind: 4, value });
+        description.attributes.push(Attribute {
+            name: "opendrive_id".into(),
+            kind: 4,
+            value,
+        });
     }
     description
 }
@@ -208,16 +266,32 @@ fn described(known: &Known, record: &ActorRecord) -> Description {
 fn description(known: &Known, id: u32) -> Description {
     let listed = || {
         let info = known.actors.get(&id)?;
-        Some(blueprints::describe(info, known.entry(&info.type_id).map(|(_, entry)| entry)))
+        Some(blueprints::describe(
+            info,
+            known.entry(&info.type_id).map(|(_, entry)| entry),
+        ))
     };
-    let nobody = || Description { type_id: "unknown".into(), attributes: Vec::new() };
-    known.own.get(&id).map(|own| own.description.clone()).or_else(listed).unwrap_or_else(nobody)
+    let nobody = || Description {
+        type_id: "unknown".into(),
+        attributes: Vec::new(),
+    };
+    known
+        .own
+        .get(&id)
+        .map(|own| own.description.clone())
+        .or_else(listed)
+        .unwrap_or_else(nobody)
 }
 
-/// Pairs in contact, smaller id first. Snapshots say of each actor only that it touches something: two that do so side by side touch each
+/// Pairs in contact, smaller id first. Snapshots say of each actor only that it touches something:
+/// two that do so side by side touch each
 /// other, one alone touches scenery (0).
 fn touching(snapshot: &WorldAt) -> BTreeSet<(u32, u32)> {
-    let touched: Vec<&ActorRecord> = snapshot.records.iter().filter(|record| record.flags & ActorRecord::TOUCHED != 0).collect();
+    let touched: Vec<&ActorRecord> = snapshot
+        .records
+        .iter()
+        .filter(|record| record.flags & ActorRecord::TOUCHED != 0)
+        .collect();
     let mut pairs = BTreeSet::new();
     for (idx, record) in touched.iter().enumerate() {
         let mut alone = true;
@@ -239,29 +313,51 @@ fn are_close(a: &ActorRecord, b: &ActorRecord) -> bool {
     let frames = [a, b].map(|record| record.world_from_actor.isometry());
     let apart = frames[1].translation.vector - frames[0].translation.vector;
     let halves = [a, b].map(|record| record.half_box_m.map(f64::from));
-    let directions = [0, 1].map(|i| [frames[i] * nalgebra::Vector3::x(), frames[i] * nalgebra::Vector3::y()]);
+    let directions = [0, 1].map(|i| {
+        [
+            frames[i] * nalgebra::Vector3::x(),
+            frames[i] * nalgebra::Vector3::y(),
+        ]
+    });
     let reach = |i: usize, axis: &nalgebra::Vector3<f64>| {
-        halves[i][0] * directions[i][0].dot(axis).abs() + halves[i][1] * directions[i][1].dot(axis).abs()
+        halves[i][0] * directions[i][0].dot(axis).abs()
+            + halves[i][1] * directions[i][1].dot(axis).abs()
     };
-    let in_plane = directions.iter().flatten().all(|axis| apart.dot(axis).abs() <= reach(0, axis) + reach(1, axis) + TOUCH_M);
+    let in_plane = directions
+        .iter()
+        .flatten()
+        .all(|axis| apart.dot(axis).abs() <= reach(0, axis) + reach(1, axis) + TOUCH_M);
     in_plane && apart.z.abs() <= 2.0 * halves[0][2].max(halves[1][2])
 }
 
 /// `2026-01-31 23:59:59`, UTC.
 fn date(time: SystemTime) -> String {
-    let secs = time.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let secs = time
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
     let (days, second) = ((secs / 86_400) as i64, secs % 86_400);
     // Civil date by whole 400-year cycles that begin in March.
     let shifted = days + 719_468;
     let cycle = shifted.div_euclid(146_097);
     let day_of_cycle = shifted.rem_euclid(146_097);
-    let year_of_cycle = (day_of_cycle - day_of_cycle / 1460 + day_of_cycle / 36_524 - day_of_cycle / 146_096) / 365;
-    let day_of_year = day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
+    let year_of_cycle =
+        (day_of_cycle - day_of_cycle / 1460 + day_of_cycle / 36_524 - day_of_cycle / 146_096) / 365;
+    let day_of_year =
+        day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
     let month_from_march = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let month = if month_from_march < 10 {
+        month_from_march + 3
+    } else {
+        month_from_march - 9
+    };
     let year = year_of_cycle + cycle * 400 + i64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}", second / 3600, second / 60 % 60, second % 60)
+    format!(
+        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02}",
+        second / 3600,
+        second / 60 % 60,
+        second % 60
+    )
 }
 
 #[cfg(test)]
@@ -274,7 +370,11 @@ mod tests {
 
     #[test]
     fn dates_are_those_of_the_calendar() {
-        for (secs, expected) in [(0, "1970-01-01 00:00:00"), (951_782_400, "2000-02-29 00:00:00"), (1_798_761_599, "2026-12-31 23:59:59")] {
+        for (secs, expected) in [
+            (0, "1970-01-01 00:00:00"),
+            (951_782_400, "2000-02-29 00:00:00"),
+            (1_798_761_599, "2026-12-31 23:59:59"),
+        ] {
             assert_eq!(date(UNIX_EPOCH + Duration::from_secs(secs)), expected);
         }
     }
@@ -290,8 +390,16 @@ mod tests {
             ..ActorRecord::zeroed()
         };
         let touched = ActorRecord::TOUCHED;
-        let records = vec![car(3, 0.0, 0.0, touched), car(5, 4.6, 1.4, touched), car(6, 0.0, 3.0, 0), car(9, 100.0, 0.0, touched)];
-        let snapshot = WorldAt { header: SnapshotHeader::zeroed(), records };
+        let records = vec![
+            car(3, 0.0, 0.0, touched),
+            car(5, 4.6, 1.4, touched),
+            car(6, 0.0, 3.0, 0),
+            car(9, 100.0, 0.0, touched),
+        ];
+        let snapshot = WorldAt {
+            header: SnapshotHeader::zeroed(),
+            records,
+        };
         assert_eq!(touching(&snapshot), [(3, 5), (9, 0)].into());
     }
 }

@@ -1,4 +1,5 @@
-//! Calls that are answered and change nothing, because Gantry has nothing that they could change. Each is logged once.
+//! Calls that are answered and change nothing, because Gantry has nothing that they could change.
+//! Each is logged once.
 
 use crate::axes::{self, Transform};
 use crate::gateway::{Answer, Failure, Gateway, Outcome};
@@ -10,7 +11,8 @@ use crate::stream;
 
 /// Standard gravity; it cannot be changed.
 const GRAVITY_MPS2: f32 = 9.81;
-/// Streams that never have messages count from here, below clients' world streams; actors' streams never come so far.
+/// Streams that never have messages count from here, below clients' world streams; actors' streams
+/// never come so far.
 const SILENT_STREAMS: u32 = 0x4000_0000;
 /// CARLA has 13 buffers of a camera.
 const BUFFERS_OF_CAMERA: u32 = 16;
@@ -20,11 +22,16 @@ pub(crate) const CALLS: Calls = &[
     ("set_annotations_traverse_translucency", Gateway::accept),
     ("apply_color_texture_to_objects", Gateway::accept),
     ("apply_float_color_texture_to_objects", Gateway::accept),
-    ("get_imui_gravity", |_, _| Ok(Answer::Value(GRAVITY_MPS2.into()))),
+    ("get_imui_gravity", |_, _| {
+        Ok(Answer::Value(GRAVITY_MPS2.into()))
+    }),
     ("set_imui_gravity", Gateway::accept),
     // Parts of actors.
     ("set_actor_dead", Gateway::accept),
-    ("get_actor_component_world_transform", Gateway::component_in_world),
+    (
+        "get_actor_component_world_transform",
+        Gateway::component_in_world,
+    ),
     ("get_actor_component_relative_transform", |gateway, call| {
         gateway.known_actor(call)?;
         Ok(Answer::Value(shapes::transform(&Transform::default())))
@@ -42,20 +49,30 @@ pub(crate) const CALLS: Calls = &[
     // Other outlets of sensors.
     ("enable_sensor_for_ros", Gateway::accept),
     ("disable_sensor_for_ros", Gateway::accept),
-    ("is_sensor_enabled_for_ros", |_, _| Ok(Answer::Value(false.into()))),
+    ("is_sensor_enabled_for_ros", |_, _| {
+        Ok(Answer::Value(false.into()))
+    }),
     ("send", Gateway::send_custom),
     ("set_ignored_vehicles", Gateway::accept),
     ("enable_gbuffers", Gateway::accept),
-    ("are_gbuffers_enabled", |_, _| Ok(Answer::Value(false.into()))),
+    ("are_gbuffers_enabled", |_, _| {
+        Ok(Answer::Value(false.into()))
+    }),
     ("get_gbuffer_token", |gateway, call| {
         let silent = silent_stream(call.u32()?, call.u32()?);
-        Ok(Answer::Value(Value::Bin(stream::token(silent, gateway.stream_port))))
+        Ok(Answer::Value(Value::Bin(stream::token(
+            silent,
+            gateway.stream_port,
+        ))))
     }),
 ];
 
-/// One for each buffer: the client keeps its streams by number, and a second with the same frees the first while it connects.
+/// One for each buffer: the client keeps its streams by number, and a second with the same frees
+/// the first while it connects.
 fn silent_stream(camera: u32, buffer: u32) -> u32 {
-    let number = camera.wrapping_mul(BUFFERS_OF_CAMERA).wrapping_add(buffer % BUFFERS_OF_CAMERA);
+    let number = camera
+        .wrapping_mul(BUFFERS_OF_CAMERA)
+        .wrapping_add(buffer % BUFFERS_OF_CAMERA);
     SILENT_STREAMS | number & (SILENT_STREAMS - 1)
 }
 
@@ -82,8 +99,12 @@ impl Gateway {
     fn component_in_world(&self, call: &mut Call<'_>) -> Outcome {
         let id = self.known_actor(call)?;
         let snapshot = self.world.known().snapshot.clone();
-        let pose = snapshot.and_then(|at| at.actor(id).map(|record| axes::transform(&record.world_from_actor)));
-        let pose = pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
+        let pose = snapshot.and_then(|at| {
+            at.actor(id)
+                .map(|record| axes::transform(&record.world_from_actor))
+        });
+        let pose =
+            pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
         Ok(Answer::Value(shapes::transform(&pose)))
     }
 }
@@ -94,10 +115,19 @@ mod tests {
 
     #[test]
     fn every_buffer_has_a_stream_of_its_own_that_is_no_world_stream() {
-        let streams: std::collections::BTreeSet<u32> =
-            (1..40).flat_map(|camera| (0..13).map(move |buffer| silent_stream(camera, buffer))).collect();
+        let streams: std::collections::BTreeSet<u32> = (1..40)
+            .flat_map(|camera| (0..13).map(move |buffer| silent_stream(camera, buffer)))
+            .collect();
         assert_eq!(streams.len(), 39 * 13);
-        assert!([1, u32::MAX].iter().all(|camera| !stream::is_world(silent_stream(*camera, 12))));
-        assert!(streams.iter().all(|number| !stream::is_world(*number) && *number > 1_000_000));
+        assert!(
+            [1, u32::MAX]
+                .iter()
+                .all(|camera| !stream::is_world(silent_stream(*camera, 12)))
+        );
+        assert!(
+            streams
+                .iter()
+                .all(|number| !stream::is_world(*number) && *number > 1_000_000)
+        );
     }
 }

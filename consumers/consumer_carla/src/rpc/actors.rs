@@ -18,15 +18,31 @@ pub(crate) const CALLS: Calls = &[
     ("set_actor_transform", Gateway::set_transform),
     ("set_actor_target_velocity", Gateway::set_velocity),
     ("get_actor_bounding_box", Gateway::bounding_box),
-    ("set_actor_autopilot", |gateway, call| gateway.known_actor(call).map(|_| Answer::Void)),
+    ("set_actor_autopilot", |gateway, call| {
+        gateway.known_actor(call).map(|_| Answer::Void)
+    }),
 ];
 
 /// A batch's commands about any actor.
 pub(crate) const BATCH: Commands = &[
-    (6, |actor, fields| Ok(Item::ask(actor, Command::SetPose { actor_id: actor, pose: pose(&fields.transform()?) }))),
+    (6, |actor, fields| {
+        Ok(Item::ask(
+            actor,
+            Command::SetPose {
+                actor_id: actor,
+                pose: pose(&fields.transform()?),
+            },
+        ))
+    }),
     (8, |actor, fields| {
         let velocity_in_world_mps = axes::mirror(fields.vector()?);
-        Ok(Item::ask(actor, Command::SetVelocity { actor_id: actor, velocity_in_world_mps }))
+        Ok(Item::ask(
+            actor,
+            Command::SetVelocity {
+                actor_id: actor,
+                velocity_in_world_mps,
+            },
+        ))
     }),
     // The client itself registers the vehicle with its Traffic Manager.
     (16, |actor, _| Ok(Item::Nothing { actor, what: None })),
@@ -44,27 +60,43 @@ impl Gateway {
         if self.world.known().has_actor(id) {
             return Ok(id);
         }
-        Err(Failure::Refused(format!("actor {id} could not be found; it does not exist or was destroyed")))
+        Err(Failure::Refused(format!(
+            "actor {id} could not be found; it does not exist or was destroyed"
+        )))
     }
 
     fn spectator(&self) -> Outcome {
         let known = self.world.known();
-        let found = known.actors.values().find(|actor| actor.kind == "spectator").and_then(|actor| shapes::listed_actor(&known, actor.id));
-        found.map(Answer::Value).ok_or_else(|| Failure::Refused("the simulator has no spectator".to_owned()))
+        let found = known
+            .actors
+            .values()
+            .find(|actor| actor.kind == "spectator")
+            .and_then(|actor| shapes::listed_actor(&known, actor.id));
+        found
+            .map(Answer::Value)
+            .ok_or_else(|| Failure::Refused("the simulator has no spectator".to_owned()))
     }
 
     fn actors_by_id(&self, call: &mut Call<'_>) -> Outcome {
         let ids = call.list()?;
         let mut fields = Fields::new("the ids", ids);
-        let ids = (0..ids.len()).map(|_| fields.u32()).collect::<Result<Vec<u32>, _>>()?;
+        let ids = (0..ids.len())
+            .map(|_| fields.u32())
+            .collect::<Result<Vec<u32>, _>>()?;
         let known = self.world.known();
-        let actors: Vec<Value> = ids.into_iter().filter_map(|id| shapes::listed_actor(&known, id)).collect();
+        let actors: Vec<Value> = ids
+            .into_iter()
+            .filter_map(|id| shapes::listed_actor(&known, id))
+            .collect();
         Ok(Answer::Value(actors.into()))
     }
 
     fn set_transform(&self, call: &mut Call<'_>) -> Outcome {
         let (actor_id, transform) = (self.known_actor(call)?, call.transform()?);
-        self.commander.tell(Command::SetPose { actor_id, pose: pose(&transform) });
+        self.commander.tell(Command::SetPose {
+            actor_id,
+            pose: pose(&transform),
+        });
         Ok(Answer::Void)
     }
 
@@ -72,24 +104,46 @@ impl Gateway {
     fn set_location(&self, call: &mut Call<'_>) -> Outcome {
         let (actor_id, location_m) = (self.known_actor(call)?, call.vector()?);
         let snapshot = self.world.known().snapshot.clone();
-        let rotation_deg = snapshot.and_then(|at| at.actor(actor_id).map(|record| axes::transform(&record.world_from_actor).rotation_deg));
-        let transform = Transform { location_m, rotation_deg: rotation_deg.unwrap_or_default() };
-        self.commander.tell(Command::SetPose { actor_id, pose: pose(&transform) });
+        let rotation_deg = snapshot.and_then(|at| {
+            at.actor(actor_id)
+                .map(|record| axes::transform(&record.world_from_actor).rotation_deg)
+        });
+        let transform = Transform {
+            location_m,
+            rotation_deg: rotation_deg.unwrap_or_default(),
+        };
+        self.commander.tell(Command::SetPose {
+            actor_id,
+            pose: pose(&transform),
+        });
         Ok(Answer::Void)
     }
 
     fn set_velocity(&self, call: &mut Call<'_>) -> Outcome {
         let (actor_id, velocity) = (self.known_actor(call)?, call.vector()?);
-        self.commander.tell(Command::SetVelocity { actor_id, velocity_in_world_mps: axes::mirror(velocity) });
+        self.commander.tell(Command::SetVelocity {
+            actor_id,
+            velocity_in_world_mps: axes::mirror(velocity),
+        });
         Ok(Answer::Void)
     }
 
-    /// Never an error: one would end a client whose Traffic Manager asks for a vehicle that has just gone.
+    /// Never an error: one would end a client whose Traffic Manager asks for a vehicle that has
+    /// just gone.
     fn bounding_box(&self, call: &mut Call<'_>) -> Outcome {
         let id = call.u32()?;
         let known = self.world.known();
         let listed = known.actors.get(&id).map(shapes::box_of);
-        let own = || known.own.get(&id).and_then(|own| known.entry(&own.description.type_id)).map(|(_, entry)| entry.body_box);
-        Ok(Answer::Value(listed.or_else(own).map_or_else(|| shapes::no_box(id), |body| shapes::bounding_box(&body, id))))
+        let own = || {
+            known
+                .own
+                .get(&id)
+                .and_then(|own| known.entry(&own.description.type_id))
+                .map(|(_, entry)| entry.body_box)
+        };
+        Ok(Answer::Value(listed.or_else(own).map_or_else(
+            || shapes::no_box(id),
+            |body| shapes::bounding_box(&body, id),
+        )))
     }
 }

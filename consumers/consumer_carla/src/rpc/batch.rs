@@ -18,11 +18,22 @@ pub(crate) enum Item<'v> {
     /// For the simulator; `actor` is what the answer names.
     Ask { actor: u32, command: Command },
     /// A new actor, and what follows.
-    Spawn { description: Description, parent: u32, command: Command, then: &'v [Value] },
+    Spawn {
+        description: Description,
+        parent: u32,
+        command: Command,
+        then: &'v [Value],
+    },
     /// A vehicle's control.
-    Control { actor: u32, record: VehicleControlRecord },
+    Control {
+        actor: u32,
+        record: VehicleControlRecord,
+    },
     /// Accepted without effect.
-    Nothing { actor: u32, what: Option<&'static str> },
+    Nothing {
+        actor: u32,
+        what: Option<&'static str>,
+    },
 }
 
 impl Item<'_> {
@@ -35,7 +46,8 @@ impl Item<'_> {
 /// Reads the fields behind the actor's id of one kind of command.
 pub(crate) type Read = for<'v> fn(u32, &mut Fields<'v>) -> Result<Item<'v>, Wrong>;
 
-/// Commands of one area: their numbers on the wire, and what reads them. Each area's module has a table `BATCH`.
+/// Commands of one area: their numbers on the wire, and what reads them. Each area's module has a
+/// table `BATCH`.
 pub(crate) type Commands = &'static [(u8, Read)];
 
 /// All areas.
@@ -78,7 +90,11 @@ pub const NAMES: [&str; 22] = [
 
 /// Names of the commands that this gateway runs.
 pub fn served() -> impl Iterator<Item = &'static str> {
-    let others = AREAS.iter().copied().flatten().filter_map(|(number, _)| NAMES.get(usize::from(*number)).copied());
+    let others = AREAS
+        .iter()
+        .copied()
+        .flatten()
+        .filter_map(|(number, _)| NAMES.get(usize::from(*number)).copied());
     std::iter::once(NAMES[0]).chain(others)
 }
 
@@ -90,7 +106,11 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     if kind == 0 {
         return read_spawn(&mut fields);
     }
-    let found = AREAS.iter().copied().flatten().find(|(number, _)| *number == kind);
+    let found = AREAS
+        .iter()
+        .copied()
+        .flatten()
+        .find(|(number, _)| *number == kind);
     let (_, read) = found
         .ok_or_else(|| format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works"))?;
     let given = fields.u32()?;
@@ -100,13 +120,23 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
 fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     let (description, transform) = (fields.description()?, fields.transform()?);
     let mut parent = fields.fields("an optional parent")?;
-    let parent = if parent.bool()? { Some(parent.u32()?) } else { None };
-    // Without a parent the kind of attachment is whatever lay in the client's memory; with one, CARLA's batches attach rigidly.
+    let parent = if parent.bool()? {
+        Some(parent.u32()?)
+    } else {
+        None
+    };
+    // Without a parent the kind of attachment is whatever lay in the client's memory; with one,
+    // CARLA's batches attach rigidly.
     fields.value()?;
     fields.text()?;
     let then = fields.list()?;
     let command = spawn_command(&description, &transform, parent, Attachment::Rigid)?;
-    Ok(Item::Spawn { description, parent: parent.unwrap_or(0), command, then })
+    Ok(Item::Spawn {
+        description,
+        parent: parent.unwrap_or(0),
+        command,
+        then,
+    })
 }
 
 /// What came of one command: the actor's id, or a sentence.
@@ -116,7 +146,10 @@ impl Gateway {
     fn apply_batch(&self, call: &mut Call<'_>) -> Outcome {
         let (commands, do_tick) = (call.list()?, call.bool()?);
         if commands.len() > MAX_COMMANDS {
-            return Err(Failure::Refused(format!("a batch has {} commands, at most {MAX_COMMANDS} are run; split it", commands.len())));
+            return Err(Failure::Refused(format!(
+                "a batch has {} commands, at most {MAX_COMMANDS} are run; split it",
+                commands.len()
+            )));
         }
         let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
         if do_tick {
@@ -126,7 +159,9 @@ impl Gateway {
             Ok(actor) => list![list![1u32, actor]],
             Err(error) => list![list![0u32, list![error]]],
         };
-        Ok(Answer::Bare(Value::Array(done.into_iter().map(answer).collect())))
+        Ok(Answer::Bare(Value::Array(
+            done.into_iter().map(answer).collect(),
+        )))
     }
 
     /// What becomes of a wish to destroy, once the simulator has answered.
@@ -140,16 +175,23 @@ impl Gateway {
         Ok(actor)
     }
 
-    /// Runs the commands in order as one request, then what follows the spawns as another; controls go out last.
+    /// Runs the commands in order as one request, then what follows the spawns as another; controls
+    /// go out last.
     fn run_batch(&self, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
         let asked: Vec<Command> = items
             .iter()
             .filter_map(|item| match item {
-                Ok(Item::Ask { command, .. } | Item::Spawn { command, .. }) => Some(command.clone()),
+                Ok(Item::Ask { command, .. } | Item::Spawn { command, .. }) => {
+                    Some(command.clone())
+                }
                 _ => None,
             })
             .collect();
-        let answer = if asked.is_empty() { Ok(Vec::new()) } else { self.commander.ask(asked).map(|answer| answer.replies) };
+        let answer = if asked.is_empty() {
+            Ok(Vec::new())
+        } else {
+            self.commander.ask(asked).map(|answer| answer.replies)
+        };
         let (mut replies, lost) = match answer {
             Ok(replies) => (replies.into_iter(), None),
             Err(error) => (Vec::new().into_iter(), Some(error)),
@@ -158,24 +200,47 @@ impl Gateway {
         let mut reply = || match (&lost, replies.next()) {
             (None, Some(CommandReply::Refused { error })) => Err(error),
             (None, Some(reply)) => Ok(reply),
-            (lost, _) => Err(lost.clone().unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
+            (lost, _) => Err(lost
+                .clone()
+                .unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
         };
         let done = items
             .into_iter()
             .map(|item| match item? {
-                Item::Ask { actor, command: Command::Destroy { .. } } => self.destroyed(actor, reply().map(drop)),
+                Item::Ask {
+                    actor,
+                    command: Command::Destroy { .. },
+                } => self.destroyed(actor, reply().map(drop)),
                 Item::Ask { actor, command } => {
                     reply()?;
-                    if matches!(command, Command::Physics { action: PhysicsAction::SetVehiclePhysics { .. }, .. }) {
+                    if matches!(
+                        command,
+                        Command::Physics {
+                            action: PhysicsAction::SetVehiclePhysics { .. },
+                            ..
+                        }
+                    ) {
                         self.recorder.note_physics(actor);
                     }
                     Ok(actor)
                 }
-                Item::Spawn { description, parent, then, .. } => {
+                Item::Spawn {
+                    description,
+                    parent,
+                    then,
+                    ..
+                } => {
                     let CommandReply::Spawned { actor_id, topics } = reply()? else {
                         return Err("this is no answer to a spawn".to_owned());
                     };
-                    self.remember(actor_id, Own { description, parent, topics });
+                    self.remember(
+                        actor_id,
+                        Own {
+                            description,
+                            parent,
+                            topics,
+                        },
+                    );
                     newest = Some(actor_id);
                     following.extend(then.iter().map(|command| read(command, Some(actor_id))));
                     Ok(actor_id)
@@ -184,7 +249,9 @@ impl Gateway {
                     controls.push(record);
                     Ok(actor)
                 }
-                Item::Control { actor, .. } => Err(format!("actor {actor} could not be found; it does not exist or was destroyed")),
+                Item::Control { actor, .. } => Err(format!(
+                    "actor {actor} could not be found; it does not exist or was destroyed"
+                )),
                 Item::Nothing { actor, what } => {
                     what.into_iter().for_each(|what| self.no_effect(what));
                     Ok(actor)
@@ -194,7 +261,8 @@ impl Gateway {
         if !controls.is_empty() {
             self.commander.control(controls);
         }
-        // A spawn that follows a spawn does not bring followers of its own: clients cannot write one.
+        // A spawn that follows a spawn does not bring followers of its own: clients cannot write
+        // one.
         if !following.is_empty() {
             self.run_batch(following);
         }

@@ -25,7 +25,10 @@ pub(crate) const CALLS: Calls = &[
         while !items.rest().is_empty() {
             let mut fields = items.fields("a bone")?;
             let name = fields.text()?.to_owned();
-            bones.push(HeldBone { name, bone_in_parent: axes::pose(&fields.transform()?).into() });
+            bones.push(HeldBone {
+                name,
+                bone_in_parent: axes::pose(&fields.transform()?).into(),
+            });
         }
         gateway.tell_skeleton(actor, SkeletonAction::Hold { bones })
     }),
@@ -38,9 +41,15 @@ pub(crate) const CALLS: Calls = &[
         let actor = gateway.known_actor(call)?;
         gateway.tell_skeleton(actor, SkeletonAction::Capture)
     }),
-    ("get_actor_bone_names", |gateway, call| gateway.bone_list(call, |bone| bone.name.as_str().into())),
-    ("get_actor_bone_world_transforms", |gateway, call| gateway.bone_list(call, |bone| transform(bone.bone_in_world))),
-    ("get_actor_bone_relative_transforms", |gateway, call| gateway.bone_list(call, |bone| transform(bone.bone_in_parent))),
+    ("get_actor_bone_names", |gateway, call| {
+        gateway.bone_list(call, |bone| bone.name.as_str().into())
+    }),
+    ("get_actor_bone_world_transforms", |gateway, call| {
+        gateway.bone_list(call, |bone| transform(bone.bone_in_world))
+    }),
+    ("get_actor_bone_relative_transforms", |gateway, call| {
+        gateway.bone_list(call, |bone| transform(bone.bone_in_parent))
+    }),
 ];
 
 fn transform(pose: PoseText) -> Value {
@@ -48,17 +57,30 @@ fn transform(pose: PoseText) -> Value {
 }
 
 fn bone(bone: &BoneReading) -> Value {
-    list![bone.name.as_str(), transform(bone.bone_in_world), transform(bone.bone_in_body), transform(bone.bone_in_parent)]
+    list![
+        bone.name.as_str(),
+        transform(bone.bone_in_world),
+        transform(bone.bone_in_body),
+        transform(bone.bone_in_parent)
+    ]
 }
 
 impl Gateway {
     /// Bones of a walker; none of anything else.
     fn bones(&self, actor_id: u32) -> Result<Vec<BoneReading>, Failure> {
-        let is_walker = self.world.known().actors.get(&actor_id).is_some_and(|actor| actor.type_id.starts_with("walker."));
+        let is_walker = self
+            .world
+            .known()
+            .actors
+            .get(&actor_id)
+            .is_some_and(|actor| actor.type_id.starts_with("walker."));
         if !is_walker {
             return Ok(Vec::new());
         }
-        match self.commander.ask_one(Command::Skeleton { actor_id, action: SkeletonAction::Read })? {
+        match self.commander.ask_one(Command::Skeleton {
+            actor_id,
+            action: SkeletonAction::Read,
+        })? {
             (CommandReply::Bones { bones }, _) => Ok(bones),
             _ => Ok(Vec::new()),
         }
@@ -66,7 +88,9 @@ impl Gateway {
 
     fn bone_list(&self, call: &mut Call<'_>, item: impl Fn(&BoneReading) -> Value) -> Outcome {
         let actor = self.known_actor(call)?;
-        Ok(Answer::Value(Value::Array(self.bones(actor)?.iter().map(item).collect())))
+        Ok(Answer::Value(Value::Array(
+            self.bones(actor)?.iter().map(item).collect(),
+        )))
     }
 
     fn tell_skeleton(&self, actor_id: u32, action: SkeletonAction) -> Outcome {

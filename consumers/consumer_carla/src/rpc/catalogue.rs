@@ -123,7 +123,16 @@ pub const CATALOGUE: &[(&str, &[&str])] = &[
             "restore_physx_physics",
         ],
     ),
-    ("Walkers", &["apply_control_to_walker", "get_bones_transform", "set_bones_transform", "blend_pose", "get_pose_from_animation"]),
+    (
+        "Walkers",
+        &[
+            "apply_control_to_walker",
+            "get_bones_transform",
+            "set_bones_transform",
+            "blend_pose",
+            "get_pose_from_animation",
+        ],
+    ),
     (
         "Traffic lights",
         &[
@@ -168,10 +177,23 @@ pub const CATALOGUE: &[(&str, &[&str])] = &[
             "set_replayer_ignore_spectator",
         ],
     ),
-    ("Drawing and batches", &["draw_debug_shape", "clear_debug_shape", "clear_debug_string", "apply_batch"]),
+    (
+        "Drawing and batches",
+        &[
+            "draw_debug_shape",
+            "clear_debug_shape",
+            "clear_debug_string",
+            "apply_batch",
+        ],
+    ),
     (
         "Traffic Manager registry",
-        &["is_traffic_manager_running", "get_traffic_manager_running", "add_traffic_manager_running", "destroy_traffic_manager"],
+        &[
+            "is_traffic_manager_running",
+            "get_traffic_manager_running",
+            "add_traffic_manager_running",
+            "destroy_traffic_manager",
+        ],
     ),
 ];
 
@@ -182,5 +204,7 @@ pub fn is_void(method: &str) -> bool {
 
 /// Whether a client of this version knows the method.
 pub fn is_known(method: &str) -> bool {
-    CATALOGUE.iter().any(|(_, methods)| methods.contains(&method))
+    CATALOGUE
+        .iter()
+        .any(|(_, methods)| methods.contains(&method))
 }

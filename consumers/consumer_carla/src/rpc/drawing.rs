@@ -1,4 +1,5 @@
-//! Debug drawing: shapes in the world are drawn into colour pictures, texts and what is drawn on the server's own screen are not.
+//! Debug drawing: shapes in the world are drawn into colour pictures, texts and what is drawn on
+//! the server's own screen are not.
 
 use schema_frames::{Command, DebugDraw, DebugShape, PosedBox};
 
@@ -29,21 +30,41 @@ fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
     let width = |given: &mut Fields<'_>| given.f64().map(|metres| metres.clamp(0.0, MAX_WIDTH_M));
     let place = |given: &mut Fields<'_>| given.vector().map(axes::mirror);
     Ok(match kind {
-        0 => Some(DebugDraw::Point { at_m: place(&mut given)?, size_m: width(&mut given)? }),
-        1 => Some(DebugDraw::Line { from_m: place(&mut given)?, to_m: place(&mut given)?, width_m: width(&mut given)? }),
+        0 => Some(DebugDraw::Point {
+            at_m: place(&mut given)?,
+            size_m: width(&mut given)?,
+        }),
+        1 => Some(DebugDraw::Line {
+            from_m: place(&mut given)?,
+            to_m: place(&mut given)?,
+            width_m: width(&mut given)?,
+        }),
         2 => {
             let mut line = given.fields("an arrow's line")?;
             let (from_m, to_m, width_m) = (place(&mut line)?, place(&mut line)?, width(&mut line)?);
-            Some(DebugDraw::Arrow { from_m, to_m, width_m, head_m: width(&mut given)? })
+            Some(DebugDraw::Arrow {
+                from_m,
+                to_m,
+                width_m,
+                head_m: width(&mut given)?,
+            })
         }
         3 => {
             let mut boxed = given.fields("a bounding box")?;
             let (location_m, half_m) = (boxed.vector()?, boxed.vector()?);
-            // The box lies about its location in the world, turned by the rotation beside it; its own rotation is not looked at, as in CARLA.
+            // The box lies about its location in the world, turned by the rotation beside it; its
+            // own rotation is not looked at, as in CARLA.
             let rotation_deg = given.vector()?;
-            let pose = axes::pose(&Transform { location_m, rotation_deg }).into();
+            let pose = axes::pose(&Transform {
+                location_m,
+                rotation_deg,
+            })
+            .into();
             let half_m = half_m.map(f64::abs);
-            Some(DebugDraw::Box { edges_of: PosedBox { pose, half_m }, width_m: width(&mut given)? })
+            Some(DebugDraw::Box {
+                edges_of: PosedBox { pose, half_m },
+                width_m: width(&mut given)?,
+            })
         }
         4..=8 => None,
         _ => return Err(format!("a primitive is of kind {kind}, but must be 0 to 8")),
@@ -64,7 +85,13 @@ impl Gateway {
             _ => Some(0),
         };
         if let Some(draw) = draw {
-            self.commander.tell(Command::DrawDebug { shapes: vec![DebugShape { draw, color_rgb, life_nanos }] });
+            self.commander.tell(Command::DrawDebug {
+                shapes: vec![DebugShape {
+                    draw,
+                    color_rgb,
+                    life_nanos,
+                }],
+            });
         }
         Ok(Answer::Void)
     }
@@ -83,16 +110,44 @@ mod tests {
     #[test]
     fn shapes_are_mirrored_and_texts_are_nothing() {
         let at = || list![1.0f32, 2.0f32, 3.0f32];
-        let line = read(list![1u32, list![at(), list![4.0f32, 5.0f32, 6.0f32], 0.5f32]]).unwrap();
-        assert_eq!(line, Some(DebugDraw::Line { from_m: [1.0, -2.0, 3.0], to_m: [4.0, -5.0, 6.0], width_m: 0.5 }));
+        let line = read(list![
+            1u32,
+            list![at(), list![4.0f32, 5.0f32, 6.0f32], 0.5f32]
+        ])
+        .unwrap();
+        assert_eq!(
+            line,
+            Some(DebugDraw::Line {
+                from_m: [1.0, -2.0, 3.0],
+                to_m: [4.0, -5.0, 6.0],
+                width_m: 0.5
+            })
+        );
         let arrow = read(list![2u32, list![list![at(), at(), 0.1f32], 0.3f32]]).unwrap();
         assert!(matches!(arrow, Some(DebugDraw::Arrow { .. })), "{arrow:?}");
         let turned = list![0.0f32, 90.0f32, 0.0f32];
-        let boxed = read(list![3u32, list![list![at(), at(), turned.clone(), 0u32], turned, 0.1f32]]).unwrap();
-        let Some(DebugDraw::Box { edges_of, .. }) = boxed else { panic!("{boxed:?}") };
-        assert_eq!((edges_of.pose.translation_m, edges_of.half_m), ([1.0, -2.0, 3.0], [1.0, 2.0, 3.0]));
-        assert!((edges_of.pose.rotation_xyzw[2] + 0.5f64.sqrt()).abs() < 1e-6, "90° clockwise: {:?}", edges_of.pose);
+        let boxed = read(list![
+            3u32,
+            list![list![at(), at(), turned.clone(), 0u32], turned, 0.1f32]
+        ])
+        .unwrap();
+        let Some(DebugDraw::Box { edges_of, .. }) = boxed else {
+            panic!("{boxed:?}")
+        };
+        assert_eq!(
+            (edges_of.pose.translation_m, edges_of.half_m),
+            ([1.0, -2.0, 3.0], [1.0, 2.0, 3.0])
+        );
+        assert!(
+            (edges_of.pose.rotation_xyzw[2] + 0.5f64.sqrt()).abs() < 1e-6,
+            "90° clockwise: {:?}",
+            edges_of.pose
+        );
         assert_eq!(read(list![4u32, list![at(), "text", false]]).unwrap(), None);
-        assert!(read(list![9u32, list![at()]]).unwrap_err().contains("0 to 8"));
+        assert!(
+            read(list![9u32, list![at()]])
+                .unwrap_err()
+                .contains("0 to 8")
+        );
     }
 }

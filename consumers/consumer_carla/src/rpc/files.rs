@@ -28,15 +28,27 @@ pub struct NavigationFile {
 
 impl NavigationFile {
     fn make(map: Arc<str>, map_name: &str) -> NavigationFile {
-        let none = NavigationFile { map: map.clone(), ..Default::default() };
-        let Ok(roads) = RoadMap::parse(&map) else { return none };
+        let none = NavigationFile {
+            map: map.clone(),
+            ..Default::default()
+        };
+        let Ok(roads) = RoadMap::parse(&map) else {
+            return none;
+        };
         // Roads are left out of a map that is too large with them.
-        let Some(bytes) = [true, false].into_iter().find_map(|with_roads| navigation::file(&roads.walkable(with_roads))) else {
+        let Some(bytes) = [true, false]
+            .into_iter()
+            .find_map(|with_roads| navigation::file(&roads.walkable(with_roads)))
+        else {
             return none;
         };
         let short = map_name.rsplit('/').next().unwrap_or(map_name);
         let name = format!("Gantry/{:016x}/Nav/{short}.bin", navigation::hash(&bytes));
-        NavigationFile { map, name: Some(name), bytes: bytes.into() }
+        NavigationFile {
+            map,
+            name: Some(name),
+            bytes: bytes.into(),
+        }
     }
 }
 
@@ -57,14 +69,22 @@ impl Gateway {
         if !matches!(folder.trim_matches('/'), "" | "Nav") {
             return Ok(Answer::Value(list![]));
         }
-        Ok(Answer::Value(Value::Array(self.navigation()?.name.into_iter().map(Value::from).collect())))
+        Ok(Answer::Value(Value::Array(
+            self.navigation()?
+                .name
+                .into_iter()
+                .map(Value::from)
+                .collect(),
+        )))
     }
 
     fn request_file(&self, call: &mut Call<'_>) -> Outcome {
         let name = call.text()?;
         let navigation = self.navigation()?;
         if navigation.name.as_deref() != Some(name) {
-            return Err(Failure::Refused(format!("there is no file {name:?}; get_required_files lists those of the running map")));
+            return Err(Failure::Refused(format!(
+                "there is no file {name:?}; get_required_files lists those of the running map"
+            )));
         }
         Ok(Answer::Value(Value::Bin(navigation.bytes.to_vec())))
     }

@@ -22,12 +22,16 @@ pub(crate) struct TrafficManager {
 impl Gateway {
     fn is_manager_running(&self, call: &mut Call<'_>) -> Outcome {
         let port = call.u16()?;
-        Ok(Answer::Value(lock(&self.traffic_managers).contains_key(&port).into()))
+        Ok(Answer::Value(
+            lock(&self.traffic_managers).contains_key(&port).into(),
+        ))
     }
 
     fn running_manager(&self, call: &mut Call<'_>) -> Outcome {
         let port = call.u16()?;
-        let found = lock(&self.traffic_managers).get(&port).map(|manager| list![manager.host.as_str(), port]);
+        let found = lock(&self.traffic_managers)
+            .get(&port)
+            .map(|manager| list![manager.host.as_str(), port]);
         Ok(Answer::Value(found.unwrap_or_else(|| list!["", 0u16])))
     }
 
@@ -39,12 +43,20 @@ impl Gateway {
             return Ok(Answer::Value(false.into()));
         }
         tracing::info!(host, port, "a client runs a Traffic Manager");
-        managers.insert(port, TrafficManager { host, connection: call.connection });
+        managers.insert(
+            port,
+            TrafficManager {
+                host,
+                connection: call.connection,
+            },
+        );
         Ok(Answer::Value(true.into()))
     }
 
     fn destroy_manager(&self, call: &mut Call<'_>) -> Outcome {
         let port = call.u16()?;
-        Ok(Answer::Value(lock(&self.traffic_managers).remove(&port).is_some().into()))
+        Ok(Answer::Value(
+            lock(&self.traffic_managers).remove(&port).is_some().into(),
+        ))
     }
 }

@@ -17,34 +17,49 @@ pub(crate) fn carla_map(name: &str) -> String {
     format!("{MAP_FOLDER}{name}")
 }
 
-/// Our name of the map a script asks for: no folders, no ending, and no `_Opt`, which is CARLA's word for a map in layers.
-/// What is left cannot be a path, so a client loads towns, files of the map folder and what it brought along, and nothing else.
+/// Our name of the map a script asks for: no folders, no ending, and no `_Opt`, which is CARLA's
+/// word for a map in layers.
+/// What is left cannot be a path, so a client loads towns, files of the map folder and what it
+/// brought along, and nothing else.
 pub(crate) fn own_map(asked: &str) -> &str {
-    let name = asked.rsplit('/').next().unwrap_or(asked).trim_start_matches('.');
+    let name = asked
+        .rsplit('/')
+        .next()
+        .unwrap_or(asked)
+        .trim_start_matches('.');
     let name = name.strip_suffix(".xodr").unwrap_or(name);
     name.strip_suffix("_Opt").unwrap_or(name)
 }
 
-pub(crate) const CALLS: Calls = &[("get_available_maps", Gateway::available_maps), ("copy_opendrive_to_file", Gateway::store_map)];
+pub(crate) const CALLS: Calls = &[
+    ("get_available_maps", Gateway::available_maps),
+    ("copy_opendrive_to_file", Gateway::store_map),
+];
 
 impl Gateway {
     fn available_maps(&self, _: &mut Call<'_>) -> Outcome {
         self.info()?;
         match self.commander.ask_one(Command::ListMaps)? {
             (CommandReply::Maps { names }, _) => {
-                let names: Vec<Value> = names.iter().map(|name| Value::from(format!("/Game/{}", carla_map(name)).as_str())).collect();
+                let names: Vec<Value> = names
+                    .iter()
+                    .map(|name| Value::from(format!("/Game/{}", carla_map(name)).as_str()))
+                    .collect();
                 Ok(Answer::Value(names.into()))
             }
             (other, _) => Err(Failure::Refused(format!("{other:?} is no list of maps"))),
         }
     }
 
-    /// The client asks for the map by name next. Houses and trees are not part of such a world, as in CARLA.
+    /// The client asks for the map by name next. Houses and trees are not part of such a world, as
+    /// in CARLA.
     fn store_map(&self, call: &mut Call<'_>) -> Outcome {
         let open_drive = call.text()?.to_owned();
         let mut given = call.fields("the generation parameters")?;
-        let (vertex_distance_m, _max_road_length_m, wall_height_m) = (given.f64()?, given.f64()?, given.f64()?);
-        let (junction_extra_m, _smooth_junctions, visible) = (given.f64()?, given.bool()?, given.bool()?);
+        let (vertex_distance_m, _max_road_length_m, wall_height_m) =
+            (given.f64()?, given.f64()?, given.f64()?);
+        let (junction_extra_m, _smooth_junctions, visible) =
+            (given.f64()?, given.bool()?, given.bool()?);
         self.info()?;
         let map = StoredMap {
             name: GENERATED.to_owned(),
@@ -66,7 +81,13 @@ mod tests {
 
     #[test]
     fn names_of_maps_lose_what_carla_puts_round_them_and_everything_that_makes_a_path() {
-        for asked in ["Town10HD", "Carla/Maps/Town10HD", "/Game/Carla/Maps/Town10HD_Opt", "../../Town10HD", "/etc/Town10HD.xodr"] {
+        for asked in [
+            "Town10HD",
+            "Carla/Maps/Town10HD",
+            "/Game/Carla/Maps/Town10HD_Opt",
+            "../../Town10HD",
+            "/etc/Town10HD.xodr",
+        ] {
             assert_eq!(own_map(asked), "Town10HD");
         }
         assert_eq!((own_map(".."), own_map("/a/.b")), ("", "b"));

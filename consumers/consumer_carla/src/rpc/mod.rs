@@ -1,10 +1,14 @@
 //! The calls: which method does what.
 //!
-//! One module per area. Each has a table `CALLS` of method names and functions, and [`AREAS`] lists the tables.
+//! One module per area. Each has a table `CALLS` of method names and functions, and [`AREAS`] lists
+//! the tables.
 //!
-//! To add a call: write `fn name(&self, call: &mut Call<'_>) -> Outcome` in an `impl Gateway` of the area's module, add
-//! `("name", Gateway::name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md` what it does; a test compares the two.
-//! To add an area: a module here, its line in [`AREAS`]. A batch's commands are in [`batch`], their tables work the same way (`BATCH`).
+//! To add a call: write `fn name(&self, call: &mut Call<'_>) -> Outcome` in an `impl Gateway` of
+//! the area's module, add
+//! `("name", Gateway::name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md`
+//! what it does; a test compares the two.
+//! To add an area: a module here, its line in [`AREAS`]. A batch's commands are in [`batch`], their
+//! tables work the same way (`BATCH`).
 
 use std::collections::BTreeMap;
 use std::ops::{Deref, DerefMut};
@@ -104,14 +108,22 @@ impl Gateway {
         let method = request.method.as_str();
         let Some(run) = served().get(method) else {
             return Err(match catalogue::is_known(method) {
-                true => Failure::Refused(format!("{method}: gantry-carla cannot do this; docs/carla-compatibility.md lists what works")),
+                true => Failure::Refused(format!(
+                    "{method}: gantry-carla cannot do this; docs/carla-compatibility.md lists what works"
+                )),
                 false => {
                     let n_args = request.args.len() + 1;
-                    Failure::Unknown(format!("rpclib: server could not find function '{method}' with argument count {n_args}."))
+                    Failure::Unknown(format!(
+                        "rpclib: server could not find function '{method}' with argument count {n_args}."
+                    ))
                 }
             });
         };
-        let mut call = Call { args: Fields::new("the arguments", &request.args), method, connection };
+        let mut call = Call {
+            args: Fields::new("the arguments", &request.args),
+            method,
+            connection,
+        };
         run(self, &mut call).map_err(|failure| match failure {
             Failure::Refused(error) => Failure::Refused(format!("{}: {error}", call.method)),
             unknown => unknown,
@@ -128,7 +140,10 @@ mod tests {
         let n_listed: usize = AREAS.iter().map(|calls| calls.len()).sum();
         assert_eq!(served().len(), n_listed, "a method stands in two tables");
         for method in methods() {
-            assert!(catalogue::is_known(method), "{method} is no method of the client");
+            assert!(
+                catalogue::is_known(method),
+                "{method} is no method of the client"
+            );
         }
     }
 }

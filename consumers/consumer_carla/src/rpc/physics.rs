@@ -1,10 +1,12 @@
-//! Calls about how vehicles move: physical data, Ackermann control, pushes, switches, telemetry, wheels.
+//! Calls about how vehicles move: physical data, Ackermann control, pushes, switches, telemetry,
+//! wheels.
 //!
-//! The only place that knows CARLA's centimetres of wheels, degrees of steering and km/h of the steering curve.
+//! The only place that knows CARLA's centimetres of wheels, degrees of steering and km/h of the
+//! steering curve.
 
 use schema_frames::{
-    AckermannControl, AckermannGains, Command, CommandReply, GearPhysics, PhysicsAction, PhysicsAnswer, VehiclePhysics, VehicleTelemetry,
-    WheelPhysics,
+    AckermannControl, AckermannGains, Command, CommandReply, GearPhysics, PhysicsAction,
+    PhysicsAnswer, VehiclePhysics, VehicleTelemetry, WheelPhysics,
 };
 use schema_types::Pose;
 
@@ -18,63 +20,119 @@ use crate::rpc::{Call, Calls};
 
 pub(crate) const CALLS: Calls = &[
     ("get_physics_control", Gateway::physics_control),
-    ("apply_physics_control", |gateway, call| gateway.tell_physics(call, |fields| Ok(set_physics(read_physics(fields)?)))),
-    ("apply_ackermann_control_to_vehicle", |gateway, call| gateway.tell_physics(call, ackermann)),
-    ("get_ackermann_controller_settings", Gateway::ackermann_settings),
-    ("apply_ackermann_controller_settings", |gateway, call| gateway.tell_physics(call, read_gains)),
+    ("apply_physics_control", |gateway, call| {
+        gateway.tell_physics(call, |fields| Ok(set_physics(read_physics(fields)?)))
+    }),
+    ("apply_ackermann_control_to_vehicle", |gateway, call| {
+        gateway.tell_physics(call, ackermann)
+    }),
+    (
+        "get_ackermann_controller_settings",
+        Gateway::ackermann_settings,
+    ),
+    ("apply_ackermann_controller_settings", |gateway, call| {
+        gateway.tell_physics(call, read_gains)
+    }),
     ("get_telemetry_data", Gateway::telemetry_data),
     ("show_vehicle_debug_telemetry", |gateway, call| {
         gateway.no_effect(call.method);
         gateway.known_actor(call).map(|_| Answer::Void)
     }),
-    ("set_actor_target_angular_velocity", |gateway, call| gateway.tell_physics(call, angular_velocity)),
+    ("set_actor_target_angular_velocity", |gateway, call| {
+        gateway.tell_physics(call, angular_velocity)
+    }),
     ("enable_actor_constant_velocity", |gateway, call| {
-        gateway
-            .tell_physics(call, |fields| Ok(PhysicsAction::HoldVelocity { velocity_in_vehicle_mps: Some(axes::mirror(fields.vector()?)) }))
+        gateway.tell_physics(call, |fields| {
+            Ok(PhysicsAction::HoldVelocity {
+                velocity_in_vehicle_mps: Some(axes::mirror(fields.vector()?)),
+            })
+        })
     }),
     ("disable_actor_constant_velocity", |gateway, call| {
-        gateway.tell_physics(call, |_| Ok(PhysicsAction::HoldVelocity { velocity_in_vehicle_mps: None }))
+        gateway.tell_physics(call, |_| {
+            Ok(PhysicsAction::HoldVelocity {
+                velocity_in_vehicle_mps: None,
+            })
+        })
     }),
-    ("add_actor_impulse", |gateway, call| gateway.tell_physics(call, impulse)),
+    ("add_actor_impulse", |gateway, call| {
+        gateway.tell_physics(call, impulse)
+    }),
     ("add_actor_impulse_at_location", |gateway, call| {
         gateway.tell_physics(call, |fields| {
-            let (impulse, point) = (axes::mirror(fields.vector()?), axes::mirror(fields.vector()?));
-            Ok(PhysicsAction::AddImpulse { impulse_in_world_ns: impulse, point_in_world_m: Some(point) })
+            let (impulse, point) = (
+                axes::mirror(fields.vector()?),
+                axes::mirror(fields.vector()?),
+            );
+            Ok(PhysicsAction::AddImpulse {
+                impulse_in_world_ns: impulse,
+                point_in_world_m: Some(point),
+            })
         })
     }),
-    ("add_actor_force", |gateway, call| gateway.tell_physics(call, force)),
+    ("add_actor_force", |gateway, call| {
+        gateway.tell_physics(call, force)
+    }),
     ("add_actor_force_at_location", |gateway, call| {
         gateway.tell_physics(call, |fields| {
-            let (force, point) = (axes::mirror(fields.vector()?), axes::mirror(fields.vector()?));
-            Ok(PhysicsAction::AddForce { force_in_world_n: force, point_in_world_m: Some(point) })
+            let (force, point) = (
+                axes::mirror(fields.vector()?),
+                axes::mirror(fields.vector()?),
+            );
+            Ok(PhysicsAction::AddForce {
+                force_in_world_n: force,
+                point_in_world_m: Some(point),
+            })
         })
     }),
-    ("add_actor_angular_impulse", |gateway, call| gateway.tell_physics(call, angular_impulse)),
-    ("add_actor_torque", |gateway, call| gateway.tell_physics(call, torque)),
+    ("add_actor_angular_impulse", |gateway, call| {
+        gateway.tell_physics(call, angular_impulse)
+    }),
+    ("add_actor_torque", |gateway, call| {
+        gateway.tell_physics(call, torque)
+    }),
     ("set_actor_simulate_physics", Gateway::simulate_physics),
     ("set_actor_collisions", |gateway, call| {
-        gateway.ask_physics(call, |fields| Ok(PhysicsAction::SetCollisions { enabled: fields.bool()? }))
+        gateway.ask_physics(call, |fields| {
+            Ok(PhysicsAction::SetCollisions {
+                enabled: fields.bool()?,
+            })
+        })
     }),
-    ("set_actor_enable_gravity", |gateway, call| gateway.tell_physics(call, gravity)),
+    ("set_actor_enable_gravity", |gateway, call| {
+        gateway.tell_physics(call, gravity)
+    }),
     ("set_wheel_steer_direction", |gateway, call| {
         gateway.tell_physics(call, |fields| {
             let (wheel, degrees) = (fields.u8()?, fields.f32()?);
-            Ok(PhysicsAction::ShowWheelSteer { wheel, steer_rad: -degrees.to_radians() })
+            Ok(PhysicsAction::ShowWheelSteer {
+                wheel,
+                steer_rad: -degrees.to_radians(),
+            })
         })
     }),
-    ("get_wheel_steer_angle", |gateway, call| gateway.wheel_angle(call, |wheel| -wheel.steer_rad.to_degrees())),
+    ("get_wheel_steer_angle", |gateway, call| {
+        gateway.wheel_angle(call, |wheel| -wheel.steer_rad.to_degrees())
+    }),
     ("set_wheel_pitch_angle", |gateway, call| {
         gateway.tell_physics(call, |fields| {
             let (wheel, degrees) = (fields.u8()?, fields.f32()?);
-            Ok(PhysicsAction::ShowWheelRoll { wheel, roll_rad: degrees.to_radians() })
+            Ok(PhysicsAction::ShowWheelRoll {
+                wheel,
+                roll_rad: degrees.to_radians(),
+            })
         })
     }),
-    ("get_wheel_pitch_angle", |gateway, call| gateway.wheel_angle(call, |wheel| wheel.roll_rad.to_degrees())),
+    ("get_wheel_pitch_angle", |gateway, call| {
+        gateway.wheel_angle(call, |wheel| wheel.roll_rad.to_degrees())
+    }),
 ];
 
 pub(crate) const BATCH: Commands = &[
     (3, |actor, fields| batched(actor, ackermann(fields)?)),
-    (5, |actor, fields| batched(actor, set_physics(read_physics(fields)?))),
+    (5, |actor, fields| {
+        batched(actor, set_physics(read_physics(fields)?))
+    }),
     (9, |actor, fields| batched(actor, angular_velocity(fields)?)),
     (10, |actor, fields| batched(actor, impulse(fields)?)),
     (11, |actor, fields| batched(actor, force(fields)?)),
@@ -82,11 +140,22 @@ pub(crate) const BATCH: Commands = &[
     (13, |actor, fields| batched(actor, torque(fields)?)),
     (14, |actor, fields| batched(actor, simulated(fields)?)),
     (15, |actor, fields| batched(actor, gravity(fields)?)),
-    (17, |actor, _| Ok(Item::Nothing { actor, what: Some("ShowDebugTelemetry") })),
+    (17, |actor, _| {
+        Ok(Item::Nothing {
+            actor,
+            what: Some("ShowDebugTelemetry"),
+        })
+    }),
 ];
 
 fn batched(actor: u32, action: PhysicsAction) -> Result<Item<'static>, Wrong> {
-    Ok(Item::ask(actor, Command::Physics { actor_id: actor, action }))
+    Ok(Item::ask(
+        actor,
+        Command::Physics {
+            actor_id: actor,
+            action,
+        },
+    ))
 }
 
 /// A torque or an angular impulse, either way: an axial vector in N·m, so without degrees.
@@ -96,36 +165,57 @@ fn axial([x, y, z]: [f64; 3]) -> [f64; 3] {
 
 /// Where wheels are is the vehicle's own, and told in the world.
 fn set_physics(mut physics: VehiclePhysics) -> PhysicsAction {
-    physics.wheels.iter_mut().for_each(|wheel| wheel.position_m = [0.0; 3]);
-    PhysicsAction::SetVehiclePhysics { physics: Box::new(physics) }
+    physics
+        .wheels
+        .iter_mut()
+        .for_each(|wheel| wheel.position_m = [0.0; 3]);
+    PhysicsAction::SetVehiclePhysics {
+        physics: Box::new(physics),
+    }
 }
 
 fn impulse(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddImpulse { impulse_in_world_ns: axes::mirror(fields.vector()?), point_in_world_m: None })
+    Ok(PhysicsAction::AddImpulse {
+        impulse_in_world_ns: axes::mirror(fields.vector()?),
+        point_in_world_m: None,
+    })
 }
 
 fn force(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddForce { force_in_world_n: axes::mirror(fields.vector()?), point_in_world_m: None })
+    Ok(PhysicsAction::AddForce {
+        force_in_world_n: axes::mirror(fields.vector()?),
+        point_in_world_m: None,
+    })
 }
 
 fn angular_impulse(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddAngularImpulse { angular_impulse_in_world_nms: axial(fields.vector()?) })
+    Ok(PhysicsAction::AddAngularImpulse {
+        angular_impulse_in_world_nms: axial(fields.vector()?),
+    })
 }
 
 fn torque(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddTorque { torque_in_world_nm: axial(fields.vector()?) })
+    Ok(PhysicsAction::AddTorque {
+        torque_in_world_nm: axial(fields.vector()?),
+    })
 }
 
 fn angular_velocity(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetAngularVelocity { angular_velocity_in_world_radps: axes::angular_velocity_rad(fields.vector()?) })
+    Ok(PhysicsAction::SetAngularVelocity {
+        angular_velocity_in_world_radps: axes::angular_velocity_rad(fields.vector()?),
+    })
 }
 
 fn simulated(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetSimulated { enabled: fields.bool()? })
+    Ok(PhysicsAction::SetSimulated {
+        enabled: fields.bool()?,
+    })
 }
 
 fn gravity(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetGravity { enabled: fields.bool()? })
+    Ok(PhysicsAction::SetGravity {
+        enabled: fields.bool()?,
+    })
 }
 
 fn ackermann(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
@@ -144,7 +234,12 @@ fn read_gains(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
     let mut given = fields.fields("the settings of the Ackermann controller")?;
     let speed = [given.f32()?, given.f32()?, given.f32()?];
     let acceleration = [given.f32()?, given.f32()?, given.f32()?];
-    Ok(PhysicsAction::SetAckermannGains { gains: AckermannGains { speed, acceleration } })
+    Ok(PhysicsAction::SetAckermannGains {
+        gains: AckermannGains {
+            speed,
+            acceleration,
+        },
+    })
 }
 
 /// Points of a curve with the first coordinate times `x_unit`.
@@ -188,7 +283,11 @@ fn read_gears(fields: &mut Fields<'_>) -> Result<Vec<GearPhysics>, Wrong> {
     (0..gears.len())
         .map(|_| {
             let mut gear = left.fields("a gear")?;
-            Ok(GearPhysics { ratio: gear.f32()?, down_ratio: gear.f32()?, up_ratio: gear.f32()? })
+            Ok(GearPhysics {
+                ratio: gear.f32()?,
+                down_ratio: gear.f32()?,
+                up_ratio: gear.f32()?,
+            })
         })
         .collect()
 }
@@ -209,7 +308,8 @@ fn read_wheels(fields: &mut Fields<'_>) -> Result<Vec<WheelPhysics>, Wrong> {
                 lat_load_limit: wheel.f32()?,
                 lat_stiffness_per_rad: wheel.f32()?,
                 long_stiffness_kg: wheel.f32()?,
-                position_m: axes::mirror(wheel.vector()?).map(|centimetres| (centimetres / 100.0) as f32),
+                position_m: axes::mirror(wheel.vector()?)
+                    .map(|centimetres| (centimetres / 100.0) as f32),
             })
         })
         .collect()
@@ -219,12 +319,19 @@ fn points(curve: &[[f32; 2]], x_unit: f32) -> Value {
     Value::Array(curve.iter().map(|[x, y]| list![x * x_unit, *y]).collect())
 }
 
-/// CARLA's physics control of a vehicle that stands at `world_from_vehicle`, where its wheels are told.
+/// CARLA's physics control of a vehicle that stands at `world_from_vehicle`, where its wheels are
+/// told.
 pub(crate) fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
-    let gears: Vec<Value> = physics.forward_gears.iter().map(|gear| list![gear.ratio, gear.down_ratio, gear.up_ratio]).collect();
+    let gears: Vec<Value> = physics
+        .forward_gears
+        .iter()
+        .map(|gear| list![gear.ratio, gear.down_ratio, gear.up_ratio])
+        .collect();
     let wheel = |wheel: &WheelPhysics| {
-        let place = world_from_vehicle.isometry() * nalgebra::Point3::from(wheel.position_m.map(f64::from));
-        let [x, y, z] = axes::mirror(<[f64; 3]>::from(place.coords)).map(|metres| (metres * 100.0) as f32);
+        let place =
+            world_from_vehicle.isometry() * nalgebra::Point3::from(wheel.position_m.map(f64::from));
+        let [x, y, z] =
+            axes::mirror(<[f64; 3]>::from(place.coords)).map(|metres| (metres * 100.0) as f32);
         list![
             wheel.friction,
             wheel.damping_nms,
@@ -263,7 +370,11 @@ pub(crate) fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose)
 
 fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
     let wheel = |wheel: &schema_frames::WheelTelemetry| {
-        let rest_n = if wheel.load_ratio > 0.0 { wheel.load_n / wheel.load_ratio } else { f32::INFINITY };
+        let rest_n = if wheel.load_ratio > 0.0 {
+            wheel.load_n / wheel.load_ratio
+        } else {
+            f32::INFINITY
+        };
         list![
             wheel.friction,
             -wheel.lat_slip_rad,
@@ -293,7 +404,11 @@ fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
 
 impl Gateway {
     /// An action whose answer nobody reads.
-    fn tell_physics(&self, call: &mut Call<'_>, read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>) -> Outcome {
+    fn tell_physics(
+        &self,
+        call: &mut Call<'_>,
+        read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
+    ) -> Outcome {
         let actor_id = self.known_actor(call)?;
         let action = read(call)?;
         let is_set = matches!(action, PhysicsAction::SetVehiclePhysics { .. });
@@ -305,18 +420,26 @@ impl Gateway {
     }
 
     /// An action whose success the client waits for.
-    fn ask_physics(&self, call: &mut Call<'_>, read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>) -> Outcome {
+    fn ask_physics(
+        &self,
+        call: &mut Call<'_>,
+        read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
+    ) -> Outcome {
         let actor_id = self.known_actor(call)?;
         let action = read(call)?;
-        self.commander.ask_one(Command::Physics { actor_id, action })?;
+        self.commander
+            .ask_one(Command::Physics { actor_id, action })?;
         Ok(Answer::Void)
     }
 
-    /// Never an error: one would end a client whose Traffic Manager takes over a vehicle that has just gone.
+    /// Never an error: one would end a client whose Traffic Manager takes over a vehicle that has
+    /// just gone.
     fn simulate_physics(&self, call: &mut Call<'_>) -> Outcome {
         let (actor_id, action) = (call.u32()?, simulated(call)?);
         if self.world.known().has_actor(actor_id)
-            && let Err(error) = self.commander.ask_one(Command::Physics { actor_id, action })
+            && let Err(error) = self
+                .commander
+                .ask_one(Command::Physics { actor_id, action })
         {
             tracing::debug!(actor_id, error, "set_actor_simulate_physics did nothing");
         }
@@ -324,34 +447,59 @@ impl Gateway {
     }
 
     fn ask_answer(&self, actor_id: u32, action: PhysicsAction) -> Result<PhysicsAnswer, Failure> {
-        match self.commander.ask_one(Command::Physics { actor_id, action })?.0 {
+        match self
+            .commander
+            .ask_one(Command::Physics { actor_id, action })?
+            .0
+        {
             CommandReply::Physics { answer } => Ok(answer),
-            reply => Err(Failure::Refused(format!("{reply:?} is no answer to a question about physics"))),
+            reply => Err(Failure::Refused(format!(
+                "{reply:?} is no answer to a question about physics"
+            ))),
         }
     }
 
     fn physics_control(&self, call: &mut Call<'_>) -> Outcome {
         let id = self.known_actor(call)?;
-        let PhysicsAnswer::VehiclePhysics(physics) = self.ask_answer(id, PhysicsAction::GetVehiclePhysics)? else {
-            return Err(Failure::Refused("the simulator answered something else".to_owned()));
+        let PhysicsAnswer::VehiclePhysics(physics) =
+            self.ask_answer(id, PhysicsAction::GetVehiclePhysics)?
+        else {
+            return Err(Failure::Refused(
+                "the simulator answered something else".to_owned(),
+            ));
         };
         let snapshot = self.world.known().snapshot.clone();
-        let pose = snapshot.and_then(|at| at.actor(id).map(|record| record.world_from_actor)).unwrap_or_default();
+        let pose = snapshot
+            .and_then(|at| at.actor(id).map(|record| record.world_from_actor))
+            .unwrap_or_default();
         Ok(Answer::Value(write_physics(&physics, &pose)))
     }
 
     fn ackermann_settings(&self, call: &mut Call<'_>) -> Outcome {
         let id = self.known_actor(call)?;
-        let PhysicsAnswer::AckermannGains(gains) = self.ask_answer(id, PhysicsAction::GetAckermannGains)? else {
-            return Err(Failure::Refused("the simulator answered something else".to_owned()));
+        let PhysicsAnswer::AckermannGains(gains) =
+            self.ask_answer(id, PhysicsAction::GetAckermannGains)?
+        else {
+            return Err(Failure::Refused(
+                "the simulator answered something else".to_owned(),
+            ));
         };
-        Ok(Answer::Value(Value::Array(gains.speed.into_iter().chain(gains.acceleration).map(Value::from).collect())))
+        Ok(Answer::Value(Value::Array(
+            gains
+                .speed
+                .into_iter()
+                .chain(gains.acceleration)
+                .map(Value::from)
+                .collect(),
+        )))
     }
 
     fn telemetry(&self, id: u32) -> Result<VehicleTelemetry, Failure> {
         match self.ask_answer(id, PhysicsAction::GetTelemetry)? {
             PhysicsAnswer::Telemetry(telemetry) => Ok(telemetry),
-            _ => Err(Failure::Refused("the simulator answered something else".to_owned())),
+            _ => Err(Failure::Refused(
+                "the simulator answered something else".to_owned(),
+            )),
         }
     }
 
@@ -360,12 +508,18 @@ impl Gateway {
         Ok(Answer::Value(write_telemetry(&self.telemetry(id)?)))
     }
 
-    fn wheel_angle(&self, call: &mut Call<'_>, angle: impl Fn(&schema_frames::WheelTelemetry) -> f32) -> Outcome {
+    fn wheel_angle(
+        &self,
+        call: &mut Call<'_>,
+        angle: impl Fn(&schema_frames::WheelTelemetry) -> f32,
+    ) -> Outcome {
         let (id, idx) = (self.known_actor(call)?, call.u8()?);
         let telemetry = self.telemetry(id)?;
         let n_wheels = telemetry.wheels.len();
         let wheel = telemetry.wheels.get(usize::from(idx));
-        let wheel = wheel.ok_or_else(|| Failure::Refused(format!("wheel is {idx}, but must be 0 to {}", n_wheels - 1)))?;
+        let wheel = wheel.ok_or_else(|| {
+            Failure::Refused(format!("wheel is {idx}, but must be 0 to {}", n_wheels - 1))
+        })?;
         Ok(Answer::Value(angle(wheel).into()))
     }
 }
@@ -374,11 +528,23 @@ impl Gateway {
 mod tests {
     use super::*;
 
-    /// What CARLA's client builds without arguments, written as it sends it: read, written and read again it is the same.
+    /// What CARLA's client builds without arguments, written as it sends it: read, written and read
+    /// again it is the same.
     #[test]
     fn physics_control_survives_there_and_back() {
         let wheel = |y: f32| {
-            list![2.0f32, 0.25f32, 70.0f32, 30.0f32, 1500.0f32, 3000.0f32, 2.0f32, 17.0f32, 1000.0f32, list![100.0f32, y, 30.0f32]]
+            list![
+                2.0f32,
+                0.25f32,
+                70.0f32,
+                30.0f32,
+                1500.0f32,
+                3000.0f32,
+                2.0f32,
+                17.0f32,
+                1000.0f32,
+                list![100.0f32, y, 30.0f32]
+            ]
         };
         let sent = list![list![
             list![list![0.0f32, 500.0f32], list![5000.0f32, 500.0f32]],
@@ -399,23 +565,46 @@ mod tests {
             list![wheel(-50.0), wheel(50.0)],
             false
         ]];
-        let Value::Array(items) = &sent else { unreachable!() };
+        let Value::Array(items) = &sent else {
+            unreachable!()
+        };
         let read = read_physics(&mut Fields::new("test", items)).unwrap();
-        assert_eq!((read.center_of_mass_m, read.wheels[0].radius_m), ([0.1, -0.2, 0.3], 0.3));
-        assert!((read.steering_curve[1][0] - 33.333_333).abs() < 1e-4 && (read.wheels[1].max_steer_rad - 1.221_730_5).abs() < 1e-6);
+        assert_eq!(
+            (read.center_of_mass_m, read.wheels[0].radius_m),
+            ([0.1, -0.2, 0.3], 0.3)
+        );
+        assert!(
+            (read.steering_curve[1][0] - 33.333_333).abs() < 1e-4
+                && (read.wheels[1].max_steer_rad - 1.221_730_5).abs() < 1e-6
+        );
         let written = Value::Array(vec![write_physics(&read, &Pose::IDENTITY)]);
-        let Value::Array(items) = &written else { unreachable!() };
+        let Value::Array(items) = &written else {
+            unreachable!()
+        };
         let again = read_physics(&mut Fields::new("test", items)).unwrap();
         assert!((again.steering_curve[1][0] - read.steering_curve[1][0]).abs() < 1e-4);
         assert_eq!(again.wheels[1].position_m, [1.0, -0.5, 0.3]);
-        assert_eq!(VehiclePhysics { steering_curve: read.steering_curve.clone(), wheels: read.wheels.clone(), ..again }, read);
+        assert_eq!(
+            VehiclePhysics {
+                steering_curve: read.steering_curve.clone(),
+                wheels: read.wheels.clone(),
+                ..again
+            },
+            read
+        );
     }
 
     #[test]
     fn turning_left_is_left_in_both_worlds() {
         let wishes = list![list![0.3f32, 0.0f32, 8.0f32, 0.0f32, 0.0f32]];
-        let Value::Array(items) = &wishes else { unreachable!() };
-        let PhysicsAction::ControlAckermann { control } = ackermann(&mut Fields::new("test", items)).unwrap() else { unreachable!() };
+        let Value::Array(items) = &wishes else {
+            unreachable!()
+        };
+        let PhysicsAction::ControlAckermann { control } =
+            ackermann(&mut Fields::new("test", items)).unwrap()
+        else {
+            unreachable!()
+        };
         assert_eq!((control.steer_rad, control.speed_mps), (-0.3, 8.0));
         // CARLA's +z turns to the right: an angular impulse up there is one down here.
         assert_eq!(axial([0.0, 0.0, 5.0]), [-0.0, 0.0, -5.0]);

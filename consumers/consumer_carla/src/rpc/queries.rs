@@ -8,7 +8,10 @@ use crate::list;
 use crate::msgpack::Value;
 use crate::rpc::{Call, Calls};
 
-pub(crate) const CALLS: Calls = &[("project_point", Gateway::project_point), ("cast_ray", Gateway::cast_ray)];
+pub(crate) const CALLS: Calls = &[
+    ("project_point", Gateway::project_point),
+    ("cast_ray", Gateway::cast_ray),
+];
 
 /// Longest ray, metres; scripts ask for 1e6 and mean "far".
 const MAX_LENGTH_M: f64 = 9_999.0;
@@ -20,12 +23,16 @@ fn labelled(hit: &RayHit) -> Value {
 }
 
 impl Gateway {
-    /// First hit from a point in a direction within a distance; `[false, anything]` if there is none.
+    /// First hit from a point in a direction within a distance; `[false, anything]` if there is
+    /// none.
     fn project_point(&self, call: &mut Call<'_>) -> Outcome {
         let (from, direction, distance_m) = (call.vector()?, call.vector()?, call.f64()?);
         let length = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if length < 1e-6 || distance_m <= 0.0 {
-            return Ok(Answer::Value(list![false, list![list![0.0f32, 0.0f32, 0.0f32], 0u32]]));
+            return Ok(Answer::Value(list![
+                false,
+                list![list![0.0f32, 0.0f32, 0.0f32], 0u32]
+            ]));
         }
         let reach_m = distance_m.min(MAX_LENGTH_M);
         let to = std::array::from_fn(|axis| from[axis] + direction[axis] / length * reach_m);
@@ -39,11 +46,16 @@ impl Gateway {
     fn cast_ray(&self, call: &mut Call<'_>) -> Outcome {
         let (from, to) = (call.vector()?, call.vector()?);
         let hits = self.cast(from, to, true)?;
-        Ok(Answer::Value(Value::Array(hits.iter().map(labelled).collect())))
+        Ok(Answer::Value(Value::Array(
+            hits.iter().map(labelled).collect(),
+        )))
     }
 
     fn cast(&self, from: [f64; 3], to: [f64; 3], all: bool) -> Result<Vec<RayHit>, Failure> {
-        let rays = vec![RaySegment { from_m: axes::mirror(from), to_m: axes::mirror(to) }];
+        let rays = vec![RaySegment {
+            from_m: axes::mirror(from),
+            to_m: axes::mirror(to),
+        }];
         match self.commander.ask_one(Command::CastRays { rays, all })? {
             (CommandReply::Hits { rays }, _) => Ok(rays.into_iter().next().unwrap_or_default()),
             (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a ray"))),

@@ -27,31 +27,43 @@ pub(crate) const CALLS: Calls = &[
     }),
     ("show_recorder_collisions", |gateway, call| {
         let (name, first, second) = (call.text()?, letter(call)?, letter(call)?);
-        gateway.about(name, |recording| report::collisions(recording, first, second))
+        gateway.about(name, |recording| {
+            report::collisions(recording, first, second)
+        })
     }),
     ("show_recorder_actors_blocked", |gateway, call| {
         let (name, min_secs, min_distance_cm) = (call.text()?, call.f64()?, call.f64()?);
-        gateway.about(name, |recording| report::blocked(recording, min_secs, min_distance_cm))
+        gateway.about(name, |recording| {
+            report::blocked(recording, min_secs, min_distance_cm)
+        })
     }),
     ("replay_file", Gateway::replay_file),
     ("stop_replayer", |gateway, call| {
         let keep_actors = call.bool()?;
-        gateway.recorder.stop_replay(keep_actors, &gateway.commander);
+        gateway
+            .recorder
+            .stop_replay(keep_actors, &gateway.commander);
         Ok(Answer::Void)
     }),
     ("set_replayer_time_factor", |gateway, call| {
         let factor = call.f64()?.clamp(0.0, MAX_FACTOR);
-        gateway.recorder.set(|settings| settings.time_factor = factor);
+        gateway
+            .recorder
+            .set(|settings| settings.time_factor = factor);
         Ok(Answer::Void)
     }),
     ("set_replayer_ignore_hero", |gateway, call| {
         let ignore = call.bool()?;
-        gateway.recorder.set(|settings| settings.ignore_hero = ignore);
+        gateway
+            .recorder
+            .set(|settings| settings.ignore_hero = ignore);
         Ok(Answer::Void)
     }),
     ("set_replayer_ignore_spectator", |gateway, call| {
         let ignore = call.bool()?;
-        gateway.recorder.set(|settings| settings.ignore_spectator = ignore);
+        gateway
+            .recorder
+            .set(|settings| settings.ignore_spectator = ignore);
         Ok(Answer::Void)
     }),
 ];
@@ -61,7 +73,9 @@ fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
     let code = call.u8()?;
     match char::from(code) {
         letter @ ('h' | 'v' | 'w' | 't' | 'o' | 'a') => Ok(letter),
-        other => Err(Failure::Refused(format!("a kind of actor is {other:?}, but must be h, v, w, t, o or a"))),
+        other => Err(Failure::Refused(format!(
+            "a kind of actor is {other:?}, but must be h, v, w, t, o or a"
+        ))),
     }
 }
 
@@ -70,23 +84,37 @@ impl Gateway {
     fn start_recorder(&self, call: &mut Call<'_>) -> Outcome {
         let (name, with_motion) = (call.text()?, call.bool()?);
         let path = self.recorder.path(name)?;
-        // Of its own, so that the world is free again before the recorder is held: each tick takes them the other way round.
-        let map = self.world.known().info.as_ref().map_or_else(String::new, |info| info.map.clone());
+        // Of its own, so that the world is free again before the recorder is held: each tick takes
+        // them the other way round.
+        let map = self
+            .world
+            .known()
+            .info
+            .as_ref()
+            .map_or_else(String::new, |info| info.map.clone());
         self.recorder.start(&path, map, with_motion)?;
         Ok(Answer::Value(path.display().to_string().into()))
     }
 
     /// CARLA answers with a text about a file that it cannot read, not with an error.
     fn about(&self, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
-        let text =
-            self.recorder.path(name).and_then(|path| Recording::open(&path)).map_or_else(|error| format!("{error}\n"), |it| tell(&it));
+        let text = self
+            .recorder
+            .path(name)
+            .and_then(|path| Recording::open(&path))
+            .map_or_else(|error| format!("{error}\n"), |it| tell(&it));
         Ok(Answer::Value(text.into()))
     }
 
     fn replay_file(&self, call: &mut Call<'_>) -> Outcome {
         let name = call.text()?;
-        let (start_secs, duration_secs, follow, replay_sensors) = (call.f64()?, call.f64()?, call.u32()?, call.bool()?);
-        let offset = if call.rest().is_empty() { Default::default() } else { call.transform()? };
+        let (start_secs, duration_secs, follow, replay_sensors) =
+            (call.f64()?, call.f64()?, call.u32()?, call.bool()?);
+        let offset = if call.rest().is_empty() {
+            Default::default()
+        } else {
+            call.transform()?
+        };
         let path = self.recorder.path(name)?;
         let recording = match Recording::open(&path) {
             Ok(recording) => recording,
@@ -95,12 +123,35 @@ impl Gateway {
         let opening = format!("Replaying File: {}\n\n", path.display());
         let info = self.info()?;
         if recording.head.map != info.map {
-            self.commander.ask_one(Command::LoadMap { map: recording.head.map.clone() })?;
-            let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
-            begun.ok_or_else(|| Failure::Refused("the recording's map was loaded and no new episode was published".to_owned()))?;
+            self.commander.ask_one(Command::LoadMap {
+                map: recording.head.map.clone(),
+            })?;
+            let begun = self.world.wait_for(SETTLE, |known| {
+                known
+                    .info
+                    .as_ref()
+                    .filter(|now| now.episode > info.episode)
+                    .map(drop)
+            });
+            begun.ok_or_else(|| {
+                Failure::Refused(
+                    "the recording's map was loaded and no new episode was published".to_owned(),
+                )
+            })?;
         }
-        let wish = Wish { start_secs, duration_secs, follow, offset, with_sensors: replay_sensors };
-        let (replay, text) = Replay::begin(recording, wish, self.recorder.settings(), &self.world.known());
+        let wish = Wish {
+            start_secs,
+            duration_secs,
+            follow,
+            offset,
+            with_sensors: replay_sensors,
+        };
+        let (replay, text) = Replay::begin(
+            recording,
+            wish,
+            self.recorder.settings(),
+            &self.world.known(),
+        );
         self.recorder.play(replay, &self.world, &self.commander);
         Ok(Answer::Value(format!("{opening}{text}").into()))
     }

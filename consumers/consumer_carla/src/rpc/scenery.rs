@@ -1,4 +1,5 @@
-//! Calls about what stands in the map: layers, environment objects, boxes of the level, street lights.
+//! Calls about what stands in the map: layers, environment objects, boxes of the level, street
+//! lights.
 
 use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
 use schema_frames::{Command, CommandReply, PosedBox};
@@ -11,10 +12,19 @@ use crate::rpc::{Call, Calls};
 use crate::shapes;
 
 pub(crate) const CALLS: Calls = &[
-    ("load_map_layer", |gateway, call| gateway.switch_layers(call, true)),
-    ("unload_map_layer", |gateway, call| gateway.switch_layers(call, false)),
+    ("load_map_layer", |gateway, call| {
+        gateway.switch_layers(call, true)
+    }),
+    ("unload_map_layer", |gateway, call| {
+        gateway.switch_layers(call, false)
+    }),
     ("get_names_of_all_objects", |gateway, _| {
-        let names = gateway.scenery()?.0.into_iter().map(|object| Value::from(object.name.as_str())).collect();
+        let names = gateway
+            .scenery()?
+            .0
+            .into_iter()
+            .map(|object| Value::from(object.name.as_str()))
+            .collect();
         Ok(Answer::Value(Value::Array(names)))
     }),
     ("get_all_level_BBs", Gateway::level_boxes),
@@ -22,7 +32,9 @@ pub(crate) const CALLS: Calls = &[
     ("enable_environment_objects", Gateway::enable_objects),
     ("query_lights_state", |gateway, _| {
         let lamps = gateway.scenery()?.1;
-        Ok(Answer::Value(Value::Array(lamps.iter().map(lamp_state).collect())))
+        Ok(Answer::Value(Value::Array(
+            lamps.iter().map(lamp_state).collect(),
+        )))
     }),
     ("update_lights_state", Gateway::update_lamps),
     ("update_day_night_cycle", |gateway, call| {
@@ -37,14 +49,24 @@ pub(crate) const CALLS: Calls = &[
 const ANY: u8 = 255;
 
 fn world_box(object: &SceneryObjectInfo) -> Value {
-    shapes::posed_box(&PosedBox { pose: object.box_pose, half_m: object.box_half_m })
+    shapes::posed_box(&PosedBox {
+        pose: object.box_pose,
+        half_m: object.box_half_m,
+    })
 }
 
 /// `[id, location, intensity, group, color, is_on]`.
 fn lamp_state(lamp: &SceneryLampInfo) -> Value {
     let [x, y, z] = axes::mirror(lamp.position_m).map(|metres| metres as f32);
     let [r, g, b] = lamp.rgb;
-    list![lamp.lamp, list![x, y, z], lamp.intensity_lm, lamp.group, list![r, g, b], lamp.on]
+    list![
+        lamp.lamp,
+        list![x, y, z],
+        lamp.intensity_lm,
+        lamp.group,
+        list![r, g, b],
+        lamp.on
+    ]
 }
 
 impl Gateway {
@@ -52,7 +74,9 @@ impl Gateway {
     fn scenery(&self) -> Result<(Vec<SceneryObjectInfo>, Vec<SceneryLampInfo>), Failure> {
         match self.commander.ask_one(Command::Scenery)? {
             (CommandReply::Scenery { objects, lamps }, _) => Ok((objects, lamps)),
-            (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a question for scenery"))),
+            (other, _) => Err(Failure::Refused(format!(
+                "{other:?} is no answer to a question for scenery"
+            ))),
         }
     }
 
@@ -64,21 +88,35 @@ impl Gateway {
 
     fn switch_layers(&self, call: &mut Call<'_>, shown: bool) -> Outcome {
         let layers = call.u16()?;
-        self.commander.ask_one(Command::ShowLayers { layers, shown })?;
+        self.commander
+            .ask_one(Command::ShowLayers { layers, shown })?;
         Ok(Answer::Void)
     }
 
     fn level_boxes(&self, call: &mut Call<'_>) -> Outcome {
-        let shown = self.tagged(call.u8()?)?.into_iter().filter(|object| object.shown);
-        Ok(Answer::Value(Value::Array(shown.map(|object| world_box(&object)).collect())))
+        let shown = self
+            .tagged(call.u8()?)?
+            .into_iter()
+            .filter(|object| object.shown);
+        Ok(Answer::Value(Value::Array(
+            shown.map(|object| world_box(&object)).collect(),
+        )))
     }
 
     fn environment_objects(&self, call: &mut Call<'_>) -> Outcome {
         let object = |object: &SceneryObjectInfo| {
             let transform = shapes::transform(&axes::transform(&object.pose.into()));
-            list![transform, world_box(object), u64::from(object.id), object.name.as_str(), object.class]
+            list![
+                transform,
+                world_box(object),
+                u64::from(object.id),
+                object.name.as_str(),
+                object.class
+            ]
         };
-        Ok(Answer::Value(Value::Array(self.tagged(call.u8()?)?.iter().map(object).collect())))
+        Ok(Answer::Value(Value::Array(
+            self.tagged(call.u8()?)?.iter().map(object).collect(),
+        )))
     }
 
     fn enable_objects(&self, call: &mut Call<'_>) -> Outcome {
@@ -88,7 +126,8 @@ impl Gateway {
             object_ids.push(ids.u32()?);
         }
         let shown = call.bool()?;
-        self.commander.ask_one(Command::ShowObjects { object_ids, shown })?;
+        self.commander
+            .ask_one(Command::ShowObjects { object_ids, shown })?;
         Ok(Answer::Void)
     }
 
@@ -111,7 +150,9 @@ impl Gateway {
                 group: Some(group),
             });
         }
-        self.commander.ask_one(Command::SetSceneryLamps { changes: changes.clone() })?;
+        self.commander.ask_one(Command::SetSceneryLamps {
+            changes: changes.clone(),
+        })?;
         self.recorder.note_street_lights(&changes);
         Ok(Answer::Void)
     }

@@ -18,7 +18,8 @@ use crate::stream::is_world;
 /// Longest wait for what the simulator publishes after it answered.
 const SETTLE: Duration = Duration::from_secs(5);
 
-/// Longest and shortest physics sub-step of the simulator, seconds; the longest is CARLA's default too.
+/// Longest and shortest physics sub-step of the simulator, seconds; the longest is CARLA's default
+/// too.
 const SUBSTEP_SECS: (f64, f64) = (1e-4, 0.01);
 
 /// What CARLA's settings have beside the mode and the length of a tick.
@@ -40,13 +41,22 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Physics' longest sub-step. CARLA's physics does one step per tick without sub-steps and falls behind where they are too few for a
+    /// Physics' longest sub-step. CARLA's physics does one step per tick without sub-steps and
+    /// falls behind where they are too few for a
     /// tick; here a tick is always done whole, in as many sub-steps as that takes.
     fn longest_substep_nanos(&self) -> u64 {
         let (least, most) = SUBSTEP_SECS;
-        let asked = if self.substepping { self.max_substep_secs } else { most };
+        let asked = if self.substepping {
+            self.max_substep_secs
+        } else {
+            most
+        };
         // What is no length at all asks for none.
-        let taken = if asked > 0.0 { asked.clamp(least, most) } else { most };
+        let taken = if asked > 0.0 {
+            asked.clamp(least, most)
+        } else {
+            most
+        };
         (taken * 1e9).round() as u64
     }
 
@@ -59,9 +69,14 @@ impl Settings {
         let (given, (least, most)) = (self.max_substep_secs, SUBSTEP_SECS);
         if !(least..=most).contains(&given) {
             let taken = self.longest_substep_nanos() as f64 * 1e-9;
-            sentences.push(format!("max_substep_delta_time is {given} s; {taken} s is taken: give {least} to {most}"));
+            sentences.push(format!(
+                "max_substep_delta_time is {given} s; {taken} s is taken: give {least} to {most}"
+            ));
         }
-        let (tick_secs, reach_secs) = (period_nanos as f64 * 1e-9, given * f64::from(self.max_substeps));
+        let (tick_secs, reach_secs) = (
+            period_nanos as f64 * 1e-9,
+            given * f64::from(self.max_substeps),
+        );
         if tick_secs > reach_secs + 1e-9 {
             let n = self.max_substeps;
             sentences.push(format!(
@@ -92,7 +107,9 @@ impl Default for Settings {
 
 pub(crate) const CALLS: Calls = &[
     ("version", |_, _| Ok(Answer::Value(CARLA_VERSION.into()))),
-    ("get_episode_info", |gateway, call| gateway.episode_info(call.connection)),
+    ("get_episode_info", |gateway, call| {
+        gateway.episode_info(call.connection)
+    }),
     ("get_sensor_token", |gateway, call| {
         let stream = call.u32()?;
         if !is_world(stream) {
@@ -102,24 +119,40 @@ pub(crate) const CALLS: Calls = &[
     }),
     ("get_episode_settings", |gateway, _| gateway.get_settings()),
     ("set_episode_settings", Gateway::set_settings),
-    ("tick_cue", |gateway, call| gateway.tick_cue(call.connection)),
+    ("tick_cue", |gateway, call| {
+        gateway.tick_cue(call.connection)
+    }),
     ("load_new_episode", Gateway::load),
     ("get_map_info", |gateway, _| gateway.map_info()),
-    ("get_map_data", |gateway, _| gateway.info().map(|_| Answer::Value(gateway.world.known().map.as_ref().into()))),
-    ("get_actor_definitions", |gateway, _| Ok(Answer::Value(blueprints::definitions(&gateway.world.known().catalogue.clone())))),
+    ("get_map_data", |gateway, _| {
+        gateway
+            .info()
+            .map(|_| Answer::Value(gateway.world.known().map.as_ref().into()))
+    }),
+    ("get_actor_definitions", |gateway, _| {
+        Ok(Answer::Value(blueprints::definitions(
+            &gateway.world.known().catalogue.clone(),
+        )))
+    }),
 ];
 
 impl Gateway {
     /// `world/info`, which may still be on its way when the gateway has just started.
     pub(crate) fn info(&self) -> Result<WorldInfo, Failure> {
         let info = self.world.wait_for(SETTLE, |known| known.info.clone());
-        info.ok_or_else(|| Failure::Refused("no simulator runs on this domain; start one with `gantry up`".to_owned()))
+        info.ok_or_else(|| {
+            Failure::Refused(
+                "no simulator runs on this domain; start one with `gantry up`".to_owned(),
+            )
+        })
     }
 
     fn episode_info(&self, connection: u64) -> Outcome {
         self.info()?;
         let id = self.world.known().episode_id();
-        let id = id.ok_or_else(|| Failure::Refused("world/info carries an epoch that is no number".to_owned()))?;
+        let id = id.ok_or_else(|| {
+            Failure::Refused("world/info carries an epoch that is no number".to_owned())
+        })?;
         Ok(Answer::Value(list![id, self.world_token(connection)]))
     }
 
@@ -128,7 +161,11 @@ impl Gateway {
         let settings = lock(&self.settings).clone();
         let is_stepped = info.mode == StepMode::Stepped;
         let fixed = settings.fixed || is_stepped && settings.own_period_nanos.is_none();
-        let delta = if fixed { list![true, info.period_nanos as f64 * 1e-9] } else { list![false] };
+        let delta = if fixed {
+            list![true, info.period_nanos as f64 * 1e-9]
+        } else {
+            list![false]
+        };
         Ok(Answer::Value(list![
             is_stepped,
             settings.no_rendering,
@@ -147,8 +184,14 @@ impl Gateway {
     fn set_settings(&self, call: &mut Call<'_>) -> Outcome {
         let info = self.info()?;
         let mut given = call.fields("the settings")?;
-        let (synchronous, no_rendering, delta) = (given.bool()?, given.bool()?, given.optional_f64()?.filter(|secs| *secs > 0.0));
-        let own_period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
+        let (synchronous, no_rendering, delta) = (
+            given.bool()?,
+            given.bool()?,
+            given.optional_f64()?.filter(|secs| *secs > 0.0),
+        );
+        let own_period_nanos = lock(&self.settings)
+            .own_period_nanos
+            .unwrap_or(info.period_nanos);
         let settings = Settings {
             no_rendering,
             fixed: delta.is_some(),
@@ -162,8 +205,14 @@ impl Gateway {
             actor_active_distance_m: given.f32()?,
             spectator_as_ego: given.bool()?,
         };
-        let period_nanos = delta.map_or(own_period_nanos, |secs| (secs * 1e9).round().min(u64::MAX as f64) as u64);
-        let mode = if synchronous { StepMode::Stepped } else { StepMode::FreeRunning };
+        let period_nanos = delta.map_or(own_period_nanos, |secs| {
+            (secs * 1e9).round().min(u64::MAX as f64) as u64
+        });
+        let mode = if synchronous {
+            StepMode::Stepped
+        } else {
+            StepMode::FreeRunning
+        };
         let (_, tick) = self.configure(mode, period_nanos, settings.longest_substep_nanos())?;
         for sentence in settings.differences(period_nanos) {
             tracing::warn!("{sentence}");
@@ -173,7 +222,12 @@ impl Gateway {
         Ok(Answer::Value(tick.into()))
     }
 
-    fn configure(&self, mode: StepMode, period_nanos: u64, longest_substep_nanos: u64) -> Result<(CommandReply, u64), String> {
+    fn configure(
+        &self,
+        mode: StepMode,
+        period_nanos: u64,
+        longest_substep_nanos: u64,
+    ) -> Result<(CommandReply, u64), String> {
         let done = self.commander.ask_one(Command::Configure {
             mode: Some(mode),
             period_nanos: Some(period_nanos),
@@ -193,14 +247,17 @@ impl Gateway {
         if self.info()?.mode == StepMode::FreeRunning {
             return Ok(Answer::Value((self.world.tick() + 1).into()));
         }
-        // The simulator answers when all of the tick before is published; two ticks fit before a reader loses one.
+        // The simulator answers when all of the tick before is published; two ticks fit before a
+        // reader loses one.
         let mut last_step_nanos = lock(&self.last_step_nanos);
         self.feeds.settle(*last_step_nanos);
         let stepped = self.commander.ask_one(Command::Step { n: 1 });
         *last_step_nanos = mono_now().0;
         match stepped? {
             (CommandReply::Stepping { last_tick }, _) => Ok(Answer::Value(last_tick.into())),
-            (other, _) => Err(Failure::Refused(format!("{other:?} is no answer to a step"))),
+            (other, _) => Err(Failure::Refused(format!(
+                "{other:?} is no answer to a step"
+            ))),
         }
     }
 
@@ -220,20 +277,46 @@ impl Gateway {
     fn load_map(&self, call: &mut Call<'_>) -> Outcome {
         let (asked, reset_settings, layers) = (call.text()?, call.bool()?, call.u16()?);
         let info = self.info()?;
-        let map = if asked.is_empty() { info.map.as_str() } else { own_map(asked) };
-        let loaded = self.commander.ask_one(Command::LoadMap { map: map.to_owned() });
+        let map = if asked.is_empty() {
+            info.map.as_str()
+        } else {
+            own_map(asked)
+        };
+        let loaded = self.commander.ask_one(Command::LoadMap {
+            map: map.to_owned(),
+        });
         loaded.map_err(|error| format!("Map '{asked}' not found ({error})"))?;
         if reset_settings {
-            let period_nanos = lock(&self.settings).own_period_nanos.unwrap_or(info.period_nanos);
-            let settings = Settings { own_period_nanos: Some(period_nanos), ..Settings::default() };
-            self.configure(StepMode::FreeRunning, period_nanos, settings.longest_substep_nanos())?;
+            let period_nanos = lock(&self.settings)
+                .own_period_nanos
+                .unwrap_or(info.period_nanos);
+            let settings = Settings {
+                own_period_nanos: Some(period_nanos),
+                ..Settings::default()
+            };
+            self.configure(
+                StepMode::FreeRunning,
+                period_nanos,
+                settings.longest_substep_nanos(),
+            )?;
             *lock(&self.settings) = settings;
             self.feeds.set_no_rendering(false);
         }
-        let begun = self.world.wait_for(SETTLE, |known| known.info.as_ref().filter(|now| now.episode > info.episode).map(drop));
-        begun.ok_or_else(|| Failure::Refused("the simulator loaded the map and published no new episode".to_owned()))?;
+        let begun = self.world.wait_for(SETTLE, |known| {
+            known
+                .info
+                .as_ref()
+                .filter(|now| now.episode > info.episode)
+                .map(drop)
+        });
+        begun.ok_or_else(|| {
+            Failure::Refused("the simulator loaded the map and published no new episode".to_owned())
+        })?;
         if layers != u16::MAX {
-            self.commander.ask_one(Command::ShowLayers { layers: !layers, shown: false })?;
+            self.commander.ask_one(Command::ShowLayers {
+                layers: !layers,
+                shown: false,
+            })?;
         }
         Ok(Answer::Void)
     }
@@ -241,7 +324,11 @@ impl Gateway {
     fn map_info(&self) -> Outcome {
         let info = self.info()?;
         let points = self.world.known().spawn_points.clone();
-        let points: Vec<Value> = points.points.iter().map(|pose| shapes::transform(&axes::transform(&(*pose).into()))).collect();
+        let points: Vec<Value> = points
+            .points
+            .iter()
+            .map(|pose| shapes::transform(&axes::transform(&(*pose).into())))
+            .collect();
         Ok(Answer::Value(list![carla_map(&info.map), points]))
     }
 }
@@ -255,19 +342,65 @@ mod tests {
         let tick_nanos = 50_000_000;
         for (given, substepping, taken_nanos, said) in [
             (0.01, true, 10_000_000, ""),
-            (1e-4, true, 100_000, "a tick of 0.05 s is longer than max_substeps (499)"),
-            (1e-5, true, 100_000, "max_substep_delta_time is 0.00001 s; 0.0001 s is taken: give 0.0001 to 0.01"),
-            (0.0, true, 10_000_000, "max_substep_delta_time is 0 s; 0.01 s is taken"),
-            (-1.0, true, 10_000_000, "max_substep_delta_time is -1 s; 0.01 s is taken"),
-            (f64::NAN, true, 10_000_000, "max_substep_delta_time is NaN s; 0.01 s is taken"),
-            (0.05, true, 10_000_000, "max_substep_delta_time is 0.05 s; 0.01 s is taken"),
+            (
+                1e-4,
+                true,
+                100_000,
+                "a tick of 0.05 s is longer than max_substeps (499)",
+            ),
+            (
+                1e-5,
+                true,
+                100_000,
+                "max_substep_delta_time is 0.00001 s; 0.0001 s is taken: give 0.0001 to 0.01",
+            ),
+            (
+                0.0,
+                true,
+                10_000_000,
+                "max_substep_delta_time is 0 s; 0.01 s is taken",
+            ),
+            (
+                -1.0,
+                true,
+                10_000_000,
+                "max_substep_delta_time is -1 s; 0.01 s is taken",
+            ),
+            (
+                f64::NAN,
+                true,
+                10_000_000,
+                "max_substep_delta_time is NaN s; 0.01 s is taken",
+            ),
+            (
+                0.05,
+                true,
+                10_000_000,
+                "max_substep_delta_time is 0.05 s; 0.01 s is taken",
+            ),
             (0.05, false, 10_000_000, ""),
         ] {
             let max_substeps = if given == 1e-4 { 499 } else { 1_000_000_000 };
-            let settings = Settings { substepping, max_substep_secs: given, max_substeps, ..Settings::default() };
-            assert_eq!(settings.longest_substep_nanos(), taken_nanos, "{given} {substepping}");
+            let settings = Settings {
+                substepping,
+                max_substep_secs: given,
+                max_substeps,
+                ..Settings::default()
+            };
+            assert_eq!(
+                settings.longest_substep_nanos(),
+                taken_nanos,
+                "{given} {substepping}"
+            );
             let sentences = settings.differences(tick_nanos).join("\n");
-            assert!(if said.is_empty() { sentences.is_empty() } else { sentences.contains(said) }, "{given} {substepping}: {sentences}");
+            assert!(
+                if said.is_empty() {
+                    sentences.is_empty()
+                } else {
+                    sentences.contains(said)
+                },
+                "{given} {substepping}: {sentences}"
+            );
         }
     }
 }

@@ -9,12 +9,16 @@ use crate::gateway::{Answer, Gateway, Outcome};
 use crate::msgpack::Value;
 use crate::rpc::{Call, Calls};
 
-pub(crate) const CALLS: Calls =
-    &[("get_weather_parameters", |gateway, _| gateway.get_weather()), ("set_weather_parameters", Gateway::set_weather)];
+pub(crate) const CALLS: Calls = &[
+    ("get_weather_parameters", |gateway, _| gateway.get_weather()),
+    ("set_weather_parameters", Gateway::set_weather),
+];
 
 impl Gateway {
     fn get_weather(&self) -> Outcome {
-        let values = weather_values(&self.info()?.weather).map(Value::from).to_vec();
+        let values = weather_values(&self.info()?.weather)
+            .map(Value::from)
+            .to_vec();
         Ok(Answer::Value(values.into()))
     }
 
@@ -50,7 +54,8 @@ pub(crate) fn weather_values(weather: &Weather) -> [f32; 14] {
     ]
 }
 
-/// CARLA checks nothing, so values outside their range are taken as the nearest one inside. −1 means the map's own value: all presets have
+/// CARLA checks nothing, so values outside their range are taken as the nearest one inside. −1
+/// means the map's own value: all presets have
 /// it for the azimuth, `WeatherParameters.Default` throughout.
 pub(crate) fn read_weather(given: &mut Fields<'_>) -> Result<Weather, Wrong> {
     let own = Weather::default();
@@ -63,7 +68,8 @@ pub(crate) fn read_weather(given: &mut Fields<'_>) -> Result<Weather, Wrong> {
         (0..4).try_for_each(|_| ahead.f32().map(drop))?;
         return Ok(own);
     }
-    let within = |given: &mut Fields<'_>, low: f32, high: f32| given.f32().map(|x| x.clamp(low, high));
+    let within =
+        |given: &mut Fields<'_>, low: f32, high: f32| given.f32().map(|x| x.clamp(low, high));
     let percent = |given: &mut Fields<'_>| within(given, 0.0, 100.0);
     Ok(Weather {
         cloudiness: percent(given)?,
@@ -93,13 +99,24 @@ mod tests {
     #[test]
     fn the_default_preset_is_the_maps_own_weather() {
         let given = vec![Value::F32(-1.0); 14];
-        assert_eq!(read_weather(&mut Fields::new("test", &given)).unwrap(), Weather::default());
-        assert!(read_weather(&mut Fields::new("test", &given[..13])).unwrap_err().contains("field 14"));
+        assert_eq!(
+            read_weather(&mut Fields::new("test", &given)).unwrap(),
+            Weather::default()
+        );
+        assert!(
+            read_weather(&mut Fields::new("test", &given[..13]))
+                .unwrap_err()
+                .contains("field 14")
+        );
     }
 
     #[test]
     fn weather_goes_there_and_back() {
-        let given: Vec<Value> = [10.0f32, 20.0, 30.0, 40.0, 45.0, -10.0, 5.0, 7.0, 0.5, 60.0, 1.0, 0.1, 0.2, 3.0].map(Value::from).into();
+        let given: Vec<Value> = [
+            10.0f32, 20.0, 30.0, 40.0, 45.0, -10.0, 5.0, 7.0, 0.5, 60.0, 1.0, 0.1, 0.2, 3.0,
+        ]
+        .map(Value::from)
+        .into();
         let weather = read_weather(&mut Fields::new("test", &given)).unwrap();
         assert_eq!(weather.sun_azimuth_deg, 315.0);
         let again: Vec<Value> = weather_values(&weather).map(Value::from).to_vec();

@@ -19,10 +19,20 @@ pub fn bodies(known: &Known, frame: &Frame) -> Option<Vec<Vec<u8>>> {
         out
     };
     match frame.modality() {
-        Modality::Collision => {
-            Some(frame.elements::<CollisionEvent>()?.iter().map(|event| bytes(collision(known, owner, event))).collect())
-        }
-        Modality::Obstacle => Some(frame.elements::<ObstacleEvent>()?.iter().map(|event| bytes(obstacle(known, owner, event))).collect()),
+        Modality::Collision => Some(
+            frame
+                .elements::<CollisionEvent>()?
+                .iter()
+                .map(|event| bytes(collision(known, owner, event)))
+                .collect(),
+        ),
+        Modality::Obstacle => Some(
+            frame
+                .elements::<ObstacleEvent>()?
+                .iter()
+                .map(|event| bytes(obstacle(known, owner, event)))
+                .collect(),
+        ),
         _ => None,
     }
 }
@@ -30,12 +40,20 @@ pub fn bodies(known: &Known, frame: &Frame) -> Option<Vec<Vec<u8>>> {
 /// Who, with whom, and the impulse on the first.
 fn collision(known: &Known, owner: u32, event: &CollisionEvent) -> Value {
     let [x, y, z] = axes::mirror(event.impulse_in_world_ns).map(|newton_secs| newton_secs as f32);
-    list![touched(known, owner, 0), touched(known, event.other_id, event.class), list![x, y, z]]
+    list![
+        touched(known, owner, 0),
+        touched(known, event.other_id, event.class),
+        list![x, y, z]
+    ]
 }
 
 /// Who, what is ahead, and how far.
 fn obstacle(known: &Known, owner: u32, event: &ObstacleEvent) -> Value {
-    list![touched(known, owner, 0), touched(known, event.object_id, event.class), event.distance_m]
+    list![
+        touched(known, owner, 0),
+        touched(known, event.object_id, event.class),
+        event.distance_m
+    ]
 }
 
 /// An actor, or what stands for scenery: id 0 and a name by its class.
@@ -45,9 +63,21 @@ fn touched(known: &Known, id: u32, class: u8) -> Value {
 
 /// `static.` and the class's name in lower case, singular.
 fn scenery_type(class: u8) -> String {
-    let name = Class(class).info().filter(|_| class != Class::UNLABELED.0).map_or("unknown", |info| info.name);
-    let name: String = name.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase();
-    format!("static.{}", name.strip_suffix('s').filter(|_| name != "grass").unwrap_or(&name))
+    let name = Class(class)
+        .info()
+        .filter(|_| class != Class::UNLABELED.0)
+        .map_or("unknown", |info| info.name);
+    let name: String = name
+        .chars()
+        .filter(char::is_ascii_alphanumeric)
+        .collect::<String>()
+        .to_ascii_lowercase();
+    format!(
+        "static.{}",
+        name.strip_suffix('s')
+            .filter(|_| name != "grass")
+            .unwrap_or(&name)
+    )
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! Pictures: our modalities as CARLA's four bytes B, G, R, A per pixel, and optical flow as two floats.
+//! Pictures: our modalities as CARLA's four bytes B, G, R, A per pixel, and optical flow as two
+//! floats.
 
 use std::sync::OnceLock;
 
@@ -17,13 +18,21 @@ const OPAQUE: u32 = 0xff00_0000;
 const SCENERY: u32 = 0x8000;
 const SCENERY_ID: u32 = 1 << 31;
 
-/// Width, height and field of view; an event camera's width is that of its picture, not of its list.
+/// Width, height and field of view; an event camera's width is that of its picture, not of its
+/// list.
 pub fn push_header(out: &mut Vec<u8>, header: &FrameHeader, number: u64) {
     const EVENT_CAMERA: u64 = 3;
     let [fx, _, cx, cy] = header.intrinsics_px;
-    let (width, height) =
-        if number == EVENT_CAMERA { ((2.0 * cx).round() as u32, (2.0 * cy).round() as u32) } else { (header.width, header.height) };
-    let fov_deg = if fx > 0.0 { 2.0 * (0.5 * f64::from(width) / fx).atan().to_degrees() } else { 0.0 };
+    let (width, height) = if number == EVENT_CAMERA {
+        ((2.0 * cx).round() as u32, (2.0 * cy).round() as u32)
+    } else {
+        (header.width, header.height)
+    };
+    let fov_deg = if fx > 0.0 {
+        2.0 * (0.5 * f64::from(width) / fx).atan().to_degrees()
+    } else {
+        0.0
+    };
     out.extend(width.to_le_bytes());
     out.extend(height.to_le_bytes());
     out.extend((fov_deg as f32).to_le_bytes());
@@ -36,7 +45,12 @@ fn rows(frame: &Frame) -> impl Iterator<Item = &[u8]> {
 fn push_pixels<const N: usize>(out: &mut Vec<u8>, frame: &Frame, pixel: impl Fn([u8; N]) -> u32) {
     out.reserve(frame.header().width as usize * frame.header().height as usize * 4);
     for row in rows(frame) {
-        out.extend(row.as_chunks::<N>().0.iter().flat_map(|bytes| pixel(*bytes).to_le_bytes()));
+        out.extend(
+            row.as_chunks::<N>()
+                .0
+                .iter()
+                .flat_map(|bytes| pixel(*bytes).to_le_bytes()),
+        );
     }
 }
 
@@ -65,14 +79,21 @@ pub fn semantic(out: &mut Vec<u8>, frame: &Frame) {
 /// The class in its display colour.
 pub fn palette(out: &mut Vec<u8>, frame: &Frame) {
     push_pixels(out, frame, |[class]| {
-        let [red, green, blue] = Class(class).info().map_or([0; 3], |info| info.rgb).map(u32::from);
+        let [red, green, blue] = Class(class)
+            .info()
+            .map_or([0; 3], |info| info.rgb)
+            .map(u32::from);
         blue | green << 8 | red << 16 | OPAQUE
     });
 }
 
 /// Class in red, 16 bits of the object's id in green and blue, green lowest.
 pub fn instance_pixel(id: u32, class: u8) -> u32 {
-    let short = if id & SCENERY_ID == 0 { id & 0xffff } else { id & 0x7fff | SCENERY };
+    let short = if id & SCENERY_ID == 0 {
+        id & 0xffff
+    } else {
+        id & 0x7fff | SCENERY
+    };
     short >> 8 | (short & 0xff) << 8 | u32::from(class) << 16 | OPAQUE
 }
 
@@ -81,13 +102,21 @@ pub fn instance(out: &mut Vec<u8>, ids: &Frame, classes: &Frame) {
     out.reserve(ids.header().width as usize * ids.header().height as usize * 4);
     for (ids, classes) in rows(ids).zip(rows(classes)) {
         let pixels = ids.as_chunks::<4>().0.iter().zip(classes);
-        out.extend(pixels.flat_map(|(id, class)| instance_pixel(u32::from_le_bytes(*id), *class).to_le_bytes()));
+        out.extend(
+            pixels.flat_map(|(id, class)| {
+                instance_pixel(u32::from_le_bytes(*id), *class).to_le_bytes()
+            }),
+        );
     }
 }
 
 /// Value of a half-precision number.
 fn half(bits: u16) -> f32 {
-    let (sign, exponent, fraction) = (if bits >> 15 == 0 { 1.0 } else { -1.0 }, i32::from(bits >> 10 & 0x1f), f32::from(bits & 0x3ff));
+    let (sign, exponent, fraction) = (
+        if bits >> 15 == 0 { 1.0 } else { -1.0 },
+        i32::from(bits >> 10 & 0x1f),
+        f32::from(bits & 0x3ff),
+    );
     match exponent {
         0 => sign * fraction * (-24f32).exp2(),
         31 => 0.0,
@@ -98,10 +127,15 @@ fn half(bits: u16) -> f32 {
 /// Byte of every half-precision component of a unit vector.
 fn normal_bytes() -> &'static [u8; 1 << 16] {
     static BYTES: OnceLock<Box<[u8; 1 << 16]>> = OnceLock::new();
-    BYTES.get_or_init(|| Box::new(std::array::from_fn(|bits| ((half(bits as u16).clamp(-1.0, 1.0) + 1.0) * 127.5).round() as u8)))
+    BYTES.get_or_init(|| {
+        Box::new(std::array::from_fn(|bits| {
+            ((half(bits as u16).clamp(-1.0, 1.0) + 1.0) * 127.5).round() as u8
+        }))
+    })
 }
 
-/// Components of a normal as bytes, x in red, y (mirrored) in green, z in blue; where there is none, black.
+/// Components of a normal as bytes, x in red, y (mirrored) in green, z in blue; where there is
+/// none, black.
 pub fn normal_pixel(halves: [u16; 3]) -> u32 {
     let [x, y, z] = halves;
     if (x | y | z) & 0x7fff == 0 {
@@ -144,8 +178,12 @@ mod tests {
     fn depth_decodes_within_the_codes_resolution() {
         for metres in [0.1f32, 1.0, 7.25, 123.456, 999.9] {
             let [blue, green, red, alpha] = depth_pixel(metres).to_le_bytes().map(f64::from);
-            let decoded = 1000.0 * (red + 256.0 * green + 65536.0 * blue) / (256.0 * 256.0 * 256.0 - 1.0);
-            assert!((decoded - f64::from(metres)).abs() < 1000.0 / FULL_CODE + 1e-5 && alpha == 255.0, "{metres} {decoded}");
+            let decoded =
+                1000.0 * (red + 256.0 * green + 65536.0 * blue) / (256.0 * 256.0 * 256.0 - 1.0);
+            assert!(
+                (decoded - f64::from(metres)).abs() < 1000.0 / FULL_CODE + 1e-5 && alpha == 255.0,
+                "{metres} {decoded}"
+            );
         }
         assert_eq!(depth_pixel(f32::INFINITY), 0xffff_ffff);
         assert_eq!(depth_pixel(5000.0), 0xffff_ffff);
@@ -168,9 +206,16 @@ mod tests {
         let rgb = |pixel: u32| [pixel >> 16 & 255, pixel >> 8 & 255, pixel & 255];
         assert_eq!(rgb(normal_pixel([0, 0, ONE])), [128, 128, 255]);
         assert_eq!(rgb(normal_pixel([ONE, 0, 0]))[0], 255);
-        assert_eq!(rgb(normal_pixel([0, ONE, 0]))[1], 0, "our left is CARLA's −y");
+        assert_eq!(
+            rgb(normal_pixel([0, ONE, 0]))[1],
+            0,
+            "our left is CARLA's −y"
+        );
         assert_eq!(rgb(normal_pixel([0, ONE | 0x8000, 0]))[1], 255);
         assert_eq!(rgb(normal_pixel([0, 0x8000, 0])), [0, 0, 0]);
-        assert_eq!((half(0x3800), half(0x3555), half(0x0001)), (0.5, 0.333_251_95, 5.960_464_5e-8));
+        assert_eq!(
+            (half(0x3800), half(0x3555), half(0x0001)),
+            (0.5, 0.333_251_95, 5.960_464_5e-8)
+        );
     }
 }

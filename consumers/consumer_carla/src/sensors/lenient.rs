@@ -1,10 +1,18 @@
-//! Numbers in attributes, read as CARLA reads them: by their leading digits, and 0 if there are none.
+//! Numbers in attributes, read as CARLA reads them: by their leading digits, and 0 if there are
+//! none.
 //!
-//! The client checks nothing (`'64.0'` is the integer 64, `'90deg'` the number 90, `'abc'` 0), and tutorials rely on it.
+//! The client checks nothing (`'64.0'` is the integer 64, `'90deg'` the number 90, `'abc'` 0), and
+//! tutorials rely on it.
 
-/// Length of the leading part of `text` that is a number: sign, digits, and with `fraction` a point, more digits and an exponent.
+/// Length of the leading part of `text` that is a number: sign, digits, and with `fraction` a
+/// point, more digits and an exponent.
 fn number_len(text: &[u8], fraction: bool) -> usize {
-    let digits = |from: usize| text[from..].iter().take_while(|b| b.is_ascii_digit()).count();
+    let digits = |from: usize| {
+        text[from..]
+            .iter()
+            .take_while(|b| b.is_ascii_digit())
+            .count()
+    };
     let sign = |at: usize| usize::from(matches!(text.get(at), Some(b'+' | b'-')));
     let mut end = sign(0);
     let whole = digits(end);
@@ -30,7 +38,9 @@ fn number_len(text: &[u8], fraction: bool) -> usize {
 /// A number; 0 where there is none, and never anything that is not finite.
 pub fn float(text: &str) -> f64 {
     let text = text.trim_start();
-    let value: f64 = text[..number_len(text.as_bytes(), true)].parse().unwrap_or(0.0);
+    let value: f64 = text[..number_len(text.as_bytes(), true)]
+        .parse()
+        .unwrap_or(0.0);
     if value.is_finite() { value } else { 0.0 }
 }
 
@@ -56,9 +66,16 @@ mod tests {
 
     #[test]
     fn leading_digits_count() {
-        for (text, wanted) in
-            [("64.0", 64), ("640", 640), (" 7px", 7), ("abc", 0), ("", 0), ("-3", -3), ("1e3", 1), ("99999999999999999999", i64::MAX)]
-        {
+        for (text, wanted) in [
+            ("64.0", 64),
+            ("640", 640),
+            (" 7px", 7),
+            ("abc", 0),
+            ("", 0),
+            ("-3", -3),
+            ("1e3", 1),
+            ("99999999999999999999", i64::MAX),
+        ] {
             assert_eq!(int(text), wanted, "{text:?}");
         }
         for (text, wanted) in [

@@ -1,17 +1,20 @@
 //! From a colour camera's lens and exposure attributes to the simulator's `optics`.
 //!
-//! Blueprints send every attribute with its default. What is at its default leaves the picture as Gantry makes it: there exposure follows
+//! Blueprints send every attribute with its default. What is at its default leaves the picture as
+//! Gantry makes it: there exposure follows
 //! the weather, the lens is a pinhole, and nothing strays around lamps.
 
 use serde_json::{Map, Value, json};
 
 use crate::sensors::spec::Attributes;
 
-/// CARLA's light is not photometric: with its default shutter, aperture and film (EV100 8.6) a street at noon is exposed well.
+/// CARLA's light is not photometric: with its default shutter, aperture and film (EV100 8.6) a
+/// street at noon is exposed well.
 /// In Gantry's light, which is, that street has EV100 15.
 const MANUAL_OFFSET_EV: f64 = 6.4;
 
-/// Between CARLA's default bounds of automatic exposure, 10 and 12, and those of streets by day, 13.5 and 15.5.
+/// Between CARLA's default bounds of automatic exposure, 10 and 12, and those of streets by day,
+/// 13.5 and 15.5.
 const HISTOGRAM_OFFSET_EV: f64 = 3.5;
 
 /// What differs from a plain picture; `None` if nothing does.
@@ -27,15 +30,37 @@ pub fn optics(given: &Attributes<'_>) -> Option<Value> {
     put("white_kelvin", "temp", 6500.0);
     put("tint", "tint", 0.0);
     put("bloom_intensity", "bloom_intensity", 0.675);
-    put("chromatic_aberration", "chromatic_aberration_intensity", 0.0);
-    put("chromatic_aberration_start", "chromatic_aberration_offset", 0.0);
+    put(
+        "chromatic_aberration",
+        "chromatic_aberration_intensity",
+        0.0,
+    );
+    put(
+        "chromatic_aberration_start",
+        "chromatic_aberration_offset",
+        0.0,
+    );
     if given.float("lens_circle_multiplier", 0.0) != 0.0 {
-        keys.insert("vignette_multiplier".into(), given.float("lens_circle_multiplier", 0.0).into());
-        keys.insert("vignette_falloff".into(), given.float("lens_circle_falloff", 5.0).into());
+        keys.insert(
+            "vignette_multiplier".into(),
+            given.float("lens_circle_multiplier", 0.0).into(),
+        );
+        keys.insert(
+            "vignette_falloff".into(),
+            given.float("lens_circle_falloff", 5.0).into(),
+        );
     }
-    let lens = [("lens_k", -1.0), ("lens_kcube", 0.0), ("lens_x_size", 0.08), ("lens_y_size", 0.08)];
+    let lens = [
+        ("lens_k", -1.0),
+        ("lens_kcube", 0.0),
+        ("lens_x_size", 0.08),
+        ("lens_y_size", 0.08),
+    ];
     let [k, k_cubed, x, y] = lens.map(|(name, default)| given.float(name, default));
-    if lens.iter().any(|(name, default)| given.float(name, *default) != *default) {
+    if lens
+        .iter()
+        .any(|(name, default)| given.float(name, *default) != *default)
+    {
         keys.insert("distortion_k".into(), k.into());
         keys.insert("distortion_k_cubed".into(), k_cubed.into());
         keys.insert("distortion_size".into(), json!([x, y]));
@@ -67,8 +92,12 @@ fn exposure(given: &Attributes<'_>) -> Option<Value> {
         ("exposure_speed_down", 1.0),
         ("calibration_constant", 16.0),
     ];
-    if meter.iter().any(|(name, default)| given.float(name, *default) != *default) {
-        let [low, high, up, down, calibration] = meter.map(|(name, default)| given.float(name, default));
+    if meter
+        .iter()
+        .any(|(name, default)| given.float(name, *default) != *default)
+    {
+        let [low, high, up, down, calibration] =
+            meter.map(|(name, default)| given.float(name, default));
         return Some(json!({
             "mode": "histogram",
             "compensation_ev": compensation_ev,
@@ -88,27 +117,58 @@ mod tests {
     use crate::fields::{Attribute, Description};
 
     fn given(attributes: &[(&str, &str)]) -> Option<Value> {
-        let attribute = |(name, value): &(&str, &str)| Attribute { name: (*name).into(), kind: 4, value: (*value).into() };
-        let description = Description { type_id: "sensor.camera.rgb".into(), attributes: attributes.iter().map(attribute).collect() };
+        let attribute = |(name, value): &(&str, &str)| Attribute {
+            name: (*name).into(),
+            kind: 4,
+            value: (*value).into(),
+        };
+        let description = Description {
+            type_id: "sensor.camera.rgb".into(),
+            attributes: attributes.iter().map(attribute).collect(),
+        };
         optics(&Attributes::of(&description))
     }
 
     #[test]
     fn defaults_ask_for_nothing() {
-        assert_eq!(given(&[("gamma", "2.2"), ("lens_k", "-1.0"), ("exposure_mode", "histogram"), ("bloom_intensity", "0.675")]), None);
+        assert_eq!(
+            given(&[
+                ("gamma", "2.2"),
+                ("lens_k", "-1.0"),
+                ("exposure_mode", "histogram"),
+                ("bloom_intensity", "0.675")
+            ]),
+            None
+        );
     }
 
     #[test]
     fn what_differs_is_passed_on_and_accepted_by_the_specification() {
-        let keys =
-            given(&[("lens_k", "-2.0"), ("exposure_mode", "manual"), ("fstop", "2.8"), ("enable_postprocess_effects", "false")]).unwrap();
+        let keys = given(&[
+            ("lens_k", "-2.0"),
+            ("exposure_mode", "manual"),
+            ("fstop", "2.8"),
+            ("enable_postprocess_effects", "false"),
+        ])
+        .unwrap();
         assert_eq!(
-            (&keys["distortion_k"], &keys["postprocess"], &keys["exposure"]["mode"]),
+            (
+                &keys["distortion_k"],
+                &keys["postprocess"],
+                &keys["exposure"]["mode"]
+            ),
             (&json!(-2.0), &json!(false), &json!("manual"))
         );
-        // CARLA's EV100 at these settings is log2(2.8² · 200) = 10.6; the simulator's is 17.0: compensation carries the difference.
+        // CARLA's EV100 at these settings is log2(2.8² · 200) = 10.6; the simulator's is 17.0:
+        // compensation carries the difference.
         assert!((keys["exposure"]["compensation_ev"].as_f64().unwrap() + 6.4).abs() < 1e-9);
         let metered = given(&[("exposure_max_bright", "14")]).unwrap();
-        assert_eq!((&metered["exposure"]["mode"], &metered["exposure"]["max_ev100"]), (&json!("histogram"), &json!(17.5)));
+        assert_eq!(
+            (
+                &metered["exposure"]["mode"],
+                &metered["exposure"]["max_ev100"]
+            ),
+            (&json!("histogram"), &json!(17.5))
+        );
     }
 }

@@ -49,9 +49,13 @@ impl<'d> Attributes<'d> {
         (self.0.attribute("noise_seed").map_or(0, lenient::int) as u64).into()
     }
 
-    /// An integer, or `default`; what lies outside 32 bits is the nearest inside, so that the simulator's own check speaks.
+    /// An integer, or `default`; what lies outside 32 bits is the nearest inside, so that the
+    /// simulator's own check speaks.
     pub fn int(&self, name: &str, default: i64) -> i64 {
-        self.0.attribute(name).map_or(default, lenient::int).clamp(i32::MIN.into(), u32::MAX.into())
+        self.0
+            .attribute(name)
+            .map_or(default, lenient::int)
+            .clamp(i32::MIN.into(), u32::MAX.into())
     }
 }
 
@@ -59,12 +63,26 @@ impl<'d> Attributes<'d> {
 ///
 /// # Errors
 /// For sensors that the simulator does not have.
-pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>, attachment: Attachment) -> Result<Command, Wrong> {
+pub fn command(
+    description: &Description,
+    pose: PoseText,
+    parent_id: Option<u32>,
+    attachment: Attachment,
+) -> Result<Command, Wrong> {
     let type_id = description.type_id.clone();
-    let attributes: BTreeMap<String, String> =
-        description.attributes.iter().map(|attribute| (attribute.name.clone(), attribute.value.clone())).collect();
+    let attributes: BTreeMap<String, String> = description
+        .attributes
+        .iter()
+        .map(|attribute| (attribute.name.clone(), attribute.value.clone()))
+        .collect();
     if CLIENT_SIDE.contains(&type_id.as_str()) {
-        return Ok(Command::Spawn { type_id, pose, parent_id, role: String::new(), attributes: BTreeMap::new() });
+        return Ok(Command::Spawn {
+            type_id,
+            pose,
+            parent_id,
+            role: String::new(),
+            attributes: BTreeMap::new(),
+        });
     }
     let Some(kind) = kind(&type_id) else {
         return Err(format!(
@@ -73,13 +91,31 @@ pub fn command(description: &Description, pose: PoseText, parent_id: Option<u32>
     };
     if kind.modalities.is_empty() {
         v2x::check(description)?;
-        return Ok(Command::Spawn { type_id, pose, parent_id, role: String::new(), attributes: BTreeMap::new() });
+        return Ok(Command::Spawn {
+            type_id,
+            pose,
+            parent_id,
+            role: String::new(),
+            attributes: BTreeMap::new(),
+        });
     }
     let given = Attributes(description);
     let interval_secs = given.float("sensor_tick", 0.0);
-    let interval_nanos = if interval_secs > 0.0 { (interval_secs * 1e9).round().min(1e18) as u64 } else { 0 };
+    let interval_nanos = if interval_secs > 0.0 {
+        (interval_secs * 1e9).round().min(1e18) as u64
+    } else {
+        0
+    };
     let spec = spec(kind, &given);
-    Ok(Command::SpawnSensor { type_id, pose, parent_id, attachment, interval_nanos, spec, attributes })
+    Ok(Command::SpawnSensor {
+        type_id,
+        pose,
+        parent_id,
+        attachment,
+        interval_nanos,
+        spec,
+        attributes,
+    })
 }
 
 fn spec(kind: &Kind, given: &Attributes<'_>) -> Map<String, Value> {
@@ -99,7 +135,11 @@ fn spec(kind: &Kind, given: &Attributes<'_>) -> Map<String, Value> {
 }
 
 fn camera(kind: &Kind, given: &Attributes<'_>) -> Value {
-    let modalities: Vec<&str> = kind.modalities.iter().map(|modality| modality.name()).collect();
+    let modalities: Vec<&str> = kind
+        .modalities
+        .iter()
+        .map(|modality| modality.name())
+        .collect();
     let mut keys = json!({
         "kind": "camera",
         "modalities": modalities,
@@ -173,8 +213,10 @@ fn obstacle(given: &Attributes<'_>) -> Value {
 }
 
 fn imu(given: &Attributes<'_>) -> Value {
-    // Values along y and the turn about it keep their sign only in magnitude; a bias is mirrored with its axis.
-    let three = |name: &str| ["x", "y", "z"].map(|axis| given.float(&format!("{name}_{axis}"), 0.0));
+    // Values along y and the turn about it keep their sign only in magnitude; a bias is mirrored
+    // with its axis.
+    let three =
+        |name: &str| ["x", "y", "z"].map(|axis| given.float(&format!("{name}_{axis}"), 0.0));
     let [x, y, z] = three("noise_gyro_bias");
     json!({
         "kind": "imu",
@@ -202,8 +244,15 @@ mod tests {
     use crate::fields::Attribute;
 
     fn described(type_id: &str, attributes: &[(&str, &str)]) -> Description {
-        let attribute = |(name, value): &(&str, &str)| Attribute { name: (*name).into(), kind: 4, value: (*value).into() };
-        Description { type_id: type_id.into(), attributes: attributes.iter().map(attribute).collect() }
+        let attribute = |(name, value): &(&str, &str)| Attribute {
+            name: (*name).into(),
+            kind: 4,
+            value: (*value).into(),
+        };
+        Description {
+            type_id: type_id.into(),
+            attributes: attributes.iter().map(attribute).collect(),
+        }
     }
 
     fn pose() -> PoseText {
@@ -212,21 +261,48 @@ mod tests {
 
     #[test]
     fn attributes_become_a_specification() {
-        let given =
-            described("sensor.camera.rgb", &[("image_size_x", "64.0"), ("image_size_y", "48px"), ("fov", "70deg"), ("sensor_tick", "0.1")]);
-        let Command::SpawnSensor { spec, interval_nanos, parent_id, attachment, .. } =
-            command(&given, pose(), Some(3), Attachment::SpringArm).unwrap()
-        else {
-            panic!()
-        };
-        assert_eq!((interval_nanos, parent_id, attachment), (100_000_000, Some(3), Attachment::SpringArm));
-        assert_eq!(Value::Object(spec), json!({"kind": "camera", "modalities": ["rgb"], "width_px": 64, "height_px": 48, "fov_deg": 70.0}));
-        let Command::SpawnSensor { spec, .. } = command(&described("sensor.lidar.ray_cast", &[]), pose(), None, Attachment::Rigid).unwrap()
+        let given = described(
+            "sensor.camera.rgb",
+            &[
+                ("image_size_x", "64.0"),
+                ("image_size_y", "48px"),
+                ("fov", "70deg"),
+                ("sensor_tick", "0.1"),
+            ],
+        );
+        let Command::SpawnSensor {
+            spec,
+            interval_nanos,
+            parent_id,
+            attachment,
+            ..
+        } = command(&given, pose(), Some(3), Attachment::SpringArm).unwrap()
         else {
             panic!()
         };
         assert_eq!(
-            (spec["channels"].as_i64(), spec["points_per_second"].as_i64(), spec["range_m"].as_f64()),
+            (interval_nanos, parent_id, attachment),
+            (100_000_000, Some(3), Attachment::SpringArm)
+        );
+        assert_eq!(
+            Value::Object(spec),
+            json!({"kind": "camera", "modalities": ["rgb"], "width_px": 64, "height_px": 48, "fov_deg": 70.0})
+        );
+        let Command::SpawnSensor { spec, .. } = command(
+            &described("sensor.lidar.ray_cast", &[]),
+            pose(),
+            None,
+            Attachment::Rigid,
+        )
+        .unwrap() else {
+            panic!()
+        };
+        assert_eq!(
+            (
+                spec["channels"].as_i64(),
+                spec["points_per_second"].as_i64(),
+                spec["range_m"].as_f64()
+            ),
             (Some(32), Some(56_000), Some(10.0))
         );
     }
@@ -234,10 +310,21 @@ mod tests {
     #[test]
     fn what_clients_compute_themselves_is_a_bare_actor_and_what_nobody_has_is_a_sentence() {
         assert!(matches!(
-            command(&described("sensor.other.lane_invasion", &[]), pose(), Some(1), Attachment::Rigid),
+            command(
+                &described("sensor.other.lane_invasion", &[]),
+                pose(),
+                Some(1),
+                Attachment::Rigid
+            ),
             Ok(Command::Spawn { .. })
         ));
-        let error = command(&described("sensor.other.sonar", &[]), pose(), None, Attachment::Rigid).unwrap_err();
+        let error = command(
+            &described("sensor.other.sonar", &[]),
+            pose(),
+            None,
+            Attachment::Rigid,
+        )
+        .unwrap_err();
         assert!(error.contains("sensor.other.sonar"), "{error}");
     }
 }

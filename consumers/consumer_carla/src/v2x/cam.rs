@@ -1,6 +1,7 @@
 //! Cooperative awareness messages: when a station sends one, and its bytes.
 //!
-//! Fields and units are those of ETSI EN 302 637-2 and TS 102 894-2; the record is the one that the 0.9.16 client reads.
+//! Fields and units are those of ETSI EN 302 637-2 and TS 102 894-2; the record is the one that the
+//! 0.9.16 client reads.
 
 use schema_frames::{ActorInfo, ActorRecord};
 use schema_types::Class;
@@ -78,12 +79,22 @@ impl Service {
     /// # Errors
     /// A sentence about intervals that cannot be.
     pub fn of(given: &Attributes<'_>) -> Result<Service, String> {
-        let (min_secs, max_secs) = (given.float("gen_cam_min", 0.1), given.float("gen_cam_max", 1.0));
+        let (min_secs, max_secs) = (
+            given.float("gen_cam_min", 0.1),
+            given.float("gen_cam_max", 1.0),
+        );
         if !(0.0..=1e6).contains(&min_secs) || !(min_secs..=1e6).contains(&max_secs) {
-            return Err(format!("gen_cam_min is {min_secs} s and gen_cam_max {max_secs} s; give 0 ≤ gen_cam_min ≤ gen_cam_max ≤ 1000000"));
+            return Err(format!(
+                "gen_cam_min is {min_secs} s and gen_cam_max {max_secs} s; give 0 ≤ gen_cam_min ≤ gen_cam_max ≤ 1000000"
+            ));
         }
         let nanos = |secs: f64| (secs * 1e9).round() as u64;
-        let both = |name: &str| [given.float(&format!("noise_{name}_stddev"), 0.0), given.float(&format!("noise_{name}_bias"), 0.0)];
+        let both = |name: &str| {
+            [
+                given.float(&format!("noise_{name}_stddev"), 0.0),
+                given.float(&format!("noise_{name}_bias"), 0.0),
+            ]
+        };
         Ok(Service {
             min_nanos: nanos(min_secs),
             max_nanos: nanos(max_secs),
@@ -93,7 +104,8 @@ impl Service {
             sent: None,
             slow_nanos: None,
             errors: Errors {
-                accel_mps2: ["x", "y", "z"].map(|axis| given.float(&format!("noise_accel_stddev_{axis}"), 0.0)),
+                accel_mps2: ["x", "y", "z"]
+                    .map(|axis| given.float(&format!("noise_accel_stddev_{axis}"), 0.0)),
                 speed_mps: given.float("noise_vel_stddev_x", 0.0),
                 yaw_rate: both("yawrate"),
                 latitude_deg: both("lat"),
@@ -105,7 +117,11 @@ impl Service {
     }
 
     /// The message that is sent at this tick, if one is; its power is left 0.
-    pub fn message(&mut self, sender: &Sender<'_>, noise: &mut Noise) -> Option<[u8; RECORD_BYTES]> {
+    pub fn message(
+        &mut self,
+        sender: &Sender<'_>,
+        noise: &mut Noise,
+    ) -> Option<[u8; RECORD_BYTES]> {
         let now = Sent {
             nanos: sender.nanos,
             position_m: sender.record.world_from_actor.translation_m,
@@ -128,10 +144,16 @@ impl Service {
         if elapsed_nanos < self.min_nanos {
             return false;
         }
-        let moved_m = (0..3).map(|i| (now.position_m[i] - before.position_m[i]).powi(2)).sum::<f64>().sqrt();
-        let turned_rad =
-            (now.heading_rad - before.heading_rad + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI;
-        let has_changed = moved_m > MOVE_M || turned_rad.abs() > TURN_RAD || (now.speed_mps - before.speed_mps).abs() > SPEED_UP_MPS;
+        let moved_m = (0..3)
+            .map(|i| (now.position_m[i] - before.position_m[i]).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        let turned_rad = (now.heading_rad - before.heading_rad + std::f64::consts::PI)
+            .rem_euclid(std::f64::consts::TAU)
+            - std::f64::consts::PI;
+        let has_changed = moved_m > MOVE_M
+            || turned_rad.abs() > TURN_RAD
+            || (now.speed_mps - before.speed_mps).abs() > SPEED_UP_MPS;
         if self.fixed_rate {
             return true;
         }
@@ -163,7 +185,9 @@ impl Service {
         }
         if sender.record.vehicle().is_some() {
             self.put_motion(&mut record, sender.record, noise);
-            let is_slow_due = self.slow_nanos.is_none_or(|last| sender.nanos.saturating_sub(last) >= SLOW_NANOS);
+            let is_slow_due = self
+                .slow_nanos
+                .is_none_or(|last| sender.nanos.saturating_sub(last) >= SLOW_NANOS);
             if is_slow_due {
                 self.slow_nanos = Some(sender.nanos);
                 put_slow(&mut record, sender, station);
@@ -177,7 +201,10 @@ impl Service {
         let [x, y, z] = sender.record.world_from_actor.translation_m;
         // As the client's own projection, whose y points south.
         let [latitude, longitude] = locate_deg(x, -y, sender.geo_reference_deg);
-        let [latitude, longitude] = [noise.with(latitude, self.errors.latitude_deg), noise.with(longitude, self.errors.longitude_deg)];
+        let [latitude, longitude] = [
+            noise.with(latitude, self.errors.latitude_deg),
+            noise.with(longitude, self.errors.longitude_deg),
+        ];
         let altitude_m = noise.with(z, self.errors.altitude_m);
         for (at, value) in [
             (48, 10 * (latitude * 1e6).round() as i64),
@@ -195,24 +222,51 @@ impl Service {
     fn put_motion(&self, record: &mut Record, actor: &ActorRecord, noise: &mut Noise) {
         const UNKNOWN: i64 = 102;
         // Counted from north, clockwise; CARLA's yaw counts clockwise from east.
-        let heading_deg =
-            noise.with(axes::transform(&actor.world_from_actor).rotation_deg[1] + 90.0, self.errors.heading_deg).rem_euclid(360.0);
-        let speed_mps = noise.with(forward_mps(actor).abs(), [self.errors.speed_mps, 0.0]).max(0.0);
-        let turning_deg = noise.with(actor.angular_velocity_in_world_radps[2], self.errors.yaw_rate).to_degrees();
+        let heading_deg = noise
+            .with(
+                axes::transform(&actor.world_from_actor).rotation_deg[1] + 90.0,
+                self.errors.heading_deg,
+            )
+            .rem_euclid(360.0);
+        let speed_mps = noise
+            .with(forward_mps(actor).abs(), [self.errors.speed_mps, 0.0])
+            .max(0.0);
+        let turning_deg = noise
+            .with(
+                actor.angular_velocity_in_world_radps[2],
+                self.errors.yaw_rate,
+            )
+            .to_degrees();
         let acceleration = nalgebra::Vector3::from(actor.acceleration_in_world_mps2);
         let along = actor.world_from_actor.isometry().rotation.inverse() * acceleration;
         let decimetres = |i: usize, noise: &mut Noise| {
             let value = (noise.with(along[i], [self.errors.accel_mps2[i], 0.0]) * 10.0).round();
-            if value.abs() <= 160.0 { value as i64 } else { 161 }
+            if value.abs() <= 160.0 {
+                value as i64
+            } else {
+                161
+            }
         };
-        let [ahead, left, up] = [decimetres(0, noise), decimetres(1, noise), decimetres(2, noise)];
-        let size = |half_m: f32, most: i64| ((f64::from(half_m) * 20.0).round() as i64).clamp(1, most);
+        let [ahead, left, up] = [
+            decimetres(0, noise),
+            decimetres(1, noise),
+            decimetres(2, noise),
+        ];
+        let size =
+            |half_m: f32, most: i64| ((f64::from(half_m) * 20.0).round() as i64).clamp(1, most);
         let yaw_rate = (turning_deg * 100.0).round();
         for (at, value) in [
             (104, 1),
             (112, (heading_deg * 10.0).round() as i64 % 3600),
             (120, 10),
-            (128, if speed_mps >= 163.82 { 16_382 } else { (speed_mps * 100.0).round() as i64 }),
+            (
+                128,
+                if speed_mps >= 163.82 {
+                    16_382
+                } else {
+                    (speed_mps * 100.0).round() as i64
+                },
+            ),
             (136, 3),
             (144, i64::from(forward_mps(actor) < 0.0)),
             (152, size(actor.half_box_m[0], 1022)),
@@ -223,7 +277,14 @@ impl Service {
             (192, 30_001),
             (200, 7),
             (208, 0),
-            (216, if yaw_rate.abs() <= 32_766.0 { yaw_rate as i64 } else { 32_767 }),
+            (
+                216,
+                if yaw_rate.abs() <= 32_766.0 {
+                    yaw_rate as i64
+                } else {
+                    32_767
+                },
+            ),
             (224, 8),
             (272, 1),
             (280, left),
@@ -247,13 +308,17 @@ fn put_slow(record: &mut Record, sender: &Sender<'_>, station: i64) {
     let lamps = sender.record.vehicle().map_or(0, |part| part.lamps);
     // Bit of the standard, counted from the left, and bit of `VehicleLightState`.
     let bits = [(0, 1), (1, 2), (2, 5), (3, 4), (5, 6), (6, 7), (7, 0)];
-    let shown = bits.iter().filter(|(_, lamp)| lamps >> lamp & 1 != 0).fold(0, |shown, (bit, _)| shown | 0x80u8 >> bit);
+    let shown = bits
+        .iter()
+        .filter(|(_, lamp)| lamps >> lamp & 1 != 0)
+        .fold(0, |shown, (bit, _)| shown | 0x80u8 >> bit);
     record.put(408, 1);
     record.put(416, role);
     record.0[424] = shown;
 }
 
-/// Kind of station: walkers, vehicles by their class and by what is special about them; whatever else carries a station, or is one by
+/// Kind of station: walkers, vehicles by their class and by what is special about them; whatever
+/// else carries a station, or is one by
 /// itself, stands at the road.
 fn station_type(sender: &Sender<'_>) -> i64 {
     if sender.record.walker().is_some() {
@@ -262,7 +327,10 @@ fn station_type(sender: &Sender<'_>) -> i64 {
     if sender.record.vehicle().is_none() {
         return ROADSIDE;
     }
-    let is_emergency = sender.info.and_then(|info| info.attributes.get("special_type")).is_some_and(|special| special == "emergency");
+    let is_emergency = sender
+        .info
+        .and_then(|info| info.attributes.get("special_type"))
+        .is_some_and(|special| special == "emergency");
     match Class(sender.record.class) {
         _ if is_emergency => 10,
         Class::BICYCLE => 2,

@@ -1,8 +1,11 @@
-//! Vehicle-to-everything radio: `sensor.other.v2x` sends and receives cooperative awareness messages, `sensor.other.v2x_custom` what scripts
+//! Vehicle-to-everything radio: `sensor.other.v2x` sends and receives cooperative awareness
+//! messages, `sensor.other.v2x_custom` what scripts
 //! `send`.
 //!
-//! The gateway's own work: stations are actors without topics; after each snapshot messages go from antenna to antenna, before clients see the
-//! snapshot. A station's antenna is on the roof of what it is attached to, or where the station itself is.
+//! The gateway's own work: stations are actors without topics; after each snapshot messages go from
+//! antenna to antenna, before clients see the
+//! snapshot. A station's antenna is on the roof of what it is attached to, or where the station
+//! itself is.
 
 mod cam;
 mod noise;
@@ -104,7 +107,11 @@ impl Station {
             carrier: if parent == 0 { id } else { parent },
             number: sensors::kind(&description.type_id).map_or(0, |kind| kind.number),
             radio: Radio::of(&given)?,
-            service: if is_custom { None } else { Some(Service::of(&given)?) },
+            service: if is_custom {
+                None
+            } else {
+                Some(Service::of(&given)?)
+            },
             noise: Noise::new(seed, id),
         })
     }
@@ -118,11 +125,15 @@ impl V2x {
     pub fn send(&self, station: u32, text: &str) -> Result<(), String> {
         if text.len() > MAX_TEXT_BYTES || text.contains('\0') {
             let n_bytes = text.len();
-            return Err(format!("a custom message has {n_bytes} bytes; at most {MAX_TEXT_BYTES} are sent, none of them zero"));
+            return Err(format!(
+                "a custom message has {n_bytes} bytes; at most {MAX_TEXT_BYTES} are sent, none of them zero"
+            ));
         }
         let mut state = lock(&self.0);
         if state.outbox.len() >= MAX_OUTBOX {
-            return Err(format!("{MAX_OUTBOX} messages wait for the next tick; this one is not sent"));
+            return Err(format!(
+                "{MAX_OUTBOX} messages wait for the next tick; this one is not sent"
+            ));
         }
         state.outbox.push((station, text.to_owned()));
         Ok(())
@@ -130,7 +141,11 @@ impl V2x {
 
     /// A client is about to listen to a station, or has connected to do so.
     fn relay(&self, station: u32) -> Arc<Relay> {
-        lock(&self.0).relays.entry(station).or_insert_with(|| Arc::new(Relay::new(BACKLOG))).clone()
+        lock(&self.0)
+            .relays
+            .entry(station)
+            .or_insert_with(|| Arc::new(Relay::new(BACKLOG)))
+            .clone()
     }
 
     /// Reads for a client that is about to connect.
@@ -141,7 +156,12 @@ impl V2x {
     }
 
     /// Sends a station's messages to a client until it goes.
-    pub fn serve(&self, stream: u32, connection: TcpStream, streams: &Streams) -> std::io::Result<()> {
+    pub fn serve(
+        &self,
+        stream: u32,
+        connection: TcpStream,
+        streams: &Streams,
+    ) -> std::io::Result<()> {
         let relay = self.relay(actor_of(stream).unwrap_or_default());
         relay.listener(None).serve(connection, streams, &|| {})
     }
@@ -150,16 +170,30 @@ impl V2x {
     pub fn step(&self, world: &World, commander: &Commander) {
         let mut state = lock(&self.0);
         let known = world.known();
-        let Some(snapshot) = known.snapshot.clone() else { return };
+        let Some(snapshot) = known.snapshot.clone() else {
+            return;
+        };
         state.keep_up(&known, &snapshot);
         if state.stations.is_empty() {
             state.outbox.clear();
             return;
         }
         let messages = state.messages(&known, &snapshot);
-        let roofs: BTreeMap<u32, Point3<f64>> =
-            state.stations.values().filter_map(|station| Some((station.carrier, antenna(&known, &snapshot, station.carrier)?))).collect();
-        let mut solids = if messages.is_empty() { Vec::new() } else { vehicles(&known, &snapshot) };
+        let roofs: BTreeMap<u32, Point3<f64>> = state
+            .stations
+            .values()
+            .filter_map(|station| {
+                Some((
+                    station.carrier,
+                    antenna(&known, &snapshot, station.carrier)?,
+                ))
+            })
+            .collect();
+        let mut solids = if messages.is_empty() {
+            Vec::new()
+        } else {
+            vehicles(&known, &snapshot)
+        };
         drop(known);
         if messages.is_empty() {
             return;
@@ -174,14 +208,22 @@ impl State {
     fn keep_up(&mut self, known: &Known, snapshot: &WorldAt) {
         let episode = crate::episode::episode_id(&snapshot.header);
         if self.episode.replace(episode) != Some(episode) {
-            *self = State { episode: self.episode, relays: std::mem::take(&mut self.relays), ..State::default() };
+            *self = State {
+                episode: self.episode,
+                relays: std::mem::take(&mut self.relays),
+                ..State::default()
+            };
         }
         if snapshot.header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
             self.buildings = None;
         }
         let is_there = |id: u32| snapshot.actor(id).is_some();
         self.stations.retain(|id, _| is_there(*id));
-        for (id, own) in known.own.iter().filter(|(id, own)| is_station(&own.description.type_id) && is_there(**id)) {
+        for (id, own) in known
+            .own
+            .iter()
+            .filter(|(id, own)| is_station(&own.description.type_id) && is_there(**id))
+        {
             if !self.stations.contains_key(id) {
                 match Station::new(*id, own.parent, &own.description) {
                     Ok(station) => drop(self.stations.insert(*id, station)),
@@ -189,7 +231,8 @@ impl State {
                 }
             }
         }
-        let (stations, listed): (_, BTreeSet<u32>) = (&self.stations, known.own.keys().copied().collect());
+        let (stations, listed): (_, BTreeSet<u32>) =
+            (&self.stations, known.own.keys().copied().collect());
         self.relays.retain(|id, relay| {
             let stays = stations.contains_key(id) || listed.contains(id);
             if !stays {
@@ -201,18 +244,38 @@ impl State {
 
     /// What is sent now.
     fn messages(&mut self, known: &Known, snapshot: &WorldAt) -> Vec<Message> {
-        let nanos = snapshot.header.sim_nanos.saturating_sub(snapshot.header.episode_start_nanos);
-        let geo_reference_deg = known.geo_reference_deg.unwrap_or_else(|| geo_reference_deg(""));
+        let nanos = snapshot
+            .header
+            .sim_nanos
+            .saturating_sub(snapshot.header.episode_start_nanos);
+        let geo_reference_deg = known
+            .geo_reference_deg
+            .unwrap_or_else(|| geo_reference_deg(""));
         let mut messages = Vec::new();
         for (id, station) in &mut self.stations {
-            let (Some(service), Some(record)) = (&mut station.service, snapshot.actor(station.carrier)) else { continue };
-            let sender = Sender { record, info: known.actors.get(&station.carrier), nanos, geo_reference_deg };
+            let (Some(service), Some(record)) =
+                (&mut station.service, snapshot.actor(station.carrier))
+            else {
+                continue;
+            };
+            let sender = Sender {
+                record,
+                info: known.actors.get(&station.carrier),
+                nanos,
+                geo_reference_deg,
+            };
             if let Some(bytes) = service.message(&sender, &mut station.noise) {
                 messages.push(station.message(*id, bytes.to_vec()));
             }
         }
         for (id, text) in std::mem::take(&mut self.outbox) {
-            let Some(station) = self.stations.get(&id).filter(|station| station.service.is_none()) else { continue };
+            let Some(station) = self
+                .stations
+                .get(&id)
+                .filter(|station| station.service.is_none())
+            else {
+                continue;
+            };
             let mut record = Record([0; CUSTOM_BYTES]);
             record.header(0, station.carrier);
             record.0[32..32 + text.len()].copy_from_slice(text.as_bytes());
@@ -223,51 +286,94 @@ impl State {
 
     /// Buildings and walls; asked for once per change of the scenery.
     fn buildings(&mut self, commander: &Commander) -> &[Solid] {
-        self.buildings.get_or_insert_with(|| match commander.ask_one(Command::Scenery) {
-            Ok((CommandReply::Scenery { objects, .. }, _)) => objects
-                .into_iter()
-                .filter(|object| object.shown && [Class::BUILDINGS, Class::WALLS].contains(&Class(object.class)))
-                .map(|object| Solid { vehicle: None, pose: Pose::from(object.box_pose).isometry(), half_m: object.box_half_m })
-                .collect(),
-            Ok(_) => Vec::new(),
-            Err(error) => {
-                tracing::debug!(error, "no scenery; radio waves pass everywhere");
-                Vec::new()
-            }
-        })
+        self.buildings
+            .get_or_insert_with(|| match commander.ask_one(Command::Scenery) {
+                Ok((CommandReply::Scenery { objects, .. }, _)) => objects
+                    .into_iter()
+                    .filter(|object| {
+                        object.shown
+                            && [Class::BUILDINGS, Class::WALLS].contains(&Class(object.class))
+                    })
+                    .map(|object| Solid {
+                        vehicle: None,
+                        pose: Pose::from(object.box_pose).isometry(),
+                        half_m: object.box_half_m,
+                    })
+                    .collect(),
+                Ok(_) => Vec::new(),
+                Err(error) => {
+                    tracing::debug!(error, "no scenery; radio waves pass everywhere");
+                    Vec::new()
+                }
+            })
     }
 
-    fn receive(&mut self, messages: &[Message], roofs: &BTreeMap<u32, Point3<f64>>, solids: &[Solid], snapshot: &WorldAt) {
-        let nanos = snapshot.header.sim_nanos.saturating_sub(snapshot.header.episode_start_nanos);
+    fn receive(
+        &mut self,
+        messages: &[Message],
+        roofs: &BTreeMap<u32, Point3<f64>>,
+        solids: &[Solid],
+        snapshot: &WorldAt,
+    ) {
+        let nanos = snapshot
+            .header
+            .sim_nanos
+            .saturating_sub(snapshot.header.episode_start_nanos);
         for (id, station) in &mut self.stations {
-            let (Some(roof), Some(own)) = (roofs.get(&station.carrier), snapshot.actor(*id)) else { continue };
+            let (Some(roof), Some(own)) = (roofs.get(&station.carrier), snapshot.actor(*id)) else {
+                continue;
+            };
             let mut bytes = Vec::new();
-            for message in messages.iter().filter(|message| message.number == station.number && message.station != *id) {
+            for message in messages
+                .iter()
+                .filter(|message| message.number == station.number && message.station != *id)
+            {
                 // Awareness messages are the carrier's, whose other stations need none of them.
                 if station.service.is_some() && message.carrier == station.carrier {
                     continue;
                 }
-                let Some(sender) = roofs.get(&message.carrier) else { continue };
+                let Some(sender) = roofs.get(&message.carrier) else {
+                    continue;
+                };
                 let distance_m = (roof - sender).norm();
                 if !station.radio.reaches(distance_m) {
                     continue;
                 }
-                let grounds =
-                    [message.carrier, station.carrier].map(|id| snapshot.actor(id).map_or(0.0, |at| at.world_from_actor.translation_m[2]));
+                let grounds = [message.carrier, station.carrier].map(|id| {
+                    snapshot
+                        .actor(id)
+                        .map_or(0.0, |at| at.world_from_actor.translation_m[2])
+                });
                 let ground_m = grounds[0].min(grounds[1]);
-                let link = Link { distance_m, heights_m: [sender.z - ground_m, roof.z - ground_m] };
+                let link = Link {
+                    distance_m,
+                    heights_m: [sender.z - ground_m, roof.z - ground_m],
+                };
                 let path = solids::path(solids, sender, roof, [message.carrier, station.carrier]);
                 let fading = station.noise.normal();
-                if let Some(power_dbm) = station.radio.received_dbm(message.transmit_dbm, &link, &path, fading) {
+                if let Some(power_dbm) =
+                    station
+                        .radio
+                        .received_dbm(message.transmit_dbm, &link, &path, fading)
+                {
                     bytes.extend((power_dbm as f32).to_le_bytes());
                     bytes.extend(&message.bytes[4..]);
                 }
             }
             if let Some(relay) = self.relays.get(id).filter(|_| !bytes.is_empty()) {
                 let mut whole = Vec::with_capacity(48 + bytes.len());
-                push_prefix(&mut whole, station.number, snapshot.header.tick, nanos, &axes::transform(&own.world_from_actor));
+                push_prefix(
+                    &mut whole,
+                    station.number,
+                    snapshot.header.tick,
+                    nanos,
+                    &axes::transform(&own.world_from_actor),
+                );
                 whole.extend(bytes);
-                relay.send(&Sent { tick: snapshot.header.tick, bytes: whole.into() });
+                relay.send(&Sent {
+                    tick: snapshot.header.tick,
+                    bytes: whole.into(),
+                });
             }
         }
     }
@@ -275,14 +381,22 @@ impl State {
 
 impl Station {
     fn message(&self, id: u32, bytes: Vec<u8>) -> Message {
-        Message { station: id, carrier: self.carrier, number: self.number, transmit_dbm: self.radio.transmit_dbm, bytes }
+        Message {
+            station: id,
+            carrier: self.carrier,
+            number: self.number,
+            transmit_dbm: self.radio.transmit_dbm,
+            bytes,
+        }
     }
 }
 
 /// Where the antenna on a carrier is.
 fn antenna(known: &Known, snapshot: &WorldAt, carrier: u32) -> Option<Point3<f64>> {
     let record = snapshot.actor(carrier)?;
-    let top_m = known.actors.get(&carrier).map_or(0.0, |info| f64::from(info.body_box.centre_m[2] + info.body_box.half_m[2]));
+    let top_m = known.actors.get(&carrier).map_or(0.0, |info| {
+        f64::from(info.body_box.centre_m[2] + info.body_box.half_m[2])
+    });
     Some(record.world_from_actor.isometry() * Point3::new(0.0, 0.0, top_m + ANTENNA_M))
 }
 
@@ -290,7 +404,12 @@ fn antenna(known: &Known, snapshot: &WorldAt, carrier: u32) -> Option<Point3<f64
 fn vehicles(known: &Known, snapshot: &WorldAt) -> Vec<Solid> {
     let solid = |record: &schema_frames::ActorRecord| {
         record.vehicle()?;
-        let centre_m = known.actors.get(&record.id)?.body_box.centre_m.map(f64::from);
+        let centre_m = known
+            .actors
+            .get(&record.id)?
+            .body_box
+            .centre_m
+            .map(f64::from);
         let middle = nalgebra::Translation3::from(centre_m);
         Some(Solid {
             vehicle: Some(record.id),

@@ -7,7 +7,9 @@ pub struct Noise(fastrand::Rng);
 impl Noise {
     /// Stations of equal seeds differ by their ids.
     pub fn new(seed: u64, station: u32) -> Noise {
-        Noise(fastrand::Rng::with_seed(seed ^ u64::from(station).wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+        Noise(fastrand::Rng::with_seed(
+            seed ^ u64::from(station).wrapping_mul(0x9e37_79b9_7f4a_7c15),
+        ))
     }
 
     /// Standard normal, by Box and Muller.
@@ -18,7 +20,13 @@ impl Noise {
 
     /// A value with an error of this standard deviation and bias.
     pub fn with(&mut self, value: f64, [stddev, bias]: [f64; 2]) -> f64 {
-        value + bias + if stddev > 0.0 { stddev * self.normal() } else { 0.0 }
+        value
+            + bias
+            + if stddev > 0.0 {
+                stddev * self.normal()
+            } else {
+                0.0
+            }
     }
 }
 
@@ -31,7 +39,11 @@ mod tests {
         let (mut noise, n) = (Noise::new(3, 7), 100_000);
         let draws: Vec<f64> = (0..n).map(|_| noise.normal()).collect();
         let mean = draws.iter().sum::<f64>() / f64::from(n);
-        let deviation = (draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / f64::from(n)).sqrt();
-        assert!(mean.abs() < 0.02 && (deviation - 1.0).abs() < 0.02, "{mean} {deviation}");
+        let deviation =
+            (draws.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / f64::from(n)).sqrt();
+        assert!(
+            mean.abs() < 0.02 && (deviation - 1.0).abs() < 0.02,
+            "{mean} {deviation}"
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! How strongly a radio message arrives: path loss by what stands between two antennas, and fading.
 //!
-//! Formulas: ETSI TR 103 257-1 (WINNER+ path loss, fading), two-ray interference over ground, knife-edge diffraction of ITU-R P.526.
+//! Formulas: ETSI TR 103 257-1 (WINNER+ path loss, fading), two-ray interference over ground,
+//! knife-edge diffraction of ITU-R P.526.
 
 use crate::sensors::spec::Attributes;
 
@@ -15,7 +16,8 @@ const NEAREST_M: f64 = 0.1;
 pub enum Path {
     /// Nothing.
     Free,
-    /// Vehicles: of each how far it is from the sender and from the receiver, and how far it reaches above the straight line, metres.
+    /// Vehicles: of each how far it is from the sender and from the receiver, and how far it
+    /// reaches above the straight line, metres.
     BehindVehicles(Vec<[f64; 3]>),
     /// A building or a wall.
     BehindBuilding,
@@ -69,16 +71,26 @@ impl Radio {
             "highway" => Scenario::Highway,
             "rural" => Scenario::Rural,
             "urban" => Scenario::Urban,
-            other => return Err(format!("scenario is {other:?}, but must be highway, rural or urban")),
+            other => {
+                return Err(format!(
+                    "scenario is {other:?}, but must be highway, rural or urban"
+                ));
+            }
         };
         let is_winner = match given.text("path_loss_model").unwrap_or("geometric") {
             "winner" => true,
             "geometric" => false,
-            other => return Err(format!("path_loss_model is {other:?}, but must be winner or geometric")),
+            other => {
+                return Err(format!(
+                    "path_loss_model is {other:?}, but must be winner or geometric"
+                ));
+            }
         };
         let custom_db = given.float("custom_fading_stddev", 0.0);
         if custom_db < 0.0 {
-            return Err(format!("custom_fading_stddev is {custom_db}, but must be 0 or more"));
+            return Err(format!(
+                "custom_fading_stddev is {custom_db}, but must be 0 or more"
+            ));
         }
         Ok(Radio {
             transmit_dbm: given.float("transmit_power", 21.5),
@@ -99,9 +111,18 @@ impl Radio {
         distance_m < self.farthest_m
     }
 
-    /// What arrives of a message, dBm; `None` if it is too weak. `fading` is a draw of the standard normal distribution.
-    pub fn received_dbm(&self, transmit_dbm: f64, link: &Link, path: &Path, fading: f64) -> Option<f64> {
-        let power_dbm = transmit_dbm + self.gain_dbi - self.loss_db(link, path) - fading * self.fading_stddev_db(path);
+    /// What arrives of a message, dBm; `None` if it is too weak. `fading` is a draw of the standard
+    /// normal distribution.
+    pub fn received_dbm(
+        &self,
+        transmit_dbm: f64,
+        link: &Link,
+        path: &Path,
+        fading: f64,
+    ) -> Option<f64> {
+        let power_dbm = transmit_dbm + self.gain_dbi
+            - self.loss_db(link, path)
+            - fading * self.fading_stddev_db(path);
         (power_dbm >= self.sensitivity_dbm).then_some(power_dbm)
     }
 
@@ -113,17 +134,28 @@ impl Radio {
     fn loss_db(&self, link: &Link, path: &Path) -> f64 {
         let distance_m = link.distance_m.max(NEAREST_M);
         let base_db = match (path, self.is_winner) {
-            (Path::BehindBuilding, true) => 36.85 + 30.0 * distance_m.log10() + 18.9 * self.frequency_ghz.log10(),
-            (_, true) if self.scenario == Scenario::Highway => 32.4 + 20.0 * distance_m.log10() + 20.0 * self.frequency_ghz.log10(),
+            (Path::BehindBuilding, true) => {
+                36.85 + 30.0 * distance_m.log10() + 18.9 * self.frequency_ghz.log10()
+            }
+            (_, true) if self.scenario == Scenario::Highway => {
+                32.4 + 20.0 * distance_m.log10() + 20.0 * self.frequency_ghz.log10()
+            }
             (_, true) => 38.77 + 16.7 * distance_m.log10() + 18.2 * self.frequency_ghz.log10(),
             (Path::BehindBuilding, false) => {
-                self.free_space_db(self.reference_m) + 10.0 * self.exponent * (distance_m / self.reference_m).log10()
+                self.free_space_db(self.reference_m)
+                    + 10.0 * self.exponent * (distance_m / self.reference_m).log10()
             }
             (Path::BehindVehicles(_), false) => self.free_space_db(distance_m),
             (Path::Free, false) => self.two_ray_db(distance_m, link.heights_m),
         };
-        let Path::BehindVehicles(vehicles) = path else { return base_db };
-        base_db + vehicles.iter().map(|edge| self.knife_edge_db(*edge)).fold(0.0, f64::max)
+        let Path::BehindVehicles(vehicles) = path else {
+            return base_db;
+        };
+        base_db
+            + vehicles
+                .iter()
+                .map(|edge| self.knife_edge_db(*edge))
+                .fold(0.0, f64::max)
     }
 
     fn free_space_db(&self, distance_m: f64) -> f64 {
@@ -132,7 +164,9 @@ impl Radio {
 
     /// The straight ray and the one that the ground reflects.
     fn two_ray_db(&self, distance_m: f64, [a_m, b_m]: [f64; 2]) -> f64 {
-        let along_m = (distance_m.powi(2) - (a_m - b_m).powi(2)).max(NEAREST_M.powi(2)).sqrt();
+        let along_m = (distance_m.powi(2) - (a_m - b_m).powi(2))
+            .max(NEAREST_M.powi(2))
+            .sqrt();
         let reflected_m = (along_m.powi(2) + (a_m + b_m).powi(2)).sqrt();
         let (sin, cos) = ((a_m + b_m) / reflected_m, along_m / reflected_m);
         let root = (GROUND_PERMITTIVITY - cos.powi(2)).sqrt();
@@ -146,7 +180,11 @@ impl Radio {
     fn knife_edge_db(&self, [from_m, to_m, above_m]: [f64; 3]) -> f64 {
         let (from_m, to_m) = (from_m.max(NEAREST_M), to_m.max(NEAREST_M));
         let v = above_m * (2.0 * (from_m + to_m) / (self.wavelength_m() * from_m * to_m)).sqrt();
-        if v <= -0.78 { 0.0 } else { 6.9 + 20.0 * (((v - 0.1).powi(2) + 1.0).sqrt() + v - 0.1).log10() }
+        if v <= -0.78 {
+            0.0
+        } else {
+            6.9 + 20.0 * (((v - 0.1).powi(2) + 1.0).sqrt() + v - 0.1).log10()
+        }
     }
 
     fn fading_stddev_db(&self, path: &Path) -> f64 {
@@ -169,8 +207,15 @@ mod tests {
     use crate::fields::{Attribute, Description};
 
     fn radio(attributes: &[(&str, &str)]) -> Result<Radio, String> {
-        let attribute = |(name, value): &(&str, &str)| Attribute { name: (*name).into(), kind: 4, value: (*value).into() };
-        let description = Description { type_id: "sensor.other.v2x".into(), attributes: attributes.iter().map(attribute).collect() };
+        let attribute = |(name, value): &(&str, &str)| Attribute {
+            name: (*name).into(),
+            kind: 4,
+            value: (*value).into(),
+        };
+        let description = Description {
+            type_id: "sensor.other.v2x".into(),
+            attributes: attributes.iter().map(attribute).collect(),
+        };
         Radio::of(&Attributes::of(&description))
     }
 
@@ -178,39 +223,74 @@ mod tests {
     #[test]
     fn losses_are_those_of_the_formulas() {
         let geometric = radio(&[]).unwrap();
-        let link = |distance_m: f64| Link { distance_m, heights_m: [1.5, 1.5] };
+        let link = |distance_m: f64| Link {
+            distance_m,
+            heights_m: [1.5, 1.5],
+        };
         assert!((geometric.free_space_db(1.0) - 47.865).abs() < 2e-3);
-        assert!((geometric.loss_db(&link(100.0), &Path::BehindBuilding) - (47.865 + 54.0)).abs() < 2e-3);
+        assert!(
+            (geometric.loss_db(&link(100.0), &Path::BehindBuilding) - (47.865 + 54.0)).abs() < 2e-3
+        );
         let winner = radio(&[("path_loss_model", "winner")]).unwrap();
         assert!((winner.loss_db(&link(100.0), &Path::Free) - 87.817).abs() < 2e-3);
-        assert!((winner.loss_db(&link(10.0), &Path::BehindBuilding) - (66.85 + 14.569)).abs() < 2e-3);
+        assert!(
+            (winner.loss_db(&link(10.0), &Path::BehindBuilding) - (66.85 + 14.569)).abs() < 2e-3
+        );
         let urban = radio(&[("path_loss_model", "winner"), ("scenario", "urban")]).unwrap();
         assert!((urban.loss_db(&link(100.0), &Path::Free) - (72.17 + 14.029)).abs() < 2e-3);
     }
 
-    /// An edge that touches the line costs 6 dB, and far away two rays over ground fall with the fourth power of the distance.
+    /// An edge that touches the line costs 6 dB, and far away two rays over ground fall with the
+    /// fourth power of the distance.
     #[test]
     fn edges_and_far_rays_have_their_known_limits() {
         let radio = radio(&[]).unwrap();
         assert!((radio.knife_edge_db([50.0, 50.0, 0.0]) - 6.03).abs() < 0.02);
         assert_eq!(radio.knife_edge_db([50.0, 50.0, -5.0]), 0.0);
         assert!(radio.knife_edge_db([50.0, 50.0, 2.0]) > radio.knife_edge_db([50.0, 50.0, 1.0]));
-        let far = |distance_m: f64| radio.loss_db(&Link { distance_m, heights_m: [1.5, 1.5] }, &Path::Free);
+        let far = |distance_m: f64| {
+            radio.loss_db(
+                &Link {
+                    distance_m,
+                    heights_m: [1.5, 1.5],
+                },
+                &Path::Free,
+            )
+        };
         let by_formula = 40.0 * 1e5f64.log10() - 20.0 * (1.5f64 * 1.5).log10();
-        assert!((far(1e5) - by_formula).abs() < 0.1, "{} {by_formula}", far(1e5));
+        assert!(
+            (far(1e5) - by_formula).abs() < 0.1,
+            "{} {by_formula}",
+            far(1e5)
+        );
         assert!((far(2e5) - far(1e5) - 12.04).abs() < 0.05);
     }
 
     #[test]
     fn weak_messages_do_not_arrive_and_impossible_radios_are_sentences() {
         let radio = radio(&[("use_etsi_fading", "false")]).unwrap();
-        let link = |distance_m: f64| Link { distance_m, heights_m: [1.5, 1.5] };
-        assert!(radio.received_dbm(21.5, &link(50.0), &Path::Free, 3.0).is_some());
-        assert!(radio.received_dbm(21.5, &link(5000.0), &Path::BehindBuilding, 0.0).is_none());
+        let link = |distance_m: f64| Link {
+            distance_m,
+            heights_m: [1.5, 1.5],
+        };
+        assert!(
+            radio
+                .received_dbm(21.5, &link(50.0), &Path::Free, 3.0)
+                .is_some()
+        );
+        assert!(
+            radio
+                .received_dbm(21.5, &link(5000.0), &Path::BehindBuilding, 0.0)
+                .is_none()
+        );
         assert!(radio.reaches(499.0) && !radio.reaches(501.0));
-        for wrong in
-            [("d_ref", "0"), ("frequency_ghz", "-1"), ("scenario", "moon"), ("path_loss_model", "x"), ("custom_fading_stddev", "-2")]
-        {
+        for wrong in [
+            ("d_ref", "0"),
+            ("frequency_ghz", "-1"),
+            ("scenario", "moon"),
+            ("path_loss_model", "x"),
+            ("custom_fading_stddev", "-2"),
+        ] {
             let error = self::radio(&[wrong]).unwrap_err();
             assert!(error.contains(wrong.0), "{error}");
         }

@@ -17,7 +17,14 @@ const AVOID_M: f64 = 0.7;
 
 impl Driver {
     /// Notices that nothing moves although it should.
-    pub(super) fn watch(&mut self, me: &Mover, world: &World, wanted: f64, obstacle: Option<Obstacle>, dt: f64) {
+    pub(super) fn watch(
+        &mut self,
+        me: &Mover,
+        world: &World,
+        wanted: f64,
+        obstacle: Option<Obstacle>,
+        dt: f64,
+    ) {
         if me.speed_mps.abs() > 0.5 {
             self.stuck_secs = (self.stuck_secs - 2.0 * dt).max(0.0);
             if me.speed_mps > 2.0 {
@@ -28,9 +35,17 @@ impl Driver {
         let pushing = wanted > 0.3;
         // A queue has a reason of its own; who blocks us across or head-on has not.
         let blocked = self.wait == Wait::Ahead
-            && obstacle
-                .and_then(|o| world.mover(o.id))
-                .is_some_and(|o| wrap(o.yaw_rad - self.path.at(self.foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6);
+            && obstacle.and_then(|o| world.mover(o.id)).is_some_and(|o| {
+                wrap(
+                    o.yaw_rad
+                        - self
+                            .path
+                            .at(self.foot.arc_m + me.front_m() + 2.0)
+                            .heading_rad,
+                )
+                .abs()
+                    > 0.6
+            });
         if !pushing && !blocked {
             if self.wait != Wait::Ahead {
                 self.stuck_secs = 0.0;
@@ -58,7 +73,9 @@ impl Driver {
         let mut ghost = me.clone();
         ghost.half_m[0] += room_m;
         ghost.centre_m[0] -= room_m;
-        let is_behind = |other: &&Mover| other.id != me.id && ghost.overlaps(other, 0.2) && forward_share(me, other) < 0.0;
+        let is_behind = |other: &&Mover| {
+            other.id != me.id && ghost.overlaps(other, 0.2) && forward_share(me, other) < 0.0
+        };
         world.movers.iter().find(is_behind).map(|other| other.id)
     }
 
@@ -69,10 +86,16 @@ impl Driver {
         let room_m = if self.is_yielding { 0.6 } else { 1.5 };
         let clear = self.behind(me, world, room_m).is_none() && me.speed_mps > -REVERSE_MPS;
         let aside = if self.foot.offset_m > 0.0 { 0.4 } else { -0.4 };
-        let steer = self.steering.hold(if self.is_yielding { 0.0 } else { aside }, dt);
+        let steer = self
+            .steering
+            .hold(if self.is_yielding { 0.0 } else { aside }, dt);
         let control = VehicleControl {
             throttle_ratio: if clear { 0.35 } else { 0.0 },
-            brake_ratio: if clear && self.reverse_left_secs > 0.4 { 0.0 } else { 0.3 },
+            brake_ratio: if clear && self.reverse_left_secs > 0.4 {
+                0.0
+            } else {
+                0.3
+            },
             steer_ratio: steer as f32,
             reverse: true,
             ..VehicleControl::default()

@@ -11,7 +11,10 @@ use consumer_record::scene::{SceneState, document};
 use consumer_record::writer::{ChunkCompression, Recording, Written, run};
 use schema_frames::document::{DOCUMENT_MAGIC, DocumentHeader};
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
-use schema_frames::{ActorKind, ActorRecord, FrameHeader, GnssSample, ImuSample, Modality, SCHEMA_VERSION, SnapshotHeader};
+use schema_frames::{
+    ActorKind, ActorRecord, FrameHeader, GnssSample, ImuSample, Modality, SCHEMA_VERSION,
+    SnapshotHeader,
+};
 use schema_types::Pose;
 
 /// Length of a tick.
@@ -23,8 +26,18 @@ pub const SIZE_PX: [u32; 2] = [64, 48];
 
 /// Topics of the sample.
 pub fn topics() -> Vec<String> {
-    let camera = [Modality::Rgb, Modality::Depth, Modality::Semantic, Modality::Instance, Modality::Flow, Modality::Dvs];
-    let mut topics: Vec<String> = camera.iter().map(|modality| format!("ego/front/{}", modality.name())).collect();
+    let camera = [
+        Modality::Rgb,
+        Modality::Depth,
+        Modality::Semantic,
+        Modality::Instance,
+        Modality::Flow,
+        Modality::Dvs,
+    ];
+    let mut topics: Vec<String> = camera
+        .iter()
+        .map(|modality| format!("ego/front/{}", modality.name()))
+        .collect();
     topics.extend(["ego/roof/lidar", "ego/imu/imu", "ego/gnss/gnss"].map(String::from));
     topics
 }
@@ -63,22 +76,38 @@ pub fn frame(topic: &str, tick: u64) -> (FrameHeader, Vec<u8>) {
             reserved: [0; 2],
         })
         .to_vec(),
-        _ => (0..header.payload_bytes).map(|idx| (idx * 7 + tick * 13) as u8).collect(),
+        _ => (0..header.payload_bytes)
+            .map(|idx| (idx * 7 + tick * 13) as u8)
+            .collect(),
     };
     (header, payload)
 }
 
 fn batch(source: &str, tick: u64, entries: Vec<Entry>) -> Job {
     let (log_nanos, publish_nanos) = (tick * PERIOD_NANOS, WALL_NANOS + tick * PERIOD_NANOS);
-    Job::Batch(Batch { source: source.into(), sequence: tick as u32, log_nanos, publish_nanos, entries })
+    Job::Batch(Batch {
+        source: source.into(),
+        sequence: tick as u32,
+        log_nanos,
+        publish_nanos,
+        entries,
+    })
 }
 
 /// Records `n_ticks` ticks into `target` through the real queue and writer thread.
-pub fn record(target: &Path, n_ticks: u64, compression: ChunkCompression) -> anyhow::Result<Written> {
+pub fn record(
+    target: &Path,
+    n_ticks: u64,
+    compression: ChunkCompression,
+) -> anyhow::Result<Written> {
     let recording = Recording::create(target, compression)?;
     let (queue, outlet) = queue(64 << 20);
     let writer = std::thread::spawn(move || run(recording, outlet));
-    let push = |job: Job| queue.push(job).map_err(|refused| anyhow::anyhow!("{refused:?}"));
+    let push = |job: Job| {
+        queue
+            .push(job)
+            .map_err(|refused| anyhow::anyhow!("{refused:?}"))
+    };
     let text = r#"{"map":"Sample"}"#;
     let document_header = DocumentHeader {
         magic: DOCUMENT_MAGIC,
@@ -88,9 +117,21 @@ pub fn record(target: &Path, n_ticks: u64, compression: ChunkCompression) -> any
         payload_bytes: text.len() as u64,
         ..bytemuck::Zeroable::zeroed()
     };
-    push(batch("world/info", 0, vec![document("world/info", &document_header, text)]))?;
-    push(Job::Attach { name: "Sample.xodr".into(), media_type: "application/xml", data: b"<OpenDRIVE/>".to_vec(), log_nanos: 0 })?;
-    push(Job::Metadata { name: "gantry".into(), pairs: [("domain".to_string(), "sample".to_string())].into() })?;
+    push(batch(
+        "world/info",
+        0,
+        vec![document("world/info", &document_header, text)],
+    ))?;
+    push(Job::Attach {
+        name: "Sample.xodr".into(),
+        media_type: "application/xml",
+        data: b"<OpenDRIVE/>".to_vec(),
+        log_nanos: 0,
+    })?;
+    push(Job::Metadata {
+        name: "gantry".into(),
+        pairs: [("domain".to_string(), "sample".to_string())].into(),
+    })?;
     let mut scene = SceneState::default();
     for tick in 1..=n_ticks {
         let header = SnapshotHeader {
@@ -111,7 +152,11 @@ pub fn record(target: &Path, n_ticks: u64, compression: ChunkCompression) -> any
             velocity_in_world_mps: [20.0, 0.0, 0.0],
             ..bytemuck::Zeroable::zeroed()
         };
-        push(batch("world/snapshot", tick, scene.snapshot_entries(&header, &[ego])))?;
+        push(batch(
+            "world/snapshot",
+            tick,
+            scene.snapshot_entries(&header, &[ego]),
+        ))?;
         for topic in topics() {
             let (header, payload) = frame(&topic, tick);
             let name = TopicName::new(&topic).unwrap();

@@ -15,10 +15,17 @@ pub fn look() -> Vec<Finding> {
 }
 
 fn loader() -> Finding {
-    let found = library_folders().into_iter().map(|folder| folder.join("libvulkan.so.1")).find(|path| path.exists());
+    let found = library_folders()
+        .into_iter()
+        .map(|folder| folder.join("libvulkan.so.1"))
+        .find(|path| path.exists());
     match found {
         Some(path) => Finding::ok("vulkan loader", path.display().to_string()),
-        None => Finding::fail("vulkan loader", "libvulkan.so.1 is in none of the usual folders", INSTALL),
+        None => Finding::fail(
+            "vulkan loader",
+            "libvulkan.so.1 is in none of the usual folders",
+            INSTALL,
+        ),
     }
 }
 
@@ -32,13 +39,20 @@ fn library_folders() -> Vec<PathBuf> {
         "/usr/local/lib".into(),
         "/run/opengl-driver/lib".into(),
     ];
-    std::env::split_paths(&own).chain(usual.map(PathBuf::from)).collect()
+    std::env::split_paths(&own)
+        .chain(usual.map(PathBuf::from))
+        .collect()
 }
 
 fn drivers() -> Finding {
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
-        let Some(files) = std::env::var_os(name).filter(|files| !files.is_empty()) else { continue };
-        let missing: Vec<_> = std::env::split_paths(&files).filter(|path| !path.exists()).map(|path| path.display().to_string()).collect();
+        let Some(files) = std::env::var_os(name).filter(|files| !files.is_empty()) else {
+            continue;
+        };
+        let missing: Vec<_> = std::env::split_paths(&files)
+            .filter(|path| !path.exists())
+            .map(|path| path.display().to_string())
+            .collect();
         let text = format!("{name}={}", files.to_string_lossy());
         return if missing.is_empty() {
             Finding::ok("vulkan drivers", text)
@@ -50,8 +64,12 @@ fn drivers() -> Finding {
             )
         };
     }
-    let folders =
-        ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/run/opengl-driver/share/vulkan/icd.d"];
+    let folders = [
+        "/usr/share/vulkan/icd.d",
+        "/etc/vulkan/icd.d",
+        "/usr/local/share/vulkan/icd.d",
+        "/run/opengl-driver/share/vulkan/icd.d",
+    ];
     let mut names: Vec<String> = folders
         .iter()
         .filter_map(|folder| std::fs::read_dir(folder).ok())
@@ -71,7 +89,13 @@ fn adapters() -> Finding {
     const WHAT: &str = "graphics";
     let simd = match programs::find("simd") {
         Ok(simd) => simd,
-        Err(error) => return Finding::warn(WHAT, format!("not asked: {error}"), "cargo build --release --workspace"),
+        Err(error) => {
+            return Finding::warn(
+                WHAT,
+                format!("not asked: {error}"),
+                "cargo build --release --workspace",
+            );
+        }
     };
     let text = match output_of(&simd, &["--adapters", "--json"], PATIENCE) {
         Ok(text) => text,
@@ -83,10 +107,17 @@ fn adapters() -> Finding {
 /// From the lines of `simd --adapters --json`.
 fn judge(text: &str) -> Finding {
     const WHAT: &str = "graphics";
-    let adapters: Vec<serde_json::Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let adapters: Vec<serde_json::Value> = text
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect();
     let describe = |adapter: &serde_json::Value| {
         let name = adapter["name"].as_str().unwrap_or("?");
-        let import = if adapter["import"] == true { "no copies" } else { "one copy per frame" };
+        let import = if adapter["import"] == true {
+            "no copies"
+        } else {
+            "one copy per frame"
+        };
         format!("{name} ({import})")
     };
     let all = adapters.iter().map(describe).collect::<Vec<_>>().join("; ");
@@ -96,7 +127,8 @@ fn judge(text: &str) -> Finding {
     if adapters.iter().any(|adapter| adapter["import"] == true) {
         return Finding::ok(WHAT, all);
     }
-    let fix = "a driver with VK_EXT_external_memory_host saves that copy: Mesa, or NVIDIA 470 and later";
+    let fix =
+        "a driver with VK_EXT_external_memory_host saves that copy: Mesa, or NVIDIA 470 and later";
     Finding::warn(WHAT, all, fix)
 }
 

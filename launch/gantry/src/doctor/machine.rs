@@ -14,7 +14,10 @@ const OPEN_FILES: u64 = 4096;
 const VIEWER_PORTS: [u16; 2] = [9876, 9090];
 
 pub fn look(domain: &str) -> Vec<Finding> {
-    let mut findings = vec![shared_memory(schema_bus::shared_memory_free(), quickstart_bytes())];
+    let mut findings = vec![shared_memory(
+        schema_bus::shared_memory_free(),
+        quickstart_bytes(),
+    )];
     findings.extend(bus(domain));
     findings.extend(VIEWER_PORTS.map(port));
     findings.push(open_files());
@@ -25,7 +28,11 @@ pub fn look(domain: &str) -> Vec<Finding> {
 fn shared_memory(free: Option<u64>, need: u64) -> Finding {
     const WHAT: &str = "shared memory";
     let Some(free) = free else {
-        return Finding::fail(WHAT, "/dev/shm cannot be looked at", "mount -t tmpfs tmpfs /dev/shm (as root)");
+        return Finding::fail(
+            WHAT,
+            "/dev/shm cannot be looked at",
+            "mount -t tmpfs tmpfs /dev/shm (as root)",
+        );
     };
     let (free_mib, need_mib) = (free >> 20, need.div_ceil(1 << 20));
     let text = format!("/dev/shm has {free_mib} MiB free, the quickstart needs {need_mib} MiB");
@@ -33,9 +40,15 @@ fn shared_memory(free: Option<u64>, need: u64) -> Finding {
         return Finding::ok(WHAT, text);
     }
     let size = need.div_ceil(1 << 30) + 1;
-    let fix = format!("in Docker --shm-size={size}g, else mount -o remount,size={size}G /dev/shm (as root)");
+    let fix = format!(
+        "in Docker --shm-size={size}g, else mount -o remount,size={size}G /dev/shm (as root)"
+    );
     // Smaller rigs still run.
-    if free_mib < 32 { Finding::fail(WHAT, text, fix) } else { Finding::warn(WHAT, text, fix) }
+    if free_mib < 32 {
+        Finding::fail(WHAT, text, fix)
+    } else {
+        Finding::warn(WHAT, text, fix)
+    }
 }
 
 fn bus(domain: &str) -> Vec<Finding> {
@@ -43,17 +56,37 @@ fn bus(domain: &str) -> Vec<Finding> {
     let bus = match Bus::open(domain) {
         Ok(bus) => bus,
         Err(error) => {
-            return vec![Finding::fail(WHAT, format!("{error:#}"), "check who owns /dev/shm and /tmp/iceoryx2, and their free space")];
+            return vec![Finding::fail(
+                WHAT,
+                format!("{error:#}"),
+                "check who owns /dev/shm and /tmp/iceoryx2, and their free space",
+            )];
         }
     };
     let cleaned = bus.clean();
-    let others: Vec<String> = bus.programs().into_iter().filter(|program| program != "gantry").collect();
-    let running = if others.is_empty() { "nobody is on it".to_owned() } else { format!("on it: {}", others.join(", ")) };
-    let dead = if cleaned == 0 { String::new() } else { format!("; cleaned up after {cleaned} that had been killed") };
+    let others: Vec<String> = bus
+        .programs()
+        .into_iter()
+        .filter(|program| program != "gantry")
+        .collect();
+    let running = if others.is_empty() {
+        "nobody is on it".to_owned()
+    } else {
+        format!("on it: {}", others.join(", "))
+    };
+    let dead = if cleaned == 0 {
+        String::new()
+    } else {
+        format!("; cleaned up after {cleaned} that had been killed")
+    };
     let daemon = match bus.daemon_alive() {
         Ok(true) => Finding::ok("simulator", format!("runs on domain {domain:?}")),
         Ok(false) => Finding::ok("simulator", format!("does not run on domain {domain:?}")),
-        Err(error) => Finding::warn("simulator", format!("{error:#}"), "stop all programs of this domain, or use another with --domain"),
+        Err(error) => Finding::warn(
+            "simulator",
+            format!("{error:#}"),
+            "stop all programs of this domain, or use another with --domain",
+        ),
     };
     vec![Finding::ok(WHAT, format!("{running}{dead}")), daemon]
 }
@@ -73,7 +106,9 @@ fn port(number: u16) -> Finding {
 fn open_files() -> Finding {
     const WHAT: &str = "open files";
     match getrlimit(Resource::RLIMIT_NOFILE) {
-        Ok((_, hard)) if hard >= OPEN_FILES => Finding::ok(WHAT, format!("a process may have {hard}")),
+        Ok((_, hard)) if hard >= OPEN_FILES => {
+            Finding::ok(WHAT, format!("a process may have {hard}"))
+        }
         Ok((_, hard)) => Finding::warn(
             WHAT,
             format!("a process may have {hard}; many sensors need {OPEN_FILES}"),

@@ -1,4 +1,5 @@
-//! CARLA's client as a reader of maps: a Python process per map, since its parser may end the process that calls it.
+//! CARLA's client as a reader of maps: a Python process per map, since its parser may end the
+//! process that calls it.
 
 use std::io::{Read as _, Write as _};
 use std::os::unix::process::ExitStatusExt as _;
@@ -104,18 +105,28 @@ pub struct View {
 /// # Errors
 /// What is missing, and what to do.
 pub fn find(given: Option<&Path>) -> Result<Client, String> {
-    const FIX: &str = "make one with `./gantry test` or `pip install carla==0.9.16`, or name it with --python";
+    const FIX: &str =
+        "make one with `./gantry test` or `pip install carla==0.9.16`, or name it with --python";
     let own = PathBuf::from(".venv/bin/python");
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let on_path = ["python3", "python"]
-        .into_iter()
-        .flat_map(|name| std::env::split_paths(&path).map(move |folder| folder.join(name)).collect::<Vec<_>>());
+    let on_path = ["python3", "python"].into_iter().flat_map(|name| {
+        std::env::split_paths(&path)
+            .map(move |folder| folder.join(name))
+            .collect::<Vec<_>>()
+    });
     let candidates: Vec<PathBuf> = match given {
         Some(python) => vec![python.to_owned()],
-        None => std::iter::once(own).chain(on_path).filter(|python| python.exists()).collect(),
+        None => std::iter::once(own)
+            .chain(on_path)
+            .filter(|python| python.exists())
+            .collect(),
     };
     let has_wheel = |python: &PathBuf| {
-        let answer = crate::doctor::output_of(python, &["-c", "import carla; print(hasattr(carla, 'Map'))"], LOOK);
+        let answer = crate::doctor::output_of(
+            python,
+            &["-c", "import carla; print(hasattr(carla, 'Map'))"],
+            LOOK,
+        );
         answer.is_ok_and(|answer| answer.trim() == "True")
     };
     match candidates.into_iter().find(has_wheel) {
@@ -143,13 +154,17 @@ impl Client {
             child.stderr.take().expect("stderr is piped"),
         );
         let text = text.to_owned();
-        // Each pipe has a thread, so that none fills up while another is waited for. A client that ends early reads nothing more.
+        // Each pipe has a thread, so that none fills up while another is waited for. A client that
+        // ends early reads nothing more.
         let writer = std::thread::spawn(move || drop(stdin.write_all(text.as_bytes())));
         let reader = std::thread::spawn(move || read_all(stdout));
         let errors = std::thread::spawn(move || read_all(stderr));
         let started = Instant::now();
         let status = loop {
-            match child.try_wait().map_err(|error| format!("cannot wait for {}: {error}", self.python.display()))? {
+            match child
+                .try_wait()
+                .map_err(|error| format!("cannot wait for {}: {error}", self.python.display()))?
+            {
                 Some(status) => break Some(status),
                 None if started.elapsed() > PATIENCE => {
                     let _ = child.kill();
@@ -160,14 +175,19 @@ impl Client {
             }
         };
         let joined = (writer.join(), reader.join(), errors.join());
-        let (Ok(()), Ok(answer), Ok(errors)) = joined else { return Err("a thread that talked to Python failed".to_owned()) };
+        let (Ok(()), Ok(answer), Ok(errors)) = joined else {
+            return Err("a thread that talked to Python failed".to_owned());
+        };
         let mut view = parse(&answer)?;
         view.ended_early = match status {
             None => Some(format!("gave no answer within {} s", PATIENCE.as_secs())),
             Some(status) if status.success() && view.is_whole => None,
             Some(status) => Some(match status.signal() {
                 Some(signal) => format!("ended with signal {signal}"),
-                None => format!("failed: {}", errors.lines().next_back().unwrap_or("it says nothing")),
+                None => format!(
+                    "failed: {}",
+                    errors.lines().next_back().unwrap_or("it says nothing")
+                ),
             }),
         };
         Ok(view)
@@ -196,7 +216,10 @@ fn parse(answer: &str) -> Result<View, String> {
             // The last line of a process that was ended may be half a line.
             Err(_) if !line.ends_with('}') => {}
             Err(error) => {
-                return Err(format!("the client's answer cannot be read: {error} in {}", line.chars().take(200).collect::<String>()));
+                return Err(format!(
+                    "the client's answer cannot be read: {error} in {}",
+                    line.chars().take(200).collect::<String>()
+                ));
             }
         }
     }

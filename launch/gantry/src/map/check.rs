@@ -1,4 +1,5 @@
-//! `gantry map check`: every file is read, described and compared; the exit code says whether all are sound.
+//! `gantry map check`: every file is read, described and compared; the exit code says whether all
+//! are sound.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -24,7 +25,9 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
         _ => carla::find(args.python.as_deref()),
     };
     if let (WithCarla::Always, Err(missing)) = (args.carla, &client) {
-        return Err(wrong_usage(format!("no comparison with CARLA's client: {missing}")));
+        return Err(wrong_usage(format!(
+            "no comparison with CARLA's client: {missing}"
+        )));
     }
     let (mut n_broken, mut n_differ) = (0, 0);
     for target in &targets {
@@ -39,12 +42,19 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
     }
     if !args.json {
         let n = targets.len();
-        println!("\n{n} maps: {} sound, {n_broken} broken, {n_differ} read otherwise than by CARLA's client", n - n_broken);
+        println!(
+            "\n{n} maps: {} sound, {n_broken} broken, {n_differ} read otherwise than by CARLA's client",
+            n - n_broken
+        );
         if let Err(missing) = &client {
             println!("without the comparison with CARLA's client: {missing}");
         }
     }
-    Ok(if n_broken + n_differ > 0 { Exit::Failed } else { Exit::Done })
+    Ok(if n_broken + n_differ > 0 {
+        Exit::Failed
+    } else {
+        Exit::Done
+    })
 }
 
 /// Files of folders, files, and names of maps.
@@ -53,9 +63,13 @@ fn targets(args: &CheckArgs) -> anyhow::Result<Vec<Target>> {
     for what in &args.what {
         let path = Path::new(what);
         if path.is_dir() {
-            let entries = std::fs::read_dir(path).map_err(|error| wrong_usage(format!("cannot read the folder {what}: {error}")))?;
-            let mut files: Vec<PathBuf> =
-                entries.flatten().map(|entry| entry.path()).filter(|p| p.extension().is_some_and(|e| e == "xodr")).collect();
+            let entries = std::fs::read_dir(path)
+                .map_err(|error| wrong_usage(format!("cannot read the folder {what}: {error}")))?;
+            let mut files: Vec<PathBuf> = entries
+                .flatten()
+                .map(|entry| entry.path())
+                .filter(|p| p.extension().is_some_and(|e| e == "xodr"))
+                .collect();
             if files.is_empty() {
                 return Err(wrong_usage(format!("the folder {what} has no .xodr files")));
             }
@@ -75,9 +89,11 @@ fn targets(args: &CheckArgs) -> anyhow::Result<Vec<Target>> {
 fn look(target: &Target, args: &CheckArgs, client: Option<&Client>) -> Report {
     let (name, text) = match target {
         Target::File(path) => (path.display().to_string(), read(path)),
-        Target::Name(name) => {
-            (name.clone(), super::text_of_name(name, args.data.as_deref(), args.seed).map_err(|error| format!("{error:#}")))
-        }
+        Target::Name(name) => (
+            name.clone(),
+            super::text_of_name(name, args.data.as_deref(), args.seed)
+                .map_err(|error| format!("{error:#}")),
+        ),
     };
     let text = match text {
         Ok(text) => text,
@@ -90,14 +106,25 @@ fn look(target: &Target, args: &CheckArgs, client: Option<&Client>) -> Report {
     };
     let contents = Contents::of(&map, started.elapsed());
     let comparison = client.map(|client| super::compare::compare(client, &map, &text));
-    Report { name, error: None, warnings: map.warnings().to_vec(), contents: Some(contents), comparison }
+    Report {
+        name,
+        error: None,
+        warnings: map.warnings().to_vec(),
+        contents: Some(contents),
+        comparison,
+    }
 }
 
 /// The text of a file, if it is one and not too long.
 fn read(path: &Path) -> Result<String, String> {
-    let file = path.metadata().map_err(|error| format!("cannot be read: {error}"))?;
+    let file = path
+        .metadata()
+        .map_err(|error| format!("cannot be read: {error}"))?;
     if file.len() > MAX_TEXT_BYTES as u64 {
-        return Err(format!("has {} bytes; at most {MAX_TEXT_BYTES} are read", file.len()));
+        return Err(format!(
+            "has {} bytes; at most {MAX_TEXT_BYTES} are read",
+            file.len()
+        ));
     }
     let bytes = std::fs::read(path).map_err(|error| format!("cannot be read: {error}"))?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())

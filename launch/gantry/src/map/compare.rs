@@ -1,10 +1,14 @@
 //! Our reading of a map against that of CARLA's client.
 //!
 //! What the client does on its own, and what is therefore not a difference of ours:
-//! it walks a polynomial curve by the curve's own length, and so ends off the record's end where the file states another;
-//! it takes lanes on a bend to be as long as the road's middle when it works out the heading of a lane that widens; it ignores
-//! superelevation, shape and heights of lanes, so such heights are not compared; a lane whose road does not name its junction ends
-//! for it and is linked to itself; objects called "Speed_…" count as signs; lights above a lane are moved aside by 25 cm;
+//! it walks a polynomial curve by the curve's own length, and so ends off the record's end where
+//! the file states another;
+//! it takes lanes on a bend to be as long as the road's middle when it works out the heading of a
+//! lane that widens; it ignores
+//! superelevation, shape and heights of lanes, so such heights are not compared; a lane whose road
+//! does not name its junction ends
+//! for it and is linked to itself; objects called "Speed_…" count as signs; lights above a lane are
+//! moved aside by 25 cm;
 //! direct junctions are newer than its reader, which misses some of their ways.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -22,7 +26,8 @@ const WIDTH_M: f64 = 0.01;
 const HEADING_DEG: f64 = 1.0;
 /// How far lights are moved aside by the client, and a little, metres.
 const LANDMARK_M: f64 = 0.27;
-/// Places this near to a section's end belong to the next section for one reader or the other, metres.
+/// Places this near to a section's end belong to the next section for one reader or the other,
+/// metres.
 const END_M: f64 = 1e-3;
 
 /// What came out.
@@ -48,7 +53,11 @@ impl Comparison {
 
     /// One object.
     pub fn as_json(&self) -> serde_json::Value {
-        let lines: Vec<_> = self.lines.iter().map(|(good, text)| json!({"agrees": good, "text": text})).collect();
+        let lines: Vec<_> = self
+            .lines
+            .iter()
+            .map(|(good, text)| json!({"agrees": good, "text": text}))
+            .collect();
         json!({"agrees": !self.differs(), "findings": lines})
     }
 }
@@ -58,7 +67,10 @@ pub fn compare(client: &Client, map: &RoadMap, text: &str) -> Comparison {
     let mut comparison = Comparison::default();
     match client.view(text) {
         Err(error) => comparison.add(true, format!("not compared: {error}")),
-        Ok(View { ended_early: Some(how), .. }) => {
+        Ok(View {
+            ended_early: Some(how),
+            ..
+        }) => {
             comparison.add(true, format!("not compared: the client's own reader {how} on this file; it is read here all the same"));
         }
         Ok(view) => {
@@ -73,7 +85,11 @@ pub fn compare(client: &Client, map: &RoadMap, text: &str) -> Comparison {
 }
 
 fn lane_of(map: &RoadMap, key: Key) -> Option<&schema_roads::Lane> {
-    map.lane(LaneKey { road: key.0, section: key.1, lane: key.2.try_into().ok()? })
+    map.lane(LaneKey {
+        road: key.0,
+        section: key.1,
+        lane: key.2.try_into().ok()?,
+    })
 }
 
 fn degrees_between(a: f64, b: f64) -> f64 {
@@ -97,14 +113,24 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
         let is_tilted = map.is_tilted(lane.key);
         tilted |= is_tilted;
         let to_theirs = |p: [f64; 3]| {
-            let dz = if is_tilted { 0.0 } else { p[2] - waypoint.at[2] };
-            (p[0] - waypoint.at[0]).hypot(p[1] + waypoint.at[1]).hypot(dz)
+            let dz = if is_tilted {
+                0.0
+            } else {
+                p[2] - waypoint.at[2]
+            };
+            (p[0] - waypoint.at[0])
+                .hypot(p[1] + waypoint.at[1])
+                .hypot(dz)
         };
         let mut distance = to_theirs(pose.translation.vector.into());
         if distance > PLACE_M.0 {
-            // The client is as far along as the file's lengths are off; in a cusp that is a long way aside.
+            // The client is as far along as the file's lengths are off; in a cusp that is a long
+            // way aside.
             let along = (-10..=10).filter_map(|i| {
-                let at = LanePosition::new(lane.key, (at.s_m + f64::from(i) / 10.0 * mismatch_m).clamp(0.0, lane.length_m));
+                let at = LanePosition::new(
+                    lane.key,
+                    (at.s_m + f64::from(i) / 10.0 * mismatch_m).clamp(0.0, lane.length_m),
+                );
                 Some(to_theirs(map.pose(at)?.translation.vector.into()))
             });
             distance = along.fold(distance, f64::min);
@@ -117,12 +143,16 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
             worst_at = (waypoint.lane, waypoint.s);
         }
         (worst_m, sum_m, n) = (worst_m.max(distance), sum_m + distance, n + 1);
-        headings.push(degrees_between(pose.rotation.euler_angles().2.to_degrees(), -waypoint.yaw));
+        headings.push(degrees_between(
+            pose.rotation.euler_angles().2.to_degrees(),
+            -waypoint.yaw,
+        ));
         worst_width_m = worst_width_m.max((map.width_m(at) - waypoint.width).abs());
         junctions += usize::from(lane.junction.map(i64::from) != waypoint.junction);
         // 1 is right, 2 is left; the client does not ask whether there is a lane to change to.
         let (left, right) = (map.may_change_left(at), map.may_change_right(at));
-        changes += usize::from((left && waypoint.change & 2 == 0) || (right && waypoint.change & 1 == 0));
+        changes +=
+            usize::from((left && waypoint.change & 2 == 0) || (right && waypoint.change & 1 == 0));
     }
     out.add(
         missing == 0,
@@ -143,7 +173,11 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
         return;
     }
     let most = if tilted { PLACE_M.1 } else { PLACE_M.0 } + mismatch_m;
-    let mut heights = if tilted { " (tilted roads in plan)".to_owned() } else { String::new() };
+    let mut heights = if tilted {
+        " (tilted roads in plan)".to_owned()
+    } else {
+        String::new()
+    };
     if mismatch_m > 1e-3 {
         heights += &format!(
             "; the file states lengths up to {:.1} mm off those of its curves, which the client walks as they are",
@@ -162,8 +196,17 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
     );
     headings.sort_by(f64::total_cmp);
     let nearly_all = headings[(0.999 * (n - 1) as f64) as usize];
-    out.add(nearly_all < HEADING_DEG, format!("headings: 99.9 % within {nearly_all:.4}°, the largest {:.3}°", headings[n - 1]));
-    out.add(worst_width_m < WIDTH_M, format!("widths differ by {:.3} mm at most", worst_width_m * 1e3));
+    out.add(
+        nearly_all < HEADING_DEG,
+        format!(
+            "headings: 99.9 % within {nearly_all:.4}°, the largest {:.3}°",
+            headings[n - 1]
+        ),
+    );
+    out.add(
+        worst_width_m < WIDTH_M,
+        format!("widths differ by {:.3} mm at most", worst_width_m * 1e3),
+    );
     out.add(
         changes == 0,
         format!("{changes} lane changes allowed here that the client forbids; {junctions} waypoints of another junction"),
@@ -199,17 +242,35 @@ fn lanes_beside(out: &mut Comparison, map: &RoadMap, view: &View) {
         };
         let s_m = lane.s_at_station_m(beside.s);
         if s_m.min(lane.length_m - s_m) > END_M {
-            worst_m = worst_m.max((map.width_m(LanePosition::new(lane.key, s_m)) - beside.width).abs());
+            worst_m =
+                worst_m.max((map.width_m(LanePosition::new(lane.key, s_m)) - beside.width).abs());
         }
         // A type the client does not know is NONE to it.
         if !same_kind(lane.kind, &beside.kind) && beside.kind != "NONE" {
-            *kinds.entry(format!("{:?} here is {} there", lane.kind, beside.kind)).or_default() += 1;
+            *kinds
+                .entry(format!("{:?} here is {} there", lane.kind, beside.kind))
+                .or_default() += 1;
         }
     }
-    let examples: Vec<String> = kinds.iter().take(3).map(|(what, n)| format!("{what} ({n})")).collect();
+    let examples: Vec<String> = kinds
+        .iter()
+        .take(3)
+        .map(|(what, n)| format!("{what} ({n})"))
+        .collect();
     let good = worst_m < WIDTH_M && kinds.is_empty() && missing == 0;
-    let text = if examples.is_empty() { "types agree".to_owned() } else { examples.join(", ") };
-    out.add(good, format!("{} lanes beside: widths differ by {:.3} mm at most, {text}", view.beside.len(), worst_m * 1e3));
+    let text = if examples.is_empty() {
+        "types agree".to_owned()
+    } else {
+        examples.join(", ")
+    };
+    out.add(
+        good,
+        format!(
+            "{} lanes beside: widths differ by {:.3} mm at most, {text}",
+            view.beside.len(),
+            worst_m * 1e3
+        ),
+    );
 }
 
 fn topology(out: &mut Comparison, map: &RoadMap, view: &View) {
@@ -217,17 +278,45 @@ fn topology(out: &mut Comparison, map: &RoadMap, view: &View) {
     let is_driven = |k: &Key| lane_of(map, *k).is_some_and(|lane| lane.kind.is_drivable());
     let mut ours = BTreeSet::new();
     for lane in map.lanes().iter().filter(|lane| lane.kind.is_drivable()) {
-        ours.extend(map.successors(lane.key).iter().map(|next| (key(lane.key), key(*next))).filter(|(_, next)| is_driven(next)));
+        ours.extend(
+            map.successors(lane.key)
+                .iter()
+                .map(|next| (key(lane.key), key(*next)))
+                .filter(|(_, next)| is_driven(next)),
+        );
     }
-    let theirs: BTreeSet<(Key, Key)> = view.edges.iter().copied().filter(|(_, to)| is_driven(to)).collect();
-    let ends: BTreeSet<Key> = theirs.iter().filter(|(a, b)| a == b).map(|(a, _)| *a).collect();
-    let theirs: BTreeSet<(Key, Key)> = theirs.into_iter().filter(|(a, b)| a != b || ours.contains(&(*a, *b))).collect();
+    let theirs: BTreeSet<(Key, Key)> = view
+        .edges
+        .iter()
+        .copied()
+        .filter(|(_, to)| is_driven(to))
+        .collect();
+    let ends: BTreeSet<Key> = theirs
+        .iter()
+        .filter(|(a, b)| a == b)
+        .map(|(a, _)| *a)
+        .collect();
+    let theirs: BTreeSet<(Key, Key)> = theirs
+        .into_iter()
+        .filter(|(a, b)| a != b || ours.contains(&(*a, *b)))
+        .collect();
     let only_theirs: Vec<_> = theirs.difference(&ours).collect();
-    let only_ours: Vec<_> = ours.difference(&theirs).filter(|(a, _)| !ends.contains(a)).collect();
-    let direct = map.junctions().any(|junction| junction.kind == JunctionKind::Direct);
-    let go_on = ends.iter().filter(|end| ours.iter().any(|(a, _)| a == *end)).count();
+    let only_ours: Vec<_> = ours
+        .difference(&theirs)
+        .filter(|(a, _)| !ends.contains(a))
+        .collect();
+    let direct = map
+        .junctions()
+        .any(|junction| junction.kind == JunctionKind::Direct);
+    let go_on = ends
+        .iter()
+        .filter(|end| ours.iter().any(|(a, _)| a == *end))
+        .count();
     let named = |list: &[&(Key, Key)]| match list.first() {
-        Some((a, b)) => format!(" (the first from road {} section {} lane {} to road {} section {} lane {})", a.0, a.1, a.2, b.0, b.1, b.2),
+        Some((a, b)) => format!(
+            " (the first from road {} section {} lane {} to road {} section {} lane {})",
+            a.0, a.1, a.2, b.0, b.1, b.2
+        ),
         None => String::new(),
     };
     out.add(
@@ -244,7 +333,11 @@ fn topology(out: &mut Comparison, map: &RoadMap, view: &View) {
 }
 
 fn landmarks(out: &mut Comparison, map: &RoadMap, view: &View) {
-    let signals: BTreeMap<&str, &schema_roads::Signal> = map.signals().iter().map(|signal| (signal.id.as_str(), signal)).collect();
+    let signals: BTreeMap<&str, &schema_roads::Signal> = map
+        .signals()
+        .iter()
+        .map(|signal| (signal.id.as_str(), signal))
+        .collect();
     let (mut n, mut worst_m, mut missing, mut values) = (0, 0.0f64, BTreeSet::new(), 0);
     for landmark in &view.landmarks {
         let Some(signal) = signals.get(landmark.id.as_str()) else {
@@ -256,10 +349,16 @@ fn landmarks(out: &mut Comparison, map: &RoadMap, view: &View) {
         let p = signal.pose.translation.vector;
         worst_m = worst_m.max((p.x - landmark.at[0]).hypot(p.y + landmark.at[1]));
         n += 1;
-        let limits_differ = landmark.kind == "274" && signal.value.is_some_and(|value| (value - landmark.value).abs() > 1e-6);
+        let limits_differ = landmark.kind == "274"
+            && signal
+                .value
+                .is_some_and(|value| (value - landmark.value).abs() > 1e-6);
         values += usize::from(limits_differ || landmark.kind != signal.type_code);
     }
-    let lost = missing.iter().next().map_or(String::new(), |id| format!(" (the first is {id:?})"));
+    let lost = missing
+        .iter()
+        .next()
+        .map_or(String::new(), |id| format!(" (the first is {id:?})"));
     out.add(
         missing.is_empty() && values == 0 && worst_m < LANDMARK_M,
         format!(
@@ -285,7 +384,8 @@ fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
             same += 1;
             continue;
         }
-        // The client projects without the tilt, and walks curves whose lengths the file states otherwise as they are.
+        // The client projects without the tilt, and walks curves whose lengths the file states
+        // otherwise as they are.
         let slack_m = if map.is_tilted(at.lane) { 0.1 } else { 0.02 } + map.length_mismatch_m();
         let theirs_m = (asked.at[0] - asked.point[0]).hypot(asked.at[1] - asked.point[1]);
         if at.offset_m.abs() <= theirs_m + slack_m {
@@ -304,7 +404,11 @@ fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
         }
     }
     let stumbles = match view.stumbles.first() {
-        Some([x, y, _]) => format!("; the client's own search fails at {} places, the first ({x:.1}, {:.1})", view.stumbles.len(), -y),
+        Some([x, y, _]) => format!(
+            "; the client's own search fails at {} places, the first ({x:.1}, {:.1})",
+            view.stumbles.len(),
+            -y
+        ),
         None => String::new(),
     };
     out.add(

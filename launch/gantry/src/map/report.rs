@@ -35,7 +35,11 @@ impl Contents {
     /// Counts what a map holds.
     pub fn of(map: &RoadMap, took: Duration) -> Contents {
         let mut lanes = BTreeMap::new();
-        map.lanes().iter().for_each(|lane| *lanes.entry(format!("{:?}", lane.kind).to_lowercase()).or_default() += 1);
+        map.lanes().iter().for_each(|lane| {
+            *lanes
+                .entry(format!("{:?}", lane.kind).to_lowercase())
+                .or_default() += 1
+        });
         let mut junctions = BTreeMap::new();
         for junction in map.junctions() {
             let kind = match junction.kind {
@@ -52,7 +56,11 @@ impl Contents {
             length_m: map.roads().map(|road| road.length_m).sum(),
             lanes,
             junctions,
-            n_lights: map.signals().iter().filter(|signal| signal.kind == SignalKind::TrafficLight).count(),
+            n_lights: map
+                .signals()
+                .iter()
+                .filter(|signal| signal.kind == SignalKind::TrafficLight)
+                .count(),
             n_signals: map.signals().len(),
             n_controllers: map.controllers().len(),
             n_crosswalks: map.crosswalks().len(),
@@ -63,13 +71,26 @@ impl Contents {
     }
 
     fn sentence(&self) -> String {
-        let revision =
-            self.revision.map_or("OpenDRIVE without a revision".to_owned(), |(major, minor)| format!("OpenDRIVE {major}.{minor}"));
+        let revision = self.revision.map_or(
+            "OpenDRIVE without a revision".to_owned(),
+            |(major, minor)| format!("OpenDRIVE {major}.{minor}"),
+        );
         let by_kind = |counts: &BTreeMap<String, usize>| {
-            let words: Vec<String> = counts.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
-            if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) }
+            let words: Vec<String> = counts
+                .iter()
+                .map(|(kind, n)| format!("{n} {kind}"))
+                .collect();
+            if words.is_empty() {
+                String::new()
+            } else {
+                format!(" ({})", words.join(", "))
+            }
         };
-        let place = self.geo_reference_deg.map_or("no geoReference".to_owned(), |(lat, lon)| format!("at {lat:.5}°, {lon:.5}°"));
+        let place = self
+            .geo_reference_deg
+            .map_or("no geoReference".to_owned(), |(lat, lon)| {
+                format!("at {lat:.5}°, {lon:.5}°")
+            });
         format!(
             "{revision}, {} roads, {:.2} km, {} lanes{}, {} junctions{}, {} signals ({} lights), {} controllers, {} crosswalks, {} objects, {place}; read in {:.0} ms",
             self.n_roads,
@@ -115,12 +136,22 @@ pub struct Report {
 impl Report {
     /// A map that cannot be read.
     pub fn failed(name: String, error: String) -> Report {
-        Report { name, error: Some(error), warnings: Vec::new(), contents: None, comparison: None }
+        Report {
+            name,
+            error: Some(error),
+            warnings: Vec::new(),
+            contents: None,
+            comparison: None,
+        }
     }
 
     /// Whether the file lacks something that a map needs.
     pub fn is_broken(&self) -> bool {
-        self.error.is_some() || self.warnings.iter().any(|warning| warning.severity == Severity::Error)
+        self.error.is_some()
+            || self
+                .warnings
+                .iter()
+                .any(|warning| warning.severity == Severity::Error)
     }
 
     /// Whether CARLA's client reads something else, where it reads rightly.
@@ -143,19 +174,35 @@ impl Report {
             (Some(contents), _) => writeln!(text, ": {}", contents.sentence()),
             (None, error) => writeln!(text, ": {}", error.as_deref().unwrap_or("cannot be read")),
         };
-        let shown = if all { self.warnings.len() } else { SHOWN.min(self.warnings.len()) };
+        let shown = if all {
+            self.warnings.len()
+        } else {
+            SHOWN.min(self.warnings.len())
+        };
         let mut ordered: Vec<&Warning> = self.warnings.iter().collect();
         ordered.sort_by_key(|warning| std::cmp::Reverse(warning.severity));
         for warning in &ordered[..shown] {
-            let word = if warning.severity == Severity::Error { "error" } else { "warning" };
+            let word = if warning.severity == Severity::Error {
+                "error"
+            } else {
+                "warning"
+            };
             let _ = writeln!(text, "        {word}: {warning}");
         }
         if shown < self.warnings.len() {
-            let _ = writeln!(text, "        {} more; --all prints them", self.warnings.len() - shown);
+            let _ = writeln!(
+                text,
+                "        {} more; --all prints them",
+                self.warnings.len() - shown
+            );
         }
         if let Some(comparison) = &self.comparison {
             for (good, line) in comparison.lines() {
-                let _ = writeln!(text, "        carla{} {line}", if *good { ":" } else { " differs:" });
+                let _ = writeln!(
+                    text,
+                    "        carla{} {line}",
+                    if *good { ":" } else { " differs:" }
+                );
             }
         }
         text

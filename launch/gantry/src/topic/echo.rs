@@ -5,15 +5,16 @@ use std::time::{Duration, Instant};
 use launch_cli::{Exit, Shutdown};
 use schema_bus::{Bus, ControlBatch, Document, Frame, Snapshot};
 use schema_frames::{
-    ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint, Modality, ObstacleEvent, RadarDetection,
-    SemanticLidarPoint,
+    ActorRecord, CollisionEvent, DvsEvent, GnssSample, ImuSample, LaneCrossing, LidarPoint,
+    Modality, ObstacleEvent, RadarDetection, SemanticLidarPoint,
 };
 use serde_json::{Value, json};
 
 use super::source::{Sample, Source};
 use crate::cli::EchoArgs;
 
-/// Silence after which a word is due; a topic may be silent for good reason (a stepped world, a document that does not change).
+/// Silence after which a word is due; a topic may be silent for good reason (a stepped world, a
+/// document that does not change).
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
@@ -25,7 +26,10 @@ pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
         let Some(sample) = source.next()? else {
             if printed == 0 && !said && start.elapsed() > PATIENCE {
                 said = true;
-                eprintln!("nothing has come on {topic} for {} s; waiting (Ctrl-C ends this)", PATIENCE.as_secs());
+                eprintln!(
+                    "nothing has come on {topic} for {} s; waiting (Ctrl-C ends this)",
+                    PATIENCE.as_secs()
+                );
             }
             source.nap()?;
             continue;
@@ -36,7 +40,11 @@ pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
         if args.json {
             println!("{value}");
         } else {
-            print!("{}{}", if printed > 0 { "---\n" } else { "" }, as_text(&value, 0));
+            print!(
+                "{}{}",
+                if printed > 0 { "---\n" } else { "" },
+                as_text(&value, 0)
+            );
         }
         printed += 1;
     }
@@ -72,14 +80,30 @@ fn frame_value(frame: &Frame, n_elements: usize) -> Value {
 /// The first elements of a list; nothing of an image.
 fn elements(frame: &Frame, n: usize) -> Value {
     match frame.modality() {
-        Modality::Imu => first(frame.elements(), n, |sample: &ImuSample| debug_fields(sample)),
-        Modality::Gnss => first(frame.elements(), n, |sample: &GnssSample| debug_fields(sample)),
-        Modality::Lidar => first(frame.elements(), n, |point: &LidarPoint| debug_fields(point)),
-        Modality::SemanticLidar => first(frame.elements(), n, |point: &SemanticLidarPoint| debug_fields(point)),
-        Modality::Radar => first(frame.elements(), n, |detection: &RadarDetection| debug_fields(detection)),
-        Modality::Collision => first(frame.elements(), n, |event: &CollisionEvent| debug_fields(event)),
-        Modality::LaneInvasion => first(frame.elements(), n, |event: &LaneCrossing| debug_fields(event)),
-        Modality::Obstacle => first(frame.elements(), n, |event: &ObstacleEvent| debug_fields(event)),
+        Modality::Imu => first(frame.elements(), n, |sample: &ImuSample| {
+            debug_fields(sample)
+        }),
+        Modality::Gnss => first(frame.elements(), n, |sample: &GnssSample| {
+            debug_fields(sample)
+        }),
+        Modality::Lidar => first(frame.elements(), n, |point: &LidarPoint| {
+            debug_fields(point)
+        }),
+        Modality::SemanticLidar => first(frame.elements(), n, |point: &SemanticLidarPoint| {
+            debug_fields(point)
+        }),
+        Modality::Radar => first(frame.elements(), n, |detection: &RadarDetection| {
+            debug_fields(detection)
+        }),
+        Modality::Collision => first(frame.elements(), n, |event: &CollisionEvent| {
+            debug_fields(event)
+        }),
+        Modality::LaneInvasion => first(frame.elements(), n, |event: &LaneCrossing| {
+            debug_fields(event)
+        }),
+        Modality::Obstacle => first(frame.elements(), n, |event: &ObstacleEvent| {
+            debug_fields(event)
+        }),
         Modality::Dvs => first(frame.elements(), n, |event: &DvsEvent| debug_fields(event)),
         _ => Value::Null,
     }
@@ -89,10 +113,13 @@ fn first<T>(list: Option<&[T]>, n: usize, show: impl Fn(&T) -> Value) -> Value {
     list.unwrap_or_default().iter().take(n).map(show).collect()
 }
 
-/// A record's fields by name, from its `Debug` form `Name { a: 1, b: [2.0, inf] }`: numbers and lists of numbers only.
+/// A record's fields by name, from its `Debug` form `Name { a: 1, b: [2.0, inf] }`: numbers and
+/// lists of numbers only.
 fn debug_fields(record: &impl std::fmt::Debug) -> Value {
     let text = format!("{record:?}");
-    let inside = text.split_once('{').map_or("", |(_, rest)| rest.trim_end_matches('}').trim());
+    let inside = text
+        .split_once('{')
+        .map_or("", |(_, rest)| rest.trim_end_matches('}').trim());
     let mut fields = serde_json::Map::new();
     let mut rest = inside;
     while let Some((name, after)) = rest.split_once(": ") {
@@ -113,7 +140,12 @@ fn debug_fields(record: &impl std::fmt::Debug) -> Value {
 
 fn snapshot_value(snapshot: &Snapshot, n_elements: usize) -> Value {
     let header = snapshot.header();
-    let actors: Value = snapshot.records().iter().take(n_elements).map(actor_value).collect();
+    let actors: Value = snapshot
+        .records()
+        .iter()
+        .take(n_elements)
+        .map(actor_value)
+        .collect();
     json!({
         "tick": header.tick, "sim_nanos": header.sim_nanos, "period_nanos": header.period_nanos,
         "episode": header.episode, "epoch": header.epoch.to_string(), "actors_revision": header.actors_revision, "flags": header.flags,
@@ -123,7 +155,10 @@ fn snapshot_value(snapshot: &Snapshot, n_elements: usize) -> Value {
 
 fn actor_value(record: &ActorRecord) -> Value {
     let pose = &record.world_from_actor;
-    let kind = record.kind().map_or_else(|| record.kind.to_string(), |kind| format!("{kind:?}").to_lowercase());
+    let kind = record.kind().map_or_else(
+        || record.kind.to_string(),
+        |kind| format!("{kind:?}").to_lowercase(),
+    );
     json!({
         "id": record.id, "parent_id": record.parent_id, "kind": kind, "class": record.class, "flags": record.flags,
         "world_from_actor": {"translation_m": pose.translation_m, "rotation_xyzw": pose.rotation_xyzw},
@@ -135,7 +170,8 @@ fn actor_value(record: &ActorRecord) -> Value {
 fn document_value(document: &Document) -> Value {
     let header = &document.header;
     // A map is XML; everything else is JSON and shown as what it says.
-    let content = serde_json::from_str(&document.text).unwrap_or_else(|_| Value::from(document.text.as_str()));
+    let content = serde_json::from_str(&document.text)
+        .unwrap_or_else(|_| Value::from(document.text.as_str()));
     json!({"revision": header.revision, "epoch": header.epoch.to_string(), "tick": header.tick, "bytes": header.payload_bytes, "content": content})
 }
 
@@ -150,10 +186,16 @@ fn as_text(value: &Value, depth: usize) -> String {
     let pad = "  ".repeat(depth);
     let is_flat = |value: &Value| match value {
         Value::Object(_) => false,
-        Value::Array(list) => list.iter().all(|element| !element.is_object() && !element.is_array()),
+        Value::Array(list) => list
+            .iter()
+            .all(|element| !element.is_object() && !element.is_array()),
         _ => true,
     };
-    let plain = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let plain = |value: &Value| {
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned)
+    };
     match value {
         Value::Object(fields) => fields
             .iter()
@@ -167,7 +209,11 @@ fn as_text(value: &Value, depth: usize) -> String {
             .collect(),
         Value::Array(list) => {
             let entry = |value: &Value| {
-                if is_flat(value) { format!("{pad}- {}\n", plain(value)) } else { format!("{pad}-\n{}", as_text(value, depth + 1)) }
+                if is_flat(value) {
+                    format!("{pad}- {}\n", plain(value))
+                } else {
+                    format!("{pad}-\n{}", as_text(value, depth + 1))
+                }
             };
             list.iter().map(entry).collect()
         }
@@ -181,11 +227,33 @@ mod tests {
 
     #[test]
     fn records_show_their_fields_by_name() {
-        let point = LidarPoint { hit_in_sensor_m: [1.0, -2.5, 0.0], intensity: 7, channel: 3 };
-        assert_eq!(debug_fields(&point), json!({"hit_in_sensor_m": [1.0, -2.5, 0.0], "intensity": 7, "channel": 3}));
-        let wild = LidarPoint { hit_in_sensor_m: [f32::NAN, f32::INFINITY, 0.0], intensity: 0, channel: 0 };
-        assert_eq!(debug_fields(&wild)["hit_in_sensor_m"], json!("[NaN, inf, 0.0]"));
-        let event = DvsEvent { nanos_in_window: 5, x_px: 1, y_px: 2, object_id: 9, polarity: 1, class: 14, reserved: 0 };
+        let point = LidarPoint {
+            hit_in_sensor_m: [1.0, -2.5, 0.0],
+            intensity: 7,
+            channel: 3,
+        };
+        assert_eq!(
+            debug_fields(&point),
+            json!({"hit_in_sensor_m": [1.0, -2.5, 0.0], "intensity": 7, "channel": 3})
+        );
+        let wild = LidarPoint {
+            hit_in_sensor_m: [f32::NAN, f32::INFINITY, 0.0],
+            intensity: 0,
+            channel: 0,
+        };
+        assert_eq!(
+            debug_fields(&wild)["hit_in_sensor_m"],
+            json!("[NaN, inf, 0.0]")
+        );
+        let event = DvsEvent {
+            nanos_in_window: 5,
+            x_px: 1,
+            y_px: 2,
+            object_id: 9,
+            polarity: 1,
+            class: 14,
+            reserved: 0,
+        };
         assert_eq!(debug_fields(&event)["class"], 14);
         assert!(debug_fields(&event).get("reserved").is_none());
     }
@@ -193,6 +261,9 @@ mod tests {
     #[test]
     fn text_is_indented_and_short_lists_stay_on_a_line() {
         let value = json!({"a": 1, "b": [1, 2], "c": {"d": "x"}, "e": [{"f": 1}]});
-        assert_eq!(as_text(&value, 0), "a: 1\nb: [1,2]\nc:\n  d: x\ne:\n  -\n    f: 1\n");
+        assert_eq!(
+            as_text(&value, 0),
+            "a: 1\nb: [1,2]\nc:\n  d: x\ne:\n  -\n    f: 1\n"
+        );
     }
 }

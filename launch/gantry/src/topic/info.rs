@@ -7,18 +7,33 @@ use schema_bus::{Bus, TopicDetails, TopicKind};
 pub fn list(bus: &Bus, json: bool) -> anyhow::Result<Exit> {
     let topics = bus.topics()?;
     if json {
-        topics.iter().for_each(|topic| println!("{}", as_json(bus, topic)));
+        topics
+            .iter()
+            .for_each(|topic| println!("{}", as_json(bus, topic)));
         return Ok(Exit::Done);
     }
     if topics.is_empty() {
-        eprintln!("nothing is published on domain {:?}; start something with `gantry up`, or name another with --domain", bus.domain());
+        eprintln!(
+            "nothing is published on domain {:?}; start something with `gantry up`, or name another with --domain",
+            bus.domain()
+        );
         return Ok(Exit::Done);
     }
-    let width = topics.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
-    println!("{:width$}  {:<9}  {:>7}  {:>7}  {:>12}", "topic", "kind", "writers", "readers", "max bytes");
+    let width = topics
+        .iter()
+        .map(|topic| topic.name.len())
+        .max()
+        .unwrap_or(0);
+    println!(
+        "{:width$}  {:<9}  {:>7}  {:>7}  {:>12}",
+        "topic", "kind", "writers", "readers", "max bytes"
+    );
     for topic in &topics {
         let name = kind_name(topic.kind);
-        println!("{:width$}  {name:<9}  {:>7}  {:>7}  {:>12}", topic.name, topic.publishers, topic.subscribers, topic.payload_bytes);
+        println!(
+            "{:width$}  {name:<9}  {:>7}  {:>7}  {:>12}",
+            topic.name, topic.publishers, topic.subscribers, topic.payload_bytes
+        );
     }
     Ok(Exit::Done)
 }
@@ -27,25 +42,47 @@ pub fn info(bus: &Bus, name: &str, json: bool) -> anyhow::Result<Exit> {
     let topics = bus.topics()?;
     let Some(topic) = topics.iter().find(|topic| topic.name == name) else {
         let known: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
-        let known = if known.is_empty() { "nothing at all".to_owned() } else { known.join(", ") };
-        return Err(wrong_usage(format!("there is no topic {name:?} on domain {:?}; it has {known}", bus.domain())));
+        let known = if known.is_empty() {
+            "nothing at all".to_owned()
+        } else {
+            known.join(", ")
+        };
+        return Err(wrong_usage(format!(
+            "there is no topic {name:?} on domain {:?}; it has {known}",
+            bus.domain()
+        )));
     };
     if json {
         println!("{}", as_json(bus, topic));
         return Ok(Exit::Done);
     }
-    let schema = if topic.schema.is_empty() { "none: not Gantry's" } else { &topic.schema };
+    let schema = if topic.schema.is_empty() {
+        "none: not Gantry's"
+    } else {
+        &topic.schema
+    };
     println!("topic          {}/{}", bus.domain(), topic.name);
     println!("kind           {}", kind_name(topic.kind));
     if let Some(modality) = topic.modality {
-        println!("modality       {} (encoding {}, {} bytes an element)", modality.name(), modality as u16, modality.element_bytes());
+        println!(
+            "modality       {} (encoding {}, {} bytes an element)",
+            modality.name(),
+            modality as u16,
+            modality.element_bytes()
+        );
     }
     println!("schema         {schema}");
     println!("writers        {}", topic.publishers);
-    println!("readers        {} of {}", topic.subscribers, topic.max_subscribers);
+    println!(
+        "readers        {} of {}",
+        topic.subscribers, topic.max_subscribers
+    );
     println!("largest frame  {} bytes", topic.payload_bytes);
     if let Some(qos) = qos_of(topic) {
-        println!("per reader     {} waiting, {} held, {} from the past", qos.buffer, qos.borrowed, qos.history);
+        println!(
+            "per reader     {} waiting, {} held, {} from the past",
+            qos.buffer, qos.borrowed, qos.history
+        );
     }
     Ok(Exit::Done)
 }

@@ -5,7 +5,8 @@ use std::time::Duration;
 use anyhow::Context as _;
 use schema_bus::names::{CONTROL_VEHICLES, WORLD_SNAPSHOT, rig_of, rig_tick};
 use schema_bus::{
-    Bus, BusError, ControlBatch, ControlReader, Document, DocumentReader, Frame, FrameReader, Listener, Snapshot, SnapshotReader, TopicKind,
+    Bus, BusError, ControlBatch, ControlReader, Document, DocumentReader, Frame, FrameReader,
+    Listener, Snapshot, SnapshotReader, TopicKind,
 };
 use schema_frames::SCHEMA_VERSION;
 
@@ -34,18 +35,34 @@ impl Sample {
         let (seq, published_mono_nanos, bytes) = match self {
             Sample::Frame(frame) => {
                 let header = frame.header();
-                (Some(header.seq), Some(header.published_mono_nanos), header.payload_bytes)
+                (
+                    Some(header.seq),
+                    Some(header.published_mono_nanos),
+                    header.payload_bytes,
+                )
             }
             // Every tick has one snapshot, so the tick itself shows a loss.
             Sample::Snapshot(snapshot) => {
                 let header = snapshot.header();
-                (Some(header.tick), Some(header.published_mono_nanos), size_of_val(snapshot.records()) as u64)
+                (
+                    Some(header.tick),
+                    Some(header.published_mono_nanos),
+                    size_of_val(snapshot.records()) as u64,
+                )
             }
-            Sample::Document(document) => (Some(document.header.revision), None, document.header.payload_bytes),
+            Sample::Document(document) => (
+                Some(document.header.revision),
+                None,
+                document.header.payload_bytes,
+            ),
             // Several writers share this topic; each counts for itself.
             Sample::Controls(batch) => (None, None, size_of_val(&batch.records[..]) as u64),
         };
-        Stamp { seq, published_mono_nanos, bytes }
+        Stamp {
+            seq,
+            published_mono_nanos,
+            bytes,
+        }
     }
 }
 
@@ -66,19 +83,35 @@ impl Source {
     /// Opens `topic` (without the domain).
     pub fn open(bus: &Bus, topic: &str) -> anyhow::Result<Self> {
         let known = bus.topics()?.into_iter().find(|known| known.name == topic);
-        if let Some(other) = known.as_ref().filter(|known| !known.schema.is_empty() && known.schema != SCHEMA_VERSION.to_string()) {
+        if let Some(other) = known
+            .as_ref()
+            .filter(|known| !known.schema.is_empty() && known.schema != SCHEMA_VERSION.to_string())
+        {
             let (service, theirs) = (format!("{}/{topic}", bus.domain()), other.schema.clone());
-            return Err(BusError::SchemaSkew { service, theirs, advice: "rebuild the consumer" }.into());
+            return Err(BusError::SchemaSkew {
+                service,
+                theirs,
+                advice: "rebuild the consumer",
+            }
+            .into());
         }
         let reader = match known.map_or(TopicKind::Frames, |known| known.kind) {
             TopicKind::Frames => Reader::Frames(bus.frame_reader(topic)?),
-            TopicKind::Snapshot if topic == WORLD_SNAPSHOT => Reader::Snapshots(bus.snapshot_reader()?),
+            TopicKind::Snapshot if topic == WORLD_SNAPSHOT => {
+                Reader::Snapshots(bus.snapshot_reader()?)
+            }
             TopicKind::Document => Reader::Documents(bus.document_reader(topic)?),
-            TopicKind::Controls if topic == CONTROL_VEHICLES => Reader::Controls(bus.control_reader()?, Vec::new().into_iter()),
-            _ => anyhow::bail!("topic {topic:?} carries no frames, snapshots, documents or controls; gantry cannot read it"),
+            TopicKind::Controls if topic == CONTROL_VEHICLES => {
+                Reader::Controls(bus.control_reader()?, Vec::new().into_iter())
+            }
+            _ => anyhow::bail!(
+                "topic {topic:?} carries no frames, snapshots, documents or controls; gantry cannot read it"
+            ),
         };
         // Without the event the naps alone keep it going.
-        let wake = matches!(reader, Reader::Frames(_)).then(|| bus.listener(&rig_tick(rig_of(topic))).ok()).flatten();
+        let wake = matches!(reader, Reader::Frames(_))
+            .then(|| bus.listener(&rig_tick(rig_of(topic))).ok())
+            .flatten();
         Ok(Source { reader, wake })
     }
 
@@ -101,7 +134,10 @@ impl Source {
     /// Sleeps until something may have come, a millisecond at most.
     pub fn nap(&self) -> anyhow::Result<()> {
         match &self.wake {
-            Some(listener) => listener.wait(NAP).map(drop).context("cannot wait for the next frame"),
+            Some(listener) => listener
+                .wait(NAP)
+                .map(drop)
+                .context("cannot wait for the next frame"),
             None => {
                 std::thread::sleep(NAP);
                 Ok(())

@@ -1,6 +1,10 @@
-//! One running process: started in its own group, tied to the launcher's life, signalled as a group, reaped last.
+//! One running process: started in its own group, tied to the launcher's life, signalled as a
+//! group, reaped last.
 
-#![expect(unsafe_code, reason = "work between fork and exec; the one block proves itself")]
+#![expect(
+    unsafe_code,
+    reason = "work between fork and exec; the one block proves itself"
+)]
 
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::process::{Command, ExitStatus, Stdio};
@@ -16,7 +20,8 @@ use nix::unistd::Pid;
 use super::output::{Sink, Stream};
 use super::plan::{Plan, ReadySign};
 
-/// What the threads around a process report. `start` counts the starts of a slot, so that late news of an earlier one is known as such.
+/// What the threads around a process report. `start` counts the starts of a slot, so that late news
+/// of an earlier one is known as such.
 #[derive(Debug)]
 pub enum Event {
     /// The process ended; it has not been reaped.
@@ -38,13 +43,32 @@ pub struct Running {
     pub start: u64,
 }
 
-/// Starts a process. Call it from the main thread only: the kernel ties the child's life to the *thread* that made it.
-pub fn start(idx: usize, start: u64, plan: &Plan, sink: &Sink, events: &Sender<Event>) -> anyhow::Result<Running> {
+/// Starts a process. Call it from the main thread only: the kernel ties the child's life to the
+/// *thread* that made it.
+pub fn start(
+    idx: usize,
+    start: u64,
+    plan: &Plan,
+    sink: &Sink,
+    events: &Sender<Event>,
+) -> anyhow::Result<Running> {
     let mut command = Command::new(&plan.program);
-    command.args(&plan.args).envs(&plan.env).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
+    command
+        .args(&plan.args)
+        .envs(&plan.env)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .process_group(0);
     tie_to_this_process(&mut command, &plan.cpus);
-    sink.note(&format!("--- start {start}: {} {}", plan.program.display(), plan.args.join(" ")));
-    let mut child = command.spawn().with_context(|| format!("cannot start {}", plan.program.display()))?;
+    sink.note(&format!(
+        "--- start {start}: {} {}",
+        plan.program.display(),
+        plan.args.join(" ")
+    ));
+    let mut child = command
+        .spawn()
+        .with_context(|| format!("cannot start {}", plan.program.display()))?;
     let group = Pid::from_raw(child.id().cast_signed());
     let line = match &plan.ready {
         Some(ReadySign::Line(pattern)) => Some(pattern.clone()),
@@ -70,11 +94,19 @@ pub fn start(idx: usize, start: u64, plan: &Plan, sink: &Sink, events: &Sender<E
     copy(Box::new(err), Stream::Stderr);
     let events = events.clone();
     std::thread::spawn(move || {
-        // NOWAIT leaves the process unreaped, so its id and its group cannot be given to anybody else before we signalled the rest of it.
-        while waitid(Id::Pid(group), WaitPidFlag::WEXITED | WaitPidFlag::WNOWAIT) == Err(Errno::EINTR) {}
+        // NOWAIT leaves the process unreaped, so its id and its group cannot be given to anybody
+        // else before we signalled the rest of it.
+        while waitid(Id::Pid(group), WaitPidFlag::WEXITED | WaitPidFlag::WNOWAIT)
+            == Err(Errno::EINTR)
+        {}
         let _ = events.send(Event::Ended { idx, start });
     });
-    Ok(Running { child, group, since: Instant::now(), start })
+    Ok(Running {
+        child,
+        group,
+        since: Instant::now(),
+        start,
+    })
 }
 
 /// If the launcher is killed, its children get SIGTERM; `cpus` pins them.
@@ -89,13 +121,17 @@ fn tie_to_this_process(command: &mut Command, cpus: &[u32]) {
         }
         match mask {
             // SAFETY: the set is a live value of the size given; 0 means the calling process.
-            Some(mask) if unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &mask) } != 0 => {
+            Some(mask)
+                if unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &mask) }
+                    != 0 =>
+            {
                 Err(std::io::Error::last_os_error())
             }
             _ => Ok(()),
         }
     };
-    // SAFETY: `prepare` runs in the child between fork and exec and makes only the system calls prctl, getppid and sched_setaffinity,
+    // SAFETY: `prepare` runs in the child between fork and exec and makes only the system calls
+    // prctl, getppid and sched_setaffinity,
     // all async-signal-safe; it allocates nothing and takes no lock.
     unsafe { command.pre_exec(prepare) };
 }
@@ -106,7 +142,11 @@ fn cpu_mask(cpus: &[u32]) -> Option<libc::cpu_set_t> {
     }
     // SAFETY: a CPU set is an array of integers; all zero is the empty set.
     let mut mask: libc::cpu_set_t = unsafe { std::mem::zeroed() };
-    for cpu in cpus.iter().map(|cpu| *cpu as usize).filter(|cpu| *cpu < libc::CPU_SETSIZE as usize) {
+    for cpu in cpus
+        .iter()
+        .map(|cpu| *cpu as usize)
+        .filter(|cpu| *cpu < libc::CPU_SETSIZE as usize)
+    {
         // SAFETY: the index was checked against the size of the set.
         unsafe { libc::CPU_SET(cpu, &mut mask) };
     }
@@ -127,7 +167,9 @@ impl Running {
     /// Kills what is left of the group and reaps the process. Call after [`Event::Ended`].
     pub fn reap(mut self) -> anyhow::Result<ExitStatus> {
         self.signal(Signal::SIGKILL);
-        self.child.wait().context("cannot learn how a process ended")
+        self.child
+            .wait()
+            .context("cannot learn how a process ended")
     }
 }
 
@@ -135,7 +177,10 @@ impl Running {
 pub fn describe(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {
         (Some(code), _) => format!("exit code {code}"),
-        (_, Some(number)) => Signal::try_from(number).map_or_else(|_| format!("signal {number}"), |signal| format!("signal {signal}")),
+        (_, Some(number)) => Signal::try_from(number).map_or_else(
+            |_| format!("signal {number}"),
+            |signal| format!("signal {signal}"),
+        ),
         _ => status.to_string(),
     }
 }

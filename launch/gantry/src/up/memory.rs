@@ -10,7 +10,10 @@ use schema_bus::{FrameTopic, shared_memory_free, shared_memory_needed};
 const OTHER_BYTES: u64 = 24 << 20;
 
 fn topic_bytes(topic: &TopicBudget) -> u64 {
-    shared_memory_needed(&Qos::of(topic.modality), &FrameTopic::new(topic.modality, topic.max_payload_bytes))
+    shared_memory_needed(
+        &Qos::of(topic.modality),
+        &FrameTopic::new(topic.modality, topic.max_payload_bytes),
+    )
 }
 
 /// What all topics of a launch file need, and the rest.
@@ -41,12 +44,20 @@ fn compare(need: u64, free: u64) -> Result<(), String> {
 
 /// For `--dry-run`: what each topic takes, as comments.
 pub fn table(launch: &Launch, domain: &str) -> String {
-    let mut text = String::from("\n# Shared memory, reserved when a topic gets its first reader:\n");
+    let mut text =
+        String::from("\n# Shared memory, reserved when a topic gets its first reader:\n");
     for topic in launch.memory_budget() {
         let name = format!("{domain}/{}", topic.topic);
-        let _ = writeln!(text, "# {:>6} MiB  {name} (frames of up to {} bytes)", mebibytes(topic_bytes(&topic)), topic.max_payload_bytes);
+        let _ = writeln!(
+            text,
+            "# {:>6} MiB  {name} (frames of up to {} bytes)",
+            mebibytes(topic_bytes(&topic)),
+            topic.max_payload_bytes
+        );
     }
-    let free = shared_memory_free().map_or("unknown".to_owned(), |free| format!("{} MiB", mebibytes(free)));
+    let free = shared_memory_free().map_or("unknown".to_owned(), |free| {
+        format!("{} MiB", mebibytes(free))
+    });
     let _ = write!(
         text,
         "# {:>6} MiB  in all, with {} MiB for everything else; free in /dev/shm: {free}",
@@ -68,7 +79,12 @@ mod tests {
     fn too_little_is_one_sentence_with_both_figures_and_a_remedy() {
         assert!(compare(10, 10).is_ok());
         let message = compare(900 << 20, 64 << 20).unwrap_err();
-        assert!(message.contains("900 MiB") && message.contains("64 MiB free") && message.contains("--shm-size=1g"), "{message}");
+        assert!(
+            message.contains("900 MiB")
+                && message.contains("64 MiB free")
+                && message.contains("--shm-size=1g"),
+            "{message}"
+        );
         assert_eq!(message.lines().count(), 1);
     }
 

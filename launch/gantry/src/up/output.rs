@@ -1,4 +1,5 @@
-//! What the processes say: prefixed and coloured on the terminal, with the time in a file per process.
+//! What the processes say: prefixed and coloured on the terminal, with the time in a file per
+//! process.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read, Write as _};
@@ -46,7 +47,12 @@ pub struct Sink {
 impl Output {
     pub fn new(names: &[&str], common: &CommonArgs) -> Self {
         Output {
-            width: names.iter().map(|name| name.len()).chain([OWN_NAME.len()]).max().unwrap_or(0),
+            width: names
+                .iter()
+                .map(|name| name.len())
+                .chain([OWN_NAME.len()])
+                .max()
+                .unwrap_or(0),
             coloured: common.color.on_stderr(),
             json: common.log_format == LogFormat::Json,
             quiet: common.quiet > 0,
@@ -69,17 +75,33 @@ impl Output {
     /// The sink of the `idx`th process, with its log file.
     pub fn sink(&self, idx: usize, name: &str, folder: &Path) -> anyhow::Result<Sink> {
         let path = folder.join(format!("{name}.log"));
-        let file = File::options().create(true).append(true).open(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        Ok(Sink { output: self.clone(), name: name.to_owned(), colour: COLOURS[idx % COLOURS.len()], file: Arc::new(Mutex::new(file)) })
+        let file = File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        Ok(Sink {
+            output: self.clone(),
+            name: name.to_owned(),
+            colour: COLOURS[idx % COLOURS.len()],
+            file: Arc::new(Mutex::new(file)),
+        })
     }
 
     fn write(&self, name: &str, colour: &str, stream: Stream, text: &str) {
         let line = if self.json {
-            let stream = if stream == Stream::Stdout { "stdout" } else { "stderr" };
+            let stream = if stream == Stream::Stdout {
+                "stdout"
+            } else {
+                "stderr"
+            };
             let text = without_colours(text);
             serde_json::json!({"time": utc(SystemTime::now()), "process": name, "stream": stream, "line": text}).to_string() + "\n"
         } else if self.coloured {
-            format!("\x1b[{colour}m{name:width$} │\x1b[0m {text}\n", width = self.width)
+            format!(
+                "\x1b[{colour}m{name:width$} │\x1b[0m {text}\n",
+                width = self.width
+            )
         } else {
             format!("{name:width$} │ {text}\n", width = self.width)
         };
@@ -109,8 +131,16 @@ impl Sink {
     pub fn pump(&self, pipe: impl Read, stream: Stream, mut seen: impl FnMut(&str)) {
         let mut reader = BufReader::new(pipe);
         let mut bytes = Vec::new();
-        while reader.by_ref().take(MAX_LINE_BYTES).read_until(b'\n', &mut bytes).is_ok_and(|n| n > 0) {
-            while bytes.last().is_some_and(|byte| matches!(byte, b'\n' | b'\r')) {
+        while reader
+            .by_ref()
+            .take(MAX_LINE_BYTES)
+            .read_until(b'\n', &mut bytes)
+            .is_ok_and(|n| n > 0)
+        {
+            while bytes
+                .last()
+                .is_some_and(|byte| matches!(byte, b'\n' | b'\r'))
+            {
                 bytes.pop();
             }
             let text = String::from_utf8_lossy(&bytes);
@@ -127,7 +157,9 @@ fn without_colours(text: &str) -> String {
     let mut parts = text.split("\x1b[");
     plain.push_str(parts.next().unwrap_or_default());
     for part in parts {
-        let end = part.find(|c: char| !c.is_ascii_digit() && c != ';').map_or(part.len(), |end| end + 1);
+        let end = part
+            .find(|c: char| !c.is_ascii_digit() && c != ';')
+            .map_or(part.len(), |end| end + 1);
         plain.push_str(part.get(end..).unwrap_or_default());
     }
     plain
@@ -147,10 +179,17 @@ mod tests {
     #[test]
     fn a_pipe_is_cut_into_lines_that_survive_any_bytes() {
         let folder = tempfile::tempdir().unwrap();
-        let common = CommonArgs { log_format: LogFormat::Json, ..Default::default() };
-        let sink = Output::new(&["a"], &common).sink(0, "a", folder.path()).unwrap();
+        let common = CommonArgs {
+            log_format: LogFormat::Json,
+            ..Default::default()
+        };
+        let sink = Output::new(&["a"], &common)
+            .sink(0, "a", folder.path())
+            .unwrap();
         let mut lines = Vec::new();
-        sink.pump(&b"one\r\n\xff\xfe\n\nlast"[..], Stream::Stderr, |line| lines.push(line.to_owned()));
+        sink.pump(&b"one\r\n\xff\xfe\n\nlast"[..], Stream::Stderr, |line| {
+            lines.push(line.to_owned())
+        });
         assert_eq!(lines, ["one", "\u{fffd}\u{fffd}", "", "last"]);
         let log = std::fs::read_to_string(folder.path().join("a.log")).unwrap();
         assert_eq!(log.lines().count(), 4);

@@ -38,19 +38,35 @@ pub enum ReadySign {
 
 /// Whether this process is the simulation daemon.
 pub fn is_daemon(process: &Process) -> bool {
-    process.cmd.first().is_some_and(|program| Path::new(program).file_name().is_some_and(|name| name == "simd"))
+    process.cmd.first().is_some_and(|program| {
+        Path::new(program)
+            .file_name()
+            .is_some_and(|name| name == "simd")
+    })
 }
 
 /// The launch file with what `--record` and `--view` ask for.
 pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
     if let Some(file) = &args.record {
         // In lockstep the world waits for the disk: nothing is lost, from the first tick on.
-        let cmd = vec!["gantry-record".into(), "--lockstep".into(), "--out".into(), file.display().to_string()];
-        if let Some(daemon) = launch.processes.iter_mut().find(|process| is_daemon(process)) {
+        let cmd = vec![
+            "gantry-record".into(),
+            "--lockstep".into(),
+            "--out".into(),
+            file.display().to_string(),
+        ];
+        if let Some(daemon) = launch
+            .processes
+            .iter_mut()
+            .find(|process| is_daemon(process))
+        {
             daemon.cmd.extend(["--await-lockstep".into(), "1".into()]);
         }
         // Finishing a file means writing what is queued and its index.
-        let stop = Stop { grace: Period::from_millis(60_000), ..Stop::default() };
+        let stop = Stop {
+            grace: Period::from_millis(60_000),
+            ..Stop::default()
+        };
         // Required: a run that was to be recorded and is not must not look like one that was.
         replace(&mut launch, "record", cmd, Some(stop), true);
     }
@@ -63,9 +79,21 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
 }
 
 fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>, required: bool) {
-    let daemon = launch.processes.iter().find(|process| is_daemon(process)).map(|process| process.name.clone());
-    let env = launch.processes.first().map(|process| process.env.clone()).unwrap_or_default();
-    if let Some(process) = launch.processes.iter_mut().find(|process| process.name == name) {
+    let daemon = launch
+        .processes
+        .iter()
+        .find(|process| is_daemon(process))
+        .map(|process| process.name.clone());
+    let env = launch
+        .processes
+        .first()
+        .map(|process| process.env.clone())
+        .unwrap_or_default();
+    if let Some(process) = launch
+        .processes
+        .iter_mut()
+        .find(|process| process.name == name)
+    {
         process.cmd = cmd;
         process.stop = stop.unwrap_or(process.stop);
         process.required |= required;
@@ -93,29 +121,52 @@ fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
         ViewMode::Web => vec!["--web".into()],
         ViewMode::Save(file) => vec!["--save".into(), file.display().to_string()],
     };
-    Some(std::iter::once("gantry-view".to_owned()).chain(words).collect())
+    Some(
+        std::iter::once("gantry-view".to_owned())
+            .chain(words)
+            .collect(),
+    )
 }
 
 /// One plan per process, in the order of the file.
 ///
 /// # Errors
 /// A sentence per program that is missing.
-pub fn make(launch: &Launch, common: &CommonArgs, run_dir: &Path, resolved: &Path) -> Result<Vec<Plan>, String> {
+pub fn make(
+    launch: &Launch,
+    common: &CommonArgs,
+    run_dir: &Path,
+    resolved: &Path,
+) -> Result<Vec<Plan>, String> {
     let mut missing = Vec::new();
     let mut plans = Vec::new();
     for process in &launch.processes {
-        let (program, args) = process.cmd.split_first().expect("a launch file's cmd names a program");
+        let (program, args) = process
+            .cmd
+            .split_first()
+            .expect("a launch file's cmd names a program");
         let replaced = |text: &str| replace_variables(text, process, common, run_dir, resolved);
         match programs::find(&replaced(program)) {
             Err(error) => missing.push(format!("process {}: {error}", process.name)),
             Ok(program_path) => {
                 let mut args: Vec<String> = args.iter().map(|arg| replaced(arg)).collect();
                 add_shared_flags(&mut args, process, common, resolved);
-                plans.push(plan(launch, process, program_path, args, run_dir, &replaced));
+                plans.push(plan(
+                    launch,
+                    process,
+                    program_path,
+                    args,
+                    run_dir,
+                    &replaced,
+                ));
             }
         }
     }
-    if missing.is_empty() { Ok(plans) } else { Err(missing.join("\n")) }
+    if missing.is_empty() {
+        Ok(plans)
+    } else {
+        Err(missing.join("\n"))
+    }
 }
 
 fn plan(
@@ -126,20 +177,32 @@ fn plan(
     run_dir: &Path,
     replaced: &dyn Fn(&str) -> String,
 ) -> Plan {
-    let index_of = |name: &String| launch.processes.iter().position(|other| other.name == *name).expect("the launch file checked `after`");
+    let index_of = |name: &String| {
+        launch
+            .processes
+            .iter()
+            .position(|other| other.name == *name)
+            .expect("the launch file checked `after`")
+    };
     let ready = process.ready.as_ref();
     Plan {
         name: process.name.clone(),
         program,
         args,
-        env: process.env.iter().map(|(key, value)| (key.clone(), replaced(value))).collect(),
+        env: process
+            .env
+            .iter()
+            .map(|(key, value)| (key.clone(), replaced(value)))
+            .collect(),
         cpus: process.cpus.clone(),
         run_dir: run_dir.to_owned(),
         required: process.required,
         after: process.after.iter().map(index_of).collect(),
         ready: ready.map(|ready| match &ready.when {
             ReadyWhen::Service(topic) => ReadySign::Service(topic.clone()),
-            ReadyWhen::Line(pattern) => ReadySign::Line(Regex::new(pattern).expect("the launch file checked the pattern")),
+            ReadyWhen::Line(pattern) => {
+                ReadySign::Line(Regex::new(pattern).expect("the launch file checked the pattern"))
+            }
             ReadyWhen::Tcp(address) => ReadySign::Tcp(address.clone()),
         }),
         ready_within: ready.map_or(std::time::Duration::ZERO, |ready| ready.within.duration()),
@@ -149,27 +212,56 @@ fn plan(
 }
 
 /// `${…}` are the only things a launch file leaves open.
-fn replace_variables(text: &str, process: &Process, common: &CommonArgs, run_dir: &Path, resolved: &Path) -> String {
+fn replace_variables(
+    text: &str,
+    process: &Process,
+    common: &CommonArgs,
+    run_dir: &Path,
+    resolved: &Path,
+) -> String {
     text.replace("${run_dir}", &run_dir.to_string_lossy())
         .replace("${name}", &process.name)
         .replace("${domain}", &common.domain)
         .replace("${launch}", &resolved.to_string_lossy())
 }
 
-/// Programs of Gantry get the launcher's domain and log flags, the daemon also the launch file, unless they name them themselves.
-fn add_shared_flags(args: &mut Vec<String>, process: &Process, common: &CommonArgs, resolved: &Path) {
-    if !process.cmd.first().is_some_and(|program| programs::is_ours(program)) {
+/// Programs of Gantry get the launcher's domain and log flags, the daemon also the launch file,
+/// unless they name them themselves.
+fn add_shared_flags(
+    args: &mut Vec<String>,
+    process: &Process,
+    common: &CommonArgs,
+    resolved: &Path,
+) {
+    if !process
+        .cmd
+        .first()
+        .is_some_and(|program| programs::is_ours(program))
+    {
         return;
     }
     let has = |args: &[String], flag: &str| {
-        args.iter().any(|arg| arg == flag || arg.strip_prefix(flag).is_some_and(|rest| rest.starts_with('=')))
+        args.iter().any(|arg| {
+            arg == flag
+                || arg
+                    .strip_prefix(flag)
+                    .is_some_and(|rest| rest.starts_with('='))
+        })
     };
     if is_daemon(process) && !has(args, "--launch") {
         args.extend(["--launch".into(), resolved.display().to_string()]);
     }
     // Logs lie in DATA/runs/<start>/; what the daemon and the gateway keep lies beside them.
-    let keeps = is_daemon(process) || process.cmd.first().is_some_and(|program| program.ends_with("gantry-carla"));
-    if let Some(data) = resolved.ancestors().nth(3).filter(|data| keeps && !data.as_os_str().is_empty() && !has(args, "--data")) {
+    let keeps = is_daemon(process)
+        || process
+            .cmd
+            .first()
+            .is_some_and(|program| program.ends_with("gantry-carla"));
+    if let Some(data) = resolved
+        .ancestors()
+        .nth(3)
+        .filter(|data| keeps && !data.as_os_str().is_empty() && !has(args, "--data"))
+    {
         args.extend(["--data".into(), data.display().to_string()]);
     }
     if !has(args, "--domain") {
@@ -179,7 +271,15 @@ fn add_shared_flags(args: &mut Vec<String>, process: &Process, common: &CommonAr
         args.extend(["--log-format".into(), "json".into()]);
     }
     if !has(args, "--color") {
-        args.extend(["--color".into(), if common.color.on_stderr() { "always" } else { "never" }.into()]);
+        args.extend([
+            "--color".into(),
+            if common.color.on_stderr() {
+                "always"
+            } else {
+                "never"
+            }
+            .into(),
+        ]);
     }
     args.extend((0..common.verbose).map(|_| "-v".to_owned()));
     args.extend((0..common.quiet).map(|_| "-q".to_owned()));
@@ -192,7 +292,9 @@ mod tests {
 
     fn up(words: &[&str]) -> UpArgs {
         let args = crate::cli::Args::try_parse_from(["gantry", "up"].iter().chain(words)).unwrap();
-        let crate::cli::Word::Up(up) = args.word else { panic!("up is up") };
+        let crate::cli::Word::Up(up) = args.word else {
+            panic!("up is up")
+        };
         up
     }
 
@@ -207,19 +309,33 @@ mod tests {
     fn record_and_view_become_processes_after_the_daemon() {
         let both = launch(&["--record", "a.mcap", "--view", "save:b.rrd"]);
         let record = both.process("record").unwrap();
-        assert_eq!(record.cmd, ["gantry-record", "--lockstep", "--out", "a.mcap"]);
-        assert_eq!(both.process("world").unwrap().cmd, ["simd", "--await-lockstep", "1"]);
+        assert_eq!(
+            record.cmd,
+            ["gantry-record", "--lockstep", "--out", "a.mcap"]
+        );
+        assert_eq!(
+            both.process("world").unwrap().cmd,
+            ["simd", "--await-lockstep", "1"]
+        );
         assert_eq!(record.after, ["world"]);
         let view = both.process("view").unwrap();
         assert_eq!(view.cmd, ["gantry-view", "--save", "b.rrd"]);
-        assert_eq!(view.stop.grace, Period::from_millis(9_000), "what the file says of its view holds");
+        assert_eq!(
+            view.stop.grace,
+            Period::from_millis(9_000),
+            "what the file says of its view holds"
+        );
         assert!(launch(&["--view", "none"]).process("view").is_none());
         assert!(launch(&[]).process("view").is_some());
     }
 
     #[test]
     fn flags_reach_our_programs_and_only_them() {
-        let common = CommonArgs { domain: "lab".into(), verbose: 2, ..Default::default() };
+        let common = CommonArgs {
+            domain: "lab".into(),
+            verbose: 2,
+            ..Default::default()
+        };
         let launch = launch(&[]);
         let flags = |name: &str| {
             let process = launch.process(name).unwrap();
@@ -227,18 +343,44 @@ mod tests {
             add_shared_flags(&mut args, process, &common, Path::new("run/launch.toml"));
             args.join(" ")
         };
-        assert!(flags("world").starts_with("--launch run/launch.toml --domain lab"), "{}", flags("world"));
-        assert!(flags("view").starts_with("--domain lab") && flags("view").ends_with("-v -v"), "{}", flags("view"));
+        assert!(
+            flags("world").starts_with("--launch run/launch.toml --domain lab"),
+            "{}",
+            flags("world")
+        );
+        assert!(
+            flags("view").starts_with("--domain lab") && flags("view").ends_with("-v -v"),
+            "{}",
+            flags("view")
+        );
         assert!(flags("other").starts_with("-c"));
-        let text =
-            replace_variables("${domain} ${name} ${run_dir}", launch.process("other").unwrap(), &common, Path::new("d"), Path::new("l"));
+        let text = replace_variables(
+            "${domain} ${name} ${run_dir}",
+            launch.process("other").unwrap(),
+            &common,
+            Path::new("d"),
+            Path::new("l"),
+        );
         assert_eq!(text, "lab other d");
     }
 
     #[test]
     fn a_missing_program_is_named_with_its_process() {
-        let launch = Launch::parse("version = 1\n[process.a]\ncmd = [\"gantry-nothing\"]\n", "x").unwrap();
-        let message = make(&launch, &CommonArgs::default(), Path::new("."), Path::new("x")).unwrap_err();
-        assert!(message.starts_with("process a: there is no program \"gantry-nothing\""), "{message}");
+        let launch = Launch::parse(
+            "version = 1\n[process.a]\ncmd = [\"gantry-nothing\"]\n",
+            "x",
+        )
+        .unwrap();
+        let message = make(
+            &launch,
+            &CommonArgs::default(),
+            Path::new("."),
+            Path::new("x"),
+        )
+        .unwrap_err();
+        assert!(
+            message.starts_with("process a: there is no program \"gantry-nothing\""),
+            "{message}"
+        );
     }
 }

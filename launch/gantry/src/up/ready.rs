@@ -14,9 +14,9 @@ pub fn look(sign: &ReadySign, bus: &Bus) -> bool {
     match sign {
         ReadySign::Service(topic) => bus.has_writer(topic),
         ReadySign::Line(_) => false,
-        ReadySign::Tcp(address) => address
-            .to_socket_addrs()
-            .is_ok_and(|mut addresses| addresses.any(|address| TcpStream::connect_timeout(&address, CONNECT_TIMEOUT).is_ok())),
+        ReadySign::Tcp(address) => address.to_socket_addrs().is_ok_and(|mut addresses| {
+            addresses.any(|address| TcpStream::connect_timeout(&address, CONNECT_TIMEOUT).is_ok())
+        }),
     }
 }
 

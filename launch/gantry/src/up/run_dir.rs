@@ -1,4 +1,5 @@
-//! The folder of one run: `DATA/runs/<start>/` with a log per process and the launch file as it was run.
+//! The folder of one run: `DATA/runs/<start>/` with a log per process and the launch file as it was
+//! run.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -8,11 +9,20 @@ use anyhow::Context as _;
 /// Makes the folder and points `runs/latest` at it.
 pub fn make(data: Option<&Path>) -> anyhow::Result<PathBuf> {
     let runs = launch_cli::data_dir(data)?.join("runs");
-    std::fs::create_dir_all(&runs).with_context(|| format!("cannot make the folder {}; choose another with --data", runs.display()))?;
+    std::fs::create_dir_all(&runs).with_context(|| {
+        format!(
+            "cannot make the folder {}; choose another with --data",
+            runs.display()
+        )
+    })?;
     let start = utc(SystemTime::now()).replace(':', "-");
     let start = start.split('.').next().unwrap_or_default();
     for attempt in 0..1000 {
-        let name = if attempt == 0 { start.to_owned() } else { format!("{start}_{attempt}") };
+        let name = if attempt == 0 {
+            start.to_owned()
+        } else {
+            format!("{start}_{attempt}")
+        };
         let folder = runs.join(&name);
         match std::fs::create_dir(&folder) {
             Ok(()) => {
@@ -21,7 +31,12 @@ pub fn make(data: Option<&Path>) -> anyhow::Result<PathBuf> {
             }
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
             Err(error) => {
-                return Err(error).with_context(|| format!("cannot make the folder {}; choose another with --data", folder.display()));
+                return Err(error).with_context(|| {
+                    format!(
+                        "cannot make the folder {}; choose another with --data",
+                        folder.display()
+                    )
+                });
             }
         }
     }
@@ -44,17 +59,29 @@ pub fn utc(time: SystemTime) -> String {
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{millis:03}")
 }
 
-/// Year, month and day of a day count from 1970-01-01 in the Gregorian calendar, by whole 400-year cycles that begin in March.
+/// Year, month and day of a day count from 1970-01-01 in the Gregorian calendar, by whole 400-year
+/// cycles that begin in March.
 fn civil(days: i64) -> (i64, i64, i64) {
     let days = days + 719_468;
     let cycle = days.div_euclid(146_097);
     let day_of_cycle = days.rem_euclid(146_097);
-    let year_of_cycle = (day_of_cycle - day_of_cycle / 1_460 + day_of_cycle / 36_524 - day_of_cycle / 146_096) / 365;
-    let day_of_year = day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
+    let year_of_cycle = (day_of_cycle - day_of_cycle / 1_460 + day_of_cycle / 36_524
+        - day_of_cycle / 146_096)
+        / 365;
+    let day_of_year =
+        day_of_cycle - (365 * year_of_cycle + year_of_cycle / 4 - year_of_cycle / 100);
     let march_month = (5 * day_of_year + 2) / 153;
     let day = day_of_year - (153 * march_month + 2) / 5 + 1;
-    let month = if march_month < 10 { march_month + 3 } else { march_month - 9 };
-    (cycle * 400 + year_of_cycle + i64::from(month <= 2), month, day)
+    let month = if march_month < 10 {
+        march_month + 3
+    } else {
+        march_month - 9
+    };
+    (
+        cycle * 400 + year_of_cycle + i64::from(month <= 2),
+        month,
+        day,
+    )
 }
 
 #[cfg(test)]
@@ -73,8 +100,14 @@ mod tests {
     #[test]
     fn two_runs_of_one_second_have_two_folders() {
         let data = tempfile::tempdir().unwrap();
-        let (a, b) = (make(Some(data.path())).unwrap(), make(Some(data.path())).unwrap());
+        let (a, b) = (
+            make(Some(data.path())).unwrap(),
+            make(Some(data.path())).unwrap(),
+        );
         assert_ne!(a, b);
-        assert_eq!(data.path().join("runs/latest").canonicalize().unwrap(), b.canonicalize().unwrap());
+        assert_eq!(
+            data.path().join("runs/latest").canonicalize().unwrap(),
+            b.canonicalize().unwrap()
+        );
     }
 }

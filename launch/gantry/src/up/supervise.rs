@@ -1,7 +1,9 @@
 //! The life of a set of processes: start in order, watch, restart, stop in order, leave nothing.
 //!
-//! One thread decides everything; the threads around a process only report. A process starts when all it comes `after` are ready, and is
-//! asked to end when all that come after it have ended, so readers go before what they read. Every wait has an end: grace, then TERM,
+//! One thread decides everything; the threads around a process only report. A process starts when
+//! all it comes `after` are ready, and is
+//! asked to end when all that come after it have ended, so readers go before what they read. Every
+//! wait has an end: grace, then TERM,
 //! then KILL, always to the whole process group.
 
 use std::collections::VecDeque;
@@ -37,10 +39,20 @@ pub struct Signals {
 impl Signals {
     pub fn install() -> anyhow::Result<Self> {
         let (events, inbox) = channel();
-        let wanted = [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM, signal_hook::consts::SIGHUP];
-        let mut signals = signal_hook::iterator::Signals::new(wanted).context("cannot listen for signals")?;
+        let wanted = [
+            signal_hook::consts::SIGINT,
+            signal_hook::consts::SIGTERM,
+            signal_hook::consts::SIGHUP,
+        ];
+        let mut signals =
+            signal_hook::iterator::Signals::new(wanted).context("cannot listen for signals")?;
         let sender = events.clone();
-        std::thread::spawn(move || signals.forever().take_while(|_| sender.send(Event::Signal).is_ok()).for_each(drop));
+        std::thread::spawn(move || {
+            signals
+                .forever()
+                .take_while(|_| sender.send(Event::Signal).is_ok())
+                .for_each(drop)
+        });
         Ok(Signals { events, inbox })
     }
 }
@@ -113,11 +125,24 @@ pub struct Supervisor {
 impl Supervisor {
     /// # Errors
     /// When a log file cannot be made.
-    pub fn new(plans: Vec<Plan>, output: Output, bus: Bus, run_for: Option<Duration>, signals: Signals) -> anyhow::Result<Self> {
+    pub fn new(
+        plans: Vec<Plan>,
+        output: Output,
+        bus: Bus,
+        run_for: Option<Duration>,
+        signals: Signals,
+    ) -> anyhow::Result<Self> {
         let slots = plans.into_iter().enumerate().map(|(idx, plan)| {
             let sink = output.sink(idx, &plan.name, &plan.run_dir)?;
             let delay = plan.restart.delay.duration();
-            Ok(Slot { plan, sink, state: State::Waiting, starts: 0, restarts: VecDeque::new(), delay })
+            Ok(Slot {
+                plan,
+                sink,
+                state: State::Waiting,
+                starts: 0,
+                restarts: VecDeque::new(),
+                delay,
+            })
         });
         Ok(Supervisor {
             slots: slots.collect::<anyhow::Result<_>>()?,
@@ -139,17 +164,24 @@ impl Supervisor {
         loop {
             if self.ending.is_none() {
                 self.look_for_readiness();
-                // Again while something started: a process without a sign is ready at once, and others may have waited for it.
+                // Again while something started: a process without a sign is ready at once, and
+                // others may have waited for it.
                 while self.start_those_that_may() {}
                 self.note_all_ready();
             }
             if self.ending.is_some() {
                 self.ask_to_end();
             }
-            if self.slots.iter().all(|slot| matches!(slot.state, State::Over(_))) {
+            if self
+                .slots
+                .iter()
+                .all(|slot| matches!(slot.state, State::Over(_)))
+            {
                 break;
             }
-            let nap = self.next_deadline().saturating_duration_since(Instant::now());
+            let nap = self
+                .next_deadline()
+                .saturating_duration_since(Instant::now());
             if let Ok(event) = self.inbox.recv_timeout(nap) {
                 self.handle(event);
             }
@@ -165,7 +197,11 @@ impl Supervisor {
         let mut started = false;
         for idx in 0..self.slots.len() {
             let due = match self.slots[idx].state {
-                State::Waiting => self.slots[idx].plan.after.iter().all(|before| self.is_ready_or_done(*before)),
+                State::Waiting => self.slots[idx]
+                    .plan
+                    .after
+                    .iter()
+                    .all(|before| self.is_ready_or_done(*before)),
                 State::Pausing { until } => until <= now,
                 _ => false,
             };
@@ -193,11 +229,17 @@ impl Supervisor {
         match child::start(idx, slot.starts, &slot.plan, &slot.sink, &self.events) {
             Ok(run) => {
                 self.open_pipes += 2;
-                self.output.say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
-                slot.state = State::Up { run, ready: slot.plan.ready.is_none(), asked: None };
+                self.output
+                    .say(&format!("started {} (pid {})", slot.plan.name, run.pid()));
+                slot.state = State::Up {
+                    run,
+                    ready: slot.plan.ready.is_none(),
+                    asked: None,
+                };
             }
             Err(error) => {
-                self.output.warn(&format!("process {}: {error:#}", slot.plan.name));
+                self.output
+                    .warn(&format!("process {}: {error:#}", slot.plan.name));
                 slot.state = State::Over(Outcome::Failed);
                 self.end(Reason::Failed);
             }
@@ -212,13 +254,24 @@ impl Supervisor {
         }
         for idx in 0..self.slots.len() {
             let slot = &self.slots[idx];
-            let (State::Up { run, ready: false, .. }, Some(sign)) = (&slot.state, &slot.plan.ready) else { continue };
+            let (
+                State::Up {
+                    run, ready: false, ..
+                },
+                Some(sign),
+            ) = (&slot.state, &slot.plan.ready)
+            else {
+                continue;
+            };
             if look && ready::look(sign, &self.bus) {
                 self.mark_ready(idx);
             } else if now >= run.since + slot.plan.ready_within {
                 let waited = slot.plan.ready_within.as_secs_f64();
                 let sign = ready::describe(sign);
-                self.output.warn(&format!("process {} was not ready within {waited} s: there was no sign of {sign}", slot.plan.name));
+                self.output.warn(&format!(
+                    "process {} was not ready within {waited} s: there was no sign of {sign}",
+                    slot.plan.name
+                ));
                 self.end(Reason::Failed);
             }
         }
@@ -228,23 +281,38 @@ impl Supervisor {
         let slot = &mut self.slots[idx];
         if let State::Up { run, ready, .. } = &mut slot.state {
             *ready = true;
-            self.output.say(&format!("{} is ready after {:.1} s", slot.plan.name, run.since.elapsed().as_secs_f64()));
+            self.output.say(&format!(
+                "{} is ready after {:.1} s",
+                slot.plan.name,
+                run.since.elapsed().as_secs_f64()
+            ));
         }
     }
 
     /// `--for` counts from the moment nothing is waited for any more.
     fn note_all_ready(&mut self) {
         let now = Instant::now();
-        let at_rest = |slot: &Slot| matches!(slot.state, State::Up { ready: true, .. } | State::Over(_) | State::Pausing { .. });
+        let at_rest = |slot: &Slot| {
+            matches!(
+                slot.state,
+                State::Up { ready: true, .. } | State::Over(_) | State::Pausing { .. }
+            )
+        };
         if self.all_ready_at.is_none() && self.ending.is_none() && self.slots.iter().all(at_rest) {
             self.all_ready_at = Some(now);
-            let until = self.run_for.map_or("Ctrl-C stops them".to_owned(), |time| format!("they run for {} s", time.as_secs_f64()));
-            self.output.say(&format!("all {} processes are up; {until}", self.slots.len()));
+            let until = self.run_for.map_or("Ctrl-C stops them".to_owned(), |time| {
+                format!("they run for {} s", time.as_secs_f64())
+            });
+            self.output.say(&format!(
+                "all {} processes are up; {until}",
+                self.slots.len()
+            ));
         }
         if let (Some(since), Some(time)) = (self.all_ready_at, self.run_for)
             && now >= since + time
         {
-            self.output.say(&format!("{} s are over; stopping", time.as_secs_f64()));
+            self.output
+                .say(&format!("{} s are over; stopping", time.as_secs_f64()));
             self.end(Reason::Wished);
         }
     }
@@ -254,25 +322,51 @@ impl Supervisor {
         self.ending.get_or_insert(reason);
     }
 
-    /// Asks those whose readers have all ended, and loses patience with those who were asked long ago.
+    /// Asks those whose readers have all ended, and loses patience with those who were asked long
+    /// ago.
     fn ask_to_end(&mut self) {
         let now = Instant::now();
         for idx in 0..self.slots.len() {
-            let has_readers = self.slots.iter().any(|slot| slot.plan.after.contains(&idx) && matches!(slot.state, State::Up { .. }));
+            let has_readers = self.slots.iter().any(|slot| {
+                slot.plan.after.contains(&idx) && matches!(slot.state, State::Up { .. })
+            });
             let slot = &mut self.slots[idx];
             let grace = slot.plan.stop.grace.duration();
             match &mut slot.state {
                 State::Waiting | State::Pausing { .. } => slot.state = State::Over(Outcome::Fine),
-                State::Up { run, asked: asked @ None, .. } if !has_readers => {
+                State::Up {
+                    run,
+                    asked: asked @ None,
+                    ..
+                } if !has_readers => {
                     let signal = signal_of(slot.plan.stop.signal);
                     run.signal(signal);
-                    *asked = Some(Asked { first: signal, last: signal, until: now + grace });
+                    *asked = Some(Asked {
+                        first: signal,
+                        last: signal,
+                        until: now + grace,
+                    });
                 }
-                State::Up { run, asked: Some(asked), .. } if now >= asked.until && asked.last != Signal::SIGKILL => {
-                    let harder = if asked.last == Signal::SIGTERM { Signal::SIGKILL } else { Signal::SIGTERM };
-                    self.output.warn(&format!("{} did not end after {}; sending {harder}", slot.plan.name, asked.last));
+                State::Up {
+                    run,
+                    asked: Some(asked),
+                    ..
+                } if now >= asked.until && asked.last != Signal::SIGKILL => {
+                    let harder = if asked.last == Signal::SIGTERM {
+                        Signal::SIGKILL
+                    } else {
+                        Signal::SIGTERM
+                    };
+                    self.output.warn(&format!(
+                        "{} did not end after {}; sending {harder}",
+                        slot.plan.name, asked.last
+                    ));
                     run.signal(harder);
-                    *asked = Asked { last: harder, until: now + TERM_GRACE, ..*asked };
+                    *asked = Asked {
+                        last: harder,
+                        until: now + TERM_GRACE,
+                        ..*asked
+                    };
                 }
                 _ => {}
             }
@@ -283,8 +377,12 @@ impl Supervisor {
         let idle = Instant::now() + Duration::from_secs(3600);
         let of_slot = |slot: &Slot| match &slot.state {
             State::Pausing { until } => *until,
-            State::Up { asked: Some(asked), .. } if asked.last != Signal::SIGKILL => asked.until,
-            State::Up { run, ready: false, .. } if self.ending.is_none() => match slot.plan.ready {
+            State::Up {
+                asked: Some(asked), ..
+            } if asked.last != Signal::SIGKILL => asked.until,
+            State::Up {
+                run, ready: false, ..
+            } if self.ending.is_none() => match slot.plan.ready {
                 Some(ReadySign::Line(_)) | None => run.since + slot.plan.ready_within,
                 Some(_) => self.next_look.min(run.since + slot.plan.ready_within),
             },
@@ -294,14 +392,18 @@ impl Supervisor {
             (Some(since), Some(time)) if self.ending.is_none() => since + time,
             _ => idle,
         };
-        self.slots.iter().map(of_slot).fold(time_is_over.min(idle), Instant::min)
+        self.slots
+            .iter()
+            .map(of_slot)
+            .fold(time_is_over.min(idle), Instant::min)
     }
 
     fn handle(&mut self, event: Event) {
         match event {
             Event::PipeClosed => self.open_pipes -= 1,
             Event::SaidReady { idx, start } => {
-                if matches!(&self.slots[idx].state, State::Up { run, ready: false, .. } if run.start == start) {
+                if matches!(&self.slots[idx].state, State::Up { run, ready: false, .. } if run.start == start)
+                {
                     self.mark_ready(idx);
                 }
             }
@@ -324,25 +426,38 @@ impl Supervisor {
         for slot in &mut self.slots {
             if let State::Up { run, asked, .. } = &mut slot.state {
                 run.signal(Signal::SIGKILL);
-                *asked = Some(Asked { first: Signal::SIGINT, last: Signal::SIGKILL, until: Instant::now() });
+                *asked = Some(Asked {
+                    first: Signal::SIGINT,
+                    last: Signal::SIGKILL,
+                    until: Instant::now(),
+                });
             }
         }
     }
 
     fn ended(&mut self, idx: usize) {
         let slot = &mut self.slots[idx];
-        let State::Up { run, asked, .. } = std::mem::replace(&mut slot.state, State::Waiting) else { return };
+        let State::Up { run, asked, .. } = std::mem::replace(&mut slot.state, State::Waiting)
+        else {
+            return;
+        };
         let ran_for = run.since.elapsed();
         let status = match run.reap() {
             Ok(status) => status,
             Err(error) => {
-                self.output.warn(&format!("process {}: {error:#}", slot.plan.name));
+                self.output
+                    .warn(&format!("process {}: {error:#}", slot.plan.name));
                 ExitStatus::from_raw(1 << 8)
             }
         };
         // What it held in shared memory is free again before anybody restarts.
         self.bus.clean();
-        let text = format!("{} ended with {} after {:.1} s", slot.plan.name, child::describe(status), ran_for.as_secs_f64());
+        let text = format!(
+            "{} ended with {} after {:.1} s",
+            slot.plan.name,
+            child::describe(status),
+            ran_for.as_secs_f64()
+        );
         slot.sink.note(&format!("--- {text}"));
         let outcome = outcome_of(status, asked);
         if outcome == Outcome::Fine {
@@ -375,9 +490,17 @@ impl Supervisor {
                 }
                 slot.restarts.push_back(now);
                 let (n, pause) = (slot.restarts.len(), slot.delay);
-                self.output.say(&format!("restarting {} in {} ms ({n} of {})", slot.plan.name, pause.as_millis(), restart.max));
+                self.output.say(&format!(
+                    "restarting {} in {} ms ({n} of {})",
+                    slot.plan.name,
+                    pause.as_millis(),
+                    restart.max
+                ));
                 slot.state = State::Pausing { until: now + pause };
-                slot.delay = slot.delay.mul_f64(restart.factor).min(restart.max_delay.duration());
+                slot.delay = slot
+                    .delay
+                    .mul_f64(restart.factor)
+                    .min(restart.max_delay.duration());
                 return;
             }
             let (name, max) = (&slot.plan.name, restart.max);
@@ -391,21 +514,32 @@ impl Supervisor {
             return self.end(Reason::Failed);
         }
         if slot.plan.required {
-            self.output.say(&format!("{} is required; stopping", slot.plan.name));
+            self.output
+                .say(&format!("{} is required; stopping", slot.plan.name));
             return self.end(Reason::Required(status));
         }
-        let is_waited_for = self.slots.iter().any(|other| other.plan.after.contains(&idx) && matches!(other.state, State::Waiting));
+        let is_waited_for = self
+            .slots
+            .iter()
+            .any(|other| other.plan.after.contains(&idx) && matches!(other.state, State::Waiting));
         if is_waited_for && !status.success() {
-            self.output.warn(&format!("others wait for {}; stopping", self.slots[idx].plan.name));
+            self.output.warn(&format!(
+                "others wait for {}; stopping",
+                self.slots[idx].plan.name
+            ));
             self.end(Reason::Failed);
         }
     }
 
-    /// Pipes close when the last process of a group is gone; one that escaped its group is not waited for.
+    /// Pipes close when the last process of a group is gone; one that escaped its group is not
+    /// waited for.
     fn wait_for_last_words(&mut self) {
         let until = Instant::now() + LAST_WORDS;
         while self.open_pipes > 0 {
-            match self.inbox.recv_timeout(until.saturating_duration_since(Instant::now())) {
+            match self
+                .inbox
+                .recv_timeout(until.saturating_duration_since(Instant::now()))
+            {
                 Ok(event) => self.handle(event),
                 Err(_) => return,
             }
@@ -413,17 +547,26 @@ impl Supervisor {
     }
 
     fn verdict(&self) -> Exit {
-        let outcomes = self.slots.iter().filter_map(|slot| if let State::Over(outcome) = slot.state { Some(outcome) } else { None });
+        let outcomes = self.slots.iter().filter_map(|slot| {
+            if let State::Over(outcome) = slot.state {
+                Some(outcome)
+            } else {
+                None
+            }
+        });
         let worst = outcomes.max().unwrap_or(Outcome::Fine);
         let exit = match (&self.ending, worst) {
             (_, _) if self.killed => Exit::Failed,
             (Some(Reason::Failed), _) => Exit::Failed,
-            (Some(Reason::Required(status)), _) if !status.success() => Exit::Code(code_of(*status)),
+            (Some(Reason::Required(status)), _) if !status.success() => {
+                Exit::Code(code_of(*status))
+            }
             (_, Outcome::Failed) => Exit::Failed,
             (_, Outcome::DataLost) => Exit::DataLost,
             (_, Outcome::Fine) => Exit::Done,
         };
-        self.output.say(&format!("everything has ended: exit code {}", exit.code()));
+        self.output
+            .say(&format!("everything has ended: exit code {}", exit.code()));
         exit
     }
 }
@@ -440,15 +583,26 @@ fn signal_of(signal: StopSignal) -> Signal {
 
 /// As a shell reports it: the code, or 128 + the signal.
 fn code_of(status: ExitStatus) -> u8 {
-    let code = status.code().unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
+    let code = status
+        .code()
+        .unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
     u8::try_from(code).unwrap_or(1)
 }
 
-/// To end by the signal one was sent is to obey, except for KILL, which the launch file must ask for.
+/// To end by the signal one was sent is to obey, except for KILL, which the launch file must ask
+/// for.
 fn outcome_of(status: ExitStatus, asked: Option<Asked>) -> Outcome {
     let obeyed = asked.is_some_and(|asked| {
-        let polite = [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGQUIT, asked.first];
-        polite.iter().any(|signal| code_of(status) == 128 + *signal as u8)
+        let polite = [
+            Signal::SIGINT,
+            Signal::SIGTERM,
+            Signal::SIGHUP,
+            Signal::SIGQUIT,
+            asked.first,
+        ];
+        polite
+            .iter()
+            .any(|signal| code_of(status) == 128 + *signal as u8)
     });
     match status.code() {
         Some(0) => Outcome::Fine,
@@ -463,7 +617,11 @@ mod tests {
     use super::*;
 
     fn asked(first: Signal) -> Option<Asked> {
-        Some(Asked { first, last: first, until: Instant::now() })
+        Some(Asked {
+            first,
+            last: first,
+            until: Instant::now(),
+        })
     }
 
     #[test]
@@ -471,14 +629,29 @@ mod tests {
         let code = |code: i32| ExitStatus::from_raw(code << 8);
         let by = |signal: Signal| ExitStatus::from_raw(signal as i32);
         assert_eq!(outcome_of(code(0), None), Outcome::Fine);
-        assert_eq!(outcome_of(code(3), asked(Signal::SIGINT)), Outcome::DataLost);
+        assert_eq!(
+            outcome_of(code(3), asked(Signal::SIGINT)),
+            Outcome::DataLost
+        );
         assert_eq!(outcome_of(code(1), asked(Signal::SIGINT)), Outcome::Failed);
-        assert_eq!(outcome_of(by(Signal::SIGINT), asked(Signal::SIGINT)), Outcome::Fine);
+        assert_eq!(
+            outcome_of(by(Signal::SIGINT), asked(Signal::SIGINT)),
+            Outcome::Fine
+        );
         assert_eq!(outcome_of(code(130), asked(Signal::SIGTERM)), Outcome::Fine);
         assert_eq!(outcome_of(by(Signal::SIGINT), None), Outcome::Failed);
-        assert_eq!(outcome_of(by(Signal::SIGKILL), asked(Signal::SIGINT)), Outcome::Failed);
-        assert_eq!(outcome_of(by(Signal::SIGKILL), asked(Signal::SIGKILL)), Outcome::Fine);
-        assert_eq!(outcome_of(by(Signal::SIGSEGV), asked(Signal::SIGINT)), Outcome::Failed);
+        assert_eq!(
+            outcome_of(by(Signal::SIGKILL), asked(Signal::SIGINT)),
+            Outcome::Failed
+        );
+        assert_eq!(
+            outcome_of(by(Signal::SIGKILL), asked(Signal::SIGKILL)),
+            Outcome::Fine
+        );
+        assert_eq!(
+            outcome_of(by(Signal::SIGSEGV), asked(Signal::SIGINT)),
+            Outcome::Failed
+        );
         assert_eq!(code_of(by(Signal::SIGKILL)), 137);
     }
 }

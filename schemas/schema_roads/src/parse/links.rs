@@ -9,25 +9,47 @@ use crate::raw::RawMap;
 
 /// Reports every link of roads, connections and controllers whose other end is not there.
 pub(super) fn check(reader: &mut Reader, root: Node, map: &RawMap) {
-    let listed: HashSet<&str> = children(root, "road").map(|node| text(node, "id")).collect();
-    let junctions: HashSet<&str> = map.junctions.iter().map(|junction| junction.id.as_str()).collect();
+    let listed: HashSet<&str> = children(root, "road")
+        .map(|node| text(node, "id"))
+        .collect();
+    let junctions: HashSet<&str> = map
+        .junctions
+        .iter()
+        .map(|junction| junction.id.as_str())
+        .collect();
     let has_road = |id: &str| listed.contains(id);
     for road in children(root, "road") {
-        let Some(link) = child(road, "link") else { continue };
+        let Some(link) = child(road, "link") else {
+            continue;
+        };
         for name in ["predecessor", "successor"] {
-            let Some(node) = child(link, name) else { continue };
+            let Some(node) = child(link, name) else {
+                continue;
+            };
             let id = text(node, "elementId");
             let (kind, there) = match text(node, "elementType") {
                 "junction" => ("junction", junctions.contains(id)),
                 _ => ("road", has_road(id)),
             };
             if !there && !id.is_empty() {
-                reader.error(node, format!("road \"{}\" has the {name} {kind} \"{id}\", which the file does not have", text(road, "id")));
+                reader.error(
+                    node,
+                    format!(
+                        "road \"{}\" has the {name} {kind} \"{id}\", which the file does not have",
+                        text(road, "id")
+                    ),
+                );
             }
         }
         let junction = text(road, "junction");
         if !matches!(junction, "" | "-1") && !junctions.contains(junction) {
-            reader.error(road, format!("road \"{}\" belongs to junction \"{junction}\", which the file does not have", text(road, "id")));
+            reader.error(
+                road,
+                format!(
+                    "road \"{}\" belongs to junction \"{junction}\", which the file does not have",
+                    text(road, "id")
+                ),
+            );
         }
     }
     for junction in children(root, "junction") {
@@ -41,13 +63,22 @@ pub(super) fn check(reader: &mut Reader, root: Node, map: &RawMap) {
             }
         }
     }
-    let signals: HashSet<&str> = map.signals.iter().map(|signal| signal.id.as_str()).collect();
+    let signals: HashSet<&str> = map
+        .signals
+        .iter()
+        .map(|signal| signal.id.as_str())
+        .collect();
     for controller in children(root, "controller") {
         for control in children(controller, "control") {
             let id = text(control, "signalId");
             if !signals.contains(id) {
                 let of = text(controller, "id");
-                reader.warn(control, format!("controller \"{of}\" switches signal \"{id}\", which the file does not have"));
+                reader.warn(
+                    control,
+                    format!(
+                        "controller \"{of}\" switches signal \"{id}\", which the file does not have"
+                    ),
+                );
             }
         }
     }

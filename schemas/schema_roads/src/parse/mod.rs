@@ -25,14 +25,18 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
     let doc = xml::document(source)?;
     let root = doc.root_element();
     if xml::tag(root) != "OpenDRIVE" {
-        return Err(MapError::NotOpenDrive(xml::tag(root).chars().take(60).collect()));
+        return Err(MapError::NotOpenDrive(
+            xml::tag(root).chars().take(60).collect(),
+        ));
     }
     let mut reader = Reader::new(&doc);
     let header = child(root, "header");
     let mut map = RawMap {
         name: header.map_or("", |h| text(h, "name")).to_owned(),
         revision: header.and_then(|header| revision(&mut reader, header)),
-        geo_reference: header.and_then(|h| child(h, "geoReference")).and_then(|node| geo_reference(&mut reader, node)),
+        geo_reference: header
+            .and_then(|h| child(h, "geoReference"))
+            .and_then(|node| geo_reference(&mut reader, node)),
         roads: Vec::new(),
         junctions: Vec::new(),
         signals: Vec::new(),
@@ -53,9 +57,18 @@ pub(crate) fn parse(source: &str) -> Result<RawMap, MapError> {
 
 /// Revision of the format that the file states.
 fn revision(reader: &mut Reader, header: Node) -> Option<(u32, u32)> {
-    let revision = (text(header, "revMajor").parse().ok()?, text(header, "revMinor").parse().ok()?);
+    let revision = (
+        text(header, "revMajor").parse().ok()?,
+        text(header, "revMinor").parse().ok()?,
+    );
     if !(1..=8).contains(&revision.1) || revision.0 != 1 {
-        reader.warn(header, format!("the file says it is OpenDRIVE {}.{}; 1.1 to 1.8 are known", revision.0, revision.1));
+        reader.warn(
+            header,
+            format!(
+                "the file says it is OpenDRIVE {}.{}; 1.1 to 1.8 are known",
+                revision.0, revision.1
+            ),
+        );
     }
     Some(revision)
 }
@@ -67,20 +80,32 @@ fn read_roads(reader: &mut Reader, root: Node, map: &mut RawMap) -> Result<(), M
     for node in children(root, "road") {
         let id = text(node, "id");
         if !seen.insert(id) {
-            reader.error(node, format!("a second road has the id \"{id}\"; it is left out"));
+            reader.error(
+                node,
+                format!("a second road has the id \"{id}\"; it is left out"),
+            );
             continue;
         }
-        let Some(road) = road::read(reader, node, numbers.of(id)) else { continue };
+        let Some(road) = road::read(reader, node, numbers.of(id)) else {
+            continue;
+        };
         total_m += road.length_m;
         if total_m > MAX_TOTAL_LENGTH_M {
-            return Err(MapError::TooLarge(format!("the roads are longer than {} km altogether", MAX_TOTAL_LENGTH_M / 1000.0)));
+            return Err(MapError::TooLarge(format!(
+                "the roads are longer than {} km altogether",
+                MAX_TOTAL_LENGTH_M / 1000.0
+            )));
         }
         let idx = map.roads.len();
         signal::read(reader, node, idx, road.length_m, map);
         object::read(reader, node, idx, road.length_m, map);
         map.roads.push(road);
     }
-    if map.roads.is_empty() { Err(MapError::Empty) } else { Ok(()) }
+    if map.roads.is_empty() {
+        Err(MapError::Empty)
+    } else {
+        Ok(())
+    }
 }
 
 fn read_junctions(reader: &mut Reader, root: Node, map: &mut RawMap) {
@@ -89,16 +114,26 @@ fn read_junctions(reader: &mut Reader, root: Node, map: &mut RawMap) {
     for node in children(root, "junction") {
         let id = text(node, "id");
         if !seen.insert(id) {
-            reader.error(node, format!("a second junction has the id \"{id}\"; it is left out"));
+            reader.error(
+                node,
+                format!("a second junction has the id \"{id}\"; it is left out"),
+            );
             continue;
         }
         map.junctions.push(Junction {
             id: id.to_owned(),
             number: numbers.of(id),
             kind: junction_kind(reader, node),
-            connections: children(node, "connection").filter_map(|c| connection(reader, c)).collect(),
+            connections: children(node, "connection")
+                .filter_map(|c| connection(reader, c))
+                .collect(),
             controllers: children(node, "controller")
-                .map(|c| (text(c, "id").to_owned(), text(c, "sequence").parse().unwrap_or(u32::MAX)))
+                .map(|c| {
+                    (
+                        text(c, "id").to_owned(),
+                        text(c, "sequence").parse().unwrap_or(u32::MAX),
+                    )
+                })
                 .collect(),
         });
     }
@@ -122,19 +157,34 @@ fn junction_kind(reader: &mut Reader, node: Node) -> JunctionKind {
 
 fn connection(reader: &mut Reader, node: Node) -> Option<Connection> {
     let incoming = text(node, "incomingRoad");
-    let connecting = Some(text(node, "connectingRoad")).filter(|id| !id.is_empty()).unwrap_or_else(|| text(node, "linkedRoad"));
+    let connecting = Some(text(node, "connectingRoad"))
+        .filter(|id| !id.is_empty())
+        .unwrap_or_else(|| text(node, "linkedRoad"));
     if incoming.is_empty() || connecting.is_empty() {
-        reader.error(node, "a <connection> names no incoming or no connecting road; it is left out");
+        reader.error(
+            node,
+            "a <connection> names no incoming or no connecting road; it is left out",
+        );
         return None;
     }
-    let lane_links = children(node, "laneLink").filter_map(|link| lane_id(link, "from").zip(lane_id(link, "to"))).collect();
+    let lane_links = children(node, "laneLink")
+        .filter_map(|link| lane_id(link, "from").zip(lane_id(link, "to")))
+        .collect();
     let contact = contact_point(node).unwrap_or(End::Start);
-    Some(Connection { incoming: incoming.to_owned(), connecting: connecting.to_owned(), contact, lane_links })
+    Some(Connection {
+        incoming: incoming.to_owned(),
+        connecting: connecting.to_owned(),
+        contact,
+        lane_links,
+    })
 }
 
 /// A lane id other than 0 that fits.
 fn lane_id(node: Node, name: &str) -> Option<i8> {
-    text(node, name).parse().ok().filter(|id| *id != 0 && *id != i8::MIN)
+    text(node, name)
+        .parse()
+        .ok()
+        .filter(|id| *id != 0 && *id != i8::MIN)
 }
 
 fn contact_point(node: Node) -> Option<End> {
@@ -149,7 +199,9 @@ fn controller(node: Node) -> RawController {
     RawController {
         id: text(node, "id").to_owned(),
         name: text(node, "name").to_owned(),
-        signals: children(node, "control").map(|c| text(c, "signalId").to_owned()).collect(),
+        signals: children(node, "control")
+            .map(|c| text(c, "signalId").to_owned())
+            .collect(),
     }
 }
 
@@ -157,7 +209,9 @@ fn controller(node: Node) -> RawController {
 fn geo_reference(reader: &mut Reader, node: Node) -> Option<(f64, f64)> {
     let text: String = node.children().filter_map(|c| c.text()).collect();
     let value = |key: &str| {
-        let word = text.split_whitespace().find_map(|word| word.strip_prefix(key)?.strip_prefix('='))?;
+        let word = text
+            .split_whitespace()
+            .find_map(|word| word.strip_prefix(key)?.strip_prefix('='))?;
         word.parse::<f64>().ok().filter(|x| x.is_finite())
     };
     match (value("+lat_0"), value("+lon_0")) {
@@ -178,7 +232,10 @@ struct Numbers {
 impl Numbers {
     fn new<'a>(ids: impl Iterator<Item = &'a str>) -> Self {
         let largest = ids.filter_map(plain_number).max();
-        Numbers { next: largest.map_or(0, |n| n.saturating_add(1)), given: HashMap::new() }
+        Numbers {
+            next: largest.map_or(0, |n| n.saturating_add(1)),
+            given: HashMap::new(),
+        }
     }
 
     fn of(&mut self, id: &str) -> u32 {
@@ -195,5 +252,7 @@ impl Numbers {
 
 /// The number an id spells, if it is its canonical spelling and leaves room above it.
 fn plain_number(id: &str) -> Option<u32> {
-    id.parse::<u32>().ok().filter(|n| *n < 1 << 31 && n.to_string() == id)
+    id.parse::<u32>()
+        .ok()
+        .filter(|n| *n < 1 << 31 && n.to_string() == id)
 }

@@ -19,10 +19,15 @@ const MAX_SIZE_M: f64 = 2_000.0;
 
 /// Adds the objects of road number `road` to the map, other than crosswalks.
 pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, map: &mut RawMap) {
-    let Some(objects) = child(node, "objects") else { return };
+    let Some(objects) = child(node, "objects") else {
+        return;
+    };
     for n in children(objects, "object").filter(|n| text(*n, "type") != "crosswalk") {
         if map.objects.len() >= MAX_OBJECTS {
-            reader.warn(n, format!("the map has more than {MAX_OBJECTS} objects; the others are left out"));
+            reader.warn(
+                n,
+                format!("the map has more than {MAX_OBJECTS} objects; the others are left out"),
+            );
             return;
         }
         let object = object(reader, n, road, length_m);
@@ -65,35 +70,76 @@ fn object(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> RawObj
         s_m: reader.number(node, "s", 0.0).clamp(0.0, length_m),
         t_m: reader.number(node, "t", 0.0),
         z_offset_m: reader.number(node, "zOffset", 0.0),
-        heading_rad: reader.number(node, "hdg", 0.0) + if text(node, "orientation") == "-" { std::f64::consts::PI } else { 0.0 },
+        heading_rad: reader.number(node, "hdg", 0.0)
+            + if text(node, "orientation") == "-" {
+                std::f64::consts::PI
+            } else {
+                0.0
+            },
         length_m: size(reader, node, "length"),
         width_m: size(reader, node, "width"),
         height_m: size(reader, node, "height"),
         radius_m: size(reader, node, "radius"),
-        corners: outline.map(|outline| outline_corners(reader, outline, length_m)).unwrap_or_default(),
+        corners: outline
+            .map(|outline| outline_corners(reader, outline, length_m))
+            .unwrap_or_default(),
     }
 }
 
 /// One object per distance; without a distance pieces that touch.
-fn repeats(reader: &mut Reader, node: Node, object: &RawObject, road_m: f64, most: usize, out: &mut Vec<RawObject>) {
+fn repeats(
+    reader: &mut Reader,
+    node: Node,
+    object: &RawObject,
+    road_m: f64,
+    most: usize,
+    out: &mut Vec<RawObject>,
+) {
     let from_m = reader.number(node, "s", 0.0).clamp(0.0, road_m);
-    let length_m = reader.number(node, "length", 0.0).clamp(0.0, road_m - from_m);
+    let length_m = reader
+        .number(node, "length", 0.0)
+        .clamp(0.0, road_m - from_m);
     let distance_m = reader.number(node, "distance", 0.0);
     let unbroken = distance_m < 0.05;
     let step_m = if unbroken { PIECE_M } else { distance_m };
-    let n = if unbroken { (length_m / step_m).ceil().max(1.0) } else { (length_m / step_m + 1e-9).floor() + 1.0 };
+    let n = if unbroken {
+        (length_m / step_m).ceil().max(1.0)
+    } else {
+        (length_m / step_m + 1e-9).floor() + 1.0
+    };
     // Repetitions of an outline cost as much as its corners.
-    let n = (n as usize).min(MAX_REPEATS / (1 + object.corners.len() / 8)).min(MAX_OBJECTS.saturating_sub(out.len())).min(most);
-    let step_m = if unbroken { length_m / n.max(1) as f64 } else { step_m };
+    let n = (n as usize)
+        .min(MAX_REPEATS / (1 + object.corners.len() / 8))
+        .min(MAX_OBJECTS.saturating_sub(out.len()))
+        .min(most);
+    let step_m = if unbroken {
+        length_m / n.max(1) as f64
+    } else {
+        step_m
+    };
     let mut range = |name: &str, fallback: f64| {
-        let from = reader.optional_number(node, &format!("{name}Start")).unwrap_or(fallback);
-        (from, reader.optional_number(node, &format!("{name}End")).unwrap_or(from))
+        let from = reader
+            .optional_number(node, &format!("{name}Start"))
+            .unwrap_or(fallback);
+        (
+            from,
+            reader
+                .optional_number(node, &format!("{name}End"))
+                .unwrap_or(from),
+        )
     };
     let (t, z) = (range("t", object.t_m), range("zOffset", object.z_offset_m));
-    let (width, height) = (range("width", object.width_m), range("height", object.height_m));
+    let (width, height) = (
+        range("width", object.width_m),
+        range("height", object.height_m),
+    );
     for i in 0..n {
         let s_m = from_m + (i as f64 + if unbroken { 0.5 } else { 0.0 }) * step_m;
-        let share = if length_m > 0.0 { (s_m - from_m) / length_m } else { 0.0 };
+        let share = if length_m > 0.0 {
+            (s_m - from_m) / length_m
+        } else {
+            0.0
+        };
         let at = |(from, to): (f64, f64)| from + share * (to - from);
         out.push(RawObject {
             s_m,

@@ -17,22 +17,39 @@ pub(super) fn read(reader: &mut Reader, node: Node, number: u32) -> Option<Road>
     let id = text(node, "id");
     let plan = plan_view(reader, node);
     let Some(last) = plan.last() else {
-        reader.error(node, format!("road \"{id}\" has no usable geometry; it is left out"));
+        reader.error(
+            node,
+            format!("road \"{id}\" has no usable geometry; it is left out"),
+        );
         return None;
     };
     let drawn_m = last.s_m + last.length_m;
-    let length_m = reader.optional_number(node, "length").filter(|l| *l > 0.0).unwrap_or(drawn_m);
+    let length_m = reader
+        .optional_number(node, "length")
+        .filter(|l| *l > 0.0)
+        .unwrap_or(drawn_m);
     if length_m > MAX_ROAD_M || drawn_m > MAX_ROAD_M {
-        reader.error(node, format!("road \"{id}\" is longer than {} km; it is left out", MAX_ROAD_M / 1000.0));
+        reader.error(
+            node,
+            format!(
+                "road \"{id}\" is longer than {} km; it is left out",
+                MAX_ROAD_M / 1000.0
+            ),
+        );
         return None;
     }
     if (length_m - drawn_m).abs() > 0.1 {
         reader.warn(node, format!("road \"{id}\" is {length_m} m long but its geometry {drawn_m} m; the geometry goes on as it ends"));
     }
     let lanes = child(node, "lanes");
-    let sections = lanes.map(|l| lane::sections(reader, l, length_m)).unwrap_or_default();
+    let sections = lanes
+        .map(|l| lane::sections(reader, l, length_m))
+        .unwrap_or_default();
     if sections.is_empty() {
-        reader.error(node, format!("road \"{id}\" has no lane section; it is left out"));
+        reader.error(
+            node,
+            format!("road \"{id}\" has no lane section; it is left out"),
+        );
         return None;
     }
     let link = child(node, "link");
@@ -40,7 +57,9 @@ pub(super) fn read(reader: &mut Reader, node: Node, number: u32) -> Option<Road>
         id: id.to_owned(),
         number,
         length_m,
-        junction: Some(text(node, "junction")).filter(|j| !j.is_empty() && *j != "-1").map(str::to_owned),
+        junction: Some(text(node, "junction"))
+            .filter(|j| !j.is_empty() && *j != "-1")
+            .map(str::to_owned),
         left_hand_traffic: text(node, "rule") == "LHT",
         predecessor: link.and_then(|l| road_link(child(l, "predecessor")?)),
         successor: link.and_then(|l| road_link(child(l, "successor")?)),
@@ -61,7 +80,10 @@ fn road_link(node: Node) -> Option<RoadLink> {
     }
     Some(match text(node, "elementType") {
         "junction" => RoadLink::Junction { id },
-        _ => RoadLink::Road { id, contact: contact_point(node) },
+        _ => RoadLink::Road {
+            id,
+            contact: contact_point(node),
+        },
     })
 }
 
@@ -70,12 +92,20 @@ fn profile(reader: &mut Reader, parent: Option<Node>, name: &'static str) -> Pro
         s_m: reader.number(n, "s", 0.0),
         coefficients: reader.coefficients(n, ["a", "b", "c", "d"]),
     };
-    Profile::new(parent.into_iter().flat_map(|p| children(p, name)).map(|n| cubic(reader, n)).collect())
+    Profile::new(
+        parent
+            .into_iter()
+            .flat_map(|p| children(p, name))
+            .map(|n| cubic(reader, n))
+            .collect(),
+    )
 }
 
 /// `<shape>` (1.5) and `<crossfall>` (up to 1.4) of a `<lateralProfile>`.
 fn lateral(reader: &mut Reader, node: Option<Node>) -> Lateral {
-    let Some(node) = node else { return Lateral::default() };
+    let Some(node) = node else {
+        return Lateral::default();
+    };
     let shape = |reader: &mut Reader, n: Node| ShapeRecord {
         s_m: reader.number(n, "s", 0.0),
         t_m: reader.number(n, "t", 0.0),
@@ -83,20 +113,32 @@ fn lateral(reader: &mut Reader, node: Option<Node>) -> Lateral {
     };
     let shapes = children(node, "shape").map(|n| shape(reader, n)).collect();
     let mut fall = |side: &str| {
-        let on_side = |n: &Node| text(*n, "side") == side || !matches!(text(*n, "side"), "left" | "right");
+        let on_side =
+            |n: &Node| text(*n, "side") == side || !matches!(text(*n, "side"), "left" | "right");
         let cubic = |reader: &mut Reader, n: Node| Cubic {
             s_m: reader.number(n, "s", 0.0),
             coefficients: reader.coefficients(n, ["a", "b", "c", "d"]),
         };
-        Profile::new(children(node, "crossfall").filter(on_side).map(|n| cubic(reader, n)).collect())
+        Profile::new(
+            children(node, "crossfall")
+                .filter(on_side)
+                .map(|n| cubic(reader, n))
+                .collect(),
+        )
     };
     let crossfall = [fall("right"), fall("left")];
     Lateral::new(shapes, crossfall)
 }
 
 fn type_speeds(reader: &mut Reader, node: Node) -> Vec<(f64, Option<f64>)> {
-    let mut speeds: Vec<_> =
-        children(node, "type").filter_map(|kind| Some((reader.number(kind, "s", 0.0), speed_mps(child(kind, "speed")?)?))).collect();
+    let mut speeds: Vec<_> = children(node, "type")
+        .filter_map(|kind| {
+            Some((
+                reader.number(kind, "s", 0.0),
+                speed_mps(child(kind, "speed")?)?,
+            ))
+        })
+        .collect();
     speeds.sort_by(|a, b| a.0.total_cmp(&b.0));
     speeds
 }
@@ -107,7 +149,10 @@ pub(super) fn speed_mps(node: Node) -> Option<Option<f64>> {
     if max == "no limit" {
         return Some(None);
     }
-    let value = max.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0)?;
+    let value = max
+        .parse::<f64>()
+        .ok()
+        .filter(|v| v.is_finite() && *v > 0.0)?;
     let factor = match text(node, "unit") {
         "mph" => 0.44704,
         "km/h" => 1.0 / 3.6,
@@ -117,8 +162,11 @@ pub(super) fn speed_mps(node: Node) -> Option<Option<f64>> {
 }
 
 fn plan_view(reader: &mut Reader, node: Node) -> Vec<Geometry> {
-    let mut plan: Vec<Geometry> =
-        child(node, "planView").into_iter().flat_map(|p| children(p, "geometry")).filter_map(|g| geometry(reader, g)).collect();
+    let mut plan: Vec<Geometry> = child(node, "planView")
+        .into_iter()
+        .flat_map(|p| children(p, "geometry"))
+        .filter_map(|g| geometry(reader, g))
+        .collect();
     plan.sort_by(|a, b| a.s_m.total_cmp(&b.s_m));
     plan
 }
@@ -128,24 +176,46 @@ fn geometry(reader: &mut Reader, node: Node) -> Option<Geometry> {
     let length_m = reader.number(node, "length", 0.0);
     if !(1e-9..=MAX_ROAD_M).contains(&length_m) || !(0.0..=MAX_ROAD_M).contains(&s_m) {
         if length_m != 0.0 {
-            reader.error(node, format!("a geometry at s = {s_m} m is {length_m} m long; it is left out"));
+            reader.error(
+                node,
+                format!("a geometry at s = {s_m} m is {length_m} m long; it is left out"),
+            );
         }
         return None;
     }
     let mut at = |name| reader.number(node, name, 0.0);
     let (x_m, y_m, heading_rad) = (at("x"), at("y"), at("hdg"));
     let shape = shape(reader, node, length_m);
-    Some(Geometry { s_m, x_m, y_m, heading_rad, length_m, shape })
+    Some(Geometry {
+        s_m,
+        x_m,
+        y_m,
+        heading_rad,
+        length_m,
+        shape,
+    })
 }
 
 fn shape(reader: &mut Reader, node: Node, length_m: f64) -> Shape {
-    const LINE: Shape = Shape::Arc { curvature_per_m: 0.0 };
-    let Some(kind) = node.children().find(|c| matches!(tag(*c), "line" | "arc" | "spiral" | "poly3" | "paramPoly3")) else {
-        reader.error(node, "a geometry is none of line, arc, spiral, poly3 and paramPoly3; it is read as a line");
+    const LINE: Shape = Shape::Arc {
+        curvature_per_m: 0.0,
+    };
+    let Some(kind) = node
+        .children()
+        .find(|c| matches!(tag(*c), "line" | "arc" | "spiral" | "poly3" | "paramPoly3"))
+    else {
+        reader.error(
+            node,
+            "a geometry is none of line, arc, spiral, poly3 and paramPoly3; it is read as a line",
+        );
         return LINE;
     };
     let curve = match tag(kind) {
-        "arc" => return Shape::Arc { curvature_per_m: reader.number(kind, "curvature", 0.0) },
+        "arc" => {
+            return Shape::Arc {
+                curvature_per_m: reader.number(kind, "curvature", 0.0),
+            };
+        }
         "spiral" => {
             let start_per_m = reader.number(kind, "curvStart", 0.0);
             let end = reader.number(kind, "curvEnd", 0.0);
@@ -161,7 +231,10 @@ fn shape(reader: &mut Reader, node: Node, length_m: f64) -> Shape {
         _ => return LINE,
     };
     curve.map(Shape::Param).unwrap_or_else(|| {
-        reader.error(kind, format!("this <{}> has no length; it is read as a line", tag(kind)));
+        reader.error(
+            kind,
+            format!("this <{}> has no length; it is read as a line", tag(kind)),
+        );
         LINE
     })
 }

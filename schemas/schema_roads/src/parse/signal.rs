@@ -26,15 +26,24 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
     }
     if let Some(objects) = child(node, "objects") {
         let room = MAX_CROSSWALKS.saturating_sub(map.crosswalks.len());
-        let walks = children(objects, "object").filter(|n| text(*n, "type") == "crosswalk").take(room);
-        map.crosswalks.extend(walks.filter_map(|n| crosswalk(reader, n, road, length_m)));
+        let walks = children(objects, "object")
+            .filter(|n| text(*n, "type") == "crosswalk")
+            .take(room);
+        map.crosswalks
+            .extend(walks.filter_map(|n| crosswalk(reader, n, road, length_m)));
     }
 }
 
 fn placement(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<Placement> {
     let s_m = reader.number(node, "s", 0.0);
     if !(-1.0..=length_m + 1.0).contains(&s_m) {
-        reader.error(node, format!("signal \"{}\" stands at s = {s_m} m, off its road of {length_m} m; it is left out", text(node, "id")));
+        reader.error(
+            node,
+            format!(
+                "signal \"{}\" stands at s = {s_m} m, off its road of {length_m} m; it is left out",
+                text(node, "id")
+            ),
+        );
         return None;
     }
     let along = match text(node, "orientation") {
@@ -43,11 +52,23 @@ fn placement(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Opt
         _ => None,
     };
     let range = |v: Node| {
-        let (from, to) = (text(v, "fromLane").parse::<i8>().ok()?, text(v, "toLane").parse::<i8>().ok()?);
+        let (from, to) = (
+            text(v, "fromLane").parse::<i8>().ok()?,
+            text(v, "toLane").parse::<i8>().ok()?,
+        );
         Some((from.min(to), from.max(to)))
     };
-    let validity = children(node, "validity").filter_map(range).take(64).collect();
-    Some(Placement { road, s_m: s_m.clamp(0.0, length_m), t_m: reader.number(node, "t", 0.0), along, validity })
+    let validity = children(node, "validity")
+        .filter_map(range)
+        .take(64)
+        .collect();
+    Some(Placement {
+        road,
+        s_m: s_m.clamp(0.0, length_m),
+        t_m: reader.number(node, "t", 0.0),
+        along,
+        validity,
+    })
 }
 
 fn signal(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option<RawSignal> {
@@ -58,7 +79,10 @@ fn signal(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Option
         kind: text(node, "type").to_owned(),
         subtype: text(node, "subtype").to_owned(),
         country: text(node, "country").to_owned(),
-        value: text(node, "value").parse().ok().filter(|v: &f64| v.is_finite()),
+        value: text(node, "value")
+            .parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite()),
         unit: text(node, "unit").to_owned(),
         text: text(node, "text").to_owned(),
         z_offset_m: reader.number(node, "zOffset", 0.0),
@@ -89,15 +113,33 @@ pub(super) fn outline_corners(reader: &mut Reader, outline: Node, road_m: f64) -
     let corner = |reader: &mut Reader, n: Node| {
         let mut at = |name| reader.number(n, name, 0.0);
         match super::xml::tag(n) {
-            "cornerLocal" => Some(Corner::Local { u_m: at("u"), v_m: at("v"), z_m: at("z"), height_m: at("height") }),
-            "cornerRoad" => Some(Corner::Road { s_m: at("s").clamp(0.0, road_m), t_m: at("t"), dz_m: at("dz"), height_m: at("height") }),
+            "cornerLocal" => Some(Corner::Local {
+                u_m: at("u"),
+                v_m: at("v"),
+                z_m: at("z"),
+                height_m: at("height"),
+            }),
+            "cornerRoad" => Some(Corner::Road {
+                s_m: at("s").clamp(0.0, road_m),
+                t_m: at("t"),
+                dz_m: at("dz"),
+                height_m: at("height"),
+            }),
             _ => None,
         }
     };
-    outline.children().filter(Node::is_element).filter_map(|n| corner(reader, n)).take(MAX_CORNERS).collect()
+    outline
+        .children()
+        .filter(Node::is_element)
+        .filter_map(|n| corner(reader, n))
+        .take(MAX_CORNERS)
+        .collect()
 }
 
 /// Whether a lane id is in any of the ranges; no range means yes.
 pub(crate) fn is_valid_for(validity: &[(i8, i8)], lane: i8) -> bool {
-    validity.is_empty() || validity.iter().any(|(from, to)| (*from..=*to).contains(&lane))
+    validity.is_empty()
+        || validity
+            .iter()
+            .any(|(from, to)| (*from..=*to).contains(&lane))
 }

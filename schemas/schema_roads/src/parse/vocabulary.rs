@@ -1,4 +1,5 @@
-//! Elements and attributes of OpenDRIVE 1.1 to 1.8. What a file has beyond them is counted and named once per kind.
+//! Elements and attributes of OpenDRIVE 1.1 to 1.8. What a file has beyond them is counted and
+//! named once per kind.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +7,14 @@ use roxmltree::Node;
 
 use super::xml::{Reader, tag};
 
-/// Element and its attributes. An element that stands in several places has the attributes of all of them.
+/// Element and its attributes. An element that stands in several places has the attributes of all
+/// of them.
 const ELEMENTS: &[(&str, &str)] = &[
     ("OpenDRIVE", ""),
-    ("header", "revMajor revMinor name version date north south east west vendor maxRoad maxJunc maxPrg"),
+    (
+        "header",
+        "revMajor revMinor name version date north south east west vendor maxRoad maxJunc maxPrg",
+    ),
     ("geoReference", ""),
     ("offset", "x y z hdg"),
     ("license", "name resource spdxid text"),
@@ -18,13 +23,22 @@ const ELEMENTS: &[(&str, &str)] = &[
     ("signalRegulations", "type subtype"),
     ("road", "name length id junction rule"),
     ("link", ""),
-    ("predecessor", "elementType elementId contactPoint elementS elementDir id layer"),
-    ("successor", "elementType elementId contactPoint elementS elementDir id layer"),
+    (
+        "predecessor",
+        "elementType elementId contactPoint elementS elementDir id layer",
+    ),
+    (
+        "successor",
+        "elementType elementId contactPoint elementS elementDir id layer",
+    ),
     ("neighbor", "side elementId direction"),
     ("type", "s type country name width"),
     ("speed", "max unit sOffset type value"),
     ("surface", ""),
-    ("CRG", "file sStart sEnd orientation mode purpose sOffset tOffset zOffset zScale hOffset"),
+    (
+        "CRG",
+        "file sStart sEnd orientation mode purpose sOffset tOffset zOffset zScale hOffset",
+    ),
     ("planView", ""),
     ("geometry", "s x y hdg length"),
     ("line", "length space tOffset sOffset rule width color"),
@@ -53,13 +67,25 @@ const ELEMENTS: &[(&str, &str)] = &[
     ("left", ""),
     ("center", ""),
     ("right", ""),
-    ("lane", "id type level direction advisory dynamicLaneDirection dynamicLaneType roadWorks value unit"),
+    (
+        "lane",
+        "id type level direction advisory dynamicLaneDirection dynamicLaneType roadWorks value unit",
+    ),
     ("width", "sOffset a b c d"),
-    ("border", "sOffset a b c d width type outlineId useCompleteOutline"),
-    ("roadMark", "sOffset type weight color material width laneChange height"),
+    (
+        "border",
+        "sOffset a b c d width type outlineId useCompleteOutline",
+    ),
+    (
+        "roadMark",
+        "sOffset type weight color material width laneChange height",
+    ),
     ("sway", "ds a b c d"),
     ("explicit", ""),
-    ("material", "sOffset surface friction roughness roadMarkColor"),
+    (
+        "material",
+        "sOffset surface friction roughness roadMarkColor",
+    ),
     ("visibility", "sOffset forward back left right"),
     ("access", "sOffset rule restriction"),
     ("restriction", "type"),
@@ -86,7 +112,10 @@ const ELEMENTS: &[(&str, &str)] = &[
     ("validity", "fromLane toLane layer"),
     ("parkingSpace", "access restrictions"),
     ("markings", ""),
-    ("marking", "side weight width color zOffset spaceLength lineLength startOffset stopOffset id"),
+    (
+        "marking",
+        "side weight width color zOffset spaceLength lineLength startOffset stopOffset id",
+    ),
     ("borders", ""),
     ("objectReference", "s t id zOffset validLength orientation"),
     ("tunnel", "s length name id type lighting daylight"),
@@ -120,18 +149,27 @@ const ELEMENTS: &[(&str, &str)] = &[
     ("displayArea", "index height width v z"),
     ("vmsGroup", "id"),
     ("vmsBoardReference", "signalId vmsIndex groupIndex"),
-    ("sign", "signalId id country countryRevision type subtype value unit width height text length v z"),
+    (
+        "sign",
+        "signalId id country countryRevision type subtype value unit width height text length v z",
+    ),
     ("controller", "id name sequence type"),
     ("control", "signalId type"),
     ("junction", "id name type mainRoad sStart sEnd orientation"),
-    ("connection", "id type incomingRoad connectingRoad linkedRoad contactPoint connectionMaster"),
+    (
+        "connection",
+        "id type incomingRoad connectingRoad linkedRoad contactPoint connectionMaster",
+    ),
     ("laneLink", "from to overlapZone"),
     ("crossPath", "id crossingRoad roadAtStart roadAtEnd"),
     ("startLaneLink", "from to s"),
     ("endLaneLink", "from to s"),
     ("roadSection", "id roadId sStart sEnd length"),
     ("boundary", ""),
-    ("segment", "type roadId boundaryLane sStart sEnd contactPoint jointLaneStart jointLaneEnd transitionLength side"),
+    (
+        "segment",
+        "type roadId boundaryLane sStart sEnd contactPoint jointLaneStart jointLaneEnd transitionLength side",
+    ),
     ("elevationGrid", "gridSpacing sStart xStart yStart"),
     ("junctionGroup", "name id type"),
     ("junctionReference", "junction"),
@@ -163,12 +201,19 @@ pub(super) fn check(reader: &mut Reader, root: Node) {
         let name = tag(node);
         let Some(attributes) = known.get(name) else {
             let parent = node.parent_element().map_or("", |parent| tag(parent));
-            note(&mut odd, format!("<{}> in <{}>", short(name), short(parent)), String::new(), node);
+            note(
+                &mut odd,
+                format!("<{}> in <{}>", short(name), short(parent)),
+                String::new(),
+                node,
+            );
             continue;
         };
         for attribute in node.attributes().filter(|a| a.namespace().is_none()) {
             // The list is short; splitting it costs less than a set per element.
-            if !OPAQUE.contains(&name) && !attributes.split(' ').any(|known| known == attribute.name()) {
+            if !OPAQUE.contains(&name)
+                && !attributes.split(' ').any(|known| known == attribute.name())
+            {
                 note(&mut odd, format!("<{name}>"), short(attribute.name()), node);
             }
         }
@@ -179,16 +224,31 @@ pub(super) fn check(reader: &mut Reader, root: Node) {
         }
     }
     for ((element, attribute), (n, first)) in odd {
-        let times = if n == 1 { "once".to_owned() } else { format!("{n} times, first here") };
-        if attribute.is_empty() {
-            reader.warn(first, format!("unknown element {element}, {times}; it is left out"));
+        let times = if n == 1 {
+            "once".to_owned()
         } else {
-            reader.warn(first, format!("unknown attribute {attribute} of {element}, {times}; it is left out"));
+            format!("{n} times, first here")
+        };
+        if attribute.is_empty() {
+            reader.warn(
+                first,
+                format!("unknown element {element}, {times}; it is left out"),
+            );
+        } else {
+            reader.warn(
+                first,
+                format!("unknown attribute {attribute} of {element}, {times}; it is left out"),
+            );
         }
     }
 }
 
-fn note<'a, 'i>(odd: &mut BTreeMap<(String, String), (usize, Node<'a, 'i>)>, element: String, attribute: String, node: Node<'a, 'i>) {
+fn note<'a, 'i>(
+    odd: &mut BTreeMap<(String, String), (usize, Node<'a, 'i>)>,
+    element: String,
+    attribute: String,
+    node: Node<'a, 'i>,
+) {
     let n = odd.len();
     match odd.get_mut(&(element.clone(), attribute.clone())) {
         Some((count, _)) => *count += 1,

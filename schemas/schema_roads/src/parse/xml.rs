@@ -8,7 +8,8 @@ use crate::{MapError, Severity, Warning};
 pub const MAX_TEXT_BYTES: usize = 128 << 20;
 /// Most XML nodes.
 const MAX_NODES: u32 = 8_000_000;
-/// Warnings kept; finding a position costs a pass over the text, so a broken file must not cause thousands.
+/// Warnings kept; finding a position costs a pass over the text, so a broken file must not cause
+/// thousands.
 const MAX_WARNINGS: usize = 100;
 /// Largest magnitude of any number in a map.
 const MAX_NUMBER: f64 = 1e9;
@@ -24,18 +25,34 @@ pub(crate) struct Reader<'d, 'i> {
 /// Parses the XML within limits.
 pub(crate) fn document(text: &str) -> Result<Document<'_>, MapError> {
     if text.len() > MAX_TEXT_BYTES {
-        return Err(MapError::TooLarge(format!("the map has {} bytes; at most {MAX_TEXT_BYTES} are read", text.len())));
+        return Err(MapError::TooLarge(format!(
+            "the map has {} bytes; at most {MAX_TEXT_BYTES} are read",
+            text.len()
+        )));
     }
-    let options = roxmltree::ParsingOptions { allow_dtd: false, nodes_limit: MAX_NODES, ..Default::default() };
+    let options = roxmltree::ParsingOptions {
+        allow_dtd: false,
+        nodes_limit: MAX_NODES,
+        ..Default::default()
+    };
     Document::parse_with_options(text, options).map_err(|error| {
         let pos = error.pos();
-        MapError::Xml { line: pos.row, column: pos.col, reason: error.to_string() }
+        MapError::Xml {
+            line: pos.row,
+            column: pos.col,
+            reason: error.to_string(),
+        }
     })
 }
 
 impl<'d, 'i> Reader<'d, 'i> {
     pub fn new(doc: &'d Document<'i>) -> Self {
-        Reader { doc, warnings: Vec::new(), dropped: 0, broken: false }
+        Reader {
+            doc,
+            warnings: Vec::new(),
+            dropped: 0,
+            broken: false,
+        }
     }
 
     /// Notes something odd at `node`.
@@ -55,15 +72,29 @@ impl<'d, 'i> Reader<'d, 'i> {
             return;
         }
         let pos = self.doc.text_pos_at(node.range().start);
-        self.warnings.push(Warning { severity, line: Some(pos.row), column: Some(pos.col), text });
+        self.warnings.push(Warning {
+            severity,
+            line: Some(pos.row),
+            column: Some(pos.col),
+            text,
+        });
     }
 
     /// All warnings, the last of which says how many more there were.
     pub fn into_warnings(mut self) -> Vec<Warning> {
         if self.dropped > 0 {
             let text = format!("{} further warnings are not listed", self.dropped);
-            let severity = if self.broken { Severity::Error } else { Severity::Warning };
-            self.warnings.push(Warning { severity, line: None, column: None, text });
+            let severity = if self.broken {
+                Severity::Error
+            } else {
+                Severity::Warning
+            };
+            self.warnings.push(Warning {
+                severity,
+                line: None,
+                column: None,
+                text,
+            });
         }
         self.warnings
     }
@@ -98,8 +129,12 @@ pub(crate) fn tag<'a>(node: Node<'a, '_>) -> &'a str {
 }
 
 /// Child elements called `name`.
-pub(crate) fn children<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> impl Iterator<Item = Node<'a, 'i>> {
-    node.children().filter(move |child| child.is_element() && tag(*child) == name)
+pub(crate) fn children<'a, 'i>(
+    node: Node<'a, 'i>,
+    name: &'static str,
+) -> impl Iterator<Item = Node<'a, 'i>> {
+    node.children()
+        .filter(move |child| child.is_element() && tag(*child) == name)
 }
 
 /// First child element called `name`.

@@ -1,4 +1,5 @@
-//! Outlines as segments on a grid that meet in their ends only, which is what a constrained triangulation takes without rounding.
+//! Outlines as segments on a grid that meet in their ends only, which is what a constrained
+//! triangulation takes without rounding.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +9,8 @@ use super::outlines::Outline;
 pub const STEPS_PER_M: f64 = 1e3;
 /// Width of the cells in which segments are compared, steps.
 const CELL_STEPS: i64 = 10_000;
-/// Points of crossings are put on the grid, which bends segments and can make new crossings; each round finds far fewer.
+/// Points of crossings are put on the grid, which bends segments and can make new crossings; each
+/// round finds far fewer.
 const MOST_ROUNDS: usize = 12;
 
 /// A place on the grid.
@@ -28,7 +30,11 @@ impl Arrangement {
     pub fn new(outlines: &[Outline]) -> Arrangement {
         let mut all = Arrangement::default();
         for outline in outlines {
-            let ring: Vec<Step> = outline.corners_m.iter().filter_map(|corner| all.place(*corner)).collect();
+            let ring: Vec<Step> = outline
+                .corners_m
+                .iter()
+                .filter_map(|corner| all.place(*corner))
+                .collect();
             for i in 0..ring.len() {
                 all.join(ring[i], ring[(i + 1) % ring.len()]);
             }
@@ -38,7 +44,8 @@ impl Arrangement {
             if cuts.is_empty() {
                 break;
             }
-            cuts.into_iter().for_each(|(segment, places)| all.cut(segment, places));
+            cuts.into_iter()
+                .for_each(|(segment, places)| all.cut(segment, places));
         }
         all
     }
@@ -62,7 +69,10 @@ impl Arrangement {
     fn crossings(&self) -> BTreeMap<[Step; 2], BTreeSet<Step>> {
         let mut cells: BTreeMap<[i64; 2], Vec<[Step; 2]>> = BTreeMap::new();
         for [a, b] in &self.segments {
-            let span = |axis: usize| a[axis].min(b[axis]).div_euclid(CELL_STEPS)..=a[axis].max(b[axis]).div_euclid(CELL_STEPS);
+            let span = |axis: usize| {
+                a[axis].min(b[axis]).div_euclid(CELL_STEPS)
+                    ..=a[axis].max(b[axis]).div_euclid(CELL_STEPS)
+            };
             for x in span(0) {
                 for y in span(1) {
                     cells.entry([x, y]).or_default().push([*a, *b]);
@@ -73,7 +83,9 @@ impl Arrangement {
         for near in cells.values() {
             for (i, first) in near.iter().enumerate() {
                 for second in &near[i + 1..] {
-                    let Some(place) = crossing(*first, *second) else { continue };
+                    let Some(place) = crossing(*first, *second) else {
+                        continue;
+                    };
                     for segment in [first, second] {
                         if !segment.contains(&place) {
                             cuts.entry(*segment).or_default().insert(place);
@@ -98,7 +110,9 @@ impl Arrangement {
         self.segments.remove(&segment);
         let mut from = a;
         for place in order {
-            self.heights_m.entry(place).or_insert(low_m + share(place) * (high_m - low_m));
+            self.heights_m
+                .entry(place)
+                .or_insert(low_m + share(place) * (high_m - low_m));
             self.join(from, place);
             from = place;
         }
@@ -128,27 +142,51 @@ mod tests {
     use super::super::Ground;
     use super::*;
 
-    /// Seeded rings through each other, many of them nearly along one another: afterwards nothing crosses, and each ring is still there.
+    /// Seeded rings through each other, many of them nearly along one another: afterwards nothing
+    /// crosses, and each ring is still there.
     #[test]
     fn nothing_crosses_afterwards() {
         let mut state = 5u64;
         let mut random = |most: f64| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 33) as f64 / f64::from(1u32 << 31) * most
         };
         for _ in 0..40 {
             let outlines: Vec<Outline> = (0..12)
                 .map(|_| {
-                    let (x, y, long, thin) = (random(20.0), random(20.0), random(30.0), 0.002 + random(3.0));
-                    let slope = if random(1.0) < 0.5 { random(1e-3) } else { random(2.0) };
-                    let corners = [[0.0, 0.0], [long, long * slope], [long, long * slope + thin], [0.0, thin]];
-                    Outline { corners_m: corners.map(|[dx, dy]| [x + dx, y + dy, dx]).to_vec(), ground: Ground::Sidewalk }
+                    let (x, y, long, thin) = (
+                        random(20.0),
+                        random(20.0),
+                        random(30.0),
+                        0.002 + random(3.0),
+                    );
+                    let slope = if random(1.0) < 0.5 {
+                        random(1e-3)
+                    } else {
+                        random(2.0)
+                    };
+                    let corners = [
+                        [0.0, 0.0],
+                        [long, long * slope],
+                        [long, long * slope + thin],
+                        [0.0, thin],
+                    ];
+                    Outline {
+                        corners_m: corners.map(|[dx, dy]| [x + dx, y + dy, dx]).to_vec(),
+                        ground: Ground::Sidewalk,
+                    }
                 })
                 .collect();
             let all = Arrangement::new(&outlines);
             assert!(all.crossings().is_empty());
             assert!(all.segments.len() >= 12 * 3);
-            let far = all.heights_m.values().filter(|height| !(0.0..=30.0).contains(*height)).count();
+            let far = all
+                .heights_m
+                .values()
+                .filter(|height| !(0.0..=30.0).contains(*height))
+                .count();
             assert_eq!(far, 0, "heights lie between those of the ends");
         }
     }

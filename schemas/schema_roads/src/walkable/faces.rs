@@ -31,7 +31,10 @@ impl HasPosition for Corner {
 pub fn mesh(outlines: &[Outline]) -> WalkMesh {
     let net = net(&Arrangement::new(outlines));
     let lookup = Lookup::new(outlines);
-    let vertices_m: Vec<[f64; 3]> = net.vertices().map(|vertex| metres(vertex.data().at)).collect();
+    let vertices_m: Vec<[f64; 3]> = net
+        .vertices()
+        .map(|vertex| metres(vertex.data().at))
+        .collect();
     let mut polygons: Vec<(Vec<u32>, Ground)> = Vec::new();
     for face in net.inner_faces() {
         let corners = face.vertices().map(|vertex| vertex.index() as u32);
@@ -48,12 +51,15 @@ fn metres([x, y, height_m]: [f64; 3]) -> [f64; 3] {
     [x / STEPS_PER_M, y / STEPS_PER_M, height_m]
 }
 
-/// The triangulation. Segments that cross others all the same would be left out; an arrangement has none.
+/// The triangulation. Segments that cross others all the same would be left out; an arrangement has
+/// none.
 fn net(all: &Arrangement) -> ConstrainedDelaunayTriangulation<Corner> {
     let mut net: ConstrainedDelaunayTriangulation<Corner> = ConstrainedDelaunayTriangulation::new();
     let mut handles: BTreeMap<Step, FixedVertexHandle> = BTreeMap::new();
     for (place, height_m) in &all.heights_m {
-        if let Ok(handle) = net.insert(Corner { at: [place[0] as f64, place[1] as f64, *height_m] }) {
+        if let Ok(handle) = net.insert(Corner {
+            at: [place[0] as f64, place[1] as f64, *height_m],
+        }) {
             handles.insert(*place, handle);
         }
     }
@@ -81,7 +87,9 @@ impl<'o> Lookup<'o> {
         for (idx, outline) in outlines.iter().enumerate() {
             let span = |axis: usize| {
                 let values = outline.corners_m.iter().map(|corner| corner[axis]);
-                let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
+                let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), x| {
+                    (low.min(x), high.max(x))
+                });
                 cell(low)..=cell(high)
             };
             for x in span(0) {
@@ -95,13 +103,23 @@ impl<'o> Lookup<'o> {
 
     fn ground(&self, point: [f64; 3]) -> Option<Ground> {
         let near = self.cells.get(&(cell(point[0]), cell(point[1])))?;
-        near.iter().filter(|idx| inside(&self.outlines[**idx].corners_m, point)).map(|idx| self.outlines[*idx].ground).min()
+        near.iter()
+            .filter(|idx| inside(&self.outlines[**idx].corners_m, point))
+            .map(|idx| self.outlines[*idx].ground)
+            .min()
     }
 }
 
 /// Joins polygons over their longest edges while they stay convex.
-fn merged(polygons: Vec<(Vec<u32>, Ground)>, net: &ConstrainedDelaunayTriangulation<Corner>) -> Vec<(Vec<u32>, Ground)> {
-    let at = |corner: u32| net.vertex(FixedVertexHandle::from_index(corner as usize)).data().at;
+fn merged(
+    polygons: Vec<(Vec<u32>, Ground)>,
+    net: &ConstrainedDelaunayTriangulation<Corner>,
+) -> Vec<(Vec<u32>, Ground)> {
+    let at = |corner: u32| {
+        net.vertex(FixedVertexHandle::from_index(corner as usize))
+            .data()
+            .at
+    };
     let mut edges: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
     for (idx, (corners, _)) in polygons.iter().enumerate() {
         for (a, b) in pairs(corners) {
@@ -112,14 +130,18 @@ fn merged(polygons: Vec<(Vec<u32>, Ground)>, net: &ConstrainedDelaunayTriangulat
         let (p, q) = (at(a), at(b));
         (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2)
     };
-    let mut order: Vec<((u32, u32), [usize; 2])> =
-        edges.iter().filter_map(|(edge, list)| Some((*edge, [*list.first()?, *list.get(1)?]))).collect();
+    let mut order: Vec<((u32, u32), [usize; 2])> = edges
+        .iter()
+        .filter_map(|(edge, list)| Some((*edge, [*list.first()?, *list.get(1)?])))
+        .collect();
     order.sort_by(|a, b| length2(b.0).total_cmp(&length2(a.0)).then(a.0.cmp(&b.0)));
     let mut owner: Vec<usize> = (0..polygons.len()).collect();
     let mut kept: Vec<Option<(Vec<u32>, Ground)>> = polygons.into_iter().map(Some).collect();
     for (edge, [first, second]) in order {
         let (first, second) = (root(&mut owner, first), root(&mut owner, second));
-        let (Some((a, ground)), Some((b, other))) = (&kept[first], &kept[second]) else { continue };
+        let (Some((a, ground)), Some((b, other))) = (&kept[first], &kept[second]) else {
+            continue;
+        };
         if first == second || ground != other {
             continue;
         }
@@ -145,7 +167,12 @@ fn pairs(corners: &[u32]) -> impl Iterator<Item = (u32, u32)> + '_ {
 }
 
 /// Two polygons as one over their common edge, if that is convex and has few corners.
-fn joined(a: &[u32], b: &[u32], edge: (u32, u32), at: &impl Fn(u32) -> [f64; 3]) -> Option<Vec<u32>> {
+fn joined(
+    a: &[u32],
+    b: &[u32],
+    edge: (u32, u32),
+    at: &impl Fn(u32) -> [f64; 3],
+) -> Option<Vec<u32>> {
     let is_edge = |p: u32, q: u32| (p.min(q), p.max(q)) == edge;
     let i = pairs(a).position(|(p, q)| is_edge(p, q))?;
     let j = pairs(b).position(|(p, q)| is_edge(p, q))?;
@@ -156,7 +183,13 @@ fn joined(a: &[u32], b: &[u32], edge: (u32, u32), at: &impl Fn(u32) -> [f64; 3])
     let rest_b = (1..b.len() - 1).map(|k| b[(j + 1 + k) % b.len()]);
     let corners: Vec<u32> = rest_a.chain(rest_b).collect();
     let n = corners.len();
-    let convex = (0..n).all(|k| turn(at(corners[k]), at(corners[(k + 1) % n]), at(corners[(k + 2) % n])) >= 0.0);
+    let convex = (0..n).all(|k| {
+        turn(
+            at(corners[k]),
+            at(corners[(k + 1) % n]),
+            at(corners[(k + 2) % n]),
+        ) >= 0.0
+    });
     convex.then_some(corners)
 }
 
@@ -176,10 +209,16 @@ fn finish(vertices_m: Vec<[f64; 3]>, polygons: Vec<(Vec<u32>, Ground)>) -> WalkM
             })
             .collect();
         sides.extend(pairs(&corners).map(|side| (side, mesh.faces.len() as u32)));
-        mesh.faces.push(WalkFace { neighbours: vec![None; corners.len()], corners, ground });
+        mesh.faces.push(WalkFace {
+            neighbours: vec![None; corners.len()],
+            corners,
+            ground,
+        });
     }
     for face in &mut mesh.faces {
-        face.neighbours = pairs(&face.corners).map(|(a, b)| sides.get(&(b, a)).copied()).collect();
+        face.neighbours = pairs(&face.corners)
+            .map(|(a, b)| sides.get(&(b, a)).copied())
+            .collect();
     }
     mesh
 }

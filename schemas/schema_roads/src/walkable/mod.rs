@@ -1,8 +1,11 @@
 //! Where people walk: a mesh of convex faces over pavements, crosswalks and, at a price, roads.
 //!
-//! Pavements keep [`CLEAR_M`] from kerb and wall, so that whoever follows the mesh with a body stays on them. Around junctions, where maps
-//! seldom have pavement lanes, the pavements of neighbouring arms are joined by a curve. Crosswalks reach over the kerb onto the pavement.
-//! The outlines go into a constrained Delaunay triangulation, whose triangles are named by what they lie in and merged to convex faces.
+//! Pavements keep [`CLEAR_M`] from kerb and wall, so that whoever follows the mesh with a body
+//! stays on them. Around junctions, where maps
+//! seldom have pavement lanes, the pavements of neighbouring arms are joined by a curve. Crosswalks
+//! reach over the kerb onto the pavement.
+//! The outlines go into a constrained Delaunay triangulation, whose triangles are named by what
+//! they lie in and merged to convex faces.
 
 mod arrange;
 mod faces;
@@ -10,7 +13,8 @@ mod outlines;
 
 use crate::map::RoadMap;
 
-/// Distance that pavements of the mesh keep from the pavement's edges, metres; narrow pavements keep a quarter of their width.
+/// Distance that pavements of the mesh keep from the pavement's edges, metres; narrow pavements
+/// keep a quarter of their width.
 pub const CLEAR_M: f64 = 0.35;
 
 /// What a face lies on.
@@ -47,30 +51,41 @@ pub struct WalkMesh {
 impl WalkMesh {
     /// Corners of a face.
     pub fn corners_m(&self, face: usize) -> impl Iterator<Item = [f64; 3]> + '_ {
-        self.faces[face].corners.iter().map(|corner| self.vertices_m[*corner as usize])
+        self.faces[face]
+            .corners
+            .iter()
+            .map(|corner| self.vertices_m[*corner as usize])
     }
 
     /// Area of a face seen from above, m².
     pub fn area_m2(&self, face: usize) -> f64 {
         let corners: Vec<[f64; 3]> = self.corners_m(face).collect();
-        (1..corners.len() - 1).map(|i| 0.5 * turn(corners[0], corners[i], corners[i + 1])).sum()
+        (1..corners.len() - 1)
+            .map(|i| 0.5 * turn(corners[0], corners[i], corners[i + 1]))
+            .sum()
     }
 
     /// Mean of a face's corners.
     pub fn middle_m(&self, face: usize) -> [f64; 3] {
         let n = self.faces[face].corners.len() as f64;
-        self.corners_m(face).fold([0.0; 3], |sum, corner| std::array::from_fn(|i| sum[i] + corner[i] / n))
+        self.corners_m(face).fold([0.0; 3], |sum, corner| {
+            std::array::from_fn(|i| sum[i] + corner[i] / n)
+        })
     }
 
-    /// The face that a point lies in, seen from above, among those whose height is within `reach_m`.
+    /// The face that a point lies in, seen from above, among those whose height is within
+    /// `reach_m`.
     pub fn face_at(&self, point: [f64; 3], reach_m: f64) -> Option<usize> {
-        (0..self.faces.len()).find(|face| self.contains(*face, point) && (self.middle_m(*face)[2] - point[2]).abs() < reach_m)
+        (0..self.faces.len()).find(|face| {
+            self.contains(*face, point) && (self.middle_m(*face)[2] - point[2]).abs() < reach_m
+        })
     }
 
     /// Whether a point lies in a face, seen from above.
     pub fn contains(&self, face: usize, point: [f64; 3]) -> bool {
         let corners: Vec<[f64; 3]> = self.corners_m(face).collect();
-        (0..corners.len()).all(|i| turn(corners[i], corners[(i + 1) % corners.len()], point) >= -1e-9)
+        (0..corners.len())
+            .all(|i| turn(corners[i], corners[(i + 1) % corners.len()], point) >= -1e-9)
     }
 }
 
@@ -80,7 +95,8 @@ pub(crate) fn turn(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
 }
 
 impl RoadMap {
-    /// The walkable mesh; empty for a map without pavements. `with_roads` adds the carriageways beside pavements.
+    /// The walkable mesh; empty for a map without pavements. `with_roads` adds the carriageways
+    /// beside pavements.
     pub fn walkable(&self, with_roads: bool) -> WalkMesh {
         let outlines = outlines::outlines(self, with_roads);
         faces::mesh(&outlines)

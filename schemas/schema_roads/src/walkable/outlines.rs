@@ -35,7 +35,8 @@ struct Arm {
     middle_m: Point,
 }
 
-/// The end of a pavement: its points at the kerb and at the back, inside the clear distance and outside it, and its direction.
+/// The end of a pavement: its points at the kerb and at the back, inside the clear distance and
+/// outside it, and its direction.
 #[derive(Clone, Copy)]
 struct Edge {
     kerb_m: Point,
@@ -47,21 +48,31 @@ struct Edge {
 
 /// All outlines, pavements first.
 pub fn outlines(map: &RoadMap, with_roads: bool) -> Vec<Outline> {
-    let walks: Vec<&Lane> = map.lanes().iter().filter(|lane| lane.kind == LaneKind::Sidewalk).collect();
+    let walks: Vec<&Lane> = map
+        .lanes()
+        .iter()
+        .filter(|lane| lane.kind == LaneKind::Sidewalk)
+        .collect();
     let mut found: Vec<Outline> = Vec::new();
     // Pavements in their full width, to see where crosswalks end.
     let mut full: Vec<Vec<Point>> = Vec::new();
     for lane in &walks {
         let (left, right) = map.boundaries(lane.key, STEP_M);
         let (inner_left, inner_right) = inset(&left, &right);
-        found.push(Outline { corners_m: ring(&inner_left, &inner_right), ground: Ground::Sidewalk });
+        found.push(Outline {
+            corners_m: ring(&inner_left, &inner_right),
+            ground: Ground::Sidewalk,
+        });
         full.push(ring(&left, &right));
     }
     let mut junction_rings = Vec::new();
     for arms in junctions(map).into_values() {
         let (corners, rings) = corners(&arms);
         junction_rings.extend(junction_ring(&arms, &corners));
-        found.extend(corners.into_iter().flatten().map(|corner| Outline { corners_m: corner.ring, ground: Ground::Sidewalk }));
+        found.extend(corners.into_iter().flatten().map(|corner| Outline {
+            corners_m: corner.ring,
+            ground: Ground::Sidewalk,
+        }));
         full.extend(rings);
     }
     for walk in map.crosswalks() {
@@ -69,7 +80,10 @@ pub fn outlines(map: &RoadMap, with_roads: bool) -> Vec<Outline> {
     }
     if with_roads {
         found.extend(carriageways(map));
-        found.extend(junction_rings.into_iter().map(|corners_m| Outline { corners_m, ground: Ground::Road }));
+        found.extend(junction_rings.into_iter().map(|corners_m| Outline {
+            corners_m,
+            ground: Ground::Road,
+        }));
     }
     found.retain(|outline| outline.corners_m.len() >= 3);
     found
@@ -84,7 +98,11 @@ fn inset(left: &[Point], right: &[Point]) -> (Vec<Point>, Vec<Point>) {
 
 fn inset_pair(left: Point, right: Point) -> (Point, Point) {
     let width_m = (left[0] - right[0]).hypot(left[1] - right[1]);
-    let share = if width_m > 1e-6 { CLEAR_M.min(0.25 * width_m) / width_m } else { 0.0 };
+    let share = if width_m > 1e-6 {
+        CLEAR_M.min(0.25 * width_m) / width_m
+    } else {
+        0.0
+    };
     (mix(left, right, share), mix(right, left, share))
 }
 
@@ -109,50 +127,93 @@ fn thinned(line: &[Point]) -> Vec<Point> {
         let off = |i: usize| {
             let share = (i - from) as f64 / (to - from) as f64;
             let along = mix(line[from], line[to], share);
-            let length = (line[to][0] - line[from][0]).hypot(line[to][1] - line[from][1]).max(1e-9);
+            let length = (line[to][0] - line[from][0])
+                .hypot(line[to][1] - line[from][1])
+                .max(1e-9);
             // Heights count a tenth: feet find the ground by themselves.
-            (turn(line[from], line[to], line[i]).abs() / length).max(0.1 * (along[2] - line[i][2]).abs())
+            (turn(line[from], line[to], line[i]).abs() / length)
+                .max(0.1 * (along[2] - line[i][2]).abs())
         };
         let worst = (from + 1..to).max_by(|a, b| off(*a).total_cmp(&off(*b)));
         if let Some(worst) = worst.filter(|i| off(*i) > TOLERANCE_M) {
             open.extend([(from, worst), (worst, to)]);
         }
     }
-    line.iter().zip(keep).filter_map(|(point, keep)| keep.then_some(*point)).collect()
+    line.iter()
+        .zip(keep)
+        .filter_map(|(point, keep)| keep.then_some(*point))
+        .collect()
 }
 
 /// Roads that end at each junction, sorted counter-clockwise round it.
 fn junctions(map: &RoadMap) -> BTreeMap<u32, Vec<Arm>> {
     let mut ends: BTreeMap<u32, Vec<(u32, bool)>> = BTreeMap::new();
     for lane in map.lanes() {
-        let Some(junction) = lane.junction else { continue };
-        let before = lane.predecessors.iter().filter_map(|key| map.lane(*key)).map(|from| (from, !from.forward));
-        let after = lane.successors.iter().filter_map(|key| map.lane(*key)).map(|to| (to, to.forward));
-        for (other, at_start) in before.chain(after).filter(|(other, _)| other.junction.is_none()) {
-            ends.entry(junction).or_default().push((other.key.road, at_start));
+        let Some(junction) = lane.junction else {
+            continue;
+        };
+        let before = lane
+            .predecessors
+            .iter()
+            .filter_map(|key| map.lane(*key))
+            .map(|from| (from, !from.forward));
+        let after = lane
+            .successors
+            .iter()
+            .filter_map(|key| map.lane(*key))
+            .map(|to| (to, to.forward));
+        for (other, at_start) in before
+            .chain(after)
+            .filter(|(other, _)| other.junction.is_none())
+        {
+            ends.entry(junction)
+                .or_default()
+                .push((other.key.road, at_start));
         }
     }
     let arms = |mut list: Vec<(u32, bool)>| {
         list.sort_unstable();
         list.dedup();
-        let mut arms: Vec<Arm> = list.into_iter().filter_map(|(road, at_start)| arm(map, road, at_start)).collect();
+        let mut arms: Vec<Arm> = list
+            .into_iter()
+            .filter_map(|(road, at_start)| arm(map, road, at_start))
+            .collect();
         let n = arms.len().max(1) as f64;
-        let centre = arms.iter().fold([0.0; 2], |sum, arm| [sum[0] + arm.middle_m[0] / n, sum[1] + arm.middle_m[1] / n]);
+        let centre = arms.iter().fold([0.0; 2], |sum, arm| {
+            [sum[0] + arm.middle_m[0] / n, sum[1] + arm.middle_m[1] / n]
+        });
         let angle = |arm: &Arm| (arm.middle_m[1] - centre[1]).atan2(arm.middle_m[0] - centre[0]);
         arms.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
         arms
     };
-    ends.into_iter().map(|(junction, list)| (junction, arms(list))).collect()
+    ends.into_iter()
+        .map(|(junction, list)| (junction, arms(list)))
+        .collect()
 }
 
 fn arm(map: &RoadMap, road: u32, at_start: bool) -> Option<Arm> {
-    let lanes: Vec<&Lane> = map.lanes().iter().filter(|lane| lane.key.road == road).collect();
+    let lanes: Vec<&Lane> = map
+        .lanes()
+        .iter()
+        .filter(|lane| lane.key.road == road)
+        .collect();
     let sections = lanes.iter().map(|lane| lane.key.section);
-    let section = if at_start { sections.min() } else { sections.max() }?;
-    let of_section: Vec<&&Lane> = lanes.iter().filter(|lane| lane.key.section == section).collect();
+    let section = if at_start {
+        sections.min()
+    } else {
+        sections.max()
+    }?;
+    let of_section: Vec<&&Lane> = lanes
+        .iter()
+        .filter(|lane| lane.key.section == section)
+        .collect();
     let mut sides = [None, None];
-    for lane in of_section.iter().filter(|lane| lane.kind == LaneKind::Sidewalk) {
-        // Looking away from the junction along the road's own direction, positive lanes are on the left.
+    for lane in of_section
+        .iter()
+        .filter(|lane| lane.kind == LaneKind::Sidewalk)
+    {
+        // Looking away from the junction along the road's own direction, positive lanes are on the
+        // left.
         let side = usize::from((lane.key.lane > 0) != at_start);
         sides[side] = edge(map, lane, at_start);
     }
@@ -163,10 +224,16 @@ fn arm(map: &RoadMap, road: u32, at_start: bool) -> Option<Arm> {
         .map(|(l, r, _)| mix(l, r, 0.5))
         .collect();
     let n = ends.len() as f64;
-    (!ends.is_empty()).then(|| Arm { sides, middle_m: ends.iter().fold([0.0; 3], |sum, p| std::array::from_fn(|i| sum[i] + p[i] / n)) })
+    (!ends.is_empty()).then(|| Arm {
+        sides,
+        middle_m: ends.iter().fold([0.0; 3], |sum, p| {
+            std::array::from_fn(|i| sum[i] + p[i] / n)
+        }),
+    })
 }
 
-/// Left and right edge (in driving direction) at an end of the road, and the direction away from the end.
+/// Left and right edge (in driving direction) at an end of the road, and the direction away from
+/// the end.
 fn end_points(map: &RoadMap, lane: &Lane, at_start: bool) -> Option<(Point, Point, [f64; 2])> {
     let (left, right) = map.boundaries(lane.key, STEP_M);
     let first = lane.forward == at_start;
@@ -175,18 +242,37 @@ fn end_points(map: &RoadMap, lane: &Lane, at_start: bool) -> Option<(Point, Poin
         return None;
     }
     let (end, next) = if first { (0, 1) } else { (n - 1, n - 2) };
-    let (a, b) = (mix(left[end], right[end], 0.5), mix(left[next], right[next], 0.5));
+    let (a, b) = (
+        mix(left[end], right[end], 0.5),
+        mix(left[next], right[next], 0.5),
+    );
     let length = (b[0] - a[0]).hypot(b[1] - a[1]);
-    (length > 1e-6).then(|| (left[end], right[end], [(b[0] - a[0]) / length, (b[1] - a[1]) / length]))
+    (length > 1e-6).then(|| {
+        (
+            left[end],
+            right[end],
+            [(b[0] - a[0]) / length, (b[1] - a[1]) / length],
+        )
+    })
 }
 
 fn edge(map: &RoadMap, lane: &Lane, at_start: bool) -> Option<Edge> {
     let (left, right, outward) = end_points(map, lane, at_start)?;
     // The kerb is towards the middle line: right of a positive lane along the road.
     let kerb_is_right = (lane.key.lane > 0) == lane.forward;
-    let (kerb, back) = if kerb_is_right { (right, left) } else { (left, right) };
+    let (kerb, back) = if kerb_is_right {
+        (right, left)
+    } else {
+        (left, right)
+    };
     let (kerb_m, back_m) = inset_pair(kerb, back);
-    Some(Edge { kerb_m, back_m, full_kerb_m: kerb, full_back_m: back, outward })
+    Some(Edge {
+        kerb_m,
+        back_m,
+        full_kerb_m: kerb,
+        full_back_m: back,
+        outward,
+    })
 }
 
 /// A pavement round a junction's corner.
@@ -206,17 +292,26 @@ fn corners(arms: &[Arm]) -> (Vec<Option<Corner>>, Vec<Vec<Point>>) {
             if gap_m > MAX_GAP_M || arms.len() < 2 {
                 return None;
             }
-            let (kerb_m, back_m) =
-                (curve(from.kerb_m, from.outward, to.kerb_m, to.outward), curve(from.back_m, from.outward, to.back_m, to.outward));
+            let (kerb_m, back_m) = (
+                curve(from.kerb_m, from.outward, to.kerb_m, to.outward),
+                curve(from.back_m, from.outward, to.back_m, to.outward),
+            );
             let wide = |a, b| curve(a, from.outward, b, to.outward);
-            full.push(ring(&wide(from.full_kerb_m, to.full_kerb_m), &wide(from.full_back_m, to.full_back_m)));
-            Some(Corner { ring: ring(&kerb_m, &back_m), kerb_m })
+            full.push(ring(
+                &wide(from.full_kerb_m, to.full_kerb_m),
+                &wide(from.full_back_m, to.full_back_m),
+            ));
+            Some(Corner {
+                ring: ring(&kerb_m, &back_m),
+                kerb_m,
+            })
         })
         .collect();
     (corners, full)
 }
 
-/// A smooth curve into a junction at `a` and out of it at `b`: near to an arc where both ends are as far from where their lines meet.
+/// A smooth curve into a junction at `a` and out of it at `b`: near to an arc where both ends are
+/// as far from where their lines meet.
 fn curve(a: Point, a_outward: [f64; 2], b: Point, b_outward: [f64; 2]) -> Vec<Point> {
     let chord = [b[0] - a[0], b[1] - a[1]];
     let length = chord[0].hypot(chord[1]);
@@ -225,16 +320,27 @@ fn curve(a: Point, a_outward: [f64; 2], b: Point, b_outward: [f64; 2]) -> Vec<Po
     // Way from each end, against its outward direction, to the point where the lines meet.
     let mut handles = [length / 3.0; 2];
     if cross.abs() > 0.05 {
-        let to_meet = |p: [f64; 2], q: [f64; 2]| (chord[0] * q[1] - chord[1] * q[0]) / (p[0] * q[1] - p[1] * q[0]);
-        let ways = [-to_meet(a_outward, b_outward), to_meet(b_outward, a_outward)];
+        let to_meet = |p: [f64; 2], q: [f64; 2]| {
+            (chord[0] * q[1] - chord[1] * q[0]) / (p[0] * q[1] - p[1] * q[0])
+        };
+        let ways = [
+            -to_meet(a_outward, b_outward),
+            to_meet(b_outward, a_outward),
+        ];
         let bend = std::f64::consts::PI - dot.clamp(-1.0, 1.0).acos();
         let share = 4.0 / 3.0 * (0.25 * bend).tan() / (0.5 * bend).tan().max(1e-6);
         if ways.iter().all(|way| *way > 0.0 && *way < 3.0 * length) {
             handles = ways.map(|way| way * share);
         }
     }
-    let p1 = [a[0] - a_outward[0] * handles[0], a[1] - a_outward[1] * handles[0]];
-    let p2 = [b[0] - b_outward[0] * handles[1], b[1] - b_outward[1] * handles[1]];
+    let p1 = [
+        a[0] - a_outward[0] * handles[0],
+        a[1] - a_outward[1] * handles[0],
+    ];
+    let p2 = [
+        b[0] - b_outward[0] * handles[1],
+        b[1] - b_outward[1] * handles[1],
+    ];
     (0..=CURVE_PIECES)
         .map(|i| {
             let t = i as f64 / CURVE_PIECES as f64;
@@ -272,11 +378,16 @@ fn crosswalk(corners_m: &[Point], pavements: &[Vec<Point>]) -> Vec<Outline> {
     if n < 3 {
         return Vec::new();
     }
-    let area: f64 = (1..n - 1).map(|i| turn(corners[0], corners[i], corners[i + 1])).sum();
+    let area: f64 = (1..n - 1)
+        .map(|i| turn(corners[0], corners[i], corners[i + 1]))
+        .sum();
     if area < 0.0 {
         corners.reverse();
     }
-    let mut found = vec![Outline { corners_m: corners.clone(), ground: Ground::Crosswalk }];
+    let mut found = vec![Outline {
+        corners_m: corners.clone(),
+        ground: Ground::Crosswalk,
+    }];
     for i in 0..n {
         let (a, b) = (corners[i], corners[(i + 1) % n]);
         let length = (b[0] - a[0]).hypot(b[1] - a[1]);
@@ -287,7 +398,10 @@ fn crosswalk(corners_m: &[Point], pavements: &[Vec<Point>]) -> Vec<Outline> {
         let moved = |p: Point, by: f64| [p[0] + outward[0] * by, p[1] + outward[1] * by, p[2]];
         let probe = moved(mix(a, b, 0.5), 0.5);
         if pavements.iter().any(|pavement| inside(pavement, probe)) {
-            found.push(Outline { corners_m: vec![b, a, moved(a, REACH_M), moved(b, REACH_M)], ground: Ground::Crosswalk });
+            found.push(Outline {
+                corners_m: vec![b, a, moved(a, REACH_M), moved(b, REACH_M)],
+                ground: Ground::Crosswalk,
+            });
         }
     }
     found
@@ -297,7 +411,10 @@ fn crosswalk(corners_m: &[Point], pavements: &[Vec<Point>]) -> Vec<Outline> {
 fn carriageways(map: &RoadMap) -> Vec<Outline> {
     let mut sections: BTreeMap<(u32, u16), Vec<&Lane>> = BTreeMap::new();
     for lane in map.lanes().iter().filter(|lane| lane.junction.is_none()) {
-        sections.entry((lane.key.road, lane.key.section)).or_default().push(lane);
+        sections
+            .entry((lane.key.road, lane.key.section))
+            .or_default()
+            .push(lane);
     }
     let mut found = Vec::new();
     for lanes in sections.into_values() {
@@ -307,23 +424,37 @@ fn carriageways(map: &RoadMap) -> Vec<Outline> {
         let limit = |left: bool| {
             let of_side = |lane: &&&Lane| (lane.key.lane > 0) == left;
             // The innermost pavement's kerb line, or the outermost lane's outer edge.
-            let pavement =
-                lanes.iter().filter(of_side).filter(|lane| lane.kind == LaneKind::Sidewalk).min_by_key(|lane| lane.key.lane.abs());
-            let outermost = lanes.iter().filter(of_side).filter(|lane| lane.kind != LaneKind::Other).max_by_key(|lane| lane.key.lane.abs());
+            let pavement = lanes
+                .iter()
+                .filter(of_side)
+                .filter(|lane| lane.kind == LaneKind::Sidewalk)
+                .min_by_key(|lane| lane.key.lane.abs());
+            let outermost = lanes
+                .iter()
+                .filter(of_side)
+                .filter(|lane| lane.kind != LaneKind::Other)
+                .max_by_key(|lane| lane.key.lane.abs());
             let lane = pavement.or(outermost)?;
             let (mut a, mut b) = map.boundaries(lane.key, STEP_M);
             let inner_is_right = left == lane.forward;
             if pavement.is_some() {
                 (a, b) = inset(&a, &b);
             }
-            let mut line = if (pavement.is_some()) == inner_is_right { b } else { a };
+            let mut line = if (pavement.is_some()) == inner_is_right {
+                b
+            } else {
+                a
+            };
             if !lane.forward {
                 line.reverse();
             }
             Some(line)
         };
         if let (Some(left), Some(right)) = (limit(true), limit(false)) {
-            found.push(Outline { corners_m: ring(&left, &right), ground: Ground::Road });
+            found.push(Outline {
+                corners_m: ring(&left, &right),
+                ground: Ground::Road,
+            });
         }
     }
     found
@@ -334,7 +465,9 @@ pub fn inside(corners_m: &[Point], point: Point) -> bool {
     let mut odd = false;
     for (i, a) in corners_m.iter().enumerate() {
         let b = corners_m[(i + 1) % corners_m.len()];
-        if (a[1] > point[1]) != (b[1] > point[1]) && point[0] < a[0] + (point[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]) {
+        if (a[1] > point[1]) != (b[1] > point[1])
+            && point[0] < a[0] + (point[1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1])
+        {
             odd = !odd;
         }
     }

@@ -42,7 +42,14 @@ impl RoadText {
         format!(
             r#"<road id="{}" length="{}" junction="{}"><link>{}</link><type s="0" type="town"><speed max="50" unit="km/h"/></type>
             <planView>{}</planView>{}<lanes>{}</lanes>{}</road>"#,
-            self.id, self.length_m, self.junction, self.link, self.plan, self.profiles, self.lanes, self.signals
+            self.id,
+            self.length_m,
+            self.junction,
+            self.link,
+            self.plan,
+            self.profiles,
+            self.lanes,
+            self.signals
         )
     }
 }
@@ -60,8 +67,10 @@ pub fn document(roads: &[RoadText], rest: &str) -> String {
     )
 }
 
-/// A T-junction: road 1 from the west, 2 to the east, 3 from the south; connecting roads 11 (1→2), 12 (2→1), 13 (1→3), 14 (3→2).
-/// Roads 1 and 2 meet the junction at x = −10 and x = 10, road 3 at y = −10. A light on road 1 and one on 3, by reference on 13 too.
+/// A T-junction: road 1 from the west, 2 to the east, 3 from the south; connecting roads 11 (1→2),
+/// 12 (2→1), 13 (1→3), 14 (3→2).
+/// Roads 1 and 2 meet the junction at x = −10 and x = 10, road 3 at y = −10. A light on road 1 and
+/// one on 3, by reference on 13 too.
 pub fn t_junction() -> String {
     let half_pi = std::f64::consts::FRAC_PI_2;
     let mut west = RoadText::new(1, 90.0, &geometry(0.0, -100.0, 0.0, 0.0, 90.0, "<line/>"));
@@ -69,11 +78,19 @@ pub fn t_junction() -> String {
     west.signals = r#"<signals><signal id="71" name="light" s="88" t="-4" zOffset="5" hOffset="0" dynamic="yes" orientation="+" type="1000001" subtype="-1" country="OpenDRIVE" value="-1" height="1" width="0.4"><validity fromLane="-1" toLane="-1"/></signal></signals>"#.into();
     let mut east = RoadText::new(2, 90.0, &geometry(0.0, 10.0, 0.0, 0.0, 90.0, "<line/>"));
     east.link = r#"<predecessor elementType="junction" elementId="5"/>"#.into();
-    let mut south = RoadText::new(3, 90.0, &geometry(0.0, 0.0, -100.0, half_pi, 90.0, "<line/>"));
+    let mut south = RoadText::new(
+        3,
+        90.0,
+        &geometry(0.0, 0.0, -100.0, half_pi, 90.0, "<line/>"),
+    );
     south.link = r#"<successor elementType="junction" elementId="5"/>"#.into();
     south.signals = r#"<signals><signal id="72" name="light" s="88" t="-4" zOffset="5" dynamic="yes" orientation="+" type="1000001" subtype="-1" country="OpenDRIVE" value="-1"/></signals>"#.into();
     // Each leads lane −1 of its predecessor to a lane of its successor.
-    let connecting = |id: u32, plan: String, length: f64, from: (u32, &str, i8), to: (u32, &str, i8)| {
+    let connecting = |id: u32,
+                      plan: String,
+                      length: f64,
+                      from: (u32, &str, i8),
+                      to: (u32, &str, i8)| {
         let mut road = RoadText::new(id, length, &plan);
         road.junction = 5;
         road.link = format!(
@@ -90,9 +107,17 @@ pub fn t_junction() -> String {
     let back = geometry(0.0, 10.0, 0.0, std::f64::consts::PI, 20.0, "<line/>");
     let quarter = 10.0 * half_pi;
     let right = geometry(0.0, -10.0, 0.0, 0.0, quarter, r#"<arc curvature="-0.1"/>"#);
-    let out = geometry(0.0, 0.0, -10.0, half_pi, quarter, r#"<arc curvature="-0.1"/>"#);
+    let out = geometry(
+        0.0,
+        0.0,
+        -10.0,
+        half_pi,
+        quarter,
+        r#"<arc curvature="-0.1"/>"#,
+    );
     let mut guarded = connecting(13, right, quarter, (1, "end", -1), (3, "end", 1));
-    guarded.signals = r#"<signals><signalReference s="0" t="-4" id="71" orientation="+"/></signals>"#.into();
+    guarded.signals =
+        r#"<signals><signalReference s="0" t="-4" id="71" orientation="+"/></signals>"#.into();
     let roads = [
         west,
         east,

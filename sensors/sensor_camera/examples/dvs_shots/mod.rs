@@ -27,22 +27,46 @@ impl Shot {
     }
 }
 
-/// Firings of a drive along the test street, at these places and times; luminance from the picture's green.
+/// Firings of a drive along the test street, at these places and times; luminance from the
+/// picture's green.
 pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Vec<Shot> {
     let gpu = kit::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
     let (assets, car) = kit::street();
     let mut view = kit::view(&gpu, size_px[0], size_px[1]);
-    let asked = [Modality::Rgb, Modality::Flow, Modality::Depth, Modality::Instance, Modality::Semantic];
+    let asked = [
+        Modality::Rgb,
+        Modality::Flow,
+        Modality::Depth,
+        Modality::Instance,
+        Modality::Semantic,
+    ];
     let shot = |(x_m, sim_nanos): (f64, u64)| {
-        let cars = (0..8).map(|i| kit::moving(20 + i, car, kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]))).collect();
+        let cars = (0..8)
+            .map(|i| {
+                kit::moving(
+                    20 + i,
+                    car,
+                    kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]),
+                )
+            })
+            .collect();
         let scene = kit::scene(&assets, cars, sim_nanos);
-        let mut frames = kit::render(&mut renderer, &scene, &mut view, kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]), &asked);
+        let mut frames = kit::render(
+            &mut renderer,
+            &scene,
+            &mut view,
+            kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]),
+            &asked,
+        );
         let mut take = |modality| frames.remove(&modality).expect("asked for").0;
         let rgb = take(Modality::Rgb);
         let linear = |value: u8| ((value as f32 / 255.0 + 0.055) / 1.055).powf(2.4);
         Shot {
-            luminance: rgb.chunks_exact(4).flat_map(|pixel| linear(pixel[1]).to_le_bytes()).collect(),
+            luminance: rgb
+                .chunks_exact(4)
+                .flat_map(|pixel| linear(pixel[1]).to_le_bytes())
+                .collect(),
             flow: take(Modality::Flow),
             depth: take(Modality::Depth),
             instance: take(Modality::Instance),
@@ -54,7 +78,8 @@ pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Ve
 
 /// Processor time of this process, all threads.
 pub fn cpu_secs() -> f64 {
-    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF).expect("a process may ask for its own usage");
+    let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF)
+        .expect("a process may ask for its own usage");
     let secs = |t: nix::sys::time::TimeVal| t.tv_sec() as f64 + t.tv_usec() as f64 * 1e-6;
     secs(usage.user_time()) + secs(usage.system_time())
 }

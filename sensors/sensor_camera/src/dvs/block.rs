@@ -1,4 +1,5 @@
-//! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over arrays, which the compiler vectorises.
+//! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over
+//! arrays, which the compiler vectorises.
 
 use super::picture::{Bounds, Picture, larger, smaller};
 
@@ -49,9 +50,17 @@ impl Block {
         }
     }
 
-    /// A pixel with its motion and level at the beginning and the end, and the limits of its next events.
+    /// A pixel with its motion and level at the beginning and the end, and the limits of its next
+    /// events.
     #[inline(always)]
-    pub fn set(&mut self, lane: usize, motions: [[f32; 2]; 2], levels: [f32; 2], limits: [f32; 2], size_px: [usize; 2]) {
+    pub fn set(
+        &mut self,
+        lane: usize,
+        motions: [[f32; 2]; 2],
+        levels: [f32; 2],
+        limits: [f32; 2],
+        size_px: [usize; 2],
+    ) {
         for axis in 0..2 {
             for m in motions {
                 let far = [self.at[axis][lane] + m[axis], self.at[axis][lane] - m[axis]];
@@ -81,36 +90,54 @@ impl Block {
             let m = [0, 1].map(|axis| self.from[axis][lane] + self.change[axis][lane] * share);
             m[0] * m[0] + m[1] * m[1]
         };
-        (0..LANES).map(|lane| norm2(lane, 0.0).max(norm2(lane, 1.0))).fold(0.0, f32::max).sqrt()
+        (0..LANES)
+            .map(|lane| norm2(lane, 0.0).max(norm2(lane, 1.0)))
+            .fold(0.0, f32::max)
+            .sqrt()
     }
 
     #[inline(always)]
     fn places(&self, share: f32) -> Places {
         let along = |axis: usize, weight: f32| -> Lanes {
-            std::array::from_fn(|lane| self.at[axis][lane] + (self.from[axis][lane] + self.change[axis][lane] * share) * weight)
+            std::array::from_fn(|lane| {
+                self.at[axis][lane]
+                    + (self.from[axis][lane] + self.change[axis][lane] * share) * weight
+            })
         };
-        Places { ahead: [along(0, 1.0 - share), along(1, 1.0 - share)], behind: [along(0, -share), along(1, -share)] }
+        Places {
+            ahead: [along(0, 1.0 - share), along(1, 1.0 - share)],
+            behind: [along(0, -share), along(1, -share)],
+        }
     }
 
-    /// Whether no level between these shares of the paths can cross a limit of any pixel; references sink by `leak` at most.
+    /// Whether no level between these shares of the paths can cross a limit of any pixel;
+    /// references sink by `leak` at most.
     #[inline(always)]
     pub fn is_quiet(&self, bounds: [&Bounds; 2], from: f32, to: f32, leak: f32) -> bool {
         let (from, to) = (self.places(from), self.places(to));
         let before = bounds[0].within(corners(&from.behind, &to.behind));
         let after = bounds[1].within(corners(&from.ahead, &to.ahead));
         let (lowest, highest) = (smaller(before.0, after.0), larger(before.1, after.1));
-        let (low, high) =
-            (self.low.iter().copied().fold(f32::NEG_INFINITY, larger), self.high.iter().copied().fold(f32::INFINITY, smaller));
+        let (low, high) = (
+            self.low.iter().copied().fold(f32::NEG_INFINITY, larger),
+            self.high.iter().copied().fold(f32::INFINITY, smaller),
+        );
         lowest > low && highest + leak < high
     }
 
-    /// Levels when `share` of the window has passed and references have sunk by `leaked`: seen in both pictures, or in the one that shows the point.
+    /// Levels when `share` of the window has passed and references have sunk by `leaked`: seen in
+    /// both pictures, or in the one that shows the point.
     #[inline(always)]
     pub fn levels(&self, previous: &Picture, now: &Picture, share: f32, leaked: f32) -> Lanes {
         let places = self.places(share);
-        let (before, after) = (previous.levels_at(&places.behind), now.levels_at(&places.ahead));
+        let (before, after) = (
+            previous.levels_at(&places.behind),
+            now.levels_at(&places.ahead),
+        );
         if self.stays_inside {
-            return std::array::from_fn(|lane| before[lane] + (after[lane] - before[lane]) * share + leaked);
+            return std::array::from_fn(|lane| {
+                before[lane] + (after[lane] - before[lane]) * share + leaked
+            });
         }
         let [width, height] = now.size_px.map(|px| px as f32);
         let is_inside = |at: &[Lanes; 2], lane: usize| {
@@ -118,11 +145,23 @@ impl Block {
             (x >= 0.0) & (y >= 0.0) & (x <= width) & (y <= height)
         };
         std::array::from_fn(|lane| {
-            let (was_inside, will_be) = (is_inside(&places.behind, lane), is_inside(&places.ahead, lane));
-            // A picture that does not show the point lends the other one's level; without either the level goes in a straight line.
-            let from = if was_inside { before[lane] } else { after[lane] };
+            let (was_inside, will_be) = (
+                is_inside(&places.behind, lane),
+                is_inside(&places.ahead, lane),
+            );
+            // A picture that does not show the point lends the other one's level; without either
+            // the level goes in a straight line.
+            let from = if was_inside {
+                before[lane]
+            } else {
+                after[lane]
+            };
             let to = if will_be { after[lane] } else { before[lane] };
-            let (from, to) = if was_inside | will_be { (from, to) } else { (self.begin[lane], self.end[lane]) };
+            let (from, to) = if was_inside | will_be {
+                (from, to)
+            } else {
+                (self.begin[lane], self.end[lane])
+            };
             let own = if was_inside | will_be { leaked } else { 0.0 };
             from + (to - from) * share + own
         })
@@ -141,8 +180,9 @@ impl Block {
     /// Those that are.
     #[inline(always)]
     pub fn crossing_lanes(&self, levels: &Lanes) -> impl Iterator<Item = usize> + use<> {
-        let is_beyond: [bool; LANES] =
-            std::array::from_fn(|lane| levels[lane] - self.high[lane] >= 0.0 || self.low[lane] - levels[lane] >= 0.0);
+        let is_beyond: [bool; LANES] = std::array::from_fn(|lane| {
+            levels[lane] - self.high[lane] >= 0.0 || self.low[lane] - levels[lane] >= 0.0
+        });
         (0..LANES).filter(move |lane| is_beyond[*lane])
     }
 }
@@ -150,7 +190,14 @@ impl Block {
 /// Smallest and largest x and y of two sets of points.
 #[inline(always)]
 fn corners(a: &[Lanes; 2], b: &[Lanes; 2]) -> [[f32; 2]; 2] {
-    let fold =
-        |axis: usize, pick: fn(f32, f32) -> f32| (0..LANES).map(|lane| pick(a[axis][lane], b[axis][lane])).reduce(pick).unwrap_or(0.0);
-    [[fold(0, smaller), fold(1, smaller)], [fold(0, larger), fold(1, larger)]]
+    let fold = |axis: usize, pick: fn(f32, f32) -> f32| {
+        (0..LANES)
+            .map(|lane| pick(a[axis][lane], b[axis][lane]))
+            .reduce(pick)
+            .unwrap_or(0.0)
+    };
+    [
+        [fold(0, smaller), fold(1, smaller)],
+        [fold(0, larger), fold(1, larger)],
+    ]
 }

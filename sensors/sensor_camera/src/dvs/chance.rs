@@ -1,7 +1,9 @@
 //! What chance does to an event camera: thresholds that differ, and events out of nothing.
 //!
-//! Shot noise is a Poisson process per pixel whose rate falls with the light: Hu, Liu, Delbruck, *v2e: From Video Frames to Realistic DVS
-//! Events* (2021), section 3; each polarity has half of the rate. It comes beside what the pixel sees and leaves its memory alone.
+//! Shot noise is a Poisson process per pixel whose rate falls with the light: Hu, Liu, Delbruck,
+//! *v2e: From Video Frames to Realistic DVS
+//! Events* (2021), section 3; each polarity has half of the rate. It comes beside what the pixel
+//! sees and leaves its memory alone.
 
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
@@ -13,7 +15,8 @@ const MISMATCH_STREAM: u64 = 0x6476_735f_7468_7265;
 const PHASE_STREAM: u64 = 0x6476_735f_7068_6173;
 const SIGMA_STREAM: u64 = 0x6476_735f_7369_676d;
 const SHOT_STREAM: u64 = 0x6476_735f_7368_6f74;
-/// Thresholds do not fall below this share of their nominal value by mismatch, however unlucky the pixel.
+/// Thresholds do not fall below this share of their nominal value by mismatch, however unlucky the
+/// pixel.
 const MIN_MISMATCH: f64 = 0.1;
 /// Nor below this by the spread from window to window (CARLA's bound).
 const MIN_THRESHOLD: f32 = 0.01;
@@ -29,38 +32,63 @@ pub(super) struct Chance {
 
 impl Chance {
     pub fn new(seed: u64, sensor: u64) -> Self {
-        Chance { seed, stream: sensor }
+        Chance {
+            seed,
+            stream: sensor,
+        }
     }
 
     /// Factor of both thresholds per pixel; empty without mismatch.
     pub fn mismatch(&self, spec: &DvsSpec, n_pixels: usize) -> Vec<f32> {
         let noise = Noise::new(self.seed, self.stream ^ MISMATCH_STREAM, 0);
-        let relative = spec.threshold_mismatch_stddev as f64 / (0.5 * (spec.positive_threshold + spec.negative_threshold)) as f64;
-        let factor = |pixel: usize| (1.0 + relative * noise.gaussian(pixel as u64)).max(MIN_MISMATCH) as f32;
-        if relative > 0.0 { (0..n_pixels).into_par_iter().map(factor).collect() } else { Vec::new() }
+        let relative = spec.threshold_mismatch_stddev as f64
+            / (0.5 * (spec.positive_threshold + spec.negative_threshold)) as f64;
+        let factor =
+            |pixel: usize| (1.0 + relative * noise.gaussian(pixel as u64)).max(MIN_MISMATCH) as f32;
+        if relative > 0.0 {
+            (0..n_pixels).into_par_iter().map(factor).collect()
+        } else {
+            Vec::new()
+        }
     }
 
-    /// How far each pixel has leaked towards its next event when it begins, 0 to 1: pixels do not leak in step.
+    /// How far each pixel has leaked towards its next event when it begins, 0 to 1: pixels do not
+    /// leak in step.
     pub fn phase(&self, pixel: usize) -> f32 {
         Noise::new(self.seed, self.stream ^ PHASE_STREAM, 0).uniform(pixel as u64) as f32
     }
 
-    /// Thresholds `[up, down]` of a pixel in the window number `window`; nominal ones without spread.
+    /// Thresholds `[up, down]` of a pixel in the window number `window`; nominal ones without
+    /// spread.
     pub fn thresholds(&self, spec: &DvsSpec, window: u64, pixel: usize) -> [f32; 2] {
         let noise = Noise::new(self.seed, self.stream ^ SIGMA_STREAM, window);
         let draw = |nominal: f32, sigma: f32, sample: u64| {
-            if sigma > 0.0 { (nominal + sigma * noise.gaussian(sample) as f32).max(MIN_THRESHOLD) } else { nominal }
+            if sigma > 0.0 {
+                (nominal + sigma * noise.gaussian(sample) as f32).max(MIN_THRESHOLD)
+            } else {
+                nominal
+            }
         };
         let pixel = pixel as u64;
         [
-            draw(spec.positive_threshold, spec.sigma_positive_threshold, 2 * pixel),
-            draw(spec.negative_threshold, spec.sigma_negative_threshold, 2 * pixel + 1),
+            draw(
+                spec.positive_threshold,
+                spec.sigma_positive_threshold,
+                2 * pixel,
+            ),
+            draw(
+                spec.negative_threshold,
+                spec.sigma_negative_threshold,
+                2 * pixel + 1,
+            ),
         ]
     }
 
-    /// Calls `event(pixel, nanos_in_window, polarity)` for each event of shot noise; `light(pixel)` is its luminance, 0 to 1.
+    /// Calls `event(pixel, nanos_in_window, polarity)` for each event of shot noise; `light(pixel)`
+    /// is its luminance, 0 to 1.
     ///
-    /// All pixels' windows are laid one after the other, so that one chain of waiting times serves them all.
+    /// All pixels' windows are laid one after the other, so that one chain of waiting times serves
+    /// them all.
     pub fn shots(
         &self,
         spec: &DvsSpec,
@@ -92,7 +120,22 @@ impl Chance {
 }
 
 /// An event of shot noise at a pixel.
-pub(super) fn shot_event(pixel: usize, width: usize, nanos_in_window: u32, polarity: u8, object_id: u32, class: u8) -> DvsEvent {
+pub(super) fn shot_event(
+    pixel: usize,
+    width: usize,
+    nanos_in_window: u32,
+    polarity: u8,
+    object_id: u32,
+    class: u8,
+) -> DvsEvent {
     let (x_px, y_px) = ((pixel % width) as u16, (pixel / width) as u16);
-    DvsEvent { nanos_in_window, x_px, y_px, object_id, polarity, class, reserved: 0 }
+    DvsEvent {
+        nanos_in_window,
+        x_px,
+        y_px,
+        object_id,
+        polarity,
+        class,
+        reserved: 0,
+    }
 }

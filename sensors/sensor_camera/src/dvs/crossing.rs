@@ -6,7 +6,8 @@ pub(super) struct Crossing<'p> {
     pub thresholds: [f32; 2],
     /// Level at the last event.
     pub reference: &'p mut f32,
-    /// Rest of the refractory period when the window began, nanoseconds; without one it is not touched.
+    /// Rest of the refractory period when the window began, nanoseconds; without one it is not
+    /// touched.
     pub silent_nanos: &'p mut u32,
     pub refractory_nanos: u32,
 }
@@ -21,7 +22,14 @@ impl Crossing<'_> {
 
     /// The level goes in a straight line from `before` to `after`.
     #[inline(always)]
-    pub fn follow(&mut self, before: f32, after: f32, begin_nanos: u32, end_nanos: u32, event: &mut impl FnMut(u32, u8)) {
+    pub fn follow(
+        &mut self,
+        before: f32,
+        after: f32,
+        begin_nanos: u32,
+        end_nanos: u32,
+        event: &mut impl FnMut(u32, u8),
+    ) {
         let [up, down] = self.thresholds;
         let (step, polarity) = if after > before { (up, 1) } else { (-down, 0) };
         // Levels counted upwards in the direction they go.
@@ -31,11 +39,17 @@ impl Crossing<'_> {
             return;
         }
         let length_nanos = end_nanos - begin_nanos;
-        // A level that is beyond already (a step where pictures do not meet) crosses at once, one that stays there at the end.
-        let per_level = if after == before { f32::INFINITY } else { 1.0 / (after - before) };
+        // A level that is beyond already (a step where pictures do not meet) crosses at once, one
+        // that stays there at the end.
+        let per_level = if after == before {
+            f32::INFINITY
+        } else {
+            1.0 / (after - before)
+        };
         while sign * after >= sign * target {
             let share = (target - before) * per_level;
-            // In parts of 2⁻²⁴ of the step: 3 ns of 50 ms. The conversion turns what lies outside into the ends.
+            // In parts of 2⁻²⁴ of the step: 3 ns of 50 ms. The conversion turns what lies outside
+            // into the ends.
             let nanos = begin_nanos + ((share * length_nanos as f32) as u32).min(length_nanos);
             *self.reference = target;
             target += step;
@@ -56,8 +70,15 @@ mod tests {
 
     fn follow(refractory_nanos: u32, after: f32, end_nanos: u32) -> (Vec<(u32, u8)>, f32) {
         let (mut reference, mut silent_nanos, mut events) = (0.0, 0, Vec::new());
-        let mut crossing = Crossing { thresholds: [0.25; 2], reference: &mut reference, silent_nanos: &mut silent_nanos, refractory_nanos };
-        crossing.follow(0.0, after, 0, end_nanos, &mut |nanos, polarity| events.push((nanos, polarity)));
+        let mut crossing = Crossing {
+            thresholds: [0.25; 2],
+            reference: &mut reference,
+            silent_nanos: &mut silent_nanos,
+            refractory_nanos,
+        };
+        crossing.follow(0.0, after, 0, end_nanos, &mut |nanos, polarity| {
+            events.push((nanos, polarity))
+        });
         (events, reference)
     }
 
@@ -85,13 +106,20 @@ mod tests {
     fn what_is_beyond_already_crosses_at_once_and_a_level_that_stays_at_the_end() {
         let (mut reference, mut silent_nanos) = (0.0, 0);
         let mut times = Vec::new();
-        let mut crossing =
-            Crossing { thresholds: [0.25; 2], reference: &mut reference, silent_nanos: &mut silent_nanos, refractory_nanos: 0 };
+        let mut crossing = Crossing {
+            thresholds: [0.25; 2],
+            reference: &mut reference,
+            silent_nanos: &mut silent_nanos,
+            refractory_nanos: 0,
+        };
         crossing.follow(0.3, 0.6, 100, 200, &mut |nanos, _| times.push(nanos));
         assert_eq!((times[0], times.len()), (100, 2));
         *crossing.reference = 0.0;
         times.clear();
         crossing.follow(-0.3, -0.3, 100, 200, &mut |nanos, _| times.push(nanos));
-        assert!(times.iter().all(|nanos| (100..=200).contains(nanos)) && times.len() == 1, "{times:?}");
+        assert!(
+            times.iter().all(|nanos| (100..=200).contains(nanos)) && times.len() == 1,
+            "{times:?}"
+        );
     }
 }

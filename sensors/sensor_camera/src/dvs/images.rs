@@ -11,12 +11,20 @@ pub struct Rows<'a> {
 impl<'a> Rows<'a> {
     /// Rows of `row_bytes`, one every `stride_bytes`.
     pub fn new(bytes: &'a [u8], row_bytes: usize, stride_bytes: usize) -> Self {
-        Rows { bytes, row_bytes, stride_bytes }
+        Rows {
+            bytes,
+            row_bytes,
+            stride_bytes,
+        }
     }
 
     /// Rows without padding.
     pub fn tight(bytes: &'a [u8], row_bytes: usize) -> Self {
-        Rows { bytes, row_bytes, stride_bytes: row_bytes }
+        Rows {
+            bytes,
+            row_bytes,
+            stride_bytes: row_bytes,
+        }
     }
 
     /// Row `y`.

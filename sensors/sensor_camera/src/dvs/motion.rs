@@ -10,7 +10,8 @@ use super::tiles::{Range, TILE_PX, row_ranges, tiles_of};
 pub(super) enum Path {
     /// Nothing moves here.
     Still,
-    /// One surface: the motion of what is here at the beginning and at the end; in between it changes evenly.
+    /// One surface: the motion of what is here at the beginning and at the end; in between it
+    /// changes evenly.
     Smooth { begin: [f32; 2], end: [f32; 2] },
     /// Several surfaces, of which the nearest is seen.
     Several { motions: [[f32; 2]; 3], n: usize },
@@ -21,7 +22,8 @@ pub(super) fn norm2(m: [f32; 2]) -> f32 {
     m[0] * m[0] + m[1] * m[1]
 }
 
-/// Whether two motions may be those of one surface seen in perspective: half a pixel and a third of the speed apart at most.
+/// Whether two motions may be those of one surface seen in perspective: half a pixel and a third of
+/// the speed apart at most.
 #[inline(always)]
 fn smooth(a: [f32; 2], b: [f32; 2]) -> bool {
     let tolerance = 0.5 + 0.35 * larger(norm2(a), norm2(b)).sqrt();
@@ -68,8 +70,15 @@ pub(super) struct Motion<'p> {
 }
 
 impl<'p> Motion<'p> {
-    /// From the flow at the end; `ratio` is this window's length over the previous one's, for what is hidden at the end.
-    pub fn between(previous: &Picture, now: &'p Picture, ratio: f32, step_px: f32, memory: &'p mut MotionMemory) -> Motion<'p> {
+    /// From the flow at the end; `ratio` is this window's length over the previous one's, for what
+    /// is hidden at the end.
+    pub fn between(
+        previous: &Picture,
+        now: &'p Picture,
+        ratio: f32,
+        step_px: f32,
+        memory: &'p mut MotionMemory,
+    ) -> Motion<'p> {
         let size_px = now.size_px;
         let tiles = tiles_of(size_px);
         let MotionMemory { before, nearest_m } = memory;
@@ -80,14 +89,30 @@ impl<'p> Motion<'p> {
             // Nothing leaves its pixel: what a camera at a thousand frames a second sees.
             before.copy_from_slice(&now.flow);
         } else {
-            before.par_iter_mut().zip(&previous.flow).for_each(|(before, flow)| *before = flow.map(|f| f * ratio));
+            before
+                .par_iter_mut()
+                .zip(&previous.flow)
+                .for_each(|(before, flow)| *before = flow.map(|f| f * ratio));
             scatter(now, before, nearest_m);
         }
         spread(now, tiles, &now_ranges, &mut passing);
         let before_ranges = motion_ranges(before, size_px);
-        let gait = |tile: usize| gait(&now_ranges[tile].with(&before_ranges[tile]), passing[tile], step_px);
+        let gait = |tile: usize| {
+            gait(
+                &now_ranges[tile].with(&before_ranges[tile]),
+                passing[tile],
+                step_px,
+            )
+        };
         let gaits = (0..tiles[0] * tiles[1]).map(gait).collect();
-        Motion { size_px, tiles, now: &now.flow, before, passing, gaits }
+        Motion {
+            size_px,
+            tiles,
+            now: &now.flow,
+            before,
+            passing,
+            gaits,
+        }
     }
 
     /// What goes on about the eight pixels from `(x, y)` on, x a multiple of eight.
@@ -108,8 +133,14 @@ impl<'p> Motion<'p> {
         let i = y * self.size_px[0] + x;
         let (begin, end) = (self.before[i], self.now[i]);
         let passing = self.passing[y / TILE_PX * self.tiles[0] + x / TILE_PX];
-        if smooth(begin, end) && (passing == [0.0; 2] || smooth(passing, begin) || smooth(passing, end)) {
-            return if begin == [0.0; 2] && end == [0.0; 2] { Path::Still } else { Path::Smooth { begin, end } };
+        if smooth(begin, end)
+            && (passing == [0.0; 2] || smooth(passing, begin) || smooth(passing, end))
+        {
+            return if begin == [0.0; 2] && end == [0.0; 2] {
+                Path::Still
+            } else {
+                Path::Smooth { begin, end }
+            };
         }
         let (mut motions, mut n) = ([end; 3], 1);
         for other in [begin, passing] {
@@ -122,7 +153,15 @@ impl<'p> Motion<'p> {
     }
 
     /// Brightness at a pixel that several surfaces pass, when `share` of the window has passed.
-    pub fn level(&self, previous: &Picture, now: &Picture, motions: &[[f32; 2]], x: usize, y: usize, share: f32) -> f32 {
+    pub fn level(
+        &self,
+        previous: &Picture,
+        now: &Picture,
+        motions: &[[f32; 2]],
+        x: usize,
+        y: usize,
+        share: f32,
+    ) -> f32 {
         let at = [x as f32 + 0.5, y as f32 + 0.5];
         let ahead = |m: [f32; 2]| [at[0] + m[0] * (1.0 - share), at[1] + m[1] * (1.0 - share)];
         let behind = |m: [f32; 2]| [at[0] - m[0] * share, at[1] - m[1] * share];
@@ -130,7 +169,10 @@ impl<'p> Motion<'p> {
         let (mut chosen, mut nearest_m) = (None, f32::INFINITY);
         for m in motions {
             let [px, py] = ahead(*m);
-            if let Some(i) = now.index_at(px, py).filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m)) {
+            if let Some(i) = now
+                .index_at(px, py)
+                .filter(|i| now.depth[*i] <= nearest_m && alike(now.flow[*i], *m))
+            {
                 (nearest_m, chosen) = (now.depth[i], Some(*m));
             }
         }
@@ -138,8 +180,17 @@ impl<'p> Motion<'p> {
         let (before, after) = match chosen {
             Some(m) => {
                 let ([ax, ay], [bx, by]) = (ahead(m), behind(m));
-                let seen_before = previous.index_at(bx, by).is_some_and(|i| alike(self.before[i], m));
-                (if seen_before { previous.level_at(bx, by) } else { None }, now.level_at(ax, ay))
+                let seen_before = previous
+                    .index_at(bx, by)
+                    .is_some_and(|i| alike(self.before[i], m));
+                (
+                    if seen_before {
+                        previous.level_at(bx, by)
+                    } else {
+                        None
+                    },
+                    now.level_at(ax, ay),
+                )
             }
             // Hidden at the end: what was here at the beginning, moving on as it did.
             None => {
@@ -158,13 +209,25 @@ impl<'p> Motion<'p> {
 /// Boxes about the motions of each tile.
 fn motion_ranges(field: &[[f32; 2]], size_px: [usize; 2]) -> Vec<Range> {
     let tiles = tiles_of(size_px);
-    let of_row = |ty: usize| row_ranges::<16>(bytemuck::cast_slice(field), size_px, ty).iter().map(Range::of).collect::<Vec<_>>();
-    (0..tiles[1]).into_par_iter().flat_map_iter(of_row).collect()
+    let of_row = |ty: usize| {
+        row_ranges::<16>(bytemuck::cast_slice(field), size_px, ty)
+            .iter()
+            .map(Range::of)
+            .collect::<Vec<_>>()
+    };
+    (0..tiles[1])
+        .into_par_iter()
+        .flat_map_iter(of_row)
+        .collect()
 }
 
 /// From a box about all motions in a tile and the motion of what passes it.
 fn gait(range: &Range, passing: [f32; 2], step_px: f32) -> Gait {
-    let all = Range { low: passing, high: passing }.with(range);
+    let all = Range {
+        low: passing,
+        high: passing,
+    }
+    .with(range);
     let all = if passing == [0.0; 2] { range } else { &all };
     if all.fastest2() < step_px * step_px {
         Gait::Slow
@@ -178,22 +241,30 @@ fn gait(range: &Range, passing: [f32; 2], step_px: f32) -> Gait {
 
 /// Gives each pixel of the beginning the motion of what left it, nearest first.
 ///
-/// Bands of rows are filled side by side; each looks only at rows from which something can have come, in the order of the image,
+/// Bands of rows are filled side by side; each looks only at rows from which something can have
+/// come, in the order of the image,
 /// so that the outcome does not depend on the number of bands.
 fn scatter(now: &Picture, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
     let width = now.size_px[0];
     let reach_of = |row: &[[f32; 2]]| {
         let zero = ([0.0_f32; 2], [0.0_f32; 2]);
         row.iter().fold(zero, |(low, high), flow| {
-            ([0, 1].map(|axis| smaller(flow[axis], low[axis])), [0, 1].map(|axis| larger(flow[axis], high[axis])))
+            (
+                [0, 1].map(|axis| smaller(flow[axis], low[axis])),
+                [0, 1].map(|axis| larger(flow[axis], high[axis])),
+            )
         })
     };
     let reaches: Vec<([f32; 2], [f32; 2])> = now.flow.par_chunks(width).map(reach_of).collect();
     nearest_m.clear();
     nearest_m.resize(before.len(), f32::INFINITY);
     let n_rows = before.len() / width;
-    let band_rows = n_rows.div_ceil(rayon::current_num_threads().max(1)).max(TILE_PX);
-    let bands = before.par_chunks_mut(band_rows * width).zip(nearest_m.par_chunks_mut(band_rows * width));
+    let band_rows = n_rows
+        .div_ceil(rayon::current_num_threads().max(1))
+        .max(TILE_PX);
+    let bands = before
+        .par_chunks_mut(band_rows * width)
+        .zip(nearest_m.par_chunks_mut(band_rows * width));
     bands.enumerate().for_each(|(band, (before, nearest_m))| {
         let first = band * band_rows;
         let rows = first..first + before.len() / width;
@@ -206,8 +277,16 @@ fn scatter(now: &Picture, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
             for x in 0..width {
                 let i = y * width + x;
                 let (flow, depth_m) = (now.flow[i], now.depth[i]);
-                let Some(from) = now.index_at(x as f32 + 0.5 - flow[0], y as f32 + 0.5 - flow[1]) else { continue };
-                let Some(from) = from.checked_sub(first * width).filter(|from| *from < before.len()) else { continue };
+                let Some(from) = now.index_at(x as f32 + 0.5 - flow[0], y as f32 + 0.5 - flow[1])
+                else {
+                    continue;
+                };
+                let Some(from) = from
+                    .checked_sub(first * width)
+                    .filter(|from| *from < before.len())
+                else {
+                    continue;
+                };
                 if depth_m <= nearest_m[from] {
                     nearest_m[from] = depth_m;
                     before[from] = flow;
@@ -217,7 +296,8 @@ fn scatter(now: &Picture, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
     });
 }
 
-/// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump in their motion send one out:
+/// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump
+/// in their motion send one out:
 /// what passes a pixel without being there at the beginning or the end has rims.
 fn spread(now: &Picture, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f32; 2]]) {
     let [width, height] = now.size_px;
@@ -225,14 +305,18 @@ fn spread(now: &Picture, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f3
         let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
         // With its neighbours to the left and above, whose last pixels are looked at too.
         let (left, above) = ((tx > 0) as usize, if ty > 0 { tiles[0] } else { 0 });
-        let about = [tile - left, tile - above, tile - left - above].iter().fold(ranges[tile], |about, other| about.with(&ranges[*other]));
+        let about = [tile - left, tile - above, tile - left - above]
+            .iter()
+            .fold(ranges[tile], |about, other| about.with(&ranges[*other]));
         if about.spread() <= 0.5 + 0.35 * about.slowest() {
             return [0.0; 2];
         }
         let (mut fastest, mut slowest) = ([0.0; 2], [f32::INFINITY; 2]);
         // One pixel more to the left and above: a jump may lie between two tiles.
         for y in ty.saturating_sub(1)..(ty + TILE_PX).min(height) {
-            for flow in &now.flow[y * width + tx.saturating_sub(1)..y * width + (tx + TILE_PX).min(width)] {
+            for flow in
+                &now.flow[y * width + tx.saturating_sub(1)..y * width + (tx + TILE_PX).min(width)]
+            {
                 if norm2(*flow) > norm2(fastest) {
                     fastest = *flow;
                 }
@@ -241,16 +325,26 @@ fn spread(now: &Picture, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f3
                 }
             }
         }
-        if smooth(fastest, slowest) { [0.0; 2] } else { fastest }
+        if smooth(fastest, slowest) {
+            [0.0; 2]
+        } else {
+            fastest
+        }
     };
-    let fastest: Vec<[f32; 2]> = (0..tiles[0] * tiles[1]).into_par_iter().map(fastest_of).collect();
+    let fastest: Vec<[f32; 2]> = (0..tiles[0] * tiles[1])
+        .into_par_iter()
+        .map(fastest_of)
+        .collect();
     for (tile, m) in fastest.iter().enumerate().filter(|(_, m)| norm2(**m) > 0.0) {
         let (tx, ty) = (tile % tiles[0], tile / tiles[0]);
         let back = m.map(|m| (m / TILE_PX as f32).clamp(-1e4, 1e4));
         let n_steps = back[0].abs().max(back[1].abs()).ceil() as i32 + 1;
         for step in 0..=n_steps {
             let share = step as f32 / n_steps as f32;
-            let (x, y) = ((tx as f32 - back[0] * share).round(), (ty as f32 - back[1] * share).round());
+            let (x, y) = (
+                (tx as f32 - back[0] * share).round(),
+                (ty as f32 - back[1] * share).round(),
+            );
             if x >= 0.0 && y >= 0.0 && x < tiles[0] as f32 && y < tiles[1] as f32 {
                 let passed = &mut passing[y as usize * tiles[0] + x as usize];
                 if norm2(*m) > norm2(*passed) {

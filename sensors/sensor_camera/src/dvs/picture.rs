@@ -1,4 +1,5 @@
-//! A picture as the event camera follows it: levels, motion, depth, and how bright each tile is at most and at least.
+//! A picture as the event camera follows it: levels, motion, depth, and how bright each tile is at
+//! most and at least.
 
 use rayon::prelude::*;
 
@@ -15,7 +16,8 @@ pub(super) struct Picture {
     pub size_px: [usize; 2],
     /// What thresholds are compared with.
     pub level: Vec<f32>,
-    /// `level` of each pixel and its neighbours to the right, below, and both (rims repeat): what a bilinear sample needs, in one load.
+    /// `level` of each pixel and its neighbours to the right, below, and both (rims repeat): what a
+    /// bilinear sample needs, in one load.
     pub quads: Vec<[f32; 4]>,
     /// Motion since the previous firing, pixels.
     pub flow: Vec<[f32; 2]>,
@@ -44,9 +46,17 @@ impl Picture {
         let width = self.size_px[0];
         let with_motion = spec.mode == DvsMode::Motion;
         let picture = &mut *self;
-        let rows = picture.level.par_chunks_mut(width).zip(picture.flow.par_chunks_mut(width)).zip(picture.depth.par_chunks_mut(width));
+        let rows = picture
+            .level
+            .par_chunks_mut(width)
+            .zip(picture.flow.par_chunks_mut(width))
+            .zip(picture.depth.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((level, flow), depth))| {
-            vectorised(LevelsOf { luminance: images.luminance.row(y), level, spec });
+            vectorised(LevelsOf {
+                luminance: images.luminance.row(y),
+                level,
+                spec,
+            });
             if with_motion {
                 for (flow, bytes) in flow.iter_mut().zip(images.flow.row(y).chunks_exact(8)) {
                     *flow = [float(&bytes[..4]), float(&bytes[4..])];
@@ -65,14 +75,27 @@ impl Picture {
     fn fill_quads(&mut self) {
         let [width, height] = self.size_px;
         let log = &self.level;
-        self.quads.par_chunks_mut(width).enumerate().for_each(|(y, quads)| {
-            let below = (y + 1).min(height - 1);
-            let (upper, lower) = (&log[y * width..(y + 1) * width], &log[below * width..(below + 1) * width]);
-            for ((quad, upper), lower) in quads.iter_mut().zip(upper.windows(2)).zip(lower.windows(2)) {
-                *quad = [upper[0], upper[1], lower[0], lower[1]];
-            }
-            quads[width - 1] = [upper[width - 1], upper[width - 1], lower[width - 1], lower[width - 1]];
-        });
+        self.quads
+            .par_chunks_mut(width)
+            .enumerate()
+            .for_each(|(y, quads)| {
+                let below = (y + 1).min(height - 1);
+                let (upper, lower) = (
+                    &log[y * width..(y + 1) * width],
+                    &log[below * width..(below + 1) * width],
+                );
+                for ((quad, upper), lower) in
+                    quads.iter_mut().zip(upper.windows(2)).zip(lower.windows(2))
+                {
+                    *quad = [upper[0], upper[1], lower[0], lower[1]];
+                }
+                quads[width - 1] = [
+                    upper[width - 1],
+                    upper[width - 1],
+                    lower[width - 1],
+                    lower[width - 1],
+                ];
+            });
     }
 
     /// Bilinear brightness at several positions, each moved into the image if it is outside.
@@ -82,12 +105,16 @@ impl Picture {
         let (right, bottom, stride) = ((width - 1) as f32, (height - 1) as f32, width as i32);
         let (mut idx, mut fx, mut fy) = ([0_i32; LANES], [0.0; LANES], [0.0; LANES]);
         for lane in 0..LANES {
-            let (x, y) = (smaller(larger(at[0][lane] - 0.5, 0.0), right), smaller(larger(at[1][lane] - 0.5, 0.0), bottom));
+            let (x, y) = (
+                smaller(larger(at[0][lane] - 0.5, 0.0), right),
+                smaller(larger(at[1][lane] - 0.5, 0.0), bottom),
+            );
             let (x0, y0) = (floor(x), floor(y));
             (fx[lane], fy[lane]) = (x - x0, y - y0);
             idx[lane] = integer(y0).wrapping_mul(stride).wrapping_add(integer(x0));
         }
-        let quads: [[f32; 4]; LANES] = std::array::from_fn(|lane| self.quads[idx[lane] as u32 as usize]);
+        let quads: [[f32; 4]; LANES] =
+            std::array::from_fn(|lane| self.quads[idx[lane] as u32 as usize]);
         std::array::from_fn(|lane| {
             let [a, b, c, d] = quads[lane];
             let (upper, lower) = (a + (b - a) * fx[lane], c + (d - c) * fx[lane]);
@@ -101,7 +128,10 @@ impl Picture {
         if !(x_px >= 0.0 && y_px >= 0.0 && x_px <= width as f32 && y_px <= height as f32) {
             return None;
         }
-        let (x, y) = ((x_px - 0.5).max(0.0).min((width - 1) as f32), (y_px - 0.5).max(0.0).min((height - 1) as f32));
+        let (x, y) = (
+            (x_px - 0.5).max(0.0).min((width - 1) as f32),
+            (y_px - 0.5).max(0.0).min((height - 1) as f32),
+        );
         // Through i32: a conversion to usize costs a branch for numbers beyond 2⁶³.
         let (x0, y0) = (x as i32, y as i32);
         let (fx, fy) = (x - x0 as f32, y - y0 as f32);
@@ -137,14 +167,26 @@ impl VectorWork for LevelsOf<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let LevelsOf { luminance, level, spec } = self;
+        let LevelsOf {
+            luminance,
+            level,
+            spec,
+        } = self;
         let rows = level.iter_mut().zip(luminance.chunks_exact(4));
         // CARLA's model looks at the picture's 8-bit colours, which are encoded for the eye.
         match (spec.mode, spec.use_log) {
-            (DvsMode::Motion, true) => rows.for_each(|(level, bytes)| *level = ln(float(bytes) + spec.log_eps)),
-            (DvsMode::Motion, false) => rows.for_each(|(level, bytes)| *level = 255.0 * float(bytes)),
-            (DvsMode::TwoFrame, true) => rows.for_each(|(level, bytes)| *level = ln(encoded(float(bytes)) + spec.log_eps)),
-            (DvsMode::TwoFrame, false) => rows.for_each(|(level, bytes)| *level = 255.0 * encoded(float(bytes))),
+            (DvsMode::Motion, true) => {
+                rows.for_each(|(level, bytes)| *level = ln(float(bytes) + spec.log_eps))
+            }
+            (DvsMode::Motion, false) => {
+                rows.for_each(|(level, bytes)| *level = 255.0 * float(bytes))
+            }
+            (DvsMode::TwoFrame, true) => {
+                rows.for_each(|(level, bytes)| *level = ln(encoded(float(bytes)) + spec.log_eps))
+            }
+            (DvsMode::TwoFrame, false) => {
+                rows.for_each(|(level, bytes)| *level = 255.0 * encoded(float(bytes)))
+            }
         }
     }
 }
@@ -152,12 +194,18 @@ impl VectorWork for LevelsOf<'_> {
 /// sRGB's encoding of a linear value, 0 to 1.
 fn encoded(linear: f32) -> f32 {
     let linear = linear.clamp(0.0, 1.0);
-    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+    if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
 }
 
-/// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every processor has for several numbers at once.
+/// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every
+/// processor has for several numbers at once.
 ///
-/// The mantissa m in √½..√2 by ln m = 2 artanh((m − 1) / (m + 1)), of which seven terms are more than `f32` holds.
+/// The mantissa m in √½..√2 by ln m = 2 artanh((m − 1) / (m + 1)), of which seven terms are more
+/// than `f32` holds.
 #[inline(always)]
 pub(super) fn ln(x: f32) -> f32 {
     const SQRT_HALF: i32 = 0x3f35_04f3;
@@ -173,7 +221,8 @@ pub(super) fn ln(x: f32) -> f32 {
 /// Numbers from 0 to 2²² have their whole part in the last bits after adding this.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers at once (unlike conversions).
+/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers
+/// at once (unlike conversions).
 #[inline(always)]
 fn floor(x: f32) -> f32 {
     let nearest = (x + WHOLE) - WHOLE;
@@ -208,24 +257,36 @@ pub(super) struct Bounds {
 impl Bounds {
     fn blank(size_px: [usize; 2]) -> Bounds {
         let tiles = tiles_of(size_px);
-        Bounds { tiles, range: vec![(0.0, 0.0); tiles[0] * tiles[1]] }
+        Bounds {
+            tiles,
+            range: vec![(0.0, 0.0); tiles[0] * tiles[1]],
+        }
     }
 
     fn fill(&mut self, level: &[f32], size_px: [usize; 2]) {
         let tiles = self.tiles;
-        self.range.par_chunks_mut(tiles[0]).enumerate().for_each(|(ty, ranges)| {
-            let found = row_ranges::<8>(level, size_px, ty);
-            for (range, (low, high)) in ranges.iter_mut().zip(found) {
-                *range = (low.into_iter().reduce(smaller).unwrap_or(0.0), high.into_iter().reduce(larger).unwrap_or(0.0));
-            }
-        });
+        self.range
+            .par_chunks_mut(tiles[0])
+            .enumerate()
+            .for_each(|(ty, ranges)| {
+                let found = row_ranges::<8>(level, size_px, ty);
+                for (range, (low, high)) in ranges.iter_mut().zip(found) {
+                    *range = (
+                        low.into_iter().reduce(smaller).unwrap_or(0.0),
+                        high.into_iter().reduce(larger).unwrap_or(0.0),
+                    );
+                }
+            });
     }
 
-    /// Bounds over the tiles of a rectangle given by its least and greatest corner (clamped to the image).
+    /// Bounds over the tiles of a rectangle given by its least and greatest corner (clamped to the
+    /// image).
     #[inline(always)]
     pub fn within(&self, [least, greatest]: [[f32; 2]; 2]) -> (f32, f32) {
-        let tile =
-            |position: f32, axis: usize| ((position.clamp(0.0, 1e6) * (1.0 / TILE_PX as f32)) as i32 as usize).min(self.tiles[axis] - 1);
+        let tile = |position: f32, axis: usize| {
+            ((position.clamp(0.0, 1e6) * (1.0 / TILE_PX as f32)) as i32 as usize)
+                .min(self.tiles[axis] - 1)
+        };
         // One pixel more on each side: bilinear samples reach over the rim.
         let (x0, x1) = (tile(least[0] - 1.0, 0), tile(greatest[0] + 1.0, 0));
         let (y0, y1) = (tile(least[1] - 1.0, 1), tile(greatest[1] + 1.0, 1));

@@ -1,6 +1,7 @@
 //! Events of all rows by time, y, x.
 //!
-//! Dealt out twice: to a few long intervals, each of which then fits into a core's cache, and there to intervals of a few events, which
+//! Dealt out twice: to a few long intervals, each of which then fits into a core's cache, and there
+//! to intervals of a few events, which
 //! insertion puts in order. The memory in between is kept from frame to frame.
 
 use bytemuck::Zeroable as _;
@@ -34,12 +35,18 @@ struct Intervals {
 impl Intervals {
     fn new(begin_nanos: u64, length_nanos: u64, n: usize) -> Intervals {
         // A multiplication in place of a division; monotonic, which is all that matters.
-        Intervals { begin_nanos, scale: ((n as u64) << 32) / (length_nanos + 1), n }
+        Intervals {
+            begin_nanos,
+            scale: ((n as u64) << 32) / (length_nanos + 1),
+            n,
+        }
     }
 
     #[inline(always)]
     fn of(&self, event: &DvsEvent) -> usize {
-        ((((event.nanos_in_window as u64).saturating_sub(self.begin_nanos) * self.scale) >> 32) as usize).min(self.n - 1)
+        ((((event.nanos_in_window as u64).saturating_sub(self.begin_nanos) * self.scale) >> 32)
+            as usize)
+            .min(self.n - 1)
     }
 
     /// First time that lies in interval `i`, or a little before.
@@ -67,7 +74,8 @@ impl Sorter {
         sort_parts(parts, window_nanos / n_long as u64 + 2);
     }
 
-    /// Writes the first events of slices to `out`, which takes as many as it is long; the slices they are from must be there whole.
+    /// Writes the first events of slices to `out`, which takes as many as it is long; the slices
+    /// they are from must be there whole.
     pub fn sort_slices(slices: &Slices<'_>, events: &[DvsEvent], out: &mut [DvsEvent]) {
         let intervals = Intervals::new(0, slices.window_nanos, slices.ends.len());
         let length_nanos = slices.window_nanos / slices.ends.len() as u64 + 2;
@@ -105,21 +113,37 @@ pub(super) struct Slices<'s> {
 /// Puts the events of intervals in order: where each begins, its events, and where they go.
 fn sort_parts(parts: Vec<(u64, &[DvsEvent], &mut [DvsEvent])>, length_nanos: u64) {
     let n_events: usize = parts.iter().map(|(_, dealt, _)| dealt.len()).sum();
-    let min_parts = (MIN_EVENTS_PER_THREAD * parts.len()).checked_div(n_events).unwrap_or(1).max(4);
-    parts.into_par_iter().with_min_len(min_parts).for_each_init(Vec::new, |ends, (begin_nanos, dealt, out)| {
-        let short = Intervals::new(begin_nanos, length_nanos, (out.len() / EVENTS_PER_SHORT).max(1));
-        deal(dealt.iter(), &short, ends, out);
-        let (mut rest, mut begin) = (out, 0);
-        for end in &ends[..short.n] {
-            let (interval, behind) = rest.split_at_mut((end - begin) as usize);
-            sort_interval(interval);
-            (rest, begin) = (behind, *end);
-        }
-    });
+    let min_parts = (MIN_EVENTS_PER_THREAD * parts.len())
+        .checked_div(n_events)
+        .unwrap_or(1)
+        .max(4);
+    parts.into_par_iter().with_min_len(min_parts).for_each_init(
+        Vec::new,
+        |ends, (begin_nanos, dealt, out)| {
+            let short = Intervals::new(
+                begin_nanos,
+                length_nanos,
+                (out.len() / EVENTS_PER_SHORT).max(1),
+            );
+            deal(dealt.iter(), &short, ends, out);
+            let (mut rest, mut begin) = (out, 0);
+            for end in &ends[..short.n] {
+                let (interval, behind) = rest.split_at_mut((end - begin) as usize);
+                sort_interval(interval);
+                (rest, begin) = (behind, *end);
+            }
+        },
+    );
 }
 
-/// Writes events to `out` interval after interval, within each in the order they come; `ends` are then the intervals' ends.
-fn deal<'e>(events: impl Iterator<Item = &'e DvsEvent> + Clone, intervals: &Intervals, ends: &mut Vec<u32>, out: &mut [DvsEvent]) {
+/// Writes events to `out` interval after interval, within each in the order they come; `ends` are
+/// then the intervals' ends.
+fn deal<'e>(
+    events: impl Iterator<Item = &'e DvsEvent> + Clone,
+    intervals: &Intervals,
+    ends: &mut Vec<u32>,
+    out: &mut [DvsEvent],
+) {
     ends.clear();
     ends.resize(intervals.n + 1, 0);
     for event in events.clone() {
@@ -135,14 +159,19 @@ fn deal<'e>(events: impl Iterator<Item = &'e DvsEvent> + Clone, intervals: &Inte
     }
 }
 
-/// Time, y, x, and of one pixel's events of one time darker ones first, whatever order they came in.
+/// Time, y, x, and of one pixel's events of one time darker ones first, whatever order they came
+/// in.
 #[inline(always)]
 fn key(event: &DvsEvent) -> (u64, u8) {
     // One number: cheaper than comparing field by field.
-    ((event.nanos_in_window as u64) << 32 | (event.y_px as u64) << 16 | event.x_px as u64, event.polarity)
+    (
+        (event.nanos_in_window as u64) << 32 | (event.y_px as u64) << 16 | event.x_px as u64,
+        event.polarity,
+    )
 }
 
-/// Most events that are put in order by insertion. Where pictures do not meet, thousands cross at one time.
+/// Most events that are put in order by insertion. Where pictures do not meet, thousands cross at
+/// one time.
 const MAX_INSERTED: usize = 16;
 
 fn sort_interval(events: &mut [DvsEvent]) {
@@ -180,13 +209,25 @@ mod tests {
             let intervals = Intervals::new(0, window_nanos, 64);
             // Dealt out, but in no order within a slice.
             events.sort_by_key(|event| intervals.of(event));
-            let ends: Vec<u32> = (0..64).map(|i| events.partition_point(|event| intervals.of(event) <= i) as u32).collect();
+            let ends: Vec<u32> = (0..64)
+                .map(|i| events.partition_point(|event| intervals.of(event) <= i) as u32)
+                .collect();
             let mut expected = events.clone();
             expected.sort_by_key(|e| (e.nanos_in_window, e.y_px, e.x_px, e.polarity));
             for kept in [n, n / 2, n / 7] {
                 let mut found = vec![DvsEvent::zeroed(); kept];
-                Sorter::sort_slices(&Slices { ends: &ends, window_nanos }, &events, &mut found);
-                assert!(found == expected[..kept], "{kept} of {n} in {window_nanos} ns");
+                Sorter::sort_slices(
+                    &Slices {
+                        ends: &ends,
+                        window_nanos,
+                    },
+                    &events,
+                    &mut found,
+                );
+                assert!(
+                    found == expected[..kept],
+                    "{kept} of {n} in {window_nanos} ns"
+                );
             }
         }
     }
@@ -194,10 +235,21 @@ mod tests {
     #[test]
     fn all_events_come_out_in_order() {
         let mut rng = fastrand::Rng::with_seed(2);
-        for (n_rows, n_columns, window_nanos) in [(1, 0, 50), (40, 60, 50_000_000), (64, 500, 1_000), (3, 2, 1), (200, 300, u32::MAX - 1)] {
+        for (n_rows, n_columns, window_nanos) in [
+            (1, 0, 50),
+            (40, 60, 50_000_000),
+            (64, 500, 1_000),
+            (3, 2, 1),
+            (200, 300, u32::MAX - 1),
+        ] {
             let rows: Vec<Vec<DvsEvent>> = (0..n_rows)
                 .map(|y_px| {
-                    let event = |x_px| DvsEvent { nanos_in_window: rng.u32(0..=window_nanos), x_px, y_px, ..DvsEvent::zeroed() };
+                    let event = |x_px| DvsEvent {
+                        nanos_in_window: rng.u32(0..=window_nanos),
+                        x_px,
+                        y_px,
+                        ..DvsEvent::zeroed()
+                    };
                     (0..n_columns).map(event).collect()
                 })
                 .collect();
@@ -205,7 +257,10 @@ mod tests {
             expected.sort_by_key(|e| (e.nanos_in_window, e.y_px, e.x_px));
             let mut found = vec![DvsEvent::zeroed(); expected.len()];
             Sorter::default().sort(&rows, window_nanos as u64, &mut found);
-            assert!(found == expected, "{n_rows} rows of {n_columns} in {window_nanos} ns");
+            assert!(
+                found == expected,
+                "{n_rows} rows of {n_columns} in {window_nanos} ns"
+            );
         }
     }
 }

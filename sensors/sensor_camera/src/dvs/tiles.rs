@@ -12,13 +12,21 @@ pub(super) fn tiles_of([width, height]: [usize; 2]) -> [usize; 2] {
     [width.div_ceil(TILE_PX), height.div_ceil(TILE_PX)]
 }
 
-/// Least and greatest number at each of the `N` places of a tile's rows, for the tiles of row `ty`. `numbers` are `N / 8` per pixel.
-pub(super) fn row_ranges<const N: usize>(numbers: &[f32], [width, height]: [usize; 2], ty: usize) -> Vec<([f32; N], [f32; N])> {
+/// Least and greatest number at each of the `N` places of a tile's rows, for the tiles of row `ty`.
+/// `numbers` are `N / 8` per pixel.
+pub(super) fn row_ranges<const N: usize>(
+    numbers: &[f32],
+    [width, height]: [usize; 2],
+    ty: usize,
+) -> Vec<([f32; N], [f32; N])> {
     let row = width * (N / TILE_PX);
     let rows = ty * TILE_PX..(ty * TILE_PX + TILE_PX).min(height);
     let mut ranges = vec![([f32::INFINITY; N], [f32::NEG_INFINITY; N]); width.div_ceil(TILE_PX)];
     for y in rows {
-        vectorised(RowRanges { numbers: &numbers[y * row..(y + 1) * row], ranges: &mut ranges });
+        vectorised(RowRanges {
+            numbers: &numbers[y * row..(y + 1) * row],
+            ranges: &mut ranges,
+        });
     }
     ranges
 }
@@ -60,9 +68,18 @@ impl Range {
     /// From what [`row_ranges`] found of a tile's motions.
     pub fn of((low, high): &([f32; 16], [f32; 16])) -> Range {
         let fold = |numbers: &[f32; 16], axis: usize, pick: fn(f32, f32) -> f32| {
-            numbers.iter().skip(axis).step_by(2).copied().reduce(pick).unwrap_or(0.0)
+            numbers
+                .iter()
+                .skip(axis)
+                .step_by(2)
+                .copied()
+                .reduce(pick)
+                .unwrap_or(0.0)
         };
-        Range { low: [0, 1].map(|axis| fold(low, axis, smaller)), high: [0, 1].map(|axis| fold(high, axis, larger)) }
+        Range {
+            low: [0, 1].map(|axis| fold(low, axis, smaller)),
+            high: [0, 1].map(|axis| fold(high, axis, larger)),
+        }
     }
 
     /// Box about both.

@@ -13,7 +13,8 @@ use super::{EventImages, word};
 
 /// Most steps of a pixel in one window: beyond, motion per step exceeds `substep_px`.
 const MAX_STEPS: usize = 256;
-/// Steps that are tried in one go: fewer cost more in looking at tiles than they save (bench measure_views).
+/// Steps that are tried in one go: fewer cost more in looking at tiles than they save (bench
+/// measure_views).
 const STRETCH_STEPS: usize = 24;
 
 /// The time between two firings.
@@ -61,13 +62,30 @@ impl VectorWork for Row<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let Row { window, y, references, silent_nanos, images, events } = self;
+        let Row {
+            window,
+            y,
+            references,
+            silent_nanos,
+            images,
+            events,
+        } = self;
         let (ids, classes) = (images.instance.row(y), images.class.row(y));
         events.clear();
         for first in (0..references.len()).step_by(LANES) {
             let end = (first + LANES).min(references.len());
-            let silent_nanos = if silent_nanos.is_empty() { &mut [][..] } else { &mut silent_nanos[first..end] };
-            let mut pixels = Pixels { x: first, y, references: &mut references[first..end], silent_nanos, none: 0 };
+            let silent_nanos = if silent_nanos.is_empty() {
+                &mut [][..]
+            } else {
+                &mut silent_nanos[first..end]
+            };
+            let mut pixels = Pixels {
+                x: first,
+                y,
+                references: &mut references[first..end],
+                silent_nanos,
+                none: 0,
+            };
             window.follow_pixels(&mut pixels, &mut |lane, nanos_in_window, polarity| {
                 let x = first + lane;
                 events.push(DvsEvent {
@@ -85,7 +103,8 @@ impl VectorWork for Row<'_> {
 }
 
 impl Window<'_> {
-    /// Follows up to [`LANES`] neighbouring pixels and calls `event(lane, nanos_in_window, polarity)` for each crossing.
+    /// Follows up to [`LANES`] neighbouring pixels and calls `event(lane, nanos_in_window,
+    /// polarity)` for each crossing.
     #[inline(always)]
     fn follow_pixels(&self, pixels: &mut Pixels<'_>, event: &mut impl FnMut(usize, u32, u8)) {
         let (x, y) = (pixels.x, pixels.y);
@@ -101,7 +120,13 @@ impl Window<'_> {
                 for lane in 0..n {
                     let limits = self.crossing(pixels, lane).limits();
                     let motions = [motions[0][lane], motions[1][lane]];
-                    block.set(lane, motions, [begin[lane], end[lane] + self.leak], limits, self.now.size_px);
+                    block.set(
+                        lane,
+                        motions,
+                        [begin[lane], end[lane] + self.leak],
+                        limits,
+                        self.now.size_px,
+                    );
                 }
                 self.follow_smooth(&mut block, pixels, event);
             }
@@ -111,15 +136,25 @@ impl Window<'_> {
             *silent_nanos = silent_nanos.saturating_sub(self.nanos);
         }
         if self.leak > 0.0 {
-            pixels.references.iter_mut().for_each(|reference| *reference -= self.leak);
+            pixels
+                .references
+                .iter_mut()
+                .for_each(|reference| *reference -= self.leak);
         }
     }
 
     /// Pixels whose level goes in a straight line from one picture to the other.
     #[inline(always)]
-    fn follow_still(&self, pixels: &mut Pixels<'_>, begin: &[f32], end: &[f32], event: &mut impl FnMut(usize, u32, u8)) {
+    fn follow_still(
+        &self,
+        pixels: &mut Pixels<'_>,
+        begin: &[f32],
+        end: &[f32],
+        event: &mut impl FnMut(usize, u32, u8),
+    ) {
         let n = pixels.references.len();
-        // Most pixels of most pictures: nothing happens. Thresholds that differ are looked at one by one.
+        // Most pixels of most pictures: nothing happens. Thresholds that differ are looked at one
+        // by one.
         if n == LANES && self.mismatch.is_empty() && !self.is_spread() {
             let (up, down) = (self.spec.positive_threshold, self.spec.negative_threshold);
             let mut beyond = false;
@@ -134,7 +169,9 @@ impl Window<'_> {
         for lane in 0..n {
             let mut crossing = self.crossing(pixels, lane);
             let after = end[lane] + self.leak;
-            crossing.follow(begin[lane], after, 0, self.nanos, &mut |nanos, polarity| event(lane, nanos, polarity));
+            crossing.follow(begin[lane], after, 0, self.nanos, &mut |nanos, polarity| {
+                event(lane, nanos, polarity)
+            });
         }
     }
 
@@ -156,8 +193,16 @@ impl Window<'_> {
             let event = &mut |nanos, polarity| event(lane, nanos, polarity);
             match motion.path(at[0], at[1]) {
                 Path::Still => crossing.follow(levels[0], levels[1], 0, self.nanos, event),
-                Path::Smooth { begin, end } => block.set(lane, [begin, end], levels, crossing.limits(), self.now.size_px),
-                Path::Several { motions, n } => self.follow_several(motion, &motions[..n], at, &mut crossing, event),
+                Path::Smooth { begin, end } => block.set(
+                    lane,
+                    [begin, end],
+                    levels,
+                    crossing.limits(),
+                    self.now.size_px,
+                ),
+                Path::Several { motions, n } => {
+                    self.follow_several(motion, &motions[..n], at, &mut crossing, event)
+                }
             }
         }
         if block.any() {
@@ -181,13 +226,23 @@ impl Window<'_> {
         if !self.mismatch.is_empty() {
             thresholds = thresholds.map(|threshold| threshold * self.mismatch[i]);
         }
-        let silent_nanos = if pixels.silent_nanos.is_empty() { &mut pixels.none } else { &mut pixels.silent_nanos[lane] };
-        Crossing { thresholds, reference: &mut pixels.references[lane], silent_nanos, refractory_nanos: self.spec.refractory_nanos }
+        let silent_nanos = if pixels.silent_nanos.is_empty() {
+            &mut pixels.none
+        } else {
+            &mut pixels.silent_nanos[lane]
+        };
+        Crossing {
+            thresholds,
+            reference: &mut pixels.references[lane],
+            silent_nanos,
+            refractory_nanos: self.spec.refractory_nanos,
+        }
     }
 
     #[inline(always)]
     fn n_steps(&self, fastest_px: f32) -> usize {
-        ((fastest_px / self.spec.substep_px).min(MAX_STEPS as f32 - 1.0) as usize + 1).clamp(1, MAX_STEPS)
+        ((fastest_px / self.spec.substep_px).min(MAX_STEPS as f32 - 1.0) as usize + 1)
+            .clamp(1, MAX_STEPS)
     }
 
     fn nanos(&self, step: usize, n_steps: usize) -> u32 {
@@ -196,7 +251,12 @@ impl Window<'_> {
 
     /// Pixels that one surface passes, all in the steps of the fastest.
     #[inline(always)]
-    fn follow_smooth(&self, block: &mut Block, pixels: &mut Pixels<'_>, event: &mut impl FnMut(usize, u32, u8)) {
+    fn follow_smooth(
+        &self,
+        block: &mut Block,
+        pixels: &mut Pixels<'_>,
+        event: &mut impl FnMut(usize, u32, u8),
+    ) {
         let n_steps = self.n_steps(block.fastest_px());
         let per_step = 1.0 / n_steps as f32;
         let bounds = [&self.previous.bounds, &self.now.bounds];
@@ -205,18 +265,32 @@ impl Window<'_> {
         while step < n_steps {
             // A stretch whose surroundings hold no crossing is passed in one go.
             let last = (step + STRETCH_STEPS).min(n_steps);
-            let quiet = block.is_quiet(bounds, step as f32 * per_step, last as f32 * per_step, self.leak);
+            let quiet = block.is_quiet(
+                bounds,
+                step as f32 * per_step,
+                last as f32 * per_step,
+                self.leak,
+            );
             let first = if quiet { last } else { step + 1 };
             for next in first..=last {
                 let share = next as f32 * per_step;
-                let levels = if next == n_steps { block.end } else { block.levels(self.previous, self.now, share, self.leak * share) };
+                let levels = if next == n_steps {
+                    block.end
+                } else {
+                    block.levels(self.previous, self.now, share, self.leak * share)
+                };
                 if block.crosses(&levels) {
                     for lane in block.crossing_lanes(&levels) {
                         let mut crossing = self.crossing(pixels, lane);
-                        let (begin_nanos, end_nanos) = (self.nanos(step, n_steps), self.nanos(next, n_steps));
-                        crossing.follow(before[lane], levels[lane], begin_nanos, end_nanos, &mut |nanos, polarity| {
-                            event(lane, nanos, polarity)
-                        });
+                        let (begin_nanos, end_nanos) =
+                            (self.nanos(step, n_steps), self.nanos(next, n_steps));
+                        crossing.follow(
+                            before[lane],
+                            levels[lane],
+                            begin_nanos,
+                            end_nanos,
+                            &mut |nanos, polarity| event(lane, nanos, polarity),
+                        );
                         block.set_limits(lane, crossing.limits());
                     }
                 }
@@ -241,9 +315,19 @@ impl Window<'_> {
         let mut before = self.previous.level[i];
         for step in 1..=n_steps {
             let share = step as f32 / n_steps as f32;
-            let level = if step == n_steps { self.now.level[i] } else { motion.level(self.previous, self.now, motions, x, y, share) };
+            let level = if step == n_steps {
+                self.now.level[i]
+            } else {
+                motion.level(self.previous, self.now, motions, x, y, share)
+            };
             let level = level + self.leak * share;
-            crossing.follow(before, level, self.nanos(step - 1, n_steps), self.nanos(step, n_steps), event);
+            crossing.follow(
+                before,
+                level,
+                self.nanos(step - 1, n_steps),
+                self.nanos(step, n_steps),
+                event,
+            );
             before = level;
         }
     }

@@ -6,7 +6,8 @@ use crate::draw::Drawn;
 use crate::uniform::{InstanceData, ViewData};
 
 /// Attributes of [`sensor_core::Vertex`].
-pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] = with_albedo(wgpu::VertexFormat::Unorm8x4);
+pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] =
+    with_albedo(wgpu::VertexFormat::Unorm8x4);
 
 /// The same with the albedo's bytes in one word, and those of [`InstanceAttributes`].
 pub(super) const ATTACHED_ATTRIBUTES: [&[wgpu::VertexAttribute]; 2] = [
@@ -34,8 +35,16 @@ const fn with_albedo(albedo: wgpu::VertexFormat) -> [wgpu::VertexAttribute; 6] {
     ]
 }
 
-const fn attribute(shader_location: u32, offset: u64, format: wgpu::VertexFormat) -> wgpu::VertexAttribute {
-    wgpu::VertexAttribute { format, offset, shader_location }
+const fn attribute(
+    shader_location: u32,
+    offset: u64,
+    format: wgpu::VertexFormat,
+) -> wgpu::VertexAttribute {
+    wgpu::VertexAttribute {
+        format,
+        offset,
+        shader_location,
+    }
 }
 
 pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
@@ -46,7 +55,8 @@ pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 pub(super) struct InstanceAttributes {
     /// Mesh space to clip space, metres: rows of x, y, w.
     clip_from_mesh: [[f32; 4]; 3],
-    /// (x · depth, y · depth, depth, 1) of a pixel to the same at the previous firing: rows of x, y, depth. Where nothing moved: a depth
+    /// (x · depth, y · depth, depth, 1) of a pixel to the same at the previous firing: rows of x,
+    /// y, depth. Where nothing moved: a depth
     /// of -1, that of no pixel.
     before_from_pixel: [[f32; 4]; 3],
     /// Rotation of mesh space to world.
@@ -61,18 +71,30 @@ pub(super) const ATTACHED_BYTES: u64 = size_of::<InstanceAttributes>() as u64;
 
 impl InstanceAttributes {
     fn of(instance: &InstanceData, view: &ViewData) -> InstanceAttributes {
-        let InstanceData { camera_from_mesh, previous_from_camera, world_from_mesh_xyzw, object_id, tint, lamps, moved } = *instance;
+        let InstanceData {
+            camera_from_mesh,
+            previous_from_camera,
+            world_from_mesh_xyzw,
+            object_id,
+            tint,
+            lamps,
+            moved,
+        } = *instance;
         let [fx, fy, cx, cy] = view.lens_px.map(f64::from);
         let [width, height] = [view.frame[0], view.frame[1]].map(f64::from);
         let [x, y, z] = camera_from_mesh.map(|row| row.map(f64::from));
         // Clip space spans -1 to 1 over the image, y upwards.
-        let clip_from_mesh =
-            [sum([2.0 * fx / width, 2.0 * cx / width - 1.0], [x, z]), sum([-2.0 * fy / height, 1.0 - 2.0 * cy / height], [y, z]), z];
+        let clip_from_mesh = [
+            sum([2.0 * fx / width, 2.0 * cx / width - 1.0], [x, z]),
+            sum([-2.0 * fy / height, 1.0 - 2.0 * cy / height], [y, z]),
+            z,
+        ];
         let before_from_pixel = if moved == 0 {
             [[0.0; 4], [0.0; 4], [0.0, 0.0, 0.0, -1.0]]
         } else {
             let [x, y, z] = previous_from_camera.map(|row| row.map(f64::from));
-            let taking_pixels = |[x, y, z, w]: [f64; 4]| [x / fx, y / fy, z - x * cx / fx - y * cy / fy, w];
+            let taking_pixels =
+                |[x, y, z, w]: [f64; 4]| [x / fx, y / fy, z - x * cx / fx - y * cy / fy, w];
             [sum([fx, cx], [x, z]), sum([fy, cy], [y, z]), z].map(taking_pixels)
         };
         let single = |rows: [[f64; 4]; 3]| rows.map(|row| row.map(|x| x as f32));
@@ -90,7 +112,14 @@ impl InstanceAttributes {
     /// Those of all views, one after the other as [`Drawn::first_instance`] has them.
     pub fn of_all(views: &[ViewData], drawn: &[&Drawn]) -> Vec<InstanceAttributes> {
         let views = views.iter().zip(drawn);
-        views.flat_map(|(view, drawn)| drawn.instances.iter().map(move |instance| InstanceAttributes::of(instance, view))).collect()
+        views
+            .flat_map(|(view, drawn)| {
+                drawn
+                    .instances
+                    .iter()
+                    .map(move |instance| InstanceAttributes::of(instance, view))
+            })
+            .collect()
     }
 }
 
@@ -116,7 +145,11 @@ mod tests {
         let mut row = || std::array::from_fn::<f32, 4, _>(|_| rng.f32() * 2.0 - 1.0);
         let mut instance: InstanceData = Zeroable::zeroed();
         instance.camera_from_mesh = [row(), row(), row()];
-        instance.previous_from_camera = [[1.0, 0.02, -0.01, 0.3], [-0.02, 1.0, 0.03, -0.2], [0.01, -0.03, 1.0, 0.5]];
+        instance.previous_from_camera = [
+            [1.0, 0.02, -0.01, 0.3],
+            [-0.02, 1.0, 0.03, -0.2],
+            [0.01, -0.03, 1.0, 0.5],
+        ];
         instance.moved = 1;
         let attributes = InstanceAttributes::of(&instance, &view);
         let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(f64::from);
@@ -126,18 +159,36 @@ mod tests {
             let clip = apply(&attributes.clip_from_mesh, [p[0], p[1], p[2], 1.0]);
             assert!((clip[2] - z).abs() < 1e-5);
             let [u, v] = pixel([x, y, z]);
-            let seen = [(clip[0] / clip[2] + 1.0) * 400.0, (1.0 - clip[1] / clip[2]) * 300.0];
-            assert!((seen[0] - u).abs() < 1e-3 * u.abs().max(1.0) && (seen[1] - v).abs() < 1e-3 * v.abs().max(1.0), "{seen:?}: {u}, {v}");
+            let seen = [
+                (clip[0] / clip[2] + 1.0) * 400.0,
+                (1.0 - clip[1] / clip[2]) * 300.0,
+            ];
+            assert!(
+                (seen[0] - u).abs() < 1e-3 * u.abs().max(1.0)
+                    && (seen[1] - v).abs() < 1e-3 * v.abs().max(1.0),
+                "{seen:?}: {u}, {v}"
+            );
             // The same numbers as a point in the camera, a tick ago.
             let [u, v] = pixel(p);
             let before = apply(&instance.previous_from_camera, [p[0], p[1], p[2], 1.0]);
-            let [x, y, depth] = apply(&attributes.before_from_pixel, [u * p[2], v * p[2], p[2], 1.0]);
+            let [x, y, depth] = apply(
+                &attributes.before_from_pixel,
+                [u * p[2], v * p[2], p[2], 1.0],
+            );
             let expected = pixel(before);
             assert!((depth - before[2]).abs() < 1e-5);
-            assert!((x / depth - expected[0]).abs() < 2e-3 && (y / depth - expected[1]).abs() < 2e-3, "{expected:?}");
+            assert!(
+                (x / depth - expected[0]).abs() < 2e-3 && (y / depth - expected[1]).abs() < 2e-3,
+                "{expected:?}"
+            );
         }
         instance.moved = 0;
         let still = InstanceAttributes::of(&instance, &view);
-        assert!(apply(&still.before_from_pixel, [800.0 * 1e6, 600.0 * 1e6, 1e6, 1.0])[2] < 0.0);
+        assert!(
+            apply(
+                &still.before_from_pixel,
+                [800.0 * 1e6, 600.0 * 1e6, 1e6, 1.0]
+            )[2] < 0.0
+        );
     }
 }

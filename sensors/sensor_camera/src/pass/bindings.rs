@@ -11,12 +11,28 @@ pub(crate) fn grow(gpu: &Gpu, buffer: &mut wgpu::Buffer, n_bytes: u64) {
 
 pub(crate) fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayoutEntry {
     let visibility = wgpu::ShaderStages::VERTEX_FRAGMENT | wgpu::ShaderStages::COMPUTE;
-    wgpu::BindGroupLayoutEntry { binding, visibility, ty, count: None }
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility,
+        ty,
+        count: None,
+    }
 }
 
-pub(crate) fn uniform(binding: u32, n_bytes: u64, has_dynamic_offset: bool) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn uniform(
+    binding: u32,
+    n_bytes: u64,
+    has_dynamic_offset: bool,
+) -> wgpu::BindGroupLayoutEntry {
     let min_binding_size = std::num::NonZeroU64::new(n_bytes);
-    entry(binding, wgpu::BindingType::Buffer { ty: wgpu::BufferBindingType::Uniform, has_dynamic_offset, min_binding_size })
+    entry(
+        binding,
+        wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Uniform,
+            has_dynamic_offset,
+            min_binding_size,
+        },
+    )
 }
 
 pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
@@ -30,7 +46,10 @@ pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
     )
 }
 
-pub(crate) fn texture(binding: u32, sample_type: wgpu::TextureSampleType) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn texture(
+    binding: u32,
+    sample_type: wgpu::TextureSampleType,
+) -> wgpu::BindGroupLayoutEntry {
     texture_of(binding, sample_type, wgpu::TextureViewDimension::D2)
 }
 
@@ -39,14 +58,31 @@ pub(crate) fn texture_of(
     sample_type: wgpu::TextureSampleType,
     view_dimension: wgpu::TextureViewDimension,
 ) -> wgpu::BindGroupLayoutEntry {
-    entry(binding, wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false })
+    entry(
+        binding,
+        wgpu::BindingType::Texture {
+            sample_type,
+            view_dimension,
+            multisampled: false,
+        },
+    )
 }
 
 /// Layers that a compute shader writes.
-pub(crate) fn written_layers(binding: u32, format: wgpu::TextureFormat) -> wgpu::BindGroupLayoutEntry {
+pub(crate) fn written_layers(
+    binding: u32,
+    format: wgpu::TextureFormat,
+) -> wgpu::BindGroupLayoutEntry {
     let access = wgpu::StorageTextureAccess::WriteOnly;
-    let ty = wgpu::BindingType::StorageTexture { access, format, view_dimension: wgpu::TextureViewDimension::D2Array };
-    wgpu::BindGroupLayoutEntry { visibility: wgpu::ShaderStages::COMPUTE, ..entry(binding, ty) }
+    let ty = wgpu::BindingType::StorageTexture {
+        access,
+        format,
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+    };
+    wgpu::BindGroupLayoutEntry {
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ..entry(binding, ty)
+    }
 }
 
 pub(crate) fn sampler(binding: u32, kind: wgpu::SamplerBindingType) -> wgpu::BindGroupLayoutEntry {

@@ -1,4 +1,5 @@
-//! Writing what views see into lists for the GPU: draws, chunks of their triangles, and instances, by several threads if there is much.
+//! Writing what views see into lists for the GPU: draws, chunks of their triangles, and instances,
+//! by several threads if there is much.
 
 use bytemuck::Pod;
 use rayon::prelude::*;
@@ -22,7 +23,11 @@ const MAX_THREADS: usize = 8;
 
 /// Workgroups of one draw.
 pub(super) fn n_chunks(drawn: &Drawn) -> u32 {
-    drawn.calls.iter().map(|call| (call.mesh.n_indices / 3).div_ceil(CHUNK)).sum()
+    drawn
+        .calls
+        .iter()
+        .map(|call| (call.mesh.n_indices / 3).div_ceil(CHUNK))
+        .sum()
 }
 
 /// Neighbouring views whose parts of the lists one thread writes.
@@ -37,8 +42,16 @@ pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places
     let n_draws: usize = jobs.iter().map(|job| job.drawn.calls.len()).sum();
     let n_parts = (n_draws / MIN_DRAWS).clamp(1, MAX_THREADS);
     let n_views = jobs.len().div_ceil(n_parts).max(1);
-    let part = |(first_view, (jobs, places))| Part { jobs, places, first_view };
-    let parts: Vec<Part<'_>> = (0..).step_by(n_views).zip(jobs.chunks(n_views).zip(places.chunks(n_views))).map(part).collect();
+    let part = |(first_view, (jobs, places))| Part {
+        jobs,
+        places,
+        first_view,
+    };
+    let parts: Vec<Part<'_>> = (0..)
+        .step_by(n_views)
+        .zip(jobs.chunks(n_views).zip(places.chunks(n_views)))
+        .map(part)
+        .collect();
     if let [only] = &parts[..] {
         only.write(gpu, lists);
     } else {
@@ -47,15 +60,30 @@ pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places
 }
 
 /// Memory for a range of a list, `None` if it is empty.
-fn open<T: Pod>(gpu: &Gpu, list: &wgpu::Buffer, first: u32, n: u32) -> Option<wgpu::QueueWriteBufferView> {
+fn open<T: Pod>(
+    gpu: &Gpu,
+    list: &wgpu::Buffer,
+    first: u32,
+    n: u32,
+) -> Option<wgpu::QueueWriteBufferView> {
     let bytes = |n: u32| n as u64 * size_of::<T>() as u64;
-    std::num::NonZeroU64::new(bytes(n)).and_then(|n_bytes| gpu.queue().write_buffer_with(list, bytes(first), n_bytes))
+    std::num::NonZeroU64::new(bytes(n))
+        .and_then(|n_bytes| gpu.queue().write_buffer_with(list, bytes(first), n_bytes))
 }
 
 impl Part<'_> {
     fn write(&self, gpu: &Gpu, lists: &Lists<'_>) {
-        let n_instances = self.jobs.iter().map(|job| job.drawn.instances.len() as u32).sum();
-        if let Some(mut to) = open::<InstanceData>(gpu, lists.instances, self.jobs[0].drawn.first_instance, n_instances) {
+        let n_instances = self
+            .jobs
+            .iter()
+            .map(|job| job.drawn.instances.len() as u32)
+            .sum();
+        if let Some(mut to) = open::<InstanceData>(
+            gpu,
+            lists.instances,
+            self.jobs[0].drawn.first_instance,
+            n_instances,
+        ) {
             let mut at = 0;
             for job in self.jobs {
                 let bytes: &[u8] = bytemuck::cast_slice(&job.drawn.instances);
@@ -68,7 +96,11 @@ impl Part<'_> {
             let mut first_triangle = 0;
             for (number, call) in (place.first_draw..).zip(&job.drawn.calls) {
                 let n_triangles = call.mesh.n_indices / 3;
-                chunks.extend((0..n_triangles).step_by(CHUNK as usize).map(|first| [number, first]));
+                chunks.extend(
+                    (0..n_triangles)
+                        .step_by(CHUNK as usize)
+                        .map(|first| [number, first]),
+                );
                 draws.push(RasterDraw {
                     first_triangle,
                     n_triangles,
@@ -81,10 +113,20 @@ impl Part<'_> {
                 first_triangle += n_triangles;
             }
         }
-        if let Some(mut to) = open::<RasterDraw>(gpu, lists.draws, self.places[0].first_draw, draws.len() as u32) {
+        if let Some(mut to) = open::<RasterDraw>(
+            gpu,
+            lists.draws,
+            self.places[0].first_draw,
+            draws.len() as u32,
+        ) {
             to.copy_from_slice(bytemuck::cast_slice(&draws));
         }
-        if let Some(mut to) = open::<[u32; 2]>(gpu, lists.chunks, self.places[0].first_chunk, chunks.len() as u32) {
+        if let Some(mut to) = open::<[u32; 2]>(
+            gpu,
+            lists.chunks,
+            self.places[0].first_chunk,
+            chunks.len() as u32,
+        ) {
             to.copy_from_slice(bytemuck::cast_slice(&chunks));
         }
     }

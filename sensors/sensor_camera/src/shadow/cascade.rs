@@ -12,11 +12,13 @@ use crate::renderer::Quality;
 pub(crate) struct Cascade {
     /// Side of a cell, metres.
     pub cell_m: f64,
-    /// Half the side of what a map covers, metres: a camera in the corner of its cell sees shadows to this less 0.7 cells.
+    /// Half the side of what a map covers, metres: a camera in the corner of its cell sees shadows
+    /// to this less 0.7 cells.
     pub half_side_m: f64,
     /// Half the depth of what a map covers, metres.
     pub half_depth_m: f64,
-    /// Casters are drawn in the level of detail of this distance, or of that from the cell's middle if they are further away.
+    /// Casters are drawn in the level of detail of this distance, or of that from the cell's middle
+    /// if they are further away.
     pub caster_distance_m: f64,
     pub side_px: u32,
     /// Whether what moves throws shadows.
@@ -30,16 +32,31 @@ impl Cascade {
             Quality::Low => 2048,
             Quality::High => 4096,
         };
-        Cascade { cell_m: 32.0, half_side_m: 82.0, half_depth_m: 250.0, caster_distance_m: 25.0, side_px, moving: true }
+        Cascade {
+            cell_m: 32.0,
+            half_side_m: 82.0,
+            half_depth_m: 250.0,
+            caster_distance_m: 25.0,
+            side_px,
+            moving: true,
+        }
     }
 
     /// The map of what is further away.
     pub fn far() -> Cascade {
-        Cascade { cell_m: 128.0, half_side_m: 400.0, half_depth_m: 500.0, caster_distance_m: 110.0, side_px: 4096, moving: false }
+        Cascade {
+            cell_m: 128.0,
+            half_side_m: 400.0,
+            half_depth_m: 500.0,
+            caster_distance_m: 110.0,
+            side_px: 4096,
+            moving: false,
+        }
     }
 }
 
-/// Focal length from which on a camera gets the largest map. One of half the length sees shadows half as sharp: half the side is enough.
+/// Focal length from which on a camera gets the largest map. One of half the length sees shadows
+/// half as sharp: half the side is enough.
 const SHARP_FOCAL_PX: f64 = 300.0;
 /// Smallest side of a map.
 const MIN_SIDE_PX: u32 = 1024;
@@ -56,7 +73,11 @@ pub(crate) struct Caster {
 /// Unit vectors to the right and down in the map, and along the light.
 fn axes(sun_towards: Vector3<f64>) -> [Vector3<f64>; 3] {
     let along = -sun_towards;
-    let right = if along.x.abs() + along.y.abs() > 1e-6 { along.cross(&Vector3::z()).normalize() } else { Vector3::x() };
+    let right = if along.x.abs() + along.y.abs() > 1e-6 {
+        along.cross(&Vector3::z()).normalize()
+    } else {
+        Vector3::x()
+    };
     [right, along.cross(&right), along]
 }
 
@@ -68,8 +89,20 @@ pub(crate) struct MovingCaster<'s> {
 
 impl<'s> MovingCaster<'s> {
     pub fn all_of(assets: &GpuAssets, scene: &'s Scene) -> Vec<MovingCaster<'s>> {
-        let sphere = |instance: &DynamicInstance| Sphere::of(assets.scene_assets.mesh(instance.mesh), &instance.world_from_mesh);
-        scene.dynamics.iter().map(|instance| MovingCaster { instance, sphere: sphere(instance) }).collect()
+        let sphere = |instance: &DynamicInstance| {
+            Sphere::of(
+                assets.scene_assets.mesh(instance.mesh),
+                &instance.world_from_mesh,
+            )
+        };
+        scene
+            .dynamics
+            .iter()
+            .map(|instance| MovingCaster {
+                instance,
+                sphere: sphere(instance),
+            })
+            .collect()
     }
 }
 
@@ -100,7 +133,11 @@ impl Cascade {
     /// World to (u, v, depth), each 0..=1 inside the map.
     pub fn shadow_from_world(&self, cell: [i64; 3], sun_towards: Vector3<f64>) -> Matrix4<f64> {
         let centre = self.centre_m(cell);
-        let scales = [0.5 / self.half_side_m, 0.5 / self.half_side_m, 0.5 / self.half_depth_m];
+        let scales = [
+            0.5 / self.half_side_m,
+            0.5 / self.half_side_m,
+            0.5 / self.half_depth_m,
+        ];
         let mut matrix = Matrix4::identity();
         for (row, (axis, scale)) in axes(sun_towards).into_iter().zip(scales).enumerate() {
             for column in 0..3 {
@@ -114,15 +151,32 @@ impl Cascade {
     fn touches(&self, sphere: &Sphere, cell: [i64; 3], axes: &[Vector3<f64>; 3]) -> bool {
         let offset = sphere.centre_m - Point3::from(self.centre_m(cell));
         let half = [self.half_side_m, self.half_side_m, self.half_depth_m];
-        axes.iter().zip(half).all(|(axis, half)| axis.dot(&offset).abs() < half + sphere.radius_m)
+        axes.iter()
+            .zip(half)
+            .all(|(axis, half)| axis.dot(&offset).abs() < half + sphere.radius_m)
     }
 
-    pub fn still_casters(&self, assets: &GpuAssets, cell: [i64; 3], sun_towards: Vector3<f64>) -> Vec<Caster> {
+    pub fn still_casters(
+        &self,
+        assets: &GpuAssets,
+        cell: [i64; 3],
+        sun_towards: Vector3<f64>,
+    ) -> Vec<Caster> {
         let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
         let instances = assets.scene_assets.statics.iter().zip(&assets.spheres);
         instances
-            .filter(|(instance, sphere)| assets.casts_shadow(instance.mesh) && self.touches(sphere, cell, &axes))
-            .filter_map(|(instance, sphere)| self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix)))
+            .filter(|(instance, sphere)| {
+                assets.casts_shadow(instance.mesh) && self.touches(sphere, cell, &axes)
+            })
+            .filter_map(|(instance, sphere)| {
+                self.caster(
+                    assets,
+                    instance.mesh,
+                    &instance.world_from_mesh,
+                    sphere,
+                    (cell, &matrix),
+                )
+            })
             .collect()
     }
 
@@ -134,9 +188,17 @@ impl Cascade {
         sun_towards: Vector3<f64>,
     ) -> Vec<Caster> {
         let (axes, matrix) = (axes(sun_towards), self.shadow_from_world(cell, sun_towards));
-        let near = moving.iter().filter(|moving| self.touches(&moving.sphere, cell, &axes));
+        let near = moving
+            .iter()
+            .filter(|moving| self.touches(&moving.sphere, cell, &axes));
         near.filter_map(|MovingCaster { instance, sphere }| {
-            self.caster(assets, instance.mesh, &instance.world_from_mesh, sphere, (cell, &matrix))
+            self.caster(
+                assets,
+                instance.mesh,
+                &instance.world_from_mesh,
+                sphere,
+                (cell, &matrix),
+            )
         })
         .collect()
     }
@@ -152,7 +214,10 @@ impl Cascade {
         let away_m = (sphere.centre_m - Point3::from(self.centre_m(cell))).norm() - sphere.radius_m;
         let mesh = assets.level(mesh, away_m.max(self.caster_distance_m))?;
         let centre = shadow_from_world.transform_point(&sphere.centre_m);
-        let (side_px, radius_px) = (self.side_px as f64, sphere.radius_m / (2.0 * self.half_side_m) * self.side_px as f64 + 1.0);
+        let (side_px, radius_px) = (
+            self.side_px as f64,
+            sphere.radius_m / (2.0 * self.half_side_m) * self.side_px as f64 + 1.0,
+        );
         let span = |middle: f64| {
             let low = (middle * side_px - radius_px).clamp(0.0, side_px - 1.0);
             let high = (middle * side_px + radius_px).clamp(low, side_px - 1.0);
@@ -160,7 +225,11 @@ impl Cascade {
         };
         let ((x, width), (y, height)) = (span(centre.x), span(centre.y));
         let matrix = top_rows(&(shadow_from_world * world_from_mesh.to_homogeneous()));
-        Some(Caster { mesh, matrix, rect_px: [x, y, width, height] })
+        Some(Caster {
+            mesh,
+            matrix,
+            rect_px: [x, y, width, height],
+        })
     }
 }
 

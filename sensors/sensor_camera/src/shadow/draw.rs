@@ -14,7 +14,8 @@ pub(crate) struct MapWork {
     /// Where the map begins in its layer.
     pub origin_px: [u32; 2],
     pub side_px: u32,
-    /// Parts to be made as they were before anything was drawn on them: x, y, width, height, in the map.
+    /// Parts to be made as they were before anything was drawn on them: x, y, width, height, in the
+    /// map.
     pub wiped_px: Vec<[u32; 4]>,
     pub casters: Vec<Caster>,
 }
@@ -33,7 +34,8 @@ pub(crate) struct LayerWork<'w> {
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Part([f32; 4]);
 
-/// A draw call in a buffer, as Vulkan has it: index count, instance count, first index, base vertex, first instance.
+/// A draw call in a buffer, as Vulkan has it: index count, instance count, first index, base
+/// vertex, first instance.
 type Call = [u32; 5];
 
 /// Pipelines and lists.
@@ -56,14 +58,24 @@ impl ShadowDraw {
     pub fn new(gpu: &Gpu) -> Self {
         let device = gpu.device();
         let layout = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
-            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(label),
+                entries,
+            })
         };
         // Not for pixels: see `Drawing` in pass/pipelines.rs.
-        let list = |binding| wgpu::BindGroupLayoutEntry { visibility: wgpu::ShaderStages::VERTEX, ..storage(binding) };
+        let list = |binding| wgpu::BindGroupLayoutEntry {
+            visibility: wgpu::ShaderStages::VERTEX,
+            ..storage(binding)
+        };
         let casters_layout = layout("shadow casters", &[list(0)]);
-        let restore_layout = layout("still shadows", &[texture(0, wgpu::TextureSampleType::Depth), list(1)]);
+        let restore_layout = layout(
+            "still shadows",
+            &[texture(0, wgpu::TextureSampleType::Depth), list(1)],
+        );
         let wipe_layout = layout("no shadows", &[list(1)]);
-        let buffer = |label, usage| gpu.buffer(label, 64 * 1024, usage | wgpu::BufferUsages::COPY_DST);
+        let buffer =
+            |label, usage| gpu.buffer(label, 64 * 1024, usage | wgpu::BufferUsages::COPY_DST);
         ShadowDraw {
             casters: pipeline(gpu, &casters_layout, "vs_main", None),
             restore: pipeline(gpu, &restore_layout, "vs_part", Some("fs_still")),
@@ -79,34 +91,66 @@ impl ShadowDraw {
     }
 
     /// Records one pass per layer, in order.
-    pub fn record(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, assets: &GpuAssets, layers: &[LayerWork<'_>]) {
+    pub fn record(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        assets: &GpuAssets,
+        layers: &[LayerWork<'_>],
+    ) {
         if layers.is_empty() {
             return;
         }
         self.upload(gpu, layers);
         let bind = |layout, entries: &[wgpu::BindGroupEntry<'_>]| {
-            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: Some("shadow"), layout, entries })
+            gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("shadow"),
+                layout,
+                entries,
+            })
         };
         let matrices = bind(&self.casters_layout, &[entry_of(0, &self.matrices)]);
         let (mut first_part, mut first_call) = (0, 0);
-        for LayerWork { view, from, maps, page_px } in layers {
+        for LayerWork {
+            view,
+            from,
+            maps,
+            page_px,
+        } in layers
+        {
             let n_parts: u32 = maps.iter().map(|map| map.wiped_px.len() as u32).sum();
             // A layer that is one map, all of it to be wiped.
             let cleared = from.is_none() && maps.iter().any(|map| map.side_px == *page_px);
-            let load = if cleared { wgpu::LoadOp::Clear(1.0) } else { wgpu::LoadOp::Load };
+            let load = if cleared {
+                wgpu::LoadOp::Clear(1.0)
+            } else {
+                wgpu::LoadOp::Load
+            };
             let wiping = match from {
                 Some(still) => {
-                    let still = wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(still) };
-                    Some((&self.restore, bind(&self.restore_layout, &[still, entry_of(1, &self.parts)])))
+                    let still = wgpu::BindGroupEntry {
+                        binding: 0,
+                        resource: wgpu::BindingResource::TextureView(still),
+                    };
+                    Some((
+                        &self.restore,
+                        bind(&self.restore_layout, &[still, entry_of(1, &self.parts)]),
+                    ))
                 }
                 None if cleared => None,
-                None => Some((&self.wipe, bind(&self.wipe_layout, &[entry_of(1, &self.parts)]))),
+                None => Some((
+                    &self.wipe,
+                    bind(&self.wipe_layout, &[entry_of(1, &self.parts)]),
+                )),
             };
             let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
                 label: Some("shadow"),
                 depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                     view,
-                    depth_ops: Some(wgpu::Operations { load, store: wgpu::StoreOp::Store }),
+                    depth_ops: Some(wgpu::Operations {
+                        load,
+                        store: wgpu::StoreOp::Store,
+                    }),
                     stencil_ops: None,
                 }),
                 ..Default::default()
@@ -124,7 +168,14 @@ impl ShadowDraw {
             pass.set_index_buffer(assets.indices.slice(..), wgpu::IndexFormat::Uint32);
             for map in maps.iter().filter(|map| !map.casters.is_empty()) {
                 let [x, y] = map.origin_px;
-                pass.set_viewport(x as f32, y as f32, map.side_px as f32, map.side_px as f32, 0.0, 1.0);
+                pass.set_viewport(
+                    x as f32,
+                    y as f32,
+                    map.side_px as f32,
+                    map.side_px as f32,
+                    0.0,
+                    1.0,
+                );
                 pass.set_scissor_rect(x, y, map.side_px, map.side_px);
                 self.draw_casters(gpu, &mut pass, &map.casters, first_call);
                 first_call += map.casters.len() as u32;
@@ -132,27 +183,61 @@ impl ShadowDraw {
         }
     }
 
-    fn draw_casters(&self, gpu: &Gpu, pass: &mut wgpu::RenderPass<'_>, casters: &[Caster], first: u32) {
+    fn draw_casters(
+        &self,
+        gpu: &Gpu,
+        pass: &mut wgpu::RenderPass<'_>,
+        casters: &[Caster],
+        first: u32,
+    ) {
         if self.indirect {
-            pass.multi_draw_indexed_indirect(&self.calls, size_of::<Call>() as u64 * first as u64, casters.len() as u32);
+            pass.multi_draw_indexed_indirect(
+                &self.calls,
+                size_of::<Call>() as u64 * first as u64,
+                casters.len() as u32,
+            );
         }
         for (instance, Caster { mesh, .. }) in (first..).zip(casters) {
             if !self.indirect {
-                pass.draw_indexed(mesh.first_idx..mesh.first_idx + mesh.n_indices, mesh.base_vertex, instance..instance + 1);
+                pass.draw_indexed(
+                    mesh.first_idx..mesh.first_idx + mesh.n_indices,
+                    mesh.base_vertex,
+                    instance..instance + 1,
+                );
             }
             gpu.counters().add_draw(mesh.n_indices as u64 / 3);
         }
     }
 
     fn upload(&mut self, gpu: &Gpu, layers: &[LayerWork<'_>]) {
-        let maps = || layers.iter().flat_map(|layer| layer.maps.iter().map(|map| (*map, layer.page_px)));
+        let maps = || {
+            layers
+                .iter()
+                .flat_map(|layer| layer.maps.iter().map(|map| (*map, layer.page_px)))
+        };
         let casters = || maps().flat_map(|(map, _)| &map.casters);
         let matrices: Vec<Rows> = casters().map(|caster| caster.matrix).collect();
-        let parts: Vec<Part> = maps().flat_map(|(map, page_px)| map.wiped_px.iter().map(move |part| in_clip(map, part, page_px))).collect();
+        let parts: Vec<Part> = maps()
+            .flat_map(|(map, page_px)| {
+                map.wiped_px
+                    .iter()
+                    .map(move |part| in_clip(map, part, page_px))
+            })
+            .collect();
         let call = |(instance, Caster { mesh, .. }): (u32, &Caster)| -> Call {
-            [mesh.n_indices, 1, mesh.first_idx, mesh.base_vertex as u32, instance]
+            [
+                mesh.n_indices,
+                1,
+                mesh.first_idx,
+                mesh.base_vertex as u32,
+                instance,
+            ]
         };
-        let calls: Vec<Call> = if self.indirect { (0..).zip(casters()).map(call).collect() } else { Vec::new() };
+        let calls: Vec<Call> = if self.indirect {
+            (0..).zip(casters()).map(call).collect()
+        } else {
+            Vec::new()
+        };
         let lists: [(&mut wgpu::Buffer, &[u8]); 3] = [
             (&mut self.matrices, bytemuck::cast_slice(&matrices)),
             (&mut self.parts, bytemuck::cast_slice(&parts)),
@@ -166,7 +251,10 @@ impl ShadowDraw {
 }
 
 fn entry_of(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
-    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+    wgpu::BindGroupEntry {
+        binding,
+        resource: buffer.as_entire_binding(),
+    }
 }
 
 fn in_clip(map: &MapWork, [x, y, width, height]: &[u32; 4], page_px: u32) -> Part {
@@ -175,8 +263,14 @@ fn in_clip(map: &MapWork, [x, y, width, height]: &[u32; 4], page_px: u32) -> Par
     Part([at(left), -at(top), at(left + width), -at(top + height)])
 }
 
-/// Draws casters; without vertices (`vs_part`): parts, at the depth of what lies furthest or of what the fragment shader finds.
-fn pipeline(gpu: &Gpu, layout: &wgpu::BindGroupLayout, vertex: &str, fragment: Option<&str>) -> wgpu::RenderPipeline {
+/// Draws casters; without vertices (`vs_part`): parts, at the depth of what lies furthest or of
+/// what the fragment shader finds.
+fn pipeline(
+    gpu: &Gpu,
+    layout: &wgpu::BindGroupLayout,
+    vertex: &str,
+    fragment: Option<&str>,
+) -> wgpu::RenderPipeline {
     let device = gpu.device();
     let shader = gpu.shader("shadow", SHADOW_WGSL);
     let is_part = vertex == "vs_part";
@@ -201,13 +295,21 @@ fn pipeline(gpu: &Gpu, layout: &wgpu::BindGroupLayout, vertex: &str, fragment: O
         },
         // Both sides cast: leaves and open shells have no back.
         primitive: wgpu::PrimitiveState {
-            topology: if is_part { wgpu::PrimitiveTopology::TriangleStrip } else { wgpu::PrimitiveTopology::TriangleList },
+            topology: if is_part {
+                wgpu::PrimitiveTopology::TriangleStrip
+            } else {
+                wgpu::PrimitiveTopology::TriangleList
+            },
             ..Default::default()
         },
         depth_stencil: Some(wgpu::DepthStencilState {
             format: wgpu::TextureFormat::Depth16Unorm,
             depth_write_enabled: Some(true),
-            depth_compare: Some(if is_part { wgpu::CompareFunction::Always } else { wgpu::CompareFunction::Less }),
+            depth_compare: Some(if is_part {
+                wgpu::CompareFunction::Always
+            } else {
+                wgpu::CompareFunction::Less
+            }),
             stencil: Default::default(),
             bias: Default::default(),
         }),

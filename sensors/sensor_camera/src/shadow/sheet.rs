@@ -1,7 +1,10 @@
-//! Where shadow maps lie: in the layers of two textures of one size, one layer after the other as they are needed.
+//! Where shadow maps lie: in the layers of two textures of one size, one layer after the other as
+//! they are needed.
 //!
-//! Where compute shaders look them up, all maps of a cascade lie in one pair of textures, small ones several to a layer; a map's place in
-//! its layer follows from its cell, so that it is drawn the same whoever else needs maps. Where views are drawn, each map is a layer of
+//! Where compute shaders look them up, all maps of a cascade lie in one pair of textures, small
+//! ones several to a layer; a map's place in
+//! its layer follows from its cell, so that it is drawn the same whoever else needs maps. Where
+//! views are drawn, each map is a layer of
 //! textures of its size.
 
 use sensor_gpu::Gpu;
@@ -51,8 +54,15 @@ struct Paged {
 impl Sheet {
     /// A sheet whose textures have at most `most_bytes` together, or one layer.
     pub fn new(page_px: u32, moving: bool, most_bytes: u64) -> Self {
-        let most_layers = (most_bytes / Self::layer_bytes(page_px, moving)).clamp(1, MAX_LAYERS) as u32;
-        Sheet { page_px, layers: Vec::new(), most_layers, images: None, moving }
+        let most_layers =
+            (most_bytes / Self::layer_bytes(page_px, moving)).clamp(1, MAX_LAYERS) as u32;
+        Sheet {
+            page_px,
+            layers: Vec::new(),
+            most_layers,
+            images: None,
+            moving,
+        }
     }
 
     /// Bytes of a layer of all its textures.
@@ -62,7 +72,10 @@ impl Sheet {
 
     /// Bytes of its textures.
     pub fn n_bytes(&self) -> u64 {
-        let n_layers = self.images.as_ref().map_or(0, |images| images.still.pages.len());
+        let n_layers = self
+            .images
+            .as_ref()
+            .map_or(0, |images| images.still.pages.len());
         n_layers as u64 * Self::layer_bytes(self.page_px, self.moving)
     }
 
@@ -70,33 +83,47 @@ impl Sheet {
     pub fn take(&mut self, cell: [i64; 3], side_px: u32) -> Option<Slot> {
         let n = i64::from(self.page_px / side_px);
         let tile = [cell[0], cell[1]].map(|i| i.rem_euclid(n) as u32);
-        let has_room = |layer: &Layer| layer.taken.is_empty() || layer.side_px == side_px && !layer.taken.contains(&tile);
+        let has_room = |layer: &Layer| {
+            layer.taken.is_empty() || layer.side_px == side_px && !layer.taken.contains(&tile)
+        };
         let layer = self.layers.iter().position(has_room)?;
         self.layers[layer].side_px = side_px;
         self.layers[layer].taken.push(tile);
-        Some(Slot { layer: layer as u32, tile })
+        Some(Slot {
+            layer: layer as u32,
+            tile,
+        })
     }
 
     /// Makes room by one layer; `false` if there are as many as there may be.
     pub fn grow(&mut self) -> bool {
         let may = self.layers.len() < self.most_layers as usize;
         if may {
-            self.layers.push(Layer { side_px: self.page_px, taken: Vec::new() });
+            self.layers.push(Layer {
+                side_px: self.page_px,
+                taken: Vec::new(),
+            });
         }
         may
     }
 
     pub fn give_back(&mut self, slot: Slot) {
-        self.layers[slot.layer as usize].taken.retain(|tile| *tile != slot.tile);
+        self.layers[slot.layer as usize]
+            .taken
+            .retain(|tile| *tile != slot.tile);
     }
 
     pub fn clear(&mut self) {
         self.layers.iter_mut().for_each(|layer| layer.taken.clear());
     }
 
-    /// Makes the textures large enough for every place that was taken, with some layers to spare; what was drawn stays.
+    /// Makes the textures large enough for every place that was taken, with some layers to spare;
+    /// what was drawn stays.
     pub fn ensure(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, n_spare: u32) {
-        let known = self.images.as_ref().map_or(0, |images| images.still.pages.len() as u32);
+        let known = self
+            .images
+            .as_ref()
+            .map_or(0, |images| images.still.pages.len() as u32);
         let needed = self.layers.len() as u32;
         if needed <= known {
             return;
@@ -109,14 +136,23 @@ impl Sheet {
         let mut grown = |old: Option<&Paged>| {
             let new = paged(gpu, self.page_px, n_layers);
             if let Some(old) = old {
-                let size = wgpu::Extent3d { depth_or_array_layers: known, ..old.image.texture.size() };
-                encoder.copy_texture_to_texture(old.image.texture.as_image_copy(), new.image.texture.as_image_copy(), size);
+                let size = wgpu::Extent3d {
+                    depth_or_array_layers: known,
+                    ..old.image.texture.size()
+                };
+                encoder.copy_texture_to_texture(
+                    old.image.texture.as_image_copy(),
+                    new.image.texture.as_image_copy(),
+                    size,
+                );
             }
             new
         };
         let old = self.images.take();
         let still = grown(old.as_ref().map(|images| &images.still));
-        let all = self.moving.then(|| grown(old.as_ref().and_then(|images| images.all.as_ref())));
+        let all = self
+            .moving
+            .then(|| grown(old.as_ref().and_then(|images| images.all.as_ref())));
         self.images = Some(Images { still, all });
     }
 
@@ -131,7 +167,12 @@ impl Sheet {
 
     /// A layer of maps with what moves.
     pub fn all(&self, layer: u32) -> &wgpu::TextureView {
-        &self.images().all.as_ref().expect("it is for what moves").pages[layer as usize]
+        &self
+            .images()
+            .all
+            .as_ref()
+            .expect("it is for what moves")
+            .pages[layer as usize]
     }
 
     /// All layers of what shaders look up.
@@ -151,7 +192,14 @@ fn paged(gpu: &Gpu, side_px: u32, n_layers: u32) -> Paged {
         | wgpu::TextureUsages::TEXTURE_BINDING
         | wgpu::TextureUsages::COPY_SRC
         | wgpu::TextureUsages::COPY_DST;
-    let image = layered_image(gpu, "shadow maps", [side_px; 2], n_layers, wgpu::TextureFormat::Depth16Unorm, usage);
+    let image = layered_image(
+        gpu,
+        "shadow maps",
+        [side_px; 2],
+        n_layers,
+        wgpu::TextureFormat::Depth16Unorm,
+        usage,
+    );
     let pages = (0..n_layers).map(|layer| image.layer(layer)).collect();
     Paged { image, pages }
 }
@@ -160,7 +208,8 @@ fn paged(gpu: &Gpu, side_px: u32, n_layers: u32) -> Paged {
 mod tests {
     use super::*;
 
-    /// A map's place in its layer follows from its cell alone, no two maps have one place, and a layer holds maps of one size.
+    /// A map's place in its layer follows from its cell alone, no two maps have one place, and a
+    /// layer holds maps of one size.
     #[test]
     fn maps_have_places_of_their_own_that_follow_from_their_cells() {
         let mut rng = fastrand::Rng::with_seed(3);
@@ -179,8 +228,12 @@ mod tests {
                 sheet.take(cell, side_px).unwrap()
             });
             let n = i64::from(4096 / side_px);
-            assert_eq!(slot.tile, [cell[0].rem_euclid(n) as u32, cell[1].rem_euclid(n) as u32]);
-            assert!(held.iter().all(|(side, other)| other.layer != slot.layer || *side == side_px && other.tile != slot.tile));
+            assert_eq!(
+                slot.tile,
+                [cell[0].rem_euclid(n) as u32, cell[1].rem_euclid(n) as u32]
+            );
+            assert!(held.iter().all(|(side, other)| other.layer != slot.layer
+                || *side == side_px && other.tile != slot.tile));
             held.push((side_px, slot));
         }
     }
@@ -193,6 +246,10 @@ mod tests {
             assert_eq!((0..100).filter(|_| sheet.grow()).count(), n_expected);
         }
         let mut sheet = Sheet::new(4096, true, 0);
-        assert_eq!((0..100).filter(|_| sheet.grow()).count(), 1, "without a single map there is no light");
+        assert_eq!(
+            (0..100).filter(|_| sheet.grow()).count(),
+            1,
+            "without a single map there is no light"
+        );
     }
 }

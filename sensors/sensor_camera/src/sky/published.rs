@@ -1,4 +1,5 @@
-//! The clear sky against the model's authors: values that their own program (ArHosekSkyModel, version 1.4a of 22 February 2013, double
+//! The clear sky against the model's authors: values that their own program (ArHosekSkyModel,
+//! version 1.4a of 22 February 2013, double
 //! precision) gives for the suns, turbidities and the ground that weathers lead to.
 
 use nalgebra::Vector3;
@@ -18,8 +19,19 @@ struct Row {
     luminance: f32,
 }
 
-const fn row([sun_altitude_deg, clouds_ratio, zenith_deg, azimuth_deg]: [f32; 4], rgb: [f32; 3], luminance: f32) -> Row {
-    Row { sun_altitude_deg, clouds_ratio, zenith_deg, azimuth_deg, rgb, luminance }
+const fn row(
+    [sun_altitude_deg, clouds_ratio, zenith_deg, azimuth_deg]: [f32; 4],
+    rgb: [f32; 3],
+    luminance: f32,
+) -> Row {
+    Row {
+        sun_altitude_deg,
+        clouds_ratio,
+        zenith_deg,
+        azimuth_deg,
+        rgb,
+        luminance,
+    }
 }
 
 #[rustfmt::skip]
@@ -59,7 +71,11 @@ const PUBLISHED: [Row; 30] = [
 /// At zenith angle and azimuth from the sun, which stands over the x axis.
 fn towards(zenith_deg: f32, azimuth_deg: f32) -> Vector3<f32> {
     let (zenith, azimuth) = (zenith_deg.to_radians(), azimuth_deg.to_radians());
-    Vector3::new(zenith.sin() * azimuth.cos(), zenith.sin() * azimuth.sin(), zenith.cos())
+    Vector3::new(
+        zenith.sin() * azimuth.cos(),
+        zenith.sin() * azimuth.sin(),
+        zenith.cos(),
+    )
 }
 
 fn look(row: &Row) -> SkyLook {
@@ -79,30 +95,61 @@ fn a_clear_sky_is_that_of_the_published_program() {
     for row in &PUBLISHED {
         let look = look(row);
         let sky = ClearSky::new(&look);
-        let ours = sky.radiance(look.sun_towards, towards(row.zenith_deg, row.azimuth_deg)).map(|x| x / sky.scale);
+        let ours = sky
+            .radiance(look.sun_towards, towards(row.zenith_deg, row.azimuth_deg))
+            .map(|x| x / sky.scale);
         for (ours, theirs) in ours.into_iter().zip(row.rgb) {
-            assert!((ours / theirs - 1.0).abs() < 1e-4, "{ours} instead of {theirs}: sun {}°, {}°", row.sun_altitude_deg, row.zenith_deg);
+            assert!(
+                (ours / theirs - 1.0).abs() < 1e-4,
+                "{ours} instead of {theirs}: sun {}°, {}°",
+                row.sun_altitude_deg,
+                row.zenith_deg
+            );
         }
         let ratio = luminance(ours) / row.luminance;
-        assert!((ratio - 1.0).abs() < 0.06, "luminance is {ratio} of the published: sun {}°, {}°", row.sun_altitude_deg, row.zenith_deg);
+        assert!(
+            (ratio - 1.0).abs() < 0.06,
+            "luminance is {ratio} of the published: sun {}°, {}°",
+            row.sun_altitude_deg,
+            row.zenith_deg
+        );
     }
 }
 
-/// Painted without clouds, the map's texels lie where the published sky says: between those at the row's place, by direction alone.
+/// Painted without clouds, the map's texels lie where the published sky says: between those at the
+/// row's place, by direction alone.
 #[test]
 fn texels_of_a_painted_sky_have_their_direction_s_radiance() {
     const SIDE_PX: usize = 256;
-    for row in PUBLISHED.iter().filter(|row| row.clouds_ratio == 0.0 && row.zenith_deg < 85.0) {
+    for row in PUBLISHED
+        .iter()
+        .filter(|row| row.clouds_ratio == 0.0 && row.zenith_deg < 85.0)
+    {
         let look = look(row);
         let (sky, map) = (ClearSky::new(&look), SkyMap::paint(&look, SIDE_PX));
         let asked = towards(row.zenith_deg, row.azimuth_deg);
-        assert_eq!(cloud_cover(asked, 0.0), 0.0, "a wisp of cloud hides what is compared");
-        let at = |i: usize| direction_of(((i % SIDE_PX) as f32 + 0.5) / SIDE_PX as f32, ((i / SIDE_PX) as f32 + 0.5) / SIDE_PX as f32);
-        let nearest =
-            (0..SIDE_PX * SIDE_PX).min_by(|a, b| at(*a).angle(&asked).total_cmp(&at(*b).angle(&asked))).expect("a map has texels");
+        assert_eq!(
+            cloud_cover(asked, 0.0),
+            0.0,
+            "a wisp of cloud hides what is compared"
+        );
+        let at = |i: usize| {
+            direction_of(
+                ((i % SIDE_PX) as f32 + 0.5) / SIDE_PX as f32,
+                ((i / SIDE_PX) as f32 + 0.5) / SIDE_PX as f32,
+            )
+        };
+        let nearest = (0..SIDE_PX * SIDE_PX)
+            .min_by(|a, b| at(*a).angle(&asked).total_cmp(&at(*b).angle(&asked)))
+            .expect("a map has texels");
         for (texel, theirs) in map.rgb[nearest].into_iter().zip(row.rgb) {
             let ratio = texel / sky.scale / theirs;
-            assert!((ratio - 1.0).abs() < 0.05, "{ratio} of the published: sun {}°, zenith {}°", row.sun_altitude_deg, row.zenith_deg);
+            assert!(
+                (ratio - 1.0).abs() < 0.05,
+                "{ratio} of the published: sun {}°, zenith {}°",
+                row.sun_altitude_deg,
+                row.zenith_deg
+            );
         }
     }
 }

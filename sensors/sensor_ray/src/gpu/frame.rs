@@ -19,7 +19,8 @@ pub(super) struct LidarWords {
     pub noise: [u32; 4],
     pub range: [f32; 4],
     pub loss: [f32; 4],
-    /// Output that its points go to, first word there, first of the counts that its packing clears for the next submission.
+    /// Output that its points go to, first word there, first of the counts that its packing clears
+    /// for the next submission.
     pub out: [u32; 4],
 }
 
@@ -42,7 +43,8 @@ impl LidarWords {
         self.place[2]
     }
 
-    /// Moves its counts to the half of the memory that begins at `own`; those of the other half, which begins at `other`, it clears.
+    /// Moves its counts to the half of the memory that begins at `own`; those of the other half,
+    /// which begins at `other`, it clears.
     pub fn count_in(&mut self, own: u32, other: u32) {
         self.out[2] = other + self.place[3];
         self.place[3] += own;
@@ -61,18 +63,26 @@ pub(super) struct Frame {
 impl Frame {
     /// Adds a job and returns where its points go.
     pub fn add<'p>(&mut self, job: ScanJob<'_, 'p>) -> Place<'p> {
-        let ScanJob { lidar, path, noise, ignored, place } = job;
+        let ScanJob {
+            lidar,
+            path,
+            noise,
+            ignored,
+            place,
+        } = job;
         let spec = lidar.spec().clone();
         let beams = lidar.aim();
         let (n_channels, n_columns) = (beams.elevations.len() as u32, beams.azimuths.len() as u32);
         let first_elevation = self.tables.len() as u32;
-        self.tables.extend(beams.elevations.iter().map(pair_of_pairs));
+        self.tables
+            .extend(beams.elevations.iter().map(pair_of_pairs));
         let first_azimuth = self.tables.len() as u32;
         self.tables.extend(beams.azimuths.iter().map(pair_of_pairs));
         let poses = column_poses(&spec, &path, n_columns as usize);
         let first_pose = self.tables.len() as u32;
         for pose in &poses {
-            self.tables.extend(rows(&pose.world_from_sensor, &pose.origin_m.coords));
+            self.tables
+                .extend(rows(&pose.world_from_sensor, &pose.origin_m.coords));
         }
         let (n_rays, point_words) = (n_channels * n_columns, if spec.semantic { 6 } else { 4 });
         let n_chunks = n_rays.div_ceil(CHUNK_RAYS).max(1);
@@ -83,10 +93,25 @@ impl Frame {
         self.lidars.push(LidarWords {
             shape: [n_channels, n_columns, first_elevation, first_azimuth],
             place: [first_pose, poses.len() as u32, self.n_words, self.n_chunks],
-            what: [spec.semantic as u32, ignored, misfires as u32, (misfires >> 32) as u32],
+            what: [
+                spec.semantic as u32,
+                ignored,
+                misfires as u32,
+                (misfires >> 32) as u32,
+            ],
             noise: [key as u32, (key >> 32) as u32, n_chunks, point_words],
-            range: [range_high, range_low, spec.attenuation_per_m as f32, spec.noise_range_stddev_m as f32],
-            loss: [keep_limit(&spec) as f32, spec.dropoff_intensity_limit as f32, spec.dropoff_zero_intensity_ratio as f32, 0.0],
+            range: [
+                range_high,
+                range_low,
+                spec.attenuation_per_m as f32,
+                spec.noise_range_stddev_m as f32,
+            ],
+            loss: [
+                keep_limit(&spec) as f32,
+                spec.dropoff_intensity_limit as f32,
+                spec.dropoff_zero_intensity_ratio as f32,
+                0.0,
+            ],
             out: [0; 4],
         });
         self.n_words += n_rays * point_words;
@@ -95,9 +120,14 @@ impl Frame {
     }
 }
 
-/// Numerator over 2⁵³ below which a uniform number loses a ray: `k/2⁵³ < ratio` exactly if `k` is below it.
+/// Numerator over 2⁵³ below which a uniform number loses a ray: `k/2⁵³ < ratio` exactly if `k` is
+/// below it.
 fn misfires(spec: &LidarSpec) -> u64 {
-    if spec.semantic { 0 } else { (spec.dropoff_general_ratio * (1u64 << 53) as f64).ceil() as u64 }
+    if spec.semantic {
+        0
+    } else {
+        (spec.dropoff_general_ratio * (1u64 << 53) as f64).ceil() as u64
+    }
 }
 
 /// A number as the sum of two `f32`.
@@ -115,7 +145,10 @@ fn pair_of_pairs((cos, sin): &(f64, f64)) -> [f32; 4] {
 fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
     let mut rows = [[0.0; 4]; 6];
     for i in 0..3 {
-        for (j, x) in [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)], shift[i]].into_iter().enumerate() {
+        for (j, x) in [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)], shift[i]]
+            .into_iter()
+            .enumerate()
+        {
             [rows[i][j], rows[i + 3][j]] = pair(x);
         }
     }
@@ -124,7 +157,10 @@ fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
 
 /// The same of a pose.
 pub(super) fn rows_of(pose: &Isometry3<f64>) -> [[f32; 4]; 6] {
-    rows(pose.rotation.to_rotation_matrix().matrix(), &pose.translation.vector)
+    rows(
+        pose.rotation.to_rotation_matrix().matrix(),
+        &pose.translation.vector,
+    )
 }
 
 /// The pose that shifts a point to the origin.

@@ -15,7 +15,11 @@ pub(super) struct Growing {
 
 impl Growing {
     fn new(gpu: &Gpu, label: &'static str, usage: wgpu::BufferUsages) -> Self {
-        Growing { label, usage, buffer: gpu.buffer(label, 256, usage) }
+        Growing {
+            label,
+            usage,
+            buffer: gpu.buffer(label, 256, usage),
+        }
     }
 
     /// Makes room for `n_bytes` and says whether the buffer is another one.
@@ -39,7 +43,8 @@ pub(super) struct Memory {
     pub totals: Growing,
     /// Bound where nothing is written.
     pub unused: wgpu::Buffer,
-    /// What the CPU and shaders both reach: number of points per lidar, then lidars and tables to be uploaded.
+    /// What the CPU and shaders both reach: number of points per lidar, then lidars and tables to
+    /// be uploaded.
     host: Option<Arc<HostMemory>>,
     /// Half that the next submission counts in.
     half: usize,
@@ -53,7 +58,10 @@ const PART_BYTES: usize = 256;
 /// Where lidars and tables begin in the host's memory.
 fn parts_of(frame: &Frame) -> (usize, usize) {
     let first_lidar = (4 * frame.lidars.len()).next_multiple_of(PART_BYTES);
-    (first_lidar, first_lidar + size_of_val(&frame.lidars[..]).next_multiple_of(PART_BYTES))
+    (
+        first_lidar,
+        first_lidar + size_of_val(&frame.lidars[..]).next_multiple_of(PART_BYTES),
+    )
 }
 
 impl Memory {
@@ -74,14 +82,22 @@ impl Memory {
         }
     }
 
-    /// Where the number of points of each lidar goes if a shader can write there; known after an upload.
+    /// Where the number of points of each lidar goes if a shader can write there; known after an
+    /// upload.
     pub fn host(&self) -> Option<&Arc<HostMemory>> {
         self.host.as_ref()
     }
 
-    /// Makes room, says where returns are counted, and uploads lidars and tables; what is copied from (`copies`) is needed only where shaders do
+    /// Makes room, says where returns are counted, and uploads lidars and tables; what is copied
+    /// from (`copies`) is needed only where shaders do
     /// not write to readers. True if buffers are others than before.
-    pub fn upload(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, frame: &mut Frame, copies: bool) -> bool {
+    pub fn upload(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: &mut Frame,
+        copies: bool,
+    ) -> bool {
         let mut is_new = self.lidars.fit(gpu, size_of_val(&frame.lidars[..]) as u64);
         is_new |= self.tables.fit(gpu, size_of_val(&frame.tables[..]) as u64);
         is_new |= self.points.fit(gpu, 4 * frame.n_words as u64);
@@ -95,18 +111,31 @@ impl Memory {
             is_new = true;
         }
         self.choose_half(encoder, frame);
-        let (lidars, tables): (&[u8], &[u8]) = (bytemuck::cast_slice(&frame.lidars), bytemuck::cast_slice(&frame.tables));
+        let (lidars, tables): (&[u8], &[u8]) = (
+            bytemuck::cast_slice(&frame.lidars),
+            bytemuck::cast_slice(&frame.tables),
+        );
         let (first_lidar, first_table) = parts_of(frame);
         match self.host_of(gpu, first_table + tables.len()) {
             Some(host) => {
-                #[expect(unsafe_code, reason = "the GPU reads there later; the block carries its proof")]
-                // SAFETY: scans on their way hold what they read and write, and `host_of` gives nobody else's.
+                #[expect(
+                    unsafe_code,
+                    reason = "the GPU reads there later; the block carries its proof"
+                )]
+                // SAFETY: scans on their way hold what they read and write, and `host_of` gives
+                // nobody else's.
                 unsafe {
                     host.write(first_lidar, lidars);
                     host.write(first_table, tables);
                 }
                 let mut copy = |from: usize, to: &Growing, n_bytes: usize| {
-                    encoder.copy_buffer_to_buffer(host.buffer(), from as u64, &to.buffer, 0, n_bytes as u64);
+                    encoder.copy_buffer_to_buffer(
+                        host.buffer(),
+                        from as u64,
+                        &to.buffer,
+                        0,
+                        n_bytes as u64,
+                    );
                 };
                 copy(first_lidar, &self.lidars, lidars.len());
                 copy(first_table, &self.tables, tables.len());
@@ -122,12 +151,14 @@ impl Memory {
     /// Whether shaders reach memory of the host, made large enough for this frame.
     pub fn fit_host(&mut self, gpu: &Gpu, frame: &Frame) -> bool {
         let (_, first_table) = parts_of(frame);
-        self.host_of(gpu, first_table + size_of_val(&frame.tables[..])).is_some()
+        self.host_of(gpu, first_table + size_of_val(&frame.tables[..]))
+            .is_some()
     }
 
     /// The host's memory with room for so many bytes, which no scan on its way holds.
     fn host_of(&mut self, gpu: &Gpu, n_bytes: usize) -> Option<Arc<HostMemory>> {
-        let fits = |host: &Arc<HostMemory>| host.n_bytes() >= n_bytes && Arc::strong_count(host) == 1;
+        let fits =
+            |host: &Arc<HostMemory>| host.n_bytes() >= n_bytes && Arc::strong_count(host) == 1;
         if gpu.can_write_directly() && !self.host.as_ref().is_some_and(fits) {
             self.host = HostMemory::new(gpu, n_bytes.next_power_of_two()).map(Arc::new);
         }
@@ -138,7 +169,11 @@ impl Memory {
         let half_len = (self.kept.buffer.size() / 8) as u32;
         let (own, other) = (self.half, 1 - self.half);
         if self.dirty[own] > 0 {
-            encoder.clear_buffer(&self.kept.buffer, 4 * (own as u32 * half_len) as u64, Some(4 * self.dirty[own] as u64));
+            encoder.clear_buffer(
+                &self.kept.buffer,
+                4 * (own as u32 * half_len) as u64,
+                Some(4 * self.dirty[own] as u64),
+            );
         }
         for lidar in &mut frame.lidars {
             lidar.count_in(own as u32 * half_len, other as u32 * half_len);

@@ -1,10 +1,13 @@
-//! Nodes as the GPU walks them: 80 bytes each, children's boxes in eighths of a byte per side, children in the order of octants.
+//! Nodes as the GPU walks them: 80 bytes each, children's boxes in eighths of a byte per side,
+//! children in the order of octants.
 //!
-//! Source: Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs* (HPG 2017).
+//! Source: Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed
+//! Wide BVHs* (HPG 2017).
 
 use crate::tree::{LEAF, Node, Tree, WIDTH};
 
-/// 32-bit words of a node: origin (3), exponents and inner slots, first child, first item, meta (2), then lower and upper sides:
+/// 32-bit words of a node: origin (3), exponents and inner slots, first child, first item, meta
+/// (2), then lower and upper sides:
 /// x, y, z lower, x, y, z upper (2 each).
 pub(crate) const NODE_WORDS: usize = 20;
 
@@ -37,9 +40,16 @@ impl Packed {
         let mut items = Vec::new();
         let packed = Packed::pack(tree, margin, |leaves| {
             let (first, mut meta) = (items.len(), [NO_CHILD; WIDTH]);
-            for (slot, leaf) in (0..).zip(leaves).filter_map(|(slot, leaf)| Some((slot, (*leaf)?))) {
+            for (slot, leaf) in (0..)
+                .zip(leaves)
+                .filter_map(|(slot, leaf)| Some((slot, (*leaf)?)))
+            {
                 let own: &[u32] = items_of(leaf);
-                assert!((1..=4).contains(&own.len()), "a leaf of {} items", own.len());
+                assert!(
+                    (1..=4).contains(&own.len()),
+                    "a leaf of {} items",
+                    own.len()
+                );
                 meta[slot] = ((own.len() as u8 - 1) << 5) | (items.len() - first) as u8;
                 items.extend_from_slice(own);
             }
@@ -48,21 +58,28 @@ impl Packed {
         Packed { items, ..packed }
     }
 
-    /// Packs a tree whose leaves are items, which keep their numbers: those of a node are neighbours.
+    /// Packs a tree whose leaves are items, which keep their numbers: those of a node are
+    /// neighbours.
     pub fn in_place(tree: &Tree, margin: f32) -> Packed {
         Packed::pack(tree, margin, |leaves| {
             let first = leaves.iter().flatten().copied().min().unwrap_or(0);
             let meta = leaves.map(|leaf| leaf.map_or(NO_CHILD, |leaf| (leaf - first) as u8));
             assert!(
-                meta.iter().all(|meta| *meta < WIDTH as u8 || *meta == NO_CHILD),
+                meta.iter()
+                    .all(|meta| *meta < WIDTH as u8 || *meta == NO_CHILD),
                 "leaves of a node that are no neighbours: {leaves:?}"
             );
             (first, meta)
         })
     }
 
-    /// `place` says from the leaves in a node's slots which is the first item and what the slots' meta bytes are.
-    fn pack(tree: &Tree, margin: f32, mut place: impl FnMut(&[Option<u32>; WIDTH]) -> (u32, [u8; WIDTH])) -> Packed {
+    /// `place` says from the leaves in a node's slots which is the first item and what the slots'
+    /// meta bytes are.
+    fn pack(
+        tree: &Tree,
+        margin: f32,
+        mut place: impl FnMut(&[Option<u32>; WIDTH]) -> (u32, [u8; WIDTH]),
+    ) -> Packed {
         let mut packed = Packed::default();
         if tree.nodes.is_empty() {
             return packed;
@@ -94,7 +111,8 @@ impl Packed {
     }
 }
 
-/// Which child sits in which slot: slot `s` is for what lies towards −x if bit 2 of `s` is clear, −y for bit 1, −z for bit 0, so that
+/// Which child sits in which slot: slot `s` is for what lies towards −x if bit 2 of `s` is clear,
+/// −y for bit 1, −z for bit 0, so that
 /// visiting slots by `s XOR octant` goes from near to far.
 fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     let n = node.n_children as usize;
@@ -115,24 +133,46 @@ fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     assign(&costs[..n])
 }
 
-/// Gives slots to children, the least cost first; where costs are equal or no numbers, the first child and the first slot.
+/// Gives slots to children, the least cost first; where costs are equal or no numbers, the first
+/// child and the first slot.
 fn assign(costs: &[[f32; WIDTH]]) -> [Option<usize>; WIDTH] {
     let mut slots = [None; WIDTH];
     // The cheapest slot that is free, by child; `None` once it has one.
     let cheapest = |slots: &[Option<usize>; WIDTH], costs: &[f32; WIDTH]| {
-        let free = (0..WIDTH).filter(|slot| slots[*slot].is_none()).map(|slot| (slot, costs[slot]));
-        free.reduce(|best, other| if other.1 < best.1 || best.1.is_nan() { other } else { best })
+        let free = (0..WIDTH)
+            .filter(|slot| slots[*slot].is_none())
+            .map(|slot| (slot, costs[slot]));
+        free.reduce(|best, other| {
+            if other.1 < best.1 || best.1.is_nan() {
+                other
+            } else {
+                best
+            }
+        })
     };
     let mut wishes = [None; WIDTH];
     for (wish, costs) in wishes.iter_mut().zip(costs) {
         *wish = cheapest(&slots, costs);
     }
     for _ in costs {
-        let open = wishes.iter().enumerate().filter_map(|(child, wish)| Some((child, (*wish)?)));
-        let first = open.reduce(|best, other| if other.1.1 < best.1.1 || best.1.1.is_nan() { other } else { best });
+        let open = wishes
+            .iter()
+            .enumerate()
+            .filter_map(|(child, wish)| Some((child, (*wish)?)));
+        let first = open.reduce(|best, other| {
+            if other.1.1 < best.1.1 || best.1.1.is_nan() {
+                other
+            } else {
+                best
+            }
+        });
         let (child, (slot, _)) = first.expect("there are as many slots as children");
         (slots[slot], wishes[child]) = (Some(child), None);
-        for (wish, costs) in wishes.iter_mut().zip(costs).filter(|(wish, _)| wish.is_some_and(|(wished, _)| wished == slot)) {
+        for (wish, costs) in wishes
+            .iter_mut()
+            .zip(costs)
+            .filter(|(wish, _)| wish.is_some_and(|(wished, _)| wished == slot))
+        {
             *wish = cheapest(&slots, costs);
         }
     }
@@ -167,8 +207,14 @@ impl Quantised {
             sides: [[[255; WIDTH]; 3], [[0; WIDTH]; 3]],
         };
         for axis in 0..3 {
-            let low = node.bounds[axis][0][..n].iter().fold(f32::INFINITY, |a, b| a.min(*b)) - margin;
-            let high = node.bounds[axis][1][..n].iter().fold(f32::NEG_INFINITY, |a, b| a.max(*b)) + margin;
+            let low = node.bounds[axis][0][..n]
+                .iter()
+                .fold(f32::INFINITY, |a, b| a.min(*b))
+                - margin;
+            let high = node.bounds[axis][1][..n]
+                .iter()
+                .fold(f32::NEG_INFINITY, |a, b| a.max(*b))
+                + margin;
             quantised.origin[axis] = low;
             // Smallest power of two of which 254 span the node: one is left for rounding.
             let unit = ((high - low) / 254.0).max(f32::MIN_POSITIVE);
@@ -181,8 +227,12 @@ impl Quantised {
         for axis in 0..3 {
             let unit = f32::from_bits(self.exponent[axis] << 23);
             let at = |x: f32| (x - self.origin[axis]) / unit;
-            self.sides[0][axis][slot] = at(node.bounds[axis][0][child] - self.margin).floor().clamp(0.0, 255.0) as u8;
-            self.sides[1][axis][slot] = at(node.bounds[axis][1][child] + self.margin).ceil().clamp(0.0, 255.0) as u8;
+            self.sides[0][axis][slot] = at(node.bounds[axis][0][child] - self.margin)
+                .floor()
+                .clamp(0.0, 255.0) as u8;
+            self.sides[1][axis][slot] = at(node.bounds[axis][1][child] + self.margin)
+                .ceil()
+                .clamp(0.0, 255.0) as u8;
         }
     }
 
@@ -216,12 +266,18 @@ mod tests {
             let mut node = Node::empty();
             node.n_children = 1 + round % WIDTH as u32;
             for i in 0..node.n_children as usize {
-                let mut side = || [rng.f32(), f32::INFINITY, f32::NEG_INFINITY, f32::NAN][if round < 100 { 0 } else { rng.usize(0..4) }];
+                let mut side = || {
+                    [rng.f32(), f32::INFINITY, f32::NEG_INFINITY, f32::NAN]
+                        [if round < 100 { 0 } else { rng.usize(0..4) }]
+                };
                 node.set(i, ([side(), side(), side()], [side(), side(), side()]), 0);
             }
             let mut placed: Vec<usize> = slots(&node).into_iter().flatten().collect();
             placed.sort_unstable();
-            assert!(placed.iter().copied().eq(0..node.n_children as usize), "{placed:?}");
+            assert!(
+                placed.iter().copied().eq(0..node.n_children as usize),
+                "{placed:?}"
+            );
         }
     }
 }

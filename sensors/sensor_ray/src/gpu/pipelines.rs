@@ -29,7 +29,9 @@ const MAX_SIDE: u32 = 65_535;
 impl Turn {
     /// Whether a dispatch that only traces or only packs can have its workgroups side by side.
     fn fits(&self) -> bool {
-        [self.n_blocks, self.n_traced, self.n_chunks, self.n_packed].into_iter().all(|side| side <= MAX_SIDE)
+        [self.n_blocks, self.n_traced, self.n_chunks, self.n_packed]
+            .into_iter()
+            .all(|side| side <= MAX_SIDE)
     }
 
     /// Workgroups, as the shader numbers them.
@@ -38,7 +40,8 @@ impl Turn {
             (n_traced, 0) if self.fits() => [self.n_blocks, n_traced, 1],
             (0, n_packed) if self.fits() => [self.n_chunks, n_packed, 1],
             (n_traced, n_packed) => {
-                let places = (n_packed * self.n_chunks).max((n_traced * self.n_blocks).div_ceil(TRACING));
+                let places =
+                    (n_packed * self.n_chunks).max((n_traced * self.n_blocks).div_ceil(TRACING));
                 [1 + TRACING, places.min(MAX_SIDE), places.div_ceil(MAX_SIDE)]
             }
         }
@@ -57,24 +60,53 @@ const WORKGROUP_BYTES: u32 = 4 * (LANES + super::CHUNK_RAYS);
 /// What a GPU lacks for lidars, in a sentence.
 pub(super) fn missing(gpu: &Gpu) -> Option<String> {
     if !gpu.has_wide_numbers() {
-        return Some(format!("{:?} cannot cast lidars: its shaders have no 64-bit numbers", gpu.name()));
+        return Some(format!(
+            "{:?} cannot cast lidars: its shaders have no 64-bit numbers",
+            gpu.name()
+        ));
     }
     let immediates = size_of::<Turn>() as u32;
     if !gpu.has_immediates(immediates) {
-        return Some(format!("{:?} cannot cast lidars: its shaders take no {immediates} bytes with a dispatch", gpu.name()));
+        return Some(format!(
+            "{:?} cannot cast lidars: its shaders take no {immediates} bytes with a dispatch",
+            gpu.name()
+        ));
     }
-    missing_limit(&gpu.device().limits()).map(|lack| format!("{:?} cannot cast lidars: {lack}", gpu.name()))
+    missing_limit(&gpu.device().limits())
+        .map(|lack| format!("{:?} cannot cast lidars: {lack}", gpu.name()))
 }
 
 /// The first limit that is too low.
 fn missing_limit(limits: &wgpu::Limits) -> Option<String> {
     let needed = [
-        ("storage buffers in a shader", limits.max_storage_buffers_per_shader_stage, SCENE_BUFFERS + OUTPUT_BUFFERS),
+        (
+            "storage buffers in a shader",
+            limits.max_storage_buffers_per_shader_stage,
+            SCENE_BUFFERS + OUTPUT_BUFFERS,
+        ),
         ("groups of bindings", limits.max_bind_groups, 2),
-        ("bindings in a group", limits.max_bindings_per_bind_group, OUTPUT_BUFFERS.max(SCENE_BUFFERS)),
-        ("lanes in a workgroup", limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x), LANES),
-        ("bytes of memory in a workgroup", limits.max_compute_workgroup_storage_size, WORKGROUP_BYTES),
-        ("workgroups along a side of a dispatch", limits.max_compute_workgroups_per_dimension, MAX_SIDE),
+        (
+            "bindings in a group",
+            limits.max_bindings_per_bind_group,
+            OUTPUT_BUFFERS.max(SCENE_BUFFERS),
+        ),
+        (
+            "lanes in a workgroup",
+            limits
+                .max_compute_invocations_per_workgroup
+                .min(limits.max_compute_workgroup_size_x),
+            LANES,
+        ),
+        (
+            "bytes of memory in a workgroup",
+            limits.max_compute_workgroup_storage_size,
+            WORKGROUP_BYTES,
+        ),
+        (
+            "workgroups along a side of a dispatch",
+            limits.max_compute_workgroups_per_dimension,
+            MAX_SIDE,
+        ),
     ];
     let (what, has, needs) = needed.into_iter().find(|(_, has, needs)| has < needs)?;
     Some(format!("it has {has} {what}, {needs} are needed"))
@@ -95,30 +127,51 @@ impl Pipelines {
     pub fn new(gpu: &Gpu, options: GpuRayOptions) -> Self {
         let scene = layout(gpu, "lidars", SCENE_BUFFERS, 5);
         let outputs = layout(gpu, "lidar outputs", OUTPUT_BUFFERS, 0);
-        let of_pipeline = gpu.device().create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-            label: Some("lidars"),
-            bind_group_layouts: &[Some(&scene), Some(&outputs)],
-            immediate_size: size_of::<Turn>() as u32,
-        });
+        let of_pipeline = gpu
+            .device()
+            .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some("lidars"),
+                bind_group_layouts: &[Some(&scene), Some(&outputs)],
+                immediate_size: size_of::<Turn>() as u32,
+            });
         let text = prefix_sum_wgsl(LANES) + include_str!("lidar.wgsl");
-        #[expect(unsafe_code, reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof")]
-        // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the buffers; rays, chunks and words by
-        // `Frame`, after which the buffers are sized and the outputs checked; a walk visits a node once, its stack holds what
+        #[expect(
+            unsafe_code,
+            reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof"
+        )]
+        // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the
+        // buffers; rays, chunks and words by
+        // `Frame`, after which the buffers are sized and the outputs checked; a walk visits a node
+        // once, its stack holds what
         // [`super::GpuRays::update`] lets through, and all other loops count bits, lanes or words.
         let shader = unsafe { gpu.shader_unchecked("lidars", &text) };
         let pipeline = |entry_point: &str| {
-            let constants: &[(&str, f64)] = if entry_point == "pack" { &[] } else { &[("block_columns", options.block_columns as f64)] };
-            gpu.device().create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry_point),
-                layout: Some(&of_pipeline),
-                module: &shader,
-                entry_point: Some(entry_point),
-                compilation_options: wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false },
-                cache: None,
-            })
+            let constants: &[(&str, f64)] = if entry_point == "pack" {
+                &[]
+            } else {
+                &[("block_columns", options.block_columns as f64)]
+            };
+            gpu.device()
+                .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                    label: Some(entry_point),
+                    layout: Some(&of_pipeline),
+                    module: &shader,
+                    entry_point: Some(entry_point),
+                    compilation_options: wgpu::PipelineCompilationOptions {
+                        constants,
+                        zero_initialize_workgroup_memory: false,
+                    },
+                    cache: None,
+                })
         };
         let [trace, pack, both] = ["trace", "pack", "both"].map(pipeline);
-        Pipelines { scene, outputs, trace, pack, both }
+        Pipelines {
+            scene,
+            outputs,
+            trace,
+            pack,
+            both,
+        }
     }
 
     /// What does this, and the name of its time.
@@ -137,21 +190,38 @@ fn layout(gpu: &Gpu, label: &str, n: u32, n_read: u32) -> wgpu::BindGroupLayout 
         binding,
         visibility: wgpu::ShaderStages::COMPUTE,
         ty: wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: binding < n_read },
+            ty: wgpu::BufferBindingType::Storage {
+                read_only: binding < n_read,
+            },
             has_dynamic_offset: false,
             min_binding_size: None,
         },
         count: None,
     };
     let entries: Vec<_> = (0..n).map(entry).collect();
-    gpu.device().create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    gpu.device()
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some(label),
+            entries: &entries,
+        })
 }
 
 /// Binds whole buffers in order.
-pub(super) fn bind<'b>(gpu: &Gpu, layout: &wgpu::BindGroupLayout, buffers: impl IntoIterator<Item = &'b wgpu::Buffer>) -> wgpu::BindGroup {
-    let entry = |(i, buffer): (usize, &'b wgpu::Buffer)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer.as_entire_binding() };
+pub(super) fn bind<'b>(
+    gpu: &Gpu,
+    layout: &wgpu::BindGroupLayout,
+    buffers: impl IntoIterator<Item = &'b wgpu::Buffer>,
+) -> wgpu::BindGroup {
+    let entry = |(i, buffer): (usize, &'b wgpu::Buffer)| wgpu::BindGroupEntry {
+        binding: i as u32,
+        resource: buffer.as_entire_binding(),
+    };
     let entries: Vec<_> = buffers.into_iter().enumerate().map(entry).collect();
-    gpu.device().create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
+    gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
+        label: None,
+        layout,
+        entries: &entries,
+    })
 }
 
 #[cfg(test)]
@@ -162,10 +232,22 @@ mod tests {
     fn a_gpu_that_lacks_something_is_told_what() {
         // WebGPU's least: 8 storage buffers where the shader binds 16.
         let least = wgpu::Limits::default();
-        assert_eq!(missing_limit(&least).as_deref(), Some("it has 8 storage buffers in a shader, 16 are needed"));
-        let enough = wgpu::Limits { max_storage_buffers_per_shader_stage: 16, ..least };
+        assert_eq!(
+            missing_limit(&least).as_deref(),
+            Some("it has 8 storage buffers in a shader, 16 are needed")
+        );
+        let enough = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: 16,
+            ..least
+        };
         assert_eq!(missing_limit(&enough), None);
-        let small = wgpu::Limits { max_compute_workgroup_storage_size: 1024, ..enough };
-        assert_eq!(missing_limit(&small).as_deref(), Some("it has 1024 bytes of memory in a workgroup, 1280 are needed"));
+        let small = wgpu::Limits {
+            max_compute_workgroup_storage_size: 1024,
+            ..enough
+        };
+        assert_eq!(
+            missing_limit(&small).as_deref(),
+            Some("it has 1024 bytes of memory in a workgroup, 1280 are needed")
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The scene in the GPU's memory: triangles and hierarchies of scenery and meshes, uploaded once, and the instances of the tick.
+//! The scene in the GPU's memory: triangles and hierarchies of scenery and meshes, uploaded once,
+//! and the instances of the tick.
 
 use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
@@ -93,7 +94,8 @@ impl World {
         if self.loaded != Some(key) || upper.nodes.len() > self.upper_nodes {
             self.loaded = None;
             self.upper_nodes = self.upper_nodes.max(upper.nodes.len().next_power_of_two());
-            self.load(gpu, scene).inspect_err(|why| self.refused = Some((key, why.clone())))?;
+            self.load(gpu, scene)
+                .inspect_err(|why| self.refused = Some((key, why.clone())))?;
             self.loaded = Some(key);
             is_new = true;
         } else if scene.hiding.revision != self.revision {
@@ -102,24 +104,40 @@ impl World {
         self.revision = scene.hiding.revision;
         let n_levels = self.n_levels + 2 * upper.n_levels;
         if n_levels > STACK_ENTRIES {
-            return Err(format!("a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"));
+            return Err(format!(
+                "a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"
+            ));
         }
         // A root without children stops every ray of an empty world.
         if upper.nodes.is_empty() {
             upper.nodes.push(empty_node());
         }
         if upper.nodes != self.uploaded.nodes {
-            gpu.queue().write_buffer(&self.nodes, 0, bytemuck::cast_slice(&upper.nodes));
+            gpu.queue()
+                .write_buffer(&self.nodes, 0, bytemuck::cast_slice(&upper.nodes));
             self.uploaded.nodes = upper.nodes;
         }
         Ok(self.update_instances(gpu, scene)? || is_new)
     }
 
-    /// Uploads the instances from the first to the last that is not as before. True if their buffer is another one.
+    /// Uploads the instances from the first to the last that is not as before. True if their buffer
+    /// is another one.
     fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
-        let tiles = scene.tiles.iter().zip(&self.tiles).filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0)));
-        let place_of = |mesh_idx: u32| self.meshes[mesh_idx as usize].expect("what has bounds has a hierarchy");
-        let moving = scene.dynamics.iter().map(|placed| (place_of(placed.mesh_idx), placed.mesh_from_world, placed.object.0));
+        let tiles = scene
+            .tiles
+            .iter()
+            .zip(&self.tiles)
+            .filter_map(|(tile, place)| Some(((*place)?, shift_from(&tile.origin_m), 0)));
+        let place_of = |mesh_idx: u32| {
+            self.meshes[mesh_idx as usize].expect("what has bounds has a hierarchy")
+        };
+        let moving = scene.dynamics.iter().map(|placed| {
+            (
+                place_of(placed.mesh_idx),
+                placed.mesh_from_world,
+                placed.object.0,
+            )
+        });
         let n_placed = self.tiles.iter().flatten().count() + scene.dynamics.len();
         let n_bytes = (n_placed * size_of::<InstanceWords>()) as u64;
         let is_new = n_bytes > self.instances.size();
@@ -127,12 +145,20 @@ impl World {
         if is_new {
             check_size(gpu, "moving things", n_bytes.next_power_of_two())?;
         }
-        let Uploaded { poses, instances, .. } = &mut self.uploaded;
+        let Uploaded {
+            poses, instances, ..
+        } = &mut self.uploaded;
         let (mut n, mut changed) = (0, None);
         for (place, pose, object) in tiles.chain(moving) {
             let what = [place.root, place.first_triangle, object, 0];
-            if instances.get(n).is_none_or(|known| known.what != what || poses[n] != pose) {
-                let words = InstanceWords { rows: rows_of(&pose), what };
+            if instances
+                .get(n)
+                .is_none_or(|known| known.what != what || poses[n] != pose)
+            {
+                let words = InstanceWords {
+                    rows: rows_of(&pose),
+                    what,
+                };
                 if n == instances.len() {
                     instances.push(words);
                     poses.push(pose);
@@ -151,7 +177,11 @@ impl World {
         }
         if let Some((first, end)) = changed {
             let begin = (first * size_of::<InstanceWords>()) as u64;
-            gpu.queue().write_buffer(&self.instances, begin, bytemuck::cast_slice(&instances[first..end]));
+            gpu.queue().write_buffer(
+                &self.instances,
+                begin,
+                bytemuck::cast_slice(&instances[first..end]),
+            );
         }
         Ok(is_new)
     }
@@ -163,12 +193,20 @@ impl World {
         self.tiles.clear();
         for tile_idx in 0..scene.tiles.len() {
             let labels = |number: u32| labels_in(scene, tile_idx, number);
-            self.tiles.push(append(&scene.tiles[tile_idx].tree, labels, &mut nodes, &mut triangles));
+            self.tiles.push(append(
+                &scene.tiles[tile_idx].tree,
+                labels,
+                &mut nodes,
+                &mut triangles,
+            ));
         }
         self.meshes.clear();
         for (mesh_idx, tree) in scene.mesh_trees.iter().enumerate() {
             let labels = |triangle: u32| scene.labels(mesh_idx as u32, triangle);
-            self.meshes.push(tree.as_ref().and_then(|tree| append(tree, labels, &mut nodes, &mut triangles)));
+            self.meshes.push(
+                tree.as_ref()
+                    .and_then(|tree| append(tree, labels, &mut nodes, &mut triangles)),
+            );
         }
         if triangles.is_empty() {
             triangles.push([0; 4]);
@@ -182,21 +220,35 @@ impl World {
         Ok(())
     }
 
-    /// Uploads the chunks of scenery in which something was hidden or shown, neighbours in one piece.
+    /// Uploads the chunks of scenery in which something was hidden or shown, neighbours in one
+    /// piece.
     fn change_triangles(&mut self, gpu: &Gpu, scene: &RayScene) {
         for (tile_idx, revisions) in scene.hiding.chunks.iter().enumerate() {
-            let (Some(place), Some(packed)) = (self.tiles[tile_idx], &scene.tiles[tile_idx].tree.packed) else { continue };
+            let (Some(place), Some(packed)) =
+                (self.tiles[tile_idx], &scene.tiles[tile_idx].tree.packed)
+            else {
+                continue;
+            };
             let is_changed = |chunk: &usize| revisions[*chunk] > self.revision;
             let mut chunk = 0;
             while let Some(first) = (chunk..revisions.len()).find(is_changed) {
-                chunk = (first..revisions.len()).find(|chunk| !is_changed(chunk)).unwrap_or(revisions.len());
+                chunk = (first..revisions.len())
+                    .find(|chunk| !is_changed(chunk))
+                    .unwrap_or(revisions.len());
                 let items = first * CHUNK..packed.corners.len().min(chunk * CHUNK);
                 let mut words = Vec::with_capacity(3 * items.len());
-                for (number, corners) in packed.items[items.clone()].iter().zip(&packed.corners[items.clone()]) {
+                for (number, corners) in packed.items[items.clone()]
+                    .iter()
+                    .zip(&packed.corners[items.clone()])
+                {
                     push_triangle(&mut words, corners, labels_in(scene, tile_idx, *number));
                 }
                 let begin = (place.first_triangle as usize + items.start) * TRIANGLE_BYTES;
-                gpu.queue().write_buffer(&self.triangles, begin as u64, bytemuck::cast_slice(&words));
+                gpu.queue().write_buffer(
+                    &self.triangles,
+                    begin as u64,
+                    bytemuck::cast_slice(&words),
+                );
             }
         }
     }
@@ -205,8 +257,17 @@ impl World {
 /// Whether a shader can be given so many bytes of one thing.
 fn check_size(gpu: &Gpu, what: &str, n_bytes: u64) -> Result<(), String> {
     let limits = gpu.device().limits();
-    let most = limits.max_buffer_size.min(limits.max_storage_buffer_binding_size);
-    if n_bytes > most { Err(format!("{what} take {n_bytes} bytes, and shaders of {:?} reach {most} at once", gpu.name())) } else { Ok(()) }
+    let most = limits
+        .max_buffer_size
+        .min(limits.max_storage_buffer_binding_size);
+    if n_bytes > most {
+        Err(format!(
+            "{what} take {n_bytes} bytes, and shaders of {:?} reach {most} at once",
+            gpu.name()
+        ))
+    } else {
+        Ok(())
+    }
 }
 
 /// Object and class of a tile's triangle.
@@ -219,34 +280,63 @@ fn labels_in(scene: &RayScene, tile_idx: usize, number: u32) -> (u32, u8) {
 
 /// Levels of the deepest hierarchy of scenery or a mesh.
 fn n_levels(scene: &RayScene) -> u32 {
-    let trees = scene.tiles.iter().map(|tile| &tile.tree).chain(scene.mesh_trees.iter().flatten());
-    trees.filter_map(|tree| tree.packed.as_ref()).map(|packed| packed.n_levels).max().unwrap_or(0)
+    let trees = scene
+        .tiles
+        .iter()
+        .map(|tile| &tile.tree)
+        .chain(scene.mesh_trees.iter().flatten());
+    trees
+        .filter_map(|tree| tree.packed.as_ref())
+        .map(|packed| packed.n_levels)
+        .max()
+        .unwrap_or(0)
 }
 
 /// The hierarchy over the boxes of scenery, tile by tile, and of what moves, in the world.
 fn upper_level(scene: &RayScene) -> Packed {
-    let (mut boxes, mut ends) = (Vec::<Bounds>::with_capacity(scene.tiles.len() + scene.dynamics.len()), Vec::new());
+    let (mut boxes, mut ends) = (
+        Vec::<Bounds>::with_capacity(scene.tiles.len() + scene.dynamics.len()),
+        Vec::new(),
+    );
     for tile in &scene.tiles {
-        let Some(bounds) = tile.tree.bounds() else { continue };
-        boxes.push(box_about(&Point3::origin(), &shift_from(&tile.origin_m).inverse(), bounds));
+        let Some(bounds) = tile.tree.bounds() else {
+            continue;
+        };
+        boxes.push(box_about(
+            &Point3::origin(),
+            &shift_from(&tile.origin_m).inverse(),
+            bounds,
+        ));
         ends.push(boxes.len() as u32);
     }
     let first = boxes.len() as u32;
-    boxes.extend(scene.dynamics.iter().map(|placed| scene.bounds_of(placed, &Point3::origin())));
+    boxes.extend(
+        scene
+            .dynamics
+            .iter()
+            .map(|placed| scene.bounds_of(placed, &Point3::origin())),
+    );
     ends.extend(scene.actor_ends.iter().map(|end| first + end));
     let tree = moving_tree(&boxes, &ends);
     Packed::in_place(&tree, MARGIN * tree.reach)
 }
 
-/// Appends a hierarchy and its triangles: three corners each, with object and class beside the first two.
+/// Appends a hierarchy and its triangles: three corners each, with object and class beside the
+/// first two.
 fn append(
     tree: &TriangleTree,
     labels: impl Fn(u32) -> (u32, u8),
     nodes: &mut Vec<[u32; NODE_WORDS]>,
     triangles: &mut Vec<[u32; 4]>,
 ) -> Option<Place> {
-    let packed = tree.packed.as_ref().filter(|packed| !packed.nodes.is_empty())?;
-    let place = Place { root: nodes.len() as u32, first_triangle: triangles.len() as u32 / 3 };
+    let packed = tree
+        .packed
+        .as_ref()
+        .filter(|packed| !packed.nodes.is_empty())?;
+    let place = Place {
+        root: nodes.len() as u32,
+        first_triangle: triangles.len() as u32 / 3,
+    };
     nodes.extend(packed.nodes.iter().map(|node| {
         let mut node = *node;
         node[FIRST_CHILD] += place.root;
@@ -258,7 +348,11 @@ fn append(
     Some(place)
 }
 
-fn push_triangle(triangles: &mut Vec<[u32; 4]>, corners: &[[f32; 3]; 3], (object, class): (u32, u8)) {
+fn push_triangle(
+    triangles: &mut Vec<[u32; 4]>,
+    corners: &[[f32; 3]; 3],
+    (object, class): (u32, u8),
+) {
     for ([x, y, z], beside) in corners.iter().zip([object, class as u32, 0]) {
         triangles.push([x.to_bits(), y.to_bits(), z.to_bits(), beside]);
     }

@@ -17,7 +17,11 @@ pub fn cuboid(class: Class, half_m: [f32; 3]) -> Mesh {
     builder.finish()
 }
 
-pub fn moving(mesh: sensor_core::MeshId, actor: u32, world_from_mesh: Isometry3<f64>) -> DynamicInstance {
+pub fn moving(
+    mesh: sensor_core::MeshId,
+    actor: u32,
+    world_from_mesh: Isometry3<f64>,
+) -> DynamicInstance {
     DynamicInstance {
         actor: ActorId(actor),
         part: 0,
@@ -31,8 +35,15 @@ pub fn moving(mesh: sensor_core::MeshId, actor: u32, world_from_mesh: Isometry3<
 
 pub fn random_pose(rng: &mut fastrand::Rng, centre: [f64; 3], spread_m: f64) -> Isometry3<f64> {
     let mut side = || (rng.f64() - 0.5) * 2.0;
-    let at = Translation3::new(centre[0] + side() * spread_m, centre[1] + side() * spread_m, centre[2] + side() * spread_m);
-    Isometry3::from_parts(at, UnitQuaternion::from_euler_angles(side() * 3.0, side() * 1.5, side() * 3.0))
+    let at = Translation3::new(
+        centre[0] + side() * spread_m,
+        centre[1] + side() * spread_m,
+        centre[2] + side() * spread_m,
+    );
+    Isometry3::from_parts(
+        at,
+        UnitQuaternion::from_euler_angles(side() * 3.0, side() * 1.5, side() * 3.0),
+    )
 }
 
 pub fn random_direction(rng: &mut fastrand::Rng) -> Vector3<f64> {
@@ -50,8 +61,17 @@ pub fn loose_triangles(rng: &mut fastrand::Rng, n: u32, first_object: u32) -> Me
     for i in 0..n {
         let mut side = |scale: f32| (rng.f32() - 0.5) * scale;
         let centre = [side(24.0), side(24.0), side(24.0)];
-        let corners = std::array::from_fn(|_| [centre[0] + side(6.0), centre[1] + side(6.0), centre[2] + side(6.0)]);
-        builder.triangle(surface(Class((i % 29) as u8)).of(ObjectId::scenery(first_object + i)), corners);
+        let corners = std::array::from_fn(|_| {
+            [
+                centre[0] + side(6.0),
+                centre[1] + side(6.0),
+                centre[2] + side(6.0),
+            ]
+        });
+        builder.triangle(
+            surface(Class((i % 29) as u8)).of(ObjectId::scenery(first_object + i)),
+            corners,
+        );
     }
     builder.finish()
 }
@@ -75,8 +95,17 @@ pub fn brute_force(
             let q = s.cross(&e1);
             let v = direction.dot(&q) / determinant;
             let t = e2.dot(&q) / determinant;
-            if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t <= best.map_or(max_m, |(d, ..)| d) {
-                let object = if vertex.object_id == 0 { *own } else { ObjectId(vertex.object_id) };
+            if u >= 0.0
+                && v >= 0.0
+                && u + v <= 1.0
+                && t >= 0.0
+                && t <= best.map_or(max_m, |(d, ..)| d)
+            {
+                let object = if vertex.object_id == 0 {
+                    *own
+                } else {
+                    ObjectId(vertex.object_id)
+                };
                 best = Some((t, object, Class(vertex.class)));
             }
         }

@@ -1,4 +1,5 @@
-//! Frames that the CPU makes: rays, motion, events of actors. Written into their loans and sent before the views of their tick.
+//! Frames that the CPU makes: rays, motion, events of actors. Written into their loans and sent
+//! before the views of their tick.
 
 use std::rc::Rc;
 
@@ -38,7 +39,8 @@ pub(super) struct Shot<'a> {
 }
 
 impl Sensors {
-    /// Fires what is due and not the GPU's (`lidars_are_cast`: nor are lidars); returns the rigs whose readers are to be woken.
+    /// Fires what is due and not the GPU's (`lidars_are_cast`: nor are lidars); returns the rigs
+    /// whose readers are to be woken.
     pub(super) fn fire_on_cpu(
         &mut self,
         scene: &Scene,
@@ -49,7 +51,11 @@ impl Sensors {
     ) -> anyhow::Result<Vec<Rc<Rig>>> {
         let mut waking = Vec::new();
         let read_everything = self.read_everything;
-        let mut rays = TickRays { scene: self.rays.as_mut(), tick: scene, is_current: false };
+        let mut rays = TickRays {
+            scene: self.rays.as_mut(),
+            tick: scene,
+            is_current: false,
+        };
         for (sensor_idx, firing, carrier) in due {
             let sensor = &mut self.sensors[*sensor_idx];
             let shot = Shot::new(scene, stamp, firing, carrier, sensor);
@@ -61,17 +67,27 @@ impl Sensors {
                     self.n_lidar_turns += cast as u64;
                     cast
                 }
-                (Model::Radar(_), SensorSpec::Radar(_)) => shot.radar(sensor, &mut rays, read_everything),
+                (Model::Radar(_), SensorSpec::Radar(_)) => {
+                    shot.radar(sensor, &mut rays, read_everything)
+                }
                 (Model::Imu(_) | Model::Gnss, _) => shot.motion(sensor, read_everything),
                 (Model::Obstacle, SensorSpec::Obstacle(spec)) => {
                     let found = shot.obstacle(spec, rays.current());
                     shot.send_events(sensor, &Vec::from_iter(found), read_everything)
                 }
-                (Model::Collision, _) => shot.send_events(sensor, &shot.collisions(events.collisions), read_everything),
+                (Model::Collision, _) => {
+                    shot.send_events(sensor, &shot.collisions(events.collisions), read_everything)
+                }
                 (Model::LaneInvasion { corners }, _) => {
-                    let lines = self.painted.get_or_insert_with(|| events.roads.map(painted_lines).unwrap_or_default());
-                    let crossings = corners.map(|before| lines.crossings(&before, &carrier.lower_corners, firing.window_nanos));
-                    sensor.model = Model::LaneInvasion { corners: Some(carrier.lower_corners) };
+                    let lines = self
+                        .painted
+                        .get_or_insert_with(|| events.roads.map(painted_lines).unwrap_or_default());
+                    let crossings = corners.map(|before| {
+                        lines.crossings(&before, &carrier.lower_corners, firing.window_nanos)
+                    });
+                    sensor.model = Model::LaneInvasion {
+                        corners: Some(carrier.lower_corners),
+                    };
                     shot.send_events(sensor, &crossings.unwrap_or_default(), read_everything)
                 }
                 _ => unreachable!("a sensor's model is made from its spec"),
@@ -93,7 +109,10 @@ pub(super) struct TickRays<'a> {
 
 impl TickRays<'_> {
     pub fn current(&mut self) -> &RayScene {
-        let scene = self.scene.as_mut().expect("loaded with the map because there is a sensor that casts rays");
+        let scene = self
+            .scene
+            .as_mut()
+            .expect("loaded with the map because there is a sensor that casts rays");
         if !std::mem::replace(&mut self.is_current, true) {
             scene.update(&self.tick.dynamics);
         }
@@ -102,18 +121,44 @@ impl TickRays<'_> {
 }
 
 impl<'a> Shot<'a> {
-    pub fn new(scene: &'a Scene, stamp: &'a Stamp, firing: &'a Firing, carrier: &'a Carrier, sensor: &Sensor) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        stamp: &'a Stamp,
+        firing: &'a Firing,
+        carrier: &'a Carrier,
+        sensor: &Sensor,
+    ) -> Self {
         let world_from_sensor = carrier.world_from_sensor.isometry();
         let noise = Noise::new(stamp.seed, sensor.stream, scene.tick.0);
-        Shot { scene, stamp, firing, carrier, world_from_sensor, noise }
+        Shot {
+            scene,
+            stamp,
+            firing,
+            carrier,
+            world_from_sensor,
+            noise,
+        }
     }
 
     pub fn header(&self, sensor: &Sensor, topic_idx: usize) -> FrameHeader {
-        base_header(sensor.topics[topic_idx].modality, self.scene, self.stamp, sensor.actor, self.firing, self.carrier)
+        base_header(
+            sensor.topics[topic_idx].modality,
+            self.scene,
+            self.stamp,
+            sensor.actor,
+            self.firing,
+            self.carrier,
+        )
     }
 
     /// Sends a filled loan of the sensor's only topic.
-    pub fn send(&self, sensor: &mut Sensor, loan: FrameLoan, mut header: FrameHeader, print_hash: bool) {
+    pub fn send(
+        &self,
+        sensor: &mut Sensor,
+        loan: FrameLoan,
+        mut header: FrameHeader,
+        print_hash: bool,
+    ) {
         header.rendered_mono_nanos = mono_now().0;
         sensor.topics[0].send(loan, header, print_hash);
     }
@@ -121,15 +166,33 @@ impl<'a> Shot<'a> {
     fn radar(&self, sensor: &mut Sensor, rays: &mut TickRays<'_>, read_everything: bool) -> bool {
         let mut header = self.header(sensor, 0);
         let topic = &mut sensor.topics[0];
-        let Some(mut loan) = topic.loan_if_read(read_everything) else { return false };
-        let (Model::Radar(found), SensorSpec::Radar(spec)) = (&mut sensor.model, &sensor.spec) else { return false };
+        let Some(mut loan) = topic.loan_if_read(read_everything) else {
+            return false;
+        };
+        let (Model::Radar(found), SensorSpec::Radar(spec)) = (&mut sensor.model, &sensor.spec)
+        else {
+            return false;
+        };
         let room = topic.max_payload_bytes / topic.modality.element_bytes();
-        let n_rays = spec.rays_per_frame(self.scene.period_nanos as f64 * 1e-9).min(room as u32);
+        let n_rays = spec
+            .rays_per_frame(self.scene.period_nanos as f64 * 1e-9)
+            .min(room as u32);
         let velocity_in_world_mps = self.carrier.velocity_in_world_mps;
-        let pose = RadarPose { world_from_sensor: self.world_from_sensor, velocity_in_world_mps };
+        let pose = RadarPose {
+            world_from_sensor: self.world_from_sensor,
+            velocity_in_world_mps,
+        };
         let carrier = Some(self.carrier.parent).filter(|parent| parent.0 != 0);
         found.clear();
-        radar::scan(spec, rays.current(), &pose, n_rays, self.noise, carrier, found);
+        radar::scan(
+            spec,
+            rays.current(),
+            &pose,
+            n_rays,
+            self.noise,
+            carrier,
+            found,
+        );
         let bytes: &[u8] = bytemuck::cast_slice(found);
         loan.payload_mut()[..bytes.len()].copy_from_slice(bytes);
         header.set_list(found.len() as u32);
@@ -140,16 +203,32 @@ impl<'a> Shot<'a> {
 
     fn motion(&self, sensor: &mut Sensor, read_everything: bool) -> bool {
         let mut header = self.header(sensor, 0);
-        let Some(mut loan) = sensor.topics[0].loan_if_read(read_everything) else { return false };
+        let Some(mut loan) = sensor.topics[0].loan_if_read(read_everything) else {
+            return false;
+        };
         match (&mut sensor.model, &sensor.spec) {
             (Model::Imu(motion), SensorSpec::Imu(spec)) => {
-                let mount = self.carrier.body.world_from_vehicle.inv_mul(&self.world_from_sensor);
-                let input = motion.at(&mount, STANDARD_GRAVITY_MPS2).expect("a state was pushed in this tick");
+                let mount = self
+                    .carrier
+                    .body
+                    .world_from_vehicle
+                    .inv_mul(&self.world_from_sensor);
+                let input = motion
+                    .at(&mount, STANDARD_GRAVITY_MPS2)
+                    .expect("a state was pushed in this tick");
                 put(&mut loan, &[imu::sample(spec, &input, self.noise)]);
             }
             (Model::Gnss, SensorSpec::Gnss(spec)) => {
                 let place = self.world_from_sensor.translation.vector.into();
-                put(&mut loan, &[gnss::sample(spec, &self.stamp.geo_reference, &place, self.noise)]);
+                put(
+                    &mut loan,
+                    &[gnss::sample(
+                        spec,
+                        &self.stamp.geo_reference,
+                        &place,
+                        self.noise,
+                    )],
+                );
             }
             _ => return false,
         }
@@ -162,9 +241,14 @@ impl<'a> Shot<'a> {
         let forward = self.world_from_sensor.rotation * Vector3::x();
         let from = self.world_from_sensor.translation.vector.into();
         let ignored = Some(self.carrier.parent).filter(|parent| parent.0 != 0);
-        let filter = BallFilter { ignored, only_traffic: spec.only_dynamics };
+        let filter = BallFilter {
+            ignored,
+            only_traffic: spec.only_dynamics,
+        };
         let hit = rays.move_ball(&from, &forward, spec.hit_radius_m, spec.distance_m, filter)?;
-        let contact = self.world_from_sensor.inverse_transform_point(&hit.contact_in_world_m);
+        let contact = self
+            .world_from_sensor
+            .inverse_transform_point(&hit.contact_in_world_m);
         Some(ObstacleEvent {
             distance_m: hit.distance_m as f32,
             object_id: hit.object.0,
@@ -177,7 +261,9 @@ impl<'a> Shot<'a> {
 
     fn collisions(&self, all: &[Collision]) -> Vec<CollisionEvent> {
         let first = all.partition_point(|collision| collision.actor < self.carrier.parent);
-        let mine = all[first..].iter().take_while(|collision| collision.actor == self.carrier.parent);
+        let mine = all[first..]
+            .iter()
+            .take_while(|collision| collision.actor == self.carrier.parent);
         let event = |collision: &Collision| CollisionEvent {
             other_id: collision.other.map_or(0, |other| other.0),
             class: collision.other_class.0,
@@ -190,12 +276,19 @@ impl<'a> Shot<'a> {
     }
 
     /// Sends a frame if something happened. Its `seq` counts such frames, read or not.
-    fn send_events<T: bytemuck::Pod>(&self, sensor: &mut Sensor, events: &[T], read_everything: bool) -> bool {
+    fn send_events<T: bytemuck::Pod>(
+        &self,
+        sensor: &mut Sensor,
+        events: &[T],
+        read_everything: bool,
+    ) -> bool {
         if events.is_empty() {
             return false;
         }
         sensor.n_event_frames += 1;
-        let Some(mut loan) = sensor.topics[0].loan_if_read(read_everything) else { return false };
+        let Some(mut loan) = sensor.topics[0].loan_if_read(read_everything) else {
+            return false;
+        };
         let events = &events[..events.len().min(MAX_EVENTS_PER_TICK)];
         put(&mut loan, events);
         let mut header = self.header(sensor, 0);
@@ -239,11 +332,29 @@ mod tests {
     /// The numbers of SPEC.md are those of the roads' own lists.
     #[test]
     fn marks_have_the_numbers_of_the_specification() {
-        let kinds = [MarkKind::Solid, MarkKind::Broken, MarkKind::SolidSolid, MarkKind::SolidBroken, MarkKind::BrokenSolid];
+        let kinds = [
+            MarkKind::Solid,
+            MarkKind::Broken,
+            MarkKind::SolidSolid,
+            MarkKind::SolidBroken,
+            MarkKind::BrokenSolid,
+        ];
         assert_eq!(kinds.map(|kind| kind as u8), [1, 2, 3, 4, 5]);
-        let kinds = [MarkKind::BrokenBroken, MarkKind::BottsDots, MarkKind::Grass, MarkKind::Kerb, MarkKind::Other];
+        let kinds = [
+            MarkKind::BrokenBroken,
+            MarkKind::BottsDots,
+            MarkKind::Grass,
+            MarkKind::Kerb,
+            MarkKind::Other,
+        ];
         assert_eq!(kinds.map(|kind| kind as u8), [6, 7, 8, 9, 10]);
-        let colours = [MarkColour::White, MarkColour::Yellow, MarkColour::Blue, MarkColour::Green, MarkColour::Red];
+        let colours = [
+            MarkColour::White,
+            MarkColour::Yellow,
+            MarkColour::Blue,
+            MarkColour::Green,
+            MarkColour::Red,
+        ];
         assert_eq!(colours.map(|colour| colour as u8), [0, 1, 2, 3, 4]);
         assert_eq!([MarkColour::Orange as u8, MarkColour::Violet as u8], [5, 6]);
     }

@@ -13,7 +13,11 @@ pub(super) struct InFlight<T> {
 impl<T> InFlight<T> {
     /// Nothing stays longer than for `max_ticks`.
     pub fn new(max_ticks: u64) -> Self {
-        InFlight { pending: VecDeque::new(), tick: 0, max_ticks }
+        InFlight {
+            pending: VecDeque::new(),
+            tick: 0,
+            max_ticks,
+        }
     }
 
     /// A tick begins: what is on its way gets older, whether its sensors fire again or not.
@@ -37,10 +41,15 @@ impl<T> InFlight<T> {
         Some((work, self.tick.saturating_sub(tick) as u32))
     }
 
-    /// The same if it may not stay longer. By age, not by number: a camera that fires rarely has no successor that would push its frame out.
+    /// The same if it may not stay longer. By age, not by number: a camera that fires rarely has no
+    /// successor that would push its frame out.
     pub fn pop_due(&mut self) -> Option<(T, u32)> {
         let (tick, _) = self.pending.front()?;
-        if self.tick.saturating_sub(*tick) >= self.max_ticks { self.pop() } else { None }
+        if self.tick.saturating_sub(*tick) >= self.max_ticks {
+            self.pop()
+        } else {
+            None
+        }
     }
 }
 
@@ -74,7 +83,10 @@ mod tests {
                 in_flight.push(tick);
             }
         }
-        assert_eq!(sent, [(3, 1, 2), (5, 3, 2), (6, 4, 2), (7, 5, 2), (9, 7, 2)]);
+        assert_eq!(
+            sent,
+            [(3, 1, 2), (5, 3, 2), (6, 4, 2), (7, 5, 2), (9, 7, 2)]
+        );
         assert_eq!(in_flight.pop(), Some((9, 0)));
     }
 }

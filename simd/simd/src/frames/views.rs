@@ -36,24 +36,50 @@ impl Sensors {
         let mut frames = Vec::new();
         let mut due = due.iter().peekable();
         for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
-            let Some((_, firing, carrier)) = due.next_if(|(idx, ..)| *idx == sensor_idx) else { continue };
-            let Model::View(view) = &mut sensor.model else { continue };
+            let Some((_, firing, carrier)) = due.next_if(|(idx, ..)| *idx == sensor_idx) else {
+                continue;
+            };
+            let Model::View(view) = &mut sensor.model else {
+                continue;
+            };
             let mut outputs = Vec::new();
             for (topic_idx, topic) in sensor.topics.iter_mut().enumerate() {
-                let Some(loan) = topic.loan_if_read(self.read_everything) else { continue };
-                let target = topic.target().cloned().expect("topics of views have a target while they have memory");
+                let Some(loan) = topic.loan_if_read(self.read_everything) else {
+                    continue;
+                };
+                let target = topic
+                    .target()
+                    .cloned()
+                    .expect("topics of views have a target while they have memory");
                 let place = Place::Shm {
                     target,
-                    offset_bytes: loan.offset_in_segment().expect("the segment was asked for when the topic was opened"),
+                    offset_bytes: loan
+                        .offset_in_segment()
+                        .expect("the segment was asked for when the topic was opened"),
                     capacity_bytes: topic.max_payload_bytes,
                 };
-                let mut header = base_header(topic.modality, scene, stamp, sensor.actor, firing, carrier);
+                let mut header =
+                    base_header(topic.modality, scene, stamp, sensor.actor, firing, carrier);
                 header.intrinsics_px = view.intrinsics().as_array();
                 header.set_image(view.intrinsics().width_px, view.intrinsics().height_px);
-                frames.push(PendingFrame { sensor_idx, topic_idx, view_idx: jobs.len(), output_idx: outputs.len(), loan, header });
-                outputs.push(Output { modality: topic.modality, place });
+                frames.push(PendingFrame {
+                    sensor_idx,
+                    topic_idx,
+                    view_idx: jobs.len(),
+                    output_idx: outputs.len(),
+                    loan,
+                    header,
+                });
+                outputs.push(Output {
+                    modality: topic.modality,
+                    place,
+                });
             }
-            jobs.push(ViewJob { view, world_from_sensor: carrier.world_from_sensor.isometry(), outputs });
+            jobs.push(ViewJob {
+                view,
+                world_from_sensor: carrier.world_from_sensor.isometry(),
+                outputs,
+            });
         }
         if jobs.is_empty() {
             return Ok(None);
@@ -63,8 +89,15 @@ impl Sensors {
     }
 
     /// Waits for views and sends them, so many ticks late.
-    pub(super) fn finish_views(&mut self, pending: PendingViews, ticks_in_flight: u32) -> anyhow::Result<()> {
-        let results = pending.submission.wait().context("the GPU did not finish its frames")?;
+    pub(super) fn finish_views(
+        &mut self,
+        pending: PendingViews,
+        ticks_in_flight: u32,
+    ) -> anyhow::Result<()> {
+        let results = pending
+            .submission
+            .wait()
+            .context("the GPU did not finish its frames")?;
         let rendered_mono_nanos = mono_now().0;
         let mut waking = Vec::new();
         for frame in pending.frames {
@@ -79,7 +112,8 @@ impl Sensors {
             if result.first {
                 header.flags |= FrameHeader::FIRST;
             }
-            if matches!(topic.modality, Modality::Dvs | Modality::Flow) && result.window_nanos != 0 {
+            if matches!(topic.modality, Modality::Dvs | Modality::Flow) && result.window_nanos != 0
+            {
                 header.window_nanos = result.window_nanos;
             }
             header.cpu_copies = result.cpu_copies;

@@ -1,4 +1,5 @@
-//! The ground between and around the roads: a grid of heights that stays under every road and is smooth elsewhere.
+//! The ground between and around the roads: a grid of heights that stays under every road and is
+//! smooth elsewhere.
 
 use schema_roads::SectionSurface;
 use schema_types::Class;
@@ -32,19 +33,40 @@ pub(super) struct Ground {
 impl Ground {
     /// The ground under these lanes.
     pub fn new(sections: &[SectionSurface]) -> Ground {
-        let points = || sections.iter().flat_map(|s| s.lanes.iter().flat_map(|lane| lane.points_m.iter()).chain(&s.centre_m));
+        let points = || {
+            sections.iter().flat_map(|s| {
+                s.lanes
+                    .iter()
+                    .flat_map(|lane| lane.points_m.iter())
+                    .chain(&s.centre_m)
+            })
+        };
         let (mut low, mut high) = (P2::repeat(f64::INFINITY), P2::repeat(f64::NEG_INFINITY));
         for p in points() {
-            (low, high) = (low.inf(&P2::new(p[0], p[1])), high.sup(&P2::new(p[0], p[1])));
+            (low, high) = (
+                low.inf(&P2::new(p[0], p[1])),
+                high.sup(&P2::new(p[0], p[1])),
+            );
         }
         if !(low.x.is_finite() && high.x.is_finite()) {
             (low, high) = (P2::zeros(), P2::zeros());
         }
         (low, high) = (low.add_scalar(-MARGIN_M), high.add_scalar(MARGIN_M));
         let size = high - low;
-        let cell_m = CELL_M.max((size.x * size.y / MAX_CELLS).sqrt()).max(size.x.max(size.y) / MAX_CELLS);
-        let (columns, rows) = ((size.x / cell_m).ceil() as usize + 1, (size.y / cell_m).ceil() as usize + 1);
-        let mut ground = Ground { low_m: low, cell_m, columns, rows, z_m: vec![f64::INFINITY; columns * rows] };
+        let cell_m = CELL_M
+            .max((size.x * size.y / MAX_CELLS).sqrt())
+            .max(size.x.max(size.y) / MAX_CELLS);
+        let (columns, rows) = (
+            (size.x / cell_m).ceil() as usize + 1,
+            (size.y / cell_m).ceil() as usize + 1,
+        );
+        let mut ground = Ground {
+            low_m: low,
+            cell_m,
+            columns,
+            rows,
+            z_m: vec![f64::INFINITY; columns * rows],
+        };
         for section in sections {
             for lane in &section.lanes {
                 for row in 1..section.stations_m.len() {
@@ -52,9 +74,12 @@ impl Ground {
                     for p in a.iter().chain(b) {
                         ground.press(*p);
                     }
-                    // Lanes wider than a cell are rare, and so are rows farther apart; the middle covers both.
+                    // Lanes wider than a cell are rare, and so are rows farther apart; the middle
+                    // covers both.
                     let last = lane.columns - 1;
-                    ground.press(std::array::from_fn(|i| 0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i])));
+                    ground.press(std::array::from_fn(|i| {
+                        0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i])
+                    }));
                 }
             }
         }
@@ -64,7 +89,10 @@ impl Ground {
 
     /// Keeps the corners round a point of a road under it.
     fn press(&mut self, p: [f64; 3]) {
-        let (x, y) = (((p[0] - self.low_m.x) / self.cell_m).floor() as i64, ((p[1] - self.low_m.y) / self.cell_m).floor() as i64);
+        let (x, y) = (
+            ((p[0] - self.low_m.x) / self.cell_m).floor() as i64,
+            ((p[1] - self.low_m.y) / self.cell_m).floor() as i64,
+        );
         for row in (y - 1).max(0)..=(y + 2).min(self.rows as i64 - 1) {
             for column in (x - 1).max(0)..=(x + 2).min(self.columns as i64 - 1) {
                 let z = &mut self.z_m[row as usize * self.columns + column as usize];
@@ -83,10 +111,17 @@ impl Ground {
             return;
         }
         while !edge.is_empty() {
-            let mut next: Vec<usize> = edge.iter().flat_map(|i| self.around(*i)).filter(|i| !known[*i]).collect();
+            let mut next: Vec<usize> = edge
+                .iter()
+                .flat_map(|i| self.around(*i))
+                .filter(|i| !known[*i])
+                .collect();
             next.sort_unstable();
             next.dedup();
-            let heights: Vec<f64> = next.iter().map(|i| self.mean_of(*i, |k| known[k])).collect();
+            let heights: Vec<f64> = next
+                .iter()
+                .map(|i| self.mean_of(*i, |k| known[k]))
+                .collect();
             for (i, z) in next.iter().zip(heights) {
                 (self.z_m[*i], known[*i]) = (z, true);
             }
@@ -115,24 +150,45 @@ impl Ground {
             sum += self.z_m[k];
             n += 1;
         }
-        if n == 0 { self.z_m[i] } else { sum / f64::from(n) }
+        if n == 0 {
+            self.z_m[i]
+        } else {
+            sum / f64::from(n)
+        }
     }
 
     fn corner(&self, column: usize, row: usize) -> [f64; 3] {
-        let (x, y) = (self.low_m.x + column as f64 * self.cell_m, self.low_m.y + row as f64 * self.cell_m);
+        let (x, y) = (
+            self.low_m.x + column as f64 * self.cell_m,
+            self.low_m.y + row as f64 * self.cell_m,
+        );
         [x, y, self.z_m[row * self.columns + column]]
     }
 
     /// Height at a point; beyond the rim that of the rim.
     pub fn at(&self, p: P2) -> f64 {
-        let place = |x: f64, low: f64, n: usize| ((x - low) / self.cell_m).clamp(0.0, (n - 1) as f64 - 1e-6).max(0.0);
-        let (x, y) = (place(p.x, self.low_m.x, self.columns), place(p.y, self.low_m.y, self.rows));
+        let place = |x: f64, low: f64, n: usize| {
+            ((x - low) / self.cell_m)
+                .clamp(0.0, (n - 1) as f64 - 1e-6)
+                .max(0.0)
+        };
+        let (x, y) = (
+            place(p.x, self.low_m.x, self.columns),
+            place(p.y, self.low_m.y, self.rows),
+        );
         let (column, row) = (x as usize, y as usize);
         let (u, v) = (x - column as f64, y - row as f64);
-        let z = |dx: usize, dy: usize| self.z_m[(row + dy).min(self.rows - 1) * self.columns + (column + dx).min(self.columns - 1)];
+        let z = |dx: usize, dy: usize| {
+            self.z_m
+                [(row + dy).min(self.rows - 1) * self.columns + (column + dx).min(self.columns - 1)]
+        };
         let (a, b, c, d) = (z(0, 0), z(1, 0), z(1, 1), z(0, 1));
         // The same two triangles as in the mesh: cut from (0, 0) to (1, 1).
-        if u >= v { a + u * (b - a) + v * (c - b) } else { a + u * (c - d) + v * (d - a) }
+        if u >= v {
+            a + u * (b - a) + v * (c - b)
+        } else {
+            a + u * (c - d) + v * (d - a)
+        }
     }
 
     /// The same heights for what asks a [`Terrain`].
@@ -145,7 +201,10 @@ impl Ground {
     fn cells(&self, mut visit: impl FnMut([[f64; 3]; 3])) {
         for row in 1..self.rows {
             for column in 1..self.columns {
-                let [a, b] = [self.corner(column - 1, row - 1), self.corner(column, row - 1)];
+                let [a, b] = [
+                    self.corner(column - 1, row - 1),
+                    self.corner(column, row - 1),
+                ];
                 let [c, d] = [self.corner(column, row), self.corner(column - 1, row)];
                 visit([a, b, c]);
                 visit([a, c, d]);
@@ -183,12 +242,16 @@ pub(super) fn build(scene: &mut Scene) {
     let uv = |c: &[f64; 3]| [c[0] as f32, c[1] as f32];
     for corners in triangles {
         let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
-        scene.chunks.polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
+        scene
+            .chunks
+            .polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
         scene.raised.polygon(object, &corners);
     }
     for corners in quads {
         let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
-        scene.chunks.polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
+        scene
+            .chunks
+            .polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
         scene.raised.polygon(object, &corners);
     }
 }

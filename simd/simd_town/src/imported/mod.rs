@@ -1,6 +1,8 @@
-//! A world from any road map: surfaces, kerbs, paint, ground, signals, houses and trees, all from the lanes alone.
+//! A world from any road map: surfaces, kerbs, paint, ground, signals, houses and trees, all from
+//! the lanes alone.
 //!
-//! Everything is built about an origin in the middle of the map and moved there at the end, so that maps far from zero stay sharp.
+//! Everything is built about an origin in the middle of the map and moved there at the end, so that
+//! maps far from zero stay sharp.
 
 mod cover;
 mod ground;
@@ -39,21 +41,39 @@ pub struct ImportOptions {
 
 impl Default for ImportOptions {
     fn default() -> Self {
-        ImportOptions { vertex_distance_m: 6.0, wall_height_m: 0.0, junction_extra_m: 0.0, visible: true, roadside: true }
+        ImportOptions {
+            vertex_distance_m: 6.0,
+            wall_height_m: 0.0,
+            junction_extra_m: 0.0,
+            visible: true,
+            roadside: true,
+        }
     }
 }
 
-/// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and options give the same bytes.
+/// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and
+/// options give the same bytes.
 ///
 /// # Errors
 /// [`TownError::TooLarge`].
-pub fn import(name: &str, open_drive: &str, roads: &RoadMap, seed: u64, options: &ImportOptions) -> Result<Town, TownError> {
+pub fn import(
+    name: &str,
+    open_drive: &str,
+    roads: &RoadMap,
+    seed: u64,
+    options: &ImportOptions,
+) -> Result<Town, TownError> {
     let steps = SurfaceSteps {
         max_step_m: options.vertex_distance_m.clamp(0.5, 20.0),
         junction_extra_m: options.junction_extra_m.clamp(0.0, 5.0),
         ..SurfaceSteps::default()
     };
-    let mut sections = roads.surfaces(&steps).map_err(|error| TownError::TooLarge { name: name.to_owned(), reason: error.to_string() })?;
+    let mut sections = roads
+        .surfaces(&steps)
+        .map_err(|error| TownError::TooLarge {
+            name: name.to_owned(),
+            reason: error.to_string(),
+        })?;
     let origin = origin(&sections);
     move_by(&mut sections, -origin);
     surface::name_kerbs(&mut sections);
@@ -82,10 +102,16 @@ pub fn import(name: &str, open_drive: &str, roads: &RoadMap, seed: u64, options:
         object.pose.translation_m = moved(object.pose.translation_m);
         object.box_pose.translation_m = moved(object.box_pose.translation_m);
     }
-    parts.lamps.iter_mut().for_each(|lamp| lamp.position_m = moved(lamp.position_m));
+    parts
+        .lamps
+        .iter_mut()
+        .for_each(|lamp| lamp.position_m = moved(lamp.position_m));
     for light in &mut parts.lights {
         light.pole.translation_m = moved(light.pole.translation_m);
-        light.heads.iter_mut().for_each(|head| *head = shift * *head);
+        light
+            .heads
+            .iter_mut()
+            .for_each(|head| *head = shift * *head);
     }
     Ok(Town {
         name: name.to_owned(),
@@ -103,13 +129,25 @@ pub fn import(name: &str, open_drive: &str, roads: &RoadMap, seed: u64, options:
 
 /// The middle of all surfaces, in whole metres.
 fn origin(sections: &[SectionSurface]) -> Vector3<f64> {
-    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for point in sections.iter().flat_map(|section| section.centre_m.iter().chain(section.lanes.iter().flat_map(|lane| &lane.points_m))) {
+    let (mut low, mut high) = (
+        Vector3::repeat(f64::INFINITY),
+        Vector3::repeat(f64::NEG_INFINITY),
+    );
+    for point in sections.iter().flat_map(|section| {
+        section
+            .centre_m
+            .iter()
+            .chain(section.lanes.iter().flat_map(|lane| &lane.points_m))
+    }) {
         let point = Vector3::from(*point);
         (low, high) = (low.inf(&point), high.sup(&point));
     }
     let middle = 0.5 * (low + high);
-    if middle.iter().all(|x| x.is_finite()) { middle.map(f64::round) } else { Vector3::zeros() }
+    if middle.iter().all(|x| x.is_finite()) {
+        middle.map(f64::round)
+    } else {
+        Vector3::zeros()
+    }
 }
 
 fn move_by(sections: &mut [SectionSurface], by: Vector3<f64>) {

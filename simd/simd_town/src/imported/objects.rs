@@ -29,19 +29,58 @@ struct Look {
 }
 
 fn look(kind: &str) -> Option<Look> {
-    let of = |class, material, rgb, height_m, solid| Some(Look { class, material, rgb, height_m, solid });
+    let of = |class, material, rgb, height_m, solid| {
+        Some(Look {
+            class,
+            material,
+            rgb,
+            height_m,
+            solid,
+        })
+    };
     match kind {
-        "building" => of(Class::BUILDINGS, Material::Facade, [196, 178, 150], 8.0, true),
-        "barrier" | "jerseyBarrier" | "concreteBarrier" => of(Class::WALLS, Material::Concrete, [160, 158, 152], 0.9, true),
+        "building" => of(
+            Class::BUILDINGS,
+            Material::Facade,
+            [196, 178, 150],
+            8.0,
+            true,
+        ),
+        "barrier" | "jerseyBarrier" | "concreteBarrier" => {
+            of(Class::WALLS, Material::Concrete, [160, 158, 152], 0.9, true)
+        }
         "soundBarrier" | "wall" => of(Class::WALLS, Material::Concrete, [150, 146, 138], 3.0, true),
-        "railing" | "guardRail" | "guardrail" => of(Class::GUARD_RAIL, Material::Metal, [150, 154, 158], 0.8, true),
+        "railing" | "guardRail" | "guardrail" => of(
+            Class::GUARD_RAIL,
+            Material::Metal,
+            [150, 154, 158],
+            0.8,
+            true,
+        ),
         "fence" => of(Class::FENCES, Material::Metal, [120, 124, 120], 1.6, true),
-        "pole" | "streetlamp" | "streetLamp" | "delineator" | "lamp" => of(Class::POLES, Material::Metal, [110, 114, 118], 4.0, true),
+        "pole" | "streetlamp" | "streetLamp" | "delineator" | "lamp" => {
+            of(Class::POLES, Material::Metal, [110, 114, 118], 4.0, true)
+        }
         "gantry" => of(Class::POLES, Material::Metal, [110, 114, 118], 6.0, false),
-        "vegetation" | "tree" | "bush" | "hedge" => of(Class::VEGETATION, Material::Foliage, [84, 108, 50], 1.4, false),
-        "trafficIsland" | "island" | "curb" => of(Class::SIDEWALKS, Material::Concrete, [170, 166, 158], 0.12, true),
-        "obstacle" | "none" | "" | "-1" => of(Class::STATIC, Material::Matte, [150, 150, 146], 0.0, true),
-        "car" | "van" | "bus" | "trailer" | "bike" | "motorbike" | "train" | "tram" | "pedestrian" | "wind" => None,
+        "vegetation" | "tree" | "bush" | "hedge" => of(
+            Class::VEGETATION,
+            Material::Foliage,
+            [84, 108, 50],
+            1.4,
+            false,
+        ),
+        "trafficIsland" | "island" | "curb" => of(
+            Class::SIDEWALKS,
+            Material::Concrete,
+            [170, 166, 158],
+            0.12,
+            true,
+        ),
+        "obstacle" | "none" | "" | "-1" => {
+            of(Class::STATIC, Material::Matte, [150, 150, 146], 0.0, true)
+        }
+        "car" | "van" | "bus" | "trailer" | "bike" | "motorbike" | "train" | "tram"
+        | "pedestrian" | "wind" => None,
         "patch" => of(Class::ROADS, Material::Asphalt, [62, 62, 64], 0.0, false),
         _ => of(Class::STATIC, Material::Matte, [150, 150, 146], 0.0, true),
     }
@@ -56,20 +95,28 @@ pub(super) fn build(scene: &mut Scene) {
         if !object.pose.translation.vector.iter().all(|x| x.is_finite()) {
             continue;
         }
-        let name = if object.name.is_empty() { object.kind.as_str() } else { object.name.as_str() };
+        let name = if object.name.is_empty() {
+            object.kind.as_str()
+        } else {
+            object.name.as_str()
+        };
         match object.kind.as_str() {
             "parkingSpace" => parking_space(scene, object, name),
             "roadMark" | "roadSurface" => paint(scene, object, name),
             "tree" | "vegetation" if object.outline.is_empty() => {
-                let trees =
-                    trees.get_or_insert_with(|| (0..greenery::N_KINDS).map(|kind| scene.assets.add_mesh(greenery::tree(kind))).collect());
+                let trees = trees.get_or_insert_with(|| {
+                    (0..greenery::N_KINDS)
+                        .map(|kind| scene.assets.add_mesh(greenery::tree(kind)))
+                        .collect()
+                });
                 let mesh = trees[idx % trees.len()];
                 let at = scene.local(object.pose.translation.vector.into());
                 let tree = scene.stand(mesh, Class::VEGETATION, name, at, idx as f64);
                 scene.post(tree, at, 0.17, 4.0);
             }
             "streetlamp" | "streetLamp" | "lamp" => {
-                let mesh = *lamp.get_or_insert_with(|| scene.assets.add_mesh(furniture::street_lamp()));
+                let mesh =
+                    *lamp.get_or_insert_with(|| scene.assets.add_mesh(furniture::street_lamp()));
                 let at = scene.local(object.pose.translation.vector.into());
                 // The arm reaches over the road: to the side that its reference line is on.
                 let yaw = object.pose.rotation * -Vector3::y();
@@ -89,8 +136,11 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
     let mut corners: Vec<([f64; 3], f64)> = if object.outline.len() >= 3 {
         object.outline.clone()
     } else {
-        let (half_x, half_y) =
-            if object.radius_m > 0.0 { (object.radius_m, object.radius_m) } else { (0.5 * object.length_m, 0.5 * object.width_m) };
+        let (half_x, half_y) = if object.radius_m > 0.0 {
+            (object.radius_m, object.radius_m)
+        } else {
+            (0.5 * object.length_m, 0.5 * object.width_m)
+        };
         if half_x <= 0.0 && half_y <= 0.0 {
             return None;
         }
@@ -99,9 +149,22 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
         let n = if object.radius_m > 0.0 { 8 } else { 4 };
         let at = |k: usize| {
             let a = std::f64::consts::TAU * (k as f64 + 0.5) / n as f64;
-            if n == 4 { (half_x * a.cos().signum(), half_y * a.sin().signum()) } else { (half_x * a.cos(), half_y * a.sin()) }
+            if n == 4 {
+                (half_x * a.cos().signum(), half_y * a.sin().signum())
+            } else {
+                (half_x * a.cos(), half_y * a.sin())
+            }
         };
-        (0..n).map(|k| ((object.pose * Point3::new(at(k).0, at(k).1, 0.0)).coords.into(), object.height_m)).collect()
+        (0..n)
+            .map(|k| {
+                (
+                    (object.pose * Point3::new(at(k).0, at(k).1, 0.0))
+                        .coords
+                        .into(),
+                    object.height_m,
+                )
+            })
+            .collect()
     };
     for (p, height) in &mut corners {
         *p = scene.local(*p);
@@ -110,11 +173,16 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
         }
     }
     corners.dedup_by(|a, b| (flat(a.0) - flat(b.0)).norm() < 1e-3);
-    if corners.len() > 1 && (flat(corners[0].0) - flat(corners[corners.len() - 1].0)).norm() < 1e-3 {
+    if corners.len() > 1 && (flat(corners[0].0) - flat(corners[corners.len() - 1].0)).norm() < 1e-3
+    {
         corners.pop();
     }
     let ring: Vec<P2> = corners.iter().map(|c| flat(c.0)).collect();
-    if corners.len() < 3 || !corners.iter().all(|(p, h)| p.iter().all(|x| x.is_finite()) && h.is_finite()) {
+    if corners.len() < 3
+        || !corners
+            .iter()
+            .all(|(p, h)| p.iter().all(|x| x.is_finite()) && h.is_finite())
+    {
         return None;
     }
     if area(&ring) < 0.0 {
@@ -124,7 +192,9 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
 }
 
 fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
-    let Some(corners) = outline(scene, object, look) else { return };
+    let Some(corners) = outline(scene, object, look) else {
+        return;
+    };
     if corners.iter().all(|(_, height)| *height < 0.02) {
         return;
     }
@@ -137,14 +207,29 @@ fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
     let n = corners.len();
     for i in 0..n {
         let (a, b) = (corners[i], corners[(i + 1) % n]);
-        let (u, v) = ((flat(a.0) - flat(b.0)).norm() as f32, (a.1.max(b.1) + 0.3) as f32);
+        let (u, v) = (
+            (flat(a.0) - flat(b.0)).norm() as f32,
+            (a.1.max(b.1) + 0.3) as f32,
+        );
         let quad = [foot(a), foot(b), top(b), top(a)];
-        scene.chunks.polygon(key, ALL, surface, &quad, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
+        scene.chunks.polygon(
+            key,
+            ALL,
+            surface,
+            &quad,
+            &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]],
+        );
         if look.solid {
             scene.solid.polygon(id, &quad);
         }
     }
-    lid(scene, key, surface, &corners.iter().map(|c| top(*c)).collect::<Vec<_>>(), look.solid);
+    lid(
+        scene,
+        key,
+        surface,
+        &corners.iter().map(|c| top(*c)).collect::<Vec<_>>(),
+        look.solid,
+    );
 }
 
 fn lid(scene: &mut Scene, key: Key, surface: Surface, corners: &[[f64; 3]], solid: bool) {
@@ -154,7 +239,13 @@ fn lid(scene: &mut Scene, key: Key, surface: Surface, corners: &[[f64; 3]], soli
     let ring: Vec<P2> = corners.iter().map(|c| flat(*c)).collect();
     for triangle in triangulate(&ring) {
         let corners = triangle.map(|i| corners[i]);
-        scene.chunks.polygon(key, ALL, surface, &corners, &corners.map(|c| [c[0] as f32, c[1] as f32]));
+        scene.chunks.polygon(
+            key,
+            ALL,
+            surface,
+            &corners,
+            &corners.map(|c| [c[0] as f32, c[1] as f32]),
+        );
         if solid {
             scene.solid.polygon(surface.object, &corners);
         }
@@ -163,14 +254,24 @@ fn lid(scene: &mut Scene, key: Key, surface: Surface, corners: &[[f64; 3]], soli
 
 /// Lines round a bay.
 fn parking_space(scene: &mut Scene, object: &RoadObject, name: &str) {
-    let look = Look { class: Class::ROAD_LINES, material: Material::Paint, rgb: [226, 226, 220], height_m: 0.0, solid: false };
-    let Some(corners) = outline(scene, object, &look) else { return };
+    let look = Look {
+        class: Class::ROAD_LINES,
+        material: Material::Paint,
+        rgb: [226, 226, 220],
+        height_m: 0.0,
+        solid: false,
+    };
+    let Some(corners) = outline(scene, object, &look) else {
+        return;
+    };
     let id = scene.object(Class::ROAD_LINES, name);
     let surface = Surface::new(look.class, look.material, look.rgb).of(id);
     let n = corners.len();
     for i in 0..n {
         let (a, b) = (flat(corners[i].0), flat(corners[(i + 1) % n].0));
-        let Some(along) = (b - a).try_normalize(1e-6) else { continue };
+        let Some(along) = (b - a).try_normalize(1e-6) else {
+            continue;
+        };
         let inward = crate::geometry::left(along) * 0.1;
         let quad = [a, b, b + inward, a + inward];
         lie(scene, surface, &quad);
@@ -179,8 +280,16 @@ fn parking_space(scene: &mut Scene, object: &RoadObject, name: &str) {
 
 /// A painted area.
 fn paint(scene: &mut Scene, object: &RoadObject, name: &str) {
-    let look = Look { class: Class::ROAD_LINES, material: Material::Paint, rgb: [226, 226, 220], height_m: 0.0, solid: false };
-    let Some(corners) = outline(scene, object, &look).filter(|c| c.len() <= MAX_LID) else { return };
+    let look = Look {
+        class: Class::ROAD_LINES,
+        material: Material::Paint,
+        rgb: [226, 226, 220],
+        height_m: 0.0,
+        solid: false,
+    };
+    let Some(corners) = outline(scene, object, &look).filter(|c| c.len() <= MAX_LID) else {
+        return;
+    };
     let id: ObjectId = scene.object(Class::ROAD_LINES, name);
     let surface = Surface::new(look.class, look.material, look.rgb).of(id);
     let ring: Vec<P2> = corners.iter().map(|c| flat(c.0)).collect();
@@ -190,8 +299,13 @@ fn paint(scene: &mut Scene, object: &RoadObject, name: &str) {
 }
 
 fn lie(scene: &mut Scene, surface: Surface, ring: &[P2]) {
-    let mut corners: Vec<[f64; 3]> = ring.iter().map(|p| [p.x, p.y, scene.floor(*p) + PAINT_M + 0.002]).collect();
-    let area: f64 = (0..ring.len()).map(|i| cross(ring[i], ring[(i + 1) % ring.len()])).sum();
+    let mut corners: Vec<[f64; 3]> = ring
+        .iter()
+        .map(|p| [p.x, p.y, scene.floor(*p) + PAINT_M + 0.002])
+        .collect();
+    let area: f64 = (0..ring.len())
+        .map(|i| cross(ring[i], ring[(i + 1) % ring.len()]))
+        .sum();
     if area < 0.0 {
         corners.reverse();
     }
@@ -208,11 +322,19 @@ fn triangulate(polygon: &[P2]) -> Vec<[usize; 3]> {
         let corner = |k: usize| [left[(k + n - 1) % n], left[k], left[(k + 1) % n]];
         let is_ear = |k: usize| {
             let [a, b, c] = corner(k);
-            let holds = |i: usize| turn([a, b, i]) >= 0.0 && turn([b, c, i]) >= 0.0 && turn([c, a, i]) >= 0.0;
+            let holds = |i: usize| {
+                turn([a, b, i]) >= 0.0 && turn([b, c, i]) >= 0.0 && turn([c, a, i]) >= 0.0
+            };
             turn([a, b, c]) > 1e-9 && !left.iter().any(|i| ![a, b, c].contains(i) && holds(*i))
         };
-        // A corner without a turn adds no area; an outline that crosses itself has no ears left at some point.
-        let Some(k) = (0..n).find(|k| is_ear(*k)).or_else(|| (0..n).find(|k| turn(corner(*k)).abs() <= 1e-9)) else { break };
+        // A corner without a turn adds no area; an outline that crosses itself has no ears left at
+        // some point.
+        let Some(k) = (0..n)
+            .find(|k| is_ear(*k))
+            .or_else(|| (0..n).find(|k| turn(corner(*k)).abs() <= 1e-9))
+        else {
+            break;
+        };
         if turn(corner(k)) > 1e-9 {
             triangles.push(corner(k));
         }

@@ -47,9 +47,15 @@ impl Verge {
 
     fn at(&self, l_m: f64) -> [f64; 3] {
         let l = l_m.clamp(0.0, self.length_m());
-        let i = self.lengths_m.partition_point(|x| *x <= l).clamp(1, self.points.len() - 1);
-        let share = (l - self.lengths_m[i - 1]) / (self.lengths_m[i] - self.lengths_m[i - 1]).max(1e-9);
-        std::array::from_fn(|k| self.points[i - 1][k] + share * (self.points[i][k] - self.points[i - 1][k]))
+        let i = self
+            .lengths_m
+            .partition_point(|x| *x <= l)
+            .clamp(1, self.points.len() - 1);
+        let share =
+            (l - self.lengths_m[i - 1]) / (self.lengths_m[i] - self.lengths_m[i - 1]).max(1e-9);
+        std::array::from_fn(|k| {
+            self.points[i - 1][k] + share * (self.points[i][k] - self.points[i - 1][k])
+        })
     }
 
     /// Away from the road.
@@ -69,7 +75,9 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
         houses(scene, verge, &mut lots, &mut tries, &mut random);
     }
     lamps(scene, sections);
-    let kinds: Vec<MeshId> = (0..greenery::N_KINDS).map(|kind| scene.assets.add_mesh(greenery::tree(kind))).collect();
+    let kinds: Vec<MeshId> = (0..greenery::N_KINDS)
+        .map(|kind| scene.assets.add_mesh(greenery::tree(kind)))
+        .collect();
     let mut left = (MAX_TREES, MAX_TRIES);
     for (i, verge) in verges.iter().enumerate() {
         let mut random = Random::new(scene.seed, TREES, i as u64);
@@ -80,21 +88,40 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
 fn verges(scene: &Scene, sections: &[SectionSurface]) -> Vec<Verge> {
     let mut verges = Vec::new();
     for section in sections.iter().filter(|section| section.junction.is_none()) {
-        let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else { continue };
-        let slow = section.lanes.iter().find(|lane| lane.kind.is_drivable()).is_some_and(|lane| {
-            let key = LaneKey { road: section.road, section: section.section, lane: lane.lane };
-            scene.roads.speed_limit_mps(LanePosition::new(key, 0.0)).is_none_or(|limit| limit < TOWN_MPS)
-        });
+        let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else {
+            continue;
+        };
+        let slow = section
+            .lanes
+            .iter()
+            .find(|lane| lane.kind.is_drivable())
+            .is_some_and(|lane| {
+                let key = LaneKey {
+                    road: section.road,
+                    section: section.section,
+                    lane: lane.lane,
+                };
+                scene
+                    .roads
+                    .speed_limit_mps(LanePosition::new(key, 0.0))
+                    .is_none_or(|limit| limit < TOWN_MPS)
+            });
         let n = section.stations_m.len();
         let left_edge: Vec<[f64; 3]> = (0..n).map(|row| last.row(row)[last.columns - 1]).collect();
         let right_edge: Vec<[f64; 3]> = (0..n).rev().map(|row| first.row(row)[0]).collect();
         for (points, lane) in [(left_edge, last), (right_edge, first)] {
             let mut lengths_m = vec![0.0];
             for pair in points.windows(2) {
-                lengths_m.push(lengths_m[lengths_m.len() - 1] + (flat(pair[1]) - flat(pair[0])).norm());
+                lengths_m
+                    .push(lengths_m[lengths_m.len() - 1] + (flat(pair[1]) - flat(pair[0])).norm());
             }
             if lengths_m[lengths_m.len() - 1] > 12.0 {
-                verges.push(Verge { points, lengths_m, pavement: is_pavement(lane.kind), slow });
+                verges.push(Verge {
+                    points,
+                    lengths_m,
+                    pavement: is_pavement(lane.kind),
+                    slow,
+                });
             }
         }
     }
@@ -111,9 +138,23 @@ fn probes(lot: &Lot) -> Vec<P2> {
     points
 }
 
-fn houses(scene: &mut Scene, verge: &Verge, lots: &mut Vec<Lot>, tries: &mut usize, random: &mut Random) {
-    let style = if verge.pavement { Houses::Terraces } else { Houses::Cottages };
-    let (setback, gap) = if verge.pavement { (0.3, 1.5) } else { (5.0, 9.0) };
+fn houses(
+    scene: &mut Scene,
+    verge: &Verge,
+    lots: &mut Vec<Lot>,
+    tries: &mut usize,
+    random: &mut Random,
+) {
+    let style = if verge.pavement {
+        Houses::Terraces
+    } else {
+        Houses::Cottages
+    };
+    let (setback, gap) = if verge.pavement {
+        (0.3, 1.5)
+    } else {
+        (5.0, 9.0)
+    };
     let mut l = random.between(4.0, 12.0);
     while l < verge.length_m() - 8.0 && lots.len() < MAX_HOUSES && *tries > 0 {
         *tries -= 1;
@@ -127,24 +168,48 @@ fn houses(scene: &mut Scene, verge: &Verge, lots: &mut Vec<Lot>, tries: &mut usi
         }
         let inward = geometry::left(chord.normalize());
         let (p, q) = (flat(a) + inward * setback, flat(b) + inward * setback);
-        let lot = Lot { footprint_m: [p, q, q + inward * depth, p + inward * depth] };
+        let lot = Lot {
+            footprint_m: [p, q, q + inward * depth, p + inward * depth],
+        };
         let points = probes(&lot);
         let heights: Vec<f64> = points.iter().map(|p| scene.ground.at(*p)).collect();
-        let (low, high) = heights.iter().fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
+        let (low, high) = heights
+            .iter()
+            .fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
         let level = high - low < 2.0 && (a[2] - high).abs() < 2.0;
         let free = level
-            && !points.iter().any(|p| scene.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
-            && !lots.iter().any(|other| (points[0] - other.footprint_m.iter().sum::<P2>() / 4.0).norm() < 26.0 && overlap(&lot, other));
+            && !points
+                .iter()
+                .any(|p| scene.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
+            && !lots.iter().any(|other| {
+                (points[0] - other.footprint_m.iter().sum::<P2>() / 4.0).norm() < 26.0
+                    && overlap(&lot, other)
+            });
         if !free {
             l += 3.0;
             continue;
         }
         let object = scene.object(Class::BUILDINGS, "building");
-        let height_m = building::build(&mut scene.chunks, &mut scene.solid, &lot, style, object, random);
+        let height_m = building::build(
+            &mut scene.chunks,
+            &mut scene.solid,
+            &lot,
+            style,
+            object,
+            random,
+        );
         let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-        scene.lamps.push(SceneryLamp::windows(object, [middle.x, middle.y, high + 0.5 * height_m]));
+        scene.lamps.push(SceneryLamp::windows(
+            object,
+            [middle.x, middle.y, high + 0.5 * height_m],
+        ));
         lots.push(lot);
-        l += width + if random.chance(0.3) { gap * random.between(2.0, 5.0) } else { gap };
+        l += width
+            + if random.chance(0.3) {
+                gap * random.between(2.0, 5.0)
+            } else {
+                gap
+            };
     }
 }
 
@@ -152,7 +217,8 @@ fn overlap(a: &Lot, b: &Lot) -> bool {
     let separated = |p: &[P2; 4], q: &[P2; 4]| {
         (0..4).any(|i| {
             let edge = p[(i + 1) % 4] - p[i];
-            q.iter().all(|corner| geometry::cross(edge, corner - p[i]) < -0.5)
+            q.iter()
+                .all(|corner| geometry::cross(edge, corner - p[i]) < -0.5)
         })
     };
     !separated(&a.footprint_m, &b.footprint_m) && !separated(&b.footprint_m, &a.footprint_m)
@@ -163,7 +229,11 @@ fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
     let mesh = scene.assets.add_mesh(furniture::street_lamp());
     let mut n = 0;
     for section in sections.iter().filter(|section| section.junction.is_none()) {
-        for lane in section.lanes.iter().filter(|lane| lane.kind == LaneKind::Sidewalk) {
+        for lane in section
+            .lanes
+            .iter()
+            .filter(|lane| lane.kind == LaneKind::Sidewalk)
+        {
             let mut next = section.stations_m[0] + 9.0;
             for (row, station) in section.stations_m.iter().enumerate() {
                 if *station < next || n >= MAX_LAMPS {
@@ -171,9 +241,14 @@ fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
                 }
                 next = station + LAMPS_M;
                 let points = lane.row(row);
-                let (inner, outer) =
-                    if lane.lane > 0 { (points[0], points[lane.columns - 1]) } else { (points[lane.columns - 1], points[0]) };
-                let Some(out) = (flat(outer) - flat(inner)).try_normalize(1.0) else { continue };
+                let (inner, outer) = if lane.lane > 0 {
+                    (points[0], points[lane.columns - 1])
+                } else {
+                    (points[lane.columns - 1], points[0])
+                };
+                let Some(out) = (flat(outer) - flat(inner)).try_normalize(1.0) else {
+                    continue;
+                };
                 let at = flat(inner) + out * 0.5;
                 if scene.cover.vehicles_at(at).is_some() {
                     continue;
@@ -185,7 +260,14 @@ fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
     }
 }
 
-fn trees(scene: &mut Scene, verge: &Verge, lots: &[Lot], kinds: &[MeshId], left: &mut (usize, usize), random: &mut Random) {
+fn trees(
+    scene: &mut Scene,
+    verge: &Verge,
+    lots: &[Lot],
+    kinds: &[MeshId],
+    left: &mut (usize, usize),
+    random: &mut Random,
+) {
     let (near, far) = if verge.slow { (2.6, 16.0) } else { (7.0, 45.0) };
     let mut l = random.between(2.0, 9.0);
     while l < verge.length_m() && left.0 > 0 && left.1 > 0 {
@@ -210,5 +292,6 @@ fn trees(scene: &mut Scene, verge: &Verge, lots: &[Lot], kinds: &[MeshId], left:
 
 fn grown(lot: &Lot, by: f64) -> [P2; 4] {
     let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-    lot.footprint_m.map(|p| middle + (p - middle) * (1.0 + by / (p - middle).norm().max(1.0)))
+    lot.footprint_m
+        .map(|p| middle + (p - middle) * (1.0 + by / (p - middle).norm().max(1.0)))
 }

@@ -48,8 +48,18 @@ pub(super) struct Parts {
 }
 
 impl<'m> Scene<'m> {
-    pub fn new(roads: &'m RoadMap, origin: Vector3<f64>, seed: u64, options: ImportOptions, cover: Cover, ground: Ground) -> Scene<'m> {
-        let mesh = |what: &str| CollisionMesh { name: what.to_owned(), ..CollisionMesh::default() };
+    pub fn new(
+        roads: &'m RoadMap,
+        origin: Vector3<f64>,
+        seed: u64,
+        options: ImportOptions,
+        cover: Cover,
+        ground: Ground,
+    ) -> Scene<'m> {
+        let mesh = |what: &str| CollisionMesh {
+            name: what.to_owned(),
+            ..CollisionMesh::default()
+        };
         let chunks = Chunks::on(ground.terrain());
         Scene {
             roads,
@@ -73,14 +83,31 @@ impl<'m> Scene<'m> {
     pub fn object(&mut self, class: Class, name: &str) -> ObjectId {
         let number = 1 + self.objects.len() as u32;
         let id = ObjectId::scenery(number);
-        self.objects.push(SceneryObject::new(id, class, format!("{name}_{number}"), layer_of(class)));
+        self.objects.push(SceneryObject::new(
+            id,
+            class,
+            format!("{name}_{number}"),
+            layer_of(class),
+        ));
         id
     }
 
     /// Puts a mesh that stands in many places here.
-    pub fn stand(&mut self, mesh: MeshId, class: Class, name: &str, at: [f64; 3], yaw_rad: f64) -> ObjectId {
+    pub fn stand(
+        &mut self,
+        mesh: MeshId,
+        class: Class,
+        name: &str,
+        at: [f64; 3],
+        yaw_rad: f64,
+    ) -> ObjectId {
         let object = self.object(class, name);
-        place(&mut self.assets, mesh, Isometry3::new(Vector3::from(at), Vector3::z() * yaw_rad), object);
+        place(
+            &mut self.assets,
+            mesh,
+            Isometry3::new(Vector3::from(at), Vector3::z() * yaw_rad),
+            object,
+        );
         object
     }
 
@@ -93,13 +120,28 @@ impl<'m> Scene<'m> {
         self.post(object, at, 0.1, 7.0);
         let light = P2::new(at[0], at[1]) + unit(yaw_rad) * LIGHT_M.0;
         let position_m = [light.x, light.y, at[2] + LIGHT_M.1];
-        self.lamps.push(SceneryLamp { object, position_m, rgb: [255, 226, 178], intensity_lm: 6500.0, group: LampGroup::Street });
+        self.lamps.push(SceneryLamp {
+            object,
+            position_m,
+            rgb: [255, 226, 178],
+            intensity_lm: 6500.0,
+            group: LampGroup::Street,
+        });
     }
 
     /// A round post that vehicles run into.
     pub fn post(&mut self, object: ObjectId, at: [f64; 3], radius_m: f64, height_m: f64) {
-        let ring: Vec<P2> = (0..6).map(|k| P2::new(at[0], at[1]) + unit(std::f64::consts::TAU * f64::from(k) / 6.0) * radius_m).collect();
-        building::box_solid(&mut self.solid, object, &ring, (at[2] - 0.1, at[2] + height_m));
+        let ring: Vec<P2> = (0..6)
+            .map(|k| {
+                P2::new(at[0], at[1]) + unit(std::f64::consts::TAU * f64::from(k) / 6.0) * radius_m
+            })
+            .collect();
+        building::box_solid(
+            &mut self.solid,
+            object,
+            &ring,
+            (at[2] - 0.1, at[2] + height_m),
+        );
     }
 
     /// A world point about the origin.
@@ -109,7 +151,10 @@ impl<'m> Scene<'m> {
 
     /// A world pose about the origin.
     pub fn local_pose(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
-        Isometry3::from_parts((pose.translation.vector - self.origin).into(), pose.rotation)
+        Isometry3::from_parts(
+            (pose.translation.vector - self.origin).into(),
+            pose.rotation,
+        )
     }
 
     /// Where something beside the road stands: on the lane there, else on the ground.
@@ -118,10 +163,26 @@ impl<'m> Scene<'m> {
     }
 
     pub fn finish(self) -> Parts {
-        let Scene { mut assets, mut objects, chunks, road, raised, solid, lights, lamps, .. } = self;
+        let Scene {
+            mut assets,
+            mut objects,
+            chunks,
+            road,
+            raised,
+            solid,
+            lights,
+            lamps,
+            ..
+        } = self;
         chunks.finish(&mut assets);
         object::measure(&mut objects, &assets);
-        Parts { assets, objects, lights, lamps, collision: vec![road, raised, solid] }
+        Parts {
+            assets,
+            objects,
+            lights,
+            lamps,
+            collision: vec![road, raised, solid],
+        }
     }
 }
 

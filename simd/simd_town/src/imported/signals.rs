@@ -49,7 +49,12 @@ fn yaw(pose: &Isometry3<f64>) -> f64 {
     x.y.atan2(x.x)
 }
 
-fn light(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, poles: &mut BTreeMap<u32, MeshId>) {
+fn light(
+    scene: &mut Scene,
+    signal: &Signal,
+    pose: &Isometry3<f64>,
+    poles: &mut BTreeMap<u32, MeshId>,
+) {
     let at = flat(pose.translation.vector.into());
     let facing = yaw(pose);
     // Right of the traffic that must obey is left of the face.
@@ -58,11 +63,29 @@ fn light(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, poles: &mut 
     let arm_m = (at - foot).norm();
     let z = scene.floor(foot);
     let overhead = arm_m > 0.3;
-    let arm_dm = if overhead { (arm_m * 10.0).round() as u32 } else { 0 };
-    let turned = if (at - foot).dot(&aside) > 0.0 { std::f64::consts::PI } else { 0.0 };
+    let arm_dm = if overhead {
+        (arm_m * 10.0).round() as u32
+    } else {
+        0
+    };
+    let turned = if (at - foot).dot(&aside) > 0.0 {
+        std::f64::consts::PI
+    } else {
+        0.0
+    };
     // The pole's arm reaches to −y of its own frame: towards the signal.
-    let mesh = *poles.entry(arm_dm).or_insert_with(|| scene.assets.add_mesh(furniture::light_pole(arm_dm as f32 * 0.1)));
-    let post = scene.stand(mesh, Class::POLES, "traffic light pole", [foot.x, foot.y, z], facing + turned);
+    let mesh = *poles.entry(arm_dm).or_insert_with(|| {
+        scene
+            .assets
+            .add_mesh(furniture::light_pole(arm_dm as f32 * 0.1))
+    });
+    let post = scene.stand(
+        mesh,
+        Class::POLES,
+        "traffic light pole",
+        [foot.x, foot.y, z],
+        facing + turned,
+    );
     scene.post(post, [foot.x, foot.y, z], 0.09, 2.6);
     let pole = Isometry3::new(Vector3::new(foot.x, foot.y, z), Vector3::z() * facing);
     let mut heads = vec![pole * Isometry3::translation(0.2, 0.0, furniture::HEADS_M.0)];
@@ -71,20 +94,33 @@ fn light(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, poles: &mut 
         let head = Isometry3::new(Vector3::new(at.x, at.y, z + high), Vector3::z() * facing);
         heads.push(head * Isometry3::translation(0.2, 0.0, 0.0));
     }
-    scene.lights.push(LightSite { signal_id: signal.id.clone(), pole: pole.into(), heads });
+    scene.lights.push(LightSite {
+        signal_id: signal.id.clone(),
+        pole: pole.into(),
+        heads,
+    });
 }
 
-/// The nearest place beside `at` where no vehicle drives; the traffic's right first. `None` if `at` itself is one.
+/// The nearest place beside `at` where no vehicle drives; the traffic's right first. `None` if `at`
+/// itself is one.
 fn pole_place(scene: &Scene, at: P2, right: P2) -> Option<P2> {
     scene.cover.vehicles_at(at)?;
     let free = |p: &P2| scene.cover.vehicles_at(*p).is_none();
     (1..=(REACH_M * 2.0) as usize).find_map(|k| {
         let away = right * (0.5 * k as f64);
-        [at + away, at - away].into_iter().find(free).map(|p| p + (p - at).normalize() * 0.6)
+        [at + away, at - away]
+            .into_iter()
+            .find(free)
+            .map(|p| p + (p - at).normalize() * 0.6)
     })
 }
 
-fn sign(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, signs: &mut BTreeMap<String, MeshId>) {
+fn sign(
+    scene: &mut Scene,
+    signal: &Signal,
+    pose: &Isometry3<f64>,
+    signs: &mut BTreeMap<String, MeshId>,
+) {
     let at = flat(pose.translation.vector.into());
     let z = scene.floor(at);
     // Signals that lie on the road are paint or sensors, which have no post.
@@ -96,16 +132,37 @@ fn sign(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, signs: &mut B
         SignalKind::Stop => Some(network::SignalKind::Stop),
         SignalKind::Yield => Some(network::SignalKind::Yield),
         SignalKind::SpeedLimit => {
-            let value = signal.value.filter(|v| *v > 0.0).or_else(|| signal.subtype.parse().ok().filter(|v| *v > 0.0));
+            let value = signal
+                .value
+                .filter(|v| *v > 0.0)
+                .or_else(|| signal.subtype.parse().ok().filter(|v| *v > 0.0));
             value.map(|v| network::SignalKind::Limit(v.round().clamp(1.0, 199.0) as u32))
         }
         _ => None,
     };
-    let mesh = *signs.entry(format!("{kind:?}")).or_insert_with(|| scene.assets.add_mesh(kind.map_or_else(plate, furniture::sign)));
-    let foot = if on_road { pole_place(scene, at, left(unit(yaw(pose)))).unwrap_or(at) } else { at };
+    let mesh = *signs.entry(format!("{kind:?}")).or_insert_with(|| {
+        scene
+            .assets
+            .add_mesh(kind.map_or_else(plate, furniture::sign))
+    });
+    let foot = if on_road {
+        pole_place(scene, at, left(unit(yaw(pose)))).unwrap_or(at)
+    } else {
+        at
+    };
     let z = scene.floor(foot);
-    let name = if signal.name.is_empty() { "sign" } else { signal.name.as_str() };
-    let post = scene.stand(mesh, Class::TRAFFIC_SIGNS, name, [foot.x, foot.y, z], yaw(pose));
+    let name = if signal.name.is_empty() {
+        "sign"
+    } else {
+        signal.name.as_str()
+    };
+    let post = scene.stand(
+        mesh,
+        Class::TRAFFIC_SIGNS,
+        name,
+        [foot.x, foot.y, z],
+        yaw(pose),
+    );
     scene.post(post, [foot.x, foot.y, z], 0.05, 2.6);
 }
 
@@ -113,9 +170,16 @@ fn sign(scene: &mut Scene, signal: &Signal, pose: &Isometry3<f64>, signs: &mut B
 fn plate() -> Mesh {
     let mut builder = MeshBuilder::new("sign plate");
     let steel = Surface::new(Class::POLES, Material::Metal, [74, 78, 82]);
-    let [face, back] = [[60, 92, 150], [130, 132, 134]].map(|rgb| Surface::new(Class::TRAFFIC_SIGNS, Material::Matte, rgb));
+    let [face, back] = [[60, 92, 150], [130, 132, 134]]
+        .map(|rgb| Surface::new(Class::TRAFFIC_SIGNS, Material::Matte, rgb));
     for (n, until_m) in [(6, 30.0), (3, 180.0)] {
-        tube(&mut builder, steel, ([0.0, 0.0, -0.05], 0.035), ([0.0, 0.0, 2.75], 0.035), n);
+        tube(
+            &mut builder,
+            steel,
+            ([0.0, 0.0, -0.05], 0.035),
+            ([0.0, 0.0, 2.75], 0.035),
+            n,
+        );
         builder.cuboid(back, [0.045, 0.0, 2.4], [0.006, 0.32, 0.32]);
         builder.cuboid(face, [0.054, 0.0, 2.4], [0.004, 0.29, 0.29]);
         builder.end_level(until_m);
@@ -128,15 +192,35 @@ fn stop_lines(scene: &mut Scene, signals: &[Signal]) {
     let object = scene.object(Class::ROAD_LINES, "stop lines");
     let white = Surface::new(Class::ROAD_LINES, Material::Paint, [226, 226, 220]).of(object);
     let mut drawn = std::collections::BTreeSet::new();
-    let stops = signals.iter().filter(|s| s.kind == SignalKind::TrafficLight).flat_map(|s| &s.stops).map(|stop| stop.stop);
+    let stops = signals
+        .iter()
+        .filter(|s| s.kind == SignalKind::TrafficLight)
+        .flat_map(|s| &s.stops)
+        .map(|stop| stop.stop);
     for stop in stops {
         if !drawn.insert((stop.lane, (stop.s_m * 10.0) as i64)) {
             continue;
         }
         let half = 0.5 * scene.roads.width_m(stop) - 0.1;
-        let Some(pose) = scene.roads.pose(stop).filter(|_| half > 0.5) else { continue };
+        let Some(pose) = scene.roads.pose(stop).filter(|_| half > 0.5) else {
+            continue;
+        };
         let pose = scene.local_pose(&pose);
-        let at = |x: f64, y: f64| -> [f64; 3] { (pose * nalgebra::Point3::new(x, y, PAINT_M + 0.003)).coords.into() };
-        patch(scene, white, &[at(-0.6, -half), at(-0.2, -half), at(-0.2, half), at(-0.6, half)], 0..=1);
+        let at = |x: f64, y: f64| -> [f64; 3] {
+            (pose * nalgebra::Point3::new(x, y, PAINT_M + 0.003))
+                .coords
+                .into()
+        };
+        patch(
+            scene,
+            white,
+            &[
+                at(-0.6, -half),
+                at(-0.2, -half),
+                at(-0.2, half),
+                at(-0.6, half),
+            ],
+            0..=1,
+        );
     }
 }

@@ -19,7 +19,8 @@ const CELL_M: f64 = 16.0;
 /// Most points of a map.
 const MAX_POINTS: usize = 5_000;
 
-/// Spawn points in the order of the lanes: on driving lanes between junctions; on those in junctions only if there are no others.
+/// Spawn points in the order of the lanes: on driving lanes between junctions; on those in
+/// junctions only if there are no others.
 pub(super) fn spawn_points(roads: &RoadMap) -> Vec<Pose> {
     let is_road = |lane: &Lane| lane.kind == LaneKind::Driving && lane.junction.is_none();
     let mut points = on_lanes(roads, is_road, MARGINS_M);
@@ -27,7 +28,11 @@ pub(super) fn spawn_points(roads: &RoadMap) -> Vec<Pose> {
         points = on_lanes(roads, |lane| lane.kind == LaneKind::Driving, (2.5, 2.5));
     }
     if points.is_empty() {
-        points = on_lanes(roads, |lane| lane.kind.is_drivable() || lane.kind == LaneKind::Bus, (0.5, 0.5));
+        points = on_lanes(
+            roads,
+            |lane| lane.kind.is_drivable() || lane.kind == LaneKind::Bus,
+            (0.5, 0.5),
+        );
     }
     points
 }
@@ -36,13 +41,32 @@ fn on_lanes(roads: &RoadMap, passes: impl Fn(&Lane) -> bool, margins_m: (f64, f6
     let mut taken: HashMap<(i64, i64), Vec<Isometry3<f64>>> = HashMap::new();
     let mut points = Vec::new();
     for lane in roads.lanes().iter().filter(|lane| passes(lane)) {
-        let ends_at_junction = roads.successors(lane.key).iter().any(|next| roads.lane(*next).is_some_and(|next| next.junction.is_some()));
-        let begins_at_junction =
-            roads.predecessors(lane.key).iter().any(|from| roads.lane(*from).is_some_and(|from| from.junction.is_some()));
+        let ends_at_junction = roads.successors(lane.key).iter().any(|next| {
+            roads
+                .lane(*next)
+                .is_some_and(|next| next.junction.is_some())
+        });
+        let begins_at_junction = roads.predecessors(lane.key).iter().any(|from| {
+            roads
+                .lane(*from)
+                .is_some_and(|from| from.junction.is_some())
+        });
         // Where a lane goes on in a further section there is no end to keep away from.
-        let free = |at_end: bool| roads.successors(lane.key).is_empty() && at_end || roads.predecessors(lane.key).is_empty() && !at_end;
-        let from = if begins_at_junction || free(false) { margins_m.0 } else { 1.0 };
-        let to = lane.length_m - if ends_at_junction || free(true) { margins_m.1 } else { 1.0 };
+        let free = |at_end: bool| {
+            roads.successors(lane.key).is_empty() && at_end
+                || roads.predecessors(lane.key).is_empty() && !at_end
+        };
+        let from = if begins_at_junction || free(false) {
+            margins_m.0
+        } else {
+            1.0
+        };
+        let to = lane.length_m
+            - if ends_at_junction || free(true) {
+                margins_m.1
+            } else {
+                1.0
+            };
         let mut s_m = from;
         while s_m <= to && points.len() < MAX_POINTS {
             let at = LanePosition::new(lane.key, s_m);
@@ -66,13 +90,22 @@ fn cell(pose: &Isometry3<f64>) -> (i64, i64) {
     ((p.x / CELL_M).floor() as i64, (p.y / CELL_M).floor() as i64)
 }
 
-/// Whether a vehicle here would stand in another: shorter than the spacing along, nearer than a lane beside.
+/// Whether a vehicle here would stand in another: shorter than the spacing along, nearer than a
+/// lane beside.
 fn is_taken(taken: &HashMap<(i64, i64), Vec<Isometry3<f64>>>, pose: &Isometry3<f64>) -> bool {
     let (x, y) = cell(pose);
-    (x - 1..=x + 1).flat_map(|x| (y - 1..=y + 1).map(move |y| (x, y))).filter_map(|cell| taken.get(&cell)).flatten().any(|other| {
-        let away: Vector3<f64> = pose.inverse_transform_vector(&(other.translation.vector - pose.translation.vector));
-        let crossing = (pose.rotation * Vector3::x()).dot(&(other.rotation * Vector3::x())).abs() < 0.8;
-        let beside_m = if crossing { 13.0 } else { WIDTH_M.1 };
-        away.x.abs() < 13.0 && away.y.abs() < beside_m && away.z.abs() < 3.0
-    })
+    (x - 1..=x + 1)
+        .flat_map(|x| (y - 1..=y + 1).map(move |y| (x, y)))
+        .filter_map(|cell| taken.get(&cell))
+        .flatten()
+        .any(|other| {
+            let away: Vector3<f64> = pose
+                .inverse_transform_vector(&(other.translation.vector - pose.translation.vector));
+            let crossing = (pose.rotation * Vector3::x())
+                .dot(&(other.rotation * Vector3::x()))
+                .abs()
+                < 0.8;
+            let beside_m = if crossing { 13.0 } else { WIDTH_M.1 };
+            away.x.abs() < 13.0 && away.y.abs() < beside_m && away.z.abs() < 3.0
+        })
 }

@@ -17,9 +17,11 @@ use crate::geometry::P2;
 pub(super) const KERB_M: f64 = 0.12;
 /// Steps between lanes that get a face.
 const STEP_M: f64 = 0.005;
-/// Depth of the floor that closes gaps between the lanes of a junction, and how far it reaches beyond each.
+/// Depth of the floor that closes gaps between the lanes of a junction, and how far it reaches
+/// beyond each.
 const FLOOR_M: (f64, f64) = (0.012, 0.45);
-/// Side of the cells in which holes of a junction are looked for, and the largest hole that is closed.
+/// Side of the cells in which holes of a junction are looked for, and the largest hole that is
+/// closed.
 const HOLE_CELL_M: f64 = 0.75;
 const HOLE_M2: f64 = 140.0;
 /// Most cells of all junctions.
@@ -35,10 +37,16 @@ const KERB_LANE_M: f64 = 0.8;
 /// Narrow lanes between carriageway and pavement are kerbs, whatever the file calls them.
 pub(super) fn name_kerbs(sections: &mut [SectionSurface]) {
     for section in sections {
-        let pavements: Vec<bool> = section.lanes.iter().map(|lane| lane.kind == LaneKind::Sidewalk).collect();
+        let pavements: Vec<bool> = section
+            .lanes
+            .iter()
+            .map(|lane| lane.kind == LaneKind::Sidewalk)
+            .collect();
         for (idx, lane) in section.lanes.iter_mut().enumerate() {
-            let beside = idx > 0 && pavements[idx - 1] || pavements.get(idx + 1).copied().unwrap_or(false);
-            let narrow = (0..section.stations_m.len()).all(|row| width(lane.row(row)[0], lane.row(row)[lane.columns - 1]) < KERB_LANE_M);
+            let beside =
+                idx > 0 && pavements[idx - 1] || pavements.get(idx + 1).copied().unwrap_or(false);
+            let narrow = (0..section.stations_m.len())
+                .all(|row| width(lane.row(row)[0], lane.row(row)[lane.columns - 1]) < KERB_LANE_M);
             if beside && narrow && matches!(lane.kind, LaneKind::Other | LaneKind::Border) {
                 lane.kind = LaneKind::Kerb;
             }
@@ -71,7 +79,9 @@ fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
         K::Rail => Surface::new(Class::RAIL_TRACK, Material::Concrete, [96, 90, 84]),
         K::Shoulder | K::Stop => Surface::new(Class::ROADS, Material::Asphalt, [84, 84, 86]),
         K::Parking => Surface::new(Class::ROADS, Material::Asphalt, [90, 88, 86]),
-        K::Driving | K::Bidirectional | K::Bus | K::Taxi | K::Restricted => Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77]),
+        K::Driving | K::Bidirectional | K::Bus | K::Taxi | K::Restricted => {
+            Surface::new(Class::ROADS, Material::Asphalt, [74, 74, 77])
+        }
     };
     surface.of(object)
 }
@@ -80,11 +90,15 @@ fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
 pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
     let mut owners: BTreeMap<(bool, u32), ObjectId> = BTreeMap::new();
     for section in sections {
-        let key = section.junction.map_or((false, section.road), |junction| (true, junction));
+        let key = section
+            .junction
+            .map_or((false, section.road), |junction| (true, junction));
         let object = *owners.entry(key).or_insert_with(|| {
             let roads = scene.roads;
             let name = match section.junction {
-                Some(junction) => format!("junction {}", roads.junction_id(junction).unwrap_or("?")),
+                Some(junction) => {
+                    format!("junction {}", roads.junction_id(junction).unwrap_or("?"))
+                }
                 None => format!("road {}", roads.road_id(section.road).unwrap_or("?")),
             };
             scene.object(Class::ROADS, &name)
@@ -94,7 +108,10 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
     }
     let mut members: BTreeMap<u32, Vec<&SectionSurface>> = BTreeMap::new();
     for section in sections {
-        members.entry(section.junction.unwrap_or(u32::MAX)).or_default().extend(section.junction.map(|_| section));
+        members
+            .entry(section.junction.unwrap_or(u32::MAX))
+            .or_default()
+            .extend(section.junction.map(|_| section));
     }
     let mut cells = MAX_HOLE_CELLS;
     for (junction, of_it) in members {
@@ -106,22 +123,45 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
 }
 
 /// Adds a quad that lies: to be seen and to be felt.
-fn lay(scene: &mut Scene, levels: Levels, surface: Surface, corners: [[f64; 3]; 4], for_vehicles: bool) {
+fn lay(
+    scene: &mut Scene,
+    levels: Levels,
+    surface: Surface,
+    corners: [[f64; 3]; 4],
+    for_vehicles: bool,
+) {
     let uv = corners.map(|c| [c[0] as f32, c[1] as f32]);
     let middle = 0.25 * (flat(corners[0]) + flat(corners[1]) + flat(corners[2]) + flat(corners[3]));
-    scene.chunks.polygon(Key::at(Layer::Ground, middle), levels, surface, &corners, &uv);
-    if for_vehicles { &mut scene.road } else { &mut scene.raised }.polygon(surface.object, &corners);
+    scene.chunks.polygon(
+        Key::at(Layer::Ground, middle),
+        levels,
+        surface,
+        &corners,
+        &uv,
+    );
+    if for_vehicles {
+        &mut scene.road
+    } else {
+        &mut scene.raised
+    }
+    .polygon(surface.object, &corners);
 }
 
-/// Whether a piece of this lane gives way to traffic of another road: pavements end where others drive.
+/// Whether a piece of this lane gives way to traffic of another road: pavements end where others
+/// drive.
 fn gives_way(scene: &Scene, section: &SectionSurface, lane: &LaneSurface, row: usize) -> bool {
     if is_for_vehicles(lane.kind) {
         return false;
     }
     let (a, b) = (lane.row(row - 1), lane.row(row));
     let last = lane.columns - 1;
-    let middle: [f64; 3] = std::array::from_fn(|i| 0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i]));
-    [middle, a[0], a[last], b[0], b[last]].iter().filter(|p| scene.cover.crossed_by_others(flat(**p), p[2], section.road)).count() >= 2
+    let middle: [f64; 3] =
+        std::array::from_fn(|i| 0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i]));
+    [middle, a[0], a[last], b[0], b[last]]
+        .iter()
+        .filter(|p| scene.cover.crossed_by_others(flat(**p), p[2], section.road))
+        .count()
+        >= 2
 }
 
 fn lanes(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
@@ -155,7 +195,9 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
             if skip[0] || skip[1] {
                 continue;
             }
-            let edge = |lane: &LaneSurface, row: usize, left: bool| lane.row(row)[if left { lane.columns - 1 } else { 0 }];
+            let edge = |lane: &LaneSurface, row: usize, left: bool| {
+                lane.row(row)[if left { lane.columns - 1 } else { 0 }]
+            };
             // The left edge of the lane on the right, and the right edge of the one on the left.
             let right = [edge(&pair[0], row - 1, true), edge(&pair[0], row, true)];
             let left = [edge(&pair[1], row - 1, false), edge(&pair[1], row, false)];
@@ -167,9 +209,13 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
             }
         }
     }
-    let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else { return };
+    let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else {
+        return;
+    };
     let edge = |lane: &LaneSurface, left: bool| -> Vec<[f64; 3]> {
-        (0..section.stations_m.len()).map(|row| lane.row(row)[if left { lane.columns - 1 } else { 0 }]).collect()
+        (0..section.stations_m.len())
+            .map(|row| lane.row(row)[if left { lane.columns - 1 } else { 0 }])
+            .collect()
     };
     let mut right_edge = edge(first, false);
     right_edge.reverse();
@@ -177,7 +223,13 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
         for k in 1..points.len() {
             let row = if reversed { points.len() - k } else { k };
             if !gives_way(scene, section, lane, row) {
-                outer_edge(scene, section, (points[k - 1], points[k]), is_pavement(lane.kind), object);
+                outer_edge(
+                    scene,
+                    section,
+                    (points[k - 1], points[k]),
+                    is_pavement(lane.kind),
+                    object,
+                );
             }
         }
     }
@@ -189,12 +241,24 @@ fn face(scene: &mut Scene, surface: Surface, corners: [[f64; 3]; 4]) {
     let length = width(corners[0], corners[1]) as f32;
     let height = (corners[2][2] - corners[1][2]).abs() as f32;
     let key = Key::at(Layer::Ground, flat(corners[0]));
-    scene.chunks.polygon(key, 0..=1, surface, &corners, &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]]);
+    scene.chunks.polygon(
+        key,
+        0..=1,
+        surface,
+        &corners,
+        &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]],
+    );
     scene.raised.polygon(surface.object, &corners);
 }
 
 /// From the outer edge (the road on its right, walked along the left edge) down to the ground.
-fn outer_edge(scene: &mut Scene, section: &SectionSurface, (a, b): ([f64; 3], [f64; 3]), pavement: bool, object: ObjectId) {
+fn outer_edge(
+    scene: &mut Scene,
+    section: &SectionSurface,
+    (a, b): ([f64; 3], [f64; 3]),
+    pavement: bool,
+    object: ObjectId,
+) {
     let along = flat(b) - flat(a);
     if along.norm() < 1e-3 {
         return;
@@ -215,31 +279,70 @@ fn outer_edge(scene: &mut Scene, section: &SectionSurface, (a, b): ([f64; 3], [f
         return;
     }
     let slope_m = 1.6 * drop;
-    let foot_is_free = |scene: &Scene, p: [f64; 3]| !scene.cover.is_covered(flat(p) + out * slope_m);
+    let foot_is_free =
+        |scene: &Scene, p: [f64; 3]| !scene.cover.is_covered(flat(p) + out * slope_m);
     if drop > 0.3 && !pavement && foot_is_free(scene, a) && foot_is_free(scene, b) {
-        lay(scene, 0..=1, earth, [b, a, at(a, slope_m, za - 0.15), at(b, slope_m, zb - 0.15)], false);
+        lay(
+            scene,
+            0..=1,
+            earth,
+            [b, a, at(a, slope_m, za - 0.15), at(b, slope_m, zb - 0.15)],
+            false,
+        );
         return;
     }
     // Seen from outside: the road lies on the right of a → b, so the face looks to the left.
-    face(scene, if pavement { stone } else { earth }, [[b[0], b[1], zb - 0.2], [a[0], a[1], za - 0.2], a, b]);
+    face(
+        scene,
+        if pavement { stone } else { earth },
+        [[b[0], b[1], zb - 0.2], [a[0], a[1], za - 0.2], a, b],
+    );
 }
 
 /// Side of a bridge: the deck's edge and a parapet that keeps vehicles on it.
 fn bridge_edge(scene: &mut Scene, (a, b): ([f64; 3], [f64; 3]), out: P2, object: ObjectId) {
     let concrete = Surface::new(Class::BRIDGE, Material::Concrete, [150, 148, 142]).of(object);
-    let at = |p: [f64; 3], out_m: f64, up_m: f64| [p[0] + out.x * out_m, p[1] + out.y * out_m, p[2] + up_m];
+    let at = |p: [f64; 3], out_m: f64, up_m: f64| {
+        [p[0] + out.x * out_m, p[1] + out.y * out_m, p[2] + up_m]
+    };
     let (low, high, thick) = (-DECK_M.0, DECK_M.1, 0.18);
     let mut quad = |corners: [[f64; 3]; 4]| {
         let key = Key::at(Layer::Ground, flat(corners[0]));
         let length = width(a, b) as f32;
-        scene.chunks.polygon(key, ALL, concrete, &corners, &[[0.0, 0.0], [length, 0.0], [length, 1.0], [0.0, 1.0]]);
+        scene.chunks.polygon(
+            key,
+            ALL,
+            concrete,
+            &corners,
+            &[[0.0, 0.0], [length, 0.0], [length, 1.0], [0.0, 1.0]],
+        );
         scene.solid.polygon(object, &corners);
     };
-    quad([at(b, thick, low), at(a, thick, low), at(a, thick, high), at(b, thick, high)]);
-    quad([at(a, 0.0, 0.0), at(b, 0.0, 0.0), at(b, 0.0, high), at(a, 0.0, high)]);
-    quad([at(a, 0.0, high), at(b, 0.0, high), at(b, thick, high), at(a, thick, high)]);
+    quad([
+        at(b, thick, low),
+        at(a, thick, low),
+        at(a, thick, high),
+        at(b, thick, high),
+    ]);
+    quad([
+        at(a, 0.0, 0.0),
+        at(b, 0.0, 0.0),
+        at(b, 0.0, high),
+        at(a, 0.0, high),
+    ]);
+    quad([
+        at(a, 0.0, high),
+        at(b, 0.0, high),
+        at(b, thick, high),
+        at(a, thick, high),
+    ]);
     // Half of the underside; the other edge brings the other half.
-    quad([at(a, thick, low), at(b, thick, low), at(b, -2.5, low), at(a, -2.5, low)]);
+    quad([
+        at(a, thick, low),
+        at(b, thick, low),
+        at(b, -2.5, low),
+        at(a, -2.5, low),
+    ]);
 }
 
 /// Walls along both outer edges, as high as the options say, open where other roads join.
@@ -258,7 +361,10 @@ fn walls(scene: &mut Scene, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]
             continue;
         }
         let side = crate::geometry::left(along.normalize()) * 0.4;
-        if [middle + side, middle - side].iter().all(|p| scene.cover.is_covered(*p)) || scene.cover.others_near(middle, a[2], section.road)
+        if [middle + side, middle - side]
+            .iter()
+            .all(|p| scene.cover.is_covered(*p))
+            || scene.cover.others_near(middle, a[2], section.road)
         {
             continue;
         }
@@ -266,24 +372,38 @@ fn walls(scene: &mut Scene, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]
         for corners in [[a, b, up(b), up(a)], [b, a, up(a), up(b)]] {
             let key = Key::at(Layer::Ground, flat(a));
             let (u, v) = (along.norm() as f32, height as f32);
-            scene.chunks.polygon(key, ALL, concrete, &corners, &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]]);
+            scene.chunks.polygon(
+                key,
+                ALL,
+                concrete,
+                &corners,
+                &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]],
+            );
             scene.solid.polygon(object, &corners);
         }
     }
 }
 
-/// A floor just under the lanes of a junction and a little wider, so that slits between them do not show the ground.
+/// A floor just under the lanes of a junction and a little wider, so that slits between them do not
+/// show the ground.
 fn floor(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId) {
     let asphalt = surface_of(LaneKind::Driving, object);
     for section in sections {
-        for lane in section.lanes.iter().filter(|lane| is_for_vehicles(lane.kind)) {
+        for lane in section
+            .lanes
+            .iter()
+            .filter(|lane| is_for_vehicles(lane.kind))
+        {
             for row in 1..section.stations_m.len() {
                 let wider = |row: usize| {
                     let points = lane.row(row);
                     let (right, left) = (points[0], points[lane.columns - 1]);
                     let across = flat(left) - flat(right);
                     let out = across.try_normalize(1e-6).unwrap_or_default() * FLOOR_M.1;
-                    ([right[0] - out.x, right[1] - out.y, right[2] - FLOOR_M.0], [left[0] + out.x, left[1] + out.y, left[2] - FLOOR_M.0])
+                    (
+                        [right[0] - out.x, right[1] - out.y, right[2] - FLOOR_M.0],
+                        [left[0] + out.x, left[1] + out.y, left[2] - FLOOR_M.0],
+                    )
                 };
                 let (a, b) = (wider(row - 1), wider(row));
                 lay(scene, ALL, asphalt, [a.0, b.0, b.1, a.1], true);
@@ -294,25 +414,42 @@ fn floor(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId) {
 
 /// Closes what the lanes of a junction leave open among them, up to the size of a small island.
 fn holes(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId, cells: &mut usize) {
-    let points = || sections.iter().flat_map(|s| s.lanes.iter().filter(|l| is_for_vehicles(l.kind)).flat_map(|l| &l.points_m));
+    let points = || {
+        sections.iter().flat_map(|s| {
+            s.lanes
+                .iter()
+                .filter(|l| is_for_vehicles(l.kind))
+                .flat_map(|l| &l.points_m)
+        })
+    };
     let (mut low, mut high) = (P2::repeat(f64::INFINITY), P2::repeat(f64::NEG_INFINITY));
     points().for_each(|p| (low, high) = (low.inf(&flat(*p)), high.sup(&flat(*p))));
     let size = high - low;
     if !size.x.is_finite() || size.x.max(size.y) > 250.0 {
         return;
     }
-    let (columns, rows) = ((size.x / HOLE_CELL_M).ceil() as usize + 2, (size.y / HOLE_CELL_M).ceil() as usize + 2);
-    let Some(left) = cells.checked_sub(columns * rows) else { return };
+    let (columns, rows) = (
+        (size.x / HOLE_CELL_M).ceil() as usize + 2,
+        (size.y / HOLE_CELL_M).ceil() as usize + 2,
+    );
+    let Some(left) = cells.checked_sub(columns * rows) else {
+        return;
+    };
     *cells = left;
-    let at = |i: usize| low + P2::new((i % columns) as f64 - 0.5, (i / columns) as f64 - 0.5) * HOLE_CELL_M;
-    let heights: Vec<Option<f64>> = (0..columns * rows).map(|i| scene.cover.vehicles_at(at(i))).collect();
+    let at = |i: usize| {
+        low + P2::new((i % columns) as f64 - 0.5, (i / columns) as f64 - 0.5) * HOLE_CELL_M
+    };
+    let heights: Vec<Option<f64>> = (0..columns * rows)
+        .map(|i| scene.cover.vehicles_at(at(i)))
+        .collect();
     let mut seen: Vec<bool> = heights.iter().map(Option::is_some).collect();
     let asphalt = surface_of(LaneKind::Driving, object);
     for start in 0..seen.len() {
         if seen[start] {
             continue;
         }
-        let (mut part, mut open, mut enclosed, mut rim) = (Vec::new(), vec![start], true, Vec::new());
+        let (mut part, mut open, mut enclosed, mut rim) =
+            (Vec::new(), vec![start], true, Vec::new());
         seen[start] = true;
         while let Some(i) = open.pop() {
             part.push(i);
@@ -341,8 +478,17 @@ fn holes(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId, cell
             if k < part.len() && part[k] == part[k - 1] + 1 && part[k] % columns != 0 {
                 continue;
             }
-            let (a, b) = (at(part[from]).add_scalar(-0.8 * HOLE_CELL_M), at(part[k - 1]).add_scalar(0.8 * HOLE_CELL_M));
-            lay(scene, ALL, asphalt, [[a.x, a.y, z], [b.x, a.y, z], [b.x, b.y, z], [a.x, b.y, z]], true);
+            let (a, b) = (
+                at(part[from]).add_scalar(-0.8 * HOLE_CELL_M),
+                at(part[k - 1]).add_scalar(0.8 * HOLE_CELL_M),
+            );
+            lay(
+                scene,
+                ALL,
+                asphalt,
+                [[a.x, a.y, z], [b.x, a.y, z], [b.x, b.y, z], [a.x, b.y, z]],
+                true,
+            );
             from = k;
         }
     }

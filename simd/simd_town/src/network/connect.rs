@@ -12,7 +12,8 @@ enum Turn {
     Right,
 }
 
-/// Lane index (0 beside the middle) to OpenDRIVE id of the lane that enters or leaves a junction on this arm.
+/// Lane index (0 beside the middle) to OpenDRIVE id of the lane that enters or leaves a junction on
+/// this arm.
 fn lane_id(arm: &Arm, lane: usize, entering: bool) -> i32 {
     let id = lane as i32 + 1;
     if arm.at_start == entering { id } else { -id }
@@ -21,7 +22,11 @@ fn lane_id(arm: &Arm, lane: usize, entering: bool) -> i32 {
 /// Number of lanes that enter (or leave) a junction on an arm.
 fn n_lanes(network: &Network, arm: &Arm, entering: bool) -> usize {
     let profile = &network.roads[arm.road].profile;
-    if profile.one_way && arm.at_start == entering { 0 } else { profile.n_lanes }
+    if profile.one_way && arm.at_start == entering {
+        0
+    } else {
+        profile.n_lanes
+    }
 }
 
 pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
@@ -41,16 +46,22 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     };
     let mut ways: Vec<(usize, usize, usize, usize)> = Vec::new();
     let n = junction.arms.len();
-    let pairs: Vec<(usize, usize)> =
-        (0..n).flat_map(|a| (0..n).map(move |b| (a, b))).filter(|&(a, b)| a != b && lanes(a, true) > 0 && lanes(b, false) > 0).collect();
+    let pairs: Vec<(usize, usize)> = (0..n)
+        .flat_map(|a| (0..n).map(move |b| (a, b)))
+        .filter(|&(a, b)| a != b && lanes(a, true) > 0 && lanes(b, false) > 0)
+        .collect();
     for &(a, b) in &pairs {
         let (n_in, n_out) = (lanes(a, true), lanes(b, false));
         match turn(a, b) {
             Turn::Right => ways.push((a, n_in - 1, b, n_out - 1)),
             Turn::Left => ways.push((a, 0, b, 0)),
             // Lanes of a motorway begin and end on the right.
-            Turn::Straight if motorway(a) && motorway(b) => ways.extend((0..n_in.min(n_out)).map(|k| (a, k, b, k))),
-            Turn::Straight => ways.extend((0..n_in.min(n_out)).map(|k| (a, n_in - 1 - k, b, n_out - 1 - k))),
+            Turn::Straight if motorway(a) && motorway(b) => {
+                ways.extend((0..n_in.min(n_out)).map(|k| (a, k, b, k)))
+            }
+            Turn::Straight => {
+                ways.extend((0..n_in.min(n_out)).map(|k| (a, n_in - 1 - k, b, n_out - 1 - k)))
+            }
         }
     }
     // Lanes that nothing reaches, or that lead nowhere, get a way of the straightest kind there is.
@@ -62,13 +73,19 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     for arm in 0..n {
         for lane in 0..lanes(arm, true) {
             if !ways.iter().any(|w| w.0 == arm && w.1 == lane) {
-                let to = (0..n).filter(|&b| b != arm && lanes(b, false) > 0).min_by_key(|&b| rank(arm, b)).expect("two arms");
+                let to = (0..n)
+                    .filter(|&b| b != arm && lanes(b, false) > 0)
+                    .min_by_key(|&b| rank(arm, b))
+                    .expect("two arms");
                 ways.push((arm, lane, to, lane.min(lanes(to, false) - 1)));
             }
         }
         for lane in 0..lanes(arm, false) {
             if !ways.iter().any(|w| w.2 == arm && w.3 == lane) {
-                let from = (0..n).filter(|&a| a != arm && lanes(a, true) > 0).min_by_key(|&a| rank(a, arm)).expect("two arms");
+                let from = (0..n)
+                    .filter(|&a| a != arm && lanes(a, true) > 0)
+                    .min_by_key(|&a| rank(a, arm))
+                    .expect("two arms");
                 ways.push((from, lane.min(lanes(from, true) - 1), arm, lane));
             }
         }
@@ -76,18 +93,33 @@ pub(super) fn links_of(network: &Network, junction_idx: usize) -> Vec<Link> {
     ways.sort();
     ways.dedup();
     let first_id = 1001 + network.links.len() as u32;
-    ways.iter().enumerate().map(|(i, &way)| link(network, junction_idx, first_id + i as u32, way)).collect()
+    ways.iter()
+        .enumerate()
+        .map(|(i, &way)| link(network, junction_idx, first_id + i as u32, way))
+        .collect()
 }
 
-fn link(network: &Network, junction: usize, id: u32, (a, lane_in, b, lane_out): (usize, usize, usize, usize)) -> Link {
+fn link(
+    network: &Network,
+    junction: usize,
+    id: u32,
+    (a, lane_in, b, lane_out): (usize, usize, usize, usize),
+) -> Link {
     let arms = &network.junctions[junction].arms;
     let profile = |arm: usize| network.roads[arms[arm].road].profile;
-    // In driving direction the traffic keeps right of the reference line, so lane k's left edge is k lanes to the right.
+    // In driving direction the traffic keeps right of the reference line, so lane k's left edge is
+    // k lanes to the right.
     let (p_in, out_heading) = network.arm_end(&arms[a]);
     let heading_in = wrap(out_heading + PI);
-    let from = (p_in - left(unit(heading_in)) * profile(a).lane_left_m(lane_in), heading_in);
+    let from = (
+        p_in - left(unit(heading_in)) * profile(a).lane_left_m(lane_in),
+        heading_in,
+    );
     let (p_out, heading_out) = network.arm_end(&arms[b]);
-    let to = (p_out - left(unit(heading_out)) * profile(b).lane_left_m(lane_out), heading_out);
+    let to = (
+        p_out - left(unit(heading_out)) * profile(b).lane_left_m(lane_out),
+        heading_out,
+    );
     Link {
         id,
         junction,
@@ -109,22 +141,53 @@ mod tests {
             let network = Network::build(&plan);
             for link in &network.links {
                 let arms = &network.junctions[link.junction].arms;
-                for (at, (arm, lane), entering) in [(0.0, link.from, true), (link.path.length_m(), link.to, false)] {
+                for (at, (arm, lane), entering) in [
+                    (0.0, link.from, true),
+                    (link.path.length_m(), link.to, false),
+                ] {
                     let arm = &arms[arm];
                     let road = &network.roads[arm.road];
-                    let s = if arm.at_start { 0.0 } else { road.path.length_m() };
-                    let inner = road.profile.lane_left_m(lane.unsigned_abs() as usize - 1) * f64::from(lane.signum());
+                    let s = if arm.at_start {
+                        0.0
+                    } else {
+                        road.path.length_m()
+                    };
+                    let inner = road.profile.lane_left_m(lane.unsigned_abs() as usize - 1)
+                        * f64::from(lane.signum());
                     let edge = road.path.beside(s, inner);
                     let heading = road.path.at(s).1 + if lane > 0 { PI } else { 0.0 };
                     let (p, h) = link.path.at(at);
-                    assert!((p - edge).norm() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
-                    assert!(wrap(h - heading).abs() < 1e-3, "{} road {} entering {entering}", plan.name, link.id);
+                    assert!(
+                        (p - edge).norm() < 1e-3,
+                        "{} road {} entering {entering}",
+                        plan.name,
+                        link.id
+                    );
+                    assert!(
+                        wrap(h - heading).abs() < 1e-3,
+                        "{} road {} entering {entering}",
+                        plan.name,
+                        link.id
+                    );
                 }
-                let motorway = arms.iter().any(|arm| network.roads[arm.road].profile.motorway);
+                let motorway = arms
+                    .iter()
+                    .any(|arm| network.roads[arm.road].profile.motorway);
                 let longest_m = if motorway { 140.0 } else { 60.0 };
-                assert!(link.path.length_m() < longest_m, "{} road {} is {} m", plan.name, link.id, link.path.length_m());
+                assert!(
+                    link.path.length_m() < longest_m,
+                    "{} road {} is {} m",
+                    plan.name,
+                    link.id,
+                    link.path.length_m()
+                );
                 for segment in &link.path.segments {
-                    assert!(segment.curvature_per_m.abs() < 1.0 / 4.5, "{} road {} bends too much", plan.name, link.id);
+                    assert!(
+                        segment.curvature_per_m.abs() < 1.0 / 4.5,
+                        "{} road {} bends too much",
+                        plan.name,
+                        link.id
+                    );
                 }
             }
         }
@@ -143,11 +206,20 @@ mod tests {
                             network
                                 .links
                                 .iter()
-                                .filter(|l| l.junction == j && if entering { l.from == (a, id) } else { l.to == (a, id) })
+                                .filter(|l| {
+                                    l.junction == j
+                                        && if entering {
+                                            l.from == (a, id)
+                                        } else {
+                                            l.to == (a, id)
+                                        }
+                                })
                                 .count()
                         };
                         assert!(
-                            [true, false].into_iter().all(|entering| ways(entering) > 0 || !exists(entering)),
+                            [true, false]
+                                .into_iter()
+                                .all(|entering| ways(entering) > 0 || !exists(entering)),
                             "junction {} arm {a} lane {lane}",
                             junction.id
                         );

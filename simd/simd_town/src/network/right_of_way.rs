@@ -15,34 +15,51 @@ pub(super) fn control(junction: Junction, plan: &Plan) -> Junction {
     junction
 }
 
-/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an avenue meet, and at every junction of a dense
+/// Ramps give way to the motorway unless they get a lane of their own; lights where four arms or an
+/// avenue meet, and at every junction of a dense
 /// centre; elsewhere the stem of the T waits.
 fn rules(mut junction: Junction, plan: &Plan) -> Junction {
     let arms = &mut junction.arms;
     let motorway = |arm: &&Arm| plan.streets[arm.road].profile.motorway;
     if arms.iter().filter(motorway).count() == 2 && arms.len() <= 3 {
         let lanes = |leaving: bool| {
-            arms.iter().filter(motorway).find(|arm| arm.at_start == leaving).map(|arm| plan.streets[arm.road].profile.n_lanes)
+            arms.iter()
+                .filter(motorway)
+                .find(|arm| arm.at_start == leaving)
+                .map(|arm| plan.streets[arm.road].profile.n_lanes)
         };
         let merges = lanes(true) <= lanes(false);
-        arms.iter_mut().for_each(|arm| arm.waits = merges && !plan.streets[arm.road].profile.motorway);
+        arms.iter_mut()
+            .for_each(|arm| arm.waits = merges && !plan.streets[arm.road].profile.motorway);
         junction.control = Control::Yield;
         return junction;
     }
-    if arms.len() > 3 || plan.all_lights || arms.iter().any(|arm| plan.streets[arm.road].profile.main) {
+    if arms.len() > 3
+        || plan.all_lights
+        || arms.iter().any(|arm| plan.streets[arm.road].profile.main)
+    {
         return junction;
     }
     let straightness = |i: usize| {
         let (a, b) = (arms[(i + 1) % 3].heading_rad, arms[(i + 2) % 3].heading_rad);
         PI - wrap(a - b).abs()
     };
-    let stem = (0..3).min_by(|&a, &b| straightness(a).total_cmp(&straightness(b))).expect("a junction has three arms");
+    let stem = (0..3)
+        .min_by(|&a, &b| straightness(a).total_cmp(&straightness(b)))
+        .expect("a junction has three arms");
     for (i, arm) in arms.iter_mut().enumerate() {
         arm.waits = i == stem;
         arm.crosswalk &= i == stem;
     }
-    let circle = junction.arms.iter().any(|arm| plan.streets[arm.road].profile.one_way);
-    junction.control = if !circle && junction.id.is_multiple_of(3) { Control::Stop } else { Control::Yield };
+    let circle = junction
+        .arms
+        .iter()
+        .any(|arm| plan.streets[arm.road].profile.one_way);
+    junction.control = if !circle && junction.id.is_multiple_of(3) {
+        Control::Stop
+    } else {
+        Control::Yield
+    };
     junction
 }
 
@@ -69,9 +86,13 @@ pub(super) fn place_signals(network: &mut Network, junction_idx: usize) {
     if junction.control != Control::Lights {
         return;
     }
-    // Opposite arms are green together where four narrow ones meet. On several lanes who turns left would meet two lanes of oncoming traffic, and
-    // cars that wait for each other's gaps in the middle of a junction lock it; of a T, half of an arm's traffic turns left.
-    let waiting: Vec<usize> = (0..junction.arms.len()).filter(|&i| junction.arms[i].waits).collect();
+    // Opposite arms are green together where four narrow ones meet. On several lanes who turns left
+    // would meet two lanes of oncoming traffic, and
+    // cars that wait for each other's gaps in the middle of a junction lock it; of a T, half of an
+    // arm's traffic turns left.
+    let waiting: Vec<usize> = (0..junction.arms.len())
+        .filter(|&i| junction.arms[i].waits)
+        .collect();
     let mut done = vec![false; waiting.len()];
     for i in 0..waiting.len() {
         if done[i] {
@@ -80,19 +101,33 @@ pub(super) fn place_signals(network: &mut Network, junction_idx: usize) {
         let arm = |k: usize| &junction.arms[waiting[k]];
         let is_narrow = |k: usize| network.roads[arm(k).road].profile.n_lanes == 1;
         let opposite = (i + 1..waiting.len()).find(|&k| {
-            !done[k] && waiting.len() > 3 && is_narrow(i) && is_narrow(k) && wrap(arm(k).heading_rad - arm(i).heading_rad).abs() > 2.4
+            !done[k]
+                && waiting.len() > 3
+                && is_narrow(i)
+                && is_narrow(k)
+                && wrap(arm(k).heading_rad - arm(i).heading_rad).abs() > 2.4
         });
         let members: Vec<usize> = std::iter::once(i).chain(opposite).collect();
         members.iter().for_each(|&k| done[k] = true);
         let id = 1 + network.stages.len() as u32;
-        network.stages.push(Stage { id, junction: junction_idx, signals: members.into_iter().map(|k| first + k).collect() });
+        network.stages.push(Stage {
+            id,
+            junction: junction_idx,
+            signals: members.into_iter().map(|k| first + k).collect(),
+        });
     }
 }
 
 pub(super) fn place_limits(network: &mut Network) {
     for road in 0..network.roads.len() {
-        let (length, profile) = (network.roads[road].path.length_m(), network.roads[road].profile);
-        for against in [false, true].into_iter().filter(|&against| !(against && profile.one_way)) {
+        let (length, profile) = (
+            network.roads[road].path.length_m(),
+            network.roads[road].profile,
+        );
+        for against in [false, true]
+            .into_iter()
+            .filter(|&against| !(against && profile.one_way))
+        {
             let side = profile.kerb_m() + 0.6;
             if length < 30.0 {
                 continue;

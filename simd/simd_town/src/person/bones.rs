@@ -1,6 +1,8 @@
-//! Bones: the joints of a body by the names that CARLA's skeletons have, and the way from bones to the twelve parts and back.
+//! Bones: the joints of a body by the names that CARLA's skeletons have, and the way from bones to
+//! the twelve parts and back.
 //!
-//! Every bone's frame lies along the body's while it stands: x forward, y left, z up. Fingers, toes and eyes have places of their own, but
+//! Every bone's frame lies along the body's while it stands: x forward, y left, z up. Fingers, toes
+//! and eyes have places of their own, but
 //! no part to move.
 
 use std::sync::LazyLock;
@@ -40,7 +42,12 @@ pub fn bones() -> &'static [Bone] {
 fn table() -> Vec<Bone> {
     let mut all: Vec<Bone> = Vec::with_capacity(N_BONES);
     let mut add = |name: String, parent: usize, follows: Option<Part>, offset: [f64; 3]| {
-        all.push(Bone { name, parent, follows, offset });
+        all.push(Bone {
+            name,
+            parent,
+            follows,
+            offset,
+        });
         all.len() - 1
     };
     let torso = Some(Part::Torso);
@@ -52,37 +59,106 @@ fn table() -> Vec<Bone> {
     let sides = [("L", 1.0, 0), ("R", -1.0, 1)];
     let part = |left: Part, right: Part, side: usize| Some(if side == 0 { left } else { right });
     for (side, sign, i) in sides {
-        // The blade's height over the hips is the shoulder's: it is found from the arm when poses are made.
+        // The blade's height over the hips is the shoulder's: it is found from the arm when poses
+        // are made.
         let prefix = if side == "L" { "ctrl" } else { "crl" };
-        let blade = add(format!("{prefix}_shoulder__{side}"), chest, torso, [0.0, sign * BLADE, 0.25]);
-        let arm = add(format!("crl_arm__{side}"), blade, part(Part::UpperArmLeft, Part::UpperArmRight, i), [0.0; 3]);
-        let forearm = add(format!("crl_foreArm__{side}"), arm, part(Part::ForearmLeft, Part::ForearmRight, i), [0.0; 3]);
+        let blade = add(
+            format!("{prefix}_shoulder__{side}"),
+            chest,
+            torso,
+            [0.0, sign * BLADE, 0.25],
+        );
+        let arm = add(
+            format!("crl_arm__{side}"),
+            blade,
+            part(Part::UpperArmLeft, Part::UpperArmRight, i),
+            [0.0; 3],
+        );
+        let forearm = add(
+            format!("crl_foreArm__{side}"),
+            arm,
+            part(Part::ForearmLeft, Part::ForearmRight, i),
+            [0.0; 3],
+        );
         let follows = part(Part::ForearmLeft, Part::ForearmRight, i);
         let wrist_m = -0.146;
-        let hand = add(format!("crl_hand__{side}"), forearm, follows, [0.0, 0.0, wrist_m]);
-        for (finger, forward) in [("Thumb", 0.022), ("Index", 0.014), ("Middle", 0.005), ("Ring", -0.004), ("Pinky", -0.013)] {
+        let hand = add(
+            format!("crl_hand__{side}"),
+            forearm,
+            follows,
+            [0.0, 0.0, wrist_m],
+        );
+        for (finger, forward) in [
+            ("Thumb", 0.022),
+            ("Index", 0.014),
+            ("Middle", 0.005),
+            ("Ring", -0.004),
+            ("Pinky", -0.013),
+        ] {
             let mut parent = hand;
             let root_m = wrist_m - if finger == "Thumb" { 0.015 } else { 0.050 };
             // CARLA's table spells the first joints of these fingers with one dash.
-            let dash = if matches!(finger, "Thumb" | "Index") { "__" } else { "_" };
-            for (k, (joint, dash)) in [("", dash), ("01", "__"), ("02", "__"), ("End", "__")].into_iter().enumerate() {
+            let dash = if matches!(finger, "Thumb" | "Index") {
+                "__"
+            } else {
+                "_"
+            };
+            for (k, (joint, dash)) in [("", dash), ("01", "__"), ("02", "__"), ("End", "__")]
+                .into_iter()
+                .enumerate()
+            {
                 let place = [forward, 0.0, root_m - JOINT * k as f64];
-                parent = add(format!("crl_hand{finger}{joint}{dash}{side}"), parent, follows, place);
+                parent = add(
+                    format!("crl_hand{finger}{joint}{dash}{side}"),
+                    parent,
+                    follows,
+                    place,
+                );
             }
         }
     }
     let neck = add("crl_neck__C".into(), chest, Some(Part::Head), [0.0; 3]);
-    let head = add("crl_Head__C".into(), neck, Some(Part::Head), [0.0, 0.0, 0.035]);
+    let head = add(
+        "crl_Head__C".into(),
+        neck,
+        Some(Part::Head),
+        [0.0, 0.0, 0.035],
+    );
     for (side, sign, _) in sides {
-        add(format!("crl_eye__{side}"), head, Some(Part::Head), [0.048, sign * 0.018, 0.075]);
+        add(
+            format!("crl_eye__{side}"),
+            head,
+            Some(Part::Head),
+            [0.048, sign * 0.018, 0.075],
+        );
     }
     for (side, _, i) in sides {
-        let thigh = add(format!("crl_thigh__{side}"), hips, part(Part::ThighLeft, Part::ThighRight, i), [0.0; 3]);
-        let leg = add(format!("crl_leg__{side}"), thigh, part(Part::ShinLeft, Part::ShinRight, i), [0.0; 3]);
+        let thigh = add(
+            format!("crl_thigh__{side}"),
+            hips,
+            part(Part::ThighLeft, Part::ThighRight, i),
+            [0.0; 3],
+        );
+        let leg = add(
+            format!("crl_leg__{side}"),
+            thigh,
+            part(Part::ShinLeft, Part::ShinRight, i),
+            [0.0; 3],
+        );
         let follows = part(Part::FootLeft, Part::FootRight, i);
         let foot = add(format!("crl_foot__{side}"), leg, follows, [0.0; 3]);
-        let toe = add(format!("crl_toe__{side}"), foot, follows, [0.060, 0.0, -0.030]);
-        add(format!("crl_toeEnd__{side}"), toe, follows, [0.100, 0.0, -0.030]);
+        let toe = add(
+            format!("crl_toe__{side}"),
+            foot,
+            follows,
+            [0.060, 0.0, -0.030],
+        );
+        add(
+            format!("crl_toeEnd__{side}"),
+            toe,
+            follows,
+            [0.100, 0.0, -0.030],
+        );
     }
     all
 }
@@ -125,7 +201,11 @@ impl Skeleton {
 
     fn offset(&self, bone: &Bone) -> Isometry3<f64> {
         let [x, y, z] = bone.offset.map(|share| share * self.height_m);
-        let z = if bone.name.ends_with("shoulder__L") || bone.name.ends_with("shoulder__R") { self.shoulder_m - self.hip_m } else { z };
+        let z = if bone.name.ends_with("shoulder__L") || bone.name.ends_with("shoulder__R") {
+            self.shoulder_m - self.hip_m
+        } else {
+            z
+        };
         Isometry3::translation(x, y, z)
     }
 
@@ -133,7 +213,11 @@ impl Skeleton {
     pub fn relative_bones(&self, posture: Posture) -> Vec<Isometry3<f64>> {
         let in_body = self.bones_in_body(&self.parts(posture));
         let relative = |(idx, bone): (usize, &Bone)| {
-            if idx == bone.parent { in_body[idx] } else { in_body[bone.parent].inv_mul(&in_body[idx]) }
+            if idx == bone.parent {
+                in_body[idx]
+            } else {
+                in_body[bone.parent].inv_mul(&in_body[idx])
+            }
         };
         bones().iter().enumerate().map(relative).collect()
     }
@@ -142,7 +226,11 @@ impl Skeleton {
     pub fn chain(relative: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
         let mut in_body: Vec<Isometry3<f64>> = Vec::with_capacity(relative.len());
         for (idx, (bone, pose)) in bones().iter().zip(relative).enumerate() {
-            in_body.push(if idx == bone.parent { *pose } else { in_body[bone.parent] * pose });
+            in_body.push(if idx == bone.parent {
+                *pose
+            } else {
+                in_body[bone.parent] * pose
+            });
         }
         in_body
     }
@@ -160,7 +248,11 @@ impl Skeleton {
 pub fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, ratio: f64) -> Isometry3<f64> {
     let place = from.translation.vector.lerp(&to.translation.vector, ratio);
     let turn = from.rotation.try_slerp(&to.rotation, ratio, 1e-9);
-    let turn: UnitQuaternion<f64> = turn.unwrap_or(if ratio < 0.5 { from.rotation } else { to.rotation });
+    let turn: UnitQuaternion<f64> = turn.unwrap_or(if ratio < 0.5 {
+        from.rotation
+    } else {
+        to.rotation
+    });
     Isometry3::from_parts(Translation3::from(place), turn)
 }
 
@@ -177,15 +269,26 @@ mod tests {
     fn there_is_every_bone_once_and_parents_come_first() {
         let names: BTreeSet<&str> = bones().iter().map(|bone| bone.name.as_str()).collect();
         assert_eq!((bones().len(), names.len()), (N_BONES, N_BONES));
-        assert!(bones().iter().enumerate().all(|(idx, bone)| bone.parent < idx || idx == 0));
+        assert!(
+            bones()
+                .iter()
+                .enumerate()
+                .all(|(idx, bone)| bone.parent < idx || idx == 0)
+        );
     }
 
     #[test]
     fn bones_there_and_back_give_the_parts_of_the_gait() {
         let skeleton = PersonShape::plain(Age::Adult, 1.8).skeleton();
         let postures = [
-            Posture::Upright { phase_rad: 1.0, speed_mps: 1.4 },
-            Posture::Upright { phase_rad: 4.0, speed_mps: 3.5 },
+            Posture::Upright {
+                phase_rad: 1.0,
+                speed_mps: 1.4,
+            },
+            Posture::Upright {
+                phase_rad: 4.0,
+                speed_mps: 3.5,
+            },
             Posture::Seated,
             Posture::Lying,
             Posture::Airborne,
@@ -193,8 +296,14 @@ mod tests {
         for posture in postures {
             let back = skeleton.parts_on(&Skeleton::chain(&skeleton.relative_bones(posture)));
             for (part, (a, b)) in skeleton.parts(posture).iter().zip(&back).enumerate() {
-                assert!((a.translation.vector - b.translation.vector).norm() < 1e-12, "{part} {posture:?}");
-                assert!(a.rotation.angle_to(&b.rotation) < 1e-7, "{part} {posture:?}");
+                assert!(
+                    (a.translation.vector - b.translation.vector).norm() < 1e-12,
+                    "{part} {posture:?}"
+                );
+                assert!(
+                    a.rotation.angle_to(&b.rotation) < 1e-7,
+                    "{part} {posture:?}"
+                );
             }
         }
     }
@@ -202,19 +311,35 @@ mod tests {
     #[test]
     fn a_raised_arm_takes_forearm_and_fingers_along_and_nothing_else() {
         let skeleton = PersonShape::plain(Age::Adult, 1.8).skeleton();
-        let standing = Posture::Upright { phase_rad: 0.0, speed_mps: 0.0 };
+        let standing = Posture::Upright {
+            phase_rad: 0.0,
+            speed_mps: 0.0,
+        };
         let mut relative = skeleton.relative_bones(standing);
         let before = Skeleton::chain(&relative);
         let arm = find("crl_arm__L").unwrap();
         // Straight forward: from hanging down (−z) to x.
-        relative[arm].rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
+        relative[arm].rotation =
+            UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
         let after = Skeleton::chain(&relative);
         let moved: Vec<&str> = (0..N_BONES)
-            .filter(|i| (before[*i].translation.vector - after[*i].translation.vector).norm() > 1e-6)
+            .filter(|i| {
+                (before[*i].translation.vector - after[*i].translation.vector).norm() > 1e-6
+            })
             .map(|i| bones()[i].name.as_str())
             .collect();
-        assert!(moved.iter().all(|name| name.ends_with("_L") && (name.contains("hand") || name.contains("foreArm"))), "{moved:?}");
-        let elbow = after[find("crl_foreArm__L").unwrap()].translation.vector - after[arm].translation.vector;
-        assert!((elbow - Vector3::new(skeleton.upper_arm_m, 0.0, 0.0)).norm() < 1e-9, "{elbow}");
+        assert!(
+            moved
+                .iter()
+                .all(|name| name.ends_with("_L")
+                    && (name.contains("hand") || name.contains("foreArm"))),
+            "{moved:?}"
+        );
+        let elbow = after[find("crl_foreArm__L").unwrap()].translation.vector
+            - after[arm].translation.vector;
+        assert!(
+            (elbow - Vector3::new(skeleton.upper_arm_m, 0.0, 0.0)).norm() < 1e-9,
+            "{elbow}"
+        );
     }
 }

@@ -72,7 +72,8 @@ pub struct PersonShape {
     pub look: Look,
 }
 
-/// Meshes of a person. Each is about its joint (torso: between the hip joints, head: base of the neck); left and right are alike.
+/// Meshes of a person. Each is about its joint (torso: between the hip joints, head: base of the
+/// neck); left and right are alike.
 #[derive(Clone, Debug)]
 pub struct PersonMeshes {
     /// By [`Part`] without sides: torso, head, upper arm, forearm, thigh, shin, foot.
@@ -101,9 +102,27 @@ struct Proportions {
 impl Age {
     fn proportions(self) -> Proportions {
         match self {
-            Age::Child => Proportions { hip: 0.470, knee: 0.255, shoulder: 0.765, neck: 0.800, head_half_y: 0.062 },
-            Age::Teenager => Proportions { hip: 0.520, knee: 0.280, shoulder: 0.805, neck: 0.850, head_half_y: 0.046 },
-            Age::Adult | Age::Elderly => Proportions { hip: 0.530, knee: 0.285, shoulder: 0.815, neck: 0.865, head_half_y: 0.042 },
+            Age::Child => Proportions {
+                hip: 0.470,
+                knee: 0.255,
+                shoulder: 0.765,
+                neck: 0.800,
+                head_half_y: 0.062,
+            },
+            Age::Teenager => Proportions {
+                hip: 0.520,
+                knee: 0.280,
+                shoulder: 0.805,
+                neck: 0.850,
+                head_half_y: 0.046,
+            },
+            Age::Adult | Age::Elderly => Proportions {
+                hip: 0.530,
+                knee: 0.285,
+                shoulder: 0.815,
+                neck: 0.865,
+                head_half_y: 0.042,
+            },
         }
     }
 }
@@ -123,12 +142,20 @@ impl PersonShape {
             skirt: false,
             female: false,
         };
-        PersonShape { age, height_m, look }
+        PersonShape {
+            age,
+            height_m,
+            look,
+        }
     }
 
     /// Half extents of the box round the standing body.
     pub fn half_m(&self) -> [f64; 3] {
-        [HALF_BOX[0] * self.height_m, HALF_BOX[1] * self.height_m, 0.5 * self.height_m]
+        [
+            HALF_BOX[0] * self.height_m,
+            HALF_BOX[1] * self.height_m,
+            0.5 * self.height_m,
+        ]
     }
 
     /// Joints.
@@ -178,7 +205,10 @@ pub fn person_meshes(shape: &PersonShape) -> PersonMeshes {
         }
         builder.finish()
     });
-    PersonMeshes { parts, wheelchair: wheelchair::wheelchair(shape.height_m as f32) }
+    PersonMeshes {
+        parts,
+        wheelchair: wheelchair::wheelchair(shape.height_m as f32),
+    }
 }
 
 #[cfg(test)]
@@ -189,28 +219,54 @@ mod tests {
     #[test]
     fn a_standing_body_fits_its_box_to_a_centimetre() {
         for age in [Age::Child, Age::Teenager, Age::Adult, Age::Elderly] {
-            for (hair, female) in [(Hair::Short, false), (Hair::Long, true), (Hair::Cap, false), (Hair::Bald, false)] {
+            for (hair, female) in [
+                (Hair::Short, false),
+                (Hair::Long, true),
+                (Hair::Cap, false),
+                (Hair::Bald, false),
+            ] {
                 let plain = PersonShape::plain(age, 1.86);
-                let shape = PersonShape { look: Look { hair, female, ..plain.look }, ..plain };
+                let shape = PersonShape {
+                    look: Look {
+                        hair,
+                        female,
+                        ..plain.look
+                    },
+                    ..plain
+                };
                 let meshes = person_meshes(&shape);
-                let parts = shape.skeleton().parts(Posture::Upright { phase_rad: 0.0, speed_mps: 0.0 });
+                let parts = shape.skeleton().parts(Posture::Upright {
+                    phase_rad: 0.0,
+                    speed_mps: 0.0,
+                });
                 let (mut low, mut high) = ([f64::MAX; 3], [f64::MIN; 3]);
                 for (part, pose) in parts.iter().enumerate() {
                     for (corners, vertex) in meshes.parts[mesh_of(part)].triangles() {
                         assert_eq!(vertex.class, Class::PEDESTRIANS.0);
                         for corner in corners {
                             let p = pose * Point3::from(corner.map(f64::from));
-                            (0..3).for_each(|i| (low[i], high[i]) = (low[i].min(p[i]), high[i].max(p[i])));
+                            (0..3).for_each(|i| {
+                                (low[i], high[i]) = (low[i].min(p[i]), high[i].max(p[i]))
+                            });
                         }
                     }
                 }
                 let half = shape.half_m();
                 // Depth: the toes reach the front of the box, and nothing behind is further out.
-                assert!((high[0] - half[0]).abs() < 0.01 && low[0] > -half[0] - 0.01, "{age:?} {hair:?}: x {low:?} {high:?}");
+                assert!(
+                    (high[0] - half[0]).abs() < 0.01 && low[0] > -half[0] - 0.01,
+                    "{age:?} {hair:?}: x {low:?} {high:?}"
+                );
                 for (side, y) in [(-1.0, low[1]), (1.0, high[1])] {
-                    assert!((y - side * half[1]).abs() < 0.01, "{age:?}: y {low:?} {high:?} {half:?}");
+                    assert!(
+                        (y - side * half[1]).abs() < 0.01,
+                        "{age:?}: y {low:?} {high:?} {half:?}"
+                    );
                 }
-                assert!(low[2].abs() < 0.01 && (high[2] - 2.0 * half[2]).abs() < 0.01, "{age:?} {hair:?}: z {low:?} {high:?}");
+                assert!(
+                    low[2].abs() < 0.01 && (high[2] - 2.0 * half[2]).abs() < 0.01,
+                    "{age:?} {hair:?}: z {low:?} {high:?}"
+                );
             }
         }
     }
@@ -218,7 +274,16 @@ mod tests {
     #[test]
     fn a_person_is_cheap() {
         let meshes = person_meshes(&PersonShape::plain(Age::Adult, 1.8));
-        let count = |lod: usize| (0..N_PARTS).map(|part| meshes.parts[mesh_of(part)].lods[lod].n_indices / 3).sum::<u32>();
-        assert!(count(0) < 3000 && count(1) < 700, "{} {}", count(0), count(1));
+        let count = |lod: usize| {
+            (0..N_PARTS)
+                .map(|part| meshes.parts[mesh_of(part)].lods[lod].n_indices / 3)
+                .sum::<u32>()
+        };
+        assert!(
+            count(0) < 3000 && count(1) < 700,
+            "{} {}",
+            count(0),
+            count(1)
+        );
     }
 }

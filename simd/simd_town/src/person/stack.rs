@@ -18,12 +18,21 @@ pub struct Ring {
 
 /// A ring from shares of `scale_m`.
 pub fn ring(scale_m: f32, [z, x, half_x, half_y]: [f32; 4]) -> Ring {
-    Ring { z_m: z * scale_m, x_m: x * scale_m, half_x_m: half_x * scale_m, half_y_m: half_y * scale_m }
+    Ring {
+        z_m: z * scale_m,
+        x_m: x * scale_m,
+        half_x_m: half_x * scale_m,
+        half_y_m: half_y * scale_m,
+    }
 }
 
 impl Ring {
     fn at(&self, angle: f32) -> [f32; 3] {
-        [self.x_m + self.half_x_m * angle.cos(), self.half_y_m * angle.sin(), self.z_m]
+        [
+            self.x_m + self.half_x_m * angle.cos(),
+            self.half_y_m * angle.sin(),
+            self.z_m,
+        ]
     }
 
     fn radius_m(&self) -> f32 {
@@ -31,16 +40,28 @@ impl Ring {
     }
 }
 
-/// Skins rings by rising height with `n` sides, closed at both ends; `surface(i)` is that of the band above ring `i`.
-pub fn stack(builder: &mut MeshBuilder, rings: &[Ring], n: usize, surface: impl Fn(usize) -> Surface) {
+/// Skins rings by rising height with `n` sides, closed at both ends; `surface(i)` is that of the
+/// band above ring `i`.
+pub fn stack(
+    builder: &mut MeshBuilder,
+    rings: &[Ring],
+    n: usize,
+    surface: impl Fn(usize) -> Surface,
+) {
     let angle = |k: usize| std::f32::consts::TAU * (k % n) as f32 / n as f32;
     let slope = |i: usize| {
-        let (a, b) = (rings[i.saturating_sub(1)], rings[(i + 1).min(rings.len() - 1)]);
+        let (a, b) = (
+            rings[i.saturating_sub(1)],
+            rings[(i + 1).min(rings.len() - 1)],
+        );
         ((a.radius_m() - b.radius_m()) / (b.z_m - a.z_m).max(1e-4)).clamp(-3.0, 3.0)
     };
     let normal = |i: usize, k: usize| {
         let (r, a) = (&rings[i], angle(k));
-        let (x, y) = (a.cos() * r.half_y_m.max(1e-4), a.sin() * r.half_x_m.max(1e-4));
+        let (x, y) = (
+            a.cos() * r.half_y_m.max(1e-4),
+            a.sin() * r.half_x_m.max(1e-4),
+        );
         let across = x.hypot(y).max(1e-6);
         let z = slope(i);
         let length = (1.0 + z * z).sqrt();
@@ -50,7 +71,12 @@ pub fn stack(builder: &mut MeshBuilder, rings: &[Ring], n: usize, surface: impl 
         for k in 0..n {
             let order = [(i, k), (i, k + 1), (i + 1, k + 1), (i + 1, k)];
             let points = order.map(|(i, k)| rings[i].at(angle(k)));
-            builder.polygon_with_normals(surface(i), &points, &order.map(|(i, k)| normal(i, k)), &[[0.0; 2]; 4]);
+            builder.polygon_with_normals(
+                surface(i),
+                &points,
+                &order.map(|(i, k)| normal(i, k)),
+                &[[0.0; 2]; 4],
+            );
         }
     }
     let last = rings.len() - 1;

@@ -12,7 +12,10 @@ use super::{BodyStyle, Frame, microbus, outfit};
 /// What a strip of the finest level is made of.
 pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) -> Surface {
     if part != Gap
-        && let Some(surface) = frame.outfit.livery(frame.class, strip, matches!(part, Cabin | Pillar))
+        && let Some(surface) =
+            frame
+                .outfit
+                .livery(frame.class, strip, matches!(part, Cabin | Pillar))
     {
         return surface;
     }
@@ -24,19 +27,29 @@ pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) ->
         (5, Pillar) if style == BodyStyle::Microbus => microbus::upper(frame),
         (5, Pillar) if style != BodyStyle::Van => frame.dark(),
         (7, Screen) => frame.glass(),
-        (6 | 7, Cabin | Screen | Pillar | Gap) if style == BodyStyle::Microbus => microbus::upper(frame),
+        (6 | 7, Cabin | Screen | Pillar | Gap) if style == BodyStyle::Microbus => {
+            microbus::upper(frame)
+        }
         _ => frame.paint(),
     }
 }
 
 /// The finest level without the sides of doors: where they begin and end.
-pub(super) fn open_body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, doors: [[f32; 2]; 2]) {
+pub(super) fn open_body(
+    builder: &mut MeshBuilder,
+    frame: &Frame,
+    style: BodyStyle,
+    doors: [[f32; 2]; 2],
+) {
     let table = table(style);
     let stations = stations(frame, table, 0, doors.as_flattened());
     let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
     let surface = |segment: usize, strip: usize| {
         let middle = 0.5 * (stations[segment].0 + stations[segment + 1].0);
-        let is_door = (2..=5).contains(&strip) && doors.iter().any(|[from, to]| (*from..*to).contains(&middle));
+        let is_door = (2..=5).contains(&strip)
+            && doors
+                .iter()
+                .any(|[from, to]| (*from..*to).contains(&middle));
         (!is_door).then(|| skin(frame, style, stations[segment].5, strip))
     };
     loft_with_holes(builder, &sections, surface, [frame.paint(); 2]);
@@ -70,29 +83,53 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
     outfit::on_car(builder, frame, style, detail);
 }
 
-/// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the outline.
-pub(super) fn stations(frame: &Frame, table: &[Station], detail: usize, also: &[f32]) -> Vec<Station> {
+/// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the
+/// outline.
+pub(super) fn stations(
+    frame: &Frame,
+    table: &[Station],
+    detail: usize,
+    also: &[f32],
+) -> Vec<Station> {
     let mut places: Vec<f32> = table.iter().map(|s| s.0).collect();
     match detail {
         0 => places.extend(frame.arch_places(&[-1.0, -0.96, -0.8, -0.5, 0.0, 0.5, 0.8, 0.96, 1.0])),
         1 => {
-            places
-                .retain(|&u| (u == 0.0 || u == 1.0 || (0.02..0.98).contains(&u)) && !table.iter().any(|s| s.0 == u && matches!(s.5, Gap)));
+            places.retain(|&u| {
+                (u == 0.0 || u == 1.0 || (0.02..0.98).contains(&u))
+                    && !table.iter().any(|s| s.0 == u && matches!(s.5, Gap))
+            });
             places.extend(frame.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
         }
         3 => {
-            // Where bonnet, cabin and boot begin and end, and where nose and tail have their full width.
+            // Where bonnet, cabin and boot begin and end, and where nose and tail have their full
+            // width.
             let kind = |i: usize| match table[i].5 {
                 Pillar | Gap => Cabin,
                 part => part,
             };
-            let keep = |i: usize| i == 0 || i == 2 || i + 3 == table.len() || i + 1 == table.len() || i > 2 && kind(i) != kind(i - 1);
-            places = (0..table.len()).filter(|&i| keep(i)).map(|i| table[i].0).collect();
+            let keep = |i: usize| {
+                i == 0
+                    || i == 2
+                    || i + 3 == table.len()
+                    || i + 1 == table.len()
+                    || i > 2 && kind(i) != kind(i - 1)
+            };
+            places = (0..table.len())
+                .filter(|&i| keep(i))
+                .map(|i| table[i].0)
+                .collect();
         }
         _ => {
-            let keep =
-                |i: usize| i == 0 || i + 1 == table.len() || (i > 1 && i + 2 < table.len() && i.is_multiple_of(2) && table[i].5 != Gap);
-            places = (0..table.len()).filter(|&i| keep(i)).map(|i| table[i].0).collect();
+            let keep = |i: usize| {
+                i == 0
+                    || i + 1 == table.len()
+                    || (i > 1 && i + 2 < table.len() && i.is_multiple_of(2) && table[i].5 != Gap)
+            };
+            places = (0..table.len())
+                .filter(|&i| keep(i))
+                .map(|i| table[i].0)
+                .collect();
         }
     }
     places.retain(|u| also.iter().all(|place| (u - place).abs() > 0.002));
@@ -103,15 +140,30 @@ pub(super) fn stations(frame: &Frame, table: &[Station], detail: usize, also: &[
 }
 
 pub(super) fn interpolate(table: &[Station], u: f32) -> Station {
-    let next = table.iter().position(|s| s.0 > u + 1e-5).unwrap_or(table.len() - 1).max(1);
+    let next = table
+        .iter()
+        .position(|s| s.0 > u + 1e-5)
+        .unwrap_or(table.len() - 1)
+        .max(1);
     let (a, b) = (table[next - 1], table[next]);
     let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
     let mix = |p: f32, q: f32| p + (q - p) * k;
     let part = if u >= b.0 - 1e-5 { b.5 } else { a.5 };
-    (u, mix(a.1, b.1), mix(a.2, b.2), mix(a.3, b.3), mix(a.4, b.4), part)
+    (
+        u,
+        mix(a.1, b.1),
+        mix(a.2, b.2),
+        mix(a.3, b.3),
+        mix(a.4, b.4),
+        part,
+    )
 }
 
-pub(super) fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, detail: usize) -> Section {
+pub(super) fn section(
+    frame: &Frame,
+    &(u, belt, top, width, roof, _): &Station,
+    detail: usize,
+) -> Section {
     let (w, h) = (frame.body_half_m * width, frame.height());
     let (belt, top) = (belt * h, top * h);
     let nose = (0.10 - u).max(u - 0.90).max(0.0) * 10.0;
@@ -134,7 +186,10 @@ pub(super) fn section(frame: &Frame, &(u, belt, top, width, roof, _): &Station, 
         1 => [0, 1, 3, 5, 6, 8].map(|i| fine[i]).to_vec(),
         _ => [0, 1, 5, 6, 8].map(|i| fine[i]).to_vec(),
     };
-    Section { x_m: frame.x(u), ring_m }
+    Section {
+        x_m: frame.x(u),
+        ring_m,
+    }
 }
 
 /// Lamps, plates, bumpers.
@@ -155,69 +210,188 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         // Front faces end at these x: the outer ones lie further back, as the bumper is round.
-        let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), x: f32, (low, high): (f32, f32)| {
-            let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
-            let (centre, half) = ([x - 0.06, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
-            lamp_block(builder, frame.lamp(rgb, bit), (centre, half), [1.0, side], detail);
-        };
-        lamp([255, 246, 224], 1, (flat - 0.16, flat), skin + 0.012, (-0.03, 0.03));
+        let mut lamp =
+            |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), x: f32, (low, high): (f32, f32)| {
+                let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
+                let (centre, half) = (
+                    [x - 0.06, y, lamp_z + 0.5 * (low + high) * h],
+                    [0.06, half_y, 0.5 * (high - low) * h],
+                );
+                lamp_block(
+                    builder,
+                    frame.lamp(rgb, bit),
+                    (centre, half),
+                    [1.0, side],
+                    detail,
+                );
+            };
+        lamp(
+            [255, 246, 224],
+            1,
+            (flat - 0.16, flat),
+            skin + 0.012,
+            (-0.03, 0.03),
+        );
         if detail < 2 {
-            lamp([255, 250, 235], 2, (flat - 0.27, flat - 0.17), skin + 0.012, (-0.03, 0.03));
-            lamp([255, 160, 30], blinker, (flat + 0.005, flat + 0.075), skin - 0.005, (-0.03, 0.03));
-            lamp([250, 250, 255], 0, (flat - 0.27, flat), skin + 0.014, (-0.045, -0.033));
+            lamp(
+                [255, 250, 235],
+                2,
+                (flat - 0.27, flat - 0.17),
+                skin + 0.012,
+                (-0.03, 0.03),
+            );
+            lamp(
+                [255, 160, 30],
+                blinker,
+                (flat + 0.005, flat + 0.075),
+                skin - 0.005,
+                (-0.03, 0.03),
+            );
+            lamp(
+                [250, 250, 255],
+                0,
+                (flat - 0.27, flat),
+                skin + 0.014,
+                (-0.045, -0.033),
+            );
         }
     }
     if detail == 0 {
-        let bar = |builder: &mut MeshBuilder, surface: Surface, half_y: f32, z: f32, half_z: f32, out: f32| {
-            builder.cuboid(surface, [skin - 0.03 + out, 0.0, z], [0.03, half_y * w, half_z]);
+        let bar = |builder: &mut MeshBuilder,
+                   surface: Surface,
+                   half_y: f32,
+                   z: f32,
+                   half_z: f32,
+                   out: f32| {
+            builder.cuboid(
+                surface,
+                [skin - 0.03 + out, 0.0, z],
+                [0.03, half_y * w, half_z],
+            );
         };
         bar(builder, frame.dark(), flat - 0.29, lamp_z, 0.03 * h, 0.010);
         let chrome = Surface::new(frame.class, Material::Metal, [196, 198, 200]);
         for k in [-0.6f32, 0.0, 0.6] {
-            bar(builder, chrome, flat - 0.31, lamp_z + k * 0.03 * h, 0.004, 0.013);
+            bar(
+                builder,
+                chrome,
+                flat - 0.31,
+                lamp_z + k * 0.03 * h,
+                0.004,
+                0.013,
+            );
         }
-        bar(builder, frame.dark(), flat - 0.12, frame.sill_m + 0.10, 0.06, 0.010);
-        plate(builder, frame, [frame.half[0] - 0.006, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03]);
-        builder.cuboid(frame.dark(), [skin - 0.01, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03], [0.03, 0.27, 0.06]);
+        bar(
+            builder,
+            frame.dark(),
+            flat - 0.12,
+            frame.sill_m + 0.10,
+            0.06,
+            0.010,
+        );
+        plate(
+            builder,
+            frame,
+            [
+                frame.half[0] - 0.006,
+                0.0,
+                0.5 * (lamp_z + frame.sill_m) + 0.03,
+            ],
+        );
+        builder.cuboid(
+            frame.dark(),
+            [skin - 0.01, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03],
+            [0.03, 0.27, 0.06],
+        );
     }
 }
 
-fn rear(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], style: BodyStyle, detail: usize) {
+fn rear(
+    builder: &mut MeshBuilder,
+    frame: &Frame,
+    table: &[Station],
+    style: BodyStyle,
+    detail: usize,
+) {
     let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
     let last = table[table.len() - 1];
-    let lamp_z = if style == BodyStyle::Van { 0.40 * h } else { (last.1 - 0.055) * h };
-    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge) { 0.05 } else { 0.036 };
+    let lamp_z = if style == BodyStyle::Van {
+        0.40 * h
+    } else {
+        (last.1 - 0.055) * h
+    };
+    let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge) {
+        0.05
+    } else {
+        0.036
+    };
     let flat = last.3 - 0.01;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), (low, high): (f32, f32)| {
             let (y, half_y) = (side * 0.5 * (from + to) * w, 0.5 * (to - from) * w);
-            let (centre, half) = ([0.06 - skin - 0.014, y, lamp_z + 0.5 * (low + high) * h], [0.06, half_y, 0.5 * (high - low) * h]);
-            lamp_block(builder, frame.lamp(rgb, bit), (centre, half), [-1.0, side], detail);
+            let (centre, half) = (
+                [0.06 - skin - 0.014, y, lamp_z + 0.5 * (low + high) * h],
+                [0.06, half_y, 0.5 * (high - low) * h],
+            );
+            lamp_block(
+                builder,
+                frame.lamp(rgb, bit),
+                (centre, half),
+                [-1.0, side],
+                detail,
+            );
         };
         let inner = flat - if style == BodyStyle::Van { 0.10 } else { 0.22 };
         lamp([255, 24, 18], 3, (inner, flat), (0.0, tall));
         lamp([235, 20, 16], 0, (inner, flat), (-tall, 0.0));
         if detail < 2 {
-            lamp([255, 150, 25], blinker, (inner - 0.075, inner - 0.005), (0.0, tall));
-            lamp([245, 245, 245], 6, (inner - 0.075, inner - 0.005), (-tall, 0.0));
+            lamp(
+                [255, 150, 25],
+                blinker,
+                (inner - 0.075, inner - 0.005),
+                (0.0, tall),
+            );
+            lamp(
+                [245, 245, 245],
+                6,
+                (inner - 0.075, inner - 0.005),
+                (-tall, 0.0),
+            );
         }
     }
     if detail == 0 {
-        let z = if style == BodyStyle::Van { 0.36 * h } else { lamp_z - 0.065 * h };
+        let z = if style == BodyStyle::Van {
+            0.36 * h
+        } else {
+            lamp_z - 0.065 * h
+        };
         plate(builder, frame, [-frame.half[0] + 0.006, 0.0, z]);
         builder.cuboid(frame.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);
-        builder.cuboid(frame.dark(), [0.02 - skin, 0.0, frame.sill_m + 0.08], [0.03, (flat - 0.06) * w, 0.05]);
+        builder.cuboid(
+            frame.dark(),
+            [0.02 - skin, 0.0, frame.sill_m + 0.08],
+            [0.03, (flat - 0.06) * w, 0.05],
+        );
         if style == BodyStyle::Van {
             for y in [0.42, -0.42] {
-                builder.cuboid(frame.glass(), [0.02 - skin, y * w, 0.72 * h], [0.03, 0.33 * w, 0.13 * h]);
+                builder.cuboid(
+                    frame.glass(),
+                    [0.02 - skin, y * w, 0.72 * h],
+                    [0.03, 0.33 * w, 0.13 * h],
+                );
             }
-            builder.cuboid(frame.dark(), [0.024 - skin, 0.0, 0.55 * h], [0.03, 0.006, 0.38 * h]);
+            builder.cuboid(
+                frame.dark(),
+                [0.024 - skin, 0.0, 0.55 * h],
+                [0.03, 0.006, 0.38 * h],
+            );
         }
     }
 }
 
-/// A lamp that stands out of the skin a little. From farther away only what shows: its front, and up to the third level its outer side.
+/// A lamp that stands out of the skin a little. From farther away only what shows: its front, and
+/// up to the third level its outer side.
 /// `towards` are the signs of x and y in which it looks.
 pub(super) fn lamp_block(
     builder: &mut MeshBuilder,
@@ -233,17 +407,23 @@ pub(super) fn lamp_block(
     let ([x, y, z], [hx, hy, hz], [ahead, out]) = (centre_m, half_m, towards);
     let front_x = x + ahead * hx;
     // Counter-clockwise from where it looks.
-    let front = [(-ahead, -1.0), (ahead, -1.0), (ahead, 1.0), (-ahead, 1.0)].map(|(a, b)| [front_x, y + a * hy, z + b * hz]);
+    let front = [(-ahead, -1.0), (ahead, -1.0), (ahead, 1.0), (-ahead, 1.0)]
+        .map(|(a, b)| [front_x, y + a * hy, z + b * hz]);
     builder.polygon(surface, &front, &[[0.0; 2]; 4]);
     if detail < 3 {
-        let side = [(out, -1.0), (-out, -1.0), (-out, 1.0), (out, 1.0)].map(|(a, b)| [x + a * hx, y + out * hy, z + b * hz]);
+        let side = [(out, -1.0), (-out, -1.0), (-out, 1.0), (out, 1.0)]
+            .map(|(a, b)| [x + a * hx, y + out * hy, z + b * hz]);
         builder.polygon(surface, &side, &[[0.0; 2]; 4]);
     }
 }
 
 /// Number plate.
 pub fn plate(builder: &mut MeshBuilder, frame: &Frame, centre_m: [f32; 3]) {
-    builder.cuboid(Surface::new(frame.class, Material::Matte, [236, 236, 230]), centre_m, [0.006, 0.26, 0.055]);
+    builder.cuboid(
+        Surface::new(frame.class, Material::Matte, [236, 236, 230]),
+        centre_m,
+        [0.006, 0.26, 0.055],
+    );
 }
 
 fn mirrors(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle) {
@@ -255,11 +435,23 @@ fn mirrors(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle) {
         _ => 0.325,
     });
     for side in [1.0f32, -1.0] {
-        builder.cuboid(frame.dark(), [x, side * 0.5 * (outer + inner - 0.05), belt + 0.035], [0.025, 0.5 * (outer - inner), 0.018]);
+        builder.cuboid(
+            frame.dark(),
+            [x, side * 0.5 * (outer + inner - 0.05), belt + 0.035],
+            [0.025, 0.5 * (outer - inner), 0.018],
+        );
         let half_y = 0.5 * (outer - inner + 0.03).min(0.2);
-        builder.cuboid(frame.paint(), [x + 0.01, side * (outer - half_y), belt + 0.085], [0.045, half_y, 0.06]);
+        builder.cuboid(
+            frame.paint(),
+            [x + 0.01, side * (outer - half_y), belt + 0.085],
+            [0.045, half_y, 0.06],
+        );
         let glass = Surface::new(frame.class, Material::Glass, [150, 160, 170]);
-        builder.cuboid(glass, [x - 0.037, side * (outer - half_y), belt + 0.085], [0.004, half_y * 0.88, 0.05]);
+        builder.cuboid(
+            glass,
+            [x - 0.037, side * (outer - half_y), belt + 0.085],
+            [0.004, half_y * 0.88, 0.05],
+        );
     }
 }
 

@@ -1,6 +1,8 @@
-//! Doors that open: a body with door openings and an interior behind them, and a slab for each door.
+//! Doors that open: a body with door openings and an interior behind them, and a slab for each
+//! door.
 //!
-//! Most of the time every door is shut, and then the plain body is drawn. The two are the same from outside.
+//! Most of the time every door is shut, and then the plain body is drawn. The two are the same from
+//! outside.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sensor_core::mesh::Surface;
@@ -57,7 +59,9 @@ impl Door {
             }
             DoorMotion::Sliding(length_m) => {
                 let out_m = SLIDE_OUT_M * (opening * 5.0).min(1.0);
-                Isometry3::from(Translation3::new(-length_m * opening, outwards * out_m, 0.0) * hinge)
+                Isometry3::from(
+                    Translation3::new(-length_m * opening, outwards * out_m, 0.0) * hinge,
+                )
             }
         }
     }
@@ -94,7 +98,8 @@ pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<Doo
     let spans = spans(shape.style)?;
     let frame = Frame::new(shape, outfit);
     let table = table(shape.style);
-    let mut builder = MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
+    let mut builder =
+        MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
     car::open_body(&mut builder, &frame, shape.style, spans);
     interior(&mut builder, &frame, table, spans);
     builder.end_level(45.0);
@@ -103,10 +108,19 @@ pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<Doo
     let mut doors = Vec::new();
     for (row, span) in spans.into_iter().enumerate() {
         for left in [true, false] {
-            doors.push(door(&frame, shape.style, span, row == 1 && matches!(shape.style, BodyStyle::Van | BodyStyle::Microbus), left));
+            doors.push(door(
+                &frame,
+                shape.style,
+                span,
+                row == 1 && matches!(shape.style, BodyStyle::Van | BodyStyle::Microbus),
+                left,
+            ));
         }
     }
-    Some(DoorMeshes { body: builder.finish(), doors })
+    Some(DoorMeshes {
+        body: builder.finish(),
+        doors,
+    })
 }
 
 /// Adds a polygon so that it faces a direction.
@@ -131,7 +145,9 @@ fn facing(builder: &mut MeshBuilder, surface: Surface, corners: &[[f32; 3]], dir
 
 /// Stations of the fine body between two places, both ends included.
 fn stations_between(frame: &Frame, table: &[Station], [from, to]: [f32; 2]) -> Vec<Station> {
-    let inside = car::stations(frame, table, 0, &[]).into_iter().filter(|s| s.0 > from + 0.003 && s.0 < to - 0.003);
+    let inside = car::stations(frame, table, 0, &[])
+        .into_iter()
+        .filter(|s| s.0 > from + 0.003 && s.0 < to - 0.003);
     let mut all = vec![interpolate(table, from)];
     all.extend(inside);
     all.push(interpolate(table, to));
@@ -155,28 +171,53 @@ impl Slab<'_> {
     /// Place of section `i`, ring `j`, under the skin by so much; about the hinge.
     fn at(&self, i: usize, j: usize, inwards_m: f32) -> [f32; 3] {
         let [y, z] = self.sections[i].ring_m[j];
-        [self.sections[i].x_m - self.hinge[0], self.side * (y - inwards_m) - self.hinge[1], z]
+        [
+            self.sections[i].x_m - self.hinge[0],
+            self.side * (y - inwards_m) - self.hinge[1],
+            z,
+        ]
     }
 
     /// Skin and inner side between these sections and rings; the edges too if they are to be seen.
-    fn build(&self, builder: &mut MeshBuilder, picked: &[usize], rings: &[usize], with_edges: bool) {
+    fn build(
+        &self,
+        builder: &mut MeshBuilder,
+        picked: &[usize],
+        rings: &[usize],
+        with_edges: bool,
+    ) {
         let trim = Surface::new(self.frame.class, Material::Matte, [62, 58, 54]);
         let dark = self.frame.dark();
         for (a, b) in picked.iter().zip(&picked[1..]).map(|(a, b)| (*a, *b)) {
             for (j, k) in rings.iter().zip(&rings[1..]).map(|(j, k)| (*j, *k)) {
-                let quad = |inwards_m: f32| [(a, j), (b, j), (b, k), (a, k)].map(|(i, j)| self.at(i, j, inwards_m));
+                let quad = |inwards_m: f32| {
+                    [(a, j), (b, j), (b, k), (a, k)].map(|(i, j)| self.at(i, j, inwards_m))
+                };
                 let skin = car::skin(self.frame, self.style, self.stations[a].5, j);
                 facing(builder, skin, &quad(0.0), [0.0, self.side, 0.0]);
-                facing(builder, if j == LAST_RING - 1 { skin } else { trim }, &quad(THICKNESS_M), [0.0, -self.side, 0.0]);
+                facing(
+                    builder,
+                    if j == LAST_RING - 1 { skin } else { trim },
+                    &quad(THICKNESS_M),
+                    [0.0, -self.side, 0.0],
+                );
             }
-            for (ring, up) in [(FIRST_RING, -1.0), (LAST_RING, 1.0)].into_iter().filter(|_| with_edges) {
-                let edge = [(a, 0.0), (b, 0.0), (b, THICKNESS_M), (a, THICKNESS_M)].map(|(i, inwards_m)| self.at(i, ring, inwards_m));
+            for (ring, up) in [(FIRST_RING, -1.0), (LAST_RING, 1.0)]
+                .into_iter()
+                .filter(|_| with_edges)
+            {
+                let edge = [(a, 0.0), (b, 0.0), (b, THICKNESS_M), (a, THICKNESS_M)]
+                    .map(|(i, inwards_m)| self.at(i, ring, inwards_m));
                 facing(builder, dark, &edge, [0.0, 0.0, up]);
             }
         }
-        for (i, forward) in [(0, 1.0), (self.sections.len() - 1, -1.0)].into_iter().filter(|_| with_edges) {
+        for (i, forward) in [(0, 1.0), (self.sections.len() - 1, -1.0)]
+            .into_iter()
+            .filter(|_| with_edges)
+        {
             for (j, k) in rings.iter().zip(&rings[1..]).map(|(j, k)| (*j, *k)) {
-                let edge = [(j, 0.0), (k, 0.0), (k, THICKNESS_M), (j, THICKNESS_M)].map(|(ring, inwards_m)| self.at(i, ring, inwards_m));
+                let edge = [(j, 0.0), (k, 0.0), (k, THICKNESS_M), (j, THICKNESS_M)]
+                    .map(|(ring, inwards_m)| self.at(i, ring, inwards_m));
                 facing(builder, dark, &edge, [forward, 0.0, 0.0]);
             }
         }
@@ -187,23 +228,62 @@ fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: boo
     let stations = stations_between(frame, table(style), span);
     let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
     let side = if left { 1.0f32 } else { -1.0 };
-    let hinge = [sections[0].x_m, side * (sections[0].ring_m[4][0] - 0.5 * THICKNESS_M), 0.0];
-    let slab = Slab { frame, style, stations, sections, side, hinge };
+    let hinge = [
+        sections[0].x_m,
+        side * (sections[0].ring_m[4][0] - 0.5 * THICKNESS_M),
+        0.0,
+    ];
+    let slab = Slab {
+        frame,
+        style,
+        stations,
+        sections,
+        side,
+        hinge,
+    };
     let last = slab.sections.len() - 1;
     let length_m = slab.sections[0].x_m - slab.sections[last].x_m;
     let mut builder = MeshBuilder::new("door");
-    slab.build(&mut builder, &Vec::from_iter(0..=last), &Vec::from_iter(FIRST_RING..=LAST_RING), true);
+    slab.build(
+        &mut builder,
+        &Vec::from_iter(0..=last),
+        &Vec::from_iter(FIRST_RING..=LAST_RING),
+        true,
+    );
     // The handle, below the window near the rear edge.
     let [handle_x, handle_y, handle_z] = slab.at(last - 1, 4, 0.0);
     let handle_x = handle_x.clamp(0.15 - length_m, -0.12);
-    builder.cuboid(frame.dark(), [handle_x - 0.02, handle_y + side * 0.008, handle_z - 0.03], [0.07, 0.012, 0.011]);
+    builder.cuboid(
+        frame.dark(),
+        [handle_x - 0.02, handle_y + side * 0.008, handle_z - 0.03],
+        [0.07, 0.012, 0.011],
+    );
     builder.end_level(LEVELS_M[0]);
-    slab.build(&mut builder, &[0, last / 2, last], &[FIRST_RING, 3, LAST_RING - 1, LAST_RING], true);
+    slab.build(
+        &mut builder,
+        &[0, last / 2, last],
+        &[FIRST_RING, 3, LAST_RING - 1, LAST_RING],
+        true,
+    );
     builder.end_level(LEVELS_M[1]);
-    slab.build(&mut builder, &[0, last], &[FIRST_RING, LAST_RING - 1, LAST_RING], false);
+    slab.build(
+        &mut builder,
+        &[0, last],
+        &[FIRST_RING, LAST_RING - 1, LAST_RING],
+        false,
+    );
     builder.end_level(LEVELS_M[2]);
-    let motion = if slides { DoorMotion::Sliding(0.95 * f64::from(length_m)) } else { DoorMotion::Hinged };
-    Door { mesh: builder.finish(), hinge_m: hinge.map(f64::from), motion, left }
+    let motion = if slides {
+        DoorMotion::Sliding(0.95 * f64::from(length_m))
+    } else {
+        DoorMotion::Hinged
+    };
+    Door {
+        mesh: builder.finish(),
+        hinge_m: hinge.map(f64::from),
+        motion,
+        left,
+    }
 }
 
 /// Lining, bulkheads and seats: what one sees through the openings.
@@ -216,7 +296,11 @@ fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: 
         let mut section = section(frame, s, 0);
         for (j, [y, z]) in section.ring_m.iter_mut().enumerate() {
             *y = (*y - LINING_M).max(0.0);
-            *z += if j < FIRST_RING { LINING_M } else { -LINING_M * (j as f32 - 4.0).clamp(0.0, 1.0) };
+            *z += if j < FIRST_RING {
+                LINING_M
+            } else {
+                -LINING_M * (j as f32 - 4.0).clamp(0.0, 1.0)
+            };
         }
         section
     };
@@ -231,10 +315,25 @@ fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: 
                 continue;
             }
             for side in [1.0f32, -1.0] {
-                let at = |i: usize, j: usize| [sections[i].x_m, side * sections[i].ring_m[j][0], sections[i].ring_m[j][1]];
-                let inwards = if j == 0 { [0.0, 0.0, 1.0] } else { [0.0, -side, if j > 5 { -4.0 } else { 0.0 }] };
+                let at = |i: usize, j: usize| {
+                    [
+                        sections[i].x_m,
+                        side * sections[i].ring_m[j][0],
+                        sections[i].ring_m[j][1],
+                    ]
+                };
+                let inwards = if j == 0 {
+                    [0.0, 0.0, 1.0]
+                } else {
+                    [0.0, -side, if j > 5 { -4.0 } else { 0.0 }]
+                };
                 let surface = if j < FIRST_RING { carpet } else { lining };
-                facing(builder, surface, &[at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)], inwards);
+                facing(
+                    builder,
+                    surface,
+                    &[at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)],
+                    inwards,
+                );
             }
         }
     }
@@ -257,11 +356,27 @@ fn seats(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f
                 let axle = share * frame.wheelbase_m;
                 x - 0.10 < axle + frame.arch_radius_m() && x + 0.46 > axle - frame.arch_radius_m()
             });
-            let arch_m = if over_wheel { frame.wheel_radius_m + frame.arch_radius_m() + 0.04 + 0.07 * room_m } else { 0.0 };
+            let arch_m = if over_wheel {
+                frame.wheel_radius_m + frame.arch_radius_m() + 0.04 + 0.07 * room_m
+            } else {
+                0.0
+            };
             let cushion_z = (frame.sill_m + 0.24 * room_m).max(arch_m);
-            builder.cuboid(cloth, [x + 0.22, y, cushion_z], [0.24, half_y, 0.07 * room_m]);
-            builder.cuboid(cloth, [x - 0.04, y, cushion_z + 0.25 * room_m], [0.06, half_y, 0.29 * room_m]);
-            builder.cuboid(cloth, [x - 0.05, y, cushion_z + 0.60 * room_m], [0.04, 0.6 * half_y, 0.06 * room_m]);
+            builder.cuboid(
+                cloth,
+                [x + 0.22, y, cushion_z],
+                [0.24, half_y, 0.07 * room_m],
+            );
+            builder.cuboid(
+                cloth,
+                [x - 0.04, y, cushion_z + 0.25 * room_m],
+                [0.06, half_y, 0.29 * room_m],
+            );
+            builder.cuboid(
+                cloth,
+                [x - 0.05, y, cushion_z + 0.60 * room_m],
+                [0.04, 0.6 * half_y, 0.06 * room_m],
+            );
         }
     }
 }

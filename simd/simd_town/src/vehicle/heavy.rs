@@ -10,7 +10,12 @@ use super::loft::{Section, loft};
 use super::outfit::{self, Outfit};
 
 /// A rounded box section: floor, skirt, window line, window top, roof.
-fn box_section(frame: &Frame, u: f32, detail: usize, (width, low, high, top): (f32, f32, f32, f32)) -> Section {
+fn box_section(
+    frame: &Frame,
+    u: f32,
+    detail: usize,
+    (width, low, high, top): (f32, f32, f32, f32),
+) -> Section {
     let w = frame.body_half_m * width;
     let floor = frame.arch(u, detail).unwrap_or(frame.sill_m);
     let ring_m = vec![
@@ -23,7 +28,10 @@ fn box_section(frame: &Frame, u: f32, detail: usize, (width, low, high, top): (f
         [w * 0.80, top - 0.02],
         [0.0, top],
     ];
-    Section { x_m: frame.x(u), ring_m }
+    Section {
+        x_m: frame.x(u),
+        ring_m,
+    }
 }
 
 /// One level of a city bus.
@@ -32,38 +40,80 @@ pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     let (low, high) = (0.36 * h, 0.84 * h);
     let mut places = vec![0.0, 0.008, 0.03, 0.97, 0.992, 1.0];
     if detail < 2 {
-        places.extend((1..9).flat_map(|k| [0.03 + 0.94 * k as f32 / 9.0, 0.03 + 0.94 * k as f32 / 9.0 + 0.006]));
-        let arch: &[f32] = if detail == 0 { &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0] } else { &[-1.0, -0.7, 0.7, 1.0] };
+        places.extend((1..9).flat_map(|k| {
+            [
+                0.03 + 0.94 * k as f32 / 9.0,
+                0.03 + 0.94 * k as f32 / 9.0 + 0.006,
+            ]
+        }));
+        let arch: &[f32] = if detail == 0 {
+            &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0]
+        } else {
+            &[-1.0, -0.7, 0.7, 1.0]
+        };
         places.extend(frame.arch_places(arch));
     }
     places.sort_by(f32::total_cmp);
     places.dedup_by(|a, b| (*a - *b).abs() < 0.0008);
     let width = |u: f32| 1.0 - 0.07 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2);
     let top = |u: f32| h - 0.06 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2) * h * 0.4;
-    let sections: Vec<Section> = places.iter().map(|&u| box_section(frame, u, detail, (width(u), low, high, top(u)))).collect();
+    let sections: Vec<Section> = places
+        .iter()
+        .map(|&u| box_section(frame, u, detail, (width(u), low, high, top(u))))
+        .collect();
     let is_pillar = |u: f32| (1..9).any(|k| (u - 0.03 - 0.94 * k as f32 / 9.0).abs() < 0.001);
     let surface = |segment: usize, strip: usize| match strip {
         0 => frame.dark(),
         1 => frame.trim(),
-        3 if places[segment] > 0.02 && places[segment] < 0.96 && !is_pillar(places[segment]) => frame.glass(),
+        3 if places[segment] > 0.02 && places[segment] < 0.96 && !is_pillar(places[segment]) => {
+            frame.glass()
+        }
         3 if is_pillar(places[segment]) => frame.dark(),
         _ => frame.paint(),
     };
     loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
     let (x, w) = (frame.half[0], frame.body_half_m);
     let skin = frame.skin_m();
-    builder.cuboid(frame.glass(), [skin - 0.03, 0.0, 0.56 * h], [0.04, 0.86 * w, 0.20 * h]);
-    builder.cuboid(frame.glass(), [0.03 - skin, 0.0, 0.66 * h], [0.04, 0.80 * w, 0.13 * h]);
+    builder.cuboid(
+        frame.glass(),
+        [skin - 0.03, 0.0, 0.56 * h],
+        [0.04, 0.86 * w, 0.20 * h],
+    );
+    builder.cuboid(
+        frame.glass(),
+        [0.03 - skin, 0.0, 0.66 * h],
+        [0.04, 0.80 * w, 0.13 * h],
+    );
     if detail < 2 {
         let board = frame.lamp([255, 176, 40], 0);
-        builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.83 * h], [0.04, 0.72 * w, 0.05 * h]);
-        builder.cuboid(board, [skin - 0.03, 0.0, 0.83 * h], [0.045, 0.6 * w, 0.03 * h]);
+        builder.cuboid(
+            frame.dark(),
+            [skin - 0.03, 0.0, 0.83 * h],
+            [0.04, 0.72 * w, 0.05 * h],
+        );
+        builder.cuboid(
+            board,
+            [skin - 0.03, 0.0, 0.83 * h],
+            [0.045, 0.6 * w, 0.03 * h],
+        );
         for u in [0.075, 0.5] {
             let depth = 0.004;
-            builder.cuboid(frame.glass(), [frame.x(u + 0.04), -w - depth, 0.48 * h], [0.62, 0.006, 0.33 * h]);
-            builder.cuboid(frame.dark(), [frame.x(u + 0.04), -w - depth - 0.004, 0.48 * h], [0.02, 0.006, 0.33 * h]);
+            builder.cuboid(
+                frame.glass(),
+                [frame.x(u + 0.04), -w - depth, 0.48 * h],
+                [0.62, 0.006, 0.33 * h],
+            );
+            builder.cuboid(
+                frame.dark(),
+                [frame.x(u + 0.04), -w - depth - 0.004, 0.48 * h],
+                [0.02, 0.006, 0.33 * h],
+            );
         }
-        builder.cuboid(frame.dark(), [-0.2 * x, 0.0, h - 0.03], [0.25 * x, 0.5 * w, 0.028]);
+        builder.cuboid(
+            frame.dark(),
+            [-0.2 * x, 0.0, h - 0.03],
+            [0.25 * x, 0.5 * w, 0.028],
+        );
     }
     lamps(builder, frame, 0.24 * h, detail);
     long_mirrors(builder, frame, x - 0.25, 0.70 * h);
@@ -85,19 +135,42 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     ];
     let mut places: Vec<f32> = table.iter().map(|t| t.0).collect();
     if detail < 2 {
-        let arch: &[f32] = if detail == 0 { &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0] } else { &[-1.0, -0.7, 0.7, 1.0] };
-        places.extend(frame.arch_places(arch).into_iter().filter(|&u| u < cab_end - 0.002));
+        let arch: &[f32] = if detail == 0 {
+            &[-1.0, -0.95, -0.7, -0.35, 0.0, 0.35, 0.7, 0.95, 1.0]
+        } else {
+            &[-1.0, -0.7, 0.7, 1.0]
+        };
+        places.extend(
+            frame
+                .arch_places(arch)
+                .into_iter()
+                .filter(|&u| u < cab_end - 0.002),
+        );
     }
     places.sort_by(f32::total_cmp);
     places.dedup_by(|a, b| (*a - *b).abs() < 0.0015);
     let sections: Vec<Section> = places
         .iter()
         .map(|&u| {
-            let next = table.iter().position(|t| t.0 > u + 1e-6).unwrap_or(table.len() - 1).max(1);
+            let next = table
+                .iter()
+                .position(|t| t.0 > u + 1e-6)
+                .unwrap_or(table.len() - 1)
+                .max(1);
             let (a, b) = (table[next - 1], table[next]);
             let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
             let mix = |p: f32, q: f32| p + (q - p) * k;
-            box_section(frame, u, detail, (mix(a.1, b.1), mix(a.2, b.2) * h, 0.66 * h, mix(a.3, b.3) * cab_top))
+            box_section(
+                frame,
+                u,
+                detail,
+                (
+                    mix(a.1, b.1),
+                    mix(a.2, b.2) * h,
+                    0.66 * h,
+                    mix(a.3, b.3) * cab_top,
+                ),
+            )
         })
         .collect();
     let surface = |segment: usize, strip: usize| match strip {
@@ -109,9 +182,21 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
     let (x, w) = (frame.half[0], frame.body_half_m);
     let skin = frame.skin_m();
-    builder.cuboid(frame.glass(), [skin - 0.03, 0.0, 0.57 * h], [0.04, 0.84 * w, 0.11 * h]);
-    builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.33 * h], [0.04, 0.55 * w, 0.05 * h]);
-    builder.cuboid(frame.dark(), [skin - 0.03, 0.0, 0.15 * h], [0.04, 0.8 * w, 0.02 * h]);
+    builder.cuboid(
+        frame.glass(),
+        [skin - 0.03, 0.0, 0.57 * h],
+        [0.04, 0.84 * w, 0.11 * h],
+    );
+    builder.cuboid(
+        frame.dark(),
+        [skin - 0.03, 0.0, 0.33 * h],
+        [0.04, 0.55 * w, 0.05 * h],
+    );
+    builder.cuboid(
+        frame.dark(),
+        [skin - 0.03, 0.0, 0.15 * h],
+        [0.04, 0.8 * w, 0.02 * h],
+    );
     cargo(builder, frame, [cab_end, cab_top], detail);
     lamps(builder, frame, 0.20 * h, detail);
     long_mirrors(builder, frame, x - 0.25, 0.56 * h);
@@ -128,13 +213,29 @@ fn cargo(builder: &mut MeshBuilder, frame: &Frame, [cab_end, cab_top]: [f32; 2],
         Outfit::Drinks => Surface::new(frame.class, Material::Matte, [188, 24, 26]),
         _ => Surface::new(frame.class, Material::Matte, [226, 226, 222]),
     };
-    builder.cuboid(skin, [middle, 0.0, 0.5 * (floor + h)], [half, w, 0.5 * (h - floor)]);
+    builder.cuboid(
+        skin,
+        [middle, 0.0, 0.5 * (floor + h)],
+        [half, w, 0.5 * (h - floor)],
+    );
     outfit::on_lorry(builder, frame, [rear, front, floor, h], cab_top, detail);
-    builder.cuboid(frame.dark(), [middle + 0.4, 0.0, floor - 0.16], [half + 0.3, 0.45 * w, 0.15]);
+    builder.cuboid(
+        frame.dark(),
+        [middle + 0.4, 0.0, floor - 0.16],
+        [half + 0.3, 0.45 * w, 0.15],
+    );
     if detail < 2 {
         for side in [1.0, -1.0] {
-            builder.cuboid(frame.trim(), [middle + 0.15 * half, side * (w - 0.05), floor - 0.3], [0.42 * half, 0.03, 0.2]);
-            builder.cuboid(frame.dark(), [rear - 0.004, side * 0.03, 0.5 * (floor + h)], [0.006, 0.008, 0.47 * (h - floor)]);
+            builder.cuboid(
+                frame.trim(),
+                [middle + 0.15 * half, side * (w - 0.05), floor - 0.3],
+                [0.42 * half, 0.03, 0.2],
+            );
+            builder.cuboid(
+                frame.dark(),
+                [rear - 0.004, side * 0.03, 0.5 * (floor + h)],
+                [0.006, 0.008, 0.47 * (h - floor)],
+            );
         }
     }
 }
@@ -144,7 +245,11 @@ fn lamps(builder: &mut MeshBuilder, frame: &Frame, z: f32, detail: usize) {
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, at: [f32; 2], half_y: f32, x: f32| {
-            builder.cuboid(frame.lamp(rgb, bit), [x, side * at[0] * w, z + at[1]], [0.03, half_y, 0.07]);
+            builder.cuboid(
+                frame.lamp(rgb, bit),
+                [x, side * at[0] * w, z + at[1]],
+                [0.03, half_y, 0.07],
+            );
         };
         lamp([255, 246, 224], 1, [0.74, 0.0], 0.13, x - 0.045);
         lamp([255, 24, 18], 3, [0.78, 0.0], 0.12, -x + 0.045);
@@ -166,7 +271,15 @@ fn long_mirrors(builder: &mut MeshBuilder, frame: &Frame, x: f32, z: f32) {
     let (outer, inner) = (frame.half[1], frame.body_half_m);
     let half_y = (0.5 * (outer - inner)).min(0.12);
     for side in [1.0f32, -1.0] {
-        builder.cuboid(frame.dark(), [x, side * 0.5 * (outer + inner), z + 0.24], [0.03, 0.5 * (outer - inner), 0.02]);
-        builder.cuboid(frame.dark(), [x, side * (outer - half_y), z], [0.06, half_y, 0.22]);
+        builder.cuboid(
+            frame.dark(),
+            [x, side * 0.5 * (outer + inner), z + 0.24],
+            [0.03, 0.5 * (outer - inner), 0.02],
+        );
+        builder.cuboid(
+            frame.dark(),
+            [x, side * (outer - half_y), z],
+            [0.06, half_y, 0.22],
+        );
     }
 }

@@ -41,7 +41,8 @@ pub enum BodyStyle {
     Bicycle,
 }
 
-/// Measures of a vehicle. Its origin is on the ground midway between the axles; x forward, y left, z up.
+/// Measures of a vehicle. Its origin is on the ground midway between the axles; x forward, y left,
+/// z up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VehicleShape {
     /// Kind of body.
@@ -103,7 +104,11 @@ impl Frame {
             class: car::class_of(shape.style),
             outfit,
             half,
-            body_half_m: if two_wheels { half[1] } else { (half[1] - 0.09).min(1.275) },
+            body_half_m: if two_wheels {
+                half[1]
+            } else {
+                (half[1] - 0.09).min(1.275)
+            },
             sill_m: 0.62 * shape.wheel_radius_m as f32,
             wheel_radius_m: shape.wheel_radius_m as f32,
             wheelbase_m: shape.wheelbase_m as f32,
@@ -172,7 +177,8 @@ impl Frame {
     }
 }
 
-/// Builds the meshes for a shape. Body and wheels together fit its box to 1 cm. `CarPaint` is white: the instance's tint colours it.
+/// Builds the meshes for a shape. Body and wheels together fit its box to 1 cm. `CarPaint` is
+/// white: the instance's tint colours it.
 pub fn vehicle_meshes(shape: &VehicleShape) -> VehicleMeshes {
     outfitted_meshes(shape, Outfit::Plain)
 }
@@ -185,7 +191,9 @@ pub fn outfitted_meshes(shape: &VehicleShape, outfit: Outfit) -> VehicleMeshes {
         match shape.style {
             BodyStyle::Bus => heavy::bus(&mut builder, &frame, detail),
             BodyStyle::Lorry => heavy::lorry(&mut builder, &frame, detail),
-            BodyStyle::Motorcycle | BodyStyle::Bicycle => two_wheeler::body(&mut builder, &frame, shape.style, detail.min(2)),
+            BodyStyle::Motorcycle | BodyStyle::Bicycle => {
+                two_wheeler::body(&mut builder, &frame, shape.style, detail.min(2))
+            }
             _ => car::body(&mut builder, &frame, shape.style, detail),
         }
         builder.end_level(until_m);
@@ -215,13 +223,26 @@ fn wheel_sites(shape: &VehicleShape) -> Vec<WheelSite> {
     let radius_m = shape.wheel_radius_m;
     let axles = [(axle, true), (-axle, false)];
     if matches!(shape.style, BodyStyle::Motorcycle | BodyStyle::Bicycle) {
-        return axles.map(|(x, steered)| WheelSite { centre_m: [x, 0.0, radius_m], radius_m, steered, left: false }).to_vec();
+        return axles
+            .map(|(x, steered)| WheelSite {
+                centre_m: [x, 0.0, radius_m],
+                radius_m,
+                steered,
+                left: false,
+            })
+            .to_vec();
     }
-    let aside = f64::from(Frame::new(shape, Outfit::Plain).body_half_m - 0.5 * tyre(shape.style).0 - 0.012);
+    let aside =
+        f64::from(Frame::new(shape, Outfit::Plain).body_half_m - 0.5 * tyre(shape.style).0 - 0.012);
     axles
         .iter()
         .flat_map(|&(x, steered)| {
-            [(aside, true), (-aside, false)].map(|(y, left)| WheelSite { centre_m: [x, y, radius_m], radius_m, steered, left })
+            [(aside, true), (-aside, false)].map(|(y, left)| WheelSite {
+                centre_m: [x, y, radius_m],
+                radius_m,
+                steered,
+                left,
+            })
         })
         .collect()
 }

@@ -18,7 +18,8 @@ pub(super) enum Part {
 }
 use Part::{Cabin, Gap, Panel, Pillar, Screen};
 
-/// (place from the front 0…1, belt line, roof line, width, roof width, part behind it); heights and widths are shares of the box.
+/// (place from the front 0…1, belt line, roof line, width, roof width, part behind it); heights and
+/// widths are shares of the box.
 pub(super) type Station = (f32, f32, f32, f32, f32, Part);
 
 const SALOON: &[Station] = &[

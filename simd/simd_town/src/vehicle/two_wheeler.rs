@@ -27,21 +27,91 @@ fn motorcycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
     let metal = Surface::new(frame.class, Material::Metal, [150, 152, 156]);
     let bar = 0.66 * h;
     for side in [0.07, -0.07] {
-        tube(builder, metal, ([axle, side, r], 0.025), ([axle - 0.24, side, bar], 0.03), n);
-        tube(builder, frame.dark(), ([-axle, side * 1.3, r], 0.03), ([-0.1, side * 1.3, r + 0.05], 0.04), n);
-        tube(builder, metal, ([-0.1, side * 2.0, r - 0.02], 0.04), ([-axle - 0.12, side * 2.0, r + 0.08], 0.055), n);
+        tube(
+            builder,
+            metal,
+            ([axle, side, r], 0.025),
+            ([axle - 0.24, side, bar], 0.03),
+            n,
+        );
+        tube(
+            builder,
+            frame.dark(),
+            ([-axle, side * 1.3, r], 0.03),
+            ([-0.1, side * 1.3, r + 0.05], 0.04),
+            n,
+        );
+        tube(
+            builder,
+            metal,
+            ([-0.1, side * 2.0, r - 0.02], 0.04),
+            ([-axle - 0.12, side * 2.0, r + 0.08], 0.055),
+            n,
+        );
     }
-    ellipsoid(builder, frame.dark(), [0.02, 0.0, r + 0.1], [0.26, 0.16, 0.2], n);
-    ellipsoid(builder, frame.paint(), [0.16, 0.0, 0.58 * h], [0.30, 0.15, 0.13], n);
-    ellipsoid(builder, frame.dark(), [-0.28, 0.0, 0.56 * h], [0.34, 0.14, 0.07], n);
-    ellipsoid(builder, frame.paint(), [-0.5 * l, 0.0, 0.56 * h], [0.28, 0.1, 0.08], n);
-    ellipsoid(builder, frame.paint(), [axle, 0.0, r * 1.75], [0.2, 0.06, 0.05], n);
-    tube(builder, frame.dark(), ([axle - 0.26, frame.half[1], bar + 0.03], 0.018), ([axle - 0.26, -frame.half[1], bar + 0.03], 0.018), n);
-    builder.cuboid(frame.lamp([255, 246, 224], 1), [axle - 0.12, 0.0, bar - 0.06], [0.05, 0.08, 0.08]);
-    builder.cuboid(frame.lamp([255, 24, 18], 3), [-0.5 * l - 0.28, 0.0, 0.56 * h], [0.02, 0.07, 0.035]);
+    ellipsoid(
+        builder,
+        frame.dark(),
+        [0.02, 0.0, r + 0.1],
+        [0.26, 0.16, 0.2],
+        n,
+    );
+    ellipsoid(
+        builder,
+        frame.paint(),
+        [0.16, 0.0, 0.58 * h],
+        [0.30, 0.15, 0.13],
+        n,
+    );
+    ellipsoid(
+        builder,
+        frame.dark(),
+        [-0.28, 0.0, 0.56 * h],
+        [0.34, 0.14, 0.07],
+        n,
+    );
+    ellipsoid(
+        builder,
+        frame.paint(),
+        [-0.5 * l, 0.0, 0.56 * h],
+        [0.28, 0.1, 0.08],
+        n,
+    );
+    ellipsoid(
+        builder,
+        frame.paint(),
+        [axle, 0.0, r * 1.75],
+        [0.2, 0.06, 0.05],
+        n,
+    );
+    tube(
+        builder,
+        frame.dark(),
+        ([axle - 0.26, frame.half[1], bar + 0.03], 0.018),
+        ([axle - 0.26, -frame.half[1], bar + 0.03], 0.018),
+        n,
+    );
+    builder.cuboid(
+        frame.lamp([255, 246, 224], 1),
+        [axle - 0.12, 0.0, bar - 0.06],
+        [0.05, 0.08, 0.08],
+    );
+    builder.cuboid(
+        frame.lamp([255, 24, 18], 3),
+        [-0.5 * l - 0.28, 0.0, 0.56 * h],
+        [0.02, 0.07, 0.035],
+    );
     for (side, bit) in [(0.16, 5), (-0.16, 4)] {
-        builder.cuboid(frame.lamp([255, 160, 30], bit), [axle - 0.16, side, bar - 0.05], [0.03, 0.02, 0.02]);
-        builder.cuboid(frame.lamp([255, 160, 30], bit), [-0.5 * l - 0.24, side, 0.55 * h], [0.03, 0.02, 0.02]);
+        builder.cuboid(
+            frame.lamp([255, 160, 30], bit),
+            [axle - 0.16, side, bar - 0.05],
+            [0.03, 0.02, 0.02],
+        );
+        builder.cuboid(
+            frame.lamp([255, 160, 30], bit),
+            [-0.5 * l - 0.24, side, 0.55 * h],
+            [0.03, 0.02, 0.02],
+        );
     }
     extremes(builder, frame);
 }
@@ -51,18 +121,53 @@ fn bicycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
     let axle = 0.5 * frame.wheelbase_m;
     let n = n.min(6);
     let paint = frame.paint();
-    let (saddle, head, crank) = ([-0.22, 0.0, 0.60 * h], [axle - 0.16, 0.0, 0.58 * h], [-0.06, 0.0, r * 0.85]);
-    for (a, b) in
-        [(crank, head), (crank, saddle), (saddle, head), ([-axle, 0.0, r], crank), ([-axle, 0.0, r], saddle), ([axle, 0.0, r], head)]
-    {
+    let (saddle, head, crank) = (
+        [-0.22, 0.0, 0.60 * h],
+        [axle - 0.16, 0.0, 0.58 * h],
+        [-0.06, 0.0, r * 0.85],
+    );
+    for (a, b) in [
+        (crank, head),
+        (crank, saddle),
+        (saddle, head),
+        ([-axle, 0.0, r], crank),
+        ([-axle, 0.0, r], saddle),
+        ([axle, 0.0, r], head),
+    ] {
         tube(builder, paint, (a, 0.018), (b, 0.018), n);
     }
     let bar = [head[0] - 0.03, 0.66 * h];
-    tube(builder, frame.dark(), (head, 0.015), ([bar[0], 0.0, bar[1]], 0.015), n);
-    tube(builder, frame.dark(), ([bar[0], frame.half[1], bar[1]], 0.015), ([bar[0], -frame.half[1], bar[1]], 0.015), n);
-    ellipsoid(builder, frame.dark(), [saddle[0], 0.0, saddle[2] + 0.05], [0.13, 0.07, 0.035], n);
-    builder.cuboid(frame.lamp([255, 246, 224], 0), [head[0] + 0.06, 0.0, head[2]], [0.02, 0.03, 0.03]);
-    builder.cuboid(frame.lamp([255, 24, 18], 0), [saddle[0] - 0.1, 0.0, saddle[2] - 0.08], [0.015, 0.025, 0.025]);
+    tube(
+        builder,
+        frame.dark(),
+        (head, 0.015),
+        ([bar[0], 0.0, bar[1]], 0.015),
+        n,
+    );
+    tube(
+        builder,
+        frame.dark(),
+        ([bar[0], frame.half[1], bar[1]], 0.015),
+        ([bar[0], -frame.half[1], bar[1]], 0.015),
+        n,
+    );
+    ellipsoid(
+        builder,
+        frame.dark(),
+        [saddle[0], 0.0, saddle[2] + 0.05],
+        [0.13, 0.07, 0.035],
+        n,
+    );
+    builder.cuboid(
+        frame.lamp([255, 246, 224], 0),
+        [head[0] + 0.06, 0.0, head[2]],
+        [0.02, 0.03, 0.03],
+    );
+    builder.cuboid(
+        frame.lamp([255, 24, 18], 0),
+        [saddle[0] - 0.1, 0.0, saddle[2] - 0.08],
+        [0.015, 0.025, 0.025],
+    );
     extremes(builder, frame);
 }
 
@@ -71,33 +176,101 @@ fn extremes(builder: &mut MeshBuilder, frame: &Frame) {
     let reach = 0.5 * frame.wheelbase_m + frame.wheel_radius_m;
     for side in [1.0f32, -1.0] {
         let (a, b) = (reach.min(frame.half[0] - 0.06) - 0.02, frame.half[0]);
-        builder.cuboid(frame.dark(), [side * 0.5 * (a + b), 0.0, frame.wheel_radius_m * 1.1], [0.5 * (b - a), 0.02, 0.03]);
+        builder.cuboid(
+            frame.dark(),
+            [side * 0.5 * (a + b), 0.0, frame.wheel_radius_m * 1.1],
+            [0.5 * (b - a), 0.02, 0.03],
+        );
     }
 }
 
 fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
     let h = frame.height();
     let cloth = |rgb| Surface::new(Class::RIDER, Material::Cloth, rgb);
-    let (jacket, trousers, skin) = (cloth([58, 74, 110]), cloth([46, 48, 56]), cloth([214, 170, 140]));
+    let (jacket, trousers, skin) = (
+        cloth([58, 74, 110]),
+        cloth([46, 48, 56]),
+        cloth([214, 170, 140]),
+    );
     // A narrow box has a narrow rider.
     let slim = (frame.half[1] / WIDTH_M).min(1.0);
     let top = h;
     let (hip, shoulder) = ([-0.20, 0.0, 0.62 * h], [0.03, 0.0, top - 0.34]);
-    tube(builder, jacket, (hip, 0.15 * slim), (shoulder, 0.17 * slim), n);
-    ellipsoid(builder, if motor { frame.paint() } else { cloth([40, 120, 90]) }, [0.08, 0.0, top - 0.135], [0.135, 0.12, 0.135], n);
+    tube(
+        builder,
+        jacket,
+        (hip, 0.15 * slim),
+        (shoulder, 0.17 * slim),
+        n,
+    );
+    ellipsoid(
+        builder,
+        if motor {
+            frame.paint()
+        } else {
+            cloth([40, 120, 90])
+        },
+        [0.08, 0.0, top - 0.135],
+        [0.135, 0.12, 0.135],
+        n,
+    );
     if !motor {
-        ellipsoid(builder, skin, [0.11, 0.0, top - 0.19], [0.10, 0.09, 0.11], n);
+        ellipsoid(
+            builder,
+            skin,
+            [0.11, 0.0, top - 0.19],
+            [0.10, 0.09, 0.11],
+            n,
+        );
     }
-    let bar = [0.5 * frame.wheelbase_m - if motor { 0.28 } else { 0.2 }, 0.66 * h];
+    let bar = [
+        0.5 * frame.wheelbase_m - if motor { 0.28 } else { 0.2 },
+        0.66 * h,
+    ];
     let foot = frame.wheel_radius_m * 0.75;
     for side in [1.0f32, -1.0] {
         let width = (frame.half[1] - 0.06).min(0.26);
-        let elbow = [0.5 * (shoulder[0] + bar[0]), side * slim * (width + 0.02), 0.5 * (shoulder[2] + bar[1]) - 0.05];
-        tube(builder, jacket, ([shoulder[0], side * slim * 0.16, shoulder[2] - 0.02], 0.055 * slim), (elbow, 0.045 * slim), n);
-        tube(builder, jacket, (elbow, 0.045 * slim), ([bar[0], side * slim * width, bar[1] + 0.02], 0.035), n);
+        let elbow = [
+            0.5 * (shoulder[0] + bar[0]),
+            side * slim * (width + 0.02),
+            0.5 * (shoulder[2] + bar[1]) - 0.05,
+        ];
+        tube(
+            builder,
+            jacket,
+            (
+                [shoulder[0], side * slim * 0.16, shoulder[2] - 0.02],
+                0.055 * slim,
+            ),
+            (elbow, 0.045 * slim),
+            n,
+        );
+        tube(
+            builder,
+            jacket,
+            (elbow, 0.045 * slim),
+            ([bar[0], side * slim * width, bar[1] + 0.02], 0.035),
+            n,
+        );
         let knee = [0.20, side * slim * 0.14, 0.5 * h];
-        tube(builder, trousers, ([hip[0], side * slim * 0.09, hip[2]], 0.085 * slim), (knee, 0.065 * slim), n);
-        tube(builder, trousers, (knee, 0.065 * slim), ([-0.02, side * slim * 0.13, foot], 0.05 * slim), n);
-        builder.cuboid(frame.dark(), [0.05, side * slim * 0.13, foot - 0.03], [0.12, 0.04 * slim, 0.035]);
+        tube(
+            builder,
+            trousers,
+            ([hip[0], side * slim * 0.09, hip[2]], 0.085 * slim),
+            (knee, 0.065 * slim),
+            n,
+        );
+        tube(
+            builder,
+            trousers,
+            (knee, 0.065 * slim),
+            ([-0.02, side * slim * 0.13, foot], 0.05 * slim),
+            n,
+        );
+        builder.cuboid(
+            frame.dark(),
+            [0.05, side * slim * 0.13, foot - 0.03],
+            [0.12, 0.04 * slim, 0.035],
+        );
     }
 }

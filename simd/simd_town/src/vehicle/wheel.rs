@@ -19,17 +19,35 @@ pub fn wheel(class: Class, radius_m: f32, width_m: f32, spokes: usize) -> Mesh {
 
 /// A hexagonal drum without inner side, or only its outer side.
 fn far(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, has_tread: bool) {
-    let (half, tyre) = (0.5 * width_m, Surface::new(class, Material::Rubber, [30, 30, 32]));
+    let (half, tyre) = (
+        0.5 * width_m,
+        Surface::new(class, Material::Rubber, [30, 30, 32]),
+    );
     let corner = |k: usize| {
         let a = std::f32::consts::TAU * k as f32 / 6.0;
         [r * a.cos(), r * a.sin()]
     };
     for k in 0..if has_tread { 6 } else { 0 } {
         let ([x0, z0], [x1, z1]) = (corner(k), corner(k + 1));
-        builder.polygon(tyre, &[[x0, half, z0], [x0, -half, z0], [x1, -half, z1], [x1, half, z1]], &[[0.0; 2]; 4]);
+        builder.polygon(
+            tyre,
+            &[
+                [x0, half, z0],
+                [x0, -half, z0],
+                [x1, -half, z1],
+                [x1, half, z1],
+            ],
+            &[[0.0; 2]; 4],
+        );
     }
-    let face: Vec<[f32; 3]> = (0..6).map(|k| [corner(k)[0], -half, corner(k)[1]]).collect();
-    builder.polygon(Surface::new(class, Material::Metal, [110, 111, 114]), &face, &[[0.0; 2]; 6]);
+    let face: Vec<[f32; 3]> = (0..6)
+        .map(|k| [corner(k)[0], -half, corner(k)[1]])
+        .collect();
+    builder.polygon(
+        Surface::new(class, Material::Metal, [110, 111, 114]),
+        &face,
+        &[[0.0; 2]; 6],
+    );
 }
 
 /// Widest wheel that is open between its spokes.
@@ -44,15 +62,26 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
     let is_open = width_m < OPEN_WIDTH_M && spokes > 0;
     // (radius, y) of the turned profile from the inner side over the tread to the hub outside.
     let profile: [([f32; 2], Surface); 6] = [
-        if is_open { ([r * 0.60, half * 0.9], rim) } else { ([0.0, half * 0.8], hole) },
+        if is_open {
+            ([r * 0.60, half * 0.9], rim)
+        } else {
+            ([0.0, half * 0.8], hole)
+        },
         ([r * 0.66, half], tyre),
         ([r, half * 0.72], tyre),
         ([r, -half * 0.72], tyre),
         ([r * 0.68, -half], rim),
-        ([r * 0.60, -half * 0.82], if spokes > 0 { hole } else { rim }),
+        (
+            [r * 0.60, -half * 0.82],
+            if spokes > 0 { hole } else { rim },
+        ),
     ];
     let end = [0.0, -half * if spokes > 0 { 0.35 } else { 0.8 }];
-    let n_rings = if is_open { profile.len() - 1 } else { profile.len() };
+    let n_rings = if is_open {
+        profile.len() - 1
+    } else {
+        profile.len()
+    };
     for k in 0..n {
         let angle = |k: usize| std::f32::consts::TAU * k as f32 / n as f32;
         let (a0, a1) = (angle(k), angle(k + 1));
@@ -76,7 +105,12 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
         let (c, s) = (a.cos(), a.sin());
         let at = |along: f32, aside: f32, y: f32| [along * c - aside * s, y, along * s + aside * c];
         let (y0, y1) = (-half * 0.94, -half * 0.86);
-        let quad = [at(r * 0.08, -r * 0.09, y0), at(r * 0.64, -r * 0.05, y1), at(r * 0.64, r * 0.05, y1), at(r * 0.08, r * 0.09, y0)];
+        let quad = [
+            at(r * 0.08, -r * 0.09, y0),
+            at(r * 0.64, -r * 0.05, y1),
+            at(r * 0.64, r * 0.05, y1),
+            at(r * 0.08, r * 0.09, y0),
+        ];
         builder.polygon(rim, &quad, &[[0.0; 2]; 4]);
         if is_open {
             let back = [quad[3], quad[2], quad[1], quad[0]].map(|[x, y, z]| [x, -y, z]);
@@ -101,7 +135,16 @@ fn level(builder: &mut MeshBuilder, class: Class, r: f32, width_m: f32, n: usize
                     [r * 0.60 * a.cos(), y, r * 0.60 * a.sin()]
                 };
                 let (inner, outer) = (half * 0.9, -half * 0.82);
-                builder.polygon(rim, &[at(k, outer), at(k + 1, outer), at(k + 1, inner), at(k, inner)], &[[0.0; 2]; 4]);
+                builder.polygon(
+                    rim,
+                    &[
+                        at(k, outer),
+                        at(k + 1, outer),
+                        at(k + 1, inner),
+                        at(k, inner),
+                    ],
+                    &[[0.0; 2]; 4],
+                );
             }
         }
     }

@@ -3,7 +3,15 @@
 use crate::drive::EngineSpec;
 
 pub const PETROL_SMALL: EngineSpec = EngineSpec {
-    torque_curve: &[(600.0, 60.0), (1000.0, 85.0), (2000.0, 130.0), (3500.0, 155.0), (4500.0, 150.0), (6000.0, 120.0), (6500.0, 95.0)],
+    torque_curve: &[
+        (600.0, 60.0),
+        (1000.0, 85.0),
+        (2000.0, 130.0),
+        (3500.0, 155.0),
+        (4500.0, 150.0),
+        (6000.0, 120.0),
+        (6500.0, 95.0),
+    ],
     idle_rpm: 800.0,
     launch_rpm: 2000.0,
     max_rpm: 6500.0,
@@ -18,7 +26,15 @@ pub const PETROL_SMALL: EngineSpec = EngineSpec {
     inertia_kgm2: 0.10,
 };
 pub const PETROL_STRONG: EngineSpec = EngineSpec {
-    torque_curve: &[(600.0, 150.0), (1000.0, 210.0), (2000.0, 290.0), (3500.0, 330.0), (4500.0, 325.0), (6000.0, 280.0), (6500.0, 240.0)],
+    torque_curve: &[
+        (600.0, 150.0),
+        (1000.0, 210.0),
+        (2000.0, 290.0),
+        (3500.0, 330.0),
+        (4500.0, 325.0),
+        (6000.0, 280.0),
+        (6500.0, 240.0),
+    ],
     ratios: &[3.5, 2.3, 1.6, 1.2, 0.95, 0.75],
     final_ratio: 3.7,
     shift_secs: 0.2,
@@ -27,12 +43,26 @@ pub const PETROL_STRONG: EngineSpec = EngineSpec {
     ..PETROL_SMALL
 };
 pub const PETROL_LARGE: EngineSpec = EngineSpec {
-    torque_curve: &[(600.0, 210.0), (1000.0, 300.0), (2000.0, 430.0), (3500.0, 490.0), (4500.0, 470.0), (6000.0, 390.0), (6500.0, 330.0)],
+    torque_curve: &[
+        (600.0, 210.0),
+        (1000.0, 300.0),
+        (2000.0, 430.0),
+        (3500.0, 490.0),
+        (4500.0, 470.0),
+        (6000.0, 390.0),
+        (6500.0, 330.0),
+    ],
     inertia_kgm2: 0.22,
     ..PETROL_STRONG
 };
 pub const ELECTRIC: EngineSpec = EngineSpec {
-    torque_curve: &[(0.0, 350.0), (5400.0, 350.0), (8000.0, 236.0), (12000.0, 158.0), (16000.0, 118.0)],
+    torque_curve: &[
+        (0.0, 350.0),
+        (5400.0, 350.0),
+        (8000.0, 236.0),
+        (12000.0, 158.0),
+        (16000.0, 118.0),
+    ],
     idle_rpm: 0.0,
     launch_rpm: 0.0,
     max_rpm: 16000.0,
@@ -54,7 +84,14 @@ pub const ELECTRIC_SMALL: EngineSpec = EngineSpec {
     ..ELECTRIC
 };
 pub const DIESEL_VAN: EngineSpec = EngineSpec {
-    torque_curve: &[(600.0, 150.0), (1000.0, 260.0), (1500.0, 360.0), (2500.0, 370.0), (3500.0, 310.0), (4200.0, 220.0)],
+    torque_curve: &[
+        (600.0, 150.0),
+        (1000.0, 260.0),
+        (1500.0, 360.0),
+        (2500.0, 370.0),
+        (3500.0, 310.0),
+        (4200.0, 220.0),
+    ],
     idle_rpm: 750.0,
     launch_rpm: 1600.0,
     max_rpm: 4200.0,
@@ -69,7 +106,14 @@ pub const DIESEL_VAN: EngineSpec = EngineSpec {
     inertia_kgm2: 0.25,
 };
 pub const DIESEL_HEAVY: EngineSpec = EngineSpec {
-    torque_curve: &[(500.0, 700.0), (800.0, 1300.0), (1000.0, 1700.0), (1400.0, 1800.0), (1800.0, 1500.0), (2300.0, 900.0)],
+    torque_curve: &[
+        (500.0, 700.0),
+        (800.0, 1300.0),
+        (1000.0, 1700.0),
+        (1400.0, 1800.0),
+        (1800.0, 1500.0),
+        (2300.0, 900.0),
+    ],
     idle_rpm: 550.0,
     launch_rpm: 1000.0,
     max_rpm: 2300.0,
@@ -84,7 +128,13 @@ pub const DIESEL_HEAVY: EngineSpec = EngineSpec {
     inertia_kgm2: 1.5,
 };
 pub const MOTORBIKE: EngineSpec = EngineSpec {
-    torque_curve: &[(1000.0, 50.0), (3000.0, 70.0), (6000.0, 88.0), (9000.0, 85.0), (11000.0, 62.0)],
+    torque_curve: &[
+        (1000.0, 50.0),
+        (3000.0, 70.0),
+        (6000.0, 88.0),
+        (9000.0, 85.0),
+        (11000.0, 62.0),
+    ],
     idle_rpm: 1200.0,
     launch_rpm: 3500.0,
     max_rpm: 11000.0,
@@ -100,7 +150,13 @@ pub const MOTORBIKE: EngineSpec = EngineSpec {
 };
 /// A belt drive, as six close steps.
 pub const SCOOTER: EngineSpec = EngineSpec {
-    torque_curve: &[(1500.0, 6.0), (4000.0, 9.0), (6500.0, 9.6), (8500.0, 8.2), (9500.0, 6.0)],
+    torque_curve: &[
+        (1500.0, 6.0),
+        (4000.0, 9.0),
+        (6500.0, 9.6),
+        (8500.0, 8.2),
+        (9500.0, 6.0),
+    ],
     idle_rpm: 1600.0,
     launch_rpm: 4000.0,
     max_rpm: 9500.0,

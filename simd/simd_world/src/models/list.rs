@@ -18,8 +18,19 @@ const PAINTS: &[[u8; 3]] = &[
     [88, 52, 36],
     [66, 104, 150],
 ];
-const TRUCK_PAINTS: &[[u8; 3]] = &[[214, 216, 218], [26, 76, 140], [186, 36, 30], [224, 168, 24], [52, 96, 60]];
-const BUS_PAINTS: &[[u8; 3]] = &[[206, 44, 36], [238, 196, 40], [34, 110, 168], [230, 232, 232]];
+const TRUCK_PAINTS: &[[u8; 3]] = &[
+    [214, 216, 218],
+    [26, 76, 140],
+    [186, 36, 30],
+    [224, 168, 24],
+    [52, 96, 60],
+];
+const BUS_PAINTS: &[[u8; 3]] = &[
+    [206, 44, 36],
+    [238, 196, 40],
+    [34, 110, 168],
+    [230, 232, 232],
+];
 const FIRE_PAINTS: &[[u8; 3]] = &[[196, 22, 20]];
 const STEEL_PAINTS: &[[u8; 3]] = &[[150, 152, 156]];
 const POLICE_PAINTS: &[[u8; 3]] = &[[20, 20, 24]];
@@ -130,7 +141,13 @@ pub static MODELS: &[VehicleModel] = &[
         mass_kg: 1700.0,
         ..CAR
     },
-    VehicleModel { type_id: "vehicle.lincoln.mkz_2017", half_m: [2.451, 1.064, 0.755], wheelbase_m: 2.85, mass_kg: 1700.0, ..CAR },
+    VehicleModel {
+        type_id: "vehicle.lincoln.mkz_2017",
+        half_m: [2.451, 1.064, 0.755],
+        wheelbase_m: 2.85,
+        mass_kg: 1700.0,
+        ..CAR
+    },
     VehicleModel {
         type_id: "vehicle.dodge.charger_2020",
         generation: 2,
@@ -159,9 +176,27 @@ pub static MODELS: &[VehicleModel] = &[
         colors: TAXI_PAINTS,
         ..CAR
     },
-    VehicleModel { type_id: "vehicle.ford.mustang", half_m: [2.359, 0.947, 0.650], wheelbase_m: 2.72, mass_kg: 1650.0, ..CAR },
-    VehicleModel { type_id: "vehicle.chevrolet.impala", half_m: [2.679, 1.017, 0.705], wheelbase_m: 2.84, mass_kg: 1680.0, ..CAR },
-    VehicleModel { type_id: "vehicle.mercedes.coupe", half_m: [2.513, 1.076, 0.825], wheelbase_m: 2.94, mass_kg: 1900.0, ..CAR },
+    VehicleModel {
+        type_id: "vehicle.ford.mustang",
+        half_m: [2.359, 0.947, 0.650],
+        wheelbase_m: 2.72,
+        mass_kg: 1650.0,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.chevrolet.impala",
+        half_m: [2.679, 1.017, 0.705],
+        wheelbase_m: 2.84,
+        mass_kg: 1680.0,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.mercedes.coupe",
+        half_m: [2.513, 1.076, 0.825],
+        wheelbase_m: 2.94,
+        mass_kg: 1900.0,
+        ..CAR
+    },
     VehicleModel {
         type_id: "vehicle.mercedes.coupe_2020",
         generation: 2,
@@ -170,13 +205,53 @@ pub static MODELS: &[VehicleModel] = &[
         mass_kg: 1700.0,
         ..CAR
     },
-    VehicleModel { type_id: "vehicle.bmw.grandtourer", half_m: [2.306, 1.121, 0.834], wheelbase_m: 2.78, mass_kg: 1600.0, ..CAR },
-    VehicleModel { type_id: "vehicle.audi.tt", half_m: [2.091, 0.997, 0.693], wheelbase_m: 2.5, mass_kg: 1400.0, ..CAR },
-    VehicleModel { type_id: "vehicle.audi.a2", half_m: [1.853, 0.894, 0.775], wheelbase_m: 2.4, mass_kg: 1050.0, ..HATCH },
-    VehicleModel { type_id: "vehicle.citroen.c3", half_m: [1.994, 0.925, 0.809], wheelbase_m: 2.46, ..HATCH },
-    VehicleModel { type_id: "vehicle.mini.cooper_s", half_m: [1.903, 0.985, 0.738], wheelbase_m: 2.47, ..HATCH },
-    VehicleModel { type_id: "vehicle.nissan.micra", half_m: [1.817, 0.923, 0.751], wheelbase_m: 2.45, mass_kg: 1000.0, ..HATCH },
-    VehicleModel { type_id: "vehicle.seat.leon", half_m: [2.096, 0.908, 0.737], wheelbase_m: 2.6, mass_kg: 1300.0, ..HATCH },
+    VehicleModel {
+        type_id: "vehicle.bmw.grandtourer",
+        half_m: [2.306, 1.121, 0.834],
+        wheelbase_m: 2.78,
+        mass_kg: 1600.0,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.audi.tt",
+        half_m: [2.091, 0.997, 0.693],
+        wheelbase_m: 2.5,
+        mass_kg: 1400.0,
+        ..CAR
+    },
+    VehicleModel {
+        type_id: "vehicle.audi.a2",
+        half_m: [1.853, 0.894, 0.775],
+        wheelbase_m: 2.4,
+        mass_kg: 1050.0,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.citroen.c3",
+        half_m: [1.994, 0.925, 0.809],
+        wheelbase_m: 2.46,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.mini.cooper_s",
+        half_m: [1.903, 0.985, 0.738],
+        wheelbase_m: 2.47,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.nissan.micra",
+        half_m: [1.817, 0.923, 0.751],
+        wheelbase_m: 2.45,
+        mass_kg: 1000.0,
+        ..HATCH
+    },
+    VehicleModel {
+        type_id: "vehicle.seat.leon",
+        half_m: [2.096, 0.908, 0.737],
+        wheelbase_m: 2.6,
+        mass_kg: 1300.0,
+        ..HATCH
+    },
     VehicleModel {
         type_id: "vehicle.toyota.prius",
         special_type: "electric",
@@ -204,7 +279,13 @@ pub static MODELS: &[VehicleModel] = &[
         engine: ELECTRIC,
         ..SUV
     },
-    VehicleModel { type_id: "vehicle.nissan.patrol", half_m: [2.302, 0.966, 0.927], wheelbase_m: 2.75, mass_kg: 2200.0, ..SUV },
+    VehicleModel {
+        type_id: "vehicle.nissan.patrol",
+        half_m: [2.302, 0.966, 0.927],
+        wheelbase_m: 2.75,
+        mass_kg: 2200.0,
+        ..SUV
+    },
     VehicleModel {
         type_id: "vehicle.nissan.patrol_2021",
         generation: 2,
@@ -222,7 +303,13 @@ pub static MODELS: &[VehicleModel] = &[
         mass_kg: 1850.0,
         ..SUV
     },
-    VehicleModel { type_id: "vehicle.mercedes.sprinter", generation: 2, half_m: [2.958, 0.994, 1.280], wheelbase_m: 3.66, ..VAN },
+    VehicleModel {
+        type_id: "vehicle.mercedes.sprinter",
+        generation: 2,
+        half_m: [2.958, 0.994, 1.280],
+        wheelbase_m: 3.66,
+        ..VAN
+    },
     VehicleModel {
         type_id: "vehicle.volkswagen.t2",
         style: BodyStyle::Microbus,
@@ -287,9 +374,23 @@ pub static MODELS: &[VehicleModel] = &[
         mass_kg: 370.0,
         ..MOTORCYCLE
     },
-    VehicleModel { type_id: "vehicle.kawasaki.ninja", half_m: [1.017, 0.401, 0.600], ..MOTORCYCLE },
-    VehicleModel { type_id: "vehicle.yamaha.yzf", half_m: [1.105, 0.434, 0.626], ..MOTORCYCLE },
-    VehicleModel { type_id: "vehicle.bh.crossbike", half_m: [0.744, 0.430, 0.638], wheelbase_m: 0.86, wheel_radius_m: 0.31, ..BICYCLE },
+    VehicleModel {
+        type_id: "vehicle.kawasaki.ninja",
+        half_m: [1.017, 0.401, 0.600],
+        ..MOTORCYCLE
+    },
+    VehicleModel {
+        type_id: "vehicle.yamaha.yzf",
+        half_m: [1.105, 0.434, 0.626],
+        ..MOTORCYCLE
+    },
+    VehicleModel {
+        type_id: "vehicle.bh.crossbike",
+        half_m: [0.744, 0.430, 0.638],
+        wheelbase_m: 0.86,
+        wheel_radius_m: 0.31,
+        ..BICYCLE
+    },
     VehicleModel {
         type_id: "vehicle.diamondback.century",
         half_m: [0.821, 0.186, 0.748],
@@ -297,7 +398,11 @@ pub static MODELS: &[VehicleModel] = &[
         wheel_radius_m: 0.335,
         ..BICYCLE
     },
-    VehicleModel { type_id: "vehicle.gazelle.omafiets", half_m: [0.918, 0.16, 0.586], ..BICYCLE },
+    VehicleModel {
+        type_id: "vehicle.gazelle.omafiets",
+        half_m: [0.918, 0.16, 0.586],
+        ..BICYCLE
+    },
     VehicleModel {
         type_id: "vehicle.dodge.charger_police_2020",
         special_type: "emergency",

@@ -34,7 +34,9 @@ pub(super) enum Step {
 
 impl Obstacle {
     fn local(&self, p: Vector2<f64>) -> Vector2<f64> {
-        self.world_from_box.inverse_transform_point(&Point2::from(p)).coords
+        self.world_from_box
+            .inverse_transform_point(&Point2::from(p))
+            .coords
     }
 
     fn world(&self, p: Vector2<f64>) -> Vector2<f64> {
@@ -65,8 +67,14 @@ impl Obstacle {
         (enters < leaves - 1e-9).then_some(enters)
     }
 
-    /// The nearest walkable place outside, from a place within `room_m`; the nearest of all if nothing outside is walkable.
-    fn way_out(&self, p: Vector2<f64>, room_m: f64, is_walkable: &impl Fn(Vector2<f64>) -> bool) -> Vector2<f64> {
+    /// The nearest walkable place outside, from a place within `room_m`; the nearest of all if
+    /// nothing outside is walkable.
+    fn way_out(
+        &self,
+        p: Vector2<f64>,
+        room_m: f64,
+        is_walkable: &impl Fn(Vector2<f64>) -> bool,
+    ) -> Vector2<f64> {
         let local = self.local(p);
         let mut ways: Vec<(f64, Vector2<f64>)> = [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0)]
             .map(|(axis, sign)| {
@@ -76,21 +84,30 @@ impl Obstacle {
             })
             .into();
         ways.sort_by(|a, b| a.0.total_cmp(&b.0));
-        ways.iter().find(|(_, out)| is_walkable(*out)).unwrap_or(&ways[0]).1
+        ways.iter()
+            .find(|(_, out)| is_walkable(*out))
+            .unwrap_or(&ways[0])
+            .1
     }
 
     /// Corners at `room_m`, round the box.
     fn corners(&self, room_m: f64) -> [Vector2<f64>; 4] {
         let half = self.half_m.add_scalar(room_m);
-        [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(x, y)| self.world(Vector2::new(x * half.x, y * half.y)))
+        [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
+            .map(|(x, y)| self.world(Vector2::new(x * half.x, y * half.y)))
     }
 }
 
 /// Distance between the places of a way at which the ground is asked for, metres.
 const PROBE_M: f64 = 0.25;
 
-/// Whether a straight way stays on the ground once it is there: who was pushed off it may come back. Its end counts as walkable.
-pub(super) fn is_on_ground(at: Vector2<f64>, to: Vector2<f64>, is_walkable: &impl Fn(Vector2<f64>) -> bool) -> bool {
+/// Whether a straight way stays on the ground once it is there: who was pushed off it may come
+/// back. Its end counts as walkable.
+pub(super) fn is_on_ground(
+    at: Vector2<f64>,
+    to: Vector2<f64>,
+    is_walkable: &impl Fn(Vector2<f64>) -> bool,
+) -> bool {
     let n = ((to - at).norm() / PROBE_M).ceil() as usize;
     let mut places = (0..n).map(|k| is_walkable(at + (to - at) * (k as f64 / n as f64)));
     places.find(|is_walkable| *is_walkable);
@@ -107,13 +124,23 @@ pub(super) fn step(
 ) -> Step {
     let (touch_m, room_m) = (radius_m + TOUCH_M, radius_m + ROOM_M);
     let length = (to - at).norm();
-    if let Some(over) = obstacles.iter().find(|each| !each.moves && each.holds(at, touch_m)) {
+    if let Some(over) = obstacles
+        .iter()
+        .find(|each| !each.moves && each.holds(at, touch_m))
+    {
         return Step::Via(over.way_out(at, room_m + 0.1, is_walkable));
     }
     let blocking = |each: &&Obstacle| each.entry(at, to, touch_m).map(|share| share * length);
-    let near = |each: &Obstacle| blocking(&each).filter(|away| *away < if each.moves { YIELD_M } else { AHEAD_M });
-    let first = obstacles.iter().filter_map(|each| near(each).map(|away| (away, each))).min_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((_, obstacle)) = first else { return Step::Ahead };
+    let near = |each: &Obstacle| {
+        blocking(&each).filter(|away| *away < if each.moves { YIELD_M } else { AHEAD_M })
+    };
+    let first = obstacles
+        .iter()
+        .filter_map(|each| near(each).map(|away| (away, each)))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let Some((_, obstacle)) = first else {
+        return Step::Ahead;
+    };
     if obstacle.moves {
         return Step::Wait;
     }
@@ -122,7 +149,11 @@ pub(super) fn step(
     }
     let corners = obstacle.corners(room_m);
     let is_free = |a, b| obstacle.entry(a, b, touch_m).is_none();
-    let others_leave = |b| obstacles.iter().all(|each| each.entry(at, b, touch_m).is_none());
+    let others_leave = |b| {
+        obstacles
+            .iter()
+            .all(|each| each.entry(at, b, touch_m).is_none())
+    };
     let mut best: Option<(f64, Vector2<f64>)> = None;
     let mut offer = |via: &[Vector2<f64>]| {
         let mut stops = vec![at];
@@ -131,8 +162,13 @@ pub(super) fn step(
         let clear = stops.windows(2).all(|pair| is_free(pair[0], pair[1])) && others_leave(via[0]);
         let clear = clear
             && via.iter().all(|place| is_walkable(*place))
-            && stops.windows(2).all(|pair| is_on_ground(pair[0], pair[1], is_walkable));
-        let long = stops.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
+            && stops
+                .windows(2)
+                .all(|pair| is_on_ground(pair[0], pair[1], is_walkable));
+        let long = stops
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]).norm())
+            .sum();
         if clear && best.is_none_or(|(known, _)| long < known) {
             best = Some((long, via[0]));
         }
@@ -152,7 +188,11 @@ mod tests {
     const RADIUS_M: f64 = 0.3;
 
     fn car(x: f64, y: f64, yaw_rad: f64) -> Obstacle {
-        Obstacle { world_from_box: Isometry2::new(Vector2::new(x, y), yaw_rad), half_m: Vector2::new(2.4, 1.0), moves: false }
+        Obstacle {
+            world_from_box: Isometry2::new(Vector2::new(x, y), yaw_rad),
+            half_m: Vector2::new(2.4, 1.0),
+            moves: false,
+        }
     }
 
     fn everywhere(_: Vector2<f64>) -> bool {
@@ -183,7 +223,8 @@ mod tests {
 
     #[test]
     fn the_way_round_is_the_shorter_one_and_touches_nothing() {
-        // Across the middle of a car's side, a little off: round its nearer end. By Pythagoras the shortest way is 11.6 m.
+        // Across the middle of a car's side, a little off: round its nearer end. By Pythagoras the
+        // shortest way is 11.6 m.
         for yaw in [0.0, 0.4, 1.2] {
             let turn = Isometry2::new(Vector2::zeros(), yaw);
             let world = |x: f64, y: f64| <[f64; 2]>::from((turn * Point2::new(x, y)).coords);
@@ -191,13 +232,20 @@ mod tests {
             let room = RADIUS_M + ROOM_M;
             let corner = Vector2::new(2.4 + room, 1.0 + room);
             let shortest = 2.0 * ((corner.x - 0.5).hypot(5.0 - corner.y) + corner.y);
-            assert!((gone - shortest).abs() < 0.8 && nearest > RADIUS_M, "{yaw}: {gone} m instead of {shortest}, {nearest}");
+            assert!(
+                (gone - shortest).abs() < 0.8 && nearest > RADIUS_M,
+                "{yaw}: {gone} m instead of {shortest}, {nearest}"
+            );
         }
     }
 
     #[test]
     fn between_two_cars_one_goes_round_both_and_from_under_one_out() {
-        let (_, nearest) = walk([0.0, -5.0], [0.0, 5.0], &[car(0.0, 0.0, 0.0), car(0.2, 2.8, 0.1)]);
+        let (_, nearest) = walk(
+            [0.0, -5.0],
+            [0.0, 5.0],
+            &[car(0.0, 0.0, 0.0), car(0.2, 2.8, 0.1)],
+        );
         assert!(nearest > RADIUS_M - 0.01, "{nearest}");
         let (gone, _) = walk([0.5, 0.9], [6.0, 0.9], &[car(0.0, 0.0, 0.0)]);
         assert!(gone < 8.0, "{gone}");
@@ -205,28 +253,77 @@ mod tests {
 
     #[test]
     fn moving_vehicles_are_waited_for_and_places_under_cars_are_given_up() {
-        let moving = Obstacle { moves: true, ..car(0.0, 0.0, 0.0) };
+        let moving = Obstacle {
+            moves: true,
+            ..car(0.0, 0.0, 0.0)
+        };
         let at = |y: f64| Vector2::new(0.0, y);
-        assert_eq!(step(at(-2.0), at(5.0), RADIUS_M, &[moving], &everywhere), Step::Wait);
-        assert_eq!(step(at(-5.0), at(5.0), RADIUS_M, &[moving], &everywhere), Step::Ahead);
-        assert_eq!(step(at(-2.5), at(0.2), RADIUS_M, &[car(0.0, 0.0, 0.0)], &everywhere), Step::Taken);
-        assert_eq!(step(at(-5.0), at(-2.0), RADIUS_M, &[car(0.0, 0.0, 0.0)], &everywhere), Step::Ahead);
+        assert_eq!(
+            step(at(-2.0), at(5.0), RADIUS_M, &[moving], &everywhere),
+            Step::Wait
+        );
+        assert_eq!(
+            step(at(-5.0), at(5.0), RADIUS_M, &[moving], &everywhere),
+            Step::Ahead
+        );
+        assert_eq!(
+            step(
+                at(-2.5),
+                at(0.2),
+                RADIUS_M,
+                &[car(0.0, 0.0, 0.0)],
+                &everywhere
+            ),
+            Step::Taken
+        );
+        assert_eq!(
+            step(
+                at(-5.0),
+                at(-2.0),
+                RADIUS_M,
+                &[car(0.0, 0.0, 0.0)],
+                &everywhere
+            ),
+            Step::Ahead
+        );
     }
 
     #[test]
     fn the_way_round_stays_on_the_ground_that_may_be_walked_on() {
-        // A car stands across a pavement that reaches from y = -3 to y = 1.2; the shorter way round would be in the road beyond.
+        // A car stands across a pavement that reaches from y = -3 to y = 1.2; the shorter way round
+        // would be in the road beyond.
         let pavement = |p: Vector2<f64>| (-3.0..1.2).contains(&p.y);
         let at = Vector2::new(-5.0, 0.3);
-        let car = [Obstacle { half_m: Vector2::new(1.0, 1.0), ..car(0.0, 0.2, 0.0) }];
-        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &everywhere) else { panic!("no way round") };
+        let car = [Obstacle {
+            half_m: Vector2::new(1.0, 1.0),
+            ..car(0.0, 0.2, 0.0)
+        }];
+        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &everywhere) else {
+            panic!("no way round")
+        };
         assert!(place.y > 1.2, "{place}");
-        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &pavement) else { panic!("no way round") };
-        assert!((place.y - (0.2 - 1.0 - RADIUS_M - ROOM_M)).abs() < 1e-9, "{place}");
+        let Step::Via(place) = step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &pavement) else {
+            panic!("no way round")
+        };
+        assert!(
+            (place.y - (0.2 - 1.0 - RADIUS_M - ROOM_M)).abs() < 1e-9,
+            "{place}"
+        );
         // A narrow pavement has no way round, and from under the car one goes to where it goes on.
         let narrow = |p: Vector2<f64>| (-0.5..1.2).contains(&p.y);
-        assert_eq!(step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow), Step::Wait);
-        let Step::Via(place) = step(Vector2::new(0.3, 0.9), Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow) else { panic!("stuck") };
+        assert_eq!(
+            step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow),
+            Step::Wait
+        );
+        let Step::Via(place) = step(
+            Vector2::new(0.3, 0.9),
+            Vector2::new(5.0, 0.3),
+            RADIUS_M,
+            &car,
+            &narrow,
+        ) else {
+            panic!("stuck")
+        };
         assert!(place.x > 1.0 && narrow(place), "{place}");
     }
 
@@ -234,8 +331,14 @@ mod tests {
     fn who_was_pushed_off_the_ground_may_come_back_and_others_may_not_leave_it() {
         let ground = |p: Vector2<f64>| p.y < 0.0;
         let at = |y: f64| Vector2::new(0.0, y);
-        assert!(is_on_ground(at(1.0), at(-4.0), &ground) && is_on_ground(at(-1.0), at(-4.0), &ground));
+        assert!(
+            is_on_ground(at(1.0), at(-4.0), &ground) && is_on_ground(at(-1.0), at(-4.0), &ground)
+        );
         assert!(!is_on_ground(at(-1.0), at(4.0), &ground));
-        assert!(!is_on_ground(Vector2::new(-2.0, -1.0), Vector2::new(2.0, -1.0), &|p: Vector2<f64>| p.x.abs() > 0.5));
+        assert!(!is_on_ground(
+            Vector2::new(-2.0, -1.0),
+            Vector2::new(2.0, -1.0),
+            &|p: Vector2<f64>| p.x.abs() > 0.5
+        ));
     }
 }

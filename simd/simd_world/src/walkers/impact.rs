@@ -18,15 +18,33 @@ impl World {
     /// After a sub-step of the vehicles: whom they run into.
     pub(crate) fn meet_vehicles(&mut self) {
         // A collision changes speeds and moves walkers, but no vehicle.
-        let vehicles: Vec<_> = self.vehicles.iter().map(|(id, vehicle)| (id, vehicle, Nearby::of(vehicle, &self.physics))).collect();
-        for (walker_id, walker) in self.walkers.iter_mut().filter(|(_, walker)| walker.collides && !walker.lost) {
+        let vehicles: Vec<_> = self
+            .vehicles
+            .iter()
+            .map(|(id, vehicle)| (id, vehicle, Nearby::of(vehicle, &self.physics)))
+            .collect();
+        for (walker_id, walker) in self
+            .walkers
+            .iter_mut()
+            .filter(|(_, walker)| walker.collides && !walker.lost)
+        {
             for (vehicle_id, vehicle, nearby) in &vehicles {
                 if nearby.is_far(walker) {
                     continue;
                 }
-                let Some((impulse_ns, point_m)) = hit(&mut self.physics, vehicle, &nearby.pose, walker) else { continue };
-                let (of_vehicle, of_walker) = ((**vehicle_id, vehicle.model.class), (*walker_id, Class::PEDESTRIANS));
-                for (who, whom, impulse_ns) in [(of_vehicle, of_walker, -impulse_ns), (of_walker, of_vehicle, impulse_ns)] {
+                let Some((impulse_ns, point_m)) =
+                    hit(&mut self.physics, vehicle, &nearby.pose, walker)
+                else {
+                    continue;
+                };
+                let (of_vehicle, of_walker) = (
+                    (**vehicle_id, vehicle.model.class),
+                    (*walker_id, Class::PEDESTRIANS),
+                );
+                for (who, whom, impulse_ns) in [
+                    (of_vehicle, of_walker, -impulse_ns),
+                    (of_walker, of_vehicle, impulse_ns),
+                ] {
                     self.physics.log_contact(Collision {
                         actor: who.0,
                         other: Some(whom.0),
@@ -41,8 +59,12 @@ impl World {
 
     /// Walkers do not stand in each other: both give way by half.
     pub(crate) fn part_walkers(&mut self) {
-        let mut order: Vec<(f64, ActorId)> =
-            self.walkers.iter().filter(|(_, walker)| walker.collides && walker.fall.is_none()).map(|(id, w)| (w.feet_m[0], *id)).collect();
+        let mut order: Vec<(f64, ActorId)> = self
+            .walkers
+            .iter()
+            .filter(|(_, walker)| walker.collides && walker.fall.is_none())
+            .map(|(id, w)| (w.feet_m[0], *id))
+            .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         for i in 0..order.len() {
             for j in i + 1..order.len() {
@@ -57,14 +79,22 @@ impl World {
     fn part(&mut self, a: ActorId, b: ActorId) {
         let (first, second) = (self.walkers[&a].standing(), self.walkers[&b].standing());
         let between = second.feet_m - first.feet_m;
-        let (away_m, room_m) = (between.xy().norm(), 0.85 * (first.radius_m + second.radius_m));
+        let (away_m, room_m) = (
+            between.xy().norm(),
+            0.85 * (first.radius_m + second.radius_m),
+        );
         if away_m >= room_m || between.z.abs() > first.height_m.min(second.height_m) {
             return;
         }
-        let way = if away_m > 1e-6 { Vector3::new(between.x, between.y, 0.0) / away_m } else { Vector3::x() };
+        let way = if away_m > 1e-6 {
+            Vector3::new(between.x, between.y, 0.0) / away_m
+        } else {
+            Vector3::x()
+        };
         for (id, sign) in [(a, -0.5), (b, 0.5)] {
             if let Some(walker) = self.walkers.get_mut(&id).filter(|walker| walker.simulated) {
-                walker.feet_m = (Vector3::from(walker.feet_m) + way * (sign * (room_m - away_m))).into();
+                walker.feet_m =
+                    (Vector3::from(walker.feet_m) + way * (sign * (room_m - away_m))).into();
             }
         }
     }
@@ -80,7 +110,11 @@ struct Nearby {
 impl Nearby {
     fn of(vehicle: &Vehicle, physics: &Physics) -> Nearby {
         let half_m = vehicle.model.half_m;
-        Nearby { pose: vehicle.pose(physics), reach_m: half_m[0].hypot(half_m[1]) + 1.0, rise_m: 2.0 * half_m[2] + 3.0 }
+        Nearby {
+            pose: vehicle.pose(physics),
+            reach_m: half_m[0].hypot(half_m[1]) + 1.0,
+            rise_m: 2.0 * half_m[2] + 3.0,
+        }
     }
 
     fn is_far(&self, walker: &Walker) -> bool {
@@ -89,8 +123,14 @@ impl Nearby {
     }
 }
 
-/// Lets a vehicle and a walker that overlap collide; the impulse on the walker, N·s, and where, if they do.
-fn hit(physics: &mut Physics, vehicle: &Vehicle, pose: &Isometry3<f64>, walker: &mut Walker) -> Option<(Vector3<f64>, Vector3<f64>)> {
+/// Lets a vehicle and a walker that overlap collide; the impulse on the walker, N·s, and where, if
+/// they do.
+fn hit(
+    physics: &mut Physics,
+    vehicle: &Vehicle,
+    pose: &Isometry3<f64>,
+    walker: &mut Walker,
+) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let apart = Vector3::from(walker.feet_m) - pose.translation.vector;
     let (centre, half) = chassis_box(vehicle.model);
     let mut at = physics.engine_pose(pose);
@@ -100,17 +140,26 @@ fn hit(physics: &mut Physics, vehicle: &Vehicle, pose: &Isometry3<f64>, walker: 
         standing.height_m = 2.0 * standing.radius_m + 0.02;
     }
     let (body, body_at) = standing.whole_body(physics);
-    let touch = contact(&at, &Cuboid::new(half), &body_at, &body, 0.0).ok().flatten().filter(|touch| touch.dist < 0.0)?;
+    let touch = contact(&at, &Cuboid::new(half), &body_at, &body, 0.0)
+        .ok()
+        .flatten()
+        .filter(|touch| touch.dist < 0.0)?;
     let normal = widen(touch.normal1);
     let away = Vector3::new(normal.x, normal.y, 0.0).try_normalize(0.2);
-    let away = away.or_else(|| Vector3::new(apart.x, apart.y, 0.0).try_normalize(1e-6)).unwrap_or_else(Vector3::x);
+    let away = away
+        .or_else(|| Vector3::new(apart.x, apart.y, 0.0).try_normalize(1e-6))
+        .unwrap_or_else(Vector3::x);
     // Out of the bodywork first.
     let depth_m = f64::from(-touch.dist);
     walker.feet_m = (Vector3::from(walker.feet_m) + away * depth_m).into();
     let (velocity, spin) = vehicle.velocity(physics);
     let point_mps = velocity + spin.cross(&apart);
     let pushed = Vector3::new(walker.pushed_mps[0], walker.pushed_mps[1], 0.0);
-    let walking = if walker.fall.is_some() { Vector3::zeros() } else { walker.wish_mps() };
+    let walking = if walker.fall.is_some() {
+        Vector3::zeros()
+    } else {
+        walker.wish_mps()
+    };
     let closing_mps = (point_mps - pushed - walking).dot(&away);
     if !(closing_mps.is_finite() && closing_mps > 0.0) {
         return None;
@@ -120,9 +169,15 @@ fn hit(physics: &mut Physics, vehicle: &Vehicle, pose: &Isometry3<f64>, walker: 
     let kick = impulse_ns / own_kg;
     walker.pushed_mps = [pushed.x + kick.x, pushed.y + kick.y];
     if !walker.invincible && walker.fall.is_none() && closing_mps > KNOCK_MPS {
-        walker.fall = Some(Fall { towards: [away.x, away.y], angle_rad: 0.0 });
+        walker.fall = Some(Fall {
+            towards: [away.x, away.y],
+            angle_rad: 0.0,
+        });
     }
     physics.engine.bodies[vehicle.body].apply_impulse(narrow(&-impulse_ns), true);
-    let point_m = physics.world_pose(&EnginePose::from_translation(touch.point1)).translation.vector;
+    let point_m = physics
+        .world_pose(&EnginePose::from_translation(touch.point1))
+        .translation
+        .vector;
     Some((impulse_ns, point_m))
 }

@@ -1,6 +1,8 @@
-//! People on foot: kinematic bodies that walk over the ground, are pushed and knocked down by vehicles, and show it.
+//! People on foot: kinematic bodies that walk over the ground, are pushed and knocked down by
+//! vehicles, and show it.
 //!
-//! A walker is no body of the physics engine: it asks the engine where walls and ground are and moves by itself. What a vehicle does to it
+//! A walker is no body of the physics engine: it asks the engine where walls and ground are and
+//! moves by itself. What a vehicle does to it
 //! is an inelastic collision of two masses, so that the vehicle feels it too.
 
 mod bones;
@@ -36,7 +38,8 @@ const LYING_M: f64 = 0.15;
 const SLIDING_FRICTION: f64 = 0.6;
 /// A led walker that is not told where to go stands still after this time, seconds.
 const LED_SECS: f64 = 0.3;
-/// Longest time that strollers walk on without looking where they go, seconds: no further than they see a corner as reached.
+/// Longest time that strollers walk on without looking where they go, seconds: no further than they
+/// see a corner as reached.
 const LEAD_SECS: f64 = 0.2;
 /// Farthest below the map that a walker may fall, metres.
 const FALL_M: f64 = 500.0;
@@ -138,9 +141,16 @@ impl Walker {
         let (rotation, middle_m) = match self.fall {
             None => (upright, half_m),
             Some(fall) => {
-                let axis = nalgebra::Unit::new_normalize(Vector3::new(-fall.towards[1], fall.towards[0], 0.0));
+                let axis = nalgebra::Unit::new_normalize(Vector3::new(
+                    -fall.towards[1],
+                    fall.towards[0],
+                    0.0,
+                ));
                 let turn = UnitQuaternion::from_axis_angle(&axis, fall.angle_rad);
-                (turn * upright, half_m * fall.angle_rad.cos() + LYING_M * fall.angle_rad.sin())
+                (
+                    turn * upright,
+                    half_m * fall.angle_rad.cos() + LYING_M * fall.angle_rad.sin(),
+                )
             }
         };
         let [x, y, z] = self.feet_m;
@@ -156,7 +166,10 @@ impl Walker {
         } else if !self.on_ground && self.simulated {
             Posture::Airborne
         } else {
-            Posture::Upright { phase_rad: self.gait_rad, speed_mps: self.gait_mps }
+            Posture::Upright {
+                phase_rad: self.gait_rad,
+                speed_mps: self.gait_mps,
+            }
         }
     }
 
@@ -171,17 +184,32 @@ impl Walker {
         let mut standing = self.standing();
         let wish = self.wish_mps();
         if let Some(fall) = &mut self.fall {
-            fall.angle_rad = (fall.angle_rad + TOPPLE_RADPS * dt_secs).min(std::f64::consts::FRAC_PI_2);
+            fall.angle_rad =
+                (fall.angle_rad + TOPPLE_RADPS * dt_secs).min(std::f64::consts::FRAC_PI_2);
         } else if self.control.jump {
             standing.jump();
         }
         let pushed = Vector3::new(self.pushed_mps[0], self.pushed_mps[1], 0.0);
-        let velocity = if self.fall.is_some() { pushed } else { wish + pushed };
+        let velocity = if self.fall.is_some() {
+            pushed
+        } else {
+            wish + pushed
+        };
         standing.step(physics, velocity, dt_secs, self.collides);
         // A body that slides is slowed by friction; one that stands catches itself faster.
-        let friction = if self.fall.is_some() { SLIDING_FRICTION } else { 2.0 * SLIDING_FRICTION };
-        let slowed = if standing.on_ground { pushed.norm() - friction * GRAVITY_MPS2 * dt_secs } else { pushed.norm() };
-        let kept = pushed.try_normalize(1e-9).map_or(Vector3::zeros(), |way| way * slowed.max(0.0));
+        let friction = if self.fall.is_some() {
+            SLIDING_FRICTION
+        } else {
+            2.0 * SLIDING_FRICTION
+        };
+        let slowed = if standing.on_ground {
+            pushed.norm() - friction * GRAVITY_MPS2 * dt_secs
+        } else {
+            pushed.norm()
+        };
+        let kept = pushed
+            .try_normalize(1e-9)
+            .map_or(Vector3::zeros(), |way| way * slowed.max(0.0));
         self.pushed_mps = [kept.x, kept.y];
         self.set_standing(&standing);
         if self.fall.is_none() && wish.norm() > 1e-3 {
@@ -192,7 +220,9 @@ impl Walker {
     /// Horizontal velocity that its control asks for.
     fn wish_mps(&self) -> Vector3<f64> {
         let [x, y, _] = self.control.direction.map(f64::from);
-        let direction = Vector3::new(x, y, 0.0).try_normalize(1e-6).unwrap_or_default();
+        let direction = Vector3::new(x, y, 0.0)
+            .try_normalize(1e-6)
+            .unwrap_or_default();
         direction * f64::from(self.control.speed_mps)
     }
 
@@ -216,12 +246,24 @@ impl Walker {
         }
         // What jumps further than anybody runs was put there.
         let jumped = moved.norm() > f64::from(MAX_SPEED_MPS) * dt_secs + 0.5;
-        self.velocity_mps = if jumped { [0.0; 3] } else { (moved / dt_secs).into() };
-        self.yaw_radps = if jumped { 0.0 } else { ((self.yaw_rad - yaw_before_rad + PI).rem_euclid(TAU) - PI) / dt_secs };
+        self.velocity_mps = if jumped {
+            [0.0; 3]
+        } else {
+            (moved / dt_secs).into()
+        };
+        self.yaw_radps = if jumped {
+            0.0
+        } else {
+            ((self.yaw_rad - yaw_before_rad + PI).rem_euclid(TAU) - PI) / dt_secs
+        };
         if self.fall.is_some() || jumped || (self.simulated && !self.on_ground) {
             return;
         }
-        self.gait_mps = eased_mps(self.gait_mps, speed_mps.min(f64::from(MAX_SPEED_MPS)), dt_secs);
+        self.gait_mps = eased_mps(
+            self.gait_mps,
+            speed_mps.min(f64::from(MAX_SPEED_MPS)),
+            dt_secs,
+        );
         let stride_m = self.model().shape.skeleton().stride_m(self.gait_mps);
         self.gait_rad = (self.gait_rad + TAU * way_m / stride_m).rem_euclid(TAU);
     }
@@ -244,10 +286,12 @@ impl Walker {
 }
 
 impl World {
-    /// Leads the strollers and moves the walkers by one tick, after the vehicles; a long tick in pieces, so that nobody walks past a corner.
+    /// Leads the strollers and moves the walkers by one tick, after the vehicles; a long tick in
+    /// pieces, so that nobody walks past a corner.
     pub(crate) fn move_walkers(&mut self, dt_secs: f64) {
         let n_leads = (dt_secs / LEAD_SECS - 1e-9).ceil().max(1.0) as u32;
-        let yaws_before_rad: Vec<f64> = self.walkers.values().map(|walker| walker.yaw_rad).collect();
+        let yaws_before_rad: Vec<f64> =
+            self.walkers.values().map(|walker| walker.yaw_rad).collect();
         for _ in 0..n_leads {
             self.lead_crowd(dt_secs / f64::from(n_leads));
             self.walk_all(dt_secs / f64::from(n_leads));
@@ -267,7 +311,10 @@ impl World {
             if walker.simulated && !walker.lost {
                 (0..n_pieces).for_each(|_| walker.walk(&self.physics, piece_secs));
                 if !(walker.feet_m.iter().all(|x| x.is_finite()) && walker.feet_m[2] > floor_m) {
-                    tracing::error!(actor = id.0, "walker fell out of the world and was stopped; destroy it or set its pose");
+                    tracing::error!(
+                        actor = id.0,
+                        "walker fell out of the world and was stopped; destroy it or set its pose"
+                    );
                     walker.feet_m = walker.last_feet_m;
                     walker.lost = true;
                 }
@@ -279,9 +326,21 @@ impl World {
     ///
     /// # Errors
     /// [`ActorError`] for another kind of actor and for numbers that cannot be used.
-    pub fn control_walker(&mut self, actor: ActorId, control: WalkerControl) -> Result<(), ActorError> {
-        let value = |problem| ActorError::Value { actor, what: "walker control", problem };
-        if !control.direction.iter().all(|x| x.is_finite() && x.abs() < 1e6) {
+    pub fn control_walker(
+        &mut self,
+        actor: ActorId,
+        control: WalkerControl,
+    ) -> Result<(), ActorError> {
+        let value = |problem| ActorError::Value {
+            actor,
+            what: "walker control",
+            problem,
+        };
+        if !control
+            .direction
+            .iter()
+            .all(|x| x.is_finite() && x.abs() < 1e6)
+        {
             return Err(value("must have a finite direction"));
         }
         if !(0.0..=MAX_SPEED_MPS).contains(&control.speed_mps) {
@@ -294,14 +353,32 @@ impl World {
         Ok(())
     }
 
-    /// Puts a walker's feet on the ground nearest to a point, facing `yaw_rad`; its limbs move as at `speed_mps`.
+    /// Puts a walker's feet on the ground nearest to a point, facing `yaw_rad`; its limbs move as
+    /// at `speed_mps`.
     ///
     /// # Errors
     /// As [`World::control_walker`].
-    pub fn lead_walker(&mut self, actor: ActorId, ground_point_m: [f64; 3], yaw_rad: f64, speed_mps: f64) -> Result<(), ActorError> {
-        let value = |what, problem| ActorError::Value { actor, what, problem };
-        if !ground_point_m.iter().all(|x| x.is_finite() && x.abs() < 1e5) || !yaw_rad.is_finite() {
-            return Err(value("place", "must be finite and within 100 km of the origin"));
+    pub fn lead_walker(
+        &mut self,
+        actor: ActorId,
+        ground_point_m: [f64; 3],
+        yaw_rad: f64,
+        speed_mps: f64,
+    ) -> Result<(), ActorError> {
+        let value = |what, problem| ActorError::Value {
+            actor,
+            what,
+            problem,
+        };
+        if !ground_point_m
+            .iter()
+            .all(|x| x.is_finite() && x.abs() < 1e5)
+            || !yaw_rad.is_finite()
+        {
+            return Err(value(
+                "place",
+                "must be finite and within 100 km of the origin",
+            ));
         }
         if !(0.0..=f64::from(MAX_SPEED_MPS)).contains(&speed_mps) {
             return Err(value("speed", "must be 0 to 15 m/s"));
@@ -336,8 +413,14 @@ impl World {
             None => Err(match self.actors.get(&actor) {
                 None => ActorError::Unknown(actor),
                 Some(other) => {
-                    let type_id = self.catalogue.entries[other.catalogue_idx as usize].type_id.clone();
-                    ActorError::WrongKind { actor, type_id, needed: "walker" }
+                    let type_id = self.catalogue.entries[other.catalogue_idx as usize]
+                        .type_id
+                        .clone();
+                    ActorError::WrongKind {
+                        actor,
+                        type_id,
+                        needed: "walker",
+                    }
                 }
             }),
         }

@@ -1,6 +1,7 @@
 //! The walkers of the catalogue: ids, ages, sizes, looks.
 //!
-//! Ids, age groups and attributes are CARLA 0.9.16's; bodies, heights and clothes are ours and follow from the number in the id.
+//! Ids, age groups and attributes are CARLA 0.9.16's; bodies, heights and clothes are ours and
+//! follow from the number in the id.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -22,8 +23,22 @@ const POLICE: [u32; 2] = [30, 32];
 /// From this number on walkers are of generation 2.
 const GENERATION_2_FROM: u32 = 15;
 
-const SKINS: [[u8; 3]; 6] = [[236, 196, 168], [222, 176, 144], [198, 152, 118], [160, 112, 82], [118, 78, 56], [84, 56, 42]];
-const HAIRS: [[u8; 3]; 6] = [[34, 26, 22], [58, 40, 28], [96, 64, 38], [150, 112, 66], [190, 160, 108], [128, 52, 28]];
+const SKINS: [[u8; 3]; 6] = [
+    [236, 196, 168],
+    [222, 176, 144],
+    [198, 152, 118],
+    [160, 112, 82],
+    [118, 78, 56],
+    [84, 56, 42],
+];
+const HAIRS: [[u8; 3]; 6] = [
+    [34, 26, 22],
+    [58, 40, 28],
+    [96, 64, 38],
+    [150, 112, 66],
+    [190, 160, 108],
+    [128, 52, 28],
+];
 const GREY_HAIRS: [[u8; 3]; 2] = [[176, 174, 170], [128, 126, 124]];
 const TOPS: [[u8; 3]; 12] = [
     [44, 70, 120],
@@ -39,7 +54,15 @@ const TOPS: [[u8; 3]; 12] = [
     [30, 34, 44],
     [208, 142, 156],
 ];
-const BOTTOMS: [[u8; 3]; 7] = [[52, 62, 92], [44, 46, 54], [96, 90, 80], [140, 126, 100], [30, 32, 38], [72, 84, 112], [116, 60, 52]];
+const BOTTOMS: [[u8; 3]; 7] = [
+    [52, 62, 92],
+    [44, 46, 54],
+    [96, 90, 80],
+    [140, 126, 100],
+    [30, 32, 38],
+    [72, 84, 112],
+    [116, 60, 52],
+];
 const SHOES: [[u8; 3]; 4] = [[38, 32, 30], [92, 62, 42], [212, 210, 204], [58, 62, 72]];
 
 /// One kind of walker.
@@ -69,7 +92,11 @@ impl WalkerModel {
         let pick = |what: u64, n: usize| (draw.bits(what) % n as u64) as usize;
         let officer = POLICE.contains(&number);
         // The two kinds take turns.
-        let female = if officer { number == POLICE[1] } else { number.is_multiple_of(2) };
+        let female = if officer {
+            number == POLICE[1]
+        } else {
+            number.is_multiple_of(2)
+        };
         let (group, age) = match number {
             _ if CHILDREN.contains(&number) => (Age::Child, "child"),
             _ if TEENAGERS.contains(&number) => (Age::Teenager, "teenager"),
@@ -87,7 +114,9 @@ impl WalkerModel {
         };
         let hair = match (officer, group, female) {
             (true, ..) => Hair::Cap,
-            (_, Age::Child, false) | (_, _, false) if pick(3, 7) > 0 || group == Age::Child => Hair::Short,
+            (_, Age::Child, false) | (_, _, false) if pick(3, 7) > 0 || group == Age::Child => {
+                Hair::Short
+            }
             (_, _, false) => Hair::Bald,
             (_, _, true) if pick(3, 3) == 0 => Hair::Short,
             _ => Hair::Long,
@@ -100,15 +129,27 @@ impl WalkerModel {
                 Age::Elderly => GREY_HAIRS[pick(5, GREY_HAIRS.len())],
                 _ => HAIRS[pick(5, HAIRS.len())],
             },
-            top_rgb: if officer { blue } else { TOPS[pick(6, TOPS.len())] },
-            bottom_rgb: if officer { [26, 30, 44] } else { BOTTOMS[pick(7, BOTTOMS.len())] },
+            top_rgb: if officer {
+                blue
+            } else {
+                TOPS[pick(6, TOPS.len())]
+            },
+            bottom_rgb: if officer {
+                [26, 30, 44]
+            } else {
+                BOTTOMS[pick(7, BOTTOMS.len())]
+            },
             shoe_rgb: SHOES[if officer { 0 } else { pick(8, SHOES.len()) }],
             hair,
             short_sleeves: !officer && pick(9, 5) < 2,
             skirt: female && !officer && pick(10, 3) == 0,
             female,
         };
-        let shape = PersonShape { age: group, height_m, look };
+        let shape = PersonShape {
+            age: group,
+            height_m,
+            look,
+        };
         // A body mass index of 16 for children, 20 for teenagers, 24 for the others.
         let index = match group {
             Age::Child => 16.0,
@@ -138,7 +179,10 @@ impl WalkerModel {
     }
 
     pub(crate) fn body_box(&self) -> BodyBox {
-        BodyBox { centre_m: [0.0; 3], half_m: self.shape.half_m().map(|x| x as f32) }
+        BodyBox {
+            centre_m: [0.0; 3],
+            half_m: self.shape.half_m().map(|x| x as f32),
+        }
     }
 
     pub(crate) fn catalogue_entry(&self) -> CatalogueEntry {
@@ -161,7 +205,9 @@ impl WalkerModel {
             attributes,
             recommended: BTreeMap::from([(
                 "speed".to_owned(),
-                [0.0, self.speeds_mps[0], self.speeds_mps[1]].map(|x| format!("{x:?}")).to_vec(),
+                [0.0, self.speeds_mps[0], self.speeds_mps[1]]
+                    .map(|x| format!("{x:?}"))
+                    .to_vec(),
             )]),
         }
     }
@@ -180,15 +226,25 @@ mod tests {
     #[test]
     fn there_are_people_of_every_age_and_of_human_size() {
         for age in ["child", "teenager", "adult", "elderly"] {
-            let of_age: Vec<_> = walker_models().iter().filter(|model| model.age == age).collect();
+            let of_age: Vec<_> = walker_models()
+                .iter()
+                .filter(|model| model.age == age)
+                .collect();
             assert!(of_age.len() >= 2, "{age}");
             for gender in ["female", "male"] {
-                assert!(of_age.iter().any(|model| model.gender == gender), "{age} {gender}");
+                assert!(
+                    of_age.iter().any(|model| model.gender == gender),
+                    "{age} {gender}"
+                );
             }
         }
         for model in walker_models() {
             let (height_m, mass_kg) = (model.shape.height_m, model.mass_kg);
-            assert!((1.0..1.95).contains(&height_m) && (15.0..95.0).contains(&mass_kg), "{}: {height_m} m, {mass_kg} kg", model.type_id);
+            assert!(
+                (1.0..1.95).contains(&height_m) && (15.0..95.0).contains(&mass_kg),
+                "{}: {height_m} m, {mass_kg} kg",
+                model.type_id
+            );
             assert!(model.speeds_mps[0] < model.speeds_mps[1]);
         }
     }

@@ -1,4 +1,5 @@
-//! How a walker gets from here to there: slides along walls and vehicles, steps over kerbs, falls, jumps.
+//! How a walker gets from here to there: slides along walls and vehicles, steps over kerbs, falls,
+//! jumps.
 
 use nalgebra::Vector3;
 use rapier3d::math::{Pose as EnginePose, Vector};
@@ -42,14 +43,27 @@ impl Standing {
     /// Moves by `walk_mps` (horizontal) for `dt_secs`; falls and lands.
     pub fn step(&mut self, physics: &Physics, walk_mps: Vector3<f64>, dt_secs: f64, blocked: bool) {
         let way = Vector3::new(walk_mps.x, walk_mps.y, 0.0) * dt_secs;
-        self.feet_m += if blocked { self.slide(physics, way) } else { way };
-        let down_m = ground_below(physics, &self.feet_m, STEP_M, if self.on_ground { STEP_M } else { 2.0 });
+        self.feet_m += if blocked {
+            self.slide(physics, way)
+        } else {
+            way
+        };
+        let down_m = ground_below(
+            physics,
+            &self.feet_m,
+            STEP_M,
+            if self.on_ground { STEP_M } else { 2.0 },
+        );
         if self.on_ground {
             match down_m {
                 Some(down_m) => {
                     let most = CLIMB_MPS * dt_secs;
                     // Rays are exact to micrometres; feet that stand do not follow them.
-                    self.feet_m.z -= if down_m.abs() < STANDS_M { 0.0 } else { down_m.clamp(-most, most) };
+                    self.feet_m.z -= if down_m.abs() < STANDS_M {
+                        0.0
+                    } else {
+                        down_m.clamp(-most, most)
+                    };
                 }
                 None => self.on_ground = false,
             }
@@ -77,14 +91,20 @@ impl Standing {
     fn slide(&self, physics: &Physics, way: Vector3<f64>) -> Vector3<f64> {
         let (shape, mut at) = self.upper_body(physics);
         let start = at.translation;
-        let pipeline = physics.engine.query_pipeline_with_filter(QueryFilter::default().exclude_sensors());
+        let pipeline = physics
+            .engine
+            .query_pipeline_with_filter(QueryFilter::default().exclude_sensors());
         let mut left = narrow(&way);
         for _ in 0..3 {
             if left.length() < 1e-6 {
                 break;
             }
-            let options =
-                ShapeCastOptions { max_time_of_impact: 1.0, target_distance: SKIN_M, stop_at_penetration: false, ..Default::default() };
+            let options = ShapeCastOptions {
+                max_time_of_impact: 1.0,
+                target_distance: SKIN_M,
+                stop_at_penetration: false,
+                ..Default::default()
+            };
             let Some((_, hit)) = pipeline.cast_shape(&at, left, &shape, options) else {
                 at.translation += left;
                 break;
@@ -94,7 +114,9 @@ impl Standing {
             left *= 1.0 - done;
             let mut normal = hit.normal1;
             normal.z = 0.0;
-            let Some(normal) = normal.try_normalize() else { break };
+            let Some(normal) = normal.try_normalize() else {
+                break;
+            };
             // A little more than parallel, so that the next cast does not begin at the wall.
             left -= normal * (1.05 * left.dot(normal).min(0.0));
         }
@@ -109,7 +131,13 @@ impl Standing {
         let high = self.height_m - radius;
         let shape = Capsule::new_z((0.5 * (high - low)) as f32, radius as f32);
         let middle = self.feet_m + Vector3::z() * (0.5 * (low + high));
-        (shape, physics.engine_pose(&nalgebra::Isometry3::from_parts(middle.into(), nalgebra::UnitQuaternion::identity())))
+        (
+            shape,
+            physics.engine_pose(&nalgebra::Isometry3::from_parts(
+                middle.into(),
+                nalgebra::UnitQuaternion::identity(),
+            )),
+        )
     }
 
     /// The whole body as a shape in the engine.
@@ -117,7 +145,13 @@ impl Standing {
         let half = (0.5 * self.height_m - self.radius_m).max(0.01);
         let shape = Capsule::new_z(half as f32, self.radius_m as f32);
         let middle = self.feet_m + Vector3::z() * (0.5 * self.height_m);
-        (shape, physics.engine_pose(&nalgebra::Isometry3::from_parts(middle.into(), nalgebra::UnitQuaternion::identity())))
+        (
+            shape,
+            physics.engine_pose(&nalgebra::Isometry3::from_parts(
+                middle.into(),
+                nalgebra::UnitQuaternion::identity(),
+            )),
+        )
     }
 
     /// Whether a wall or the like is where the upper body is.
@@ -127,10 +161,24 @@ impl Standing {
     }
 }
 
-/// How far below `point` the ground is (negative above it), looked for from `above_m` over it to `below_m` under it.
-pub fn ground_below(physics: &Physics, point: &Vector3<f64>, above_m: f64, below_m: f64) -> Option<f64> {
-    let from = physics.engine_pose(&nalgebra::Isometry3::translation(point.x, point.y, point.z + above_m)).translation;
-    let pipeline = physics.engine.query_pipeline_with_filter(QueryFilter::only_fixed().exclude_sensors());
+/// How far below `point` the ground is (negative above it), looked for from `above_m` over it to
+/// `below_m` under it.
+pub fn ground_below(
+    physics: &Physics,
+    point: &Vector3<f64>,
+    above_m: f64,
+    below_m: f64,
+) -> Option<f64> {
+    let from = physics
+        .engine_pose(&nalgebra::Isometry3::translation(
+            point.x,
+            point.y,
+            point.z + above_m,
+        ))
+        .translation;
+    let pipeline = physics
+        .engine
+        .query_pipeline_with_filter(QueryFilter::only_fixed().exclude_sensors());
     let ray = Ray::new(from, -Vector::Z);
     let (_, way) = pipeline.cast_ray(&ray, (above_m + below_m) as f32, false)?;
     Some(f64::from(way) - above_m)
