@@ -2,6 +2,9 @@
 
 #![forbid(unsafe_code)]
 
+pub mod circles;
+pub mod modules;
+
 use std::path::{Path, PathBuf};
 
 /// Root of the repository.
