@@ -3,7 +3,10 @@
 use schema_frames::Modality;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::{MountSpec, OpticsSpec, SpecError, check_range};
+use crate::check::{SpecError, check_range};
+use crate::dvs::DvsSpec;
+use crate::mount::MountSpec;
+use crate::optics::OpticsSpec;
 
 /// Smallest and largest image side, pixels.
 pub const SIDE_PX: (u32, u32) = (16, 4096);
@@ -119,146 +122,6 @@ impl Intrinsics {
             0.5 * self.width_px as f64,
             0.5 * self.height_px as f64,
         ]
-    }
-}
-
-/// How brightness is followed between two firings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DvsMode {
-    /// Along the motion field: edges cross a pixel when they do.
-    #[default]
-    Motion,
-    /// In a straight line at every pixel: CARLA's model.
-    TwoFrame,
-}
-
-/// Event camera: a contrast threshold crossed makes an event.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DvsSpec {
-    /// How brightness is followed between two firings.
-    pub mode: DvsMode,
-    /// Rise of the level per event.
-    pub positive_threshold: f32,
-    /// Fall of the level per event.
-    pub negative_threshold: f32,
-    /// Standard deviation of the thresholds from pixel to pixel.
-    pub threshold_mismatch_stddev: f32,
-    /// Standard deviation of the positive threshold from window to window, at every pixel anew.
-    pub sigma_positive_threshold: f32,
-    /// The same of the negative threshold.
-    pub sigma_negative_threshold: f32,
-    /// Time a pixel stays silent after an event.
-    pub refractory_nanos: u32,
-    /// Level is ln(luminance + `log_eps`) with luminance 0..=1; otherwise 255 · luminance.
-    pub use_log: bool,
-    /// Added to luminance (0..=1) before the logarithm.
-    pub log_eps: f32,
-    /// Events of rising brightness per second and pixel that come without any change.
-    pub leak_rate_hz: f32,
-    /// Events per second and pixel of either polarity by chance in the dark; a quarter of that in
-    /// full light.
-    pub shot_noise_rate_hz: f32,
-    /// Longest path of a point over the image between two samples of its brightness.
-    pub substep_px: f32,
-    /// Most events one frame can carry; what is beyond is dropped from its end and counted. 0: one
-    /// per pixel, at least 4096.
-    pub max_events: u32,
-    /// Tells the noise of otherwise equal event cameras apart.
-    pub noise_seed: u64,
-}
-
-impl Default for DvsSpec {
-    fn default() -> Self {
-        DvsSpec {
-            mode: DvsMode::Motion,
-            positive_threshold: 0.3,
-            negative_threshold: 0.3,
-            threshold_mismatch_stddev: 0.0,
-            sigma_positive_threshold: 0.0,
-            sigma_negative_threshold: 0.0,
-            refractory_nanos: 0,
-            use_log: true,
-            log_eps: 0.001,
-            leak_rate_hz: 0.0,
-            shot_noise_rate_hz: 0.0,
-            substep_px: 1.0,
-            max_events: 0,
-            noise_seed: 0,
-        }
-    }
-}
-
-impl DvsSpec {
-    /// Most events one frame of a picture of this size can carry.
-    pub fn max_events_of(&self, width_px: u32, height_px: u32) -> u32 {
-        match self.max_events {
-            0 => (width_px * height_px).max(4096),
-            n => n,
-        }
-    }
-
-    fn check(&self, errors: &mut Vec<SpecError>) {
-        // In grey levels of 255 without the logarithm.
-        let (least, most) = if self.use_log {
-            (0.01, 10.0)
-        } else {
-            (0.1, 255.0)
-        };
-        check_range(
-            "dvs.positive_threshold",
-            self.positive_threshold,
-            least,
-            most,
-            errors,
-        );
-        check_range(
-            "dvs.negative_threshold",
-            self.negative_threshold,
-            least,
-            most,
-            errors,
-        );
-        check_range(
-            "dvs.threshold_mismatch_stddev",
-            self.threshold_mismatch_stddev,
-            0.0,
-            most,
-            errors,
-        );
-        check_range(
-            "dvs.sigma_positive_threshold",
-            self.sigma_positive_threshold,
-            0.0,
-            most,
-            errors,
-        );
-        check_range(
-            "dvs.sigma_negative_threshold",
-            self.sigma_negative_threshold,
-            0.0,
-            most,
-            errors,
-        );
-        check_range(
-            "dvs.refractory_nanos",
-            self.refractory_nanos,
-            0,
-            1_000_000_000,
-            errors,
-        );
-        check_range("dvs.log_eps", self.log_eps, 1e-6, 1.0, errors);
-        check_range("dvs.leak_rate_hz", self.leak_rate_hz, 0.0, 1000.0, errors);
-        check_range(
-            "dvs.shot_noise_rate_hz",
-            self.shot_noise_rate_hz,
-            0.0,
-            1000.0,
-            errors,
-        );
-        check_range("dvs.substep_px", self.substep_px, 0.1, 64.0, errors);
-        check_range("dvs.max_events", self.max_events, 0, 50_000_000, errors);
     }
 }
 

@@ -2,7 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{MountSpec, SpecError, check_range};
+use crate::check::{SpecError, check_range};
+use crate::mount::MountSpec;
+
+/// Most collisions or crossed lines one frame can carry; what is beyond is left out.
+pub const MAX_EVENTS_PER_TICK: usize = 64;
 
 /// Obstacle detector: a ball moved forward from the sensor until it touches something that is not
 /// its carrier.

@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{MountSpec, SpecError, check_range};
+use crate::check::{SpecError, check_range};
+use crate::mount::MountSpec;
 
 /// Most beams a lidar can have.
 pub const MAX_CHANNELS: u32 = 256;

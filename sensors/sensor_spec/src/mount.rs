@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use schema_types::Pose;
 use serde::{Deserialize, Serialize};
 
-use crate::{SpecError, check_range};
+use crate::check::{SpecError, check_range};
 
 pub use schema_frames::Attachment;
 

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{SpecError, check_range};
+use crate::check::{SpecError, check_range};
 
 /// Colour of a camera. The defaults leave a picture as it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

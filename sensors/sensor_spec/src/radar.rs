@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::check::{SpecError, check_range};
 use crate::lidar::MAX_POINTS_PER_SECOND;
-use crate::{MountSpec, SpecError, check_range};
+use crate::mount::MountSpec;
 
 /// A radar that casts rays: CARLA's model, without noise, cross sections or echoes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
