@@ -27,7 +27,7 @@ mod surface;
 pub mod walkable;
 
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
-pub use map::RoadMap;
+pub use map::{DEFAULT_GEO_REFERENCE, RoadMap};
 pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
 pub use objects::RoadObject;
 pub use parse::xml::MAX_TEXT_BYTES;

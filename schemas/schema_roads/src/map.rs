@@ -11,8 +11,8 @@ use crate::raw::RawMap;
 use crate::signals::{self, Controller, Crosswalk, Signal, SignalStop};
 use crate::{MapError, Warning, parse};
 
-/// Latitude and longitude of a map that states none, degrees (as CARLA).
-const DEFAULT_GEO_REFERENCE: (f64, f64) = (42.0, 2.0);
+/// Latitude and longitude of the origin of a map that states none, degrees (as CARLA).
+pub const DEFAULT_GEO_REFERENCE: (f64, f64) = (42.0, 2.0);
 /// Most lanes.
 const MAX_LANES: usize = 2_000_000;
 /// Most chords the search index aims at.

@@ -57,9 +57,9 @@ pub fn locate_deg(east_m: f64, north_m: f64, [latitude_deg, longitude_deg]: [f64
 
 /// Latitude and longitude in a map's `geoReference`; CARLA's default where it has none.
 pub fn geo_reference_deg(map: &str) -> [f64; 2] {
-    const DEFAULT_DEG: [f64; 2] = [42.0, 2.0];
+    let default_deg = schema_roads::DEFAULT_GEO_REFERENCE.into();
     let Some((_, after)) = map.split_once("<geoReference>") else {
-        return DEFAULT_DEG;
+        return default_deg;
     };
     let text = after.split("</geoReference>").next().unwrap_or_default();
     let value = |key: &str| {
@@ -73,7 +73,7 @@ pub fn geo_reference_deg(map: &str) -> [f64; 2] {
     };
     match (value("+lat_0="), value("+lon_0=")) {
         (Some(latitude), Some(longitude)) => [latitude, longitude],
-        _ => DEFAULT_DEG,
+        _ => default_deg,
     }
 }
 
