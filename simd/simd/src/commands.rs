@@ -127,7 +127,28 @@ impl Daemon {
                 self.debug.clear();
                 CommandReply::Done
             }
-            _ => {
+            Command::Spawn { .. }
+            | Command::SetPose { .. }
+            | Command::SetVelocity { .. }
+            | Command::ControlVehicle { .. }
+            | Command::ControlWalker { .. }
+            | Command::LeadWalker { .. }
+            | Command::Skeleton { .. }
+            | Command::Physics { .. }
+            | Command::SetLamps { .. }
+            | Command::SetDoors { .. }
+            | Command::SetTrafficLight { .. }
+            | Command::FreezeTrafficLights { .. }
+            | Command::SetTrafficLightTime { .. }
+            | Command::ResetTrafficLights { .. }
+            | Command::LightBoxes { .. }
+            | Command::SetWeather { .. }
+            | Command::SetWeatherEffects { .. }
+            | Command::Scenery
+            | Command::ShowObjects { .. }
+            | Command::ShowLayers { .. }
+            | Command::SetSceneryLamps { .. }
+            | Command::SetLampCycle { .. } => {
                 self.ports.documents.touch_info();
                 self.world.apply(command)
             }
