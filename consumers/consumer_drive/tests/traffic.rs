@@ -10,7 +10,7 @@ use consumer_drive::{Fleet, World};
 use schema_frames::{ActorList, ActorRecord};
 use schema_roads::RoadMap;
 use schema_types::ActorId;
-use simd_world::{MapData, WorldOptions};
+use simd_world::{EgoSpawn, MapData, WorldOptions};
 
 const PERIOD_NANOS: u64 = 50_000_000;
 const TICKS_PER_MINUTE: u64 = 1200;
@@ -62,7 +62,13 @@ impl Stage {
         });
         world.load(&MapData::from(&town)).unwrap();
         world
-            .spawn_scenario("vehicle.tesla.model3", 0, n_others)
+            .spawn_scenario(
+                Some(EgoSpawn {
+                    type_id: "vehicle.tesla.model3",
+                    spawn_idx: 0,
+                }),
+                n_others,
+            )
             .unwrap();
         assert_eq!(world.spawn_walkers(n_walkers).len(), n_walkers);
         let roads = Arc::new(RoadMap::parse(&town.open_drive).unwrap());

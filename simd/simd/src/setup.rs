@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use anyhow::Context as _;
 use launch_cli::{Shutdown, wrong_usage};
-use launch_spec::{Ego, Launch, LidarsOn, Rig as RigSpec};
+use launch_spec::{Launch, LidarsOn, Rig as RigSpec};
 use schema_bus::{Bus, mono_now, names};
+use schema_roads::DEFAULT_GEO_REFERENCE;
 use schema_types::time::TickClock;
 use schema_types::{ActorId, Pose, SimTime, Tick};
 use sensor_camera::{CameraRenderer, Quality};
@@ -15,7 +16,7 @@ use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_gpu::{CopyPath, Gpu, GpuOptions};
 use sensor_ray::GpuRays;
-use simd_world::{Scenario, World, WorldOptions};
+use simd_world::{EgoSpawn, Scenario, World, WorldOptions};
 
 use crate::cli::{Args, LidarsOnArg, QualityArg};
 use crate::daemon::{Daemon, Episode, Ports};
@@ -247,25 +248,17 @@ pub fn begin_episode(
         .set_weather(launch.scenario.weather)
         .map_err(wrong_usage)?;
     world.set_weather_effects(launch.scenario.weather_effects);
-    let ego_type_id = if launch.ego.is_none() {
-        Ego::default().type_id
-    } else {
-        launch.ego.type_id.clone()
-    };
-    let scenario = world.spawn_scenario(
-        &ego_type_id,
-        launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
-        launch.scenario.vehicles as usize,
-    )?;
+    let ego = (!launch.ego.is_none()).then(|| EgoSpawn {
+        type_id: &launch.ego.type_id,
+        spawn_idx: launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
+    });
+    let scenario = world.spawn_scenario(ego, launch.scenario.vehicles as usize)?;
     if scenario.others.len() < launch.scenario.vehicles as usize {
         tracing::warn!(
             asked = launch.scenario.vehicles,
             placed = scenario.others.len(),
             "the map has no free spawn point for more vehicles"
         );
-    }
-    if launch.ego.is_none() {
-        world.destroy(scenario.ego)?;
     }
     let n_walkers = world.spawn_walkers(launch.scenario.walkers as usize).len();
     if n_walkers < launch.scenario.walkers as usize {
@@ -277,7 +270,7 @@ pub fn begin_episode(
     }
     let (latitude_deg, longitude_deg) = world
         .roads()
-        .map_or((42.0, 2.0), |roads| roads.geo_reference());
+        .map_or(DEFAULT_GEO_REFERENCE, |roads| roads.geo_reference());
     let stamp = Stamp {
         epoch,
         episode,
@@ -355,7 +348,14 @@ fn spawn_sensor(
 ) -> anyhow::Result<ActorId> {
     let mount = spec.mount().vehicle_from_sensor();
     let (parent, pose): (_, Pose) = match rig {
-        RigSpec::Ego => (Some(scenario.ego), mount.into()),
+        RigSpec::Ego => (
+            Some(
+                scenario
+                    .ego
+                    .context("the sensor rides on the ego vehicle, but there is none")?,
+            ),
+            mount.into(),
+        ),
         RigSpec::Other(idx) => {
             let other = scenario.others.get(*idx as usize);
             (

@@ -10,7 +10,7 @@ use nix::time::{ClockId, clock_gettime};
 use schema_frames::command::Command;
 use schema_frames::{PhysicsAction, VehicleControl};
 use schema_types::{ActorId, Pose};
-use simd_world::{MapData, World, WorldOptions};
+use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 200;
@@ -71,11 +71,17 @@ fn measure(
 ) -> Result<(usize, f64, f64), Box<dyn std::error::Error>> {
     let mut world = World::new(WorldOptions::default());
     world.load(map)?;
-    let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, n_vehicles - 1)?;
+    let scenario = world.spawn_scenario(
+        Some(EgoSpawn {
+            type_id: "vehicle.tesla.model3",
+            spawn_idx: 0,
+        }),
+        n_vehicles - 1,
+    )?;
     let cars: Vec<ActorId> = scenario
         .others
         .iter()
-        .chain([&scenario.ego])
+        .chain(&scenario.ego)
         .copied()
         .collect();
     let (driven, carried) = cars.split_at(n_simulated.min(cars.len()));

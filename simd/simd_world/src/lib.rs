@@ -52,7 +52,7 @@ pub use map::{CollisionMesh, LightHeads, LoadError, MapData};
 pub use models::{VehicleModel, vehicle_models};
 pub use physics::Collision;
 pub use props::{PropModel, prop_models};
-pub use scenario::Scenario;
+pub use scenario::{EgoSpawn, Scenario};
 pub use spawn::{DestroyError, SpawnError};
 pub use walkers::{MAX_SPEED_MPS, WalkerModel, walker_models};
 pub use world::{ActorError, World, WorldOptions};

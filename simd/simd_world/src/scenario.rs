@@ -1,9 +1,9 @@
-//! Filling a map with traffic: the ego and others at spawn points drawn by lot.
+//! Fills a map with traffic: the ego and other vehicles, at spawn points drawn by lot.
 
 use std::collections::BTreeMap;
 
-use schema_types::ActorId;
 use schema_types::noise::Noise;
+use schema_types::{ActorId, Pose};
 
 use crate::catalogue::color_text;
 use crate::models::{VehicleModel, vehicle_models};
@@ -13,52 +13,42 @@ use crate::world::World;
 /// Keeps this lottery apart from every other use of the seed.
 const STREAM: u64 = 0x5ce7_a210;
 
+/// Which ego vehicle to spawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EgoSpawn<'s> {
+    /// Catalogue id.
+    pub type_id: &'s str,
+    /// Index of the preferred spawn point; if it is taken, the following ones are tried in order.
+    pub spawn_idx: usize,
+}
+
 /// Who was put on the map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scenario {
-    /// The vehicle with role `ego_vehicle`.
-    pub ego: ActorId,
+    /// The vehicle with role `ego_vehicle`; `None` if none was asked for.
+    pub ego: Option<ActorId>,
     /// Vehicles with role `autopilot`; fewer than asked for if the map has too few free spawn
     /// points.
     pub others: Vec<ActorId>,
 }
 
 impl World {
-    /// Puts the ego at a spawn point and `n_vehicles` others at points, of kinds and in colours
-    /// that follow from the seed.
+    /// Puts the ego, if one is asked for, at a spawn point and then `n_vehicles` others at the
+    /// remaining points; their places, kinds and colours follow from the seed.
     ///
     /// # Errors
-    /// If the ego can be put nowhere. A place that is taken only makes it, like the others, move on
+    /// If the ego can be put nowhere. A taken place is no error: the ego, like the others, moves on
     /// to the next one.
     pub fn spawn_scenario(
         &mut self,
-        ego_type: &str,
-        ego_spawn_idx: usize,
+        ego: Option<EgoSpawn<'_>>,
         n_vehicles: usize,
     ) -> Result<Scenario, SpawnError> {
         let points = self.map.spawn_points.clone();
-        let no_place = SpawnError::SpawnPoint {
-            idx: ego_spawn_idx,
-            map: self.map.name.clone(),
-            n_points: points.len(),
-        };
-        let mut result = Err(no_place);
-        let mut taken_idx = ego_spawn_idx;
-        let before = if ego_spawn_idx < points.len() {
-            0..ego_spawn_idx
-        } else {
-            0..0
-        };
-        for idx in (ego_spawn_idx..points.len()).chain(before) {
-            taken_idx = idx;
-            result = self.spawn(ego_type, points[idx], None, "ego_vehicle", &BTreeMap::new());
-            if !matches!(result, Err(SpawnError::Occupied { .. })) {
-                break;
-            }
-        }
-        let ego = result?;
+        let ego = ego.map(|ego| self.spawn_ego(&points, ego)).transpose()?;
         let noise = Noise::new(self.options.seed, STREAM, 0);
-        let mut order: Vec<usize> = (0..points.len()).filter(|idx| *idx != taken_idx).collect();
+        let is_free = |idx: &usize| ego.is_none_or(|(_, ego_idx)| *idx != ego_idx);
+        let mut order: Vec<usize> = (0..points.len()).filter(is_free).collect();
         order.sort_by_key(|idx| (noise.bits(*idx as u64), *idx));
         let mut others = Vec::new();
         for idx in order {
@@ -81,7 +71,43 @@ impl World {
                 "fewer vehicles than asked for: the map has too few free spawn points"
             );
         }
-        Ok(Scenario { ego, others })
+        Ok(Scenario {
+            ego: ego.map(|(actor, _)| actor),
+            others,
+        })
+    }
+
+    /// The ego and the index of the spawn point that it got.
+    fn spawn_ego(
+        &mut self,
+        points: &[Pose],
+        ego: EgoSpawn<'_>,
+    ) -> Result<(ActorId, usize), SpawnError> {
+        let mut result = Err(SpawnError::SpawnPoint {
+            idx: ego.spawn_idx,
+            map: self.map.name.clone(),
+            n_points: points.len(),
+        });
+        let before = if ego.spawn_idx < points.len() {
+            0..ego.spawn_idx
+        } else {
+            0..0
+        };
+        for idx in (ego.spawn_idx..points.len()).chain(before) {
+            result = self
+                .spawn(
+                    ego.type_id,
+                    points[idx],
+                    None,
+                    "ego_vehicle",
+                    &BTreeMap::new(),
+                )
+                .map(|actor| (actor, idx));
+            if !matches!(result, Err(SpawnError::Occupied { .. })) {
+                break;
+            }
+        }
+        result
     }
 }
 

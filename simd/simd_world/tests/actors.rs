@@ -6,7 +6,7 @@ use schema_frames::command::{Command, CommandReply};
 use schema_frames::{ActorKind, ActorRecord, VehicleControl};
 use schema_types::{ActorId, Pose};
 use sensor_core::SceneAssets;
-use simd_world::{MapData, World, WorldOptions};
+use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
 
@@ -337,11 +337,19 @@ fn busy_run(seed: u64) -> Vec<ActorRecord> {
         ..Default::default()
     });
     world.load(&MapData::flat(1000.0)).unwrap();
-    let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, 19).unwrap();
+    let scenario = world
+        .spawn_scenario(
+            Some(EgoSpawn {
+                type_id: "vehicle.tesla.model3",
+                spawn_idx: 0,
+            }),
+            19,
+        )
+        .unwrap();
     assert_eq!(scenario.others.len(), 19);
     let mut all = Vec::new();
     for tick in 0..500u64 {
-        for actor in scenario.others.iter().chain([&scenario.ego]) {
+        for actor in scenario.others.iter().chain(&scenario.ego) {
             let noise = schema_types::noise::Noise::new(seed, actor.0 as u64, tick / 20);
             let control = VehicleControl {
                 throttle_ratio: noise.uniform(0) as f32,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use schema_frames::{ActorRecord, Command, CommandReply, VehicleControl};
 use schema_types::{ActorId, Class, Pose};
-use simd_world::{Checkpoint, Collision, CollisionMesh, MapData, World, WorldOptions};
+use simd_world::{Checkpoint, Collision, CollisionMesh, EgoSpawn, MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
 
@@ -225,12 +225,20 @@ fn lights_weather_and_counters_come_back_and_ids_go_on() {
     let town = simd_town::Town::generate("Town10HD", 3).unwrap();
     let mut world = World::new(WorldOptions::default());
     world.load(&MapData::from(&town)).unwrap();
-    let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, 10).unwrap();
+    let scenario = world
+        .spawn_scenario(
+            Some(EgoSpawn {
+                type_id: "vehicle.tesla.model3",
+                spawn_idx: 0,
+            }),
+            10,
+        )
+        .unwrap();
     let camera = world
         .spawn(
             "sensor.camera.rgb",
             Pose::IDENTITY,
-            Some(scenario.ego),
+            scenario.ego,
             "",
             &BTreeMap::new(),
         )
@@ -244,7 +252,7 @@ fn lights_weather_and_counters_come_back_and_ids_go_on() {
         .spawn(
             "sensor.camera.rgb",
             Pose::IDENTITY,
-            Some(scenario.ego),
+            scenario.ego,
             "",
             &BTreeMap::new(),
         )

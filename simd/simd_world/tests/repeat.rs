@@ -2,7 +2,7 @@
 
 use schema_frames::{ActorRecord, VehicleControl};
 use schema_types::noise::Noise;
-use simd_world::{MapData, World, WorldOptions};
+use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 1000;
@@ -13,12 +13,18 @@ const N_TICKS: u64 = 1000;
 fn run(world: &mut World, n_vehicles: usize, n_ticks: u64) -> (u64, usize) {
     world.load(&MapData::flat(1000.0)).unwrap();
     let scenario = world
-        .spawn_scenario("vehicle.tesla.model3", 0, n_vehicles - 1)
+        .spawn_scenario(
+            Some(EgoSpawn {
+                type_id: "vehicle.tesla.model3",
+                spawn_idx: 0,
+            }),
+            n_vehicles - 1,
+        )
         .unwrap();
     let cars: Vec<_> = scenario
         .others
         .iter()
-        .chain([&scenario.ego])
+        .chain(&scenario.ego)
         .copied()
         .collect();
     assert_eq!(cars.len(), n_vehicles);

@@ -9,7 +9,7 @@ use schema_roads::{LanePosition, RoadMap, SignalKind};
 use schema_types::{ActorId, Pose};
 use sensor_core::SceneAssets;
 use simd_town::Town;
-use simd_world::{MapData, World, WorldOptions, vehicle_models};
+use simd_world::{EgoSpawn, MapData, World, WorldOptions, vehicle_models};
 
 const TICK_NANOS: u64 = 50_000_000;
 
@@ -40,14 +40,22 @@ fn states(world: &World) -> BTreeMap<String, LightState> {
 #[test]
 fn vehicles_stand_upright_on_the_road_for_10_s() {
     let mut world = town();
-    let scenario = world.spawn_scenario("vehicle.tesla.model3", 0, 20).unwrap();
+    let scenario = world
+        .spawn_scenario(
+            Some(EgoSpawn {
+                type_id: "vehicle.tesla.model3",
+                spawn_idx: 0,
+            }),
+            20,
+        )
+        .unwrap();
     assert_eq!(scenario.others.len(), 20);
     for _ in 0..200 {
         world.step(TICK_NANOS);
         assert!(world.collisions().is_empty(), "{:?}", world.collisions());
     }
     let roads = world.roads().unwrap();
-    for actor in scenario.others.iter().chain([&scenario.ego]) {
+    for actor in scenario.others.iter().chain(&scenario.ego) {
         let record = world.record(*actor).unwrap();
         let part = record.vehicle().unwrap();
         let model = &vehicle_models()[record.catalogue_idx as usize];

@@ -8,7 +8,7 @@ use schema_frames::{ActorKind, Command, CommandReply};
 use schema_types::{ActorId, SimTime, Tick};
 use sensor_core::{DynamicInstance, Scene, SceneAssets};
 use simd_town::Town;
-use simd_world::{MapData, World, WorldOptions};
+use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
 /// Step of the world between two scenes.
 const PERIOD_NANOS: u64 = 50_000_000;
@@ -41,7 +41,13 @@ impl Stage {
         assets.episode = 1;
         world.register_meshes(&mut assets);
         world
-            .spawn_scenario("vehicle.tesla.model3", 0, n_vehicles)
+            .spawn_scenario(
+                Some(EgoSpawn {
+                    type_id: "vehicle.tesla.model3",
+                    spawn_idx: 0,
+                }),
+                n_vehicles,
+            )
             .map_err(|error| error.to_string())?;
         let places = map
             .spawn_points
