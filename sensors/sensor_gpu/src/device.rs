@@ -1,12 +1,20 @@
 //! Opening a Vulkan device: which adapter, which extensions, which limits.
 
-use std::sync::{Arc, Mutex};
+mod adapter;
+mod open;
+mod staging;
 
-use crate::copy_queue::{CopyPath, CopyQueue};
+use std::sync::Arc;
+
+pub use adapter::AdapterInfo;
+use adapter::{choose, enumerate};
+pub(crate) use open::ImportCaps;
+use staging::StagingPool;
+
 use crate::counters::Counters;
-use crate::direct::Timeline;
-use crate::import::{self, ImportCaps};
-use crate::timing::Timing;
+use crate::error::GpuError;
+use crate::queue::{CopyPath, CopyQueue, DrawingQueue};
+use crate::timing::{Span, Timing};
 
 /// What to open.
 #[derive(Clone, Debug)]
@@ -30,40 +38,6 @@ impl Default for GpuOptions {
     }
 }
 
-/// Why no device was opened, or why a submission did not come back.
-#[derive(Debug, thiserror::Error)]
-pub enum GpuError {
-    /// The Vulkan loader found nothing.
-    #[error(
-        "no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)"
-    )]
-    NoAdapter,
-    /// None has the name asked for.
-    #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
-    UnknownAdapter {
-        /// What was asked for.
-        asked: String,
-        /// Names of all adapters.
-        found: Vec<String>,
-    },
-    /// The driver refused to open the device.
-    #[error("cannot open Vulkan adapter {name:?}: {reason}")]
-    Open {
-        /// Adapter.
-        name: String,
-        /// The driver's words.
-        reason: String,
-    },
-    /// The device was lost or reported an error while a submission ran.
-    #[error("GPU {name:?} failed while working on a frame: {reason}; restart the daemon")]
-    Lost {
-        /// Adapter.
-        name: String,
-        /// The driver's words.
-        reason: String,
-    },
-}
-
 /// An open device with its queues. Cheap to clone; all clones are the same device.
 #[derive(Clone, Debug)]
 pub struct Gpu(Arc<Inner>);
@@ -73,13 +47,11 @@ struct Inner {
     name: String,
     software: bool,
     device: wgpu::Device,
-    queue: wgpu::Queue,
+    drawing: DrawingQueue,
     import: Option<ImportCaps>,
     counters: Counters,
     timing: Timing,
-    staging: Mutex<Vec<wgpu::Buffer>>,
-    /// Held while a submission is given to the queue; `None` inside where there are none.
-    timeline: Mutex<Option<Timeline>>,
+    staging: StagingPool,
     /// Copies beside the drawing, where there is a queue for them.
     copy_queue: Option<CopyQueue>,
 }
@@ -99,29 +71,11 @@ impl Drop for Inner {
             // SAFETY: the drawing queue has finished everything, and who could submit more is gone.
             unsafe { queue.close() };
         }
-        let timeline = self
-            .timeline
-            .get_mut()
-            .unwrap_or_else(std::sync::PoisonError::into_inner)
-            .take();
-        if let Some(timeline) = timeline {
+        if let Some(timeline) = self.drawing.take_timeline() {
             // SAFETY: made from this device, whose drawing queue has finished everything.
             unsafe { timeline.destroy(&self.device) };
         }
     }
-}
-
-/// A GPU that could be opened.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterInfo {
-    /// Name, e.g. `llvmpipe (LLVM 15.0.6, 256 bits)`.
-    pub name: String,
-    /// Driver and its version.
-    pub driver: String,
-    /// Whether the CPU does the work.
-    pub is_software: bool,
-    /// Whether the driver has the extension that frames without a copy need.
-    pub can_import: bool,
 }
 
 impl Gpu {
@@ -131,7 +85,7 @@ impl Gpu {
             let info = adapter.get_info();
             AdapterInfo {
                 is_software: info.device_type == wgpu::DeviceType::Cpu,
-                can_import: import::has_import(adapter),
+                can_import: open::has_import(adapter),
                 driver: format!("{} {}", info.driver, info.driver_info)
                     .trim()
                     .to_owned(),
@@ -169,12 +123,12 @@ impl Gpu {
             name: info.name.clone(),
             reason,
         };
-        let import::Opened {
+        let open::Opened {
             device,
             queue,
             caps,
             copying,
-        } = import::open_device(&adapter, copies).map_err(refused)?;
+        } = open::open_device(&adapter, copies).map_err(refused)?;
         let import = if options.allow_import { caps } else { None };
         let software = info.device_type == wgpu::DeviceType::Cpu;
         let copy_queue = match copying
@@ -197,15 +151,14 @@ impl Gpu {
             "opened GPU"
         );
         Ok(Gpu(Arc::new(Inner {
-            timeline: Mutex::new(Timeline::new(&device, &adapter)),
+            timing: Timing::new(&device, &queue),
+            drawing: DrawingQueue::new(queue, &device, &adapter),
             name: info.name,
             software,
             device,
-            queue,
             import,
             counters: Counters::default(),
-            timing: Timing::default(),
-            staging: Mutex::default(),
+            staging: StagingPool::default(),
             copy_queue,
         })))
     }
@@ -268,7 +221,7 @@ impl Gpu {
     /// The queue, for uploads; submissions go through [`crate::CopyBatch::submit`] and
     /// [`Gpu::submit`].
     pub fn queue(&self) -> &wgpu::Queue {
-        &self.0.queue
+        self.0.drawing.raw()
     }
 
     /// Counts of passes, draws, copies and submissions.
@@ -276,8 +229,44 @@ impl Gpu {
         &self.0.counters
     }
 
-    pub(crate) fn timeline(&self) -> &Mutex<Option<Timeline>> {
-        &self.0.timeline
+    /// Gives commands to the drawing queue. Every submission goes through its lock, because one
+    /// may wait for semaphores that are not meant for the others.
+    pub fn submit(
+        &self,
+        commands: impl IntoIterator<Item = wgpu::CommandBuffer>,
+    ) -> wgpu::SubmissionIndex {
+        self.0.drawing.lock().submit(commands, None, None)
+    }
+
+    /// Whether shaders can write into imported memory and be waited for: see
+    /// [`crate::ShmTarget::storage`].
+    pub fn can_write_directly(&self) -> bool {
+        self.can_import() && self.0.drawing.lock().has_timeline()
+    }
+
+    /// Begins or ends timing. `false` if the adapter has no timestamps.
+    pub fn set_timing(&self, on: bool) -> bool {
+        self.0.timing.set(on)
+    }
+
+    /// Times since the last call, by label.
+    pub fn take_spans(&self) -> Vec<Span> {
+        self.0.timing.take_spans()
+    }
+
+    /// Ends the span `label` of the submission that is being recorded; the first mark of a
+    /// submission only begins one.
+    pub fn mark(&self, encoder: &mut wgpu::CommandEncoder, label: &'static str) {
+        self.0.timing.mark(encoder, label);
+    }
+
+    /// Does `work`, and counts its time as the CPU's.
+    pub fn time<T>(&self, label: &'static str, work: impl FnOnce() -> T) -> T {
+        self.0.timing.time(label, work)
+    }
+
+    pub(crate) fn drawing(&self) -> &DrawingQueue {
+        &self.0.drawing
     }
 
     pub(crate) fn copy_queue(&self) -> Option<&CopyQueue> {
@@ -292,32 +281,20 @@ impl Gpu {
         self.0.import
     }
 
-    /// A mappable buffer of at least `n_bytes` from the pool of those that came back.
+    /// A mappable buffer of `n_bytes`, a multiple of 4, from the pool of those that came back.
     pub(crate) fn take_staging(&self, n_bytes: u64) -> wgpu::Buffer {
-        let mut pool = self
-            .0
-            .staging
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(i) = pool.iter().position(|buffer| buffer.size() == n_bytes) {
-            return pool.swap_remove(i);
-        }
-        drop(pool);
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        self.buffer("staging", n_bytes, usage)
+        self.0.staging.take(n_bytes).unwrap_or_else(|| {
+            self.device().create_buffer(&wgpu::BufferDescriptor {
+                label: Some("staging"),
+                size: n_bytes.max(4),
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        })
     }
 
     pub(crate) fn give_staging(&self, buffer: wgpu::Buffer) {
-        let mut pool = self
-            .0
-            .staging
-            .lock()
-            .unwrap_or_else(std::sync::PoisonError::into_inner);
-        // Sizes change when resolutions do: old ones fall out at the front.
-        if pool.len() >= MAX_POOLED_STAGING {
-            pool.remove(0);
-        }
-        pool.push(buffer);
+        self.0.staging.give(buffer);
     }
 
     pub(crate) fn lost(&self, reason: impl ToString) -> GpuError {
@@ -326,52 +303,4 @@ impl Gpu {
             reason: reason.to_string(),
         }
     }
-}
-
-/// Staging buffers kept for reuse; eight cameras with six modalities in two frames in flight use
-/// 96.
-const MAX_POOLED_STAGING: usize = 128;
-
-fn enumerate() -> Vec<wgpu::Adapter> {
-    let descriptor = wgpu::InstanceDescriptor {
-        backends: wgpu::Backends::VULKAN,
-        // Checking draw calls that lie in a buffer costs a pass on the GPU, and ours are written by
-        // us.
-        flags: wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
-        ..wgpu::InstanceDescriptor::new_without_display_handle()
-    };
-    pollster::block_on(wgpu::Instance::new(descriptor).enumerate_adapters(wgpu::Backends::VULKAN))
-}
-
-fn choose(adapters: Vec<wgpu::Adapter>, asked: Option<&str>) -> Result<wgpu::Adapter, GpuError> {
-    let found: Vec<String> = adapters
-        .iter()
-        .map(|adapter| adapter.get_info().name)
-        .collect();
-    if adapters.is_empty() {
-        return Err(GpuError::NoAdapter);
-    }
-    let named = |adapter: &wgpu::Adapter| {
-        asked.is_none_or(|part| {
-            adapter
-                .get_info()
-                .name
-                .to_lowercase()
-                .contains(&part.to_lowercase())
-        })
-    };
-    adapters
-        .into_iter()
-        .filter(named)
-        .min_by_key(|adapter| match adapter.get_info().device_type {
-            wgpu::DeviceType::DiscreteGpu => 0,
-            wgpu::DeviceType::IntegratedGpu => 1,
-            wgpu::DeviceType::VirtualGpu => 2,
-            wgpu::DeviceType::Other => 3,
-            wgpu::DeviceType::Cpu => 4,
-        })
-        .ok_or_else(|| GpuError::UnknownAdapter {
-            asked: asked.unwrap_or_default().to_owned(),
-            found,
-        })
 }

@@ -18,28 +18,29 @@
 )]
 #![warn(missing_docs)]
 
-pub mod copy;
-pub mod copy_queue;
-pub mod counters;
-pub mod device;
-pub mod direct;
-pub mod host;
-mod import;
-pub mod in_flight;
-pub mod prefix_sum;
-mod raw_copy;
-pub mod resource;
-mod shared;
-pub mod target;
-pub mod timing;
+mod prefix_sum;
 
-pub use copy::{CopyBatch, Place};
-pub use copy_queue::{CopyPath, Reads};
+mod counters;
+mod error;
+mod timing;
+
+mod queue;
+
+mod device;
+mod resource;
+mod shared_texture;
+
+mod memory;
+
+mod copy;
+mod direct;
+
+pub use copy::{CopyBatch, CopyOutcome, InFlight, Mapped, Place};
 pub use counters::{Counters, Counts};
-pub use device::{AdapterInfo, Gpu, GpuError, GpuOptions};
+pub use device::{AdapterInfo, Gpu, GpuOptions};
 pub use direct::Direct;
-pub use host::HostMemory;
-pub use in_flight::{CopyOutcome, InFlight, Mapped};
+pub use error::GpuError;
+pub use memory::{DirectTarget, HostMemory, ShmTarget};
 pub use prefix_sum::prefix_sum_wgsl;
-pub use target::ShmTarget;
+pub use queue::{CopyPath, Reads};
 pub use timing::Span;

@@ -6,14 +6,15 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use crate::device::Gpu;
-
 /// Most marks of one submission; further ones are left out.
 const MAX_MARKS: u32 = 4096;
 
-/// Sums of times by label.
-#[derive(Debug, Default)]
-pub struct Timing {
+/// Sums of times by label, of the submissions of one device.
+#[derive(Debug)]
+pub(crate) struct Timing {
+    device: wgpu::Device,
+    /// Length of a step of the GPU's clock.
+    period_nanos: f64,
     on: AtomicBool,
     state: Mutex<State>,
 }
@@ -54,24 +55,36 @@ pub struct Span {
 }
 
 impl Timing {
+    /// Timing of a device and its queue, off.
+    pub fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Timing {
+        Timing {
+            device: device.clone(),
+            period_nanos: queue.get_timestamp_period() as f64,
+            on: AtomicBool::new(false),
+            state: Mutex::default(),
+        }
+    }
+
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
 
-impl Gpu {
-    /// Begins or ends timing. `false` if the adapter cannot say when it is where.
-    pub fn set_timing(&self, on: bool) -> bool {
+    /// As [`crate::Gpu::set_timing`].
+    pub fn set(&self, on: bool) -> bool {
         let wanted =
             wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::TIMESTAMP_QUERY_INSIDE_ENCODERS;
-        let can = self.device().features().contains(wanted);
-        self.timing().on.store(on && can, Relaxed);
+        let can = self.device.features().contains(wanted);
+        self.on.store(on && can, Relaxed);
         can
     }
 
-    /// Times since the last call, by label.
+    pub fn is_on(&self) -> bool {
+        self.on.load(Relaxed)
+    }
+
+    /// As [`crate::Gpu::take_spans`].
     pub fn take_spans(&self) -> Vec<Span> {
-        let spans = std::mem::take(&mut self.timing().state().spans);
+        let spans = std::mem::take(&mut self.state().spans);
         spans
             .into_iter()
             .map(|((place, label), nanos)| Span {
@@ -82,28 +95,18 @@ impl Gpu {
             .collect()
     }
 
-    pub(crate) fn is_timing(&self) -> bool {
-        self.timing().on.load(Relaxed)
-    }
-
     /// Adds steps of the GPU's clock that something took beside the drawing.
-    pub(crate) fn add_span(&self, label: &'static str, steps: u64) {
-        let nanos = steps as f64 * self.queue().get_timestamp_period() as f64;
-        *self
-            .timing()
-            .state()
-            .spans
-            .entry(("GPU", label))
-            .or_default() += nanos;
+    pub fn add_span(&self, label: &'static str, steps: u64) {
+        let nanos = steps as f64 * self.period_nanos;
+        *self.state().spans.entry(("GPU", label)).or_default() += nanos;
     }
 
-    /// Ends the span `label` of the submission that is being recorded; the first mark of a
-    /// submission only begins one.
+    /// As [`crate::Gpu::mark`].
     pub fn mark(&self, encoder: &mut wgpu::CommandEncoder, label: &'static str) {
-        if !self.timing().on.load(Relaxed) {
+        if !self.is_on() {
             return;
         }
-        let mut state = self.timing().state();
+        let mut state = self.state();
         let State { open, spare, .. } = &mut *state;
         let marks = open.get_or_insert_with(|| {
             let descriptor = wgpu::QuerySetDescriptor {
@@ -113,7 +116,7 @@ impl Gpu {
             };
             let queries = spare
                 .pop()
-                .unwrap_or_else(|| self.device().create_query_set(&descriptor));
+                .unwrap_or_else(|| self.device.create_query_set(&descriptor));
             Marks {
                 queries,
                 labels: Vec::new(),
@@ -125,33 +128,32 @@ impl Gpu {
         }
     }
 
-    /// Does `work`, and counts its time as the CPU's.
+    /// As [`crate::Gpu::time`].
     pub fn time<T>(&self, label: &'static str, work: impl FnOnce() -> T) -> T {
-        if !self.timing().on.load(Relaxed) {
+        if !self.is_on() {
             return work();
         }
         let begin = Instant::now();
         let out = work();
-        *self
-            .timing()
-            .state()
-            .spans
-            .entry(("CPU", label))
-            .or_default() += begin.elapsed().as_nanos() as f64;
+        *self.state().spans.entry(("CPU", label)).or_default() += begin.elapsed().as_nanos() as f64;
         out
     }
 
     /// Records the marks' way home, in the last encoder of a submission.
-    pub(crate) fn close_marks(&self, encoder: &mut wgpu::CommandEncoder) -> Option<Pending> {
-        let marks = self.timing().state().open.take()?;
+    pub fn close_marks(&self, encoder: &mut wgpu::CommandEncoder) -> Option<Pending> {
+        let marks = self.state().open.take()?;
         let n_bytes = 8 * marks.labels.len() as u64;
         let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
-        let resolved = self.buffer("marks", n_bytes, usage);
-        let values = self.buffer(
-            "marks",
-            n_bytes,
-            wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-        );
+        let buffer = |usage| {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("marks"),
+                size: n_bytes,
+                usage,
+                mapped_at_creation: false,
+            })
+        };
+        let resolved = buffer(usage);
+        let values = buffer(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         encoder.resolve_query_set(&marks.queries, 0..marks.labels.len() as u32, &resolved, 0);
         encoder.copy_buffer_to_buffer(&resolved, 0, &values, 0, n_bytes);
         Some(Pending {
@@ -162,17 +164,16 @@ impl Gpu {
     }
 
     /// Adds up the marks of a submission that is done.
-    pub(crate) fn read_marks(&self, pending: &Pending) {
+    pub fn read_marks(&self, pending: &Pending) {
         let Ok(view) = pending.values.get_mapped_range(..) else {
             return;
         };
         let at = |i: usize| u64::from_le_bytes(std::array::from_fn(|k| view[8 * i + k]));
-        let period_nanos = self.queue().get_timestamp_period() as f64;
-        let mut state = self.timing().state();
+        let mut state = self.state();
         state.spare.push(pending.queries.clone());
         for (i, label) in pending.labels.iter().enumerate().skip(1) {
             *state.spans.entry(("GPU", label)).or_default() +=
-                at(i).saturating_sub(at(i - 1)) as f64 * period_nanos;
+                at(i).saturating_sub(at(i - 1)) as f64 * self.period_nanos;
         }
     }
 }

@@ -12,7 +12,9 @@ use std::sync::Arc;
 
 use schema_types::ActorId;
 use schema_types::noise::Noise;
-use sensor_gpu::{CopyBatch, Direct, Gpu, GpuError, HostMemory, InFlight, Place, ShmTarget};
+use sensor_gpu::{
+    CopyBatch, Direct, DirectTarget, Gpu, GpuError, HostMemory, InFlight, Place, ShmTarget,
+};
 
 use crate::lidar::{Lidar, SensorPath};
 use crate::scene::RayScene;
@@ -249,7 +251,8 @@ impl GpuRays {
             let targets = groups
                 .into_iter()
                 .flat_map(|group| group.targets)
-                .chain([host.target().clone()])
+                .map(DirectTarget::from)
+                .chain([host.target()])
                 .collect();
             let flight = self.gpu.submit_direct(encoder, targets);
             return Scans(Way::Direct {

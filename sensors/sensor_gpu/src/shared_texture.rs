@@ -1,6 +1,6 @@
 //! Textures that the drawing queue writes and the copy queue reads.
 
-use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
@@ -8,30 +8,6 @@ use wgpu::hal::vulkan::TextureMemory;
 use wgpu::wgt;
 
 use crate::device::Gpu;
-
-/// How many textures may have memory of their own, and how many have.
-#[derive(Debug)]
-pub(crate) struct Room {
-    adapter: wgpu::Adapter,
-    most: u32,
-    n: AtomicU32,
-}
-
-impl Room {
-    /// A quarter of what the driver allows: wgpu, imports and the driver's other users need some
-    /// too.
-    pub fn of(hal: &wgpu::hal::vulkan::Device, adapter: &wgpu::Adapter) -> Room {
-        let instance = hal.shared_instance().raw_instance();
-        // SAFETY: instance and physical device belong together and live.
-        let limits =
-            unsafe { instance.get_physical_device_properties(hal.raw_physical_device()) }.limits;
-        Room {
-            adapter: adapter.clone(),
-            most: limits.max_memory_allocation_count / 4,
-            n: AtomicU32::new(0),
-        }
-    }
-}
 
 impl Gpu {
     /// How many textures that [`Gpu::shared_texture_layers`] made and said to be shared have not

@@ -2,10 +2,10 @@
 
 use ash::vk;
 
-use crate::copy::{Item, Sink};
-use crate::copy_queue::CopyMarks;
-use crate::device::{Gpu, GpuError};
-use crate::direct::AWAKE;
+use super::item::{Item, Sink};
+use crate::device::Gpu;
+use crate::error::GpuError;
+use crate::queue::{AWAKE, CopyMarks};
 use crate::timing::Pending;
 
 /// A submission on its way. Dropping it waits too, so that nothing is written to memory that the
@@ -101,7 +101,7 @@ impl<'a> InFlight<'a> {
     pub fn wait(mut self) -> Result<Vec<CopyOutcome>, GpuError> {
         self.wait_for_gpu()?;
         if let Some(pending) = self.pending.take() {
-            self.gpu.read_marks(&pending);
+            self.gpu.timing().read_marks(&pending);
         }
         std::mem::take(&mut self.items)
             .into_iter()
@@ -196,7 +196,7 @@ fn wait_beside(
     if done.is_ok()
         && let Some(steps) = marks.and_then(|marks| queue.take_marks(marks))
     {
-        gpu.add_span("copies", steps);
+        gpu.timing().add_span("copies", steps);
     }
     done
 }

@@ -1,7 +1,9 @@
 //! Memory of readers that frames are copied to: imported into the GPU, or reached through staging.
 
+use std::sync::Arc;
+
+use super::import::import_host_memory;
 use crate::device::Gpu;
-use crate::import;
 
 /// One shared-memory segment (or any host memory) that frames go to.
 ///
@@ -33,7 +35,7 @@ impl ShmTarget {
     ///   reads, writes or holds a reference to that range.
     pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
         // SAFETY: the caller promises what the callee asks.
-        match unsafe { import::import_host_memory(gpu, base, len) } {
+        match unsafe { import_host_memory(gpu, base, len) } {
             Ok(buffer) => ShmTarget {
                 base,
                 len,
@@ -119,6 +121,23 @@ impl ShmTarget {
         // SAFETY: in bounds (assert), mapped and writable (constructor), exclusive (caller); bytes
         // have no invalid values.
         unsafe { std::slice::from_raw_parts_mut(self.base.add(offset_bytes), n_bytes) }
+    }
+}
+
+/// A target that shaders write to, for [`crate::Gpu::submit_direct`]. Nobody can make a
+/// [`crate::Place`] from it, so the memory cannot be reached through it by safe code.
+#[derive(Clone, Debug)]
+pub struct DirectTarget(Arc<ShmTarget>);
+
+impl From<Arc<ShmTarget>> for DirectTarget {
+    fn from(target: Arc<ShmTarget>) -> DirectTarget {
+        DirectTarget(target)
+    }
+}
+
+impl DirectTarget {
+    pub(crate) fn imported(&self) -> Option<&wgpu::Buffer> {
+        self.0.imported()
     }
 }
 

@@ -9,107 +9,16 @@
 //! are wgpu's: it leaves a texture ready to be copied from, and finds it so.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
-use crate::direct::{AWAKE, has_timelines, timeline_semaphore};
-use crate::raw_copy::RawCopies;
-use crate::shared::Room;
-
-/// Where finished frames are copied to their readers' memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum CopyPath {
-    /// Beside the drawing of the next frame, by a queue that only copies; on adapters that have
-    /// none, as `Behind`.
-    #[default]
-    Beside,
-    /// Behind the drawing of the same frame, by the queue that drew it.
-    Behind,
-    /// As `Beside`, but on the queue that draws: shows on every adapter how long things live and
-    /// that the books are right, not in which order
-    /// two queues work. Saves no time.
-    Apart,
-}
-
-/// Until when a group of textures is read by copies: textures that one submission draws, and
-/// another one draws again.
-///
-/// Only for textures made by [`crate::Gpu::shared_texture_layers`].
-#[derive(Debug, Default)]
-pub struct Reads {
-    /// Number of the newest copy; 0 is none.
-    newest: AtomicU64,
-}
-
-impl Reads {
-    pub(crate) fn newest(&self) -> u64 {
-        self.newest.load(Ordering::Acquire)
-    }
-
-    pub(crate) fn add(&self, number: u64) {
-        self.newest.fetch_max(number, Ordering::AcqRel);
-    }
-}
-
-/// A queue family that may be asked for when the device is opened.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Family {
-    pub index: u32,
-    /// Bits of its timestamps; 0 if it has none.
-    pub timestamp_bits: u32,
-    /// Number of the queue in its family; those before it are opened too, and left alone.
-    pub queue: u32,
-}
-
-/// Most queues of a family that are opened.
-pub(crate) const MAX_QUEUES: usize = 8;
-
-/// The family whose queues do nothing but copy, if the adapter has one and can tell queues of each
-/// other.
-pub(crate) fn family_for(hal: &wgpu::hal::vulkan::Adapter, path: CopyPath) -> Option<Family> {
-    if path == CopyPath::Behind || !has_timelines(hal) {
-        return None;
-    }
-    // SAFETY: instance and physical device belong together and live.
-    let families = unsafe {
-        hal.shared_instance()
-            .raw_instance()
-            .get_physical_device_queue_family_properties(hal.raw_physical_device())
-    };
-    let family = |(index, family): (u32, &vk::QueueFamilyProperties)| {
-        // The last one: the first of two was slower by a tenth on an H200.
-        let queue = if path == CopyPath::Apart {
-            0
-        } else {
-            family.queue_count.clamp(1, MAX_QUEUES as u32) - 1
-        };
-        (
-            family.queue_flags,
-            Family {
-                index,
-                timestamp_bits: family.timestamp_valid_bits,
-                queue,
-            },
-        )
-    };
-    let works = vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE;
-    let video = vk::QueueFlags::VIDEO_DECODE_KHR | vk::QueueFlags::VIDEO_ENCODE_KHR;
-    let others = works | video | vk::QueueFlags::OPTICAL_FLOW_NV;
-    let copies = |(flags, family): &(vk::QueueFlags, Family)| match path {
-        // wgpu draws on the first family.
-        CopyPath::Apart => family.index == 0,
-        _ => flags.contains(vk::QueueFlags::TRANSFER) && !flags.intersects(others),
-    };
-    (0..)
-        .zip(&families)
-        .map(family)
-        .find(copies)
-        .map(|(_, family)| family)
-}
+use super::family::Family;
+use super::raw_copy::RawCopies;
+use super::room::Room;
+use super::timeline::{AWAKE, timeline_semaphore};
 
 /// The queue, what is on its way there, and where the two queues tell each other.
 pub(crate) struct CopyQueue {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use wgpu::wgt;
 
+use super::target::{DirectTarget, ShmTarget};
 use crate::device::Gpu;
-use crate::target::ShmTarget;
 
 /// Page-aligned memory that the GPU has imported.
 #[derive(Debug)]
@@ -52,14 +52,18 @@ impl HostMemory {
         Some(memory)
     }
 
-    /// As a target, to be named among those that a submission writes to.
-    pub fn target(&self) -> &Arc<ShmTarget> {
+    fn shm(&self) -> &Arc<ShmTarget> {
         self.target.as_ref().expect("taken only by drop")
+    }
+
+    /// As a target, to be named among those that a submission writes to.
+    pub fn target(&self) -> DirectTarget {
+        self.shm().clone().into()
     }
 
     /// As a buffer for shaders and copies.
     pub fn buffer(&self) -> &wgpu::Buffer {
-        self.target().storage().expect("checked when it was made")
+        self.shm().storage().expect("checked when it was made")
     }
 
     /// Length, bytes.

@@ -1,0 +1,30 @@
+//! Mappable buffers that are used again.
+
+use std::sync::{Mutex, PoisonError};
+
+/// Staging buffers kept for reuse; eight cameras with six modalities in two submissions in flight
+/// use 96.
+const MAX_POOLED_STAGING: usize = 128;
+
+/// Staging buffers that came back.
+#[derive(Debug, Default)]
+pub(crate) struct StagingPool(Mutex<Vec<wgpu::Buffer>>);
+
+impl StagingPool {
+    /// A buffer of this size that came back, if there is one.
+    pub fn take(&self, n_bytes: u64) -> Option<wgpu::Buffer> {
+        let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = pool.iter().position(|buffer| buffer.size() == n_bytes)?;
+        Some(pool.swap_remove(known))
+    }
+
+    /// Takes a buffer back.
+    pub fn give(&self, buffer: wgpu::Buffer) {
+        let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Sizes change when resolutions do: old ones fall out at the front.
+        if pool.len() >= MAX_POOLED_STAGING {
+            pool.remove(0);
+        }
+        pool.push(buffer);
+    }
+}

@@ -1,0 +1,35 @@
+//! What can go wrong with a GPU.
+
+/// Why no device was opened, or why a submission did not come back.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// The Vulkan loader found nothing.
+    #[error(
+        "no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)"
+    )]
+    NoAdapter,
+    /// None has the name asked for.
+    #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
+    UnknownAdapter {
+        /// What was asked for.
+        asked: String,
+        /// Names of all adapters.
+        found: Vec<String>,
+    },
+    /// The driver refused to open the device.
+    #[error("cannot open Vulkan adapter {name:?}: {reason}")]
+    Open {
+        /// Adapter.
+        name: String,
+        /// The driver's words.
+        reason: String,
+    },
+    /// The device was lost or reported an error while a submission ran.
+    #[error("GPU {name:?} failed while working on a frame: {reason}; restart the daemon")]
+    Lost {
+        /// Adapter.
+        name: String,
+        /// The driver's words.
+        reason: String,
+    },
+}

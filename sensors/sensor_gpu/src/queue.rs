@@ -1,0 +1,18 @@
+//! The queues of a device: the one that draws, the one that copies, and how each tells the other
+//! how far it is.
+
+mod copying;
+mod drawing;
+mod family;
+mod raw_copy;
+mod reads;
+mod room;
+mod timeline;
+
+pub(crate) use copying::{CopyMarks, CopyQueue};
+pub(crate) use drawing::DrawingQueue;
+pub use family::CopyPath;
+pub(crate) use family::{Family, MAX_QUEUES, family_for};
+pub(crate) use raw_copy::{RawCopies, RawCopy};
+pub use reads::Reads;
+pub(crate) use timeline::{AWAKE, Moment};

@@ -1,0 +1,97 @@
+//! Timeline semaphores: numbers that only rise, which a queue signals and another one, or the
+//! processor, waits for.
+
+use std::time::Duration;
+
+use ash::vk;
+use wgpu::hal::api::Vulkan;
+
+/// How long a thread that waits awake stays so: short work on a GPU of its own is over before a
+/// thread wakes up.
+pub(crate) const AWAKE: Duration = Duration::from_micros(500);
+
+/// A value of a timeline semaphore.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moment {
+    pub semaphore: vk::Semaphore,
+    pub value: u64,
+}
+
+/// A timeline that submissions count up when they are done.
+#[derive(Debug)]
+pub(crate) struct Timeline {
+    semaphore: vk::Semaphore,
+    /// Value that the newest submission signals.
+    newest: u64,
+}
+
+impl Timeline {
+    /// A timeline, if the device has them.
+    pub fn new(device: &wgpu::Device, adapter: &wgpu::Adapter) -> Option<Timeline> {
+        // SAFETY: the hal adapter is only read, and lives as long as this guard.
+        if !has_timelines(&*unsafe { adapter.as_hal::<Vulkan>() }?) {
+            return None;
+        }
+        // SAFETY: the guard only lends the device for the call below.
+        let hal = unsafe { device.as_hal::<Vulkan>() }?;
+        // SAFETY: wgpu enables the feature wherever the adapter has it (checked above).
+        let semaphore = unsafe { timeline_semaphore(hal.raw_device()) }.ok()?;
+        Some(Timeline {
+            semaphore,
+            newest: 0,
+        })
+    }
+
+    /// The next moment, which is nobody else's.
+    pub fn next(&mut self) -> Moment {
+        self.newest += 1;
+        Moment {
+            semaphore: self.semaphore,
+            value: self.newest,
+        }
+    }
+
+    /// Gives the semaphore back.
+    ///
+    /// # Safety
+    /// It is of this device, and no submission that signals it is on its way.
+    pub unsafe fn destroy(self, device: &wgpu::Device) {
+        // SAFETY: the guard only lends the device for the call below.
+        if let Some(hal) = unsafe { device.as_hal::<Vulkan>() } {
+            // SAFETY: the caller promises what the call asks.
+            unsafe { hal.raw_device().destroy_semaphore(self.semaphore, None) };
+        }
+    }
+}
+
+/// A timeline at 0.
+///
+/// # Safety
+/// The device was opened with timelines.
+pub(crate) unsafe fn timeline_semaphore(device: &ash::Device) -> Result<vk::Semaphore, vk::Result> {
+    let mut kind = vk::SemaphoreTypeCreateInfo::default()
+        .semaphore_type(vk::SemaphoreType::TIMELINE)
+        .initial_value(0);
+    let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+    // SAFETY: a well-formed create info, of a feature that is enabled (caller).
+    unsafe { device.create_semaphore(&info, None) }
+}
+
+/// Whether an adapter has timeline semaphores in its core (Vulkan 1.2).
+pub(crate) fn has_timelines(hal: &wgpu::hal::vulkan::Adapter) -> bool {
+    let (instance, physical) = (
+        hal.shared_instance().raw_instance(),
+        hal.raw_physical_device(),
+    );
+    // SAFETY: instance and physical device belong together and live.
+    if unsafe { instance.get_physical_device_properties(physical) }.api_version
+        < vk::API_VERSION_1_2
+    {
+        return false;
+    }
+    let mut timelines = vk::PhysicalDeviceTimelineSemaphoreFeatures::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut timelines);
+    // SAFETY: as above; the chained struct is part of Vulkan 1.2, which the device has.
+    unsafe { instance.get_physical_device_features2(physical, &mut features) };
+    timelines.timeline_semaphore == vk::TRUE
+}
