@@ -12,6 +12,7 @@ use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 use crate::bus::{Service, Slices, schema_attribute, settle};
 use crate::error::service_error;
 use crate::frame::writer_error;
+use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
 use crate::reader::{receive, subscribe};
 use crate::wire::Wire;
@@ -39,7 +40,7 @@ impl Bus {
                 writer_error(
                     &full,
                     qos::CONTROL.publishers,
-                    (qos::CONTROL.slots(2) * len) as u64,
+                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, len),
                     &e,
                 )
             })?;
@@ -74,7 +75,14 @@ impl Bus {
             .publisher_builder()
             .name(&port_name)
             .create()
-            .map_err(|e| writer_error(&full, qos::CONTROL.publishers, 1 << 16, &e))?;
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::CONTROL.publishers,
+                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, size_of::<AckRecord>()),
+                    &e,
+                )
+            })?;
         Ok(AckWriter {
             port,
             wake: self.notifier(CONTROL_WAKE)?,

@@ -10,6 +10,7 @@ use schema_frames::{DocumentHeader, SCHEMA_VERSION};
 
 use crate::bus::{Service, Slices};
 use crate::frame::writer_error;
+use crate::memory::segment_bytes;
 use crate::names::CONTROL_WAKE;
 use crate::reader::{receive, subscribe};
 use crate::wire::Wire;
@@ -35,7 +36,7 @@ impl Bus {
                 writer_error(
                     &full,
                     qos::DOCUMENT.publishers,
-                    (qos::DOCUMENT.slots(2) * FIRST_SLOT_BYTES) as u64,
+                    segment_bytes(&qos::DOCUMENT, qos::USUAL_LOANS, FIRST_SLOT_BYTES),
                     &e,
                 )
             })?;

@@ -10,32 +10,11 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use schema_frames::{FrameHeader, Modality};
 
 use crate::bus::{Service, Slices, mono_now};
-use crate::qos::{Qos, SPARE_LOANS};
+use crate::memory::{FrameTopic, check_shared_memory, shared_memory_free};
+use crate::qos::Qos;
 use crate::segment::{mapping_of, prefault};
 use crate::wire::Wire;
-use crate::{Bus, BusError, LoanError, Segment, shared_memory_free, shared_memory_needed};
-
-/// Size of a frame topic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FrameTopic {
-    /// Longest payload, bytes.
-    pub max_payload_bytes: usize,
-    /// Frames the writer has under way at a time, 1 or more.
-    pub frames_in_flight: usize,
-    /// Readers at a time; `qos::FRAME.readers` unless a launch file says otherwise.
-    pub max_readers: usize,
-}
-
-impl FrameTopic {
-    /// A topic with the usual number of readers for its modality and two frames in flight.
-    pub fn new(modality: Modality, max_payload_bytes: usize) -> Self {
-        FrameTopic {
-            max_payload_bytes,
-            frames_in_flight: 2,
-            max_readers: Qos::of(modality).readers,
-        }
-    }
-}
+use crate::{Bus, BusError, LoanError, Segment};
 
 impl Bus {
     /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory: readers can find
@@ -53,10 +32,7 @@ impl Bus {
             .ok_or_else(|| BusError::Name {
                 topic: topic.into(),
             })?;
-        let qos = Qos {
-            readers: spec.max_readers,
-            ..Qos::of(modality)
-        };
+        let qos = spec.qos(modality);
         let service = self.make::<FrameHeader>(topic, &qos)?;
         Ok(FrameService {
             service,
@@ -108,7 +84,7 @@ impl FrameService {
 
     /// Bytes of the segment that a publisher makes.
     pub fn segment_bytes(&self) -> u64 {
-        shared_memory_needed(&self.qos, &self.spec)
+        self.spec.segment_bytes(self.modality)
     }
 
     /// Makes a publisher with its segment. The service lives on when publisher and `self` are
@@ -119,22 +95,17 @@ impl FrameService {
     /// [`BusError::TooManyWriters`].
     pub fn publisher(self) -> Result<FramePublisher, BusError> {
         let full = self.service.name().as_str().to_string();
-        let (need_bytes, free_bytes) = (
-            self.segment_bytes(),
-            shared_memory_free().unwrap_or(u64::MAX),
-        );
-        if need_bytes > free_bytes {
-            return Err(BusError::Memory {
-                service: full,
-                need_bytes,
-                free_bytes,
-            });
-        }
+        let need_bytes = self.segment_bytes();
+        check_shared_memory(need_bytes, 0).map_err(|short| BusError::Memory {
+            service: full.clone(),
+            need_bytes,
+            free_bytes: short.free_bytes.unwrap_or(0),
+        })?;
         let publisher = self
             .service
             .publisher_builder()
             .initial_max_slice_len(self.spec.max_payload_bytes.max(1))
-            .max_loaned_samples(self.spec.frames_in_flight + SPARE_LOANS)
+            .max_loaned_samples(self.spec.max_loans())
             .allocation_strategy(AllocationStrategy::Static)
             .create()
             .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, &e))?;
@@ -203,7 +174,7 @@ impl FramePublisher {
 
     /// Loans at a time.
     pub fn max_loans(&self) -> usize {
-        self.service.spec.frames_in_flight + SPARE_LOANS
+        self.service.spec.max_loans()
     }
 
     /// The whole data segment, for importing it into a GPU. It never moves and lives as long as
@@ -229,15 +200,11 @@ impl FramePublisher {
     /// # Errors
     /// As [`FramePublisher::segment`], and [`BusError::Memory`] if `/dev/shm` is full.
     pub fn touch(&self) -> Result<(), BusError> {
-        let qos = Qos {
-            readers: 1,
-            ..self.service.qos
-        };
-        let spec = FrameTopic {
+        let one_reader = FrameTopic {
             max_readers: 1,
             ..self.service.spec
         };
-        let need_bytes = shared_memory_needed(&qos, &spec);
+        let need_bytes = one_reader.segment_bytes(self.modality());
         prefault(self.segment()?, need_bytes as usize).map_err(|error| {
             tracing::debug!(topic = self.topic(), %error, "cannot touch the segment");
             BusError::Memory {

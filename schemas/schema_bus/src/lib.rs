@@ -32,6 +32,7 @@ mod document;
 mod error;
 mod event;
 mod frame;
+mod memory;
 pub mod names;
 pub mod qos;
 mod reader;
@@ -46,8 +47,12 @@ pub use control::{AckReader, AckWriter, ControlBatch, ControlReader, ControlWrit
 pub use document::{Document, DocumentPublisher, DocumentReader};
 pub use error::{BusError, LoanError};
 pub use event::{Listener, Notifier, Token, WaitSet};
-pub use frame::{FrameLoan, FramePublisher, FrameService, FrameTopic};
+pub use frame::{FrameLoan, FramePublisher, FrameService};
+pub use memory::{
+    FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
+    shared_memory_needed,
+};
 pub use reader::{Frame, FrameReader, ReaderCounts};
-pub use segment::{Segment, shared_memory_free, shared_memory_needed};
+pub use segment::Segment;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};
 pub use topics::{TopicDetails, TopicKind};

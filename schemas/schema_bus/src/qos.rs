@@ -29,8 +29,12 @@ pub const FRAME: Qos = Qos {
     borrowed: 3,
     history: 0,
 };
-/// Readers that every topic of a sensor spawned at run time can have; small ones have more.
-pub const RUN_TIME_FRAME_READERS: usize = 4;
+/// Readers that a topic of a sensor spawned at run time can have: the first number whose segment
+/// stays within [`RUN_TIME_TOPIC_BYTES`], or else the last.
+pub const RUN_TIME_FRAME_READERS: [usize; 3] = [16, 8, 4];
+/// Shared memory that a topic of a sensor spawned at run time may take for more readers than the
+/// fewest, bytes: there may be many such sensors.
+pub const RUN_TIME_TOPIC_BYTES: u64 = 64 << 20;
 /// IMU, GNSS and the event sensors: small and frequent.
 pub const SMALL_FRAME: Qos = Qos {
     readers: 16,
@@ -76,8 +80,13 @@ pub const COMMAND_CLIENTS: usize = 32;
 pub const COMMAND_SERVERS: usize = 2;
 /// Requests one client may have under way.
 pub const COMMAND_ACTIVE: usize = 4;
+/// Frames that a writer usually has in flight, for example on the GPU.
+pub const FRAMES_IN_FLIGHT: usize = 2;
 /// Loans beyond the frames in flight: one may be filled while the last of the others is being sent.
 pub const SPARE_LOANS: usize = 1;
+
+/// Loans of a publisher that is not asked for another number: iceoryx2's default.
+pub(crate) const USUAL_LOANS: usize = 2;
 
 /// Longest text of a request or an answer that is parsed.
 pub const MAX_COMMAND_BYTES: usize = 16 << 20;
@@ -105,6 +114,6 @@ mod tests {
 
     #[test]
     fn a_camera_topic_with_two_frames_in_flight_has_43_slots() {
-        assert_eq!(FRAME.slots(2 + SPARE_LOANS), 43);
+        assert_eq!(FRAME.slots(FRAMES_IN_FLIGHT + SPARE_LOANS), 43);
     }
 }

@@ -1,12 +1,4 @@
-//! The memory behind a publisher: where its segment is mapped, how much is needed, how much is
-//! there.
-
-use crate::frame::FrameTopic;
-use crate::qos::{Qos, SPARE_LOANS};
-
-/// iceoryx2's own header before our user header, and the rounding of both, bytes per slot
-/// (measured: the payload begins at 384).
-const SLOT_OVERHEAD_BYTES: u64 = 384;
+//! The memory behind a publisher: where its segment is mapped, and how its pages are faulted in.
 
 /// The whole data segment of a publisher, as mapped into this process. Valid as long as the
 /// publisher.
@@ -23,23 +15,6 @@ pub struct Segment {
 unsafe impl Send for Segment {}
 // SAFETY: as above.
 unsafe impl Sync for Segment {}
-
-/// Shared memory a frame topic takes once it has a reader, bytes. Sparse until used, but a GPU that
-/// imports it may pin all of it.
-pub fn shared_memory_needed(qos: &Qos, topic: &FrameTopic) -> u64 {
-    let qos = Qos {
-        readers: topic.max_readers,
-        ..*qos
-    };
-    let slot_bytes = (topic.max_payload_bytes as u64 + SLOT_OVERHEAD_BYTES).next_multiple_of(64);
-    qos.slots(topic.frames_in_flight + SPARE_LOANS) as u64 * slot_bytes + (1 << 16)
-}
-
-/// Free bytes in `/dev/shm`; `None` if it cannot be asked.
-pub fn shared_memory_free() -> Option<u64> {
-    let stat = nix::sys::statvfs::statvfs("/dev/shm").ok()?;
-    Some(stat.blocks_available() as u64 * stat.fragment_size() as u64)
-}
 
 /// The mapping that `ptr` lies in.
 pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
@@ -106,16 +81,5 @@ mod tests {
         let value = Box::new(7u8);
         let found = mapping_of(&*value).expect("the heap is mapped");
         assert!(found.base as usize <= &*value as *const u8 as usize);
-    }
-
-    #[test]
-    fn eight_readers_of_800_by_600_need_86_mib_at_most() {
-        let topic = FrameTopic {
-            max_payload_bytes: 800 * 600 * 4,
-            frames_in_flight: 2,
-            max_readers: 8,
-        };
-        let need = shared_memory_needed(&crate::qos::FRAME, &topic);
-        assert!((82_560_000..83_000_000).contains(&need), "{need}");
     }
 }

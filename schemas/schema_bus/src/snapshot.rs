@@ -11,6 +11,7 @@ use schema_frames::{ActorRecord, SCHEMA_VERSION, SnapshotHeader};
 
 use crate::bus::{Service, Slices, mono_now};
 use crate::frame::writer_error;
+use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::reader::{receive, subscribe};
 use crate::wire::Wire;
@@ -34,7 +35,7 @@ impl Bus {
                 writer_error(
                     &full,
                     qos::SNAPSHOT.publishers,
-                    (qos::SNAPSHOT.slots(2) * len) as u64,
+                    segment_bytes(&qos::SNAPSHOT, qos::USUAL_LOANS, len),
                     &e,
                 )
             })?;

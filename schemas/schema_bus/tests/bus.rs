@@ -93,7 +93,7 @@ fn a_frame_arrives_unchanged_aligned_and_in_place() {
     assert_eq!(publisher.n_readers(), 1);
 
     let segment = publisher.segment().unwrap();
-    let need = schema_bus::shared_memory_needed(&schema_bus::qos::FRAME, &RGB) as usize;
+    let need = RGB.segment_bytes(Modality::Rgb) as usize;
     assert!(
         segment.len <= need && need <= segment.len + (1 << 17),
         "the budget says {need}, the segment has {}",

@@ -7,9 +7,8 @@
 use std::rc::Rc;
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow};
 use nalgebra::Isometry3;
-use schema_bus::qos::{self, Qos};
 use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, Notifier, mono_now};
 use schema_frames::document::TopicInfo;
 use schema_frames::{Modality, RadarDetection, SensorKind};
@@ -174,28 +173,6 @@ pub struct Topic {
 /// comes back soon costs nothing.
 const LINGER_NANOS: u64 = 5_000_000_000;
 
-/// Shared memory that a topic made at run time may take for more readers than the fewest: such
-/// sensors may be many.
-const ON_DEMAND_BYTES: usize = 64 << 20;
-
-/// Readers that a topic made at run time can have: as many as its share of memory allows. It
-/// depends on the size alone, so that a service that
-/// outlived a daemon fits the next.
-fn readers_on_demand(modality: Modality, max_payload_bytes: usize) -> usize {
-    let bytes = |readers: usize| {
-        Qos {
-            readers,
-            ..Qos::of(modality)
-        }
-        .slots(qos::SPARE_LOANS)
-        .saturating_mul(max_payload_bytes)
-    };
-    [16, 8]
-        .into_iter()
-        .find(|readers| bytes(*readers) <= ON_DEMAND_BYTES)
-        .unwrap_or(qos::RUN_TIME_FRAME_READERS)
-}
-
 /// What [`Sensor::open`] needs besides the sensor.
 #[derive(Clone, Copy, Debug)]
 pub struct TopicOptions {
@@ -222,15 +199,13 @@ impl Topic {
         max_payload_bytes: usize,
         options: &TopicOptions,
     ) -> anyhow::Result<Topic> {
-        let usual = FrameTopic::new(modality, max_payload_bytes);
-        let max_readers = if options.on_demand {
-            readers_on_demand(modality, max_payload_bytes)
+        let usual = if options.on_demand {
+            FrameTopic::of_run_time_sensor(modality, max_payload_bytes)
         } else {
-            usual.max_readers
+            FrameTopic::new(modality, max_payload_bytes)
         };
         let spec = FrameTopic {
             frames_in_flight: options.frames_in_flight as usize,
-            max_readers,
             ..usual
         };
         let service = bus
@@ -386,17 +361,8 @@ impl Topic {
 
 /// Whether the memory of a topic fits into what is free once `given_back` bytes are.
 fn check_room(name: &str, service: &FrameService, given_back: u64) -> anyhow::Result<()> {
-    let free_bytes = schema_bus::shared_memory_free()
-        .map_or(u64::MAX, |free_bytes| free_bytes.saturating_add(given_back));
-    if service.segment_bytes() > free_bytes {
-        let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        bail!(
-            "{name:?} needs {} MiB of shared memory, but /dev/shm has {} MiB free",
-            mib(service.segment_bytes()),
-            mib(free_bytes)
-        );
-    }
-    Ok(())
+    schema_bus::check_shared_memory(service.segment_bytes(), given_back)
+        .map_err(|short| anyhow!("no room for {name:?}: {short}"))
 }
 
 fn open_outlet(

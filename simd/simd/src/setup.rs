@@ -192,28 +192,23 @@ pub fn start(mut args: Args, shutdown: Shutdown) -> anyhow::Result<Daemon> {
 
 /// The segments of all topics are summed before the first is made: half a rig is worse than none.
 fn check_memory(launch: &Launch, args: &Args) -> anyhow::Result<()> {
-    let Some(free_bytes) = schema_bus::shared_memory_free() else {
-        return Ok(());
-    };
-    let need = |topic: &launch_spec::TopicBudget| {
-        let usual = schema_bus::FrameTopic::new(topic.modality, topic.max_payload_bytes);
+    let segments = launch.memory_budget().into_iter().map(|topic| {
         let spec = schema_bus::FrameTopic {
             frames_in_flight: args.frames_in_flight as usize,
-            ..usual
+            ..schema_bus::FrameTopic::new(topic.modality, topic.max_payload_bytes)
         };
-        schema_bus::shared_memory_needed(&schema_bus::qos::Qos::of(topic.modality), &spec)
-    };
-    let need_bytes: u64 = launch.memory_budget().iter().map(need).sum();
-    if need_bytes > free_bytes {
+        spec.segment_bytes(topic.modality)
+    });
+    let need_bytes = schema_bus::shared_memory_needed(segments);
+    schema_bus::check_shared_memory(need_bytes, 0).map_err(|short| {
         let mib = |bytes: u64| bytes.div_ceil(1 << 20);
-        return Err(wrong_usage(format!(
+        wrong_usage(format!(
             "the sensors need {} MiB of shared memory, but /dev/shm has {} MiB free; free space, make it larger (Docker: --shm-size={}m) or ask for fewer or smaller images",
             mib(need_bytes),
-            mib(free_bytes),
+            mib(short.free_bytes.unwrap_or(0)),
             mib(need_bytes) + 64
-        )));
-    }
-    Ok(())
+        ))
+    })
 }
 
 fn open_ports(bus: &Bus) -> anyhow::Result<Ports> {

@@ -3,43 +3,36 @@
 use std::fmt::Write as _;
 
 use launch_spec::{Launch, TopicBudget};
-use schema_bus::qos::Qos;
-use schema_bus::{FrameTopic, shared_memory_free, shared_memory_needed};
-
-/// Snapshots, documents, controls and iceoryx2's own bookkeeping.
-const OTHER_BYTES: u64 = 24 << 20;
+use schema_bus::{
+    FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
+    shared_memory_needed,
+};
 
 fn topic_bytes(topic: &TopicBudget) -> u64 {
-    shared_memory_needed(
-        &Qos::of(topic.modality),
-        &FrameTopic::new(topic.modality, topic.max_payload_bytes),
-    )
+    FrameTopic::new(topic.modality, topic.max_payload_bytes).segment_bytes(topic.modality)
 }
 
 /// What all topics of a launch file need, and the rest.
 pub fn total_bytes(launch: &Launch) -> u64 {
-    launch.memory_budget().iter().map(topic_bytes).sum::<u64>() + OTHER_BYTES
+    shared_memory_needed(launch.memory_budget().iter().map(topic_bytes))
 }
 
 /// Refuses a launch file that cannot fit.
 pub fn check(launch: &Launch) -> Result<(), String> {
-    match shared_memory_free() {
-        Some(free) => compare(total_bytes(launch), free),
-        None => Err("cannot look at /dev/shm, where all frames live; mount it with `mount -t tmpfs tmpfs /dev/shm`".into()),
-    }
+    check_shared_memory(total_bytes(launch), 0).map_err(sentence)
 }
 
-fn compare(need: u64, free: u64) -> Result<(), String> {
-    if need <= free {
-        return Ok(());
-    }
-    let size = need.div_ceil(1 << 30);
-    Err(format!(
+fn sentence(short: MemoryShortage) -> String {
+    let Some(free_bytes) = short.free_bytes else {
+        return "cannot look at /dev/shm, where all frames live; mount it with `mount -t tmpfs tmpfs /dev/shm`".into();
+    };
+    let size = short.need_bytes.div_ceil(1 << 30);
+    format!(
         "this launch file needs {} MiB of shared memory, but /dev/shm has {} MiB free; enlarge it (Docker: --shm-size={size}g, else \
          `mount -o remount,size={size}G /dev/shm` as root), or take fewer or smaller sensors (`gantry up --dry-run` lists each)",
-        mebibytes(need),
-        mebibytes(free),
-    ))
+        mebibytes(short.need_bytes),
+        mebibytes(free_bytes),
+    )
 }
 
 /// For `--dry-run`: what each topic takes, as comments.
@@ -77,8 +70,10 @@ mod tests {
 
     #[test]
     fn too_little_is_one_sentence_with_both_figures_and_a_remedy() {
-        assert!(compare(10, 10).is_ok());
-        let message = compare(900 << 20, 64 << 20).unwrap_err();
+        let message = sentence(MemoryShortage {
+            need_bytes: 900 << 20,
+            free_bytes: Some(64 << 20),
+        });
         assert!(
             message.contains("900 MiB")
                 && message.contains("64 MiB free")
