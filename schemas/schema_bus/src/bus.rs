@@ -14,7 +14,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use schema_frames::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
 use schema_types::MonoTime;
 
-use crate::error::service_error;
+use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
 use crate::names::{valid_domain, valid_topic};
 use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
 use crate::wire::{OnBus, Wire};
@@ -206,7 +206,7 @@ impl Bus {
             .user_header::<Wire<H>>()
             .open()
             .map_err(|e| {
-                if format!("{e:?}").contains("DoesNotExist") {
+                if e.meaning() == Meaning::Missing {
                     return BusError::NoSuchTopic {
                         topic: full.clone(),
                         hint: self.hint(topic),

@@ -17,7 +17,7 @@ use schema_frames::{CommandBatch, CommandReply, ReplyBatch};
 
 use crate::bus::{Service, schema_attribute, settle};
 use crate::control::{name_bytes, name_text};
-use crate::error::service_error;
+use crate::iceoryx_error::{other_error, service_error};
 use crate::names::{CONTROL_REPLIED, CONTROL_WAKE, CONTROL_WORLD};
 use crate::wire::Wire;
 use crate::{Bus, BusError, Listener, Notifier, qos};
@@ -69,7 +69,7 @@ impl Bus {
             .initial_max_slice_len(FIRST_SLOT_BYTES)
             .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
-            .map_err(|e| service_error("ask", service.name().as_str(), &e))?;
+            .map_err(|e| other_error("ask", service.name().as_str(), &e))?;
         Ok(CommandClient {
             port,
             name: name_bytes(name),
@@ -92,7 +92,7 @@ impl Bus {
             .initial_max_slice_len(FIRST_SLOT_BYTES)
             .allocation_strategy(AllocationStrategy::PowerOfTwo)
             .create()
-            .map_err(|e| service_error("serve", service.name().as_str(), &e))?;
+            .map_err(|e| other_error("serve", service.name().as_str(), &e))?;
         Ok(CommandServer {
             port,
             replied: self.notifier(CONTROL_REPLIED)?,
@@ -161,7 +161,7 @@ impl CommandClient {
         let loan = self
             .port
             .loan_slice_uninit(text.len())
-            .map_err(|e| service_error("ask", full, &e))?;
+            .map_err(|e| other_error("ask", full, &e))?;
         let mut request = loan.write_from_slice(&text);
         self.seq += 1;
         request.user_header_mut().0 = RequestHeader {
@@ -173,12 +173,12 @@ impl CommandClient {
         };
         // Answers to earlier requests that timed out must not count as this one's wake-up.
         self.replied.drain()?;
-        let pending = request.send().map_err(|e| service_error("ask", full, &e))?;
+        let pending = request.send().map_err(|e| other_error("ask", full, &e))?;
         self.wake.notify();
         loop {
             if let Some(answer) = pending
                 .receive()
-                .map_err(|e| service_error("ask", full, &e))?
+                .map_err(|e| other_error("ask", full, &e))?
             {
                 return serde_json::from_slice(answer.payload()).map_err(|e| {
                     CommandError::Answer {
@@ -225,7 +225,7 @@ impl CommandServer {
         let Some(active) = self
             .port
             .receive()
-            .map_err(|e| service_error("serve", full, &e))?
+            .map_err(|e| other_error("serve", full, &e))?
         else {
             return Ok(None);
         };
@@ -276,19 +276,16 @@ impl CommandServer {
 
     fn send(&self, request: &Request, answer: &ReplyBatch) -> Result<(), BusError> {
         let full = self.service.name().as_str();
-        let failed = |cause: String| BusError::Service {
-            action: "answer on",
-            service: full.into(),
-            cause,
-        };
-        let text = serde_json::to_vec(answer).map_err(|e| failed(e.to_string()))?;
+        let failed = |e: &dyn std::fmt::Debug| other_error("answer on", full, e);
+        let text = serde_json::to_vec(answer).map_err(|e| failed(&e))?;
         let loan = request
             .active
             .loan_slice_uninit(text.len())
-            .map_err(|e| failed(format!("{e:?}")))?;
-        let sent = loan.write_from_slice(&text).send();
-        if sent.is_err() && request.active.is_connected() {
-            return Err(failed(format!("{:?}", sent.err())));
+            .map_err(|e| failed(&e))?;
+        match loan.write_from_slice(&text).send() {
+            Err(e) if request.active.is_connected() => return Err(failed(&e)),
+            // Without an error, or to a client that has gone.
+            _ => {}
         }
         self.replied.notify();
         Ok(())

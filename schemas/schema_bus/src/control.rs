@@ -10,8 +10,7 @@ use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
 use crate::bus::{Service, Slices, schema_attribute, settle};
-use crate::error::service_error;
-use crate::frame::writer_error;
+use crate::iceoryx_error::{other_error, reader_error, service_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
 use crate::reader::{receive, subscribe};
@@ -41,7 +40,7 @@ impl Bus {
                     &full,
                     qos::CONTROL.publishers,
                     segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, len),
-                    &e,
+                    e,
                 )
             })?;
         Ok(ControlWriter {
@@ -80,7 +79,7 @@ impl Bus {
                     &full,
                     qos::CONTROL.publishers,
                     segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, size_of::<AckRecord>()),
-                    &e,
+                    e,
                 )
             })?;
         Ok(AckWriter {
@@ -100,11 +99,7 @@ impl Bus {
         let port = service
             .subscriber_builder()
             .create()
-            .map_err(|e| BusError::Service {
-                action: "read",
-                service: full,
-                cause: format!("{e:?}"),
-            })?;
+            .map_err(|e| reader_error(&full, qos::CONTROL.readers, e))?;
         Ok(AckReader { port, service })
     }
 
@@ -167,16 +162,12 @@ impl ControlWriter {
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&mut self, tick: u64, records: &[VehicleControlRecord]) -> Result<(), BusError> {
-        let failed = |cause: String| BusError::Service {
-            action: "write to",
-            service: CONTROL_VEHICLES.into(),
-            cause,
-        };
+        let failed = |e: &dyn std::fmt::Debug| other_error("write to", CONTROL_VEHICLES, e);
         let bytes: &[u8] = bytemuck::cast_slice(records);
         let loan = self
             .port
             .loan_slice_uninit(bytes.len())
-            .map_err(|e| failed(format!("{e:?}")))?;
+            .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(bytes);
         // Spent even when the send fails: a gap shows that something was lost.
         self.seq += 1;
@@ -188,10 +179,7 @@ impl ControlWriter {
             seq: self.seq,
             writer: self.name,
         };
-        sample
-            .send()
-            .map(drop)
-            .map_err(|e| failed(format!("{e:?}")))
+        sample.send().map(drop).map_err(|e| failed(&e))
     }
 }
 
@@ -277,11 +265,7 @@ impl AckWriter {
         };
         self.port
             .send_copy(Wire(record))
-            .map_err(|e| BusError::Service {
-                action: "write to",
-                service: CONTROL_ACK.into(),
-                cause: format!("{e:?}"),
-            })?;
+            .map_err(|e| other_error("write to", CONTROL_ACK, &e))?;
         self.wake.notify();
         Ok(())
     }
@@ -300,13 +284,9 @@ impl AckReader {
     /// # Errors
     /// [`BusError::Service`].
     pub fn drain(&mut self) -> Result<Vec<AckRecord>, BusError> {
-        let failed = |cause: String| BusError::Service {
-            action: "read",
-            service: CONTROL_ACK.into(),
-            cause,
-        };
+        let failed = |e: &dyn std::fmt::Debug| other_error("read", CONTROL_ACK, e);
         let mut records = Vec::new();
-        while let Some(sample) = self.port.receive().map_err(|e| failed(format!("{e:?}")))? {
+        while let Some(sample) = self.port.receive().map_err(|e| failed(&e))? {
             records.push(sample.payload().0);
         }
         Ok(records)

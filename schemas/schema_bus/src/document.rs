@@ -9,7 +9,7 @@ use schema_frames::document::DOCUMENT_MAGIC;
 use schema_frames::{DocumentHeader, SCHEMA_VERSION};
 
 use crate::bus::{Service, Slices};
-use crate::frame::writer_error;
+use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::CONTROL_WAKE;
 use crate::reader::{receive, subscribe};
@@ -37,7 +37,7 @@ impl Bus {
                     &full,
                     qos::DOCUMENT.publishers,
                     segment_bytes(&qos::DOCUMENT, qos::USUAL_LOANS, FIRST_SLOT_BYTES),
-                    &e,
+                    e,
                 )
             })?;
         Ok(DocumentPublisher {
@@ -73,15 +73,12 @@ impl DocumentPublisher {
     /// # Errors
     /// [`BusError::Service`].
     pub fn send(&mut self, text: &str, epoch: u64, tick: u64) -> Result<u64, BusError> {
-        let failed = |cause: String| BusError::Service {
-            action: "write to",
-            service: self.service.name().as_str().into(),
-            cause,
-        };
+        let failed =
+            |e: &dyn std::fmt::Debug| other_error("write to", self.service.name().as_str(), e);
         let loan = self
             .port
             .loan_slice_uninit(text.len())
-            .map_err(|e| failed(format!("{e:?}")))?;
+            .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(text.as_bytes());
         let revision = self.revision + 1;
         sample.user_header_mut().0 = DocumentHeader {
@@ -93,7 +90,7 @@ impl DocumentPublisher {
             tick,
             ..bytemuck::Zeroable::zeroed()
         };
-        sample.send().map_err(|e| failed(format!("{e:?}")))?;
+        sample.send().map_err(|e| failed(&e))?;
         self.revision = revision;
         Ok(revision)
     }

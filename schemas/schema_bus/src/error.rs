@@ -220,36 +220,3 @@ pub enum LoanError {
 pub(crate) fn mebibytes(n: u64) -> String {
     format!("{} MiB", n.div_ceil(1 << 20))
 }
-
-/// A failed open or create, told by its variant: the same names occur in all of iceoryx2's error
-/// enums.
-pub(crate) fn service_error(
-    action: &'static str,
-    service: &str,
-    cause: &dyn std::fmt::Debug,
-) -> BusError {
-    let cause = format!("{cause:?}");
-    let service = service.to_string();
-    if cause.contains("InsufficientPermissions") {
-        BusError::Permission { service }
-    } else if cause.contains("IncompatibleAttributes") || cause.contains("IncompatibleTypes") {
-        BusError::SchemaSkew {
-            service,
-            theirs: "another version".into(),
-            advice: "stop all processes of this domain and start again",
-        }
-    } else if cause.contains("ExceedsMaxNumberOfNodes") {
-        BusError::TooManyProcesses {
-            service,
-            limit: crate::qos::MAX_NODES,
-        }
-    } else if cause.contains("DoesNotSupport") || cause.contains("IncompatibleOverflow") {
-        BusError::Capacity { service, cause }
-    } else {
-        BusError::Service {
-            action,
-            service,
-            cause,
-        }
-    }
-}

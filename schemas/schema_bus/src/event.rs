@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::*;
 
 use crate::bus::{Events, Service};
+use crate::iceoryx_error::other_error;
 use crate::{Bus, BusError};
 
 impl Bus {
@@ -18,7 +19,7 @@ impl Bus {
         let port = service
             .notifier_builder()
             .create()
-            .map_err(|e| port_error("notify", &full, &e))?;
+            .map_err(|e| other_error("notify", &full, &e))?;
         Ok(Notifier { port, service })
     }
 
@@ -31,20 +32,12 @@ impl Bus {
         let port = service
             .listener_builder()
             .create()
-            .map_err(|e| port_error("listen to", &full, &e))?;
+            .map_err(|e| other_error("listen to", &full, &e))?;
         Ok(Listener {
             port,
             name: full,
             _service: service,
         })
-    }
-}
-
-fn port_error(action: &'static str, full: &str, cause: &dyn std::fmt::Debug) -> BusError {
-    BusError::Service {
-        action,
-        service: full.into(),
-        cause: format!("{cause:?}"),
     }
 }
 
@@ -99,7 +92,7 @@ impl Listener {
         self.port
             .try_wait(|_| {})
             .map(|n| n > 0)
-            .map_err(|e| port_error("wait for", &self.name, &e))
+            .map_err(|e| other_error("wait for", &self.name, &e))
     }
 
     fn pollfd(&self) -> libc::pollfd {

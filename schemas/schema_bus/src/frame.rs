@@ -10,6 +10,7 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use schema_frames::{FrameHeader, Modality};
 
 use crate::bus::{Service, Slices, mono_now};
+use crate::iceoryx_error::{loan_error, other_error, writer_error};
 use crate::memory::{FrameTopic, check_shared_memory, shared_memory_free};
 use crate::qos::Qos;
 use crate::segment::{mapping_of, prefault};
@@ -108,38 +109,12 @@ impl FrameService {
             .max_loaned_samples(self.spec.max_loans())
             .allocation_strategy(AllocationStrategy::Static)
             .create()
-            .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, &e))?;
+            .map_err(|e| writer_error(&full, self.qos.publishers, need_bytes, e))?;
         Ok(FramePublisher {
             service: self,
             publisher,
             segment: OnceLock::new(),
         })
-    }
-}
-
-/// Tells why a writing port was refused.
-pub(crate) fn writer_error(
-    full: &str,
-    limit: usize,
-    need_bytes: u64,
-    cause: &dyn std::fmt::Debug,
-) -> BusError {
-    let cause = format!("{cause:?}");
-    let service = full.to_string();
-    if cause.contains("ExceedsMaxSupported") {
-        BusError::TooManyWriters { service, limit }
-    } else if cause.contains("DataSegment") {
-        BusError::Memory {
-            service,
-            need_bytes,
-            free_bytes: shared_memory_free().unwrap_or(0),
-        }
-    } else {
-        BusError::Service {
-            action: "write to",
-            service,
-            cause,
-        }
     }
 }
 
@@ -224,22 +199,9 @@ impl FramePublisher {
     /// # Errors
     /// [`LoanError::NoFreeSlot`] if all loans are out.
     pub fn loan(&self, len: usize) -> Result<FrameLoan, LoanError> {
-        use iceoryx2::port::LoanError as Cause;
-        let topic = || self.service.topic.to_string();
-        let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| match e {
-            Cause::ExceedsMaxLoans | Cause::OutOfMemory => LoanError::NoFreeSlot {
-                topic: topic(),
-                loans: self.max_loans(),
-            },
-            Cause::ExceedsMaxLoanSize => LoanError::TooLong {
-                topic: topic(),
-                len,
-                limit: self.max_payload_bytes(),
-            },
-            Cause::InternalFailure => LoanError::Failed {
-                topic: topic(),
-                cause: format!("{e:?}"),
-            },
+        let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| {
+            let (limit, loans) = (self.max_payload_bytes(), self.max_loans());
+            loan_error(self.topic(), len, limit, loans, e)
         })?;
         sample.user_header_mut().0 = FrameHeader::new(self.service.modality);
         Ok(FrameLoan {
@@ -329,10 +291,6 @@ impl FrameLoan {
         self.header_mut().published_mono_nanos = mono_now().0;
         // SAFETY: every byte of the slot has a value, see `payload_mut`.
         let sample = unsafe { self.sample.assume_init() };
-        sample.send().map_err(|e| BusError::Service {
-            action: "send",
-            service: topic.to_string(),
-            cause: format!("{e:?}"),
-        })
+        sample.send().map_err(|e| other_error("send", &topic, &e))
     }
 }

@@ -32,6 +32,7 @@ mod document;
 mod error;
 mod event;
 mod frame;
+mod iceoryx_error;
 mod memory;
 pub mod names;
 pub mod qos;

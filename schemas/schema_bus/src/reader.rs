@@ -2,7 +2,6 @@
 
 use std::ops::Deref;
 
-use iceoryx2::port::ReceiveError;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
@@ -10,6 +9,7 @@ use iceoryx2::sample::Sample;
 use schema_frames::{FrameHeader, Modality};
 
 use crate::bus::{Service, Slices};
+use crate::iceoryx_error::{other_error, reader_error, receive_error};
 use crate::wire::{OnBus, Wire};
 use crate::{Bus, BusError};
 
@@ -17,20 +17,9 @@ use crate::{Bus, BusError};
 pub(crate) fn subscribe<H: OnBus>(
     service: &Slices<H>,
 ) -> Result<Subscriber<Service, [u8], Wire<H>>, BusError> {
-    use iceoryx2::port::subscriber::SubscriberCreateError as Cause;
     service.subscriber_builder().create().map_err(|e| {
-        let full = service.name().as_str().to_string();
-        match e {
-            Cause::ExceedsMaxSupportedSubscribers => BusError::TooManyReaders {
-                service: full,
-                limit: service.static_config().max_subscribers(),
-            },
-            other => BusError::Service {
-                action: "read",
-                service: full,
-                cause: format!("{other:?}"),
-            },
-        }
+        let limit = service.static_config().max_subscribers();
+        reader_error(service.name().as_str(), limit, e)
     })
 }
 
@@ -43,18 +32,8 @@ pub(crate) fn receive<H: OnBus>(
     port: &Subscriber<Service, [u8], Wire<H>>,
 ) -> Result<Option<Received<H>>, BusError> {
     port.receive().map_err(|e| {
-        let full = service.name().as_str().to_string();
-        match e {
-            ReceiveError::ExceedsMaxBorrows => BusError::BorrowLimit {
-                service: full,
-                limit: service.static_config().subscriber_max_borrowed_samples(),
-            },
-            other => BusError::Service {
-                action: "read",
-                service: full,
-                cause: format!("{other:?}"),
-            },
-        }
+        let limit = service.static_config().subscriber_max_borrowed_samples();
+        receive_error(service.name().as_str(), limit, e)
     })
 }
 
@@ -162,11 +141,8 @@ impl FrameReader {
     }
 
     fn waiting(&self) -> Result<bool, BusError> {
-        self.port.has_samples().map_err(|e| BusError::Service {
-            action: "read",
-            service: self.service.name().as_str().into(),
-            cause: format!("{e:?}"),
-        })
+        let failed = |e| other_error("read", self.service.name().as_str(), &e);
+        self.port.has_samples().map_err(failed)
     }
 
     fn pull(&mut self) -> Result<Option<Frame>, BusError> {

@@ -10,7 +10,7 @@ use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{ActorRecord, SCHEMA_VERSION, SnapshotHeader};
 
 use crate::bus::{Service, Slices, mono_now};
-use crate::frame::writer_error;
+use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
 use crate::reader::{receive, subscribe};
@@ -36,7 +36,7 @@ impl Bus {
                     &full,
                     qos::SNAPSHOT.publishers,
                     segment_bytes(&qos::SNAPSHOT, qos::USUAL_LOANS, len),
-                    &e,
+                    e,
                 )
             })?;
         Ok(SnapshotPublisher {
@@ -95,22 +95,15 @@ impl SnapshotPublisher {
         header.schema_version = SCHEMA_VERSION;
         header.header_bytes = size_of::<SnapshotHeader>() as u16;
         header.n_actors = records.len() as u32;
-        let failed = |cause: String| BusError::Service {
-            action: "write to",
-            service: WORLD_SNAPSHOT.into(),
-            cause,
-        };
+        let failed = |e: &dyn std::fmt::Debug| other_error("write to", WORLD_SNAPSHOT, e);
         let loan = self
             .port
             .loan_slice_uninit(bytes.len())
-            .map_err(|e| failed(format!("{e:?}")))?;
+            .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(bytes);
         header.published_mono_nanos = mono_now().0;
         sample.user_header_mut().0 = header;
-        sample
-            .send()
-            .map(drop)
-            .map_err(|e| failed(format!("{e:?}")))
+        sample.send().map(drop).map_err(|e| failed(&e))
     }
 
     /// Hands the newest snapshot to readers that came since the last call; see

@@ -9,7 +9,7 @@ use schema_frames::control::ControlHeader;
 use schema_frames::{DocumentHeader, FrameHeader, Modality, SCHEMA_ATTRIBUTE, SnapshotHeader};
 
 use crate::bus::{Service, Slices};
-use crate::error::service_error;
+use crate::iceoryx_error::service_error;
 use crate::wire::{OnBus, Wire};
 use crate::{Bus, BusError};
 
