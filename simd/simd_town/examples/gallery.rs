@@ -21,7 +21,8 @@ use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewS
 use sensor_core::{DynamicInstance, MeshId, Scene};
 use sensor_gpu::{Gpu, GpuOptions};
 use sensor_spec::{DvsSpec, Intrinsics};
-use simd_town::{BodyStyle, Town, VehicleShape, vehicle_meshes};
+use simd_body::{BodyStyle, VehicleShape, vehicle_meshes};
+use simd_town::Town;
 
 const SIZE_PX: [u32; 2] = [960, 600];
 

@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::network::SignalKind;
-use crate::vehicle::loft::{ellipsoid, post, tube};
+use simd_body::solid::{ellipsoid, post, tube};
 
 /// Height of a traffic light's head over the pavement: the one on the pole and the one on the arm.
 pub const HEADS_M: (f64, f64) = (2.75, 5.4);

@@ -6,7 +6,7 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::leaves::{Clump, Cover, crown, foliage};
 use crate::random::Random;
-use crate::vehicle::loft::{spike, tube};
+use simd_body::solid::{spike, tube};
 
 /// How a kind of broad-leaved tree grows.
 struct Species {

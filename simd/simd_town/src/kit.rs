@@ -7,8 +7,8 @@ use sensor_core::{Mesh, MeshId, SceneAssets};
 
 use crate::network::SignalKind;
 use crate::plan::{Houses, Plan};
-use crate::vehicle::{BodyStyle, VehicleShape, vehicle_meshes};
 use crate::{furniture, greenery, props};
+use simd_body::{BodyStyle, VehicleShape, vehicle_meshes};
 
 /// A lamp post and where its light is.
 #[derive(Clone, Copy)]

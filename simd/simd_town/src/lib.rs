@@ -37,10 +37,8 @@ mod motorway;
 mod network;
 mod object;
 mod open_drive;
-pub mod person;
 mod plan;
 mod planting;
-pub mod prop;
 mod props;
 mod random;
 mod ring;
@@ -49,14 +47,7 @@ mod scenery;
 mod sketch;
 mod spawn;
 mod town;
-pub mod vehicle;
 mod wear;
 
 pub use object::{LampGroup, MapLayer, SceneryLamp, SceneryObject};
-pub use person::{PersonMeshes, PersonShape, person_meshes};
 pub use town::{CollisionMesh, LightSite, Town, TownError};
-pub use vehicle::door::{Door, DoorMeshes, DoorMotion, door_meshes, outfitted_door_meshes};
-pub use vehicle::outfit::Outfit;
-pub use vehicle::{
-    BodyStyle, VehicleMeshes, VehicleShape, WheelSite, outfitted_meshes, vehicle_meshes,
-};

@@ -7,7 +7,7 @@ use sensor_core::{Material, Mesh, MeshBuilder};
 use crate::chunk::{Chunks, Key, Layer};
 use crate::furniture::far_lamps;
 use crate::geometry::{P2, left, unit};
-use crate::vehicle::loft::{ellipsoid, tube};
+use simd_body::solid::{ellipsoid, tube};
 
 fn iron() -> Surface {
     Surface::new(Class::POLES, Material::Metal, [44, 48, 50])

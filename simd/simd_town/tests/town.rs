@@ -4,8 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use nalgebra::{Point3, Vector3};
-use sensor_core::{Mesh, Vertex};
-use simd_town::{BodyStyle, Town, TownError, VehicleShape, vehicle_meshes};
+use sensor_core::Vertex;
+use simd_town::{Town, TownError};
+use triangles::check_triangles;
+
+#[path = "../../simd_body/tests/checks/triangles.rs"]
+mod triangles;
 
 fn town(seed: u64) -> Town {
     Town::generate("Town10HD", seed).expect("the default town exists")
@@ -149,53 +153,6 @@ fn a_lorry_fits_on_every_spawn_point() {
     }
 }
 
-fn check_triangles(mesh: &Mesh) {
-    assert!(!mesh.lods.is_empty(), "{} has no levels", mesh.name);
-    for pair in mesh.lods.windows(2) {
-        assert!(pair[0].until_m <= pair[1].until_m, "{}", mesh.name);
-    }
-    for t in mesh.indices.chunks_exact(3) {
-        let v = [0, 1, 2].map(|i| &mesh.vertices[t[i] as usize]);
-        let p = v.map(|v| Vector3::from(v.position_m));
-        let face = (p[1] - p[0]).cross(&(p[2] - p[0]));
-        assert!(
-            p.iter().all(|p| p.iter().all(|x| x.is_finite())),
-            "{}",
-            mesh.name
-        );
-        for v in v {
-            assert!(
-                v.class > 0 && v.class <= 28,
-                "{} has class {}",
-                mesh.name,
-                v.class
-            );
-            let normal = Vector3::new(v.normal[0], v.normal[1], v.normal[2]).map(f32::from) / 127.0;
-            assert!(
-                (normal.norm() - 1.0).abs() < 0.03,
-                "{} has a normal of length {}",
-                mesh.name,
-                normal.norm()
-            );
-            if face.norm() > 1e-3 {
-                assert!(
-                    face.normalize().dot(&normal) > 0.1,
-                    "{}: corners and normal disagree: {p:?} {normal:?}",
-                    mesh.name
-                );
-            }
-        }
-        let within = |q: Vector3<f32>| {
-            (q - Vector3::from(mesh.centre_m)).norm() <= mesh.radius_m * 1.001 + 1e-3
-        };
-        assert!(
-            p.into_iter().all(within),
-            "{} sticks out of its sphere",
-            mesh.name
-        );
-    }
-}
-
 #[test]
 fn every_triangle_has_class_object_and_a_normal_that_agrees() {
     for town in towns(1) {
@@ -331,89 +288,6 @@ fn a_street_view_stays_within_the_triangle_budget() {
             counts[counts.len() - 1],
             counts.len()
         );
-    }
-}
-
-fn shapes() -> Vec<VehicleShape> {
-    let shape = |style, half_m, wheel_radius_m, wheelbase_m| VehicleShape {
-        style,
-        half_m,
-        wheel_radius_m,
-        wheelbase_m,
-    };
-    vec![
-        shape(BodyStyle::Saloon, [2.396, 1.082, 0.744], 0.34, 2.88),
-        shape(BodyStyle::Saloon, [2.679, 1.017, 0.705], 0.33, 2.8),
-        shape(BodyStyle::Hatch, [1.817, 0.923, 0.751], 0.3, 2.4),
-        shape(BodyStyle::Hatch, [1.104, 0.740, 0.688], 0.26, 1.5),
-        shape(BodyStyle::Suv, [2.783, 1.075, 1.023], 0.4, 3.07),
-        shape(BodyStyle::Van, [2.958, 0.994, 1.280], 0.35, 3.66),
-        shape(BodyStyle::Microbus, [2.221, 0.939, 0.994], 0.33, 2.4),
-        shape(BodyStyle::Microbus, [2.240, 1.035, 1.019], 0.35, 2.4),
-        shape(BodyStyle::Bus, [5.1, 1.97, 2.12], 0.48, 5.6),
-        shape(BodyStyle::Lorry, [3.962, 1.432, 1.892], 0.48, 4.6),
-        shape(BodyStyle::Motorcycle, [1.105, 0.434, 0.75], 0.3, 1.4),
-        shape(BodyStyle::Bicycle, [0.821, 0.22, 0.85], 0.33, 1.0),
-    ]
-}
-
-#[test]
-fn vehicles_fill_their_boxes_to_a_centimetre() {
-    for shape in shapes() {
-        let meshes = vehicle_meshes(&shape);
-        check_triangles(&meshes.body);
-        check_triangles(&meshes.wheel);
-        let lod = meshes.body.lods[0];
-        let used = &meshes.body.indices[..lod.n_indices as usize];
-        let bodies = used
-            .iter()
-            .map(|&i| Vector3::from(meshes.body.vertices[i as usize].position_m).cast::<f64>());
-        let wheels = meshes.wheels.iter().flat_map(|site| {
-            let centre = Vector3::from(site.centre_m);
-            meshes
-                .wheel
-                .vertices
-                .iter()
-                .map(move |v| centre + Vector3::from(v.position_m).cast::<f64>())
-        });
-        let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
-        for p in bodies.chain(wheels) {
-            (low, high) = (low.inf(&p), high.sup(&p));
-        }
-        for (got, want) in [
-            (high.x, shape.half_m[0]),
-            (-low.x, shape.half_m[0]),
-            (high.y, shape.half_m[1]),
-            (-low.y, shape.half_m[1]),
-            (high.z, 2.0 * shape.half_m[2]),
-            (low.z, 0.0),
-        ] {
-            assert!(
-                (got - want).abs() < 0.0101,
-                "{:?}: {got} instead of {want}; {low} {high}",
-                shape.style
-            );
-        }
-        assert!(
-            lod.n_indices < 3 * 2400 && meshes.body.lods[2].n_indices < 3 * 420,
-            "{:?}",
-            shape.style
-        );
-    }
-}
-
-#[test]
-fn cars_carry_every_lamp() {
-    for shape in &shapes()[..10] {
-        let meshes = vehicle_meshes(shape);
-        let bits: BTreeSet<u8> = meshes
-            .body
-            .vertices
-            .iter()
-            .filter(|v| v.material == sensor_core::Material::Lamp as u8)
-            .map(|v| v.lamp)
-            .collect();
-        assert_eq!(bits, (0..=6).collect(), "{:?}", shape.style);
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use schema_frames::document::{BodyBox, Catalogue, CatalogueEntry};
 use schema_types::Class;
-use simd_town::BodyStyle;
+use simd_body::BodyStyle;
 
 use crate::friction;
 use crate::models::{VehicleModel, vehicle_models};

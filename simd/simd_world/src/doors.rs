@@ -2,7 +2,7 @@
 
 use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
-use simd_town::BodyStyle;
+use simd_body::BodyStyle;
 
 use crate::models::VehicleModel;
 use crate::world::{ActorError, World};

@@ -5,7 +5,7 @@
 
 use schema_frames::document::BodyBox;
 use schema_types::Class;
-use simd_town::{BodyStyle, Outfit, VehicleShape};
+use simd_body::{BodyStyle, Outfit, VehicleShape};
 
 use crate::drive::EngineSpec;
 use list::MODELS;
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn meshes_are_of_the_models_class() {
         for model in MODELS {
-            let meshes = simd_town::vehicle_meshes(&model.shape());
+            let meshes = simd_body::vehicle_meshes(&model.shape());
             assert!(
                 meshes
                     .body

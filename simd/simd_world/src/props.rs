@@ -10,7 +10,7 @@ use schema_frames::ActorKind;
 use schema_frames::document::{BodyBox, CatalogueEntry};
 use schema_types::{ActorId, Class, Pose};
 use serde::{Deserialize, Serialize};
-use simd_town::prop::{PropShape, PropStyle};
+use simd_body::prop::{PropShape, PropStyle};
 
 use crate::physics::{Physics, collider_tag};
 use crate::spawn::SpawnError;

@@ -7,9 +7,9 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::LightState;
 use schema_types::ActorId;
 use sensor_core::{DynamicInstance, MeshId, SceneAssets};
-use simd_town::person::{Posture, mesh_of};
-use simd_town::prop::prop_mesh;
-use simd_town::{Door, outfitted_door_meshes, outfitted_meshes, person_meshes};
+use simd_body::person::{Posture, mesh_of};
+use simd_body::prop::prop_mesh;
+use simd_body::{Door, outfitted_door_meshes, outfitted_meshes, person_meshes};
 
 use crate::models::vehicle_models;
 use crate::props::prop_models;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use schema_types::Pose;
-use simd_town::outfitted_meshes;
+use simd_body::outfitted_meshes;
 use simd_world::{MapData, VehicleModel, World, WorldOptions, vehicle_models};
 
 /// Id behind `vehicle.`, type, special type, generation, wheels, half extents in metres.

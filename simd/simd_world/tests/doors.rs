@@ -160,7 +160,7 @@ fn the_catalogue_says_whose_doors_open() {
         if model.has_dynamic_doors() {
             n += 1;
             assert_eq!(
-                simd_town::door_meshes(&model.shape()).unwrap().doors.len(),
+                simd_body::door_meshes(&model.shape()).unwrap().doors.len(),
                 4,
                 "{}",
                 model.type_id

@@ -15,7 +15,7 @@ use crate::furniture;
 use crate::geometry::{P2, left, unit};
 use crate::network;
 use crate::town::LightSite;
-use crate::vehicle::loft::tube;
+use simd_body::solid::tube;
 
 /// Least height of a head over a lane.
 const CLEAR_M: f64 = 5.2;

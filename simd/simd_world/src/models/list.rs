@@ -1,7 +1,7 @@
 //! Every vehicle with its measures, mass, engine and paints.
 
 use schema_types::Class;
-use simd_town::BodyStyle;
+use simd_body::BodyStyle;
 
 use super::VehicleModel;
 use super::engines::*;

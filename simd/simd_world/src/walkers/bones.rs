@@ -6,8 +6,8 @@ use nalgebra::{Isometry3, Translation3};
 use schema_frames::{BoneReading, CommandReply, HeldBone, SkeletonAction};
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
-use simd_town::person::bones::{between, bones, find};
-use simd_town::person::{N_PARTS, Posture, Skeleton};
+use simd_body::person::bones::{between, bones, find};
+use simd_body::person::{N_PARTS, Posture, Skeleton};
 
 use super::Walker;
 use crate::world::World;
@@ -66,7 +66,7 @@ impl Walker {
         let relative = self.relative_bones();
         let world_from_body = self.world_from_ground();
         let reading = |((bone, in_body), in_parent): (
-            (&simd_town::person::bones::Bone, &Isometry3<f64>),
+            (&simd_body::person::bones::Bone, &Isometry3<f64>),
             &Isometry3<f64>,
         )| BoneReading {
             name: bone.name.clone(),

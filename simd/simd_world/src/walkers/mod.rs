@@ -16,7 +16,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::{ActorKind, WalkerControl, WalkerPart};
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
-use simd_town::person::Posture;
+use simd_body::person::Posture;
 
 pub(crate) use bones::OwnPose;
 pub(crate) use crowd::Crowd;

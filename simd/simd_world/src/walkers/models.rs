@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 use schema_frames::document::{BodyBox, CatalogueEntry};
 use schema_types::Class;
 use schema_types::noise::Noise;
-use simd_town::person::{Age, Hair, Look, PersonShape};
+use simd_body::person::{Age, Hair, Look, PersonShape};
 
 /// Number of walkers: `walker.pedestrian.0001` to `0052`.
 const N_WALKERS: u32 = 52;

@@ -4,8 +4,8 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::loft::{ellipsoid, tube};
 use super::{BodyStyle, Frame};
+use crate::solid::{ellipsoid, tube};
 
 /// Half the width of a rider at the shoulders, metres.
 const WIDTH_M: f32 = 0.216;

@@ -7,8 +7,8 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::loft::tube;
 use super::{BodyStyle, Frame};
+use crate::solid::tube;
 
 /// Equipment and livery.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -1,7 +1,7 @@
 //! Doors: shut they are the body's skin, open they leave a hole with an interior behind it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use simd_town::{
+use simd_body::{
     BodyStyle, Door, DoorMeshes, DoorMotion, VehicleShape, door_meshes, vehicle_meshes,
 };
 

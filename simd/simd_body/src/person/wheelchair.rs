@@ -4,7 +4,7 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
-use crate::vehicle::loft::tube;
+use crate::solid::tube;
 
 /// A wheelchair for a body of this height; origin on the ground under the middle of the body, x
 /// forward.

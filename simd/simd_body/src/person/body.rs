@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 
 use super::stack::{Ring, ring, stack};
 use super::{Age, Hair, PersonShape};
-use crate::vehicle::loft::ellipsoid;
+use crate::solid::ellipsoid;
 
 /// Below this number of sides only the outline counts.
 const FINE: usize = 8;

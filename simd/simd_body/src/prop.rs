@@ -5,7 +5,7 @@ use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
 use crate::person::stack::{Ring, stack};
-use crate::vehicle::loft::{ellipsoid, tube};
+use crate::solid::{ellipsoid, tube};
 
 /// Family of a thing's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
