@@ -93,4 +93,4 @@ def main():
     run_checks(checks, world)
 
 
-run(main, 100)
+run(main)

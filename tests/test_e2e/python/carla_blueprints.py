@@ -260,4 +260,4 @@ def main():
     run_checks(checks, library, page)
 
 
-run(main, 100)
+run(main)

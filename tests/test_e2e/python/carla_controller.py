@@ -201,4 +201,4 @@ def main():
         check_town(client, name)
 
 
-run(main, 550)
+run(main)

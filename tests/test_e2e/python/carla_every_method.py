@@ -166,4 +166,4 @@ def main():
     passed("gone")
 
 
-run(main, 150)
+run(main)

@@ -4,13 +4,19 @@ import faulthandler
 import math
 import os
 import queue
+import socket
 import sys
+import threading
 import time
 
 import carla
 
 STEP_SECS = 0.05
-PATIENCE_SECS = 20.0
+PATIENCE_SECS = 60.0
+# A script that neither ticks nor ends a theme for this long hangs.
+STANDSTILL_SECS = 300.0
+# A step of a Traffic Manager takes milliseconds.
+MANAGER_SECS = 10.0
 
 
 def connect(port, host="127.0.0.1", timeout_secs=60.0):
@@ -47,6 +53,7 @@ def ticks(world, n):
 def passed(theme):
     """The tests look for this line."""
     print(theme, "passed", flush=True)
+    WATCH.moved()
 
 
 def run_checks(checks, *given):
@@ -55,6 +62,7 @@ def run_checks(checks, *given):
         began = time.monotonic()
         check(*given)
         print(f"{name} passed in {time.monotonic() - began:.1f} s", flush=True)
+        WATCH.moved()
 
 
 def near(a, b, tolerance=1e-3):
@@ -114,10 +122,100 @@ def unevenness(world, point):
     return worst
 
 
-def run(main, limit_secs):
+class Watch(threading.Thread):
+    """Ends a script that stands still, and wakes a Traffic Manager of the wheel that does.
+
+    The wheel's Traffic Manager can stand still in synchronous mode: `world.tick` and its worker thread set a flag and notify a condition
+    variable without holding the mutex, so a notification that falls between the other thread's look at the flag and its wait is lost, and
+    both wait for ever (carla-simulator/carla#9172, mended after 0.9.16). On a busy machine that happens about once in a hundred thousand
+    ticks. Switching its mode off and on notifies the worker again; it does its step, and the tick returns. That goes through the Traffic
+    Manager's own port, because a tick holds the lock that every method of `carla.TrafficManager` takes.
+    """
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.moved_at = time.monotonic()
+        # World, snapshot's frame at the begin, and time, while a tick lasts.
+        self.ticking = None
+        self.managers = []
+        self.n_woken = 0
+
+    def moved(self):
+        """Something that the script waited for has happened."""
+        self.moved_at = time.monotonic()
+
+    def run(self):
+        while True:
+            time.sleep(0.5)
+            self.wake_managers()
+            if time.monotonic() - self.moved_at > STANDSTILL_SECS:
+                print(f"the script stands still for {STANDSTILL_SECS:.0f} s", flush=True)
+                faulthandler.dump_traceback(all_threads=True)
+                os._exit(1)
+
+    def wake_managers(self):
+        """Only once the tick's snapshot is there: from then on a tick waits for the Traffic Manager alone."""
+        ticking = self.ticking
+        if ticking is None or not self.managers:
+            return
+        world, before, began = ticking
+        if time.monotonic() - began < MANAGER_SECS or world.get_snapshot().frame == before or self.ticking is not ticking:
+            return
+        self.n_woken += 1
+        print(f"tick after {before}: the wheel's Traffic Manager stood still and is woken", flush=True)
+        for port in self.managers:
+            notify_manager(port)
+        self.ticking = world, before, time.monotonic()
+
+
+WATCH = Watch()
+
+
+def notify_manager(port):
+    """Switches a Traffic Manager's synchronous mode off and on as another process would: MessagePack-RPC requests to its port."""
+    name = b"set_synchronous_mode"
+    with socket.create_connection(("127.0.0.1", port), PATIENCE_SECS) as connection:
+        for number, mode in ((1, b"\xc2"), (2, b"\xc3")):
+            connection.sendall(bytes([0x94, 0, number, 0xA0 | len(name)]) + name + b"\x91" + mode)
+            assert connection.recv(64), "the Traffic Manager answers"
+
+
+def watched(method):
+    """`World.tick` or `World.wait_for_tick`, whose end is a movement."""
+
+    def call(world, *given):
+        WATCH.ticking = world, world.get_snapshot().frame, time.monotonic()
+        try:
+            return method(world, *given)
+        finally:
+            WATCH.ticking = None
+            WATCH.moved()
+
+    return call
+
+
+def synchronous_manager(client, port):
+    """The client's own Traffic Manager in synchronous mode, which is woken should it stand still."""
+    manager = client.get_trafficmanager(port)
+    manager.set_synchronous_mode(True)
+    WATCH.managers.append(port)
+    return manager
+
+
+def shut_down(manager):
+    """Ends a Traffic Manager of [`synchronous_manager`]."""
+    WATCH.managers.remove(manager.get_port())
+    # A worker that waits for the next tick can miss the notification that ends it, too; a free-running one looks by itself.
+    manager.set_synchronous_mode(False)
+    manager.shut_down()
+
+
+def run(main):
     """Runs a script to its end, which is the process's; says where it stands should it ever stand still."""
     faulthandler.enable()
-    faulthandler.dump_traceback_later(limit_secs, exit=True)
+    carla.World.tick, carla.World.wait_for_tick = watched(carla.World.tick), watched(carla.World.wait_for_tick)
+    WATCH.moved()
+    WATCH.start()
     main()
     sys.stdout.flush()
     # The wheel tears its own threads down while the interpreter ends, and that can go wrong whatever the server did.

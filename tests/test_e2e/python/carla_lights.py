@@ -147,6 +147,7 @@ def check_signs(world):
         volume = sign.trigger_volume
         assert volume.extent.x > 0.0 and volume.extent.y > 0.0, (sign, volume)
     limits = [sign for sign in signs if sign.type_id.startswith("traffic.speed_limit.")]
+    assert limits, [sign.type_id for sign in signs]
     print(f"{len(signs)} signs, {len(limits)} of them speed limits")
 
 
@@ -187,4 +188,4 @@ def main():
     run_checks(checks)
 
 
-run(main, 240)
+run(main)

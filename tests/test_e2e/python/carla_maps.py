@@ -78,4 +78,4 @@ def main():
     })
 
 
-run(main, 300)
+run(main)

@@ -41,4 +41,4 @@ def main():
     passed("other host")
 
 
-run(main, 100)
+run(main)

@@ -275,4 +275,4 @@ def main():
     world.apply_settings(original)
 
 
-run(main, 240)
+run(main)

@@ -97,4 +97,4 @@ def main():
     passed("car")
 
 
-run(main, 100)
+run(main)

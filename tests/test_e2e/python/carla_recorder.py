@@ -152,4 +152,4 @@ def main():
     passed("anew")
 
 
-run(main, 240)
+run(main)

@@ -157,4 +157,4 @@ def main():
     passed("changes replayed")
 
 
-run(main, 200)
+run(main)

@@ -11,7 +11,7 @@ import re
 import sys
 
 import carla
-from carla_kit import STEP_SECS, passed, run, stage
+from carla_kit import PATIENCE_SECS, STEP_SECS, passed, run, stage
 
 PORT = int(sys.argv[1])
 N_STEPS = 100
@@ -224,7 +224,7 @@ def check_sensors(client, world, track):
     before, worst_m, n_fast = None, 0.0, 0
     for step in range(60):
         world.tick()
-        fix, now, velocity = heard.get(timeout=20.0), hero.get_transform(), hero.get_velocity()
+        fix, now, velocity = heard.get(timeout=PATIENCE_SECS), hero.get_transform(), hero.get_velocity()
         mount = carla.Location(MOUNT.location.x, MOUNT.location.y, MOUNT.location.z)
         now.transform(mount)
         assert fix.transform.location.distance(mount) < 0.02, (fix.transform.location, mount)
@@ -312,4 +312,4 @@ def main():
     passed("names")
 
 
-run(main, 240)
+run(main)

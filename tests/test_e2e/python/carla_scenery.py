@@ -167,4 +167,4 @@ def main():
     world.apply_settings(before)
 
 
-run(main, 150)
+run(main)

@@ -204,4 +204,4 @@ def main():
     run_checks({"many": check_many, "palette": check_palette, "buffers": check_buffers, "dark": check_dark, "slow": check_slow}, world)
 
 
-run(main, 200)
+run(main)

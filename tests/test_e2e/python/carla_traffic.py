@@ -10,7 +10,7 @@ import random
 import sys
 
 import carla
-from carla_kit import STEP_SECS, connect, passed, run, run_checks, speed
+from carla_kit import STEP_SECS, connect, passed, run, run_checks, shut_down, speed, synchronous_manager
 
 PORT, TM_PORT = int(sys.argv[1]), int(sys.argv[2])
 N_CARS = 50
@@ -27,8 +27,7 @@ class Stage:
             settings = self.world.get_settings()
             settings.synchronous_mode, settings.fixed_delta_seconds = True, STEP_SECS
             self.world.apply_settings(settings)
-        self.manager = client.get_trafficmanager(TM_PORT)
-        self.manager.set_synchronous_mode(synchronous)
+        self.manager = synchronous_manager(client, TM_PORT) if synchronous else client.get_trafficmanager(TM_PORT)
         self.manager.set_random_device_seed(7)
         self.tick()
 
@@ -255,7 +254,10 @@ def check_fifty(stage, secs):
     for sensor in sensors:
         sensor.stop()
         sensor.destroy()
-    stage.manager.shut_down()
+    if stage.synchronous:
+        shut_down(stage.manager)
+    else:
+        stage.manager.shut_down()
 
 
 def main():
@@ -271,4 +273,4 @@ def main():
     passed("fifty")
 
 
-run(main, 60 + 4 * float(sys.argv[4]) if sys.argv[3:] else 240)
+run(main)

@@ -382,4 +382,4 @@ def main():
     passed("sentences")
 
 
-run(main, 100)
+run(main)

@@ -303,4 +303,4 @@ def main():
     run_checks({check.__name__.removeprefix("check_"): check for check in checks}, world)
 
 
-run(main, 240)
+run(main)

@@ -12,7 +12,7 @@ import time
 
 import carla
 import numpy as np
-from carla_kit import PATIENCE_SECS, STEP_SECS, passed, run
+from carla_kit import PATIENCE_SECS, STEP_SECS, passed, run, shut_down, synchronous_manager
 
 PORT, TM_PORT = int(sys.argv[1]), int(sys.argv[2])
 
@@ -20,7 +20,7 @@ PORT, TM_PORT = int(sys.argv[1]), int(sys.argv[2])
 def check_connection():
     """A client with a time-out, and the world."""
     client = carla.Client("localhost", PORT)
-    client.set_timeout(10.0)
+    client.set_timeout(PATIENCE_SECS)
     assert client.get_server_version() == "0.9.16"
     return client, client.get_world()
 
@@ -51,7 +51,7 @@ def check_maps(client):
     n_before = len(world.get_actors().filter("vehicle.*"))
     world.tick()
     assert len(world.get_actors().filter("vehicle.*")) == n_before + (n_before == 1)
-    client.set_timeout(60.0)
+    client.set_timeout(PATIENCE_SECS)
     loaded = client.load_world("Town10HD")
     assert loaded.id != world.id and not loaded.get_settings().synchronous_mode
     assert len(loaded.get_actors().filter("vehicle.*")) == 1, "the launch file's own"
@@ -178,8 +178,7 @@ def check_manual_control(world, ego):
 
 def check_traffic_manager(client, world, ego):
     """Autopilot with a share of lights ignored, a path of its own for one car, hybrid physics round the hero."""
-    manager = client.get_trafficmanager(TM_PORT)
-    manager.set_synchronous_mode(True)
+    manager = synchronous_manager(client, TM_PORT)
     manager.set_random_device_seed(0)
     random.seed(0)
     points = world.get_map().get_spawn_points()
@@ -201,7 +200,7 @@ def check_traffic_manager(client, world, ego):
             break
     moved = [car.get_location().distance(at) for car, at in zip(cars, starts)]
     assert sum(metres > 10.0 for metres in moved) >= len(cars) // 2, moved
-    manager.shut_down()
+    shut_down(manager)
     for car in (*cars, ego):
         car.destroy()
 
@@ -246,4 +245,4 @@ def main():
     passed("restoring")
 
 
-run(main, 150)
+run(main)

@@ -2,9 +2,7 @@
 //! ones, and fifty cars touch nothing.
 //! With `GANTRY_SOAK=1` fifty cars drive ten minutes stepped and ten minutes free.
 
-use std::time::Duration;
-
-use test_e2e::carla::{Stage, empty_town, free_port, start_script};
+use test_e2e::carla::{Stage, empty_town, free_port, run_script};
 
 #[test]
 fn fifty_cars_drive_without_touching_anything() {
@@ -18,16 +16,9 @@ fn fifty_cars_drive_without_touching_anything() {
     if std::env::var_os("GANTRY_SOAK").is_some() {
         for mode in ["sync", "async"] {
             let (port, manager_port) = (stage.port.to_string(), free_port().to_string());
-            let mut drive = start_script(
-                &stage.sandbox,
-                "carla_traffic.py",
-                &[&port, &manager_port, mode, "600"],
-            );
-            // The script ends itself when it takes too long.
-            while drive.is_running() {
-                std::thread::sleep(Duration::from_secs(1));
-            }
-            println!("{}", drive.wait().expect_code(0).lines.join("\n"));
+            let args = [&port, &manager_port, mode, "600"];
+            let drive = run_script(&stage.sandbox, "carla_traffic.py", &args, &[mode]);
+            println!("{}", drive.lines.join("\n"));
         }
     }
     stage.end();

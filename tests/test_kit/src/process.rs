@@ -4,12 +4,12 @@ use std::io::{BufRead as _, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use crate::{PATIENCE, eventually};
+use crate::PATIENCE;
 
 /// A running child; killed when dropped.
 #[derive(Debug)]
@@ -147,18 +147,24 @@ impl Process {
     /// `kill -9`, and waits until it is gone.
     pub fn kill9(mut self) -> Ended {
         self.signal(Signal::SIGKILL);
-        self.wait_end()
+        self.wait_end(PATIENCE)
     }
 
     /// SIGTERM, and waits for its end.
     pub fn stop(mut self) -> Ended {
         self.signal(Signal::SIGTERM);
-        self.wait_end()
+        self.wait_end(PATIENCE)
     }
 
     /// Waits for its own end.
     pub fn wait(mut self) -> Ended {
-        self.wait_end()
+        self.wait_end(PATIENCE)
+    }
+
+    /// Waits for the end of a program that works longer than [`PATIENCE`] and has a watchdog of its
+    /// own, whose output says where it stands; `limit` is for a watchdog that fails.
+    pub fn wait_longer(mut self, limit: Duration) -> Ended {
+        self.wait_end(limit)
     }
 
     /// Resident memory, bytes.
@@ -173,11 +179,20 @@ impl Process {
             * 4096
     }
 
-    fn wait_end(&mut self) -> Ended {
-        let name = self.name.clone();
-        let status = eventually(&format!("{name} ends"), || {
-            self.child.try_wait().expect("child can be waited for")
-        });
+    fn wait_end(&mut self, limit: Duration) -> Ended {
+        let start = Instant::now();
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("child can be waited for") {
+                break status;
+            }
+            assert!(
+                start.elapsed() < limit,
+                "{} still runs after {limit:?}; output:\n{}",
+                self.name,
+                self.lines().join("\n")
+            );
+            std::thread::sleep(Duration::from_millis(10));
+        };
         for reader in self.readers.drain(..) {
             let _ = reader.join();
         }
