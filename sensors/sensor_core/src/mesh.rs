@@ -124,6 +124,13 @@ impl Mesh {
         })
     }
 
+    /// Corners of triangle `number` of the finest level.
+    #[inline]
+    pub fn triangle(&self, number: usize) -> [&Vertex; 3] {
+        let first = self.lods[0].first_idx as usize + 3 * number;
+        [0, 1, 2].map(|i| &self.vertices[self.indices[first + i] as usize])
+    }
+
     /// The same mesh with only those triangles whose first corner passes, in all levels of detail.
     /// Vertices stay.
     pub fn keeping(&self, mut passes: impl FnMut(&Vertex) -> bool) -> Mesh {

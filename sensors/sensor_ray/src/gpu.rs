@@ -10,130 +10,26 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use schema_types::ActorId;
-use schema_types::noise::Noise;
-use sensor_gpu::{
-    CopyBatch, Direct, DirectTarget, Gpu, GpuError, HostMemory, InFlight, Place, ShmTarget,
-};
+use sensor_gpu::{CopyBatch, DirectTarget, Gpu, HostMemory, Place, ShmTarget};
 
-use crate::lidar::{Lidar, SensorPath};
-use crate::scene::RayScene;
-use frame::{Frame, LidarWords};
+use crate::ray_scene::RayScene;
+use gpu_scene::GpuScene;
 use memory::{Growing, Memory};
-use pipelines::{MAX_OUTPUTS, Pipelines, Turn, bind};
-use world::World;
+use pipelines::{Pipelines, bind};
+use scans::Way;
+use shader::{BLOCK_RAYS, Dispatch, MAX_OUTPUTS};
+use submission::{LidarWords, Submission};
 
-mod frame;
+mod gpu_scene;
 mod memory;
-pub(crate) mod pack;
+mod pairs;
 mod pipelines;
-mod world;
+mod scans;
+mod shader;
+mod submission;
 
-/// Rays whose returns are counted together, as in the shader.
-const CHUNK_RAYS: u32 = 256;
-/// Entries of the shader's stack: one for each level of the deepest mesh and two for each level of
-/// the hierarchy over instances.
-const STACK_ENTRIES: u32 = 32;
-/// Rays of a workgroup.
-const BLOCK_RAYS: u32 = 64;
-
-/// One lidar's frame to be made.
-#[derive(Debug)]
-pub struct ScanJob<'l, 'p> {
-    /// The lidar, its head turned.
-    pub lidar: &'l mut Lidar,
-    /// Where it was.
-    pub path: SensorPath,
-    /// Key (seed, sensor, tick).
-    pub noise: Noise,
-    /// Rays pass through the parts of this actor.
-    pub ignored: Option<ActorId>,
-    /// Where the points go: room for a point per ray.
-    pub place: Place<'p>,
-}
-
-/// What became of a scan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ScanOutcome {
-    /// Points at the front of the place; bytes behind them mean nothing.
-    pub n_points: u32,
-    /// Copies by the CPU: 0 into imported memory, else 1.
-    pub cpu_copies: u32,
-}
-
-/// Scans on their way.
-#[derive(Debug)]
-#[must_use = "the points are there only after wait()"]
-pub struct Scans<'p>(Way<'p>);
-
-#[derive(Debug)]
-enum Way<'p> {
-    /// There were no jobs.
-    None,
-    /// Points are copied; which copy is a job's, `None` for a job without rays.
-    Copied {
-        copies: InFlight<'p>,
-        of_jobs: Vec<Option<usize>>,
-        _uploaded: Option<Arc<HostMemory>>,
-    },
-    /// The shader writes points and their number where they belong.
-    Direct {
-        flight: Direct,
-        totals: Arc<HostMemory>,
-        n_jobs: usize,
-    },
-}
-
-impl Scans<'_> {
-    /// Waits until the points are where they belong; one outcome per job, in order.
-    ///
-    /// # Errors
-    /// The device was lost.
-    pub fn wait(self) -> Result<Vec<ScanOutcome>, GpuError> {
-        match self.0 {
-            Way::None => Ok(Vec::new()),
-            Way::Copied {
-                copies, of_jobs, ..
-            } => {
-                let outcomes = copies.wait_awake()?;
-                let totals = outcomes
-                    .last()
-                    .and_then(|outcome| outcome.mapped.as_ref())
-                    .expect("the last copy is that of the totals");
-                let totals: Vec<u32> = bytemuck::pod_collect_to_vec(totals.row(0));
-                let scan = |(copy, n_points): (&Option<usize>, &u32)| ScanOutcome {
-                    n_points: *n_points,
-                    cpu_copies: copy.map_or(0, |copy| outcomes[copy].cpu_copies),
-                };
-                Ok(of_jobs.iter().zip(&totals).map(scan).collect())
-            }
-            Way::Direct {
-                flight,
-                totals,
-                n_jobs,
-            } => {
-                flight.wait_awake()?;
-                let mut n_points = vec![0u32; n_jobs];
-                #[expect(
-                    unsafe_code,
-                    reason = "the GPU has written there; the block carries its proof"
-                )]
-                // SAFETY: the submission that wrote there is done, and the next one gets other
-                // memory as long as this is held.
-                unsafe {
-                    totals.read(0, bytemuck::cast_slice_mut(&mut n_points))
-                };
-                Ok(n_points
-                    .into_iter()
-                    .map(|n_points| ScanOutcome {
-                        n_points,
-                        cpu_copies: 0,
-                    })
-                    .collect())
-            }
-        }
-    }
-}
+pub use scans::{ScanOutcome, Scans};
+pub use submission::ScanJob;
 
 /// How the shader is built and used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,7 +57,7 @@ pub struct GpuRays {
     gpu: Gpu,
     options: GpuRayOptions,
     pipelines: Pipelines,
-    world: World,
+    gpu_scene: GpuScene,
     memory: Memory,
     /// World and scratch memory, as they are bound.
     bindings: Option<wgpu::BindGroup>,
@@ -192,8 +88,8 @@ impl GpuRays {
         );
         GpuRays {
             options,
-            pipelines: Pipelines::new(gpu, options),
-            world: World::new(gpu),
+            pipelines: Pipelines::new(gpu, block_columns),
+            gpu_scene: GpuScene::new(gpu),
             memory: Memory::new(gpu),
             bindings: None,
             gpu: gpu.clone(),
@@ -208,7 +104,7 @@ impl GpuRays {
     /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the
     /// CPU has to cast.
     pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
-        let updated = self.world.update(&self.gpu, scene);
+        let updated = self.gpu_scene.update(&self.gpu, scene);
         // A world that is too much may have got other buffers before that was found.
         if updated != Ok(false) {
             self.bindings = None;
@@ -220,19 +116,19 @@ impl GpuRays {
     ///
     /// Panics if a place is too small for a point per ray.
     pub fn scan<'p>(&mut self, jobs: Vec<ScanJob<'_, 'p>>) -> Scans<'p> {
-        let mut frame = Frame::default();
+        let mut submission = Submission::default();
         let mut places = Vec::with_capacity(jobs.len());
         for job in jobs {
-            places.push(frame.add(job));
+            places.push(submission.add(job));
         }
-        if frame.lidars.is_empty() {
+        if submission.lidars.is_empty() {
             return Scans(Way::None);
         }
         let writes_directly = self.options.writes_directly
             && places.iter().all(is_reachable)
-            && self.memory.fit_host(&self.gpu, &frame);
+            && self.memory.fit_host(&self.gpu, &submission);
         let groups = groups(
-            &mut frame,
+            &mut submission,
             &places,
             self.options.group_rays,
             writes_directly,
@@ -240,13 +136,13 @@ impl GpuRays {
         let mut encoder = self.gpu.encoder("lidars");
         if self
             .memory
-            .upload(&self.gpu, &mut encoder, &mut frame, !writes_directly)
+            .upload(&self.gpu, &mut encoder, &mut submission, !writes_directly)
         {
             self.bindings = None;
         }
         self.gpu.mark(&mut encoder, "begin");
         let host = self.memory.host().filter(|_| writes_directly).cloned();
-        self.record(&mut encoder, &frame, &groups, host.as_deref());
+        self.record(&mut encoder, &submission, &groups, host.as_deref());
         if let Some(host) = host {
             let targets = groups
                 .into_iter()
@@ -263,14 +159,14 @@ impl GpuRays {
         }
         let mut batch = CopyBatch::new();
         let mut of_jobs = Vec::with_capacity(places.len());
-        for (lidar, place) in frame.lidars.iter().zip(places) {
+        for (lidar, place) in submission.lidars.iter().zip(places) {
             let (begin, n_bytes) = (4 * lidar.first_word() as u64, lidar.n_bytes());
             of_jobs.push(
                 (n_bytes > 0)
                     .then(|| batch.buffer(&self.memory.packed.buffer, begin, n_bytes, place)),
             );
         }
-        batch.map_buffer(&self.memory.totals.buffer, 0, 4 * frame.lidars.len());
+        batch.map_buffer(&self.memory.totals.buffer, 0, 4 * submission.lidars.len());
         let _uploaded = self.memory.host().cloned();
         Scans(Way::Copied {
             copies: batch.submit(&self.gpu, encoder),
@@ -283,15 +179,15 @@ impl GpuRays {
     fn record(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
-        frame: &Frame,
+        submission: &Submission,
         groups: &[Group],
         host: Option<&HostMemory>,
     ) {
         let bindings = self.bindings.get_or_insert_with(|| {
-            let (world, memory) = (&self.world, &self.memory);
+            let (gpu_scene, memory) = (&self.gpu_scene, &self.memory);
             let scratch = [&memory.lidars, &memory.tables, &memory.points, &memory.kept]
                 .map(|growing: &Growing| &growing.buffer);
-            let buffers = [&world.nodes, &world.triangles, &world.instances]
+            let buffers = [&gpu_scene.nodes, &gpu_scene.triangles, &gpu_scene.instances]
                 .into_iter()
                 .chain(scratch);
             bind(&self.gpu, &self.pipelines.scene, buffers)
@@ -303,18 +199,18 @@ impl GpuRays {
                 step.checked_sub(1).map(|before| &groups[before]),
             );
             let (of_traced, of_packed) = (lidars_of(traced), lidars_of(packed));
-            let turn = Turn {
+            let dispatch = Dispatch {
                 first_traced: of_traced.start as u32,
                 n_traced: of_traced.len() as u32,
                 first_packed: of_packed.start as u32,
                 n_packed: of_packed.len() as u32,
-                n_blocks: frame.lidars[of_traced]
+                n_blocks: submission.lidars[of_traced]
                     .iter()
                     .map(|lidar| self.n_blocks(lidar))
                     .max()
                     .unwrap_or(0)
                     .max(1),
-                n_chunks: frame.lidars[of_packed]
+                n_chunks: submission.lidars[of_packed]
                     .iter()
                     .map(LidarWords::n_chunks)
                     .max()
@@ -322,13 +218,13 @@ impl GpuRays {
                     .max(1),
             };
             let outputs = self.bind_outputs(packed.or(traced), host);
-            let (pipeline, label) = self.pipelines.of(&turn);
+            let (pipeline, label) = self.pipelines.of(&dispatch);
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &bindings, &[]);
             pass.set_bind_group(1, &outputs, &[]);
-            pass.set_immediates(0, bytemuck::bytes_of(&turn));
-            let [x, y, z] = turn.size();
+            pass.set_immediates(0, bytemuck::bytes_of(&dispatch));
+            let [x, y, z] = dispatch.size();
             pass.dispatch_workgroups(x, y, z);
             drop(pass);
             self.gpu.counters().add_pass();
@@ -377,14 +273,14 @@ fn is_reachable(place: &Place<'_>) -> bool {
 
 /// Puts lidars into groups of `group_rays` or a little more, and tells each where its points go.
 fn groups(
-    frame: &mut Frame,
+    submission: &mut Submission,
     places: &[Place<'_>],
     group_rays: u32,
     writes_directly: bool,
 ) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     let mut n_rays = 0;
-    for (i, (lidar, place)) in frame.lidars.iter_mut().zip(places).enumerate() {
+    for (i, (lidar, place)) in submission.lidars.iter_mut().zip(places).enumerate() {
         let target = match place {
             Place::Shm {
                 target,

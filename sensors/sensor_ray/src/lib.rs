@@ -11,25 +11,16 @@
 #![warn(missing_docs)]
 
 mod ball;
-mod beams;
-mod bundle;
-mod cast;
+mod bvh;
 mod gpu;
-mod hidden;
-mod hit;
 pub mod lidar;
-mod moving;
-mod near_ball;
-mod outline;
-mod points;
 pub mod radar;
-pub mod scene;
-mod through;
-mod tree;
+mod ray_scene;
+mod rays;
 
 pub use ball::{BallFilter, BallHit};
 pub use gpu::{GpuRayOptions, GpuRays, ScanJob, ScanOutcome, Scans};
-pub use hit::Hit;
 pub use lidar::{Lidar, SensorPath};
 pub use radar::RadarPose;
-pub use scene::RayScene;
+pub use ray_scene::RayScene;
+pub use rays::Hit;

@@ -13,41 +13,25 @@
 //! drop-off by intensity.
 //! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
 
-use nalgebra::{Isometry3, Matrix3, Point3};
-use rayon::prelude::*;
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;
 use schema_types::noise::Noise;
-use sensor_core::lanes::{LaneWork, Lanes, in_lanes};
 use sensor_spec::{LidarScan, LidarSpec};
 
-use crate::beams::{Beams, Bunch};
-use crate::bundle::{GROUP, Hits};
-use crate::cast::{Caster, Stacks};
-use crate::points::{Point, Returns};
-use crate::scene::RayScene;
+use crate::ray_scene::RayScene;
+use beams::Beams;
+use points::Point;
+use turn::Turn;
 
-/// Bunches of rays that a thread takes at a time.
-const TASK_BUNCHES: usize = 16;
+mod beams;
+mod path;
+mod points;
+mod turn;
 
-/// Where the sensor was during the turn.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SensorPath {
-    /// Pose at the start of the turn; used only with motion distortion.
-    pub world_from_sensor_start: Isometry3<f64>,
-    /// Pose at the tick.
-    pub world_from_sensor: Isometry3<f64>,
-}
-
-impl SensorPath {
-    /// A sensor that stands still.
-    pub fn still(world_from_sensor: Isometry3<f64>) -> Self {
-        SensorPath {
-            world_from_sensor_start: world_from_sensor,
-            world_from_sensor,
-        }
-    }
-}
+pub use beams::azimuth_rad;
+pub use path::SensorPath;
+pub(crate) use path::column_poses;
+pub(crate) use points::keep_limit;
 
 /// Points of a turn, bunch after bunch, lost ones included.
 #[derive(Debug)]
@@ -258,157 +242,5 @@ fn write<P: Point + bytemuck::Pod>(beams: &Beams, points: &[P], payload: &mut [u
         .filter(|point| !point.is_lost());
     for (bytes, point) in payload.chunks_exact_mut(size_of::<P>()).zip(kept) {
         bytes.copy_from_slice(bytemuck::bytes_of(point));
-    }
-}
-
-/// Azimuth of a column of a full turn, radians counter-clockwise from x.
-pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
-    0.5 * spec.horizontal_fov_deg.to_radians()
-        * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
-}
-
-/// Where rays leave from, and how the sensor's space is turned.
-pub(crate) struct Pose {
-    pub origin_m: Point3<f64>,
-    pub world_from_sensor: Matrix3<f64>,
-}
-
-impl From<&Isometry3<f64>> for Pose {
-    fn from(pose: &Isometry3<f64>) -> Self {
-        Pose {
-            origin_m: pose.translation.vector.into(),
-            world_from_sensor: *pose.rotation.to_rotation_matrix().matrix(),
-        }
-    }
-}
-
-/// Pose of the sensor at each column, or a single one for all.
-pub(crate) fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
-    if !spec.motion_distortion {
-        return vec![(&path.world_from_sensor).into()];
-    }
-    let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
-    let pose = |column: usize| {
-        let share = (column + 1) as f64 / n_columns as f64;
-        (&start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)).into()
-    };
-    (0..n_columns).map(pose).collect()
-}
-
-/// Everything the rays of a turn share.
-struct Turn<'a> {
-    scene: &'a RayScene,
-    spec: &'a LidarSpec,
-    beams: &'a Beams,
-    poses: Vec<Pose>,
-    noise: Noise,
-    ignored: Option<ActorId>,
-}
-
-impl Turn<'_> {
-    /// Casts all rays, some bunches per task.
-    fn cast<P: Point>(&self, points: &mut [P]) {
-        let n_slots = (TASK_BUNCHES * self.beams.bunch_rays).max(1);
-        let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
-        points.par_chunks_mut(n_slots).zip(bunches).for_each_init(
-            Stacks::default,
-            |stacks, (points, bunches)| {
-                let caster = Caster {
-                    scene: self.scene,
-                    ignored: self.ignored,
-                    stacks: std::mem::take(stacks),
-                };
-                *stacks = in_lanes(Task {
-                    turn: self,
-                    caster,
-                    bunches,
-                    points,
-                });
-            },
-        );
-    }
-
-    #[inline(always)]
-    fn cast_bunch<L: Lanes, P: Point>(&self, caster: &mut Caster, bunch: &Bunch, points: &mut [P]) {
-        let Bunch { bundle, rays } = bunch;
-        let pose = &self.poses[if self.poses.len() == 1 {
-            0
-        } else {
-            rays[0].1 as usize
-        }];
-        let mut hits = Hits::new(bundle, self.spec.range_m);
-        if P::can_misfire(self.spec) {
-            for (ray, beam) in rays.iter().enumerate() {
-                if P::misfires(self.spec, self.noise, self.beams.number(*beam)) {
-                    hits.switch_off(ray);
-                }
-            }
-        }
-        hits.begin::<L>();
-        caster.cast::<L>(&pose.origin_m, &pose.world_from_sensor, bundle, &mut hits);
-        for (group, (rays, points)) in rays
-            .chunks_exact(GROUP)
-            .zip(points.chunks_exact_mut(GROUP))
-            .enumerate()
-        {
-            let mut returns = Returns {
-                scene: self.scene,
-                spec: self.spec,
-                noise: self.noise,
-                bundle,
-                hits: &hits,
-                group,
-                origin_m: pose.origin_m,
-                directions_in_world: [[0.0; GROUP]; 3],
-                directions_in_sensor: [[0.0; GROUP]; 3],
-                rays: [0; GROUP],
-                channels: [0; GROUP],
-            };
-            self.aim(rays, &pose.world_from_sensor, &mut returns);
-            P::write(&returns, points);
-        }
-    }
-
-    #[inline(always)]
-    fn aim(&self, rays: &[(u32, u32)], world_from_sensor: &Matrix3<f64>, returns: &mut Returns) {
-        for (lane, beam) in rays.iter().enumerate().take(GROUP) {
-            returns.rays[lane] = self.beams.number(*beam);
-            returns.channels[lane] = beam.0 as u16;
-            let direction = self.beams.direction(beam.0 as usize, beam.1 as usize);
-            for axis in 0..3 {
-                returns.directions_in_sensor[axis][lane] = direction[axis];
-            }
-        }
-        let m = world_from_sensor;
-        let [x, y, z] = &returns.directions_in_sensor;
-        for axis in 0..3 {
-            let (mx, my, mz) = (m[(axis, 0)], m[(axis, 1)], m[(axis, 2)]);
-            for lane in 0..GROUP {
-                returns.directions_in_world[axis][lane] =
-                    mx * x[lane] + my * y[lane] + mz * z[lane];
-            }
-        }
-    }
-}
-
-/// A few bunches and where their points go.
-struct Task<'t, P> {
-    turn: &'t Turn<'t>,
-    caster: Caster<'t>,
-    bunches: &'t [Bunch],
-    points: &'t mut [P],
-}
-
-impl<P: Point> LaneWork for Task<'_, P> {
-    type Out = Stacks;
-
-    #[inline(always)]
-    fn run<L: Lanes>(mut self) -> Stacks {
-        let n_slots = self.turn.beams.bunch_rays;
-        for (bunch, points) in self.bunches.iter().zip(self.points.chunks_mut(n_slots)) {
-            self.turn
-                .cast_bunch::<L, P>(&mut self.caster, bunch, points);
-        }
-        self.caster.stacks
     }
 }

@@ -11,7 +11,7 @@ use schema_types::ActorId;
 use schema_types::noise::Noise;
 use sensor_spec::RadarSpec;
 
-use crate::scene::RayScene;
+use crate::ray_scene::RayScene;
 
 /// Where a radar is and how it moves.
 #[derive(Clone, Copy, Debug, PartialEq)]

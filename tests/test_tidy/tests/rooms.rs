@@ -5,7 +5,7 @@ use test_tidy::modules::{CrateFiles, read_crate};
 use test_tidy::{files, relative, repository};
 
 /// Crates that still have circles, until they are untangled. Nothing may be added here.
-const TANGLED: [&str; 18] = [
+const TANGLED: &[&str] = &[
     "consumers/consumer_bench",
     "consumers/consumer_carla",
     "consumers/consumer_drive",
@@ -17,7 +17,6 @@ const TANGLED: [&str; 18] = [
     "schemas/schema_frames",
     "schemas/schema_roads",
     "sensors/sensor_camera",
-    "sensors/sensor_ray",
     "simd/simd",
     "simd/simd_body",
     "simd/simd_town",

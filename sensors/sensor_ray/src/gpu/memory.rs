@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sensor_gpu::{Gpu, HostMemory};
 
-use super::frame::Frame;
+use super::submission::Submission;
 
 /// A buffer that grows.
 pub(super) struct Growing {
@@ -56,11 +56,11 @@ pub(super) struct Memory {
 const PART_BYTES: usize = 256;
 
 /// Where lidars and tables begin in the host's memory.
-fn parts_of(frame: &Frame) -> (usize, usize) {
-    let first_lidar = (4 * frame.lidars.len()).next_multiple_of(PART_BYTES);
+fn parts_of(submission: &Submission) -> (usize, usize) {
+    let first_lidar = (4 * submission.lidars.len()).next_multiple_of(PART_BYTES);
     (
         first_lidar,
-        first_lidar + size_of_val(&frame.lidars[..]).next_multiple_of(PART_BYTES),
+        first_lidar + size_of_val(&submission.lidars[..]).next_multiple_of(PART_BYTES),
     )
 }
 
@@ -95,27 +95,31 @@ impl Memory {
         &mut self,
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
-        frame: &mut Frame,
+        submission: &mut Submission,
         copies: bool,
     ) -> bool {
-        let mut is_new = self.lidars.fit(gpu, size_of_val(&frame.lidars[..]) as u64);
-        is_new |= self.tables.fit(gpu, size_of_val(&frame.tables[..]) as u64);
-        is_new |= self.points.fit(gpu, 4 * frame.n_words as u64);
+        let mut is_new = self
+            .lidars
+            .fit(gpu, size_of_val(&submission.lidars[..]) as u64);
+        is_new |= self
+            .tables
+            .fit(gpu, size_of_val(&submission.tables[..]) as u64);
+        is_new |= self.points.fit(gpu, 4 * submission.n_words as u64);
         if copies {
             // These two are bound anew for every dispatch.
-            self.packed.fit(gpu, 4 * frame.n_words as u64);
-            self.totals.fit(gpu, 4 * frame.lidars.len() as u64);
+            self.packed.fit(gpu, 4 * submission.n_words as u64);
+            self.totals.fit(gpu, 4 * submission.lidars.len() as u64);
         }
-        if self.kept.fit(gpu, 8 * frame.n_chunks as u64) {
+        if self.kept.fit(gpu, 8 * submission.n_chunks as u64) {
             self.dirty = [0; 2];
             is_new = true;
         }
-        self.choose_half(encoder, frame);
+        self.choose_half(encoder, submission);
         let (lidars, tables): (&[u8], &[u8]) = (
-            bytemuck::cast_slice(&frame.lidars),
-            bytemuck::cast_slice(&frame.tables),
+            bytemuck::cast_slice(&submission.lidars),
+            bytemuck::cast_slice(&submission.tables),
         );
-        let (first_lidar, first_table) = parts_of(frame);
+        let (first_lidar, first_table) = parts_of(submission);
         match self.host_of(gpu, first_table + tables.len()) {
             Some(host) => {
                 #[expect(
@@ -148,10 +152,10 @@ impl Memory {
         is_new
     }
 
-    /// Whether shaders reach memory of the host, made large enough for this frame.
-    pub fn fit_host(&mut self, gpu: &Gpu, frame: &Frame) -> bool {
-        let (_, first_table) = parts_of(frame);
-        self.host_of(gpu, first_table + size_of_val(&frame.tables[..]))
+    /// Whether shaders reach memory of the host, made large enough for this submission.
+    pub fn fit_host(&mut self, gpu: &Gpu, submission: &Submission) -> bool {
+        let (_, first_table) = parts_of(submission);
+        self.host_of(gpu, first_table + size_of_val(&submission.tables[..]))
             .is_some()
     }
 
@@ -165,7 +169,7 @@ impl Memory {
         self.host.clone()
     }
 
-    fn choose_half(&mut self, encoder: &mut wgpu::CommandEncoder, frame: &mut Frame) {
+    fn choose_half(&mut self, encoder: &mut wgpu::CommandEncoder, submission: &mut Submission) {
         let half_len = (self.kept.buffer.size() / 8) as u32;
         let (own, other) = (self.half, 1 - self.half);
         if self.dirty[own] > 0 {
@@ -175,11 +179,11 @@ impl Memory {
                 Some(4 * self.dirty[own] as u64),
             );
         }
-        for lidar in &mut frame.lidars {
+        for lidar in &mut submission.lidars {
             lidar.count_in(own as u32 * half_len, other as u32 * half_len);
         }
-        self.dirty[own] = frame.n_chunks;
-        if self.dirty[other] <= frame.n_chunks {
+        self.dirty[own] = submission.n_chunks;
+        if self.dirty[other] <= submission.n_chunks {
             self.dirty[other] = 0;
         }
         self.half = other;

@@ -2,60 +2,7 @@
 
 use sensor_gpu::{Gpu, prefix_sum_wgsl};
 
-use super::GpuRayOptions;
-
-/// Places that the points of one dispatch may go to, as in the shader.
-pub(super) const MAX_OUTPUTS: usize = 8;
-
-/// What a dispatch does, as the shader reads it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
-pub(super) struct Turn {
-    pub first_traced: u32,
-    pub n_traced: u32,
-    pub first_packed: u32,
-    pub n_packed: u32,
-    /// Blocks of rays of the lidar that has most of them.
-    pub n_blocks: u32,
-    /// Chunks of the lidar that has most of them.
-    pub n_chunks: u32,
-}
-
-/// Workgroups that trace for one that packs, where a dispatch does both.
-const TRACING: u32 = 4;
-/// Most workgroups along one side of a dispatch.
-const MAX_SIDE: u32 = 65_535;
-
-impl Turn {
-    /// Whether a dispatch that only traces or only packs can have its workgroups side by side.
-    fn fits(&self) -> bool {
-        [self.n_blocks, self.n_traced, self.n_chunks, self.n_packed]
-            .into_iter()
-            .all(|side| side <= MAX_SIDE)
-    }
-
-    /// Workgroups, as the shader numbers them.
-    pub fn size(&self) -> [u32; 3] {
-        match (self.n_traced, self.n_packed) {
-            (n_traced, 0) if self.fits() => [self.n_blocks, n_traced, 1],
-            (0, n_packed) if self.fits() => [self.n_chunks, n_packed, 1],
-            (n_traced, n_packed) => {
-                let places =
-                    (n_packed * self.n_chunks).max((n_traced * self.n_blocks).div_ceil(TRACING));
-                [1 + TRACING, places.min(MAX_SIDE), places.div_ceil(MAX_SIDE)]
-            }
-        }
-    }
-}
-
-/// Buffers of the world and scratch memory, as in the shader.
-const SCENE_BUFFERS: u32 = 7;
-/// Counts of returns and outputs.
-const OUTPUT_BUFFERS: u32 = 1 + MAX_OUTPUTS as u32;
-/// Lanes of a workgroup, as in the shader.
-const LANES: u32 = 64;
-/// Memory of a workgroup, as in the shader: a number per lane, a ray per return of a chunk.
-const WORKGROUP_BYTES: u32 = 4 * (LANES + super::CHUNK_RAYS);
+use super::shader::{Dispatch, LANES, MAX_SIDE, OUTPUT_BUFFERS, SCENE_BUFFERS, WORKGROUP_BYTES};
 
 /// What a GPU lacks for lidars, in a sentence.
 pub(super) fn missing(gpu: &Gpu) -> Option<String> {
@@ -65,7 +12,7 @@ pub(super) fn missing(gpu: &Gpu) -> Option<String> {
             gpu.name()
         ));
     }
-    let immediates = size_of::<Turn>() as u32;
+    let immediates = size_of::<Dispatch>() as u32;
     if !gpu.has_immediates(immediates) {
         return Some(format!(
             "{:?} cannot cast lidars: its shaders take no {immediates} bytes with a dispatch",
@@ -124,7 +71,7 @@ pub(super) struct Pipelines {
 }
 
 impl Pipelines {
-    pub fn new(gpu: &Gpu, options: GpuRayOptions) -> Self {
+    pub fn new(gpu: &Gpu, block_columns: u32) -> Self {
         let scene = layout(gpu, "lidars", SCENE_BUFFERS, 5);
         let outputs = layout(gpu, "lidar outputs", OUTPUT_BUFFERS, 0);
         let of_pipeline = gpu
@@ -132,24 +79,23 @@ impl Pipelines {
             .create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: Some("lidars"),
                 bind_group_layouts: &[Some(&scene), Some(&outputs)],
-                immediate_size: size_of::<Turn>() as u32,
+                immediate_size: size_of::<Dispatch>() as u32,
             });
         let text = prefix_sum_wgsl(LANES) + include_str!("lidar.wgsl");
         #[expect(
             unsafe_code,
             reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof"
         )]
-        // SAFETY: nodes, triangles and instances are numbered by `pack` and `world`, which fill the
-        // buffers; rays, chunks and words by
-        // `Frame`, after which the buffers are sized and the outputs checked; a walk visits a node
-        // once, its stack holds what
-        // [`super::GpuRays::update`] lets through, and all other loops count bits, lanes or words.
+        // SAFETY: nodes, triangles and instances are numbered by `Packed` and `GpuScene`, which fill
+        // the buffers. Rays, chunks and words are numbered by `Submission`; the buffers are sized
+        // and the outputs checked after that. A walk visits a node once, its stack holds what
+        // `GpuScene::update` lets through, and all other loops count bits, lanes or words.
         let shader = unsafe { gpu.shader_unchecked("lidars", &text) };
         let pipeline = |entry_point: &str| {
             let constants: &[(&str, f64)] = if entry_point == "pack" {
                 &[]
             } else {
-                &[("block_columns", options.block_columns as f64)]
+                &[("block_columns", block_columns as f64)]
             };
             gpu.device()
                 .create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -175,10 +121,10 @@ impl Pipelines {
     }
 
     /// What does this, and the name of its time.
-    pub fn of(&self, turn: &Turn) -> (&wgpu::ComputePipeline, &'static str) {
-        match (turn.n_traced > 0, turn.n_packed > 0) {
-            (true, false) if turn.fits() => (&self.trace, "lidar trace"),
-            (false, _) if turn.fits() => (&self.pack, "lidar pack"),
+    pub fn of(&self, dispatch: &Dispatch) -> (&wgpu::ComputePipeline, &'static str) {
+        match (dispatch.n_traced > 0, dispatch.n_packed > 0) {
+            (true, false) if dispatch.fits() => (&self.trace, "lidar trace"),
+            (false, _) if dispatch.fits() => (&self.pack, "lidar pack"),
             _ => (&self.both, "lidar trace and pack"),
         }
     }

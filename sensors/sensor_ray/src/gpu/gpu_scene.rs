@@ -4,13 +4,12 @@
 use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
 
-use super::STACK_ENTRIES;
-use super::frame::{rows_of, shift_from};
-use super::pack::{FIRST_CHILD, NODE_WORDS, Packed, empty_node};
-use crate::hidden::CHUNK;
-use crate::moving::{Bounds, moving_tree};
-use crate::scene::{RayScene, box_about};
-use crate::tree::{MARGIN, TriangleTree};
+use super::pairs::{rows_of, shift_from};
+use super::shader::STACK_ENTRIES;
+use crate::bvh::{
+    Bounds, FIRST_CHILD, MARGIN, NODE_WORDS, Packed, TriangleTree, empty_node, moving_tree,
+};
+use crate::ray_scene::{CHUNK, Labels, RayScene, box_about};
 
 /// Where a hierarchy begins.
 #[derive(Clone, Copy)]
@@ -31,7 +30,7 @@ struct InstanceWords {
 }
 
 /// Buffers of the world.
-pub(super) struct World {
+pub(super) struct GpuScene {
     pub nodes: wgpu::Buffer,
     pub triangles: wgpu::Buffer,
     pub instances: wgpu::Buffer,
@@ -62,10 +61,10 @@ const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE.union(wgpu::Buffer
 /// Bytes of a triangle.
 const TRIANGLE_BYTES: usize = 48;
 
-impl World {
+impl GpuScene {
     pub fn new(gpu: &Gpu) -> Self {
         let empty = |label| gpu.buffer(label, 256, USAGE);
-        World {
+        GpuScene {
             nodes: empty("ray nodes"),
             triangles: empty("ray triangles"),
             instances: empty("ray instances"),
@@ -124,6 +123,7 @@ impl World {
     /// is another one.
     fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
         let tiles = scene
+            .scenery
             .tiles
             .iter()
             .zip(&self.tiles)
@@ -191,18 +191,16 @@ impl World {
         let mut nodes = vec![[0; NODE_WORDS]; self.upper_nodes];
         let mut triangles: Vec<[u32; 4]> = Vec::new();
         self.tiles.clear();
-        for tile_idx in 0..scene.tiles.len() {
-            let labels = |number: u32| labels_in(scene, tile_idx, number);
-            self.tiles.push(append(
-                &scene.tiles[tile_idx].tree,
-                labels,
-                &mut nodes,
-                &mut triangles,
-            ));
+        for tile_idx in 0..scene.scenery.tiles.len() {
+            let tile = &scene.scenery.tiles[tile_idx];
+            let labels = |number: u32| scene.scenery.labels(tile, number);
+            self.tiles
+                .push(append(&tile.tree, labels, &mut nodes, &mut triangles));
         }
         self.meshes.clear();
         for (mesh_idx, tree) in scene.mesh_trees.iter().enumerate() {
-            let labels = |triangle: u32| scene.labels(mesh_idx as u32, triangle);
+            let mesh = &scene.scenery.meshes[mesh_idx];
+            let labels = |triangle: u32| Labels::of(mesh, triangle);
             self.meshes.push(
                 tree.as_ref()
                     .and_then(|tree| append(tree, labels, &mut nodes, &mut triangles)),
@@ -224,9 +222,8 @@ impl World {
     /// piece.
     fn change_triangles(&mut self, gpu: &Gpu, scene: &RayScene) {
         for (tile_idx, revisions) in scene.hiding.chunks.iter().enumerate() {
-            let (Some(place), Some(packed)) =
-                (self.tiles[tile_idx], &scene.tiles[tile_idx].tree.packed)
-            else {
+            let tile = &scene.scenery.tiles[tile_idx];
+            let (Some(place), Some(packed)) = (self.tiles[tile_idx], &tile.tree.packed) else {
                 continue;
             };
             let is_changed = |chunk: &usize| revisions[*chunk] > self.revision;
@@ -241,7 +238,7 @@ impl World {
                     .iter()
                     .zip(&packed.corners[items.clone()])
                 {
-                    push_triangle(&mut words, corners, labels_in(scene, tile_idx, *number));
+                    push_triangle(&mut words, corners, scene.scenery.labels(tile, *number));
                 }
                 let begin = (place.first_triangle as usize + items.start) * TRIANGLE_BYTES;
                 gpu.queue().write_buffer(
@@ -270,17 +267,10 @@ fn check_size(gpu: &Gpu, what: &str, n_bytes: u64) -> Result<(), String> {
     }
 }
 
-/// Object and class of a tile's triangle.
-fn labels_in(scene: &RayScene, tile_idx: usize, number: u32) -> (u32, u8) {
-    let (instance, triangle) = scene.tiles[tile_idx].sources[number as usize];
-    let placed = &scene.statics[instance as usize];
-    let (own, class) = scene.labels(placed.mesh_idx, triangle);
-    (if own == 0 { placed.object.0 } else { own }, class)
-}
-
 /// Levels of the deepest hierarchy of scenery or a mesh.
 fn n_levels(scene: &RayScene) -> u32 {
     let trees = scene
+        .scenery
         .tiles
         .iter()
         .map(|tile| &tile.tree)
@@ -295,10 +285,10 @@ fn n_levels(scene: &RayScene) -> u32 {
 /// The hierarchy over the boxes of scenery, tile by tile, and of what moves, in the world.
 fn upper_level(scene: &RayScene) -> Packed {
     let (mut boxes, mut ends) = (
-        Vec::<Bounds>::with_capacity(scene.tiles.len() + scene.dynamics.len()),
+        Vec::<Bounds>::with_capacity(scene.scenery.tiles.len() + scene.dynamics.len()),
         Vec::new(),
     );
-    for tile in &scene.tiles {
+    for tile in &scene.scenery.tiles {
         let Some(bounds) = tile.tree.bounds() else {
             continue;
         };
@@ -325,7 +315,7 @@ fn upper_level(scene: &RayScene) -> Packed {
 /// first two.
 fn append(
     tree: &TriangleTree,
-    labels: impl Fn(u32) -> (u32, u8),
+    labels: impl Fn(u32) -> Labels,
     nodes: &mut Vec<[u32; NODE_WORDS]>,
     triangles: &mut Vec<[u32; 4]>,
 ) -> Option<Place> {
@@ -348,12 +338,11 @@ fn append(
     Some(place)
 }
 
-fn push_triangle(
-    triangles: &mut Vec<[u32; 4]>,
-    corners: &[[f32; 3]; 3],
-    (object, class): (u32, u8),
-) {
-    for ([x, y, z], beside) in corners.iter().zip([object, class as u32, 0]) {
+fn push_triangle(triangles: &mut Vec<[u32; 4]>, corners: &[[f32; 3]; 3], labels: Labels) {
+    for ([x, y, z], beside) in corners
+        .iter()
+        .zip([labels.object.0, labels.class.0 as u32, 0])
+    {
         triangles.push([x.to_bits(), y.to_bits(), z.to_bits(), beside]);
     }
 }

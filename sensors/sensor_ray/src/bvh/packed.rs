@@ -4,7 +4,7 @@
 //! Source: Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed
 //! Wide BVHs* (HPG 2017).
 
-use crate::tree::{LEAF, Node, Tree, WIDTH};
+use super::tree::{LEAF, Node, Tree, WIDTH};
 
 /// 32-bit words of a node: origin (3), exponents and inner slots, first child, first item, meta
 /// (2), then lower and upper sides:

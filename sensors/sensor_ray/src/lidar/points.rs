@@ -8,8 +8,8 @@ use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::noise::Noise;
 use sensor_spec::LidarSpec;
 
-use crate::bundle::{Bundle, GROUP, Hits};
-use crate::scene::RayScene;
+use crate::ray_scene::RayScene;
+use crate::rays::{Bundle, GROUP, Hits, distances_m, surface};
 
 /// Channel number of a ray without a return; real ones are below 256.
 const LOST: u16 = u16::MAX;
@@ -94,8 +94,14 @@ impl Point for LidarPoint {
             origin_m,
             ..
         } = returns;
-        let mut distances_m =
-            scene.distances_m(hits, bundle, *group, origin_m, &returns.directions_in_world);
+        let mut distances_m = distances_m(
+            scene,
+            hits,
+            bundle,
+            *group,
+            origin_m,
+            &returns.directions_in_world,
+        );
         let is_return = distances_m.map(|distance_m| distance_m <= spec.range_m);
         if spec.noise_range_stddev_m > 0.0 {
             for (distance_m, ray) in distances_m.iter_mut().zip(&returns.rays) {
@@ -173,7 +179,14 @@ impl Point for SemanticLidarPoint {
         } = returns;
         for (lane, point) in points.iter_mut().enumerate().take(GROUP) {
             let forward = Vector3::new(x[lane], y[lane], z[lane]);
-            let hit = scene.surface(hits, bundle, group * GROUP + lane, origin_m, &forward);
+            let hit = surface(
+                scene,
+                hits,
+                bundle,
+                group * GROUP + lane,
+                origin_m,
+                &forward,
+            );
             *point = match hit.filter(|hit| hit.distance_m <= spec.range_m) {
                 Some(hit) => SemanticLidarPoint {
                     hit_in_sensor_m: returns.at(lane, hit.distance_m),

@@ -1,30 +1,12 @@
-//! Hierarchies of boxes with eight children per node: built by obvhs (PLOC with reinsertion) as
-//! binary ones, then folded.
+//! Hierarchies of boxes with eight children per node, folded from the binary ones that obvhs builds.
 
-use std::time::Duration;
-
-use glam::Vec3A;
-use obvhs::BvhBuildParams;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2_from_tris;
-use obvhs::triangle::Triangle;
-
-use crate::gpu::pack::Packed;
 
 /// Children of a node, triangles of a block.
 pub(crate) const WIDTH: usize = 8;
 
-/// Most triangles of a leaf on the GPU.
-const GPU_LEAF: u32 = 4;
-
-/// Share of the largest coordinate by which boxes are widened for the GPU.
-pub(crate) const MARGIN: f32 = 1e-6;
-
 /// Bit of a child that is a leaf; the rest is the number of its block or item.
 pub(crate) const LEAF: u32 = 1 << 31;
-
-/// Number of a block's lane without a triangle.
-pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 
 /// Boxes of up to eight children, an axis at a time.
 #[derive(Clone, Debug)]
@@ -197,126 +179,4 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
         }
         (self.make_leaf)(&items)
     }
-}
-
-/// Up to eight triangles.
-#[derive(Clone, Debug)]
-#[repr(C, align(32))]
-pub(crate) struct Block {
-    /// `corner[vertex][axis]`. Lanes without a triangle are a point, which nothing hits.
-    pub corner: [[[f32; WIDTH]; 3]; 3],
-}
-
-/// Triangles under a hierarchy.
-#[derive(Debug, Default)]
-pub(crate) struct TriangleTree {
-    pub tree: Tree,
-    pub blocks: Vec<Block>,
-    /// Numbers in the order the triangles were given; [`NO_TRIANGLE`] in lanes without one.
-    pub numbers: Vec<[u32; WIDTH]>,
-    /// The same hierarchy for the GPU, if it was asked for; items are numbers.
-    pub packed: Option<Packed>,
-}
-
-impl TriangleTree {
-    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not
-    /// finite are left out.
-    pub fn new(corners: &[[[f32; 3]; 3]], for_gpu: bool) -> Self {
-        let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
-        let numbers: Vec<u32> = (0..corners.len() as u32)
-            .filter(|i| finite(&corners[*i as usize]))
-            .collect();
-        let triangles: Vec<Triangle> = numbers
-            .iter()
-            .map(|i| {
-                let [v0, v1, v2] = corners[*i as usize].map(Vec3A::from);
-                Triangle { v0, v1, v2 }
-            })
-            .collect();
-        if triangles.is_empty() {
-            return TriangleTree::default();
-        }
-        let bvh = build_bvh2_from_tris(
-            &triangles,
-            BvhBuildParams {
-                max_prims_per_leaf: GPU_LEAF,
-                ..BvhBuildParams::medium_build()
-            },
-            &mut Duration::default(),
-        );
-        let (mut blocks, mut block_numbers) = (
-            Vec::with_capacity(triangles.len() / 4),
-            Vec::with_capacity(triangles.len() / 4),
-        );
-        let tree = Tree::fold(&bvh, WIDTH as u32, |items| {
-            let first = blocks.len() as u32;
-            assert!(items.len() <= WIDTH, "a leaf of {} triangles", items.len());
-            blocks.push(block(
-                items
-                    .iter()
-                    .map(|i| &corners[numbers[*i as usize] as usize]),
-            ));
-            block_numbers.push([0, 1, 2, 3, 4, 5, 6, 7].map(|lane| {
-                items
-                    .get(lane)
-                    .map_or(NO_TRIANGLE, |i| numbers[*i as usize])
-            }));
-            first
-        });
-        let packed = for_gpu.then(|| {
-            let mut leaves: Vec<Vec<u32>> = Vec::new();
-            let narrow = Tree::fold(&bvh, GPU_LEAF, |items| {
-                leaves.push(items.iter().map(|i| numbers[*i as usize]).collect());
-                leaves.len() as u32 - 1
-            });
-            let mut packed = Packed::new(
-                &narrow,
-                |leaf| &leaves[leaf as usize],
-                MARGIN * narrow.reach,
-            );
-            packed.corners = packed
-                .items
-                .iter()
-                .map(|number| corners[*number as usize])
-                .collect();
-            packed
-        });
-        TriangleTree {
-            tree,
-            blocks,
-            numbers: block_numbers,
-            packed,
-        }
-    }
-
-    /// Lower and upper corner of the box around everything; `None` without triangles.
-    pub fn bounds(&self) -> Option<([f32; 3], [f32; 3])> {
-        self.tree.bounds
-    }
-
-    /// Number of the triangle at a slot, as it was given.
-    #[inline(always)]
-    pub fn number(&self, slot: u32) -> u32 {
-        self.numbers[slot as usize / WIDTH][slot as usize % WIDTH]
-    }
-}
-
-fn block<'c>(triangles: impl Iterator<Item = &'c [[f32; 3]; 3]>) -> Block {
-    let mut block = Block {
-        corner: [[[0.0; WIDTH]; 3]; 3],
-    };
-    let mut set = |lane: usize, corners: &[[f32; 3]; 3]| {
-        for (of_all, corner) in block.corner.iter_mut().zip(corners) {
-            for (of_all, x) in of_all.iter_mut().zip(corner) {
-                of_all[lane] = *x;
-            }
-        }
-    };
-    let (mut n, mut last) = (0, [0.0; 3]);
-    for (lane, corners) in triangles.enumerate() {
-        set(lane, corners);
-        (n, last) = (lane + 1, corners[0]);
-    }
-    (n..WIDTH).for_each(|lane| set(lane, &[last; 3]));
-    block
 }

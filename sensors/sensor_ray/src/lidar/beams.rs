@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use sensor_spec::LidarSpec;
 
-use crate::bundle::{Bundle, GROUP, GROUPS, RAYS};
+use crate::rays::{Bundle, GROUP, GROUPS, RAYS};
 
 /// Channels of a bundle whose rays do not leave from one point but a point per column.
 const DISTORTED_CHANNELS: usize = 2 * GROUP;
@@ -141,6 +141,12 @@ impl Beams {
             }
         }
     }
+}
+
+/// Azimuth of a column of a full turn, radians counter-clockwise from x.
+pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
+    0.5 * spec.horizontal_fov_deg.to_radians()
+        * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
 }
 
 /// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as that

@@ -1,13 +1,28 @@
 //! What is uploaded for one submission.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
-use schema_types::ObjectId;
+use schema_types::noise::Noise;
+use schema_types::{ActorId, ObjectId};
 use sensor_gpu::Place;
 use sensor_spec::LidarSpec;
 
-use super::{CHUNK_RAYS, ScanJob};
-use crate::lidar::column_poses;
-use crate::points::keep_limit;
+use super::pairs::{pair, pair_of_pairs, rows};
+use super::shader::CHUNK_RAYS;
+use crate::lidar::{Lidar, SensorPath, column_poses, keep_limit};
+
+/// One lidar's frame to be made.
+#[derive(Debug)]
+pub struct ScanJob<'l, 'p> {
+    /// The lidar, its head turned.
+    pub lidar: &'l mut Lidar,
+    /// Where it was.
+    pub path: SensorPath,
+    /// Key (seed, sensor, tick).
+    pub noise: Noise,
+    /// Rays pass through the parts of this actor.
+    pub ignored: Option<ActorId>,
+    /// Where the points go: room for a point per ray.
+    pub place: Place<'p>,
+}
 
 /// A lidar as the shader reads it.
 #[repr(C)]
@@ -53,14 +68,14 @@ impl LidarWords {
 
 /// Lidars of one submission with their tables.
 #[derive(Default)]
-pub(super) struct Frame {
+pub(super) struct Submission {
     pub lidars: Vec<LidarWords>,
     pub tables: Vec<[f32; 4]>,
     pub n_words: u32,
     pub n_chunks: u32,
 }
 
-impl Frame {
+impl Submission {
     /// Adds a job and returns where its points go.
     pub fn add<'p>(&mut self, job: ScanJob<'_, 'p>) -> Place<'p> {
         let ScanJob {
@@ -128,42 +143,4 @@ fn misfires(spec: &LidarSpec) -> u64 {
     } else {
         (spec.dropoff_general_ratio * (1u64 << 53) as f64).ceil() as u64
     }
-}
-
-/// A number as the sum of two `f32`.
-fn pair(x: f64) -> [f32; 2] {
-    let high = x as f32;
-    [high, (x - high as f64) as f32]
-}
-
-fn pair_of_pairs((cos, sin): &(f64, f64)) -> [f32; 4] {
-    let ([a, b], [c, d]) = (pair(*cos), pair(*sin));
-    [a, b, c, d]
-}
-
-/// Rows of a turn with a shift in w: high parts, then low parts.
-fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
-    let mut rows = [[0.0; 4]; 6];
-    for i in 0..3 {
-        for (j, x) in [turn[(i, 0)], turn[(i, 1)], turn[(i, 2)], shift[i]]
-            .into_iter()
-            .enumerate()
-        {
-            [rows[i][j], rows[i + 3][j]] = pair(x);
-        }
-    }
-    rows
-}
-
-/// The same of a pose.
-pub(super) fn rows_of(pose: &Isometry3<f64>) -> [[f32; 4]; 6] {
-    rows(
-        pose.rotation.to_rotation_matrix().matrix(),
-        &pose.translation.vector,
-    )
-}
-
-/// The pose that shifts a point to the origin.
-pub(super) fn shift_from(origin_m: &Point3<f64>) -> Isometry3<f64> {
-    Isometry3::translation(-origin_m.x, -origin_m.y, -origin_m.z)
 }

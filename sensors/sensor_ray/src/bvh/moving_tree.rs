@@ -14,7 +14,7 @@ use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 
-use crate::tree::{LEAF, Node, Tree, WIDTH};
+use super::tree::{LEAF, Node, Tree, WIDTH};
 
 /// Lower and upper corner.
 pub(crate) type Bounds = ([f32; 3], [f32; 3]);

@@ -4,8 +4,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use schema_types::{ActorId, ObjectId};
 use sensor_core::lanes::{LaneWork, Lanes};
 
-use crate::bundle::{Bundle, Frame, Hits, Leaves, Stack, walk};
-use crate::scene::RayScene;
+use super::bundle::{Bundle, Hits};
+use super::walk::{BundleAxes, Leaves, Stack, walk};
+use crate::ray_scene::RayScene;
 
 /// Casts bundles of rays into a scene, one after the other.
 #[derive(Debug)]
@@ -35,10 +36,10 @@ impl Caster<'_> {
     ) {
         let scene = self.scene;
         let basis = bundle.basis.map(|axis| world_from_bundle * axis);
-        for (place, tile) in scene.tiles.iter().enumerate() {
-            let frame = Frame::new(&(origin_m - tile.origin_m), &basis);
+        for (place, tile) in scene.scenery.tiles.iter().enumerate() {
+            let axes = BundleAxes::new(&(origin_m - tile.origin_m), &basis);
             tile.tree.intersect::<L>(
-                &frame,
+                &axes,
                 bundle,
                 hits,
                 place as u32,
@@ -48,7 +49,7 @@ impl Caster<'_> {
         if scene.dynamics.is_empty() {
             return;
         }
-        let frame = Frame::new(&(origin_m - scene.dynamics_origin_m), &basis);
+        let axes = BundleAxes::new(&(origin_m - scene.dynamics_origin_m), &basis);
         let ignored = self.ignored.map(ObjectId::from);
         let mut instances = Instances {
             scene,
@@ -59,7 +60,7 @@ impl Caster<'_> {
         };
         walk::<L>(
             &scene.dynamics_tree,
-            &frame,
+            &axes,
             bundle,
             hits,
             &mut self.stacks.boxes,
@@ -96,12 +97,12 @@ impl Leaves for Instances<'_> {
             .to_rotation_matrix()
             .matrix();
         let origin = rotation * self.origin_m.coords + placed.mesh_from_world.translation.vector;
-        let frame = Frame::new(&origin, &self.basis.map(|axis| rotation * axis));
+        let axes = BundleAxes::new(&origin, &self.basis.map(|axis| rotation * axis));
         tree.intersect::<L>(
-            &frame,
+            &axes,
             bundle,
             hits,
-            self.scene.tiles.len() as u32 + leaf,
+            self.scene.scenery.tiles.len() as u32 + leaf,
             self.stack,
         );
     }
@@ -135,7 +136,7 @@ mod tests {
     use sensor_core::{Material, MeshBuilder, SceneAssets, StaticInstance};
 
     use super::*;
-    use crate::bundle::RAYS;
+    use crate::rays::bundle::RAYS;
 
     fn random(rng: &mut fastrand::Rng, scale: f64) -> Vector3<f64> {
         Vector3::new(rng.f64() - 0.5, rng.f64() - 0.5, rng.f64() - 0.5) * scale

@@ -3,8 +3,9 @@
 
 use sensor_core::lanes::Lanes;
 
-use crate::bundle::{Bundle, Frame, GROUPS, Hits, Leaves, Stack, dot, splat3, walk};
-use crate::tree::{Block, TriangleTree, WIDTH};
+use super::bundle::{Bundle, GROUPS, Hits};
+use super::walk::{BundleAxes, Leaves, Stack, dot, splat3, walk};
+use crate::bvh::{Block, TriangleTree, WIDTH};
 
 /// Vertices farther from the axis than this (depth over sideways distance) are not projected: `f32`
 /// would lose too much.
@@ -13,7 +14,7 @@ const FLATTEST: f32 = 0.05;
 /// Triangles at the leaves.
 struct Blocks<'t> {
     blocks: &'t [Block],
-    frame: &'t Frame,
+    axes: &'t BundleAxes,
     place: u32,
 }
 
@@ -23,7 +24,7 @@ impl TriangleTree {
     #[inline(always)]
     pub fn intersect<L: Lanes>(
         &self,
-        frame: &Frame,
+        axes: &BundleAxes,
         bundle: &Bundle,
         hits: &mut Hits,
         place: u32,
@@ -31,13 +32,13 @@ impl TriangleTree {
     ) {
         walk::<L>(
             &self.tree,
-            frame,
+            axes,
             bundle,
             hits,
             stack,
             &mut Blocks {
                 blocks: &self.blocks,
-                frame,
+                axes,
                 place,
             },
         );
@@ -64,11 +65,11 @@ impl Leaves for Blocks<'_> {
     fn visit<L: Lanes>(&mut self, bundle: &Bundle, hits: &mut Hits, leaf: u32) {
         let block = &self.blocks[leaf as usize];
         let basis = [
-            splat3(&self.frame.basis[0]),
-            splat3(&self.frame.basis[1]),
-            splat3(&self.frame.basis[2]),
+            splat3(&self.axes.basis[0]),
+            splat3(&self.axes.basis[1]),
+            splat3(&self.axes.basis[2]),
         ];
-        let origin = splat3(&self.frame.origin);
+        let origin = splat3(&self.axes.origin);
         let vertices: [[L; 3]; 3] = [
             seen_from(&block.corner[0], &origin, &basis),
             seen_from(&block.corner[1], &origin, &basis),

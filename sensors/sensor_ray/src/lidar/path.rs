@@ -1,0 +1,51 @@
+//! Where a lidar was while its head turned.
+
+use nalgebra::{Isometry3, Matrix3, Point3};
+use sensor_spec::LidarSpec;
+
+/// Where the sensor was during the turn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorPath {
+    /// Pose at the start of the turn; used only with motion distortion.
+    pub world_from_sensor_start: Isometry3<f64>,
+    /// Pose at the tick.
+    pub world_from_sensor: Isometry3<f64>,
+}
+
+impl SensorPath {
+    /// A sensor that stands still.
+    pub fn still(world_from_sensor: Isometry3<f64>) -> Self {
+        SensorPath {
+            world_from_sensor_start: world_from_sensor,
+            world_from_sensor,
+        }
+    }
+}
+
+/// Where rays leave from, and how the sensor's space is turned.
+pub(crate) struct Pose {
+    pub origin_m: Point3<f64>,
+    pub world_from_sensor: Matrix3<f64>,
+}
+
+impl From<&Isometry3<f64>> for Pose {
+    fn from(pose: &Isometry3<f64>) -> Self {
+        Pose {
+            origin_m: pose.translation.vector.into(),
+            world_from_sensor: *pose.rotation.to_rotation_matrix().matrix(),
+        }
+    }
+}
+
+/// Pose of the sensor at each column, or a single one for all.
+pub(crate) fn column_poses(spec: &LidarSpec, path: &SensorPath, n_columns: usize) -> Vec<Pose> {
+    if !spec.motion_distortion {
+        return vec![(&path.world_from_sensor).into()];
+    }
+    let (start, end) = (&path.world_from_sensor_start, &path.world_from_sensor);
+    let pose = |column: usize| {
+        let share = (column + 1) as f64 / n_columns as f64;
+        (&start.try_lerp_slerp(end, share, 1e-9).unwrap_or(*end)).into()
+    };
+    (0..n_columns).map(pose).collect()
+}

@@ -1,0 +1,135 @@
+//! The rays of one frame cast on the CPU, in tasks of some bunches each.
+
+use nalgebra::Matrix3;
+use rayon::prelude::*;
+use schema_types::ActorId;
+use schema_types::noise::Noise;
+use sensor_core::lanes::{LaneWork, Lanes, in_lanes};
+use sensor_spec::LidarSpec;
+
+use super::beams::{Beams, Bunch};
+use super::path::Pose;
+use super::points::{Point, Returns};
+use crate::ray_scene::RayScene;
+use crate::rays::{Caster, GROUP, Hits, Stacks};
+
+/// Bunches of rays that a thread takes at a time.
+const TASK_BUNCHES: usize = 16;
+
+/// Everything the rays of a turn share.
+pub(crate) struct Turn<'a> {
+    pub scene: &'a RayScene,
+    pub spec: &'a LidarSpec,
+    pub beams: &'a Beams,
+    pub poses: Vec<Pose>,
+    pub noise: Noise,
+    pub ignored: Option<ActorId>,
+}
+
+impl Turn<'_> {
+    /// Casts all rays, some bunches per task.
+    pub fn cast<P: Point>(&self, points: &mut [P]) {
+        let n_slots = (TASK_BUNCHES * self.beams.bunch_rays).max(1);
+        let bunches = self.beams.bunches.par_chunks(TASK_BUNCHES);
+        points.par_chunks_mut(n_slots).zip(bunches).for_each_init(
+            Stacks::default,
+            |stacks, (points, bunches)| {
+                let caster = Caster {
+                    scene: self.scene,
+                    ignored: self.ignored,
+                    stacks: std::mem::take(stacks),
+                };
+                *stacks = in_lanes(Task {
+                    turn: self,
+                    caster,
+                    bunches,
+                    points,
+                });
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn cast_bunch<L: Lanes, P: Point>(&self, caster: &mut Caster, bunch: &Bunch, points: &mut [P]) {
+        let Bunch { bundle, rays } = bunch;
+        let pose = &self.poses[if self.poses.len() == 1 {
+            0
+        } else {
+            rays[0].1 as usize
+        }];
+        let mut hits = Hits::new(bundle, self.spec.range_m);
+        if P::can_misfire(self.spec) {
+            for (ray, beam) in rays.iter().enumerate() {
+                if P::misfires(self.spec, self.noise, self.beams.number(*beam)) {
+                    hits.switch_off(ray);
+                }
+            }
+        }
+        hits.begin::<L>();
+        caster.cast::<L>(&pose.origin_m, &pose.world_from_sensor, bundle, &mut hits);
+        for (group, (rays, points)) in rays
+            .chunks_exact(GROUP)
+            .zip(points.chunks_exact_mut(GROUP))
+            .enumerate()
+        {
+            let mut returns = Returns {
+                scene: self.scene,
+                spec: self.spec,
+                noise: self.noise,
+                bundle,
+                hits: &hits,
+                group,
+                origin_m: pose.origin_m,
+                directions_in_world: [[0.0; GROUP]; 3],
+                directions_in_sensor: [[0.0; GROUP]; 3],
+                rays: [0; GROUP],
+                channels: [0; GROUP],
+            };
+            self.aim(rays, &pose.world_from_sensor, &mut returns);
+            P::write(&returns, points);
+        }
+    }
+
+    #[inline(always)]
+    fn aim(&self, rays: &[(u32, u32)], world_from_sensor: &Matrix3<f64>, returns: &mut Returns) {
+        for (lane, beam) in rays.iter().enumerate().take(GROUP) {
+            returns.rays[lane] = self.beams.number(*beam);
+            returns.channels[lane] = beam.0 as u16;
+            let direction = self.beams.direction(beam.0 as usize, beam.1 as usize);
+            for axis in 0..3 {
+                returns.directions_in_sensor[axis][lane] = direction[axis];
+            }
+        }
+        let m = world_from_sensor;
+        let [x, y, z] = &returns.directions_in_sensor;
+        for axis in 0..3 {
+            let (mx, my, mz) = (m[(axis, 0)], m[(axis, 1)], m[(axis, 2)]);
+            for lane in 0..GROUP {
+                returns.directions_in_world[axis][lane] =
+                    mx * x[lane] + my * y[lane] + mz * z[lane];
+            }
+        }
+    }
+}
+
+/// A few bunches and where their points go.
+struct Task<'t, P> {
+    turn: &'t Turn<'t>,
+    caster: Caster<'t>,
+    bunches: &'t [Bunch],
+    points: &'t mut [P],
+}
+
+impl<P: Point> LaneWork for Task<'_, P> {
+    type Out = Stacks;
+
+    #[inline(always)]
+    fn run<L: Lanes>(mut self) -> Stacks {
+        let n_slots = self.turn.beams.bunch_rays;
+        for (bunch, points) in self.bunches.iter().zip(self.points.chunks_mut(n_slots)) {
+            self.turn
+                .cast_bunch::<L, P>(&mut self.caster, bunch, points);
+        }
+        self.caster.stacks
+    }
+}

@@ -1,0 +1,186 @@
+//! The world as rays see it: scenery and moving instances, and what a ray hits.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+use sensor_core::{DynamicInstance, Mesh, SceneAssets};
+
+use crate::bvh::{Bounds, Tree, TriangleTree, moving_tree};
+
+mod hidden;
+mod placed;
+mod scenery;
+
+pub(crate) use hidden::{CHUNK, Hiding};
+pub(crate) use placed::{Labels, Placed, box_about, is_finite};
+pub(crate) use scenery::Scenery;
+
+/// Scenes that were built, so that a GPU knows whose triangles it has.
+static N_BUILT: AtomicU64 = AtomicU64::new(0);
+
+/// Everything rays can hit in one tick.
+///
+/// [`RayScene::load`] once per episode, [`RayScene::update`] once per tick, then any number of
+/// casts from any thread.
+#[derive(Debug)]
+pub struct RayScene {
+    episode: u32,
+    /// Number of this scene among all that were built.
+    pub(crate) serial: u64,
+    /// Whether hierarchies are packed for the GPU too.
+    for_gpu: bool,
+    pub(crate) scenery: Scenery,
+    /// By mesh; built at load for meshes that are no scenery, else when first seen moving.
+    pub(crate) mesh_trees: Vec<Option<TriangleTree>>,
+    /// What is hidden of the scenery.
+    pub(crate) hiding: Hiding,
+    pub(crate) dynamics: Vec<Placed>,
+    /// Number of the first of `dynamics` behind each actor's.
+    pub(crate) actor_ends: Vec<u32>,
+    pub(crate) dynamics_origin_m: Point3<f64>,
+    pub(crate) dynamics_tree: Tree,
+}
+
+impl RayScene {
+    /// Builds the hierarchies of an episode: about a microsecond per triangle and core. Level of
+    /// detail 0 only.
+    pub fn load(assets: &SceneAssets) -> Self {
+        Self::build(assets, false)
+    }
+
+    /// As [`RayScene::load`], with what [`crate::GpuRays`] needs.
+    pub fn load_for_gpu(assets: &SceneAssets) -> Self {
+        Self::build(assets, true)
+    }
+
+    fn build(assets: &SceneAssets, for_gpu: bool) -> Self {
+        let mut is_scenery = vec![false; assets.meshes.len()];
+        for instance in &assets.statics {
+            is_scenery[instance.mesh.0 as usize] = true;
+        }
+        let build = |(mesh, is_scenery): (&Arc<Mesh>, &bool)| {
+            if *is_scenery {
+                None
+            } else {
+                Some(mesh_tree(mesh, for_gpu))
+            }
+        };
+        let mesh_trees = assets
+            .meshes
+            .par_iter()
+            .zip(&is_scenery)
+            .map(build)
+            .collect();
+        RayScene {
+            episode: assets.episode,
+            serial: N_BUILT.fetch_add(1, Ordering::Relaxed),
+            for_gpu,
+            scenery: Scenery::new(assets, for_gpu),
+            mesh_trees,
+            hiding: Hiding::new(&assets.hidden),
+            dynamics: Vec::new(),
+            actor_ends: Vec::new(),
+            dynamics_origin_m: Point3::origin(),
+            dynamics_tree: Tree::default(),
+        }
+    }
+
+    /// Hides what `assets` leave out of the scenery and shows the rest, for the price of what
+    /// changed. False if that takes new hierarchies: for
+    /// another episode, or if something is to be shown that was hidden when this was loaded.
+    #[must_use]
+    pub fn hide(&mut self, assets: &SceneAssets) -> bool {
+        let fits = assets.episode == self.episode
+            && assets.meshes.len() == self.scenery.meshes.len()
+            && self.hiding.can_hide(&assets.hidden);
+        if fits {
+            self.hiding.set(&assets.hidden, &mut self.scenery);
+        }
+        fits
+    }
+
+    /// Episode of the assets this was loaded from.
+    pub fn episode(&self) -> u32 {
+        self.episode
+    }
+
+    /// Triangles of the scenery.
+    pub fn n_static_triangles(&self) -> usize {
+        self.scenery
+            .tiles
+            .iter()
+            .map(|tile| tile.sources.len())
+            .sum()
+    }
+
+    /// Puts the moving instances of a tick in place of those before; those of an actor are
+    /// neighbours. Instances whose pose is not finite, or
+    /// 10¹⁸ m away, are left out.
+    pub fn update(&mut self, dynamics: &[DynamicInstance]) {
+        self.place(dynamics);
+        let boxes: Vec<Bounds> = self
+            .dynamics
+            .iter()
+            .map(|placed| self.bounds_of(placed, &self.dynamics_origin_m))
+            .collect();
+        self.dynamics_tree = moving_tree(&boxes, &self.actor_ends);
+    }
+
+    /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the
+    /// processor casts meet nothing that moves until
+    /// the next [`RayScene::update`].
+    pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
+        self.place(dynamics);
+        self.dynamics_tree = Tree::default();
+    }
+
+    /// Takes over the instances.
+    fn place(&mut self, dynamics: &[DynamicInstance]) {
+        self.dynamics.clear();
+        self.actor_ends.clear();
+        let is_here = |instance: &&DynamicInstance| is_finite(&instance.world_from_mesh);
+        self.dynamics_origin_m = dynamics.iter().find(is_here).map_or(Point3::origin(), |i| {
+            i.world_from_mesh.translation.vector.into()
+        });
+        for instance in dynamics.iter().filter(is_here) {
+            let mesh_idx = instance.mesh.0 as usize;
+            let Some(mesh) = self.scenery.meshes.get(mesh_idx) else {
+                continue;
+            };
+            let tree =
+                self.mesh_trees[mesh_idx].get_or_insert_with(|| mesh_tree(mesh, self.for_gpu));
+            if tree.bounds().is_none() {
+                continue;
+            }
+            let object = instance.actor.into();
+            if self
+                .dynamics
+                .last()
+                .is_none_or(|before| before.object != object)
+            {
+                self.actor_ends.push(self.dynamics.len() as u32);
+            }
+            self.dynamics.push(Placed {
+                velocity_in_world_mps: instance.velocity_in_world_mps,
+                ..Placed::new(instance.mesh, &instance.world_from_mesh, object)
+            });
+            *self.actor_ends.last_mut().expect("the actor has an end") = self.dynamics.len() as u32;
+        }
+    }
+
+    /// Box about a moving instance, relative to `origin_m`.
+    pub(crate) fn bounds_of(&self, placed: &Placed, origin_m: &Point3<f64>) -> Bounds {
+        let tree = self.mesh_trees[placed.mesh_idx as usize].as_ref();
+        let bounds = tree
+            .and_then(TriangleTree::bounds)
+            .expect("what moves has triangles");
+        box_about(origin_m, &placed.world_from_mesh, bounds)
+    }
+}
+
+fn mesh_tree(mesh: &Arc<Mesh>, for_gpu: bool) -> TriangleTree {
+    let corners: Vec<_> = mesh.triangles().map(|(corners, _)| corners).collect();
+    TriangleTree::new(&corners, for_gpu)
+}

@@ -1,0 +1,13 @@
+//! Rays: bundles of neighbours, how they walk hierarchies, and what they hit in a scene.
+
+mod bundle;
+mod cast;
+mod caster;
+mod hit;
+mod outline;
+mod walk;
+
+pub(crate) use bundle::{Bundle, GROUP, GROUPS, Hits, RAYS};
+pub(crate) use caster::{Caster, Stacks};
+pub use hit::Hit;
+pub(crate) use hit::{distances_m, surface};
