@@ -24,10 +24,8 @@ use serde::Serialize;
 use crate::machine::Machine;
 use crate::report;
 use crate::spread::{Spread, Summary};
-use reader::{ReaderProcess, Way};
+use reader::{ReaderProcess, WARM_UP, Way};
 
-/// Frames sent before counting begins: page faults, connection set-up, cold branch predictors.
-const WARM_UP: u64 = 30;
 /// Least bytes of a frame: a stamp and a number for TCP, a first and a last byte to check.
 const LEAST_BYTES: usize = 24;
 

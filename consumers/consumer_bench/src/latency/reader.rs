@@ -11,8 +11,8 @@ use schema_bus::{Bus, Frame, mono_now};
 use schema_types::MonoTime;
 use serde::{Deserialize, Serialize};
 
-use super::WARM_UP;
-
+/// Frames sent before counting begins: page faults, connection set-up, cold branch predictors.
+pub const WARM_UP: u64 = 30;
 /// A reader that hears nothing for so long gives up: its writer is dead.
 const PATIENCE: Duration = Duration::from_secs(20);
 
