@@ -11,6 +11,7 @@ pub mod convert;
 pub mod discover;
 pub mod info;
 pub mod messages;
+pub mod options;
 pub mod queue;
 pub mod reader;
 pub mod recover;

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand, ValueEnum};
-use consumer_record::session::{Options, Report, record};
+use consumer_record::options::Options;
+use consumer_record::session::{Report, record};
 use consumer_record::writer::ChunkCompression;
 use consumer_record::{info::file_info, recover::recover_file};
 use launch_cli::{CommonArgs, Exit, Shutdown, run, wrong_usage};

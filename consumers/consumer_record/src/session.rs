@@ -6,17 +6,16 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
-use schema_bus::{
-    Bus, BusError, BusOptions, CommandClient, Listener, SnapshotReader, mono_now, names,
-};
+use schema_bus::{Bus, BusError, CommandClient, Listener, SnapshotReader, mono_now, names};
 use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
 
 use crate::convert::{TopicName, frame_entries};
 use crate::discover::Discovery;
+use crate::options::Options;
 use crate::queue::Job;
 use crate::scene::{SceneState, document};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
-use crate::writer::{ChunkCompression, Written};
+use crate::writer::Written;
 
 /// Longest wait for a wake-up; documents and a shutdown are looked at this often.
 const MAX_WAIT: Duration = Duration::from_millis(20);
@@ -24,26 +23,6 @@ const MAX_WAIT: Duration = Duration::from_millis(20);
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// How often joining lockstep is tried.
 const JOIN_EVERY: Duration = Duration::from_millis(250);
-
-/// What to record.
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// First segment of the service names.
-    pub domain: String,
-    /// Where iceoryx2 keeps its files.
-    pub bus: BusOptions,
-    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are
-    /// always recorded.
-    pub topics: Vec<String>,
-    /// File to write.
-    pub out: PathBuf,
-    /// Compression of its chunks.
-    pub compression: ChunkCompression,
-    /// Most bytes that wait for the writer.
-    pub queue_bytes: usize,
-    /// Whether the simulator waits for this recorder.
-    pub lockstep: bool,
-}
 
 /// What became of a recording.
 #[derive(Clone, Debug, Default)]

@@ -10,8 +10,8 @@ use schema_bus::mono_now;
 use schema_types::class::CLASSES;
 
 use crate::messages::{Batch, Entry};
+use crate::options::Options;
 use crate::queue::{Job, Queue, Refused, queue};
-use crate::session::Options;
 use crate::writer::{Recording, Written, run};
 
 /// Frames of one topic that are not in the file.

@@ -8,7 +8,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use consumer_record::session::{Options, Report, record};
+use consumer_record::options::Options;
+use consumer_record::session::{Report, record};
 use consumer_record::wire::bytes_field;
 use consumer_record::writer::ChunkCompression;
 use sample::PERIOD_NANOS;

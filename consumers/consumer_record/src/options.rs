@@ -1,0 +1,27 @@
+//! What to record, and where to.
+
+use std::path::PathBuf;
+
+use schema_bus::BusOptions;
+
+use crate::writer::ChunkCompression;
+
+/// What to record.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// First segment of the service names.
+    pub domain: String,
+    /// Where iceoryx2 keeps its files.
+    pub bus: BusOptions,
+    /// Frame topics to record, with `*` and `?`; empty means all. Snapshots and documents are
+    /// always recorded.
+    pub topics: Vec<String>,
+    /// File to write.
+    pub out: PathBuf,
+    /// Compression of its chunks.
+    pub compression: ChunkCompression,
+    /// Most bytes that wait for the writer.
+    pub queue_bytes: usize,
+    /// Whether the simulator waits for this recorder.
+    pub lockstep: bool,
+}
