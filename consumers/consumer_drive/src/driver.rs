@@ -1,7 +1,5 @@
 //! One driver: follows its path, keeps clear of the others, obeys lights, gets out of jams.
 
-mod rescue;
-
 use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
 use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
 use schema_types::noise::Noise;
@@ -9,55 +7,24 @@ use schema_types::noise::Noise;
 use crate::path::{Foot, Path, wrap};
 use crate::speed::{self, Pedals};
 use crate::steer::Steering;
-use crate::world::{Mover, World};
+use crate::traffic::{Mover, Traffic};
+use hindrance::Lookout;
+use rescue::{Rescue, Situation};
 
-/// Brake lamp, `VehiclePart::lamps`.
-pub const LAMP_BRAKE: u32 = 8;
-/// Right blinker.
-pub const LAMP_RIGHT: u32 = 16;
-/// Left blinker.
-pub const LAMP_LEFT: u32 = 32;
-/// Reversing lamp.
-pub const LAMP_REVERSE: u32 = 64;
+mod hindrance;
+mod lamps;
+mod rescue;
+
+pub use hindrance::Wait;
+pub use lamps::{LAMP_BRAKE, LAMP_LEFT, LAMP_REVERSE, LAMP_RIGHT};
 
 /// How far ahead a path is planned at least, metres.
 const HORIZON_M: f64 = 90.0;
 /// A vehicle counts as standing below this, m/s.
 pub(crate) const STANDING_MPS: f64 = 0.3;
-/// Standing this long without a reason, a driver helps itself, seconds.
-const STUCK_SECS: f64 = 6.0;
 /// How far before a junction a driver waits for its turn, metres: long vehicles swing out where
 /// they leave it.
 const WAITING_M: f64 = 2.5;
-/// Furthest a long vehicle keeps to the inside of a bend, metres.
-const INSIDE_M: f64 = 0.35;
-
-/// What is in the way.
-#[derive(Clone, Copy, Debug)]
-struct Obstacle {
-    id: u32,
-    gap_m: f64,
-    along_mps: f64,
-    /// Side of the path it is on: 1 left, −1 right.
-    side: f64,
-}
-
-/// Why a driver does not go on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Wait {
-    /// It goes.
-    #[default]
-    No,
-    /// A light.
-    Light,
-    /// Somebody else's turn at a junction.
-    Turn,
-    /// Somebody ahead.
-    Ahead,
-    /// The road ends.
-    End,
-}
-
 /// Entry to the next junction on the path.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
@@ -80,17 +47,11 @@ pub struct Driver {
     foot: Foot,
     steering: Steering,
     pedals: Pedals,
-    stuck_secs: f64,
-    reverse_left_secs: f64,
-    /// Offset to keep from the path after backing off, and the path length up to which, metres.
-    avoid: (f64, f64),
-    n_rescues: u32,
+    rescue: Rescue,
     wait: Wait,
     /// Who is in the way, while it stands for that.
     blocked_by: Option<u32>,
     blocked_secs: f64,
-    /// Backs off for somebody else, in its own lane.
-    is_yielding: bool,
     entry: Option<Entry>,
     /// Decided by the fleet: the next junction may be entered.
     pub(crate) may_enter: bool,
@@ -118,14 +79,10 @@ impl Driver {
             foot: Foot::default(),
             steering: Steering::new(wheelbase_m, 0.6),
             pedals: Pedals::default(),
-            stuck_secs: 0.0,
-            reverse_left_secs: 0.0,
-            avoid: (0.0, 0.0),
-            n_rescues: 0,
+            rescue: Rescue::default(),
             wait: Wait::No,
             blocked_by: None,
             blocked_secs: 0.0,
-            is_yielding: false,
             entry: None,
             may_enter: true,
         })
@@ -154,7 +111,7 @@ impl Driver {
 
     /// How often it backed off since it last drove freely.
     pub fn n_rescues(&self) -> u32 {
-        self.n_rescues
+        self.rescue.n_rescues()
     }
 
     /// Who keeps it from going on, and for how long, seconds; only while it stands.
@@ -164,7 +121,12 @@ impl Driver {
 
     /// Whether it backs off at present.
     pub fn is_reversing(&self) -> bool {
-        self.reverse_left_secs > 0.0
+        self.rescue.is_reversing()
+    }
+
+    /// Backs off a little in its own lane, so that somebody else gets past.
+    pub(crate) fn make_room(&mut self) {
+        self.rescue.make_room();
     }
 
     /// The next junction, or the one it is in.
@@ -173,8 +135,8 @@ impl Driver {
     }
 
     /// Whether it stands with more than its nose in a junction.
-    pub(crate) fn is_inside(&self, world: &World) -> bool {
-        let Some((entry, me)) = self.entry.zip(world.mover(self.id)) else {
+    pub(crate) fn is_inside(&self, traffic: &Traffic) -> bool {
+        let Some((entry, me)) = self.entry.zip(traffic.mover(self.id)) else {
             return false;
         };
         self.foot.arc_m + me.front_m() > entry.arc_m[0] + WAITING_M
@@ -244,14 +206,23 @@ impl Driver {
     }
 
     /// What to do in this tick.
-    pub fn control(&mut self, map: &RoadMap, me: &Mover, world: &World) -> VehicleControlRecord {
-        let dt = world.period_secs;
-        if self.reverse_left_secs > 0.0 {
-            return self.reverse(me, world);
+    pub fn control(
+        &mut self,
+        map: &RoadMap,
+        me: &Mover,
+        traffic: &Traffic,
+    ) -> VehicleControlRecord {
+        let dt = traffic.period_secs;
+        if self.rescue.is_reversing() {
+            return self
+                .rescue
+                .reverse(me, traffic, self.foot, &mut self.steering);
         }
-        let creeping = self.stuck_secs > STUCK_SECS;
+        let creeping = self.rescue.is_creeping();
         let front = self.foot.arc_m + me.front_m();
-        let obstacle = self.obstacle(me, world, if creeping { 0.15 } else { 0.3 });
+        let obstacle = self
+            .lookout(me)
+            .obstacle(traffic, if creeping { 0.15 } else { 0.3 });
         let mut wanted = self.road_speed(me, front);
         let mut wait = Wait::No;
         // Nearer than the waiting line only who is already there: that must not mean braking hard.
@@ -271,7 +242,7 @@ impl Driver {
         if ends {
             consider(speed::stop_before(me.speed_mps, end - front), Wait::End);
         }
-        if let Some(line) = self.light_line(map, world, me, front) {
+        if let Some(line) = self.light_line(map, traffic, me, front) {
             consider(
                 speed::stop_before(me.speed_mps, waiting_line(line) - front),
                 Wait::Light,
@@ -306,7 +277,17 @@ impl Driver {
             0.0
         };
         self.blocked_by = blocker;
-        self.watch(me, world, wanted, obstacle, dt);
+        self.rescue.watch(
+            &Situation {
+                me,
+                path: &self.path,
+                foot: self.foot,
+                wait,
+                wanted_mps2: wanted,
+                obstacle,
+            },
+            traffic,
+        );
         let (throttle, brake) = self.pedals.press(me.speed_mps, wanted, dt);
         let steer = self
             .steering
@@ -352,7 +333,7 @@ impl Driver {
     }
 
     /// Path length of the stop line of a light that says stop.
-    fn light_line(&self, map: &RoadMap, world: &World, me: &Mover, front: f64) -> Option<f64> {
+    fn light_line(&self, map: &RoadMap, traffic: &Traffic, me: &Mover, front: f64) -> Option<f64> {
         let legs = self.path.legs();
         let here = self.path.leg_at(self.foot.arc_m);
         // Who is inside a junction clears it.
@@ -368,7 +349,7 @@ impl Driver {
                 if signal.kind != SignalKind::TrafficLight {
                     continue;
                 }
-                let state = world
+                let state = traffic
                     .lights
                     .get(&signal.id)
                     .copied()
@@ -398,86 +379,19 @@ impl Driver {
         line
     }
 
-    /// The first other that is on the path or about to be.
-    fn obstacle(&self, me: &Mover, world: &World, margin_m: f64) -> Option<Obstacle> {
-        let front = self.foot.arc_m + me.front_m();
-        let reach = 20.0 + me.speed_mps * me.speed_mps / 4.0 + 2.0 * me.speed_mps;
-        let mut nearest: Option<Obstacle> = None;
-        for other in &world.movers {
-            if other.id == me.id || (other.position_m[2] - me.position_m[2]).abs() > 3.5 {
-                continue;
-            }
-            let apart = crate::path::distance(other.middle(), me.middle());
-            if apart > reach + other.half_m[0] + me.half_m[0] {
-                continue;
-            }
-            let lateral = me.half_m[1]
-                + if other.is_vehicle {
-                    margin_m
-                } else {
-                    margin_m + 0.4
-                };
-            let from = self.foot.arc_m + 0.5 * me.front_m();
-            let reach_at = |arc: f64, left: bool| lateral + self.swing_at(me, arc, left);
-            let hits = other
-                .outline()
-                .into_iter()
-                .chain(other.steps_ahead())
-                .filter_map(|p| self.path.first_within(p, from, front + reach, reach_at));
-            let hit = hits.min_by(|a, b| a.arc_m.total_cmp(&b.arc_m));
-            let Some(Foot {
-                arc_m: arc,
-                heading_rad: heading,
-                offset_m,
-            }) = hit
-            else {
-                continue;
-            };
-            // Somebody alongside whose middle is behind ours is not ahead of us.
-            if arc < front && forward_share(me, other) < 0.0 {
-                continue;
-            }
-            let along_mps =
-                other.velocity_mps[0] * heading.cos() + other.velocity_mps[1] * heading.sin();
-            let gap_m = (arc - front).max(0.05);
-            let candidate = Obstacle {
-                id: other.id,
-                gap_m,
-                along_mps: along_mps.max(0.0),
-                side: offset_m.signum(),
-            };
-            let need = |o: &Obstacle| speed::follow(me.speed_mps, o.along_mps, o.gap_m, 2.2);
-            if nearest.is_none_or(|n| need(&candidate) < need(&n)) {
-                nearest = Some(candidate);
-            }
+    fn lookout<'d>(&'d self, me: &'d Mover) -> Lookout<'d> {
+        Lookout {
+            me,
+            path: &self.path,
+            foot: self.foot,
+            wheelbase_m: self.steering.wheelbase_m(),
         }
-        nearest
-    }
-
-    /// How far the front swings out where it passes a place: the middle is still on the bend when
-    /// the front has left it.
-    fn swing_at(&self, me: &Mover, arc_m: f64, left: bool) -> f64 {
-        let behind =
-            [0.0, 0.5, 1.0].map(|share| self.path.at(arc_m - share * me.half_m[0]).curvature_per_m);
-        behind
-            .into_iter()
-            .map(|k| swing_m(me, self.steering.wheelbase_m(), k, left))
-            .fold(0.0, f64::max)
     }
 
     /// Where to drive beside the path's middle: inside a bend if the front swings out, away from
     /// what was in the way.
     fn side_offset(&self, me: &Mover) -> f64 {
-        let near = [-2.0, 1.0, 4.0].map(|d| self.path.at(self.foot.arc_m + d).curvature_per_m);
-        let bend = near.iter().sum::<f64>() / 3.0;
-        let inside = bend.signum()
-            * (0.6 * swing_m(me, self.steering.wheelbase_m(), bend, bend < 0.0)).min(INSIDE_M);
-        inside
-            + if self.foot.arc_m < self.avoid.1 {
-                self.avoid.0
-            } else {
-                0.0
-            }
+        self.lookout(me).inside_m() + self.rescue.aside_m(self.foot.arc_m)
     }
 
     fn blinkers(&self, front: f64) -> u32 {
@@ -487,29 +401,6 @@ impl Driver {
             _ => 0,
         }
     }
-}
-
-/// How far a vehicle's front swings out of the strip of its own width on a bend, on one side,
-/// metres.
-/// It turns about a point beside its rear axle, while the point between the axles follows the bend.
-fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, left: bool) -> f64 {
-    let outside = if left {
-        -curvature_per_m
-    } else {
-        curvature_per_m
-    };
-    if outside < 1e-3 {
-        return 0.0;
-    }
-    let (radius, half_base) = (1.0 / outside, 0.5 * wheelbase_m);
-    let rear_radius = (radius * radius - half_base * half_base).max(1.0).sqrt();
-    ((rear_radius + me.half_m[1]).hypot(half_base + me.front_m()) - radius - me.half_m[1]).max(0.0)
-}
-
-/// How far ahead of our middle the other's middle is, along our heading, metres.
-fn forward_share(me: &Mover, other: &Mover) -> f64 {
-    let (a, b) = (me.middle(), other.middle());
-    (b[0] - a[0]) * me.yaw_rad.cos() + (b[1] - a[1]) * me.yaw_rad.sin()
 }
 
 /// The lane a vehicle drives on: the nearest one that runs its way.

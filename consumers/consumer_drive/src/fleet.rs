@@ -8,7 +8,7 @@ use schema_roads::{LaneKey, RoadMap, SignalKind};
 
 use crate::driver::{Driver, STANDING_MPS, Wait, locate};
 use crate::path::{distance, wrap};
-use crate::world::{Mover, World};
+use crate::traffic::{Mover, Traffic};
 
 /// Somebody inside a junction whom a waiting vehicle blocks this long is given room, seconds.
 const YIELD_AFTER_SECS: f64 = 5.0;
@@ -93,7 +93,7 @@ impl Fleet {
     pub fn assign(
         &mut self,
         ids: &[u32],
-        world: &World,
+        traffic: &Traffic,
         geometry: impl Fn(u32) -> Option<(f64, f64)>,
     ) {
         self.drivers.retain(|id, _| ids.contains(id));
@@ -101,7 +101,9 @@ impl Fleet {
             if self.drivers.contains_key(id) {
                 continue;
             }
-            let Some(me) = world.mover(*id) else { continue };
+            let Some(me) = traffic.mover(*id) else {
+                continue;
+            };
             if let Some(mut driver) = Driver::new(&self.map, me, self.seed, self.speed_factor) {
                 if let Some((wheelbase_m, max_steer_rad)) = geometry(*id) {
                     driver.set_geometry(wheelbase_m, max_steer_rad);
@@ -111,44 +113,44 @@ impl Fleet {
         }
     }
 
-    /// One record per driven vehicle that is in the world, by rising id.
-    pub fn step(&mut self, world: &World) -> Vec<VehicleControlRecord> {
+    /// One record per driven vehicle that is there, by rising id.
+    pub fn step(&mut self, traffic: &Traffic) -> Vec<VehicleControlRecord> {
         for (id, driver) in &mut self.drivers {
-            if let Some(me) = world.mover(*id) {
+            if let Some(me) = traffic.mover(*id) {
                 driver.localise(&self.map, me, self.seed);
             }
         }
-        let claims: Vec<Claim> = world
+        let claims: Vec<Claim> = traffic
             .movers
             .iter()
             .filter(|m| m.is_vehicle)
-            .flat_map(|m| self.claims(m, world))
+            .flat_map(|m| self.claims(m, traffic))
             .collect();
-        self.note_arrivals(&claims, world);
+        self.note_arrivals(&claims, traffic);
         let turns: Vec<(u32, bool)> = self
             .drivers
             .keys()
-            .map(|id| (*id, self.may_enter(*id, world, &claims)))
+            .map(|id| (*id, self.may_enter(*id, traffic, &claims)))
             .collect();
-        self.make_room(world);
+        self.make_room(traffic);
         let mut records = Vec::with_capacity(self.drivers.len());
         for (id, may_enter) in turns {
-            let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else {
+            let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), traffic.mover(id)) else {
                 continue;
             };
             driver.may_enter = may_enter;
-            records.push(driver.control(&self.map, me, world));
+            records.push(driver.control(&self.map, me, traffic));
         }
         records
     }
 
     /// Who waits before a junction and keeps somebody from leaving it backs off; those in the queue
     /// behind it as well.
-    fn make_room(&mut self, world: &World) {
+    fn make_room(&mut self, traffic: &Traffic) {
         let stuck = self
             .drivers
             .values()
-            .filter(|d| d.is_inside(world))
+            .filter(|d| d.is_inside(traffic))
             .filter_map(Driver::blocked_by);
         let blockers = stuck
             .filter(|(id, secs)| *secs > YIELD_AFTER_SECS && self.waits_at_junction(*id))
@@ -157,16 +159,17 @@ impl Fleet {
             let mut next = Some(first);
             for _ in 0..MAX_QUEUE {
                 let Some(id) = next else { break };
-                let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), world.mover(id)) else {
+                let (Some(driver), Some(me)) = (self.drivers.get_mut(&id), traffic.mover(id))
+                else {
                     break;
                 };
-                if driver.is_inside(world)
+                if driver.is_inside(traffic)
                     || driver.is_reversing()
                     || me.speed_mps.abs() > STANDING_MPS
                 {
                     break;
                 }
-                next = driver.behind(me, world, 2.0);
+                next = traffic.behind(me, 2.0);
                 driver.make_room();
             }
         }
@@ -179,14 +182,14 @@ impl Fleet {
     }
 
     /// What a vehicle may still use of junctions near it.
-    fn claims(&self, mover: &Mover, world: &World) -> Vec<Claim> {
+    fn claims(&self, mover: &Mover, traffic: &Traffic) -> Vec<Claim> {
         match self.drivers.get(&mover.id) {
-            Some(driver) => self.own_claim(driver, mover, world).into_iter().collect(),
-            None => self.foreign_claims(mover, world),
+            Some(driver) => self.own_claim(driver, mover, traffic).into_iter().collect(),
+            None => self.foreign_claims(mover, traffic),
         }
     }
 
-    fn own_claim(&self, driver: &Driver, mover: &Mover, world: &World) -> Option<Claim> {
+    fn own_claim(&self, driver: &Driver, mover: &Mover, traffic: &Traffic) -> Option<Claim> {
         let entry = driver.entry()?;
         let foot = driver.foot();
         let front = foot.arc_m + mover.front_m();
@@ -217,16 +220,16 @@ impl Fleet {
             held: self.is_held(
                 legs[first].lane,
                 first.checked_sub(1).map(|idx| legs[idx].lane),
-                world,
-            ) || !self.room_behind_junction(driver, mover, world, entry.arc_m[1]),
+                traffic,
+            ) || !self.room_behind_junction(driver, mover, traffic, entry.arc_m[1]),
         })
     }
 
     /// Whether a light says stop to who goes from one lane into another.
-    fn is_held(&self, lane: LaneKey, before: Option<LaneKey>, world: &World) -> bool {
+    fn is_held(&self, lane: LaneKey, before: Option<LaneKey>, traffic: &Traffic) -> bool {
         let red = |lane: LaneKey| {
             self.map.signal_stops(lane).any(|(signal, _)| {
-                let state = world
+                let state = traffic
                     .lights
                     .get(&signal.id)
                     .copied()
@@ -238,7 +241,7 @@ impl Fleet {
         red(lane) || before.is_some_and(red)
     }
 
-    fn foreign_claims(&self, mover: &Mover, world: &World) -> Vec<Claim> {
+    fn foreign_claims(&self, mover: &Mover, traffic: &Traffic) -> Vec<Claim> {
         let Some(at) = locate(&self.map, mover) else {
             return Vec::new();
         };
@@ -270,7 +273,7 @@ impl Fleet {
                 way: way[skip..].iter().map(|p| [p[0], p[1]]).collect(),
                 turn_rad,
                 from,
-                held: distance_m > -1.0 && self.is_held(lane, from, world),
+                held: distance_m > -1.0 && self.is_held(lane, from, traffic),
             })
         };
         if lane.junction.is_some() {
@@ -292,7 +295,7 @@ impl Fleet {
             .collect()
     }
 
-    fn note_arrivals(&mut self, claims: &[Claim], world: &World) {
+    fn note_arrivals(&mut self, claims: &[Claim], traffic: &Traffic) {
         self.arrivals.retain(|id, arrival| {
             claims
                 .iter()
@@ -301,25 +304,25 @@ impl Fleet {
         for claim in claims.iter().filter(|c| c.distance_m < ARRIVAL_M) {
             let fresh = Arrival {
                 junction: claim.junction,
-                at_secs: world.time_secs,
+                at_secs: traffic.time_secs,
                 waiting_secs: 0.0,
             };
             let arrival = self.arrivals.entry(claim.id).or_insert(fresh);
             arrival.waiting_secs =
                 if claim.speed_mps.abs() < STANDING_MPS && !claim.held && !claim.inside {
-                    arrival.waiting_secs + world.period_secs
+                    arrival.waiting_secs + traffic.period_secs
                 } else {
                     0.0
                 };
             if claim.held {
-                arrival.at_secs = world.time_secs;
+                arrival.at_secs = traffic.time_secs;
             }
         }
     }
 
     /// Whether a driver may enter the junction ahead of it now.
-    fn may_enter(&self, id: u32, world: &World, claims: &[Claim]) -> bool {
-        let (Some(driver), Some(me)) = (self.drivers.get(&id), world.mover(id)) else {
+    fn may_enter(&self, id: u32, traffic: &Traffic, claims: &[Claim]) -> bool {
+        let (Some(driver), Some(me)) = (self.drivers.get(&id), traffic.mover(id)) else {
             return true;
         };
         let Some(mine) = claims.iter().find(|c| c.id == id) else {
@@ -335,7 +338,7 @@ impl Fleet {
         if mine.distance_m - 1.0 < me.speed_mps * me.speed_mps / 10.0 && me.speed_mps > 2.0 {
             return true;
         }
-        if !self.room_behind_junction(driver, me, world, entry.arc_m[1]) {
+        if !self.room_behind_junction(driver, me, traffic, entry.arc_m[1]) {
             return false;
         }
         let my_wait = self.arrivals.get(&id).map_or(0.0, |a| a.waiting_secs);
@@ -382,11 +385,11 @@ impl Fleet {
         &self,
         driver: &Driver,
         me: &Mover,
-        world: &World,
+        traffic: &Traffic,
         exit_m: f64,
     ) -> bool {
         let needed = 2.0 * me.half_m[0] + 3.0;
-        !world.movers.iter().any(|other| {
+        !traffic.movers.iter().any(|other| {
             other.id != me.id
                 && other.is_vehicle
                 && other.speed_mps.abs() < SLOW_MPS

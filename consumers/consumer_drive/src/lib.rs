@@ -1,7 +1,7 @@
 //! Driving vehicles along lanes: paths, steering, pedals, right of way. No bus and no clock here.
 //!
-//! [`Fleet`] takes a [`World`] per tick and answers with one control record per vehicle it drives;
-//! the same worlds and seed give the
+//! [`Fleet`] takes a [`Traffic`] per tick and answers with one control record per vehicle it drives;
+//! the same traffic and seed give the
 //! same records.
 
 #![forbid(unsafe_code)]
@@ -12,8 +12,8 @@ pub mod fleet;
 pub mod path;
 pub mod speed;
 pub mod steer;
-pub mod world;
+pub mod traffic;
 
 pub use driver::Driver;
 pub use fleet::Fleet;
-pub use world::{Mover, World};
+pub use traffic::{Mover, Traffic};

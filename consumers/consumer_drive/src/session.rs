@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use consumer_drive::{Fleet, World};
+use consumer_drive::{Fleet, Traffic};
 use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
 use schema_bus::{Bus, BusError, ControlWriter, Listener, Notifier, names};
 use schema_frames::{ActorList, VehicleControl, VehicleControlRecord, WorldInfo};
@@ -256,7 +256,7 @@ impl<'o> Session<'o> {
             return Vec::new();
         };
         let header = &at.header;
-        let world = World::from_records(
+        let traffic = Traffic::from_records(
             header.tick,
             header.sim_nanos,
             header.period_nanos,
@@ -271,13 +271,13 @@ impl<'o> Session<'o> {
             let geometry = geometry(&self.list);
             episode
                 .fleet
-                .assign(&ids, &world, |id| geometry.get(&id).copied());
+                .assign(&ids, &traffic, |id| geometry.get(&id).copied());
             if episode.fleet.len() != before {
                 tracing::info!(vehicles = episode.fleet.len(), "driving");
             }
             self.assigned = Some(list);
         }
-        episode.fleet.step(&world)
+        episode.fleet.step(&traffic)
     }
 
     /// Brakes whoever is driven: controls are held until somebody replaces them.

@@ -6,7 +6,7 @@
 //! κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the speed.
 
 use crate::path::{Foot, Path, wrap};
-use crate::world::Mover;
+use crate::traffic::Mover;
 
 /// Damping of the return to the path.
 const DAMPING: f64 = 0.9;

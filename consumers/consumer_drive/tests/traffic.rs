@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_drive::path::distance;
-use consumer_drive::{Fleet, World};
+use consumer_drive::{Fleet, Traffic};
 use schema_frames::{ActorList, ActorRecord};
 use schema_roads::RoadMap;
 use schema_types::ActorId;
@@ -93,7 +93,7 @@ impl Stage {
     fn step(&mut self) {
         self.world.step(PERIOD_NANOS);
         self.tick += 1;
-        let view = World::from_records(
+        let view = Traffic::from_records(
             self.tick,
             self.tick * PERIOD_NANOS,
             PERIOD_NANOS,
@@ -132,7 +132,7 @@ impl Stage {
         self.log(&view);
     }
 
-    fn log(&mut self, view: &World) {
+    fn log(&mut self, view: &Traffic) {
         for mover in &view.movers {
             let log = self.logs.entry(mover.id).or_default();
             let at = [mover.position_m[0], mover.position_m[1]];

@@ -2,10 +2,14 @@
 
 use schema_frames::{VehicleControl, VehicleControlRecord};
 
-use super::{Driver, LAMP_REVERSE, Obstacle, STUCK_SECS, Wait, forward_share};
-use crate::path::wrap;
-use crate::world::{Mover, World};
+use super::hindrance::{Obstacle, Wait};
+use super::lamps::LAMP_REVERSE;
+use crate::path::{Foot, Path, wrap};
+use crate::steer::Steering;
+use crate::traffic::{Mover, Traffic};
 
+/// Standing this long without a reason, a driver helps itself, seconds.
+const STUCK_SECS: f64 = 6.0;
 /// How long a driver reverses, seconds.
 const REVERSE_SECS: f64 = 4.0;
 /// How long it does so to let somebody pass, seconds.
@@ -15,16 +19,65 @@ const REVERSE_MPS: f64 = 1.2;
 /// How far a driver keeps to the side of what it backed off from, metres.
 const AVOID_M: f64 = 0.7;
 
-impl Driver {
+/// What a driver has decided in a tick, and why.
+pub(super) struct Situation<'d> {
+    pub me: &'d Mover,
+    pub path: &'d Path,
+    pub foot: Foot,
+    pub wait: Wait,
+    pub wanted_mps2: f64,
+    pub obstacle: Option<Obstacle>,
+}
+
+/// How long a driver has stood without a reason, and what it does about that.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rescue {
+    stuck_secs: f64,
+    reverse_left_secs: f64,
+    /// Backs off for somebody else, in its own lane.
+    is_yielding: bool,
+    /// Offset to keep from the path after backing off, metres, positive to the left.
+    avoid_m: f64,
+    /// Path length up to which that offset is kept, metres.
+    avoid_until_m: f64,
+    n_rescues: u32,
+}
+
+impl Rescue {
+    /// Whether it has stood long enough to try its way past slowly.
+    pub fn is_creeping(&self) -> bool {
+        self.stuck_secs > STUCK_SECS
+    }
+
+    pub fn is_reversing(&self) -> bool {
+        self.reverse_left_secs > 0.0
+    }
+
+    /// How often it backed off since it last drove freely.
+    pub fn n_rescues(&self) -> u32 {
+        self.n_rescues
+    }
+
+    /// Offset to keep from the path at a path length, metres.
+    pub fn aside_m(&self, arc_m: f64) -> f64 {
+        if arc_m < self.avoid_until_m {
+            self.avoid_m
+        } else {
+            0.0
+        }
+    }
+
     /// Notices that nothing moves although it should.
-    pub(super) fn watch(
-        &mut self,
-        me: &Mover,
-        world: &World,
-        wanted: f64,
-        obstacle: Option<Obstacle>,
-        dt: f64,
-    ) {
+    pub fn watch(&mut self, situation: &Situation, traffic: &Traffic) {
+        let Situation {
+            me,
+            path,
+            foot,
+            wait,
+            wanted_mps2,
+            obstacle,
+        } = *situation;
+        let dt = traffic.period_secs;
         if me.speed_mps.abs() > 0.5 {
             self.stuck_secs = (self.stuck_secs - 2.0 * dt).max(0.0);
             if me.speed_mps > 2.0 {
@@ -32,63 +85,44 @@ impl Driver {
             }
             return;
         }
-        let pushing = wanted > 0.3;
+        let pushing = wanted_mps2 > 0.3;
         // A queue has a reason of its own; who blocks us across or head-on has not.
-        let blocked = self.wait == Wait::Ahead
-            && obstacle.and_then(|o| world.mover(o.id)).is_some_and(|o| {
-                wrap(
-                    o.yaw_rad
-                        - self
-                            .path
-                            .at(self.foot.arc_m + me.front_m() + 2.0)
-                            .heading_rad,
-                )
-                .abs()
-                    > 0.6
+        let blocked = wait == Wait::Ahead
+            && obstacle.and_then(|o| traffic.mover(o.id)).is_some_and(|o| {
+                wrap(o.yaw_rad - path.at(foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6
             });
         if !pushing && !blocked {
-            if self.wait != Wait::Ahead {
+            if wait != Wait::Ahead {
                 self.stuck_secs = 0.0;
             }
             return;
         }
         self.stuck_secs += dt;
         // Ids differ, so two that block each other do not back off at once.
-        let patience = 2.0 * STUCK_SECS + f64::from(self.id % 7) + if pushing { 0.0 } else { 6.0 };
-        if self.stuck_secs > patience && self.room_behind(me, world) {
+        let patience = 2.0 * STUCK_SECS + f64::from(me.id % 7) + if pushing { 0.0 } else { 6.0 };
+        if self.stuck_secs > patience && traffic.behind(me, 1.5).is_none() {
             (self.reverse_left_secs, self.is_yielding) = (REVERSE_SECS, false);
             let side = obstacle.map_or(0.0, |o| o.side);
-            self.avoid = (-AVOID_M * side, self.foot.arc_m + 25.0);
+            (self.avoid_m, self.avoid_until_m) = (-AVOID_M * side, foot.arc_m + 25.0);
             self.n_rescues += 1;
             self.stuck_secs = 0.0;
         }
     }
 
-    fn room_behind(&self, me: &Mover, world: &World) -> bool {
-        self.behind(me, world, 1.5).is_none()
-    }
-
-    /// Who is less than this behind it.
-    pub(crate) fn behind(&self, me: &Mover, world: &World, room_m: f64) -> Option<u32> {
-        let mut ghost = me.clone();
-        ghost.half_m[0] += room_m;
-        ghost.centre_m[0] -= room_m;
-        let is_behind = |other: &&Mover| {
-            other.id != me.id && ghost.overlaps(other, 0.2) && forward_share(me, other) < 0.0
-        };
-        world.movers.iter().find(is_behind).map(|other| other.id)
-    }
-
     /// Backs off, steering the other way, then plans anew.
-    pub(super) fn reverse(&mut self, me: &Mover, world: &World) -> VehicleControlRecord {
-        let dt = world.period_secs;
+    pub fn reverse(
+        &mut self,
+        me: &Mover,
+        traffic: &Traffic,
+        foot: Foot,
+        steering: &mut Steering,
+    ) -> VehicleControlRecord {
+        let dt = traffic.period_secs;
         self.reverse_left_secs -= dt;
         let room_m = if self.is_yielding { 0.6 } else { 1.5 };
-        let clear = self.behind(me, world, room_m).is_none() && me.speed_mps > -REVERSE_MPS;
-        let aside = if self.foot.offset_m > 0.0 { 0.4 } else { -0.4 };
-        let steer = self
-            .steering
-            .hold(if self.is_yielding { 0.0 } else { aside }, dt);
+        let clear = traffic.behind(me, room_m).is_none() && me.speed_mps > -REVERSE_MPS;
+        let aside = if foot.offset_m > 0.0 { 0.4 } else { -0.4 };
+        let steer = steering.hold(if self.is_yielding { 0.0 } else { aside }, dt);
         let control = VehicleControl {
             throttle_ratio: if clear { 0.35 } else { 0.0 },
             brake_ratio: if clear && self.reverse_left_secs > 0.4 {
@@ -100,13 +134,13 @@ impl Driver {
             reverse: true,
             ..VehicleControl::default()
         };
-        let mut record = VehicleControlRecord::new(self.id, control);
+        let mut record = VehicleControlRecord::new(me.id, control);
         record.lamps = LAMP_REVERSE;
         record
     }
 
     /// Backs off a little in its own lane, so that somebody else gets past.
-    pub(crate) fn make_room(&mut self) {
+    pub fn make_room(&mut self) {
         (self.reverse_left_secs, self.is_yielding) = (YIELD_SECS, true);
     }
 }

@@ -19,7 +19,7 @@ pub struct Mover {
     pub id: u32,
     /// Whether it is a vehicle.
     pub is_vehicle: bool,
-    /// World position of its origin, metres.
+    /// Traffic position of its origin, metres.
     pub position_m: [f64; 3],
     /// Heading, radians.
     pub yaw_rad: f64,
@@ -40,7 +40,7 @@ pub struct Mover {
 }
 
 impl Mover {
-    /// World position of a point of its own space.
+    /// Traffic position of a point of its own space.
     pub fn point(&self, x_m: f64, y_m: f64) -> [f64; 2] {
         let (sin, cos) = self.yaw_rad.sin_cos();
         [
@@ -49,7 +49,7 @@ impl Mover {
         ]
     }
 
-    /// World position of the middle of its box.
+    /// Traffic position of the middle of its box.
     pub fn middle(&self) -> [f64; 2] {
         self.point(self.centre_m[0], self.centre_m[1])
     }
@@ -94,6 +94,12 @@ impl Mover {
             .map(move |t| [x + vx * t, y + vy * t])
     }
 
+    /// How far ahead of our middle the other's middle is, along our heading, metres.
+    pub fn ahead_m(&self, other: &Mover) -> f64 {
+        let (a, b) = (self.middle(), other.middle());
+        (b[0] - a[0]) * self.yaw_rad.cos() + (b[1] - a[1]) * self.yaw_rad.sin()
+    }
+
     /// Whether two boxes overlap (separating axes), grown by `margin_m` together.
     pub fn overlaps(&self, other: &Mover, margin_m: f64) -> bool {
         let (a, b) = (self.middle(), other.middle());
@@ -124,7 +130,7 @@ impl Mover {
 
 /// One snapshot as drivers see it.
 #[derive(Clone, Debug, Default)]
-pub struct World {
+pub struct Traffic {
     /// Tick.
     pub tick: u64,
     /// Simulated time, seconds.
@@ -137,7 +143,7 @@ pub struct World {
     pub lights: BTreeMap<String, LightState>,
 }
 
-impl World {
+impl Traffic {
     /// From a snapshot's records; boxes that are not centred come from `actors`.
     pub fn from_records(
         tick: u64,
@@ -145,21 +151,21 @@ impl World {
         period_nanos: u64,
         records: &[ActorRecord],
         actors: &ActorList,
-    ) -> World {
-        let mut world = World {
+    ) -> Traffic {
+        let mut traffic = Traffic {
             tick,
             time_secs: sim_nanos as f64 * 1e-9,
             period_secs: (period_nanos as f64 * 1e-9).clamp(1e-4, 1.0),
-            ..World::default()
+            ..Traffic::default()
         };
         for record in records {
             match record.kind() {
                 Some(ActorKind::Vehicle | ActorKind::Walker) => {
-                    world.movers.push(mover(record, actors))
+                    traffic.movers.push(mover(record, actors))
                 }
                 Some(ActorKind::TrafficLight) => {
                     if let Some(light) = record.traffic_light() {
-                        world.lights.insert(
+                        traffic.lights.insert(
                             light.opendrive_id().to_owned(),
                             LightState::from_code(light.state),
                         );
@@ -168,8 +174,19 @@ impl World {
                 _ => {}
             }
         }
-        world.movers.sort_by_key(|mover| mover.id);
-        world
+        traffic.movers.sort_by_key(|mover| mover.id);
+        traffic
+    }
+
+    /// Who is less than `room_m` behind `me`.
+    pub(crate) fn behind(&self, me: &Mover, room_m: f64) -> Option<u32> {
+        let mut ghost = me.clone();
+        ghost.half_m[0] += room_m;
+        ghost.centre_m[0] -= room_m;
+        let is_behind = |other: &&Mover| {
+            other.id != me.id && ghost.overlaps(other, 0.2) && me.ahead_m(other) < 0.0
+        };
+        self.movers.iter().find(is_behind).map(|other| other.id)
     }
 
     /// A mover by id.
