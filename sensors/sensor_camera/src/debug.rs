@@ -7,8 +7,8 @@ use sensor_core::scene::DebugStroke;
 use sensor_gpu::Gpu;
 use sensor_spec::Intrinsics;
 
-use crate::draw::NEAR_M;
-use crate::targets::{Target, Targets};
+use crate::camera_motion::NEAR_M;
+use crate::target::{Target, Targets};
 
 /// Strokes lie this much nearer than where they are, so that one on a road is not half swallowed by
 /// it.

@@ -15,60 +15,41 @@
 
 #![warn(missing_docs)]
 
+mod quality;
+mod uniform;
+mod vertex;
+
+mod binding_layout;
+mod bindings;
+
 mod assets;
-mod debug;
-mod draw;
-pub mod dvs;
+mod camera_motion;
+mod target;
+mod visible;
+
 mod lamps;
 mod light;
-mod material;
-mod merge;
-mod pass;
-mod pool;
+mod shadow;
+
+mod debug;
+mod geometry;
 mod post;
 mod raster;
-mod renderer;
 mod shade;
-mod shadow;
-mod sky;
-mod submission;
-mod switched;
-mod targets;
-mod uniform;
+
+pub mod dvs;
+
 mod view;
 
-pub use dvs::gpu::EventJob;
-pub use post::PostData;
-pub use raster::{RasterDraw, RasterView, Rasteriser};
-pub use renderer::{CameraRenderer, Quality, RenderError};
-pub use sensor_gpu::Place;
-pub use submission::{OutputResult, Submission, ViewResult};
-pub use uniform::{InstanceData, LampData, LightData, ViewData};
-pub use view::{Output, View, ViewJob, ViewSpec};
+mod renderer;
+mod shader_sources;
 
-/// Text of every shader, by name, as it is given to the GPU; for validation without one.
-pub fn shader_sources() -> Vec<(&'static str, String)> {
-    vec![
-        ("geometry", pass::geometry_wgsl(false, false, false)),
-        ("geometry, slim", pass::geometry_wgsl(false, true, false)),
-        (
-            "geometry, attached",
-            pass::geometry_wgsl(true, false, false),
-        ),
-        (
-            "geometry, attached, slim",
-            pass::geometry_wgsl(true, true, false),
-        ),
-        (
-            "geometry, attached, slim, switched",
-            pass::geometry_wgsl(true, true, true),
-        ),
-        ("shade, computed", shade::shade_wgsl(false)),
-        ("shade, drawn", shade::shade_wgsl(true)),
-        ("raster", raster::raster_wgsl()),
-        ("resolve", raster::resolve_wgsl()),
-        ("post", post::post_wgsl()),
-        ("shadow", shadow::SHADOW_WGSL.to_owned()),
-        ("events", dvs::gpu::events_wgsl()),
-    ]
-}
+pub use dvs::EventJob;
+pub use post::PostData;
+pub use quality::Quality;
+pub use raster::{RasterDraw, RasterView, Rasteriser};
+pub use renderer::{CameraRenderer, RenderError};
+pub use sensor_gpu::Place;
+pub use shader_sources::shader_sources;
+pub use uniform::{InstanceData, LampData, LightData, ViewData};
+pub use view::{Output, OutputResult, Submission, View, ViewJob, ViewResult, ViewSpec};

@@ -8,8 +8,9 @@ use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 use sensor_spec::{ExposureMode, OpticsSpec};
 
-use crate::pass::{Together, entry, grow, texture, texture_of, uniform, written_layers};
-use crate::targets::{Image, Target, Targets, image};
+use crate::binding_layout::{entry, grow, texture, texture_of, uniform, written_layers};
+use crate::bindings::Together;
+use crate::target::{Image, Target, Targets, image};
 use crate::uniform::MAX_TOGETHER;
 
 /// Text of the shader.

@@ -10,12 +10,34 @@ use std::collections::BTreeMap;
 
 use sensor_gpu::Gpu;
 
-use crate::pass::{GeometryPass, Together, ViewPass, texture_of, written_layers};
-use crate::renderer::Quality;
-use crate::targets::{Image, Target, TargetSet, image};
+use crate::binding_layout::{texture_of, written_layers};
+use crate::bindings::{Bindings, Together};
+use crate::geometry::{SceneryLamps, ViewPass};
+use crate::quality::Quality;
+use crate::target::{Image, Surfaces, Target, TargetSet, image};
+
+/// How views are shaded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shading {
+    /// By triangles over the image.
+    Drawn,
+    /// By a dispatch.
+    Computed,
+}
+
+impl Shading {
+    /// What the shader reads of surfaces.
+    pub fn surfaces(self) -> Surfaces {
+        match self {
+            Shading::Drawn => Surfaces::Slim,
+            Shading::Computed => Surfaces::Wide,
+        }
+    }
+}
 
 /// Text of the shading shader.
-pub(crate) fn shade_wgsl(drawn: bool) -> String {
+pub(crate) fn shade_wgsl(shading: Shading) -> String {
+    let drawn = shading == Shading::Drawn;
     let (surfaces, entries) = if drawn {
         (
             include_str!("shader/seen_slim.wgsl"),
@@ -78,8 +100,7 @@ const GROUP_PX: [u32; 2] = [16, 8];
 #[derive(Debug)]
 pub(crate) struct ShadePass {
     quality: Quality,
-    /// Triangles over the image in place of a dispatch.
-    drawn: bool,
+    shading: Shading,
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
@@ -98,7 +119,8 @@ enum Pipelines {
 }
 
 impl ShadePass {
-    pub fn new(gpu: &Gpu, geometry: &GeometryPass, quality: Quality, drawn: bool) -> Self {
+    pub fn new(gpu: &Gpu, bindings: &Bindings, quality: Quality, shading: Shading) -> Self {
+        let drawn = shading == Shading::Drawn;
         let device = gpu.device();
         let read = |binding: u32, sample_type: wgpu::TextureSampleType| {
             let dimension = if drawn {
@@ -136,20 +158,20 @@ impl ShadePass {
             entries: &entries,
         });
         let views = if drawn {
-            &geometry.view_layout
+            &bindings.view_layout
         } else {
-            &geometry.views_layout
+            &bindings.views_layout
         };
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some("shade"),
             bind_group_layouts: &[
-                Some(&geometry.scene_layout),
+                Some(&bindings.scene_layout),
                 Some(views),
                 Some(&images_layout),
             ],
             immediate_size: 0,
         });
-        let shader = gpu.shader("shade", &shade_wgsl(drawn));
+        let shader = gpu.shader("shade", &shade_wgsl(shading));
         let no_ids = image(
             gpu,
             "no ids",
@@ -159,7 +181,7 @@ impl ShadePass {
         );
         ShadePass {
             quality,
-            drawn,
+            shading,
             shader,
             layout,
             images_layout,
@@ -171,7 +193,7 @@ impl ShadePass {
     /// Makes the pipelines for `key`, once.
     pub fn prepare(&mut self, gpu: &Gpu, key: ShadeKey) {
         if !self.pipelines.contains_key(&key) {
-            let pipelines = if self.drawn {
+            let pipelines = if self.is_drawn() {
                 // Reversed z: the triangles lie at infinity, and the buffer has 0 where nothing was
                 // drawn.
                 let surface = self.drawn_over(gpu, key, "fs_surface", wgpu::CompareFunction::Less);
@@ -265,7 +287,7 @@ impl ShadePass {
             ("WITH_SWITCHED", number(key.switched)),
             ("SIMPLE", number(self.quality == Quality::Low)),
         ];
-        if self.drawn {
+        if self.is_drawn() {
             constants.extend([
                 ("WITH_COLOR", number(key.color)),
                 ("WITH_LUMINANCE", number(key.luminance)),
@@ -277,27 +299,24 @@ impl ShadePass {
 
     /// What of a view it reads. Slim surfaces come with the rasteriser's own depth, and ids are for
     /// lamps that somebody switched.
-    pub fn reads(&self, switched: bool) -> TargetSet {
-        let ids_and_depth = if self.drawn {
-            (switched, false)
-        } else {
-            (true, true)
-        };
-        [
-            (true, Target::Surface),
-            (ids_and_depth.0, Target::Instance),
-            (ids_and_depth.1, Target::Depth),
-        ]
-        .into_iter()
-        .filter(|(is_read, _)| *is_read)
-        .fold(TargetSet::default(), |set, (_, target)| {
-            set.union(target.bit())
-        })
+    pub fn reads(&self, lamps: SceneryLamps) -> TargetSet {
+        let surface = Target::Surface.bit();
+        match (self.shading, lamps) {
+            (Shading::Drawn, SceneryLamps::AsBuilt) => surface,
+            (Shading::Drawn, SceneryLamps::Switched) => surface.union(Target::Instance.bit()),
+            (Shading::Computed, _) => surface
+                .union(Target::Instance.bit())
+                .union(Target::Depth.bit()),
+        }
+    }
+
+    pub fn shading(&self) -> Shading {
+        self.shading
     }
 
     /// Whether views are shaded by [`ShadePass::draw`]; else by [`ShadePass::compute`].
     pub fn is_drawn(&self) -> bool {
-        self.drawn
+        self.shading == Shading::Drawn
     }
 
     /// Records the shading of views whose geometry is there.
@@ -320,7 +339,7 @@ impl ShadePass {
         let images: Vec<&wgpu::TextureView> = read.into_iter().chain(written).collect();
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(views.first)]);
+        pass.set_bind_group(1, bound, &[Bindings::offset_of(views.first)]);
         pass.set_bind_group(2, &self.bind_images(gpu, &images), &[]);
         pass.dispatch_workgroups(
             width.div_ceil(GROUP_PX[0]),
@@ -356,7 +375,7 @@ impl ShadePass {
         let mut pass = self.begin_drawing(encoder, view, key);
         gpu.counters().add_pass();
         pass.set_bind_group(0, scene, &[]);
-        pass.set_bind_group(1, bound, &[GeometryPass::offset_of(view.view_idx)]);
+        pass.set_bind_group(1, bound, &[Bindings::offset_of(view.view_idx)]);
         pass.set_bind_group(2, &images, &[]);
         for pipeline in [surface, sky] {
             pass.set_pipeline(pipeline);

@@ -13,7 +13,6 @@ const TANGLED: &[&str] = &[
     "schemas/schema_bus",
     "schemas/schema_frames",
     "schemas/schema_roads",
-    "sensors/sensor_camera",
     "simd/simd",
     "simd/simd_body",
     "simd/simd_town",

@@ -1,13 +1,8 @@
 //! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over
 //! arrays, which the compiler vectorises.
 
-use super::picture::{Bounds, Picture, larger, smaller};
-
-/// Pixels side by side.
-pub(super) const LANES: usize = 8;
-
-/// One number per pixel of a block.
-pub(super) type Lanes = [f32; LANES];
+use super::lanes::{LANES, Lanes, larger, smaller};
+use super::level_image::{Bounds, LevelImage};
 
 /// Pixels of one row. Those that were not set stand still and never cross.
 #[derive(Debug)]
@@ -128,7 +123,13 @@ impl Block {
     /// Levels when `share` of the window has passed and references have sunk by `leaked`: seen in
     /// both pictures, or in the one that shows the point.
     #[inline(always)]
-    pub fn levels(&self, previous: &Picture, now: &Picture, share: f32, leaked: f32) -> Lanes {
+    pub fn levels(
+        &self,
+        previous: &LevelImage,
+        now: &LevelImage,
+        share: f32,
+        leaked: f32,
+    ) -> Lanes {
         let places = self.places(share);
         let (before, after) = (
             previous.levels_at(&places.behind),

@@ -31,10 +31,11 @@ pub(super) struct Chance {
 }
 
 impl Chance {
-    pub fn new(seed: u64, sensor: u64) -> Self {
+    /// Of a sensor in a run with this seed.
+    pub fn of_camera(spec: &DvsSpec, seed: u64, sensor: u64) -> Self {
         Chance {
             seed,
-            stream: sensor,
+            stream: sensor ^ schema_types::noise::mix(spec.noise_seed),
         }
     }
 

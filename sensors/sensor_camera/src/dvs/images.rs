@@ -48,3 +48,11 @@ pub struct EventImages<'a> {
     /// `u8`: class.
     pub class: Rows<'a>,
 }
+
+pub(super) fn float(bytes: &[u8]) -> f32 {
+    f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+}
+
+pub(super) fn word(bytes: &[u8]) -> u32 {
+    u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
+}

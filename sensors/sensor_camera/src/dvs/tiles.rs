@@ -2,10 +2,10 @@
 
 use sensor_core::vector::{VectorWork, vectorised};
 
-use super::picture::{larger, smaller};
+use super::lanes::{LANES, larger, smaller};
 
 /// Side of a tile, and the pixels that are followed side by side.
-pub(super) const TILE_PX: usize = super::block::LANES;
+pub(super) const TILE_PX: usize = LANES;
 
 /// Tiles across and down.
 pub(super) fn tiles_of([width, height]: [usize; 2]) -> [usize; 2] {

@@ -4,12 +4,13 @@ use schema_frames::DvsEvent;
 use sensor_core::vector::VectorWork;
 use sensor_spec::DvsSpec;
 
-use super::block::{Block, LANES};
+use super::block::Block;
 use super::chance::Chance;
 use super::crossing::Crossing;
-use super::motion::{Gait, Motion, Path, norm2};
-use super::picture::Picture;
-use super::{EventImages, word};
+use super::images::{EventImages, word};
+use super::lanes::LANES;
+use super::level_image::LevelImage;
+use super::motion_field::{MotionField, Path, TileMotion, norm2};
 
 /// Most steps of a pixel in one window: beyond, motion per step exceeds `substep_px`.
 const MAX_STEPS: usize = 256;
@@ -19,10 +20,10 @@ const STRETCH_STEPS: usize = 24;
 
 /// The time between two firings.
 pub(super) struct Window<'w> {
-    pub previous: &'w Picture,
-    pub now: &'w Picture,
+    pub previous: &'w LevelImage,
+    pub now: &'w LevelImage,
     /// `None`: every level goes in a straight line.
-    pub motion: Option<&'w Motion<'w>>,
+    pub motion: Option<&'w MotionField<'w>>,
     pub spec: &'w DvsSpec,
     /// Factor of both thresholds per pixel; empty without mismatch.
     pub mismatch: &'w [f32],
@@ -112,9 +113,9 @@ impl Window<'_> {
         let n = pixels.references.len();
         let begin = &self.previous.level[row + x..row + x + n];
         let end = &self.now.level[row + x..row + x + n];
-        match self.motion.map(|motion| (motion, motion.gait(x, y))) {
-            None | Some((_, Gait::Slow)) => self.follow_still(pixels, begin, end, event),
-            Some((motion, Gait::Smooth)) => {
+        match self.motion.map(|motion| (motion, motion.tile_motion(x, y))) {
+            None | Some((_, TileMotion::Slow)) => self.follow_still(pixels, begin, end, event),
+            Some((motion, TileMotion::Smooth)) => {
                 let motions = motion.of_block(x, y, n);
                 let mut block = Block::new(x, y);
                 for lane in 0..n {
@@ -130,7 +131,9 @@ impl Window<'_> {
                 }
                 self.follow_smooth(&mut block, pixels, event);
             }
-            Some((motion, Gait::Mixed)) => self.follow_mixed(motion, pixels, begin, end, event),
+            Some((motion, TileMotion::Mixed)) => {
+                self.follow_mixed(motion, pixels, begin, end, event)
+            }
         }
         for silent_nanos in pixels.silent_nanos.iter_mut() {
             *silent_nanos = silent_nanos.saturating_sub(self.nanos);
@@ -179,7 +182,7 @@ impl Window<'_> {
     #[inline(never)]
     fn follow_mixed(
         &self,
-        motion: &Motion<'_>,
+        motion: &MotionField<'_>,
         pixels: &mut Pixels<'_>,
         begin: &[f32],
         end: &[f32],
@@ -303,7 +306,7 @@ impl Window<'_> {
     #[inline(never)]
     fn follow_several(
         &self,
-        motion: &Motion<'_>,
+        motion: &MotionField<'_>,
         motions: &[[f32; 2]],
         [x, y]: [usize; 2],
         crossing: &mut Crossing<'_>,

@@ -5,9 +5,9 @@ use bytemuck::Pod;
 use rayon::prelude::*;
 use sensor_gpu::Gpu;
 
-use super::{CHUNK, Place, RasterDraw, RasterJob};
-use crate::draw::Drawn;
+use super::plan::{CHUNK, RasterDraw, RasterJob, ViewLists};
 use crate::uniform::InstanceData;
+use crate::visible::Drawn;
 
 /// The lists.
 pub(super) struct Lists<'l> {
@@ -33,12 +33,12 @@ pub(super) fn n_chunks(drawn: &Drawn) -> u32 {
 /// Neighbouring views whose parts of the lists one thread writes.
 struct Part<'p> {
     jobs: &'p [RasterJob<'p>],
-    places: &'p [Place],
+    places: &'p [ViewLists],
     first_view: u32,
 }
 
 /// Writes the lists; they are large enough.
-pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places: &[Place]) {
+pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places: &[ViewLists]) {
     let n_draws: usize = jobs.iter().map(|job| job.drawn.calls.len()).sum();
     let n_parts = (n_draws / MIN_DRAWS).clamp(1, MAX_THREADS);
     let n_views = jobs.len().div_ceil(n_parts).max(1);

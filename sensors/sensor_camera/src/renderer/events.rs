@@ -2,23 +2,41 @@
 
 use schema_frames::Modality;
 use sensor_core::Scene;
+use sensor_gpu::Gpu;
 
-use super::{CameraRenderer, window_nanos};
-use crate::dvs::gpu::{EventList, EventPass, GpuEventCamera};
-use crate::targets::Targets;
+use super::outputs::window_nanos;
+use crate::dvs::{EventList, EventPass, GpuEventCamera};
+use crate::target::Targets;
 use crate::view::{View, ViewJob};
 
-impl CameraRenderer {
-    /// Chooses whether event cameras work on the GPU, as they do by default where it is a real one,
-    /// or on the processor; `false` if it cannot.
-    pub fn set_events_on_gpu(&mut self, on: bool) -> bool {
-        self.events_on_gpu = on && EventPass::is_supported(&self.gpu);
-        self.events_on_gpu == on
+/// The event cameras that the GPU follows.
+#[derive(Debug)]
+pub(super) struct GpuEvents {
+    /// Whether it follows events where it can.
+    on_gpu: bool,
+    /// Made when somebody first looks through an event camera.
+    pass: Option<EventPass>,
+}
+
+impl GpuEvents {
+    /// On the GPU where it is a real one and can.
+    pub fn new(gpu: &Gpu) -> Self {
+        GpuEvents {
+            on_gpu: !gpu.is_software() && EventPass::is_supported(gpu),
+            pass: None,
+        }
+    }
+
+    /// Chooses where event cameras work; `false` if it cannot be.
+    pub fn set_on_gpu(&mut self, gpu: &Gpu, on: bool) -> bool {
+        self.on_gpu = on && EventPass::is_supported(gpu);
+        self.on_gpu == on
     }
 
     /// Follows the events of a job on the GPU if somebody reads them and it can.
-    pub(super) fn record_events(
+    pub fn record(
         &mut self,
+        gpu: &Gpu,
         job: &mut ViewJob<'_, '_>,
         images: (&Targets, u32),
         scene: &Scene,
@@ -32,17 +50,17 @@ impl CameraRenderer {
             .iter()
             .any(|output| output.modality == Modality::Dvs);
         if !is_read
-            || !self.events_on_gpu
+            || !self.on_gpu
             || view.dvs.is_some()
             || !GpuEventCamera::takes(&view.spec.dvs, size_px)
         {
             return None;
         }
         let window_nanos = window_nanos(view, scene);
-        let pass = self.events.get_or_insert_with(|| EventPass::new(&self.gpu));
+        let pass = self.pass.get_or_insert_with(|| EventPass::new(gpu));
         let new = || {
             GpuEventCamera::new(
-                &self.gpu,
+                gpu,
                 &view.spec.dvs,
                 size_px,
                 view.spec.seed,
@@ -50,6 +68,6 @@ impl CameraRenderer {
             )
         };
         let state = view.gpu_events.get_or_insert_with(new);
-        pass.record(&self.gpu, encoder, state, images, window_nanos)
+        pass.record(gpu, encoder, state, images, window_nanos)
     }
 }

@@ -3,9 +3,9 @@
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 use sensor_core::{DynamicInstance, MeshId, Scene};
 
-use super::Rows;
-use crate::assets::{GpuAssets, MeshDraw, Sphere};
-use crate::renderer::Quality;
+use super::caster::{Caster, top_rows};
+use crate::assets::{GpuAssets, Sphere};
+use crate::quality::Quality;
 
 /// One cascade.
 #[derive(Clone, Copy, Debug)]
@@ -60,15 +60,6 @@ impl Cascade {
 const SHARP_FOCAL_PX: f64 = 300.0;
 /// Smallest side of a map.
 const MIN_SIDE_PX: u32 = 1024;
-
-/// A draw call with its matrix.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Caster {
-    pub mesh: MeshDraw,
-    pub matrix: Rows,
-    /// Where it can leave a mark: x, y, width, height, in the map.
-    pub rect_px: [u32; 4],
-}
 
 /// Unit vectors to the right and down in the map, and along the light.
 fn axes(sun_towards: Vector3<f64>) -> [Vector3<f64>; 3] {
@@ -231,8 +222,4 @@ impl Cascade {
             rect_px: [x, y, width, height],
         })
     }
-}
-
-pub(crate) fn top_rows(m: &Matrix4<f64>) -> Rows {
-    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] as f32))
 }

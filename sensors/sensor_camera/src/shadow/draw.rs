@@ -3,10 +3,13 @@
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 
-use super::cascade::Caster;
-use super::{Rows, SHADOW_WGSL};
+use super::caster::{Caster, Rows};
 use crate::assets::GpuAssets;
-use crate::pass::{VERTEX_ATTRIBUTES, VERTEX_BYTES, grow, storage, texture};
+use crate::binding_layout::{grow, storage, texture};
+use crate::vertex::{VERTEX_ATTRIBUTES, VERTEX_BYTES};
+
+/// Text of the shader.
+pub(crate) const SHADOW_WGSL: &str = include_str!("../shader/shadow.wgsl");
 
 /// What is to be done to one map.
 #[derive(Debug)]
@@ -63,7 +66,7 @@ impl ShadowDraw {
                 entries,
             })
         };
-        // Not for pixels: see `Drawing` in pass/pipelines.rs.
+        // Not for pixels: see `Drawing` in geometry/pipelines.rs.
         let list = |binding| wgpu::BindGroupLayoutEntry {
             visibility: wgpu::ShaderStages::VERTEX,
             ..storage(binding)

@@ -9,7 +9,7 @@
 
 use sensor_gpu::Gpu;
 
-use crate::targets::{Image, layered_image};
+use crate::target::{Image, layered_image};
 
 /// Where a map lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,12 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::draw::Drawn;
 use crate::uniform::{InstanceData, ViewData};
-
-/// Attributes of [`sensor_core::Vertex`].
-pub(crate) const VERTEX_ATTRIBUTES: [wgpu::VertexAttribute; 6] =
-    with_albedo(wgpu::VertexFormat::Unorm8x4);
+use crate::vertex::{attribute, with_albedo};
+use crate::visible::Drawn;
 
 /// The same with the albedo's bytes in one word, and those of [`InstanceAttributes`].
 pub(super) const ATTACHED_ATTRIBUTES: [&[wgpu::VertexAttribute]; 2] = [
@@ -23,31 +20,6 @@ pub(super) const ATTACHED_ATTRIBUTES: [&[wgpu::VertexAttribute]; 2] = [
         attribute(13, 112, wgpu::VertexFormat::Uint32x4),
     ],
 ];
-
-const fn with_albedo(albedo: wgpu::VertexFormat) -> [wgpu::VertexAttribute; 6] {
-    [
-        attribute(0, 0, wgpu::VertexFormat::Float32x3),
-        attribute(1, 12, wgpu::VertexFormat::Snorm8x4),
-        attribute(2, 16, albedo),
-        attribute(3, 20, wgpu::VertexFormat::Uint8x4),
-        attribute(4, 24, wgpu::VertexFormat::Uint32),
-        attribute(5, 28, wgpu::VertexFormat::Float32x2),
-    ]
-}
-
-const fn attribute(
-    shader_location: u32,
-    offset: u64,
-    format: wgpu::VertexFormat,
-) -> wgpu::VertexAttribute {
-    wgpu::VertexAttribute {
-        format,
-        offset,
-        shader_location,
-    }
-}
-
-pub(crate) const VERTEX_BYTES: u64 = size_of::<sensor_core::Vertex>() as u64;
 
 /// Mirror of what `Vertex` in `shader/geometry_attached.wgsl` has of an instance.
 #[repr(C)]

@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::picture::{Picture, larger, smaller};
+use super::lanes::{larger, smaller};
+use super::level_image::LevelImage;
 use super::tiles::{Range, TILE_PX, row_ranges, tiles_of};
 
 /// How what may pass a pixel moves during the window, pixels per window.
@@ -38,7 +39,7 @@ fn alike(a: [f32; 2], b: [f32; 2]) -> bool {
 
 /// What goes on in and through a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Gait {
+pub(super) enum TileMotion {
     /// Everything moves less than a step: the two pictures say it all.
     Slow,
     /// One surface passes all its pixels.
@@ -56,7 +57,7 @@ pub(super) struct MotionMemory {
 
 /// Motion field of a window.
 #[derive(Debug)]
-pub(super) struct Motion<'p> {
+pub(super) struct MotionField<'p> {
     size_px: [usize; 2],
     tiles: [usize; 2],
     /// Of what is at a pixel at the end.
@@ -66,19 +67,19 @@ pub(super) struct Motion<'p> {
     /// Fastest of what passes a tile.
     passing: Vec<[f32; 2]>,
     /// By tile.
-    gaits: Vec<Gait>,
+    tile_motions: Vec<TileMotion>,
 }
 
-impl<'p> Motion<'p> {
+impl<'p> MotionField<'p> {
     /// From the flow at the end; `ratio` is this window's length over the previous one's, for what
     /// is hidden at the end.
     pub fn between(
-        previous: &Picture,
-        now: &'p Picture,
+        previous: &LevelImage,
+        now: &'p LevelImage,
         ratio: f32,
         step_px: f32,
         memory: &'p mut MotionMemory,
-    ) -> Motion<'p> {
+    ) -> MotionField<'p> {
         let size_px = now.size_px;
         let tiles = tiles_of(size_px);
         let MotionMemory { before, nearest_m } = memory;
@@ -97,28 +98,28 @@ impl<'p> Motion<'p> {
         }
         spread(now, tiles, &now_ranges, &mut passing);
         let before_ranges = motion_ranges(before, size_px);
-        let gait = |tile: usize| {
-            gait(
+        let tile_motion = |tile: usize| {
+            tile_motion(
                 &now_ranges[tile].with(&before_ranges[tile]),
                 passing[tile],
                 step_px,
             )
         };
-        let gaits = (0..tiles[0] * tiles[1]).map(gait).collect();
-        Motion {
+        let tile_motions = (0..tiles[0] * tiles[1]).map(tile_motion).collect();
+        MotionField {
             size_px,
             tiles,
             now: &now.flow,
             before,
             passing,
-            gaits,
+            tile_motions,
         }
     }
 
     /// What goes on about the eight pixels from `(x, y)` on, x a multiple of eight.
     #[inline(always)]
-    pub fn gait(&self, x: usize, y: usize) -> Gait {
-        self.gaits[y / TILE_PX * self.tiles[0] + x / TILE_PX]
+    pub fn tile_motion(&self, x: usize, y: usize) -> TileMotion {
+        self.tile_motions[y / TILE_PX * self.tiles[0] + x / TILE_PX]
     }
 
     /// Motions at the beginning and at the end of `n` pixels from `(x, y)` on.
@@ -155,8 +156,8 @@ impl<'p> Motion<'p> {
     /// Brightness at a pixel that several surfaces pass, when `share` of the window has passed.
     pub fn level(
         &self,
-        previous: &Picture,
-        now: &Picture,
+        previous: &LevelImage,
+        now: &LevelImage,
         motions: &[[f32; 2]],
         x: usize,
         y: usize,
@@ -222,7 +223,7 @@ fn motion_ranges(field: &[[f32; 2]], size_px: [usize; 2]) -> Vec<Range> {
 }
 
 /// From a box about all motions in a tile and the motion of what passes it.
-fn gait(range: &Range, passing: [f32; 2], step_px: f32) -> Gait {
+fn tile_motion(range: &Range, passing: [f32; 2], step_px: f32) -> TileMotion {
     let all = Range {
         low: passing,
         high: passing,
@@ -230,12 +231,12 @@ fn gait(range: &Range, passing: [f32; 2], step_px: f32) -> Gait {
     .with(range);
     let all = if passing == [0.0; 2] { range } else { &all };
     if all.fastest2() < step_px * step_px {
-        Gait::Slow
+        TileMotion::Slow
     } else if all.spread() <= 0.5 + 0.35 * all.slowest() {
         // Then any two of them are alike enough for `smooth`.
-        Gait::Smooth
+        TileMotion::Smooth
     } else {
-        Gait::Mixed
+        TileMotion::Mixed
     }
 }
 
@@ -244,7 +245,7 @@ fn gait(range: &Range, passing: [f32; 2], step_px: f32) -> Gait {
 /// Bands of rows are filled side by side; each looks only at rows from which something can have
 /// come, in the order of the image,
 /// so that the outcome does not depend on the number of bands.
-fn scatter(now: &Picture, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
+fn scatter(now: &LevelImage, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
     let width = now.size_px[0];
     let reach_of = |row: &[[f32; 2]]| {
         let zero = ([0.0_f32; 2], [0.0_f32; 2]);
@@ -299,7 +300,7 @@ fn scatter(now: &Picture, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
 /// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump
 /// in their motion send one out:
 /// what passes a pixel without being there at the beginning or the end has rims.
-fn spread(now: &Picture, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f32; 2]]) {
+fn spread(now: &LevelImage, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f32; 2]]) {
     let [width, height] = now.size_px;
     let fastest_of = |tile: usize| {
         let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);

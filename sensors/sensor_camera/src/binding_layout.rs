@@ -1,4 +1,4 @@
-//! Buffers and entries of bind groups, as all passes need them.
+//! Entries of bind group layouts, and buffers that grow.
 
 use sensor_gpu::Gpu;
 

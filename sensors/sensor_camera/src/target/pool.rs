@@ -9,7 +9,8 @@ use std::sync::{Arc, Weak};
 
 use sensor_gpu::Gpu;
 
-use crate::targets::{Target, TargetSet, Targets};
+use super::kind::{Target, TargetSet};
+use super::targets::Targets;
 
 /// Largest texture, bytes: drivers refuse allocations of a few gigabytes.
 const MAX_TEXTURE_BYTES: u64 = 1 << 30;

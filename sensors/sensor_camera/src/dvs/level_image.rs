@@ -6,13 +6,13 @@ use rayon::prelude::*;
 use sensor_core::vector::{VectorWork, vectorised};
 use sensor_spec::{DvsMode, DvsSpec};
 
-use super::block::{LANES, Lanes};
+use super::images::{EventImages, float};
+use super::lanes::{LANES, Lanes, floor, integer, larger, ln, smaller};
 use super::tiles::{TILE_PX, row_ranges, tiles_of};
-use super::{EventImages, float};
 
 /// A rendered picture with its motion.
 #[derive(Debug)]
-pub(super) struct Picture {
+pub(super) struct LevelImage {
     pub size_px: [usize; 2],
     /// What thresholds are compared with.
     pub level: Vec<f32>,
@@ -27,11 +27,11 @@ pub(super) struct Picture {
     pub bounds: Bounds,
 }
 
-impl Picture {
-    /// A picture of this size; [`Picture::read`] fills it.
-    pub fn blank(size_px: [usize; 2]) -> Picture {
+impl LevelImage {
+    /// A picture of this size; [`LevelImage::read`] fills it.
+    pub fn blank(size_px: [usize; 2]) -> LevelImage {
         let n = size_px[0] * size_px[1];
-        Picture {
+        LevelImage {
             size_px,
             level: vec![0.0; n],
             quads: vec![[0.0; 4]; n],
@@ -199,52 +199,6 @@ fn encoded(linear: f32) -> f32 {
     } else {
         1.055 * linear.powf(1.0 / 2.4) - 0.055
     }
-}
-
-/// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every
-/// processor has for several numbers at once.
-///
-/// The mantissa m in √½..√2 by ln m = 2 artanh((m − 1) / (m + 1)), of which seven terms are more
-/// than `f32` holds.
-#[inline(always)]
-pub(super) fn ln(x: f32) -> f32 {
-    const SQRT_HALF: i32 = 0x3f35_04f3;
-    let bits = x.to_bits() as i32;
-    let exponent = (bits - SQRT_HALF) >> 23;
-    let m = f32::from_bits((bits - (exponent << 23)) as u32);
-    let s = (m - 1.0) / (m + 1.0);
-    let s2 = s * s;
-    let series = 1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0))));
-    exponent as f32 * std::f32::consts::LN_2 + 2.0 * s * series
-}
-
-/// Numbers from 0 to 2²² have their whole part in the last bits after adding this.
-const WHOLE: f32 = 8_388_608.0;
-
-/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers
-/// at once (unlike conversions).
-#[inline(always)]
-fn floor(x: f32) -> f32 {
-    let nearest = (x + WHOLE) - WHOLE;
-    if nearest > x { nearest - 1.0 } else { nearest }
-}
-
-/// A whole number from 0 to 2²² as an integer.
-#[inline(always)]
-fn integer(whole: f32) -> i32 {
-    ((whole + WHOLE).to_bits() & 0x7f_ffff) as i32
-}
-
-/// As `f32::max` without its care for NaN, which costs as much again; a NaN in `a` gives `b`.
-#[inline(always)]
-pub(super) fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
-/// As [`larger`], for the smaller one.
-#[inline(always)]
-pub(super) fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
 }
 
 /// Darkest and brightest level of each tile.

@@ -2,25 +2,24 @@
 //! so that a GPU works on them side by side.
 
 use nalgebra::Isometry3;
-use sensor_core::Scene;
+use sensor_gpu::Gpu;
 
-use super::{Active, CameraRenderer, Quality, ShadowPlans};
-use crate::draw::{self, Drawn, NEAR_M};
-use crate::lamps::LampLists;
-use crate::pass::{Together, ViewPass};
-use crate::post::PostJob;
-use crate::raster::{RasterJob, RasterPlan};
-use crate::shade::ShadeKey;
-use crate::shadow::{ShadowLookup, ShadowPlan, Shadows};
-use crate::targets::{Target, Targets};
+use super::active::Active;
+use super::tick::{Drawing, TickScene};
+use crate::assets::GpuAssets;
+use crate::bindings::{Bindings, Together};
+use crate::camera_motion::{NEAR_M, rows};
+use crate::debug::DebugPass;
+use crate::geometry::{GeometryPass, SceneryLamps, ViewPass};
+use crate::post::{PostJob, PostPass};
+use crate::quality::Quality;
+use crate::raster::{RasterJob, RasterPass, RasterPlan, Rasteriser, can_compute};
+use crate::shade::{ShadeKey, ShadePass, Shading};
+use crate::shadow::{Lit, ShadowMaps, ShadowPlans};
+use crate::target::{Target, TargetSet, Targets};
 use crate::uniform::{MAX_TOGETHER, ViewData};
 use crate::view::{View, ViewJob};
-
-/// Light of one view.
-struct Lit {
-    near: ShadowLookup,
-    far: ShadowLookup,
-}
+use crate::visible::Drawn;
 
 /// A view on its way through the passes.
 struct Work<'w> {
@@ -77,30 +76,88 @@ impl<'w> Run<'w> {
     }
 }
 
-impl CameraRenderer {
-    pub(super) fn record(
+/// The passes that views go through.
+#[derive(Debug)]
+pub(super) struct Passes {
+    bindings: Bindings,
+    geometry: GeometryPass,
+    /// Instead of drawing.
+    raster: Option<RasterPass>,
+    shade: ShadePass,
+    post: PostPass,
+    debug: DebugPass,
+}
+
+impl Passes {
+    pub fn new(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
+        let computes = rasteriser == Rasteriser::Computed && can_compute(gpu);
+        let shading = if quality == Quality::Low && !computes {
+            Shading::Drawn
+        } else {
+            Shading::Computed
+        };
+        let bindings = Bindings::new(gpu);
+        Passes {
+            geometry: GeometryPass::new(gpu, &bindings, shading.surfaces()),
+            shade: ShadePass::new(gpu, &bindings, quality, shading),
+            post: PostPass::new(gpu),
+            raster: computes.then(|| RasterPass::new(gpu, &bindings)),
+            debug: DebugPass::new(gpu),
+            bindings,
+        }
+    }
+
+    /// Whether compute shaders rasterise these meshes.
+    pub fn computes(&self, gpu: &Gpu, assets: &GpuAssets) -> bool {
+        self.raster.is_some() && RasterPass::takes(gpu, assets)
+    }
+
+    pub fn shading(&self) -> Shading {
+        self.shade.shading()
+    }
+
+    /// What shading reads of a view.
+    pub fn shading_reads(&self, lamps: SceneryLamps) -> TargetSet {
+        self.shade.reads(lamps)
+    }
+
+    /// Makes the pipelines that draw a set of targets, once.
+    pub fn prepare_drawing(&mut self, gpu: &Gpu, set: TargetSet, lamps: SceneryLamps) {
+        self.geometry.prepare(gpu, set, lamps);
+    }
+
+    /// Records all passes of views whose shadows are planned.
+    pub fn record(
         &mut self,
-        scene: &Scene,
+        drawing: &Drawing<'_>,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
-        (lamps, shadows): (&LampLists, &ShadowPlans),
-        computes: bool,
+        shadows: (&mut ShadowMaps, &ShadowPlans),
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let gpu = self.gpu.clone();
-        let lit = gpu.time("record: light", || self.light_up(active, shadows, encoder));
+        let tick = &drawing.tick;
+        let TickScene {
+            gpu, scene, assets, ..
+        } = *tick;
+        let (maps, plans) = shadows;
+        let lit = gpu.time("record: light", || {
+            let eyes = active.iter().map(|active| active.eye);
+            maps.record(gpu, encoder, assets, plans, eyes)
+        });
         let mut views: Vec<ViewData> = active
             .iter()
             .zip(&lit)
             .map(|(active, lit)| view_data(jobs[active.job_idx].view, active, lit))
             .collect();
         let plan = gpu.time("record: upload", || {
-            self.upload(scene, active, &mut views, lamps, computes)
+            self.upload(drawing, active, &mut views)
         });
-        let works = gpu.time("record: works", || self.works(scene, active, jobs));
+        let works = gpu.time("record: works", || self.works(tick, active, jobs));
         let bound = Bound {
-            scene: self.bind_scene(),
-            views: self.bind_views(),
+            scene: self
+                .bindings
+                .bind_scene(gpu, &tick.light.sky, &assets.switched),
+            views: self.bindings.bind_views(gpu, maps.lookups()),
         };
         gpu.time("record: passes", || match &plan {
             Some(plan) => {
@@ -111,16 +168,16 @@ impl CameraRenderer {
                     .collect();
                 for (batch, works) in batches.into_iter().enumerate() {
                     let runs = Run::all_of(works, active, jobs);
-                    self.rasterise(&runs, (plan, batch), &bound, encoder);
-                    self.record_light(&runs, &lit, &bound, encoder);
+                    self.rasterise(tick, &runs, (plan, batch), &bound, encoder);
+                    self.record_light(gpu, &runs, &lit, &bound, encoder);
                 }
             }
             // What is drawn goes view by view and stays in the processor's caches.
             None => {
                 for work in works.chunks(1) {
                     let runs = Run::all_of(work, active, jobs);
-                    self.draw_geometry(&work[0], &lit, &bound, encoder);
-                    self.record_light(&runs, &lit, &bound, encoder);
+                    self.draw_geometry(tick, &work[0], &lit, &bound, encoder);
+                    self.record_light(gpu, &runs, &lit, &bound, encoder);
                 }
             }
         });
@@ -129,7 +186,7 @@ impl CameraRenderer {
                 let lens = jobs[active.job_idx].view.spec.intrinsics;
                 let targets = (&*active.targets, active.layer);
                 self.debug.record(
-                    &self.gpu,
+                    gpu,
                     encoder,
                     &scene.debug,
                     &lens,
@@ -140,112 +197,55 @@ impl CameraRenderer {
         }
     }
 
-    /// Draws shadow maps.
-    fn light_up(
-        &mut self,
-        active: &[Active],
-        plans: &ShadowPlans,
-        encoder: &mut wgpu::CommandEncoder,
-    ) -> Vec<Lit> {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let cast = |shadows: &mut Shadows,
-                    plan: &Option<ShadowPlan>,
-                    encoder: &mut wgpu::CommandEncoder| {
-            plan.as_ref().map_or(Vec::new(), |plan| {
-                shadows.record(&self.gpu, encoder, assets, plan)
-            })
-        };
-        let near = cast(&mut self.shadows, &plans.near, encoder);
-        let far = self
-            .far_shadows
-            .as_mut()
-            .map_or(Vec::new(), |far| cast(far, &plans.far, encoder));
-        self.gpu.mark(encoder, "shadows");
-        let none = self.shadows.none();
-        let lookup = |lookups: &[ShadowLookup], active: &Active| {
-            active
-                .eye
-                .and_then(|eye| lookups.get(eye))
-                .unwrap_or(&none)
-                .clone()
-        };
-        active
-            .iter()
-            .map(|active| Lit {
-                near: lookup(&near, active),
-                far: lookup(&far, active),
-            })
-            .collect()
-    }
-
     /// Uploads what changes from tick to tick.
     fn upload(
         &mut self,
-        scene: &Scene,
+        drawing: &Drawing<'_>,
         active: &[Active],
         views: &mut [ViewData],
-        lamps: &LampLists,
-        computes: bool,
     ) -> Option<RasterPlan> {
-        let light = self.light.as_ref().expect("draw() made the light");
+        let TickScene {
+            gpu, scene, light, ..
+        } = drawing.tick;
         let drawn: Vec<&Drawn> = active.iter().map(|active| &active.drawn).collect();
-        let plan = self.raster.as_mut().filter(|_| computes).map(|raster| {
+        let rasters = self.raster.as_mut().filter(|_| drawing.computes);
+        let plan = rasters.map(|raster| {
             let jobs: Vec<RasterJob<'_>> = views
                 .iter()
                 .zip(&drawn)
                 .map(|(view, drawn)| RasterJob::new(view, drawn))
                 .collect();
             let n_instances = drawn.iter().map(|drawn| drawn.instances.len()).sum();
-            let plan = raster.upload(
-                &self.gpu,
-                &jobs,
-                self.pass.room_for_instances(&self.gpu, n_instances),
-            );
+            let instances = self.bindings.room_for_instances(gpu, n_instances);
+            let plan = raster.upload(gpu, &jobs, instances);
             views
                 .iter_mut()
-                .zip(&plan.places)
-                .for_each(|(view, place)| view.raster[..3].copy_from_slice(&place.words()));
+                .zip(&plan.views)
+                .for_each(|(view, lists)| view.raster[..3].copy_from_slice(&lists.words()));
             plan
         });
-        self.pass.upload(
-            &self.gpu,
-            &light.data_at(scene.sim_time.as_secs()),
-            views,
-            &drawn,
-            lamps,
-            computes,
-        );
+        let light = light.data_at(scene.sim_time.as_secs());
+        self.bindings.upload(gpu, &light, views, drawing.lamps);
+        if !drawing.computes {
+            self.geometry.upload(gpu, &mut self.bindings, views, &drawn);
+        }
         plan
-    }
-
-    fn bind_scene(&self) -> wgpu::BindGroup {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("draw() made the light");
-        self.pass
-            .bind_scene(&self.gpu, &light.sky, &assets.switched)
-    }
-
-    /// What computed views look up.
-    fn bind_views(&self) -> wgpu::BindGroup {
-        let near = self.shadows.lookup();
-        self.pass.bind_views(
-            &self.gpu,
-            [
-                near,
-                self.far_shadows.as_ref().map_or(near, Shadows::lookup),
-            ],
-        )
     }
 
     /// Says what each view goes through, and makes the pipelines for it.
     fn works<'w>(
         &mut self,
-        scene: &Scene,
+        tick: &TickScene<'_>,
         active: &'w [Active],
         jobs: &'w [ViewJob<'_, '_>],
     ) -> Vec<Work<'w>> {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let light = self.light.as_ref().expect("draw() made the light");
+        let TickScene {
+            gpu,
+            quality,
+            scene,
+            assets,
+            light,
+        } = *tick;
         let (mut works, mut first_call) = (Vec::with_capacity(active.len()), 0);
         for (view_idx, active) in active.iter().enumerate() {
             let view = &*jobs[active.job_idx].view;
@@ -272,10 +272,10 @@ impl CameraRenderer {
                 meter: view.meter.as_ref(),
                 exposure: light.exposure,
                 since_secs: scene.sim_time.0.saturating_sub(previous) as f32 * 1e-9,
-                smooth_edges: self.quality == Quality::High,
+                smooth_edges: quality == Quality::High,
             });
             if let Some(key) = shade {
-                self.shade.prepare(&self.gpu, key);
+                self.shade.prepare(gpu, key);
             }
             let pass = ViewPass {
                 targets,
@@ -293,69 +293,66 @@ impl CameraRenderer {
         }
         let developed: Vec<&PostJob<'_>> =
             works.iter().filter_map(|work| work.post.as_ref()).collect();
-        self.post.upload(&self.gpu, &developed, works.len());
+        self.post.upload(gpu, &developed, works.len());
         works
     }
 
     /// What a drawn view looks up.
-    fn bind_view(&self, lit: &Lit) -> wgpu::BindGroup {
-        self.pass
-            .bind_view(&self.gpu, [&lit.near.view, &lit.far.view])
+    fn bind_view(&self, gpu: &Gpu, lit: &Lit) -> wgpu::BindGroup {
+        self.bindings
+            .bind_view(gpu, [&lit.near.view, &lit.far.view])
     }
 
     fn draw_geometry(
         &self,
+        tick: &TickScene<'_>,
         work: &Work<'_>,
         lit: &[Lit],
         bound: &Bound,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
-        let view = self.bind_view(&lit[work.view.view_idx]);
-        self.pass.record(
-            &self.gpu,
+        let view = self.bind_view(tick.gpu, &lit[work.view.view_idx]);
+        self.geometry.record(
+            tick.gpu,
             encoder,
-            assets,
+            &self.bindings,
+            tick.assets,
             [&bound.scene, &view],
             &work.view,
         );
-        self.gpu.mark(encoder, "geometry");
+        tick.gpu.mark(encoder, "geometry");
     }
 
     fn rasterise(
         &self,
+        tick: &TickScene<'_>,
         runs: &[Run<'_>],
         (plan, batch): (&RasterPlan, usize),
         bound: &Bound,
         encoder: &mut wgpu::CommandEncoder,
     ) {
-        let assets = self.assets.as_ref().expect("render() loaded the assets");
+        let TickScene { gpu, assets, .. } = *tick;
         let raster = self.raster.as_ref().expect("only it makes plans");
-        raster.record(
-            &self.gpu,
-            encoder,
-            assets,
-            &self.pass.instances,
-            plan,
-            batch,
-        );
-        self.gpu.mark(encoder, "raster");
-        let lists = raster.bind_lists(&self.gpu, assets);
-        let mut pass = self.begin_computing(encoder, "resolve");
+        let instances = &self.bindings.instances;
+        raster.record(gpu, encoder, assets, instances, plan, batch);
+        gpu.mark(encoder, "raster");
+        let lists = raster.bind_lists(gpu, assets);
+        let mut pass = begin_computing(gpu, encoder, "resolve");
         for run in runs {
             raster.resolve(
-                &self.gpu,
+                gpu,
                 &mut pass,
                 [&bound.scene, &bound.views, &lists],
                 &run.views,
             );
         }
         drop(pass);
-        self.gpu.mark(encoder, "resolve");
+        gpu.mark(encoder, "resolve");
     }
 
     fn record_light(
         &self,
+        gpu: &Gpu,
         runs: &[Run<'_>],
         lit: &[Lit],
         bound: &Bound,
@@ -372,15 +369,15 @@ impl CameraRenderer {
             for (work, key) in
                 shaded().flat_map(|(run, key)| run.works.iter().map(move |work| (work, key)))
             {
-                let view = self.bind_view(&lit[work.view.view_idx]);
+                let view = self.bind_view(gpu, &lit[work.view.view_idx]);
                 self.shade
-                    .draw(&self.gpu, encoder, [&bound.scene, &view], &work.view, key);
+                    .draw(gpu, encoder, [&bound.scene, &view], &work.view, key);
             }
         } else {
-            let mut pass = self.begin_computing(encoder, "shade");
+            let mut pass = begin_computing(gpu, encoder, "shade");
             for (run, key) in shaded() {
                 self.shade.compute(
-                    &self.gpu,
+                    gpu,
                     &mut pass,
                     [&bound.scene, &bound.views],
                     &run.views,
@@ -388,7 +385,7 @@ impl CameraRenderer {
                 );
             }
         }
-        self.gpu.mark(encoder, "shade");
+        gpu.mark(encoder, "shade");
         if runs
             .iter()
             .flat_map(|run| run.works)
@@ -396,40 +393,38 @@ impl CameraRenderer {
         {
             return;
         }
-        let mut pass = self.begin_computing(encoder, "post");
+        let mut pass = begin_computing(gpu, encoder, "post");
         for run in runs {
             match run.works[0].post.as_ref().map(PostJob::is_plain) {
-                Some(true) => self.post.develop_plain(&self.gpu, &mut pass, &run.views),
+                Some(true) => self.post.develop_plain(gpu, &mut pass, &run.views),
                 _ => run
                     .works
                     .iter()
                     .filter_map(|work| work.post.as_ref())
-                    .for_each(|job| self.post.develop(&self.gpu, &mut pass, job)),
+                    .for_each(|job| self.post.develop(gpu, &mut pass, job)),
             }
         }
         drop(pass);
-        self.gpu.mark(encoder, "post");
+        gpu.mark(encoder, "post");
     }
 }
 
-impl CameraRenderer {
-    fn begin_computing<'e>(
-        &self,
-        encoder: &'e mut wgpu::CommandEncoder,
-        label: &'static str,
-    ) -> wgpu::ComputePass<'e> {
-        self.gpu.counters().add_pass();
-        encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(label),
-            timestamp_writes: None,
-        })
-    }
+fn begin_computing<'e>(
+    gpu: &Gpu,
+    encoder: &'e mut wgpu::CommandEncoder,
+    label: &'static str,
+) -> wgpu::ComputePass<'e> {
+    gpu.counters().add_pass();
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: Some(label),
+        timestamp_writes: None,
+    })
 }
 
 fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
     let motion = &active.motion;
     let lens = view.spec.intrinsics;
-    let mut world_from_camera = draw::rows(&motion.world_from_camera);
+    let mut world_from_camera = rows(&motion.world_from_camera);
     let eye = motion.world_from_camera.translation.vector;
     // Patterns repeat every 1024 m, so that they stay sharp far from the origin.
     world_from_camera[0][3] = eye.x.rem_euclid(1024.0) as f32;
@@ -444,7 +439,7 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
             f32::INFINITY,
         ],
         world_from_camera,
-        previous_from_camera: draw::rows(&Isometry3::from_parts(Default::default(), turn)),
+        previous_from_camera: rows(&Isometry3::from_parts(Default::default(), turn)),
         shadow_from_camera: lit.near.shadow_from_camera,
         far_shadow_from_camera: lit.far.shadow_from_camera,
         options: [

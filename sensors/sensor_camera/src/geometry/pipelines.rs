@@ -3,48 +3,14 @@
 
 use sensor_gpu::Gpu;
 
-use super::attributes::{ATTACHED_ATTRIBUTES, ATTACHED_BYTES, VERTEX_ATTRIBUTES, VERTEX_BYTES};
-use super::{GeometryPass, Submit, storage, uniform};
-use crate::targets::{Target, TargetSet};
+use super::attributes::{ATTACHED_ATTRIBUTES, ATTACHED_BYTES};
+use super::variant::{GeometryShader, Instances, SceneryLamps, Submit};
+use crate::binding_layout::{storage, uniform};
+use crate::bindings::VIEWS_BYTES;
+use crate::camera_motion::NEAR_M;
+use crate::target::{Surfaces, Target, TargetSet};
 use crate::uniform::LightData;
-
-/// Text of the geometry shader: with instances that come as attributes or lie in a list; with slim
-/// surfaces or wide ones, and where they
-/// are slim, with or without a list of lamps and windows that somebody switched.
-pub(crate) fn geometry_wgsl(attached: bool, slim: bool, switched: bool) -> String {
-    let instances: &[&str] = if attached {
-        &[include_str!("../shader/geometry_attached.wgsl")]
-    } else {
-        &[
-            include_str!("../shader/instance_storage.wgsl"),
-            include_str!("../shader/geometry_listed.wgsl"),
-        ]
-    };
-    let switched = if switched {
-        include_str!("../shader/switched.wgsl")
-    } else {
-        include_str!("../shader/unswitched.wgsl")
-    };
-    let surfaces: &[&str] = if slim {
-        &[
-            include_str!("../shader/wall.wgsl"),
-            switched,
-            include_str!("../shader/surface_slim.wgsl"),
-        ]
-    } else {
-        &[include_str!("../shader/surface_wide.wgsl")]
-    };
-    let scene = [
-        include_str!("../shader/scene.wgsl"),
-        include_str!("../shader/bound.wgsl"),
-        include_str!("../shader/view_drawn.wgsl"),
-    ];
-    let rest = [
-        include_str!("../shader/surface.wgsl"),
-        include_str!("../shader/geometry_sky.wgsl"),
-    ];
-    [&scene[..], surfaces, &rest, instances].concat().concat()
-}
+use crate::vertex::{VERTEX_ATTRIBUTES, VERTEX_BYTES};
 
 #[derive(Clone, Debug)]
 pub(super) struct Pipelines {
@@ -60,21 +26,16 @@ pub(super) struct Pipelines {
 /// draw call.
 #[derive(Debug)]
 pub(super) struct Drawing {
-    pub shader: wgpu::ShaderModule,
-    pub layout: wgpu::PipelineLayout,
+    variant: GeometryShader,
+    shader: wgpu::ShaderModule,
+    layout: wgpu::PipelineLayout,
     /// Of the scene and of the view.
     pub groups: [wgpu::BindGroupLayout; 2],
 }
 
 impl Drawing {
     /// `groups`: those that all passes share, for what is not attached.
-    pub fn new(
-        gpu: &Gpu,
-        attached: bool,
-        slim: bool,
-        switched: bool,
-        groups: [&wgpu::BindGroupLayout; 2],
-    ) -> Drawing {
+    pub fn new(gpu: &Gpu, variant: GeometryShader, groups: [&wgpu::BindGroupLayout; 2]) -> Drawing {
         let layout_of = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
             gpu.device()
                 .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -82,12 +43,11 @@ impl Drawing {
                     entries,
                 })
         };
-        let groups = if attached {
+        let groups = if variant.instances == Instances::Attached {
             let scene = [uniform(0, size_of::<LightData>() as u64, false), storage(6)];
-            let n_bound = if switched { 2 } else { 1 };
             [
-                layout_of("drawn scene", &scene[..n_bound]),
-                layout_of("drawn view", &[uniform(0, super::VIEWS_BYTES, true)]),
+                layout_of("drawn scene", &scene[..variant.lamps.n_bound()]),
+                layout_of("drawn view", &[uniform(0, VIEWS_BYTES, true)]),
             ]
         } else {
             groups.map(Clone::clone)
@@ -100,7 +60,8 @@ impl Drawing {
                 immediate_size: 0,
             });
         Drawing {
-            shader: gpu.shader("geometry", &geometry_wgsl(attached, slim, switched)),
+            variant,
+            shader: gpu.shader("geometry", &variant.wgsl()),
             layout,
             groups,
         }
@@ -111,9 +72,7 @@ impl Drawing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct GeometryKey {
     pub set: TargetSet,
-    /// Whether somebody switched lamps or windows of the scenery; matters to slim surfaces, whose
-    /// walls have their windows.
-    pub switched: bool,
+    pub lamps: SceneryLamps,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -134,39 +93,41 @@ impl Kind {
     }
 }
 
-impl GeometryPass {
-    pub(super) fn pipelines(&self, gpu: &Gpu, key: GeometryKey) -> Pipelines {
-        let meshes = self.pipeline(gpu, key, Kind::Meshes);
-        let plain = if self.has_plain(key) {
-            self.pipeline(gpu, key, Kind::Plain)
+impl Pipelines {
+    /// Those for a set of targets, by the drawing for its lamps.
+    pub fn new(gpu: &Gpu, drawing: &Drawing, submit: Submit, key: GeometryKey) -> Pipelines {
+        let meshes = drawing.pipeline(gpu, key, Kind::Meshes);
+        let plain = if has_plain(drawing.variant.surfaces, submit, key.set) {
+            drawing.pipeline(gpu, key, Kind::Plain)
         } else {
             meshes.clone()
         };
         Pipelines {
             meshes,
             plain,
-            sky: self.pipeline(gpu, key, Kind::Sky),
+            sky: drawing.pipeline(gpu, key, Kind::Sky),
         }
     }
+}
 
-    /// Whether meshes without walls have a pipeline of their own.
-    pub(super) fn has_plain(&self, key: GeometryKey) -> bool {
-        self.slim && self.submit != Submit::Indirect && key.set.contains(Target::Surface)
-    }
+/// Whether meshes without walls have a pipeline of their own.
+pub(super) fn has_plain(surfaces: Surfaces, submit: Submit, set: TargetSet) -> bool {
+    surfaces == Surfaces::Slim && submit != Submit::Indirect && set.contains(Target::Surface)
+}
 
+impl Drawing {
     fn pipeline(&self, gpu: &Gpu, key: GeometryKey, kind: Kind) -> wgpu::RenderPipeline {
         let state = |target: Target| {
             key.set.contains(target).then(|| wgpu::ColorTargetState {
-                format: target.format_if(self.slim),
+                format: target.format_as(self.variant.surfaces),
                 blend: None,
                 write_mask: wgpu::ColorWrites::ALL,
             })
         };
         let targets = Target::DRAWN.map(state);
-        let attached = self.submit == Submit::Attached;
+        let attached = self.variant.instances == Instances::Attached;
         let flows = key.set.contains(Target::Flow);
         let constants = self.constants(key, kind);
-        let drawing = &self.drawings[key.switched as usize];
         let options = wgpu::PipelineCompilationOptions {
             constants: &constants,
             ..Default::default()
@@ -196,9 +157,9 @@ impl GeometryPass {
         gpu.device()
             .create_render_pipeline(&wgpu::RenderPipelineDescriptor {
                 label: Some(fragment),
-                layout: Some(&drawing.layout),
+                layout: Some(&self.layout),
                 vertex: wgpu::VertexState {
-                    module: &drawing.shader,
+                    module: &self.shader,
                     entry_point: Some(vertex),
                     compilation_options: options.clone(),
                     buffers: if kind == Kind::Sky { &[] } else { &buffers },
@@ -219,7 +180,7 @@ impl GeometryPass {
                 }),
                 multisample: Default::default(),
                 fragment: Some(wgpu::FragmentState {
-                    module: &drawing.shader,
+                    module: &self.shader,
                     entry_point: Some(fragment),
                     compilation_options: options,
                     targets: &targets,
@@ -232,13 +193,13 @@ impl GeometryPass {
     fn constants(&self, key: GeometryKey, kind: Kind) -> Vec<(&'static str, f64)> {
         let number = |on: bool| on as u32 as f64;
         let mut constants = vec![("WITH_FLOW", number(key.set.contains(Target::Flow)))];
-        if self.submit == Submit::Attached {
-            constants.push(("NEAR_M", crate::draw::NEAR_M));
+        if self.variant.instances == Instances::Attached {
+            constants.push(("NEAR_M", NEAR_M));
         }
-        if self.slim {
+        if self.variant.surfaces == Surfaces::Slim {
             let with_walls = kind == Kind::Meshes && key.set.contains(Target::Surface);
             constants.push(("WITH_WALLS", number(with_walls)));
-            if key.switched {
+            if key.lamps == SceneryLamps::Switched {
                 constants.push(("WITH_SWITCHED", 1.0));
             }
         }

@@ -6,8 +6,8 @@ use sensor_core::Scene;
 use sensor_spec::Intrinsics;
 
 use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
+use crate::camera_motion::{CameraMotion, Firing, NEAR_M, rows};
 use crate::uniform::InstanceData;
-use crate::view::Firing;
 
 /// One draw call: a mesh range and the number of its instance among those of the view.
 #[derive(Clone, Copy, Debug)]
@@ -75,40 +75,6 @@ impl Drawn {
 
 /// Triangles of a run.
 const RUN_TRIANGLES: u32 = 3000;
-
-/// Near plane, metres.
-pub(crate) const NEAR_M: f64 = 0.1;
-
-/// Pose of a camera in this and in the previous firing.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct CameraMotion {
-    pub world_from_camera: Isometry3<f64>,
-    pub camera_from_world: Isometry3<f64>,
-    /// As `camera_from_world` at the previous firing; the same one if there was none.
-    pub previous_camera_from_world: Isometry3<f64>,
-}
-
-impl CameraMotion {
-    pub fn new(world_from_camera: Isometry3<f64>, previous: Option<&Firing>) -> Self {
-        let camera_from_world = world_from_camera.inverse();
-        // Equal poses give equal bits, so a camera at rest has a flow of exactly zero.
-        let previous_camera_from_world = match previous {
-            Some(firing) if firing.world_from_camera != world_from_camera => {
-                firing.world_from_camera.inverse()
-            }
-            _ => camera_from_world,
-        };
-        CameraMotion {
-            world_from_camera,
-            camera_from_world,
-            previous_camera_from_world,
-        }
-    }
-
-    pub fn moved(&self) -> bool {
-        self.previous_camera_from_world != self.camera_from_world
-    }
-}
 
 /// The four side planes of a pinhole camera: unit normals inwards of the left and the right one, x
 /// and z, and of the upper and the lower
@@ -264,12 +230,6 @@ pub(crate) fn visible(
         drawn.add(mesh, distance_m, data);
     }
     drawn.sort();
-}
-
-/// A rigid transform as three rows of `[rotation | translation]`.
-pub(crate) fn rows(transform: &Isometry3<f64>) -> [[f32; 4]; 3] {
-    let m = transform.to_homogeneous();
-    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] as f32))
 }
 
 fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {

@@ -3,7 +3,7 @@
 use schema_frames::Modality;
 use sensor_spec::ExposureMode;
 
-use crate::view::ViewJob;
+use super::camera_view::ViewJob;
 
 /// For each job the first one whose drawing it shares; itself if there is none.
 ///

@@ -5,8 +5,7 @@ use std::sync::{Arc, Mutex};
 use schema_frames::Modality;
 use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
 
-use crate::dvs::gpu::EventList;
-use crate::dvs::{EventCamera, EventImages, EventsMade, Rows};
+use crate::dvs::{EventCamera, EventImages, EventList, EventsMade, Rows};
 
 /// What became of one [`crate::Output`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@ use schema_types::id::SCENERY_BIT;
 use sensor_core::{LampSetting, SceneAssets};
 use sensor_gpu::Gpu;
 
-use crate::lamps::Emitter;
+use super::emitter::Emitter;
 
 /// A lamp of the scenery, in the world.
 #[derive(Clone, Debug)]

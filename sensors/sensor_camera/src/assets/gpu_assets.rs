@@ -1,0 +1,246 @@
+//! The episode's meshes on the GPU: one vertex buffer, one index buffer, and what culling needs of
+//! each instance.
+
+use std::sync::Arc;
+
+use sensor_core::{Lod, Material, Mesh, MeshId, SceneAssets, StaticInstance};
+use sensor_gpu::Gpu;
+
+use super::emitter::{Emitter, emitters_of};
+use super::mesh_draw::{MeshDraw, Sphere, Still};
+use super::switched::{self, StillLamp};
+
+/// Where a mesh lies in the shared buffers.
+#[derive(Clone, Copy, Debug)]
+struct MeshRange {
+    base_vertex: i32,
+    first_idx: u32,
+    /// Room for indices.
+    n_places: u32,
+    casts_shadow: bool,
+    has_walls: bool,
+}
+
+/// A level of detail.
+#[derive(Clone, Copy, Debug)]
+struct Level {
+    until_m: f64,
+    draw: MeshDraw,
+}
+
+/// Uploaded meshes of one episode.
+#[derive(Debug)]
+pub(crate) struct GpuAssets {
+    pub scene_assets: Arc<SceneAssets>,
+    pub vertices: wgpu::Buffer,
+    pub indices: wgpu::Buffer,
+    /// One per static instance.
+    pub spheres: Vec<Sphere>,
+    /// The same instances once more.
+    pub still: Still,
+    /// Lamps of scenery, in the world, but those that are switched off.
+    pub still_lamps: Vec<StillLamp>,
+    /// How lamps are switched, for shaders.
+    pub switched: wgpu::Buffer,
+    /// Lamps per mesh.
+    emitters: Vec<Vec<Emitter>>,
+    ranges: Vec<MeshRange>,
+    /// Levels of detail of all meshes one after the other, each mesh's from the number that stands
+    /// there: culling asks for many.
+    levels: (Vec<u32>, Vec<Level>),
+}
+
+/// Flatter meshes (roads, ground) receive shadows but cast none.
+const MIN_CASTER_HEIGHT_M: f32 = 0.3;
+
+/// Materials with windows.
+const WALLS: [u8; 2] = [Material::Facade as u8, Material::ShopFront as u8];
+
+impl GpuAssets {
+    pub fn upload(gpu: &Gpu, scene_assets: &Arc<SceneAssets>) -> Self {
+        let n_vertices: usize = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| mesh.vertices.len())
+            .sum();
+        let n_indices: usize = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| mesh.indices.len())
+            .sum();
+        let (mut vertices, mut indices) = (
+            Vec::with_capacity(n_vertices),
+            Vec::with_capacity(n_indices),
+        );
+        let mut ranges = Vec::with_capacity(scene_assets.meshes.len());
+        for mesh in &scene_assets.meshes {
+            ranges.push(MeshRange {
+                base_vertex: vertices.len() as i32,
+                first_idx: indices.len() as u32,
+                n_places: mesh.indices.len() as u32,
+                casts_shadow: height_m(mesh) >= MIN_CASTER_HEIGHT_M,
+                has_walls: mesh
+                    .vertices
+                    .iter()
+                    .any(|vertex| WALLS.contains(&vertex.material)),
+            });
+            vertices.extend_from_slice(&mesh.vertices);
+            indices.extend_from_slice(&mesh.indices);
+        }
+        let spheres = spheres_of(scene_assets);
+        let emitters: Vec<Vec<Emitter>> = scene_assets
+            .meshes
+            .iter()
+            .map(|mesh| emitters_of(mesh))
+            .collect();
+        GpuAssets {
+            scene_assets: scene_assets.clone(),
+            vertices: gpu.buffer_with(
+                "vertices",
+                bytemuck::cast_slice(&vertices),
+                wgpu::BufferUsages::VERTEX | wgpu::BufferUsages::STORAGE,
+            ),
+            indices: gpu.buffer_with(
+                "indices",
+                bytemuck::cast_slice(&indices),
+                wgpu::BufferUsages::INDEX | wgpu::BufferUsages::STORAGE,
+            ),
+            still: Still::of(scene_assets, &spheres),
+            spheres,
+            still_lamps: switched::still_lamps(scene_assets, &emitters),
+            switched: switched::upload(gpu, scene_assets),
+            emitters,
+            levels: levels_of(scene_assets, &ranges),
+            ranges,
+        }
+    }
+
+    /// Whether other assets have the same meshes in the same places, so that at most their lamps
+    /// are switched otherwise.
+    pub fn shows_the_same(&self, other: &SceneAssets) -> bool {
+        let known = &self.scene_assets;
+        let same_meshes = known.meshes.len() == other.meshes.len()
+            && known
+                .meshes
+                .iter()
+                .zip(&other.meshes)
+                .all(|(a, b)| Arc::ptr_eq(a, b));
+        let is_same = |(a, b): (&StaticInstance, &StaticInstance)| {
+            (a.mesh, a.object, a.world_from_mesh) == (b.mesh, b.object, b.world_from_mesh)
+        };
+        known.episode == other.episode
+            && same_meshes
+            && known.statics.len() == other.statics.len()
+            && known.statics.iter().zip(&other.statics).all(is_same)
+    }
+
+    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes;
+    /// gives the bytes that went to the GPU,
+    /// which are the indices of the meshes that changed. `None`: they are others, or need more
+    /// room; nothing was taken over then.
+    pub fn take_over(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) -> Option<u64> {
+        let known = &self.scene_assets;
+        if known.episode != other.episode || known.meshes.len() != other.meshes.len() {
+            return None;
+        }
+        let pairs = known.meshes.iter().zip(&other.meshes);
+        let changed: Vec<usize> = pairs
+            .enumerate()
+            .filter(|(_, (a, b))| !Arc::ptr_eq(a, b))
+            .map(|(i, _)| i)
+            .collect();
+        let fits = |i: &usize| {
+            let (old, new) = (&known.meshes[*i], &other.meshes[*i]);
+            new.indices.len() <= self.ranges[*i].n_places as usize && old.vertices == new.vertices
+        };
+        if !changed.iter().all(fits) {
+            return None;
+        }
+        let mut n_bytes = 0;
+        for i in changed {
+            let mesh = &other.meshes[i];
+            let bytes: &[u8] = bytemuck::cast_slice(&mesh.indices);
+            gpu.queue()
+                .write_buffer(&self.indices, 4 * self.ranges[i].first_idx as u64, bytes);
+            n_bytes += bytes.len() as u64;
+            self.emitters[i] = emitters_of(mesh);
+        }
+        self.spheres = spheres_of(other);
+        self.still = Still::of(other, &self.spheres);
+        self.levels = levels_of(other, &self.ranges);
+        self.switch_lamps(gpu, other);
+        Some(n_bytes)
+    }
+
+    /// Bytes of meshes on the GPU.
+    pub fn n_bytes(&self) -> u64 {
+        self.vertices.size() + self.indices.size()
+    }
+
+    /// Takes over how `other`'s lamps are switched; it shows the same.
+    pub fn switch_lamps(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) {
+        self.still_lamps = switched::still_lamps(other, &self.emitters);
+        self.switched = switched::upload(gpu, other);
+        self.scene_assets = other.clone();
+    }
+
+    /// Whether any lamp of the scenery is not as built.
+    pub fn is_switched(&self) -> bool {
+        !self.scene_assets.switched.is_empty()
+    }
+
+    /// The level of `mesh` to draw at this distance from its bounding sphere; `None` beyond the
+    /// last.
+    pub fn level(&self, mesh: MeshId, distance_m: f64) -> Option<MeshDraw> {
+        let (firsts, levels) = &self.levels;
+        let of_mesh = firsts[mesh.0 as usize] as usize..firsts[mesh.0 as usize + 1] as usize;
+        levels[of_mesh]
+            .iter()
+            .find(|level| distance_m < level.until_m)
+            .map(|level| level.draw)
+    }
+
+    /// Lamps of a mesh.
+    pub fn emitters(&self, mesh: MeshId) -> &[Emitter] {
+        &self.emitters[mesh.0 as usize]
+    }
+
+    pub fn casts_shadow(&self, mesh: MeshId) -> bool {
+        self.ranges[mesh.0 as usize].casts_shadow
+    }
+}
+
+/// Number of the first level of each mesh and of the one behind the last, and the levels.
+fn levels_of(assets: &SceneAssets, ranges: &[MeshRange]) -> (Vec<u32>, Vec<Level>) {
+    let (mut firsts, mut levels) = (vec![0], Vec::new());
+    for (mesh, range) in assets.meshes.iter().zip(ranges) {
+        let level = |lod: &Lod| Level {
+            until_m: lod.until_m as f64,
+            draw: MeshDraw {
+                first_idx: range.first_idx + lod.first_idx,
+                n_indices: lod.n_indices,
+                base_vertex: range.base_vertex,
+                has_walls: range.has_walls,
+            },
+        };
+        levels.extend(mesh.lods.iter().filter(|lod| lod.n_indices > 0).map(level));
+        firsts.push(levels.len() as u32);
+    }
+    (firsts, levels)
+}
+
+fn spheres_of(assets: &SceneAssets) -> Vec<Sphere> {
+    assets
+        .statics
+        .iter()
+        .map(|instance| Sphere::of(assets.mesh(instance.mesh), &instance.world_from_mesh))
+        .collect()
+}
+
+fn height_m(mesh: &Mesh) -> f32 {
+    let heights = mesh.vertices.iter().map(|vertex| vertex.position_m[2]);
+    let (low, high) = heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), z| {
+        (low.min(z), high.max(z))
+    });
+    high - low
+}

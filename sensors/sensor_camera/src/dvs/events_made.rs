@@ -1,0 +1,12 @@
+//! What became of a window.
+
+/// What a frame of events came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EventsMade {
+    /// Events written.
+    pub n_events: usize,
+    /// Events that did not fit.
+    pub n_dropped: u64,
+    /// Whether this was the first picture, which makes no events.
+    pub first: bool,
+}

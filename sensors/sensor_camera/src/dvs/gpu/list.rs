@@ -1,0 +1,112 @@
+//! The list of events that the GPU has written, and its way to the reader.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bytemuck::Zeroable;
+use schema_frames::DvsEvent;
+use sensor_gpu::HostMemory;
+
+use crate::dvs::events_made::EventsMade;
+use crate::dvs::sort::{Slices, Sorter};
+
+/// Slices of time that the shader deals events out to.
+pub(super) const N_SLICES: usize = 1024;
+/// Bytes of the list before its first event.
+pub(super) const HEAD_BYTES: usize = 4 * N_SLICES;
+/// Lists that wait for their next frame.
+pub(super) type Lists = Arc<Mutex<Vec<HostMemory>>>;
+
+/// Where the events of a window will be once the GPU is done.
+pub(crate) struct EventList {
+    /// `None` after it went back.
+    pub(super) memory: Option<HostMemory>,
+    pub(super) first: bool,
+    pub(super) capacity: usize,
+    pub(super) max_events: usize,
+    pub(super) window_nanos: u64,
+    pub(super) lists: Lists,
+}
+
+impl std::fmt::Debug for EventList {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("EventList")
+            .field("window_nanos", &self.window_nanos)
+            .finish_non_exhaustive()
+    }
+}
+
+impl EventList {
+    /// Writes the events to the front of `out`, sorted by time, y, x.
+    ///
+    /// # Safety
+    /// The submission that writes the list is done.
+    #[expect(
+        unsafe_code,
+        reason = "the GPU has written there; the block carries its proof"
+    )]
+    pub unsafe fn finish(mut self, out: &mut [u8]) -> EventsMade {
+        let Some(memory) = self.memory.take() else {
+            return EventsMade {
+                n_events: 0,
+                n_dropped: 0,
+                first: self.first,
+            };
+        };
+        let made = if self.first {
+            EventsMade {
+                n_events: 0,
+                n_dropped: 0,
+                first: true,
+            }
+        } else {
+            // SAFETY: the list is this one's alone until it goes back to the others, nobody calls
+            // `write` on it, and the submission that
+            // wrote it is done (the caller's promise).
+            self.sort(unsafe { memory.bytes() }, out)
+        };
+        self.lists
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(memory);
+        made
+    }
+
+    fn sort(&self, bytes: &[u8], out: &mut [u8]) -> EventsMade {
+        let (head, events) = bytes.split_at(HEAD_BYTES);
+        let ends: &[u32] = bytemuck::cast_slice(head);
+        let events: &[DvsEvent] =
+            bytemuck::cast_slice(&events[..self.capacity * size_of::<DvsEvent>()]);
+        let n_made = ends[N_SLICES - 1] as usize;
+        // Which events of a slice the list took, if not all, depends on the order of the GPU's
+        // work: such a slice is dropped, or frames would
+        // not be the same twice.
+        let n_whole = ends
+            .iter()
+            .map(|end| *end as usize)
+            .take_while(|end| *end <= self.capacity)
+            .last()
+            .unwrap_or(0);
+        let n_events = n_made
+            .min(self.max_events)
+            .min(n_whole)
+            .min(out.len() / size_of::<DvsEvent>());
+        let slices = Slices {
+            ends,
+            window_nanos: self.window_nanos,
+        };
+        let out = &mut out[..n_events * size_of::<DvsEvent>()];
+        match bytemuck::try_cast_slice_mut(out) {
+            Ok(place) => Sorter::sort_slices(&slices, events, place),
+            Err(_) => {
+                let mut sorted = vec![DvsEvent::zeroed(); n_events];
+                Sorter::sort_slices(&slices, events, &mut sorted);
+                out.copy_from_slice(bytemuck::cast_slice(&sorted));
+            }
+        }
+        EventsMade {
+            n_events,
+            n_dropped: (n_made - n_events) as u64,
+            first: false,
+        }
+    }
+}

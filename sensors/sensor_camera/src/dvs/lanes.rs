@@ -1,0 +1,54 @@
+//! Numbers of neighbouring pixels side by side: plain arithmetic over arrays, which the compiler
+//! vectorises.
+
+/// Pixels side by side.
+pub(super) const LANES: usize = 8;
+
+/// One number per pixel of a block.
+pub(super) type Lanes = [f32; LANES];
+
+/// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every
+/// processor has for several numbers at once.
+///
+/// The mantissa m in √½..√2 by ln m = 2 artanh((m − 1) / (m + 1)), of which seven terms are more
+/// than `f32` holds.
+#[inline(always)]
+pub(super) fn ln(x: f32) -> f32 {
+    const SQRT_HALF: i32 = 0x3f35_04f3;
+    let bits = x.to_bits() as i32;
+    let exponent = (bits - SQRT_HALF) >> 23;
+    let m = f32::from_bits((bits - (exponent << 23)) as u32);
+    let s = (m - 1.0) / (m + 1.0);
+    let s2 = s * s;
+    let series = 1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0 + s2 * (1.0 / 9.0))));
+    exponent as f32 * std::f32::consts::LN_2 + 2.0 * s * series
+}
+
+/// Numbers from 0 to 2²² have their whole part in the last bits after adding this.
+const WHOLE: f32 = 8_388_608.0;
+
+/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers
+/// at once (unlike conversions).
+#[inline(always)]
+pub(super) fn floor(x: f32) -> f32 {
+    let nearest = (x + WHOLE) - WHOLE;
+    if nearest > x { nearest - 1.0 } else { nearest }
+}
+
+/// A whole number from 0 to 2²² as an integer.
+#[inline(always)]
+pub(super) fn integer(whole: f32) -> i32 {
+    ((whole + WHOLE).to_bits() & 0x7f_ffff) as i32
+}
+
+/// As `f32::max` without its care for NaN, which costs as much again; a NaN in `a` gives `b`.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// As [`larger`], for the smaller one.
+#[inline(always)]
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}

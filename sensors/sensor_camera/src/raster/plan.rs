@@ -1,0 +1,102 @@
+//! What is rasterised in which batch, and where the lists have it.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::uniform::ViewData;
+use crate::visible::Drawn;
+
+/// Mirror of `RasterView` in `raster.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct RasterView {
+    /// Focal length x, y, principal point x, y, pixels.
+    pub lens_px: [f32; 4],
+    /// Width, height.
+    pub size_px: [u32; 2],
+    /// Where its pixels begin in the list of what was seen.
+    pub first_pixel: u32,
+    /// Near plane.
+    pub near_m: f32,
+}
+
+/// Mirror of `Draw` in `raster.wgsl` and `resolve.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct RasterDraw {
+    /// Number of its first triangle among those of the view.
+    pub first_triangle: u32,
+    /// Triangles.
+    pub n_triangles: u32,
+    /// First index of the mesh's range.
+    pub first_idx: u32,
+    /// What is added to each index.
+    pub base_vertex: u32,
+    /// Number in the list of instances.
+    pub instance: u32,
+    /// Number of the view.
+    pub view: u32,
+    /// Unused.
+    pub rest: [u32; 2],
+}
+
+/// Mirror of `Batch` in `raster.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub(super) struct RasterBatch {
+    pub first_chunk: u32,
+    pub n_chunks: u32,
+    pub n_across: u32,
+    pub max_tiles: u32,
+}
+
+/// Triangles of a workgroup.
+pub(super) const CHUNK: u32 = 64;
+/// A view to rasterise.
+pub(crate) struct RasterJob<'r> {
+    pub lens_px: [f32; 4],
+    pub size_px: [u32; 2],
+    pub drawn: &'r Drawn,
+}
+
+impl<'r> RasterJob<'r> {
+    pub fn new(view: &ViewData, drawn: &'r Drawn) -> Self {
+        RasterJob {
+            lens_px: view.lens_px,
+            size_px: [view.frame[0] as u32, view.frame[1] as u32],
+            drawn,
+        }
+    }
+}
+
+/// Where the lists have a view.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ViewLists {
+    /// Views of one batch are rasterised together.
+    pub batch: usize,
+    pub(super) first_draw: u32,
+    pub(super) n_draws: u32,
+    pub(super) first_chunk: u32,
+    pub(super) first_pixel: u32,
+}
+
+impl ViewLists {
+    /// As `ViewUniform` has it.
+    pub fn words(&self) -> [u32; 3] {
+        [self.first_draw, self.n_draws, self.first_pixel]
+    }
+}
+
+/// What [`RasterPass::upload`] put where.
+#[derive(Debug, Default)]
+pub(crate) struct RasterPlan {
+    pub views: Vec<ViewLists>,
+    pub(super) batches: Vec<RasterBatch>,
+    pub(super) n_pixels: Vec<u64>,
+}
+
+impl RasterPlan {
+    /// Number of the batch that a view is rasterised with.
+    pub fn batch_of(&self, view_idx: usize) -> usize {
+        self.views[view_idx].batch
+    }
+}

@@ -1,0 +1,48 @@
+//! A view that has something to draw in this tick.
+
+use std::sync::Arc;
+
+use crate::camera_motion::CameraMotion;
+use crate::lamps::{LampInView, LampRange};
+use crate::shadow::Eye;
+use crate::target::{TargetSet, Targets};
+use crate::view::ViewJob;
+use crate::visible::Drawn;
+
+/// A job with something to draw.
+pub(super) struct Active {
+    pub job_idx: usize,
+    pub set: TargetSet,
+    pub motion: CameraMotion,
+    pub drawn: Drawn,
+    /// Number of its lookup in shadow maps, if it has any.
+    pub eye: Option<usize>,
+    pub lamps_in_view: Vec<LampInView>,
+    pub lamps: LampRange,
+    pub targets: Arc<Targets>,
+    /// Its layer there.
+    pub layer: u32,
+}
+
+/// Those that look up shadow maps; numbers them in the views.
+pub(super) fn eyes_of(active: &mut [Active], jobs: &[ViewJob<'_, '_>]) -> Vec<Eye> {
+    let mut eyes = Vec::new();
+    for active in active.iter_mut().filter(|active| active.set.is_lit()) {
+        active.eye = Some(eyes.len());
+        let focal_px = jobs[active.job_idx].view.spec.intrinsics.focal_px;
+        eyes.push(Eye {
+            world_from_camera: active.motion.world_from_camera,
+            focal_px,
+        });
+    }
+    eyes
+}
+
+/// Where each view's instances begin in the list of all that are recorded together.
+pub(super) fn number_instances(active: &mut [Active]) {
+    let mut first = 0;
+    for active in active {
+        active.drawn.first_instance = first;
+        first += active.drawn.instances.len() as u32;
+    }
+}

@@ -1,0 +1,59 @@
+//! What is refused before anything is drawn.
+
+use schema_frames::Modality;
+
+use super::modality::targets_of;
+use crate::target::TargetSet;
+use crate::view::{Output, ViewJob};
+
+/// Why nothing was drawn.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RenderError {
+    /// Not made by a camera.
+    #[error("a camera was asked for {:?}, which another kind of sensor makes", modality.name())]
+    NotACamera {
+        /// What was asked for.
+        modality: Modality,
+    },
+    /// Asked twice.
+    #[error("{:?} was asked twice of one view in one tick", modality.name())]
+    Twice {
+        /// What was asked for.
+        modality: Modality,
+    },
+    /// No room.
+    #[error("{:?} needs {needed} bytes, but its place has {room}", modality.name())]
+    TooSmall {
+        /// What was asked for.
+        modality: Modality,
+        /// Bytes of a frame.
+        needed: usize,
+        /// Bytes there.
+        room: usize,
+    },
+}
+
+/// Whether a job asks for what a camera can give.
+pub(super) fn check(job: &ViewJob<'_, '_>) -> Result<(), RenderError> {
+    for (i, Output { modality, place }) in job.outputs.iter().enumerate() {
+        let modality = *modality;
+        if targets_of(modality) == TargetSet::default() {
+            return Err(RenderError::NotACamera { modality });
+        }
+        if job.outputs[..i]
+            .iter()
+            .any(|other| other.modality == modality)
+        {
+            return Err(RenderError::Twice { modality });
+        }
+        let (needed, room) = (job.view.payload_bytes(modality), place.capacity_bytes());
+        if modality != Modality::Dvs && room < needed {
+            return Err(RenderError::TooSmall {
+                modality,
+                needed,
+                room,
+            });
+        }
+    }
+    Ok(())
+}

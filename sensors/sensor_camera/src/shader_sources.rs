@@ -1,0 +1,41 @@
+//! The text of every shader, for validation without a GPU.
+
+use crate::geometry::{GeometryShader, Instances, SceneryLamps};
+use crate::shade::Shading;
+use crate::target::Surfaces;
+use crate::{dvs, post, raster, shade, shadow};
+
+/// Text of every shader, by name, as it is given to the GPU; for validation without one.
+pub fn shader_sources() -> Vec<(&'static str, String)> {
+    let geometry = |instances, surfaces, lamps| {
+        let shader = GeometryShader {
+            instances,
+            surfaces,
+            lamps,
+        };
+        shader.wgsl()
+    };
+    use Instances::{Attached, Listed};
+    use SceneryLamps::{AsBuilt, Switched};
+    use Surfaces::{Slim, Wide};
+    vec![
+        ("geometry", geometry(Listed, Wide, AsBuilt)),
+        ("geometry, slim", geometry(Listed, Slim, AsBuilt)),
+        ("geometry, attached", geometry(Attached, Wide, AsBuilt)),
+        (
+            "geometry, attached, slim",
+            geometry(Attached, Slim, AsBuilt),
+        ),
+        (
+            "geometry, attached, slim, switched",
+            geometry(Attached, Slim, Switched),
+        ),
+        ("shade, computed", shade::shade_wgsl(Shading::Computed)),
+        ("shade, drawn", shade::shade_wgsl(Shading::Drawn)),
+        ("raster", raster::raster_wgsl()),
+        ("resolve", raster::resolve_wgsl()),
+        ("post", post::post_wgsl()),
+        ("shadow", shadow::SHADOW_WGSL.to_owned()),
+        ("events", dvs::events_wgsl()),
+    ]
+}

@@ -1,0 +1,21 @@
+//! A draw call in a shadow map.
+
+use nalgebra::Matrix4;
+
+use crate::assets::MeshDraw;
+
+/// Three rows of `[rotation | translation]`.
+pub(crate) type Rows = [[f32; 4]; 3];
+
+/// A draw call with its matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Caster {
+    pub mesh: MeshDraw,
+    pub matrix: Rows,
+    /// Where it can leave a mark: x, y, width, height, in the map.
+    pub rect_px: [u32; 4],
+}
+
+pub(crate) fn top_rows(m: &Matrix4<f64>) -> Rows {
+    std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] as f32))
+}

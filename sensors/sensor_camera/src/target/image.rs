@@ -1,0 +1,80 @@
+//! Textures with views of their layers.
+
+use sensor_gpu::Gpu;
+
+/// A texture, its first layer, and all its layers.
+#[derive(Clone, Debug)]
+pub(crate) struct Image {
+    pub texture: wgpu::Texture,
+    pub view: wgpu::TextureView,
+    pub layers: wgpu::TextureView,
+    /// Whether it can be copied beside the drawing of other targets.
+    pub is_shared: bool,
+}
+
+impl Image {
+    /// One layer as an image without layers.
+    pub fn layer(&self, layer: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+
+    /// One layer as the only one.
+    pub fn single_layer(&self, layer: u32) -> wgpu::TextureView {
+        self.texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(wgpu::TextureViewDimension::D2Array),
+            base_array_layer: layer,
+            array_layer_count: Some(1),
+            ..Default::default()
+        })
+    }
+}
+
+pub(crate) fn image(
+    gpu: &Gpu,
+    label: &str,
+    size_px: [u32; 2],
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> Image {
+    layered_image(gpu, label, size_px, 1, format, usage)
+}
+
+pub(crate) fn layered_image(
+    gpu: &Gpu,
+    label: &str,
+    size_px: [u32; 2],
+    n_layers: u32,
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+) -> Image {
+    view_image((
+        gpu.texture_layers(label, size_px, n_layers, format, usage),
+        false,
+    ))
+}
+
+pub(super) fn view_image((texture, is_shared): (wgpu::Texture, bool)) -> Image {
+    let n_layers = texture.depth_or_array_layers();
+    let [view, layers] = [
+        (wgpu::TextureViewDimension::D2, 1),
+        (wgpu::TextureViewDimension::D2Array, n_layers),
+    ]
+    .map(|(dimension, n)| {
+        texture.create_view(&wgpu::TextureViewDescriptor {
+            dimension: Some(dimension),
+            array_layer_count: Some(n),
+            ..Default::default()
+        })
+    });
+    Image {
+        texture,
+        view,
+        layers,
+        is_shared,
+    }
+}
