@@ -51,5 +51,8 @@ pub use raster::{RasterDraw, RasterView, Rasteriser};
 pub use renderer::{CameraRenderer, RenderError};
 pub use sensor_gpu::Place;
 pub use shader_sources::shader_sources;
-pub use uniform::{InstanceData, LampData, LightData, ViewData};
+pub use uniform::{
+    AmbientData, FogData, InstanceData, LampData, LightData, MapPlace, SceneryLampsData, SunData,
+    ViewData, WaterData,
+};
 pub use view::{Output, OutputResult, Submission, View, ViewJob, ViewResult, ViewSpec};

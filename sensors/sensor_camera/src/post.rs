@@ -26,24 +26,54 @@ pub(crate) fn post_wgsl() -> String {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct PostData {
-    /// Size and its inverse.
-    pub size_px: [f32; 4],
-    /// Factor, whether the meter counts, exponent, whether there is film.
-    pub exposure: [f32; 4],
-    /// Bounds and speeds of the meter.
-    pub range: [f32; 4],
-    /// White, the meter's constant, smooth edges, bloom.
-    pub meter: [f32; 4],
+    /// Width and height.
+    pub size_px: [f32; 2],
+    /// One over each.
+    pub per_px: [f32; 2],
+    /// Factor of the light.
+    pub factor: f32,
+    /// Whether what the meter says counts too.
+    pub is_metered: f32,
+    /// Exponent of the display's curve.
+    pub gamma_exponent: f32,
+    /// Whether there is film.
+    pub has_film: f32,
+    /// The meter never says less.
+    pub min_ev100: f32,
+    /// Nor more.
+    pub max_ev100: f32,
+    /// Share of the way to the light that the meter goes in this firing.
+    pub up_share: f32,
+    /// The same to the dark.
+    pub down_share: f32,
+    /// Luminance of white as shaded.
+    pub white_cd_per_m2: f32,
+    /// The meter's constant.
+    pub calibration: f32,
+    /// Whether edges are smoothed.
+    pub smooths_edges: f32,
+    /// Strength of bloom.
+    pub bloom: f32,
     /// Distortion.
-    pub lens: [f32; 4],
-    /// Vignette, chromatic aberration.
-    pub rim: [f32; 4],
-    /// White balance.
-    pub white: [f32; 4],
-    /// Layer of the picture; 0.
-    pub layers: [u32; 4],
+    pub distortion_k: f32,
+    /// Its cubic part.
+    pub distortion_k_cubed: f32,
+    /// Its scale in x and y.
+    pub distortion_size: [f32; 2],
+    /// Darkening of the corners.
+    pub vignette_multiplier: f32,
+    /// Exponent of that.
+    pub vignette_falloff: f32,
+    /// Chromatic aberration.
+    pub aberration: f32,
+    /// Where it begins.
+    pub aberration_start: f32,
+    /// White balance: gains of red, green, blue.
+    pub white_rgb: [f32; 3],
+    /// Layer of the image.
+    pub layer: u32,
     /// Unused: a uniform's offset can be a multiple of 256 only.
-    pub rest: [[u32; 4]; 8],
+    pub rest: [[u32; 4]; 9],
 }
 
 /// One view's work.
@@ -383,43 +413,37 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
     };
     // Share of a difference that is left after a time falls exponentially.
     let gone = |per_s: f32| 1.0 - (-per_s * job.since_secs).exp();
-    let [r, g, b] = white_gains(optics.white_kelvin, optics.tint);
-    let yes = |on: bool| on as u32 as f32;
+    let number = |on: bool| on as u32 as f32;
     PostData {
-        size_px: [width, height, 1.0 / width, 1.0 / height],
-        exposure: [factor, metered, 2.2 / optics.gamma, yes(optics.postprocess)],
-        range: [
-            exposure.min_ev100,
-            exposure.max_ev100,
-            gone(exposure.speed_up_per_s),
-            gone(exposure.speed_down_per_s),
-        ],
-        meter: [
-            white,
-            exposure.calibration,
-            yes(job.smooth_edges),
-            if optics.postprocess {
-                optics.bloom_intensity * BLOOM_SHARE
-            } else {
-                0.0
-            },
-        ],
-        lens: [
-            optics.distortion_k,
-            optics.distortion_k_cubed,
-            optics.distortion_size[0],
-            optics.distortion_size[1],
-        ],
-        rim: [
-            optics.vignette_multiplier,
-            optics.vignette_falloff,
-            optics.chromatic_aberration,
-            optics.chromatic_aberration_start,
-        ],
-        white: [r, g, b, 0.0],
+        size_px: [width, height],
+        per_px: [1.0 / width, 1.0 / height],
+        factor,
+        is_metered: metered,
+        gamma_exponent: 2.2 / optics.gamma,
+        has_film: number(optics.postprocess),
+        min_ev100: exposure.min_ev100,
+        max_ev100: exposure.max_ev100,
+        up_share: gone(exposure.speed_up_per_s),
+        down_share: gone(exposure.speed_down_per_s),
+        white_cd_per_m2: white,
+        calibration: exposure.calibration,
+        smooths_edges: number(job.smooth_edges),
+        bloom: if optics.postprocess {
+            optics.bloom_intensity * BLOOM_SHARE
+        } else {
+            0.0
+        },
+        distortion_k: optics.distortion_k,
+        distortion_k_cubed: optics.distortion_k_cubed,
+        distortion_size: optics.distortion_size,
+        vignette_multiplier: optics.vignette_multiplier,
+        vignette_falloff: optics.vignette_falloff,
+        aberration: optics.chromatic_aberration,
+        aberration_start: optics.chromatic_aberration_start,
+        white_rgb: white_gains(optics.white_kelvin, optics.tint),
         // Others look at their layer alone.
-        layers: [if job.is_plain() { job.layer } else { 0 }, 0, 0, 0],
-        rest: [[0; 4]; 8],
+        layer: if job.is_plain() { job.layer } else { 0 },
+        rest: [[0; 4]; 9],
     }
 }
 

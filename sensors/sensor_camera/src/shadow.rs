@@ -20,6 +20,6 @@ mod map;
 mod shadow_maps;
 mod sheet;
 
-pub(crate) use cascade_maps::{Eye, MapLayout};
+pub(crate) use cascade_maps::{Eye, MapLayout, ShadowLookup};
 pub(crate) use draw::SHADOW_WGSL;
 pub(crate) use shadow_maps::{Lit, ShadowMaps, ShadowPlans};

@@ -23,14 +23,30 @@ pub struct InstanceData {
     pub moved: u32,
 }
 
+/// Mirror of `MapPlace`: where a shadow map lies in its layer.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct MapPlace {
+    /// x, y in sides of the map.
+    pub tile: [f32; 2],
+    /// Side of the map in sides of the layer.
+    pub side: f32,
+    /// Number of the layer.
+    pub layer: u32,
+}
+
 /// Mirror of `ViewUniform`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct ViewData {
     /// Focal length x, y, principal point x, y, pixels.
     pub lens_px: [f32; 4],
-    /// Width, height in pixels, near plane in metres, +∞.
-    pub frame: [f32; 4],
+    /// Width, height.
+    pub size_px: [f32; 2],
+    /// Near plane.
+    pub near_m: f32,
+    /// +∞.
+    pub sky_depth_m: f32,
     /// Camera space to world, rows; the last column is the eye's position modulo 1024 m (z: not
     /// wrapped).
     pub world_from_camera: [[f32; 4]; 3],
@@ -40,24 +56,36 @@ pub struct ViewData {
     pub shadow_from_camera: [[f32; 4]; 3],
     /// The same for the map of what is further away.
     pub far_shadow_from_camera: [[f32; 4]; 3],
-    /// 1 if the camera turned, 1 if there are shadow maps, 0, a texel of the near map in units of
-    /// its depth.
-    pub options: [f32; 4],
-    /// First lamp, first tile of lamps, bits of an `f32`: a texel of the far shadow map in units of
-    /// its depth; 0.
-    pub lamps: [u32; 4],
-    /// First draw call, their number, first pixel in the list of what was seen (where the compute
-    /// shader rasterises); wanted targets.
-    pub raster: [u32; 4],
-    /// Layer of its targets, of its shadow map and of its far shadow map, for compute shaders; 0.
-    pub layers: [u32; 4],
-    /// Where its shadow map lies in the layer: x, y in sides of the map, its side in sides of the
-    /// layer; 0.
-    pub tile: [f32; 4],
+    /// 1 if the camera turned.
+    pub turned: f32,
+    /// 1 if there are shadow maps.
+    pub has_shadows: f32,
+    /// A texel of the near map in units of its depth.
+    pub shadow_texel_depth: f32,
+    /// The same of the far map.
+    pub far_shadow_texel_depth: f32,
+    /// First lamp.
+    pub first_lamp: u32,
+    /// First tile of lamps.
+    pub first_lamp_tile: u32,
+    /// Layer of its targets, for compute shaders.
+    pub layer: u32,
+    /// Bits of the targets that are wanted.
+    pub wanted: u32,
+    /// First draw call, where the compute shader rasterises.
+    pub first_draw: u32,
+    /// Number of draw calls there.
+    pub n_draws: u32,
+    /// First pixel in the list of what was seen.
+    pub first_pixel: u32,
+    /// Unused.
+    pub unused: u32,
+    /// Where compute shaders find its shadow map.
+    pub near_map: MapPlace,
     /// The same of its far shadow map.
-    pub far_tile: [f32; 4],
+    pub far_map: MapPlace,
     /// Unused: a uniform's offset can be a multiple of 256 only.
-    pub rest: [[u32; 4]; 12],
+    pub rest: [[u32; 4]; 13],
 }
 
 /// Views that one binding holds, and so one dispatch can do: 16 KiB of uniforms are what every
@@ -76,34 +104,100 @@ pub struct LampData {
     pub rgb: [f32; 4],
 }
 
-/// Mirror of `LightUniform`: sun, sky, air, exposure. Radiometric values are multiplied by the
-/// exposure already: 1 is white.
+/// Mirror of `Sun`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SunData {
+    /// Direction to the sun, world.
+    pub towards: [f32; 3],
+    /// Cosine of the disc's radius.
+    pub disc_cosine: f32,
+    /// Irradiance of a surface that faces the sun, R G B.
+    pub rgb: [f32; 3],
+    /// Radiance of the disc over `rgb`.
+    pub disc_gain: f32,
+}
+
+/// Mirror of `Ambient`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct AmbientData {
+    /// Irradiance from sky and ground, constant term.
+    pub rgb: [f32; 3],
+    /// The zenith's radiance over what falls on level ground.
+    pub zenith_ratio: f32,
+    /// Change of `rgb` along world x, y, z; w is unused.
+    pub slope_rgb: [[f32; 4]; 3],
+}
+
+/// Mirror of `Fog`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct FogData {
+    /// Colour of the air far away.
+    pub rgb: [f32; 3],
+    /// Where the fog begins.
+    pub begin_m: f32,
+    /// Extinction of fog at height 0.
+    pub per_m: f32,
+    /// Its fall per metre of height.
+    pub falloff_per_m: f32,
+    /// Metres of fog above the eye towards the zenith.
+    pub above_m: f32,
+    /// How much of the sun's light it throws forward.
+    pub forward_ratio: f32,
+    /// Extinction of clear air.
+    pub clear_air_per_m: f32,
+    /// Unused.
+    pub unused: [u32; 3],
+}
+
+/// Mirror of `Water`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct WaterData {
+    /// Rain, 0..=1.
+    pub rain_ratio: f32,
+    /// Lean of its streaks.
+    pub lean: f32,
+    /// Time, wrapped.
+    pub time_secs: f32,
+    /// Where the noise's clouds are below this, roads lie under puddles.
+    pub puddle_level: f32,
+    /// Wetness, 0..=1.
+    pub wet_ratio: f32,
+    /// Unused.
+    pub unused: [u32; 3],
+}
+
+/// Mirror of `SceneryLamps`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct SceneryLampsData {
+    /// Share of lamps that shine.
+    pub on_ratio: f32,
+    /// Share of windows that are lit.
+    pub windows_on_ratio: f32,
+    /// Radiance of a lamp.
+    pub radiance: f32,
+    /// Radiance of a lit window.
+    pub window_radiance: f32,
+}
+
+/// Mirror of `LightUniform`. Radiometric values are multiplied by the exposure already: 1 is white.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct LightData {
-    /// Direction to the sun (or moon), world; w is the cosine of the disc's radius.
-    pub sun_towards: [f32; 4],
-    /// Irradiance of a surface facing the sun, R G B; w is the disc's radiance divided by it.
-    pub sun_rgb: [f32; 4],
-    /// Irradiance from sky and ground, constant term; w is the zenith's radiance over what falls on
-    /// level ground.
-    pub ambient_rgb: [f32; 4],
-    /// Its change along world x, y, z.
-    pub ambient_slope_rgb: [[f32; 4]; 3],
-    /// Colour of the air far away; w unused.
-    pub fog_rgb: [f32; 4],
-    /// Share of scenery's lamps that shine, start of the fog m, wetness, share of windows lit;
-    /// ratios 0..=1.
-    pub air: [f32; 4],
-    /// Radiance of lamps, radiance of lit windows, extinction of clear air per metre, 0.
-    pub lamps: [f32; 4],
-    /// Extinction of fog per metre at height 0, its fall per metre of height, metres of fog above
-    /// the eye towards the zenith, how much of the
-    /// sun's light it throws forward.
-    pub fog: [f32; 4],
-    /// Rain 0..=1, lean of its streaks, time in seconds (wrapped), share of roads under puddles (on
-    /// the scale of the noise's clouds).
-    pub rain: [f32; 4],
+    /// The sun, or the moon.
+    pub sun: SunData,
+    /// Light of sky and ground.
+    pub ambient: AmbientData,
+    /// Fog and air.
+    pub fog: FogData,
+    /// Rain, wetness and puddles.
+    pub water: WaterData,
+    /// Lamps and windows of the scenery.
+    pub lamps: SceneryLampsData,
     /// Per material: texels of grain per metre, its strength, texels of clouds per metre, their
     /// strength.
     pub materials: [[f32; 4]; 17],

@@ -3,7 +3,8 @@
 use std::mem::offset_of;
 
 use sensor_camera::{
-    EventJob, InstanceData, LampData, LightData, PostData, ViewData, shader_sources,
+    AmbientData, EventJob, FogData, InstanceData, LampData, LightData, MapPlace, PostData,
+    SceneryLampsData, SunData, ViewData, WaterData, shader_sources,
 };
 
 fn module(name: &str) -> naga::Module {
@@ -63,7 +64,10 @@ fn wgsl_structs_lie_where_rust_has_them() {
         &[
             offset_of!(EventJob, size_px),
             offset_of!(EventJob, n_tiles),
-            offset_of!(EventJob, thresholds),
+            offset_of!(EventJob, threshold_up),
+            offset_of!(EventJob, threshold_down),
+            offset_of!(EventJob, log_eps),
+            offset_of!(EventJob, substep_px),
             offset_of!(EventJob, leak),
             offset_of!(EventJob, ratio),
             offset_of!(EventJob, nanos),
@@ -91,37 +95,111 @@ fn wgsl_structs_lie_where_rust_has_them() {
         ],
     );
     check(
+        "MapPlace",
+        size_of::<MapPlace>(),
+        &[
+            offset_of!(MapPlace, tile),
+            offset_of!(MapPlace, side),
+            offset_of!(MapPlace, layer),
+        ],
+    );
+    check(
         "ViewUniform",
         size_of::<ViewData>(),
         &[
             offset_of!(ViewData, lens_px),
-            offset_of!(ViewData, frame),
+            offset_of!(ViewData, size_px),
+            offset_of!(ViewData, near_m),
+            offset_of!(ViewData, sky_depth_m),
             offset_of!(ViewData, world_from_camera),
             offset_of!(ViewData, previous_from_camera),
             offset_of!(ViewData, shadow_from_camera),
             offset_of!(ViewData, far_shadow_from_camera),
-            offset_of!(ViewData, options),
-            offset_of!(ViewData, lamps),
-            offset_of!(ViewData, raster),
-            offset_of!(ViewData, layers),
-            offset_of!(ViewData, tile),
-            offset_of!(ViewData, far_tile),
+            offset_of!(ViewData, turned),
+            offset_of!(ViewData, has_shadows),
+            offset_of!(ViewData, shadow_texel_depth),
+            offset_of!(ViewData, far_shadow_texel_depth),
+            offset_of!(ViewData, first_lamp),
+            offset_of!(ViewData, first_lamp_tile),
+            offset_of!(ViewData, layer),
+            offset_of!(ViewData, wanted),
+            offset_of!(ViewData, first_draw),
+            offset_of!(ViewData, n_draws),
+            offset_of!(ViewData, first_pixel),
+            offset_of!(ViewData, unused),
+            offset_of!(ViewData, near_map),
+            offset_of!(ViewData, far_map),
             offset_of!(ViewData, rest),
+        ],
+    );
+    check(
+        "Sun",
+        size_of::<SunData>(),
+        &[
+            offset_of!(SunData, towards),
+            offset_of!(SunData, disc_cosine),
+            offset_of!(SunData, rgb),
+            offset_of!(SunData, disc_gain),
+        ],
+    );
+    check(
+        "Ambient",
+        size_of::<AmbientData>(),
+        &[
+            offset_of!(AmbientData, rgb),
+            offset_of!(AmbientData, zenith_ratio),
+            offset_of!(AmbientData, slope_rgb),
+        ],
+    );
+    check(
+        "Fog",
+        size_of::<FogData>(),
+        &[
+            offset_of!(FogData, rgb),
+            offset_of!(FogData, begin_m),
+            offset_of!(FogData, per_m),
+            offset_of!(FogData, falloff_per_m),
+            offset_of!(FogData, above_m),
+            offset_of!(FogData, forward_ratio),
+            offset_of!(FogData, clear_air_per_m),
+            offset_of!(FogData, unused),
+            offset_of!(FogData, unused) + 4,
+            offset_of!(FogData, unused) + 8,
+        ],
+    );
+    check(
+        "Water",
+        size_of::<WaterData>(),
+        &[
+            offset_of!(WaterData, rain_ratio),
+            offset_of!(WaterData, lean),
+            offset_of!(WaterData, time_secs),
+            offset_of!(WaterData, puddle_level),
+            offset_of!(WaterData, wet_ratio),
+            offset_of!(WaterData, unused),
+            offset_of!(WaterData, unused) + 4,
+            offset_of!(WaterData, unused) + 8,
+        ],
+    );
+    check(
+        "SceneryLamps",
+        size_of::<SceneryLampsData>(),
+        &[
+            offset_of!(SceneryLampsData, on_ratio),
+            offset_of!(SceneryLampsData, windows_on_ratio),
+            offset_of!(SceneryLampsData, radiance),
+            offset_of!(SceneryLampsData, window_radiance),
         ],
     );
     check(
         "LightUniform",
         size_of::<LightData>(),
         &[
-            offset_of!(LightData, sun_towards),
-            offset_of!(LightData, sun_rgb),
-            offset_of!(LightData, ambient_rgb),
-            offset_of!(LightData, ambient_slope_rgb),
-            offset_of!(LightData, fog_rgb),
-            offset_of!(LightData, air),
-            offset_of!(LightData, lamps),
+            offset_of!(LightData, sun),
+            offset_of!(LightData, ambient),
             offset_of!(LightData, fog),
-            offset_of!(LightData, rain),
+            offset_of!(LightData, water),
+            offset_of!(LightData, lamps),
             offset_of!(LightData, materials),
             offset_of!(LightData, mirrors),
             offset_of!(LightData, looks),
@@ -141,13 +219,28 @@ fn wgsl_structs_lie_where_rust_has_them() {
         size_of::<PostData>(),
         &[
             offset_of!(PostData, size_px),
-            offset_of!(PostData, exposure),
-            offset_of!(PostData, range),
-            offset_of!(PostData, meter),
-            offset_of!(PostData, lens),
-            offset_of!(PostData, rim),
-            offset_of!(PostData, white),
-            offset_of!(PostData, layers),
+            offset_of!(PostData, per_px),
+            offset_of!(PostData, factor),
+            offset_of!(PostData, is_metered),
+            offset_of!(PostData, gamma_exponent),
+            offset_of!(PostData, has_film),
+            offset_of!(PostData, min_ev100),
+            offset_of!(PostData, max_ev100),
+            offset_of!(PostData, up_share),
+            offset_of!(PostData, down_share),
+            offset_of!(PostData, white_cd_per_m2),
+            offset_of!(PostData, calibration),
+            offset_of!(PostData, smooths_edges),
+            offset_of!(PostData, bloom),
+            offset_of!(PostData, distortion_k),
+            offset_of!(PostData, distortion_k_cubed),
+            offset_of!(PostData, distortion_size),
+            offset_of!(PostData, vignette_multiplier),
+            offset_of!(PostData, vignette_falloff),
+            offset_of!(PostData, aberration),
+            offset_of!(PostData, aberration_start),
+            offset_of!(PostData, white_rgb),
+            offset_of!(PostData, layer),
             offset_of!(PostData, rest),
         ],
     );

@@ -53,7 +53,7 @@ impl InstanceAttributes {
             moved,
         } = *instance;
         let [fx, fy, cx, cy] = view.lens_px.map(f64::from);
-        let [width, height] = [view.frame[0], view.frame[1]].map(f64::from);
+        let [width, height] = view.size_px.map(f64::from);
         let [x, y, z] = camera_from_mesh.map(|row| row.map(f64::from));
         // Clip space spans -1 to 1 over the image, y upwards.
         let clip_from_mesh = [
@@ -112,7 +112,7 @@ mod tests {
     fn attributes_are_the_instance_behind_the_lens() {
         let [fx, fy, cx, cy] = [410.0f32, 395.0, 402.5, 297.25];
         let mut view: ViewData = Zeroable::zeroed();
-        (view.lens_px, view.frame) = ([fx, fy, cx, cy], [800.0, 600.0, 0.1, f32::INFINITY]);
+        (view.lens_px, view.size_px) = ([fx, fy, cx, cy], [800.0, 600.0]);
         let mut rng = fastrand::Rng::with_seed(5);
         let mut row = || std::array::from_fn::<f32, 4, _>(|_| rng.f32() * 2.0 - 1.0);
         let mut instance: InstanceData = Zeroable::zeroed();

@@ -8,7 +8,7 @@ use sensor_gpu::Gpu;
 use super::material;
 use super::sky::{MIE_DEPTH, RAYLEIGH_DEPTH, SkyLook, SkyMap, luminance, molecules};
 use crate::quality::Quality;
-use crate::uniform::LightData;
+use crate::uniform::{AmbientData, FogData, LightData, SceneryLampsData, SunData, WaterData};
 
 /// Light of one weather, with the sky on the GPU.
 #[derive(Debug)]
@@ -70,8 +70,10 @@ impl Light {
             has_shadows,
             exposure: exposed.exposure,
             dark_ratio: exposed.night_ratio,
-            has_fog: data.fog[0] > 0.0,
-            is_wet: data.air[2] > 0.0 || data.rain[0] > 0.0 || data.rain[3] > 0.0,
+            has_fog: data.fog.per_m > 0.0,
+            is_wet: data.water.wet_ratio > 0.0
+                || data.water.rain_ratio > 0.0
+                || data.water.puddle_level > 0.0,
             data,
         }
     }
@@ -80,7 +82,7 @@ impl Light {
     /// alone.
     pub fn data_at(&self, sim_secs: f64) -> LightData {
         let mut data = self.data;
-        data.rain[2] = sim_secs.rem_euclid(RAIN_PERIOD_SECS) as f32;
+        data.water.time_secs = sim_secs.rem_euclid(RAIN_PERIOD_SECS) as f32;
         data
     }
 
@@ -193,20 +195,67 @@ impl Moonlight {
     }
 }
 
+/// Radiance of a lamp that shines, by day and what night adds to it.
+const LAMP_RADIANCE: f32 = 2.2;
+const LAMP_RADIANCE_BY_NIGHT: f32 = 6.0;
+/// Radiance of a lit window.
+const WINDOW_RADIANCE: f32 = 0.75;
+/// Extinction of clear air.
+const CLEAR_AIR_PER_M: f32 = 1.0 / 4500.0;
+/// Extinction of the densest fog: visibility (5 % contrast) of 67 m at density 100, of 270 m at 50.
+const FOG_PER_M: f32 = 0.045;
+/// What the strongest rain adds.
+const RAIN_PER_M: f32 = 0.0025;
+/// Extinction of the densest dust: visibility of 100 m in a storm.
+const DUST_PER_M: f32 = 0.039;
+/// No fog counts beyond this way through it.
+const FOG_DEPTH_M: f32 = 150.0;
+/// What lamps and windows throw back from street to street by night.
+const TOWN_RGB: [f32; 3] = [1.0, 0.84, 0.64];
+/// Share of the light that the ground throws back.
+const GROUND_ALBEDO: f32 = 0.16;
+/// Lean of the rain's streaks in the strongest wind.
+const RAIN_LEAN: f32 = 0.35;
+
 fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap) -> LightData {
     let mut coarse = map.clone();
     while coarse.side_px > 32 {
         coarse = coarse.halved();
     }
-    let sun_rgb = look
-        .sun_klx
-        .map(|x| x * exposed.exposure * exposed.sun_share);
-    let up = coarse.irradiance(Vector3::z());
+    let towards = look.sun_towards;
+    let sun = SunData {
+        towards: [towards.x, towards.y, towards.z],
+        disc_cosine: DISC_COSINE,
+        rgb: look
+            .sun_klx
+            .map(|x| x * exposed.exposure * exposed.sun_share),
+        disc_gain: DISC_GAIN,
+    };
+    LightData {
+        sun,
+        ambient: ambient(look, exposed, &coarse, sun.rgb),
+        fog: fog(weather, exposed, coarse.horizon()),
+        water: water(weather),
+        lamps: SceneryLampsData {
+            on_ratio: exposed.night_ratio,
+            windows_on_ratio: exposed.night_ratio,
+            radiance: LAMP_RADIANCE + LAMP_RADIANCE_BY_NIGHT * exposed.night_ratio,
+            window_radiance: WINDOW_RADIANCE,
+        },
+        materials: std::array::from_fn(|i| material::LOOKS[i].0),
+        mirrors: std::array::from_fn(|i| material::LOOKS[i].1),
+        looks: std::array::from_fn(|i| material::in_bytes(material::LOOKS[i])),
+    }
+}
+
+/// Light that comes from all sides: a constant term and its slopes along the world's axes.
+fn ambient(look: &SkyLook, exposed: &Exposed, sky: &SkyMap, sun_rgb: [f32; 3]) -> AmbientData {
+    let up = sky.irradiance(Vector3::z());
     // Light thrown back by the ground, seen by everything that faces down.
     let ground: [f32; 3] =
-        std::array::from_fn(|c| 0.16 * (up[c] + sun_rgb[c] * look.sun_towards.z.max(0.0)));
+        std::array::from_fn(|c| GROUND_ALBEDO * (up[c] + sun_rgb[c] * look.sun_towards.z.max(0.0)));
     let facing = |axis: Vector3<f32>| {
-        let sky = coarse.irradiance(axis);
+        let sky = sky.irradiance(axis);
         let below = 0.5 * (1.0 - axis.z);
         let grey = luminance(sky);
         // Houses and trees throw back light of every colour: streets are less blue than the sky,
@@ -218,17 +267,14 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
     let pairs = axes.map(|axis| (facing(axis), facing(-axis)));
     let moon = Moonlight::of(look);
-    // What lamps and windows throw back from street to street.
-    let town = [1.0, 0.84, 0.64].map(|c: f32| c * 0.12 * exposed.night_ratio);
+    let town = TOWN_RGB.map(|c: f32| c * 0.12 * exposed.night_ratio);
     let constant: [f32; 3] = std::array::from_fn(|c| {
         pairs.iter().map(|(a, b)| a[c] + b[c]).sum::<f32>() / 6.0 + town[c] + moon.constant_rgb[c]
     });
     let slopes: [[f32; 4]; 3] = std::array::from_fn(|i| {
         let ((a, b), along) = (pairs[i], moon.towards.dot(&axes[i]));
-        pad(
-            std::array::from_fn(|c| 0.5 * (a[c] - b[c]) + moon.slope_rgb[c] * along),
-            0.0,
-        )
+        let slope = |c: usize| 0.5 * (a[c] - b[c]) + moon.slope_rgb[c] * along;
+        [slope(0), slope(1), slope(2), 0.0]
     });
     // Low quality's mirrors show the zenith as a share of what falls on level ground: not the
     // moon's and the lamps' part.
@@ -236,21 +282,26 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     let others = luminance(std::array::from_fn(|c| {
         town[c] + moon.constant_rgb[c] + moon.slope_rgb[c] * moon.towards.z
     }));
-    let zenith_ratio = 0.22 * (1.0 - others / level).clamp(0.0, 1.0);
-    let horizon = coarse.horizon();
+    AmbientData {
+        rgb: constant,
+        zenith_ratio: 0.22 * (1.0 - others / level).clamp(0.0, 1.0),
+        slope_rgb: slopes,
+    }
+}
+
+/// Fog, dust and rain in the air, whose colour is that of the sky at the horizon.
+fn fog(weather: &Weather, exposed: &Exposed, horizon: [f32; 3]) -> FogData {
     let fog_ratio = (weather.fog_density / 100.0).clamp(0.0, 1.0);
     let dust_ratio = (weather.dust_storm / 100.0).clamp(0.0, 1.0);
     let rain_ratio = (weather.precipitation / 100.0).clamp(0.0, 1.0);
-    // Visibility (5 % contrast) of 67 m at density 100, of 270 m at 50; rain takes some more.
-    // Visibility of 100 m in a storm of dust.
-    let dust_per_m = 0.039 * dust_ratio;
-    let fog_per_m = 0.045 * fog_ratio * fog_ratio + 0.0025 * rain_ratio + dust_per_m;
+    let dust_per_m = DUST_PER_M * dust_ratio;
+    let fog_per_m = FOG_PER_M * fog_ratio * fog_ratio + RAIN_PER_M * rain_ratio + dust_per_m;
     // Falloff 1 reaches the roofs of usual houses, 5 a car's roof, 0 fills the air.
     let falloff_per_m = (0.1 * weather.fog_falloff).clamp(0.0, 2.0);
-    let above_m = if falloff_per_m > 1.0 / 150.0 {
+    let above_m = if falloff_per_m > 1.0 / FOG_DEPTH_M {
         1.0 / falloff_per_m
     } else {
-        150.0
+        FOG_DEPTH_M
     };
     let grey = luminance(horizon);
     let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
@@ -260,6 +311,20 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     let fog_rgb: [f32; 3] = std::array::from_fn(|c| fog_rgb[c] + (brown[c] - fog_rgb[c]) * dusty);
     // Town lights redden the air at night.
     let glow = [1.0, 0.72, 0.45].map(|c: f32| c * 0.02 * exposed.night_ratio * (0.3 + fog_ratio));
+    FogData {
+        rgb: std::array::from_fn(|c| fog_rgb[c] + glow[c]),
+        begin_m: weather.fog_distance_m.max(0.0) * (1.0 - dusty),
+        per_m: fog_per_m,
+        falloff_per_m,
+        above_m,
+        forward_ratio: 0.12 * weather.scattering_intensity.clamp(0.0, 10.0),
+        clear_air_per_m: CLEAR_AIR_PER_M,
+        unused: [0; 3],
+    }
+}
+
+/// Rain and what it leaves on the ground.
+fn water(weather: &Weather) -> WaterData {
     let wet = (weather
         .wetness
         .max(0.8 * weather.precipitation)
@@ -268,45 +333,19 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
         .clamp(0.0, 1.0);
     let wind_ratio = (weather.wind_intensity / 100.0).clamp(0.0, 1.0);
     let puddle_ratio = (weather.precipitation_deposits / 100.0).clamp(0.0, 1.0);
-    let towards = look.sun_towards;
-    LightData {
-        sun_towards: [towards.x, towards.y, towards.z, DISC_COSINE],
-        sun_rgb: pad(sun_rgb, DISC_GAIN),
-        ambient_rgb: pad(constant, zenith_ratio),
-        ambient_slope_rgb: slopes,
-        fog_rgb: pad(std::array::from_fn(|c| fog_rgb[c] + glow[c]), 0.0),
-        air: [
-            exposed.night_ratio,
-            weather.fog_distance_m.max(0.0) * (1.0 - dusty),
-            wet,
-            exposed.night_ratio,
-        ],
-        lamps: [2.2 + 6.0 * exposed.night_ratio, 0.75, 1.0 / 4500.0, 0.0],
-        fog: [
-            fog_per_m,
-            falloff_per_m,
-            above_m,
-            0.12 * weather.scattering_intensity.clamp(0.0, 10.0),
-        ],
+    WaterData {
+        rain_ratio: (weather.precipitation / 100.0).clamp(0.0, 1.0),
+        lean: RAIN_LEAN * wind_ratio,
+        time_secs: 0.0,
         // The noise's clouds lie about 0.5, most of them within 0.25 of it.
-        rain: [
-            rain_ratio,
-            0.35 * wind_ratio,
-            0.0,
-            if puddle_ratio > 0.0 {
-                0.30 + 0.26 * puddle_ratio
-            } else {
-                0.0
-            },
-        ],
-        materials: std::array::from_fn(|i| material::LOOKS[i].0),
-        mirrors: std::array::from_fn(|i| material::LOOKS[i].1),
-        looks: std::array::from_fn(|i| material::in_bytes(material::LOOKS[i])),
+        puddle_level: if puddle_ratio > 0.0 {
+            0.30 + 0.26 * puddle_ratio
+        } else {
+            0.0
+        },
+        wet_ratio: wet,
+        unused: [0; 3],
     }
-}
-
-fn pad(rgb: [f32; 3], w: f32) -> [f32; 4] {
-    [rgb[0], rgb[1], rgb[2], w]
 }
 
 /// The map with all its mip levels down to 8 × 8.

@@ -62,7 +62,7 @@ impl<'r> RasterJob<'r> {
     pub fn new(view: &ViewData, drawn: &'r Drawn) -> Self {
         RasterJob {
             lens_px: view.lens_px,
-            size_px: [view.frame[0] as u32, view.frame[1] as u32],
+            size_px: view.size_px.map(|side| side as u32),
             drawn,
         }
     }
@@ -80,9 +80,11 @@ pub(crate) struct ViewLists {
 }
 
 impl ViewLists {
-    /// As `ViewUniform` has it.
-    pub fn words(&self) -> [u32; 3] {
-        [self.first_draw, self.n_draws, self.first_pixel]
+    /// Tells the view where its draw calls and pixels are.
+    pub fn tell(&self, view: &mut ViewData) {
+        view.first_draw = self.first_draw;
+        view.n_draws = self.n_draws;
+        view.first_pixel = self.first_pixel;
     }
 }
 

@@ -15,9 +15,9 @@ use crate::post::{PostJob, PostPass};
 use crate::quality::Quality;
 use crate::raster::{RasterJob, RasterPass, RasterPlan, Rasteriser, can_compute};
 use crate::shade::{ShadeKey, ShadePass, Shading};
-use crate::shadow::{Lit, ShadowMaps, ShadowPlans};
+use crate::shadow::{Lit, ShadowLookup, ShadowMaps, ShadowPlans};
 use crate::target::{Target, TargetSet, Targets};
-use crate::uniform::{MAX_TOGETHER, ViewData};
+use crate::uniform::{MAX_TOGETHER, MapPlace, ViewData};
 use crate::view::{View, ViewJob};
 use crate::visible::Drawn;
 
@@ -221,7 +221,7 @@ impl Passes {
             views
                 .iter_mut()
                 .zip(&plan.views)
-                .for_each(|(view, lists)| view.raster[..3].copy_from_slice(&lists.words()));
+                .for_each(|(view, lists)| lists.tell(view));
             plan
         });
         let light = light.data_at(scene.sim_time.as_secs());
@@ -430,34 +430,34 @@ fn view_data(view: &View, active: &Active, lit: &Lit) -> ViewData {
     world_from_camera[0][3] = eye.x.rem_euclid(1024.0) as f32;
     world_from_camera[1][3] = eye.y.rem_euclid(1024.0) as f32;
     let turn = motion.previous_camera_from_world.rotation * motion.world_from_camera.rotation;
+    let place = |lookup: &ShadowLookup| MapPlace {
+        tile: [lookup.tile[0], lookup.tile[1]],
+        side: lookup.tile[2],
+        layer: lookup.layer,
+    };
     ViewData {
         lens_px: lens.as_array().map(|x| x as f32),
-        frame: [
-            lens.width_px as f32,
-            lens.height_px as f32,
-            NEAR_M as f32,
-            f32::INFINITY,
-        ],
+        size_px: [lens.width_px as f32, lens.height_px as f32],
+        near_m: NEAR_M as f32,
+        sky_depth_m: f32::INFINITY,
         world_from_camera,
         previous_from_camera: rows(&Isometry3::from_parts(Default::default(), turn)),
         shadow_from_camera: lit.near.shadow_from_camera,
         far_shadow_from_camera: lit.far.shadow_from_camera,
-        options: [
-            motion.moved() as u32 as f32,
-            lit.near.on as u32 as f32,
-            0.0,
-            lit.near.texel_depth,
-        ],
-        lamps: [
-            active.lamps.first_lamp,
-            active.lamps.first_tile,
-            lit.far.texel_depth.to_bits(),
-            0,
-        ],
-        raster: [0, 0, 0, active.set.0 as u32],
-        layers: [active.layer, lit.near.layer, lit.far.layer, 0],
-        tile: [lit.near.tile[0], lit.near.tile[1], lit.near.tile[2], 0.0],
-        far_tile: [lit.far.tile[0], lit.far.tile[1], lit.far.tile[2], 0.0],
-        rest: [[0; 4]; 12],
+        turned: motion.moved() as u32 as f32,
+        has_shadows: lit.near.on as u32 as f32,
+        shadow_texel_depth: lit.near.texel_depth,
+        far_shadow_texel_depth: lit.far.texel_depth,
+        first_lamp: active.lamps.first_lamp,
+        first_lamp_tile: active.lamps.first_tile,
+        layer: active.layer,
+        wanted: active.set.0 as u32,
+        first_draw: 0,
+        n_draws: 0,
+        first_pixel: 0,
+        unused: 0,
+        near_map: place(&lit.near),
+        far_map: place(&lit.far),
+        rest: [[0; 4]; 13],
     }
 }

@@ -7,8 +7,12 @@
 struct Job {
     size_px: vec2<u32>,
     n_tiles: vec2<u32>,
-    // Thresholds up and down, what is added before the logarithm, longest path between two samples in pixels.
-    thresholds: vec4<f32>,
+    threshold_up: f32,
+    threshold_down: f32,
+    // What is added before the logarithm.
+    log_eps: f32,
+    // Longest path between two samples.
+    substep_px: f32,
     // How much references sink in the window, length of the window over that of the one before.
     leak: f32,
     ratio: f32,
@@ -98,7 +102,7 @@ fn encoded(linear: f32) -> f32 {
 
 fn level_of(luminance: f32) -> f32 {
     let light = select(luminance, encoded(luminance), job.level >= 2u);
-    return select(255.0 * light, ln(light + job.thresholds.z), (job.level & 1u) == 0u);
+    return select(255.0 * light, ln(light + job.log_eps), (job.level & 1u) == 0u);
 }
 
 fn index_of(at: vec2<u32>) -> u32 {
@@ -444,7 +448,7 @@ fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32,
 }
 
 fn n_steps_of(fastest_px: f32) -> u32 {
-    return clamp(u32(min(fastest_px / job.thresholds.w, f32(MAX_STEPS) - 1.0)) + 1u, 1u, MAX_STEPS);
+    return clamp(u32(min(fastest_px / job.substep_px, f32(MAX_STEPS) - 1.0)) + 1u, 1u, MAX_STEPS);
 }
 
 // Follows each pixel through the window: counts its events, or writes them and remembers.
@@ -473,7 +477,7 @@ fn cs_follow(
         }
         begin = motion_before[i];
         end = flow_now[i];
-        if (fastest2_of(range) >= job.thresholds.w * job.thresholds.w) {
+        if (fastest2_of(range) >= job.substep_px * job.substep_px) {
             path = SMOOTH;
             if (is_spread(range)) {
                 let fits = sent.y == 0u || may_be_one_surface(passes, begin) || may_be_one_surface(passes, end);
@@ -506,7 +510,7 @@ fn cs_follow(
     if (!inside) {
         return;
     }
-    var pixel = Pixel(id.xy, i, references[i], silent_nanos[i], job.thresholds.x, job.thresholds.y);
+    var pixel = Pixel(id.xy, i, references[i], silent_nanos[i], job.threshold_up, job.threshold_down);
     if (job.differs != 0u) {
         pixel.up *= mismatch[i];
         pixel.down *= mismatch[i];

@@ -10,9 +10,9 @@ struct Corner {
 
 // Reversed z with the far plane at infinity: clip z is the near distance, clip w the depth.
 fn clip_from_camera(p: vec3<f32>) -> vec4<f32> {
-    let scale = 2.0 * views[which].lens_px.xy / views[which].frame.xy;
-    let shift = 2.0 * views[which].lens_px.zw / views[which].frame.xy - 1.0;
-    return vec4(scale.x * p.x + shift.x * p.z, -scale.y * p.y - shift.y * p.z, views[which].frame.z, p.z);
+    let scale = 2.0 * views[which].lens_px.xy / views[which].size_px;
+    let shift = 2.0 * views[which].lens_px.zw / views[which].size_px - 1.0;
+    return vec4(scale.x * p.x + shift.x * p.z, -scale.y * p.y - shift.y * p.z, views[which].near_m, p.z);
 }
 
 @vertex

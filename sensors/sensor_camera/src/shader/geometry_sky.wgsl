@@ -25,8 +25,8 @@ fn vs_sky(@builtin(vertex_index) corner: u32) -> SkyCorner {
     out.clip = vec4(xy, 0.0, 1.0);
     let view = views[which];
     let last = view.previous_from_camera[2].xyz;
-    out.before_x = vec4(taking_pixels(view.lens_px.x * view.previous_from_camera[0].xyz + view.lens_px.z * last), view.frame.w);
-    out.before_y = vec4(taking_pixels(view.lens_px.y * view.previous_from_camera[1].xyz + view.lens_px.w * last), view.options.x);
+    out.before_x = vec4(taking_pixels(view.lens_px.x * view.previous_from_camera[0].xyz + view.lens_px.z * last), view.sky_depth_m);
+    out.before_y = vec4(taking_pixels(view.lens_px.y * view.previous_from_camera[1].xyz + view.lens_px.w * last), view.turned);
     out.before_w = vec4(taking_pixels(last), 0.0);
     return out;
 }

@@ -26,7 +26,7 @@ fn flow_of(at: vec2<f32>, depth_m: f32, instance: u32) -> vec2<f32> {
     }
     let before = point_before(instance, ray_in_camera(at) * depth_m);
     // A point that was behind the near plane was nowhere in the image: no flow.
-    if before.z < views[which].frame.z {
+    if before.z < views[which].near_m {
         return vec2(0.0);
     }
     return at - pixel_of(before);

@@ -23,8 +23,8 @@ struct LampLight {
 fn lamps_at(pixel: vec2<u32>, point: vec3<f32>, normal: vec3<f32>, mirrored: vec3<f32>, through: f32, gloss_power: f32) -> LampLight {
     var out: LampLight;
     let tile = pixel / LAMP_TILE_PX;
-    let n_across = (u32(views[which].frame.x) + LAMP_TILE_PX - 1u) / LAMP_TILE_PX;
-    var words = lamp_tiles[views[which].lamps.y + tile.y * n_across + tile.x];
+    let n_across = (u32(views[which].size_px.x) + LAMP_TILE_PX - 1u) / LAMP_TILE_PX;
+    var words = lamp_tiles[views[which].first_lamp_tile + tile.y * n_across + tile.x];
     while (words.x | words.y) != 0u {
         let in_first = words.x != 0u;
         let bit = firstTrailingBit(select(words.y, words.x, in_first));
@@ -33,7 +33,7 @@ fn lamps_at(pixel: vec2<u32>, point: vec3<f32>, normal: vec3<f32>, mirrored: vec
         } else {
             words.y &= words.y - 1u;
         }
-        let lamp = lamps[views[which].lamps.x + bit + select(32u, 0u, in_first)];
+        let lamp = lamps[views[which].first_lamp + bit + select(32u, 0u, in_first)];
         let away = lamp.place.xyz - point;
         let squared = dot(away, away);
         let towards = away * inverseSqrt(max(squared, 1e-4));

@@ -13,18 +13,18 @@ fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     let edge = max(abs(at.x - 0.5), abs(at.y - 0.5));
     // Slope-scaled: a texel seen at a grazing angle spans a range of depths.
     let slack = 0.6 + 3.0 * (1.0 - abs(facing)) + 16.0 * through;
-    let biased = at.z - views[which].options.w * slack;
+    let biased = at.z - views[which].shadow_texel_depth * slack;
     let near = near_shadow(at.xy, biased);
     // How much the near map says; beyond it the far map, beyond that no shadow.
-    let inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, edge));
+    let inside = views[which].has_shadows * (1.0 - smoothstep(0.42, 0.49, edge));
     if SIMPLE {
         return mix(1.0, near, inside);
     }
     let far_at = transform(views[which].far_shadow_from_camera, point_in_camera);
     let far_edge = max(abs(far_at.x - 0.5), abs(far_at.y - 0.5));
-    let far_biased = far_at.z - bitcast<f32>(views[which].lamps.z) * slack;
+    let far_biased = far_at.z - views[which].far_shadow_texel_depth * slack;
     let far = far_shadow(far_at.xy, far_biased);
-    let far_inside = views[which].options.y * (1.0 - smoothstep(0.42, 0.49, far_edge));
+    let far_inside = views[which].has_shadows * (1.0 - smoothstep(0.42, 0.49, far_edge));
     return mix(mix(1.0, far, far_inside), near, inside);
 }
 
@@ -52,18 +52,18 @@ fn shade(point: Point) -> vec3<f32> {
     let cosine = clamp(-dot(towards_point, normal), 0.0, 1.0);
     let finish = finish_at(world_m, normal, point.uv_m, point.labels, point.pixel_m, cosine);
 
-    let sun = light.sun_towards.xyz;
+    let sun = light.sun.towards;
     let facing = dot(normal, sun);
     let direct = max(facing, 0.0) * (1.0 - finish.through) + finish.through * (0.35 + 0.65 * abs(facing));
     let lit = shadow_at(point.in_camera, facing, finish.through);
-    let sky = light.ambient_rgb.rgb + normal.x * light.ambient_slope_rgb[0].rgb + normal.y * light.ambient_slope_rgb[1].rgb
-        + normal.z * light.ambient_slope_rgb[2].rgb;
-    var falling = light.sun_rgb.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;
+    let sky = light.ambient.rgb + normal.x * light.ambient.slope_rgb[0].rgb + normal.y * light.ambient.slope_rgb[1].rgb
+        + normal.z * light.ambient.slope_rgb[2].rgb;
+    var falling = light.sun.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;
     var mirrored = reflect(towards_point, normal);
     if WITH_WET {
         // Drops ring the puddles.
-        let ring = noise(world_m.xy * 24.0 + light.rain.z * vec2(31.0, 17.0), log2(point.pixel_m * 24.0)).ba - 0.5;
-        let ripple = finish.puddle * light.rain.x * 0.12;
+        let ring = noise(world_m.xy * 24.0 + light.water.time_secs * vec2(31.0, 17.0), log2(point.pixel_m * 24.0)).ba - 0.5;
+        let ripple = finish.puddle * light.water.rain_ratio * 0.12;
         mirrored = normalize(mirrored + vec3(ring * ripple, 0.0));
     }
     let sharp = clamp((5.5 - finish.rough) * 0.25, 0.1, 1.0);
@@ -84,11 +84,11 @@ fn shade(point: Point) -> vec3<f32> {
     // Streets mirror houses below some 20 degrees; what lies there is as bright as a wall in the shade.
     var above: vec3<f32>;
     if SIMPLE {
-        above = mix(light.fog_rgb.rgb, (light.ambient_rgb.rgb + light.ambient_slope_rgb[2].rgb) * light.ambient_rgb.w, sqrt(clamp(mirrored.z, 0.0, 1.0)));
+        above = mix(light.fog.rgb, (light.ambient.rgb + light.ambient.slope_rgb[2].rgb) * light.ambient.zenith_ratio, sqrt(clamp(mirrored.z, 0.0, 1.0)));
     } else {
         above = sky_sample(mirrored, finish.rough);
     }
-    let wall = light.ambient_rgb.rgb * 0.09;
+    let wall = light.ambient.rgb * 0.09;
     var seen = mix(wall, above, smoothstep(-0.05, 0.35, mirrored.z)) * point.open;
     if !SIMPLE && fresnel > 0.01 {
         let found = mirrored_on_screen(point, camera_from_world(mirrored), sharp);
@@ -108,7 +108,7 @@ fn shade(point: Point) -> vec3<f32> {
     keen = keen * keen;
     keen = keen * keen; // 256th
     let sunlit = mix(0.5 * shine, 5.0 * keen, sharp) * lit;
-    radiance = mix(radiance, seen + light.sun_rgb.rgb * sunlit + glint, fresnel);
+    radiance = mix(radiance, seen + light.sun.rgb * sunlit + glint, fresnel);
 
     return rain_over(mix(radiance, air_rgb(towards_point), haze(towards_point.z, distance_m)), towards_point, distance_m);
 }

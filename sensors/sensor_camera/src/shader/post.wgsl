@@ -2,24 +2,43 @@
 
 // Mirror of PostData.
 struct Post {
-    // Width, height, and one over each.
-    size_px: vec4<f32>,
-    // Factor; 1: times what the meter says; 2.2 / gamma; 1: film curve.
-    exposure: vec4<f32>,
-    // Lowest and highest EV100; shares of the way to the light and to the dark that this firing goes.
-    range: vec4<f32>,
-    // Luminance of white as shaded, cd/m²; the meter's constant; 1: smooth edges; strength of bloom.
-    meter: vec4<f32>,
-    // Distortion: k, cubed k, scale x, y.
-    lens: vec4<f32>,
-    // Vignette: multiplier, falloff; chromatic aberration, where it begins.
-    rim: vec4<f32>,
+    // Width and height, and one over each.
+    size_px: vec2<f32>,
+    per_px: vec2<f32>,
+    // Factor of the light; 1: times what the meter says.
+    factor: f32,
+    is_metered: f32,
+    // 2.2 / gamma.
+    gamma_exponent: f32,
+    // 1: film curve.
+    has_film: f32,
+    min_ev100: f32,
+    max_ev100: f32,
+    // Shares of the way to the light and to the dark that the meter goes in this firing.
+    up_share: f32,
+    down_share: f32,
+    // Luminance of white as shaded.
+    white_cd_per_m2: f32,
+    // The meter's constant.
+    calibration: f32,
+    // 1: smooth edges.
+    smooths_edges: f32,
+    // Strength of bloom.
+    bloom: f32,
+    distortion_k: f32,
+    distortion_k_cubed: f32,
+    distortion_size: vec2<f32>,
+    vignette_multiplier: f32,
+    vignette_falloff: f32,
+    // Chromatic aberration, and where it begins.
+    aberration: f32,
+    aberration_start: f32,
     // Gains of red, green, blue.
-    white: vec4<f32>,
-    // Layer of its picture.
-    layers: vec4<u32>,
+    white_rgb: vec3<f32>,
+    // Layer of its image.
+    layer: u32,
     // A uniform's offset can be a multiple of 256 only.
-    rest: array<vec4<u32>, 8>,
+    rest: array<vec4<u32>, 9>,
 }
 
 struct Meter {
@@ -54,8 +73,8 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     }
     workgroupBarrier();
     for (var i = thread; i < 4096u; i += 256u) {
-        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * posts[which].size_px.xy;
-        let luminance = luminance_of(textureLoad(radiance_maps, vec2<u32>(at), posts[which].layers.x, 0).rgb);
+        let at = (vec2(f32(i % 64u), f32(i / 64u)) + 0.5) / 64.0 * posts[which].size_px;
+        let luminance = luminance_of(textureLoad(radiance_maps, vec2<u32>(at), posts[which].layer, 0).rgb);
         let bin = (log2(max(luminance, 1e-9)) - LOWEST) * BINS_PER_STOP;
         atomicAdd(&bins[u32(clamp(bin, 0.0, f32(N_BINS) - 1.0))], 1u);
     }
@@ -73,12 +92,12 @@ fn cs_meter(@builtin(local_invocation_index) thread: u32) {
         weight += counted;
         before += n;
     }
-    let log_mean = sum / max(weight, 1.0) / BINS_PER_STOP + LOWEST + log2(posts[which].meter.x);
-    let asked = clamp(log_mean + log2(100.0 / posts[which].meter.y), posts[which].range.x, posts[which].range.y);
+    let log_mean = sum / max(weight, 1.0) / BINS_PER_STOP + LOWEST + log2(posts[which].white_cd_per_m2);
+    let asked = clamp(log_mean + log2(100.0 / posts[which].calibration), posts[which].min_ev100, posts[which].max_ev100);
     if meter.known == 0.0 {
         meter.ev100 = asked;
     } else {
-        meter.ev100 += (asked - meter.ev100) * select(posts[which].range.w, posts[which].range.z, asked > meter.ev100);
+        meter.ev100 += (asked - meter.ev100) * select(posts[which].down_share, posts[which].up_share, asked > meter.ev100);
     }
     meter.known = 1.0;
 }
@@ -95,36 +114,36 @@ fn cs_shrink(@builtin(global_invocation_id) at: vec3<u32>) {
     var sum = vec3(0.0);
     for (var i = 0; i < 4; i++) {
         let away = vec2(f32(i & 1) * 2.0 - 1.0, f32(i >> 1u) * 2.0 - 1.0);
-        sum += min(textureSampleLevel(radiance_maps, smooth_sampler, middle + away * step, posts[which].layers.x, 0.0).rgb, vec3(200.0));
+        sum += min(textureSampleLevel(radiance_maps, smooth_sampler, middle + away * step, posts[which].layer, 0.0).rgb, vec3(200.0));
     }
     textureStore(glow_out, at.xy, vec4(sum * 0.25, 1.0));
 }
 
 fn exposed() -> f32 {
-    if posts[which].exposure.y == 0.0 {
-        return posts[which].exposure.x;
+    if posts[which].is_metered == 0.0 {
+        return posts[which].factor;
     }
-    return posts[which].exposure.x * posts[which].meter.x / (1.2 * exp2(meter.ev100));
+    return posts[which].factor * posts[which].white_cd_per_m2 / (1.2 * exp2(meter.ev100));
 }
 
 // From radiance to the display, 0 to 1.
 fn developed(radiance: vec3<f32>) -> vec3<f32> {
-    let rgb = max(radiance * posts[which].white.rgb, vec3(0.0));
-    if posts[which].exposure.w == 0.0 {
-        return pow(min(rgb, vec3(1.0)), vec3(posts[which].exposure.z / 2.2));
+    let rgb = max(radiance * posts[which].white_rgb, vec3(0.0));
+    if posts[which].has_film == 0.0 {
+        return pow(min(rgb, vec3(1.0)), vec3(posts[which].gamma_exponent / 2.2));
     }
-    return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(posts[which].exposure.z));
+    return pow(clamp(display(rgb), vec3(0.0), vec3(1.0)), vec3(posts[which].gamma_exponent));
 }
 
 fn radiance_at(at: vec2<f32>, factor: f32) -> vec3<f32> {
-    return textureSampleLevel(radiance_maps, smooth_sampler, at, posts[which].layers.x, 0.0).rgb * factor;
+    return textureSampleLevel(radiance_maps, smooth_sampler, at, posts[which].layer, 0.0).rgb * factor;
 }
 
 // Smooth edges: where neighbours differ, the mean along the edge (after Lottes, FXAA, 2009).
 fn smoothed(at: vec2<f32>, factor: f32) -> vec3<f32> {
-    let px = posts[which].size_px.zw;
+    let px = posts[which].per_px;
     let middle = developed(radiance_at(at, factor));
-    if posts[which].meter.z == 0.0 {
+    if posts[which].smooths_edges == 0.0 {
         return middle;
     }
     let weights = vec3(0.299, 0.587, 0.114);
@@ -153,27 +172,27 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     if f32(at.x) >= posts[which].size_px.x || f32(at.y) >= posts[which].size_px.y {
         return;
     }
-    let from_middle = (vec2<f32>(at.xy) + 0.5) * posts[which].size_px.zw - 0.5;
-    let scaled = from_middle * posts[which].lens.zw;
+    let from_middle = (vec2<f32>(at.xy) + 0.5) * posts[which].per_px - 0.5;
+    let scaled = from_middle * posts[which].distortion_size;
     let squared = dot(scaled, scaled);
-    let bent = from_middle * (1.0 + squared * (posts[which].lens.x + posts[which].lens.y * sqrt(squared)));
+    let bent = from_middle * (1.0 + squared * (posts[which].distortion_k + posts[which].distortion_k_cubed * sqrt(squared)));
     let to_corner = length(from_middle) * 1.41421356;
     var factor = exposed();
-    if posts[which].exposure.w != 0.0 {
-        factor *= clamp(1.0 - posts[which].rim.x * pow(to_corner, posts[which].rim.y), 0.0, 1.0);
+    if posts[which].has_film != 0.0 {
+        factor *= clamp(1.0 - posts[which].vignette_multiplier * pow(to_corner, posts[which].vignette_falloff), 0.0, 1.0);
     }
     var rgb: vec3<f32>;
-    if posts[which].rim.z == 0.0 && posts[which].meter.w == 0.0 {
+    if posts[which].aberration == 0.0 && posts[which].bloom == 0.0 {
         rgb = smoothed(bent + 0.5, factor);
     } else {
-        let drift = posts[which].rim.z * 0.01 * max(to_corner - posts[which].rim.w, 0.0);
+        let drift = posts[which].aberration * 0.01 * max(to_corner - posts[which].aberration_start, 0.0);
         var radiance = vec3(
             radiance_at(bent * (1.0 + drift) + 0.5, factor).r,
             radiance_at(bent + 0.5, factor).g,
             radiance_at(bent * (1.0 - drift) + 0.5, factor).b,
         );
-        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * posts[which].meter.w);
+        radiance += textureSampleLevel(glow_map, smooth_sampler, bent + 0.5, 0.0).rgb * (factor * posts[which].bloom);
         rgb = developed(radiance);
     }
-    textureStore(color_maps, at.xy, posts[which].layers.x, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));
+    textureStore(color_maps, at.xy, posts[which].layer, vec4(pack4x8unorm(vec4(rgb.bgr, 1.0)), 0u, 0u, 0u));
 }

@@ -26,7 +26,7 @@ struct Draw {
 // Whether the target of this number (targets.rs) is wanted. Not an override: one pipeline for all, so that no compiler rounds a
 // target in another way because of who else reads.
 fn wants(number: u32) -> bool {
-    return ((views[which].raster.w >> number) & 1u) != 0u;
+    return ((views[which].wanted >> number) & 1u) != 0u;
 }
 
 fn wants_flow() -> bool {
@@ -37,8 +37,8 @@ const VERTEX_WORDS: u32 = 9u;
 
 // The draw call of the view that holds this triangle: the last one that begins at or before it.
 fn draw_with(triangle: u32) -> u32 {
-    var low = views[which].raster.x;
-    var n = views[which].raster.y;
+    var low = views[which].first_draw;
+    var n = views[which].n_draws;
     while n > 1u {
         let half = n / 2u;
         let is_behind = draws[low + half].first_triangle <= triangle;
@@ -94,16 +94,16 @@ fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
 @compute @workgroup_size(16, 8)
 fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
     which = at.z;
-    let size = vec2<u32>(views[which].frame.xy);
+    let size = vec2<u32>(views[which].size_px);
     if at.x >= size.x || at.y >= size.y {
         return;
     }
-    let found = seen[views[which].raster.z + at.y * size.x + at.x];
+    let found = seen[views[which].first_pixel + at.y * size.x + at.x];
     let middle = vec2<f32>(at.xy) + 0.5;
     var pixel: Pixel;
     if found.y == 0u {
-        pixel = sky_pixel(views[which].frame.w);
-        if wants_flow() && views[which].options.x != 0.0 {
+        pixel = sky_pixel(views[which].sky_depth_m);
+        if wants_flow() && views[which].turned != 0.0 {
             // Points at infinity move by the rotation alone.
             let before = rotate_rows(views[which].previous_from_camera, ray_in_camera(middle));
             if before.z > 0.0 {
@@ -113,7 +113,7 @@ fn cs_resolve(@builtin(global_invocation_id) at: vec3<u32>) {
     } else {
         pixel = seen_pixel(middle, found);
     }
-    let layer = views[which].layers.x;
+    let layer = views[which].layer;
     if wants(0u) {
         textureStore(surface_out, at.xy, layer, pixel.surface);
     }

@@ -11,40 +11,125 @@ struct Instance {
     moved: u32,
 }
 
+// Where a shadow map lies in its layer.
+struct MapPlace {
+    // x, y in sides of the map.
+    tile: vec2<f32>,
+    // Side of the map in sides of the layer.
+    side: f32,
+    layer: u32,
+}
+
 // Mirror of ViewData.
 struct ViewUniform {
+    // Focal length x, y, principal point x, y.
     lens_px: vec4<f32>,
-    frame: vec4<f32>,
+    size_px: vec2<f32>,
+    near_m: f32,
+    // Infinite.
+    sky_depth_m: f32,
     world_from_camera: array<vec4<f32>, 3>,
     previous_from_camera: array<vec4<f32>, 3>,
     shadow_from_camera: array<vec4<f32>, 3>,
     far_shadow_from_camera: array<vec4<f32>, 3>,
-    options: vec4<f32>,
-    // First lamp, first tile of lamps, a texel of the far shadow map in its depth.
-    lamps: vec4<u32>,
-    // First draw call, their number, first pixel in the list of what was seen (resolve.wgsl); bits of the targets that are wanted.
-    raster: vec4<u32>,
-    // Where compute shaders find its images and shadow maps: layer of its targets, of the near map, of the far map.
-    layers: vec4<u32>,
-    // Where in those layers: x, y of the near map in sides of itself, its side in sides of the layer.
-    tile: vec4<f32>,
-    // The same of the far map.
-    far_tile: vec4<f32>,
+    // 1 if the camera turned.
+    turned: f32,
+    // 1 if there are shadow maps.
+    has_shadows: f32,
+    // A texel of each shadow map in units of its depth.
+    shadow_texel_depth: f32,
+    far_shadow_texel_depth: f32,
+    first_lamp: u32,
+    first_lamp_tile: u32,
+    // Where compute shaders find its targets.
+    layer: u32,
+    // Bits of the targets that are wanted.
+    wanted: u32,
+    // First draw call, their number, and first pixel in the list of what was seen (resolve.wgsl).
+    first_draw: u32,
+    n_draws: u32,
+    first_pixel: u32,
+    unused: u32,
+    // Where compute shaders find its shadow maps.
+    near_map: MapPlace,
+    far_map: MapPlace,
     // A uniform's offset can be a multiple of 256 only.
-    rest: array<vec4<u32>, 12>,
+    rest: array<vec4<u32>, 13>,
+}
+
+// Mirror of SunData.
+struct Sun {
+    // In the world; the moon's by night.
+    towards: vec3<f32>,
+    // Cosine of the disc's radius.
+    disc_cosine: f32,
+    // Irradiance of a surface that faces it.
+    rgb: vec3<f32>,
+    // Radiance of the disc over `rgb`.
+    disc_gain: f32,
+}
+
+// Mirror of AmbientData.
+struct Ambient {
+    // Irradiance from sky and ground, constant term.
+    rgb: vec3<f32>,
+    // The zenith's radiance over what falls on level ground.
+    zenith_ratio: f32,
+    // Change of `rgb` along world x, y, z.
+    slope_rgb: array<vec4<f32>, 3>,
+}
+
+// Mirror of FogData.
+struct Fog {
+    // Colour of the air far away.
+    rgb: vec3<f32>,
+    begin_m: f32,
+    // Extinction at height 0, and its fall per metre of height.
+    per_m: f32,
+    falloff_per_m: f32,
+    // Metres of fog above the eye towards the zenith.
+    above_m: f32,
+    // How much of the sun's light it throws forward.
+    forward_ratio: f32,
+    // Extinction of clear air.
+    clear_air_per_m: f32,
+    unused_x: u32,
+    unused_y: u32,
+    unused_z: u32,
+}
+
+// Mirror of WaterData.
+struct Water {
+    rain_ratio: f32,
+    // Lean of the rain's streaks.
+    lean: f32,
+    // Wrapped.
+    time_secs: f32,
+    // Where the noise's clouds are below this, roads lie under puddles.
+    puddle_level: f32,
+    wet_ratio: f32,
+    unused_x: u32,
+    unused_y: u32,
+    unused_z: u32,
+}
+
+// Mirror of SceneryLampsData.
+struct SceneryLamps {
+    // Share of lamps that shine, and of windows that are lit.
+    on_ratio: f32,
+    windows_on_ratio: f32,
+    radiance: f32,
+    window_radiance: f32,
 }
 
 // Mirror of LightData.
 struct LightUniform {
-    sun_towards: vec4<f32>,
-    sun_rgb: vec4<f32>,
-    ambient_rgb: vec4<f32>,
-    ambient_slope_rgb: array<vec4<f32>, 3>,
-    fog_rgb: vec4<f32>,
-    air: vec4<f32>,
-    lamps: vec4<f32>,
-    fog: vec4<f32>,
-    rain: vec4<f32>,
+    sun: Sun,
+    ambient: Ambient,
+    fog: Fog,
+    water: Water,
+    lamps: SceneryLamps,
+    // Tables by material: roughness_of(), mirror_of(), look_of().
     materials: array<vec4<f32>, 17>,
     mirrors: array<vec4<f32>, 17>,
     looks: array<vec4<u32>, 17>,

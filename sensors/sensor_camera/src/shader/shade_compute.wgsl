@@ -8,26 +8,26 @@
 @group(2) @binding(5) var radiance_maps: texture_storage_2d_array<rgba16float, write>;
 
 fn surface_at(pixel: vec2<u32>) -> vec4<u32> {
-    return textureLoad(surface_maps, pixel, views[which].layers.x, 0);
+    return textureLoad(surface_maps, pixel, views[which].layer, 0);
 }
 
 fn depth_at(pixel: vec2<u32>) -> f32 {
-    return textureLoad(depth_maps, pixel, views[which].layers.x, 0).r;
+    return textureLoad(depth_maps, pixel, views[which].layer, 0).r;
 }
 
 fn id_at(pixel: vec2<u32>) -> u32 {
-    return textureLoad(instance_maps, pixel, views[which].layers.x, 0).r;
+    return textureLoad(instance_maps, pixel, views[which].layer, 0).r;
 }
 
 // Whether the target of this number (targets.rs) is wanted.
 fn wants(number: u32) -> bool {
-    return ((views[which].raster.w >> number) & 1u) != 0u;
+    return ((views[which].wanted >> number) & 1u) != 0u;
 }
 
 @compute @workgroup_size(16, 8)
 fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     which = at.z;
-    if f32(at.x) >= views[which].frame.x || f32(at.y) >= views[which].frame.y {
+    if f32(at.x) >= views[which].size_px.x || f32(at.y) >= views[which].size_px.y {
         return;
     }
     let ray = ray_in_camera(vec2<f32>(at.xy) + 0.5);
@@ -38,7 +38,7 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
     } else {
         radiance = sky_at(ray);
     }
-    let layer = views[which].layers.x;
+    let layer = views[which].layer;
     // Not overrides: one pipeline for all, so that no compiler rounds a target in another way because of who else reads.
     if wants(7u) {
         textureStore(luminance_maps, at.xy, layer, vec4(luminance_of(radiance), 0.0, 0.0, 0.0));

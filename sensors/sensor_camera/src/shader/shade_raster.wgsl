@@ -14,7 +14,7 @@ fn surface_at(pixel: vec2<u32>) -> vec4<u32> {
 }
 
 fn depth_at(pixel: vec2<u32>) -> f32 {
-    return views[which].frame.z / textureLoad(depth_map, pixel, 0);
+    return views[which].near_m / textureLoad(depth_map, pixel, 0);
 }
 
 // Nobody needs ids but lamps that somebody switched.

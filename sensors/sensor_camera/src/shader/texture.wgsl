@@ -78,9 +78,9 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     }
 
     // A lamp is on when told to, scenery's lamps also when it is dark.
-    let shining = as_switched(id, albedo, light.air.x);
+    let shining = as_switched(id, albedo, light.lamps.on_ratio);
     let on = max(lit_lamp.x, shining.w * lit_lamp.y) * gloss.w;
-    out.emitted += shining.rgb * (light.lamps.x * on);
+    out.emitted += shining.rgb * (light.lamps.radiance * on);
     // Unlit, coloured glass is dark.
     let palest = min(albedo.r, min(albedo.g, albedo.b)) / max(max(albedo.r, max(albedo.g, albedo.b)), 0.01);
     albedo *= 1.0 - gloss.w * mix(0.88, 0.6, palest);
@@ -92,14 +92,14 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     out.film = 0.0;
     if WITH_WET {
         // Rain darkens what soaks it up; roads shine when wet, and water stands where they are low.
-        let soaks = light.air.z * (1.0 - gloss.w) * select(0.35, 1.0, ground);
+        let soaks = light.water.wet_ratio * (1.0 - gloss.w) * select(0.35, 1.0, ground);
         let paved = f32(ground && material >= MATERIAL_ASPHALT && material <= MATERIAL_PAINT);
         let low = noise(world_m.xy * 1.7 + vec2(11.0, 29.0), log2(pixel_m * 1.7)).g;
-        out.puddle = smoothstep(0.0, 0.06, light.rain.w - low) * paved * smoothstep(0.985, 0.998, normal.z);
+        out.puddle = smoothstep(0.0, 0.06, light.water.puddle_level - low) * paved * smoothstep(0.985, 0.998, normal.z);
         albedo *= (1.0 - 0.45 * soaks) * (1.0 - 0.5 * out.puddle);
-        out.film = max(0.035 * light.air.z * paved, 0.02 * f32(out.puddle > 0.0));
+        out.film = max(0.035 * light.water.wet_ratio * paved, 0.02 * f32(out.puddle > 0.0));
         out.mirror = max(out.mirror, out.film);
-        out.rough = mix(mix(out.rough, 2.6, 0.9 * light.air.z * paved), 0.0, out.puddle);
+        out.rough = mix(mix(out.rough, 2.6, 0.9 * light.water.wet_ratio * paved), 0.0, out.puddle);
     }
     out.albedo = albedo;
     return out;

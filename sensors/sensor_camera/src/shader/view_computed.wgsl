@@ -7,11 +7,11 @@ var<private> which: u32;
 
 // Share of the light that passes at a place of the shadow map, each 0 to 1. What lies beyond belongs to a neighbour: it must not count.
 fn near_shadow(at: vec2<f32>, depth: f32) -> f32 {
-    let in_layer = (at + views[which].tile.xy) * views[which].tile.z;
-    return textureSampleCompareLevel(shadow_maps, shadow_sampler, in_layer, views[which].layers.y, depth);
+    let in_layer = (at + views[which].near_map.tile) * views[which].near_map.side;
+    return textureSampleCompareLevel(shadow_maps, shadow_sampler, in_layer, views[which].near_map.layer, depth);
 }
 
 fn far_shadow(at: vec2<f32>, depth: f32) -> f32 {
-    let in_layer = (at + views[which].far_tile.xy) * views[which].far_tile.z;
-    return textureSampleCompareLevel(far_shadow_maps, shadow_sampler, in_layer, views[which].layers.z, depth);
+    let in_layer = (at + views[which].far_map.tile) * views[which].far_map.side;
+    return textureSampleCompareLevel(far_shadow_maps, shadow_sampler, in_layer, views[which].far_map.layer, depth);
 }

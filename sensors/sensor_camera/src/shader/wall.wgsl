@@ -73,7 +73,7 @@ fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: b
     let room = select(vec3(0.02, 0.024, 0.03), vec3(0.11, 0.095, 0.075) * (0.3 + window.lot.r), is_shop);
     out.albedo = mix(out.albedo, mix(room, vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), out.pane);
     out.cool = f32(window.lot.a > 0.8);
-    let share = as_switched(id, vec3(1.0), light.air.w).w * select(0.34, 0.8, is_shop);
+    let share = as_switched(id, vec3(1.0), light.lamps.windows_on_ratio).w * select(0.34, 0.8, is_shop);
     // Brighter below the ceiling lamp, and not two rooms alike.
     let floor_up = fract(uv_m.y / select(3.1, 3.6, is_shop));
     out.glow = out.pane * f32(window.lot.b < share) * (0.12 + 0.88 * window.lot.a * window.lot.g) * (0.45 + 0.9 * floor_up);
@@ -83,5 +83,5 @@ fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: b
 // Radiance of a window.
 fn window_light(wall: Wall, id: u32) -> vec3<f32> {
     let own = mix(vec3(1.0, 0.62, 0.30), vec3(0.85, 0.92, 1.0), wall.cool);
-    return as_switched(id, own, light.air.w).rgb * (light.lamps.y * wall.glow);
+    return as_switched(id, own, light.lamps.windows_on_ratio).rgb * (light.lamps.window_radiance * wall.glow);
 }

@@ -135,12 +135,10 @@ impl GpuEventCamera {
         EventJob {
             size_px: self.size_px,
             n_tiles: tiles_of(self.size_px.map(|side| side as usize)).map(|n| n as u32),
-            thresholds: [
-                spec.positive_threshold,
-                spec.negative_threshold,
-                spec.log_eps,
-                spec.substep_px,
-            ],
+            threshold_up: spec.positive_threshold,
+            threshold_down: spec.negative_threshold,
+            log_eps: spec.log_eps,
+            substep_px: spec.substep_px,
             leak: spec.leak_rate_hz * spec.positive_threshold * window_nanos as f32 * 1e-9,
             ratio,
             nanos: window_nanos.min(u32::MAX as u64) as u32,

@@ -10,8 +10,14 @@ pub struct EventJob {
     pub size_px: [u32; 2],
     /// Tiles across and down.
     pub n_tiles: [u32; 2],
-    /// Up, down, what is added before the logarithm, longest step.
-    pub thresholds: [f32; 4],
+    /// Change of the level per event, upwards.
+    pub threshold_up: f32,
+    /// The same downwards.
+    pub threshold_down: f32,
+    /// What is added before the logarithm.
+    pub log_eps: f32,
+    /// Longest path between two samples, pixels.
+    pub substep_px: f32,
     /// Leak of the window.
     pub leak: f32,
     /// Length over that of the window before.
