@@ -1,4 +1,4 @@
-//! Counts of what was given to the GPU, so that a test can show that what nobody reads costs
+//! Counts of what was given to the GPU. Tests use them to show that outputs without readers cost
 //! nothing.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -51,7 +51,7 @@ impl Counters {
         self.submissions.fetch_add(1, Relaxed);
     }
 
-    /// The values now.
+    /// The current values.
     pub fn counts(&self) -> Counts {
         Counts {
             passes: self.passes.load(Relaxed),

@@ -52,14 +52,13 @@ struct Inner {
     counters: Counters,
     timing: Timing,
     staging: StagingPool,
-    /// Copies beside the drawing, where there is a queue for them.
+    /// Present if copies have a queue of their own.
     copy_queue: Option<CopyQueue>,
 }
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // What the drawing queue waits for or signals may be in use as long as nobody knows that it
-        // is done: it is left to the driver then.
+        // If waiting fails, semaphores may still be in use, and are left to the driver.
         if self
             .device
             .poll(wgpu::PollType::wait_indefinitely())
@@ -68,7 +67,8 @@ impl Drop for Inner {
             return;
         }
         if let Some(queue) = self.copy_queue.take() {
-            // SAFETY: the drawing queue has finished everything, and who could submit more is gone.
+            // SAFETY: the drawing queue has finished everything, and the last handle that could
+            // submit more is being dropped.
             unsafe { queue.close() };
         }
         if let Some(timeline) = self.drawing.take_timeline() {
@@ -113,7 +113,7 @@ impl Gpu {
     pub fn open(options: &GpuOptions) -> Result<Gpu, GpuError> {
         let adapter = choose(enumerate(), options.adapter.as_deref())?;
         let info = adapter.get_info();
-        // Without imports nothing is copied to readers but by the CPU.
+        // Without imports only the CPU copies to readers.
         let copies = if options.allow_import {
             options.copies
         } else {
@@ -178,7 +178,7 @@ impl Gpu {
         self.0.import.is_some()
     }
 
-    /// Whether frames can be copied beside the drawing of the next ones.
+    /// Whether copies can run while the next submission is drawn.
     pub fn copies_beside(&self) -> bool {
         self.0.copy_queue.is_some()
     }
@@ -192,7 +192,7 @@ impl Gpu {
             && self.0.device.limits().max_immediate_size >= n_bytes
     }
 
-    /// Whether shaders can count in `f64` and `u64`.
+    /// Whether shaders can use `f64` and `u64`.
     pub fn has_wide_numbers(&self) -> bool {
         self.0
             .device
@@ -200,7 +200,7 @@ impl Gpu {
             .contains(wgpu::Features::SHADER_F64 | wgpu::Features::SHADER_INT64)
     }
 
-    /// Whether draw calls that lie in a buffer can begin at any instance.
+    /// Whether indirect draw calls can begin at any instance.
     pub fn has_indirect_instances(&self) -> bool {
         self.0
             .device
@@ -229,8 +229,8 @@ impl Gpu {
         &self.0.counters
     }
 
-    /// Gives commands to the drawing queue. Every submission goes through its lock, because one
-    /// may wait for semaphores that are not meant for the others.
+    /// Gives commands to the drawing queue. Every submission goes through its lock, because one may
+    /// wait for semaphores that are not meant for the others.
     pub fn submit(
         &self,
         commands: impl IntoIterator<Item = wgpu::CommandBuffer>,

@@ -1,6 +1,6 @@
-//! Submissions whose shaders write into their readers' memory themselves: no copies, no mapping,
-//! and a semaphore of our own to wait for,
-//! so that nobody looks after wgpu's books before the bytes are handed on.
+//! Submissions whose shaders write into their readers' memory themselves. They need no copies and
+//! no mapping, and are awaited by a semaphore of our own, so the bytes are handed on before wgpu
+//! does its bookkeeping.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ use crate::memory::DirectTarget;
 use crate::queue::{AWAKE, Moment};
 use crate::timing::Pending;
 
-/// A submission on its way that writes to targets by itself. Dropping it waits too.
+/// A submission in flight whose shaders write to targets. Dropping it waits too.
 #[derive(Debug)]
 #[must_use = "the bytes are there only after wait_awake()"]
 pub struct Direct {
@@ -22,7 +22,7 @@ pub struct Direct {
     done: Moment,
     submission: wgpu::SubmissionIndex,
     pending: Option<Pending>,
-    /// Kept until the GPU has let go of them.
+    /// Kept until the GPU no longer uses them.
     _targets: Vec<DirectTarget>,
     is_done: bool,
 }
@@ -76,7 +76,7 @@ impl Gpu {
 }
 
 impl Direct {
-    /// Waits until the bytes are there, awake for the first half millisecond.
+    /// Waits until the bytes are written; spins for the first half millisecond.
     ///
     /// # Errors
     /// The device was lost.

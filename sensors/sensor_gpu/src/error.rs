@@ -8,10 +8,10 @@ pub enum GpuError {
         "no Vulkan adapter found; install a driver (Debian: mesa-vulkan-drivers has the software adapter lavapipe)"
     )]
     NoAdapter,
-    /// None has the name asked for.
+    /// No adapter has the requested name.
     #[error("no Vulkan adapter's name contains {asked:?}; there are: {}", found.join(", "))]
     UnknownAdapter {
-        /// What was asked for.
+        /// The requested name.
         asked: String,
         /// Names of all adapters.
         found: Vec<String>,
@@ -21,7 +21,7 @@ pub enum GpuError {
     Open {
         /// Adapter.
         name: String,
-        /// The driver's words.
+        /// The driver's message.
         reason: String,
     },
     /// The device was lost or reported an error while a submission ran.
@@ -29,7 +29,7 @@ pub enum GpuError {
     Lost {
         /// Adapter.
         name: String,
-        /// The driver's words.
+        /// The driver's message.
         reason: String,
     },
 }

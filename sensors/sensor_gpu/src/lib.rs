@@ -1,16 +1,13 @@
-//! The one crate that opens GPU devices, imports shared memory into them and copies results to
-//! where readers are.
+//! Opens the GPU, imports shared memory into it, and copies results to where readers are.
 //!
-//! A frame is born in its reader's memory: [`ShmTarget::import`] wraps a whole shared-memory
-//! segment as a GPU buffer
-//! (`VK_EXT_external_memory_host`), and [`CopyBatch`] records copies from textures and buffers to
-//! offsets in it, with tight rows, where the
-//! adapter has a queue for that beside the drawing of the next frame.
-//! Shaders that know where their results go write there themselves ([`Gpu::submit_direct`]).
-//! Where the driver cannot do that, the same calls go through a staging buffer and one CPU copy;
-//! `cpu_copies` tells which.
-//! Vulkan only. Sensors describe their passes; this crate owns the device, the submission and the
-//! wait.
+//! Results are written straight into their readers' memory: [`ShmTarget::import`] wraps a whole
+//! shared-memory segment as a GPU buffer (`VK_EXT_external_memory_host`), and [`CopyBatch`] records
+//! copies from textures and buffers to offsets in it, with tight rows. Where the adapter has a
+//! queue that only copies, they run while the next submission is drawn. Shaders that know where
+//! their results go write there themselves ([`Gpu::submit_direct`]). Where the driver cannot import
+//! memory, the same calls go through a staging buffer and one CPU copy; `cpu_copies` states which
+//! way was taken. Vulkan only. Sensors describe their passes; this crate owns the device, the
+//! submission and the wait.
 
 #![expect(
     unsafe_code,

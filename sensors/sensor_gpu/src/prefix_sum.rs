@@ -1,9 +1,8 @@
-//! Sums over the lanes of a workgroup, as shaders of several crates need them.
+//! Prefix sums over the lanes of a workgroup, for the shaders of several crates.
 
-/// Text to be put before a shader whose workgroups have `n_lanes` lanes, a power of two:
-/// `sum_up_to(lane, value)` gives the sum of the values
-/// of all lanes up to and with this one, and leaves every lane's in the workgroup's `sums`. All
-/// lanes have to call it together.
+/// WGSL to be put before a shader whose workgroups have `n_lanes` lanes, a power of two:
+/// `sum_up_to(lane, value)` returns the sum of the values of all lanes up to and including this
+/// one, and leaves every lane's sum in the workgroup's `sums`. All lanes must call it together.
 ///
 /// Source: Hillis and Steele, *Data Parallel Algorithms* (1986).
 pub fn prefix_sum_wgsl(n_lanes: u32) -> String {

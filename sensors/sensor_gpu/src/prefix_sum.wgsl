@@ -1,6 +1,6 @@
 var<workgroup> sums: array<u32, SUM_LANES>;
 
-// Sum of the values of the lanes up to and with this one.
+// Sum of the values of the lanes up to and including this one.
 fn sum_up_to(lane: u32, value: u32) -> u32 {
     sums[lane] = value;
     workgroupBarrier();

@@ -1,5 +1,5 @@
-//! The queues of a device: the one that draws, the one that copies, and how each tells the other
-//! how far it is.
+//! The queues of a device: the one that draws, the one that copies, and the semaphores by which
+//! they wait for each other.
 
 mod copying;
 mod drawing;

@@ -49,7 +49,7 @@ impl Gpu {
         self.texture_of(label, size_px, [1, n_mips], format, usage)
     }
 
-    /// One of several layers, each of one level.
+    /// A two-dimensional texture with several layers, each of one level.
     pub fn texture_layers(
         &self,
         label: &str,
@@ -94,8 +94,8 @@ impl Gpu {
             })
     }
 
-    /// A shader from WGSL text of ours, without the checks that a stranger's would need: of
-    /// indices, and that loops end.
+    /// A shader from trusted WGSL text, without runtime checks of indices and of loops that might
+    /// not end.
     ///
     /// # Safety
     /// The shader stays inside its buffers and arrays, and its loops end.

@@ -10,17 +10,16 @@ use wgpu::wgt;
 use crate::device::Gpu;
 
 impl Gpu {
-    /// How many textures that [`Gpu::shared_texture_layers`] made and said to be shared have not
-    /// been freed.
+    /// Number of shared textures from [`Gpu::shared_texture_layers`] that have not been freed.
     pub fn n_shared_textures(&self) -> u32 {
         self.copy_queue()
             .map_or(0, |queue| queue.room.n.load(Relaxed))
     }
 
-    /// Several layers of one level, and whether copies can go on beside drawing:
-    /// [`crate::CopyBatch::shared_layer`] says what that asks for.
-    /// Not, and an ordinary texture, where there is no queue for it or the driver refuses; contents
-    /// are undefined.
+    /// A texture of several layers and one level, and whether it is shared with the copy queue;
+    /// what a shared texture asks of its user is told at [`crate::CopyBatch::shared_layer`].
+    /// Without a copy queue, or if the driver refuses, it is an ordinary texture. Its contents are
+    /// undefined.
     pub fn shared_texture_layers(
         &self,
         label: &str,
@@ -96,15 +95,16 @@ impl Gpu {
             .sharing_mode(sharing)
             .queue_family_indices(queue.families())
             .initial_layout(vk::ImageLayout::UNDEFINED);
-        // SAFETY: a well-formed create info, of families that are the device's; what the device
-        // does not take is refused before.
+        // SAFETY: a well-formed create info, of families that are the device's; unsupported usages
+        // were refused above.
         let Ok((image, memory)) = (unsafe { create(&hal, &info) }) else {
             room.n.fetch_sub(1, Relaxed);
             return None;
         };
         let raw = hal.raw_device().clone();
         let give_back = move || {
-            // SAFETY: wgpu has let go of both, which are ours; it keeps the device until then.
+            // SAFETY: wgpu calls this after its last use of both, which are ours, and keeps the
+            // device until then.
             unsafe {
                 raw.destroy_image(image, None);
                 raw.free_memory(memory, None);
@@ -133,8 +133,8 @@ impl Gpu {
             )
         };
         drop(hal);
-        // SAFETY: made from this device as the descriptor says. What stands in it is undefined, and
-        // no one reads it before it was drawn.
+        // SAFETY: made from this device as the descriptor says. Its contents are undefined, and
+        // nobody reads it before it was drawn.
         Some(unsafe {
             self.device().create_texture_from_hal::<Vulkan>(
                 texture,
@@ -145,7 +145,8 @@ impl Gpu {
     }
 }
 
-/// The same in Vulkan's words and in wgpu-hal's; `None` for usages that render targets do not have.
+/// The usage in Vulkan's flags and in wgpu-hal's; `None` for usages that render targets do not
+/// have.
 fn usage_of(usage: wgpu::TextureUsages) -> Option<(vk::ImageUsageFlags, wgt::TextureUses)> {
     let words = [
         (
@@ -210,8 +211,8 @@ unsafe fn create(
     {
         return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
     }
-    // SAFETY: the caller promises what the call asks, the limits hold; on failure the image is
-    // destroyed below.
+    // SAFETY: the create info is well formed (caller) and within the limits checked above; on
+    // failure the image is destroyed below.
     let image = unsafe { raw.create_image(info, None) }?;
     // SAFETY: the image was just made from this device.
     let needs = unsafe { raw.get_image_memory_requirements(image) };
@@ -236,8 +237,8 @@ unsafe fn create(
             unsafe { raw.allocate_memory(&info, None) }
         });
     let bound = allocated.and_then(|memory| {
-        // SAFETY: fresh image, fresh memory of the size it asks for, offset 0; freed if they do not
-        // go together.
+        // SAFETY: fresh image, fresh memory of the size it asks for, offset 0; freed if binding
+        // fails.
         unsafe { raw.bind_image_memory(image, memory, 0) }
             .map(|()| memory)
             .inspect_err(|_| unsafe { raw.free_memory(memory, None) })

@@ -1,12 +1,12 @@
-//! Where the time of a submission goes, on the GPU and while it is prepared: for benchmarks. Off
-//! until asked for, and then no cost.
+//! Measures where the time of a submission goes, on the GPU and while it is prepared, for
+//! benchmarks. It is off by default, and costs nothing then.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// Most marks of one submission; further ones are left out.
+/// Upper limit of marks in one submission; further ones are left out.
 const MAX_MARKS: u32 = 4096;
 
 /// Sums of times by label, of the submissions of one device.
@@ -22,7 +22,7 @@ pub(crate) struct Timing {
 #[derive(Debug, Default)]
 struct State {
     open: Option<Marks>,
-    /// Of earlier submissions: making one costs the processor more than all of its marks.
+    /// Query sets of earlier submissions: making one costs the CPU more than all of its marks.
     spare: Vec<wgpu::QuerySet>,
     /// (place, label) to nanoseconds.
     spans: BTreeMap<(&'static str, &'static str), f64>,
@@ -35,7 +35,7 @@ struct Marks {
     labels: Vec<&'static str>,
 }
 
-/// Marks of a submission on its way.
+/// Marks of a submission in flight.
 #[derive(Debug)]
 pub(crate) struct Pending {
     queries: wgpu::QuerySet,
@@ -46,9 +46,9 @@ pub(crate) struct Pending {
 /// One sum.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// `GPU`, or `CPU` for what prepares a submission.
+    /// `GPU`, or `CPU` for the work of preparing a submission.
     pub place: &'static str,
-    /// What it was. `copies` may go on beside the other labels of the GPU; the rest add up.
+    /// Name of the work. `copies` may overlap with the other labels of the GPU; those add up.
     pub label: &'static str,
     /// Milliseconds since the sums were last taken.
     pub millis: f64,
@@ -95,7 +95,7 @@ impl Timing {
             .collect()
     }
 
-    /// Adds steps of the GPU's clock that something took beside the drawing.
+    /// Adds clock steps that work on another queue took.
     pub fn add_span(&self, label: &'static str, steps: u64) {
         let nanos = steps as f64 * self.period_nanos;
         *self.state().spans.entry(("GPU", label)).or_default() += nanos;
@@ -139,7 +139,7 @@ impl Timing {
         out
     }
 
-    /// Records the marks' way home, in the last encoder of a submission.
+    /// Records the readback of the marks, in the last encoder of a submission.
     pub fn close_marks(&self, encoder: &mut wgpu::CommandEncoder) -> Option<Pending> {
         let marks = self.state().open.take()?;
         let n_bytes = 8 * marks.labels.len() as u64;

@@ -1,9 +1,8 @@
-//! Copies beside the drawing: who draws into a texture again waits for the copies that read it, and
-//! what is under way outlives who asked.
+//! Copies on the copy queue: drawing into a texture again waits for the copies that read it, and
+//! copies in flight keep what they need when their caller drops it.
 //!
-//! `Apart` takes the same way as `Beside` through one queue: on every adapter it shows lifetimes
-//! and bookkeeping. The order of two queues shows
-//! only where there are two; there both ways are tried.
+//! `Apart` does on one queue what `Beside` does on two, so lifetimes and bookkeeping are tested on
+//! every adapter. Where an adapter has two queues, both ways are tested.
 
 #![expect(
     unsafe_code,
@@ -16,7 +15,7 @@ use sensor_gpu::{CopyBatch, CopyPath, Gpu, GpuOptions, InFlight, Place, Reads, S
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 
-/// Devices whose copies go on beside the drawing.
+/// Devices that copy while they draw.
 fn gpus() -> Vec<Gpu> {
     let open = |copies| {
         Gpu::open(&GpuOptions {
@@ -185,8 +184,8 @@ fn a_texture_is_drawn_into_again_only_when_it_was_copied() {
     }
 }
 
-/// Textures and targets are dropped while their copies are on their way, waited for or not; nothing
-/// of them is left.
+/// Textures and targets are dropped while their copies are in flight, waited for or not; nothing
+/// leaks.
 #[test]
 fn what_is_dropped_under_way_is_freed_when_its_copy_is_done() {
     for gpu in gpus() {
@@ -217,7 +216,7 @@ fn what_is_dropped_under_way_is_freed_when_its_copy_is_done() {
     }
 }
 
-/// Time on the copy queue is told under the label that it has behind the drawing, too.
+/// Time on the copy queue has the same label as copies after the drawing.
 #[test]
 fn copies_are_timed_wherever_they_are_made() {
     for copies in [CopyPath::Behind, CopyPath::Apart, CopyPath::Beside] {

@@ -1,15 +1,12 @@
-//! Copies out of textures and buffers: one batch per submission, three ways to the reader, one
-//! interface.
+//! Copies out of textures and buffers: one batch per submission, with three ways to the reader
+//! behind one interface.
 //!
 //! Imported targets get a raw `vkCmdCopyImageToBuffer` with tight rows, because wgpu's own copy
-//! pads rows to 256 bytes. Textures that the
-//! copy queue may read are copied there ([`crate::copy_queue`]), beside what is drawn next. All
-//! else is copied behind the drawing: the
-//! caller's passes and the transitions to COPY_SRC/COPY_DST (first encoder), the raw copies
-//! (second; wgpu does not allow raw and ordinary
-//! calls in one encoder), the transition that makes the bytes visible to the host (third), all in
-//! one submit. What has no imported target
-//! goes through staging buffers.
+//! pads rows to 256 bytes. Shared textures are copied by the copy queue while the next submission
+//! is drawn. All other copies run after the drawing, in one submit: the caller's passes and the
+//! transitions to COPY_SRC/COPY_DST (first encoder), the raw copies (second; wgpu does not allow
+//! raw and ordinary calls in one encoder), and the transition that makes the bytes visible to the
+//! host (third). Copies without an imported target go through staging buffers.
 
 use std::sync::Arc;
 
@@ -23,7 +20,8 @@ use super::raw::raw_copies_of;
 use crate::device::Gpu;
 use crate::queue::{CopyMarks, CopyQueue, Moment, Reads};
 
-/// Copies that go out with one submission. The number a method returns names the copy afterwards.
+/// The copies of one submission. Each method returns the number by which the copy's outcome is
+/// found later.
 #[derive(Debug, Default)]
 pub struct CopyBatch<'a> {
     items: Vec<Item<'a>>,
@@ -62,10 +60,9 @@ impl<'a> CopyBatch<'a> {
         )
     }
 
-    /// The same for a texture that [`Gpu::shared_texture_layers`] made and said to be shared: its
-    /// copy goes on beside later submissions. Each of
-    /// those that writes to a texture of the group `reads` has to say so with
-    /// [`CopyBatch::overwrites`] or [`Gpu::submit_overwriting`].
+    /// The same for a shared texture from [`Gpu::shared_texture_layers`]: its copy may still run
+    /// during later submissions. Each of those that writes to a texture of the group `reads` must
+    /// declare it with [`CopyBatch::overwrites`] or [`Gpu::submit_overwriting`].
     pub fn shared_layer(
         &mut self,
         texture: &wgpu::Texture,
@@ -81,8 +78,8 @@ impl<'a> CopyBatch<'a> {
         )
     }
 
-    /// Says that the submission writes to textures of a group: on the GPU it waits for copies of
-    /// earlier submissions that read them.
+    /// Declares that the submission writes to textures of a group: it waits on the GPU for copies
+    /// of earlier submissions that read them.
     pub fn overwrites(&mut self, reads: &Arc<Reads>) {
         if !self
             .overwritten
@@ -183,7 +180,7 @@ impl<'a> CopyBatch<'a> {
         self.items.is_empty()
     }
 
-    /// Submits `encoder` with these copies behind it, or beside what is submitted next.
+    /// Submits `encoder` and these copies, which run after it or on the copy queue.
     pub fn submit(mut self, gpu: &Gpu, mut encoder: wgpu::CommandEncoder) -> InFlight<'a> {
         for item in &mut self.items {
             if item.imported().is_none() {
@@ -239,9 +236,8 @@ impl<'a> CopyBatch<'a> {
 }
 
 impl Gpu {
-    /// Submits commands that bring no copies, and write to textures of these groups: on the GPU
-    /// they wait for copies of earlier submissions
-    /// that read them.
+    /// Submits commands without copies that write to textures of these groups: they wait on the GPU
+    /// for copies of earlier submissions that read them.
     pub fn submit_overwriting(
         &self,
         commands: Vec<wgpu::CommandBuffer>,
@@ -252,7 +248,7 @@ impl Gpu {
     }
 }
 
-/// Gives commands to the drawing queue and copies beside them to the other one.
+/// Gives commands to the drawing queue, and the copies `beside` them to the copy queue.
 fn submit(
     gpu: &Gpu,
     commands: Vec<wgpu::CommandBuffer>,
@@ -285,10 +281,9 @@ fn submit(
         value: number,
     };
     let submission = drawing.submit(commands, wait, Some(drawn));
-    // SAFETY: the submission signals the number, and left textures as copies want them; the items
-    // own textures and targets until the copies
-    // are done, and who draws into the textures again waits for them. The drawing queue is ours
-    // alone here.
+    // SAFETY: the submission signals the number and leaves textures in the layout for copies; the
+    // items own textures and targets until the copies are done, and later drawing into the textures
+    // waits for them. `drawing` is the lock on the drawing queue.
     let submitted = unsafe { queue.submit(&mut turn, number, &copies, marks.as_ref()) };
     if submitted.is_ok() {
         beside
@@ -306,8 +301,8 @@ fn submit(
     )
 }
 
-/// One item per imported buffer: several frames may go to one segment, and a barrier names a buffer
-/// once.
+/// Each imported buffer once: several frames may go to one segment, and a barrier may name a buffer
+/// only once.
 fn unique_buffers<'i>(behind: &[&'i Item<'_>]) -> Vec<&'i wgpu::Buffer> {
     let mut unique: Vec<&wgpu::Buffer> = Vec::with_capacity(behind.len());
     for buffer in behind.iter().filter_map(|item| item.imported()) {
@@ -369,7 +364,7 @@ fn record_staged(gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, source: &Source)
     }
 }
 
-/// Puts sources, and the imported buffers of copies behind the drawing, into the states that raw
+/// Puts all sources, and the imported buffers of copies after the drawing, into the states that raw
 /// copies expect.
 fn record_transitions(
     encoder: &mut wgpu::CommandEncoder,
@@ -408,7 +403,7 @@ fn record_transitions(
     encoder.transition_resources(buffers.into_iter(), textures.into_iter());
 }
 
-/// Raw copies into imported buffers, by the queue that drew.
+/// Records raw copies into imported buffers for the drawing queue.
 fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
     let mut encoder = gpu.encoder("copies to shared memory");
     // SAFETY: the guard only lends the device for recording.
@@ -418,8 +413,8 @@ fn record_behind(gpu: &Gpu, behind: &[&Item<'_>]) -> wgpu::CommandBuffer {
         .clone();
     let copies = raw_copies_of(behind);
     // SAFETY: the encoder before left textures, buffers and targets in the states that the copies
-    // expect, and the items live until the
-    // submission is done; nothing ordinary is recorded with this encoder.
+    // expect, and the items live until the submission is done; nothing ordinary is recorded with
+    // this encoder.
     unsafe {
         encoder.as_hal_mut::<Vulkan, _, _>(|hal| {
             copies.record(&device, hal.expect("made by Vulkan").raw_handle())

@@ -1,4 +1,4 @@
-//! Submissions on their way with their copies, and what became of those.
+//! Submissions in flight, and the outcome of their copies.
 
 use ash::vk;
 
@@ -8,25 +8,25 @@ use crate::error::GpuError;
 use crate::queue::{AWAKE, CopyMarks};
 use crate::timing::Pending;
 
-/// A submission on its way. Dropping it waits too, so that nothing is written to memory that the
-/// caller takes back.
+/// A submission in flight. Dropping it waits too, so that the GPU never writes to memory after the
+/// caller has taken it back.
 #[derive(Debug)]
 #[must_use = "the copies are done only after wait()"]
 pub struct InFlight<'a> {
     gpu: Gpu,
-    /// They own what is copied until it has been.
+    /// They own sources and targets until the copies are done.
     items: Vec<Item<'a>>,
     submission: Option<wgpu::SubmissionIndex>,
     beside: Option<Beside>,
     pending: Option<Pending>,
 }
 
-/// Copies by the queue beside the drawing one.
+/// Copies on the copy queue.
 #[derive(Debug)]
 pub(crate) struct Beside {
-    /// What the queue signals once they are done.
+    /// The number that the queue signals once they are done.
     pub number: u64,
-    /// Whether the queue took them.
+    /// Whether they were submitted.
     pub submitted: Result<(), vk::Result>,
     pub marks: Option<CopyMarks>,
 }
@@ -48,7 +48,7 @@ impl Mapped {
         &self.view.as_ref().expect("the view lives as long as self")[begin..begin + self.row_bytes]
     }
 
-    /// All bytes, the bytes of a row in use, and the bytes from one row to the next.
+    /// All bytes, the used bytes of a row, and the distance from one row to the next.
     pub fn padded(&self) -> (&[u8], usize, usize) {
         (
             self.view.as_ref().expect("the view lives as long as self"),
@@ -66,7 +66,7 @@ impl Drop for Mapped {
     }
 }
 
-/// What became of one copy.
+/// Outcome of one copy.
 #[derive(Debug)]
 pub struct CopyOutcome {
     /// Bytes written; 0 for a mapped one.
@@ -94,7 +94,8 @@ impl<'a> InFlight<'a> {
         }
     }
 
-    /// Waits until the bytes are where they belong; one outcome per copy, in order of recording.
+    /// Waits until all bytes are at their places; returns one outcome per copy, in order of
+    /// recording.
     ///
     /// # Errors
     /// The device was lost.
@@ -109,8 +110,8 @@ impl<'a> InFlight<'a> {
             .collect()
     }
 
-    /// As [`InFlight::wait`], but awake for the first half millisecond: short work on a GPU of its
-    /// own is over before a thread wakes up.
+    /// As [`InFlight::wait`], but it spins for the first half millisecond: short work on a
+    /// dedicated GPU is done before a sleeping thread would wake up.
     ///
     /// # Errors
     /// The device was lost.
@@ -155,8 +156,8 @@ impl<'a> InFlight<'a> {
         let Some(submission) = self.submission.take() else {
             return Ok(());
         };
-        // Copies beside the drawing are done after it: nobody needs to look after wgpu's books,
-        // unless something of its own is waited for.
+        // Copies on the copy queue end after the drawing, so polling wgpu is unnecessary unless
+        // something that it maps is awaited.
         let is_plain =
             self.pending.is_none() && self.items.iter().all(|item| item.staging.is_none());
         let copied = self
@@ -191,8 +192,8 @@ fn wait_beside(
     let done = submitted
         .and_then(|()| queue.wait(number))
         .map_err(|error| gpu.lost(error));
-    // Marks of copies that nobody can wait for are never freed: what resets them may still be on
-    // its way.
+    // If waiting failed, the marks are never freed, because the submission that resets them may
+    // still be in flight.
     if done.is_ok()
         && let Some(steps) = marks.and_then(|marks| queue.take_marks(marks))
     {

@@ -65,7 +65,7 @@ impl Source {
 #[derive(Debug)]
 pub(crate) enum Sink<'a> {
     Place(Place<'a>),
-    /// Left mapped for the CPU to look at.
+    /// Left mapped for the CPU to read.
     Mapped,
 }
 

@@ -7,8 +7,7 @@ use crate::memory::ShmTarget;
 /// Where bytes go.
 #[derive(Debug)]
 pub enum Place<'a> {
-    /// A range of a target that begins at this offset; the caller holds it alone (see
-    /// [`ShmTarget::import`]).
+    /// A range of a target; the caller has exclusive use of it (see [`ShmTarget::import`]).
     Shm {
         /// The segment.
         target: Arc<ShmTarget>,
@@ -23,7 +22,7 @@ pub enum Place<'a> {
 }
 
 impl Place<'_> {
-    /// Room there, bytes.
+    /// Size of the memory, bytes.
     pub fn capacity_bytes(&self) -> usize {
         match self {
             Place::Shm { capacity_bytes, .. } => *capacity_bytes,
@@ -39,12 +38,11 @@ impl Place<'_> {
         }
     }
 
-    /// The memory itself, for what the CPU makes in place.
+    /// The memory itself, for outputs that the CPU makes in place.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         match self {
             // SAFETY: the constructors of `ShmTarget` make the caller promise that the range of a
-            // place is nobody else's; `&mut self`
-            // keeps the slice single.
+            // place is nobody else's; `&mut self` keeps the slice single.
             Place::Shm {
                 target,
                 offset_bytes,

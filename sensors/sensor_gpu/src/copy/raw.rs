@@ -1,4 +1,4 @@
-//! Items of a batch as raw copies.
+//! Turns the items of a batch into raw copies.
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
@@ -6,7 +6,7 @@ use wgpu::hal::api::Vulkan;
 use super::item::{Item, Source};
 use crate::queue::{RawCopies, RawCopy};
 
-/// Copies of items whose targets are imported. The handles are good as long as the items live.
+/// Copies of items whose targets are imported. Their handles are valid as long as the items live.
 pub(super) fn raw_copies_of(items: &[&Item<'_>]) -> RawCopies {
     let mut groups: Vec<Vec<&Item<'_>>> = Vec::new();
     for item in items {

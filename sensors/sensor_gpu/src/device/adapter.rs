@@ -11,15 +11,15 @@ pub struct AdapterInfo {
     pub driver: String,
     /// Whether the CPU does the work.
     pub is_software: bool,
-    /// Whether the driver has the extension that frames without a copy need.
+    /// Whether the driver has the import extension, without which every frame costs a CPU copy.
     pub can_import: bool,
 }
 
 pub fn enumerate() -> Vec<wgpu::Adapter> {
     let descriptor = wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN,
-        // Checking draw calls that lie in a buffer costs a pass on the GPU, and ours are written by
-        // us.
+        // Validating indirect draw calls costs a pass on the GPU, and only trusted code writes
+        // them.
         flags: wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL,
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     };

@@ -23,10 +23,10 @@ pub(crate) fn has_import(adapter: &wgpu::Adapter) -> bool {
     })
 }
 
-/// No queue goes before another.
+/// All queues have the same priority.
 static PRIORITIES: [f32; MAX_QUEUES] = [1.0; MAX_QUEUES];
 
-/// A device.
+/// An open device.
 pub(crate) struct Opened {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
@@ -37,7 +37,7 @@ pub(crate) struct Opened {
 
 /// Opens `adapter` with the import extension and a queue for copies, if it has them.
 ///
-/// Errors are the driver's words.
+/// Errors are the driver's messages.
 pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<Opened, String> {
     let wanted = wgpu::Features::FLOAT32_FILTERABLE
         | wgpu::Features::IMMEDIATES
@@ -67,8 +67,7 @@ pub(crate) fn open_device(adapter: &wgpu::Adapter, copies: CopyPath) -> Result<O
         properties = properties.push_next(&mut host_properties);
     }
     // SAFETY: instance and physical device belong together and live; wgpu requires Vulkan 1.1 where
-    // this call is core,
-    // and the chained struct is only there if its extension is.
+    // this call is core, and the chained struct is only there if its extension is.
     unsafe {
         hal_adapter
             .shared_instance()

@@ -1,4 +1,4 @@
-//! Mappable buffers that are used again.
+//! A pool of mappable buffers.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,19 +6,19 @@ use std::sync::{Mutex, PoisonError};
 /// use 96.
 const MAX_POOLED_STAGING: usize = 128;
 
-/// Staging buffers that came back.
+/// Staging buffers that are not in use.
 #[derive(Debug, Default)]
 pub(crate) struct StagingPool(Mutex<Vec<wgpu::Buffer>>);
 
 impl StagingPool {
-    /// A buffer of this size that came back, if there is one.
+    /// An unused buffer of this size, if there is one.
     pub fn take(&self, n_bytes: u64) -> Option<wgpu::Buffer> {
         let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let known = pool.iter().position(|buffer| buffer.size() == n_bytes)?;
         Some(pool.swap_remove(known))
     }
 
-    /// Takes a buffer back.
+    /// Returns a buffer to the pool.
     pub fn give(&self, buffer: wgpu::Buffer) {
         let mut pool = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // Sizes change when resolutions do: old ones fall out at the front.

@@ -1,4 +1,4 @@
-//! Memory of the process that shaders read and write where it lies.
+//! Memory of the process that shaders read and write in place.
 
 use std::alloc::Layout;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ unsafe impl Send for HostMemory {}
 // SAFETY: as above.
 unsafe impl Sync for HostMemory {}
 
-/// Imports want whole pages; 64 KiB are pages wherever Vulkan runs.
+/// Imports need whole pages; 64 KiB is a multiple of the page size wherever Vulkan runs.
 const ALIGN_BYTES: usize = 65_536;
 
 impl HostMemory {
@@ -71,7 +71,7 @@ impl HostMemory {
         self.layout.size()
     }
 
-    /// Lets the host see what the commands before write there.
+    /// Makes what earlier commands wrote there visible to the host.
     pub fn make_visible(&self, encoder: &mut wgpu::CommandEncoder) {
         let visible = wgt::BufferTransition {
             buffer: self.buffer(),
@@ -87,7 +87,7 @@ impl HostMemory {
     ///
     /// # Safety
     /// While the slice lives, nobody calls [`HostMemory::write`], and no submission that writes to
-    /// the memory is on its way.
+    /// the memory is in flight.
     pub unsafe fn bytes(&self) -> &[u8] {
         // SAFETY: initialised, and written through `write` and by submissions only, which the
         // caller keeps apart from this.
@@ -99,13 +99,12 @@ impl HostMemory {
     /// Panics if the range leaves the memory.
     ///
     /// # Safety
-    /// No submission that writes to the range is on its way, and no other thread writes to it
+    /// No submission that writes to the range is in flight, and no other thread writes to it
     /// meanwhile.
     pub unsafe fn read(&self, offset_bytes: usize, into: &mut [u8]) {
         self.check_range(offset_bytes, into.len());
         // SAFETY: in bounds and initialised, `into` is other memory, because nobody ever has a
-        // mutable reference to this, and nobody writes
-        // meanwhile (caller).
+        // mutable reference to this, and nobody writes meanwhile (caller).
         unsafe {
             std::ptr::copy_nonoverlapping(
                 self.base.add(offset_bytes),
@@ -120,13 +119,12 @@ impl HostMemory {
     /// Panics if the range leaves the memory.
     ///
     /// # Safety
-    /// No submission that reads or writes the range is on its way, no other thread reads or writes
-    /// it meanwhile, and nobody holds what
-    /// [`HostMemory::bytes`] gave.
+    /// No submission that reads or writes the range is in flight, no other thread reads or writes
+    /// it meanwhile, and nobody holds what [`HostMemory::bytes`] gave.
     pub unsafe fn write(&self, offset_bytes: usize, from: &[u8]) {
         self.check_range(offset_bytes, from.len());
         // SAFETY: in bounds, `from` is other memory, because nobody holds a reference to this, and
-        // nobody looks meanwhile (caller).
+        // nobody reads it meanwhile (caller).
         unsafe {
             std::ptr::copy_nonoverlapping(from.as_ptr(), self.base.add(offset_bytes), from.len())
         };
@@ -153,7 +151,7 @@ impl Drop for HostMemory {
         };
         match Arc::try_unwrap(target) {
             Ok(target) => {
-                // Waits until the device has let go.
+                // Waits until the device no longer uses it.
                 drop(target);
                 // SAFETY: allocated with this layout; the device no longer has it.
                 unsafe { std::alloc::dealloc(self.base, self.layout) };

@@ -59,8 +59,7 @@ pub(crate) unsafe fn import_host_memory(
         mapped_at_creation: false,
     };
     // SAFETY: made from this device with this size; the Vulkan usage flags include those of the
-    // descriptor. The contents are whatever
-    // the host wrote, so they count as initialised.
+    // descriptor. The contents are whatever the host wrote, so they count as initialised.
     Ok(unsafe {
         gpu.device()
             .create_buffer_from_hal::<Vulkan>(hal_buffer, &descriptor)

@@ -7,7 +7,7 @@ use crate::device::Gpu;
 
 /// One shared-memory segment (or any host memory) that frames go to.
 ///
-/// Dropping it waits until the device has let go of the memory; unmap it only afterwards.
+/// Dropping it waits until the device no longer uses the memory; unmap it only afterwards.
 #[derive(Debug)]
 pub struct ShmTarget {
     base: *mut u8,
@@ -16,23 +16,21 @@ pub struct ShmTarget {
     reason: Option<String>,
 }
 
-// SAFETY: `base` is only written through, in ranges which whoever renders holds alone (contract of
-// the constructors);
-// no method gives out a reference to the memory.
+// SAFETY: `base` is only written through, in ranges that the renderer holds alone (contract of the
+// constructors); no method gives out a reference to the memory.
 unsafe impl Send for ShmTarget {}
 // SAFETY: as above; the wgpu buffer is `Sync` itself.
 unsafe impl Sync for ShmTarget {}
 
 impl ShmTarget {
-    /// Imports a whole data segment, once; if that cannot be, the target is staged and
-    /// [`ShmTarget::staged_reason`] says why.
+    /// Imports a whole data segment, once. If that fails, the target is staged and
+    /// [`ShmTarget::staged_reason`] states why.
     ///
     /// # Safety
     /// - `base..base + len` stays mapped and writable until the target, with all its clones in
     ///   places, is dropped.
     /// - While a submission that copies to a range of it is in flight (until `InFlight::wait`
-    ///   returned), nobody else in this process
-    ///   reads, writes or holds a reference to that range.
+    ///   returned), nobody else in this process reads, writes or holds a reference to that range.
     pub unsafe fn import(gpu: &Gpu, base: *mut u8, len: usize) -> ShmTarget {
         // SAFETY: the caller promises what the callee asks.
         match unsafe { import_host_memory(gpu, base, len) } {
@@ -145,8 +143,7 @@ impl Drop for ShmTarget {
     fn drop(&mut self) {
         if let Some((buffer, gpu)) = self.imported.take() {
             drop(buffer);
-            // wgpu frees a buffer when it next looks after its submissions. A lost device has let
-            // go already.
+            // wgpu frees a buffer when it is next polled. A lost device no longer uses it anyway.
             if let Err(error) = gpu.device().poll(wgpu::PollType::wait_indefinitely()) {
                 tracing::warn!(%error, "the device did not confirm that it let go of shared memory");
             }

@@ -1,12 +1,11 @@
-//! A second queue, which copies what one submission drew while the next one is drawn.
+//! The copy queue: it copies what one submission drew while the next one is drawn.
 //!
-//! Commands of our own on it wait on the GPU until the drawing queue has signalled the submission's
-//! number on one timeline, and signal the
-//! same number on another when the bytes are at their readers'. Whoever draws into the copied
-//! textures again waits for that, on the GPU too.
-//! Textures and imported memory that both queues touch are made `CONCURRENT`: nothing changes
-//! owners, so wgpu's books stay true. Layouts
-//! are wgpu's: it leaves a texture ready to be copied from, and finds it so.
+//! Its commands wait on the GPU until the drawing queue has signalled the submission's number on
+//! one timeline. They signal the same number on another timeline when the bytes have reached the
+//! readers' memory, and a submission that draws into the copied textures again waits for that on
+//! the GPU. Textures and imported memory that both queues use are made `CONCURRENT`, so no queue
+//! family owns them and wgpu's state tracking stays correct. wgpu also tracks the layouts: it
+//! leaves a texture in the layout for copies, and the copy does not change it.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -20,16 +19,16 @@ use super::raw_copy::RawCopies;
 use super::room::Room;
 use super::timeline::{AWAKE, timeline_semaphore};
 
-/// The queue, what is on its way there, and where the two queues tell each other.
+/// The copy queue, its command buffers, and the semaphores it shares with the drawing queue.
 pub(crate) struct CopyQueue {
     raw: ash::Device,
     queue: vk::Queue,
     pub family: Family,
-    /// Families that use what both queues touch: none if it is one family.
+    /// Families that share textures and memory; empty if both queues are of one family.
     families: Vec<u32>,
-    /// Signalled by drawing, awaited by copying.
+    /// The drawing queue signals it, and copies wait for it.
     pub drawn: vk::Semaphore,
-    /// Signalled by copying.
+    /// Copies signal it.
     pub copied: vk::Semaphore,
     pub room: Arc<Room>,
     turn: Mutex<Turn>,
@@ -43,13 +42,13 @@ impl std::fmt::Debug for CopyQueue {
     }
 }
 
-/// What one submission after another changes.
+/// State that each submission changes; its lock puts submissions in order.
 #[derive(Debug)]
 pub(crate) struct Turn {
     pool: vk::CommandPool,
-    /// Number of the newest copy that was tried.
+    /// Number of the newest attempt.
     newest: u64,
-    /// Number of the newest copy on its way.
+    /// Number of the newest submitted copy.
     submitted: u64,
     /// Command buffers in use, by rising number.
     busy: VecDeque<(u64, vk::CommandBuffer)>,
@@ -128,22 +127,22 @@ impl CopyQueue {
         })
     }
 
-    /// Families that share what both queues touch; empty if there is one for both.
+    /// Families that share textures and memory; empty if both queues are of one family.
     pub fn families(&self) -> &[u32] {
         &self.families
     }
 
-    /// The turn of whoever submits; taken before the lock on the drawing queue.
+    /// Locks the queue for one submitter. This lock is taken before that on the drawing queue.
     pub fn turn(&self) -> MutexGuard<'_, Turn> {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Gives copies to the queue: they wait for `number` on `drawn`, and signal it on `copied`.
+    /// Submits copies, which wait for `number` on `drawn` and signal it on `copied`.
     ///
     /// # Safety
-    /// The drawing queue was given what signals `number`, and the copies stay as
-    /// [`RawCopies::record`] wants them until `copied` has it.
-    /// If one queue does both, the caller holds the lock on it.
+    /// The submission that signals `number` was given to the drawing queue, and the conditions of
+    /// [`RawCopies::record`] hold until `copied` reaches it. If the drawing queue copies too, the
+    /// caller holds its lock.
     pub unsafe fn submit(
         &self,
         turn: &mut Turn,
@@ -155,8 +154,7 @@ impl CopyQueue {
         let begin = vk::CommandBufferBeginInfo::default()
             .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the command buffer is new or its copies are done, it is of a pool that `turn`
-        // guards, and the marks' queries were reset
-        // by the submission that `drawn` waits for.
+        // guards, and the marks' queries were reset by the submission that `drawn` waits for.
         let recorded = unsafe {
             self.raw
                 .begin_command_buffer(commands, &begin)
@@ -202,8 +200,8 @@ impl CopyQueue {
             .command_buffers(&buffers)
             .signal_semaphores(&signals)
             .push_next(&mut timelines);
-        // SAFETY: `turn` keeps others off a queue of ours, the caller off a shared one; numbers
-        // only rise.
+        // SAFETY: `turn` is the lock of a queue of our own, the caller holds that of a shared one,
+        // and numbers only rise.
         if let Err(error) = unsafe {
             self.raw
                 .queue_submit(self.queue, &[info], vk::Fence::null())
@@ -216,7 +214,7 @@ impl CopyQueue {
         Ok(())
     }
 
-    /// A command buffer that nothing uses.
+    /// A command buffer that is not in use.
     fn free_commands(&self, turn: &mut Turn) -> Result<vk::CommandBuffer, vk::Result> {
         let done = self.reached()?;
         if turn.busy.front().is_some_and(|(number, _)| *number <= done)
@@ -242,7 +240,7 @@ impl CopyQueue {
         unsafe { self.raw.get_semaphore_counter_value(self.copied) }
     }
 
-    /// Waits awake for a short while; says whether copy `number` is done.
+    /// Spins for a short while; the result states whether copy `number` is done.
     pub fn wait_awake(&self, number: u64) -> Result<bool, vk::Result> {
         let begin = Instant::now();
         while begin.elapsed() < AWAKE {
@@ -254,7 +252,7 @@ impl CopyQueue {
         Ok(false)
     }
 
-    /// Waits until copy `number`, which is on its way, is done.
+    /// Waits until copy `number`, which was submitted, is done.
     pub fn wait(&self, number: u64) -> Result<(), vk::Result> {
         let (semaphores, values) = ([self.copied], [number]);
         let info = vk::SemaphoreWaitInfo::default()
@@ -270,12 +268,11 @@ impl CopyQueue {
         self.wait(submitted)
     }
 
-    /// Gives everything back once all copies are done; left to the driver if nobody can wait for
-    /// them.
+    /// Destroys everything once all copies are done. If waiting fails, it is left to the driver.
     ///
     /// # Safety
-    /// No submission of the drawing queue that waits for `copied` or signals `drawn` is on its way,
-    /// and none comes.
+    /// No submission of the drawing queue that waits for `copied` or signals `drawn` is in flight,
+    /// and none will come.
     pub unsafe fn close(self) {
         if self.wait_idle().is_err() {
             return;
@@ -285,8 +282,7 @@ impl CopyQueue {
             .into_inner()
             .unwrap_or_else(PoisonError::into_inner);
         // SAFETY: made from this device, both of whose queues are done with them (the other by the
-        // caller's promise); command buffers go
-        // with their pool.
+        // caller's promise); command buffers go with their pool.
         unsafe {
             self.raw.destroy_command_pool(turn.pool, None);
             self.raw.destroy_semaphore(self.drawn, None);
@@ -295,13 +291,13 @@ impl CopyQueue {
     }
 }
 
-/// Two times of the copy queue: begin and end.
+/// Two timestamps of the copy queue: begin and end.
 #[derive(Debug)]
 pub(crate) struct CopyMarks(vk::QueryPool);
 
 impl CopyQueue {
-    /// Marks for one submission, if the queue knows the time. Their queries are to be reset by the
-    /// drawing queue: one that only copies cannot.
+    /// Marks for one submission, if the queue has timestamps. The drawing queue must reset their
+    /// queries, because a queue that only copies cannot.
     pub fn new_marks(&self) -> Option<CopyMarks> {
         if self.family.timestamp_bits == 0 {
             return None;
@@ -345,7 +341,7 @@ impl CopyQueue {
         }
     }
 
-    /// Steps of the clock between the marks of copies that are done, and the marks' end.
+    /// Clock steps between the marks of copies that are done; destroys the marks.
     pub fn take_marks(&self, CopyMarks(pool): CopyMarks) -> Option<u64> {
         let mut times = [0u64; 2];
         // SAFETY: a pool of this device with two queries; `TYPE_64` is what `times` takes.

@@ -7,11 +7,11 @@ use wgpu::hal::api::Vulkan;
 
 use super::timeline::{Moment, Timeline};
 
-/// The queue, and the timeline that it counts up.
+/// The queue and its timeline.
 #[derive(Debug)]
 pub(crate) struct DrawingQueue {
     queue: wgpu::Queue,
-    /// Held while a submission is given to the queue; `None` inside where there are none.
+    /// Locked while a submission is given to the queue; `None` if the device has no timelines.
     timeline: Mutex<Option<Timeline>>,
 }
 
@@ -29,8 +29,8 @@ impl DrawingQueue {
         &self.queue
     }
 
-    /// The queue in the hands of one submitter: what a submission waits for and signals must not
-    /// be attached to another one.
+    /// Locks the queue for one submitter: wgpu attaches semaphores to whichever submission comes
+    /// next, so no other may come between.
     pub fn lock(&self) -> Drawing<'_> {
         Drawing {
             queue: &self.queue,

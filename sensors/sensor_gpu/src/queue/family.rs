@@ -7,15 +7,14 @@ use super::timeline::has_timelines;
 /// Where finished frames are copied to their readers' memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CopyPath {
-    /// Beside the drawing of the next frame, by a queue that only copies; on adapters that have
-    /// none, as `Behind`.
+    /// Concurrently with the drawing of the next submission, by a queue that only copies. On
+    /// adapters without such a queue this is `Behind`.
     #[default]
     Beside,
-    /// Behind the drawing of the same frame, by the queue that drew it.
+    /// After the drawing of the same submission, by the queue that drew it.
     Behind,
-    /// As `Beside`, but on the queue that draws: shows on every adapter how long things live and
-    /// that the books are right, not in which order
-    /// two queues work. Saves no time.
+    /// As `Beside`, but on the queue that draws. It saves no time: it is for tests, which can check
+    /// lifetimes and bookkeeping with it on every adapter, though not the order of two queues.
     Apart,
 }
 
@@ -25,15 +24,14 @@ pub(crate) struct Family {
     pub index: u32,
     /// Bits of its timestamps; 0 if it has none.
     pub timestamp_bits: u32,
-    /// Number of the queue in its family; those before it are opened too, and left alone.
+    /// Number of the queue in its family; those before it are opened too and stay unused.
     pub queue: u32,
 }
 
-/// Most queues of a family that are opened.
+/// Upper limit of the queues of a family that are opened.
 pub(crate) const MAX_QUEUES: usize = 8;
 
-/// The family whose queues do nothing but copy, if the adapter has one and can tell queues of each
-/// other.
+/// The family whose queues do nothing but copy, if the adapter has one and supports timelines.
 pub(crate) fn family_for(hal: &wgpu::hal::vulkan::Adapter, path: CopyPath) -> Option<Family> {
     if path == CopyPath::Behind || !has_timelines(hal) {
         return None;
@@ -45,7 +43,7 @@ pub(crate) fn family_for(hal: &wgpu::hal::vulkan::Adapter, path: CopyPath) -> Op
             .get_physical_device_queue_family_properties(hal.raw_physical_device())
     };
     let family = |(index, family): (u32, &vk::QueueFamilyProperties)| {
-        // The last one: the first of two was slower by a tenth on an H200.
+        // The last queue of the family: on an H200 the first of two was slower by a tenth.
         let queue = if path == CopyPath::Apart {
             0
         } else {

@@ -3,7 +3,7 @@
 
 use ash::vk;
 
-/// Copies of one submission; what lies between one source and one segment is one command.
+/// Copies of one submission. All copies from one source to one segment are one command.
 #[derive(Debug, Default)]
 pub(crate) struct RawCopies(pub Vec<RawCopy>);
 
@@ -25,16 +25,15 @@ impl RawCopies {
     /// Records them.
     ///
     /// # Safety
-    /// The command buffer is of this device and being recorded. When it runs, textures are laid out
-    /// to be copied from, sources can be read by
-    /// transfers and targets written, and until it has run the items live and nobody else writes to
-    /// either.
+    /// The command buffer is of this device and being recorded. When it runs, textures have the
+    /// layout for copies, and sources and targets are accessible to transfers. Until it has run,
+    /// the items live and nobody else writes to sources or targets.
     pub unsafe fn record(&self, device: &ash::Device, commands: vk::CommandBuffer) {
         for copy in &self.0 {
             match copy {
                 // SAFETY: the regions lie inside both (checked when the items were made), row
-                // length 0 means tight rows, and offsets are
-                // multiples of 4 and of the texel size. The rest is the caller's promise.
+                // length 0 means tight rows, and offsets are multiples of 4 and of the texel size.
+                // The rest is the caller's promise.
                 RawCopy::Texture { from, to, regions } => unsafe {
                     device.cmd_copy_image_to_buffer(
                         commands,

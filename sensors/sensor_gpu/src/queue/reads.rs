@@ -1,9 +1,8 @@
-//! Until when copies read a group of textures.
+//! Tracks until when copies read a group of textures.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Until when a group of textures is read by copies: textures that one submission draws, and
-/// another one draws again.
+/// Until when copies read a group of textures that submission after submission draws into.
 ///
 /// Only for textures made by [`crate::Gpu::shared_texture_layers`].
 #[derive(Debug, Default)]

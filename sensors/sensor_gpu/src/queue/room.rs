@@ -1,8 +1,8 @@
-//! How many more textures can have memory of their own.
+//! The limit on textures with dedicated memory.
 
 use std::sync::atomic::AtomicU32;
 
-/// How many textures may have memory of their own, and how many have.
+/// How many textures may have dedicated memory, and how many have.
 #[derive(Debug)]
 pub(crate) struct Room {
     pub adapter: wgpu::Adapter,

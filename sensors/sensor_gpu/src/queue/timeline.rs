@@ -1,13 +1,13 @@
-//! Timeline semaphores: numbers that only rise, which a queue signals and another one, or the
-//! processor, waits for.
+//! Timeline semaphores: one queue signals rising numbers, and another queue or the CPU waits for
+//! them.
 
 use std::time::Duration;
 
 use ash::vk;
 use wgpu::hal::api::Vulkan;
 
-/// How long a thread that waits awake stays so: short work on a GPU of its own is over before a
-/// thread wakes up.
+/// How long a waiting thread spins before it sleeps: short work on a dedicated GPU is done before a
+/// sleeping thread would wake up.
 pub(crate) const AWAKE: Duration = Duration::from_micros(500);
 
 /// A value of a timeline semaphore.
@@ -42,7 +42,7 @@ impl Timeline {
         })
     }
 
-    /// The next moment, which is nobody else's.
+    /// The next moment; every call gives another one.
     pub fn next(&mut self) -> Moment {
         self.newest += 1;
         Moment {
@@ -51,10 +51,10 @@ impl Timeline {
         }
     }
 
-    /// Gives the semaphore back.
+    /// Destroys the semaphore.
     ///
     /// # Safety
-    /// It is of this device, and no submission that signals it is on its way.
+    /// It is of this device, and no submission that signals it is in flight.
     pub unsafe fn destroy(self, device: &wgpu::Device) {
         // SAFETY: the guard only lends the device for the call below.
         if let Some(hal) = unsafe { device.as_hal::<Vulkan>() } {
