@@ -17,12 +17,11 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, ensure};
-use launch_cli::Exit;
+use launch_cli::{Exit, Machine};
 use schema_bus::{Bus, FrameTopic, mono_now};
 use serde::Serialize;
 
-use crate::machine::Machine;
-use crate::report;
+use crate::output;
 use crate::spread::{Spread, Summary};
 use reader::{ReaderProcess, WARM_UP, Way};
 
@@ -126,7 +125,7 @@ pub fn run(args: &LatencyArgs) -> anyhow::Result<Exit> {
     }
     let report = Report { machine, rows };
     print!("{}", text(&report.rows));
-    report::write_json(args.json.as_deref(), &report)?;
+    output::write_json(args.json.as_deref(), &report)?;
     Ok(Exit::Done)
 }
 
@@ -305,11 +304,11 @@ fn text(rows: &[Row]) -> String {
             row.size_bytes.to_string(),
             row.n_readers.to_string(),
             format!("{:.0}", row.rate_hz),
-            report::micros(row.latency.p50_us),
-            report::micros(row.latency.p99_us),
-            report::micros(row.latency.p999_us),
-            report::micros(row.latency.max_us),
-            report::micros(row.sending.p50_us),
+            output::micros(row.latency.p50_us),
+            output::micros(row.latency.p99_us),
+            output::micros(row.latency.p999_us),
+            output::micros(row.latency.max_us),
+            output::micros(row.sending.p50_us),
             row.latency.n.to_string(),
             row.lost.to_string(),
         ]
@@ -327,7 +326,7 @@ fn text(rows: &[Row]) -> String {
         "n",
         "lost",
     ];
-    report::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
+    output::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
 }
 
 #[cfg(test)]

@@ -7,9 +7,9 @@
 #![forbid(unsafe_code)]
 
 mod latency;
-mod machine;
 mod memory;
-mod report;
+mod output;
+mod pages;
 mod spread;
 mod topics;
 
@@ -22,7 +22,8 @@ const EXAMPLES: &str = "Examples:
   gantry-bench latency                                    all sizes, 1 and 8 readers, beside TCP and memcpy
   gantry-bench latency --sizes 1920000 --readers 1 --rate 200 --count 5000 --json latency.json
   gantry-bench topics --for 30s                           what the running simulator delivers
-  gantry-bench memory --pids 1200,1204 --for 10m --every 5s";
+  gantry-bench memory --pids 1200,1204 --for 10m --every 5s
+  gantry-bench report                                     tables of docs/benchmarks from their JSON";
 
 /// Measures latency, topics and memory with real processes
 #[derive(Debug, Parser)]
@@ -43,6 +44,8 @@ enum Bench {
     Topics(topics::TopicsArgs),
     /// Memory of processes over time
     Memory(memory::MemoryArgs),
+    /// Builds the tables of docs/benchmarks from the results in raw/
+    Report(pages::ReportArgs),
     /// One reader of `latency`, started by it
     #[command(hide = true)]
     LatencyReader(latency::reader::ReaderArgs),
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
             Bench::Latency(latency) => latency::run(latency),
             Bench::Topics(topics) => topics::run(topics, &args.common.domain),
             Bench::Memory(memory) => memory::run(memory),
+            Bench::Report(report) => pages::run(report),
             Bench::LatencyReader(reader) => latency::reader::run(reader, &args.common.domain),
         }
     })

@@ -8,11 +8,10 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use launch_cli::{Exit, Shutdown};
+use launch_cli::{Exit, Machine, Shutdown};
 use serde::Serialize;
 
-use crate::machine::Machine;
-use crate::report;
+use crate::output;
 
 #[derive(Debug, clap::Args)]
 pub struct MemoryArgs {
@@ -21,11 +20,11 @@ pub struct MemoryArgs {
     pids: Vec<u32>,
 
     /// How long
-    #[arg(long = "for", value_name = "TIME", default_value = "60s", value_parser = report::duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "60s", value_parser = output::duration)]
     length: Duration,
 
     /// Time between two looks
-    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = report::duration)]
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = output::duration)]
     every: Duration,
 
     /// Write all samples as JSON
@@ -86,7 +85,7 @@ pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
     let all_lived = processes.iter().all(|process| process.lived);
     let report = Report { machine, processes };
     print!("{}\n{}", report.machine.heading(), text(&report.processes));
-    report::write_json(args.json.as_deref(), &report)?;
+    output::write_json(args.json.as_deref(), &report)?;
     Ok(if all_lived { Exit::Done } else { Exit::Failed })
 }
 
@@ -189,7 +188,7 @@ fn text(processes: &[Watched]) -> String {
         "own KiB/min",
         "looks",
     ];
-    report::table(&heads, &processes.iter().map(row).collect::<Vec<_>>())
+    output::table(&heads, &processes.iter().map(row).collect::<Vec<_>>())
 }
 
 #[cfg(test)]

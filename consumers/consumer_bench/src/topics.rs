@@ -9,19 +9,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use launch_cli::{Exit, Shutdown};
+use launch_cli::{Exit, Machine, Shutdown};
 use schema_bus::{Bus, BusError, Frame, FrameReader, TopicKind, WaitSet, mono_now, names};
 use schema_types::MonoTime;
 use serde::Serialize;
 
-use crate::machine::Machine;
-use crate::report;
+use crate::output;
 use crate::spread::{Spread, Summary};
 
 #[derive(Debug, clap::Args)]
 pub struct TopicsArgs {
     /// How long
-    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = report::duration)]
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = output::duration)]
     length: Duration,
 
     /// Only topics whose name has this in it
@@ -105,7 +104,7 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
         topics_text(&report.topics),
         views_text(&report.views)
     );
-    report::write_json(args.json.as_deref(), &report)?;
+    output::write_json(args.json.as_deref(), &report)?;
     let lost = report
         .topics
         .iter()
@@ -272,11 +271,11 @@ fn topics_text(rows: &[TopicRow]) -> String {
             format!("{:.1}", row.mebibytes_per_sec),
             row.n.to_string(),
             row.lost.to_string(),
-            report::micros(row.age.p50_us),
-            report::micros(row.age.p99_us),
-            report::micros(row.age.max_us),
-            report::micros(row.publishing.p50_us),
-            report::micros(row.publishing.p99_us),
+            output::micros(row.age.p50_us),
+            output::micros(row.age.p99_us),
+            output::micros(row.age.max_us),
+            output::micros(row.publishing.p50_us),
+            output::micros(row.publishing.p99_us),
             row.cpu_copies.to_string(),
         ]
     };
@@ -293,7 +292,7 @@ fn topics_text(rows: &[TopicRow]) -> String {
         "publish p99",
         "copies",
     ];
-    report::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
+    output::table(&heads, &rows.iter().map(row).collect::<Vec<_>>())
 }
 
 fn views_text(rows: &[ViewRow]) -> String {
@@ -307,7 +306,7 @@ fn views_text(rows: &[ViewRow]) -> String {
             row.incomplete.to_string(),
         ]
     };
-    report::table(
+    output::table(
         &[
             "view",
             "modalities",

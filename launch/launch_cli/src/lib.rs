@@ -28,14 +28,17 @@
 #![warn(missing_docs)]
 
 pub mod args;
+pub mod bench;
 pub mod data;
 pub mod exit;
 pub mod limits;
 pub mod logging;
+pub mod machine;
 pub mod signals;
 
 pub use args::{ColorWhen, CommonArgs, LogFormat, command, parse};
 pub use data::{data_dir, file_in};
 pub use exit::{Exit, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;
+pub use machine::Machine;
 pub use signals::Shutdown;

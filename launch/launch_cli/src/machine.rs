@@ -1,9 +1,10 @@
 //! What a figure was measured on: a number without its machine is no figure.
+//! Benchmarks write it into their JSON, from which `docs/benchmarks` is built.
 
 use serde::Serialize;
 
 /// The machine and the build.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Machine {
     /// CPU model.
     pub cpu: String,
@@ -44,7 +45,7 @@ impl Machine {
             version: env!("CARGO_PKG_VERSION"),
             command: std::env::args()
                 .skip(1)
-                .fold("gantry-bench".to_owned(), |all, word| all + " " + &word),
+                .fold(program(), |all, word| all + " " + &word),
         }
     }
 
@@ -69,6 +70,13 @@ fn read(path: &str) -> String {
     std::fs::read_to_string(path)
         .map(|text| text.trim().to_owned())
         .unwrap_or_default()
+}
+
+/// File name of this program.
+fn program() -> String {
+    let path = std::env::args().next().unwrap_or_default();
+    let name = std::path::Path::new(&path).file_name();
+    name.unwrap_or_default().to_string_lossy().into_owned()
 }
 
 fn or_unknown(text: String) -> String {
