@@ -1,6 +1,7 @@
 //! Time of the event camera alone: pictures are rendered first, then fed again and again.
 //!
-//! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]`
+//! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]
+//! [--json FILE]`
 //! prints, per case, CPU time per frame and
 //! events per second and core. The drive moves 0.4 m a frame along the test street; `flicker` is a
 //! picture that turns brighter and darker
@@ -11,6 +12,7 @@ mod kit;
 #[path = "dvs_shots/mod.rs"]
 mod shots;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use sensor_camera::dvs::EventCamera;
 use sensor_spec::{DvsMode, DvsSpec};
 use shots::{Shot, cpu_secs, drive};
@@ -18,8 +20,10 @@ use shots::{Shot, cpu_secs, drive};
 const WINDOW_NANOS: u64 = 50_000_000;
 
 fn main() {
-    let numbers: Vec<u32> = std::env::args()
-        .skip(1)
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let mut result = BenchResult::new("dvs_bench", None);
+    let numbers: Vec<u32> = words
+        .iter()
         .map(|text| text.parse().expect("arguments are whole numbers"))
         .collect();
     let (size_px, rounds, threads) = match numbers[..] {
@@ -39,6 +43,9 @@ fn main() {
         let base = DvsSpec {
             max_events: 20_000_000,
             ..Default::default()
+        };
+        let mut measure = |name: &str, shots: &[Shot], size_px, rounds, spec: &DvsSpec| {
+            result.row(name, &measure(name, shots, size_px, rounds, spec));
         };
         measure("drive, steps of 1 px", &drive, size_px, rounds, &base);
         measure(
@@ -85,9 +92,18 @@ fn main() {
             },
         );
     });
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
-fn measure(name: &str, shots: &[Shot], size_px: [u32; 2], rounds: u32, spec: &DvsSpec) {
+fn measure(
+    name: &str,
+    shots: &[Shot],
+    size_px: [u32; 2],
+    rounds: u32,
+    spec: &DvsSpec,
+) -> [(&'static str, f64); 4] {
     let mut camera = EventCamera::new(spec.clone(), size_px, 1, 2);
     let mut out = vec![0; spec.max_events as usize * 16];
     let width = size_px[0] as usize;
@@ -116,6 +132,12 @@ fn measure(name: &str, shots: &[Shot], size_px: [u32; 2], rounds: u32, spec: &Dv
         n_events as f64 / n_frames,
         n_events as f64 / best * 1e-6
     );
+    [
+        ("wall_ms", best_wall * 1e3 / n_frames),
+        ("cpu_ms", best * 1e3 / n_frames),
+        ("events", n_events as f64 / n_frames),
+        ("mevents_per_sec", n_events as f64 / best * 1e-6),
+    ]
 }
 
 /// Two grey pictures, the second 0.65 of the logarithm brighter, by turns.

@@ -1,15 +1,17 @@
 //! Measures one view with six modalities against six views with one each, and the event camera, on
 //! the test street.
 //!
-//! `cargo run --release --example measure_views -- [WIDTH HEIGHT FRAMES]`; prints wall time per
+//! `cargo run --release --example measure_views -- [WIDTH HEIGHT FRAMES] [--json FILE]`; prints wall time per
 //! frame as min / median, the
 //! process's CPU time per frame (the figure to trust on a busy machine), and what was drawn.
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;
 
+use std::cell::RefCell;
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use schema_frames::Modality;
 use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob};
 use sensor_gpu::Gpu;
@@ -24,8 +26,9 @@ const SIX: [Modality; 6] = [
 ];
 
 fn main() {
-    let numbers: Vec<u32> = std::env::args()
-        .skip(1)
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let numbers: Vec<u32> = words
+        .iter()
         .map(|text| text.parse().expect("arguments are whole numbers"))
         .collect();
     let (width_px, height_px, n_frames) = match numbers[..] {
@@ -42,6 +45,7 @@ fn main() {
         size_px: [width_px, height_px],
         n_frames,
         quality: Quality::default_for(&gpu),
+        result: RefCell::new(BenchResult::new("measure_views", Some(&gpu.name()))),
     };
     // The first to be measured pays for a device that wakes up.
     bench.measure("depth alone", &[&[Modality::Depth]]);
@@ -57,6 +61,10 @@ fn main() {
     bench.measure("rgb alone", &[&[Modality::Rgb]]);
     bench.measure("events alone", &[&[Modality::Dvs]]);
     bench.measure("no reader", &[&[]]);
+    let result = bench.result.borrow();
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 struct Bench<'g> {
@@ -64,6 +72,7 @@ struct Bench<'g> {
     size_px: [u32; 2],
     n_frames: u32,
     quality: Quality,
+    result: RefCell<BenchResult>,
 }
 
 impl Bench<'_> {
@@ -136,6 +145,14 @@ impl Bench<'_> {
             per_frame(counts.draws),
             per_frame(counts.triangles),
             per_frame(counts.copies)
+        );
+        self.result.borrow_mut().row(
+            name,
+            &[
+                ("min_ms", millis[0]),
+                ("median_ms", median),
+                ("cpu_ms", cpu),
+            ],
         );
         cpu
     }

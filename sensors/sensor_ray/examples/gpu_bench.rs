@@ -16,6 +16,7 @@ mod mesh_file;
 use std::sync::Arc;
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::{Isometry3, Vector3};
 use schema_types::noise::Noise;
 use sensor_gpu::{Gpu, GpuOptions, Place, ShmTarget};
@@ -23,7 +24,8 @@ use sensor_ray::{GpuRayOptions, GpuRays, Lidar, RayScene, ScanJob, SensorPath};
 use sensor_spec::LidarSpec;
 
 fn main() {
-    let mut args = std::env::args().skip(1);
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let mut args = words.into_iter();
     let path = args.next().expect("the first argument is the mesh file");
     let turns: usize = args
         .next()
@@ -34,6 +36,7 @@ fn main() {
     })
     .unwrap_or_else(|error| panic!("{error}"));
     println!("adapter {}, can import: {}", gpu.name(), gpu.can_import());
+    let mut result = BenchResult::new("gpu_bench", Some(&gpu.name()));
     let assets = mesh_file::read(&path);
     let scene = RayScene::load_for_gpu(&assets);
     println!("{} triangles", scene.n_static_triangles());
@@ -62,7 +65,8 @@ fn main() {
             .unwrap_or_else(|error| panic!("{error}"));
         println!("{options:?}");
         for n_lidars in [1, 4, 16, BATCH] {
-            measure(&mut rays, &target, n_lidars, turns, true);
+            let name = format!("{n_lidars}, {options:?}");
+            result.row(&name, &measure(&mut rays, &target, n_lidars, turns, true));
         }
     }
     let mut rays = GpuRays::new(&gpu, default);
@@ -71,7 +75,7 @@ fn main() {
     if gpu.set_timing(true) {
         for n_lidars in [1, BATCH] {
             gpu.take_spans();
-            measure(&mut rays, &target, n_lidars, turns, true);
+            let _ = measure(&mut rays, &target, n_lidars, turns, true);
             for span in gpu.take_spans() {
                 println!(
                     "    {} {}: {:.4} ms",
@@ -84,8 +88,11 @@ fn main() {
         gpu.set_timing(false);
     }
     println!("few rays: what a submission costs");
-    measure(&mut rays, &target, 1, turns, false);
+    result.row("few rays", &measure(&mut rays, &target, 1, turns, false));
     compare(&mut rays, &scene);
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 const BATCH: usize = 32;
@@ -117,7 +124,7 @@ fn measure(
     n_lidars: usize,
     turns: usize,
     whole: bool,
-) {
+) -> [(&'static str, f64); 5] {
     let spec = spec(if whole { 2048 } else { 16 });
     let mut lidars: Vec<Lidar> = (0..n_lidars).map(|_| Lidar::new(spec.clone())).collect();
     let (mut after_submit, mut with_recording) = (Vec::new(), Vec::new());
@@ -158,6 +165,13 @@ fn measure(
         n_rays / whole * 1e-3,
         n_points as f64 / n_rays
     );
+    [
+        ("ms", after),
+        ("best_ms", after_submit[0]),
+        ("recorded_ms", whole),
+        ("recorded_best_ms", with_recording[0]),
+        ("mrays_per_sec", n_rays / whole * 1e-3),
+    ]
 }
 
 /// The points of the GPU against the CPU's.

@@ -12,13 +12,16 @@ mod mesh_file;
 
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::Isometry3;
 use schema_types::noise::Noise;
 use sensor_ray::{Lidar, RayScene, SensorPath};
 use sensor_spec::LidarSpec;
 
 fn main() {
-    let mut args = std::env::args().skip(1);
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let mut result = BenchResult::new("mesh_bench", None);
+    let mut args = words.into_iter();
     let path = args.next().expect("the first argument is the mesh file");
     let threads = args
         .next()
@@ -30,10 +33,13 @@ fn main() {
         .num_threads(threads)
         .build()
         .expect("threads can be started");
-    pool.install(|| run(&path, threads, turns));
+    pool.install(|| run(&path, threads, turns, &mut result));
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
-fn run(path: &str, threads: usize, turns: usize) {
+fn run(path: &str, threads: usize, turns: usize, result: &mut BenchResult) {
     let assets = mesh_file::read(path);
     let begin = Instant::now();
     let scene = RayScene::load(&assets);
@@ -72,6 +78,15 @@ fn run(path: &str, threads: usize, turns: usize) {
         rate(best),
         rate(cpu_best),
         n_points as f64 / n_rays as f64
+    );
+    result.row(
+        "Gantry",
+        &[
+            ("n_threads", threads as f64),
+            ("median_ms", median),
+            ("best_ms", best),
+            ("cpu_ms", cpu_best),
+        ],
     );
 }
 

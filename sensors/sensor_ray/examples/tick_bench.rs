@@ -2,9 +2,10 @@
 //! five are put in place and told to the GPU.
 //! And what the hierarchy over them costs the rays.
 //!
-//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS]` prints CPU time
+//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS] [--json FILE]` prints CPU time
 //! of this thread, best and median.
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use nix::sys::time::TimeSpec;
 use nix::time::{ClockId, clock_gettime};
@@ -37,9 +38,10 @@ const PARTS: [([f64; 3], [f32; 3]); 12] = [
 ];
 
 fn main() {
+    let (words, json) = take_json_argument(std::env::args());
     let number = |place: usize, default: usize| {
-        std::env::args()
-            .nth(place)
+        words
+            .get(place)
             .and_then(|n| n.parse().ok())
             .unwrap_or(default)
     };
@@ -60,6 +62,7 @@ fn main() {
         for_cpu.push(micros(|| scene.update(&instances)));
     }
     let n = crowd(n_people, n_cars, 0.0).len();
+    let mut result = BenchResult::new("tick_bench", Some(&gpu.name()));
     for (what, mut times) in [
         ("place", placed),
         ("tell the GPU", told),
@@ -70,6 +73,14 @@ fn main() {
             "sensor_ray/tick/{what}: {n} parts, best {:.0} µs, median {:.0} µs",
             times[0],
             times[times.len() / 2]
+        );
+        result.row(
+            what,
+            &[
+                ("n_parts", n as f64),
+                ("best_us", times[0]),
+                ("median_us", times[times.len() / 2]),
+            ],
         );
     }
     let mut lidar = Lidar::new(LidarSpec::default());
@@ -91,6 +102,13 @@ fn main() {
         turns[0],
         turns[turns.len() / 2]
     );
+    result.row(
+        "turn",
+        &[("best_us", turns[0]), ("median_us", turns[turns.len() / 2])],
+    );
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 /// CPU time of this thread.

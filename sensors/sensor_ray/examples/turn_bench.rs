@@ -1,11 +1,12 @@
 //! Time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving
 //! cars.
 //!
-//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads]` prints CPU time (best
+//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads] [--json FILE]` prints CPU time (best
 //! and median) and the best wall time.
 
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::{Isometry3, Vector3};
 use nix::sys::resource::{UsageWho, getrusage};
 use schema_types::noise::Noise;
@@ -17,14 +18,16 @@ use sensor_ray::lidar::{Lidar, SensorPath};
 use sensor_spec::LidarSpec;
 
 fn main() {
+    let (words, json) = take_json_argument(std::env::args());
     let number = |place: usize, default: usize| {
-        std::env::args()
-            .nth(place)
+        words
+            .get(place)
             .and_then(|n| n.parse().ok())
             .unwrap_or(default)
     };
     let (turns, threads) = (number(1, 15), number(2, 1));
     let assets = street();
+    let mut result = BenchResult::new("turn_bench", None);
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build()
@@ -32,7 +35,9 @@ fn main() {
     pool.install(|| {
         let started = cpu_nanos();
         let mut scene = RayScene::load(&assets);
-        println!("sensor_ray/load: {} triangles in {:.0} ms", scene.n_static_triangles(), (cpu_nanos() - started) as f64 * 1e-6);
+        let build_ms = (cpu_nanos() - started) as f64 * 1e-6;
+        println!("sensor_ray/load: {} triangles in {build_ms:.0} ms", scene.n_static_triangles());
+        result.row("build", &[("ms", build_ms)]);
         let instances = traffic(&assets);
         let millis = measure(turns, || scene.update(&instances));
         println!("sensor_ray/update/{}: best {:.3} ms, median {:.3} ms", instances.len(), millis.cpu_best, millis.cpu_median);
@@ -47,8 +52,20 @@ fn main() {
             assert!(n_points > 100_000, "the street returns most rays");
             let Millis { cpu_best, cpu_median, wall_best } = millis;
             println!("sensor_ray/turn/{name}/64x2000/{threads}: CPU best {cpu_best:.1} ms, median {cpu_median:.1} ms, wall best {wall_best:.1} ms, {n_points} points");
+            result.row(
+                name,
+                &[
+                    ("n_threads", threads as f64),
+                    ("cpu_best_ms", cpu_best),
+                    ("cpu_median_ms", cpu_median),
+                    ("wall_best_ms", wall_best),
+                ],
+            );
         }
     });
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 /// CPU time of this process, nanoseconds.

@@ -3,9 +3,10 @@
 //! physics and changing controls, and with nine out of ten moved by `set_pose` as a Traffic
 //! Manager's hybrid mode does.
 //!
-//! `cargo run --release -p simd_world --example fleet_cost`; results are in
+//! `cargo run --release -p simd_world --example fleet_cost [-- --json FILE]`; results are in
 //! `docs/benchmarks/vehicles.md`.
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nix::time::{ClockId, clock_gettime};
 use schema_frames::command::Command;
 use schema_frames::{PhysicsAction, VehicleControl};
@@ -122,6 +123,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global()?;
+    let (_, json) = take_json_argument(std::env::args().skip(1));
+    let mut result = BenchResult::new("fleet_cost", None);
     let map = streets()?;
     println!(
         "{} collision triangles",
@@ -149,6 +152,23 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             step * 1e6 / n as f64,
             all * 1e3
         );
+        let name = if n_simulated < n_vehicles {
+            format!("{n_vehicles}, {n_simulated} with physics")
+        } else {
+            n_vehicles.to_string()
+        };
+        result.row(
+            &name,
+            &[
+                ("vehicles", n as f64),
+                ("simulated", n_simulated as f64),
+                ("step_ms", step * 1e3),
+                ("steps_per_sec", 1.0 / step),
+                ("vehicle_us", step * 1e6 / n as f64),
+                ("with_commands_ms", all * 1e3),
+            ],
+        );
     }
+    result.write(json.as_deref())?;
     Ok(())
 }

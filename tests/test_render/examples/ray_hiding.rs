@@ -1,18 +1,21 @@
 //! Hiding scenery from rays: the hierarchies that there are against new ones, best of five, CPU
 //! time of the whole process.
 //!
-//! `cargo run --release -p test_render --example ray_hiding [TOWN]`
+//! `cargo run --release -p test_render --example ray_hiding [TOWN] [--json FILE]`
 
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use schema_frames::document::Weather;
 use schema_types::ObjectId;
 use sensor_ray::RayScene;
 use test_render::Stage;
 
 fn main() {
-    let town = std::env::args().nth(1).unwrap_or("Town10HD".to_owned());
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let town = words.first().cloned().unwrap_or("Town10HD".to_owned());
+    let mut result = BenchResult::new("ray_hiding", None);
     let stage = Stage::new(&town, 11, 10).unwrap_or_else(|error| panic!("{error}"));
     let whole = stage.scene(Weather::default()).assets;
     let ids: BTreeSet<u32> = whole
@@ -31,10 +34,9 @@ fn main() {
     // The first time a table of the objects is made.
     let begin = Instant::now();
     assert!(kept.hide(&whole.without(&ids.iter().take(1).map(|id| ObjectId(*id)).collect())));
-    println!(
-        "hide the first object for the first time: {:.3} ms",
-        begin.elapsed().as_secs_f64() * 1e3
-    );
+    let first_ms = begin.elapsed().as_secs_f64() * 1e3;
+    println!("hide the first object for the first time: {first_ms:.3} ms");
+    result.row("the first object for the first time", &[("ms", first_ms)]);
     for (name, step) in [("one object", ids.len()), ("every tenth object", 10)] {
         let less = whole.without(&ids.iter().step_by(step).map(|id| ObjectId(*id)).collect());
         let mut best_ms = [f64::INFINITY; 2];
@@ -51,5 +53,9 @@ fn main() {
             "hide {name}: in place {:.3} ms, new hierarchies {:.1} ms",
             best_ms[0], best_ms[1]
         );
+        result.row(name, &[("whole_ms", best_ms[1]), ("ms", best_ms[0])]);
     }
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
 }

@@ -1,4 +1,5 @@
-//! Measures cameras in a town and prints a table: `rendering_bench [ROW …] [KEY=VALUE …]`.
+//! Measures cameras in a town and prints a table:
+//! `rendering_bench [ROW …] [KEY=VALUE …] [--json FILE]`.
 //!
 //! Rows: `six` `separate` `apart` `rgb` `depth` `trio` `wide` `many` `hide` `peer` (default: all
 //! but `hide`, which times the upload when objects are hidden, and `peer`, which needs `ply=FILE`).
@@ -12,10 +13,13 @@
 //! Times are per frame of all cameras of a row, milliseconds: median, best, mean, and CPU time of
 //! the process.
 
+use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::Isometry3;
 use schema_frames::{Modality, VehicleControl};
 use schema_types::ObjectId;
@@ -53,6 +57,7 @@ struct Options {
     times: bool,
     driving: bool,
     copies: CopyPath,
+    json: Option<PathBuf>,
 }
 
 fn options() -> Result<Options, String> {
@@ -70,8 +75,11 @@ fn options() -> Result<Options, String> {
         times: false,
         driving: false,
         copies: CopyPath::Beside,
+        json: None,
     };
-    for word in std::env::args().skip(1) {
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    options.json = json;
+    for word in words {
         let Some((key, value)) = word.split_once('=') else {
             if !ROWS.contains(&word.as_str()) && !["peer", "hide"].contains(&word.as_str()) {
                 return Err(format!(
@@ -137,6 +145,7 @@ struct Bench {
     /// One per frame, or the only one.
     scenes: Vec<Arc<Scene>>,
     stage: Stage,
+    result: RefCell<BenchResult>,
 }
 
 impl Bench {
@@ -166,7 +175,7 @@ impl Bench {
                 (0..asked.len()).map(|i| pose(i, along_m)).collect(),
             )
         });
-        print(name, &figures, asked.len());
+        self.print(name, &figures, asked.len());
         if self.options.times {
             let n_frames = (self.options.frames + test_render::measure::WARM_UP) as f64;
             let spans = self.gpu.take_spans();
@@ -182,6 +191,20 @@ impl Bench {
                 "    ms a frame, first frames counted too: {}",
                 texts.collect::<Vec<_>>().join(", ")
             );
+            let labels: Vec<(String, f64)> = spans
+                .iter()
+                .map(|span| {
+                    (
+                        format!("{} {}, ms", span.place, span.label),
+                        span.millis / n_frames,
+                    )
+                })
+                .collect();
+            let figures: Vec<(&str, f64)> = labels
+                .iter()
+                .map(|(label, millis)| (label.as_str(), *millis))
+                .collect();
+            self.note(&format!("passes of {name}"), &figures);
         }
         figures
     }
@@ -223,6 +246,16 @@ impl Bench {
                 middle(cpu_ms),
                 best(cpu_ms)
             );
+            self.note(
+                name,
+                &[
+                    ("p50_ms", middle(wall_ms)),
+                    ("best_ms", best(wall_ms)),
+                    ("sets_per_sec", 1e3 / middle(wall_ms)),
+                    ("cpu_ms", middle(cpu_ms)),
+                    ("cpu_best_ms", best(cpu_ms)),
+                ],
+            );
         }
         let each = SIX.iter().zip(&comparison.each_ms);
         let each: Vec<_> = each
@@ -242,6 +275,15 @@ impl Bench {
         println!(
             "  six separate sensors against one view: {wall:.2} x wall, {cpu:.2} x CPU (medians of turns); best sets {best_wall:.2} x wall, {best_cpu:.2} x CPU"
         );
+        self.note(
+            "six separate sensors against one view",
+            &[
+                ("wall", wall),
+                ("cpu", cpu),
+                ("best_wall", best_wall),
+                ("best_cpu", best_cpu),
+            ],
+        );
     }
 
     fn row(&self, row: &str) {
@@ -254,11 +296,12 @@ impl Bench {
                     "six views, one modality each",
                     &SIX.each_ref().map(std::slice::from_ref),
                 );
-                println!(
-                    "  six views against one: {:.2} x wall, {:.2} x CPU",
+                let (wall, cpu) = (
                     apart.mean_ms / together.mean_ms,
-                    apart.cpu_ms / together.cpu_ms
+                    apart.cpu_ms / together.cpu_ms,
                 );
+                println!("  six views against one: {wall:.2} x wall, {cpu:.2} x CPU");
+                self.note("six views against one", &[("wall", wall), ("cpu", cpu)]);
             }
             "rgb" => drop(self.one_pose("rgb", &[&[Modality::Rgb]])),
             "depth" => drop(self.one_pose("depth", &[&[Modality::Depth]])),
@@ -273,10 +316,9 @@ impl Bench {
                     &of(16),
                     pose,
                 );
-                println!(
-                    "  each further camera: {:.3} ms",
-                    (all.mean_ms - one.mean_ms) / 15.0
-                );
+                let each_ms = (all.mean_ms - one.mean_ms) / 15.0;
+                println!("  each further camera: {each_ms:.3} ms");
+                self.note("each further camera", &[("ms", each_ms)]);
             }
             "many" => {
                 let pose = |i: usize, along_m: f64| self.stage.camera(3 * i, along_m, 0.0, 0.0);
@@ -286,7 +328,9 @@ impl Bench {
                     &[&[Modality::Rgb][..]; 64],
                     pose,
                 );
-                println!("  images per second: {:.0}", 64e3 / all.mean_ms);
+                let per_sec = 64e3 / all.mean_ms;
+                println!("  images per second: {per_sec:.0}");
+                self.note("images per second", &[("per_sec", per_sec)]);
             }
             "hide" => self.hide(),
             _ => self.peer(),
@@ -322,6 +366,15 @@ impl Bench {
             let [(whole_ms, whole_bytes), (ms, n_bytes)] = best;
             println!(
                 "hide {name:20} all uploaded {whole_ms:8.3} ms, {whole_bytes} bytes; what changed {ms:8.3} ms, {n_bytes} bytes"
+            );
+            self.note(
+                name,
+                &[
+                    ("whole_ms", whole_ms),
+                    ("whole_bytes", whole_bytes as f64),
+                    ("ms", ms),
+                    ("bytes", n_bytes as f64),
+                ],
             );
         }
     }
@@ -365,26 +418,45 @@ impl Bench {
                 )
             });
             let names: Vec<_> = asked.iter().map(|modality| modality.name()).collect();
-            print(&format!("peer's street: {}", names.join(", ")), &figures, 1);
+            self.print(&format!("peer's street: {}", names.join(", ")), &figures, 1);
         }
     }
-}
 
-fn print(name: &str, figures: &Figures, n_views: usize) {
-    let Figures {
-        p50_ms,
-        best_ms,
-        mean_ms,
-        cpu_ms,
-        cpu_best_ms,
-        n_triangles,
-        n_draws,
-    } = figures;
-    println!(
-        "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws",
-        1e3 / mean_ms,
-        n_views
-    );
+    /// Adds a row to the result that `--json` writes.
+    fn note(&self, name: &str, figures: &[(&str, f64)]) {
+        self.result.borrow_mut().row(name, figures);
+    }
+
+    fn print(&self, name: &str, figures: &Figures, n_views: usize) {
+        let Figures {
+            p50_ms,
+            best_ms,
+            mean_ms,
+            cpu_ms,
+            cpu_best_ms,
+            n_triangles,
+            n_draws,
+        } = figures;
+        println!(
+            "{name:38} p50 {p50_ms:8.3}  best {best_ms:8.3}  mean {mean_ms:8.3} ms  {:8.1} sets/s  CPU {cpu_ms:7.2} best {cpu_best_ms:7.2} ms  {} views {n_triangles} triangles {n_draws} draws",
+            1e3 / mean_ms,
+            n_views
+        );
+        self.note(
+            name,
+            &[
+                ("p50_ms", *p50_ms),
+                ("best_ms", *best_ms),
+                ("mean_ms", *mean_ms),
+                ("sets_per_sec", 1e3 / mean_ms),
+                ("cpu_ms", *cpu_ms),
+                ("cpu_best_ms", *cpu_best_ms),
+                ("n_views", n_views as f64),
+                ("n_triangles", *n_triangles as f64),
+                ("n_draws", *n_draws as f64),
+            ],
+        );
+    }
 }
 
 fn main() {
@@ -446,6 +518,7 @@ fn main() {
         }
     }
     let bench = Bench {
+        result: RefCell::new(BenchResult::new("rendering_bench", Some(&gpu.name()))),
         gpu,
         quality,
         in_flight,
@@ -455,5 +528,10 @@ fn main() {
     };
     for row in &bench.options.rows {
         bench.row(row);
+    }
+    let result = bench.result.borrow();
+    if let Err(error) = result.write(bench.options.json.as_deref()) {
+        eprintln!("{error:#}");
+        std::process::exit(1);
     }
 }
