@@ -9,7 +9,9 @@ mod bones;
 mod crowd;
 mod detour;
 mod impact;
+#[path = "model.rs"]
 mod models;
+#[path = "standing.rs"]
 mod motion;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};

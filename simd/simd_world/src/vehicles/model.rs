@@ -11,6 +11,7 @@ use crate::drive::EngineSpec;
 use list::MODELS;
 
 mod engines;
+#[path = "model_list.rs"]
 mod list;
 
 /// One kind of vehicle.
