@@ -11,11 +11,13 @@ use simd_body::person::{Posture, mesh_of};
 use simd_body::prop::prop_mesh;
 use simd_body::{Door, outfitted_door_meshes, outfitted_meshes, person_meshes};
 
-use crate::models::vehicle_models;
-use crate::props::prop_models;
-use crate::vehicle::{Vehicle, WheelState};
-use crate::walkers::{Walker, walker_models};
-use crate::world::World;
+use crate::map_data::MapData;
+use crate::physics::Physics;
+use crate::props::{Props, prop_models};
+use crate::records::Records;
+use crate::signals::TrafficLights;
+use crate::vehicles::{Vehicle, Vehicles, WheelState, vehicle_models};
+use crate::walkers::{Walker, Walkers, walker_models};
 
 /// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0, doors from here.
 const BODY_PART: u16 = 0;
@@ -40,10 +42,24 @@ pub(crate) struct ActorMeshes {
     heads: BTreeMap<ActorId, Vec<Isometry3<f64>>>,
 }
 
-impl World {
+/// What the parts of actors are placed by.
+pub(crate) struct PosedActors<'w> {
+    pub records: &'w Records,
+    pub vehicles: &'w Vehicles,
+    pub walkers: &'w Walkers,
+    pub props: &'w Props,
+    pub lights: &'w TrafficLights,
+    pub physics: &'w Physics,
+}
+
+impl ActorMeshes {
     /// Adds the meshes of every actor that may appear; once per episode, after the map's own
     /// meshes.
-    pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
+    pub fn register(
+        assets: &mut SceneAssets,
+        map: &MapData,
+        lights: &TrafficLights,
+    ) -> ActorMeshes {
         let vehicles = vehicle_models().iter().map(|model| {
             let meshes = outfitted_meshes(&model.shape(), model.outfit());
             (assets.add_mesh(meshes.body), assets.add_mesh(meshes.wheel))
@@ -77,9 +93,9 @@ impl World {
             .iter()
             .map(|model| assets.add_mesh(prop_mesh(&model.shape)))
             .collect();
-        let light_head = (!self.map.light_head.lods.is_empty())
-            .then(|| assets.add_mesh(self.map.light_head.clone()));
-        self.meshes = ActorMeshes {
+        let light_head =
+            (!map.light_head.lods.is_empty()).then(|| assets.add_mesh(map.light_head.clone()));
+        let mut meshes = ActorMeshes {
             vehicles,
             open_bodies,
             walkers,
@@ -87,43 +103,40 @@ impl World {
             light_head,
             heads: BTreeMap::new(),
         };
-        self.find_light_heads();
+        meshes.find_light_heads(map, lights);
+        meshes
     }
 
     /// Which heads belong to which light actor; again whenever the lights' ids may be others.
-    pub(crate) fn find_light_heads(&mut self) {
+    pub fn find_light_heads(&mut self, map: &MapData, lights: &TrafficLights) {
         let heads_of = |signal_id: &str| {
-            self.map
-                .lights
+            map.lights
                 .iter()
                 .find(|site| site.signal_id == signal_id)
                 .map(|site| site.heads.clone())
         };
-        self.meshes.heads = self
-            .lights
+        self.heads = lights
             .lights
             .iter()
             .filter_map(|light| Some((light.actor, heads_of(&light.signal_id)?)))
             .collect();
     }
 
-    /// Fills `out` with every part of every actor, by rising (actor, part). Empty before
-    /// [`World::register_meshes`].
-    pub fn dynamic_instances(&self, out: &mut Vec<DynamicInstance>) {
+    /// Fills `out` with every part of every actor, by rising (actor, part).
+    pub fn instances(&self, posed: &PosedActors<'_>, out: &mut Vec<DynamicInstance>) {
         out.clear();
-        for record in &self.records {
+        for record in posed.records.all() {
             let actor = ActorId(record.id);
-            if let Some(vehicle) = self.vehicles.get(&actor) {
-                if let Some((body, wheel)) = self.meshes.vehicles.get(record.catalogue_idx as usize)
-                {
+            if let Some(vehicle) = posed.vehicles.get(actor) {
+                if let Some((body, wheel)) = self.vehicles.get(record.catalogue_idx as usize) {
                     let world_from_vehicle = record.world_from_actor.isometry();
                     let open = self
-                        .meshes
                         .open_bodies
                         .get(&record.catalogue_idx)
                         .filter(|_| !vehicle.doors.are_shut());
                     let body = open.map_or(*body, |open| open.0);
-                    self.add_vehicle(
+                    add_vehicle(
+                        posed.physics,
                         out,
                         actor,
                         vehicle,
@@ -132,20 +145,18 @@ impl World {
                         open.map(Arc::as_ref),
                     );
                 }
-            } else if let Some(walker) = self.walkers.get(&actor) {
+            } else if let Some(walker) = posed.walkers.get(actor) {
                 self.add_walker(out, actor, walker);
-            } else if let Some(prop) = self.props.get(&actor) {
-                if let Some(mesh) = self.meshes.props.get(prop.model_idx as usize) {
+            } else if let Some(prop) = posed.props.get(actor) {
+                if let Some(mesh) = self.props.get(prop.model_idx as usize) {
                     let velocity_in_world_mps = Vector3::from(record.velocity_in_world_mps);
                     out.push(DynamicInstance {
                         velocity_in_world_mps,
                         ..still(actor, 0, *mesh, record.world_from_actor.isometry(), 0)
                     });
                 }
-            } else if let (Some(heads), Some(mesh)) =
-                (self.meshes.heads.get(&actor), self.meshes.light_head)
-            {
-                let lamps = self
+            } else if let (Some(heads), Some(mesh)) = (self.heads.get(&actor), self.light_head) {
+                let lamps = posed
                     .lights
                     .get(actor)
                     .map_or(0, |light| lamp_bits(light.state));
@@ -160,7 +171,7 @@ impl World {
     }
 
     fn add_walker(&self, out: &mut Vec<DynamicInstance>, actor: ActorId, walker: &Walker) {
-        let Some((parts, wheelchair)) = self.meshes.walkers.get(walker.model_idx as usize) else {
+        let Some((parts, wheelchair)) = self.walkers.get(walker.model_idx as usize) else {
             return;
         };
         let posture = walker.posture();
@@ -186,48 +197,48 @@ impl World {
             out.push(part(poses.len(), *wheelchair, &Isometry3::identity()));
         }
     }
+}
 
-    fn add_vehicle(
-        &self,
-        out: &mut Vec<DynamicInstance>,
-        actor: ActorId,
-        vehicle: &Vehicle,
-        world_from_vehicle: &Isometry3<f64>,
-        (body, wheel_mesh): (MeshId, MeshId),
-        open: Option<&OpenBody>,
-    ) {
-        let (velocity, spin) = vehicle.velocity(&self.physics);
-        let lamps = vehicle.shining_lamps();
-        let part = |part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>| {
-            let lever = world_from_mesh.translation.vector - world_from_vehicle.translation.vector;
-            let velocity_in_world_mps = velocity + spin.cross(&lever);
-            DynamicInstance {
-                actor,
-                part,
-                mesh,
-                world_from_mesh,
-                tint_rgb: vehicle.tint_rgb,
-                lamps,
-                velocity_in_world_mps,
-            }
-        };
-        out.push(part(BODY_PART, body, *world_from_vehicle));
-        for (i, wheel) in vehicle.visible_wheels().enumerate() {
-            let radius_m = f64::from(vehicle.physics.wheels[i].radius_m);
-            out.push(part(
-                1 + i as u16,
-                wheel_mesh,
-                world_from_vehicle * vehicle_from_wheel(&wheel, radius_m),
-            ));
+fn add_vehicle(
+    physics: &Physics,
+    out: &mut Vec<DynamicInstance>,
+    actor: ActorId,
+    vehicle: &Vehicle,
+    world_from_vehicle: &Isometry3<f64>,
+    (body, wheel_mesh): (MeshId, MeshId),
+    open: Option<&OpenBody>,
+) {
+    let (velocity, spin) = vehicle.velocity(physics);
+    let lamps = vehicle.shining_lamps();
+    let part = |part: u16, mesh: MeshId, world_from_mesh: Isometry3<f64>| {
+        let lever = world_from_mesh.translation.vector - world_from_vehicle.translation.vector;
+        let velocity_in_world_mps = velocity + spin.cross(&lever);
+        DynamicInstance {
+            actor,
+            part,
+            mesh,
+            world_from_mesh,
+            tint_rgb: vehicle.tint_rgb,
+            lamps,
+            velocity_in_world_mps,
         }
-        for (i, (mesh, door)) in open.iter().flat_map(|open| &open.1).enumerate() {
-            let vehicle_from_door = door.vehicle_from_mesh(vehicle.doors.visible(i));
-            out.push(part(
-                FIRST_DOOR_PART + i as u16,
-                *mesh,
-                world_from_vehicle * vehicle_from_door,
-            ));
-        }
+    };
+    out.push(part(BODY_PART, body, *world_from_vehicle));
+    for (i, wheel) in vehicle.visible_wheels().enumerate() {
+        let radius_m = f64::from(vehicle.physics.wheels[i].radius_m);
+        out.push(part(
+            1 + i as u16,
+            wheel_mesh,
+            world_from_vehicle * vehicle_from_wheel(&wheel, radius_m),
+        ));
+    }
+    for (i, (mesh, door)) in open.iter().flat_map(|open| &open.1).enumerate() {
+        let vehicle_from_door = door.vehicle_from_mesh(vehicle.doors.visible(i));
+        out.push(part(
+            FIRST_DOOR_PART + i as u16,
+            *mesh,
+            world_from_vehicle * vehicle_from_door,
+        ));
     }
 }
 

@@ -5,16 +5,19 @@
 //! hangs at its end. Position is never late, only direction. What hangs on a boom is for eyes: its
 //! pose is no rigid mount.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::parry::query::ShapeCastOptions;
 use rapier3d::parry::shape::Ball;
 use rapier3d::prelude::QueryFilter;
 use schema_frames::Attachment;
-use schema_types::{ActorId, Pose};
+use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
 
+use crate::actors::Actor;
+use crate::errors::ActorError;
 use crate::physics::{Physics, narrow};
-use crate::world::{ActorError, World};
 
 /// Longest sub-step of an arm, seconds.
 const SUB_STEP_SECS: f64 = 1.0 / 60.0;
@@ -123,42 +126,38 @@ pub(crate) fn free_m(
     hit.map_or(length_m, |(_, hit)| hit.time_of_impact as f64)
 }
 
-impl World {
+/// The booms of all actors that hang on one.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Booms {
+    pub by_id: BTreeMap<ActorId, Boom>,
+}
+
+impl Booms {
     /// Says how an attached actor follows its parent. Without a parent only `rigid` is allowed.
-    pub fn set_attachment(
-        &mut self,
-        actor: ActorId,
-        attachment: Attachment,
-    ) -> Result<(), ActorError> {
-        let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
+    pub fn attach(&mut self, actor: &Actor, attachment: Attachment) -> Result<(), ActorError> {
         let refuse = |problem| {
             Err(ActorError::Value {
-                actor,
+                actor: actor.id,
                 what: "attachment",
                 problem,
             })
         };
         let Some(boom) = Boom::new(attachment) else {
-            self.booms.remove(&actor);
-            self.refresh_records(None);
+            self.by_id.remove(&actor.id);
             return Ok(());
         };
-        if known.parent.is_none() {
+        if actor.parent.is_none() {
             return refuse(
                 "is a spring arm, but there is no parent to hang it on; attach it, or use rigid",
             );
         }
-        let Pose {
-            translation_m: [x, y, _],
-            ..
-        } = known.pose;
+        let [x, y, _] = actor.pose.translation_m;
         if x.hypot(y) < 1e-6 {
             return refuse(
                 "is a spring arm, but the pose lies right above or below the parent's origin, so the arm has no direction",
             );
         }
-        self.booms.insert(actor, boom);
-        self.refresh_records(None);
+        self.by_id.insert(actor.id, boom);
         Ok(())
     }
 }

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 
 use schema_frames::document::{BodyBox, Catalogue, CatalogueEntry};
 use schema_types::Class;
-use simd_body::BodyStyle;
 
-use crate::friction;
-use crate::models::{VehicleModel, vehicle_models};
+use crate::friction_areas;
 use crate::props::prop_models;
+use crate::vehicles::{self, vehicle_models};
 use crate::walkers::walker_models;
 
 /// Sensors that are accepted as passive actors; `sensor.camera.view` is ours and has any of the
@@ -63,21 +62,7 @@ const NO_BOX: BodyBox = BodyBox {
 
 /// The catalogue: vehicles in the order of [`vehicle_models`], walkers, props, then the rest.
 pub(crate) fn catalogue() -> Catalogue {
-    let vehicles = vehicle_models().iter().map(|model| CatalogueEntry {
-        type_id: model.type_id.to_owned(),
-        kind: "vehicle".to_owned(),
-        class: model.class.0,
-        body_box: model.body_box(),
-        attributes: vehicle_attributes(model),
-        recommended: BTreeMap::from([(
-            "color".to_owned(),
-            model
-                .colors
-                .iter()
-                .map(|color| color_text(*color))
-                .collect(),
-        )]),
-    });
+    let vehicles = vehicle_models().iter().map(vehicles::catalogue_entry);
     let props = prop_models().iter().map(|model| model.catalogue_entry());
     let walkers = walker_models().iter().map(|model| model.catalogue_entry());
     let sensors = SENSORS
@@ -95,10 +80,10 @@ pub(crate) fn catalogue() -> Catalogue {
     });
     let empty = bare("util.actor.empty", "controller", Class::UNLABELED);
     let friction = CatalogueEntry {
-        attributes: friction::ATTRIBUTES
+        attributes: friction_areas::ATTRIBUTES
             .map(|(name, value)| (name.to_owned(), value.to_owned()))
             .into(),
-        ..bare(friction::TYPE_ID, "prop", Class::UNLABELED)
+        ..bare(friction_areas::TYPE_ID, "prop", Class::UNLABELED)
     };
     Catalogue {
         entries: vehicles
@@ -113,6 +98,15 @@ pub(crate) fn catalogue() -> Catalogue {
     }
 }
 
+/// Index of a type in the catalogue.
+pub(crate) fn index_of(catalogue: &Catalogue, type_id: &str) -> Option<u32> {
+    catalogue
+        .entries
+        .iter()
+        .position(|entry| entry.type_id == type_id)
+        .map(|idx| idx as u32)
+}
+
 fn bare(type_id: &str, kind: &str, class: Class) -> CatalogueEntry {
     CatalogueEntry {
         type_id: type_id.to_owned(),
@@ -122,62 +116,6 @@ fn bare(type_id: &str, kind: &str, class: Class) -> CatalogueEntry {
         attributes: BTreeMap::new(),
         recommended: BTreeMap::new(),
     }
-}
-
-/// Attributes that describe a vehicle and cannot be set; the rest of `vehicle_attributes` can.
-pub(crate) const FIXED_ATTRIBUTES: &[&str] = &[
-    "base_type",
-    "special_type",
-    "generation",
-    "number_of_wheels",
-    "has_lights",
-    "has_dynamic_doors",
-    "mass_kg",
-    "wheelbase_m",
-    "max_steer_rad",
-    "wheel_radius_m",
-];
-
-fn vehicle_attributes(model: &VehicleModel) -> BTreeMap<String, String> {
-    let pairs = [
-        ("base_type", model.base_type.to_owned()),
-        ("special_type", model.special_type.to_owned()),
-        ("generation", model.generation.to_string()),
-        ("number_of_wheels", model.n_wheels().to_string()),
-        (
-            "has_lights",
-            (model.style != BodyStyle::Bicycle).to_string(),
-        ),
-        ("has_dynamic_doors", model.has_dynamic_doors().to_string()),
-        ("mass_kg", model.mass_kg.to_string()),
-        ("wheelbase_m", model.wheelbase_m.to_string()),
-        ("max_steer_rad", model.max_steer_rad().to_string()),
-        ("wheel_radius_m", model.wheel_radius_m.to_string()),
-        ("color", color_text(model.colors[0])),
-        ("sticky_control", "true".to_owned()),
-    ];
-    let driver = model
-        .is_two_wheeler()
-        .then(|| ("driver_id", "0".to_owned()));
-    pairs
-        .into_iter()
-        .chain(driver)
-        .map(|(name, value)| (name.to_owned(), value))
-        .collect()
-}
-
-/// `r,g,b`.
-pub(crate) fn color_text([r, g, b]: [u8; 3]) -> String {
-    format!("{r},{g},{b}")
-}
-
-/// Reads `r,g,b` with each 0..=255.
-pub(crate) fn parse_color(text: &str) -> Option<[u8; 3]> {
-    let parts: Vec<u8> = text
-        .split(',')
-        .map(|part| part.trim().parse().ok())
-        .collect::<Option<_>>()?;
-    parts.try_into().ok()
 }
 
 #[cfg(test)]
@@ -196,12 +134,5 @@ mod tests {
                 entry.type_id
             );
         }
-    }
-
-    #[test]
-    fn colour_reads_back() {
-        assert_eq!(parse_color(&color_text([1, 20, 255])), Some([1, 20, 255]));
-        assert_eq!(parse_color("1,2"), None);
-        assert_eq!(parse_color("1,2,256"), None);
     }
 }

@@ -18,13 +18,13 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use rapier3d::prelude::*;
 use schema_frames::ActorKind;
 use schema_types::ActorId;
 use schema_types::noise::mix;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::map::MapData;
+use crate::map_data::MapData;
+use crate::physics::engine_state;
 use crate::world::World;
 
 /// "GCKP" read as a little-endian `u32`.
@@ -175,7 +175,7 @@ impl Checkpoint {
             return Err(CheckpointError::ChangedMap(map));
         }
         let mut world: World = postcard::from_bytes(rest).map_err(broken)?;
-        engine::take_geometry(&mut world.physics.engine, &living.physics.engine)
+        engine_state::take_geometry(&mut world.physics.engine, &living.physics.engine)
             .map_err(CheckpointError::Body)?;
         world.take_constants(living);
         Ok(Checkpoint {
@@ -227,12 +227,10 @@ impl World {
         let mut next = checkpoint.world.clone();
         next.take_constants(self);
         let gone = next.take_sensors(self);
-        next.next_actor = next.next_actor.max(self.next_actor);
-        next.actors_revision = self.actors_revision;
-        next.episode = self.episode;
+        next.counts = next.counts.after_restore(self.counts);
         *self = next;
-        self.find_light_heads();
-        self.changed();
+        self.meshes.find_light_heads(&self.map, &self.lights);
+        self.actors_changed();
         Ok(gone)
     }
 
@@ -244,7 +242,8 @@ impl World {
         self.meshes = living.meshes.clone();
         self.options.physics_substep_secs = living.options.physics_substep_secs;
         self.scenery = living.scenery.clone();
-        self.physics.show_only(&self.map, &self.scenery.hidden);
+        self.physics
+            .show_only(&self.map, self.scenery.hidden_objects());
     }
 
     /// The sensors of `living` instead of one's own. Returns those for which there is no place.
@@ -252,135 +251,47 @@ impl World {
         let is_sensor = |world: &World, id: &ActorId| {
             world
                 .actors
+                .by_id
                 .get(id)
                 .is_some_and(|actor| actor.kind == ActorKind::Sensor)
         };
         let alive: BTreeSet<ActorId> = living
             .actors
+            .by_id
             .keys()
             .copied()
             .filter(|id| is_sensor(living, id))
             .collect();
         let lost: Vec<ActorId> = self
             .actors
+            .by_id
             .keys()
             .copied()
             .filter(|id| is_sensor(self, id) && !alive.contains(id))
             .collect();
         for id in lost {
-            self.actors.remove(&id);
-            self.booms.remove(&id);
+            self.actors.by_id.remove(&id);
+            self.booms.by_id.remove(&id);
         }
         let mut gone = Vec::new();
         // Parents have smaller ids, so a sensor on a sensor finds it already settled.
         for id in alive {
-            let sensor = &living.actors[&id];
+            let sensor = &living.actors.by_id[&id];
             let has_parent = sensor
                 .parent
-                .is_none_or(|parent| self.actors.contains_key(&parent));
-            match self.actors.get_mut(&id) {
+                .is_none_or(|parent| self.actors.contains(parent));
+            match self.actors.by_id.get_mut(&id) {
                 Some(own) if own.kind == ActorKind::Sensor => own.topics = sensor.topics.clone(),
                 None if has_parent => {
-                    self.actors.insert(id, sensor.clone());
+                    self.actors.add(sensor.clone());
                     self.booms
-                        .extend(living.booms.get(&id).map(|boom| (id, *boom)));
+                        .by_id
+                        .extend(living.booms.by_id.get(&id).map(|boom| (id, *boom)));
                 }
                 _ => gone.push(id),
             }
         }
         gone
-    }
-}
-
-/// A copy of the engine's state with workspaces of its own.
-pub(crate) fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
-    PhysicsWorld {
-        gravity: engine.gravity,
-        integration_parameters: engine.integration_parameters,
-        physics_pipeline: PhysicsPipeline::new(),
-        collision_pipeline: CollisionPipeline::new(),
-        islands: engine.islands.clone(),
-        broad_phase: engine.broad_phase.clone(),
-        narrow_phase: engine.narrow_phase.clone(),
-        bodies: engine.bodies.clone(),
-        colliders: engine.colliders.clone(),
-        impulse_joints: engine.impulse_joints.clone(),
-        multibody_joints: engine.multibody_joints.clone(),
-        soft_bodies: engine.soft_bodies.clone(),
-        ccd_solver: CCDSolver::new(),
-    }
-}
-
-/// The engine in a file: without the shapes of the map.
-pub(crate) mod engine {
-    use serde::{Deserializer, Serializer};
-
-    use super::*;
-
-    /// Colliders whose shape comes with the map: triangles are nobody else's.
-    fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ {
-        engine
-            .colliders
-            .iter()
-            .filter(|(_, collider)| collider.shape().as_trimesh().is_some())
-            .map(|(handle, _)| handle)
-    }
-
-    /// Radius of a stand-in; nothing real is that small.
-    const STAND_IN_M: f32 = f32::MIN_POSITIVE;
-
-    pub(crate) fn serialize<S: Serializer>(
-        engine: &PhysicsWorld,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
-        let mut light = copy(engine);
-        for handle in geometry(engine) {
-            if let Some(collider) = light.colliders.get_mut(handle) {
-                collider.set_shape(SharedShape::ball(STAND_IN_M));
-            }
-        }
-        light.serialize(serializer)
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<PhysicsWorld, D::Error> {
-        PhysicsWorld::deserialize(deserializer)
-    }
-
-    /// Puts the colliders of the map where the stand-ins are. The living ones come whole: with them
-    /// comes the mark "nothing changed here", so
-    /// that the engine keeps what it knows of their contacts.
-    pub(crate) fn take_geometry(
-        engine: &mut PhysicsWorld,
-        living: &PhysicsWorld,
-    ) -> Result<(), String> {
-        for handle in geometry(living) {
-            let Some(original) = living.colliders.get(handle) else {
-                continue;
-            };
-            if let Some(stand_in) = engine.colliders.get_mut(handle) {
-                let is_enabled = stand_in.is_enabled();
-                *stand_in = original.clone();
-                if stand_in.is_enabled() != is_enabled {
-                    stand_in.set_enabled(is_enabled);
-                }
-            }
-        }
-        let is_stand_in = |collider: &Collider| {
-            collider
-                .shape()
-                .as_ball()
-                .is_some_and(|ball| ball.radius == STAND_IN_M)
-        };
-        match engine
-            .colliders
-            .iter()
-            .any(|(_, collider)| is_stand_in(collider))
-        {
-            true => Err("it has solid geometry that the loaded map lacks".to_owned()),
-            false => Ok(()),
-        }
     }
 }
 

@@ -1,20 +1,150 @@
-//! Commands that change the world. Stepping, configuration, map loads and lockstep are the
-//! daemon's.
+//! What changes a world between steps: by method, or by command.
 
-use nalgebra::Vector3;
-use schema_frames::{ActorKind, Command, CommandReply, LightState};
+use schema_frames::document::{TopicInfo, Weather};
+use schema_frames::{
+    ActorKind, Attachment, Command, CommandReply, LightState, PhysicsAction, PhysicsAnswer,
+    PosedBox, SkeletonAction, VehicleControl, VehiclePhysics, WalkerControl,
+};
 use schema_types::{ActorId, Pose};
 
-use crate::spawn::unit_pose;
-use crate::world::{ActorError, World};
+use crate::errors::{ActionError, ActorError};
+use crate::pose_check::unit_pose;
+use crate::signals::lamp_head_boxes;
+use crate::vehicles;
+use crate::walkers::{self, Lead};
+use crate::world::World;
 
 impl World {
-    /// Carries out a command; a refused one changes nothing.
+    /// Puts an actor somewhere in the world; a vehicle keeps its velocity, an attached actor stays
+    /// attached at its new place.
+    pub fn set_pose(&mut self, actor: ActorId, pose: Pose) -> Result<(), ActorError> {
+        let pose = unit_pose(pose, self.map.origin_m).map_err(|problem| ActorError::Value {
+            actor,
+            what: "pose",
+            problem,
+        })?;
+        let known = self.actors.get_mut(actor)?;
+        let type_id = known.type_id(&self.catalogue);
+        if type_id.starts_with("traffic.") {
+            return Err(ActorError::WrongKind {
+                actor,
+                type_id: type_id.clone(),
+                needed: "vehicle, walker, prop, sensor or the spectator",
+            });
+        }
+        if let Some(vehicle) = self.vehicles.by_id.get_mut(&actor) {
+            vehicle.set_pose(&mut self.physics, &pose.isometry());
+        }
+        if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
+            walker.put_middle(&pose);
+        }
+        self.props.set_pose(actor, &pose, &mut self.physics);
+        let parent = known.parent.and_then(|parent| self.records.get(parent));
+        known.pose = parent.map_or(pose, |parent| {
+            let world_from_parent = parent.world_from_actor.isometry();
+            world_from_parent.inv_mul(&pose.isometry()).into()
+        });
+        if known.kind == ActorKind::Prop {
+            self.friction.refresh(&self.actors, &self.catalogue);
+        }
+        match self.vehicles.by_id.contains_key(&actor) {
+            true => self.refresh_actor(actor),
+            // The mount of an attached actor stands in the list of actors.
+            false => self.actors_changed(),
+        }
+        Ok(())
+    }
+
+    /// Gives a vehicle's origin a velocity; at most 300 m/s.
+    pub fn set_velocity(
+        &mut self,
+        actor: ActorId,
+        velocity_in_world_mps: [f64; 3],
+    ) -> Result<(), ActorError> {
+        vehicles::set_velocity(self.body(actor), velocity_in_world_mps)?;
+        self.refresh_actor(actor);
+        Ok(())
+    }
+
+    /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not
+    /// finite counts as 0.
+    pub fn set_control(
+        &mut self,
+        actor: ActorId,
+        control: VehicleControl,
+    ) -> Result<(), ActorError> {
+        self.body(actor).vehicle?.set_control(control);
+        Ok(())
+    }
+
+    /// Holds a walker's control until it is replaced.
+    ///
+    /// # Errors
+    /// [`ActorError`] for another kind of actor and for numbers that cannot be used.
+    pub fn control_walker(
+        &mut self,
+        actor: ActorId,
+        control: WalkerControl,
+    ) -> Result<(), ActorError> {
+        walkers::check_control(actor, &control)?;
+        self.walker_mut(actor)?.hold_control(control);
+        self.refresh_records(None);
+        Ok(())
+    }
+
+    /// Sets a vehicle's lamps, bits as in `VehiclePart::lamps`.
+    pub fn set_lamps(&mut self, actor: ActorId, lamps: u32) -> Result<(), ActorError> {
+        self.body(actor).vehicle?.lamps = lamps & 0x7ff;
+        Ok(())
+    }
+
+    /// Replaces a vehicle's physical data.
+    ///
+    /// # Errors
+    /// A sentence that names the value and what is allowed.
+    pub fn set_vehicle_physics(
+        &mut self,
+        actor: ActorId,
+        data: &VehiclePhysics,
+    ) -> Result<(), ActionError> {
+        let body = self.body(actor);
+        vehicles::set_physics(body.vehicle?, body.physics, data)
+    }
+
+    /// Names a sensor's topics for `world/actors`.
+    pub fn set_topics(&mut self, actor: ActorId, topics: Vec<TopicInfo>) -> Result<(), ActorError> {
+        self.actors.get_mut(actor)?.topics = topics;
+        self.counts.actors_revision += 1;
+        Ok(())
+    }
+
+    /// Says how an attached actor follows its parent. Without a parent only `rigid` is allowed.
+    pub fn set_attachment(
+        &mut self,
+        actor: ActorId,
+        attachment: Attachment,
+    ) -> Result<(), ActorError> {
+        self.booms.attach(self.actors.get(actor)?, attachment)?;
+        self.refresh_records(None);
+        Ok(())
+    }
+
+    /// Changes the weather.
+    ///
+    /// # Errors
+    /// Which value cannot be, and its range.
+    pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
+        self.weather.set(weather)
+    }
+
+    /// Whether weather acts on tyres and lidar. Off by default, as in CARLA, where it is only seen.
+    pub fn set_weather_effects(&mut self, on: bool) {
+        self.weather.acts = on;
+    }
+
+    /// Carries out a command; a refused one changes nothing. Commands for the daemon (time, maps,
+    /// sensors, lockstep, checkpoints) are refused.
     pub fn apply(&mut self, command: &Command) -> CommandReply {
-        let done = |result: Result<(), String>| match result {
-            Ok(()) => CommandReply::Done,
-            Err(error) => CommandReply::Refused { error },
-        };
         match command {
             Command::Spawn {
                 type_id,
@@ -23,73 +153,72 @@ impl World {
                 role,
                 attributes,
             } => {
-                match self.spawn(
-                    type_id,
-                    Pose::from(*pose),
-                    parent_id.map(ActorId),
-                    role,
-                    attributes,
-                ) {
+                let parent = parent_id.map(ActorId);
+                match self.spawn(type_id, Pose::from(*pose), parent, role, attributes) {
                     Ok(actor) => CommandReply::Spawned {
                         actor_id: actor.0,
                         topics: Vec::new(),
                     },
-                    Err(error) => CommandReply::Refused {
-                        error: error.to_string(),
-                    },
+                    Err(error) => refused(error),
                 }
             }
-            Command::Destroy { actor_id } => done(
-                self.destroy(ActorId(*actor_id))
-                    .map(drop)
-                    .map_err(|error| error.to_string()),
-            ),
-            Command::SetPose { actor_id, pose } => done(
-                self.set_pose(ActorId(*actor_id), (*pose).into())
-                    .map_err(text),
-            ),
+            Command::Destroy { actor_id } => done(self.destroy(ActorId(*actor_id)).map(drop)),
+            Command::SetPose { actor_id, pose } => {
+                done(self.set_pose(ActorId(*actor_id), (*pose).into()))
+            }
             Command::SetVelocity {
                 actor_id,
                 velocity_in_world_mps,
-            } => done(
-                self.set_velocity(ActorId(*actor_id), *velocity_in_world_mps)
-                    .map_err(text),
-            ),
+            } => done(self.set_velocity(ActorId(*actor_id), *velocity_in_world_mps)),
             Command::ControlVehicle { actor_id, control } => {
                 let result = self.set_control(ActorId(*actor_id), *control);
                 self.refresh_actor(ActorId(*actor_id));
-                done(result.map_err(text))
+                done(result)
             }
             Command::Skeleton { actor_id, action } => {
                 self.act_on_skeleton(ActorId(*actor_id), action)
             }
-            Command::Physics { actor_id, action } => self.act(ActorId(*actor_id), action),
-            Command::ControlWalker { actor_id, control } => done(
-                self.control_walker(ActorId(*actor_id), *control)
-                    .map_err(text),
-            ),
+            Command::Physics { actor_id, action } => {
+                let actor = ActorId(*actor_id);
+                match self.act_on_body(actor, action) {
+                    Ok(None) => {
+                        self.refresh_actor(actor);
+                        CommandReply::Done
+                    }
+                    Ok(Some(answer)) => CommandReply::Physics { answer },
+                    Err(error) => refused(error),
+                }
+            }
+            Command::ControlWalker { actor_id, control } => {
+                done(self.control_walker(ActorId(*actor_id), *control))
+            }
             Command::LeadWalker {
                 actor_id,
                 ground_point_m,
                 yaw_rad,
                 speed_mps,
-            } => done(
-                self.lead_walker(ActorId(*actor_id), *ground_point_m, *yaw_rad, *speed_mps)
-                    .map_err(text),
-            ),
+            } => {
+                let lead = Lead {
+                    ground_point_m: *ground_point_m,
+                    yaw_rad: *yaw_rad,
+                    speed_mps: *speed_mps,
+                };
+                done(self.lead_walker(ActorId(*actor_id), &lead))
+            }
             Command::SetLamps { actor_id, lamps } => {
                 let result = self.set_lamps(ActorId(*actor_id), *lamps);
                 self.refresh_actor(ActorId(*actor_id));
-                done(result.map_err(text))
+                done(result)
             }
             Command::SetDoors {
                 actor_id,
                 doors,
                 open,
-            } => done(
-                self.set_doors(ActorId(*actor_id), *doors, *open)
-                    .map_err(text),
-            ),
+            } => done(vehicles::set_doors(
+                self.body(ActorId(*actor_id)),
+                *doors,
+                *open,
+            )),
             Command::SetTrafficLight { actor_id, state } => {
                 done(self.set_traffic_light(ActorId(*actor_id), state))
             }
@@ -108,19 +237,25 @@ impl World {
             }
             Command::LightBoxes { actor_id } => match self.light_boxes(ActorId(*actor_id)) {
                 Ok(boxes) => CommandReply::Boxes { boxes },
-                Err(error) => CommandReply::Refused { error },
+                Err(error) => refused(error),
             },
-            Command::Scenery => self.scenery_reply(),
+            Command::Scenery => self.scenery.reply(&self.map, &self.weather.now),
             Command::ShowObjects { object_ids, shown } => {
-                done(self.show_objects(object_ids, *shown))
+                done(
+                    self.scenery
+                        .show_objects(object_ids, *shown, &self.map, &mut self.physics),
+                )
             }
             Command::ShowLayers { layers, shown } => {
-                self.show_layers(*layers, *shown);
+                self.scenery
+                    .show_layers(*layers, *shown, &self.map, &mut self.physics);
                 CommandReply::Done
             }
-            Command::SetSceneryLamps { changes } => done(self.set_scenery_lamps(changes)),
+            Command::SetSceneryLamps { changes } => {
+                done(self.scenery.set_lamps(changes, &self.map))
+            }
             Command::SetLampCycle { on } => {
-                self.set_lamp_cycle(*on);
+                self.scenery.set_lamp_cycle(*on);
                 CommandReply::Done
             }
             Command::SetWeather { weather } => done(self.set_weather(*weather)),
@@ -143,78 +278,56 @@ impl World {
             | Command::CastRays { .. }
             | Command::DrawDebug { .. }
             | Command::ClearDebug
-            | Command::Counters => CommandReply::Refused {
-                error: "this command is for the daemon, not for the world".to_owned(),
-            },
+            | Command::Counters => refused("this command is for the daemon, not for the world"),
         }
     }
 
-    /// Puts an actor somewhere in the world; a vehicle keeps its velocity, an attached sensor rides
-    /// on from there.
-    pub fn set_pose(&mut self, actor: ActorId, pose: Pose) -> Result<(), ActorError> {
-        let pose = unit_pose(pose, self.map.origin_m).map_err(|problem| ActorError::Value {
-            actor,
-            what: "pose",
-            problem,
-        })?;
-        let known = self.actors.get(&actor).ok_or(ActorError::Unknown(actor))?;
-        let type_id = &self.catalogue.entries[known.catalogue_idx as usize].type_id;
-        if type_id.starts_with("traffic.") {
-            return Err(ActorError::WrongKind {
-                actor,
-                type_id: type_id.clone(),
-                needed: "vehicle, walker, prop, sensor or the spectator",
-            });
-        }
-        if let Some(vehicle) = self.vehicles.get_mut(&actor) {
-            vehicle.set_pose(&mut self.physics, &pose.isometry());
-        }
-        let is_walker = World::is_walker(known.kind);
-        if is_walker {
-            self.put_walker(actor, &pose);
-        }
-        self.put_prop(actor, &pose);
-        let known = &self.actors[&actor];
-        let parent = known.parent.and_then(|parent| self.sensor_pose(parent));
-        let local = parent.map_or(pose, |world_from_parent| {
-            world_from_parent.inv_mul(&pose.isometry()).into()
-        });
-        if let Some(known) = self.actors.get_mut(&actor) {
-            known.pose = local;
-        }
-        if self
-            .actors
-            .get(&actor)
-            .is_some_and(|known| known.kind == ActorKind::Prop)
-        {
-            self.refresh_friction();
-        }
-        match self.vehicles.contains_key(&actor) {
-            true => self.refresh_actor(actor),
-            // The mount of what is attached stands in the list of actors.
-            false => self.changed(),
-        }
-        Ok(())
-    }
-
-    /// Gives a vehicle's origin a velocity; at most 300 m/s.
-    pub fn set_velocity(
+    /// Acts on a vehicle's body, or on the switches of another actor.
+    fn act_on_body(
         &mut self,
         actor: ActorId,
-        velocity_in_world_mps: [f64; 3],
-    ) -> Result<(), ActorError> {
-        let velocity = Vector3::from(velocity_in_world_mps);
-        if !velocity.norm().is_finite() || velocity.norm() > 300.0 {
-            return Err(ActorError::Value {
-                actor,
-                what: "velocity",
-                problem: "must be finite and at most 300 m/s",
-            });
+        action: &PhysicsAction,
+    ) -> Result<Option<PhysicsAnswer>, ActionError> {
+        use PhysicsAction::{SetCollisions, SetGravity, SetSimulated};
+        if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
+            match action {
+                SetSimulated { enabled } => walker.simulated = *enabled,
+                SetCollisions { enabled } => walker.collides = *enabled,
+                _ => {}
+            }
         }
-        self.act_on(actor, |vehicle, physics| {
-            vehicle.set_velocity(physics, &velocity)
-        })?;
-        self.refresh_actor(actor);
+        let is_switch = matches!(
+            action,
+            SetGravity { .. } | SetSimulated { .. } | SetCollisions { .. }
+        );
+        let is_no_vehicle =
+            self.actors.contains(actor) && !self.vehicles.by_id.contains_key(&actor);
+        if is_switch && is_no_vehicle {
+            // The engine does not move it anyway.
+            return Ok(None);
+        }
+        vehicles::act(self.body(actor), action)
+    }
+
+    fn act_on_skeleton(&mut self, actor: ActorId, action: &SkeletonAction) -> CommandReply {
+        let walker = match self.walker_mut(actor) {
+            Ok(walker) => walker,
+            Err(error) => return refused(error),
+        };
+        match walkers::act_on_skeleton(walker, action) {
+            Ok(None) => CommandReply::Done,
+            Ok(Some(bones)) => CommandReply::Bones { bones },
+            Err(error) => refused(error),
+        }
+    }
+
+    fn lead_walker(&mut self, actor: ActorId, lead: &Lead) -> Result<(), ActorError> {
+        walkers::check_lead(actor, lead)?;
+        self.walker_mut(actor)?;
+        if let Some(walker) = self.walkers.by_id.get_mut(&actor) {
+            walker.lead(lead, &self.physics);
+        }
+        self.refresh_records(None);
         Ok(())
     }
 
@@ -253,8 +366,15 @@ impl World {
         Ok(())
     }
 
+    fn light_boxes(&self, actor: ActorId) -> Result<Vec<PosedBox>, String> {
+        match self.lights.get(actor) {
+            Some(light) => Ok(lamp_head_boxes(light, &self.map)),
+            None => Err(format!("actor {actor} is not a traffic light")),
+        }
+    }
+
     fn no_light(&self, actor: ActorId) -> String {
-        match self.actors.contains_key(&actor) {
+        match self.actors.contains(actor) {
             true => format!("actor {actor} is not a traffic light"),
             false => ActorError::Unknown(actor).to_string(),
         }
@@ -266,6 +386,15 @@ fn light_state(name: &str) -> Result<LightState, String> {
         .ok_or_else(|| format!("state is {name:?}, but must be red, yellow, green, off or unknown"))
 }
 
-pub(crate) fn text(error: ActorError) -> String {
-    error.to_string()
+fn done<E: ToString>(result: Result<(), E>) -> CommandReply {
+    match result {
+        Ok(()) => CommandReply::Done,
+        Err(error) => refused(error),
+    }
+}
+
+fn refused(error: impl ToString) -> CommandReply {
+    CommandReply::Refused {
+        error: error.to_string(),
+    }
 }

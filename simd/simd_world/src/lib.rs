@@ -13,68 +13,44 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-#[path = "vehicles/ackermann.rs"]
-mod ackermann;
-#[path = "vehicles/body_actions.rs"]
-mod actions;
-#[path = "booms.rs"]
-mod boom;
-mod catalogue;
-mod checkpoint;
-#[path = "commands.rs"]
-mod command;
-#[path = "vehicles/doors.rs"]
-mod doors;
-#[path = "vehicles/powertrain.rs"]
-mod drive;
-#[path = "vehicles/footing.rs"]
-mod footing;
-#[path = "friction_areas.rs"]
-mod friction;
-#[path = "signals/traffic_lights.rs"]
-mod lights;
-#[path = "map_data.rs"]
-mod map;
-#[path = "vehicles/model.rs"]
-mod models;
-#[path = "vehicles/sub_step.rs"]
-mod motion;
-#[path = "vehicles/factory_data.rs"]
-mod physical;
+mod serde_forms;
+
+mod errors;
+mod map_data;
+mod pose_check;
+
+mod actors;
+mod booms;
+mod friction_areas;
 mod physics;
-#[path = "serde_forms.rs"]
-mod plain;
-#[path = "props/model.rs"]
 mod props;
-mod records;
-mod scenario;
-#[path = "actor_scene.rs"]
-mod scene;
 mod scenery;
-#[path = "signals/trigger_boxes.rs"]
-mod signs;
-#[path = "physics/solids.rs"]
-mod solids;
-#[path = "vehicles/wheel_solver.rs"]
-mod solver;
-mod spawn;
-#[path = "vehicles/vehicle.rs"]
-mod vehicle;
-#[path = "walkers/walker.rs"]
+mod signals;
+mod vehicles;
 mod walkers;
 mod weather;
-#[path = "vehicles/wheel.rs"]
-mod wheel;
+
+mod actor_scene;
+mod catalogue;
+mod map_actors;
+mod obstacles;
+mod records;
+mod spawn;
+
 mod world;
+
+mod checkpoint;
+mod commands;
+mod reading;
+mod scenario;
 
 pub use catalogue::PASSIVE_SENSORS;
 pub use checkpoint::{Checkpoint, CheckpointError};
-pub use drive::{DriveInput, DriveOutput, DriveTrain, EngineSpec};
-pub use map::{CollisionMesh, LightHeads, LoadError, MapData};
-pub use models::{VehicleModel, vehicle_models};
+pub use errors::{ActionError, ActorError, DestroyError, SpawnError};
+pub use map_data::{CollisionMesh, LightHeads, LoadError, MapData};
 pub use physics::Collision;
 pub use props::{PropModel, prop_models};
 pub use scenario::{EgoSpawn, Scenario};
-pub use spawn::{DestroyError, SpawnError};
+pub use vehicles::{EngineSpec, VehicleModel, vehicle_models};
 pub use walkers::{MAX_SPEED_MPS, WalkerModel, walker_models};
-pub use world::{ActorError, World, WorldOptions};
+pub use world::{World, WorldOptions};

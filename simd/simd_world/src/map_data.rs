@@ -81,6 +81,21 @@ pub enum LoadError {
 }
 
 impl MapData {
+    /// The map's roads: as read before, or read now from the OpenDRIVE text; `None` without a text.
+    pub(crate) fn read_roads(&self) -> Result<Option<Arc<RoadMap>>, LoadError> {
+        match (&self.roads, self.open_drive.as_str()) {
+            (Some(roads), _) => Ok(Some(roads.clone())),
+            (None, "") => Ok(None),
+            (None, text) => match RoadMap::parse(text) {
+                Ok(roads) => Ok(Some(Arc::new(roads))),
+                Err(source) => Err(LoadError::Roads {
+                    map: self.name.clone(),
+                    source,
+                }),
+            },
+        }
+    }
+
     /// A level square at height 0 without roads, `half_m` in each direction, with spawn points 12 m
     /// apart along x.
     pub fn flat(half_m: f32) -> MapData {

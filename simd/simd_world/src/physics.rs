@@ -4,59 +4,31 @@
 //! actor's own: no offset is kept anywhere.
 
 use std::collections::BTreeSet;
-use std::sync::Mutex;
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use rapier3d::glamx::Quat;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::*;
-use schema_types::{ActorId, Class, ObjectId};
+use schema_types::{Class, ObjectId};
 use serde::{Deserialize, Serialize};
 
-use crate::footing::StillThings;
-use crate::map::MapData;
+use crate::map_data::MapData;
+use contact_log::ContactLog;
+
+mod collision;
+mod contact_log;
+pub(crate) mod engine_state;
+mod solids;
+mod still_things;
+mod vectors;
+
+pub use collision::Collision;
+pub(crate) use solids::Solids;
+pub(crate) use still_things::{Room, StillThings};
+pub(crate) use vectors::{narrow, widen};
 
 /// Standard gravity, m/s², along world −z.
 pub(crate) const GRAVITY_MPS2: f64 = 9.81;
-
-/// Two things pushed each other during a tick: one entry per (actor, other), so two actors that
-/// touch make two entries.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Collision {
-    /// Who was pushed.
-    pub actor: ActorId,
-    /// What it touched; `None` is scenery.
-    pub other: Option<ActorId>,
-    /// Class of what it touched; [`Class::UNLABELED`] for solid ground that does not say what it
-    /// is.
-    pub other_class: Class,
-    /// Normal impulse on `actor` summed over the tick, N·s, world: it points away from `other`.
-    pub impulse_in_world_ns: [f64; 3],
-    /// Where, world, metres: mean of the contact points, weighted with their impulses.
-    pub point_in_world_m: [f64; 3],
-}
-
-impl Collision {
-    /// Size of the impulse, N·s.
-    pub fn impulse_ns(&self) -> f64 {
-        Vector3::from(self.impulse_in_world_ns).norm()
-    }
-
-    /// Adds a later contact of the same two.
-    fn add(&mut self, later: &Collision) {
-        let (mine, theirs) = (self.impulse_ns(), later.impulse_ns());
-        let share = if mine + theirs > 0.0 {
-            theirs / (mine + theirs)
-        } else {
-            0.5
-        };
-        for axis in 0..3 {
-            self.impulse_in_world_ns[axis] += later.impulse_in_world_ns[axis];
-            self.point_in_world_m[axis] +=
-                share * (later.point_in_world_m[axis] - self.point_in_world_m[axis]);
-        }
-    }
-}
 
 /// What a collider says about itself in contacts: whose it is (0 is scenery) and its class.
 pub(crate) fn collider_tag(actor: u32, class: Class) -> u128 {
@@ -66,9 +38,9 @@ pub(crate) fn collider_tag(actor: u32, class: Class) -> u128 {
 /// Engine, solid ground and the contacts of the current tick.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Physics {
-    #[serde(with = "crate::checkpoint::engine")]
+    #[serde(with = "crate::physics::engine_state")]
     pub engine: PhysicsWorld,
-    #[serde(with = "crate::plain::vector")]
+    #[serde(with = "crate::serde_forms::vector")]
     origin_m: Vector3<f64>,
     /// To be forgotten by whoever touches something fixed.
     #[serde(skip)]
@@ -87,7 +59,7 @@ impl Clone for Physics {
         } = self;
         let still = StillThings::default();
         Physics {
-            engine: crate::checkpoint::copy(engine),
+            engine: engine_state::copy(engine),
             origin_m: *origin_m,
             still,
             contacts: ContactLog::default(),
@@ -244,22 +216,14 @@ impl Physics {
     /// Adds a collision that was found outside the engine.
     pub fn log_contact(&mut self, mut collision: Collision) {
         (0..3).for_each(|axis| collision.point_in_world_m[axis] -= self.origin_m[axis]);
-        self.contacts
-            .entries
-            .get_mut()
-            .expect("nobody panics while logging a contact")
-            .push(collision);
+        self.contacts.entries().push(collision);
     }
 
     /// Fills `merged` with the contacts since the last call, one entry per (vehicle, other),
     /// sorted.
     pub fn take_collisions(&mut self, merged: &mut Vec<Collision>) {
         let origin_m = self.origin_m;
-        let raw = self
-            .contacts
-            .entries
-            .get_mut()
-            .expect("nobody panics while logging a contact");
+        let raw = self.contacts.entries();
         raw.sort_by_key(|entry| (entry.actor, entry.other));
         merged.clear();
         for mut entry in raw.drain(..) {
@@ -281,94 +245,4 @@ impl Physics {
             .query_pipeline_with_filter(QueryFilter::only_fixed());
         pipeline.intersect_shape(*pose, shape).next().is_some()
     }
-}
-
-/// `f32` engine vector as `f64`.
-pub(crate) fn widen(v: Vector) -> Vector3<f64> {
-    Vector3::new(v.x as f64, v.y as f64, v.z as f64)
-}
-
-/// `f64` vector as the engine's.
-pub(crate) fn narrow(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x as f32, v.y as f32, v.z as f32)
-}
-
-/// Mean of a pair's contact points, engine coordinates, weighted with their impulses.
-fn contact_point(colliders: &ColliderSet, pair: &ContactPair) -> Vector {
-    let place = colliders
-        .get(pair.collider1)
-        .map_or(EnginePose::IDENTITY, |collider| *collider.position());
-    let (mut sum, mut weight) = (Vector::ZERO, 0.0);
-    for manifold in pair.solver_manifolds() {
-        let place = manifold.subshape_pos1().map_or(place, |part| place * part);
-        for point in &manifold.points {
-            // A point that carries nothing counts a little, so that a pair always has a place.
-            let share = point.data.impulse.max(1e-6);
-            sum += place * point.local_p1 * share;
-            weight += share;
-        }
-    }
-    if weight > 0.0 {
-        sum / weight
-    } else {
-        place.translation
-    }
-}
-
-/// Collects contact forces; the engine hands them out behind a shared reference.
-#[derive(Default)]
-struct ContactLog {
-    entries: Mutex<Vec<Collision>>,
-    dt_secs: f32,
-}
-
-impl EventHandler for ContactLog {
-    fn handle_collision_event(
-        &self,
-        _: &RigidBodySet,
-        _: &ColliderSet,
-        _: CollisionEvent,
-        _: Option<&ContactPair>,
-    ) {
-    }
-
-    fn handle_contact_force_event(
-        &self,
-        _dt: f32,
-        _: &RigidBodySet,
-        colliders: &ColliderSet,
-        pair: &ContactPair,
-        total_force_n: f32,
-    ) {
-        let tag = |handle: ColliderHandle| {
-            colliders
-                .get(handle)
-                .map_or(0, |collider| collider.user_data)
-        };
-        let (first, second) = (tag(pair.collider1), tag(pair.collider2));
-        let point_in_world_m = widen(contact_point(colliders, pair)).into();
-        let direction = widen(pair.total_impulse());
-        // The normal points from the first to the second collider; the second is pushed along it.
-        let impulse = direction.try_normalize(0.0).unwrap_or_default()
-            * (total_force_n * self.dt_secs) as f64;
-        let mut entries = self
-            .entries
-            .lock()
-            .expect("nobody panics while logging a contact");
-        for (this, that, impulse) in [(first, second, -impulse), (second, first, impulse)] {
-            let (this, that, other_class) = (this as u32, that as u32, Class((that >> 32) as u8));
-            if this != 0 {
-                let other = (that != 0).then_some(ActorId(that));
-                entries.push(Collision {
-                    actor: ActorId(this),
-                    other,
-                    other_class,
-                    impulse_in_world_ns: impulse.into(),
-                    point_in_world_m,
-                });
-            }
-        }
-    }
-
-    fn handle_soft_body_tear_event(&self, _: &SoftBodySet, _: &SoftBodyTearEvent) {}
 }

@@ -1,125 +1,166 @@
-//! The snapshot: one record per actor, made anew after every step and every change.
+//! Records of all actors, as the snapshot has them: made anew after every step and every change.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Vector3};
-use schema_frames::document::BodyBox;
+use schema_frames::document::{BodyBox, Catalogue};
 use schema_frames::snapshot::id_bytes;
 use schema_frames::{
     ActorKind, ActorRecord, LightState, TrafficLightPart, TrafficSignPart, VehiclePart,
 };
+use schema_roads::RoadMap;
 use schema_types::{ActorId, Pose};
+use serde::{Deserialize, Serialize};
 
-use crate::boom::{self, Boom};
-use crate::vehicle::{MAX_WHEELS, Vehicle};
-use crate::world::{Actor, World};
+use crate::actors::{Actor, Actors};
+use crate::booms::{self, Boom, Booms};
+use crate::physics::{Collision, Physics};
+use crate::signals::TrafficLights;
+use crate::vehicles::{MAX_WHEELS, Vehicle, Vehicles};
+use crate::walkers::Walkers;
 
 /// A speed limit is looked up again after this way, metres.
 const LIMIT_EVERY_M: f64 = 1.0;
 
-/// Pose and motion of an actor's origin.
-struct Motion {
+/// Pose, velocity and spin of an actor's origin.
+struct OriginMotion {
     pose: Pose,
     velocity: Vector3<f64>,
     spin: Vector3<f64>,
 }
 
-/// What records are made with that changes as they are made: speed limits that were looked up, and
-/// booms.
-type Memory<'w> = (
-    &'w mut BTreeMap<ActorId, ([f64; 3], f32)>,
-    &'w mut BTreeMap<ActorId, Boom>,
-);
+/// The speed limit where a vehicle is.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct SpeedLimit {
+    looked_up_at_m: [f64; 3],
+    /// 0: none known.
+    limit_mps: f32,
+}
 
-impl World {
-    /// `dt_secs` is the length of the step that led here; without one (a change between steps)
-    /// accelerations and contact flags stay.
-    pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
-        let previous = std::mem::take(&mut self.records);
-        let mut records = std::mem::take(&mut self.previous_records);
-        records.clear();
-        let before = |id: ActorId| {
-            previous
-                .binary_search_by_key(&id.0, |record| record.id)
-                .ok()
-                .map(|idx| &previous[idx])
-        };
-        let mut limits = std::mem::take(&mut self.speed_limits);
-        let mut booms = std::mem::take(&mut self.booms);
-        for actor in self.actors.values() {
-            let record = self.full_record(
-                actor,
-                &records,
-                before(actor.id),
-                (&mut limits, &mut booms),
-                dt_secs,
-            );
-            records.push(record);
-        }
-        self.speed_limits = limits;
-        self.booms = booms;
-        self.records = records;
-        self.previous_records = previous;
+/// What records are made from.
+pub(crate) struct Observed<'w> {
+    pub catalogue: &'w Catalogue,
+    pub actors: &'w Actors,
+    pub vehicles: &'w Vehicles,
+    pub walkers: &'w Walkers,
+    pub lights: &'w TrafficLights,
+    pub roads: Option<&'w RoadMap>,
+    pub physics: &'w Physics,
+    /// What was touched in the last step, by (actor, other).
+    pub collisions: &'w [Collision],
+}
+
+/// What changes while records are made: speed limits that were looked up, and booms.
+struct Memory<'w> {
+    limits: &'w mut BTreeMap<ActorId, SpeedLimit>,
+    booms: &'w mut Booms,
+}
+
+/// The records, by rising id.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Records {
+    #[serde(with = "crate::serde_forms::pods")]
+    all: Vec<ActorRecord>,
+    /// Records before the last step or change; kept so that their memory is used again.
+    #[serde(skip)]
+    previous: Vec<ActorRecord>,
+    limits: BTreeMap<ActorId, SpeedLimit>,
+}
+
+fn find(records: &[ActorRecord], actor: ActorId) -> Option<&ActorRecord> {
+    records
+        .binary_search_by_key(&actor.0, |record| record.id)
+        .ok()
+        .map(|idx| &records[idx])
+}
+
+impl Records {
+    pub fn all(&self) -> &[ActorRecord] {
+        &self.all
     }
 
-    /// The records of one actor and of what rides on it, after a change between steps to nobody
-    /// else: a step's worth of commands to a
-    /// thousand vehicles must not make a million records.
-    pub(crate) fn refresh_actor(&mut self, actor: ActorId) {
-        let mut records = std::mem::take(&mut self.records);
-        let mut limits = std::mem::take(&mut self.speed_limits);
-        let mut booms = std::mem::take(&mut self.booms);
+    pub fn get(&self, actor: ActorId) -> Option<&ActorRecord> {
+        find(&self.all, actor)
+    }
+
+    /// Forgets what is remembered of an actor that was destroyed.
+    pub fn forget(&mut self, actor: ActorId) {
+        self.limits.remove(&actor);
+    }
+
+    /// Forgets what is remembered of all actors, for a new episode.
+    pub fn forget_all(&mut self) {
+        self.limits.clear();
+    }
+
+    /// Makes all records anew. `dt_secs` is the length of the step that led here; without one (a
+    /// change between steps) accelerations and contact flags stay.
+    pub fn refresh(&mut self, seen: &Observed<'_>, booms: &mut Booms, dt_secs: Option<f64>) {
+        std::mem::swap(&mut self.all, &mut self.previous);
+        self.all.clear();
+        let limits = &mut self.limits;
+        let mut memory = Memory { limits, booms };
+        for actor in seen.actors.by_id.values() {
+            let before = find(&self.previous, actor.id);
+            let record = seen.record(actor, &self.all, before, &mut memory, dt_secs);
+            self.all.push(record);
+        }
+    }
+
+    /// Makes the records of one actor and of what is attached to it anew, after a change between
+    /// steps to nobody else: a step's worth of commands to a thousand vehicles must not make a
+    /// million records.
+    pub fn refresh_one(&mut self, seen: &Observed<'_>, booms: &mut Booms, actor: ActorId) {
+        let limits = &mut self.limits;
+        let mut memory = Memory { limits, booms };
         let mut changed = vec![actor];
-        // What rides on another has a larger id.
-        for (id, other) in self.actors.range(actor..) {
-            let rides = other.parent.is_some_and(|parent| changed.contains(&parent));
-            if rides {
+        // What is attached to another actor has a larger id.
+        for (id, other) in seen.actors.by_id.range(actor..) {
+            let is_attached = other.parent.is_some_and(|parent| changed.contains(&parent));
+            if is_attached {
                 changed.push(*id);
             }
-            if (rides || *id == actor)
-                && let Ok(idx) = records.binary_search_by_key(&id.0, |record| record.id)
+            if (is_attached || *id == actor)
+                && let Ok(idx) = self.all.binary_search_by_key(&id.0, |record| record.id)
             {
-                records[idx] = self.full_record(
-                    other,
-                    &records,
-                    Some(&records[idx]),
-                    (&mut limits, &mut booms),
-                    None,
-                );
+                let before = Some(&self.all[idx]);
+                self.all[idx] = seen.record(other, &self.all, before, &mut memory, None);
             }
         }
-        self.speed_limits = limits;
-        self.booms = booms;
-        self.records = records;
     }
+}
 
-    fn full_record(
+impl Observed<'_> {
+    fn record(
         &self,
         actor: &Actor,
         made: &[ActorRecord],
         before: Option<&ActorRecord>,
-        (limits, booms): Memory<'_>,
+        memory: &mut Memory<'_>,
         dt_secs: Option<f64>,
     ) -> ActorRecord {
         let mut motion = self.motion(actor, made);
-        if let Some(boom) = booms.get_mut(&actor.id) {
+        if let Some(boom) = memory.booms.by_id.get_mut(&actor.id) {
             self.hang(&mut motion, boom, actor, made, dt_secs.unwrap_or(0.0));
         }
-        let mut record = self.record_of(actor, &motion);
+        let mut record = self.constants_of(actor, &motion);
         self.fill_changes(&mut record, before, dt_secs);
         match actor.kind {
             ActorKind::Vehicle => {
-                let vehicle = &self.vehicles[&actor.id];
-                let limit = limits.entry(actor.id).or_insert(([f64::INFINITY; 3], 0.0));
+                let vehicle = &self.vehicles.by_id[&actor.id];
+                let limit = memory.limits.entry(actor.id).or_insert(SpeedLimit {
+                    looked_up_at_m: [f64::INFINITY; 3],
+                    limit_mps: 0.0,
+                });
                 self.look_up_limit(motion.pose.translation_m, limit);
                 record.flags |= match (vehicle.quarantined, vehicle.switches.simulated) {
                     (true, _) => ActorRecord::QUARANTINED,
                     (false, simulated) => ActorRecord::PHYSICS * u32::from(simulated),
                 };
-                record.set_part(&self.vehicle_part(vehicle, &motion, limit.1));
+                record.set_part(&self.vehicle_part(vehicle, &motion, limit.limit_mps));
             }
             ActorKind::Walker => {
-                let walker = &self.walkers[&actor.id];
+                let walker = &self.walkers.by_id[&actor.id];
                 record.flags |= if walker.lost {
                     ActorRecord::QUARANTINED
                 } else {
@@ -144,29 +185,26 @@ impl World {
     }
 
     /// Parents have smaller ids than what is attached to them, so their records are made already.
-    fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> Motion {
-        if let Some(vehicle) = self.vehicles.get(&actor.id) {
-            let (velocity, spin) = vehicle.velocity(&self.physics);
-            return Motion {
-                pose: vehicle.pose(&self.physics).into(),
+    fn motion(&self, actor: &Actor, made: &[ActorRecord]) -> OriginMotion {
+        if let Some(vehicle) = self.vehicles.get(actor.id) {
+            let (velocity, spin) = vehicle.velocity(self.physics);
+            return OriginMotion {
+                pose: vehicle.pose(self.physics).into(),
                 velocity,
                 spin,
             };
         }
-        if let Some(walker) = self.walkers.get(&actor.id) {
+        if let Some(walker) = self.walkers.get(actor.id) {
             let spin = Vector3::new(0.0, 0.0, walker.yaw_radps);
-            return Motion {
+            return OriginMotion {
                 pose: walker.pose().into(),
                 velocity: walker.velocity_mps.into(),
                 spin,
             };
         }
-        let parent = actor
-            .parent
-            .and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok())
-            .map(|idx| &made[idx]);
+        let parent = actor.parent.and_then(|id| find(made, id));
         let Some(parent) = parent else {
-            return Motion {
+            return OriginMotion {
                 pose: actor.pose,
                 velocity: Vector3::zeros(),
                 spin: Vector3::zeros(),
@@ -176,7 +214,7 @@ impl World {
         let lever = world_from_parent.rotation * Vector3::from(actor.pose.translation_m);
         let spin = Vector3::from(parent.angular_velocity_in_world_radps);
         let velocity = Vector3::from(parent.velocity_in_world_mps) + spin.cross(&lever);
-        Motion {
+        OriginMotion {
             pose: (world_from_parent * actor.pose.isometry()).into(),
             velocity,
             spin,
@@ -186,23 +224,20 @@ impl World {
     /// Puts what hangs on a boom in its place. Its velocity stays that of a rigid mount.
     fn hang(
         &self,
-        motion: &mut Motion,
+        motion: &mut OriginMotion,
         boom: &mut Boom,
         actor: &Actor,
         made: &[ActorRecord],
         dt_secs: f64,
     ) {
-        let parent = actor
-            .parent
-            .and_then(|id| made.binary_search_by_key(&id.0, |record| record.id).ok())
-            .map(|idx| &made[idx]);
+        let parent = actor.parent.and_then(|id| find(made, id));
         let Some(parent) = parent else { return };
         let body = self
             .vehicles
-            .get(&ActorId(parent.id))
+            .get(ActorId(parent.id))
             .map(|vehicle| vehicle.body);
         let free_m = |pivot: &Vector3<f64>, direction: &Vector3<f64>, length_m: f64| {
-            boom::free_m(&self.physics, body, pivot, direction, length_m)
+            booms::free_m(self.physics, body, pivot, direction, length_m)
         };
         motion.pose = boom
             .follow(
@@ -214,7 +249,7 @@ impl World {
             .into();
     }
 
-    fn record_of(&self, actor: &Actor, motion: &Motion) -> ActorRecord {
+    fn constants_of(&self, actor: &Actor, motion: &OriginMotion) -> ActorRecord {
         let entry = &self.catalogue.entries[actor.catalogue_idx as usize];
         let BodyBox { half_m, .. } = entry.body_box;
         ActorRecord {
@@ -254,7 +289,7 @@ impl World {
             };
             record.acceleration_in_world_mps2 = [change(0), change(1), change(2)];
         }
-        let collisions = self.collisions();
+        let collisions = self.collisions;
         let first = collisions.partition_point(|collision| collision.actor.0 < record.id);
         if collisions
             .get(first)
@@ -264,22 +299,22 @@ impl World {
         }
     }
 
-    fn look_up_limit(&self, at_m: [f64; 3], (looked_up_at_m, limit_mps): &mut ([f64; 3], f32)) {
-        let moved = (Vector3::from(at_m) - Vector3::from(*looked_up_at_m)).norm();
+    fn look_up_limit(&self, at_m: [f64; 3], limit: &mut SpeedLimit) {
+        let moved = (Vector3::from(at_m) - Vector3::from(limit.looked_up_at_m)).norm();
         if moved < LIMIT_EVERY_M {
             return;
         }
-        *looked_up_at_m = at_m;
-        if let Some(roads) = &self.roads {
+        limit.looked_up_at_m = at_m;
+        if let Some(roads) = self.roads {
             let lane = roads.nearest(at_m, |lane| lane.kind.is_drivable());
-            *limit_mps = lane.and_then(|at| roads.speed_limit_mps(at)).unwrap_or(0.0) as f32;
+            limit.limit_mps = lane.and_then(|at| roads.speed_limit_mps(at)).unwrap_or(0.0) as f32;
         }
     }
 
     fn vehicle_part(
         &self,
         vehicle: &Vehicle,
-        motion: &Motion,
+        motion: &OriginMotion,
         speed_limit_mps: f32,
     ) -> VehiclePart {
         let control = vehicle.control;
@@ -294,10 +329,10 @@ impl World {
             control_flags: control.hand_brake as u32
                 | (control.reverse as u32) << 1
                 | (control.manual_gear_shift as u32) << 2
-                | (vehicle.is_rolled_over(&self.physics) as u32) << 8
+                | (vehicle.is_rolled_over(self.physics) as u32) << 8
                 | vehicle.doors.flags(),
-            gear: vehicle.train.gear,
-            engine_radps: vehicle.train.engine_radps,
+            gear: vehicle.powertrain.gear,
+            engine_radps: vehicle.powertrain.engine_radps,
             speed_limit_mps,
             lamps: vehicle.shining_lamps(),
             light_actor_id: light.map_or(0, |light| light.actor.0),

@@ -1,13 +1,14 @@
-//! Fills a map with traffic: the ego and other vehicles, at spawn points drawn by lot.
+//! Fills a map with traffic: the ego, other vehicles and strollers, at places drawn by lot.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use schema_types::noise::Noise;
 use schema_types::{ActorId, Pose};
 
-use crate::catalogue::color_text;
-use crate::models::{VehicleModel, vehicle_models};
-use crate::spawn::SpawnError;
+use crate::errors::SpawnError;
+use crate::vehicles::{VehicleModel, color_text, vehicle_models};
+use crate::walkers::{Pavements, draw_candidate};
 use crate::world::World;
 
 /// Keeps this lottery apart from every other use of the seed.
@@ -75,6 +76,36 @@ impl World {
             ego: ego.map(|(actor, _)| actor),
             others,
         })
+    }
+
+    /// Puts `n` walkers on pavements, who stroll from then on; fewer if the map has no room. Who
+    /// they are follows from the seed.
+    pub fn spawn_walkers(&mut self, n: usize) -> Vec<ActorId> {
+        let Some(roads) = self.roads.clone().filter(|_| n > 0) else {
+            return Vec::new();
+        };
+        let ground = Arc::new(Pavements::new(&roads));
+        let mut crowd = Vec::new();
+        for attempt in 0..4 * n as u64 {
+            let candidate = draw_candidate(&ground, self.options.seed, attempt);
+            let Some(candidate) = candidate.filter(|_| crowd.len() < n) else {
+                break;
+            };
+            let type_id = &candidate.model.type_id;
+            let spawned = self.spawn(
+                type_id,
+                candidate.pose,
+                None,
+                "pedestrian",
+                &BTreeMap::new(),
+            );
+            if let Ok(actor) = spawned {
+                self.walkers.crowd.add(actor, candidate.speed_mps);
+                crowd.push(actor);
+            }
+        }
+        self.walkers.crowd.ground = Some(ground);
+        crowd
     }
 
     /// The ego and the index of the spawn point that it got.

@@ -6,13 +6,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use schema_frames::CommandReply;
+use schema_frames::document::Weather;
 use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
 use schema_types::ObjectId;
 use sensor_core::LampSetting;
 use simd_town::{LampGroup, SceneryLamp};
 
-use crate::map::MapData;
-use crate::world::World;
+use crate::map_data::MapData;
+use crate::physics::Physics;
 
 /// Below this height of the sun, degrees, lamps that nobody switched shine.
 const DUSK_DEG: f32 = 5.0;
@@ -46,7 +47,7 @@ impl Lamp {
 /// What is hidden and switched.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneryState {
-    pub hidden: BTreeSet<ObjectId>,
+    hidden: BTreeSet<ObjectId>,
     lamps: Vec<Lamp>,
     /// Lamps that nobody switched stay dark.
     no_cycle: bool,
@@ -61,19 +62,17 @@ impl SceneryState {
             ..SceneryState::default()
         }
     }
-}
 
-impl World {
     /// Objects of the scenery that are hidden.
     pub fn hidden_objects(&self) -> &BTreeSet<ObjectId> {
-        &self.scenery.hidden
+        &self.hidden
     }
 
     /// Objects whose lamps are not as built.
-    pub fn switched_lamps(&self) -> BTreeMap<ObjectId, LampSetting> {
-        let lamps = self.map.lamps.iter().zip(&self.scenery.lamps);
+    pub fn switched_lamps(&self, map: &MapData) -> BTreeMap<ObjectId, LampSetting> {
+        let lamps = map.lamps.iter().zip(&self.lamps);
         let setting = |(site, lamp): (&SceneryLamp, &Lamp)| {
-            let on = lamp.on.or(self.scenery.no_cycle.then_some(false));
+            let on = lamp.on.or(self.no_cycle.then_some(false));
             let rgb = (lamp.rgb != site.rgb).then_some(lamp.rgb);
             let strength_ratio = lamp.intensity_lm / site.intensity_lm;
             let set = on.is_some() || rgb.is_some() || strength_ratio != 1.0;
@@ -90,12 +89,12 @@ impl World {
     }
 
     /// Counts of changes in this episode: of what is shown, and of lamps.
-    pub fn scenery_revisions(&self) -> (u64, u64) {
-        self.scenery.revisions
+    pub fn revisions(&self) -> (u64, u64) {
+        self.revisions
     }
 
-    pub(crate) fn scenery_reply(&self) -> CommandReply {
-        let objects = self.map.objects.iter().map(|object| SceneryObjectInfo {
+    pub fn reply(&self, map: &MapData, weather: &Weather) -> CommandReply {
+        let objects = map.objects.iter().map(|object| SceneryObjectInfo {
             id: object.id.0,
             name: object.name.clone(),
             class: object.class.0,
@@ -103,14 +102,13 @@ impl World {
             pose: object.pose.into(),
             box_pose: object.box_pose.into(),
             box_half_m: object.box_half_m,
-            shown: !self.scenery.hidden.contains(&object.id),
+            shown: !self.hidden.contains(&object.id),
         });
-        let dark = self.weather.sun_altitude_deg < DUSK_DEG && !self.scenery.no_cycle;
-        let lamps = self
-            .map
+        let dark = weather.sun_altitude_deg < DUSK_DEG && !self.no_cycle;
+        let lamps = map
             .lamps
             .iter()
-            .zip(&self.scenery.lamps)
+            .zip(&self.lamps)
             .enumerate()
             .map(|(number, (site, lamp))| SceneryLampInfo {
                 lamp: number as u32,
@@ -127,50 +125,64 @@ impl World {
         }
     }
 
-    pub(crate) fn show_objects(&mut self, ids: &[u32], shown: bool) -> Result<(), String> {
-        let known: BTreeSet<u32> = self.map.objects.iter().map(|object| object.id.0).collect();
+    pub fn show_objects(
+        &mut self,
+        ids: &[u32],
+        shown: bool,
+        map: &MapData,
+        physics: &mut Physics,
+    ) -> Result<(), String> {
+        let known: BTreeSet<u32> = map.objects.iter().map(|object| object.id.0).collect();
         if let Some(id) = ids.iter().find(|id| !known.contains(id)) {
             return Err(format!(
                 "object {id} is not in map {:?}; the command scenery lists those that are",
-                self.map.name
+                map.name
             ));
         }
-        self.show(ids.iter().map(|&id| ObjectId(id)).collect(), shown);
+        self.show(
+            ids.iter().map(|&id| ObjectId(id)).collect(),
+            shown,
+            map,
+            physics,
+        );
         Ok(())
     }
 
-    pub(crate) fn show_layers(&mut self, layers: u16, shown: bool) {
-        let members = self
-            .map
+    pub fn show_layers(&mut self, layers: u16, shown: bool, map: &MapData, physics: &mut Physics) {
+        let members = map
             .objects
             .iter()
             .filter(|object| object.layer.is_some_and(|layer| layers & layer as u16 != 0));
-        self.show(members.map(|object| object.id).collect(), shown);
+        self.show(
+            members.map(|object| object.id).collect(),
+            shown,
+            map,
+            physics,
+        );
     }
 
-    fn show(&mut self, objects: Vec<ObjectId>, shown: bool) {
-        let before = self.scenery.hidden.len();
+    fn show(&mut self, objects: Vec<ObjectId>, shown: bool, map: &MapData, physics: &mut Physics) {
+        let before = self.hidden.len();
         for object in objects {
             if shown {
-                self.scenery.hidden.remove(&object);
+                self.hidden.remove(&object);
             } else {
-                self.scenery.hidden.insert(object);
+                self.hidden.insert(object);
             }
         }
-        if self.scenery.hidden.len() != before {
-            self.scenery.revisions.0 += 1;
-            let map = self.map.clone();
-            self.physics.show_only(&map, &self.scenery.hidden);
+        if self.hidden.len() != before {
+            self.revisions.0 += 1;
+            physics.show_only(map, &self.hidden);
         }
     }
 
-    pub(crate) fn set_scenery_lamps(&mut self, changes: &[LampChange]) -> Result<(), String> {
-        let n = self.scenery.lamps.len();
+    pub fn set_lamps(&mut self, changes: &[LampChange], map: &MapData) -> Result<(), String> {
+        let n = self.lamps.len();
         for change in changes {
             if change.lamp as usize >= n {
                 return Err(format!(
                     "lamp {} is not in map {:?}, which has {n}",
-                    change.lamp, self.map.name
+                    change.lamp, map.name
                 ));
             }
             if let Some(lumen) = change
@@ -190,26 +202,23 @@ impl World {
             }
         }
         for change in changes {
-            let lamp = &mut self.scenery.lamps[change.lamp as usize];
+            let lamp = &mut self.lamps[change.lamp as usize];
             lamp.on = change.on.or(lamp.on);
             lamp.rgb = change.rgb.unwrap_or(lamp.rgb);
             lamp.intensity_lm = change.intensity_lm.unwrap_or(lamp.intensity_lm);
             lamp.group = change.group.unwrap_or(lamp.group);
         }
-        self.scenery.revisions.1 += u64::from(!changes.is_empty());
+        self.revisions.1 += u64::from(!changes.is_empty());
         Ok(())
     }
 
     /// Whether lamps that nobody switched shine in the dark. Switched ones go back to doing so when
     /// it is turned on.
-    pub(crate) fn set_lamp_cycle(&mut self, on: bool) {
-        self.scenery.no_cycle = !on;
+    pub fn set_lamp_cycle(&mut self, on: bool) {
+        self.no_cycle = !on;
         if on {
-            self.scenery
-                .lamps
-                .iter_mut()
-                .for_each(|lamp| lamp.on = None);
+            self.lamps.iter_mut().for_each(|lamp| lamp.on = None);
         }
-        self.scenery.revisions.1 += 1;
+        self.revisions.1 += 1;
     }
 }

@@ -1,11 +1,9 @@
 //! How types of other crates, which do not know serde, are written into a checkpoint: `#[serde(with
-//! = "crate::plain::…")]`.
+//! = "crate::serde_forms::…")]`.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::Pose;
 use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
-
-use crate::models::{VehicleModel, vehicle_models};
 
 /// A pose, bit for bit.
 pub(crate) mod isometry {
@@ -40,28 +38,6 @@ pub(crate) mod vector {
         deserializer: D,
     ) -> Result<Vector3<f64>, D::Error> {
         <[f64; 3]>::deserialize(deserializer).map(Vector3::from)
-    }
-}
-
-/// A kind of vehicle, as its catalogue id.
-pub(crate) mod model {
-    use super::*;
-
-    pub(crate) fn serialize<S: Serializer>(
-        model: &&'static VehicleModel,
-        serializer: S,
-    ) -> Result<S::Ok, S::Error> {
-        model.type_id.serialize(serializer)
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
-        deserializer: D,
-    ) -> Result<&'static VehicleModel, D::Error> {
-        let type_id = String::deserialize(deserializer)?;
-        let found = vehicle_models()
-            .iter()
-            .find(|model| model.type_id == type_id);
-        found.ok_or_else(|| serde::de::Error::custom(format!("there is no vehicle {type_id:?}")))
     }
 }
 

@@ -1,8 +1,7 @@
 //! Weather: what may be set, and what it does to tyres and lidar where that is asked for.
 
 use schema_frames::document::Weather;
-
-use crate::world::World;
+use serde::{Deserialize, Serialize};
 
 /// Grip of tyres in heavy rain on a streaming road, as a share of that on a dry one.
 const SOAKED_GRIP_RATIO: f64 = 0.6;
@@ -15,12 +14,20 @@ const FOG_VISIBILITY_M: (f64, f64) = (2000.0, 50.0);
 /// Extinction of dust of 100 percent, 1/m: visibility of 100 m.
 const DUST_EXTINCTION_PER_M: f64 = 0.039;
 
-impl World {
+/// The weather and whether it acts.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct WeatherInForce {
+    pub now: Weather,
+    /// Whether it acts on tyres and lidar. Off by default, as in CARLA, where it is only seen.
+    pub acts: bool,
+}
+
+impl WeatherInForce {
     /// Changes the weather.
     ///
     /// # Errors
     /// Which value cannot be, and its range.
-    pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
+    pub fn set(&mut self, weather: Weather) -> Result<(), String> {
         let values = [
             ("cloudiness", weather.cloudiness, 0.0, 100.0),
             ("precipitation", weather.precipitation, 0.0, 100.0),
@@ -65,21 +72,16 @@ impl World {
                 Err(format!("{name} is {value}, but must be {low} to {high}"))
             }
             None => {
-                self.weather = weather;
+                self.now = weather;
                 Ok(())
             }
         }
     }
 
-    /// Whether weather acts on tyres and lidar. Off by default, as in CARLA, where it is only seen.
-    pub fn set_weather_effects(&mut self, on: bool) {
-        self.weather_acts = on;
-    }
-
     /// Grip of tyres as a share of that on a dry road: 1 unless weather acts.
     pub fn grip_ratio(&self) -> f64 {
-        if self.weather_acts {
-            grip_ratio(&self.weather)
+        if self.acts {
+            grip_ratio(&self.now)
         } else {
             1.0
         }
@@ -87,8 +89,8 @@ impl World {
 
     /// Extinction of lidar light by rain, fog and dust, 1/m: 0 unless weather acts.
     pub fn lidar_extinction_per_m(&self) -> f64 {
-        if self.weather_acts {
-            extinction_per_m(&self.weather)
+        if self.acts {
+            extinction_per_m(&self.now)
         } else {
             0.0
         }
@@ -133,24 +135,24 @@ mod tests {
             fog_density: 100.0,
             ..Weather::default()
         };
-        let mut world = World::new(Default::default());
-        world.set_weather(storm).unwrap();
+        let mut weather = WeatherInForce::default();
+        weather.set(storm).unwrap();
         assert_eq!(
-            (world.grip_ratio(), world.lidar_extinction_per_m()),
+            (weather.grip_ratio(), weather.lidar_extinction_per_m()),
             (1.0, 0.0)
         );
-        world.set_weather_effects(true);
-        assert!((world.grip_ratio() - SOAKED_GRIP_RATIO).abs() < 1e-12);
+        weather.acts = true;
+        assert!((weather.grip_ratio() - SOAKED_GRIP_RATIO).abs() < 1e-12);
         // 50 mm/h are 14.8 dB/km by the formula, and 50 m of visibility leave 2 % of the light over
         // 50 m.
         let expected = 14.79e-3 / 4.3429 + (1.0f64 / 0.02).ln() / 50.0;
         assert!(
-            (world.lidar_extinction_per_m() / expected - 1.0).abs() < 2e-3,
+            (weather.lidar_extinction_per_m() / expected - 1.0).abs() < 2e-3,
             "{}",
-            world.lidar_extinction_per_m()
+            weather.lidar_extinction_per_m()
         );
-        world
-            .set_weather(Weather {
+        weather
+            .set(Weather {
                 precipitation: 0.0,
                 wetness: 0.0,
                 fog_density: 0.0,
@@ -158,24 +160,24 @@ mod tests {
             })
             .unwrap();
         assert_eq!(
-            (world.grip_ratio(), world.lidar_extinction_per_m()),
+            (weather.grip_ratio(), weather.lidar_extinction_per_m()),
             (1.0, 0.0)
         );
     }
 
     #[test]
     fn what_is_out_of_range_is_named() {
-        let mut world = World::new(Default::default());
-        let error = world
-            .set_weather(Weather {
+        let mut weather = WeatherInForce::default();
+        let error = weather
+            .set(Weather {
                 dust_storm: 101.0,
                 ..Weather::default()
             })
             .unwrap_err();
         assert_eq!(error, "dust_storm is 101, but must be 0 to 100");
         assert!(
-            world
-                .set_weather(Weather {
+            weather
+                .set(Weather {
                     fog_density: f32::NAN,
                     ..Weather::default()
                 })

@@ -1,35 +1,32 @@
-//! The world and its step.
+//! The world: its parts, and in which order they take a step.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
-use rayon::iter::{IntoParallelRefMutIterator as _, ParallelIterator as _};
-use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo, Weather};
-use schema_frames::{ActorKind, ActorRecord, VehicleControl};
+use schema_frames::document::{BodyBox, Catalogue};
 use schema_roads::RoadMap;
 use schema_types::{ActorId, Pose};
 use serde::{Deserialize, Serialize};
 
-use crate::boom::Boom;
-use crate::catalogue;
-use crate::friction::FrictionBox;
-use crate::lights::Lights;
-use crate::map::{LoadError, MapData};
-use crate::motion::Around;
-use crate::physics::{Collision, Physics};
-use crate::props::Prop;
-use crate::scene::ActorMeshes;
+use crate::actor_scene::ActorMeshes;
+use crate::actors::{Actors, Counts};
+use crate::booms::Booms;
+use crate::catalogue::catalogue;
+use crate::errors::{ActorError, DestroyError, SpawnError};
+use crate::friction_areas::{FrictionAreas, GroundGrip};
+use crate::map_actors::add_map_actors;
+use crate::map_data::{LoadError, MapData};
+use crate::physics::{Collision, Physics, Solids};
+use crate::props::Props;
+use crate::records::{Observed, Records};
 use crate::scenery::SceneryState;
-use crate::signs;
-use crate::solids::Solids;
-use crate::vehicle::Vehicle;
-use crate::walkers::{Crowd, Walker};
+use crate::signals::TrafficLights;
+use crate::spawn::{Spawner, Wanted};
+use crate::vehicles::{Body, Vehicles};
+use crate::walkers::{Surroundings, Walker, Walkers};
+use crate::weather::WeatherInForce;
 
-/// From this number on vehicles are planned on several threads.
-const SIDE_BY_SIDE: usize = 32;
-
-/// Beyond, vehicles stay stable but drive off differently.
+/// With longer sub-steps vehicles stay stable but drive off differently.
 const LONGEST_SUBSTEP_SECS: f64 = 0.01;
 
 /// How a world is computed.
@@ -37,9 +34,8 @@ const LONGEST_SUBSTEP_SECS: f64 = 0.01;
 pub struct WorldOptions {
     /// Seed of everything that is drawn by lot.
     pub seed: u64,
-    /// Longest physics sub-step, seconds; a tick is split into equal sub-steps no longer than this
-    /// and never longer than 10 ms: up to there
-    /// the motion does not depend on it.
+    /// Longest physics sub-step, seconds. A tick is split into equal sub-steps no longer than this
+    /// and never longer than 10 ms; up to there the motion does not depend on it.
     pub physics_substep_secs: f64,
 }
 
@@ -52,54 +48,18 @@ impl Default for WorldOptions {
     }
 }
 
-/// Why something could not be done to an actor.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ActorError {
-    /// No such actor.
-    #[error("actor {0} not found; it may have been destroyed")]
-    Unknown(ActorId),
-    /// The actor is of another kind.
-    #[error("actor {actor} is a {type_id}, but this needs a {needed}")]
-    WrongKind {
-        /// The actor.
-        actor: ActorId,
-        /// What it is.
-        type_id: String,
-        /// What would do.
-        needed: &'static str,
-    },
-    /// A number cannot be used.
-    #[error("{what} of actor {actor} {problem}")]
-    Value {
-        /// The actor.
-        actor: ActorId,
-        /// Which quantity.
-        what: &'static str,
-        /// What is wrong with it.
-        problem: &'static str,
-    },
-}
-
-/// Everything constant about an actor, and its place on its parent.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Actor {
-    pub id: ActorId,
-    pub kind: ActorKind,
-    pub catalogue_idx: u32,
-    pub role: String,
-    pub parent: Option<ActorId>,
-    /// World pose of what does not move by itself; pose on the parent for what is attached.
-    pub pose: Pose,
-    pub attributes: BTreeMap<String, String>,
-    pub topics: Vec<TopicInfo>,
+impl WorldOptions {
+    fn n_sub_steps(&self, dt_secs: f64) -> u32 {
+        let longest_secs = self.physics_substep_secs.clamp(1e-4, LONGEST_SUBSTEP_SECS);
+        (dt_secs / longest_secs - 1e-9).ceil().max(1.0) as u32
+    }
 }
 
 /// Actors, physics, traffic lights, weather: all that changes from tick to tick.
 ///
-/// A [`crate::Checkpoint`] is a copy of this very struct: a new field is saved and restored without
-/// further ado. What follows from the map
-/// alone, or is made anew every tick, says `serde(skip)` and is taken from the living world by
-/// `World::restore`.
+/// A [`crate::Checkpoint`] is a copy of this very struct, so a new field is saved and restored
+/// without further work. A field that follows from the map alone, or is made anew every tick, is
+/// marked `serde(skip)`; `World::restore` takes it from the living world.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct World {
     pub(crate) options: WorldOptions,
@@ -110,42 +70,31 @@ pub struct World {
     pub(crate) physics: Physics,
     #[serde(skip)]
     pub(crate) solids: Solids,
-    pub(crate) lights: Lights,
+    pub(crate) lights: TrafficLights,
     #[serde(skip)]
     pub(crate) catalogue: Catalogue,
-    pub(crate) actors: BTreeMap<ActorId, Actor>,
-    pub(crate) vehicles: BTreeMap<ActorId, Vehicle>,
-    pub(crate) walkers: BTreeMap<ActorId, Walker>,
-    pub(crate) crowd: Crowd,
-    pub(crate) props: BTreeMap<ActorId, Prop>,
-    #[serde(with = "crate::plain::pods")]
-    pub(crate) records: Vec<ActorRecord>,
-    /// Records before the last step or change; kept so that their memory is used again.
-    #[serde(skip)]
-    pub(crate) previous_records: Vec<ActorRecord>,
-    pub(crate) speed_limits: BTreeMap<ActorId, ([f64; 3], f32)>,
-    pub(crate) booms: BTreeMap<ActorId, Boom>,
+    pub(crate) actors: Actors,
+    pub(crate) vehicles: Vehicles,
+    pub(crate) walkers: Walkers,
+    pub(crate) props: Props,
+    pub(crate) records: Records,
+    pub(crate) booms: Booms,
     #[serde(skip)]
     pub(crate) meshes: ActorMeshes,
-    pub(crate) weather: Weather,
-    /// Whether weather acts on tyres and lidar.
-    pub(crate) weather_acts: bool,
-    /// Lights' and signs' boxes on lanes, in their own space.
+    pub(crate) weather: WeatherInForce,
+    /// Boxes of lights and signs on lanes, in their own space.
     pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
-    /// Areas of other friction, of the actors of that kind, by rising id.
-    pub(crate) friction_boxes: Vec<FrictionBox>,
-    collisions: Vec<Collision>,
-    pub(crate) next_actor: u32,
-    pub(crate) actors_revision: u64,
-    pub(crate) episode: u32,
-    spectator: ActorId,
+    pub(crate) friction: FrictionAreas,
+    pub(crate) collisions: Vec<Collision>,
+    pub(crate) counts: Counts,
+    pub(crate) spectator: ActorId,
     /// What is hidden and switched; not part of a checkpoint.
     #[serde(skip)]
     pub(crate) scenery: SceneryState,
 }
 
 impl World {
-    /// A world on an empty plane of nothing: load a map before spawning vehicles.
+    /// A world without ground: load a map before spawning vehicles.
     pub fn new(options: WorldOptions) -> World {
         let mut world = World {
             options,
@@ -153,30 +102,24 @@ impl World {
             roads: None,
             physics: Physics::new([0.0; 3]),
             solids: Solids::default(),
-            lights: Lights::default(),
-            catalogue: catalogue::catalogue(),
-            actors: BTreeMap::new(),
-            vehicles: BTreeMap::new(),
-            walkers: BTreeMap::new(),
-            crowd: Crowd::default(),
-            props: BTreeMap::new(),
-            records: Vec::new(),
-            previous_records: Vec::new(),
-            speed_limits: BTreeMap::new(),
-            booms: BTreeMap::new(),
+            lights: TrafficLights::default(),
+            catalogue: catalogue(),
+            actors: Actors::default(),
+            vehicles: Vehicles::default(),
+            walkers: Walkers::default(),
+            props: Props::default(),
+            records: Records::default(),
+            booms: Booms::default(),
             meshes: ActorMeshes::default(),
-            weather: Weather::default(),
-            weather_acts: false,
+            weather: WeatherInForce::default(),
             trigger_boxes: BTreeMap::new(),
-            friction_boxes: Vec::new(),
+            friction: FrictionAreas::default(),
             collisions: Vec::new(),
-            next_actor: 1,
-            actors_revision: 0,
-            episode: 0,
+            counts: Counts::START,
             spectator: ActorId(0),
             scenery: SceneryState::default(),
         };
-        world.populate();
+        world.add_map_actors();
         world
     }
 
@@ -186,171 +129,75 @@ impl World {
         self.load_shared(&Arc::new(map.clone()))
     }
 
-    /// As [`World::load`]; a map that was loaded a short while ago costs little, for its solids are
-    /// kept.
+    /// As [`World::load`]; a map that was loaded a short while ago costs little, because its solids
+    /// are kept.
     pub fn load_shared(&mut self, map: &Arc<MapData>) -> Result<(), LoadError> {
-        let roads = match (&map.roads, map.open_drive.as_str()) {
-            (Some(roads), _) => Some(roads.clone()),
-            (None, "") => None,
-            (None, text) => Some(Arc::new(RoadMap::parse(text).map_err(|source| {
-                LoadError::Roads {
-                    map: map.name.clone(),
-                    source,
-                }
-            })?)),
-        };
-        let solids = self
-            .solids
-            .of(map)
-            .map_err(|(mesh_idx, reason)| LoadError::Collision {
-                map: map.name.clone(),
-                mesh_idx,
-                reason,
-            })?;
-        let physics = Physics::with_solids(map.origin_m, &solids);
-        self.map = map.clone();
+        let roads = map.read_roads()?;
+        let solids = self.solids.of(map)?;
         self.roads = roads;
-        self.physics = physics;
-        self.actors.clear();
-        self.vehicles.clear();
-        self.walkers.clear();
-        self.crowd = Crowd::default();
-        self.props.clear();
-        self.speed_limits.clear();
-        self.booms.clear();
+        self.physics = Physics::with_solids(map.origin_m, &solids);
+        self.map = map.clone();
+        self.actors = Actors::default();
+        self.vehicles = Vehicles::default();
+        self.walkers = Walkers::default();
+        self.props = Props::default();
+        self.booms = Booms::default();
+        self.friction = FrictionAreas::default();
         self.collisions.clear();
-        self.friction_boxes.clear();
+        self.records.forget_all();
         self.meshes = ActorMeshes::default();
-        self.scenery = SceneryState::of(&self.map);
-        self.episode += 1;
-        self.populate();
+        self.scenery = SceneryState::of(map);
+        self.counts.episode += 1;
+        self.add_map_actors();
         Ok(())
     }
 
-    /// The actors that every episode has: spectator, traffic lights, signs.
-    fn populate(&mut self) {
-        let pose = self.map.spawn_points.first().copied().unwrap_or_default();
-        let above = Pose {
-            translation_m: [
-                pose.translation_m[0],
-                pose.translation_m[1],
-                pose.translation_m[2] + 20.0,
-            ],
-            ..pose
-        };
-        self.spectator = self.add_fixed("spectator", ActorKind::Spectator, above, BTreeMap::new());
-        self.lights = Lights::default();
-        self.trigger_boxes.clear();
-        if let Some(roads) = self.roads.clone() {
-            let mut ids = Vec::new();
-            for signal in roads.signals() {
-                let (type_id, kind) = self.signal_type(signal);
-                let attributes = BTreeMap::from([("opendrive_id".to_owned(), signal.id.clone())]);
-                let id = self.add_fixed(&type_id, kind, signal.pose.into(), attributes);
-                self.trigger_boxes
-                    .extend(signs::trigger_box(&roads, signal).map(|trigger| (id, trigger)));
-                if kind == ActorKind::TrafficLight {
-                    ids.push(id);
-                }
-            }
-            let mut ids = ids.into_iter();
-            self.lights = Lights::new(&roads, || {
-                ids.next()
-                    .expect("one actor was made for each light signal, in the same order")
-            });
-        }
-        self.changed();
-    }
-
-    fn add_fixed(
-        &mut self,
-        type_id: &str,
-        kind: ActorKind,
-        pose: Pose,
-        attributes: BTreeMap<String, String>,
-    ) -> ActorId {
-        let catalogue_idx = self
-            .catalogue_idx(type_id)
-            .expect("the catalogue has every type the map can bring");
-        let id = self.new_id();
-        self.actors.insert(
-            id,
-            Actor {
-                id,
-                kind,
-                catalogue_idx,
-                role: String::new(),
-                parent: None,
-                pose,
-                attributes,
-                topics: Vec::new(),
-            },
+    fn add_map_actors(&mut self) {
+        let added = add_map_actors(
+            &mut self.actors,
+            &mut self.counts,
+            &self.catalogue,
+            &self.map,
+            self.roads.as_deref(),
         );
-        id
+        self.spectator = added.spectator;
+        self.lights = added.lights;
+        self.trigger_boxes = added.trigger_boxes;
+        self.actors_changed();
     }
 
     /// Advances by `dt_nanos`: vehicles in equal sub-steps, walkers, then lights, then the records.
     pub fn step(&mut self, dt_nanos: u64) {
         let dt_secs = dt_nanos as f64 * 1e-9;
-        let n_sub_steps = (dt_secs
-            / self
-                .options
-                .physics_substep_secs
-                .clamp(1e-4, LONGEST_SUBSTEP_SECS)
-            - 1e-9)
-            .ceil()
-            .max(1.0) as u32;
+        let n_sub_steps = self.options.n_sub_steps(dt_secs);
         let sub_step_secs = (dt_secs / n_sub_steps as f64) as f32;
-        self.vehicles
-            .values_mut()
-            .for_each(|vehicle| vehicle.begin_tick(&self.physics, dt_secs as f32));
+        let ground = GroundGrip {
+            friction: &self.friction.boxes,
+            grip_ratio: self.weather.grip_ratio() as f32,
+        };
+        self.vehicles.begin_tick(&self.physics, dt_secs as f32);
         self.physics.refresh_still();
         for _ in 0..n_sub_steps {
-            self.move_vehicles(sub_step_secs);
+            self.vehicles
+                .plan_sub_step(&mut self.physics, &ground, sub_step_secs);
             self.physics.step(sub_step_secs);
-            for (id, vehicle) in &mut self.vehicles {
-                if vehicle.finish_step(&mut self.physics) {
-                    tracing::error!(
-                        actor = id.0,
-                        type_id = vehicle.model.type_id,
-                        "vehicle left every sensible state and was taken out of the physics; destroy it or set its pose"
-                    );
-                }
-            }
-            self.meet_vehicles();
+            self.vehicles.finish_sub_step(&mut self.physics);
+            self.walkers
+                .meet_vehicles(&self.vehicles, &mut self.physics);
         }
-        self.vehicles
-            .values_mut()
-            .for_each(|vehicle| vehicle.end_tick(&self.physics, dt_secs));
-        self.move_walkers(dt_secs);
+        self.vehicles.end_tick(&self.physics, dt_secs);
+        let around = Surroundings {
+            physics: &self.physics,
+            vehicles: &self.vehicles,
+            lights: &self.lights,
+            roads: self.roads.as_deref(),
+            seed: self.options.seed,
+            origin_z_m: self.map.origin_m[2],
+        };
+        self.walkers.step(&around, dt_secs);
         self.physics.take_collisions(&mut self.collisions);
         self.lights.step(dt_nanos);
         self.refresh_records(Some(dt_secs));
-    }
-
-    /// Vehicles plan their sub-step side by side; what they plan is given to the engine in order.
-    fn move_vehicles(&mut self, dt_secs: f32) {
-        let grip_ratio = self.grip_ratio() as f32;
-        let around = Around {
-            physics: &self.physics,
-            friction: &self.friction_boxes,
-            grip_ratio,
-            dt_secs,
-        };
-        let plan = |vehicle: &mut Vehicle| Some((vehicle.body, vehicle.plan(&around)?));
-        let motions: Vec<_> = match self.vehicles.len() >= SIDE_BY_SIDE {
-            true => self
-                .vehicles
-                .par_iter_mut()
-                .map(|(_, vehicle)| plan(vehicle))
-                .collect(),
-            false => self.vehicles.values_mut().map(plan).collect(),
-        };
-        for (body, motion) in motions.into_iter().flatten() {
-            let body = &mut self.physics.engine.bodies[body];
-            body.set_linvel(motion.linear, true);
-            body.set_angvel(motion.angular, true);
-        }
     }
 
     /// Longest physics sub-step from now on, see [`WorldOptions::physics_substep_secs`].
@@ -358,179 +205,101 @@ impl World {
         self.options.physics_substep_secs = secs;
     }
 
-    /// What vehicles and walkers touched in the last step, by (actor, other).
-    pub fn collisions(&self) -> &[Collision] {
-        &self.collisions
-    }
-
-    /// Every actor after the last step or change, by rising id.
-    pub fn snapshot_records(&self) -> &[ActorRecord] {
-        &self.records
-    }
-
-    /// One actor's record.
-    pub fn record(&self, actor: ActorId) -> Option<&ActorRecord> {
-        self.records
-            .binary_search_by_key(&actor.0, |record| record.id)
-            .ok()
-            .map(|idx| &self.records[idx])
-    }
-
-    /// Pose of an actor, the very bits of its record; `None` if there is no such actor.
-    pub fn sensor_pose(&self, actor: ActorId) -> Option<Isometry3<f64>> {
-        self.record(actor)
-            .map(|record| record.world_from_actor.isometry())
-    }
-
-    /// What is constant about every actor.
-    pub fn actor_list(&self) -> ActorList {
-        let info = |actor: &Actor| {
-            let entry = &self.catalogue.entries[actor.catalogue_idx as usize];
-            ActorInfo {
-                id: actor.id.0,
-                type_id: entry.type_id.clone(),
-                kind: entry.kind.clone(),
-                role: actor.role.clone(),
-                parent_id: actor.parent.map_or(0, |parent| parent.0),
-                mount: actor.parent.map(|_| actor.pose.into()),
-                body_box: BodyBox { ..entry.body_box },
-                trigger_box: self.trigger_boxes.get(&actor.id).copied(),
-                attributes: actor.attributes.clone(),
-                topics: actor.topics.clone(),
-            }
-        };
-        ActorList {
-            actors: self.actors.values().map(info).collect(),
-        }
-    }
-
-    /// Grows whenever [`World::actor_list`] changes.
-    pub fn actors_revision(&self) -> u64 {
-        self.actors_revision
-    }
-
-    /// What can be spawned; `catalogue_idx` of a record is an index into it.
-    pub fn catalogue(&self) -> &Catalogue {
-        &self.catalogue
-    }
-
-    /// The map as loaded.
-    pub fn map(&self) -> &MapData {
-        &self.map
-    }
-
-    /// Roads of the map; `None` for a ground without roads.
-    pub fn roads(&self) -> Option<&Arc<RoadMap>> {
-        self.roads.as_ref()
-    }
-
-    /// Count of map loads.
-    pub fn episode(&self) -> u32 {
-        self.episode
-    }
-
-    /// The spectator of this episode.
-    pub fn spectator(&self) -> ActorId {
-        self.spectator
-    }
-
-    /// Weather in force.
-    pub fn weather(&self) -> &Weather {
-        &self.weather
-    }
-
-    /// First actor with this role.
-    pub fn actor_with_role(&self, role: &str) -> Option<ActorId> {
-        self.actors
-            .values()
-            .find(|actor| actor.role == role)
-            .map(|actor| actor.id)
-    }
-
-    /// Holds a vehicle's control until it is replaced. Values out of range are clamped; what is not
-    /// finite counts as 0.
-    pub fn set_control(
+    /// Makes an actor. `pose` is in the world, or on `parent` for an actor that is attached to it.
+    ///
+    /// Vehicles take the attributes `color` (`r,g,b`, each 0–255) and `sticky_control` (`false`: a
+    /// control is for one tick); sensors keep whatever attributes they are given.
+    /// The pose is used as it is: a vehicle above the ground falls onto it.
+    pub fn spawn(
         &mut self,
-        actor: ActorId,
-        control: VehicleControl,
-    ) -> Result<(), ActorError> {
-        self.vehicle_mut(actor)?.set_control(control);
-        Ok(())
+        type_id: &str,
+        pose: Pose,
+        parent: Option<ActorId>,
+        role: &str,
+        attributes: &BTreeMap<String, String>,
+    ) -> Result<ActorId, SpawnError> {
+        let mut spawner = Spawner {
+            catalogue: &self.catalogue,
+            origin_m: self.map.origin_m,
+            physics: &mut self.physics,
+            actors: &mut self.actors,
+            counts: &mut self.counts,
+            vehicles: &mut self.vehicles,
+            walkers: &mut self.walkers,
+            props: &mut self.props,
+            friction: &mut self.friction,
+        };
+        let id = spawner.spawn(Wanted {
+            type_id,
+            pose,
+            parent,
+            role,
+            attributes,
+        })?;
+        self.actors_changed();
+        Ok(id)
     }
 
-    /// Sets a vehicle's lamps, bits as in `VehiclePart::lamps`.
-    pub fn set_lamps(&mut self, actor: ActorId, lamps: u32) -> Result<(), ActorError> {
-        self.vehicle_mut(actor)?.lamps = lamps & 0x7ff;
-        Ok(())
-    }
-
-    /// Names a sensor's topics for `world/actors`.
-    pub fn set_topics(&mut self, actor: ActorId, topics: Vec<TopicInfo>) -> Result<(), ActorError> {
-        self.actors
-            .get_mut(&actor)
-            .ok_or(ActorError::Unknown(actor))?
-            .topics = topics;
-        self.actors_revision += 1;
-        Ok(())
-    }
-
-    pub(crate) fn vehicle_mut(&mut self, actor: ActorId) -> Result<&mut Vehicle, ActorError> {
-        match self.vehicles.get_mut(&actor) {
-            Some(vehicle) => Ok(vehicle),
-            None => Err(match self.actors.get(&actor) {
-                None => ActorError::Unknown(actor),
-                Some(other) => {
-                    let type_id = self.catalogue.entries[other.catalogue_idx as usize]
-                        .type_id
-                        .clone();
-                    ActorError::WrongKind {
-                        actor,
-                        type_id,
-                        needed: "vehicle",
-                    }
-                }
-            }),
+    /// Removes an actor and what is attached to it; returns everything that went, by rising id.
+    pub fn destroy(&mut self, actor: ActorId) -> Result<Vec<ActorId>, DestroyError> {
+        let gone = self.actors.with_attached(actor, &self.catalogue)?;
+        for id in &gone {
+            self.actors.by_id.remove(id);
+            self.records.forget(*id);
+            self.booms.by_id.remove(id);
+            self.walkers.by_id.remove(id);
+            self.props.remove(*id, &mut self.physics);
+            self.vehicles.remove(*id, &mut self.physics);
         }
-    }
-
-    pub(crate) fn catalogue_idx(&self, type_id: &str) -> Option<u32> {
-        self.catalogue
-            .entries
-            .iter()
-            .position(|entry| entry.type_id == type_id)
-            .map(|idx| idx as u32)
-    }
-
-    pub(crate) fn new_id(&mut self) -> ActorId {
-        let id = ActorId(self.next_actor);
-        self.next_actor += 1;
-        id
+        self.friction.refresh(&self.actors, &self.catalogue);
+        self.actors_changed();
+        Ok(gone)
     }
 
     /// After actors came or went.
-    pub(crate) fn changed(&mut self) {
-        self.actors_revision += 1;
+    pub(crate) fn actors_changed(&mut self) {
+        self.counts.actors_revision += 1;
         self.refresh_records(None);
     }
 
-    fn signal_type(&self, signal: &schema_roads::Signal) -> (String, ActorKind) {
-        use schema_roads::SignalKind;
-        let limit = || {
-            let kmh = signal.value.or_else(|| signal.subtype.parse().ok())?;
-            let type_id = format!("traffic.speed_limit.{}", kmh.round());
-            self.catalogue_idx(&type_id).map(|_| type_id)
+    /// Makes all records anew; `dt_secs` is the step's length, or `None` between steps.
+    pub(crate) fn refresh_records(&mut self, dt_secs: Option<f64>) {
+        let (records, booms, seen) = self.recording();
+        records.refresh(&seen, booms, dt_secs);
+    }
+
+    /// Makes the records of one actor and of what is attached to it anew.
+    pub(crate) fn refresh_actor(&mut self, actor: ActorId) {
+        let (records, booms, seen) = self.recording();
+        records.refresh_one(&seen, booms, actor);
+    }
+
+    fn recording(&mut self) -> (&mut Records, &mut Booms, Observed<'_>) {
+        let seen = Observed {
+            catalogue: &self.catalogue,
+            actors: &self.actors,
+            vehicles: &self.vehicles,
+            walkers: &self.walkers,
+            lights: &self.lights,
+            roads: self.roads.as_deref(),
+            physics: &self.physics,
+            collisions: &self.collisions,
         };
-        match signal.kind {
-            SignalKind::TrafficLight => {
-                ("traffic.traffic_light".to_owned(), ActorKind::TrafficLight)
-            }
-            SignalKind::Stop => ("traffic.stop".to_owned(), ActorKind::TrafficSign),
-            SignalKind::Yield => ("traffic.yield".to_owned(), ActorKind::TrafficSign),
-            SignalKind::SpeedLimit => (
-                limit().unwrap_or_else(|| "traffic.unknown".to_owned()),
-                ActorKind::TrafficSign,
-            ),
-            SignalKind::Other => ("traffic.unknown".to_owned(), ActorKind::TrafficSign),
+        (&mut self.records, &mut self.booms, seen)
+    }
+
+    /// A vehicle with what is needed to act on its body.
+    pub(crate) fn body(&mut self, actor: ActorId) -> Body<'_> {
+        let vehicle = self.vehicles.by_id.get_mut(&actor);
+        Body {
+            actor,
+            vehicle: vehicle.ok_or_else(|| self.actors.is_no("vehicle", actor, &self.catalogue)),
+            physics: &mut self.physics,
         }
+    }
+
+    pub(crate) fn walker_mut(&mut self, actor: ActorId) -> Result<&mut Walker, ActorError> {
+        let walker = self.walkers.by_id.get_mut(&actor);
+        walker.ok_or_else(|| self.actors.is_no("walker", actor, &self.catalogue))
     }
 }

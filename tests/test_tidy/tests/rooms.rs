@@ -16,7 +16,6 @@ const TANGLED: &[&str] = &[
     "simd/simd",
     "simd/simd_body",
     "simd/simd_town",
-    "simd/simd_world",
     "tests/test_e2e",
     "tests/test_kit",
 ];

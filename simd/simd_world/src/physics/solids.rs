@@ -8,7 +8,7 @@ use rapier3d::prelude::{ColliderBuilder, SharedShape};
 
 use schema_types::Class;
 
-use crate::map::MapData;
+use crate::map_data::{LoadError, MapData};
 
 /// A mesh's triangles, sorted, and its class.
 pub(crate) type Solid = (SharedShape, Class);
@@ -26,8 +26,8 @@ impl Solids {
     /// Solids of this very map.
     ///
     /// # Errors
-    /// Index of the mesh that cannot be used, and why.
-    pub fn of(&mut self, map: &Arc<MapData>) -> Result<Vec<Solid>, (usize, String)> {
+    /// [`LoadError::Collision`] for a mesh that cannot be used.
+    pub fn of(&mut self, map: &Arc<MapData>) -> Result<Vec<Solid>, LoadError> {
         if let Some((_, solids)) = self.kept.iter().find(|(kept, _)| Arc::ptr_eq(kept, map)) {
             return Ok(solids.clone());
         }
@@ -40,14 +40,22 @@ impl Solids {
     }
 }
 
-fn solids(map: &MapData) -> Result<Vec<Solid>, (usize, String)> {
+fn solids(map: &MapData) -> Result<Vec<Solid>, LoadError> {
+    let unusable = |mesh_idx, reason| LoadError::Collision {
+        map: map.name.clone(),
+        mesh_idx,
+        reason,
+    };
     let mut solids = Vec::new();
     for (mesh_idx, mesh) in map.collision.iter().enumerate() {
         if mesh.triangles.is_empty() {
             continue;
         }
         if mesh.vertices_m.iter().flatten().any(|x| !x.is_finite()) {
-            return Err((mesh_idx, "has a corner that is not finite".to_owned()));
+            return Err(unusable(
+                mesh_idx,
+                "has a corner that is not finite".to_owned(),
+            ));
         }
         let n_vertices = mesh.vertices_m.len() as u32;
         if let Some(corner) = mesh
@@ -56,14 +64,14 @@ fn solids(map: &MapData) -> Result<Vec<Solid>, (usize, String)> {
             .flatten()
             .find(|corner| **corner >= n_vertices)
         {
-            return Err((
+            return Err(unusable(
                 mesh_idx,
                 format!("names corner {corner} but has only {n_vertices}"),
             ));
         }
         let vertices = mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
         let collider = ColliderBuilder::trimesh(vertices, mesh.triangles.clone())
-            .map_err(|error| (mesh_idx, error.to_string()))?;
+            .map_err(|error| unusable(mesh_idx, error.to_string()))?;
         solids.push((collider.shape, mesh.class));
     }
     Ok(solids)

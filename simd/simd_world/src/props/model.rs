@@ -2,19 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
-use rapier3d::math::{Pose as EnginePose, Vector};
-use rapier3d::parry::query::intersection_test;
-use rapier3d::prelude::*;
-use schema_frames::ActorKind;
+use rapier3d::math::Vector;
 use schema_frames::document::{BodyBox, CatalogueEntry};
-use schema_types::{ActorId, Class, Pose};
-use serde::{Deserialize, Serialize};
+use schema_types::Class;
 use simd_body::prop::{PropShape, PropStyle};
 
-use crate::physics::{Physics, collider_tag};
-use crate::spawn::SpawnError;
-use crate::world::{Actor, World};
+use crate::errors::BadAttribute;
 
 /// One kind of thing: name behind `static.prop.`, family, length, width and height in centimetres,
 /// two colours.
@@ -208,6 +201,34 @@ impl PropModel {
             .collect()
     }
 
+    /// The catalogue's attributes with the `given` ones in their place.
+    ///
+    /// # Errors
+    /// A given attribute that the prop does not have, or that may not differ.
+    pub(crate) fn checked_attributes(
+        &self,
+        given: &BTreeMap<String, String>,
+    ) -> Result<BTreeMap<String, String>, BadAttribute> {
+        let mut attributes = self.attributes();
+        for (name, value) in given {
+            if let Some(allowed) = self.refusal(name, value) {
+                return Err(BadAttribute {
+                    name: name.clone(),
+                    value: value.clone(),
+                    allowed,
+                });
+            }
+            attributes.insert(name.clone(), value.clone());
+        }
+        Ok(attributes)
+    }
+
+    /// Half extents of its box in the engine, metres.
+    pub(crate) fn engine_half(&self) -> Vector {
+        let [x, y, z] = self.shape.half_m.map(|x| x as f32);
+        Vector::new(x, y, z)
+    }
+
     /// Why an attribute cannot have this value.
     fn refusal(&self, name: &str, value: &str) -> Option<String> {
         let attributes = self.attributes();
@@ -253,132 +274,6 @@ impl PropModel {
 pub fn prop_models() -> &'static [PropModel] {
     static MODELS: std::sync::OnceLock<Vec<PropModel>> = std::sync::OnceLock::new();
     MODELS.get_or_init(|| ROWS.iter().map(|row| PropModel::new(*row)).collect())
-}
-
-/// A prop in the world. What is attached to another actor has no body of its own.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(crate) struct Prop {
-    /// Index into [`prop_models`].
-    pub model_idx: u16,
-    pub body: Option<RigidBodyHandle>,
-}
-
-/// Where the middle of a prop's box is in the engine.
-fn box_pose(physics: &Physics, pose: &Isometry3<f64>, half: Vector) -> EnginePose {
-    let mut at = physics.engine_pose(pose);
-    at.translation += at.rotation * Vector::new(0.0, 0.0, half.z);
-    at
-}
-
-fn half_of(model: &PropModel) -> Vector {
-    let [x, y, z] = model.shape.half_m.map(|x| x as f32);
-    Vector::new(x, y, z)
-}
-
-impl World {
-    /// Puts down a prop where nobody stands; scenery may be touched, for things lie on the ground
-    /// and lean on walls.
-    pub(crate) fn spawn_prop(
-        &mut self,
-        type_id: &str,
-        catalogue_idx: u32,
-        pose: Pose,
-        parent: Option<ActorId>,
-        role: &str,
-        given: &BTreeMap<String, String>,
-    ) -> Result<ActorId, SpawnError> {
-        let model_idx = prop_models()
-            .iter()
-            .position(|model| model.type_id == type_id)
-            .expect("the catalogue lists only these");
-        let mut attributes = self.catalogue.entries[catalogue_idx as usize]
-            .attributes
-            .clone();
-        for (name, value) in given {
-            if let Some(allowed) = prop_models()[model_idx].refusal(name, value) {
-                return Err(SpawnError::Attribute {
-                    type_id: type_id.to_owned(),
-                    name: name.clone(),
-                    value: value.clone(),
-                    allowed,
-                });
-            }
-            attributes.insert(name.clone(), value.clone());
-        }
-        let half = half_of(&prop_models()[model_idx]);
-        if parent.is_none()
-            && let Some(obstacle) = self.someone_in(
-                &box_pose(&self.physics, &pose.isometry(), half),
-                &Cuboid::new(half),
-            )
-        {
-            return Err(SpawnError::Occupied {
-                type_id: type_id.to_owned(),
-                obstacle,
-            });
-        }
-        let id = self.new_id();
-        let body = parent.is_none().then(|| {
-            let class = prop_models()[model_idx].shape.class;
-            let body = RigidBodyBuilder::fixed().pose(self.physics.engine_pose(&pose.isometry()));
-            let collider = ColliderBuilder::cuboid(half.x, half.y, half.z)
-                .translation(Vector::new(0.0, 0.0, half.z))
-                .friction(0.6)
-                .user_data(collider_tag(id.0, class));
-            self.physics.still.forget();
-            self.physics.engine.insert(body, collider).0
-        });
-        self.props.insert(
-            id,
-            Prop {
-                model_idx: model_idx as u16,
-                body,
-            },
-        );
-        let role = role.to_owned();
-        self.actors.insert(
-            id,
-            Actor {
-                id,
-                kind: ActorKind::Prop,
-                catalogue_idx,
-                role,
-                parent,
-                pose,
-                attributes,
-                topics: Vec::new(),
-            },
-        );
-        Ok(id)
-    }
-
-    /// Its name, if a box would touch this prop.
-    pub(crate) fn prop_in(&self, prop: &Prop, at: &EnginePose, shape: &Cuboid) -> Option<String> {
-        let model = &prop_models()[prop.model_idx as usize];
-        let half = half_of(model);
-        let mut other_at = *self.physics.engine.bodies.get(prop.body?)?.position();
-        other_at.translation += other_at.rotation * Vector::new(0.0, 0.0, half.z);
-        let touches = intersection_test(at, shape, &other_at, &Cuboid::new(half))
-            .is_ok_and(|hit| hit.intersecting);
-        touches.then(|| model.type_id.clone())
-    }
-
-    /// Moves a prop's body to its actor's new pose.
-    pub(crate) fn put_prop(&mut self, actor: ActorId, pose: &Pose) {
-        if let Some(body) = self.props.get(&actor).and_then(|prop| prop.body) {
-            let at = self.physics.engine_pose(&pose.isometry());
-            self.physics.engine.bodies[body].set_position(at, true);
-            self.physics.still.forget();
-        }
-    }
-
-    /// Takes a prop's body out of the engine.
-    pub(crate) fn drop_prop(&mut self, actor: ActorId) {
-        if let Some(body) = self.props.remove(&actor).and_then(|prop| prop.body) {
-            self.physics.engine.remove_body(body);
-            self.physics.still.forget();
-        }
-    }
 }
 
 #[cfg(test)]

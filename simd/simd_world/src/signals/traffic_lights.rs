@@ -6,25 +6,22 @@
 //! controller's three times can be set. Time is whole nanoseconds, so a stage ends in exactly the
 //! tick that completes it.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use schema_frames::LightState;
-use schema_roads::{LanePosition, RoadMap, SignalKind};
+use schema_roads::{RoadMap, SignalKind};
 use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
+
+use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
 /// Green, yellow, all red.
 const STAGE_NANOS: [u64; 3] = [10_000_000_000, 3_000_000_000, 2_000_000_000];
 /// Shortest and longest stage that can be set, seconds.
 const STAGE_SECS: (f64, f64) = (0.01, 1e5);
-/// Half length of the box before a stop line, and how far upstream its middle lies, metres.
-const STOP_BOX_HALF_M: f64 = 1.5;
-pub(crate) const STOP_BOX_UPSTREAM_M: f64 = 3.0;
-/// Half width of a box per width of its lane.
-pub(crate) const STOP_BOX_HALF_WIDTH_RATIO: f64 = 0.25;
 
 /// One light.
 #[derive(Clone, Serialize, Deserialize)]
-pub(crate) struct Light {
+pub(crate) struct TrafficLight {
     pub actor: ActorId,
     pub signal_id: String,
     pub state: LightState,
@@ -35,15 +32,6 @@ pub(crate) struct Light {
     pub pole_idx: u32,
     /// Boxes before its stop lines: x along the lane.
     boxes: Vec<StopBox>,
-}
-
-/// A box on a lane in which who drives there is before the sign.
-#[derive(Clone, Serialize, Deserialize)]
-pub(crate) struct StopBox {
-    #[serde(with = "crate::plain::isometry")]
-    pub world_from_box: Isometry3<f64>,
-    /// Along and across the lane, metres.
-    pub half_m: [f64; 2],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,17 +60,17 @@ struct Group {
 
 /// All lights of a map.
 #[derive(Clone, Default, Serialize, Deserialize)]
-pub(crate) struct Lights {
-    pub lights: Vec<Light>,
+pub(crate) struct TrafficLights {
+    pub lights: Vec<TrafficLight>,
     pub frozen: bool,
     groups: Vec<Group>,
 }
 
-impl Lights {
-    /// Lights of the map's signals; `next_actor` gives each an id. Every group begins with its
+impl TrafficLights {
+    /// TrafficLights of the map's signals; `next_actor` gives each an id. Every group begins with its
     /// first controller green.
-    pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> Lights {
-        let mut all = Lights::default();
+    pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> TrafficLights {
+        let mut all = TrafficLights::default();
         for signal in roads
             .signals()
             .iter()
@@ -100,7 +88,7 @@ impl Lights {
                     )
                 })
                 .collect();
-            all.lights.push(Light {
+            all.lights.push(TrafficLight {
                 actor: next_actor(),
                 signal_id: signal.id.clone(),
                 state: LightState::Red,
@@ -278,12 +266,12 @@ impl Lights {
     }
 
     /// The light with this actor id.
-    pub fn get(&self, actor: ActorId) -> Option<&Light> {
+    pub fn get(&self, actor: ActorId) -> Option<&TrafficLight> {
         self.idx_of(actor).map(|idx| &self.lights[idx])
     }
 
     /// Stage lengths of a light's controller: green, yellow, all red, seconds.
-    pub fn stage_secs(&self, light: &Light) -> [f32; 3] {
+    pub fn stage_secs(&self, light: &TrafficLight) -> [f32; 3] {
         let turns = &self.groups[light.group].turns;
         let first = |turn: &&Turn| {
             turn.lights
@@ -302,13 +290,13 @@ impl Lights {
         &self,
         world_from_vehicle: &Isometry3<f64>,
         half_m: [f64; 3],
-    ) -> Option<&Light> {
+    ) -> Option<&TrafficLight> {
         let reach_m = half_m[0].hypot(half_m[1]) + 4.0;
         let at = world_from_vehicle.translation.vector;
         let near = |b: &StopBox| {
             (b.world_from_box.translation.vector - at).norm_squared() < reach_m * reach_m
         };
-        let mut best: Option<(f64, &Light)> = None;
+        let mut best: Option<(f64, &TrafficLight)> = None;
         for light in &self.lights {
             for stop_box in light.boxes.iter().filter(|b| near(b)) {
                 let distance = (stop_box.world_from_box.translation.vector - at).norm_squared();
@@ -338,55 +326,4 @@ impl Group {
             }
         };
     }
-}
-
-impl StopBox {
-    /// Separating axes of two upright boxes in the plane, and at most 2 m apart in height. The
-    /// vehicle must drive the lane's way.
-    fn overlaps(&self, world_from_vehicle: &Isometry3<f64>, half_m: [f64; 3]) -> bool {
-        let box_from_vehicle = self.world_from_box.inv_mul(world_from_vehicle);
-        let along = box_from_vehicle * Vector3::x();
-        let aside = box_from_vehicle * Vector3::y();
-        let offset = box_from_vehicle.translation.vector;
-        if offset.z.abs() > 2.0 || along.x < 0.0 {
-            return false;
-        }
-        let reach = |axis: [f64; 2], half: [f64; 2], x: Vector3<f64>, y: Vector3<f64>| {
-            half[0] * (axis[0] * x.x + axis[1] * x.y).abs()
-                + half[1] * (axis[0] * y.x + axis[1] * y.y).abs()
-        };
-        [
-            [1.0, 0.0],
-            [0.0, 1.0],
-            [along.x, along.y],
-            [aside.x, aside.y],
-        ]
-        .iter()
-        .all(|axis| {
-            let apart = (axis[0] * offset.x + axis[1] * offset.y).abs();
-            apart
-                <= reach(*axis, self.half_m, Vector3::x(), Vector3::y())
-                    + reach(*axis, [half_m[0], half_m[1]], along, aside)
-        })
-    }
-}
-
-/// The box on the lane of `stop`, its middle `upstream_m` before it, as wide as `half_width_ratio`
-/// of the lane to either side.
-pub(crate) fn stop_box(
-    roads: &RoadMap,
-    stop: LanePosition,
-    upstream_m: f64,
-    half_width_ratio: f64,
-) -> Option<StopBox> {
-    let middle = LanePosition {
-        s_m: (stop.s_m - upstream_m).max(0.0),
-        offset_m: 0.0,
-        ..stop
-    };
-    let world_from_box = roads.pose(middle)?;
-    Some(StopBox {
-        world_from_box,
-        half_m: [STOP_BOX_HALF_M, half_width_ratio * roads.width_m(middle)],
-    })
 }

@@ -1,14 +1,10 @@
-//! What drivers' programs ask about lights and signs: the boxes on lanes at which one is before
-//! them, and the boxes of lamp heads.
+//! The boxes that actor lists give for lights and signs: where on lanes a vehicle is before them.
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use schema_frames::PosedBox;
-use schema_frames::document::{BodyBox, PoseText};
+use nalgebra::Point3;
+use schema_frames::document::BodyBox;
 use schema_roads::{RoadMap, Signal, SignalKind};
-use schema_types::{ActorId, Pose};
 
-use crate::lights::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
-use crate::world::World;
+use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
 /// Half width of a speed limit's box per width of its lane.
 const LIMIT_HALF_WIDTH_RATIO: f64 = 0.35;
@@ -54,40 +50,4 @@ fn corners(stop_box: &StopBox) -> impl Iterator<Item = Point3<f64>> + use<> {
                 HALF_HEIGHT_M * (1.0 + side(4)),
             )
     })
-}
-
-impl World {
-    /// Boxes of a light's lamp heads in the world.
-    ///
-    /// # Errors
-    /// If there is no such light.
-    pub fn light_boxes(&self, actor: ActorId) -> Result<Vec<PosedBox>, String> {
-        let light = self
-            .lights
-            .get(actor)
-            .ok_or_else(|| format!("actor {actor} is not a traffic light"))?;
-        let heads = self
-            .map
-            .lights
-            .iter()
-            .find(|site| site.signal_id == light.signal_id)
-            .map_or(&[][..], |site| &site.heads);
-        let corners = self
-            .map
-            .light_head
-            .vertices
-            .iter()
-            .map(|vertex| Vector3::from(vertex.position_m.map(f64::from)));
-        let range = corners.fold(None, |range: Option<(Vector3<f64>, Vector3<f64>)>, at| {
-            Some(range.map_or((at, at), |(low, high)| (low.inf(&at), high.sup(&at))))
-        });
-        let Some((low, high)) = range else {
-            return Ok(Vec::new());
-        };
-        let boxed = |head: &Isometry3<f64>| PosedBox {
-            pose: PoseText::from(Pose::from(head * Isometry3::from(0.5 * (low + high)))),
-            half_m: (0.5 * (high - low)).into(),
-        };
-        Ok(heads.iter().map(boxed).collect())
-    }
 }

@@ -1,11 +1,6 @@
 //! Doors of vehicles: which are asked to be open, and how far they are.
 
-use schema_types::ActorId;
 use serde::{Deserialize, Serialize};
-use simd_body::BodyStyle;
-
-use crate::models::VehicleModel;
-use crate::world::{ActorError, World};
 
 /// Doors of a vehicle: front left, front right, rear left, rear right.
 pub(crate) const N_DOORS: usize = 4;
@@ -24,6 +19,15 @@ pub(crate) struct Doors {
 }
 
 impl Doors {
+    /// Asks for doors to be open or shut, one bit each; they take their time.
+    pub fn ask(&mut self, doors: u8, open: bool) {
+        self.asked = if open {
+            self.asked | doors
+        } else {
+            self.asked & !doors
+        };
+    }
+
     /// Moves them for a tick.
     pub fn step(&mut self, dt_secs: f64) {
         for (door, opening) in self.opening.iter_mut().enumerate() {
@@ -57,42 +61,5 @@ impl Doors {
             .enumerate()
             .map(|(door, opening)| level(opening) << (16 + 4 * door))
             .sum()
-    }
-}
-
-impl VehicleModel {
-    /// Whether its doors open: cars and vans of the second generation, as in CARLA.
-    pub fn has_dynamic_doors(&self) -> bool {
-        use BodyStyle::{Hatch, Microbus, Saloon, Suv, Van};
-        self.generation == 2 && matches!(self.style, Saloon | Hatch | Suv | Van | Microbus)
-    }
-}
-
-impl World {
-    /// Opens or shuts doors of a vehicle, one bit each: 1 front left, 2 front right, 4 rear left, 8
-    /// rear right. They take their time.
-    pub fn set_doors(&mut self, actor: ActorId, doors: u8, open: bool) -> Result<(), ActorError> {
-        let vehicle = self.vehicle_mut(actor)?;
-        if !vehicle.model.has_dynamic_doors() {
-            let type_id = vehicle.model.type_id.to_owned();
-            return Err(ActorError::WrongKind {
-                actor,
-                type_id,
-                needed: "vehicle whose has_dynamic_doors is true",
-            });
-        }
-        if doors == 0 || doors > 15 {
-            return Err(ActorError::Value {
-                actor,
-                what: "doors",
-                problem: "must be a sum of 1, 2, 4 and 8 (front left to rear right)",
-            });
-        }
-        vehicle.doors.asked = if open {
-            vehicle.doors.asked | doors
-        } else {
-            vehicle.doors.asked & !doors
-        };
-        Ok(())
     }
 }

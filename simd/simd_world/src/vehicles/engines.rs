@@ -1,6 +1,6 @@
 //! Engines and gearboxes of the vehicles.
 
-use crate::drive::EngineSpec;
+use super::engine_spec::EngineSpec;
 
 pub const PETROL_SMALL: EngineSpec = EngineSpec {
     torque_curve: &[

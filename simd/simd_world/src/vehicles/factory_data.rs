@@ -3,8 +3,8 @@
 
 use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
-use crate::drive::CLUTCH_SLIP_RADPS;
-use crate::models::VehicleModel;
+use super::model::VehicleModel;
+use super::powertrain::CLUTCH_SLIP_RADPS;
 use crate::physics::GRAVITY_MPS2;
 
 /// Friction between tyre and road.
@@ -288,24 +288,10 @@ fn curve(name: &str, points: &[[f32; 2]], least: usize, most: [f32; 2]) -> Resul
     }
 }
 
-/// Value of a curve of straight lines: flat before its first and after its last point; `empty`
-/// without points.
-pub(crate) fn along(points: &[[f32; 2]], x: f32, empty: f32) -> f32 {
-    let after = points.partition_point(|[at, _]| *at < x);
-    match (
-        after.checked_sub(1).and_then(|i| points.get(i)),
-        points.get(after),
-    ) {
-        (Some([a, low]), Some([b, high])) => low + (high - low) * (x - a) / (b - a).max(1e-9),
-        (Some([_, y]), None) | (None, Some([_, y])) => *y,
-        (None, None) => empty,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vehicle_models;
+    use crate::vehicles::vehicle_models;
 
     #[test]
     fn factory_data_of_every_model_are_possible_and_loads_add_up() {
@@ -359,15 +345,5 @@ mod tests {
         assert!(refused(|p| p.forward_gears.clear()).contains("forward_gears is 0"));
         assert!(refused(|p| p.torque_curve.reverse()).contains("must rise"));
         assert!(refused(|p| p.wheels[1].radius_m = 0.0).contains("radius_m of a wheel is 0"));
-    }
-
-    #[test]
-    fn curves_are_straight_between_points_and_flat_outside() {
-        let points = [[1.0, 10.0], [3.0, 20.0]];
-        assert_eq!(
-            [0.0, 1.0, 2.0, 3.0, 9.0].map(|x| along(&points, x, 7.0)),
-            [10.0, 10.0, 15.0, 20.0, 20.0]
-        );
-        assert_eq!(along(&[], 5.0, 7.0), 7.0);
     }
 }

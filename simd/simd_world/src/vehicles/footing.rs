@@ -13,6 +13,8 @@ use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::query::details::local_ray_intersection_with_triangle;
 use rapier3d::prelude::*;
 
+use crate::physics::{Room, StillThings};
+
 /// Room kept about the rays, metres, and for how long ahead at the vehicle's velocity, seconds.
 const MARGIN_M: f32 = 0.5;
 const AHEAD_SECS: f32 = 0.15;
@@ -20,108 +22,6 @@ const AHEAD_SECS: f32 = 0.15;
 const MOST_TRIANGLES: usize = 512;
 /// Rays are taken this much thicker, so that none slips through between two neighbours, metres.
 const SKIN_M: f32 = 1e-3;
-
-/// A box along the axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Room {
-    low: Vector,
-    high: Vector,
-}
-
-impl Room {
-    const NOWHERE: Room = Room {
-        low: Vector::splat(f32::INFINITY),
-        high: Vector::splat(f32::NEG_INFINITY),
-    };
-
-    fn around(points: impl IntoIterator<Item = Vector>) -> Room {
-        points.into_iter().fold(Room::NOWHERE, |room, point| Room {
-            low: room.low.min(point),
-            high: room.high.max(point),
-        })
-    }
-
-    fn grown(self, margin: Vector) -> Room {
-        Room {
-            low: self.low - margin,
-            high: self.high + margin,
-        }
-    }
-
-    fn touches(&self, other: &Room) -> bool {
-        self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
-    }
-
-    fn contains(&self, other: &Room) -> bool {
-        self.low.cmple(other.low).all() && other.high.cmple(self.high).all()
-    }
-
-    fn aabb(&self) -> Aabb {
-        Aabb::new(self.low, self.high)
-    }
-}
-
-impl From<Aabb> for Room {
-    fn from(aabb: Aabb) -> Room {
-        Room {
-            low: aabb.mins,
-            high: aabb.maxs,
-        }
-    }
-}
-
-/// One thing that stands still.
-#[derive(Clone, Debug)]
-struct Still {
-    collider: ColliderHandle,
-    place: Pose,
-    room: Room,
-}
-
-/// What stands still: ground, buildings, things that were put down. By rising handle.
-#[derive(Clone, Default)]
-pub(crate) struct StillThings {
-    /// Grows with every change; 0: never looked.
-    revision: u64,
-    is_known: bool,
-    things: Vec<Still>,
-}
-
-impl StillThings {
-    /// Something was added, moved, reshaped or taken away.
-    pub fn forget(&mut self) {
-        self.is_known = false;
-    }
-
-    /// Lists what stands still, if that may have changed.
-    pub fn refresh(&mut self, bodies: &RigidBodySet, colliders: &ColliderSet) {
-        if self.is_known {
-            return;
-        }
-        self.things.clear();
-        for (handle, collider) in colliders.iter() {
-            let body = collider.parent().and_then(|parent| bodies.get(parent));
-            if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() {
-                continue;
-            }
-            // A body that was moved takes its colliders along in the next step only; the wheels are
-            // earlier.
-            let place = match (body, collider.position_wrt_parent()) {
-                (Some(body), Some(in_body)) => *body.position() * *in_body,
-                _ => *collider.position(),
-            };
-            self.things.push(Still {
-                collider: handle,
-                place,
-                room: collider.shape().compute_aabb(&place).into(),
-            });
-        }
-        self.things
-            .sort_by_key(|thing| thing.collider.into_raw_parts());
-        self.revision += 1;
-        self.is_known = true;
-    }
-}
 
 /// A ray of limited length, and its box.
 #[derive(Clone, Copy, Debug)]
@@ -205,10 +105,10 @@ impl Footing {
                 .iter()
                 .flat_map(|feeler| [feeler.room.low, feeler.room.high]),
         );
-        if self.revision == still.revision && self.room.contains(&needed) {
+        if self.revision == still.revision() && self.room.contains(&needed) {
             return;
         }
-        self.revision = still.revision;
+        self.revision = still.revision();
         let ahead = velocity * AHEAD_SECS;
         let mut room = needed.grown(Vector::splat(MARGIN_M));
         room = Room {
@@ -234,7 +134,7 @@ impl Footing {
         self.others.clear();
         let aabb = room.aabb();
         for (idx, thing) in still
-            .things
+            .things()
             .iter()
             .enumerate()
             .filter(|(_, thing)| thing.room.touches(&room))
@@ -297,7 +197,7 @@ impl Footing {
         for thing in self
             .others
             .iter()
-            .map(|&idx| &still.things[idx])
+            .map(|&idx| &still.things()[idx])
             .filter(|thing| thing.room.touches(&feeler.room))
         {
             let shape = colliders
@@ -320,9 +220,8 @@ mod tests {
     use schema_types::noise::Noise;
 
     use super::*;
-    use crate::map::MapData;
-    use crate::physics::Physics;
-    use crate::solids::Solids;
+    use crate::map_data::MapData;
+    use crate::physics::{Physics, Solids};
 
     fn town() -> (Physics, MapData) {
         let map = MapData::from(&simd_town::Town::generate("Town03", 1).unwrap());

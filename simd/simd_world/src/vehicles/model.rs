@@ -7,12 +7,7 @@ use schema_frames::document::BodyBox;
 use schema_types::Class;
 use simd_body::{BodyStyle, Outfit, VehicleShape};
 
-use crate::drive::EngineSpec;
-use list::MODELS;
-
-mod engines;
-#[path = "model_list.rs"]
-mod list;
+use super::engine_spec::EngineSpec;
 
 /// One kind of vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,6 +119,12 @@ impl VehicleModel {
         }
     }
 
+    /// Whether its doors open: cars and vans of the second generation, as in CARLA.
+    pub fn has_dynamic_doors(&self) -> bool {
+        use BodyStyle::{Hatch, Microbus, Saloon, Suv, Van};
+        self.generation == 2 && matches!(self.style, Saloon | Hatch | Suv | Van | Microbus)
+    }
+
     pub(crate) fn body_box(&self) -> BodyBox {
         BodyBox {
             centre_m: [0.0, 0.0, self.half_m[2] as f32],
@@ -132,14 +133,10 @@ impl VehicleModel {
     }
 }
 
-/// Every vehicle; the index is also its place in the catalogue.
-pub fn vehicle_models() -> &'static [VehicleModel] {
-    MODELS
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::vehicles::model_list::MODELS;
 
     #[test]
     fn wheels_lie_within_the_body() {

@@ -3,8 +3,8 @@
 use schema_types::Class;
 use simd_body::BodyStyle;
 
-use super::VehicleModel;
 use super::engines::*;
+use super::model::VehicleModel;
 
 const PAINTS: &[[u8; 3]] = &[
     [156, 28, 30],
@@ -461,3 +461,32 @@ pub static MODELS: &[VehicleModel] = &[
         ..MOTORCYCLE
     },
 ];
+
+/// Every vehicle; the index is also its place in the catalogue.
+pub fn vehicle_models() -> &'static [VehicleModel] {
+    MODELS
+}
+
+/// A vehicle's kind in a checkpoint: its catalogue id.
+pub(crate) mod by_type_id {
+    use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+
+    use super::{VehicleModel, vehicle_models};
+
+    pub(crate) fn serialize<S: Serializer>(
+        model: &&'static VehicleModel,
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        model.type_id.serialize(serializer)
+    }
+
+    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<&'static VehicleModel, D::Error> {
+        let type_id = String::deserialize(deserializer)?;
+        let found = vehicle_models()
+            .iter()
+            .find(|model| model.type_id == type_id);
+        found.ok_or_else(|| serde::de::Error::custom(format!("there is no vehicle {type_id:?}")))
+    }
+}

@@ -13,7 +13,8 @@
 use schema_frames::{VehicleControl, VehiclePhysics};
 use serde::{Deserialize, Serialize};
 
-use crate::physical::along;
+use super::curve::along;
+use super::engine_spec::EngineSpec;
 
 /// Least time between two automatic shifts, seconds.
 const SHIFT_PAUSE_SECS: f32 = 0.8;
@@ -26,38 +27,6 @@ const LOCK_RADPS: f32 = 2.0;
 const SLIP_STEP_SECS: f32 = 0.002;
 /// With the throttle shut the gearbox shifts up at this share of the speed at full throttle.
 const EARLY_SHIFT_RATIO: f32 = 0.45;
-
-/// What an engine with its gearbox is by its kind. Torques in N·m at the crankshaft, ratios engine
-/// to gearbox output.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EngineSpec {
-    /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm.
-    pub torque_curve: &'static [(f32, f32)],
-    /// Speed at which it idles, rpm; 0 for electric motors.
-    pub idle_rpm: f32,
-    /// Speed the slipping clutch holds at full throttle, rpm.
-    pub launch_rpm: f32,
-    /// Beyond this it gives no torque, rpm.
-    pub max_rpm: f32,
-    /// Forward gears.
-    pub ratios: &'static [f32],
-    /// Share of `max_rpm` at which the gearbox shifts down at full throttle.
-    pub down_ratio: f32,
-    /// Share of `max_rpm` at which the gearbox shifts up at full throttle.
-    pub up_ratio: f32,
-    /// Reverse gear, as a positive ratio.
-    pub reverse_ratio: f32,
-    /// Final drive.
-    pub final_ratio: f32,
-    /// Share of the torque that reaches the wheels.
-    pub efficiency_ratio: f32,
-    /// Time without torque during a shift, seconds.
-    pub shift_secs: f32,
-    /// Braking torque of the closed throttle per engine speed, N·m·s/rad.
-    pub drag_nm_s: f32,
-    /// Moment of inertia of engine and flywheel, kg·m².
-    pub inertia_kgm2: f32,
-}
 
 /// Full-throttle torque of the data in force, N·m; 0 beyond the last point and beyond `max_rpm`.
 fn torque_nm(physics: &VehiclePhysics, rpm: f32) -> f32 {
@@ -72,9 +41,9 @@ fn torque_nm(physics: &VehiclePhysics, rpm: f32) -> f32 {
     }
 }
 
-/// What the drive train is asked in one sub-step.
+/// What the powertrain is asked in one sub-step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DriveInput {
+pub struct PowertrainInput {
     /// Pedals and gear lever, clamped.
     pub control: VehicleControl,
     /// Mean speed of the driven wheels, rad/s, positive forwards.
@@ -85,7 +54,7 @@ pub struct DriveInput {
 
 /// What reaches the driven wheels together, before tyres limit it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DriveOutput {
+pub struct PowertrainOutput {
     /// Torque, N·m, positive forwards.
     pub torque_nm: f32,
     /// Torque against rolling per wheel speed (engine braking), N·m·s.
@@ -96,7 +65,7 @@ pub struct DriveOutput {
 
 /// State of engine, clutch and gearbox; all of it is part of a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DriveTrain {
+pub struct Powertrain {
     /// Gear engaged: −1 reverse, 0 neutral, 1.. forward.
     pub gear: i32,
     /// Engine speed, rad/s.
@@ -121,11 +90,11 @@ pub(crate) fn overall_ratio(spec: &EngineSpec, physics: &VehiclePhysics, gear: i
     }
 }
 
-impl DriveTrain {
+impl Powertrain {
     /// Engine idling in first gear.
     pub fn new(spec: &EngineSpec) -> Self {
         let engine_radps = spec.idle_rpm * RADPS_PER_RPM;
-        DriveTrain {
+        Powertrain {
             gear: 1,
             engine_radps,
             locked: spec.idle_rpm == 0.0,
@@ -139,8 +108,8 @@ impl DriveTrain {
         &mut self,
         spec: &EngineSpec,
         physics: &VehiclePhysics,
-        input: &DriveInput,
-    ) -> DriveOutput {
+        input: &PowertrainInput,
+    ) -> PowertrainOutput {
         self.shift_left_secs = (self.shift_left_secs - input.dt_secs).max(0.0);
         self.pause_left_secs = (self.pause_left_secs - input.dt_secs).max(0.0);
         self.choose_gear(spec, physics, input);
@@ -156,7 +125,7 @@ impl DriveTrain {
                 0.0,
                 input.dt_secs,
             );
-            return DriveOutput::default();
+            return PowertrainOutput::default();
         }
         let idle_radps = spec.idle_rpm * RADPS_PER_RPM;
         let geared_radps = input.wheel_radps * ratio;
@@ -171,7 +140,7 @@ impl DriveTrain {
                 physics.damping_full_throttle_nms,
                 throttle,
             );
-            return DriveOutput {
+            return PowertrainOutput {
                 torque_nm: torque_nm * ratio * spec.efficiency_ratio,
                 damping_nms: damping * ratio * ratio,
                 inertia_kgm2: physics.engine_inertia_kgm2 * ratio * ratio,
@@ -185,9 +154,9 @@ impl DriveTrain {
             may_lock,
             input.dt_secs,
         );
-        DriveOutput {
+        PowertrainOutput {
             torque_nm: passed_nm * ratio * spec.efficiency_ratio,
-            ..DriveOutput::default()
+            ..PowertrainOutput::default()
         }
     }
 
@@ -260,7 +229,12 @@ impl DriveTrain {
         self.engine_radps = revved.clamp(idle, most.max(self.engine_radps));
     }
 
-    fn choose_gear(&mut self, spec: &EngineSpec, physics: &VehiclePhysics, input: &DriveInput) {
+    fn choose_gear(
+        &mut self,
+        spec: &EngineSpec,
+        physics: &VehiclePhysics,
+        input: &PowertrainInput,
+    ) {
         let n_gears = physics.forward_gears.len() as i32;
         let control = &input.control;
         if control.manual_gear_shift {
@@ -308,14 +282,14 @@ fn lerp(a: f32, b: f32, share: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vehicle_models;
+    use crate::vehicles::vehicle_models;
 
-    fn input(throttle_ratio: f32, wheel_radps: f32) -> DriveInput {
+    fn input(throttle_ratio: f32, wheel_radps: f32) -> PowertrainInput {
         let control = VehicleControl {
             throttle_ratio,
             ..Default::default()
         };
-        DriveInput {
+        PowertrainInput {
             control,
             wheel_radps,
             dt_secs: 0.01,
@@ -326,7 +300,7 @@ mod tests {
     fn torque_of_a_locked_clutch_is_the_curve_times_the_ratio() {
         for model in vehicle_models() {
             let (spec, physics) = (&model.engine, model.physics());
-            let mut train = DriveTrain::new(spec);
+            let mut train = Powertrain::new(spec);
             let ratio = overall_ratio(spec, &physics, 1);
             let rpm = spec.launch_rpm.max(0.3 * spec.max_rpm);
             let mut shut = input(1.0, rpm * RADPS_PER_RPM / ratio);
@@ -353,7 +327,7 @@ mod tests {
             .filter(|model| model.engine.idle_rpm > 0.0)
         {
             let (spec, physics) = (&model.engine, model.physics());
-            let mut train = DriveTrain::new(spec);
+            let mut train = Powertrain::new(spec);
             assert_eq!(
                 train.step(spec, &physics, &input(0.0, 0.0)).torque_nm,
                 0.0,
@@ -389,7 +363,7 @@ mod tests {
             .unwrap();
         let mut physics = model.physics();
         physics.clutch_strength_nms = 1.0;
-        let mut train = DriveTrain::new(&model.engine);
+        let mut train = Powertrain::new(&model.engine);
         let out = (0..100)
             .map(|_| train.step(&model.engine, &physics, &input(1.0, 0.0)))
             .last()
@@ -408,7 +382,7 @@ mod tests {
     fn gearbox_climbs_one_gear_at_a_time_and_does_not_hunt() {
         for model in vehicle_models() {
             let (spec, physics) = (&model.engine, model.physics());
-            let mut train = DriveTrain::new(spec);
+            let mut train = Powertrain::new(spec);
             let mut shifts = 0;
             for step in 0..6000 {
                 let before = train.gear;
@@ -430,18 +404,21 @@ mod tests {
     fn reverse_pushes_backwards_neutral_does_not_and_a_manual_box_keeps_its_gear() {
         let model = &vehicle_models()[0];
         let (spec, mut physics) = (&model.engine, model.physics());
-        let mut train = DriveTrain::new(spec);
+        let mut train = Powertrain::new(spec);
         let mut reverse = input(0.5, 0.0);
         reverse.control.reverse = true;
         assert!(train.step(spec, &physics, &reverse).torque_nm < -30.0);
         let mut neutral = input(0.5, 0.0);
         neutral.control.manual_gear_shift = true;
-        assert_eq!(train.step(spec, &physics, &neutral), DriveOutput::default());
+        assert_eq!(
+            train.step(spec, &physics, &neutral),
+            PowertrainOutput::default()
+        );
         let petrol = vehicle_models()
             .iter()
             .find(|model| model.engine.ratios.len() > 1)
             .unwrap();
-        (physics, train) = (petrol.physics(), DriveTrain::new(&petrol.engine));
+        (physics, train) = (petrol.physics(), Powertrain::new(&petrol.engine));
         physics.automatic_gearbox = false;
         for _ in 0..500 {
             train.step(&petrol.engine, &physics, &input(1.0, 80.0));

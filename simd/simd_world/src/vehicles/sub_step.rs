@@ -1,4 +1,4 @@
-//! One sub-step of one vehicle: steering, drive train, brakes, air, springs and tyres, solved into
+//! One sub-step of one vehicle: steering, powertrain, brakes, air, springs and tyres, solved into
 //! new velocities of its body.
 //!
 //! A vehicle reads the engine's world and changes only itself, so vehicles are planned side by side
@@ -9,13 +9,13 @@ use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::parry::math::Mat3;
 use schema_frames::{VehicleTelemetry, WheelTelemetry};
 
-use crate::drive::{DriveInput, DriveOutput, RADPS_PER_RPM};
-use crate::footing::Feeler;
-use crate::friction::FrictionBox;
+use super::footing::Feeler;
+use super::powertrain::{PowertrainInput, PowertrainOutput, RADPS_PER_RPM};
+use super::vehicle::{MAX_WHEELS, Vehicle};
+use super::wheel::{Ground, Mount, ROLLING_RATIO, Wheel};
+use super::wheel_solver::{Chassis, Contact, Row, Softness, WheelRows, solve};
+use crate::friction_areas::GroundGrip;
 use crate::physics::{GRAVITY_MPS2, Physics};
-use crate::solver::{Chassis, Contact, Row, Softness, WheelRows, solve};
-use crate::vehicle::{MAX_WHEELS, Vehicle};
-use crate::wheel::{Ground, Mount, ROLLING_RATIO, Wheel};
 
 /// Density of air, kg/m³.
 pub(crate) const AIR_KGPM3: f32 = 1.2;
@@ -39,7 +39,7 @@ const BALANCE_RATIO: f32 = 3.0;
 
 /// New velocities of a body: of its centre of mass, and angular.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Motion {
+pub(crate) struct NewVelocities {
     pub linear: Vector,
     pub angular: Vector,
 }
@@ -48,14 +48,12 @@ pub(crate) struct Motion {
 #[derive(Clone, Copy)]
 pub(crate) struct Around<'a> {
     pub physics: &'a Physics,
-    pub friction: &'a [FrictionBox],
-    /// What the weather leaves of the friction outside such areas.
-    pub grip_ratio: f32,
+    pub ground: GroundGrip<'a>,
     pub dt_secs: f32,
 }
 
 /// The body at the beginning of a sub-step.
-struct Frame {
+struct BodyState {
     pose: EnginePose,
     center: Vector,
     forward: Vector,
@@ -69,7 +67,7 @@ struct Frame {
 
 impl Vehicle {
     /// Plans a sub-step; `None` if nothing moves this vehicle.
-    pub fn plan(&mut self, around: &Around<'_>) -> Option<Motion> {
+    pub fn plan(&mut self, around: &Around<'_>) -> Option<NewVelocities> {
         if self.quarantined || !self.switches.simulated {
             return None;
         }
@@ -80,7 +78,7 @@ impl Vehicle {
         let center = pose * Vector::from(self.physics.center_of_mass_m);
         let velocity = body.linvel();
         let (forward_mps, falling_mps) = (forward.dot(velocity), -up.dot(velocity));
-        let frame = Frame {
+        let start = BodyState {
             pose,
             center,
             forward,
@@ -100,16 +98,16 @@ impl Vehicle {
             inv_mass: 1.0 / mass_kg,
             inv_inertia,
         };
-        self.steer(frame.forward_mps, around.dt_secs);
+        self.steer(start.forward_mps, around.dt_secs);
         self.fly(&mut chassis, around.dt_secs);
-        let drive = self.drive(around.dt_secs);
-        let grounds = self.feel(around, &frame);
+        let powertrain = self.turn_powertrain(around.dt_secs);
+        let grounds = self.feel(around, &start);
         let mut rows = [const { None::<WheelRows> }; MAX_WHEELS].map(|_| no_wheel());
         let n_wheels = self.wheels.len().min(MAX_WHEELS);
         for (i, row) in rows.iter_mut().enumerate().take(n_wheels) {
-            *row = self.wheel_rows(i, &drive, &grounds, &frame, &mut chassis, around);
+            *row = self.wheel_rows(i, &powertrain, &grounds, &start, &mut chassis, around);
         }
-        let mut balance = self.balance(&frame, &mut chassis, around.dt_secs);
+        let mut balance = self.balance(&start, &mut chassis, around.dt_secs);
         solve(
             &mut chassis,
             &mut rows[..n_wheels],
@@ -119,8 +117,8 @@ impl Vehicle {
         for (wheel, rows) in self.wheels.iter_mut().zip(&rows) {
             take_over(wheel, rows, &chassis, around.dt_secs);
         }
-        self.hold_velocity(&frame, &mut chassis);
-        Some(Motion {
+        self.hold_velocity(&start, &mut chassis);
+        Some(NewVelocities {
             linear: chassis.linear,
             angular: chassis.angular,
         })
@@ -172,32 +170,33 @@ impl Vehicle {
         0.5 * AIR_KGPM3 * area_m2 * speed_mps * speed_mps
     }
 
-    fn drive(&mut self, dt_secs: f32) -> DriveOutput {
+    fn turn_powertrain(&mut self, dt_secs: f32) -> PowertrainOutput {
         let driven = || self.wheels.iter().filter(|wheel| wheel.spec.driven);
         let wheel_radps =
             driven().map(|wheel| wheel.roll_radps).sum::<f32>() / driven().count().max(1) as f32;
-        let input = DriveInput {
+        let input = PowertrainInput {
             control: self.control,
             wheel_radps,
             dt_secs,
         };
-        self.train.step(&self.model.engine, &self.physics, &input)
+        self.powertrain
+            .step(&self.model.engine, &self.physics, &input)
     }
 
     /// Where the ground is under each wheel, and what it grips there.
     fn feel(
         &mut self,
         around: &Around<'_>,
-        frame: &Frame,
+        start: &BodyState,
     ) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
         // Ground that the sub-step will reach counts already, or a long one would fall deep into
         // it.
-        let reach_m = (frame.falling_mps * around.dt_secs).max(0.0);
+        let reach_m = (start.falling_mps * around.dt_secs).max(0.0);
         let n_wheels = self.wheels.len().min(MAX_WHEELS);
         let mut grounds = [None; MAX_WHEELS];
         let mut feelers = [Feeler::NONE; MAX_WHEELS];
         for ((wheel, ground), feeler) in self.wheels.iter().zip(&mut grounds).zip(&mut feelers) {
-            let mount = wheel.mount(frame.pose, [frame.forward, frame.left, frame.up]);
+            let mount = wheel.mount(start.pose, [start.forward, start.left, start.up]);
             *feeler = wheel.feeler(&mount, reach_m);
             *ground = Some((Ground::default(), mount));
         }
@@ -206,7 +205,7 @@ impl Vehicle {
         if !sweep {
             self.footing.prepare(
                 &feelers[..n_wheels],
-                frame.velocity,
+                start.velocity,
                 still,
                 &engine.colliders,
             );
@@ -222,9 +221,10 @@ impl Vehicle {
             };
             wheel.on_ground = felt.is_some_and(|ground| ground.compression_m >= 0.0);
             wheel.compression_m = felt.map_or(0.0, |ground| ground.compression_m);
-            wheel.friction = wheel.spec.physics.friction * around.grip_ratio;
-            if let Some(felt) = felt.filter(|_| !around.friction.is_empty()) {
+            wheel.friction = wheel.spec.physics.friction * around.ground.grip_ratio;
+            if let Some(felt) = felt.filter(|_| !around.ground.friction.is_empty()) {
                 let inside = around
+                    .ground
                     .friction
                     .iter()
                     .find(|area| area.contains(&around.physics.world_point(felt.point)));
@@ -238,9 +238,9 @@ impl Vehicle {
     fn wheel_rows(
         &mut self,
         i: usize,
-        drive: &DriveOutput,
+        powertrain: &PowertrainOutput,
         grounds: &[Option<(Ground, Mount)>; MAX_WHEELS],
-        frame: &Frame,
+        start: &BodyState,
         chassis: &mut Chassis,
         around: &Around<'_>,
     ) -> WheelRows {
@@ -261,9 +261,9 @@ impl Vehicle {
         } else {
             0.0
         };
-        let inertia = wheel.spec.inertia_kgm2 + drive.inertia_kgm2 * driven_ratio;
-        let (drive_most, brake_most) = grip_torques(wheel, inertia, frame.forward_mps);
-        wheel.drive_nm = (drive.torque_nm * share).clamp(-drive_most, drive_most);
+        let inertia = wheel.spec.inertia_kgm2 + powertrain.inertia_kgm2 * driven_ratio;
+        let (drive_most, brake_most) = grip_torques(wheel, inertia, start.forward_mps);
+        wheel.drive_nm = (powertrain.torque_nm * share).clamp(-drive_most, drive_most);
         let brake_nm = (foot * physics.max_brake_nm).min(brake_most);
         let hand_nm = if hand { physics.max_hand_brake_nm } else { 0.0 };
         let rolling_nm = ROLLING_RATIO * wheel.load_n * physics.radius_m;
@@ -273,7 +273,7 @@ impl Vehicle {
             inertia,
             most_brake: (brake_nm + hand_nm + rolling_nm) * dt_secs,
             brake_impulse: 0.0,
-            damping: (physics.damping_nms + drive.damping_nms * driven_ratio) * dt_secs,
+            damping: (physics.damping_nms + powertrain.damping_nms * driven_ratio) * dt_secs,
             damping_impulse: 0.0,
         };
         rows.damping_impulse = -rows.damping * wheel.roll_radps;
@@ -282,7 +282,7 @@ impl Vehicle {
         rows.brake_impulse = before;
         rows.radps += before / inertia;
         rows.contact = grounds[i].map(|(ground, mount)| {
-            contact(wheel, &ground, &mount, frame, chassis, &mut rows, dt_secs)
+            contact(wheel, &ground, &mount, start, chassis, &mut rows, dt_secs)
         });
         rows
     }
@@ -306,40 +306,40 @@ impl Vehicle {
     /// that the bend needs.
     fn balance(
         &mut self,
-        frame: &Frame,
+        start: &BodyState,
         chassis: &mut Chassis,
         dt_secs: f32,
     ) -> Option<(Row, f32)> {
         // Nobody balances what lies on its side.
-        if !self.model.is_two_wheeler() || frame.up.z < 0.4 {
+        if !self.model.is_two_wheeler() || start.up.z < 0.4 {
             return None;
         }
         let gravity = GRAVITY_MPS2 as f32;
-        let lateral_mps2 = frame.forward_mps * chassis.angular.z;
+        let lateral_mps2 = start.forward_mps * chassis.angular.z;
         let wanted = -(lateral_mps2 / gravity)
             .atan()
             .clamp(-MOST_LEAN_RAD, MOST_LEAN_RAD);
         self.lean_rad += (wanted - self.lean_rad) * (dt_secs / LEAN_SECS).min(1.0);
         let (height_m, mass_kg) = (self.physics.center_of_mass_m[2], self.physics.mass_kg);
-        let inertia = 1.0 / frame.forward.dot(chassis.inv_inertia * frame.forward)
+        let inertia = 1.0 / start.forward.dot(chassis.inv_inertia * start.forward)
             + mass_kg * height_m * height_m;
         let stiffness = inertia * BALANCE_RADPS * BALANCE_RADPS;
-        let lean = frame.left.z.clamp(-1.0, 1.0).asin();
+        let lean = start.left.z.clamp(-1.0, 1.0).asin();
         let soft = Softness {
             push_n: stiffness * (self.lean_rad - lean),
             damping: 2.0 * inertia * BALANCE_RADPS + stiffness * dt_secs,
         };
-        let row = Row::about(chassis, frame.forward).soft(soft, dt_secs, 0.0, chassis, &mut 0.0);
+        let row = Row::about(chassis, start.forward).soft(soft, dt_secs, 0.0, chassis, &mut 0.0);
         Some((row, BALANCE_RATIO * mass_kg * gravity * height_m * dt_secs))
     }
 
     /// A velocity that is held replaces what came out, except for falling.
-    fn hold_velocity(&self, frame: &Frame, chassis: &mut Chassis) {
+    fn hold_velocity(&self, start: &BodyState, chassis: &mut Chassis) {
         let Some([x, y, z]) = self.switches.held_mps else {
             return;
         };
-        let held = frame.forward * x + frame.left * y + frame.up * z;
-        let origin = held + chassis.angular.cross(frame.center - frame.pose.translation);
+        let held = start.forward * x + start.left * y + start.up * z;
+        let origin = held + chassis.angular.cross(start.center - start.pose.translation);
         chassis.linear = Vector::new(
             origin.x,
             origin.y,
@@ -371,8 +371,8 @@ impl Vehicle {
             steer_ratio: self.control.steer_ratio,
             throttle_ratio: self.control.throttle_ratio,
             brake_ratio: self.control.brake_ratio,
-            engine_rpm: self.train.engine_radps / RADPS_PER_RPM,
-            gear: self.train.gear,
+            engine_rpm: self.powertrain.engine_radps / RADPS_PER_RPM,
+            gear: self.powertrain.gear,
             drag_n: self.drag_n(velocity.norm() as f32),
             wheels: self.wheels.iter().map(wheel).collect(),
         }
@@ -421,14 +421,14 @@ fn contact(
     wheel: &Wheel,
     ground: &Ground,
     mount: &Mount,
-    frame: &Frame,
+    start: &BodyState,
     chassis: &mut Chassis,
     rows: &mut WheelRows,
     dt_secs: f32,
 ) -> Contact {
-    let lever = ground.point - frame.center;
+    let lever = ground.point - start.center;
     let normal = ground.normal;
-    let along = mount.axle.cross(normal).normalize_or(frame.forward);
+    let along = mount.axle.cross(normal).normalize_or(start.forward);
     let across = normal.cross(along);
     let radius = wheel.spec.physics.radius_m;
     let velocity = chassis.linear + chassis.angular.cross(lever);
@@ -507,12 +507,17 @@ mod tests {
     use nalgebra::Isometry3;
 
     use super::*;
-    use crate::map::MapData;
-    use crate::vehicle_models;
+    use crate::map_data::MapData;
+    use crate::vehicles::vehicle_models;
+
+    const DRY: GroundGrip<'static> = GroundGrip {
+        friction: &[],
+        grip_ratio: 1.0,
+    };
 
     fn flat_ground() -> Physics {
         let map = std::sync::Arc::new(MapData::flat(100.0));
-        let solids = crate::solids::Solids::default()
+        let solids = crate::physics::Solids::default()
             .of(&map)
             .expect("the flat map is valid");
         Physics::with_solids(map.origin_m, &solids)
@@ -523,8 +528,7 @@ mod tests {
         for car in cars {
             let around = Around {
                 physics,
-                friction: &[],
-                grip_ratio: 1.0,
+                ground: DRY,
                 dt_secs: 0.01,
             };
             if let Some(motion) = car.plan(&around) {
@@ -604,8 +608,7 @@ mod tests {
         assert_eq!(serde_json::to_string(&again).unwrap(), text);
         let around = Around {
             physics: &physics,
-            friction: &[],
-            grip_ratio: 1.0,
+            ground: DRY,
             dt_secs: 0.01,
         };
         assert_eq!(cars[0].plan(&around), again.plan(&around));

@@ -1,4 +1,4 @@
-//! One vehicle: a rigid body on wheels that feel the ground by rays, with its drive train, brakes,
+//! One vehicle: a rigid body on wheels that feel the ground by rays, with its powertrain, brakes,
 //! steering and air drag.
 //!
 //! The body's frame is the vehicle's: origin on the ground midway between the axles. Gravity and
@@ -15,14 +15,15 @@ use schema_frames::{AckermannGains, VehicleControl, VehiclePhysics};
 use schema_types::Pose;
 use serde::{Deserialize, Serialize};
 
-use crate::ackermann::{Ackermann, Seen};
-use crate::doors::Doors;
-use crate::drive::DriveTrain;
-use crate::footing::Footing;
-use crate::models::VehicleModel;
-use crate::physical::{along, rest_load_ratios};
+use super::ackermann::{Ackermann, Seen};
+use super::curve::along;
+use super::doors::Doors;
+use super::factory_data::rest_load_ratios;
+use super::footing::Footing;
+use super::model::VehicleModel;
+use super::powertrain::Powertrain;
+use super::wheel::{Wheel, WheelSpec};
 use crate::physics::{GRAVITY_MPS2, Physics, collider_tag, narrow, widen};
-use crate::wheel::{Wheel, WheelSpec};
 
 /// A vehicle this far below the map's origin has fallen out of the world, metres.
 const FALL_M: f32 = 500.0;
@@ -37,12 +38,12 @@ const JUMP_MPS: f64 = 100.0;
 /// A vehicle's physical state, whole: see the head of this file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Vehicle {
-    #[serde(with = "crate::plain::model")]
+    #[serde(with = "super::model_list::by_type_id")]
     pub model: &'static VehicleModel,
     pub body: RigidBodyHandle,
     collider: ColliderHandle,
     pub physics: Box<VehiclePhysics>,
-    pub train: DriveTrain,
+    pub powertrain: Powertrain,
     pub control: VehicleControl,
     pub ackermann: Option<Ackermann>,
     pub gains: AckermannGains,
@@ -120,7 +121,7 @@ impl Vehicle {
                 .map(Wheel::new)
                 .collect(),
             physics: Box::new(data),
-            train: DriveTrain::new(&model.engine),
+            powertrain: Powertrain::new(&model.engine),
             control: VehicleControl::default(),
             ackermann: None,
             gains: AckermannGains::default(),
@@ -147,7 +148,7 @@ impl Vehicle {
         }
     }
 
-    /// Replaces the physical data, which were checked; the drive train begins anew, velocities
+    /// Replaces the physical data, which were checked; the powertrain begins anew, velocities
     /// stay.
     pub fn set_physics(&mut self, physics: &mut Physics, mut data: VehiclePhysics) {
         for (wheel, now) in data.wheels.iter_mut().zip(&self.physics.wheels) {
@@ -163,9 +164,12 @@ impl Vehicle {
         body.recompute_mass_properties_from_colliders(&engine.colliders);
         let lever = body.center_of_mass() - body.translation();
         body.set_linvel(origin_mps + body.angvel().cross(lever), true);
-        let gear = self.train.gear.clamp(-1, data.forward_gears.len() as i32);
-        self.train = DriveTrain::new(&self.model.engine);
-        self.train.gear = gear;
+        let gear = self
+            .powertrain
+            .gear
+            .clamp(-1, data.forward_gears.len() as i32);
+        self.powertrain = Powertrain::new(&self.model.engine);
+        self.powertrain.gear = gear;
         *self.physics = data;
     }
 
@@ -271,7 +275,7 @@ impl Vehicle {
         self.wheels
             .iter_mut()
             .for_each(|wheel| *wheel = Wheel::new(wheel.spec));
-        self.train = DriveTrain::new(&self.model.engine);
+        self.powertrain = Powertrain::new(&self.model.engine);
         (self.steer_rad, self.lean_rad) = (0.0, 0.0);
         let pose = physics.engine_pose(&self.last_good.isometry());
         let body = &mut physics.engine.bodies[self.body];
@@ -402,7 +406,7 @@ impl Vehicle {
         } else {
             0
         };
-        let reverse = if self.train.gear < 0 { 64 } else { 0 };
+        let reverse = if self.powertrain.gear < 0 { 64 } else { 0 };
         self.lamps | brake | reverse
     }
 }

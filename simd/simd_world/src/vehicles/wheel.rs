@@ -13,9 +13,9 @@ use rapier3d::prelude::*;
 use schema_frames::WheelPhysics;
 use serde::{Deserialize, Serialize};
 
-use crate::footing::{Feeler, Felt};
+use super::footing::{Feeler, Felt};
+use super::wheel_solver::Softness;
 use crate::physics::GRAVITY_MPS2;
-use crate::solver::Softness;
 
 /// Length of the unloaded spring, metres.
 const SPRING_M: f32 = 0.30;

@@ -1,101 +1,100 @@
 //! Walkers against vehicles and against each other.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::query::contact;
 use rapier3d::parry::shape::Cuboid;
 use schema_types::{ActorId, Class};
 
-use super::{Fall, Walker};
+use super::walker::{Fall, Walker};
 use crate::physics::{Collision, Physics, narrow, widen};
-use crate::vehicle::{Vehicle, chassis_box};
-use crate::world::World;
+use crate::vehicles::{Vehicle, Vehicles, chassis_box};
 
 /// From this closing speed on, a vehicle knocks a walker over that is not invincible, m/s.
 pub const KNOCK_MPS: f64 = 2.0;
 
-impl World {
-    /// After a sub-step of the vehicles: whom they run into.
-    pub(crate) fn meet_vehicles(&mut self) {
-        // A collision changes speeds and moves walkers, but no vehicle.
-        let vehicles: Vec<_> = self
-            .vehicles
-            .iter()
-            .map(|(id, vehicle)| (id, vehicle, Nearby::of(vehicle, &self.physics)))
-            .collect();
-        for (walker_id, walker) in self
-            .walkers
-            .iter_mut()
-            .filter(|(_, walker)| walker.collides && !walker.lost)
-        {
-            for (vehicle_id, vehicle, nearby) in &vehicles {
-                if nearby.is_far(walker) {
-                    continue;
-                }
-                let Some((impulse_ns, point_m)) =
-                    hit(&mut self.physics, vehicle, &nearby.pose, walker)
-                else {
-                    continue;
-                };
-                let (of_vehicle, of_walker) = (
-                    (**vehicle_id, vehicle.model.class),
-                    (*walker_id, Class::PEDESTRIANS),
-                );
-                for (who, whom, impulse_ns) in [
-                    (of_vehicle, of_walker, -impulse_ns),
-                    (of_walker, of_vehicle, impulse_ns),
-                ] {
-                    self.physics.log_contact(Collision {
-                        actor: who.0,
-                        other: Some(whom.0),
-                        other_class: whom.1,
-                        impulse_in_world_ns: impulse_ns.into(),
-                        point_in_world_m: point_m.into(),
-                    });
-                }
+/// After a sub-step of the vehicles: whom they run into.
+pub(super) fn meet_vehicles(
+    walkers: &mut BTreeMap<ActorId, Walker>,
+    vehicles: &Vehicles,
+    physics: &mut Physics,
+) {
+    // A collision changes speeds and moves walkers, but no vehicle.
+    let vehicles: Vec<_> = vehicles
+        .by_id
+        .iter()
+        .map(|(id, vehicle)| (id, vehicle, Nearby::of(vehicle, physics)))
+        .collect();
+    for (walker_id, walker) in walkers
+        .iter_mut()
+        .filter(|(_, walker)| walker.collides && !walker.lost)
+    {
+        for (vehicle_id, vehicle, nearby) in &vehicles {
+            if nearby.is_far(walker) {
+                continue;
+            }
+            let Some((impulse_ns, point_m)) = hit(physics, vehicle, &nearby.pose, walker) else {
+                continue;
+            };
+            let (of_vehicle, of_walker) = (
+                (**vehicle_id, vehicle.model.class),
+                (*walker_id, Class::PEDESTRIANS),
+            );
+            for (who, whom, impulse_ns) in [
+                (of_vehicle, of_walker, -impulse_ns),
+                (of_walker, of_vehicle, impulse_ns),
+            ] {
+                physics.log_contact(Collision {
+                    actor: who.0,
+                    other: Some(whom.0),
+                    other_class: whom.1,
+                    impulse_in_world_ns: impulse_ns.into(),
+                    point_in_world_m: point_m.into(),
+                });
             }
         }
     }
+}
 
-    /// Walkers do not stand in each other: both give way by half.
-    pub(crate) fn part_walkers(&mut self) {
-        let mut order: Vec<(f64, ActorId)> = self
-            .walkers
-            .iter()
-            .filter(|(_, walker)| walker.collides && walker.fall.is_none())
-            .map(|(id, w)| (w.feet_m[0], *id))
-            .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for i in 0..order.len() {
-            for j in i + 1..order.len() {
-                if order[j].0 - order[i].0 > 1.0 {
-                    break;
-                }
-                self.part(order[i].1, order[j].1);
+/// Walkers do not stand in each other: both give way by half.
+pub(super) fn part_walkers(walkers: &mut BTreeMap<ActorId, Walker>) {
+    let mut order: Vec<(f64, ActorId)> = walkers
+        .iter()
+        .filter(|(_, walker)| walker.collides && walker.fall.is_none())
+        .map(|(id, w)| (w.feet_m[0], *id))
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    for i in 0..order.len() {
+        for j in i + 1..order.len() {
+            if order[j].0 - order[i].0 > 1.0 {
+                break;
             }
+            part(walkers, order[i].1, order[j].1);
         }
     }
+}
 
-    fn part(&mut self, a: ActorId, b: ActorId) {
-        let (first, second) = (self.walkers[&a].standing(), self.walkers[&b].standing());
-        let between = second.feet_m - first.feet_m;
-        let (away_m, room_m) = (
-            between.xy().norm(),
-            0.85 * (first.radius_m + second.radius_m),
-        );
-        if away_m >= room_m || between.z.abs() > first.height_m.min(second.height_m) {
-            return;
-        }
-        let way = if away_m > 1e-6 {
-            Vector3::new(between.x, between.y, 0.0) / away_m
-        } else {
-            Vector3::x()
-        };
-        for (id, sign) in [(a, -0.5), (b, 0.5)] {
-            if let Some(walker) = self.walkers.get_mut(&id).filter(|walker| walker.simulated) {
-                walker.feet_m =
-                    (Vector3::from(walker.feet_m) + way * (sign * (room_m - away_m))).into();
-            }
+fn part(walkers: &mut BTreeMap<ActorId, Walker>, a: ActorId, b: ActorId) {
+    let (first, second) = (walkers[&a].standing(), walkers[&b].standing());
+    let between = second.feet_m - first.feet_m;
+    let (away_m, room_m) = (
+        between.xy().norm(),
+        0.85 * (first.radius_m + second.radius_m),
+    );
+    if away_m >= room_m || between.z.abs() > first.height_m.min(second.height_m) {
+        return;
+    }
+    let way = if away_m > 1e-6 {
+        Vector3::new(between.x, between.y, 0.0) / away_m
+    } else {
+        Vector3::x()
+    };
+    for (id, sign) in [(a, -0.5), (b, 0.5)] {
+        if let Some(walker) = walkers.get_mut(&id).filter(|walker| walker.simulated) {
+            walker.feet_m =
+                (Vector3::from(walker.feet_m) + way * (sign * (room_m - away_m))).into();
         }
     }
 }

@@ -185,7 +185,8 @@ impl WalkerModel {
         }
     }
 
-    pub(crate) fn catalogue_entry(&self) -> CatalogueEntry {
+    /// Attributes with their values in the catalogue.
+    pub(crate) fn attributes(&self) -> BTreeMap<String, String> {
         let mut attributes = BTreeMap::from([
             ("age".to_owned(), self.age.to_owned()),
             ("gender".to_owned(), self.gender.to_owned()),
@@ -197,12 +198,16 @@ impl WalkerModel {
             attributes.insert("can_use_wheelchair".to_owned(), "true".to_owned());
             attributes.insert("use_wheelchair".to_owned(), "false".to_owned());
         }
+        attributes
+    }
+
+    pub(crate) fn catalogue_entry(&self) -> CatalogueEntry {
         CatalogueEntry {
             type_id: self.type_id.clone(),
             kind: "walker".to_owned(),
             class: Class::PEDESTRIANS.0,
             body_box: self.body_box(),
-            attributes,
+            attributes: self.attributes(),
             recommended: BTreeMap::from([(
                 "speed".to_owned(),
                 [0.0, self.speeds_mps[0], self.speeds_mps[1]]

@@ -21,8 +21,6 @@ const STANDS_M: f64 = 2e-4;
 pub const JUMP_MPS: f64 = 5.0;
 /// Longest piece of time moved at once, seconds.
 pub const MAX_PIECE_SECS: f64 = 0.05;
-/// Speed at which limbs change over to another gait, m/s².
-const GAIT_MPS2: f64 = 6.0;
 
 /// A body that stands upright: feet, size, vertical speed.
 #[derive(Clone, Copy, Debug)]
@@ -182,10 +180,4 @@ pub fn ground_below(
     let ray = Ray::new(from, -Vector::Z);
     let (_, way) = pipeline.cast_ray(&ray, (above_m + below_m) as f32, false)?;
     Some(f64::from(way) - above_m)
-}
-
-/// Shown speed after `dt_secs` of walking at `speed_mps`.
-pub fn eased_mps(shown_mps: f64, speed_mps: f64, dt_secs: f64) -> f64 {
-    let most = GAIT_MPS2 * dt_secs;
-    shown_mps + (speed_mps - shown_mps).clamp(-most, most)
 }

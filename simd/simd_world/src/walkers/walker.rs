@@ -5,33 +5,20 @@
 //! moves by itself. What a vehicle does to it
 //! is an inelastic collision of two masses, so that the vehicle feels it too.
 
-mod bones;
-mod crowd;
-mod detour;
-mod impact;
-#[path = "model.rs"]
-mod models;
-#[path = "standing.rs"]
-mod motion;
-
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use schema_frames::{ActorKind, WalkerControl, WalkerPart};
-use schema_types::{ActorId, Pose};
+use schema_frames::{WalkerControl, WalkerPart};
+use schema_types::Pose;
 use serde::{Deserialize, Serialize};
-use simd_body::person::Posture;
+use simd_body::person::{N_PARTS, Posture, Skeleton};
 
-pub(crate) use bones::OwnPose;
-pub(crate) use crowd::Crowd;
-pub use models::{WalkerModel, walker_models};
-use motion::{MAX_PIECE_SECS, Standing, eased_mps, ground_below};
-
+use super::control::{Lead, MAX_SPEED_MPS};
+use super::model::{WalkerModel, walker_models};
+use super::own_pose::OwnPose;
+use super::standing::{Standing, ground_below};
 use crate::physics::{GRAVITY_MPS2, Physics};
-use crate::world::{ActorError, World};
 
 /// How fast a walker turns, rad/s.
 const TURN_RADPS: f64 = 9.4;
-/// Fastest that a control can ask for, m/s.
-pub const MAX_SPEED_MPS: f32 = 15.0;
 /// How fast a body falls over, rad/s.
 const TOPPLE_RADPS: f64 = 5.5;
 /// Height of a lying body's middle, metres.
@@ -40,11 +27,9 @@ const LYING_M: f64 = 0.15;
 const SLIDING_FRICTION: f64 = 0.6;
 /// A led walker that is not told where to go stands still after this time, seconds.
 const LED_SECS: f64 = 0.3;
-/// Longest time that strollers walk on without looking where they go, seconds: no further than they
-/// see a corner as reached.
-const LEAD_SECS: f64 = 0.2;
-/// Farthest below the map that a walker may fall, metres.
-const FALL_M: f64 = 500.0;
+
+/// Speed at which limbs change over to another gait, m/s².
+const GAIT_MPS2: f64 = 6.0;
 
 /// A walker that was knocked down.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,6 +160,32 @@ impl Walker {
         }
     }
 
+    /// Holds a control until it is replaced; the walker moves by itself from then on.
+    pub fn hold_control(&mut self, control: WalkerControl) {
+        self.control = control;
+        (self.led, self.simulated) = (None, true);
+    }
+
+    /// Puts its feet on the ground nearest to where the leader says; a fallen one stays down.
+    pub fn lead(&mut self, lead: &Lead, physics: &Physics) {
+        let mut feet_m = Vector3::from(lead.ground_point_m);
+        feet_m.z -= ground_below(physics, &feet_m, 1.0, 1.5).unwrap_or(0.0);
+        let lies = self.fall;
+        self.put(feet_m, lead.yaw_rad);
+        self.fall = lies;
+        self.led = Some((lead.speed_mps, 0.0));
+        (self.simulated, self.on_ground) = (false, true);
+    }
+
+    /// Puts the middle of its body at a pose; only the heading of the rotation counts.
+    pub fn put_middle(&mut self, pose: &Pose) {
+        let [x, y, z] = pose.translation_m;
+        let feet_m = Vector3::new(x, y, z - 0.5 * self.model().shape.height_m);
+        self.put(feet_m, pose.yaw_rad());
+        self.on_ground = false;
+        self.last_feet_m = feet_m.into();
+    }
+
     /// Puts its feet somewhere and lets it stand up.
     fn put(&mut self, feet_m: Vector3<f64>, yaw_rad: f64) {
         (self.feet_m, self.yaw_rad) = (feet_m.into(), yaw_rad);
@@ -182,7 +193,7 @@ impl Walker {
     }
 
     /// One piece of time of a walker that moves by itself.
-    fn walk(&mut self, physics: &Physics, dt_secs: f64) {
+    pub fn walk(&mut self, physics: &Physics, dt_secs: f64) {
         let mut standing = self.standing();
         let wish = self.wish_mps();
         if let Some(fall) = &mut self.fall {
@@ -220,7 +231,7 @@ impl Walker {
     }
 
     /// Horizontal velocity that its control asks for.
-    fn wish_mps(&self) -> Vector3<f64> {
+    pub fn wish_mps(&self) -> Vector3<f64> {
         let [x, y, _] = self.control.direction.map(f64::from);
         let direction = Vector3::new(x, y, 0.0)
             .try_normalize(1e-6)
@@ -236,7 +247,7 @@ impl Walker {
     }
 
     /// After a tick: velocity, and the limbs by the way gone.
-    fn finish(&mut self, yaw_before_rad: f64, dt_secs: f64) {
+    pub fn finish(&mut self, yaw_before_rad: f64, dt_secs: f64) {
         use std::f64::consts::{PI, TAU};
         let moved = Vector3::from(self.feet_m) - Vector3::from(self.last_feet_m);
         let way_m = moved.xy().norm();
@@ -270,6 +281,32 @@ impl Walker {
         self.gait_rad = (self.gait_rad + TAU * way_m / stride_m).rem_euclid(TAU);
     }
 
+    /// Bones in their parents' space as they are shown.
+    pub fn relative_bones(&self) -> Vec<Isometry3<f64>> {
+        let skeleton = self.model().shape.skeleton();
+        let mut shown = skeleton.relative_bones(self.posture());
+        if let Some(own) = self.own_pose.as_ref().filter(|own| own.is_shown()) {
+            own.mix_into(&mut shown, &skeleton);
+        }
+        shown
+    }
+
+    /// Poses of the body's parts as they are shown, about the ground between the feet.
+    pub fn parts(&self) -> [Isometry3<f64>; N_PARTS] {
+        let skeleton = self.model().shape.skeleton();
+        match &self.own_pose {
+            Some(own) if own.is_shown() => {
+                skeleton.parts_on(&Skeleton::chain(&self.relative_bones()))
+            }
+            _ => skeleton.parts(self.posture()),
+        }
+    }
+
+    /// From the ground under the middle of the body to the world.
+    pub fn world_from_ground(&self) -> Isometry3<f64> {
+        self.pose() * Translation3::new(0.0, 0.0, -0.5 * self.model().shape.height_m)
+    }
+
     /// What the snapshot says.
     pub fn part(&self) -> WalkerPart {
         let flag = |bit: u32, on: bool| if on { bit } else { 0 };
@@ -287,157 +324,8 @@ impl Walker {
     }
 }
 
-impl World {
-    /// Leads the strollers and moves the walkers by one tick, after the vehicles; a long tick in
-    /// pieces, so that nobody walks past a corner.
-    pub(crate) fn move_walkers(&mut self, dt_secs: f64) {
-        let n_leads = (dt_secs / LEAD_SECS - 1e-9).ceil().max(1.0) as u32;
-        let yaws_before_rad: Vec<f64> =
-            self.walkers.values().map(|walker| walker.yaw_rad).collect();
-        for _ in 0..n_leads {
-            self.lead_crowd(dt_secs / f64::from(n_leads));
-            self.walk_all(dt_secs / f64::from(n_leads));
-        }
-        for (walker, yaw_before_rad) in self.walkers.values_mut().zip(yaws_before_rad) {
-            walker.finish(yaw_before_rad, dt_secs);
-        }
-        self.part_walkers();
-    }
-
-    /// Whoever moves by itself walks on for one piece of a tick.
-    fn walk_all(&mut self, dt_secs: f64) {
-        let n_pieces = (dt_secs / MAX_PIECE_SECS - 1e-9).ceil().max(1.0) as u32;
-        let piece_secs = dt_secs / f64::from(n_pieces);
-        let floor_m = self.map.origin_m[2] - FALL_M;
-        for (id, walker) in &mut self.walkers {
-            if walker.simulated && !walker.lost {
-                (0..n_pieces).for_each(|_| walker.walk(&self.physics, piece_secs));
-                if !(walker.feet_m.iter().all(|x| x.is_finite()) && walker.feet_m[2] > floor_m) {
-                    tracing::error!(
-                        actor = id.0,
-                        "walker fell out of the world and was stopped; destroy it or set its pose"
-                    );
-                    walker.feet_m = walker.last_feet_m;
-                    walker.lost = true;
-                }
-            }
-        }
-    }
-
-    /// Holds a walker's control until it is replaced.
-    ///
-    /// # Errors
-    /// [`ActorError`] for another kind of actor and for numbers that cannot be used.
-    pub fn control_walker(
-        &mut self,
-        actor: ActorId,
-        control: WalkerControl,
-    ) -> Result<(), ActorError> {
-        let value = |problem| ActorError::Value {
-            actor,
-            what: "walker control",
-            problem,
-        };
-        if !control
-            .direction
-            .iter()
-            .all(|x| x.is_finite() && x.abs() < 1e6)
-        {
-            return Err(value("must have a finite direction"));
-        }
-        if !(0.0..=MAX_SPEED_MPS).contains(&control.speed_mps) {
-            return Err(value("must have a speed of 0 to 15 m/s"));
-        }
-        let walker = self.walker_mut(actor)?;
-        walker.control = control;
-        (walker.led, walker.simulated) = (None, true);
-        self.refresh_records(None);
-        Ok(())
-    }
-
-    /// Puts a walker's feet on the ground nearest to a point, facing `yaw_rad`; its limbs move as
-    /// at `speed_mps`.
-    ///
-    /// # Errors
-    /// As [`World::control_walker`].
-    pub fn lead_walker(
-        &mut self,
-        actor: ActorId,
-        ground_point_m: [f64; 3],
-        yaw_rad: f64,
-        speed_mps: f64,
-    ) -> Result<(), ActorError> {
-        let value = |what, problem| ActorError::Value {
-            actor,
-            what,
-            problem,
-        };
-        if !ground_point_m
-            .iter()
-            .all(|x| x.is_finite() && x.abs() < 1e5)
-            || !yaw_rad.is_finite()
-        {
-            return Err(value(
-                "place",
-                "must be finite and within 100 km of the origin",
-            ));
-        }
-        if !(0.0..=f64::from(MAX_SPEED_MPS)).contains(&speed_mps) {
-            return Err(value("speed", "must be 0 to 15 m/s"));
-        }
-        self.walker_mut(actor)?;
-        let mut feet_m = Vector3::from(ground_point_m);
-        feet_m.z -= ground_below(&self.physics, &feet_m, 1.0, 1.5).unwrap_or(0.0);
-        let walker = self.walker_mut(actor)?;
-        let lies = walker.fall;
-        walker.put(feet_m, yaw_rad);
-        walker.fall = lies;
-        walker.led = Some((speed_mps, 0.0));
-        (walker.simulated, walker.on_ground) = (false, true);
-        self.refresh_records(None);
-        Ok(())
-    }
-
-    /// Puts the middle of a walker's body at a pose; only the heading of the rotation counts.
-    pub(crate) fn put_walker(&mut self, actor: ActorId, pose: &Pose) {
-        if let Some(walker) = self.walkers.get_mut(&actor) {
-            let [x, y, z] = pose.translation_m;
-            let feet_m = Vector3::new(x, y, z - 0.5 * walker.model().shape.height_m);
-            walker.put(feet_m, pose.yaw_rad());
-            walker.on_ground = false;
-            walker.last_feet_m = feet_m.into();
-        }
-    }
-
-    pub(crate) fn walker_mut(&mut self, actor: ActorId) -> Result<&mut Walker, ActorError> {
-        match self.walkers.get_mut(&actor) {
-            Some(walker) => Ok(walker),
-            None => Err(match self.actors.get(&actor) {
-                None => ActorError::Unknown(actor),
-                Some(other) => {
-                    let type_id = self.catalogue.entries[other.catalogue_idx as usize]
-                        .type_id
-                        .clone();
-                    ActorError::WrongKind {
-                        actor,
-                        type_id,
-                        needed: "walker",
-                    }
-                }
-            }),
-        }
-    }
-
-    /// Lets a new walker stand on the ground if its feet would be in it.
-    pub(crate) fn lifted(&self, feet_m: Vector3<f64>, height_m: f64) -> Vector3<f64> {
-        match ground_below(&self.physics, &feet_m, height_m, 0.0) {
-            Some(down_m) if down_m < 0.0 => feet_m - Vector3::z() * down_m,
-            _ => feet_m,
-        }
-    }
-
-    /// Whether this kind of actor is moved by this module.
-    pub(crate) fn is_walker(kind: ActorKind) -> bool {
-        kind == ActorKind::Walker
-    }
+/// Shown speed after `dt_secs` of walking at `speed_mps`.
+pub fn eased_mps(shown_mps: f64, speed_mps: f64, dt_secs: f64) -> f64 {
+    let most = GAIT_MPS2 * dt_secs;
+    shown_mps + (speed_mps - shown_mps).clamp(-most, most)
 }

@@ -1,0 +1,156 @@
+//! Who exists: what is constant about each actor, and the counts that only ever rise.
+
+use std::collections::BTreeMap;
+
+use schema_frames::ActorKind;
+use schema_frames::document::{ActorInfo, ActorList, BodyBox, Catalogue, TopicInfo};
+use schema_types::{ActorId, Pose};
+use serde::{Deserialize, Serialize};
+
+use crate::errors::{ActorError, DestroyError};
+
+/// Everything constant about an actor, and its place on its parent.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Actor {
+    pub id: ActorId,
+    pub kind: ActorKind,
+    /// Index into the catalogue's entries.
+    pub catalogue_idx: u32,
+    pub role: String,
+    pub parent: Option<ActorId>,
+    /// World pose of an actor that does not move by itself; pose on the parent of an attached one.
+    pub pose: Pose,
+    pub attributes: BTreeMap<String, String>,
+    pub topics: Vec<TopicInfo>,
+}
+
+impl Actor {
+    /// The catalogue id of its type.
+    pub fn type_id<'c>(&self, catalogue: &'c Catalogue) -> &'c String {
+        &catalogue.entries[self.catalogue_idx as usize].type_id
+    }
+}
+
+/// All actors by rising id. A parent always has a smaller id than what is attached to it.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Actors {
+    pub by_id: BTreeMap<ActorId, Actor>,
+}
+
+impl Actors {
+    pub fn get(&self, actor: ActorId) -> Result<&Actor, ActorError> {
+        self.by_id.get(&actor).ok_or(ActorError::Unknown(actor))
+    }
+
+    pub fn get_mut(&mut self, actor: ActorId) -> Result<&mut Actor, ActorError> {
+        self.by_id.get_mut(&actor).ok_or(ActorError::Unknown(actor))
+    }
+
+    pub fn contains(&self, actor: ActorId) -> bool {
+        self.by_id.contains_key(&actor)
+    }
+
+    pub fn add(&mut self, actor: Actor) {
+        self.by_id.insert(actor.id, actor);
+    }
+
+    /// Why `actor` cannot be treated as a `needed`: it does not exist or is of another kind.
+    pub fn is_no(&self, needed: &'static str, actor: ActorId, catalogue: &Catalogue) -> ActorError {
+        match self.get(actor) {
+            Err(unknown) => unknown,
+            Ok(other) => ActorError::WrongKind {
+                actor,
+                type_id: other.type_id(catalogue).clone(),
+                needed,
+            },
+        }
+    }
+
+    /// An actor that may be destroyed and everything attached to it, by rising id.
+    pub fn with_attached(
+        &self,
+        actor: ActorId,
+        catalogue: &Catalogue,
+    ) -> Result<Vec<ActorId>, DestroyError> {
+        let target = self.by_id.get(&actor).ok_or(DestroyError::Unknown(actor))?;
+        if !matches!(
+            target.kind,
+            ActorKind::Vehicle
+                | ActorKind::Walker
+                | ActorKind::Prop
+                | ActorKind::Sensor
+                | ActorKind::Controller
+        ) {
+            let type_id = target.type_id(catalogue).clone();
+            return Err(DestroyError::OfTheMap { actor, type_id });
+        }
+        let mut found = vec![actor];
+        // Parents have smaller ids, so one pass finds whole chains.
+        for other in self.by_id.values() {
+            if other.parent.is_some_and(|parent| found.contains(&parent)) {
+                found.push(other.id);
+            }
+        }
+        Ok(found)
+    }
+
+    /// The document `world/actors`; `trigger_boxes` are those of lights and signs.
+    pub fn list(
+        &self,
+        catalogue: &Catalogue,
+        trigger_boxes: &BTreeMap<ActorId, BodyBox>,
+    ) -> ActorList {
+        let info = |actor: &Actor| {
+            let entry = &catalogue.entries[actor.catalogue_idx as usize];
+            ActorInfo {
+                id: actor.id.0,
+                type_id: entry.type_id.clone(),
+                kind: entry.kind.clone(),
+                role: actor.role.clone(),
+                parent_id: actor.parent.map_or(0, |parent| parent.0),
+                mount: actor.parent.map(|_| actor.pose.into()),
+                body_box: BodyBox { ..entry.body_box },
+                trigger_box: trigger_boxes.get(&actor.id).copied(),
+                attributes: actor.attributes.clone(),
+                topics: actor.topics.clone(),
+            }
+        };
+        ActorList {
+            actors: self.by_id.values().map(info).collect(),
+        }
+    }
+}
+
+/// Counts that only ever rise: restoring a checkpoint does not turn them back.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct Counts {
+    next_actor: u32,
+    /// Changes of the list of actors.
+    pub actors_revision: u64,
+    /// Map loads.
+    pub episode: u32,
+}
+
+impl Counts {
+    /// Of a world that has never had an actor.
+    pub const START: Counts = Counts {
+        next_actor: 1,
+        actors_revision: 0,
+        episode: 0,
+    };
+
+    /// An id that no actor has had before.
+    pub fn new_id(&mut self) -> ActorId {
+        let id = ActorId(self.next_actor);
+        self.next_actor += 1;
+        id
+    }
+
+    /// The counts after a restore: ids of both pasts stay used, the rest goes on from `living`.
+    pub fn after_restore(self, living: Counts) -> Counts {
+        Counts {
+            next_actor: self.next_actor.max(living.next_actor),
+            ..living
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! Why an actor was not made, not removed or not changed.
+
+use schema_types::ActorId;
+
+/// Why an actor was not made.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SpawnError {
+    /// Unknown type.
+    #[error("unknown type {0:?}; world/catalogue lists what can be spawned")]
+    UnknownType(String),
+    /// The map brings these.
+    #[error("{0:?} belongs to the map and cannot be spawned")]
+    OfTheMap(String),
+    /// The pose is not a pose.
+    #[error("cannot spawn {type_id:?}: its pose {problem}")]
+    Pose {
+        /// Catalogue id.
+        type_id: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// No such parent.
+    #[error("cannot attach {type_id:?}: there is no actor {parent}")]
+    Parent {
+        /// Catalogue id.
+        type_id: String,
+        /// The id asked for.
+        parent: ActorId,
+    },
+    /// Only sensors ride on others.
+    #[error(
+        "cannot attach {0:?} to an actor: only sensors, controllers and props can be attached; leave parent_id out"
+    )]
+    Attached(String),
+    /// Something is there already.
+    #[error(
+        "spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}"
+    )]
+    Occupied {
+        /// Catalogue id.
+        type_id: String,
+        /// What it would touch.
+        obstacle: String,
+    },
+    /// Unknown or unusable attribute.
+    #[error("cannot spawn {type_id:?}: attribute {name:?} is {value:?}, but {allowed}")]
+    Attribute {
+        /// Catalogue id.
+        type_id: String,
+        /// Attribute.
+        name: String,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// A spawn point that the map does not have.
+    #[error("spawn point {idx} does not exist: map {map:?} has {n_points}, counted from 0")]
+    SpawnPoint {
+        /// Index asked for.
+        idx: usize,
+        /// Map.
+        map: String,
+        /// How many there are.
+        n_points: usize,
+    },
+}
+
+/// An attribute that cannot have the value it was given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct BadAttribute {
+    pub name: String,
+    pub value: String,
+    /// What is allowed instead, as the end of a sentence.
+    pub allowed: String,
+}
+
+impl BadAttribute {
+    /// The error of spawning a `type_id` with it.
+    pub fn of(self, type_id: &str) -> SpawnError {
+        SpawnError::Attribute {
+            type_id: type_id.to_owned(),
+            name: self.name,
+            value: self.value,
+            allowed: self.allowed,
+        }
+    }
+}
+
+/// Why an actor was not removed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DestroyError {
+    /// No such actor.
+    #[error("unable to destroy actor {0}: not found")]
+    Unknown(ActorId),
+    /// The map brings these.
+    #[error("unable to destroy actor {actor}: {type_id:?} belongs to the map")]
+    OfTheMap {
+        /// The actor.
+        actor: ActorId,
+        /// Catalogue id.
+        type_id: String,
+    },
+}
+
+/// Why something could not be done to an actor.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ActorError {
+    /// No such actor.
+    #[error("actor {0} not found; it may have been destroyed")]
+    Unknown(ActorId),
+    /// The actor is of another kind.
+    #[error("actor {actor} is a {type_id}, but this needs a {needed}")]
+    WrongKind {
+        /// The actor.
+        actor: ActorId,
+        /// What it is.
+        type_id: String,
+        /// What would do.
+        needed: &'static str,
+    },
+    /// A number cannot be used.
+    #[error("{what} of actor {actor} {problem}")]
+    Value {
+        /// The actor.
+        actor: ActorId,
+        /// Which quantity.
+        what: &'static str,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+}
+
+/// Why an action on an actor's body was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ActionError {
+    /// The actor cannot be acted on.
+    #[error(transparent)]
+    Actor(#[from] ActorError),
+    /// A value cannot be used; the sentence names it and what is allowed.
+    #[error("{0}")]
+    Value(String),
+}

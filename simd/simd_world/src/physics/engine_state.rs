@@ -1,0 +1,92 @@
+//! The physics engine's state, copied and written into checkpoints.
+//!
+//! In a checkpoint's bytes, colliders of the map travel with a stand-in for their shape and take the
+//! shape back from the living world.
+
+use rapier3d::prelude::*;
+use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
+
+/// A copy of the engine's state with workspaces of its own.
+pub(crate) fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
+    PhysicsWorld {
+        gravity: engine.gravity,
+        integration_parameters: engine.integration_parameters,
+        physics_pipeline: PhysicsPipeline::new(),
+        collision_pipeline: CollisionPipeline::new(),
+        islands: engine.islands.clone(),
+        broad_phase: engine.broad_phase.clone(),
+        narrow_phase: engine.narrow_phase.clone(),
+        bodies: engine.bodies.clone(),
+        colliders: engine.colliders.clone(),
+        impulse_joints: engine.impulse_joints.clone(),
+        multibody_joints: engine.multibody_joints.clone(),
+        soft_bodies: engine.soft_bodies.clone(),
+        ccd_solver: CCDSolver::new(),
+    }
+}
+
+/// Colliders whose shape comes with the map: triangles are nobody else's.
+fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ {
+    engine
+        .colliders
+        .iter()
+        .filter(|(_, collider)| collider.shape().as_trimesh().is_some())
+        .map(|(handle, _)| handle)
+}
+
+/// Radius of a stand-in; nothing real is that small.
+const STAND_IN_M: f32 = f32::MIN_POSITIVE;
+
+pub(crate) fn serialize<S: Serializer>(
+    engine: &PhysicsWorld,
+    serializer: S,
+) -> Result<S::Ok, S::Error> {
+    let mut light = copy(engine);
+    for handle in geometry(engine) {
+        if let Some(collider) = light.colliders.get_mut(handle) {
+            collider.set_shape(SharedShape::ball(STAND_IN_M));
+        }
+    }
+    light.serialize(serializer)
+}
+
+pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<PhysicsWorld, D::Error> {
+    PhysicsWorld::deserialize(deserializer)
+}
+
+/// Puts the colliders of the map where the stand-ins are. The living ones come whole: with them
+/// comes the mark "nothing changed here", so
+/// that the engine keeps what it knows of their contacts.
+pub(crate) fn take_geometry(
+    engine: &mut PhysicsWorld,
+    living: &PhysicsWorld,
+) -> Result<(), String> {
+    for handle in geometry(living) {
+        let Some(original) = living.colliders.get(handle) else {
+            continue;
+        };
+        if let Some(stand_in) = engine.colliders.get_mut(handle) {
+            let is_enabled = stand_in.is_enabled();
+            *stand_in = original.clone();
+            if stand_in.is_enabled() != is_enabled {
+                stand_in.set_enabled(is_enabled);
+            }
+        }
+    }
+    let is_stand_in = |collider: &Collider| {
+        collider
+            .shape()
+            .as_ball()
+            .is_some_and(|ball| ball.radius == STAND_IN_M)
+    };
+    match engine
+        .colliders
+        .iter()
+        .any(|(_, collider)| is_stand_in(collider))
+    {
+        true => Err("it has solid geometry that the loaded map lacks".to_owned()),
+        false => Ok(()),
+    }
+}

@@ -1,0 +1,116 @@
+//! The solid things that stand still: ground, buildings, props.
+
+use rapier3d::math::{Pose, Vector};
+use rapier3d::prelude::*;
+
+/// A box along the axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Room {
+    pub low: Vector,
+    pub high: Vector,
+}
+
+impl Room {
+    pub const NOWHERE: Room = Room {
+        low: Vector::splat(f32::INFINITY),
+        high: Vector::splat(f32::NEG_INFINITY),
+    };
+
+    pub fn around(points: impl IntoIterator<Item = Vector>) -> Room {
+        points.into_iter().fold(Room::NOWHERE, |room, point| Room {
+            low: room.low.min(point),
+            high: room.high.max(point),
+        })
+    }
+
+    pub fn grown(self, margin: Vector) -> Room {
+        Room {
+            low: self.low - margin,
+            high: self.high + margin,
+        }
+    }
+
+    pub fn touches(&self, other: &Room) -> bool {
+        self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
+    }
+
+    pub fn contains(&self, other: &Room) -> bool {
+        self.low.cmple(other.low).all() && other.high.cmple(self.high).all()
+    }
+
+    pub fn aabb(&self) -> Aabb {
+        Aabb::new(self.low, self.high)
+    }
+}
+
+impl From<Aabb> for Room {
+    fn from(aabb: Aabb) -> Room {
+        Room {
+            low: aabb.mins,
+            high: aabb.maxs,
+        }
+    }
+}
+
+/// One thing that stands still.
+#[derive(Clone, Debug)]
+pub(crate) struct Still {
+    pub collider: ColliderHandle,
+    pub place: Pose,
+    pub room: Room,
+}
+
+/// What stands still: ground, buildings, things that were put down. By rising handle.
+#[derive(Clone, Default)]
+pub(crate) struct StillThings {
+    /// Grows with every change; 0: never looked.
+    revision: u64,
+    is_known: bool,
+    things: Vec<Still>,
+}
+
+impl StillThings {
+    /// Grows with every change; 0 before the first look.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// The things by rising collider handle.
+    pub fn things(&self) -> &[Still] {
+        &self.things
+    }
+
+    /// Something was added, moved, reshaped or taken away.
+    pub fn forget(&mut self) {
+        self.is_known = false;
+    }
+
+    /// Lists what stands still, if that may have changed.
+    pub fn refresh(&mut self, bodies: &RigidBodySet, colliders: &ColliderSet) {
+        if self.is_known {
+            return;
+        }
+        self.things.clear();
+        for (handle, collider) in colliders.iter() {
+            let body = collider.parent().and_then(|parent| bodies.get(parent));
+            if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() {
+                continue;
+            }
+            // A body that was moved takes its colliders along in the next step only; the wheels are
+            // earlier.
+            let place = match (body, collider.position_wrt_parent()) {
+                (Some(body), Some(in_body)) => *body.position() * *in_body,
+                _ => *collider.position(),
+            };
+            self.things.push(Still {
+                collider: handle,
+                place,
+                room: collider.shape().compute_aabb(&place).into(),
+            });
+        }
+        self.things
+            .sort_by_key(|thing| thing.collider.into_raw_parts());
+        self.revision += 1;
+        self.is_known = true;
+    }
+}

@@ -1,0 +1,109 @@
+//! Props: things that can be put down and stand still.
+
+mod model;
+
+use std::collections::BTreeMap;
+
+use nalgebra::Isometry3;
+use rapier3d::math::{Pose as EnginePose, Vector};
+use rapier3d::parry::query::intersection_test;
+use rapier3d::parry::shape::Shape;
+use rapier3d::prelude::*;
+use schema_types::{ActorId, Pose};
+use serde::{Deserialize, Serialize};
+
+use crate::physics::{Physics, collider_tag};
+
+pub use model::{PropModel, prop_models};
+
+/// A prop in the world. What is attached to another actor has no body of its own.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Prop {
+    /// Index into [`prop_models`].
+    pub model_idx: u16,
+    pub body: Option<RigidBodyHandle>,
+}
+
+/// All props by rising id.
+#[derive(Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Props {
+    by_id: BTreeMap<ActorId, Prop>,
+}
+
+impl Props {
+    pub fn get(&self, actor: ActorId) -> Option<&Prop> {
+        self.by_id.get(&actor)
+    }
+
+    /// Adds a prop that stands by itself, with a body in the engine.
+    pub fn add_standing(
+        &mut self,
+        actor: ActorId,
+        model_idx: usize,
+        pose: &Pose,
+        physics: &mut Physics,
+    ) {
+        let model = &prop_models()[model_idx];
+        let half = model.engine_half();
+        let body = RigidBodyBuilder::fixed().pose(physics.engine_pose(&pose.isometry()));
+        let collider = ColliderBuilder::cuboid(half.x, half.y, half.z)
+            .translation(Vector::new(0.0, 0.0, half.z))
+            .friction(0.6)
+            .user_data(collider_tag(actor.0, model.shape.class));
+        physics.still.forget();
+        let body = Some(physics.engine.insert(body, collider).0);
+        self.add(actor, model_idx, body);
+    }
+
+    /// Adds a prop that is attached to another actor.
+    pub fn add_attached(&mut self, actor: ActorId, model_idx: usize) {
+        self.add(actor, model_idx, None);
+    }
+
+    fn add(&mut self, actor: ActorId, model_idx: usize, body: Option<RigidBodyHandle>) {
+        let model_idx = model_idx as u16;
+        self.by_id.insert(actor, Prop { model_idx, body });
+    }
+
+    /// Moves a prop's body to its actor's new pose, if `actor` is one.
+    pub fn set_pose(&self, actor: ActorId, pose: &Pose, physics: &mut Physics) {
+        if let Some(body) = self.get(actor).and_then(|prop| prop.body) {
+            let at = physics.engine_pose(&pose.isometry());
+            physics.engine.bodies[body].set_position(at, true);
+            physics.still.forget();
+        }
+    }
+
+    /// Removes a prop and its body, if `actor` is one.
+    pub fn remove(&mut self, actor: ActorId, physics: &mut Physics) {
+        if let Some(body) = self.by_id.remove(&actor).and_then(|prop| prop.body) {
+            physics.engine.remove_body(body);
+            physics.still.forget();
+        }
+    }
+
+    /// Type of the first prop that a shape would touch.
+    pub fn touching(
+        &self,
+        at: &EnginePose,
+        shape: &dyn Shape,
+        physics: &Physics,
+    ) -> Option<String> {
+        self.by_id.values().find_map(|prop| {
+            let model = &prop_models()[prop.model_idx as usize];
+            let half = model.engine_half();
+            let mut other_at = *physics.engine.bodies.get(prop.body?)?.position();
+            other_at.translation += other_at.rotation * Vector::new(0.0, 0.0, half.z);
+            intersection_test(at, shape, &other_at, &Cuboid::new(half))
+                .is_ok_and(|hit| hit.intersecting)
+                .then(|| model.type_id.clone())
+        })
+    }
+}
+
+/// Where the middle of a prop's box is in the engine.
+pub(crate) fn box_pose(physics: &Physics, pose: &Isometry3<f64>, half: Vector) -> EnginePose {
+    let mut at = physics.engine_pose(pose);
+    at.translation += at.rotation * Vector::new(0.0, 0.0, half.z);
+    at
+}

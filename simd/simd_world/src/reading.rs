@@ -1,0 +1,136 @@
+//! What can be read of a world between steps.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use schema_frames::document::{ActorList, Catalogue, Weather};
+use schema_frames::{ActorRecord, VehiclePhysics};
+use schema_roads::RoadMap;
+use schema_types::{ActorId, ObjectId};
+use sensor_core::{DynamicInstance, LampSetting, SceneAssets};
+
+use crate::actor_scene::{ActorMeshes, PosedActors};
+use crate::errors::ActorError;
+use crate::map_data::MapData;
+use crate::physics::Collision;
+use crate::world::World;
+
+impl World {
+    /// What vehicles and walkers touched in the last step, by (actor, other).
+    pub fn collisions(&self) -> &[Collision] {
+        &self.collisions
+    }
+
+    /// Every actor after the last step or change, by rising id.
+    pub fn snapshot_records(&self) -> &[ActorRecord] {
+        self.records.all()
+    }
+
+    /// One actor's record.
+    pub fn record(&self, actor: ActorId) -> Option<&ActorRecord> {
+        self.records.get(actor)
+    }
+
+    /// Pose of an actor, the very bits of its record; `None` if there is no such actor.
+    pub fn sensor_pose(&self, actor: ActorId) -> Option<Isometry3<f64>> {
+        self.record(actor)
+            .map(|record| record.world_from_actor.isometry())
+    }
+
+    /// What is constant about every actor.
+    pub fn actor_list(&self) -> ActorList {
+        self.actors.list(&self.catalogue, &self.trigger_boxes)
+    }
+
+    /// Grows whenever [`World::actor_list`] changes.
+    pub fn actors_revision(&self) -> u64 {
+        self.counts.actors_revision
+    }
+
+    /// First actor with this role.
+    pub fn actor_with_role(&self, role: &str) -> Option<ActorId> {
+        let mut actors = self.actors.by_id.values();
+        actors
+            .find(|actor| actor.role == role)
+            .map(|actor| actor.id)
+    }
+
+    /// Physical data in force.
+    ///
+    /// # Errors
+    /// If it is no vehicle.
+    pub fn vehicle_physics(&mut self, actor: ActorId) -> Result<&VehiclePhysics, ActorError> {
+        Ok(&self.body(actor).vehicle?.physics)
+    }
+
+    /// What can be spawned; `catalogue_idx` of a record is an index into it.
+    pub fn catalogue(&self) -> &Catalogue {
+        &self.catalogue
+    }
+
+    /// The map as loaded.
+    pub fn map(&self) -> &MapData {
+        &self.map
+    }
+
+    /// Roads of the map; `None` for a ground without roads.
+    pub fn roads(&self) -> Option<&Arc<RoadMap>> {
+        self.roads.as_ref()
+    }
+
+    /// Count of map loads.
+    pub fn episode(&self) -> u32 {
+        self.counts.episode
+    }
+
+    /// The spectator of this episode.
+    pub fn spectator(&self) -> ActorId {
+        self.spectator
+    }
+
+    /// Weather in force.
+    pub fn weather(&self) -> &Weather {
+        &self.weather.now
+    }
+
+    /// Extinction of lidar light by rain, fog and dust, 1/m: 0 unless weather acts.
+    pub fn lidar_extinction_per_m(&self) -> f64 {
+        self.weather.lidar_extinction_per_m()
+    }
+
+    /// Objects of the scenery that are hidden.
+    pub fn hidden_objects(&self) -> &BTreeSet<ObjectId> {
+        self.scenery.hidden_objects()
+    }
+
+    /// Objects whose lamps are not as built.
+    pub fn switched_lamps(&self) -> BTreeMap<ObjectId, LampSetting> {
+        self.scenery.switched_lamps(&self.map)
+    }
+
+    /// Counts of changes in this episode: of what is shown, and of lamps.
+    pub fn scenery_revisions(&self) -> (u64, u64) {
+        self.scenery.revisions()
+    }
+
+    /// Adds the meshes of every actor that may appear; once per episode, after the map's own
+    /// meshes.
+    pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
+        self.meshes = ActorMeshes::register(assets, &self.map, &self.lights);
+    }
+
+    /// Fills `out` with every part of every actor, by rising (actor, part). Empty before
+    /// [`World::register_meshes`].
+    pub fn dynamic_instances(&self, out: &mut Vec<DynamicInstance>) {
+        let posed = PosedActors {
+            records: &self.records,
+            vehicles: &self.vehicles,
+            walkers: &self.walkers,
+            props: &self.props,
+            lights: &self.lights,
+            physics: &self.physics,
+        };
+        self.meshes.instances(&posed, out);
+    }
+}

@@ -1,0 +1,10 @@
+//! Traffic lights and signs of a map.
+
+mod lamp_heads;
+mod stop_box;
+mod traffic_lights;
+mod trigger_boxes;
+
+pub(crate) use lamp_heads::lamp_head_boxes;
+pub(crate) use traffic_lights::TrafficLights;
+pub(crate) use trigger_boxes::trigger_box;

@@ -1,0 +1,250 @@
+//! The walkable mesh of a map, with the signals that guard its crosswalks, and ways over it.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use nalgebra::Vector2;
+use schema_roads::walkable::{Ground, WalkMesh};
+
+/// Farthest that a stroll goes, metres as the crow flies.
+pub(super) const REACH_M: f64 = 160.0;
+/// Farthest that a light's stop line may lie from the crosswalk that it guards, metres.
+const GUARD_M: f64 = 16.0;
+/// Distance that paths keep from the ends of the edges they cross, metres.
+const ASIDE_M: f64 = 0.3;
+
+/// The mesh with what guards its crosswalks.
+#[derive(Clone, Debug)]
+pub(crate) struct Pavements {
+    pub mesh: WalkMesh,
+    pub middles_m: Vec<[f64; 3]>,
+    /// Pavement faces with the sum of their areas up to each, for drawing places by lot.
+    places: Vec<(usize, f64)>,
+    /// Per crosswalk face the signals (by OpenDRIVE id) of the traffic over it.
+    pub guards: BTreeMap<usize, Vec<String>>,
+    /// Faces by the squares that they may reach into, by rising number.
+    squares: BTreeMap<(i64, i64), Vec<usize>>,
+}
+
+/// Side of the squares in which faces are looked up, metres.
+const SQUARE_M: f64 = 8.0;
+
+fn square([x, y, _]: [f64; 3]) -> (i64, i64) {
+    ((x / SQUARE_M).floor() as i64, (y / SQUARE_M).floor() as i64)
+}
+
+fn squares(mesh: &WalkMesh) -> BTreeMap<(i64, i64), Vec<usize>> {
+    let mut squares: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+    for face in 0..mesh.faces.len() {
+        let start = ([f64::MAX; 3], [f64::MIN; 3]);
+        let wider = |(low, high): ([f64; 3], [f64; 3]), p: [f64; 3]| {
+            (
+                [0, 1, 2].map(|i| low[i].min(p[i])),
+                [0, 1, 2].map(|i| high[i].max(p[i])),
+            )
+        };
+        let (low, high) = mesh.corners_m(face).fold(start, wider);
+        let (low, high) = (square(low), square(high));
+        for x in low.0..=high.0 {
+            (low.1..=high.1).for_each(|y| squares.entry((x, y)).or_default().push(face));
+        }
+    }
+    squares
+}
+
+impl Pavements {
+    pub fn new(roads: &schema_roads::RoadMap) -> Pavements {
+        let mesh = roads.walkable(false);
+        let middles_m: Vec<[f64; 3]> = (0..mesh.faces.len())
+            .map(|face| mesh.middle_m(face))
+            .collect();
+        let mut places = Vec::new();
+        let mut sum_m2 = 0.0;
+        let parts = parts(&mesh);
+        for face in (0..mesh.faces.len())
+            .filter(|face| mesh.faces[*face].ground == Ground::Sidewalk && parts[*face])
+        {
+            sum_m2 += mesh.area_m2(face);
+            places.push((face, sum_m2));
+        }
+        let lights = || {
+            roads
+                .signals()
+                .iter()
+                .filter(|signal| signal.kind == schema_roads::SignalKind::TrafficLight)
+        };
+        let mut guards: BTreeMap<usize, Vec<String>> = BTreeMap::new();
+        for face in
+            (0..mesh.faces.len()).filter(|face| mesh.faces[*face].ground == Ground::Crosswalk)
+        {
+            // The lights of the road that the crosswalk lies on, at this end of it.
+            let Some(lane) = roads.nearest(middles_m[face], |lane| {
+                lane.kind.is_drivable() && lane.junction.is_none()
+            }) else {
+                continue;
+            };
+            let guards_it = |stop: &schema_roads::SignalStop| {
+                let line = roads
+                    .pose(stop.stop)
+                    .filter(|_| stop.stop.lane.road == lane.lane.road);
+                line.is_some_and(|line| {
+                    (line.translation.x - middles_m[face][0])
+                        .hypot(line.translation.y - middles_m[face][1])
+                        < GUARD_M
+                })
+            };
+            let ids = lights()
+                .filter(|signal| signal.stops.iter().any(guards_it))
+                .map(|signal| signal.id.clone())
+                .collect();
+            guards.insert(face, ids);
+        }
+        let squares = squares(&mesh);
+        Pavements {
+            mesh,
+            middles_m,
+            places,
+            guards,
+            squares,
+        }
+    }
+
+    /// A pavement face by lot, larger ones more often.
+    pub fn place(&self, lot: f64) -> Option<usize> {
+        let (_, all_m2) = self.places.last()?;
+        let idx = self.places.partition_point(|(_, sum)| *sum < lot * all_m2);
+        self.places
+            .get(idx.min(self.places.len() - 1))
+            .map(|(face, _)| *face)
+    }
+
+    /// The face under somebody's feet.
+    pub fn face_at(&self, at: [f64; 3]) -> Option<usize> {
+        let faces = self.squares.get(&square(at))?.iter().copied();
+        let is_level = |face: &usize| (self.middles_m[*face][2] - at[2]).abs() < 3.0;
+        faces
+            .filter(is_level)
+            .find(|face| self.mesh.contains(*face, at))
+    }
+
+    pub fn face_near(&self, at: [f64; 3]) -> Option<usize> {
+        self.face_at(at).or_else(|| {
+            let away = |face: &usize| {
+                (self.middles_m[*face][0] - at[0]).powi(2)
+                    + (self.middles_m[*face][1] - at[1]).powi(2)
+            };
+            (0..self.middles_m.len())
+                .min_by(|a, b| away(a).total_cmp(&away(b)))
+                .filter(|face| away(face) < 9.0)
+        })
+    }
+
+    /// Faces from one to another by the shortest way over their middles.
+    pub fn way(&self, from: usize, to: usize) -> Option<Vec<usize>> {
+        let away = |a: usize, b: usize| {
+            let (p, q) = (self.middles_m[a], self.middles_m[b]);
+            (p[0] - q[0]).hypot(p[1] - q[1])
+        };
+        let mut best: BTreeMap<usize, (f64, usize)> = BTreeMap::from([(from, (0.0, from))]);
+        // Lengths in tenths of a millimetre: whole numbers have an order.
+        let key = |metres: f64| (metres * 1e4) as u64;
+        let mut open = BinaryHeap::from([Reverse((key(away(from, to)), from))]);
+        while let Some(Reverse((_, face))) = open.pop() {
+            if face == to {
+                let mut way = vec![to];
+                while way[way.len() - 1] != from {
+                    way.push(best[&way[way.len() - 1]].1);
+                }
+                way.reverse();
+                return Some(way);
+            }
+            let so_far = best[&face].0;
+            for next in self.mesh.faces[face]
+                .neighbours
+                .iter()
+                .flatten()
+                .map(|next| *next as usize)
+            {
+                let length = so_far + away(face, next);
+                if length < 4.0 * REACH_M
+                    && best
+                        .get(&next)
+                        .is_none_or(|(known, _)| length < known - 1e-9)
+                {
+                    best.insert(next, (length, face));
+                    open.push(Reverse((key(length + away(next, to)), next)));
+                }
+            }
+        }
+        None
+    }
+
+    /// Corners of a path through faces: the point of each edge crossed that is nearest to the
+    /// straight way, then the end.
+    pub fn corners(&self, way: &[usize], from: [f64; 2]) -> Vec<([f64; 2], u32)> {
+        let end = self.middles_m[way[way.len() - 1]];
+        let mut at = Vector2::from(from);
+        let end = Vector2::new(end[0], end[1]);
+        let mut corners = Vec::new();
+        for pair in way.windows(2) {
+            let face = &self.mesh.faces[pair[0]];
+            let Some(i) = face
+                .neighbours
+                .iter()
+                .position(|next| *next == Some(pair[1] as u32))
+            else {
+                continue;
+            };
+            let corner = |k: usize| {
+                let p = self.mesh.vertices_m[face.corners[k % face.corners.len()] as usize];
+                Vector2::new(p[0], p[1])
+            };
+            let (a, b) = (corner(i), corner(i + 1));
+            let length = (b - a).norm();
+            let margin = (ASIDE_M / length.max(1e-6)).min(0.5);
+            // Where the straight line to the end crosses the edge, kept off its ends.
+            let (edge, ahead) = (b - a, end - at);
+            let across = edge.perp(&ahead);
+            let share = if across.abs() > 1e-9 {
+                (at - a).perp(&ahead) / across
+            } else {
+                0.5
+            };
+            at = a + edge * share.clamp(margin, 1.0 - margin);
+            corners.push((at.into(), pair[1] as u32));
+        }
+        corners.push((end.into(), u32::MAX));
+        corners
+    }
+}
+
+/// Whether each face belongs to the largest part that hangs together.
+fn parts(mesh: &WalkMesh) -> Vec<bool> {
+    let mut of = vec![usize::MAX; mesh.faces.len()];
+    let mut largest = (0.0, usize::MAX);
+    for start in 0..mesh.faces.len() {
+        if of[start] != usize::MAX {
+            continue;
+        }
+        let (mut open, mut area_m2) = (vec![start], 0.0);
+        of[start] = start;
+        while let Some(face) = open.pop() {
+            area_m2 += mesh.area_m2(face);
+            for next in mesh.faces[face]
+                .neighbours
+                .iter()
+                .flatten()
+                .map(|next| *next as usize)
+            {
+                if of[next] == usize::MAX {
+                    of[next] = start;
+                    open.push(next);
+                }
+            }
+        }
+        if area_m2 > largest.0 {
+            largest = (area_m2, start);
+        }
+    }
+    of.into_iter().map(|part| part == largest.1).collect()
+}
