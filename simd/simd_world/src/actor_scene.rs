@@ -1,4 +1,4 @@
-//! What sensors see of the actors: bodies, wheels, limbs, lamp heads.
+//! The actors' part of the scene: bodies, wheels, limbs, lamp heads.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,11 +19,11 @@ use crate::signals::TrafficLights;
 use crate::vehicles::{Vehicle, Vehicles, WheelState, vehicle_models};
 use crate::walkers::{Walker, Walkers, walker_models};
 
-/// Part number of a vehicle's body; wheels and lamp heads count from 1 and 0, doors from here.
+/// Part numbers: a vehicle's body is 0, its wheels count from 1 and its doors from here.
 const BODY_PART: u16 = 0;
 const FIRST_DOOR_PART: u16 = 16;
 
-/// A body that shows its interior, and its doors with their meshes.
+/// A body with an open interior, and its doors with their meshes.
 type OpenBody = (MeshId, Vec<(MeshId, Door)>);
 
 /// Meshes of this episode's actors.
@@ -31,7 +31,7 @@ type OpenBody = (MeshId, Vec<(MeshId, Door)>);
 pub(crate) struct ActorMeshes {
     /// Body and wheel per vehicle model, by its index.
     vehicles: Vec<(MeshId, MeshId)>,
-    /// By the same index, for those whose doors open.
+    /// By the same index: bodies of models whose doors can open.
     open_bodies: BTreeMap<u32, Arc<OpenBody>>,
     /// Parts of the body and wheelchair per walker model, by its index.
     walkers: Vec<([MeshId; 7], MeshId)>,
@@ -42,7 +42,7 @@ pub(crate) struct ActorMeshes {
     heads: BTreeMap<ActorId, Vec<Isometry3<f64>>>,
 }
 
-/// What the parts of actors are placed by.
+/// What the poses of all parts follow from.
 pub(crate) struct PosedActors<'w> {
     pub records: &'w Records,
     pub vehicles: &'w Vehicles,
@@ -107,7 +107,8 @@ impl ActorMeshes {
         meshes
     }
 
-    /// Which heads belong to which light actor; again whenever the lights' ids may be others.
+    /// Assigns lamp heads to light actors; must be called again when the lights' ids may have
+    /// changed.
     pub fn find_light_heads(&mut self, map: &MapData, lights: &TrafficLights) {
         let heads_of = |signal_id: &str| {
             map.lights
@@ -242,8 +243,8 @@ fn add_vehicle(
     }
 }
 
-/// Steering about z, then roll about the axle, then half a turn for wheels on the left, whose
-/// outside would else look inwards.
+/// Pose of a wheel: steering about z, then roll about the axle, then half a turn for wheels on the
+/// left, whose outer side would otherwise face inwards.
 fn vehicle_from_wheel(wheel: &WheelState, radius_m: f64) -> Isometry3<f64> {
     let place = Translation3::new(
         wheel.x_m as f64,

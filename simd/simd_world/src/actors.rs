@@ -1,4 +1,4 @@
-//! Who exists: what is constant about each actor, and the counts that only ever rise.
+//! The registry of actors: what is constant about each, and counts that only ever rise.
 
 use std::collections::BTreeMap;
 
@@ -132,7 +132,7 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
-    /// Of a world that has never had an actor.
+    /// The counts of a world that has never had an actor.
     pub const START: Counts = Counts {
         next_actor: 1,
         actors_revision: 0,
@@ -146,7 +146,8 @@ impl Counts {
         id
     }
 
-    /// The counts after a restore: ids of both pasts stay used, the rest goes on from `living`.
+    /// The counts after a restore: ids of both histories stay used, the other counts go on from
+    /// `living`.
     pub fn after_restore(self, living: Counts) -> Counts {
         Counts {
             next_actor: self.next_actor.max(living.next_actor),

@@ -1,9 +1,10 @@
-//! Camera booms: how what is attached by a spring arm lags behind its parent and keeps off walls.
+//! Camera booms: how an actor attached by a spring arm lags behind its parent and stays clear of
+//! walls.
 //!
-//! The arm looks from the child back to its parent and follows the parent's yaw alone, a share of
-//! the way in each sub-step; the child
-//! hangs at its end. Position is never late, only direction. What hangs on a boom is for eyes: its
-//! pose is no rigid mount.
+//! The arm points from the child back to its parent. In each sub-step it closes a share of the
+//! angle to the parent's yaw; the parent's pitch and roll are ignored. The child hangs at the arm's
+//! end: its distance is always right, only the direction lags. The pose of a child on a boom is
+//! meant for viewers and is no rigid mount.
 
 use std::collections::BTreeMap;
 
@@ -21,24 +22,24 @@ use crate::physics::{Physics, narrow};
 
 /// Longest sub-step of an arm, seconds.
 const SUB_STEP_SECS: f64 = 1.0 / 60.0;
-/// Share of the angle to its target that an arm closes per second of a sub-step.
+/// Share of the remaining angle that an arm closes per second of a sub-step.
 const SPEED_PER_SEC: f64 = 8.0;
-/// How much higher the pivot of a `spring_arm` lies than its parent, metres.
+/// How much higher the pivot of a `spring_arm` lies than its parent's origin, metres.
 const RAISE_M: f64 = 0.3;
 /// Radius of the ball that must pass from the pivot to the child, metres.
 const PROBE_M: f32 = 0.12;
 
-/// State of one boom.
+/// State of one boom, with whether walls shorten it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Boom {
     shortens: bool,
-    /// Rotation of the arm, `[x, y, z, w]`: its x points from the child to the pivot; `None` before
-    /// the first look at the parent.
+    /// Rotation of the arm, `[x, y, z, w]`: its x axis points from the child to the pivot; `None`
+    /// until the parent's pose was first seen.
     arm_xyzw: Option<[f64; 4]>,
 }
 
 impl Boom {
-    /// `None` for what rides rigidly.
+    /// `None` for a rigid attachment.
     fn new(attachment: Attachment) -> Option<Boom> {
         match attachment {
             Attachment::Rigid => None,
@@ -53,8 +54,8 @@ impl Boom {
         }
     }
 
-    /// Pose of a child `dt_secs` after the last one (0: as it was); `free_m(pivot, direction,
-    /// length)` is how far one gets.
+    /// Pose of the child `dt_secs` after the last call (0 keeps the arm as it is). `free_m(pivot,
+    /// direction, length)` returns how far a probe gets.
     pub fn follow(
         &mut self,
         world_from_parent: &Isometry3<f64>,
@@ -92,8 +93,8 @@ impl Boom {
     }
 }
 
-/// Where an arm wants to point: from the child's place back to the parent, the parent's pitch and
-/// roll left out.
+/// Target rotation of an arm: from the child's place back to the parent, without the parent's pitch
+/// and roll.
 fn target(world_from_parent: &Isometry3<f64>, place: &Vector3<f64>) -> UnitQuaternion<f64> {
     let forward = world_from_parent.rotation * Vector3::x();
     let parent_yaw = forward.y.atan2(forward.x);
@@ -104,8 +105,8 @@ fn target(world_from_parent: &Isometry3<f64>, place: &Vector3<f64>) -> UnitQuate
     UnitQuaternion::from_euler_angles(0.0, pitch, yaw)
 }
 
-/// How far a probe gets from `pivot` along the unit vector `direction`, at most `length_m`; parts
-/// of `parent` do not stop it.
+/// How far a probe gets from `pivot` along the unit vector `direction`, at most `length_m`. The
+/// body of `parent` does not stop it.
 pub(crate) fn free_m(
     physics: &Physics,
     parent: Option<rapier3d::prelude::RigidBodyHandle>,
@@ -179,8 +180,8 @@ mod tests {
 
     #[test]
     fn a_chase_camera_looks_down_at_its_parent() {
-        // The published example: 5.5 m behind and 2.5 m up, raised by 8°: looks down by atan(2.5 /
-        // 5.5) − 8° = 16.4°.
+        // CARLA's published example: 5.5 m behind and 2.5 m up, pitched up by 8°. The camera looks
+        // down by atan(2.5 / 5.5) − 8° = 16.4°.
         let parent = Isometry3::translation(10.0, 20.0, 1.0);
         let pose = ghost().follow(
             &parent,

@@ -1,4 +1,4 @@
-//! What can be spawned: vehicles, sensors, and what the map brings itself.
+//! The catalogue: what can be spawned, and what the map brings.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::props::prop_models;
 use crate::vehicles::{self, vehicle_models};
 use crate::walkers::walker_models;
 
-/// Sensors that are accepted as passive actors; `sensor.camera.view` is ours and has any of the
+/// Sensor types that exist as passive actors. `sensor.camera.view` is our own and has any of the
 /// camera modalities.
 const SENSORS: &[&str] = &[
     "sensor.camera.view",
@@ -33,14 +33,14 @@ const SENSORS: &[&str] = &[
     "sensor.other.v2x",
     "sensor.other.v2x_custom",
 ];
-/// Sensors that measure nothing here, because others make their messages: an actor is all that
-/// there is of them.
+/// Sensors that the daemon only keeps as actors, because clients or the CARLA gateway make their
+/// messages.
 pub const PASSIVE_SENSORS: &[&str] = &[
     "sensor.other.lane_invasion",
     "sensor.other.v2x",
     "sensor.other.v2x_custom",
 ];
-/// Brought by the map; they cannot be spawned by hand.
+/// Types that come with the map and cannot be spawned.
 const OF_THE_MAP: &[(&str, &str, Class)] = &[
     ("spectator", "spectator", Class::UNLABELED),
     (
@@ -52,7 +52,7 @@ const OF_THE_MAP: &[(&str, &str, Class)] = &[
     ("traffic.yield", "traffic_sign", Class::TRAFFIC_SIGNS),
     ("traffic.unknown", "traffic_sign", Class::TRAFFIC_SIGNS),
 ];
-/// km/h for which there is a `traffic.speed_limit.N`.
+/// Speed limits, km/h, for which there is a `traffic.speed_limit.N`.
 const SPEED_LIMITS: [u32; 14] = [10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130, 140];
 
 const NO_BOX: BodyBox = BodyBox {

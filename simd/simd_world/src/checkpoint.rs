@@ -1,19 +1,16 @@
-//! Checkpoints: a copy of the whole world, in memory or as bytes, from which a run goes on bit for
-//! bit.
+//! Checkpoints: copies of the whole world, in memory or as bytes, from which a run continues bit
+//! for bit.
 //!
 //! A checkpoint is the [`World`] itself, so a field that is added to the world, to a vehicle or to
-//! a light is in it at once. As bytes it is
-//! postcard, which wants plain serde: no `flatten`, no `untagged` or tagged enums, no
-//! `skip_serializing_if`. The engine's contacts and their
-//! impulses are part of it (a solver that starts warm ends elsewhere than one that starts cold);
-//! the map's solid geometry is not: its
-//! colliders travel with a stand-in for their shape and take it back from the living world, whose
-//! map must be the same.
+//! a light is in it at once. Its bytes are postcard, which needs plain serde: no `flatten`, no
+//! `untagged` or tagged enums, no `skip_serializing_if`. The engine's contacts and their impulses
+//! are included, because a solver that starts warm ends elsewhere than one that starts cold. The
+//! map's solid geometry is not: its colliders are written with a stand-in for their shape and take
+//! the shape back from the living world, whose map must be the same.
 //!
-//! Sensors are instruments and not part of the world's state: those that exist stay, those of the
-//! checkpoint's time come back only as far
-//! as they still exist. Ids go on counting; nothing is ever called what something else was called
-//! before.
+//! Sensors are not part of the world's state. Sensors that exist stay, and sensors of the
+//! checkpoint come back only if they still exist. Ids go on counting, so no id ever names two
+//! actors.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -29,12 +26,12 @@ use crate::world::World;
 
 /// "GCKP" read as a little-endian `u32`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GCKP");
-/// Version of the head; the body's is [`LAYOUT`].
+/// Version of the head; the body's version is [`LAYOUT`].
 const VERSION: u32 = 1;
 /// Bytes before the body.
 const HEAD_BYTES: usize = 48;
-/// Hash of everything that decides how the body is laid out: this crate's sources and the versions
-/// it is built with.
+/// Hash of everything that decides the body's layout: this crate's sources and the versions it is
+/// built with.
 const LAYOUT: &str = env!("GANTRY_WORLD_LAYOUT");
 
 /// The world at one moment.
@@ -55,22 +52,22 @@ pub enum CheckpointError {
         "the checkpoint's format is version {0}, but this program reads version {VERSION}; save it anew"
     )]
     Version(u32),
-    /// Another build wrote it.
+    /// Another build wrote it, with another layout.
     #[error(
         "the checkpoint was saved by another build of Gantry, whose world is laid out differently; save it anew with this one"
     )]
     Layout,
-    /// The file ends early or goes on for too long.
+    /// The file is shorter or longer than its head states.
     #[error(
         "the checkpoint has {found} bytes after its head, but its head says {said}; the file is cut off or damaged"
     )]
     Length {
-        /// Bytes there are.
+        /// Bytes found.
         found: u64,
-        /// Bytes there should be.
+        /// Bytes stated in the head.
         said: u64,
     },
-    /// The bytes are not those that were written.
+    /// The bytes are not those that were written (checksum).
     #[error("the checkpoint's checksum does not fit its bytes; the file is damaged")]
     Checksum,
     /// The body cannot be read.
@@ -84,7 +81,7 @@ pub enum CheckpointError {
         /// The map that is loaded.
         loaded: String,
     },
-    /// The map of this name was another one.
+    /// The map of this name differs from the one it was saved on.
     #[error(
         "the checkpoint is of another version of map {0:?}: roads or solid ground differ; load the map it was saved on"
     )]
@@ -92,12 +89,13 @@ pub enum CheckpointError {
 }
 
 impl Checkpoint {
-    /// Simulated time of the episode at which it was taken.
+    /// Simulated time since the beginning of the episode.
     pub fn elapsed_nanos(&self) -> u64 {
         self.elapsed_nanos
     }
 
-    /// As bytes for a file: a head of 48 bytes and the body. Layout in `docs/checkpoints.md`.
+    /// Its bytes for a file: a head of 48 bytes and the body. `docs/checkpoints.md` describes the
+    /// layout.
     ///
     /// # Errors
     /// [`CheckpointError::Body`] if something in the world cannot be written.
@@ -127,7 +125,7 @@ impl Checkpoint {
     /// Reads what [`Checkpoint::to_bytes`] wrote; the map's geometry comes from `living`.
     ///
     /// # Errors
-    /// [`CheckpointError`]: foreign, damaged, of another build or of another map.
+    /// [`CheckpointError`] if the bytes are foreign, damaged, of another build or of another map.
     pub fn from_bytes(bytes: &[u8], living: &World) -> Result<Checkpoint, CheckpointError> {
         if bytes.get(..4) != Some(&MAGIC.to_le_bytes()) {
             return Err(CheckpointError::Foreign);
@@ -202,10 +200,10 @@ impl World {
         }
     }
 
-    /// Goes back to a checkpoint of this map and returns the sensors that went because their parent
-    /// does not exist there.
+    /// Goes back to a checkpoint of this map. Returns the sensors that were removed because their
+    /// parent does not exist there.
     ///
-    /// The counts of actors and of episodes never go back. Records are those of the checkpoint, so
+    /// Counts of actors and of episodes never go back. The records are those of the checkpoint, so
     /// a snapshot can be sent at once.
     ///
     /// # Errors
@@ -234,7 +232,8 @@ impl World {
         Ok(gone)
     }
 
-    /// What follows from the map and the program alone, or is a setting as the length of a tick is.
+    /// Takes over what a checkpoint does not contain: what follows from the map and the program,
+    /// and settings such as the length of a sub-step.
     fn take_constants(&mut self, living: &World) {
         self.map = living.map.clone();
         self.roads = living.roads.clone();
@@ -246,7 +245,7 @@ impl World {
             .show_only(&self.map, self.scenery.hidden_objects());
     }
 
-    /// The sensors of `living` instead of one's own. Returns those for which there is no place.
+    /// Replaces the sensors by those of `living`. Returns those without a place.
     fn take_sensors(&mut self, living: &World) -> Vec<ActorId> {
         let is_sensor = |world: &World, id: &ActorId| {
             world
@@ -274,7 +273,7 @@ impl World {
             self.booms.by_id.remove(&id);
         }
         let mut gone = Vec::new();
-        // Parents have smaller ids, so a sensor on a sensor finds it already settled.
+        // Parents have smaller ids, so the parent of a sensor is already settled.
         for id in alive {
             let sensor = &living.actors.by_id[&id];
             let has_parent = sensor
@@ -300,7 +299,7 @@ fn layout() -> u64 {
     hash(LAYOUT.as_bytes())
 }
 
-/// Everything of a map that a world's course depends on.
+/// Hash of everything in a map that influences the world's course.
 fn map_hash(map: &MapData) -> u64 {
     let mut sum = hash(map.open_drive.as_bytes());
     let mut add = |bytes: &[u8]| sum = mix(sum ^ hash(bytes));
@@ -313,8 +312,8 @@ fn map_hash(map: &MapData) -> u64 {
     sum
 }
 
-/// 64 bits that change with any flipped bit or moved word: two lanes of SplitMix64. No
-/// cryptography.
+/// A 64-bit checksum that changes with any flipped bit or moved word: two lanes of SplitMix64. It
+/// is not cryptographic.
 fn hash(bytes: &[u8]) -> u64 {
     let mut lanes = [0x243f_6a88_85a3_08d3u64, 0x1319_8a2e_0370_7344];
     for (idx, chunk) in bytes.chunks(8).enumerate() {

@@ -1,4 +1,4 @@
-//! What changes a world between steps: by method, or by command.
+//! Changes to a world between steps, by method or by command.
 
 use schema_frames::document::{TopicInfo, Weather};
 use schema_frames::{
@@ -49,7 +49,7 @@ impl World {
         }
         match self.vehicles.by_id.contains_key(&actor) {
             true => self.refresh_actor(actor),
-            // The mount of an attached actor stands in the list of actors.
+            // The actor list contains the mount of an attached actor.
             false => self.actors_changed(),
         }
         Ok(())
@@ -111,14 +111,14 @@ impl World {
         vehicles::set_physics(body.vehicle?, body.physics, data)
     }
 
-    /// Names a sensor's topics for `world/actors`.
+    /// Sets a sensor's topics for `world/actors`.
     pub fn set_topics(&mut self, actor: ActorId, topics: Vec<TopicInfo>) -> Result<(), ActorError> {
         self.actors.get_mut(actor)?.topics = topics;
         self.counts.actors_revision += 1;
         Ok(())
     }
 
-    /// Says how an attached actor follows its parent. Without a parent only `rigid` is allowed.
+    /// Sets how an attached actor follows its parent. Without a parent only `rigid` is allowed.
     pub fn set_attachment(
         &mut self,
         actor: ActorId,
@@ -132,12 +132,13 @@ impl World {
     /// Changes the weather.
     ///
     /// # Errors
-    /// Which value cannot be, and its range.
+    /// A sentence that names the value and its range.
     pub fn set_weather(&mut self, weather: Weather) -> Result<(), String> {
         self.weather.set(weather)
     }
 
-    /// Whether weather acts on tyres and lidar. Off by default, as in CARLA, where it is only seen.
+    /// Sets whether weather acts on tyres and lidar. It does not by default, as in CARLA, where it
+    /// is only visible.
     pub fn set_weather_effects(&mut self, on: bool) {
         self.weather.acts = on;
     }
@@ -303,7 +304,7 @@ impl World {
         let is_no_vehicle =
             self.actors.contains(actor) && !self.vehicles.by_id.contains_key(&actor);
         if is_switch && is_no_vehicle {
-            // The engine does not move it anyway.
+            // The engine does not move this actor, so there is nothing to switch.
             return Ok(None);
         }
         vehicles::act(self.body(actor), action)

@@ -5,21 +5,21 @@ use schema_types::ActorId;
 /// Why an actor was not made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SpawnError {
-    /// Unknown type.
+    /// There is no such type in the catalogue.
     #[error("unknown type {0:?}; world/catalogue lists what can be spawned")]
     UnknownType(String),
-    /// The map brings these.
+    /// Actors of this type come with the map.
     #[error("{0:?} belongs to the map and cannot be spawned")]
     OfTheMap(String),
-    /// The pose is not a pose.
+    /// The pose cannot be used.
     #[error("cannot spawn {type_id:?}: its pose {problem}")]
     Pose {
         /// Catalogue id.
         type_id: String,
-        /// What is wrong.
+        /// What is wrong with it.
         problem: &'static str,
     },
-    /// No such parent.
+    /// The parent does not exist.
     #[error("cannot attach {type_id:?}: there is no actor {parent}")]
     Parent {
         /// Catalogue id.
@@ -27,12 +27,12 @@ pub enum SpawnError {
         /// The id asked for.
         parent: ActorId,
     },
-    /// Only sensors ride on others.
+    /// Actors of this type cannot be attached to others.
     #[error(
         "cannot attach {0:?} to an actor: only sensors, controllers and props can be attached; leave parent_id out"
     )]
     Attached(String),
-    /// Something is there already.
+    /// The place is taken.
     #[error(
         "spawn failed because of collision at spawn position: {type_id:?} would touch {obstacle}"
     )]
@@ -42,26 +42,26 @@ pub enum SpawnError {
         /// What it would touch.
         obstacle: String,
     },
-    /// Unknown or unusable attribute.
+    /// The attribute is unknown or its value cannot be used.
     #[error("cannot spawn {type_id:?}: attribute {name:?} is {value:?}, but {allowed}")]
     Attribute {
         /// Catalogue id.
         type_id: String,
-        /// Attribute.
+        /// Name of the attribute.
         name: String,
         /// Its value.
         value: String,
         /// What is allowed.
         allowed: String,
     },
-    /// A spawn point that the map does not have.
+    /// The map does not have this spawn point.
     #[error("spawn point {idx} does not exist: map {map:?} has {n_points}, counted from 0")]
     SpawnPoint {
         /// Index asked for.
         idx: usize,
-        /// Map.
+        /// Name of the map.
         map: String,
-        /// How many there are.
+        /// Number of spawn points.
         n_points: usize,
     },
 }
@@ -90,10 +90,10 @@ impl BadAttribute {
 /// Why an actor was not removed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DestroyError {
-    /// No such actor.
+    /// The actor does not exist.
     #[error("unable to destroy actor {0}: not found")]
     Unknown(ActorId),
-    /// The map brings these.
+    /// Actors of this type come with the map.
     #[error("unable to destroy actor {actor}: {type_id:?} belongs to the map")]
     OfTheMap {
         /// The actor.
@@ -106,7 +106,7 @@ pub enum DestroyError {
 /// Why something could not be done to an actor.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ActorError {
-    /// No such actor.
+    /// The actor does not exist.
     #[error("actor {0} not found; it may have been destroyed")]
     Unknown(ActorId),
     /// The actor is of another kind.
@@ -116,10 +116,10 @@ pub enum ActorError {
         actor: ActorId,
         /// What it is.
         type_id: String,
-        /// What would do.
+        /// Which kinds would have been right.
         needed: &'static str,
     },
-    /// A number cannot be used.
+    /// A value cannot be used.
     #[error("{what} of actor {actor} {problem}")]
     Value {
         /// The actor.

@@ -1,4 +1,4 @@
-//! Areas where wheels grip differently: `static.trigger.friction`.
+//! Areas in which tyres have another friction: `static.trigger.friction`.
 
 use std::collections::BTreeMap;
 
@@ -12,8 +12,8 @@ use crate::errors::BadAttribute;
 
 /// Catalogue id.
 pub(crate) const TYPE_ID: &str = "static.trigger.friction";
-/// Attributes with what they are without a wish: friction, then half extents in **centimetres**, as
-/// in CARLA.
+/// Attributes with their default values: friction, then half extents in **centimetres**, as in
+/// CARLA.
 pub(crate) const ATTRIBUTES: [(&str, &str); 4] = [
     ("friction", "3.5"),
     ("extent_x", "700.0"),
@@ -21,7 +21,7 @@ pub(crate) const ATTRIBUTES: [(&str, &str); 4] = [
     ("extent_z", "700.0"),
 ];
 
-/// All areas, by rising id of their actors.
+/// All areas by rising actor id.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct FrictionAreas {
     pub boxes: Vec<FrictionBox>,
@@ -44,7 +44,7 @@ impl FrictionAreas {
     }
 }
 
-/// A box about a pose, in which tyres have this friction.
+/// A box about a pose, with the friction of tyres in it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FrictionBox {
     #[serde(with = "crate::serde_forms::isometry")]
@@ -57,7 +57,7 @@ impl FrictionBox {
     /// The box of an actor, from its attributes.
     ///
     /// # Errors
-    /// The attribute that is no such number.
+    /// Names the attribute whose value cannot be used, and what is allowed.
     pub fn new(
         pose: &Pose,
         attributes: &BTreeMap<String, String>,
@@ -85,7 +85,7 @@ impl FrictionBox {
         })
     }
 
-    /// Whether a point lies inside.
+    /// Whether a point of the world lies inside.
     pub fn contains(&self, point_in_world_m: &Point3<f64>) -> bool {
         let at = self.box_from_world * point_in_world_m;
         (0..3).all(|axis| at[axis].abs() <= self.half_m[axis])
@@ -97,6 +97,6 @@ impl FrictionBox {
 pub(crate) struct GroundGrip<'w> {
     /// Areas of other friction, by rising actor id.
     pub friction: &'w [FrictionBox],
-    /// What the weather leaves of the friction outside such areas.
+    /// Share of the friction outside such areas that the weather leaves.
     pub grip_ratio: f32,
 }

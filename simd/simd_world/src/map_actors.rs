@@ -23,7 +23,7 @@ pub(crate) struct MapActors {
     pub trigger_boxes: BTreeMap<ActorId, BodyBox>,
 }
 
-/// Adds the spectator, then the map's lights and signs in the order of the map.
+/// Adds the spectator, then the map's lights and signs in the map's order.
 pub(crate) fn add_map_actors(
     actors: &mut Actors,
     counts: &mut Counts,

@@ -1,4 +1,4 @@
-//! What the world needs of a map: roads, solid ground, places to start, traffic lights.
+//! What the world needs of a map: roads, solid ground, spawn points, traffic lights.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ pub struct CollisionMesh {
     pub vertices_m: Vec<[f32; 3]>,
     /// Three corners per triangle, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// What it is, for collisions; [`Class::UNLABELED`] if it is of several kinds.
+    /// Class that collisions report; [`Class::UNLABELED`] if the mesh is of several kinds.
     pub class: Class,
 }
 
@@ -35,7 +35,8 @@ pub struct MapData {
     pub name: String,
     /// OpenDRIVE text; empty for a ground without roads.
     pub open_drive: String,
-    /// Origin of the collision meshes and of the physics engine's `f32` coordinates, world, metres.
+    /// Origin of the collision meshes and of the physics engine's `f32` coordinates: in the world,
+    /// metres.
     pub origin_m: [f64; 3],
     /// What vehicles drive on and run into.
     pub collision: Vec<CollisionMesh>,
@@ -48,7 +49,7 @@ pub struct MapData {
     pub lamps: Vec<SceneryLamp>,
     /// Where vehicles may be put, x along the lane.
     pub spawn_points: Vec<Pose>,
-    /// Lamp heads per signal; a light without an entry has none to see.
+    /// Lamp heads per signal; a light without an entry has no visible heads.
     pub lights: Vec<LightHeads>,
     /// A head with lamps 0 red, 1 yellow, 2 green.
     pub light_head: Mesh,
@@ -81,7 +82,8 @@ pub enum LoadError {
 }
 
 impl MapData {
-    /// The map's roads: as read before, or read now from the OpenDRIVE text; `None` without a text.
+    /// The map's roads: those in `roads`, or else parsed from the OpenDRIVE text; `None` without a
+    /// text.
     pub(crate) fn read_roads(&self) -> Result<Option<Arc<RoadMap>>, LoadError> {
         match (&self.roads, self.open_drive.as_str()) {
             (Some(roads), _) => Ok(Some(roads.clone())),

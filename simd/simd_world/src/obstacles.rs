@@ -1,4 +1,4 @@
-//! What something new would touch where it is to be put.
+//! What a new actor would touch at the place where it is to be put.
 
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::parry::shape::{Cuboid, Shape};
@@ -9,7 +9,7 @@ use crate::props::{PropModel, Props, box_pose};
 use crate::vehicles::{VehicleModel, Vehicles, chassis_box};
 use crate::walkers::{Touchable, Walker, Walkers};
 
-/// The obstacle that is no actor, as errors name it.
+/// Name of the obstacle that is no actor.
 const SCENERY: &str = "scenery";
 
 /// Everything that can be in the way.
@@ -21,7 +21,7 @@ pub(crate) struct Obstacles<'w> {
 }
 
 impl Obstacles<'_> {
-    /// What a vehicle would touch.
+    /// What a new vehicle would touch.
     pub fn of_vehicle(&self, model: &VehicleModel, pose: &Pose) -> Option<String> {
         let (centre, half) = chassis_box(model);
         let shape = Cuboid::new(half);
@@ -33,7 +33,7 @@ impl Obstacles<'_> {
         })
     }
 
-    /// What a walker would touch. Props are no obstacle for it.
+    /// What a new walker would touch. Props do not count.
     pub fn of_walker(&self, walker: &Walker) -> Option<String> {
         let standing = walker.standing();
         let (body, at) = standing.whole_body(self.physics);
@@ -47,8 +47,8 @@ impl Obstacles<'_> {
             })
     }
 
-    /// What a prop would touch; scenery is no obstacle, for things lie on the ground and lean on
-    /// walls.
+    /// What a new prop would touch. Scenery does not count, because objects lie on the ground and
+    /// lean on walls.
     pub fn of_prop(&self, model: &PropModel, pose: &Pose) -> Option<String> {
         let half = model.engine_half();
         let at = box_pose(self.physics, &pose.isometry(), half);

@@ -1,7 +1,7 @@
-//! The rapier world: solid ground about an `f64` origin, gravity, contacts.
+//! The physics engine's world: solid ground about an `f64` origin, gravity, contacts.
 //!
-//! The one place where `f32` engine coordinates meet `f64` world coordinates. A body's frame is the
-//! actor's own: no offset is kept anywhere.
+//! This is the one place where the engine's `f32` coordinates meet the world's `f64` coordinates. A
+//! body's origin and axes are the actor's own, so no offset is kept anywhere.
 
 use std::collections::BTreeSet;
 
@@ -30,7 +30,7 @@ pub(crate) use vectors::{narrow, widen};
 /// Standard gravity, m/s², along world −z.
 pub(crate) const GRAVITY_MPS2: f64 = 9.81;
 
-/// What a collider says about itself in contacts: whose it is (0 is scenery) and its class.
+/// User data of a collider, read from contacts: its actor (0 is scenery) and its class.
 pub(crate) fn collider_tag(actor: u32, class: Class) -> u128 {
     u128::from(actor) | u128::from(class.0) << 32
 }
@@ -42,7 +42,7 @@ pub(crate) struct Physics {
     pub engine: PhysicsWorld,
     #[serde(with = "crate::serde_forms::vector")]
     origin_m: Vector3<f64>,
-    /// To be forgotten by whoever touches something fixed.
+    /// Whoever adds, moves or removes something fixed must call `forget` on it.
     #[serde(skip)]
     pub still: StillThings,
     #[serde(skip)]
@@ -94,8 +94,8 @@ impl Physics {
         physics
     }
 
-    /// Gives the map's solid meshes only those triangles whose object is shown. Colliders stay the
-    /// same, so that nothing else changes.
+    /// Gives the map's solid meshes only those triangles whose object is shown. The colliders and
+    /// their handles stay, so nothing else in the engine changes.
     pub fn show_only(&mut self, map: &MapData, hidden: &BTreeSet<ObjectId>) {
         self.still.forget();
         let mut meshes: Vec<ColliderHandle> = self
@@ -136,7 +136,7 @@ impl Physics {
             let mut vertices: Vec<Vector> =
                 mesh.vertices_m.iter().map(|v| Vector::from(*v)).collect();
             if shown.is_empty() {
-                // A mesh needs a triangle; nobody comes a kilometre below the ground.
+                // A mesh needs at least one triangle; nothing comes a kilometre below the ground.
                 let first = vertices.len() as u32;
                 vertices.extend(
                     [
@@ -156,13 +156,14 @@ impl Physics {
         }
     }
 
-    /// Before wheels are planned: lists the solid things that stand still, if they changed.
+    /// Lists the solid things that stand still, if they changed; must run before vehicles are
+    /// planned.
     pub fn refresh_still(&mut self) {
         self.still
             .refresh(&self.engine.bodies, &self.engine.colliders);
     }
 
-    /// World pose as the engine's.
+    /// A world pose in engine coordinates.
     pub fn engine_pose(&self, pose: &Isometry3<f64>) -> EnginePose {
         let t = pose.translation.vector - self.origin_m;
         let q = pose.rotation.quaternion();
@@ -172,7 +173,7 @@ impl Physics {
         )
     }
 
-    /// Engine pose in the world; the quaternion is brought back to unit length in `f64`.
+    /// An engine pose in world coordinates; the quaternion is normalised in `f64`.
     pub fn world_pose(&self, pose: &EnginePose) -> Isometry3<f64> {
         let q = pose.rotation;
         let rotation = UnitQuaternion::new_normalize(Quaternion::new(
@@ -184,24 +185,24 @@ impl Physics {
         )
     }
 
-    /// A point of the engine in the world.
+    /// An engine point in world coordinates.
     pub fn world_point(&self, point: Vector) -> Point3<f64> {
         Point3::from(self.origin_m + widen(point))
     }
 
-    /// A point of the world in the engine.
+    /// A world point in engine coordinates.
     pub fn engine_point(&self, point_in_world_m: [f64; 3]) -> Vector {
         narrow(&(Vector3::from(point_in_world_m) - self.origin_m))
     }
 
-    /// One sub-step; contacts go to the log.
+    /// Advances the engine by one sub-step; its contacts go to the log.
     pub fn step(&mut self, dt_secs: f32) {
         self.engine.integration_parameters.dt = dt_secs;
         self.contacts.dt_secs = dt_secs;
         self.engine.step_with_events(&(), &self.contacts);
     }
 
-    /// What wheels stand on, as the engine knows it since its last step.
+    /// Query for fixed colliders, as the engine knows them since its last step.
     pub fn ground_query(&self) -> QueryPipeline<'_> {
         let filter = QueryFilter::only_fixed();
         let engine = &self.engine;
@@ -219,8 +220,7 @@ impl Physics {
         self.contacts.entries().push(collision);
     }
 
-    /// Fills `merged` with the contacts since the last call, one entry per (vehicle, other),
-    /// sorted.
+    /// Fills `merged` with the contacts since the last call: one entry per (actor, other), sorted.
     pub fn take_collisions(&mut self, merged: &mut Vec<Collision>) {
         let origin_m = self.origin_m;
         let raw = self.contacts.entries();

@@ -12,8 +12,8 @@ pub(crate) fn unit_pose(pose: Pose, origin_m: [f64; 3]) -> Result<Pose, &'static
     {
         return Err("has a value that is not finite");
     }
-    // Maps in national grids lie thousands of kilometres from zero; what counts is the map's own
-    // middle.
+    // Maps in national grids lie thousands of kilometres from zero, so the distance is measured
+    // from the map's own origin.
     if pose
         .translation_m
         .iter()

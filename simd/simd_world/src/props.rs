@@ -1,4 +1,4 @@
-//! Props: things that can be put down and stand still.
+//! Props: objects that are put down and stand still.
 
 mod model;
 
@@ -16,7 +16,7 @@ use crate::physics::{Physics, collider_tag};
 
 pub use model::{PropModel, prop_models};
 
-/// A prop in the world. What is attached to another actor has no body of its own.
+/// A prop in the world. A prop that is attached to another actor has no body.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Prop {
     /// Index into [`prop_models`].

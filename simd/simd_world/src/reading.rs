@@ -1,4 +1,4 @@
-//! What can be read of a world between steps.
+//! Read access to a world between steps.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -17,12 +17,12 @@ use crate::physics::Collision;
 use crate::world::World;
 
 impl World {
-    /// What vehicles and walkers touched in the last step, by (actor, other).
+    /// Contacts of vehicles and walkers in the last step, by (actor, other).
     pub fn collisions(&self) -> &[Collision] {
         &self.collisions
     }
 
-    /// Every actor after the last step or change, by rising id.
+    /// The records of all actors after the last step or change, by rising id.
     pub fn snapshot_records(&self) -> &[ActorRecord] {
         self.records.all()
     }
@@ -32,13 +32,13 @@ impl World {
         self.records.get(actor)
     }
 
-    /// Pose of an actor, the very bits of its record; `None` if there is no such actor.
+    /// Pose of an actor, with the very bits of its record; `None` if there is no such actor.
     pub fn sensor_pose(&self, actor: ActorId) -> Option<Isometry3<f64>> {
         self.record(actor)
             .map(|record| record.world_from_actor.isometry())
     }
 
-    /// What is constant about every actor.
+    /// The constants of all actors.
     pub fn actor_list(&self) -> ActorList {
         self.actors.list(&self.catalogue, &self.trigger_boxes)
     }
@@ -56,10 +56,10 @@ impl World {
             .map(|actor| actor.id)
     }
 
-    /// Physical data in force.
+    /// A vehicle's physical data.
     ///
     /// # Errors
-    /// If it is no vehicle.
+    /// If the actor is no vehicle.
     pub fn vehicle_physics(&mut self, actor: ActorId) -> Result<&VehiclePhysics, ActorError> {
         Ok(&self.body(actor).vehicle?.physics)
     }
@@ -69,7 +69,7 @@ impl World {
         &self.catalogue
     }
 
-    /// The map as loaded.
+    /// The loaded map.
     pub fn map(&self) -> &MapData {
         &self.map
     }
@@ -89,7 +89,7 @@ impl World {
         self.spectator
     }
 
-    /// Weather in force.
+    /// The current weather.
     pub fn weather(&self) -> &Weather {
         &self.weather.now
     }
@@ -104,7 +104,7 @@ impl World {
         self.scenery.hidden_objects()
     }
 
-    /// Objects whose lamps are not as built.
+    /// Settings of lamps that differ from the map's, by object.
     pub fn switched_lamps(&self) -> BTreeMap<ObjectId, LampSetting> {
         self.scenery.switched_lamps(&self.map)
     }
@@ -114,8 +114,8 @@ impl World {
         self.scenery.revisions()
     }
 
-    /// Adds the meshes of every actor that may appear; once per episode, after the map's own
-    /// meshes.
+    /// Adds the meshes of every actor that may appear. Must be called once per episode, after the
+    /// map's own meshes were added.
     pub fn register_meshes(&mut self, assets: &mut SceneAssets) {
         self.meshes = ActorMeshes::register(assets, &self.map, &self.lights);
     }

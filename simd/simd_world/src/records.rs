@@ -1,4 +1,4 @@
-//! Records of all actors, as the snapshot has them: made anew after every step and every change.
+//! The records of all actors for the snapshot, made anew after every step and every change.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ use crate::signals::TrafficLights;
 use crate::vehicles::{MAX_WHEELS, Vehicle, Vehicles};
 use crate::walkers::Walkers;
 
-/// A speed limit is looked up again after this way, metres.
+/// A vehicle's speed limit is looked up again after this distance, metres.
 const LIMIT_EVERY_M: f64 = 1.0;
 
 /// Pose, velocity and spin of an actor's origin.
@@ -33,11 +33,11 @@ struct OriginMotion {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct SpeedLimit {
     looked_up_at_m: [f64; 3],
-    /// 0: none known.
+    /// 0 if none is known.
     limit_mps: f32,
 }
 
-/// What records are made from.
+/// The parts of the world that records are made from.
 pub(crate) struct Observed<'w> {
     pub catalogue: &'w Catalogue,
     pub actors: &'w Actors,
@@ -46,11 +46,11 @@ pub(crate) struct Observed<'w> {
     pub lights: &'w TrafficLights,
     pub roads: Option<&'w RoadMap>,
     pub physics: &'w Physics,
-    /// What was touched in the last step, by (actor, other).
+    /// Contacts of the last step, by (actor, other).
     pub collisions: &'w [Collision],
 }
 
-/// What changes while records are made: speed limits that were looked up, and booms.
+/// State that changes while records are made: cached speed limits, and booms.
 struct Memory<'w> {
     limits: &'w mut BTreeMap<ActorId, SpeedLimit>,
     booms: &'w mut Booms,
@@ -61,7 +61,8 @@ struct Memory<'w> {
 pub(crate) struct Records {
     #[serde(with = "crate::serde_forms::pods")]
     all: Vec<ActorRecord>,
-    /// Records before the last step or change; kept so that their memory is used again.
+    /// Records before the last step or change. They are read for accelerations, and their memory is
+    /// used again.
     #[serde(skip)]
     previous: Vec<ActorRecord>,
     limits: BTreeMap<ActorId, SpeedLimit>,
@@ -83,17 +84,17 @@ impl Records {
         find(&self.all, actor)
     }
 
-    /// Forgets what is remembered of an actor that was destroyed.
+    /// Drops the cached speed limit of a destroyed actor.
     pub fn forget(&mut self, actor: ActorId) {
         self.limits.remove(&actor);
     }
 
-    /// Forgets what is remembered of all actors, for a new episode.
+    /// Drops all cached speed limits, for a new episode.
     pub fn forget_all(&mut self) {
         self.limits.clear();
     }
 
-    /// Makes all records anew. `dt_secs` is the length of the step that led here; without one (a
+    /// Makes all records anew. `dt_secs` is the length of the step that led here. Without one (a
     /// change between steps) accelerations and contact flags stay.
     pub fn refresh(&mut self, seen: &Observed<'_>, booms: &mut Booms, dt_secs: Option<f64>) {
         std::mem::swap(&mut self.all, &mut self.previous);
@@ -107,9 +108,9 @@ impl Records {
         }
     }
 
-    /// Makes the records of one actor and of what is attached to it anew, after a change between
-    /// steps to nobody else: a step's worth of commands to a thousand vehicles must not make a
-    /// million records.
+    /// Makes the records of one actor, and of what is attached to it, anew after a change between
+    /// steps that concerns nobody else. Refreshing everything instead would make a million records
+    /// for a tick's commands to a thousand vehicles.
     pub fn refresh_one(&mut self, seen: &Observed<'_>, booms: &mut Booms, actor: ActorId) {
         let limits = &mut self.limits;
         let mut memory = Memory { limits, booms };
@@ -221,7 +222,7 @@ impl Observed<'_> {
         }
     }
 
-    /// Puts what hangs on a boom in its place. Its velocity stays that of a rigid mount.
+    /// Places an actor that hangs on a boom. Its velocity stays that of a rigid mount.
     fn hang(
         &self,
         motion: &mut OriginMotion,
@@ -269,7 +270,7 @@ impl Observed<'_> {
         }
     }
 
-    /// Acceleration as a finite difference over the tick, and the contact flag.
+    /// Sets the acceleration, as a finite difference over the tick, and the contact flag.
     fn fill_changes(
         &self,
         record: &mut ActorRecord,

@@ -11,7 +11,7 @@ use crate::vehicles::{VehicleModel, color_text, vehicle_models};
 use crate::walkers::{Pavements, draw_candidate};
 use crate::world::World;
 
-/// Keeps this lottery apart from every other use of the seed.
+/// Random stream of the scenario: no other use of the seed has this number.
 const STREAM: u64 = 0x5ce7_a210;
 
 /// Which ego vehicle to spawn.
@@ -23,7 +23,7 @@ pub struct EgoSpawn<'s> {
     pub spawn_idx: usize,
 }
 
-/// Who was put on the map.
+/// The vehicles that were put on the map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scenario {
     /// The vehicle with role `ego_vehicle`; `None` if none was asked for.
@@ -78,8 +78,8 @@ impl World {
         })
     }
 
-    /// Puts `n` walkers on pavements, who stroll from then on; fewer if the map has no room. Who
-    /// they are follows from the seed.
+    /// Puts `n` strollers on pavements, fewer if the map has no room. Their kinds and places follow
+    /// from the seed.
     pub fn spawn_walkers(&mut self, n: usize) -> Vec<ActorId> {
         let Some(roads) = self.roads.clone().filter(|_| n > 0) else {
             return Vec::new();
@@ -108,7 +108,7 @@ impl World {
         crowd
     }
 
-    /// The ego and the index of the spawn point that it got.
+    /// Spawns the ego; returns it and the index of its spawn point.
     fn spawn_ego(
         &mut self,
         points: &[Pose],
@@ -142,11 +142,12 @@ impl World {
     }
 }
 
-/// Largest half length and half width that pass a town's junctions without swinging into the lane
-/// beside, metres.
+/// Largest half length and half width of vehicles that pass a town's junctions without swinging
+/// into the next lane, metres.
 const FITS_HALF_M: [f64; 2] = [3.5, 1.35];
 
-/// Mostly cars, some vans, now and then a lorry or a bus that fits the lanes, a motorcycle.
+/// Draws a model: mostly cars, some vans, and now and then a motorcycle or a lorry or bus that fits
+/// the lanes.
 fn pick_model(draw: Noise) -> &'static VehicleModel {
     let base_type = match draw.bits(0) % 100 {
         0..74 => "car",

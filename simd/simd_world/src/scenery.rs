@@ -1,7 +1,8 @@
-//! What of the scenery is shown, and which of its lamps shine: switched at run time, for all
-//! sensors and for collisions.
+//! Which objects of the scenery are shown and which of its lamps shine. Both can be switched at run
+//! time, for all sensors and for collisions.
 //!
-//! A checkpoint does not carry it: going back keeps what is hidden hidden, as it keeps the map.
+//! A checkpoint does not contain this state: like the map itself, it stays as it is when the world
+//! goes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,16 +16,16 @@ use simd_town::{LampGroup, SceneryLamp};
 use crate::map_data::MapData;
 use crate::physics::Physics;
 
-/// Below this height of the sun, degrees, lamps that nobody switched shine.
+/// Below this altitude of the sun, degrees, lamps that were not switched shine.
 const DUSK_DEG: f32 = 5.0;
 
-/// A lamp as clients set it.
+/// A lamp's settings.
 #[derive(Clone, Debug)]
 struct Lamp {
     rgb: [u8; 3],
     intensity_lm: f32,
     group: u8,
-    /// Switched by hand.
+    /// Switched by a command; `None` follows the time of day.
     on: Option<bool>,
 }
 
@@ -49,9 +50,9 @@ impl Lamp {
 pub(crate) struct SceneryState {
     hidden: BTreeSet<ObjectId>,
     lamps: Vec<Lamp>,
-    /// Lamps that nobody switched stay dark.
+    /// Whether lamps that were not switched stay dark.
     no_cycle: bool,
-    /// Changes of what is shown, and of lamps.
+    /// Counts of changes: of what is shown, and of lamps.
     revisions: (u64, u64),
 }
 
@@ -68,7 +69,7 @@ impl SceneryState {
         &self.hidden
     }
 
-    /// Objects whose lamps are not as built.
+    /// Settings of lamps that differ from the map's.
     pub fn switched_lamps(&self, map: &MapData) -> BTreeMap<ObjectId, LampSetting> {
         let lamps = map.lamps.iter().zip(&self.lamps);
         let setting = |(site, lamp): (&SceneryLamp, &Lamp)| {
@@ -212,8 +213,8 @@ impl SceneryState {
         Ok(())
     }
 
-    /// Whether lamps that nobody switched shine in the dark. Switched ones go back to doing so when
-    /// it is turned on.
+    /// Sets whether lamps that were not switched shine in the dark. Turning it on also makes all
+    /// switched lamps follow the time of day again.
     pub fn set_lamp_cycle(&mut self, on: bool) {
         self.no_cycle = !on;
         if on {

@@ -1,5 +1,5 @@
-//! How types of other crates, which do not know serde, are written into a checkpoint: `#[serde(with
-//! = "crate::serde_forms::…")]`.
+//! How checkpoints write types of other crates that do not know serde: used with `#[serde(with =
+//! "crate::serde_forms::…")]`.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_types::Pose;

@@ -1,4 +1,4 @@
-//! Making actors.
+//! Spawning: checks what is wanted and adds the actor to the parts of the world.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +17,10 @@ use crate::props::{Props, prop_models};
 use crate::vehicles::{self, VehicleModel, Vehicles, vehicle_models};
 use crate::walkers::{self, Walkers, walker_models};
 
-/// An actor that somebody wants.
+/// A request for an actor.
 pub(crate) struct Wanted<'r> {
     pub type_id: &'r str,
-    /// In the world, or on the parent.
+    /// Pose in the world, or on the parent.
     pub pose: Pose,
     pub parent: Option<ActorId>,
     pub role: &'r str,
@@ -42,7 +42,7 @@ pub(crate) struct Spawner<'w> {
 }
 
 impl Spawner<'_> {
-    /// Makes an actor, or changes nothing.
+    /// Makes an actor. On an error nothing changes.
     pub fn spawn(&mut self, wanted: Wanted<'_>) -> Result<ActorId, SpawnError> {
         let type_id = wanted.type_id;
         let catalogue_idx = catalogue::index_of(self.catalogue, type_id)
@@ -167,7 +167,7 @@ impl Spawner<'_> {
         FrictionBox::new(&wanted.pose, wanted.attributes).map_err(|bad| bad.of(wanted.type_id))?;
         let id = self.counts.new_id();
         let actor = wanted.actor(id, ActorKind::Prop, catalogue_idx);
-        // It lies where it was put, whoever its parent is.
+        // An area is never attached, even if a parent was given.
         self.actors.add(Actor {
             parent: None,
             ..actor

@@ -36,13 +36,13 @@ pub(crate) use pavements::Pavements;
 pub(crate) use surroundings::Surroundings;
 pub(crate) use walker::Walker;
 
-/// Longest time that strollers walk on without looking where they go, seconds: no further than they
-/// see a corner as reached.
+/// Longest time between two decisions of a stroller, seconds. In that time nobody walks further
+/// than the distance at which a corner counts as reached.
 const LEAD_SECS: f64 = 0.2;
-/// Farthest below the map that a walker may fall, metres.
+/// Depth below the map's origin at which a walker is lost, metres.
 const FALL_M: f64 = 500.0;
 
-/// All walkers by rising id, and which of them stroll by themselves.
+/// All walkers by rising id, and which of them stroll.
 #[derive(Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Walkers {
     pub by_id: BTreeMap<ActorId, Walker>,
@@ -54,13 +54,13 @@ impl Walkers {
         self.by_id.get(&actor)
     }
 
-    /// After a sub-step of the vehicles: whom they run into.
+    /// After a sub-step of the vehicles: lets them run into walkers.
     pub fn meet_vehicles(&mut self, vehicles: &Vehicles, physics: &mut Physics) {
         impact::meet_vehicles(&mut self.by_id, vehicles, physics);
     }
 
-    /// Leads the strollers and moves everybody by one tick, after the vehicles; a long tick in
-    /// pieces, so that nobody walks past a corner.
+    /// Lets strollers decide and moves all walkers by one tick, after the vehicles. A long tick is
+    /// split, so that nobody walks past a corner.
     pub fn step(&mut self, around: &Surroundings<'_>, dt_secs: f64) {
         let n_leads = (dt_secs / LEAD_SECS - 1e-9).ceil().max(1.0) as u32;
         let yaws_before_rad: Vec<f64> = self.by_id.values().map(|walker| walker.yaw_rad).collect();
@@ -75,7 +75,7 @@ impl Walkers {
         impact::part_walkers(&mut self.by_id);
     }
 
-    /// Whoever moves by itself walks on for one piece of a tick.
+    /// Moves all walkers that move by themselves.
     fn walk_on(&mut self, around: &Surroundings<'_>, dt_secs: f64) {
         let n_pieces = (dt_secs / MAX_PIECE_SECS - 1e-9).ceil().max(1.0) as u32;
         let piece_secs = dt_secs / f64::from(n_pieces);
@@ -121,8 +121,8 @@ pub(crate) enum Touchable {
     Colliding,
 }
 
-/// A walker that was not there before, from the middle of its body and its checked attributes; it
-/// stands on the ground if its feet would be in it.
+/// A new walker with the middle of its body at `pose`; its feet are lifted onto the ground if they
+/// would be in it. The attributes must have been checked.
 pub(crate) fn new_walker(
     model_idx: usize,
     pose: &Pose,

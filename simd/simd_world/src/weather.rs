@@ -1,20 +1,20 @@
-//! Weather: what may be set, and what it does to tyres and lidar where that is asked for.
+//! Weather: which values it may have, and its effect on tyres and lidar where that is switched on.
 
 use schema_frames::document::Weather;
 use serde::{Deserialize, Serialize};
 
-/// Grip of tyres in heavy rain on a streaming road, as a share of that on a dry one.
+/// Grip of tyres on a flooded road as a share of that on a dry one.
 const SOAKED_GRIP_RATIO: f64 = 0.6;
 /// Rain of 100 percent, mm/h.
 const HEAVIEST_RAIN_MMPH: f64 = 50.0;
 /// One dB/km as an extinction, 1/m.
 const DECIBELS_PER_KM: f64 = 1e-3 * std::f64::consts::LN_10 / 10.0;
-/// Visibility in fog of 0+ and of 100 percent, metres.
+/// Visibility in the thinnest fog and in fog of 100 percent, metres.
 const FOG_VISIBILITY_M: (f64, f64) = (2000.0, 50.0);
-/// Extinction of dust of 100 percent, 1/m: visibility of 100 m.
+/// Extinction by dust of 100 percent, 1/m; it leaves a visibility of 100 m.
 const DUST_EXTINCTION_PER_M: f64 = 0.039;
 
-/// The weather and whether it acts.
+/// The weather, and whether it has effects.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct WeatherInForce {
     pub now: Weather,
@@ -26,7 +26,7 @@ impl WeatherInForce {
     /// Changes the weather.
     ///
     /// # Errors
-    /// Which value cannot be, and its range.
+    /// A sentence that names the value and its range.
     pub fn set(&mut self, weather: Weather) -> Result<(), String> {
         let values = [
             ("cloudiness", weather.cloudiness, 0.0, 100.0),
@@ -97,7 +97,7 @@ impl WeatherInForce {
     }
 }
 
-/// Falls in a line with the water on the road, whatever brought it.
+/// Grip falls linearly with the water on the road, whatever brought it.
 fn grip_ratio(weather: &Weather) -> f64 {
     let water = weather
         .wetness
@@ -107,9 +107,8 @@ fn grip_ratio(weather: &Weather) -> f64 {
     1.0 - (1.0 - SOAKED_GRIP_RATIO) * water.clamp(0.0, 1.0)
 }
 
-/// Rain after ITU-R P.1814 (1.076 R^0.67 dB/km with R in mm/h), fog after Koschmieder (3.912 over
-/// the visibility, which falls by equal
-/// factors with the density), dust in a line.
+/// Rain follows ITU-R P.1814: 1.076 R^0.67 dB/km with R in mm/h. Fog follows Koschmieder: 3.912
+/// over the visibility, which falls exponentially with the density. Dust is linear.
 fn extinction_per_m(weather: &Weather) -> f64 {
     let share = |percent: f32| f64::from(percent).clamp(0.0, 100.0) / 100.0;
     let rain = match share(weather.precipitation) {
@@ -143,8 +142,8 @@ mod tests {
         );
         weather.acts = true;
         assert!((weather.grip_ratio() - SOAKED_GRIP_RATIO).abs() < 1e-12);
-        // 50 mm/h are 14.8 dB/km by the formula, and 50 m of visibility leave 2 % of the light over
-        // 50 m.
+        // 50 mm/h give 14.8 dB/km by the formula, and a visibility of 50 m leaves 2 % of the light
+        // over 50 m.
         let expected = 14.79e-3 / 4.3429 + (1.0f64 / 0.02).ln() / 50.0;
         assert!(
             (weather.lidar_extinction_per_m() / expected - 1.0).abs() < 2e-3,

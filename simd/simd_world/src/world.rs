@@ -82,13 +82,13 @@ pub struct World {
     #[serde(skip)]
     pub(crate) meshes: ActorMeshes,
     pub(crate) weather: WeatherInForce,
-    /// Boxes of lights and signs on lanes, in their own space.
+    /// Boxes of lights and signs on lanes, in the signals' own space.
     pub(crate) trigger_boxes: BTreeMap<ActorId, BodyBox>,
     pub(crate) friction: FrictionAreas,
     pub(crate) collisions: Vec<Collision>,
     pub(crate) counts: Counts,
     pub(crate) spectator: ActorId,
-    /// What is hidden and switched; not part of a checkpoint.
+    /// Which scenery is hidden and switched; not part of a checkpoint.
     #[serde(skip)]
     pub(crate) scenery: SceneryState,
 }
@@ -208,8 +208,8 @@ impl World {
     /// Makes an actor. `pose` is in the world, or on `parent` for an actor that is attached to it.
     ///
     /// Vehicles take the attributes `color` (`r,g,b`, each 0–255) and `sticky_control` (`false`: a
-    /// control is for one tick); sensors keep whatever attributes they are given.
-    /// The pose is used as it is: a vehicle above the ground falls onto it.
+    /// control is for one tick); sensors keep whatever attributes they are given. The pose is used
+    /// as it is: a vehicle above the ground falls onto it.
     pub fn spawn(
         &mut self,
         type_id: &str,
@@ -256,7 +256,7 @@ impl World {
         Ok(gone)
     }
 
-    /// After actors came or went.
+    /// Must be called after actors came or went.
     pub(crate) fn actors_changed(&mut self) {
         self.counts.actors_revision += 1;
         self.refresh_records(None);
@@ -288,7 +288,7 @@ impl World {
         (&mut self.records, &mut self.booms, seen)
     }
 
-    /// A vehicle with what is needed to act on its body.
+    /// The vehicle of an action, with what is needed to act on its body.
     pub(crate) fn body(&mut self, actor: ActorId) -> Body<'_> {
         let vehicle = self.vehicles.by_id.get_mut(&actor);
         Body {

@@ -1,23 +1,22 @@
-//! What was pushed by what during a tick.
+//! Collisions of a tick.
 
 use nalgebra::Vector3;
 use schema_types::{ActorId, Class};
 use serde::{Deserialize, Serialize};
 
-/// Two things pushed each other during a tick: one entry per (actor, other), so two actors that
-/// touch make two entries.
+/// One actor pushed by another thing during a tick. There is one entry per (actor, other), so two
+/// actors that touch make two entries.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Collision {
-    /// Who was pushed.
+    /// The actor that was pushed.
     pub actor: ActorId,
     /// What it touched; `None` is scenery.
     pub other: Option<ActorId>,
-    /// Class of what it touched; [`Class::UNLABELED`] for solid ground that does not say what it
-    /// is.
+    /// Class of what it touched; [`Class::UNLABELED`] for solid ground without a class.
     pub other_class: Class,
     /// Normal impulse on `actor` summed over the tick, N·s, world: it points away from `other`.
     pub impulse_in_world_ns: [f64; 3],
-    /// Where, world, metres: mean of the contact points, weighted with their impulses.
+    /// Place in the world, metres: the mean of the contact points, weighted with their impulses.
     pub point_in_world_m: [f64; 3],
 }
 
@@ -27,7 +26,7 @@ impl Collision {
         Vector3::from(self.impulse_in_world_ns).norm()
     }
 
-    /// Adds a later contact of the same two.
+    /// Adds a later contact of the same pair.
     pub(crate) fn add(&mut self, later: &Collision) {
         let (mine, theirs) = (self.impulse_ns(), later.impulse_ns());
         let share = if mine + theirs > 0.0 {

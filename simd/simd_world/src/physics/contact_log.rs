@@ -18,7 +18,7 @@ fn contact_point(colliders: &ColliderSet, pair: &ContactPair) -> Vector {
     for manifold in pair.solver_manifolds() {
         let place = manifold.subshape_pos1().map_or(place, |part| place * part);
         for point in &manifold.points {
-            // A point that carries nothing counts a little, so that a pair always has a place.
+            // A point without an impulse counts a little, so that a pair always has a place.
             let share = point.data.impulse.max(1e-6);
             sum += place * point.local_p1 * share;
             weight += share;
@@ -31,16 +31,16 @@ fn contact_point(colliders: &ColliderSet, pair: &ContactPair) -> Vector {
     }
 }
 
-/// Collects contact forces; the engine hands them out behind a shared reference.
+/// Collects contact forces. It locks because the engine reports them through a shared reference.
 #[derive(Default)]
 pub(crate) struct ContactLog {
     entries: Mutex<Vec<Collision>>,
-    /// Length of the sub-step.
+    /// Length of the engine's sub-step, seconds.
     pub dt_secs: f32,
 }
 
 impl ContactLog {
-    /// The contacts so far, point coordinates about the engine's origin.
+    /// The contacts so far; their points are relative to the engine's origin.
     pub fn entries(&mut self) -> &mut Vec<Collision> {
         self.entries
             .get_mut()

@@ -1,12 +1,13 @@
 //! The physics engine's state, copied and written into checkpoints.
 //!
-//! In a checkpoint's bytes, colliders of the map travel with a stand-in for their shape and take the
-//! shape back from the living world.
+//! In a checkpoint's bytes, colliders of the map travel with a stand-in for their shape and take
+//! the shape back from the living world.
 
 use rapier3d::prelude::*;
 use serde::{Deserialize as _, Deserializer, Serialize as _, Serializer};
 
-/// A copy of the engine's state with workspaces of its own.
+/// A copy of the engine's state. Pipelines and solvers hold no state between steps and are made
+/// anew.
 pub(crate) fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
     PhysicsWorld {
         gravity: engine.gravity,
@@ -25,7 +26,7 @@ pub(crate) fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
     }
 }
 
-/// Colliders whose shape comes with the map: triangles are nobody else's.
+/// Colliders whose shape comes with the map: only they are triangle meshes.
 fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ {
     engine
         .colliders
@@ -34,7 +35,7 @@ fn geometry(engine: &PhysicsWorld) -> impl Iterator<Item = ColliderHandle> + '_ 
         .map(|(handle, _)| handle)
 }
 
-/// Radius of a stand-in; nothing real is that small.
+/// Radius of a stand-in shape; no real shape is that small.
 const STAND_IN_M: f32 = f32::MIN_POSITIVE;
 
 pub(crate) fn serialize<S: Serializer>(
@@ -56,9 +57,8 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(
     PhysicsWorld::deserialize(deserializer)
 }
 
-/// Puts the colliders of the map where the stand-ins are. The living ones come whole: with them
-/// comes the mark "nothing changed here", so
-/// that the engine keeps what it knows of their contacts.
+/// Replaces the stand-ins by the living world's colliders. They are copied whole: with them comes
+/// their "unchanged" mark, so the engine keeps what it knows of their contacts.
 pub(crate) fn take_geometry(
     engine: &mut PhysicsWorld,
     living: &PhysicsWorld,

@@ -1,5 +1,5 @@
-//! Solid ground of maps as the engine wants it. Sorting its triangles is the dear part of loading a
-//! map, so the last few are kept.
+//! Solid ground of maps in the engine's form. Building the triangles' hierarchy is the slowest part
+//! of loading a map, so the last few maps are cached.
 
 use std::sync::Arc;
 
@@ -10,20 +10,20 @@ use schema_types::Class;
 
 use crate::map_data::{LoadError, MapData};
 
-/// A mesh's triangles, sorted, and its class.
+/// A mesh with its hierarchy, and its class.
 pub(crate) type Solid = (SharedShape, Class);
 
-/// Maps whose solids are kept.
+/// Number of maps in the cache.
 const KEPT: usize = 3;
 
-/// Solids of the maps loaded last.
+/// Cached solids of the maps that were loaded last.
 #[derive(Clone, Default)]
 pub(crate) struct Solids {
     kept: Vec<(Arc<MapData>, Vec<Solid>)>,
 }
 
 impl Solids {
-    /// Solids of this very map.
+    /// Solids of this map: cached if the same `Arc` was asked for lately.
     ///
     /// # Errors
     /// [`LoadError::Collision`] for a mesh that cannot be used.

@@ -1,9 +1,9 @@
-//! The solid things that stand still: ground, buildings, props.
+//! Colliders that stand still: ground, buildings, props.
 
 use rapier3d::math::{Pose, Vector};
 use rapier3d::prelude::*;
 
-/// A box along the axes.
+/// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Room {
     pub low: Vector,
@@ -52,7 +52,7 @@ impl From<Aabb> for Room {
     }
 }
 
-/// One thing that stands still.
+/// A collider that stands still.
 #[derive(Clone, Debug)]
 pub(crate) struct Still {
     pub collider: ColliderHandle,
@@ -60,17 +60,17 @@ pub(crate) struct Still {
     pub room: Room,
 }
 
-/// What stands still: ground, buildings, things that were put down. By rising handle.
+/// The colliders that stand still, by rising handle.
 #[derive(Clone, Default)]
 pub(crate) struct StillThings {
-    /// Grows with every change; 0: never looked.
+    /// Grows with every change; 0 before the first `refresh`.
     revision: u64,
     is_known: bool,
     things: Vec<Still>,
 }
 
 impl StillThings {
-    /// Grows with every change; 0 before the first look.
+    /// Grows with every change; 0 before the first `refresh`.
     pub fn revision(&self) -> u64 {
         self.revision
     }
@@ -80,12 +80,12 @@ impl StillThings {
         &self.things
     }
 
-    /// Something was added, moved, reshaped or taken away.
+    /// Must be called after something fixed was added, moved, reshaped or removed.
     pub fn forget(&mut self) {
         self.is_known = false;
     }
 
-    /// Lists what stands still, if that may have changed.
+    /// Lists the colliders anew if they may have changed.
     pub fn refresh(&mut self, bodies: &RigidBodySet, colliders: &ColliderSet) {
         if self.is_known {
             return;
@@ -96,8 +96,8 @@ impl StillThings {
             if body.is_some_and(|body| !body.is_fixed()) || collider.is_sensor() {
                 continue;
             }
-            // A body that was moved takes its colliders along in the next step only; the wheels are
-            // earlier.
+            // A moved body moves its colliders only in the engine's next step, but wheels ask
+            // before it.
             let place = match (body, collider.position_wrt_parent()) {
                 (Some(body), Some(in_body)) => *body.position() * *in_body,
                 _ => *collider.position(),

@@ -1,4 +1,4 @@
-//! Things that can be put down: the props of CARLA 0.9.16's library, with sizes and shapes of ours.
+//! The props of CARLA 0.9.16's library, with sizes and shapes of our own.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use simd_body::prop::{PropShape, PropStyle};
 
 use crate::errors::BadAttribute;
 
-/// One kind of thing: name behind `static.prop.`, family, length, width and height in centimetres,
+/// One kind of prop: name behind `static.prop.`; family; length, width and height in centimetres;
 /// two colours.
 type Row = (&'static str, PropStyle, [u16; 3], [u8; 3], [u8; 3]);
 
@@ -138,11 +138,11 @@ const ROWS: &[Row] = &[
     ("cypresstree", Tree, [180, 180, 750], BROWN, GREEN),
 ];
 
-/// The prop that stands for a mesh of somebody's own, and what it has beside its size.
+/// The prop that stands in for a user's mesh file, and the attributes it has beside its size.
 const MESH: &str = "static.prop.mesh";
 const MESH_ATTRIBUTES: &[(&str, &str)] = &[("mesh_path", ""), ("scale", "1.0"), ("mass", "1.0")];
 
-/// One kind of thing.
+/// One kind of prop.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PropModel {
     /// Catalogue id.
@@ -237,8 +237,8 @@ impl PropModel {
             .is_ok_and(|number| number > 0.0 && number.is_finite());
         match (name, attributes.get(name)) {
             (_, Some(is)) if is == value => None,
-            // A file of CARLA's engine, which nobody here can read: a box of a metre stands for it,
-            // and nothing that was put down moves.
+            // The path names a file of CARLA's engine, which cannot be read here: a box of one
+            // metre stands for the mesh. The mass has no effect because props do not move.
             ("mesh_path", Some(_)) => None,
             ("mass", Some(_)) if is_positive => None,
             ("mass", Some(_)) => Some("it must be a number above 0".to_owned()),

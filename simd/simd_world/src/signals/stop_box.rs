@@ -1,4 +1,4 @@
-//! The box on a lane in which a vehicle is before a light or a sign.
+//! Boxes on lanes that tell which vehicles are before a light or a sign.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_roads::{LanePosition, RoadMap};
@@ -7,10 +7,10 @@ use serde::{Deserialize, Serialize};
 /// Half length of the box before a stop line, and how far upstream its middle lies, metres.
 const STOP_BOX_HALF_M: f64 = 1.5;
 pub(crate) const STOP_BOX_UPSTREAM_M: f64 = 3.0;
-/// Half width of a box per width of its lane.
+/// Half width of a box as a share of its lane's width.
 pub(crate) const STOP_BOX_HALF_WIDTH_RATIO: f64 = 0.25;
 
-/// A box on a lane: a vehicle in it is before the light or sign.
+/// A box on a lane; a vehicle in it is before the light or sign.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct StopBox {
     #[serde(with = "crate::serde_forms::isometry")]
@@ -20,8 +20,9 @@ pub(crate) struct StopBox {
 }
 
 impl StopBox {
-    /// Separating axes of two upright boxes in the plane, and at most 2 m apart in height. The
-    /// vehicle must drive the lane's way.
+    /// Whether a vehicle's body overlaps the box: a separating-axis test of two upright boxes in
+    /// the plane. The vehicle must be at most 2 m higher or lower and point in the lane's
+    /// direction.
     pub fn overlaps(&self, world_from_vehicle: &Isometry3<f64>, half_m: [f64; 3]) -> bool {
         let box_from_vehicle = self.world_from_box.inv_mul(world_from_vehicle);
         let along = box_from_vehicle * Vector3::x();

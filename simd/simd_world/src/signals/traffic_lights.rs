@@ -1,10 +1,8 @@
-//! Traffic lights: stages of the controllers of a junction, and which vehicle stands before which
-//! light.
+//! Traffic lights: the stages of each junction's controllers, and which light a vehicle stands at.
 //!
-//! CARLA's timing: a controller is green 10 s, yellow 3 s, then all are red 2 s, then the
-//! junction's next controller is green. Each
-//! controller's three times can be set. Time is whole nanoseconds, so a stage ends in exactly the
-//! tick that completes it.
+//! The default times are CARLA's: a controller is green for 10 s, yellow for 3 s, then all are red
+//! for 2 s, then the junction's next controller is green. Each controller's three times can be set.
+//! Time is counted in whole nanoseconds, so a stage ends in exactly the tick that completes it.
 
 use nalgebra::Isometry3;
 use schema_frames::LightState;
@@ -14,12 +12,12 @@ use serde::{Deserialize, Serialize};
 
 use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
-/// Green, yellow, all red.
+/// Lengths of the stages green, yellow, all red.
 const STAGE_NANOS: [u64; 3] = [10_000_000_000, 3_000_000_000, 2_000_000_000];
 /// Shortest and longest stage that can be set, seconds.
 const STAGE_SECS: (f64, f64) = (0.01, 1e5);
 
-/// One light.
+/// One traffic light.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct TrafficLight {
     pub actor: ActorId,
@@ -30,7 +28,7 @@ pub(crate) struct TrafficLight {
     pub group: usize,
     /// Index within its group.
     pub pole_idx: u32,
-    /// Boxes before its stop lines: x along the lane.
+    /// Boxes before its stop lines; their x axis points along the lane.
     boxes: Vec<StopBox>,
 }
 
@@ -45,11 +43,11 @@ enum Stage {
 #[derive(Clone, Serialize, Deserialize)]
 struct Turn {
     lights: Vec<usize>,
-    /// Green, yellow, all red.
+    /// Lengths of the stages green, yellow, all red.
     stage_nanos: [u64; 3],
 }
 
-/// Controllers of one junction that take turns.
+/// The controllers of one junction, which take turns.
 #[derive(Clone, Serialize, Deserialize)]
 struct Group {
     turns: Vec<Turn>,
@@ -67,7 +65,7 @@ pub(crate) struct TrafficLights {
 }
 
 impl TrafficLights {
-    /// TrafficLights of the map's signals; `next_actor` gives each an id. Every group begins with its
+    /// The lights of the map's signals; `next_actor` gives each its id. Every group begins with its
     /// first controller green.
     pub fn new(roads: &RoadMap, mut next_actor: impl FnMut() -> ActorId) -> TrafficLights {
         let mut all = TrafficLights::default();
@@ -158,7 +156,7 @@ impl TrafficLights {
         }
     }
 
-    /// Lets time pass.
+    /// Advances the stages.
     pub fn step(&mut self, dt_nanos: u64) {
         if self.frozen {
             return;
@@ -177,7 +175,7 @@ impl TrafficLights {
         }
     }
 
-    /// Every light of the group shows its part of the stage.
+    /// Sets each light of a group to its state in the group's stage.
     fn show_stage(&mut self, group_idx: usize) {
         let group = &self.groups[group_idx];
         for (turn, Turn { lights, .. }) in group.turns.iter().enumerate() {
@@ -196,8 +194,8 @@ impl TrafficLights {
         }
     }
 
-    /// Every controller's times are as they were made, but its group begins anew: the first
-    /// controller green, all time at 0.
+    /// Restarts a group: the first controller green, all elapsed times 0. The controllers keep
+    /// their set times.
     pub fn reset_group(&mut self, group_idx: usize) {
         let group = &mut self.groups[group_idx];
         (group.turn, group.stage, group.in_stage_nanos) = (0, Stage::Green, 0);
@@ -208,13 +206,13 @@ impl TrafficLights {
             .for_each(|light| light.in_state_nanos = 0);
     }
 
-    /// Begins every group anew.
+    /// Restarts every group.
     pub fn reset_all(&mut self) {
         (0..self.groups.len()).for_each(|group| self.reset_group(group));
     }
 
-    /// Sets for how long the controller of a light shows a state. The stage that runs is measured
-    /// by the new length at once.
+    /// Sets for how long a light's controller shows a state. A running stage takes the new length
+    /// at once.
     ///
     /// # Errors
     /// What is wrong with the state or the time.
@@ -254,7 +252,7 @@ impl TrafficLights {
         self.lights.iter().position(|light| light.actor == actor)
     }
 
-    /// Gives one light a state; its group's timers run on. False if there is no such light.
+    /// Gives one light a state; its group's timers go on. Returns whether there is such a light.
     pub fn set_state(&mut self, actor: ActorId, state: LightState) -> bool {
         let light = self.lights.iter_mut().find(|light| light.actor == actor);
         if let Some(light) = light {
@@ -285,7 +283,7 @@ impl TrafficLights {
             .map(|nanos| (nanos as f64 * 1e-9) as f32)
     }
 
-    /// The light in whose box the vehicle's body stands, nearest box first.
+    /// The light whose box the vehicle's body overlaps; of several, the one with the nearest box.
     pub fn light_at(
         &self,
         world_from_vehicle: &Isometry3<f64>,

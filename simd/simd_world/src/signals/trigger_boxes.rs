@@ -1,4 +1,5 @@
-//! The boxes that actor lists give for lights and signs: where on lanes a vehicle is before them.
+//! Trigger boxes of lights and signs for the actor list: the places on lanes at which a vehicle is
+//! before them.
 
 use nalgebra::Point3;
 use schema_frames::document::BodyBox;
@@ -6,13 +7,13 @@ use schema_roads::{RoadMap, Signal, SignalKind};
 
 use super::stop_box::{STOP_BOX_HALF_WIDTH_RATIO, STOP_BOX_UPSTREAM_M, StopBox, stop_box};
 
-/// Half width of a speed limit's box per width of its lane.
+/// Half width of a speed limit's box as a share of its lane's width.
 const LIMIT_HALF_WIDTH_RATIO: f64 = 0.35;
-/// Half height of a box; it stands on the lane.
+/// Half height of a box, which stands on the lane, metres.
 const HALF_HEIGHT_M: f64 = 1.0;
 
-/// The box round all places on lanes at which vehicles are before a signal, in the signal's space;
-/// `None` if it is for no lane.
+/// The box around all places on lanes at which vehicles are before a signal, in the signal's space;
+/// `None` if the signal is for no lane.
 pub(crate) fn trigger_box(roads: &RoadMap, signal: &Signal) -> Option<BodyBox> {
     let (upstream_m, half_width_ratio) = match signal.kind {
         SignalKind::SpeedLimit | SignalKind::Other => (0.0, LIMIT_HALF_WIDTH_RATIO),

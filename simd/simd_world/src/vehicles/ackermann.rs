@@ -1,23 +1,22 @@
-//! Driving by angle and speed: two controllers, one from speed to acceleration and one from
-//! acceleration to pedals.
+//! Ackermann control: driving by steering angle and speed. One controller goes from speed to
+//! acceleration, another from acceleration to pedals.
 //!
-//! CARLA's controllers add their output to what they asked for before, once per frame at 20 Hz;
-//! here the same per second, so that the tick's
-//! length changes nothing.
+//! CARLA's controllers add their output to the previous one once per tick at 20 Hz. Here the same
+//! amount is added per second, so the result does not depend on the length of a tick.
 
 use schema_frames::{AckermannControl, AckermannGains, VehicleControl};
 use serde::{Deserialize, Serialize};
 
-/// Tick that the gains are meant for, seconds.
-const FRAME_SECS: f32 = 0.05;
+/// Length of the tick for which CARLA's gains are meant, seconds.
+const CARLA_TICK_SECS: f32 = 0.05;
 /// Limits of acceleration, m/s².
 const ACCELERATION_MPS2: (f32, f32) = (-8.0, 3.0);
-/// Targets below this mean: stand, m/s.
+/// A target speed below this means: stand still, m/s.
 const STAND_MPS: f32 = 0.1;
 /// Below this the gear may change between forward and reverse, m/s.
 const TURN_MPS: f32 = 0.3;
 
-/// State of the controllers of one vehicle; part of a checkpoint.
+/// State of one vehicle's controllers; part of a checkpoint.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Ackermann {
     pub control: AckermannControl,
@@ -25,7 +24,7 @@ pub(crate) struct Ackermann {
     wanted_mps2: f32,
     /// Throttle (positive) or brake (negative).
     pedal: f32,
-    /// Angle asked for so far, radians.
+    /// Steering angle asked for at present, radians.
     steer_rad: f32,
     reverse: bool,
     last_speed_mps: Option<f32>,
@@ -46,7 +45,7 @@ pub(crate) struct Seen {
 }
 
 impl Ackermann {
-    /// New wishes; what was learnt stays if there were wishes before.
+    /// Takes a new control. If there was one before, the controllers keep their state.
     pub fn wish(before: Option<Ackermann>, control: AckermannControl, steer_rad: f32) -> Ackermann {
         let clean = |x: f32, most: f32| {
             if x.is_finite() {
@@ -72,17 +71,17 @@ impl Ackermann {
         }
     }
 
-    /// Pedals and wheel for the next tick.
+    /// Pedals and steering for the next tick.
     pub fn step(&mut self, gains: &AckermannGains, seen: &Seen) -> VehicleControl {
         let steer_ratio = self.steer(seen);
         let target_mps = self.control.speed_mps;
-        let frames = seen.dt_secs / FRAME_SECS;
+        let ticks = seen.dt_secs / CARLA_TICK_SECS;
         let measured = self
             .last_speed_mps
             .map_or(0.0, |last| (seen.speed_mps - last) / seen.dt_secs);
         self.last_speed_mps = Some(seen.speed_mps);
-        // Keeps four fifths per frame.
-        self.measured_mps2 += (measured - self.measured_mps2) * (1.0 - 0.8f32.powf(frames));
+        // Low-pass filter that keeps four fifths per tick of 0.05 s.
+        self.measured_mps2 += (measured - self.measured_mps2) * (1.0 - 0.8f32.powf(ticks));
         let stands = seen.speed_mps.abs() < TURN_MPS;
         if target_mps.abs() < STAND_MPS && stands {
             self.forget();
@@ -97,16 +96,16 @@ impl Ackermann {
             self.forget();
             self.reverse = target_mps < 0.0;
         }
-        // Everything from here on along the gear.
+        // From here on, speeds and accelerations are along the engaged gear's direction.
         let way = if self.reverse { -1.0 } else { 1.0 };
         let (speed, target, acceleration) = (
             way * seen.speed_mps,
             way * target_mps,
             way * self.measured_mps2,
         );
-        self.aim(gains, target.max(0.0) - speed, frames, seen.dt_secs);
+        self.aim(gains, target.max(0.0) - speed, ticks, seen.dt_secs);
         let error = self.wanted_mps2 - acceleration;
-        self.pedal += frames
+        self.pedal += ticks
             * controller(
                 gains.acceleration,
                 error,
@@ -123,10 +122,10 @@ impl Ackermann {
         }
     }
 
-    /// Acceleration to ask for, from the error of speed, within the wishes.
-    fn aim(&mut self, gains: &AckermannGains, error_mps: f32, frames: f32, dt_secs: f32) {
+    /// Updates the acceleration to ask for from the error in speed, within the control's limits.
+    fn aim(&mut self, gains: &AckermannGains, error_mps: f32, ticks: f32, dt_secs: f32) {
         let before = self.wanted_mps2;
-        let change = frames * controller(gains.speed, error_mps, &mut self.speed_error, dt_secs);
+        let change = ticks * controller(gains.speed, error_mps, &mut self.speed_error, dt_secs);
         let limit = match self.control.acceleration_mps2 {
             0.0 => ACCELERATION_MPS2,
             most => (
@@ -163,7 +162,7 @@ impl Ackermann {
     }
 }
 
-/// One controller: proportional, integral, derivative; `memory` is the last error and its integral.
+/// One PID controller; `memory` holds the last error and the integral.
 fn controller([kp, ki, kd]: [f32; 3], error: f32, memory: &mut [f32; 2], dt_secs: f32) -> f32 {
     let rate = (error - memory[0]) / dt_secs;
     memory[1] += error * dt_secs;

@@ -69,7 +69,7 @@ fn attributes(model: &VehicleModel) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// `r,g,b`.
+/// A colour as the text `r,g,b`.
 pub(crate) fn color_text([r, g, b]: [u8; 3]) -> String {
     format!("{r},{g},{b}")
 }
@@ -119,7 +119,7 @@ fn check(name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<()
         "sticky_control" if !["true", "false"].contains(&value) => {
             Err(refuse("it must be true or false".to_owned()))
         }
-        // Who rides: every rider looks alike.
+        // Selects CARLA's rider; here all riders look alike.
         "driver_id" if known.contains_key(name) => match value.parse::<u32>() {
             Ok(_) => Ok(()),
             Err(_) => Err(refuse("it must be a whole number from 0".to_owned())),

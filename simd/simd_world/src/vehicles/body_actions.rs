@@ -12,7 +12,7 @@ use super::vehicle::Vehicle;
 use crate::errors::{ActionError, ActorError};
 use crate::physics::{Physics, narrow};
 
-/// Largest push: N·s, N, N·m·s or N·m.
+/// Largest push: N·s, N, N·m·s or N·m, whichever it is.
 const MOST_PUSH: f64 = 1e9;
 /// Largest angular velocity, rad/s.
 const MOST_RADPS: f64 = 100.0;
@@ -22,7 +22,7 @@ const MOST_MPS: f64 = 300.0;
 /// The vehicle that an action is for.
 pub(crate) struct Body<'w> {
     pub actor: ActorId,
-    /// The vehicle, or why the actor is none. Some actions complain about their values first.
+    /// The vehicle, or why the actor is none. Actions with values of their own check those first.
     pub vehicle: Result<&'w mut Vehicle, ActorError>,
     pub physics: &'w mut Physics,
 }

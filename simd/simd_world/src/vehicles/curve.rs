@@ -1,6 +1,6 @@
 //! Curves of straight lines between points.
 
-/// Value of a curve of straight lines: flat before its first and after its last point; `empty`
+/// Value of a piecewise linear curve: constant before its first and after its last point, `empty`
 /// without points.
 pub(crate) fn along(points: &[[f32; 2]], x: f32, empty: f32) -> f32 {
     let after = points.partition_point(|[at, _]| *at < x);

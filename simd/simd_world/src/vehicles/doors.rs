@@ -1,12 +1,12 @@
-//! Doors of vehicles: which are asked to be open, and how far they are.
+//! Doors of a vehicle: which are asked to be open, and how far open they are.
 
 use serde::{Deserialize, Serialize};
 
-/// Doors of a vehicle: front left, front right, rear left, rear right.
+/// Number of doors: front left, front right, rear left, rear right.
 pub(crate) const N_DOORS: usize = 4;
 /// Time from shut to open, seconds.
 const OPENING_SECS: f64 = 0.8;
-/// Largest value of a door's opening in a snapshot.
+/// Largest value of a door's opening in a snapshot (four bits).
 const WIDE_OPEN: f32 = 15.0;
 
 /// The doors of one vehicle.
@@ -28,7 +28,7 @@ impl Doors {
         };
     }
 
-    /// Moves them for a tick.
+    /// Moves the doors for one tick.
     pub fn step(&mut self, dt_secs: f64) {
         for (door, opening) in self.opening.iter_mut().enumerate() {
             let way = (dt_secs / OPENING_SECS) as f32;
@@ -41,12 +41,12 @@ impl Doors {
         }
     }
 
-    /// Whether the plain body will do.
+    /// Whether all doors are shut, so that the body mesh without doors can be shown.
     pub fn are_shut(&self) -> bool {
         self.opening == [0.0; N_DOORS]
     }
 
-    /// How far a door is, as one sees it: it starts and ends gently.
+    /// How far a door is shown open, 0 to 1: it starts and ends gently.
     pub fn visible(&self, door: usize) -> f64 {
         let opening = f64::from(self.opening[door]);
         opening * opening * (3.0 - 2.0 * opening)
@@ -54,7 +54,7 @@ impl Doors {
 
     /// Bits 16 to 31 of a vehicle's flags in a snapshot: four for each door.
     pub fn flags(&self) -> u32 {
-        // A door that is ajar is not shut.
+        // Rounded up, so that a door that is barely open does not read as shut.
         let level = |opening: &f32| (opening * WIDE_OPEN).ceil() as u32;
         self.opening
             .iter()

@@ -1,7 +1,7 @@
-//! What an engine with its gearbox is by its kind.
+//! The constants of an engine with its gearbox.
 
-/// An engine with its gearbox. Torques in N·m at the crankshaft, ratios engine
-/// to gearbox output.
+/// An engine with its gearbox. Torques are in N·m at the crankshaft; ratios are engine speed over
+/// gearbox output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EngineSpec {
     /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm.
@@ -20,7 +20,7 @@ pub struct EngineSpec {
     pub up_ratio: f32,
     /// Reverse gear, as a positive ratio.
     pub reverse_ratio: f32,
-    /// Final drive.
+    /// Ratio of the final drive.
     pub final_ratio: f32,
     /// Share of the torque that reaches the wheels.
     pub efficiency_ratio: f32,

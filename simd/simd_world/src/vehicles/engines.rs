@@ -148,7 +148,7 @@ pub const MOTORBIKE: EngineSpec = EngineSpec {
     drag_nm_s: 0.015,
     inertia_kgm2: 0.02,
 };
-/// A belt drive, as six close steps.
+/// A continuous belt drive, modelled as six close gears.
 pub const SCOOTER: EngineSpec = EngineSpec {
     torque_curve: &[
         (1500.0, 6.0),

@@ -1,5 +1,4 @@
-//! Physical data of each kind of vehicle as one can read and change them, and what values are
-//! possible.
+//! Default physical data of each vehicle model, and the values that clients may set.
 
 use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 
@@ -9,30 +8,31 @@ use crate::physics::GRAVITY_MPS2;
 
 /// Friction between tyre and road.
 pub(crate) const TYRE_FRICTION: f32 = 1.0;
-/// Full brake asks for this share of the grip, so that 0.9 of the pedal already reaches the limit.
+/// At full brake the torque is this multiple of the tyres' grip, so 0.9 of the pedal already
+/// reaches the limit.
 const BRAKE_GRIP_RATIO: f32 = 1.1;
-/// What the hand brake holds of the load on its wheels at rest.
+/// Torque of the hand brake over the load on its wheels at rest.
 const HAND_BRAKE_GRIP_RATIO: f32 = 1.3;
-/// Largest torque of the engine that the clutch carries, times this.
+/// Torque that the clutch carries over the engine's largest torque.
 const CLUTCH_RESERVE: f32 = 1.6;
-/// Slip that the load at rest divided by the longitudinal stiffness makes.
+/// Longitudinal stiffness of a tyre per load and slip ratio.
 const LONG_STIFFNESS: f32 = 15.0;
 /// Lateral stiffness of front and rear tyres per load and radian: softer in front, so that vehicles
 /// understeer.
 const LAT_STIFFNESS_PER_RAD: [f32; 2] = [15.0, 17.0];
-/// Speed (m/s) and share of full lock: 0, 20, 60 and 120 km/h.
+/// Steering lock over speed: (m/s, share of full lock) at 0, 20, 60 and 120 km/h.
 const STEERING_CURVE: [[f32; 2]; 4] = [
     [0.0, 1.0],
     [5.555_556, 0.9],
     [16.666_667, 0.7],
     [33.333_333, 0.5],
 ];
-/// Distance between the two rear axles of a lorry with three, metres.
+/// Distance between the two rear axles of a three-axle lorry, metres.
 const TANDEM_M: f64 = 1.3;
 
 impl VehicleModel {
-    /// Where the wheels stand on the ground: x forward, y left of the origin, metres. Two-wheelers:
-    /// front, rear; others front left, front right, …
+    /// Where the wheels stand on the ground: x forward and y left of the origin, metres. The order
+    /// is front, rear for two-wheelers and front left, front right, … for others.
     pub fn wheel_sites_m(&self) -> Vec<[f64; 2]> {
         let x = 0.5 * self.wheelbase_m;
         if self.is_two_wheeler() {
@@ -47,7 +47,7 @@ impl VehicleModel {
         axles.into_iter().flat_map(|x| [[x, y], [x, -y]]).collect()
     }
 
-    /// Centre of mass in the vehicle as it leaves the factory, metres.
+    /// Default centre of mass in the vehicle's space, metres.
     pub(crate) fn center_of_mass_m(&self) -> [f32; 3] {
         let forward = (self.front_load_ratio() - 0.5) * self.wheelbase_m;
         [forward as f32, 0.0, self.mass_height_m() as f32]
@@ -59,7 +59,7 @@ impl VehicleModel {
         4.0 * half_y * half_z
     }
 
-    /// Physical data as it leaves the factory.
+    /// Default physical data.
     pub fn physics(&self) -> VehiclePhysics {
         let engine = &self.engine;
         let peak_nm = engine
@@ -80,7 +80,7 @@ impl VehicleModel {
                 .collect(),
             max_rpm: engine.max_rpm,
             engine_inertia_kgm2: engine.inertia_kgm2,
-            // The curve is what is left after the engine's own friction.
+            // The torque curve already has the engine's own friction subtracted.
             damping_full_throttle_nms: 0.0,
             damping_closed_engaged_nms: engine.drag_nm_s,
             damping_closed_open_nms: engine.inertia_kgm2 / 0.3,
@@ -102,8 +102,8 @@ impl VehicleModel {
         let weight_n = (self.mass_kg * GRAVITY_MPS2) as f32;
         let radius_m = self.wheel_radius_m as f32;
         let com = self.center_of_mass_m();
-        // At the limit the load moves forward by height over wheelbase; brakes share themselves out
-        // for that.
+        // At the limit of grip, load moves forward by the ratio of height to wheelbase; the brakes
+        // are distributed for that.
         let front = (self.front_load_ratio() + self.mass_height_m() / self.wheelbase_m)
             .clamp(0.5, 0.85) as f32;
         let sites = self.wheel_sites_m();
@@ -148,8 +148,8 @@ impl VehicleModel {
     }
 }
 
-/// Share of the weight on each wheel at rest, by the place of the centre of mass between front and
-/// rear wheels.
+/// Share of the weight on each wheel at rest, from the position of the centre of mass between front
+/// and rear wheels.
 pub(crate) fn rest_load_ratios(sites_m: &[[f32; 2]], com_x_m: f32) -> Vec<f32> {
     let mean = |front: bool| {
         let of: Vec<f32> = sites_m
@@ -176,7 +176,12 @@ pub(crate) fn rest_load_ratios(sites_m: &[[f32; 2]], com_x_m: f32) -> Vec<f32> {
         .collect()
 }
 
-/// Checks what somebody wants to set: a sentence that names the value and what is allowed.
+///
+/// Checks data that a client wants to set.
+///
+/// # Errors
+///
+/// A sentence that names the value and what is allowed.
 pub(crate) fn check(physics: &VehiclePhysics, n_wheels: usize) -> Result<(), String> {
     let within = |name: &str, value: f32, low: f32, high: f32| match value >= low && value <= high {
         true => Ok(()),

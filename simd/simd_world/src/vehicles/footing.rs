@@ -1,13 +1,11 @@
-//! The solid ground near a vehicle, kept at hand for its wheels.
+//! The solid ground near a vehicle, cached for its wheels.
 //!
-//! A wheel asks where the ground is in every sub-step, and a search through a whole town for each
-//! would cost more than all the rest. So a
-//! vehicle keeps the triangles about it and looks there until it leaves their room or the ground
-//! changes. What a ray finds depends on
-//! neither: of the triangles whose box touches the ray's box, the nearest hit counts, and of
-//! equally near ones the first by collider and
-//! number. A vehicle with a full room, with an empty one or just restored from a checkpoint finds
-//! the same bits.
+//! Every wheel needs the ground below it in every sub-step, and a search through a whole town each
+//! time would cost more than the rest of the vehicle's physics. So a vehicle caches the triangles
+//! in a room around it, until it leaves that room or the ground changes. The result does not depend
+//! on the cache: of the triangles whose box touches the ray's box, the nearest hit counts, and of
+//! equally near ones the first by collider and triangle number. A vehicle with a full cache, with
+//! an empty one or just restored from a checkpoint finds the same bits.
 
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::query::details::local_ray_intersection_with_triangle;
@@ -15,12 +13,14 @@ use rapier3d::prelude::*;
 
 use crate::physics::{Room, StillThings};
 
-/// Room kept about the rays, metres, and for how long ahead at the vehicle's velocity, seconds.
+/// Margin of the room around the rays, metres, and how far ahead it reaches at the vehicle's
+/// velocity, seconds.
 const MARGIN_M: f32 = 0.5;
 const AHEAD_SECS: f32 = 0.15;
-/// With more triangles than this in it a room shrinks to the rays themselves.
+/// With more triangles than this, the room shrinks to the rays' own boxes.
 const MOST_TRIANGLES: usize = 512;
-/// Rays are taken this much thicker, so that none slips through between two neighbours, metres.
+/// Rays' boxes are made this much thicker, so that no ray slips through between two neighbouring
+/// triangles, metres.
 const SKIN_M: f32 = 1e-3;
 
 /// A ray of limited length, and its box.
@@ -52,17 +52,17 @@ impl Feeler {
     }
 }
 
-/// Where a feeler meets something: how far along and the normal there.
+/// Where a feeler hits something: distance along it, and the normal there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Felt {
     pub distance_m: f32,
     pub normal: Vector,
 }
 
-/// What is solid near a vehicle.
+/// The cached solid things near a vehicle.
 #[derive(Debug)]
 pub(crate) struct Footing {
-    /// That of the [`StillThings`] it was taken from.
+    /// Revision of the [`StillThings`] that the cache was filled from.
     revision: u64,
     room: Room,
     /// Boxes and corners of the triangles, by collider and number.
@@ -84,7 +84,7 @@ impl Default for Footing {
     }
 }
 
-/// A copy looks for itself: what is kept here follows from the map and the place.
+/// A copy starts empty and fills itself: the cache follows from the map and the place.
 impl Clone for Footing {
     fn clone(&self) -> Self {
         Footing::default()
@@ -92,7 +92,7 @@ impl Clone for Footing {
 }
 
 impl Footing {
-    /// Makes sure that everything these feelers can meet is at hand.
+    /// Makes sure that everything these feelers can hit is in the cache.
     pub fn prepare(
         &mut self,
         feelers: &[Feeler],
@@ -120,7 +120,7 @@ impl Footing {
         }
     }
 
-    /// Takes what is in a room; false if that is more than `most` triangles.
+    /// Fills the cache with what is in a room; false if that is more than `most` triangles.
     fn collect(
         &mut self,
         room: Room,
@@ -168,7 +168,7 @@ impl Footing {
         true
     }
 
-    /// The nearest that a feeler meets, which was among those prepared for.
+    /// The nearest hit of a feeler, which must be one that `prepare` was called with.
     pub fn feel(
         &self,
         feeler: &Feeler,
@@ -237,7 +237,7 @@ mod tests {
         (physics, map)
     }
 
-    /// Feelers of a vehicle somewhere near a spawn point, mostly downwards.
+    /// Feelers of a vehicle somewhere near a spawn point, mostly pointing down.
     fn feelers(at: Vector, noise: &Noise) -> Vec<Feeler> {
         let lot = |n: u64, most: f64| (most * (2.0 * noise.uniform(n) - 1.0)) as f32;
         let feeler = |i: u64| {
@@ -253,8 +253,8 @@ mod tests {
         (0..4).map(feeler).collect()
     }
 
-    /// The engine's own query is the oracle: same distance, same normal but for edges, where either
-    /// neighbour's will do.
+    /// The engine's own query is the oracle: the distance must be the same, and the normal too
+    /// except at edges, where either neighbour's counts.
     #[test]
     fn wheels_find_what_the_engine_finds_wherever_they_are() {
         let (mut physics, map) = town();

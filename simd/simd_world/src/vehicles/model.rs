@@ -1,7 +1,7 @@
-//! The vehicles: measures, masses, engines, paints.
+//! The kinds of vehicle: measures, masses, engines, paints.
 //!
-//! Ids, half extents and types are CARLA 0.9.16's; masses, wheelbases and engines are ours, chosen
-//! for the kind of vehicle.
+//! Ids, half extents and types are CARLA 0.9.16's; masses, wheelbases and engines are our own,
+//! chosen to suit the kind of vehicle.
 
 use schema_frames::document::BodyBox;
 use schema_types::Class;
@@ -27,7 +27,7 @@ pub struct VehicleModel {
     /// Half length, width, height of the body box with mirrors, metres; the box stands on the
     /// ground about the origin.
     pub half_m: [f64; 3],
-    /// Axles: 2, or 3 for a lorry with a pair of rear axles.
+    /// Number of axles: 2, or 3 for a lorry with a pair of rear axles.
     pub n_axles: usize,
     /// Distance between the front axle and the rear one, or the middle of the rear pair, metres.
     pub wheelbase_m: f64,
@@ -48,7 +48,7 @@ pub struct VehicleModel {
 }
 
 impl VehicleModel {
-    /// Number of wheels one sees.
+    /// Number of visible wheels.
     pub fn n_wheels(&self) -> usize {
         match self.is_two_wheeler() {
             true => 2,
@@ -61,8 +61,8 @@ impl VehicleModel {
         matches!(self.style, BodyStyle::Motorcycle | BodyStyle::Bicycle)
     }
 
-    /// Largest mean steering angle of the front wheels, radians: 70° for cars as in CARLA, whose
-    /// drivers count on it.
+    /// Largest mean steering angle of the front wheels, radians: 70° for cars, as in CARLA, because
+    /// its controllers rely on it.
     pub fn max_steer_rad(&self) -> f64 {
         let degrees: f64 = match self.style {
             BodyStyle::Bus | BodyStyle::Lorry => 60.0,
@@ -90,13 +90,13 @@ impl VehicleModel {
         }
     }
 
-    /// Half extents of the body without mirrors, metres: CARLA's boxes of buses and lorries include
-    /// them, roads allow 2.6 m.
+    /// Half extents of the body without mirrors, metres. CARLA's boxes of buses and lorries include
+    /// the mirrors, but lanes only allow a width of 2.6 m.
     pub fn solid_half_m(&self) -> [f64; 3] {
         [self.half_m[0], self.half_m[1].min(1.3), self.half_m[2]]
     }
 
-    /// The shape its meshes are made from.
+    /// The shape from which its meshes are made.
     pub fn shape(&self) -> VehicleShape {
         let half_m = self.solid_half_m();
         VehicleShape {
@@ -119,7 +119,8 @@ impl VehicleModel {
         }
     }
 
-    /// Whether its doors open: cars and vans of the second generation, as in CARLA.
+    /// Whether its doors can open: those of cars and vans of the second generation can, as in
+    /// CARLA.
     pub fn has_dynamic_doors(&self) -> bool {
         use BodyStyle::{Hatch, Microbus, Saloon, Suv, Van};
         self.generation == 2 && matches!(self.style, Saloon | Hatch | Suv | Van | Microbus)
@@ -159,7 +160,7 @@ mod tests {
         }
     }
 
-    /// What one sees is of the class that the record says.
+    /// The body's mesh has the class that the record states.
     #[test]
     fn meshes_are_of_the_models_class() {
         for model in MODELS {

@@ -1,14 +1,13 @@
-//! Engine, clutch and gearbox of one vehicle: pedals and wheel speed in, torque at the wheels out.
+//! The powertrain of one vehicle (engine, clutch, gearbox): pedals and wheel speed in, torque at
+//! the wheels out.
 //!
-//! The engine is a flywheel that follows its torque curve. While the clutch is locked it turns with
-//! the wheels and its inertia rides on
-//! them; while it slips it passes a friction torque that depends on no speed difference, so nothing
-//! is stiff. Below idle speed the clutch
-//! opens by itself and closes with rising engine speed, as a driver or an automatic would do it.
-//! Electric motors and legs have no idle
-//! speed and stay locked. The automatic gearbox shifts at the gears' own shares of the largest
-//! engine speed, earlier with less throttle,
-//! and waits between shifts, so that it does not hunt.
+//! The engine is a flywheel that follows its torque curve. While the clutch is locked, the engine
+//! turns with the wheels and adds its inertia to theirs. While the clutch slips, it passes a
+//! friction torque that does not depend on the speed difference, so nothing is stiff. Below idle
+//! speed the clutch opens by itself, and it closes with rising engine speed, as a driver or an
+//! automatic would do it. Electric motors and a cyclist's legs have no idle speed and stay locked.
+//! The automatic gearbox shifts at each gear's own share of the largest engine speed, earlier with
+//! less throttle, and waits between shifts so that it does not hunt.
 
 use schema_frames::{VehicleControl, VehiclePhysics};
 use serde::{Deserialize, Serialize};
@@ -19,16 +18,17 @@ use super::engine_spec::EngineSpec;
 /// Least time between two automatic shifts, seconds.
 const SHIFT_PAUSE_SECS: f32 = 0.8;
 pub(crate) const RADPS_PER_RPM: f32 = std::f32::consts::TAU / 60.0;
-/// Slip at which `clutch_strength` gives the largest torque that a clutch carries, rad/s.
+/// Slip at which `clutch_strength_nms` gives the largest torque that a clutch carries, rad/s.
 pub(crate) const CLUTCH_SLIP_RADPS: f32 = 60.0;
 /// Slip below which a closed clutch locks, rad/s.
 const LOCK_RADPS: f32 = 2.0;
-/// A slipping clutch is followed in steps no longer than this, seconds.
+/// Longest step in which a slipping clutch is integrated, seconds.
 const SLIP_STEP_SECS: f32 = 0.002;
 /// With the throttle shut the gearbox shifts up at this share of the speed at full throttle.
 const EARLY_SHIFT_RATIO: f32 = 0.45;
 
-/// Full-throttle torque of the data in force, N·m; 0 beyond the last point and beyond `max_rpm`.
+/// Full-throttle torque at an engine speed, N·m; 0 beyond the curve's last point and beyond
+/// `max_rpm`.
 fn torque_nm(physics: &VehiclePhysics, rpm: f32) -> f32 {
     let beyond = physics
         .torque_curve
@@ -41,7 +41,7 @@ fn torque_nm(physics: &VehiclePhysics, rpm: f32) -> f32 {
     }
 }
 
-/// What the powertrain is asked in one sub-step.
+/// Input of one sub-step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowertrainInput {
     /// Pedals and gear lever, clamped.
@@ -52,7 +52,7 @@ pub struct PowertrainInput {
     pub dt_secs: f32,
 }
 
-/// What reaches the driven wheels together, before tyres limit it.
+/// What reaches all driven wheels together, before tyres limit it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PowertrainOutput {
     /// Torque, N·m, positive forwards.
@@ -91,7 +91,7 @@ pub(crate) fn overall_ratio(spec: &EngineSpec, physics: &VehiclePhysics, gear: i
 }
 
 impl Powertrain {
-    /// Engine idling in first gear.
+    /// A powertrain with the engine idling in first gear.
     pub fn new(spec: &EngineSpec) -> Self {
         let engine_radps = spec.idle_rpm * RADPS_PER_RPM;
         Powertrain {
@@ -160,7 +160,8 @@ impl Powertrain {
         }
     }
 
-    /// The clutch slips: mean torque that it passes on. Locks when both sides turn alike.
+    /// Integrates a slipping clutch and returns the mean torque that it passes on. The clutch locks
+    /// when both sides turn at the same speed.
     fn slip(
         &mut self,
         spec: &EngineSpec,
@@ -184,7 +185,7 @@ impl Powertrain {
                 sum_nm += torque_nm(physics, geared_radps / RADPS_PER_RPM) * throttle;
                 continue;
             }
-            // Closes between idle and launch speed; closed altogether once the wheels turn fast
+            // The clutch closes between idle and launch speed, and fully once the wheels turn fast
             // enough.
             let closed = if may_lock {
                 f32::INFINITY
@@ -204,7 +205,7 @@ impl Powertrain {
         sum_nm / n_steps
     }
 
-    /// The engine turns by itself against `load_nm`; a governor keeps it at idle.
+    /// Integrates the engine alone against `load_nm`; a governor keeps it at idle.
     fn rev(
         &mut self,
         spec: &EngineSpec,
@@ -225,7 +226,8 @@ impl Powertrain {
             (inertia * self.engine_radps + dt_secs * torque_nm) / (inertia + dt_secs * damping_nms);
         let [idle, most] =
             [spec.idle_rpm.min(physics.max_rpm), physics.max_rpm].map(|rpm| rpm * RADPS_PER_RPM);
-        // Above its largest speed, e.g. after a shift down, only the clutch brings it there.
+        // If the engine is above its largest speed, for example after a shift down, only the clutch
+        // slows it down to there.
         self.engine_radps = revved.clamp(idle, most.max(self.engine_radps));
     }
 
@@ -343,7 +345,7 @@ mod tests {
                 "{}: {rpm} rpm",
                 model.type_id
             );
-            // In balance the clutch passes what the engine gives.
+            // In equilibrium the clutch passes the torque that the engine gives.
             let given_nm =
                 torque_nm(&physics, rpm) * overall_ratio(spec, &physics, 1) * spec.efficiency_ratio;
             assert!(

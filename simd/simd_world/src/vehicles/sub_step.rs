@@ -1,9 +1,9 @@
-//! One sub-step of one vehicle: steering, powertrain, brakes, air, springs and tyres, solved into
-//! new velocities of its body.
+//! One sub-step of one vehicle: steering, powertrain, brakes, air drag, springs and tyres, solved
+//! into new velocities of its body.
 //!
-//! A vehicle reads the engine's world and changes only itself, so vehicles are planned side by side
-//! on any number of threads with the same
-//! bits; the new velocities are given to the engine afterwards, in order.
+//! A vehicle reads the engine's world and changes only itself, so any number of threads can plan
+//! vehicles with the same result, bit for bit. The new velocities are given to the engine
+//! afterwards, in order.
 
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::parry::math::Mat3;
@@ -12,7 +12,7 @@ use schema_frames::{VehicleTelemetry, WheelTelemetry};
 use super::footing::Feeler;
 use super::powertrain::{PowertrainInput, PowertrainOutput, RADPS_PER_RPM};
 use super::vehicle::{MAX_WHEELS, Vehicle};
-use super::wheel::{Ground, Mount, ROLLING_RATIO, Wheel};
+use super::wheel::{Ground, ROLLING_RATIO, Wheel, WheelPose};
 use super::wheel_solver::{Chassis, Contact, Row, Softness, WheelRows, solve};
 use crate::friction_areas::GroundGrip;
 use crate::physics::{GRAVITY_MPS2, Physics};
@@ -21,20 +21,20 @@ use crate::physics::{GRAVITY_MPS2, Physics};
 pub(crate) const AIR_KGPM3: f32 = 1.2;
 /// How fast the front wheels turn, rad/s.
 const STEER_RATE_RADPS: f32 = 3.0;
-/// Turns of the solver in a sub-step.
+/// Iterations of the solver in a sub-step.
 const SOLVER_TURNS: u32 = 6;
-/// Slip over the slip of most grip at which anti-lock brakes and traction control begin, and over
-/// which they let go by half.
+/// Slip, as a multiple of the slip with the most grip, at which anti-lock brakes and traction
+/// control begin, and the further slip over which they let go by half.
 const SLIP_CONTROL: [f32; 2] = [1.2, 1.0];
-/// Slip speed below which they do nothing, m/s.
+/// Slip speed below which neither acts, m/s.
 const SLIP_CONTROL_MPS: f32 = 0.5;
-/// How fast a rider rights a two-wheeler, rad/s, and how fast the lean asked for follows the bend,
-/// seconds.
+/// Natural frequency with which a rider rights a two-wheeler, rad/s, and time constant with which
+/// the wanted lean follows the bend, seconds.
 const BALANCE_RADPS: f32 = 7.0;
 const LEAN_SECS: f32 = 0.15;
-/// Furthest that a rider leans: as far as tyres hold.
+/// Largest lean of a rider: as far as tyres hold.
 const MOST_LEAN_RAD: f32 = 0.75;
-/// Most that a rider can do, as a share of the torque that would hold the bike lying.
+/// Largest torque of a rider, as a share of the torque that would hold the bike lying.
 const BALANCE_RATIO: f32 = 3.0;
 
 /// New velocities of a body: of its centre of mass, and angular.
@@ -44,7 +44,7 @@ pub(crate) struct NewVelocities {
     pub angular: Vector,
 }
 
-/// What a vehicle needs of the world to plan a sub-step.
+/// What a vehicle needs to know of the world to plan a sub-step.
 #[derive(Clone, Copy)]
 pub(crate) struct Around<'a> {
     pub physics: &'a Physics,
@@ -52,7 +52,7 @@ pub(crate) struct Around<'a> {
     pub dt_secs: f32,
 }
 
-/// The body at the beginning of a sub-step.
+/// Pose, axes and velocity of the body at the beginning of a sub-step, in engine coordinates.
 struct BodyState {
     pose: EnginePose,
     center: Vector,
@@ -139,8 +139,8 @@ impl Vehicle {
             } else {
                 rear_ratio * lock
             };
-            // Inside of a sharp bend the centre may lie within the track, where no angle points to
-            // it.
+            // In a sharp bend the centre may lie within the track, where no angle of the inner
+            // wheel points to it.
             let angle = if angle * self.steer_rad < 0.0 {
                 lock.copysign(self.steer_rad)
             } else {
@@ -150,11 +150,11 @@ impl Vehicle {
         }
     }
 
-    /// Gravity, air drag and what pushes from outside.
+    /// Gravity, air drag and pushes from outside.
     ///
-    /// Gravity comes from here and not from the engine: the engine spreads it over its solver's
-    /// iterations, the springs' answer comes at
-    /// once, and at rest the difference would show as a constant vertical velocity.
+    /// Gravity is applied here and not by the engine: the engine spreads it over its solver's
+    /// iterations while the springs answer at once, so at rest the difference would show as a
+    /// constant vertical velocity.
     fn fly(&self, chassis: &mut Chassis, dt_secs: f32) {
         let drag_n = -self.drag_n(chassis.linear.length());
         let force_n = Vector::from(self.force_n) + chassis.linear.normalize_or_zero() * drag_n;
@@ -183,22 +183,22 @@ impl Vehicle {
             .step(&self.model.engine, &self.physics, &input)
     }
 
-    /// Where the ground is under each wheel, and what it grips there.
+    /// The ground under each wheel; also sets the friction of each wheel there.
     fn feel(
         &mut self,
         around: &Around<'_>,
         start: &BodyState,
-    ) -> [Option<(Ground, Mount)>; MAX_WHEELS] {
-        // Ground that the sub-step will reach counts already, or a long one would fall deep into
-        // it.
+    ) -> [Option<(Ground, WheelPose)>; MAX_WHEELS] {
+        // Ground that the body reaches within the sub-step counts already; otherwise a long
+        // sub-step would let it fall deep into the ground.
         let reach_m = (start.falling_mps * around.dt_secs).max(0.0);
         let n_wheels = self.wheels.len().min(MAX_WHEELS);
         let mut grounds = [None; MAX_WHEELS];
         let mut feelers = [Feeler::NONE; MAX_WHEELS];
         for ((wheel, ground), feeler) in self.wheels.iter().zip(&mut grounds).zip(&mut feelers) {
-            let mount = wheel.mount(start.pose, [start.forward, start.left, start.up]);
-            *feeler = wheel.feeler(&mount, reach_m);
-            *ground = Some((Ground::default(), mount));
+            let wheel_pose = wheel.pose(start.pose, [start.forward, start.left, start.up]);
+            *feeler = wheel.feeler(&wheel_pose, reach_m);
+            *ground = Some((Ground::default(), wheel_pose));
         }
         let Physics { engine, still, .. } = around.physics;
         let sweep = self.physics.sweep_wheels;
@@ -211,13 +211,15 @@ impl Vehicle {
             );
         }
         for ((wheel, ground), feeler) in self.wheels.iter_mut().zip(&mut grounds).zip(&feelers) {
-            let Some((_, mount)) = *ground else { continue };
+            let Some((_, wheel_pose)) = *ground else {
+                continue;
+            };
             let felt = match sweep {
-                true => wheel.sweep(&mount, &around.physics.ground_query(), reach_m),
+                true => wheel.sweep(&wheel_pose, &around.physics.ground_query(), reach_m),
                 false => self
                     .footing
                     .feel(feeler, still, &engine.colliders)
-                    .map(|felt| wheel.ground(&mount, &felt)),
+                    .map(|felt| wheel.ground(&wheel_pose, &felt)),
             };
             wheel.on_ground = felt.is_some_and(|ground| ground.compression_m >= 0.0);
             wheel.compression_m = felt.map_or(0.0, |ground| ground.compression_m);
@@ -230,7 +232,7 @@ impl Vehicle {
                     .find(|area| area.contains(&around.physics.world_point(felt.point)));
                 wheel.friction = inside.map_or(wheel.friction, |area| area.friction);
             }
-            *ground = felt.map(|felt| (felt, mount));
+            *ground = felt.map(|felt| (felt, wheel_pose));
         }
         grounds
     }
@@ -239,7 +241,7 @@ impl Vehicle {
         &mut self,
         i: usize,
         powertrain: &PowertrainOutput,
-        grounds: &[Option<(Ground, Mount)>; MAX_WHEELS],
+        grounds: &[Option<(Ground, WheelPose)>; MAX_WHEELS],
         start: &BodyState,
         chassis: &mut Chassis,
         around: &Around<'_>,
@@ -281,14 +283,22 @@ impl Vehicle {
         let before = (wheel.brake_nm * dt_secs).clamp(-rows.most_brake, rows.most_brake);
         rows.brake_impulse = before;
         rows.radps += before / inertia;
-        rows.contact = grounds[i].map(|(ground, mount)| {
-            contact(wheel, &ground, &mount, start, chassis, &mut rows, dt_secs)
+        rows.contact = grounds[i].map(|(ground, wheel_pose)| {
+            contact(
+                wheel,
+                &ground,
+                &wheel_pose,
+                start,
+                chassis,
+                &mut rows,
+                dt_secs,
+            )
         });
         rows
     }
 
-    /// Share of the engine's torque that goes to a wheel: by load among the driven ones, as
-    /// limited-slip differentials do it.
+    /// Share of the engine's torque that goes to a wheel: by load among the driven wheels, as
+    /// limited-slip differentials distribute it.
     fn drive_share(&self, i: usize) -> f32 {
         if !self.wheels[i].spec.driven {
             return 0.0;
@@ -302,15 +312,15 @@ impl Vehicle {
         }
     }
 
-    /// A rider leans into the bend and balances: a spring about the wheels' line towards the lean
-    /// that the bend needs.
+    /// The row of a rider who leans into the bend and balances: a spring about the line through the
+    /// wheels towards the lean that the bend needs.
     fn balance(
         &mut self,
         start: &BodyState,
         chassis: &mut Chassis,
         dt_secs: f32,
     ) -> Option<(Row, f32)> {
-        // Nobody balances what lies on its side.
+        // A bike that lies on its side is not balanced.
         if !self.model.is_two_wheeler() || start.up.z < 0.4 {
             return None;
         }
@@ -333,7 +343,7 @@ impl Vehicle {
         Some((row, BALANCE_RATIO * mass_kg * gravity * height_m * dt_secs))
     }
 
-    /// A velocity that is held replaces what came out, except for falling.
+    /// A held velocity replaces the solved one, except for falling.
     fn hold_velocity(&self, start: &BodyState, chassis: &mut Chassis) {
         let Some([x, y, z]) = self.switches.held_mps else {
             return;
@@ -347,7 +357,7 @@ impl Vehicle {
         );
     }
 
-    /// What it feels, of the last sub-step.
+    /// Telemetry of the last sub-step.
     pub fn telemetry(&self, physics: &Physics) -> VehicleTelemetry {
         let (velocity, _) = self.velocity(physics);
         let wheel = |wheel: &Wheel| {
@@ -392,9 +402,9 @@ fn no_wheel() -> WheelRows {
     }
 }
 
-/// Most that traction control lets the engine and anti-lock lets the brakes do to a wheel, N·m:
-/// what the road takes at this load, what the
-/// wheel itself takes to change its speed as fast, and less where it slips more than it grips.
+/// Largest torques that traction control allows the engine and anti-lock allows the brakes at a
+/// wheel, N·m: what the road takes at this load plus what the wheel itself takes to change its
+/// speed as fast; less where the wheel slips more than it grips.
 fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32) {
     if !wheel.on_ground || wheel.load_n <= 0.0 {
         return (f32::INFINITY, f32::INFINITY);
@@ -408,7 +418,7 @@ fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32
     let over = slip_mps.abs() / forward_mps.abs().max(2.0) / (grip_n / stiffness_n).max(1e-3);
     let eased = (1.0 - 0.5 * (over - SLIP_CONTROL[0]) / SLIP_CONTROL[1]).clamp(0.3, 1.0);
     let slips = slip_mps.abs() > SLIP_CONTROL_MPS;
-    // Slip in the direction of travel is the engine's, against it the brakes'.
+    // Slip in the direction of travel comes from the engine, slip against it from the brakes.
     let spins = slips && slip_mps * forward_mps >= 0.0;
     let blocks = slips && slip_mps * forward_mps < 0.0;
     (
@@ -420,7 +430,7 @@ fn grip_torques(wheel: &Wheel, inertia_kgm2: f32, forward_mps: f32) -> (f32, f32
 fn contact(
     wheel: &Wheel,
     ground: &Ground,
-    mount: &Mount,
+    wheel_pose: &WheelPose,
     start: &BodyState,
     chassis: &mut Chassis,
     rows: &mut WheelRows,
@@ -428,13 +438,13 @@ fn contact(
 ) -> Contact {
     let lever = ground.point - start.center;
     let normal = ground.normal;
-    let along = mount.axle.cross(normal).normalize_or(start.forward);
+    let along = wheel_pose.axle.cross(normal).normalize_or(start.forward);
     let across = normal.cross(along);
     let radius = wheel.spec.physics.radius_m;
     let velocity = chassis.linear + chassis.angular.cross(lever);
     let (vx, vy) = (velocity.dot(along), velocity.dot(across));
     let speed_mps = (vx * vx + vy * vy).sqrt().max((rows.radps * radius).abs());
-    let cosine = normal.dot(mount.up).clamp(0.3, 1.0);
+    let cosine = normal.dot(wheel_pose.up).clamp(0.3, 1.0);
     let (spring, most_load) = wheel.spring(ground, cosine, velocity.dot(normal), dt_secs);
     let [long_n, lat_n] = wheel.force_n;
     let (tyre_long, tyre_lat) = (
@@ -473,7 +483,7 @@ fn contact(
     }
 }
 
-/// What came out of the solver becomes the wheel's state.
+/// Takes the solver's result over into the wheel's state.
 fn take_over(wheel: &mut Wheel, rows: &WheelRows, chassis: &Chassis, dt_secs: f32) {
     wheel.roll_radps = rows.radps;
     wheel.brake_nm = rows.brake_impulse / dt_secs;
@@ -577,7 +587,7 @@ mod tests {
                 "{place}"
             );
         }
-        // A new pose brings it back to life.
+        // Setting a pose ends the quarantine.
         cars[0].set_pose(&mut physics, &at(40.0));
         for _ in 0..300 {
             step(&mut physics, &mut cars);
@@ -590,7 +600,7 @@ mod tests {
         );
     }
 
-    /// Whatever a vehicle is comes back from its serialised form, bit for bit.
+    /// A vehicle comes back from its serialised form bit for bit.
     #[test]
     fn a_vehicle_survives_being_written_down() {
         let mut physics = flat_ground();

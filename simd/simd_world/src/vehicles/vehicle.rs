@@ -1,12 +1,12 @@
-//! One vehicle: a rigid body on wheels that feel the ground by rays, with its powertrain, brakes,
+//! One vehicle: a rigid body on wheels that find the ground by rays, with its powertrain, brakes,
 //! steering and air drag.
 //!
-//! The body's frame is the vehicle's: origin on the ground midway between the axles. Gravity and
-//! everything at the wheels are solved by us
-//! ([`crate::motion`]); rapier moves the body and lets it bump into things.
+//! The body's origin and axes are the vehicle's: the origin lies on the ground midway between the
+//! axles. Gravity and all forces at the wheels are solved in `sub_step.rs`; the engine moves the
+//! body and resolves collisions.
 //!
-//! [`Vehicle`] is all state there is: a copy of it (or its serialised form) and of the engine's
-//! world continue bit for bit.
+//! [`Vehicle`] holds the whole state: from a copy of it (or its serialised form) and of the
+//! engine's world, a run continues bit for bit.
 
 use nalgebra::{Isometry3, Vector3};
 use rapier3d::math::Vector;
@@ -29,13 +29,12 @@ use crate::physics::{GRAVITY_MPS2, Physics, collider_tag, narrow, widen};
 const FALL_M: f32 = 500.0;
 /// Most wheels that a record can show.
 pub(crate) const MAX_WHEELS: usize = 6;
-/// Mass of the wheels together per mass of the vehicle.
+/// Mass of all wheels together as a share of the vehicle's mass.
 const WHEEL_MASS_RATIO: f32 = 0.05;
-/// A vehicle without physics that is put further than this in a second was moved, it did not drive,
-/// m/s.
+/// Displacements of a vehicle without physics that are faster than this count as teleports, m/s.
 const JUMP_MPS: f64 = 100.0;
 
-/// A vehicle's physical state, whole: see the head of this file.
+/// The whole physical state of a vehicle.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Vehicle {
     #[serde(with = "super::model_list::by_type_id")]
@@ -52,41 +51,41 @@ pub(crate) struct Vehicle {
     pub tint_rgb: [u8; 3],
     /// Mean angle of the front wheels, radians, positive to the left.
     pub steer_rad: f32,
-    /// Lean asked of a two-wheeler, radians, positive to the right.
+    /// Lean that the rider of a two-wheeler aims at, radians, positive to the right.
     pub lean_rad: f32,
     pub wheels: Vec<Wheel>,
     pub switches: Switches,
-    /// Set since the last tick.
+    /// Whether a control was set since the last tick.
     is_new_control: bool,
-    /// Pushes of the tick to come: force (N) and torque (N·m), world.
+    /// Pushes for the coming tick: force (N) and torque (N·m), world.
     pub force_n: [f32; 3],
     pub torque_nm: [f32; 3],
     pub quarantined: bool,
     last_good: Pose,
-    /// Where a vehicle without physics was at the end of the last tick, and the velocities that
-    /// follow from it.
+    /// Pose at the end of the last tick of a vehicle without physics, and the velocities that
+    /// follow from its displacement.
     last_tick: Pose,
     carried: [[f64; 3]; 2],
-    /// Follows from the place and the map.
+    /// Cache; not saved because it follows from the place and the map.
     #[serde(skip)]
     pub footing: Footing,
 }
 
-/// What can be switched about a body.
+/// Switches of a vehicle's body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Switches {
     pub gravity: bool,
-    /// The engine moves it.
+    /// Whether the engine moves it.
     pub simulated: bool,
     pub collides: bool,
-    /// A control stays until it is replaced; otherwise it is for one tick.
+    /// Whether a control stays until it is replaced; otherwise it is for one tick.
     pub sticky_control: bool,
-    /// Velocity held, in its own axes, m/s.
+    /// Velocity that is held, in the vehicle's axes, m/s.
     pub held_mps: Option<[f32; 3]>,
 }
 
 impl Vehicle {
-    /// Adds the body of `model` at a world pose; `actor` is what contacts report.
+    /// Adds the body of `model` at a world pose; contacts report it as `actor`.
     pub fn new(
         physics: &mut Physics,
         model: &'static VehicleModel,
@@ -109,7 +108,7 @@ impl Vehicle {
             .active_events(ActiveEvents::CONTACT_FORCE_EVENTS)
             .contact_force_event_threshold(0.0);
         let (body, collider) = physics.engine.insert(body, collider);
-        // The engine would do this in its next step, but the wheels push already before that.
+        // The engine would do this in its next step, but the wheels push before that.
         let engine = &mut physics.engine;
         engine.bodies[body].recompute_mass_properties_from_colliders(&engine.colliders);
         Vehicle {
@@ -148,8 +147,8 @@ impl Vehicle {
         }
     }
 
-    /// Replaces the physical data, which were checked; the powertrain begins anew, velocities
-    /// stay.
+    /// Replaces the physical data, which must have been checked. The powertrain starts anew;
+    /// velocities stay.
     pub fn set_physics(&mut self, physics: &mut Physics, mut data: VehiclePhysics) {
         for (wheel, now) in data.wheels.iter_mut().zip(&self.physics.wheels) {
             wheel.position_m = [now.position_m[0], now.position_m[1], wheel.radius_m];
@@ -173,7 +172,7 @@ impl Vehicle {
         *self.physics = data;
     }
 
-    /// Pedals and wheel; ends an Ackermann control.
+    /// Sets pedals and steering; ends an Ackermann control.
     pub fn set_control(&mut self, control: VehicleControl) {
         self.control = control.clamped();
         self.is_new_control = true;
@@ -183,8 +182,8 @@ impl Vehicle {
             .for_each(|wheel| wheel.shown_steer_rad = None);
     }
 
-    /// Before the sub-steps of a tick: a control that was for one tick is let go, the Ackermann
-    /// controllers press the pedals.
+    /// Before the sub-steps of a tick: drops a control that was for one tick, and lets the
+    /// Ackermann controllers set the pedals.
     pub fn begin_tick(&mut self, physics: &Physics, dt_secs: f32) {
         if !std::mem::take(&mut self.is_new_control) && !self.switches.sticky_control {
             self.control = VehicleControl::default();
@@ -205,8 +204,8 @@ impl Vehicle {
         self.ackermann = Some(ackermann);
     }
 
-    /// After the sub-steps of a tick: pushes are over, doors move; one without physics has the
-    /// velocity of its displacement.
+    /// After the sub-steps of a tick: pushes end and doors move. A vehicle without physics takes
+    /// the velocity of its displacement.
     pub fn end_tick(&mut self, physics: &Physics, dt_secs: f64) {
         self.force_n = [0.0; 3];
         self.torque_nm = [0.0; 3];
@@ -250,8 +249,8 @@ impl Vehicle {
         (self.pose(physics).rotation.inverse() * velocity).x as f32
     }
 
-    /// After the engine's sub-step: a body whose state is not finite or absurd is put back and
-    /// switched off. True if that happened now.
+    /// After the engine's sub-step: a body whose state is not finite or absurd is put back to its
+    /// last good pose and switched off. True if that happened in this sub-step.
     pub fn finish_step(&mut self, physics: &mut Physics) -> bool {
         if self.quarantined || !self.switches.simulated {
             return false;
@@ -271,7 +270,7 @@ impl Vehicle {
             return false;
         }
         self.quarantined = true;
-        // What is not finite must not come back with the next pose.
+        // Values that are not finite must not come back with the next pose.
         self.wheels
             .iter_mut()
             .for_each(|wheel| *wheel = Wheel::new(wheel.spec));
@@ -306,7 +305,7 @@ impl Vehicle {
         )
     }
 
-    /// Gives the origin a velocity; rotation stays. The wheels roll along.
+    /// Gives the origin a velocity; the rotation speed stays, and the wheels roll along.
     pub fn set_velocity(&mut self, physics: &mut Physics, velocity_in_world_mps: &Vector3<f64>) {
         let body = &mut physics.engine.bodies[self.body];
         let lever = body.center_of_mass() - body.translation();
@@ -322,7 +321,7 @@ impl Vehicle {
         }
     }
 
-    /// Gives it an angular velocity about its centre of mass.
+    /// Sets the angular velocity about the centre of mass.
     pub fn set_angular_velocity(
         &mut self,
         physics: &mut Physics,
@@ -342,7 +341,7 @@ impl Vehicle {
         self.wheels.iter_mut().for_each(Wheel::lift);
     }
 
-    /// Lets the engine move it, or not. Velocities go over from one to the other.
+    /// Sets whether the engine moves the body. Velocities carry over from one state to the other.
     pub fn set_simulated(&mut self, physics: &mut Physics, simulated: bool) {
         if self.switches.simulated == simulated {
             return;
@@ -365,7 +364,7 @@ impl Vehicle {
         }
     }
 
-    /// Lets it bump into others, or not.
+    /// Sets whether the body collides with others.
     pub fn set_collides(&mut self, physics: &mut Physics, collides: bool) {
         self.switches.collides = collides;
         let groups = if collides {
@@ -383,7 +382,7 @@ impl Vehicle {
         (physics.engine.bodies[self.body].rotation() * Vector::Z).z < 0.3
     }
 
-    /// Wheels as one sees them.
+    /// The wheels as they are shown.
     pub fn visible_wheels(&self) -> impl Iterator<Item = WheelState> + '_ {
         self.wheels.iter().map(|wheel| {
             let [x_m, y_m, _] = wheel.spec.physics.position_m;
@@ -398,7 +397,7 @@ impl Vehicle {
         })
     }
 
-    /// Lamps that shine: those that are set, the brake lamps while braking, the reversing lamp in
+    /// Lamps that shine: those that are set, brake lamps while braking, and the reversing lamp in
     /// reverse.
     pub fn shining_lamps(&self) -> u32 {
         let brake = if self.control.brake_ratio > 0.01 {
@@ -411,7 +410,7 @@ impl Vehicle {
     }
 }
 
-/// One wheel after a step.
+/// A wheel as it is shown after a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct WheelState {
     /// Forward of the origin, metres.
@@ -428,7 +427,7 @@ pub(crate) struct WheelState {
     pub on_ground: bool,
 }
 
-/// Static compression of the suspension, metres: 1.5 Hz in heave.
+/// Static compression of the suspension, metres; it gives a heave frequency of 1.5 Hz.
 fn sag_m(model: &VehicleModel) -> f32 {
     if model.is_two_wheeler() { 0.06 } else { 0.11 }
 }
@@ -455,15 +454,15 @@ fn wheel_specs(model: &VehicleModel, data: &VehiclePhysics) -> Vec<WheelSpec> {
     data.wheels.iter().zip(&loads).map(spec).collect()
 }
 
-/// A box of the body's size about the centre of mass.
+/// Mass properties of a box of the body's size about the centre of mass.
 fn mass_properties(model: &VehicleModel, data: &VehiclePhysics) -> MassProperties {
     let [l, w, h] = model.solid_half_m().map(|half| 2.0 * half as f32);
     let inertia = Vector::new(w * w + h * h, l * l + h * h, l * l + w * w) * (data.mass_kg / 12.0);
     MassProperties::new(data.center_of_mass_m.into(), data.mass_kg, inertia)
 }
 
-/// Centre and half extents of the solid body: the body box less the room below it. A two-wheeler's
-/// is narrow, so that it can lean.
+/// Centre and half extents of the solid body: the body box without the clearance below it. A
+/// two-wheeler's box is narrow, so that it can lean.
 pub(crate) fn chassis_box(model: &VehicleModel) -> (Vector, Vector) {
     let [x, y, z] = model.solid_half_m().map(|half| half as f32);
     let (y, clearance) = match model.is_two_wheeler() {

@@ -1,8 +1,10 @@
-//! One wheel: where it is mounted, its spring, what it feels of the ground, and its tyre.
+//! One wheel: its place on the vehicle, its spring, its contact with the ground, and its tyre.
 //!
-//! A tyre is a spring between rim and road that relaxes as it rolls: deflection u follows du/dt =
-//! slip speed − |v|/σ · u with the
-//! relaxation length σ. Rolling, that is the usual stiffness per slip (force = C · slip speed /
+//! A tyre is a spring between rim and road that relaxes as it rolls: its deflection u follows du/dt
+//! = slip speed − |v|/σ · u with the relaxation length σ. While rolling, that gives the usual
+//! stiffness per slip (force = C · slip speed / |v|); while standing, it is a spring that holds
+//! without creeping. The force is linear in slip up to the friction of the load, for both
+//! directions combined.
 //! |v|); standing, it is a spring that holds
 //! without creeping. Force is linear in slip up to the friction of the load, combined over both
 //! directions.
@@ -19,7 +21,7 @@ use crate::physics::GRAVITY_MPS2;
 
 /// Length of the unloaded spring, metres.
 const SPRING_M: f32 = 0.30;
-/// Share of critical damping.
+/// Damping as a share of critical damping.
 const DAMPING_RATIO: f32 = 0.5;
 /// Compression beyond rest at which the bump stop begins, metres.
 const BUMP_M: f32 = 0.12;
@@ -27,14 +29,14 @@ const BUMP_M: f32 = 0.12;
 const BUMP_STIFFNESS: f32 = 10.0;
 /// Relaxation lengths along and across the wheel, metres.
 const RELAXATION_M: [f32; 2] = [0.15, 0.30];
-/// Below this speed the tyre's own damping comes in, m/s.
+/// Below this speed the tyre's own damping is added, m/s.
 const CALM_MPS: f32 = 1.0;
-/// Torque against rolling per load and radius.
+/// Rolling resistance: torque per load and radius.
 pub(crate) const ROLLING_RATIO: f32 = 0.012;
-/// Half width of a wheel, for sweeping, metres.
+/// Half width of a wheel, for sweeping its cylinder, metres.
 const HALF_WIDTH_M: f32 = 0.10;
 
-/// What a wheel is, from the vehicle's kind and its physical data.
+/// Constants of a wheel, from the vehicle's model and its physical data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct WheelSpec {
     pub physics: WheelPhysics,
@@ -51,9 +53,9 @@ pub(crate) struct WheelSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Wheel {
     pub spec: WheelSpec,
-    /// Angle in force, radians, positive to the left.
+    /// Steering angle, radians, positive to the left.
     pub steer_rad: f32,
-    /// Angle to show instead.
+    /// Steering angle to show instead, radians.
     pub shown_steer_rad: Option<f32>,
     /// Angle about the axle, radians in 0..2π.
     pub roll_rad: f32,
@@ -64,7 +66,8 @@ pub(crate) struct Wheel {
     pub on_ground: bool,
     /// Deflection of the tyre along and across, metres.
     pub deflection_m: [f32; 2],
-    /// Impulses of the last sub-step over its length: load, along, across (N) and of brakes (N·m).
+    /// Forces of the last sub-step (its impulses over its length): load, along and across the wheel
+    /// (N), and torque of the brakes (N·m).
     pub load_n: f32,
     pub force_n: [f32; 2],
     pub brake_nm: f32,
@@ -85,9 +88,9 @@ pub(crate) struct Ground {
     pub compression_m: f32,
 }
 
-/// Where a wheel is and where it looks, engine coordinates.
+/// Where a wheel is and where it looks for the ground, engine coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Mount {
+pub(crate) struct WheelPose {
     /// Upper end of the spring.
     pub top: Vector,
     pub up: Vector,
@@ -116,7 +119,7 @@ impl Wheel {
         }
     }
 
-    /// Forgets the tyre and the forces, e.g. after a teleport.
+    /// Resets the tyre and the forces, e.g. after a teleport.
     pub fn lift(&mut self) {
         self.deflection_m = [0.0; 2];
         self.load_n = 0.0;
@@ -129,17 +132,21 @@ impl Wheel {
         self.spec.physics.radius_m + SPRING_M - self.spec.sag_m
     }
 
-    /// Compressed from rest, metres.
+    /// Compression beyond that at rest, metres.
     pub fn travel_m(&self) -> f32 {
         self.compression_m.max(0.0) - self.spec.sag_m
     }
 
-    /// Where it hangs on a vehicle whose axes point forward, left and up.
-    pub fn mount(&self, vehicle: rapier3d::math::Pose, [forward, left, up]: [Vector; 3]) -> Mount {
+    /// Its pose on a vehicle whose axes point forward, left and up.
+    pub fn pose(
+        &self,
+        vehicle: rapier3d::math::Pose,
+        [forward, left, up]: [Vector; 3],
+    ) -> WheelPose {
         let [x_m, y_m, _] = self.spec.physics.position_m;
         let top = vehicle * Vector::new(x_m, y_m, self.top_m());
         let (sin, cos) = self.steer_rad.sin_cos();
-        Mount {
+        WheelPose {
             top,
             up,
             axle: left * cos - forward * sin,
@@ -147,23 +154,23 @@ impl Wheel {
         }
     }
 
-    /// Looks for what is under the wheel within the spring's reach and a little further.
-    pub fn feeler(&self, mount: &Mount, reach_m: f32) -> Feeler {
+    /// The ray that looks for ground within the spring's reach and `reach_m` further.
+    pub fn feeler(&self, wheel_pose: &WheelPose, reach_m: f32) -> Feeler {
         Feeler::new(
-            mount.top,
-            -mount.up,
+            wheel_pose.top,
+            -wheel_pose.up,
             SPRING_M + self.spec.physics.radius_m + reach_m,
         )
     }
 
-    /// What the feeler met is the ground.
-    pub fn ground(&self, mount: &Mount, felt: &Felt) -> Ground {
-        let normal = if felt.normal.dot(mount.up) < 0.0 {
+    /// The ground from what the feeler hit.
+    pub fn ground(&self, wheel_pose: &WheelPose, felt: &Felt) -> Ground {
+        let normal = if felt.normal.dot(wheel_pose.up) < 0.0 {
             -felt.normal
         } else {
             felt.normal
         };
-        let point = mount.top - mount.up * felt.distance_m;
+        let point = wheel_pose.top - wheel_pose.up * felt.distance_m;
         Ground {
             point,
             normal,
@@ -171,36 +178,41 @@ impl Wheel {
         }
     }
 
-    /// A cylinder of the wheel's size comes down along the spring.
-    pub fn sweep(&self, mount: &Mount, query: &QueryPipeline<'_>, reach_m: f32) -> Option<Ground> {
+    /// The ground by a cylinder of the wheel's size that is swept down along the spring.
+    pub fn sweep(
+        &self,
+        wheel_pose: &WheelPose,
+        query: &QueryPipeline<'_>,
+        reach_m: f32,
+    ) -> Option<Ground> {
         let radius = self.spec.physics.radius_m;
         // The engine's cylinders stand along y, which is a wheel's axle.
         let shape = Cylinder::new(HALF_WIDTH_M, radius);
-        let turn =
-            rapier3d::math::Rotation::from_axis_angle(mount.up, self.steer_rad) * mount.rotation;
-        let place = rapier3d::math::Pose::from_parts(mount.top, turn);
+        let turn = rapier3d::math::Rotation::from_axis_angle(wheel_pose.up, self.steer_rad)
+            * wheel_pose.rotation;
+        let place = rapier3d::math::Pose::from_parts(wheel_pose.top, turn);
         let options = ShapeCastOptions {
             max_time_of_impact: SPRING_M + reach_m,
             stop_at_penetration: true,
             ..ShapeCastOptions::default()
         };
-        let (_, hit) = query.cast_shape(&place, -mount.up, &shape, options)?;
-        let middle = mount.top - mount.up * hit.time_of_impact;
-        // Whichever way the engine reports it, the road pushes upwards.
-        let normal = if hit.normal1.dot(mount.up) < 0.0 {
+        let (_, hit) = query.cast_shape(&place, -wheel_pose.up, &shape, options)?;
+        let middle = wheel_pose.top - wheel_pose.up * hit.time_of_impact;
+        // The engine may report the normal either way; the road pushes upwards.
+        let normal = if hit.normal1.dot(wheel_pose.up) < 0.0 {
             -hit.normal1
         } else {
             hit.normal1
         };
         Some(Ground {
-            point: middle - mount.up * radius,
+            point: middle - wheel_pose.up * radius,
             normal,
             compression_m: SPRING_M - hit.time_of_impact,
         })
     }
 
-    /// Spring and damper along the ground's normal; `cosine` is that between spring and normal,
-    /// `rise_mps` the speed away from the ground.
+    /// Spring and damper along the ground's normal, and the largest load. `cosine` is that between
+    /// spring and normal; `rise_mps` is the speed away from the ground.
     pub fn spring(
         &self,
         ground: &Ground,
@@ -232,7 +244,7 @@ impl Wheel {
         )
     }
 
-    /// Stiffness of force over slip along and across at the load of the last sub-step, N.
+    /// Stiffness (force over slip) along and across at the load of the last sub-step, N.
     pub fn slip_stiffness_n(&self) -> [f32; 2] {
         let (physics, rest) = (&self.spec.physics, self.spec.rest_load_n);
         let load_ratio = self.load_n / rest;
@@ -258,8 +270,8 @@ impl Wheel {
         }
     }
 
-    /// After the sub-step: the tyre follows the slip speeds (m/s, of the rim over the road), within
-    /// friction.
+    /// After the sub-step: the tyre's deflection follows the slip speeds (m/s, of the rim over the
+    /// road), within friction.
     pub fn deflect(&mut self, slip_mps: [f32; 2], speed_mps: f32, dt_secs: f32) {
         let stiffness = self.slip_stiffness_n();
         let mut force = [0.0; 2];
@@ -277,7 +289,7 @@ impl Wheel {
         }
     }
 
-    /// Turns by a sub-step.
+    /// Turns the wheel by its speed for a sub-step.
     pub fn roll(&mut self, dt_secs: f32) {
         self.roll_rad =
             (self.roll_rad + self.roll_radps * dt_secs).rem_euclid(std::f32::consts::TAU);

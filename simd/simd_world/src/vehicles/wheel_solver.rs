@@ -1,12 +1,11 @@
-//! The forces between a chassis and the ground, solved together: springs, tyres, brakes, a rider's
-//! balance.
+//! Solves the forces between a chassis and the ground together: springs, tyres, brakes, and a
+//! rider's balance.
 //!
-//! Each is a row: a direction in which a velocity is wanted, and how softly. Rows are
-//! spring-dampers taken at the *end* of the sub-step
-//! (implicit), so no stiffness and no step length makes them unstable; they are solved in turn
-//! until they agree (projected Gauss-Seidel),
-//! beginning with the impulses of the sub-step before. Impulses of springs only push, those of
-//! tyres stay within the friction of the load.
+//! Each force is a row: a direction in which a velocity is wanted, and how softly. Rows are
+//! spring-dampers evaluated at the *end* of the sub-step (implicitly), so no stiffness and no step
+//! length makes them unstable. They are solved in turn for a fixed number of iterations (projected
+//! Gauss-Seidel), starting from the impulses of the previous sub-step. Impulses of springs only
+//! push; those of tyres stay within the friction of the load.
 
 use rapier3d::math::Vector;
 use rapier3d::parry::math::Mat3;
@@ -19,7 +18,7 @@ pub(crate) struct Chassis {
     /// Angular velocity, rad/s.
     pub angular: Vector,
     pub inv_mass: f32,
-    /// World.
+    /// In world axes.
     pub inv_inertia: Mat3,
 }
 
@@ -36,10 +35,10 @@ pub(crate) struct Row {
     linear: Vector,
     angular: Vector,
     inv_angular: Vector,
-    /// How the wheel's speed counts in the row's speed, metres.
+    /// Lever by which the wheel's speed counts in the row's speed, metres.
     wheel_m: f32,
     wheel_inv_inertia: f32,
-    /// Change of impulse per error of speed.
+    /// Change of impulse per error in speed.
     gain: f32,
     softness: f32,
     bias: f32,
@@ -48,8 +47,8 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// A force along `direction` at `lever` from the centre of mass, that turns a wheel of
-    /// `radius_m` backwards (0: none).
+    /// A force along `direction` at `lever` from the centre of mass that turns a wheel of
+    /// `radius_m` backwards (0 for none).
     pub fn at(
         chassis: &Chassis,
         direction: Vector,
@@ -84,7 +83,7 @@ impl Row {
         self
     }
 
-    /// Sets the spring-damper and the impulse to begin with, which acts at once.
+    /// Sets the spring-damper, and applies the impulse to start with.
     pub fn soft(
         mut self,
         soft: Softness,
@@ -101,7 +100,7 @@ impl Row {
         self
     }
 
-    /// Impulse that this row alone would want.
+    /// Impulse that this row alone would choose.
     fn wanted(&self, chassis: &Chassis, wheel_radps: f32) -> f32 {
         self.impulse
             - self.gain
@@ -135,12 +134,12 @@ pub(crate) struct Contact {
     pub spring: Row,
     pub long: Row,
     pub lat: Row,
-    /// Most that the spring carries, N·s.
+    /// Largest impulse of the spring, N·s.
     pub most_load: f32,
     pub friction: f32,
 }
 
-/// One wheel: turning freely, braked, on the ground or not.
+/// One wheel: free or braked, on the ground or not.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WheelRows {
     pub contact: Option<Contact>,
@@ -157,7 +156,7 @@ pub(crate) struct WheelRows {
 impl WheelRows {
     fn solve(&mut self, chassis: &mut Chassis) {
         if self.damping > 0.0 {
-            // Implicit: the impulse that the speed afterwards causes.
+            // Implicit: the impulse follows from the speed after it.
             let change = -(self.damping * self.radps + self.damping_impulse)
                 / (1.0 + self.damping / self.inertia);
             self.damping_impulse += change;
@@ -191,7 +190,7 @@ impl WheelRows {
     }
 }
 
-/// Solves all rows in turn.
+/// Solves all rows in turn, `n_turns` times.
 pub(crate) fn solve(
     chassis: &mut Chassis,
     wheels: &mut [WheelRows],
@@ -290,7 +289,8 @@ mod tests {
             damping_impulse: 0.0,
         }];
         solve(&mut chassis, &mut rows, None, 8);
-        // Rolling without slip, and what the wheel gained the body lost: m (v0 − v) = I ω / r.
+        // The wheel rolls without slip, and it gained the momentum that the body lost: m (v0 − v) =
+        // I ω / r.
         let (v, w) = (chassis.linear.x, rows[0].radps);
         assert!((v - 0.5 * w).abs() < 1e-3, "{v} m/s at {w} rad/s");
         assert!(

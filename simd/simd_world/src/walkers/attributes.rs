@@ -37,7 +37,7 @@ fn check(name: &str, value: &str, known: &BTreeMap<String, String>) -> Result<()
         "is_invincible" | "use_wheelchair" if value != "true" && value != "false" => {
             Err(refuse("it must be true or false".to_owned()))
         }
-        // What scripts read; the walker's speed is that of its control.
+        // CARLA's scripts only read the speed; how fast a walker goes follows from its control.
         "is_invincible" | "use_wheelchair" | "speed" => Ok(()),
         _ if is == value => Ok(()),
         _ => Err(refuse(format!("it is fixed at {is:?}"))),

@@ -1,4 +1,4 @@
-//! How a walker is told where to go, and what values are possible.
+//! Controls and leads of walkers, and which values they may have.
 
 use schema_frames::WalkerControl;
 use schema_types::ActorId;
@@ -8,7 +8,7 @@ use crate::errors::ActorError;
 /// Fastest that a control can ask for, m/s.
 pub const MAX_SPEED_MPS: f32 = 15.0;
 
-/// Where somebody who leads a walker says that it is, tick by tick.
+/// Where a leader (a client that moves a walker tick by tick) puts it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Lead {
     /// The feet stand on the ground nearest to this point, world, metres.

@@ -1,5 +1,5 @@
-//! Walkers that stroll by themselves: from place to place over the walkable mesh, across crosswalks
-//! when the traffic's light is red.
+//! Strollers: walkers that go by themselves from place to place over the walkable mesh, and cross
+//! at crosswalks when the traffic's light is red.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,37 +18,37 @@ use super::surroundings::Surroundings;
 use super::walker::Walker;
 use crate::vehicles::Vehicle;
 
-/// Keeps this lottery apart from every other use of the seed.
+/// Random stream of the strollers: no other use of the seed has this number.
 const STREAM: u64 = 0x77a1_4e20;
 /// A corner of the path counts as reached from this far, metres.
 const ARRIVED_M: f64 = 0.35;
-/// Who gets no further for this long chooses another way, seconds.
+/// A stroller that gets no nearer for this long chooses another way, seconds.
 const PATIENCE_SECS: f64 = 4.0;
-/// A vehicle that could be at a crosswalk within this time keeps walkers from stepping on it,
+/// A vehicle that could reach a crosswalk within this time keeps strollers from stepping on it,
 /// seconds.
 const GAP_SECS: f64 = 4.0;
-/// A vehicle slower than this stands, m/s.
+/// A vehicle slower than this counts as standing, m/s.
 const STANDS_MPS: f64 = 0.3;
-/// Vehicles beyond this are not looked at, metres between the middles.
+/// Strollers ignore vehicles farther away than this, metres between the middles.
 const SEES_M: f64 = 12.0;
 /// A vehicle whose middle is this much higher or lower is on another level, metres.
 const LEVEL_M: f64 = 4.0;
 
-/// One who strolls.
+/// A walker that strolls.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Stroller {
     actor: ActorId,
     speed_mps: f32,
-    /// Corners of the way, and which faces they lead into (`u32::MAX` for the end).
+    /// Corners of the way, and the face that each leads into (`u32::MAX` for the end).
     path: Vec<([f64; 2], u32)>,
     next: usize,
-    /// Strolls begun, and how long it has not come nearer.
+    /// Number of strolls begun, and for how long it has not come nearer to its next corner.
     n_strolls: u64,
     stuck_secs: f64,
     nearest_m: f64,
 }
 
-/// Everybody who strolls, and where.
+/// All strollers, and the mesh on which they walk.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Crowd {
     strollers: Vec<Stroller>,
@@ -70,7 +70,7 @@ impl Crowd {
         });
     }
 
-    /// Tells everybody who strolls where to go, before the walkers move.
+    /// Sets the controls of all strollers, before the walkers move.
     pub fn lead(
         &mut self,
         walkers: &mut BTreeMap<ActorId, Walker>,
@@ -105,14 +105,14 @@ impl Crowd {
     }
 }
 
-/// A stroller to be: who, where and how fast.
+/// A candidate for the crowd: model, place and speed.
 pub(crate) struct Candidate {
     pub model: &'static WalkerModel,
     pub pose: Pose,
     pub speed_mps: f32,
 }
 
-/// The `attempt`-th candidate for the crowd by lot; `None` if the map has no pavement.
+/// The `attempt`-th candidate, drawn by lot; `None` if the map has no pavement.
 pub(crate) fn draw_candidate(ground: &Pavements, seed: u64, attempt: u64) -> Option<Candidate> {
     let draw = Noise::new(seed, STREAM, attempt);
     let face = ground.place(draw.uniform(0))?;
@@ -132,7 +132,7 @@ pub(crate) fn draw_candidate(ground: &Pavements, seed: u64, attempt: u64) -> Opt
     })
 }
 
-/// What all strollers look at when they decide where to go.
+/// What all strollers see when they decide where to go.
 struct StrollersView<'s> {
     ground: &'s Pavements,
     around: &'s Surroundings<'s>,
@@ -219,7 +219,8 @@ impl StrollersView<'_> {
         }
     }
 
-    /// A new way to a place within reach; stays put for a while if there is none.
+    /// Chooses a new way to a place within reach; leaves the stroller without a way if there is
+    /// none.
     fn choose(&self, stroller: &mut Stroller, at: [f64; 3]) {
         (
             stroller.path,
@@ -251,8 +252,8 @@ impl StrollersView<'_> {
         }
     }
 
-    /// Whether one may step into a face: onto a crosswalk only when the traffic over it has red,
-    /// or, without lights, a gap.
+    /// Whether a stroller may step into a face: onto a crosswalk only while the traffic over it has
+    /// red or, where there are no lights, a gap.
     fn may_enter(&self, at: [f64; 3], into: usize) -> bool {
         let is_crosswalk = |face: usize| {
             self.ground

@@ -1,17 +1,18 @@
-//! Round what stands in the way: vehicles as upright boxes, seen from above.
+//! Ways around vehicles, which count as upright boxes seen from above.
 
 use nalgebra::{Isometry2, Point2, Vector2};
 
-/// Distance that whoever goes round a vehicle keeps from it, metres.
+/// Distance that a walker keeps from a vehicle that it goes around, metres.
 const ROOM_M: f64 = 0.3;
-/// Nearer than this is in the way, metres: less than the above, so that the way round is not.
+/// A vehicle is in the way if it is nearer to the line of walk than this, metres. It is less than
+/// `ROOM_M`, so that the way around the vehicle is free.
 const TOUCH_M: f64 = 0.15;
-/// A vehicle farther ahead than this is no matter yet, metres.
+/// A standing vehicle farther ahead than this is ignored for now, metres.
 const AHEAD_M: f64 = 4.0;
-/// A moving vehicle is given way to when it is as near as this, metres.
+/// A walker waits for a moving vehicle that is as near as this, metres.
 const YIELD_M: f64 = 1.5;
 
-/// A vehicle on the ground.
+/// A vehicle's outline on the ground.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Obstacle {
     pub world_from_box: Isometry2<f64>,
@@ -24,11 +25,11 @@ pub(super) struct Obstacle {
 pub(super) enum Step {
     /// Straight on.
     Ahead,
-    /// To this place first.
+    /// Walk to this place first.
     Via(Vector2<f64>),
-    /// Stand until the way is free.
+    /// Stand still until the way is free.
     Wait,
-    /// The place that is walked to lies under a vehicle.
+    /// The destination lies under a vehicle.
     Taken,
 }
 
@@ -49,7 +50,7 @@ impl Obstacle {
         (0..2).all(|i| local[i].abs() < self.half_m[i] + room_m)
     }
 
-    /// Share of the way from `a` to `b` at which it comes within `room_m` of the box.
+    /// Share of the line from `a` to `b` at which it comes within `room_m` of the box.
     fn entry(&self, a: Vector2<f64>, b: Vector2<f64>, room_m: f64) -> Option<f64> {
         let (from, way) = (self.local(a), self.local(b) - self.local(a));
         let (mut enters, mut leaves) = (0.0f64, 1.0f64);
@@ -67,8 +68,8 @@ impl Obstacle {
         (enters < leaves - 1e-9).then_some(enters)
     }
 
-    /// The nearest walkable place outside, from a place within `room_m`; the nearest of all if
-    /// nothing outside is walkable.
+    /// The nearest walkable place outside the box, for somebody within `room_m` of it; if no place
+    /// outside is walkable, the nearest of all.
     fn way_out(
         &self,
         p: Vector2<f64>,
@@ -90,7 +91,7 @@ impl Obstacle {
             .1
     }
 
-    /// Corners at `room_m`, round the box.
+    /// Corners of the box grown by `room_m`.
     fn corners(&self, room_m: f64) -> [Vector2<f64>; 4] {
         let half = self.half_m.add_scalar(room_m);
         [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]
@@ -98,11 +99,11 @@ impl Obstacle {
     }
 }
 
-/// Distance between the places of a way at which the ground is asked for, metres.
+/// Distance between the points of a line at which the ground is tested, metres.
 const PROBE_M: f64 = 0.25;
 
-/// Whether a straight way stays on the ground once it is there: who was pushed off it may come
-/// back. Its end counts as walkable.
+/// Whether a straight line stays on walkable ground once it has reached it: somebody who was pushed
+/// off the ground may come back. The end counts as walkable.
 pub(super) fn is_on_ground(
     at: Vector2<f64>,
     to: Vector2<f64>,
@@ -114,7 +115,7 @@ pub(super) fn is_on_ground(
     places.all(|is_walkable| is_walkable)
 }
 
-/// The next step of somebody of this radius from `at` to `to`, over ground that may be walked on.
+/// The next step from `at` to `to` for a walker of this radius, over walkable ground.
 pub(super) fn step(
     at: Vector2<f64>,
     to: Vector2<f64>,
@@ -199,7 +200,7 @@ mod tests {
         true
     }
 
-    /// Walks in steps of 5 cm; the way gone, and how near it came to any box.
+    /// Walks in steps of 5 cm; returns the length of the way and the smallest distance to any box.
     fn walk(from: [f64; 2], to: [f64; 2], obstacles: &[Obstacle]) -> (f64, f64) {
         let (mut at, to) = (Vector2::from(from), Vector2::from(to));
         let (mut gone, mut nearest) = (0.0, f64::INFINITY);
@@ -223,8 +224,8 @@ mod tests {
 
     #[test]
     fn the_way_round_is_the_shorter_one_and_touches_nothing() {
-        // Across the middle of a car's side, a little off: round its nearer end. By Pythagoras the
-        // shortest way is 11.6 m.
+        // The way crosses the middle of a car's side, a little off centre, so it must go around the
+        // nearer end. By Pythagoras the shortest way is 11.6 m.
         for yaw in [0.0, 0.4, 1.2] {
             let turn = Isometry2::new(Vector2::zeros(), yaw);
             let world = |x: f64, y: f64| <[f64; 2]>::from((turn * Point2::new(x, y)).coords);
@@ -290,8 +291,8 @@ mod tests {
 
     #[test]
     fn the_way_round_stays_on_the_ground_that_may_be_walked_on() {
-        // A car stands across a pavement that reaches from y = -3 to y = 1.2; the shorter way round
-        // would be in the road beyond.
+        // A car stands across a pavement from y = -3 to y = 1.2; the shorter way around it would be
+        // on the road beyond.
         let pavement = |p: Vector2<f64>| (-3.0..1.2).contains(&p.y);
         let at = Vector2::new(-5.0, 0.3);
         let car = [Obstacle {
@@ -309,7 +310,8 @@ mod tests {
             (place.y - (0.2 - 1.0 - RADIUS_M - ROOM_M)).abs() < 1e-9,
             "{place}"
         );
-        // A narrow pavement has no way round, and from under the car one goes to where it goes on.
+        // A narrow pavement has no way around the car; somebody under the car leaves it towards
+        // where the pavement goes on.
         let narrow = |p: Vector2<f64>| (-0.5..1.2).contains(&p.y);
         assert_eq!(
             step(at, Vector2::new(5.0, 0.3), RADIUS_M, &car, &narrow),

@@ -1,4 +1,4 @@
-//! Walkers against vehicles and against each other.
+//! Collisions of walkers with vehicles and with each other.
 
 use std::collections::BTreeMap;
 
@@ -12,16 +12,17 @@ use super::walker::{Fall, Walker};
 use crate::physics::{Collision, Physics, narrow, widen};
 use crate::vehicles::{Vehicle, Vehicles, chassis_box};
 
-/// From this closing speed on, a vehicle knocks a walker over that is not invincible, m/s.
+/// Closing speed from which a vehicle knocks over a walker that is not invincible, m/s.
 pub const KNOCK_MPS: f64 = 2.0;
 
-/// After a sub-step of the vehicles: whom they run into.
+/// After a sub-step of the vehicles: lets them run into walkers. Both sides feel the impulse.
 pub(super) fn meet_vehicles(
     walkers: &mut BTreeMap<ActorId, Walker>,
     vehicles: &Vehicles,
     physics: &mut Physics,
 ) {
-    // A collision changes speeds and moves walkers, but no vehicle.
+    // A collision changes speeds and moves walkers, but it moves no vehicle, so the vehicles' poses
+    // are looked up once.
     let vehicles: Vec<_> = vehicles
         .by_id
         .iter()
@@ -58,7 +59,7 @@ pub(super) fn meet_vehicles(
     }
 }
 
-/// Walkers do not stand in each other: both give way by half.
+/// Pushes walkers that overlap apart, each by half.
 pub(super) fn part_walkers(walkers: &mut BTreeMap<ActorId, Walker>) {
     let mut order: Vec<(f64, ActorId)> = walkers
         .iter()
@@ -99,7 +100,7 @@ fn part(walkers: &mut BTreeMap<ActorId, Walker>, a: ActorId, b: ActorId) {
     }
 }
 
-/// Where a vehicle is, and from how far it can touch nobody.
+/// Where a vehicle is, and the distance beyond which it touches nobody.
 struct Nearby {
     pose: Isometry3<f64>,
     reach_m: f64,
@@ -122,8 +123,8 @@ impl Nearby {
     }
 }
 
-/// Lets a vehicle and a walker that overlap collide; the impulse on the walker, N·s, and where, if
-/// they do.
+/// Lets a vehicle and a walker that overlap collide. Returns the impulse on the walker, N·s, and
+/// the point of contact, if they do.
 fn hit(
     physics: &mut Physics,
     vehicle: &Vehicle,
@@ -148,7 +149,7 @@ fn hit(
     let away = away
         .or_else(|| Vector3::new(apart.x, apart.y, 0.0).try_normalize(1e-6))
         .unwrap_or_else(Vector3::x);
-    // Out of the bodywork first.
+    // First moves the walker out of the bodywork.
     let depth_m = f64::from(-touch.dist);
     walker.feet_m = (Vector3::from(walker.feet_m) + away * depth_m).into();
     let (velocity, spin) = vehicle.velocity(physics);

@@ -1,6 +1,6 @@
-//! The walkers of the catalogue: ids, ages, sizes, looks.
+//! The kinds of walker in the catalogue: ids, ages, sizes, looks.
 //!
-//! Ids, age groups and attributes are CARLA 0.9.16's; bodies, heights and clothes are ours and
+//! Ids, age groups and attributes are CARLA 0.9.16's; bodies, heights and clothes are our own and
 //! follow from the number in the id.
 
 use std::collections::BTreeMap;
@@ -13,14 +13,14 @@ use simd_body::person::{Age, Hair, Look, PersonShape};
 
 /// Number of walkers: `walker.pedestrian.0001` to `0052`.
 const N_WALKERS: u32 = 52;
-/// Keeps the lottery of looks apart from every other.
+/// Random stream of the looks: no other use of the seed has this number.
 const STREAM: u64 = 0x3a1e_9001;
 /// Ids of children and of police officers.
 const CHILDREN: [u32; 8] = [9, 10, 11, 12, 13, 14, 48, 49];
 const TEENAGERS: [u32; 4] = [5, 6, 23, 24];
 const ELDERLY: [u32; 6] = [4, 17, 25, 36, 42, 46];
 const POLICE: [u32; 2] = [30, 32];
-/// From this number on walkers are of generation 2.
+/// Walkers from this number on are of generation 2.
 const GENERATION_2_FROM: u32 = 15;
 
 const SKINS: [[u8; 3]; 6] = [
@@ -80,7 +80,7 @@ pub struct WalkerModel {
     pub generation: u8,
     /// Whether it can sit in a wheelchair.
     pub can_use_wheelchair: bool,
-    /// Speeds of a walk and of a run that suit it, m/s.
+    /// Natural speeds of a walk and of a run, m/s.
     pub speeds_mps: [f64; 2],
     /// Mass, kg.
     pub mass_kg: f64,
@@ -91,7 +91,7 @@ impl WalkerModel {
         let draw = Noise::new(u64::from(number), STREAM, 0);
         let pick = |what: u64, n: usize| (draw.bits(what) % n as u64) as usize;
         let officer = POLICE.contains(&number);
-        // The two kinds take turns.
+        // Female and male walkers alternate.
         let female = if officer {
             number == POLICE[1]
         } else {
@@ -172,7 +172,7 @@ impl WalkerModel {
         }
     }
 
-    /// Radius of the upright cylinder with round ends that stands for the body, metres.
+    /// Radius of the upright capsule that stands for the body, metres.
     pub fn radius_m(&self) -> f64 {
         let [x, y, _] = self.shape.half_m();
         0.5 * (x + y)

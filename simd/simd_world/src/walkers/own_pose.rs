@@ -1,4 +1,4 @@
-//! A walker's own pose beside its gait: bones that commands hold, shown by a share.
+//! A walker's own pose: bones that commands hold, blended with its gait.
 
 use std::collections::BTreeMap;
 
@@ -12,12 +12,12 @@ use simd_body::person::{Posture, Skeleton};
 /// Farthest that a bone may be held from its parent, metres.
 const MAX_OFFSET_M: f64 = 100.0;
 
-/// Bones that somebody holds.
+/// The bones that commands hold.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OwnPose {
     /// Poses in their parents' space, by the bone's number.
     held: BTreeMap<u8, Isometry3<f64>>,
-    /// 0: the gait alone; 1: this pose alone.
+    /// Share of this pose in what is shown; 0 shows the gait alone, 1 this pose alone.
     ratio: f64,
 }
 
@@ -27,7 +27,7 @@ impl OwnPose {
         self.ratio > 0.0
     }
 
-    /// Sets the share by which it is shown, 0 to 1.
+    /// Sets the share of this pose in what is shown, 0 to 1.
     pub fn blend(&mut self, ratio: f64) {
         self.ratio = ratio;
     }
@@ -41,7 +41,7 @@ impl OwnPose {
             .collect();
     }
 
-    /// Mixes this pose into the bones of a gait; bones that nobody holds stand upright.
+    /// Blends this pose into the bones of a gait; bones that are not held stand upright.
     pub fn mix_into(&self, shown: &mut [Isometry3<f64>], skeleton: &Skeleton) {
         let standing = skeleton.relative_bones(Posture::Upright {
             phase_rad: 0.0,

@@ -1,4 +1,4 @@
-//! The walkable mesh of a map, with the signals that guard its crosswalks, and ways over it.
+//! The walkable mesh of a map, the signals that guard its crosswalks, and ways over it.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
@@ -6,27 +6,27 @@ use std::collections::{BTreeMap, BinaryHeap};
 use nalgebra::Vector2;
 use schema_roads::walkable::{Ground, WalkMesh};
 
-/// Farthest that a stroll goes, metres as the crow flies.
+/// Farthest destination of a stroll, metres in a straight line.
 pub(super) const REACH_M: f64 = 160.0;
-/// Farthest that a light's stop line may lie from the crosswalk that it guards, metres.
+/// Farthest distance of a light's stop line from the crosswalk that it guards, metres.
 const GUARD_M: f64 = 16.0;
-/// Distance that paths keep from the ends of the edges they cross, metres.
+/// Distance that ways keep from the ends of the edges they cross, metres.
 const ASIDE_M: f64 = 0.3;
 
-/// The mesh with what guards its crosswalks.
+/// The walkable mesh with indices for finding faces and crosswalk signals.
 #[derive(Clone, Debug)]
 pub(crate) struct Pavements {
     pub mesh: WalkMesh,
     pub middles_m: Vec<[f64; 3]>,
-    /// Pavement faces with the sum of their areas up to each, for drawing places by lot.
+    /// Pavement faces with the cumulative sum of their areas, for drawing places by lot.
     places: Vec<(usize, f64)>,
-    /// Per crosswalk face the signals (by OpenDRIVE id) of the traffic over it.
+    /// For each crosswalk face, the OpenDRIVE ids of the signals for the traffic over it.
     pub guards: BTreeMap<usize, Vec<String>>,
-    /// Faces by the squares that they may reach into, by rising number.
+    /// Faces by the grid squares that they may reach into, by rising number.
     squares: BTreeMap<(i64, i64), Vec<usize>>,
 }
 
-/// Side of the squares in which faces are looked up, metres.
+/// Side of the grid squares in which faces are looked up, metres.
 const SQUARE_M: f64 = 8.0;
 
 fn square([x, y, _]: [f64; 3]) -> (i64, i64) {
@@ -109,7 +109,7 @@ impl Pavements {
         }
     }
 
-    /// A pavement face by lot, larger ones more often.
+    /// Draws a pavement face, larger ones more often.
     pub fn place(&self, lot: f64) -> Option<usize> {
         let (_, all_m2) = self.places.last()?;
         let idx = self.places.partition_point(|(_, sum)| *sum < lot * all_m2);
@@ -118,7 +118,7 @@ impl Pavements {
             .map(|(face, _)| *face)
     }
 
-    /// The face under somebody's feet.
+    /// The face under a walker's feet.
     pub fn face_at(&self, at: [f64; 3]) -> Option<usize> {
         let faces = self.squares.get(&square(at))?.iter().copied();
         let is_level = |face: &usize| (self.middles_m[*face][2] - at[2]).abs() < 3.0;
@@ -139,14 +139,14 @@ impl Pavements {
         })
     }
 
-    /// Faces from one to another by the shortest way over their middles.
+    /// The faces of the shortest way from one face to another, over their middles.
     pub fn way(&self, from: usize, to: usize) -> Option<Vec<usize>> {
         let away = |a: usize, b: usize| {
             let (p, q) = (self.middles_m[a], self.middles_m[b]);
             (p[0] - q[0]).hypot(p[1] - q[1])
         };
         let mut best: BTreeMap<usize, (f64, usize)> = BTreeMap::from([(from, (0.0, from))]);
-        // Lengths in tenths of a millimetre: whole numbers have an order.
+        // Keys are whole tenths of a millimetre, because `f64` has no total order.
         let key = |metres: f64| (metres * 1e4) as u64;
         let mut open = BinaryHeap::from([Reverse((key(away(from, to)), from))]);
         while let Some(Reverse((_, face))) = open.pop() {
@@ -179,8 +179,8 @@ impl Pavements {
         None
     }
 
-    /// Corners of a path through faces: the point of each edge crossed that is nearest to the
-    /// straight way, then the end.
+    /// Corners of a way through faces: the point of each crossed edge that is nearest to the
+    /// straight line, then the end.
     pub fn corners(&self, way: &[usize], from: [f64; 2]) -> Vec<([f64; 2], u32)> {
         let end = self.middles_m[way[way.len() - 1]];
         let mut at = Vector2::from(from);
@@ -218,7 +218,7 @@ impl Pavements {
     }
 }
 
-/// Whether each face belongs to the largest part that hangs together.
+/// For each face, whether it belongs to the largest connected part.
 fn parts(mesh: &WalkMesh) -> Vec<bool> {
     let mut of = vec![usize::MAX; mesh.faces.len()];
     let mut largest = (0.0, usize::MAX);

@@ -1,4 +1,4 @@
-//! How a walker gets from here to there: slides along walls and vehicles, steps over kerbs, falls,
+//! How a walker's body moves: it slides along walls and vehicles, steps over kerbs, falls and
 //! jumps.
 
 use nalgebra::Vector3;
@@ -9,20 +9,20 @@ use rapier3d::prelude::*;
 
 use crate::physics::{GRAVITY_MPS2, Physics, narrow, widen};
 
-/// Highest step that a walker takes, and deepest it goes down without a fall, metres.
+/// Highest step that a walker climbs, and deepest that it steps down without falling, metres.
 pub const STEP_M: f64 = 0.32;
 /// How fast feet go up or down a step, m/s.
 const CLIMB_MPS: f64 = 1.6;
 /// Distance kept from walls, metres.
 const SKIN_M: f32 = 0.01;
-/// Feet this near to the ground stand on it, metres.
+/// Feet nearer to the ground than this stand on it, metres.
 const STANDS_M: f64 = 2e-4;
 /// Upward speed of a jump, m/s.
 pub const JUMP_MPS: f64 = 5.0;
-/// Longest piece of time moved at once, seconds.
+/// Longest time that is moved at once, seconds.
 pub const MAX_PIECE_SECS: f64 = 0.05;
 
-/// A body that stands upright: feet, size, vertical speed.
+/// An upright body: feet, size, vertical speed.
 #[derive(Clone, Copy, Debug)]
 pub struct Standing {
     /// Point between the feet, world, metres.
@@ -56,7 +56,7 @@ impl Standing {
             match down_m {
                 Some(down_m) => {
                     let most = CLIMB_MPS * dt_secs;
-                    // Rays are exact to micrometres; feet that stand do not follow them.
+                    // Rays are exact only to micrometres; standing feet do not follow that noise.
                     self.feet_m.z -= if down_m.abs() < STANDS_M {
                         0.0
                     } else {
@@ -78,14 +78,14 @@ impl Standing {
         }
     }
 
-    /// Leaves the ground upwards.
+    /// Jumps, if the feet are on the ground.
     pub fn jump(&mut self) {
         if self.on_ground {
             (self.rise_mps, self.on_ground) = (JUMP_MPS, false);
         }
     }
 
-    /// How far one gets of `way` when walls and vehicles are slid along.
+    /// The part of `way` that remains when walls and vehicles are slid along.
     fn slide(&self, physics: &Physics, way: Vector3<f64>) -> Vector3<f64> {
         let (shape, mut at) = self.upper_body(physics);
         let start = at.translation;
@@ -115,14 +115,15 @@ impl Standing {
             let Some(normal) = normal.try_normalize() else {
                 break;
             };
-            // A little more than parallel, so that the next cast does not begin at the wall.
+            // The rest points slightly away from the wall, so that the next cast does not begin in
+            // contact.
             left -= normal * (1.05 * left.dot(normal).min(0.0));
         }
         let gone = at.translation - start;
         widen(Vector::new(gone.x, gone.y, 0.0))
     }
 
-    /// The part of the body that is stopped by things: what is lower is stepped over.
+    /// The part of the body that obstacles stop; lower obstacles are stepped over.
     fn upper_body(&self, physics: &Physics) -> (Capsule, EnginePose) {
         let radius = self.radius_m;
         let low = (STEP_M + radius).min(self.height_m - radius);
@@ -138,7 +139,7 @@ impl Standing {
         )
     }
 
-    /// The whole body as a shape in the engine.
+    /// The whole body as an engine shape.
     pub fn whole_body(&self, physics: &Physics) -> (Capsule, EnginePose) {
         let half = (0.5 * self.height_m - self.radius_m).max(0.01);
         let shape = Capsule::new_z(half as f32, self.radius_m as f32);
@@ -152,15 +153,15 @@ impl Standing {
         )
     }
 
-    /// Whether a wall or the like is where the upper body is.
+    /// Whether the upper body overlaps scenery.
     pub fn is_stuck(&self, physics: &Physics) -> bool {
         let (shape, at) = self.upper_body(physics);
         physics.touches_scenery(&at, &shape)
     }
 }
 
-/// How far below `point` the ground is (negative above it), looked for from `above_m` over it to
-/// `below_m` under it.
+/// How far the ground is below `point` (negative if above), searched from `above_m` above it to
+/// `below_m` below it.
 pub fn ground_below(
     physics: &Physics,
     point: &Vector3<f64>,

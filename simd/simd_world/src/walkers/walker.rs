@@ -1,9 +1,9 @@
-//! People on foot: kinematic bodies that walk over the ground, are pushed and knocked down by
-//! vehicles, and show it.
+//! One walker: a kinematic body that walks over the ground and is pushed and knocked down by
+//! vehicles.
 //!
 //! A walker is no body of the physics engine: it asks the engine where walls and ground are and
-//! moves by itself. What a vehicle does to it
-//! is an inelastic collision of two masses, so that the vehicle feels it too.
+//! moves by itself. An impact of a vehicle is an inelastic collision of two masses, so the vehicle
+//! feels it too.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::{WalkerControl, WalkerPart};
@@ -25,10 +25,10 @@ const TOPPLE_RADPS: f64 = 5.5;
 const LYING_M: f64 = 0.15;
 /// Friction of a body that slides over the ground.
 const SLIDING_FRICTION: f64 = 0.6;
-/// A led walker that is not told where to go stands still after this time, seconds.
+/// A led walker whose leader is silent for this long stands still, seconds.
 const LED_SECS: f64 = 0.3;
 
-/// Speed at which limbs change over to another gait, m/s².
+/// Rate at which the shown walking speed follows the real one, m/s².
 const GAIT_MPS2: f64 = 6.0;
 
 /// A walker that was knocked down.
@@ -61,17 +61,17 @@ pub(crate) struct Walker {
     pub fall: Option<Fall>,
     pub invincible: bool,
     pub seated: bool,
-    /// Moves by its control, under gravity; not while somebody leads it.
+    /// Whether it moves by its control and under gravity; a led walker does not.
     pub simulated: bool,
-    /// Is stopped by walls and hit by vehicles.
+    /// Whether walls stop it and vehicles hit it.
     pub collides: bool,
-    /// Speed that whoever leads it says, and seconds since.
+    /// Speed that the leader stated, and seconds since then; `None` without a leader.
     pub led: Option<(f64, f64)>,
-    /// Where it was at the end of the last tick.
+    /// Feet at the end of the last tick.
     pub last_feet_m: [f64; 3],
-    /// Fell out of the world.
+    /// Whether it fell out of the world.
     pub lost: bool,
-    /// Bones that somebody holds.
+    /// Bones that commands hold.
     pub own_pose: Option<OwnPose>,
 }
 
@@ -144,7 +144,7 @@ impl Walker {
         Isometry3::from_parts(Translation3::new(x, y, z + middle_m), rotation)
     }
 
-    /// What the limbs do.
+    /// The posture of its limbs.
     pub fn posture(&self) -> Posture {
         if self.fall.is_some_and(|fall| fall.angle_rad > 0.4) {
             Posture::Lying
@@ -166,7 +166,8 @@ impl Walker {
         (self.led, self.simulated) = (None, true);
     }
 
-    /// Puts its feet on the ground nearest to where the leader says; a fallen one stays down.
+    /// Puts its feet on the ground nearest to the place that the leader states; a fallen walker
+    /// stays down.
     pub fn lead(&mut self, lead: &Lead, physics: &Physics) {
         let mut feet_m = Vector3::from(lead.ground_point_m);
         feet_m.z -= ground_below(physics, &feet_m, 1.0, 1.5).unwrap_or(0.0);
@@ -192,7 +193,7 @@ impl Walker {
         (self.rise_mps, self.pushed_mps, self.fall, self.lost) = (0.0, [0.0; 2], None, false);
     }
 
-    /// One piece of time of a walker that moves by itself.
+    /// Advances a walker that moves by itself by a part of a tick.
     pub fn walk(&mut self, physics: &Physics, dt_secs: f64) {
         let mut standing = self.standing();
         let wish = self.wish_mps();
@@ -209,7 +210,7 @@ impl Walker {
             wish + pushed
         };
         standing.step(physics, velocity, dt_secs, self.collides);
-        // A body that slides is slowed by friction; one that stands catches itself faster.
+        // A sliding body is slowed by friction; a standing one catches itself faster.
         let friction = if self.fall.is_some() {
             SLIDING_FRICTION
         } else {
@@ -230,7 +231,7 @@ impl Walker {
         }
     }
 
-    /// Horizontal velocity that its control asks for.
+    /// Horizontal velocity that its control asks for, m/s.
     pub fn wish_mps(&self) -> Vector3<f64> {
         let [x, y, _] = self.control.direction.map(f64::from);
         let direction = Vector3::new(x, y, 0.0)
@@ -246,7 +247,7 @@ impl Walker {
         self.yaw_rad = (self.yaw_rad + turn + PI).rem_euclid(TAU) - PI;
     }
 
-    /// After a tick: velocity, and the limbs by the way gone.
+    /// After a tick: updates the velocity, and moves the limbs by the distance walked.
     pub fn finish(&mut self, yaw_before_rad: f64, dt_secs: f64) {
         use std::f64::consts::{PI, TAU};
         let moved = Vector3::from(self.feet_m) - Vector3::from(self.last_feet_m);
@@ -257,7 +258,7 @@ impl Walker {
             speed_mps = if *secs < LED_SECS { *led_mps } else { 0.0 };
             *secs += dt_secs;
         }
-        // What jumps further than anybody runs was put there.
+        // A displacement faster than any run is a teleport.
         let jumped = moved.norm() > f64::from(MAX_SPEED_MPS) * dt_secs + 0.5;
         self.velocity_mps = if jumped {
             [0.0; 3]
@@ -281,7 +282,7 @@ impl Walker {
         self.gait_rad = (self.gait_rad + TAU * way_m / stride_m).rem_euclid(TAU);
     }
 
-    /// Bones in their parents' space as they are shown.
+    /// The shown bones in their parents' space.
     pub fn relative_bones(&self) -> Vec<Isometry3<f64>> {
         let skeleton = self.model().shape.skeleton();
         let mut shown = skeleton.relative_bones(self.posture());
@@ -291,7 +292,7 @@ impl Walker {
         shown
     }
 
-    /// Poses of the body's parts as they are shown, about the ground between the feet.
+    /// The shown poses of the body's parts, relative to the ground between the feet.
     pub fn parts(&self) -> [Isometry3<f64>; N_PARTS] {
         let skeleton = self.model().shape.skeleton();
         match &self.own_pose {
@@ -302,12 +303,12 @@ impl Walker {
         }
     }
 
-    /// From the ground under the middle of the body to the world.
+    /// Pose of the ground under the middle of the body.
     pub fn world_from_ground(&self) -> Isometry3<f64> {
         self.pose() * Translation3::new(0.0, 0.0, -0.5 * self.model().shape.height_m)
     }
 
-    /// What the snapshot says.
+    /// The walker's part of its record.
     pub fn part(&self) -> WalkerPart {
         let flag = |bit: u32, on: bool| if on { bit } else { 0 };
         WalkerPart {
@@ -324,7 +325,7 @@ impl Walker {
     }
 }
 
-/// Shown speed after `dt_secs` of walking at `speed_mps`.
+/// The shown walking speed after `dt_secs` of walking at `speed_mps`.
 pub fn eased_mps(shown_mps: f64, speed_mps: f64, dt_secs: f64) -> f64 {
     let most = GAIT_MPS2 * dt_secs;
     shown_mps + (speed_mps - shown_mps).clamp(-most, most)
