@@ -130,7 +130,7 @@ impl VehicleControlRecord {
 pub struct ControlHeader {
     /// [`CONTROL_MAGIC`].
     pub magic: u32,
-    /// [`crate::SCHEMA_VERSION`].
+    /// [`crate::version::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// Zero.
     pub reserved0: u16,

@@ -17,7 +17,7 @@ pub const DOCUMENT_MAGIC: u32 = u32::from_le_bytes(*b"GDOC");
 pub struct DocumentHeader {
     /// [`DOCUMENT_MAGIC`].
     pub magic: u32,
-    /// [`crate::SCHEMA_VERSION`].
+    /// [`crate::version::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// Zero.
     pub reserved0: u16,

@@ -3,7 +3,8 @@
 use bytemuck::{Pod, Zeroable};
 use schema_types::Pose;
 
-use crate::{Modality, SCHEMA_VERSION, SensorKind};
+use crate::modality::{Modality, SensorKind};
+use crate::version::SCHEMA_VERSION;
 
 /// "GFRM" read as a little-endian `u32`.
 pub const FRAME_MAGIC: u32 = u32::from_le_bytes(*b"GFRM");

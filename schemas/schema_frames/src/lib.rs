@@ -8,23 +8,33 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+// What every frame begins with.
+pub mod header;
+pub mod modality;
+pub mod version;
+
+// What frames hold, by sensor.
+pub mod dvs;
+pub mod events;
+pub mod imu_gnss;
+pub mod lidar;
+pub mod radar;
+
+// What the world publishes.
+pub mod document;
+pub mod snapshot;
+
+// What the world is asked.
 pub mod attachment;
 pub mod command;
 pub mod control;
-pub mod document;
-pub mod dvs;
-pub mod events;
-pub mod header;
-pub mod layout;
-pub mod lidar;
-pub mod modality;
-pub mod motion;
 pub mod physics;
 pub mod query;
-pub mod radar;
 pub mod scenery;
 pub mod skeleton;
-pub mod snapshot;
+
+// All layouts as data.
+pub mod layout;
 
 pub use attachment::Attachment;
 pub use command::{Command, CommandBatch, CommandReply, ReplyBatch};
@@ -36,9 +46,9 @@ pub use document::{
 pub use dvs::DvsEvent;
 pub use events::{CollisionEvent, LaneCrossing, ObstacleEvent};
 pub use header::{FrameError, FrameHeader};
+pub use imu_gnss::{GnssSample, ImuSample};
 pub use lidar::{LidarPoint, SemanticLidarPoint};
 pub use modality::{Modality, SensorKind};
-pub use motion::{GnssSample, ImuSample};
 pub use physics::{
     AckermannControl, AckermannGains, GearPhysics, PhysicsAction, PhysicsAnswer, VehiclePhysics,
     VehicleTelemetry, WheelPhysics, WheelTelemetry,
@@ -50,10 +60,4 @@ pub use snapshot::{
     ActorKind, ActorRecord, LightState, SnapshotHeader, TrafficLightPart, TrafficSignPart,
     VehiclePart, WalkerPart,
 };
-
-/// Version of every layout in this crate. A reader refuses any other.
-pub const SCHEMA_VERSION: u16 = 1;
-
-/// Service attribute that carries [`SCHEMA_VERSION`], so that a reader can refuse before it opens a
-/// service.
-pub const SCHEMA_ATTRIBUTE: &str = "gantry.schema";
+pub use version::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};

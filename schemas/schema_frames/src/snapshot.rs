@@ -14,7 +14,7 @@ pub const SNAPSHOT_MAGIC: u32 = u32::from_le_bytes(*b"GSNP");
 pub struct SnapshotHeader {
     /// [`SNAPSHOT_MAGIC`].
     pub magic: u32,
-    /// [`crate::SCHEMA_VERSION`].
+    /// [`crate::version::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// 128.
     pub header_bytes: u16,
