@@ -6,21 +6,14 @@
 use std::collections::HashMap;
 
 use crate::lane::{Lane, LaneKey};
-use crate::raw::{End, RawMap, Road, RoadLink};
+use crate::raw::{End, RawLane, RawMap, Road, RoadLink};
 
 /// Lanes of the map by rising key, without links.
 pub(crate) fn lanes(map: &RawMap) -> Vec<Lane> {
-    let numbers: HashMap<&str, u32> = map
-        .junctions
-        .iter()
-        .map(|j| (j.id.as_str(), j.number))
-        .collect();
+    let numbers = map.junction_numbers();
     let mut lanes = Vec::new();
     for (road_idx, road) in map.roads.iter().enumerate() {
-        let junction = road
-            .junction
-            .as_deref()
-            .map(|id| numbers.get(id).copied().unwrap_or(u32::MAX));
+        let junction = road.junction_number(&numbers);
         for (section_idx, section) in road.sections.iter().enumerate() {
             for raw in section.left.iter().chain(&section.right) {
                 lanes.push(Lane {
@@ -208,7 +201,7 @@ impl<'m> Linker<'m, '_> {
     }
 }
 
-fn lanes_at(road: &Road, end: End) -> impl Iterator<Item = &crate::raw::RawLane> {
+fn lanes_at(road: &Road, end: End) -> impl Iterator<Item = &RawLane> {
     let section = if end == End::Start {
         road.sections.first()
     } else {

@@ -9,87 +9,38 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-mod curve;
-mod graph;
-mod index;
+// What a file says, and reading it.
+mod error;
 mod lane;
-mod lateral;
-mod map;
 mod marks;
-mod objects;
 mod parse;
-mod profile;
-mod query;
 mod raw;
-mod road;
+
+// Where things lie in the world.
+mod curve;
+mod lane_shape;
+mod lateral;
+mod profile;
+mod station;
+
+// What belongs together.
+mod chords;
+mod graph;
+mod objects;
 mod signals;
+
+// What a caller has.
+mod map;
+mod positions;
 mod surface;
 pub mod walkable;
 
+pub use error::{MapError, Severity, Warning};
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
-pub use map::{DEFAULT_GEO_REFERENCE, RoadMap};
+pub use map::{DEFAULT_GEO_REFERENCE, JunctionInfo, RoadInfo, RoadMap};
 pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
-pub use objects::RoadObject;
+pub use objects::{Crosswalk, RoadObject};
 pub use parse::xml::MAX_TEXT_BYTES;
-pub use signals::{Controller, Crosswalk, Signal, SignalKind, SignalStop};
-pub use surface::{
-    JunctionInfo, JunctionKind, LaneSurface, RoadInfo, SectionSurface, SurfaceMark, SurfaceSteps,
-};
-
-/// How much is lost.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// The map is what its maker meant, or as good as.
-    #[default]
-    Warning,
-    /// Something that a map needs is missing or cannot be used: the file is broken there.
-    Error,
-}
-
-/// Something in a map that was left out or read in a certain way.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Warning {
-    /// How much is lost.
-    pub severity: Severity,
-    /// Line in the text, from 1.
-    pub line: Option<u32>,
-    /// Column in the text, from 1.
-    pub column: Option<u32>,
-    /// What and why.
-    pub text: String,
-}
-
-impl std::fmt::Display for Warning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match (self.line, self.column) {
-            (Some(line), Some(column)) => write!(f, "line {line}, column {column}: {}", self.text),
-            _ => f.write_str(&self.text),
-        }
-    }
-}
-
-/// Why a text is not a usable map.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum MapError {
-    /// Not well-formed XML.
-    #[error("the map is not well-formed XML: {reason} (line {line}, column {column})")]
-    Xml {
-        /// Line, from 1.
-        line: u32,
-        /// Column, from 1.
-        column: u32,
-        /// What the XML parser says.
-        reason: String,
-    },
-    /// XML, but something else.
-    #[error("the file is not OpenDRIVE: its root element is <{0}> and must be <OpenDRIVE>")]
-    NotOpenDrive(String),
-    /// No road can be used.
-    #[error(
-        "the map has no usable road: each needs a <planView> with a geometry and <lanes> with a section"
-    )]
-    Empty,
-    /// Beyond a limit.
-    #[error("the map is too large: {0}")]
-    TooLarge(String),
-}
+pub use raw::JunctionKind;
+pub use signals::{Controller, Signal, SignalKind, SignalStop};
+pub use surface::{LaneSurface, SectionSurface, SurfaceMark, SurfaceSteps};

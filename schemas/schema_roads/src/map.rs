@@ -2,35 +2,52 @@
 
 use std::collections::HashMap;
 
+use crate::chords::LaneChords;
+use crate::curve::{Geometry, Shape};
+use crate::error::{MapError, Warning};
 use crate::graph;
-use crate::index::{Chord, Grid};
 use crate::lane::{Lane, LaneKey};
-use crate::objects::{self, RoadObject};
-use crate::query::CHORD_SLACK_M;
-use crate::raw::RawMap;
-use crate::signals::{self, Controller, Crosswalk, Signal, SignalStop};
-use crate::{MapError, Warning, parse};
+use crate::objects::{self, Crosswalk, RoadObject};
+use crate::parse::parse;
+use crate::raw::{JunctionKind, RawMap};
+use crate::signals::{self, Controller, Signal, SignalStop};
 
 /// Latitude and longitude of the origin of a map that states none, degrees (as CARLA).
 pub const DEFAULT_GEO_REFERENCE: (f64, f64) = (42.0, 2.0);
 /// Most lanes.
 const MAX_LANES: usize = 2_000_000;
-/// Most chords the search index aims at.
-const MAX_CHORDS: f64 = 2.0e6;
-/// Length of a chord where the map is not gigantic, metres.
-const CHORD_M: f64 = 2.0;
+/// Facts about a road.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RoadInfo<'m> {
+    /// Its number in [`LaneKey`].
+    pub number: u32,
+    /// OpenDRIVE's id.
+    pub id: &'m str,
+    /// Length of the reference line, metres.
+    pub length_m: f64,
+    /// Junction it belongs to.
+    pub junction: Option<u32>,
+}
 
-/// Most chords that are cut in two for a tight bend; a map that has more such bends is no road
-/// network.
-const MAX_HALVINGS: u32 = 100_000;
+/// Facts about a junction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JunctionInfo<'m> {
+    /// Its number in [`Lane::junction`].
+    pub number: u32,
+    /// OpenDRIVE's id.
+    pub id: &'m str,
+    /// How roads meet.
+    pub kind: JunctionKind,
+    /// Number of its connections.
+    pub n_connections: usize,
+}
 
 /// A road network.
 #[derive(Clone, Debug)]
 pub struct RoadMap {
     pub(crate) raw: RawMap,
     pub(crate) lanes: Vec<Lane>,
-    pub(crate) grid: Grid,
-    pub(crate) chord_reach_m: f64,
+    pub(crate) chords: LaneChords,
     signals: Vec<Signal>,
     controllers: Vec<Controller>,
     crosswalks: Vec<Crosswalk>,
@@ -41,7 +58,7 @@ pub struct RoadMap {
 impl RoadMap {
     /// Reads an OpenDRIVE text. What cannot be used is left out and named in [`RoadMap::warnings`].
     pub fn parse(xodr_text: &str) -> Result<RoadMap, MapError> {
-        let raw = parse::parse(xodr_text)?;
+        let raw = parse(xodr_text)?;
         let mut lanes = graph::lanes(&raw);
         if lanes.len() > MAX_LANES {
             return Err(MapError::TooLarge(format!(
@@ -55,7 +72,7 @@ impl RoadMap {
         let crosswalks = raw
             .crosswalks
             .iter()
-            .map(|walk| signals::crosswalk(&raw, walk))
+            .map(|walk| objects::crosswalk(&raw, walk))
             .collect();
         let objects = raw
             .objects
@@ -71,90 +88,16 @@ impl RoadMap {
                     .push((idx as u32, *stop));
             }
         }
-        let grid = Grid::new(Vec::new());
-        let mut map = RoadMap {
+        Ok(RoadMap {
+            chords: LaneChords::new(&raw, &lanes),
             raw,
             lanes,
-            grid,
-            chord_reach_m: 0.0,
             signals,
             controllers,
             crosswalks,
             objects,
             signal_stops,
-        };
-        map.build_index();
-        Ok(map)
-    }
-
-    fn build_index(&mut self) {
-        let total_m: f64 = self.lanes.iter().map(|lane| lane.length_m).sum();
-        let step_m = CHORD_M.max(total_m / MAX_CHORDS);
-        let mut chords: Vec<Chord> = Vec::new();
-        let mut halvings = MAX_HALVINGS;
-        for (idx, lane) in self.lanes.iter().enumerate() {
-            let pieces = (lane.length_m / step_m).ceil().max(1.0) as usize;
-            let at = |i: usize| lane.length_m * i as f64 / pieces as f64;
-            let mut from_m = self.middle_point(lane, 0.0);
-            for i in 0..pieces {
-                let to_m = self.middle_point(lane, at(i + 1));
-                self.add_chords(
-                    &mut chords,
-                    Chord {
-                        from_m,
-                        to_m,
-                        lane: idx as u32,
-                        s_m: [at(i), at(i + 1)],
-                    },
-                    &mut halvings,
-                );
-                from_m = to_m;
-            }
-        }
-        let reach = |c: &Chord| (c.to_m[0] - c.from_m[0]).hypot(c.to_m[1] - c.from_m[1]);
-        self.chord_reach_m = chords.iter().map(reach).fold(0.0, f64::max);
-        self.grid = Grid::new(chords);
-    }
-
-    /// The chord, or two for its halves where the lane's middle leaves it by half of what the
-    /// search allows for: a bend may be tighter than a
-    /// chord is long.
-    fn add_chords(&self, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
-        const SHORTEST_M: f64 = 0.05;
-        let half_s_m = 0.5 * (chord.s_m[0] + chord.s_m[1]);
-        if *halvings > 0 && chord.s_m[1] - chord.s_m[0] > SHORTEST_M {
-            let half_m = self.middle_point(&self.lanes[chord.lane as usize], half_s_m);
-            if chord.foot(half_m).0.sqrt() > 0.5 * CHORD_SLACK_M {
-                *halvings -= 1;
-                self.add_chords(
-                    chords,
-                    Chord {
-                        to_m: half_m,
-                        s_m: [chord.s_m[0], half_s_m],
-                        ..chord
-                    },
-                    halvings,
-                );
-                self.add_chords(
-                    chords,
-                    Chord {
-                        from_m: half_m,
-                        s_m: [half_s_m, chord.s_m[1]],
-                        ..chord
-                    },
-                    halvings,
-                );
-                return;
-            }
-        }
-        if chord
-            .from_m
-            .iter()
-            .chain(&chord.to_m)
-            .all(|x| x.is_finite() && x.abs() < 1e9)
-        {
-            chords.push(chord);
-        }
+        })
     }
 
     /// What was left out or odd.
@@ -217,6 +160,50 @@ impl RoadMap {
     /// Latitude and longitude of the world's origin, degrees; 42° and 2° if the file states none.
     pub fn geo_reference(&self) -> (f64, f64) {
         self.raw.geo_reference.unwrap_or(DEFAULT_GEO_REFERENCE)
+    }
+
+    /// Revision that the file states, e.g. (1, 6).
+    pub fn revision(&self) -> Option<(u32, u32)> {
+        self.raw.revision
+    }
+
+    /// Whether the file says where on Earth it lies.
+    pub fn has_geo_reference(&self) -> bool {
+        self.raw.geo_reference.is_some()
+    }
+
+    /// Greatest difference between the length of a polynomial curve and the one that the file
+    /// states, metres. Here such a curve begins and
+    /// ends where its record does; a reader that walks the curve by its own length ends that far
+    /// from it.
+    pub fn length_mismatch_m(&self) -> f64 {
+        let curves = self.raw.roads.iter().flat_map(|road| &road.plan);
+        let excess = |geometry: &Geometry| match &geometry.shape {
+            Shape::Param(curve) => curve.excess_m(geometry.length_m).abs(),
+            _ => 0.0,
+        };
+        curves.map(excess).fold(0.0, f64::max)
+    }
+
+    /// All junctions in the file's order.
+    pub fn junctions(&self) -> impl Iterator<Item = JunctionInfo<'_>> {
+        self.raw.junctions.iter().map(|junction| JunctionInfo {
+            number: junction.number,
+            id: &junction.id,
+            kind: junction.kind,
+            n_connections: junction.connections.len(),
+        })
+    }
+
+    /// All roads in the file's order.
+    pub fn roads(&self) -> impl Iterator<Item = RoadInfo<'_>> {
+        let numbers = self.raw.junction_numbers();
+        self.raw.roads.iter().map(move |road| RoadInfo {
+            number: road.number,
+            id: &road.id,
+            length_m: road.length_m,
+            junction: road.junction_number(&numbers),
+        })
     }
 
     /// OpenDRIVE's id of a road by its number.

@@ -81,6 +81,21 @@ impl MarkColour {
     }
 }
 
+impl MarkColour {
+    /// The paint's colour, sRGB.
+    pub fn rgb(self) -> [u8; 3] {
+        match self {
+            MarkColour::White => [226, 226, 220],
+            MarkColour::Yellow => [222, 172, 52],
+            MarkColour::Blue => [56, 98, 176],
+            MarkColour::Green => [58, 140, 84],
+            MarkColour::Red => [184, 52, 46],
+            MarkColour::Orange => [218, 122, 40],
+            MarkColour::Violet => [128, 80, 160],
+        }
+    }
+}
+
 /// One painted line of a mark.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MarkStripe {
@@ -111,6 +126,48 @@ pub(crate) struct MarkRecord {
     pub to_greater: bool,
     /// Whether a change to the lane with the smaller id is allowed.
     pub to_smaller: bool,
+}
+
+/// Dash and gap of a broken line that states none, metres.
+const DASH_M: (f64, f64) = (3.0, 6.0);
+
+impl MarkRecord {
+    /// The lines it is painted with: the file's own, else what its type means.
+    pub fn stripes(&self) -> Vec<MarkStripe> {
+        if !self.lines.is_empty() {
+            return self.lines.clone();
+        }
+        let width_m = if self.width_m > 0.0 {
+            self.width_m
+        } else {
+            0.12
+        };
+        let line = |t_offset_m: f64, broken: bool| MarkStripe {
+            length_m: if broken { DASH_M.0 } else { 0.0 },
+            space_m: if broken { DASH_M.1 } else { 0.0 },
+            s_offset_m: 0.0,
+            t_offset_m,
+            width_m,
+            colour: self.colour,
+        };
+        // "solid broken" is read from the inside outwards; either way the two lie a line's width
+        // apart.
+        let pair = |inner: bool, outer: bool| vec![line(-width_m, inner), line(width_m, outer)];
+        match self.kind {
+            MarkKind::None | MarkKind::Grass | MarkKind::Kerb => Vec::new(),
+            MarkKind::Solid | MarkKind::Other => vec![line(0.0, false)],
+            MarkKind::Broken => vec![line(0.0, true)],
+            MarkKind::SolidSolid => pair(false, false),
+            MarkKind::SolidBroken => pair(false, true),
+            MarkKind::BrokenSolid => pair(true, false),
+            MarkKind::BrokenBroken => pair(true, true),
+            MarkKind::BottsDots => vec![MarkStripe {
+                length_m: 0.1,
+                space_m: 1.2,
+                ..line(0.0, true)
+            }],
+        }
+    }
 }
 
 /// The record in force at `ds_m`.

@@ -1,10 +1,9 @@
 //! Things beside and on the road that are not signals: poles, buildings, barriers, trees, parking
 //! spaces.
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use crate::raw::{RawMap, RawObject};
-use crate::signals::world_corner;
+use crate::raw::{Corner, RawCrosswalk, RawMap, RawObject, Road};
 
 /// An object in the world.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,6 +31,15 @@ pub struct RoadObject {
     pub road: u32,
 }
 
+/// A crosswalk's outline in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Crosswalk {
+    /// OpenDRIVE id of the object.
+    pub id: String,
+    /// Corners in order, metres; not closed.
+    pub corners: Vec<[f64; 3]>,
+}
+
 pub(crate) fn object(map: &RawMap, raw: &RawObject) -> RoadObject {
     let road = &map.roads[raw.road];
     let station = road.station(raw.s_m);
@@ -39,7 +47,7 @@ pub(crate) fn object(map: &RawMap, raw: &RawObject) -> RoadObject {
         Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
         UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
     );
-    let pose = station.frame(raw.t_m, 0.0, (0.0, 0.0)) * local;
+    let pose = station.pose(raw.t_m, 0.0, (0.0, 0.0)) * local;
     RoadObject {
         id: raw.id.clone(),
         name: raw.name.clone(),
@@ -56,4 +64,48 @@ pub(crate) fn object(map: &RawMap, raw: &RawObject) -> RoadObject {
             .collect(),
         road: road.number,
     }
+}
+
+pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
+    let road = &map.roads[raw.road];
+    let station = road.station(raw.s_m);
+    let pose = station.pose(raw.t_m, 0.0, (0.0, 0.0))
+        * Isometry3::from_parts(
+            Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
+            UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
+        );
+    let corners = raw
+        .corners
+        .iter()
+        .map(|corner| world_corner(road, &pose, corner, 0.0).0)
+        .collect();
+    Crosswalk {
+        id: raw.id.clone(),
+        corners,
+    }
+}
+
+/// A corner in the world and the height of its object there, `height_m` where the corner states
+/// none.
+fn world_corner(
+    road: &Road,
+    pose: &Isometry3<f64>,
+    corner: &Corner,
+    height_m: f64,
+) -> ([f64; 3], f64) {
+    let (point, own_m) = match *corner {
+        Corner::Local {
+            u_m,
+            v_m,
+            z_m,
+            height_m,
+        } => ((pose * Point3::new(u_m, v_m, z_m)).coords.into(), height_m),
+        Corner::Road {
+            s_m,
+            t_m,
+            dz_m,
+            height_m,
+        } => (road.station(s_m).point(t_m, dz_m), height_m),
+    };
+    (point, if own_m > 0.0 { own_m } else { height_m })
 }

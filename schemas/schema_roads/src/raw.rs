@@ -1,10 +1,13 @@
 //! What an OpenDRIVE text says, before links are resolved.
 
+use std::collections::HashMap;
+
 use crate::curve::Geometry;
+use crate::error::Warning;
+use crate::lane::LaneKind;
 use crate::lateral::{LaneHeight, Lateral};
 use crate::marks::MarkRecord;
 use crate::profile::Profile;
-use crate::{JunctionKind, LaneKind, Warning};
 
 /// Which end of a road or section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -85,6 +88,20 @@ pub(crate) struct Connection {
     pub connecting: String,
     pub contact: End,
     pub lane_links: Vec<(i8, i8)>,
+}
+
+/// How the roads of a junction meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum JunctionKind {
+    /// Over connecting roads.
+    #[default]
+    Common,
+    /// Lane to lane, without connecting roads.
+    Direct,
+    /// On a road that goes on.
+    Virtual,
+    /// Roads that cross without meeting.
+    Crossing,
 }
 
 /// A junction.
@@ -201,4 +218,34 @@ pub(crate) struct RawMap {
     /// Corners of their outlines together, as they are counted against the limit.
     pub n_object_corners: usize,
     pub warnings: Vec<Warning>,
+}
+
+impl Placement {
+    /// Whether it applies to the lane; no range means every lane.
+    pub fn is_valid_for(&self, lane: i8) -> bool {
+        self.validity.is_empty()
+            || self
+                .validity
+                .iter()
+                .any(|(from, to)| (*from..=*to).contains(&lane))
+    }
+}
+
+impl RawMap {
+    /// Numbers of the junctions by their ids.
+    pub fn junction_numbers(&self) -> HashMap<&str, u32> {
+        self.junctions
+            .iter()
+            .map(|junction| (junction.id.as_str(), junction.number))
+            .collect()
+    }
+}
+
+impl Road {
+    /// Number of the junction it belongs to; the greatest number for one that the file lacks.
+    pub fn junction_number(&self, numbers: &HashMap<&str, u32>) -> Option<u32> {
+        self.junction
+            .as_deref()
+            .map(|id| numbers.get(id).copied().unwrap_or(u32::MAX))
+    }
 }

@@ -1,13 +1,12 @@
-//! Signals, controllers and crosswalks in the world.
+//! Signals and controllers in the world.
 
 use std::collections::HashMap;
 
-use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
 use crate::graph;
 use crate::lane::{Lane, LaneKey, LanePosition};
-use crate::parse::is_valid_for;
-use crate::raw::{Corner, End, Placement, RawCrosswalk, RawMap, RawSignal, Road};
+use crate::raw::{End, Placement, RawMap, RawSignal};
 
 /// What a signal shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -89,15 +88,6 @@ pub struct Controller {
     pub junction: Option<u32>,
     /// Place in the junction's turn.
     pub sequence: u32,
-}
-
-/// A crosswalk's outline in the world.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Crosswalk {
-    /// OpenDRIVE id of the object.
-    pub id: String,
-    /// Corners in order, metres; not closed.
-    pub corners: Vec<[f64; 3]>,
 }
 
 /// Kind by type code: CARLA's and Germany's numbers.
@@ -195,7 +185,7 @@ fn placed_stops(map: &RawMap, lanes: &[Lane], placement: &Placement, stops: &mut
             continue;
         };
         let right_way = placement.along.is_none_or(|along| along == lane.forward);
-        if !right_way || !lane.kind.is_drivable() || !is_valid_for(&placement.validity, raw.id) {
+        if !right_way || !lane.kind.is_drivable() || !placement.is_valid_for(raw.id) {
             continue;
         }
         if lane.junction.is_some() && !lane.predecessors.is_empty() {
@@ -265,48 +255,4 @@ pub(crate) fn controllers(map: &RawMap, signals: &[Signal]) -> Vec<Controller> {
             }
         })
         .collect()
-}
-
-pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
-    let road = &map.roads[raw.road];
-    let station = road.station(raw.s_m);
-    let frame = station.frame(raw.t_m, 0.0, (0.0, 0.0))
-        * Isometry3::from_parts(
-            Vector3::new(0.0, 0.0, raw.z_offset_m).into(),
-            UnitQuaternion::from_euler_angles(0.0, 0.0, raw.heading_rad),
-        );
-    let corners = raw
-        .corners
-        .iter()
-        .map(|corner| world_corner(road, &frame, corner, 0.0).0)
-        .collect();
-    Crosswalk {
-        id: raw.id.clone(),
-        corners,
-    }
-}
-
-/// A corner in the world and the height of its object there, `height_m` where the corner states
-/// none.
-pub(crate) fn world_corner(
-    road: &Road,
-    frame: &Isometry3<f64>,
-    corner: &Corner,
-    height_m: f64,
-) -> ([f64; 3], f64) {
-    let (point, own_m) = match *corner {
-        Corner::Local {
-            u_m,
-            v_m,
-            z_m,
-            height_m,
-        } => ((frame * Point3::new(u_m, v_m, z_m)).coords.into(), height_m),
-        Corner::Road {
-            s_m,
-            t_m,
-            dz_m,
-            height_m,
-        } => (road.station(s_m).point(t_m, dz_m), height_m),
-    };
-    (point, if own_m > 0.0 { own_m } else { height_m })
 }

@@ -1,12 +1,12 @@
 //! Road surfaces as rows of points, for meshes: every lane of a section at the same stations, so
 //! that neighbours share their edge.
 
-use std::collections::HashMap;
-
+use crate::error::MapError;
+use crate::lane::LaneKind;
+use crate::lateral::lane_height;
 use crate::map::RoadMap;
-use crate::marks::{MarkColour, MarkKind, MarkStripe};
+use crate::marks::{MarkKind, MarkRecord, MarkStripe};
 use crate::raw::{Extent, RawLane, Road, Section};
-use crate::{LaneKind, MapError};
 
 /// Shortest step between two rows, metres.
 const MIN_STEP_M: f64 = 0.2;
@@ -93,119 +93,7 @@ pub struct SurfaceMark {
     pub stripes: Vec<MarkStripe>,
 }
 
-/// Facts about a road.
-#[derive(Clone, Debug, PartialEq)]
-pub struct RoadInfo<'m> {
-    /// Its number in [`crate::LaneKey`].
-    pub number: u32,
-    /// OpenDRIVE's id.
-    pub id: &'m str,
-    /// Length of the reference line, metres.
-    pub length_m: f64,
-    /// Junction it belongs to.
-    pub junction: Option<u32>,
-}
-
-/// How the roads of a junction meet.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum JunctionKind {
-    /// Over connecting roads.
-    #[default]
-    Common,
-    /// Lane to lane, without connecting roads.
-    Direct,
-    /// On a road that goes on.
-    Virtual,
-    /// Roads that cross without meeting.
-    Crossing,
-}
-
-/// Facts about a junction.
-#[derive(Clone, Debug, PartialEq)]
-pub struct JunctionInfo<'m> {
-    /// Its number in [`crate::Lane::junction`].
-    pub number: u32,
-    /// OpenDRIVE's id.
-    pub id: &'m str,
-    /// How roads meet.
-    pub kind: JunctionKind,
-    /// Number of its connections.
-    pub n_connections: usize,
-}
-
 impl RoadMap {
-    /// Revision that the file states, e.g. (1, 6).
-    pub fn revision(&self) -> Option<(u32, u32)> {
-        self.raw.revision
-    }
-
-    /// Whether the file says where on Earth it lies.
-    pub fn has_geo_reference(&self) -> bool {
-        self.raw.geo_reference.is_some()
-    }
-
-    /// Greatest difference between the length of a polynomial curve and the one that the file
-    /// states, metres. Here such a curve begins and
-    /// ends where its record does; a reader that walks the curve by its own length ends that far
-    /// from it.
-    pub fn length_mismatch_m(&self) -> f64 {
-        let curves = self.raw.roads.iter().flat_map(|road| &road.plan);
-        let excess = |geometry: &crate::curve::Geometry| match &geometry.shape {
-            crate::curve::Shape::Param(curve) => curve.excess_m(geometry.length_m).abs(),
-            _ => 0.0,
-        };
-        curves.map(excess).fold(0.0, f64::max)
-    }
-
-    /// All junctions in the file's order.
-    pub fn junctions(&self) -> impl Iterator<Item = JunctionInfo<'_>> {
-        self.raw.junctions.iter().map(|junction| JunctionInfo {
-            number: junction.number,
-            id: &junction.id,
-            kind: junction.kind,
-            n_connections: junction.connections.len(),
-        })
-    }
-
-    /// Whether a lane's heights are more than its road's elevation: superelevation, shape,
-    /// crossfall or a height of its own.
-    pub fn is_tilted(&self, lane: crate::LaneKey) -> bool {
-        let Some(lane) = self.lane(lane) else {
-            return false;
-        };
-        let (road, section) = self.place(lane);
-        let own = section
-            .lane(lane.key.lane)
-            .is_some_and(|raw| !raw.heights.is_empty());
-        own || !road.superelevation.is_zero() || !road.lateral.is_plane()
-    }
-
-    /// All roads in the file's order.
-    pub fn roads(&self) -> impl Iterator<Item = RoadInfo<'_>> {
-        let numbers = self.junction_numbers();
-        self.raw.roads.iter().map(move |road| RoadInfo {
-            number: road.number,
-            id: &road.id,
-            length_m: road.length_m,
-            junction: junction_of(&numbers, road),
-        })
-    }
-
-    fn junction_numbers(&self) -> HashMap<&str, u32> {
-        self.raw
-            .junctions
-            .iter()
-            .map(|junction| (junction.id.as_str(), junction.number))
-            .collect()
-    }
-
-    /// World point on the surface of road number `road` at station `s_m`, `t_m` to the left of its
-    /// reference line.
-    pub fn road_point(&self, road: u32, s_m: f64, t_m: f64) -> Option<[f64; 3]> {
-        let road = self.raw.roads.iter().find(|r| r.number == road)?;
-        Some(road.station(s_m.clamp(0.0, road.length_m)).point(t_m, 0.0))
-    }
-
     /// The surfaces of all roads.
     ///
     /// # Errors
@@ -213,9 +101,9 @@ impl RoadMap {
     pub fn surfaces(&self, steps: &SurfaceSteps) -> Result<Vec<SectionSurface>, MapError> {
         let mut all = Vec::new();
         let mut left = steps.max_points;
-        let numbers = self.junction_numbers();
+        let numbers = self.raw.junction_numbers();
         for road in &self.raw.roads {
-            let junction = junction_of(&numbers, road);
+            let junction = road.junction_number(&numbers);
             for (idx, section) in road.sections.iter().enumerate() {
                 let sampler = Sampler {
                     road,
@@ -246,12 +134,6 @@ impl RoadMap {
         }
         Ok(all)
     }
-}
-
-fn junction_of(numbers: &HashMap<&str, u32>, road: &Road) -> Option<u32> {
-    road.junction
-        .as_deref()
-        .map(|id| numbers.get(id).copied().unwrap_or(u32::MAX))
 }
 
 struct Sampler<'m> {
@@ -394,7 +276,7 @@ impl Sampler<'_> {
                     (&left[idx], &edges[1])
                 };
                 let (inner, outer) = (if idx == 0 { 0.0 } else { list[idx - 1] }, list[idx]);
-                let (inner_lift, outer_lift) = crate::lateral::lane_height(&lane.heights, ds);
+                let (inner_lift, outer_lift) = lane_height(&lane.heights, ds);
                 for column in 0..out.columns {
                     let share = column as f64 / (out.columns - 1) as f64;
                     let share = if on_right { 1.0 - share } else { share };
@@ -418,7 +300,7 @@ impl Sampler<'_> {
         }
     }
 
-    fn marks(&self, records: &[crate::marks::MarkRecord]) -> Vec<SurfaceMark> {
+    fn marks(&self, records: &[MarkRecord]) -> Vec<SurfaceMark> {
         let (start, end) = (self.section.start_m, self.section.end_m);
         let mut marks = Vec::new();
         for (idx, mark) in records.iter().enumerate() {
@@ -437,62 +319,5 @@ impl Sampler<'_> {
             }
         }
         marks
-    }
-}
-
-/// Dash and gap of a broken line that states none, metres.
-const DASH_M: (f64, f64) = (3.0, 6.0);
-
-impl crate::marks::MarkRecord {
-    /// The lines it is painted with: the file's own, else what its type means.
-    fn stripes(&self) -> Vec<MarkStripe> {
-        if !self.lines.is_empty() {
-            return self.lines.clone();
-        }
-        let width_m = if self.width_m > 0.0 {
-            self.width_m
-        } else {
-            0.12
-        };
-        let line = |t_offset_m: f64, broken: bool| MarkStripe {
-            length_m: if broken { DASH_M.0 } else { 0.0 },
-            space_m: if broken { DASH_M.1 } else { 0.0 },
-            s_offset_m: 0.0,
-            t_offset_m,
-            width_m,
-            colour: self.colour,
-        };
-        // "solid broken" is read from the inside outwards; either way the two lie a line's width
-        // apart.
-        let pair = |inner: bool, outer: bool| vec![line(-width_m, inner), line(width_m, outer)];
-        match self.kind {
-            MarkKind::None | MarkKind::Grass | MarkKind::Kerb => Vec::new(),
-            MarkKind::Solid | MarkKind::Other => vec![line(0.0, false)],
-            MarkKind::Broken => vec![line(0.0, true)],
-            MarkKind::SolidSolid => pair(false, false),
-            MarkKind::SolidBroken => pair(false, true),
-            MarkKind::BrokenSolid => pair(true, false),
-            MarkKind::BrokenBroken => pair(true, true),
-            MarkKind::BottsDots => vec![MarkStripe {
-                length_m: 0.1,
-                space_m: 1.2,
-                ..line(0.0, true)
-            }],
-        }
-    }
-}
-
-impl MarkColour {
-    /// The paint's colour, sRGB.
-    pub fn rgb(self) -> [u8; 3] {
-        match self {
-            MarkColour::White => [226, 226, 220],
-            MarkColour::Yellow => [222, 172, 52],
-            MarkColour::Blue => [56, 98, 176],
-            MarkColour::Green => [58, 140, 84],
-            MarkColour::Red => [184, 52, 46],
-            MarkColour::Orange => [218, 122, 40],
-            MarkColour::Violet => [128, 80, 160],
-        }
     }
 }

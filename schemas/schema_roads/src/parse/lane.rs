@@ -2,10 +2,9 @@
 
 use roxmltree::Node;
 
-use super::lane_id;
-use super::road::speed_mps;
+use super::values::{lane_id, speed_mps};
 use super::xml::{Reader, child, children, text};
-use crate::LaneKind;
+use crate::lane::LaneKind;
 use crate::lateral::LaneHeight;
 use crate::marks::{MarkColour, MarkKind, MarkRecord, MarkStripe};
 use crate::profile::{Cubic, Profile};

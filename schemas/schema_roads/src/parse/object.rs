@@ -2,7 +2,7 @@
 
 use roxmltree::Node;
 
-use super::signal::outline_corners;
+use super::values::outline_corners;
 use super::xml::{Reader, child, children, text};
 use crate::raw::{RawMap, RawObject};
 

@@ -2,8 +2,9 @@
 
 use roxmltree::Node;
 
+use super::lane;
+use super::values::{contact_point, speed_mps};
 use super::xml::{Reader, child, children, tag, text};
-use super::{contact_point, lane};
 use crate::curve::{Geometry, ParamCurve, Shape, Spiral};
 use crate::lateral::{Lateral, ShapeRecord};
 use crate::profile::{Cubic, Profile};
@@ -141,24 +142,6 @@ fn type_speeds(reader: &mut Reader, node: Node) -> Vec<(f64, Option<f64>)> {
         .collect();
     speeds.sort_by(|a, b| a.0.total_cmp(&b.0));
     speeds
-}
-
-/// A `<speed>`'s limit in m/s; the inner `None` is "no limit", the outer one "says nothing".
-pub(super) fn speed_mps(node: Node) -> Option<Option<f64>> {
-    let max = text(node, "max");
-    if max == "no limit" {
-        return Some(None);
-    }
-    let value = max
-        .parse::<f64>()
-        .ok()
-        .filter(|v| v.is_finite() && *v > 0.0)?;
-    let factor = match text(node, "unit") {
-        "mph" => 0.44704,
-        "km/h" => 1.0 / 3.6,
-        _ => 1.0,
-    };
-    Some(Some(value * factor))
 }
 
 fn plan_view(reader: &mut Reader, node: Node) -> Vec<Geometry> {

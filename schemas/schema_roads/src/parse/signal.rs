@@ -2,13 +2,12 @@
 
 use roxmltree::Node;
 
+use super::values::outline_corners;
 use super::xml::{Reader, child, children, text};
-use crate::raw::{Corner, Placement, RawCrosswalk, RawMap, RawSignal};
+use crate::raw::{Placement, RawCrosswalk, RawMap, RawSignal};
 
 /// Most crosswalks of a map.
 const MAX_CROSSWALKS: usize = 20_000;
-/// Most corners of an outline.
-const MAX_CORNERS: usize = 1000;
 
 /// Adds what stands along road number `road` to the map.
 pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, map: &mut RawMap) {
@@ -106,40 +105,4 @@ fn crosswalk(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> Opt
         heading_rad: at("hdg"),
         corners,
     })
-}
-
-/// Corners of an outline, on the road's coordinates or about the object.
-pub(super) fn outline_corners(reader: &mut Reader, outline: Node, road_m: f64) -> Vec<Corner> {
-    let corner = |reader: &mut Reader, n: Node| {
-        let mut at = |name| reader.number(n, name, 0.0);
-        match super::xml::tag(n) {
-            "cornerLocal" => Some(Corner::Local {
-                u_m: at("u"),
-                v_m: at("v"),
-                z_m: at("z"),
-                height_m: at("height"),
-            }),
-            "cornerRoad" => Some(Corner::Road {
-                s_m: at("s").clamp(0.0, road_m),
-                t_m: at("t"),
-                dz_m: at("dz"),
-                height_m: at("height"),
-            }),
-            _ => None,
-        }
-    };
-    outline
-        .children()
-        .filter(Node::is_element)
-        .filter_map(|n| corner(reader, n))
-        .take(MAX_CORNERS)
-        .collect()
-}
-
-/// Whether a lane id is in any of the ranges; no range means yes.
-pub(crate) fn is_valid_for(validity: &[(i8, i8)], lane: i8) -> bool {
-    validity.is_empty()
-        || validity
-            .iter()
-            .any(|(from, to)| (*from..=*to).contains(&lane))
 }

@@ -2,7 +2,7 @@
 
 use roxmltree::{Document, Node};
 
-use crate::{MapError, Severity, Warning};
+use crate::error::{MapError, Severity, Warning};
 
 /// Longest text that is read.
 pub const MAX_TEXT_BYTES: usize = 128 << 20;

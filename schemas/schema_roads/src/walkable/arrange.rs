@@ -139,7 +139,7 @@ fn crossing([a, b]: [Step; 2], [c, d]: [Step; 2]) -> Option<Step> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Ground;
+    use super::super::mesh::Ground;
     use super::*;
 
     /// Seeded rings through each other, many of them nearly along one another: afterwards nothing

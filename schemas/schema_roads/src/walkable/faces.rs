@@ -6,8 +6,8 @@ use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, HasPosition, Point2, Triangulation as _};
 
 use super::arrange::{Arrangement, STEPS_PER_M, Step};
+use super::mesh::{Ground, WalkFace, WalkMesh, turn};
 use super::outlines::{Outline, inside};
-use super::{Ground, WalkFace, WalkMesh, turn};
 
 /// Most corners of a face.
 const MAX_CORNERS: usize = 6;

@@ -2,9 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::{CLEAR_M, Ground, turn};
+use super::mesh::{Ground, turn};
 use crate::lane::{Lane, LaneKind};
 use crate::map::RoadMap;
+
+/// Distance that pavements of the mesh keep from the pavement's edges, metres; narrow pavements
+/// keep a quarter of their width.
+pub const CLEAR_M: f64 = 0.35;
 
 /// Samples along lanes, metres.
 const STEP_M: f64 = 1.0;

@@ -1,9 +1,23 @@
 //! Nearest lane: a grid over short chords of all lane middles.
 
+use crate::lane::Lane;
+use crate::lane_shape::LaneShape;
+use crate::raw::RawMap;
+
 /// Side of a cell, metres.
 const CELL_M: f64 = 8.0;
 /// Most cells; a sparser map gets larger cells.
 const MAX_CELLS: f64 = 4.0e6;
+
+/// Most chords the search index aims at.
+const MAX_CHORDS: f64 = 2.0e6;
+/// Length of a chord where the map is not gigantic, metres.
+const CHORD_M: f64 = 2.0;
+/// Most chords that are cut in two for a tight bend; a map that has more such bends is no road
+/// network.
+const MAX_HALVINGS: u32 = 100_000;
+/// How far a chord may lie off the lane it stands for, metres.
+const SLACK_M: f64 = 0.15;
 
 /// A chord of one lane's middle.
 #[derive(Clone, Copy, Debug)]
@@ -212,5 +226,94 @@ impl Grid {
         for entry in &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
             visit(&self.chords[*entry as usize]);
         }
+    }
+}
+
+/// The chords of all lanes of a map.
+#[derive(Clone, Debug)]
+pub(crate) struct LaneChords {
+    grid: Grid,
+    /// Greatest horizontal extent of a chord, metres.
+    reach_m: f64,
+}
+
+impl LaneChords {
+    /// Chords of these lanes, which belong to this map.
+    pub fn new(map: &RawMap, lanes: &[Lane]) -> LaneChords {
+        let total_m: f64 = lanes.iter().map(|lane| lane.length_m).sum();
+        let step_m = CHORD_M.max(total_m / MAX_CHORDS);
+        let mut chords: Vec<Chord> = Vec::new();
+        let mut halvings = MAX_HALVINGS;
+        for (idx, lane) in lanes.iter().enumerate() {
+            let pieces = (lane.length_m / step_m).ceil().max(1.0) as usize;
+            let at = |i: usize| lane.length_m * i as f64 / pieces as f64;
+            let shape = LaneShape::of(map, lane);
+            let mut from_m = shape.middle_point(0.0);
+            for i in 0..pieces {
+                let to_m = shape.middle_point(at(i + 1));
+                let chord = Chord {
+                    from_m,
+                    to_m,
+                    lane: idx as u32,
+                    s_m: [at(i), at(i + 1)],
+                };
+                add_chords(&shape, &mut chords, chord, &mut halvings);
+                from_m = to_m;
+            }
+        }
+        let reach = |c: &Chord| (c.to_m[0] - c.from_m[0]).hypot(c.to_m[1] - c.from_m[1]);
+        LaneChords {
+            reach_m: chords.iter().map(reach).fold(0.0, f64::max),
+            grid: Grid::new(chords),
+        }
+    }
+
+    /// The nearest chord of each lane that passes, for lanes that may be the nearest, with the
+    /// share of the chord at its foot.
+    pub fn near(&self, p: [f64; 3], passes: impl FnMut(u32) -> bool) -> Vec<(Chord, f64)> {
+        self.grid.near(p, self.reach_m, SLACK_M, passes)
+    }
+}
+
+/// The chord, or two for its halves where the lane's middle leaves it by half of what the
+/// search allows for: a bend may be tighter than a
+/// chord is long.
+fn add_chords(shape: &LaneShape<'_>, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
+    const SHORTEST_M: f64 = 0.05;
+    let half_s_m = 0.5 * (chord.s_m[0] + chord.s_m[1]);
+    if *halvings > 0 && chord.s_m[1] - chord.s_m[0] > SHORTEST_M {
+        let half_m = shape.middle_point(half_s_m);
+        if chord.foot(half_m).0.sqrt() > 0.5 * SLACK_M {
+            *halvings -= 1;
+            add_chords(
+                shape,
+                chords,
+                Chord {
+                    to_m: half_m,
+                    s_m: [chord.s_m[0], half_s_m],
+                    ..chord
+                },
+                halvings,
+            );
+            add_chords(
+                shape,
+                chords,
+                Chord {
+                    from_m: half_m,
+                    s_m: [half_s_m, chord.s_m[1]],
+                    ..chord
+                },
+                halvings,
+            );
+            return;
+        }
+    }
+    if chord
+        .from_m
+        .iter()
+        .chain(&chord.to_m)
+        .all(|x| x.is_finite() && x.abs() < 1e9)
+    {
+        chords.push(chord);
     }
 }

@@ -5,6 +5,7 @@ mod links;
 mod object;
 mod road;
 mod signal;
+mod values;
 mod vocabulary;
 pub(crate) mod xml;
 
@@ -12,9 +13,9 @@ use std::collections::{HashMap, HashSet};
 
 use roxmltree::Node;
 
-use crate::raw::{Connection, End, Junction, RawController, RawMap};
-use crate::{JunctionKind, MapError};
-pub(crate) use signal::is_valid_for;
+use crate::error::MapError;
+use crate::raw::{Connection, End, Junction, JunctionKind, RawController, RawMap};
+use values::{contact_point, lane_id};
 use xml::{Reader, child, children, text};
 
 /// Total length of all reference lines that is read, metres.
@@ -177,22 +178,6 @@ fn connection(reader: &mut Reader, node: Node) -> Option<Connection> {
         contact,
         lane_links,
     })
-}
-
-/// A lane id other than 0 that fits.
-fn lane_id(node: Node, name: &str) -> Option<i8> {
-    text(node, name)
-        .parse()
-        .ok()
-        .filter(|id| *id != 0 && *id != i8::MIN)
-}
-
-fn contact_point(node: Node) -> Option<End> {
-    match text(node, "contactPoint") {
-        "start" => Some(End::Start),
-        "end" => Some(End::Finish),
-        _ => None,
-    }
 }
 
 fn controller(node: Node) -> RawController {

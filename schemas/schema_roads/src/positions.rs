@@ -1,82 +1,33 @@
 //! Positions: poses, widths, limits, nearest lanes, walking along the graph, polylines.
 
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::Isometry3;
 
+use crate::chords::Chord;
 use crate::graph;
-use crate::index::Chord;
 use crate::lane::{Lane, LaneKey, LanePosition};
+use crate::lane_shape::LaneShape;
 use crate::map::RoadMap;
-use crate::marks::{MarkLine, MarkRecord, mark_at};
+use crate::marks::{MarkKind, MarkLine, MarkRecord, mark_at};
 use crate::raw::{Road, Section};
-use crate::road::{Edges, Station};
 
 /// Most positions [`RoadMap::advance`] returns.
 const MAX_BRANCHES: usize = 64;
 /// Most lanes one walk looks at.
 const MAX_VISITS: usize = 4096;
-/// How far the index's chords may lie off the lanes they stand for, metres.
-pub(crate) const CHORD_SLACK_M: f64 = 0.15;
 /// Most points of a polyline.
 const MAX_POINTS: f64 = 1.0e6;
 
 impl RoadMap {
-    pub(crate) fn place(&self, lane: &Lane) -> (&Road, &Section) {
-        let road = &self.raw.roads[lane.road_idx as usize];
-        (road, &road.sections[lane.key.section as usize])
-    }
-
-    fn at(&self, lane: &Lane, s_m: f64) -> (Station<'_>, Edges) {
-        let (road, section) = self.place(lane);
-        let station_m = lane.station_m(s_m);
-        (
-            road.station(station_m),
-            road.edges(section, lane.key.lane, station_m),
-        )
-    }
-
-    pub(crate) fn middle_point(&self, lane: &Lane, s_m: f64) -> [f64; 3] {
-        let (station, edges) = self.at(lane, s_m);
-        let middle = edges.middle().0;
-        station.point(
-            station.lane_offset_m + middle,
-            self.lift(lane, &station, &edges, middle).0,
-        )
-    }
-
-    /// Height of a lane over its road at `t_m` before the lane offset, and its slope to the left.
-    fn lift(&self, lane: &Lane, station: &Station<'_>, edges: &Edges, t_m: f64) -> (f64, f64) {
-        let (_, section) = self.place(lane);
-        match section.lane(lane.key.lane) {
-            Some(raw) if !raw.heights.is_empty() => {
-                edges.lift(raw, station.s_m - section.start_m, t_m)
-            }
-            _ => (0.0, 0.0),
-        }
-    }
-
-    fn lane_pose(&self, lane: &Lane, s_m: f64, offset_m: f64) -> (Isometry3<f64>, f64) {
-        let (station, edges) = self.at(lane, s_m);
-        let (middle, slope) = edges.middle();
-        let t_m = middle + if lane.forward { offset_m } else { -offset_m };
-        let lift = self.lift(lane, &station, &edges, t_m);
-        let t_m = station.lane_offset_m + t_m;
-        let mut frame = station.frame(t_m, station.lane_offset_slope + slope, lift);
-        if !lane.forward {
-            frame.rotation *=
-                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
-        }
-        (frame, station.stretch(t_m))
+    pub(crate) fn shape<'m>(&'m self, lane: &'m Lane) -> LaneShape<'m> {
+        LaneShape::of(&self.raw, lane)
     }
 
     /// Pose on the road surface: x along the driving direction, y left, z off the surface. `None`
     /// for an unknown lane.
     /// `s_m` beyond the lane's ends is taken as its end.
     pub fn pose(&self, at: LanePosition) -> Option<Isometry3<f64>> {
-        let lane = self.lane(at.lane)?;
-        Some(
-            self.lane_pose(lane, at.s_m.clamp(0.0, lane.length_m), at.offset_m)
-                .0,
-        )
+        let shape = self.shape(self.lane(at.lane)?);
+        Some(shape.pose(shape.clamped(at.s_m), at.offset_m).0)
     }
 
     /// Curvature of the lane's middle in driving direction, 1/m, positive to the left; 0 for an
@@ -85,7 +36,8 @@ impl RoadMap {
         let Some(lane) = self.lane(at.lane) else {
             return 0.0;
         };
-        let (station, edges) = self.at(lane, at.s_m.clamp(0.0, lane.length_m));
+        let shape = self.shape(lane);
+        let (station, edges) = shape.at(shape.clamped(at.s_m));
         let stretch = station
             .stretch(station.lane_offset_m + edges.middle().0)
             .max(0.05);
@@ -96,15 +48,17 @@ impl RoadMap {
     /// Width of the lane, metres; 0 for an unknown lane.
     pub fn width_m(&self, at: LanePosition) -> f64 {
         self.lane(at.lane).map_or(0.0, |lane| {
-            self.at(lane, at.s_m.clamp(0.0, lane.length_m)).1.width_m()
+            let shape = self.shape(lane);
+            shape.at(shape.clamped(at.s_m)).1.width_m()
         })
     }
 
     /// Speed limit, m/s: the lane's own, else the road's; `None` if there is none.
     pub fn speed_limit_mps(&self, at: LanePosition) -> Option<f64> {
         let lane = self.lane(at.lane)?;
-        let (road, section) = self.place(lane);
-        let station_m = lane.station_m(at.s_m.clamp(0.0, lane.length_m));
+        let shape = self.shape(lane);
+        let LaneShape { road, section, .. } = shape;
+        let station_m = lane.station_m(shape.clamped(at.s_m));
         let in_force = |list: &[(f64, Option<f64>)], s: f64| {
             let after = list.partition_point(|(from, _)| *from <= s + 1e-9);
             list.get(after.checked_sub(1)?).map(|(_, limit)| *limit)
@@ -123,18 +77,13 @@ impl RoadMap {
         }
         // Chords cut bends by less than the slack, so the nearest lane is among these.
         let near = self
-            .grid
-            .near(point, self.chord_reach_m, CHORD_SLACK_M, |idx| {
-                filter(&self.lanes[idx as usize])
-            });
+            .chords
+            .near(point, |idx| filter(&self.lanes[idx as usize]));
         let place = |(chord, share): &(Chord, f64)| {
-            let lane = &self.lanes[chord.lane as usize];
-            let at = self.refine(
-                lane,
-                chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]),
-                point,
-            );
-            (self.squared_distance(lane, at.s_m, point), at)
+            let shape = self.shape(&self.lanes[chord.lane as usize]);
+            let start_m = chord.s_m[0] + share * (chord.s_m[1] - chord.s_m[0]);
+            let at = shape.refine(start_m, point);
+            (shape.squared_distance(at.s_m, point), at)
         };
         let best = near
             .iter()
@@ -149,77 +98,12 @@ impl RoadMap {
             .lane(key)
             .filter(|_| point.iter().all(|x| x.is_finite()))?;
         let pieces = (lane.length_m / 4.0).ceil().clamp(1.0, 500.0) as usize;
-        let distance = |s: f64| self.squared_distance(lane, s, point);
+        let shape = self.shape(lane);
+        let distance = |s: f64| shape.squared_distance(s, point);
         let best = (0..=pieces)
             .map(|i| lane.length_m * i as f64 / pieces as f64)
             .min_by(|a, b| distance(*a).total_cmp(&distance(*b)))?;
-        Some(self.refine(lane, best, point))
-    }
-
-    /// The foot of the perpendicular near `start_m`: by Newton's steps, or by search where a bend
-    /// is so tight that these miss.
-    fn refine(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> LanePosition {
-        let start_m = start_m.clamp(0.0, lane.length_m);
-        let by_steps = self.step_to_foot(lane, start_m, point);
-        let s_m = match by_steps {
-            Some(s_m)
-                if self.squared_distance(lane, s_m, point)
-                    <= self.squared_distance(lane, start_m, point) + 1e-6 =>
-            {
-                s_m
-            }
-            _ => self.search_foot(lane, start_m, point),
-        };
-        let pose = self.lane_pose(lane, s_m, 0.0).0;
-        let offset_m =
-            (pose.rotation.inverse() * (Vector3::from(point) - pose.translation.vector)).y;
-        LanePosition {
-            lane: lane.key,
-            s_m,
-            offset_m,
-        }
-    }
-
-    fn squared_distance(&self, lane: &Lane, s_m: f64, point: [f64; 3]) -> f64 {
-        let p = self.middle_point(lane, s_m);
-        (0..3).map(|i| (p[i] - point[i]).powi(2)).sum()
-    }
-
-    /// `None` if the steps do not come to rest.
-    fn step_to_foot(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> Option<f64> {
-        let point = Vector3::from(point);
-        let mut s_m = start_m;
-        for _ in 0..6 {
-            let (pose, stretch) = self.lane_pose(lane, s_m, 0.0);
-            let local = pose.rotation.inverse() * (point - pose.translation.vector);
-            let next = (s_m + local.x / stretch.max(0.2)).clamp(0.0, lane.length_m);
-            let moved = (next - s_m).abs();
-            s_m = next;
-            if moved < 1e-4 {
-                return Some(s_m);
-            }
-        }
-        None
-    }
-
-    /// The best of places every quarter of a metre, then closer and closer around it.
-    fn search_foot(&self, lane: &Lane, start_m: f64, point: [f64; 3]) -> f64 {
-        const REACH_M: f64 = 3.0;
-        const PIECES: u32 = 12;
-        let (mut best_m, mut reach_m) = (start_m, REACH_M);
-        while reach_m > 1e-6 {
-            let around = (0..=2 * PIECES)
-                .map(|i| best_m + reach_m * (f64::from(i) / f64::from(PIECES) - 1.0));
-            let nearer = around
-                .map(|s_m| s_m.clamp(0.0, lane.length_m))
-                .min_by(|a, b| {
-                    self.squared_distance(lane, *a, point)
-                        .total_cmp(&self.squared_distance(lane, *b, point))
-                });
-            best_m = nearer.unwrap_or(best_m);
-            reach_m /= f64::from(PIECES) / 2.0;
-        }
-        best_m
+        Some(shape.refine(best, point))
     }
 
     /// Whether marks allow a change to the lane on the left.
@@ -236,7 +120,7 @@ impl RoadMap {
 
     /// Whether the mark towards greater or smaller ids may be crossed.
     fn may_cross(&self, lane: &Lane, s_m: f64, to_greater: bool) -> bool {
-        let (_, section) = self.place(lane);
+        let section = self.shape(lane).section;
         let ds = lane.station_m(s_m.clamp(0.0, lane.length_m)) - section.start_m;
         let id = lane.key.lane;
         // A lane's own record is its outer edge: the greater side of a positive id, the smaller
@@ -306,8 +190,9 @@ impl RoadMap {
         let Some(lane) = self.lane(key) else {
             return Vec::new();
         };
+        let shape = self.shape(lane);
         stations(0.0, lane.length_m, step_m)
-            .map(|s| self.middle_point(lane, s))
+            .map(|s| shape.middle_point(s))
             .collect()
     }
 
@@ -316,8 +201,9 @@ impl RoadMap {
         let Some(lane) = self.lane(key) else {
             return Default::default();
         };
+        let shape = self.shape(lane);
         let edge_points = |s: f64| {
-            let (station, edges) = self.at(lane, s);
+            let (station, edges) = shape.at(s);
             let (low, high) = (
                 edges.inner_m.min(edges.outer_m),
                 edges.inner_m.max(edges.outer_m),
@@ -330,7 +216,7 @@ impl RoadMap {
             let point = |t_m: f64| {
                 station.point(
                     station.lane_offset_m + t_m,
-                    self.lift(lane, &station, &edges, t_m).0,
+                    shape.lift(&station, &edges, t_m).0,
                 )
             };
             (point(left), point(right))
@@ -383,7 +269,7 @@ impl RoadMap {
                 .get(idx + 1)
                 .map_or(section.end_m, |next| section.start_m + next.s_offset_m)
                 .min(section.end_m);
-            if mark.kind == crate::MarkKind::None || to - from < 1e-6 {
+            if mark.kind == MarkKind::None || to - from < 1e-6 {
                 continue;
             }
             let point = |s: f64| {
@@ -403,6 +289,26 @@ impl RoadMap {
                 points,
             });
         }
+    }
+
+    /// Whether a lane's heights are more than its road's elevation: superelevation, shape,
+    /// crossfall or a height of its own.
+    pub fn is_tilted(&self, lane: LaneKey) -> bool {
+        let Some(lane) = self.lane(lane) else {
+            return false;
+        };
+        let LaneShape { road, section, .. } = self.shape(lane);
+        let own = section
+            .lane(lane.key.lane)
+            .is_some_and(|raw| !raw.heights.is_empty());
+        own || !road.superelevation.is_zero() || !road.lateral.is_plane()
+    }
+
+    /// World point on the surface of road number `road` at station `s_m`, `t_m` to the left of its
+    /// reference line.
+    pub fn road_point(&self, road: u32, s_m: f64, t_m: f64) -> Option<[f64; 3]> {
+        let road = self.raw.roads.iter().find(|r| r.number == road)?;
+        Some(road.station(s_m.clamp(0.0, road.length_m)).point(t_m, 0.0))
     }
 
     /// Index of a lane in [`RoadMap::lanes`].

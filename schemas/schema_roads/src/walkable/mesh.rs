@@ -1,21 +1,4 @@
-//! Where people walk: a mesh of convex faces over pavements, crosswalks and, at a price, roads.
-//!
-//! Pavements keep [`CLEAR_M`] from kerb and wall, so that whoever follows the mesh with a body
-//! stays on them. Around junctions, where maps
-//! seldom have pavement lanes, the pavements of neighbouring arms are joined by a curve. Crosswalks
-//! reach over the kerb onto the pavement.
-//! The outlines go into a constrained Delaunay triangulation, whose triangles are named by what
-//! they lie in and merged to convex faces.
-
-mod arrange;
-mod faces;
-mod outlines;
-
-use crate::map::RoadMap;
-
-/// Distance that pavements of the mesh keep from the pavement's edges, metres; narrow pavements
-/// keep a quarter of their width.
-pub const CLEAR_M: f64 = 0.35;
+//! The walkable mesh and what can be asked of it.
 
 /// What a face lies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -92,13 +75,4 @@ impl WalkMesh {
 /// Twice the area of a triangle seen from above, positive if it runs counter-clockwise.
 pub(crate) fn turn(a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-impl RoadMap {
-    /// The walkable mesh; empty for a map without pavements. `with_roads` adds the carriageways
-    /// beside pavements.
-    pub fn walkable(&self, with_roads: bool) -> WalkMesh {
-        let outlines = outlines::outlines(self, with_roads);
-        faces::mesh(&outlines)
-    }
 }
