@@ -8,6 +8,7 @@
 pub mod person;
 pub mod prop;
 pub mod solid;
+mod stack;
 mod vector;
 pub mod vehicle;
 

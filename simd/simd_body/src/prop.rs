@@ -4,8 +4,8 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
-use crate::person::stack::{Ring, stack};
 use crate::solid::{ellipsoid, tube};
+use crate::stack::{Ring, stack};
 
 /// Family of a thing's shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -73,7 +73,8 @@ pub struct PropShape {
 /// Distance up to which the fine level is drawn, metres.
 const NEAR_M: f32 = 30.0;
 
-struct Kit<'b> {
+/// Adds pieces of a prop, measured in shares of its box.
+struct Pieces<'b> {
     builder: &'b mut MeshBuilder,
     half: [f32; 3],
     class: Class,
@@ -81,7 +82,7 @@ struct Kit<'b> {
     accent: [u8; 3],
 }
 
-impl Kit<'_> {
+impl Pieces<'_> {
     fn surface(&self, material: Material, rgb: [u8; 3]) -> Surface {
         Surface::new(self.class, material, rgb)
     }
@@ -174,33 +175,33 @@ pub fn prop_mesh(shape: &PropShape) -> Mesh {
     let mut builder = MeshBuilder::new(format!("prop {:?}", shape.style).to_lowercase());
     for (n, until_m) in [(12, NEAR_M), (8, f32::INFINITY)] {
         let half = shape.half_m.map(|x| x as f32);
-        let mut kit = Kit {
+        let mut pieces = Pieces {
             builder: &mut builder,
             half,
             class: shape.class,
             main: shape.rgb,
             accent: shape.accent_rgb,
         };
-        build(&mut kit, shape.style, n);
+        build(&mut pieces, shape.style, n);
         builder.end_level(until_m);
     }
     builder.finish()
 }
 
-fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
+fn build(pieces: &mut Pieces<'_>, style: PropStyle, n: usize) {
     use Material::{Bark, Cloth, Concrete, Foliage, Glass, Lamp, Matte, Metal, Rubber, Water};
-    let (main, accent) = (kit.main, kit.accent);
+    let (main, accent) = (pieces.main, pieces.accent);
     let dark = main.map(|c| (f32::from(c) * 0.7) as u8);
-    let thin = kit.thin_m();
+    let thin = pieces.thin_m();
     match style {
         PropStyle::Crate => {
-            kit.block(Matte, main, [0.0, 0.0, 0.5], [0.985, 0.985, 0.5]);
-            kit.block(Matte, accent, [0.0, 0.0, 0.62], [1.0, 0.80, 0.22]);
-            kit.block(Matte, dark, [0.0, 0.0, 0.03], [1.0, 1.0, 0.03]);
-            kit.block(Matte, dark, [0.0, 0.0, 0.98], [1.0, 1.0, 0.02]);
+            pieces.block(Matte, main, [0.0, 0.0, 0.5], [0.985, 0.985, 0.5]);
+            pieces.block(Matte, accent, [0.0, 0.0, 0.62], [1.0, 0.80, 0.22]);
+            pieces.block(Matte, dark, [0.0, 0.0, 0.03], [1.0, 1.0, 0.03]);
+            pieces.block(Matte, dark, [0.0, 0.0, 0.98], [1.0, 1.0, 0.02]);
         }
         PropStyle::Cone => {
-            kit.block(Rubber, [36, 36, 38], [0.0, 0.0, 0.025], [1.0, 1.0, 0.025]);
+            pieces.block(Rubber, [36, 36, 38], [0.0, 0.0, 0.025], [1.0, 1.0, 0.025]);
             let (o, w) = ((Matte, main), (Matte, accent));
             let rows = [
                 (0.05, 0.78, o),
@@ -210,7 +211,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.78, 0.28, o),
                 (1.0, 0.12, o),
             ];
-            kit.turned(
+            pieces.turned(
                 n,
                 &rows.map(|(z, w, (material, rgb))| (z, w, material, rgb)),
             );
@@ -225,7 +226,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.98, 0.94, dark),
                 (1.0, 0.84, dark),
             ];
-            kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
+            pieces.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
         }
         PropStyle::Bin => {
             let rows = [
@@ -235,48 +236,48 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.90, 1.0, dark),
                 (1.0, 0.55, dark),
             ];
-            kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
-            kit.block(Matte, [24, 24, 26], [0.80, 0.0, 0.70], [0.14, 0.42, 0.05]);
+            pieces.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
+            pieces.block(Matte, [24, 24, 26], [0.80, 0.0, 0.70], [0.14, 0.42, 0.05]);
         }
         PropStyle::Bench => {
             for side in [-0.86, 0.86] {
-                kit.block(Metal, accent, [0.0, side, 0.22], [0.80, 0.04, 0.22]);
-                kit.block(Metal, accent, [-0.86, side, 0.60], [0.10, 0.04, 0.40]);
+                pieces.block(Metal, accent, [0.0, side, 0.22], [0.80, 0.04, 0.22]);
+                pieces.block(Metal, accent, [-0.86, side, 0.60], [0.10, 0.04, 0.40]);
             }
             for x in [-0.66, -0.26, 0.14, 0.54] {
-                kit.block(Bark, main, [x, 0.0, 0.46], [0.17, 1.0, 0.02]);
+                pieces.block(Bark, main, [x, 0.0, 0.46], [0.17, 1.0, 0.02]);
             }
             for z in [0.62, 0.78, 0.94] {
-                kit.block(Bark, main, [-0.88, 0.0, z], [0.12, 1.0, 0.06]);
+                pieces.block(Bark, main, [-0.88, 0.0, z], [0.12, 1.0, 0.06]);
             }
-            kit.block(Metal, accent, [0.90, 0.0, 0.46], [0.10, 0.98, 0.02]);
+            pieces.block(Metal, accent, [0.90, 0.0, 0.46], [0.10, 0.98, 0.02]);
         }
         PropStyle::Chair => {
             for (x, y) in [(-0.88, -0.88), (-0.88, 0.88), (0.88, -0.88), (0.88, 0.88)] {
-                kit.block(Matte, dark, [x, y, 0.26], [0.12, 0.12, 0.26]);
+                pieces.block(Matte, dark, [x, y, 0.26], [0.12, 0.12, 0.26]);
             }
-            kit.block(Matte, main, [0.0, 0.0, 0.50], [1.0, 1.0, 0.03]);
-            kit.block(Matte, main, [-0.92, 0.0, 0.77], [0.08, 0.96, 0.23]);
+            pieces.block(Matte, main, [0.0, 0.0, 0.50], [1.0, 1.0, 0.03]);
+            pieces.block(Matte, main, [-0.92, 0.0, 0.77], [0.08, 0.96, 0.23]);
             for y in [-0.92, 0.92] {
-                kit.block(Matte, accent, [0.0, y, 0.70], [0.92, 0.08, 0.02]);
-                kit.block(Matte, accent, [0.80, y, 0.60], [0.06, 0.06, 0.10]);
+                pieces.block(Matte, accent, [0.0, y, 0.70], [0.92, 0.08, 0.02]);
+                pieces.block(Matte, accent, [0.80, y, 0.60], [0.06, 0.06, 0.10]);
             }
         }
         PropStyle::Table => {
             for (x, y) in [(-0.85, -0.85), (-0.85, 0.85), (0.85, -0.85), (0.85, 0.85)] {
-                kit.block(Metal, accent, [x, y, 0.46], [0.06, 0.06, 0.46]);
+                pieces.block(Metal, accent, [x, y, 0.46], [0.06, 0.06, 0.46]);
             }
-            kit.block(Bark, main, [0.0, 0.0, 0.96], [1.0, 1.0, 0.04]);
+            pieces.block(Bark, main, [0.0, 0.0, 0.96], [1.0, 1.0, 0.04]);
         }
         PropStyle::Barrier => {
             for y in [-0.84, 0.84] {
-                kit.block(Rubber, [40, 40, 42], [0.0, y, 0.03], [1.0, 0.10, 0.03]);
-                kit.block(Metal, [150, 152, 156], [0.0, y, 0.5], [0.16, 0.03, 0.5]);
+                pieces.block(Rubber, [40, 40, 42], [0.0, y, 0.03], [1.0, 0.10, 0.03]);
+                pieces.block(Metal, [150, 152, 156], [0.0, y, 0.5], [0.16, 0.03, 0.5]);
             }
             for z in [0.42, 0.86] {
                 for k in 0..8 {
                     let rgb = if k % 2 == 0 { main } else { accent };
-                    kit.block(
+                    pieces.block(
                         Matte,
                         rgb,
                         [0.0, -0.875 + 0.25 * k as f32, z],
@@ -284,7 +285,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                     );
                 }
             }
-            kit.block(
+            pieces.block(
                 Lamp,
                 [255, 170, 40],
                 [0.0, 0.84, 0.985],
@@ -292,7 +293,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
             );
         }
         PropStyle::Sign => {
-            kit.bar(
+            pieces.bar(
                 Metal,
                 [150, 152, 156],
                 [0.0, 0.0, 0.0],
@@ -300,15 +301,15 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 thin.max(0.02),
                 n,
             );
-            kit.block(Metal, main, [0.0, 0.0, 0.84], [0.5, 1.0, 0.16]);
-            kit.block(Matte, accent, [0.55, 0.0, 0.84], [0.45, 0.86, 0.12]);
-            kit.block(Metal, [120, 122, 126], [0.0, 0.0, 0.01], [1.0, 0.3, 0.01]);
+            pieces.block(Metal, main, [0.0, 0.0, 0.84], [0.5, 1.0, 0.16]);
+            pieces.block(Matte, accent, [0.55, 0.0, 0.84], [0.45, 0.86, 0.12]);
+            pieces.block(Metal, [120, 122, 126], [0.0, 0.0, 0.01], [1.0, 0.3, 0.01]);
         }
         PropStyle::Board => {
-            kit.block(Rubber, [40, 40, 42], [0.0, 0.0, 0.03], [1.0, 0.8, 0.03]);
-            kit.block(Metal, [150, 152, 156], [-0.2, 0.0, 0.3], [0.10, 0.05, 0.3]);
-            kit.block(Matte, accent, [0.0, 0.0, 0.66], [0.22, 1.0, 0.34]);
-            kit.block(Matte, main, [0.18, 0.0, 0.66], [0.10, 0.86, 0.27]);
+            pieces.block(Rubber, [40, 40, 42], [0.0, 0.0, 0.03], [1.0, 0.8, 0.03]);
+            pieces.block(Metal, [150, 152, 156], [-0.2, 0.0, 0.3], [0.10, 0.05, 0.3]);
+            pieces.block(Matte, accent, [0.0, 0.0, 0.66], [0.22, 1.0, 0.34]);
+            pieces.block(Matte, main, [0.18, 0.0, 0.66], [0.10, 0.86, 0.27]);
         }
         PropStyle::Plant => {
             let rows = [
@@ -317,7 +318,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.32, 0.62, Concrete, dark),
                 (0.33, 0.50, Bark, [70, 52, 38]),
             ];
-            kit.turned(n, &rows);
+            pieces.turned(n, &rows);
             let leaves: [([f32; 3], [f32; 3]); 4] = [
                 ([0.0, 0.0, 0.72], [0.72, 0.72, 0.28]),
                 ([0.45, 0.2, 0.60], [0.55, 0.5, 0.20]),
@@ -325,7 +326,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 ([-0.1, -0.5, 0.58], [0.55, 0.50, 0.20]),
             ];
             for (middle, half) in leaves {
-                kit.blob(Foliage, accent, middle, half, n.max(8));
+                pieces.blob(Foliage, accent, middle, half, n.max(8));
             }
         }
         PropStyle::Tree => {
@@ -336,13 +337,13 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.55, 0.7 * stem, Bark, main),
                 (0.8, 0.3 * stem, Bark, main),
             ];
-            kit.turned(8, &rows);
+            pieces.turned(8, &rows);
             for (middle, half) in [
                 ([0.0, 0.0, 0.72], [1.0, 1.0, 0.28]),
                 ([0.35, 0.3, 0.55], [0.6, 0.6, 0.16]),
                 ([-0.35, -0.25, 0.52], [0.62, 0.6, 0.15]),
             ] {
-                kit.blob(Foliage, accent, middle, half, n.max(8));
+                pieces.blob(Foliage, accent, middle, half, n.max(8));
             }
         }
         PropStyle::Bag => {
@@ -355,48 +356,48 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.90, 0.16, accent),
                 (1.0, 0.28, accent),
             ];
-            kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Cloth, rgb)));
+            pieces.turned(n, &rows.map(|(z, w, rgb)| (z, w, Cloth, rgb)));
         }
         PropStyle::Debris => {
-            let pieces = [
+            let rubble = [
                 (-0.6, -0.5, 0.36, 0.5),
                 (0.2, 0.6, 0.5, 0.38),
                 (0.55, -0.55, 0.42, 0.44),
                 (-0.1, -0.05, 0.6, 0.6),
                 (-0.75, 0.7, 0.22, 0.30),
             ];
-            for (i, (x, y, a, b)) in pieces.into_iter().enumerate() {
+            for (i, (x, y, a, b)) in rubble.into_iter().enumerate() {
                 let top = if i == 3 { 1.0 } else { 0.5 };
                 let rgb = if i % 2 == 0 { main } else { accent };
-                kit.block(Concrete, rgb, [x, y, 0.5 * top], [a, b, 0.5 * top]);
+                pieces.block(Concrete, rgb, [x, y, 0.5 * top], [a, b, 0.5 * top]);
             }
-            kit.block(Concrete, main, [0.93, 0.1, 0.1], [0.07, 0.1, 0.1]);
-            kit.block(Concrete, main, [-0.97, 0.0, 0.1], [0.03, 0.1, 0.1]);
-            kit.block(Concrete, accent, [0.0, -0.97, 0.1], [0.1, 0.03, 0.1]);
+            pieces.block(Concrete, main, [0.93, 0.1, 0.1], [0.07, 0.1, 0.1]);
+            pieces.block(Concrete, main, [-0.97, 0.0, 0.1], [0.03, 0.1, 0.1]);
+            pieces.block(Concrete, accent, [0.0, -0.97, 0.1], [0.1, 0.03, 0.1]);
         }
         PropStyle::Container => {
-            kit.block(Metal, main, [0.0, 0.0, 0.5], [0.97, 0.96, 0.5]);
+            pieces.block(Metal, main, [0.0, 0.0, 0.5], [0.97, 0.96, 0.5]);
             for k in 0..9 {
                 let x = -0.98 + 0.245 * k as f32;
-                kit.block(Metal, dark, [x, 0.0, 0.5], [0.02, 1.0, 0.48]);
+                pieces.block(Metal, dark, [x, 0.0, 0.5], [0.02, 1.0, 0.48]);
             }
-            kit.block(Metal, accent, [0.98, 0.0, 0.5], [0.02, 0.94, 0.46]);
-            kit.block(Metal, dark, [0.0, 0.0, 0.985], [1.0, 1.0, 0.015]);
-            kit.block(Metal, dark, [0.0, 0.0, 0.02], [1.0, 1.0, 0.02]);
+            pieces.block(Metal, accent, [0.98, 0.0, 0.5], [0.02, 0.94, 0.46]);
+            pieces.block(Metal, dark, [0.0, 0.0, 0.985], [1.0, 1.0, 0.015]);
+            pieces.block(Metal, dark, [0.0, 0.0, 0.02], [1.0, 1.0, 0.02]);
         }
         PropStyle::Shelter => {
             for (x, y) in [(-0.9, -0.9), (-0.9, 0.9), (0.9, -0.9), (0.9, 0.9)] {
-                kit.bar(Metal, accent, [x, y, 0.0], [x, y, 0.96], thin.max(0.03), 8);
+                pieces.bar(Metal, accent, [x, y, 0.0], [x, y, 0.96], thin.max(0.03), 8);
             }
-            kit.block(Metal, main, [0.0, 0.0, 0.97], [1.0, 1.0, 0.03]);
-            kit.block(
+            pieces.block(Metal, main, [0.0, 0.0, 0.97], [1.0, 1.0, 0.03]);
+            pieces.block(
                 Glass,
                 [160, 180, 190],
                 [-0.9, 0.0, 0.55],
                 [0.02, 0.88, 0.35],
             );
-            kit.block(Bark, dark, [-0.45, 0.0, 0.2], [0.3, 0.6, 0.02]);
-            kit.block(Metal, accent, [-0.45, 0.0, 0.09], [0.06, 0.5, 0.09]);
+            pieces.block(Bark, dark, [-0.45, 0.0, 0.2], [0.3, 0.6, 0.02]);
+            pieces.block(Metal, accent, [-0.45, 0.0, 0.09], [0.06, 0.5, 0.09]);
         }
         PropStyle::Lamp => {
             let rows = [
@@ -407,19 +408,19 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.74, 0.7, dark),
                 (0.77, 0.9, dark),
             ];
-            kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
+            pieces.turned(n, &rows.map(|(z, w, rgb)| (z, w, Metal, rgb)));
             let bulb = [
                 (0.77, 0.70, Lamp, accent),
                 (0.92, 0.92, Lamp, accent),
                 (0.93, 0.8, Lamp, accent),
             ];
-            kit.turned(n, &bulb);
+            pieces.turned(n, &bulb);
             let hat = [
                 (0.93, 1.0, Metal, dark),
                 (0.95, 1.0, Metal, dark),
                 (1.0, 0.1, Metal, dark),
             ];
-            kit.turned(n, &hat);
+            pieces.turned(n, &hat);
         }
         PropStyle::Fountain => {
             let basin = [
@@ -428,7 +429,7 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.34, 1.0, Concrete, dark),
                 (0.345, 0.86, Water, [60, 110, 130]),
             ];
-            kit.turned(n, &basin);
+            pieces.turned(n, &basin);
             let column = [
                 (0.2, 0.16, Concrete, main),
                 (0.62, 0.10, Concrete, main),
@@ -437,23 +438,23 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.76, 0.12, Concrete, accent),
                 (1.0, 0.03, Concrete, accent),
             ];
-            kit.turned(n, &column);
+            pieces.turned(n, &column);
         }
         PropStyle::Cart => {
             for (x, y) in [(-0.8, -0.8), (-0.8, 0.8), (0.8, -0.8), (0.8, 0.8)] {
-                kit.block(Rubber, [34, 34, 36], [x, y, 0.06], [0.14, 0.06, 0.06]);
-                kit.block(Metal, accent, [x, y, 0.28], [0.03, 0.03, 0.22]);
+                pieces.block(Rubber, [34, 34, 36], [x, y, 0.06], [0.14, 0.06, 0.06]);
+                pieces.block(Metal, accent, [x, y, 0.28], [0.03, 0.03, 0.22]);
             }
-            kit.block(Metal, main, [0.06, 0.0, 0.42], [0.94, 0.96, 0.03]);
+            pieces.block(Metal, main, [0.06, 0.0, 0.42], [0.94, 0.96, 0.03]);
             for y in [-0.97, 0.97] {
-                kit.block(Metal, main, [0.06, y, 0.62], [0.94, 0.03, 0.22]);
+                pieces.block(Metal, main, [0.06, y, 0.62], [0.94, 0.03, 0.22]);
             }
             for x in [-0.84, 0.97] {
-                kit.block(Metal, main, [x, 0.0, 0.62], [0.03, 0.94, 0.22]);
+                pieces.block(Metal, main, [x, 0.0, 0.62], [0.03, 0.94, 0.22]);
             }
-            kit.block(Rubber, accent, [-0.95, 0.0, 0.97], [0.05, 1.0, 0.03]);
+            pieces.block(Rubber, accent, [-0.95, 0.0, 0.97], [0.05, 1.0, 0.03]);
             for y in [-0.9, 0.9] {
-                kit.block(Metal, accent, [-0.92, y, 0.90], [0.04, 0.04, 0.10]);
+                pieces.block(Metal, accent, [-0.92, y, 0.90], [0.04, 0.04, 0.10]);
             }
         }
         PropStyle::Round => {
@@ -466,10 +467,10 @@ fn build(kit: &mut Kit<'_>, style: PropStyle, n: usize) {
                 (0.95, 0.42, main),
                 (1.0, 0.10, main),
             ];
-            kit.turned(n, &rows.map(|(z, w, rgb)| (z, w, Matte, rgb)));
+            pieces.turned(n, &rows.map(|(z, w, rgb)| (z, w, Matte, rgb)));
         }
         PropStyle::Plate => {
-            kit.block(Metal, main, [0.0, 0.0, 0.5], [1.0, 1.0, 0.5]);
+            pieces.block(Metal, main, [0.0, 0.0, 0.5], [1.0, 1.0, 0.5]);
         }
     }
 }

@@ -11,7 +11,6 @@ const TANGLED: &[&str] = &[
     "launch/launch_cli",
     "launch/launch_spec",
     "simd/simd",
-    "simd/simd_body",
     "simd/simd_town",
     "tests/test_e2e",
     "tests/test_kit",

@@ -1,71 +1,72 @@
-//! Saloon, hatchback, SUV, van, microbus, wedge: one loft; `tables` has one for each.
+//! Saloon, hatchback, SUV, van, microbus, wedge: one loft; `outline` has a table for each.
 
-use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
+use super::bodywork::Bodywork;
+use super::fittings::{lamp_block, plate};
 use super::loft::{Section, loft_with_holes};
-use super::tables::Part::{self, Cabin, Gap, Pillar, Screen};
-use super::tables::{Station, table};
-use super::{BodyStyle, Frame, microbus, outfit};
+use super::outline::Part::{self, Cabin, Gap, Pillar, Screen};
+use super::outline::{Station, interpolate, table};
+use super::shape::BodyStyle;
+use super::{equipment, microbus};
 
 /// What a strip of the finest level is made of.
-pub(super) fn skin(frame: &Frame, style: BodyStyle, part: Part, strip: usize) -> Surface {
+pub(super) fn skin(body: &Bodywork, style: BodyStyle, part: Part, strip: usize) -> Surface {
     if part != Gap
-        && let Some(surface) =
-            frame
-                .outfit
-                .livery(frame.class, strip, matches!(part, Cabin | Pillar))
+        && let Some(surface) = body
+            .outfit
+            .livery(body.class, strip, matches!(part, Cabin | Pillar))
     {
         return surface;
     }
     match (strip, part) {
-        (0, _) => frame.dark(),
-        (1, _) => frame.trim(),
-        (2..=4, Gap) => frame.dark(),
-        (5, Cabin | Screen | Gap) => frame.glass(),
-        (5, Pillar) if style == BodyStyle::Microbus => microbus::upper(frame),
-        (5, Pillar) if style != BodyStyle::Van => frame.dark(),
-        (7, Screen) => frame.glass(),
+        (0, _) => body.dark(),
+        (1, _) => body.trim(),
+        (2..=4, Gap) => body.dark(),
+        (5, Cabin | Screen | Gap) => body.glass(),
+        (5, Pillar) if style == BodyStyle::Microbus => microbus::upper(body),
+        (5, Pillar) if style != BodyStyle::Van => body.dark(),
+        (7, Screen) => body.glass(),
         (6 | 7, Cabin | Screen | Pillar | Gap) if style == BodyStyle::Microbus => {
-            microbus::upper(frame)
+            microbus::upper(body)
         }
-        _ => frame.paint(),
+        _ => body.paint(),
     }
 }
 
 /// The finest level without the sides of doors: where they begin and end.
 pub(super) fn open_body(
     builder: &mut MeshBuilder,
-    frame: &Frame,
+    body: &Bodywork,
     style: BodyStyle,
     doors: [[f32; 2]; 2],
 ) {
     let table = table(style);
-    let stations = stations(frame, table, 0, doors.as_flattened());
-    let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
+    let stations = stations(body, table, 0, doors.as_flattened());
+    let sections: Vec<Section> = stations.iter().map(|s| section(body, s, 0)).collect();
     let surface = |segment: usize, strip: usize| {
-        let middle = 0.5 * (stations[segment].0 + stations[segment + 1].0);
+        let middle = 0.5 * (stations[segment].u + stations[segment + 1].u);
         let is_door = (2..=5).contains(&strip)
             && doors
                 .iter()
                 .any(|[from, to]| (*from..*to).contains(&middle));
-        (!is_door).then(|| skin(frame, style, stations[segment].5, strip))
+        (!is_door).then(|| skin(body, style, stations[segment].part, strip))
     };
-    loft_with_holes(builder, &sections, surface, [frame.paint(); 2]);
-    ends(builder, frame, style, 0);
-    mirrors(builder, frame, style);
-    outfit::on_car(builder, frame, style, 0);
+    loft_with_holes(builder, &sections, surface, [body.paint(); 2]);
+    ends(builder, body, style, 0);
+    mirrors(builder, body, style);
+    equipment::on_car(builder, body, style, 0);
 }
 
 /// Adds one level of a car's body; `detail` 0 is the finest of four.
-pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
+pub fn body(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle, detail: usize) {
     let table = table(style);
-    let stations = stations(frame, table, detail, &[]);
-    let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, detail)).collect();
-    let paint = frame.paint();
+    let stations = stations(body, table, detail, &[]);
+    let sections: Vec<Section> = stations.iter().map(|s| section(body, s, detail)).collect();
+    let paint = body.paint();
     let surface = |segment: usize, strip: usize| {
-        let part = stations[segment].5;
+        let part = stations[segment].part;
         // Coarse rings have fewer strips: floor, side, window, roof.
         let strip = match detail {
             0 => strip,
@@ -73,38 +74,38 @@ pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: 
             _ => [0, 2, 5, 7][strip],
         };
         // The underside of a car far away is not seen.
-        (detail < 3 || strip > 0).then(|| skin(frame, style, part, strip))
+        (detail < 3 || strip > 0).then(|| skin(body, style, part, strip))
     };
     loft_with_holes(builder, &sections, surface, [paint, paint]);
-    ends(builder, frame, style, detail);
+    ends(builder, body, style, detail);
     if detail < 2 {
-        mirrors(builder, frame, style);
+        mirrors(builder, body, style);
     }
-    outfit::on_car(builder, frame, style, detail);
+    equipment::on_car(builder, body, style, detail);
 }
 
 /// The table with stations for wheel arches and at `also` put in; far levels keep what shapes the
 /// outline.
 pub(super) fn stations(
-    frame: &Frame,
+    body: &Bodywork,
     table: &[Station],
     detail: usize,
     also: &[f32],
 ) -> Vec<Station> {
-    let mut places: Vec<f32> = table.iter().map(|s| s.0).collect();
+    let mut places: Vec<f32> = table.iter().map(|s| s.u).collect();
     match detail {
-        0 => places.extend(frame.arch_places(&[-1.0, -0.96, -0.8, -0.5, 0.0, 0.5, 0.8, 0.96, 1.0])),
+        0 => places.extend(body.arch_places(&[-1.0, -0.96, -0.8, -0.5, 0.0, 0.5, 0.8, 0.96, 1.0])),
         1 => {
             places.retain(|&u| {
                 (u == 0.0 || u == 1.0 || (0.02..0.98).contains(&u))
-                    && !table.iter().any(|s| s.0 == u && matches!(s.5, Gap))
+                    && !table.iter().any(|s| s.u == u && matches!(s.part, Gap))
             });
-            places.extend(frame.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
+            places.extend(body.arch_places(&[-1.0, -0.8, 0.8, 1.0]));
         }
         3 => {
             // Where bonnet, cabin and boot begin and end, and where nose and tail have their full
             // width.
-            let kind = |i: usize| match table[i].5 {
+            let kind = |i: usize| match table[i].part {
                 Pillar | Gap => Cabin,
                 part => part,
             };
@@ -117,18 +118,18 @@ pub(super) fn stations(
             };
             places = (0..table.len())
                 .filter(|&i| keep(i))
-                .map(|i| table[i].0)
+                .map(|i| table[i].u)
                 .collect();
         }
         _ => {
             let keep = |i: usize| {
                 i == 0
                     || i + 1 == table.len()
-                    || (i > 1 && i + 2 < table.len() && i.is_multiple_of(2) && table[i].5 != Gap)
+                    || (i > 1 && i + 2 < table.len() && i.is_multiple_of(2) && table[i].part != Gap)
             };
             places = (0..table.len())
                 .filter(|&i| keep(i))
-                .map(|i| table[i].0)
+                .map(|i| table[i].u)
                 .collect();
         }
     }
@@ -139,42 +140,26 @@ pub(super) fn stations(
     places.iter().map(|&u| interpolate(table, u)).collect()
 }
 
-pub(super) fn interpolate(table: &[Station], u: f32) -> Station {
-    let next = table
-        .iter()
-        .position(|s| s.0 > u + 1e-5)
-        .unwrap_or(table.len() - 1)
-        .max(1);
-    let (a, b) = (table[next - 1], table[next]);
-    let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
-    let mix = |p: f32, q: f32| p + (q - p) * k;
-    let part = if u >= b.0 - 1e-5 { b.5 } else { a.5 };
-    (
+pub(super) fn section(body: &Bodywork, station: &Station, detail: usize) -> Section {
+    let &Station {
         u,
-        mix(a.1, b.1),
-        mix(a.2, b.2),
-        mix(a.3, b.3),
-        mix(a.4, b.4),
-        part,
-    )
-}
-
-pub(super) fn section(
-    frame: &Frame,
-    &(u, belt, top, width, roof, _): &Station,
-    detail: usize,
-) -> Section {
-    let (w, h) = (frame.body_half_m * width, frame.height());
+        belt,
+        top,
+        width,
+        roof,
+        ..
+    } = station;
+    let (w, h) = (body.half_width_m * width, body.height());
     let (belt, top) = (belt * h, top * h);
     let nose = (0.10 - u).max(u - 0.90).max(0.0) * 10.0;
-    let floor = frame.arch(u, detail).unwrap_or(frame.sill_m + 0.05 * nose);
+    let floor = body.arch(u, detail).unwrap_or(body.sill_m + 0.05 * nose);
     let lift = |z: f32, n: f32| z.max(floor + 0.012 * n);
     let crown = (top - belt).min(0.05);
     let fine = [
         [0.0, floor],
         [w * 0.93, floor],
-        [w * 0.985, lift(frame.sill_m + 0.07, 1.0)],
-        [w, lift(frame.sill_m + 0.5 * (belt - frame.sill_m), 2.0)],
+        [w * 0.985, lift(body.sill_m + 0.07, 1.0)],
+        [w, lift(body.sill_m + 0.5 * (belt - body.sill_m), 2.0)],
         [w * 0.992, lift(belt - 0.09, 3.0)],
         [w * 0.955, lift(belt, 4.0)],
         [w * (roof + 0.02), lift(top - crown, 5.0)],
@@ -187,26 +172,26 @@ pub(super) fn section(
         _ => [0, 1, 5, 6, 8].map(|i| fine[i]).to_vec(),
     };
     Section {
-        x_m: frame.x(u),
+        x_m: body.x(u),
         ring_m,
     }
 }
 
 /// Lamps, plates, bumpers.
-fn ends(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
+fn ends(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle, detail: usize) {
     if style == BodyStyle::Microbus {
-        microbus::ends(builder, frame, detail);
+        microbus::ends(builder, body, detail);
         return;
     }
     let table = table(style);
-    front(builder, frame, table, detail);
-    rear(builder, frame, table, style, detail);
+    front(builder, body, table, detail);
+    rear(builder, body, table, style, detail);
 }
 
-fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: usize) {
-    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
-    let lamp_z = (table[0].1 - 0.045) * h;
-    let flat = table[0].3;
+fn front(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], detail: usize) {
+    let (h, w, skin) = (body.height(), body.half_width_m, body.skin_m());
+    let lamp_z = (table[0].belt - 0.045) * h;
+    let flat = table[0].width;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         // Front faces end at these x: the outer ones lie further back, as the bumper is round.
@@ -219,7 +204,7 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
                 );
                 lamp_block(
                     builder,
-                    frame.lamp(rgb, bit),
+                    body.lamp(rgb, bit),
                     (centre, half),
                     [1.0, side],
                     detail,
@@ -269,8 +254,8 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
                 [0.03, half_y * w, half_z],
             );
         };
-        bar(builder, frame.dark(), flat - 0.29, lamp_z, 0.03 * h, 0.010);
-        let chrome = Surface::new(frame.class, Material::Metal, [196, 198, 200]);
+        bar(builder, body.dark(), flat - 0.29, lamp_z, 0.03 * h, 0.010);
+        let chrome = Surface::new(body.class, Material::Metal, [196, 198, 200]);
         for k in [-0.6f32, 0.0, 0.6] {
             bar(
                 builder,
@@ -283,24 +268,24 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
         }
         bar(
             builder,
-            frame.dark(),
+            body.dark(),
             flat - 0.12,
-            frame.sill_m + 0.10,
+            body.sill_m + 0.10,
             0.06,
             0.010,
         );
         plate(
             builder,
-            frame,
+            body,
             [
-                frame.half[0] - 0.006,
+                body.half[0] - 0.006,
                 0.0,
-                0.5 * (lamp_z + frame.sill_m) + 0.03,
+                0.5 * (lamp_z + body.sill_m) + 0.03,
             ],
         );
         builder.cuboid(
-            frame.dark(),
-            [skin - 0.01, 0.0, 0.5 * (lamp_z + frame.sill_m) + 0.03],
+            body.dark(),
+            [skin - 0.01, 0.0, 0.5 * (lamp_z + body.sill_m) + 0.03],
             [0.03, 0.27, 0.06],
         );
     }
@@ -308,24 +293,24 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], detail: us
 
 fn rear(
     builder: &mut MeshBuilder,
-    frame: &Frame,
+    body: &Bodywork,
     table: &[Station],
     style: BodyStyle,
     detail: usize,
 ) {
-    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
+    let (h, w, skin) = (body.height(), body.half_width_m, body.skin_m());
     let last = table[table.len() - 1];
     let lamp_z = if style == BodyStyle::Van {
         0.40 * h
     } else {
-        (last.1 - 0.055) * h
+        (last.belt - 0.055) * h
     };
     let tall = if matches!(style, BodyStyle::Suv | BodyStyle::Van | BodyStyle::Wedge) {
         0.05
     } else {
         0.036
     };
-    let flat = last.3 - 0.01;
+    let flat = last.width - 0.01;
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, (from, to): (f32, f32), (low, high): (f32, f32)| {
@@ -336,7 +321,7 @@ fn rear(
             );
             lamp_block(
                 builder,
-                frame.lamp(rgb, bit),
+                body.lamp(rgb, bit),
                 (centre, half),
                 [-1.0, side],
                 detail,
@@ -366,23 +351,23 @@ fn rear(
         } else {
             lamp_z - 0.065 * h
         };
-        plate(builder, frame, [-frame.half[0] + 0.006, 0.0, z]);
-        builder.cuboid(frame.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);
+        plate(builder, body, [-body.half[0] + 0.006, 0.0, z]);
+        builder.cuboid(body.dark(), [0.01 - skin, 0.0, z], [0.03, 0.27, 0.06]);
         builder.cuboid(
-            frame.dark(),
-            [0.02 - skin, 0.0, frame.sill_m + 0.08],
+            body.dark(),
+            [0.02 - skin, 0.0, body.sill_m + 0.08],
             [0.03, (flat - 0.06) * w, 0.05],
         );
         if style == BodyStyle::Van {
             for y in [0.42, -0.42] {
                 builder.cuboid(
-                    frame.glass(),
+                    body.glass(),
                     [0.02 - skin, y * w, 0.72 * h],
                     [0.03, 0.33 * w, 0.13 * h],
                 );
             }
             builder.cuboid(
-                frame.dark(),
+                body.dark(),
                 [0.024 - skin, 0.0, 0.55 * h],
                 [0.03, 0.006, 0.38 * h],
             );
@@ -390,78 +375,31 @@ fn rear(
     }
 }
 
-/// A lamp that stands out of the skin a little. From farther away only what shows: its front, and
-/// up to the third level its outer side.
-/// `towards` are the signs of x and y in which it looks.
-pub(super) fn lamp_block(
-    builder: &mut MeshBuilder,
-    surface: Surface,
-    (centre_m, half_m): ([f32; 3], [f32; 3]),
-    towards: [f32; 2],
-    detail: usize,
-) {
-    if detail == 0 {
-        builder.cuboid(surface, centre_m, half_m);
-        return;
-    }
-    let ([x, y, z], [hx, hy, hz], [ahead, out]) = (centre_m, half_m, towards);
-    let front_x = x + ahead * hx;
-    // Counter-clockwise from where it looks.
-    let front = [(-ahead, -1.0), (ahead, -1.0), (ahead, 1.0), (-ahead, 1.0)]
-        .map(|(a, b)| [front_x, y + a * hy, z + b * hz]);
-    builder.polygon(surface, &front, &[[0.0; 2]; 4]);
-    if detail < 3 {
-        let side = [(out, -1.0), (-out, -1.0), (-out, 1.0), (out, 1.0)]
-            .map(|(a, b)| [x + a * hx, y + out * hy, z + b * hz]);
-        builder.polygon(surface, &side, &[[0.0; 2]; 4]);
-    }
-}
-
-/// Number plate.
-pub fn plate(builder: &mut MeshBuilder, frame: &Frame, centre_m: [f32; 3]) {
-    builder.cuboid(
-        Surface::new(frame.class, Material::Matte, [236, 236, 230]),
-        centre_m,
-        [0.006, 0.26, 0.055],
-    );
-}
-
-fn mirrors(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle) {
-    let belt = interpolate(table(style), 0.34).1 * frame.height();
-    let (outer, inner) = (frame.half[1], frame.body_half_m * 0.97);
-    let x = frame.x(match style {
+fn mirrors(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle) {
+    let belt = interpolate(table(style), 0.34).belt * body.height();
+    let (outer, inner) = (body.half[1], body.half_width_m * 0.97);
+    let x = body.x(match style {
         BodyStyle::Van => 0.20,
         BodyStyle::Microbus => 0.105,
         _ => 0.325,
     });
     for side in [1.0f32, -1.0] {
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [x, side * 0.5 * (outer + inner - 0.05), belt + 0.035],
             [0.025, 0.5 * (outer - inner), 0.018],
         );
         let half_y = 0.5 * (outer - inner + 0.03).min(0.2);
         builder.cuboid(
-            frame.paint(),
+            body.paint(),
             [x + 0.01, side * (outer - half_y), belt + 0.085],
             [0.045, half_y, 0.06],
         );
-        let glass = Surface::new(frame.class, Material::Glass, [150, 160, 170]);
+        let glass = Surface::new(body.class, Material::Glass, [150, 160, 170]);
         builder.cuboid(
             glass,
             [x - 0.037, side * (outer - half_y), belt + 0.085],
             [0.004, half_y * 0.88, 0.05],
         );
-    }
-}
-
-/// Class of a car body.
-pub fn class_of(style: BodyStyle) -> Class {
-    match style {
-        BodyStyle::Bus => Class::BUS,
-        BodyStyle::Lorry | BodyStyle::Wedge => Class::TRUCK,
-        BodyStyle::Motorcycle => Class::MOTORCYCLE,
-        BodyStyle::Bicycle => Class::BICYCLE,
-        _ => Class::CAR,
     }
 }

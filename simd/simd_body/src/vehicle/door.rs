@@ -8,11 +8,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
 
-use super::car::{self, interpolate, section};
+use super::bodywork::Bodywork;
+use super::car::{self, section};
 use super::loft::{Section, end_cap};
 use super::outfit::Outfit;
-use super::tables::{Station, table};
-use super::{BodyStyle, Frame, VehicleShape};
+use super::outline::{Station, interpolate, table};
+use super::shape::{BodyStyle, VehicleShape};
 
 /// Thickness of a door and of the lining of the body, metres.
 const THICKNESS_M: f32 = 0.05;
@@ -96,20 +97,20 @@ pub fn door_meshes(shape: &VehicleShape) -> Option<DoorMeshes> {
 /// The same with equipment and livery.
 pub fn outfitted_door_meshes(shape: &VehicleShape, outfit: Outfit) -> Option<DoorMeshes> {
     let spans = spans(shape.style)?;
-    let frame = Frame::new(shape, outfit);
+    let body = Bodywork::new(shape, outfit);
     let table = table(shape.style);
     let mut builder =
         MeshBuilder::new(format!("{:?} body with open doors", shape.style).to_lowercase());
-    car::open_body(&mut builder, &frame, shape.style, spans);
-    interior(&mut builder, &frame, table, spans);
+    car::open_body(&mut builder, &body, shape.style, spans);
+    interior(&mut builder, &body, table, spans);
     builder.end_level(45.0);
-    car::body(&mut builder, &frame, shape.style, 2);
+    car::body(&mut builder, &body, shape.style, 2);
     builder.end_level(f32::INFINITY);
     let mut doors = Vec::new();
     for (row, span) in spans.into_iter().enumerate() {
         for left in [true, false] {
             doors.push(door(
-                &frame,
+                &body,
                 shape.style,
                 span,
                 row == 1 && matches!(shape.style, BodyStyle::Van | BodyStyle::Microbus),
@@ -144,10 +145,10 @@ fn facing(builder: &mut MeshBuilder, surface: Surface, corners: &[[f32; 3]], dir
 }
 
 /// Stations of the fine body between two places, both ends included.
-fn stations_between(frame: &Frame, table: &[Station], [from, to]: [f32; 2]) -> Vec<Station> {
-    let inside = car::stations(frame, table, 0, &[])
+fn stations_between(body: &Bodywork, table: &[Station], [from, to]: [f32; 2]) -> Vec<Station> {
+    let inside = car::stations(body, table, 0, &[])
         .into_iter()
-        .filter(|s| s.0 > from + 0.003 && s.0 < to - 0.003);
+        .filter(|s| s.u > from + 0.003 && s.u < to - 0.003);
     let mut all = vec![interpolate(table, from)];
     all.extend(inside);
     all.push(interpolate(table, to));
@@ -159,7 +160,7 @@ const LEVELS_M: [f32; 3] = [16.0, 45.0, f32::INFINITY];
 
 /// A door's cross-sections, and where its hinge is.
 struct Slab<'t> {
-    frame: &'t Frame,
+    body: &'t Bodywork,
     style: BodyStyle,
     stations: Vec<Station>,
     sections: Vec<Section>,
@@ -186,14 +187,14 @@ impl Slab<'_> {
         rings: &[usize],
         with_edges: bool,
     ) {
-        let trim = Surface::new(self.frame.class, Material::Matte, [62, 58, 54]);
-        let dark = self.frame.dark();
+        let trim = Surface::new(self.body.class, Material::Matte, [62, 58, 54]);
+        let dark = self.body.dark();
         for (a, b) in picked.iter().zip(&picked[1..]).map(|(a, b)| (*a, *b)) {
             for (j, k) in rings.iter().zip(&rings[1..]).map(|(j, k)| (*j, *k)) {
                 let quad = |inwards_m: f32| {
                     [(a, j), (b, j), (b, k), (a, k)].map(|(i, j)| self.at(i, j, inwards_m))
                 };
-                let skin = car::skin(self.frame, self.style, self.stations[a].5, j);
+                let skin = car::skin(self.body, self.style, self.stations[a].part, j);
                 facing(builder, skin, &quad(0.0), [0.0, self.side, 0.0]);
                 facing(
                     builder,
@@ -224,9 +225,9 @@ impl Slab<'_> {
     }
 }
 
-fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: bool) -> Door {
-    let stations = stations_between(frame, table(style), span);
-    let sections: Vec<Section> = stations.iter().map(|s| section(frame, s, 0)).collect();
+fn door(body: &Bodywork, style: BodyStyle, span: [f32; 2], slides: bool, left: bool) -> Door {
+    let stations = stations_between(body, table(style), span);
+    let sections: Vec<Section> = stations.iter().map(|s| section(body, s, 0)).collect();
     let side = if left { 1.0f32 } else { -1.0 };
     let hinge = [
         sections[0].x_m,
@@ -234,7 +235,7 @@ fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: boo
         0.0,
     ];
     let slab = Slab {
-        frame,
+        body,
         style,
         stations,
         sections,
@@ -254,7 +255,7 @@ fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: boo
     let [handle_x, handle_y, handle_z] = slab.at(last - 1, 4, 0.0);
     let handle_x = handle_x.clamp(0.15 - length_m, -0.12);
     builder.cuboid(
-        frame.dark(),
+        body.dark(),
         [handle_x - 0.02, handle_y + side * 0.008, handle_z - 0.03],
         [0.07, 0.012, 0.011],
     );
@@ -287,13 +288,13 @@ fn door(frame: &Frame, style: BodyStyle, span: [f32; 2], slides: bool, left: boo
 }
 
 /// Lining, bulkheads and seats: what one sees through the openings.
-fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f32; 2]; 2]) {
-    let lining = Surface::new(frame.class, Material::Matte, [74, 72, 70]);
-    let carpet = Surface::new(frame.class, Material::Matte, [34, 33, 33]);
+fn interior(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], spans: [[f32; 2]; 2]) {
+    let lining = Surface::new(body.class, Material::Matte, [74, 72, 70]);
+    let carpet = Surface::new(body.class, Material::Matte, [34, 33, 33]);
     let [from, to] = [spans[0][0] - 0.012, spans[1][1] + 0.012];
-    let stations = stations_between(frame, table, [from, to]);
+    let stations = stations_between(body, table, [from, to]);
     let shrunk = |s: &Station| {
-        let mut section = section(frame, s, 0);
+        let mut section = section(body, s, 0);
         for (j, [y, z]) in section.ring_m.iter_mut().enumerate() {
             *y = (*y - LINING_M).max(0.0);
             *z += if j < FIRST_RING {
@@ -306,7 +307,7 @@ fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: 
     };
     let sections: Vec<Section> = stations.iter().map(shrunk).collect();
     let in_door = |i: usize| {
-        let middle = 0.5 * (stations[i].0 + stations[i + 1].0);
+        let middle = 0.5 * (stations[i].u + stations[i + 1].u);
         spans.iter().any(|[a, b]| (*a..*b).contains(&middle))
     };
     for i in 0..sections.len() - 1 {
@@ -339,29 +340,29 @@ fn interior(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: 
     }
     end_cap(builder, &sections[0], carpet, false);
     end_cap(builder, &sections[sections.len() - 1], lining, true);
-    seats(builder, frame, table, spans);
+    seats(builder, body, table, spans);
 }
 
-fn seats(builder: &mut MeshBuilder, frame: &Frame, table: &[Station], spans: [[f32; 2]; 2]) {
-    let cloth = Surface::new(frame.class, Material::Matte, [48, 50, 58]);
-    let half_y = 0.21 * frame.body_half_m;
+fn seats(builder: &mut MeshBuilder, body: &Bodywork, table: &[Station], spans: [[f32; 2]; 2]) {
+    let cloth = Surface::new(body.class, Material::Matte, [48, 50, 58]);
+    let half_y = 0.21 * body.half_width_m;
     for [from, to] in spans {
         let u = from + 0.72 * (to - from);
-        let room_m = interpolate(table, u).2 * frame.height() - frame.sill_m;
-        let x = frame.x(u);
+        let room_m = interpolate(table, u).top * body.height() - body.sill_m;
+        let x = body.x(u);
         for side in [1.0f32, -1.0] {
-            let y = side * 0.42 * frame.body_half_m;
+            let y = side * 0.42 * body.half_width_m;
             // Over a wheel it stands on the arch.
             let over_wheel = [0.5, -0.5].iter().any(|share| {
-                let axle = share * frame.wheelbase_m;
-                x - 0.10 < axle + frame.arch_radius_m() && x + 0.46 > axle - frame.arch_radius_m()
+                let axle = share * body.wheelbase_m;
+                x - 0.10 < axle + body.arch_radius_m() && x + 0.46 > axle - body.arch_radius_m()
             });
             let arch_m = if over_wheel {
-                frame.wheel_radius_m + frame.arch_radius_m() + 0.04 + 0.07 * room_m
+                body.wheel_radius_m + body.arch_radius_m() + 0.04 + 0.07 * room_m
             } else {
                 0.0
             };
-            let cushion_z = (frame.sill_m + 0.24 * room_m).max(arch_m);
+            let cushion_z = (body.sill_m + 0.24 * room_m).max(arch_m);
             builder.cuboid(
                 cloth,
                 [x + 0.22, y, cushion_z],

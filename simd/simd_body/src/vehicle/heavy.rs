@@ -1,27 +1,27 @@
 //! Bus and lorry.
 
-use sensor_core::Material;
-use sensor_core::MeshBuilder;
 use sensor_core::mesh::Surface;
+use sensor_core::{Material, MeshBuilder};
 
-use super::Frame;
-use super::car::plate;
+use super::bodywork::Bodywork;
+use super::equipment;
+use super::fittings::plate;
 use super::loft::{Section, loft};
-use super::outfit::{self, Outfit};
+use super::outfit::Outfit;
 
 /// A rounded box section: floor, skirt, window line, window top, roof.
 fn box_section(
-    frame: &Frame,
+    body: &Bodywork,
     u: f32,
     detail: usize,
     (width, low, high, top): (f32, f32, f32, f32),
 ) -> Section {
-    let w = frame.body_half_m * width;
-    let floor = frame.arch(u, detail).unwrap_or(frame.sill_m);
+    let w = body.half_width_m * width;
+    let floor = body.arch(u, detail).unwrap_or(body.sill_m);
     let ring_m = vec![
         [0.0, floor],
         [w * 0.98, floor],
-        [w, (frame.sill_m + 0.12).max(floor + 0.02)],
+        [w, (body.sill_m + 0.12).max(floor + 0.02)],
         [w, low.max(floor + 0.04)],
         [w * 0.985, high],
         [w * 0.95, top - 0.10],
@@ -29,14 +29,14 @@ fn box_section(
         [0.0, top],
     ];
     Section {
-        x_m: frame.x(u),
+        x_m: body.x(u),
         ring_m,
     }
 }
 
 /// One level of a city bus.
-pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    let h = frame.height();
+pub fn bus(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    let h = body.height();
     let (low, high) = (0.36 * h, 0.84 * h);
     let mut places = vec![0.0, 0.008, 0.03, 0.97, 0.992, 1.0];
     if detail < 2 {
@@ -51,7 +51,7 @@ pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
         } else {
             &[-1.0, -0.7, 0.7, 1.0]
         };
-        places.extend(frame.arch_places(arch));
+        places.extend(body.arch_places(arch));
     }
     places.sort_by(f32::total_cmp);
     places.dedup_by(|a, b| (*a - *b).abs() < 0.0008);
@@ -59,35 +59,35 @@ pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     let top = |u: f32| h - 0.06 * ((0.03 - u).max(u - 0.97).max(0.0) / 0.03).powi(2) * h * 0.4;
     let sections: Vec<Section> = places
         .iter()
-        .map(|&u| box_section(frame, u, detail, (width(u), low, high, top(u))))
+        .map(|&u| box_section(body, u, detail, (width(u), low, high, top(u))))
         .collect();
     let is_pillar = |u: f32| (1..9).any(|k| (u - 0.03 - 0.94 * k as f32 / 9.0).abs() < 0.001);
     let surface = |segment: usize, strip: usize| match strip {
-        0 => frame.dark(),
-        1 => frame.trim(),
+        0 => body.dark(),
+        1 => body.trim(),
         3 if places[segment] > 0.02 && places[segment] < 0.96 && !is_pillar(places[segment]) => {
-            frame.glass()
+            body.glass()
         }
-        3 if is_pillar(places[segment]) => frame.dark(),
-        _ => frame.paint(),
+        3 if is_pillar(places[segment]) => body.dark(),
+        _ => body.paint(),
     };
-    loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
-    let (x, w) = (frame.half[0], frame.body_half_m);
-    let skin = frame.skin_m();
+    loft(builder, &sections, surface, [body.paint(), body.paint()]);
+    let (x, w) = (body.half[0], body.half_width_m);
+    let skin = body.skin_m();
     builder.cuboid(
-        frame.glass(),
+        body.glass(),
         [skin - 0.03, 0.0, 0.56 * h],
         [0.04, 0.86 * w, 0.20 * h],
     );
     builder.cuboid(
-        frame.glass(),
+        body.glass(),
         [0.03 - skin, 0.0, 0.66 * h],
         [0.04, 0.80 * w, 0.13 * h],
     );
     if detail < 2 {
-        let board = frame.lamp([255, 176, 40], 0);
+        let board = body.lamp([255, 176, 40], 0);
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [skin - 0.03, 0.0, 0.83 * h],
             [0.04, 0.72 * w, 0.05 * h],
         );
@@ -99,29 +99,29 @@ pub fn bus(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
         for u in [0.075, 0.5] {
             let depth = 0.004;
             builder.cuboid(
-                frame.glass(),
-                [frame.x(u + 0.04), -w - depth, 0.48 * h],
+                body.glass(),
+                [body.x(u + 0.04), -w - depth, 0.48 * h],
                 [0.62, 0.006, 0.33 * h],
             );
             builder.cuboid(
-                frame.dark(),
-                [frame.x(u + 0.04), -w - depth - 0.004, 0.48 * h],
+                body.dark(),
+                [body.x(u + 0.04), -w - depth - 0.004, 0.48 * h],
                 [0.02, 0.006, 0.33 * h],
             );
         }
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [-0.2 * x, 0.0, h - 0.03],
             [0.25 * x, 0.5 * w, 0.028],
         );
     }
-    lamps(builder, frame, 0.24 * h, detail);
-    long_mirrors(builder, frame, x - 0.25, 0.70 * h);
+    lamps(builder, body, 0.24 * h, detail);
+    long_mirrors(builder, body, x - 0.25, 0.70 * h);
 }
 
 /// One level of a lorry: cab, chassis, box.
-pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    let h = frame.height();
+pub fn lorry(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    let h = body.height();
     let cab_end = 0.26;
     let cab_top = 0.80 * h;
     let table = [
@@ -141,8 +141,7 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
             &[-1.0, -0.7, 0.7, 1.0]
         };
         places.extend(
-            frame
-                .arch_places(arch)
+            body.arch_places(arch)
                 .into_iter()
                 .filter(|&u| u < cab_end - 0.002),
         );
@@ -161,7 +160,7 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
             let k = ((u - a.0) / (b.0 - a.0)).clamp(0.0, 1.0);
             let mix = |p: f32, q: f32| p + (q - p) * k;
             box_section(
-                frame,
+                body,
                 u,
                 detail,
                 (
@@ -174,65 +173,65 @@ pub fn lorry(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
         })
         .collect();
     let surface = |segment: usize, strip: usize| match strip {
-        0 => frame.dark(),
-        1 => frame.trim(),
-        3 if places[segment] > 0.02 && places[segment] < 0.13 => frame.glass(),
-        _ => frame.paint(),
+        0 => body.dark(),
+        1 => body.trim(),
+        3 if places[segment] > 0.02 && places[segment] < 0.13 => body.glass(),
+        _ => body.paint(),
     };
-    loft(builder, &sections, surface, [frame.paint(), frame.paint()]);
-    let (x, w) = (frame.half[0], frame.body_half_m);
-    let skin = frame.skin_m();
+    loft(builder, &sections, surface, [body.paint(), body.paint()]);
+    let (x, w) = (body.half[0], body.half_width_m);
+    let skin = body.skin_m();
     builder.cuboid(
-        frame.glass(),
+        body.glass(),
         [skin - 0.03, 0.0, 0.57 * h],
         [0.04, 0.84 * w, 0.11 * h],
     );
     builder.cuboid(
-        frame.dark(),
+        body.dark(),
         [skin - 0.03, 0.0, 0.33 * h],
         [0.04, 0.55 * w, 0.05 * h],
     );
     builder.cuboid(
-        frame.dark(),
+        body.dark(),
         [skin - 0.03, 0.0, 0.15 * h],
         [0.04, 0.8 * w, 0.02 * h],
     );
-    cargo(builder, frame, [cab_end, cab_top], detail);
-    lamps(builder, frame, 0.20 * h, detail);
-    long_mirrors(builder, frame, x - 0.25, 0.56 * h);
+    cargo(builder, body, [cab_end, cab_top], detail);
+    lamps(builder, body, 0.20 * h, detail);
+    long_mirrors(builder, body, x - 0.25, 0.56 * h);
 }
 
-fn cargo(builder: &mut MeshBuilder, frame: &Frame, [cab_end, cab_top]: [f32; 2], detail: usize) {
-    let (h, w) = (frame.height(), frame.body_half_m);
-    let front = frame.x(cab_end) - 0.12;
-    let rear = -frame.half[0] + 0.03;
+fn cargo(builder: &mut MeshBuilder, body: &Bodywork, [cab_end, cab_top]: [f32; 2], detail: usize) {
+    let (h, w) = (body.height(), body.half_width_m);
+    let front = body.x(cab_end) - 0.12;
+    let rear = -body.half[0] + 0.03;
     let (middle, half) = (0.5 * (front + rear), 0.5 * (front - rear));
-    let floor = 2.0 * frame.wheel_radius_m + 0.12;
-    let skin = match frame.outfit {
-        Outfit::FireEngine => frame.paint(),
-        Outfit::Drinks => Surface::new(frame.class, Material::Matte, [188, 24, 26]),
-        _ => Surface::new(frame.class, Material::Matte, [226, 226, 222]),
+    let floor = 2.0 * body.wheel_radius_m + 0.12;
+    let skin = match body.outfit {
+        Outfit::FireEngine => body.paint(),
+        Outfit::Drinks => Surface::new(body.class, Material::Matte, [188, 24, 26]),
+        _ => Surface::new(body.class, Material::Matte, [226, 226, 222]),
     };
     builder.cuboid(
         skin,
         [middle, 0.0, 0.5 * (floor + h)],
         [half, w, 0.5 * (h - floor)],
     );
-    outfit::on_lorry(builder, frame, [rear, front, floor, h], cab_top, detail);
+    equipment::on_lorry(builder, body, [rear, front, floor, h], cab_top, detail);
     builder.cuboid(
-        frame.dark(),
+        body.dark(),
         [middle + 0.4, 0.0, floor - 0.16],
         [half + 0.3, 0.45 * w, 0.15],
     );
     if detail < 2 {
         for side in [1.0, -1.0] {
             builder.cuboid(
-                frame.trim(),
+                body.trim(),
                 [middle + 0.15 * half, side * (w - 0.05), floor - 0.3],
                 [0.42 * half, 0.03, 0.2],
             );
             builder.cuboid(
-                frame.dark(),
+                body.dark(),
                 [rear - 0.004, side * 0.03, 0.5 * (floor + h)],
                 [0.006, 0.008, 0.47 * (h - floor)],
             );
@@ -240,13 +239,13 @@ fn cargo(builder: &mut MeshBuilder, frame: &Frame, [cab_end, cab_top]: [f32; 2],
     }
 }
 
-fn lamps(builder: &mut MeshBuilder, frame: &Frame, z: f32, detail: usize) {
-    let (x, w) = (frame.half[0], frame.body_half_m);
+fn lamps(builder: &mut MeshBuilder, body: &Bodywork, z: f32, detail: usize) {
+    let (x, w) = (body.half[0], body.half_width_m);
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, at: [f32; 2], half_y: f32, x: f32| {
             builder.cuboid(
-                frame.lamp(rgb, bit),
+                body.lamp(rgb, bit),
                 [x, side * at[0] * w, z + at[1]],
                 [0.03, half_y, 0.07],
             );
@@ -262,22 +261,22 @@ fn lamps(builder: &mut MeshBuilder, frame: &Frame, z: f32, detail: usize) {
         }
     }
     if detail < 2 {
-        plate(builder, frame, [x - 0.006, 0.0, z - 0.05]);
-        plate(builder, frame, [-x + 0.006, 0.0, z - 0.1]);
+        plate(builder, body, [x - 0.006, 0.0, z - 0.05]);
+        plate(builder, body, [-x + 0.006, 0.0, z - 0.1]);
     }
 }
 
-fn long_mirrors(builder: &mut MeshBuilder, frame: &Frame, x: f32, z: f32) {
-    let (outer, inner) = (frame.half[1], frame.body_half_m);
+fn long_mirrors(builder: &mut MeshBuilder, body: &Bodywork, x: f32, z: f32) {
+    let (outer, inner) = (body.half[1], body.half_width_m);
     let half_y = (0.5 * (outer - inner)).min(0.12);
     for side in [1.0f32, -1.0] {
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [x, side * 0.5 * (outer + inner), z + 0.24],
             [0.03, 0.5 * (outer - inner), 0.02],
         );
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [x, side * (outer - half_y), z],
             [0.06, half_y, 0.22],
         );

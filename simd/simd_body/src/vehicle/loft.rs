@@ -1,4 +1,4 @@
-//! Bodies lofted through cross-sections, and the small solids that go with them.
+//! Lofting: a smooth skin through cross-sections.
 
 use sensor_core::MeshBuilder;
 use sensor_core::mesh::Surface;

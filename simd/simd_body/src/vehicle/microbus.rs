@@ -4,16 +4,16 @@
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::Frame;
-use super::car::{lamp_block, plate};
+use super::bodywork::Bodywork;
+use super::fittings::{lamp_block, plate};
 
 /// Roof and pillars.
-pub(super) fn upper(frame: &Frame) -> Surface {
-    Surface::new(frame.class, Material::Matte, [232, 229, 218])
+pub(super) fn upper(body: &Bodywork) -> Surface {
+    Surface::new(body.class, Material::Matte, [232, 229, 218])
 }
 
-fn chrome(frame: &Frame) -> Surface {
-    Surface::new(frame.class, Material::Metal, [206, 208, 210])
+fn chrome(body: &Bodywork) -> Surface {
+    Surface::new(body.class, Material::Metal, [206, 208, 210])
 }
 
 /// Heights over the ground as shares of the body's: headlamps, bumpers, tail lamps.
@@ -52,21 +52,21 @@ fn disc(
 }
 
 /// Front and rear: lamps, and from near by bumpers, plates, vents, a ring on the nose.
-pub(super) fn ends(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    front(builder, frame, detail);
-    rear(builder, frame, detail);
-    bumpers(builder, frame, detail);
+pub(super) fn ends(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    front(builder, body, detail);
+    rear(builder, body, detail);
+    bumpers(builder, body, detail);
 }
 
-fn front(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
+fn front(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    let (h, w, skin) = (body.height(), body.half_width_m, body.skin_m());
     let n = [14, 8, 6, 4][detail];
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let (y, z) = (side * 0.64 * w, HEADLAMPS * h);
         disc(
             builder,
-            (chrome(frame), frame.lamp([255, 246, 224], 1)),
+            (chrome(body), body.lamp([255, 246, 224], 1)),
             [skin + 0.018, y, z],
             [0.108, 0.07],
             n,
@@ -75,7 +75,7 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
             // High beam in the middle of the glass, the position lamp under it.
             disc(
                 builder,
-                (chrome(frame), frame.lamp([255, 250, 235], 2)),
+                (chrome(body), body.lamp([255, 250, 235], 2)),
                 [skin + 0.022, y, z + 0.02],
                 [0.045, 0.01],
                 n.min(8),
@@ -83,7 +83,7 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
             let mut lamp = |rgb: [u8; 3], bit: u8, z: f32, half: [f32; 2]| {
                 lamp_block(
                     builder,
-                    frame.lamp(rgb, bit),
+                    body.lamp(rgb, bit),
                     ([skin - 0.042, y, z], [0.06, half[0], half[1]]),
                     [1.0, side],
                     detail,
@@ -96,33 +96,33 @@ fn front(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     if detail == 0 {
         disc(
             builder,
-            (chrome(frame), chrome(frame)),
+            (chrome(body), chrome(body)),
             [skin + 0.006, 0.0, 0.40 * h],
             [0.15, 0.03],
             18,
         );
         disc(
             builder,
-            (frame.paint(), frame.paint()),
+            (body.paint(), body.paint()),
             [skin + 0.009, 0.0, 0.40 * h],
             [0.125, 0.01],
             18,
         );
         // The grille of the fresh air under the windscreen.
-        let (x, z) = (frame.x(0.022), 0.505 * h);
-        builder.cuboid(frame.dark(), [x - 0.01, 0.0, z], [0.035, 0.55 * w, 0.022]);
+        let (x, z) = (body.x(0.022), 0.505 * h);
+        builder.cuboid(body.dark(), [x - 0.01, 0.0, z], [0.035, 0.55 * w, 0.022]);
     }
 }
 
-fn rear(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    let (h, w, skin) = (frame.height(), frame.body_half_m, frame.skin_m());
+fn rear(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    let (h, w, skin) = (body.height(), body.half_width_m, body.skin_m());
     for side in [1.0f32, -1.0] {
         let blinker = if side > 0.0 { 5 } else { 4 };
         let mut lamp = |rgb: [u8; 3], bit: u8, up: f32, half: f32| {
             let at = [0.045 - skin, side * 0.80 * w, TAIL_LAMPS * h + up];
             lamp_block(
                 builder,
-                frame.lamp(rgb, bit),
+                body.lamp(rgb, bit),
                 (at, [0.06, 0.055, half]),
                 [-1.0, side],
                 detail,
@@ -137,23 +137,23 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     }
     if detail == 0 {
         let line = |builder: &mut MeshBuilder, half_y: f32, z: f32| {
-            builder.cuboid(frame.dark(), [0.012 - skin, 0.0, z], [0.016, half_y, 0.006])
+            builder.cuboid(body.dark(), [0.012 - skin, 0.0, z], [0.016, half_y, 0.006])
         };
         for z in [0.30, 0.47] {
             line(builder, 0.62 * w, z * h);
         }
-        plate(builder, frame, [-frame.half[0] + 0.006, 0.0, 0.26 * h]);
+        plate(builder, body, [-body.half[0] + 0.006, 0.0, 0.26 * h]);
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [0.01 - skin, 0.0, 0.26 * h],
             [0.034, 0.27, 0.06],
         );
         // Vents behind the side windows, a rail for the sliding door.
         for side in [1.0f32, -1.0] {
             for k in 0..5 {
-                let (x, z) = (frame.x(0.915), (0.60 + 0.035 * k as f32) * h);
+                let (x, z) = (body.x(0.915), (0.60 + 0.035 * k as f32) * h);
                 builder.cuboid(
-                    frame.dark(),
+                    body.dark(),
                     [x, side * (0.945 - 0.012 * k as f32) * w, z],
                     [0.045, 0.02, 0.008],
                 );
@@ -162,9 +162,9 @@ fn rear(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
     }
 }
 
-fn bumpers(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
-    let (h, w, reach) = (frame.height(), frame.body_half_m, frame.half[0]);
-    let surface = chrome(frame);
+fn bumpers(builder: &mut MeshBuilder, body: &Bodywork, detail: usize) {
+    let (h, w, reach) = (body.height(), body.half_width_m, body.half[0]);
+    let surface = chrome(body);
     for ahead in [1.0f32, -1.0] {
         let (thick, x) = (0.03, ahead * (reach - 0.03));
         builder.cuboid(surface, [x, 0.0, BUMPERS * h], [thick, 0.86 * w, 0.055]);
@@ -179,6 +179,6 @@ fn bumpers(builder: &mut MeshBuilder, frame: &Frame, detail: usize) {
         }
     }
     if detail == 0 {
-        plate(builder, frame, [reach - 0.006, 0.0, BUMPERS * h + 0.008]);
+        plate(builder, body, [reach - 0.006, 0.0, BUMPERS * h + 0.008]);
     }
 }

@@ -4,27 +4,28 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshBuilder};
 
-use super::{BodyStyle, Frame};
+use super::bodywork::Bodywork;
+use super::shape::BodyStyle;
 use crate::solid::{ellipsoid, tube};
 
 /// Half the width of a rider at the shoulders, metres.
 const WIDTH_M: f32 = 0.216;
 
 /// One level of a two-wheeler with its rider.
-pub fn body(builder: &mut MeshBuilder, frame: &Frame, style: BodyStyle, detail: usize) {
+pub fn body(builder: &mut MeshBuilder, body: &Bodywork, style: BodyStyle, detail: usize) {
     let n = [10, 6, 4][detail];
     if style == BodyStyle::Motorcycle {
-        motorcycle(builder, frame, n)
+        motorcycle(builder, body, n)
     } else {
-        bicycle(builder, frame, n)
+        bicycle(builder, body, n)
     }
-    rider(builder, frame, style == BodyStyle::Motorcycle, n);
+    rider(builder, body, style == BodyStyle::Motorcycle, n);
 }
 
-fn motorcycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
-    let (l, h, r) = (frame.half[0], frame.height(), frame.wheel_radius_m);
-    let axle = 0.5 * frame.wheelbase_m;
-    let metal = Surface::new(frame.class, Material::Metal, [150, 152, 156]);
+fn motorcycle(builder: &mut MeshBuilder, body: &Bodywork, n: usize) {
+    let (l, h, r) = (body.half[0], body.height(), body.wheel_radius_m);
+    let axle = 0.5 * body.wheelbase_m;
+    let metal = Surface::new(body.class, Material::Metal, [150, 152, 156]);
     let bar = 0.66 * h;
     for side in [0.07, -0.07] {
         tube(
@@ -36,7 +37,7 @@ fn motorcycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
         );
         tube(
             builder,
-            frame.dark(),
+            body.dark(),
             ([-axle, side * 1.3, r], 0.03),
             ([-0.1, side * 1.3, r + 0.05], 0.04),
             n,
@@ -51,76 +52,76 @@ fn motorcycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
     }
     ellipsoid(
         builder,
-        frame.dark(),
+        body.dark(),
         [0.02, 0.0, r + 0.1],
         [0.26, 0.16, 0.2],
         n,
     );
     ellipsoid(
         builder,
-        frame.paint(),
+        body.paint(),
         [0.16, 0.0, 0.58 * h],
         [0.30, 0.15, 0.13],
         n,
     );
     ellipsoid(
         builder,
-        frame.dark(),
+        body.dark(),
         [-0.28, 0.0, 0.56 * h],
         [0.34, 0.14, 0.07],
         n,
     );
     ellipsoid(
         builder,
-        frame.paint(),
+        body.paint(),
         [-0.5 * l, 0.0, 0.56 * h],
         [0.28, 0.1, 0.08],
         n,
     );
     ellipsoid(
         builder,
-        frame.paint(),
+        body.paint(),
         [axle, 0.0, r * 1.75],
         [0.2, 0.06, 0.05],
         n,
     );
     tube(
         builder,
-        frame.dark(),
-        ([axle - 0.26, frame.half[1], bar + 0.03], 0.018),
-        ([axle - 0.26, -frame.half[1], bar + 0.03], 0.018),
+        body.dark(),
+        ([axle - 0.26, body.half[1], bar + 0.03], 0.018),
+        ([axle - 0.26, -body.half[1], bar + 0.03], 0.018),
         n,
     );
     builder.cuboid(
-        frame.lamp([255, 246, 224], 1),
+        body.lamp([255, 246, 224], 1),
         [axle - 0.12, 0.0, bar - 0.06],
         [0.05, 0.08, 0.08],
     );
     builder.cuboid(
-        frame.lamp([255, 24, 18], 3),
+        body.lamp([255, 24, 18], 3),
         [-0.5 * l - 0.28, 0.0, 0.56 * h],
         [0.02, 0.07, 0.035],
     );
     for (side, bit) in [(0.16, 5), (-0.16, 4)] {
         builder.cuboid(
-            frame.lamp([255, 160, 30], bit),
+            body.lamp([255, 160, 30], bit),
             [axle - 0.16, side, bar - 0.05],
             [0.03, 0.02, 0.02],
         );
         builder.cuboid(
-            frame.lamp([255, 160, 30], bit),
+            body.lamp([255, 160, 30], bit),
             [-0.5 * l - 0.24, side, 0.55 * h],
             [0.03, 0.02, 0.02],
         );
     }
-    extremes(builder, frame);
+    extremes(builder, body);
 }
 
-fn bicycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
-    let (h, r) = (frame.height(), frame.wheel_radius_m);
-    let axle = 0.5 * frame.wheelbase_m;
+fn bicycle(builder: &mut MeshBuilder, body: &Bodywork, n: usize) {
+    let (h, r) = (body.height(), body.wheel_radius_m);
+    let axle = 0.5 * body.wheelbase_m;
     let n = n.min(6);
-    let paint = frame.paint();
+    let paint = body.paint();
     let (saddle, head, crank) = (
         [-0.22, 0.0, 0.60 * h],
         [axle - 0.16, 0.0, 0.58 * h],
@@ -139,53 +140,53 @@ fn bicycle(builder: &mut MeshBuilder, frame: &Frame, n: usize) {
     let bar = [head[0] - 0.03, 0.66 * h];
     tube(
         builder,
-        frame.dark(),
+        body.dark(),
         (head, 0.015),
         ([bar[0], 0.0, bar[1]], 0.015),
         n,
     );
     tube(
         builder,
-        frame.dark(),
-        ([bar[0], frame.half[1], bar[1]], 0.015),
-        ([bar[0], -frame.half[1], bar[1]], 0.015),
+        body.dark(),
+        ([bar[0], body.half[1], bar[1]], 0.015),
+        ([bar[0], -body.half[1], bar[1]], 0.015),
         n,
     );
     ellipsoid(
         builder,
-        frame.dark(),
+        body.dark(),
         [saddle[0], 0.0, saddle[2] + 0.05],
         [0.13, 0.07, 0.035],
         n,
     );
     builder.cuboid(
-        frame.lamp([255, 246, 224], 0),
+        body.lamp([255, 246, 224], 0),
         [head[0] + 0.06, 0.0, head[2]],
         [0.02, 0.03, 0.03],
     );
     builder.cuboid(
-        frame.lamp([255, 24, 18], 0),
+        body.lamp([255, 24, 18], 0),
         [saddle[0] - 0.1, 0.0, saddle[2] - 0.08],
         [0.015, 0.025, 0.025],
     );
-    extremes(builder, frame);
+    extremes(builder, body);
 }
 
 /// Mudguard ends: the box's length is reached whatever the wheelbase.
-fn extremes(builder: &mut MeshBuilder, frame: &Frame) {
-    let reach = 0.5 * frame.wheelbase_m + frame.wheel_radius_m;
+fn extremes(builder: &mut MeshBuilder, body: &Bodywork) {
+    let reach = 0.5 * body.wheelbase_m + body.wheel_radius_m;
     for side in [1.0f32, -1.0] {
-        let (a, b) = (reach.min(frame.half[0] - 0.06) - 0.02, frame.half[0]);
+        let (a, b) = (reach.min(body.half[0] - 0.06) - 0.02, body.half[0]);
         builder.cuboid(
-            frame.dark(),
-            [side * 0.5 * (a + b), 0.0, frame.wheel_radius_m * 1.1],
+            body.dark(),
+            [side * 0.5 * (a + b), 0.0, body.wheel_radius_m * 1.1],
             [0.5 * (b - a), 0.02, 0.03],
         );
     }
 }
 
-fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
-    let h = frame.height();
+fn rider(builder: &mut MeshBuilder, body: &Bodywork, motor: bool, n: usize) {
+    let h = body.height();
     let cloth = |rgb| Surface::new(Class::RIDER, Material::Cloth, rgb);
     let (jacket, trousers, skin) = (
         cloth([58, 74, 110]),
@@ -193,7 +194,7 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
         cloth([214, 170, 140]),
     );
     // A narrow box has a narrow rider.
-    let slim = (frame.half[1] / WIDTH_M).min(1.0);
+    let slim = (body.half[1] / WIDTH_M).min(1.0);
     let top = h;
     let (hip, shoulder) = ([-0.20, 0.0, 0.62 * h], [0.03, 0.0, top - 0.34]);
     tube(
@@ -206,7 +207,7 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
     ellipsoid(
         builder,
         if motor {
-            frame.paint()
+            body.paint()
         } else {
             cloth([40, 120, 90])
         },
@@ -224,12 +225,12 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
         );
     }
     let bar = [
-        0.5 * frame.wheelbase_m - if motor { 0.28 } else { 0.2 },
+        0.5 * body.wheelbase_m - if motor { 0.28 } else { 0.2 },
         0.66 * h,
     ];
-    let foot = frame.wheel_radius_m * 0.75;
+    let foot = body.wheel_radius_m * 0.75;
     for side in [1.0f32, -1.0] {
-        let width = (frame.half[1] - 0.06).min(0.26);
+        let width = (body.half[1] - 0.06).min(0.26);
         let elbow = [
             0.5 * (shoulder[0] + bar[0]),
             side * slim * (width + 0.02),
@@ -268,7 +269,7 @@ fn rider(builder: &mut MeshBuilder, frame: &Frame, motor: bool, n: usize) {
             n,
         );
         builder.cuboid(
-            frame.dark(),
+            body.dark(),
             [0.05, side * slim * 0.13, foot - 0.03],
             [0.12, 0.04 * slim, 0.035],
         );

@@ -3,9 +3,9 @@
 use sensor_core::MeshBuilder;
 use sensor_core::mesh::Surface;
 
-use super::stack::{Ring, ring, stack};
-use super::{Age, Hair, PersonShape};
+use super::shape::{Age, Hair, PersonShape};
 use crate::solid::ellipsoid;
+use crate::stack::{Ring, ring, stack};
 
 /// Below this number of sides only the outline counts.
 const FINE: usize = 8;
