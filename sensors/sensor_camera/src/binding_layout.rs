@@ -2,7 +2,7 @@
 
 use sensor_gpu::Gpu;
 
-/// Replaces `buffer` by one of twice the need if it is too small.
+/// Replaces `buffer` by one of twice the needed size if it is too small.
 pub(crate) fn grow(gpu: &Gpu, buffer: &mut wgpu::Buffer, n_bytes: u64) {
     if buffer.size() < n_bytes {
         *buffer = gpu.buffer("grown", 2 * n_bytes, buffer.usage());

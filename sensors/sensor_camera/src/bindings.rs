@@ -19,7 +19,7 @@ const LAMP_BYTES: u64 = size_of::<LampData>() as u64;
 
 pub(crate) const INSTANCE_BYTES: u64 = size_of::<InstanceData>() as u64;
 
-/// Views one after the other whose targets are layers of the same textures: compute shaders do them
+/// Consecutive views whose targets are layers of the same textures: one dispatch handles them
 /// together.
 pub(crate) struct Together<'t> {
     pub targets: &'t Targets,
@@ -43,7 +43,7 @@ pub(crate) struct Bindings {
     shadow_sampler: wgpu::Sampler,
     pub light: wgpu::Buffer,
     pub views: wgpu::Buffer,
-    /// Instances of all views in a list, where they do not come as attributes.
+    /// The instances of all views, unless they come as vertex attributes.
     pub instances: wgpu::Buffer,
     lamps: wgpu::Buffer,
     lamp_tiles: wgpu::Buffer,
@@ -211,7 +211,8 @@ impl Bindings {
         self.bind(gpu, &self.view_layout, shadows)
     }
 
-    /// Bind group of views that are computed, whose shadow maps are layers, and the lamps of all.
+    /// Bind group of computed views, whose shadow maps are layers of one texture, and the lamps of
+    /// all.
     pub fn bind_views(&self, gpu: &Gpu, shadows: [&wgpu::TextureView; 2]) -> wgpu::BindGroup {
         self.bind(gpu, &self.views_layout, shadows)
     }

@@ -18,7 +18,7 @@ pub(crate) struct Firing {
     pub poses: Arc<InstancePoses>,
 }
 
-/// Poses of everything that moves at one tick, by rising (actor, part).
+/// Poses of all dynamic instances at one tick, sorted by (actor, part).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct InstancePoses(Vec<((u32, u16), Isometry3<f64>)>);
 
@@ -46,7 +46,7 @@ impl InstancePoses {
 pub(crate) struct CameraMotion {
     pub world_from_camera: Isometry3<f64>,
     pub camera_from_world: Isometry3<f64>,
-    /// As `camera_from_world` at the previous firing; the same one if there was none.
+    /// `camera_from_world` at the previous firing, or the current one if there was none.
     pub previous_camera_from_world: Isometry3<f64>,
 }
 

@@ -1,5 +1,5 @@
-//! Debug strokes, drawn over the finished colour image of a view and hidden behind what is nearer.
-//! No other image knows them.
+//! Debug strokes, drawn over the finished colour image of a view and hidden by nearer surfaces.
+//! They appear in no other image.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -10,8 +10,7 @@ use sensor_spec::Intrinsics;
 use crate::camera_motion::NEAR_M;
 use crate::target::{Target, Targets};
 
-/// Strokes lie this much nearer than where they are, so that one on a road is not half swallowed by
-/// it.
+/// Strokes are drawn nearer by this factor, so that a stroke on a road is not half hidden by it.
 const NEARER_RATIO: f64 = 1.002;
 
 /// A corner of a triangle, as `shader/debug.wgsl` takes it.
@@ -80,7 +79,7 @@ impl DebugPass {
         DebugPass { pipeline }
     }
 
-    /// Draws over the colour image of a view whose other passes are recorded.
+    /// Draws over the colour image of a view; its other passes must be recorded before.
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -143,7 +142,7 @@ impl DebugPass {
     }
 }
 
-/// Two triangles that face the camera; `None` for what lies behind it.
+/// Two triangles that face the camera; `None` if the stroke lies behind it.
 fn corners(
     stroke: &DebugStroke,
     lens: &Intrinsics,
@@ -165,7 +164,7 @@ fn corners(
             let (at_from, at_to) = (aside * half_m(&from), aside * half_m(&to));
             [from - at_from, from + at_from, to + at_to, to - at_to]
         }
-        // A point, or a line that one looks along.
+        // A point, or a line seen end-on.
         None => {
             let near = if from.z < to.z { from } else { to };
             let half_m = half_m(&near);
@@ -196,7 +195,7 @@ fn in_front(from: Vector3<f64>, to: Vector3<f64>) -> Option<(Vector3<f64>, Vecto
     }
 }
 
-/// As `geometry_listed.wgsl` has it: reversed z with the far plane at infinity.
+/// Same projection as in `geometry_listed.wgsl`: reversed z with the far plane at infinity.
 fn clip_from_camera(at: &Vector3<f64>, lens: &Intrinsics) -> [f32; 4] {
     let scale = |n_px: u32| 2.0 * lens.focal_px / n_px as f64;
     [

@@ -1,20 +1,18 @@
-//! The event camera: brightness of every pixel followed through the time between two firings.
+//! The event camera: follows the brightness of every pixel through the time between two firings.
 //!
-//! Nothing is drawn in between. What lies at a pixel at a time of the window is found by moving the
-//! two rendered pictures along their
-//! motion field, in steps of at most `substep_px`; between steps the logarithm of the brightness is
-//! a straight line, and each crossing
-//! of the pixel's threshold is an event. Model: Rebecq, Gehrig, Scaramuzza, *ESIM: an Open Event
-//! Camera Simulator* (2018), section 3,
-//! with warped pictures in place of extra renders.
+//! The time between two firings is a window. No images are drawn inside it: the two rendered images
+//! at its ends are warped along their motion field, in steps of at most `substep_px`. Between steps
+//! the logarithm of the brightness is interpolated linearly, and each crossing of the pixel's
+//! threshold is an event. Model: Rebecq, Gehrig, Scaramuzza, *ESIM: an Open Event Camera Simulator*
+//! (2018), section 3, with warped images in place of extra renders.
 //!
-//! An edge is known to half a pixel of the rendered pictures, so an event's time is known to half a
-//! pixel of motion.
+//! The place of an edge is known to half a pixel of the rendered images, so the time of an event is
+//! known to half a pixel of motion.
 //!
-//! In mode `two_frame` the level of every pixel goes in a straight line from picture to picture, as
-//! in CARLA.
+//! In mode `two_frame` the level of every pixel is interpolated linearly from image to image, as in
+//! CARLA.
 //!
-//! [`EventCamera`] works on the processor; `gpu` is the same model where the pictures are.
+//! [`EventCamera`] works on the CPU; `gpu` is the same model on the GPU.
 
 mod block;
 mod camera;

@@ -9,8 +9,8 @@ use crate::camera_motion::{CameraMotion, NEAR_M};
 use crate::quality::Quality;
 use crate::uniform::LampData;
 
-/// Lamps that one view can have: at most the bits of a tile's set in `lamps.wgsl`, and fewer where
-/// every lamp costs the CPU.
+/// Upper limit of lamps in one view: the bits of a tile's set in `lamps.wgsl`, or fewer where every
+/// lamp costs CPU time.
 fn max_per_view(quality: Quality) -> usize {
     match quality {
         Quality::Low => 16,
@@ -20,7 +20,7 @@ fn max_per_view(quality: Quality) -> usize {
 
 /// Side of a tile, pixels, as in `lamps.wgsl`.
 const TILE_PX: u32 = 32;
-/// Lamps whose light on a surface at 1 m is darker than this share of white do not count.
+/// Lamps whose light on a surface at 1 m is darker than this share of white are ignored.
 const MIN_LIGHT: f32 = 0.02;
 
 /// A lamp that shines, in the world.
@@ -33,8 +33,8 @@ pub(crate) struct Shining<'a> {
     strength: f32,
 }
 
-/// All lamps that shine. `exposure`: kilolux to display; `dark_ratio`: how much scenery's lamps
-/// shine.
+/// All lamps that shine. `exposure` converts kilolux to display values; `dark_ratio` is how much
+/// the scenery's lamps shine.
 pub(crate) fn shining<'a>(
     scene: &Scene,
     assets: &'a GpuAssets,
@@ -86,11 +86,10 @@ pub(crate) fn shining<'a>(
     found
 }
 
-/// A lamp as a view's shader has it, and the tiles that it reaches: first and last across, first
-/// and last down.
+/// A lamp for the shader, and the tiles that it reaches: first and last column, first and last row.
 pub(crate) type LampInView = (LampData, [u32; 4]);
 
-/// The lamps that reach into a view, those that throw most light to the eye first.
+/// The lamps that reach into a view, sorted by the light they throw to the eye, strongest first.
 pub(crate) fn reaching(
     shining: &[Shining<'_>],
     quality: Quality,
@@ -109,20 +108,20 @@ pub(crate) fn reaching(
             found.push((distance_m / f64::from(lamp.strength).sqrt(), (data, rect)));
         }
     }
-    // Where there are too many, those count that throw most light to where the eye is.
+    // If there are too many, those that throw most light to the eye are kept.
     found.sort_by(|a, b| a.0.total_cmp(&b.0));
     found.truncate(max_per_view(quality));
     found.into_iter().map(|(_, lamp)| lamp).collect()
 }
 
-/// What the lamps of all views came to: for upload.
+/// The lamps and tiles of all views, for upload.
 #[derive(Debug, Default)]
 pub(crate) struct LampLists {
     pub lamps: Vec<LampData>,
     pub tiles: Vec<[u32; 2]>,
 }
 
-/// Where a view's lamps lie in the lists.
+/// Range of a view's lamps in the lists.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct LampRange {
     pub first_lamp: u32,
@@ -154,7 +153,7 @@ impl LampLists {
     }
 }
 
-/// Lamps further away light nothing that a camera would tell from the dark.
+/// The light of lamps further away is indistinguishable from darkness in an image.
 const MAX_DISTANCE_M: f64 = 160.0;
 
 fn axis_of(emitter: &Emitter) -> Vector3<f64> {
@@ -168,7 +167,7 @@ fn n_tiles(lens: &Intrinsics) -> [u32; 2] {
     ]
 }
 
-/// The lamp for the shader, and a sphere around what it lights, camera space.
+/// The lamp for the shader, and the bounding sphere of what it lights, camera space.
 fn in_camera(
     lamp: &Shining<'_>,
     camera_from_world: &Isometry3<f64>,

@@ -1,17 +1,16 @@
-//! Views: cameras that give colour, depth, classes, instances, flow, normals and events from one
-//! drawing of the scene.
+//! Cameras: colour, depth, classes, instances, flow, normals and events from one drawing of the
+//! scene.
 //!
-//! - A [`View`] is a lens and its memory from firing to firing; [`CameraRenderer`] draws all views
-//!   of a tick in one submission, unless
-//!   their shadow maps do not fit their memory.
+//! - A [`View`] is a lens and its state from firing to firing. [`CameraRenderer`] draws all views
+//!   of a tick in one submission, unless their shadow maps exceed the memory they may use.
 //! - Geometry is drawn once per view into exactly the targets that have readers; without readers
 //!   nothing is drawn at all.
 //! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only
 //!   colour differs.
-//! - Positions reach the GPU relative to the camera as `f32`, computed in `f64`: far from the
-//!   origin is as sharp as at it.
+//! - Positions are computed in `f64` and reach the GPU as `f32` relative to the camera, so images
+//!   are as sharp far from the origin as at it.
 //!
-//! Nothing here publishes: bytes go to a [`Place`] that the caller gives.
+//! Nothing here publishes: bytes go to a [`Place`] that the caller provides.
 
 #![warn(missing_docs)]
 

@@ -1,8 +1,7 @@
-//! What a camera does to its colour picture after shading: exposure, lens, bloom, white balance,
-//! film, smooth edges.
+//! Post-processing of colour: exposure, lens, bloom, white balance, film, smooth edges.
 //!
-//! Compute shaders over the shaded radiance. Views whose optics are neutral and whose edges stay as
-//! they are skip all this.
+//! Compute shaders work on the shaded radiance. Views with neutral optics and without edge
+//! smoothing skip them.
 
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
@@ -22,7 +21,7 @@ pub(crate) fn post_wgsl() -> String {
     .concat()
 }
 
-/// Mirror of `Post` in `shader/post.wgsl`, which says what is what.
+/// Mirror of `Post` in `shader/post.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct PostData {
@@ -98,8 +97,8 @@ impl PostJob<'_> {
         self.optics.postprocess && self.optics.bloom_intensity > 0.0
     }
 
-    /// Whether it needs no memory and no pictures of its own, so that it can be developed together
-    /// with its likes.
+    /// Whether it needs neither a meter nor glow images, so that it can be developed together with
+    /// other plain views.
     pub fn is_plain(&self) -> bool {
         self.meter.is_none() && !self.has_bloom()
     }
@@ -107,7 +106,7 @@ impl PostJob<'_> {
 
 /// Pixels of one workgroup, as `post.wgsl` has it.
 const GROUP_PX: [u32; 2] = [16, 8];
-/// Halvings of the picture that bloom is made of.
+/// How often the image is halved for bloom.
 const N_GLOW: usize = 4;
 /// Share of the light that strays, at intensity 1.
 const BLOOM_SHARE: f32 = 0.06;
@@ -120,11 +119,11 @@ pub(crate) struct PostPass {
     metering: wgpu::ComputePipeline,
     shrink: wgpu::ComputePipeline,
     sampler: wgpu::Sampler,
-    /// Bound where a pass has nothing to write, or no glow to read.
+    /// Bound where a pass writes no colour or reads no glow.
     no_color: Image,
     black: Image,
-    /// What stands in for a view's meter and glow: each view has its own, for what is shared makes
-    /// the GPU do one view after the other.
+    /// Stand-ins for a view's meter and glow. Each view has its own, because shared ones would make
+    /// the GPU serialise the views.
     spares: Vec<(wgpu::Buffer, Image)>,
     data: wgpu::Buffer,
 }
@@ -231,7 +230,7 @@ impl PostPass {
         }
     }
 
-    /// Uploads what the views of a submission need, of `n_views` in all.
+    /// Uploads the settings of the developed views; the submission has `n_views` in all.
     pub fn upload(&mut self, gpu: &Gpu, jobs: &[&PostJob<'_>], n_views: usize) {
         if jobs.is_empty() {
             return;
@@ -262,8 +261,8 @@ impl PostPass {
             .write_buffer(&self.data, 0, bytemuck::cast_slice(&data));
     }
 
-    /// Records the way from `Radiance` to `Color` of plain views whose targets are layers of the
-    /// same textures.
+    /// Records the development from `Radiance` to `Color` of plain views whose targets are layers
+    /// of the same textures.
     pub fn develop_plain(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, views: &Together<'_>) {
         let radiance = views.targets.get(Target::Radiance);
         let color = &views.targets.get(Target::Color).layers;
@@ -280,7 +279,7 @@ impl PostPass {
         pass.dispatch_workgroups(across, down, views.n as u32);
     }
 
-    /// Records the same of one view that measures its light or blooms.
+    /// Records the same for one view with a meter or bloom.
     pub fn develop(&self, gpu: &Gpu, pass: &mut wgpu::ComputePass<'_>, job: &PostJob<'_>) {
         let radiance = job.targets.get(Target::Radiance);
         let size_px = [radiance.texture.width(), radiance.texture.height()];
@@ -336,7 +335,7 @@ impl PostPass {
         );
     }
 
-    /// Bind group of what is read, the meter, and color, glow, and what glow is written to.
+    /// Bind group of the source, the meter, and the images for colour, glow, and glow output.
     fn bind(
         &self,
         gpu: &Gpu,
@@ -394,7 +393,7 @@ fn buffer_entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_>
     }
 }
 
-/// Memory of automatic exposure, as it is before the first picture.
+/// State of automatic exposure before the first frame.
 pub(crate) fn meter(gpu: &Gpu) -> wgpu::Buffer {
     gpu.buffer_with("meter", &[0; 16], wgpu::BufferUsages::STORAGE)
 }
@@ -403,7 +402,7 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
     let optics = job.optics;
     let exposure = &optics.exposure;
     let [width, height] = size_px.map(|side| side as f32);
-    // Candela per square metre of what was shaded as 1; the model's unit is kilolux per steradian.
+    // Candela per square metre of a shaded value of 1; the model's unit is kilolux per steradian.
     let white = 1000.0 / job.exposure;
     let gain = exposure.compensation_ev.exp2();
     let (factor, metered) = match exposure.mode {
@@ -411,7 +410,7 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
         ExposureMode::Manual => (gain * white / (1.2 * exposure.manual_ev100().exp2()), 0.0),
         ExposureMode::Weather | ExposureMode::Histogram => (gain, 0.0),
     };
-    // Share of a difference that is left after a time falls exponentially.
+    // A difference decays exponentially over time.
     let gone = |per_s: f32| 1.0 - (-per_s * job.since_secs).exp();
     let number = |on: bool| on as u32 as f32;
     PostData {
@@ -441,7 +440,7 @@ fn post_data(job: &PostJob<'_>, size_px: [u32; 2]) -> PostData {
         aberration: optics.chromatic_aberration,
         aberration_start: optics.chromatic_aberration_start,
         white_rgb: white_gains(optics.white_kelvin, optics.tint),
-        // Others look at their layer alone.
+        // Other views are bound with a single layer.
         layer: if job.is_plain() { job.layer } else { 0 },
         rest: [[0; 4]; 9],
     }

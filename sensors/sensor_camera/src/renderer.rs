@@ -1,4 +1,5 @@
-//! Draws every view of a tick in one submission, unless their shadow maps do not fit their memory.
+//! Draws every view of a tick in one submission, unless their shadow maps exceed their memory
+//! limit.
 
 mod active;
 mod assign_targets;
@@ -49,7 +50,7 @@ pub struct CameraRenderer {
     shadows: ShadowMaps,
     pool: TargetPool,
     events: GpuEvents,
-    /// Memory of earlier submissions.
+    /// Reused allocations of earlier submissions.
     spare_drawn: Vec<Drawn>,
 }
 
@@ -59,8 +60,8 @@ impl CameraRenderer {
         Self::with_rasteriser(gpu, quality, Rasteriser::default_for(gpu))
     }
 
-    /// The same, with a rasteriser of one's choice; an adapter that cannot compute draws all the
-    /// same.
+    /// The same with a chosen rasteriser; an adapter that lacks the features for computing draws
+    /// anyway.
     pub fn with_rasteriser(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) -> Self {
         let passes = Passes::new(gpu, quality, rasteriser);
         let layout = match passes.shading() {
@@ -80,18 +81,16 @@ impl CameraRenderer {
         }
     }
 
-    /// Chooses whether event cameras work on the GPU, as they do by default where it is a real one,
-    /// or on the processor; `false` if it cannot.
+    /// Chooses whether event cameras work on the GPU or on the CPU; by default they use the GPU
+    /// unless the adapter is software. Returns `false` if the GPU lacks the features.
     pub fn set_events_on_gpu(&mut self, on: bool) -> bool {
         self.events.set_on_gpu(&self.gpu, on)
     }
 
-    /// Bounds the memory of shadow maps; 3 GiB unless it is called. Sunlit cameras that stand in so
-    /// many places that their maps would need
-    /// more are lit one group after the other, and maps are drawn anew in every tick: slower, and
-    /// the same pictures. Each size of map keeps
-    /// room for one, however little is given. While maps become more, those of before take memory
-    /// until the tick is done.
+    /// Limits the memory of shadow maps; the default is 3 GiB. If the maps of all sunlit cameras
+    /// need more, cameras are lit one group after the other, and maps are drawn again in every
+    /// tick: that is slower, but the pictures are the same. Each size of map has room for at least
+    /// one. While textures grow, the old ones take memory until the tick is done.
     pub fn limit_shadow_bytes(&mut self, most_bytes: u64) {
         self.shadows.limit(most_bytes);
     }
@@ -101,10 +100,9 @@ impl CameraRenderer {
         self.shadows.n_bytes()
     }
 
-    /// Uploads an episode's meshes; [`CameraRenderer::render`] does it by itself when the scene's
-    /// assets are others than before. Where only
-    /// other objects of the same scenery are shown, what changed is uploaded. Gives the number of
-    /// bytes.
+    /// Uploads an episode's meshes and returns the number of bytes. [`CameraRenderer::render`] does
+    /// it by itself when the scene's assets change. If only other objects of the same scenery are
+    /// shown, only the changes are uploaded.
     pub fn load(&mut self, assets: &Arc<SceneAssets>) -> u64 {
         if let Some(n_bytes) = self
             .assets
@@ -115,26 +113,26 @@ impl CameraRenderer {
             self.shadows.redraw();
             return n_bytes;
         }
-        // The old meshes first: two towns need not fit beside each other.
+        // The old meshes are dropped first, so that memory need not hold two towns.
         self.assets = None;
         let uploaded = GpuAssets::upload(&self.gpu, assets);
         let n_bytes = uploaded.n_bytes();
         self.assets = Some(uploaded);
-        // An upload waits for the next submission, and what was dropped for the one after; a world
-        // that nobody looks at has none.
+        // wgpu uploads with the next submission and frees dropped buffers with the one after, but
+        // without readers there are none.
         self.gpu.submit([]);
         self.gpu.wait_idle();
         self.shadows.clear();
         n_bytes
     }
 
-    /// Draws what is read of all `jobs` and remembers every job's firing. One submission, unless
-    /// their shadow maps do not fit their memory
-    /// ([`CameraRenderer::limit_shadow_bytes`]); none at all if nobody reads.
+    /// Draws the outputs of all `jobs` and remembers every job's firing. This is one submission,
+    /// unless shadow maps exceed their memory limit ([`CameraRenderer::limit_shadow_bytes`]), and
+    /// none without readers.
     ///
     /// # Errors
-    /// A job asks for what a camera does not make, asks twice, or its place is too small; nothing
-    /// was drawn or remembered then.
+    /// A job asks for a modality that cameras do not make, asks for one twice, or a place is too
+    /// small. Then nothing was drawn or remembered.
     pub fn render<'a>(
         &mut self,
         scene: &Scene,
@@ -244,7 +242,7 @@ impl CameraRenderer {
         }
     }
 
-    /// Who has something to draw, and what.
+    /// Which jobs have something to draw, and what.
     fn activate(
         &mut self,
         scene: &Scene,

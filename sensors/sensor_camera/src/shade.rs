@@ -1,10 +1,8 @@
-//! The shading pass: light on what the geometry pass saw, once per pixel, however often it was
-//! drawn over.
+//! The shading pass: lights the surfaces that the geometry pass left, once per pixel.
 //!
-//! One compute dispatch for views of equal size, because GPUs made for computing have many times
-//! more arithmetic there than in fragment shaders. In low
-//! quality a software rasteriser draws triangles over the image instead, and its depth test sorts
-//! sky from surfaces.
+//! One compute dispatch serves views of equal size, because GPUs made for computing have many times
+//! more arithmetic there than in fragment shaders. In low quality a software rasteriser draws
+//! triangles over the image instead, and its depth test separates sky from surfaces.
 
 use std::collections::BTreeMap;
 
@@ -78,12 +76,12 @@ pub(crate) fn shade_wgsl(shading: Shading) -> String {
     .concat()
 }
 
-/// What is asked of the shading pass: each combination is a pipeline of its own.
+/// What the shading pass must do; each combination has a pipeline of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct ShadeKey {
     pub color: bool,
     pub luminance: bool,
-    /// Written instead of color, if the camera does more than the film curve.
+    /// Written instead of colour if the camera does more than the film curve.
     pub radiance: bool,
     /// Whether anything but sun and sky shines.
     pub lamps: bool,
@@ -104,7 +102,7 @@ pub(crate) struct ShadePass {
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
     images_layout: wgpu::BindGroupLayout,
-    /// A pixel in place of the ids that nobody asks for.
+    /// An image of one pixel, bound where ids are not needed.
     no_ids: Image,
     pipelines: BTreeMap<ShadeKey, Pipelines>,
 }
@@ -277,7 +275,7 @@ impl ShadePass {
             })
     }
 
-    /// Which of the work there is: of the scene, and (drawn only) of what is read.
+    /// Which work the shader does for the scene and, if drawn, for the outputs that are read.
     fn constants(&self, key: ShadeKey) -> Vec<(&'static str, f64)> {
         let number = |on: bool| on as u32 as f64;
         let mut constants = vec![
@@ -297,8 +295,8 @@ impl ShadePass {
         constants
     }
 
-    /// What of a view it reads. Slim surfaces come with the rasteriser's own depth, and ids are for
-    /// lamps that somebody switched.
+    /// Targets of a view that it reads. Slim surfaces come with the rasteriser's own depth, and ids
+    /// are needed only for switched lamps.
     pub fn reads(&self, lamps: SceneryLamps) -> TargetSet {
         let surface = Target::Surface.bit();
         match (self.shading, lamps) {

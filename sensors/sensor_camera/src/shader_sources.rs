@@ -1,11 +1,11 @@
-//! The text of every shader, for validation without a GPU.
+//! The texts of all shaders, for validation without a GPU.
 
 use crate::geometry::{GeometryShader, Instances, SceneryLamps};
 use crate::shade::Shading;
 use crate::target::Surfaces;
 use crate::{dvs, post, raster, shade, shadow};
 
-/// Text of every shader, by name, as it is given to the GPU; for validation without one.
+/// The text of every shader by name, as the GPU gets it.
 pub fn shader_sources() -> Vec<(&'static str, String)> {
     let geometry = |instances, surfaces, lamps| {
         let shader = GeometryShader {

@@ -1,16 +1,15 @@
-//! Shadow maps: one square map of the sun's view per 32 m cell of the ground in which a lit camera
-//! stands.
+//! Shadow maps: one square depth map from the sun for each 32 m cell of ground in which a lit
+//! camera stands.
 //!
-//! A map depends on the cell, the sun and the scene only, never on who else looks, so that readers
-//! change no one's bytes.
-//! What stands still is drawn once per cell and sun; what moves is drawn over a copy of it when it
-//! has moved, and of that copy only those
-//! parts are made good again that were drawn over before. High quality has a second, coarser map of
-//! what stands still further away.
+//! A map depends on the cell, the sun and the scene only, never on other cameras, so that a new
+//! reader does not change another reader's bytes. Static casters are drawn once per cell and sun.
+//! Moving casters are drawn over a copy of that map when they have moved, and only the parts of the
+//! copy that they covered before are restored. High quality has a second, coarser map of static
+//! casters further away.
 //!
-//! Maps have a bounded memory. Views that need more of them than fit are lit in groups, one after
-//! the other, which draw their maps over
-//! those of the groups before: slower, and the same pictures.
+//! The memory of maps is bounded. If the views of a tick need more maps than fit, they are lit in
+//! groups, each of which draws over the maps of the group before. That is slower, but the pictures
+//! are the same.
 
 mod cascade;
 mod cascade_maps;

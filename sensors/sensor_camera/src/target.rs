@@ -1,4 +1,4 @@
-//! Render targets: what views are drawn into, and the textures behind it.
+//! Render targets: what views are drawn into, and the textures that hold it.
 
 mod image;
 mod kind;

@@ -88,8 +88,7 @@ pub struct ViewData {
     pub rest: [[u32; 4]; 13],
 }
 
-/// Views that one binding holds, and so one dispatch can do: 16 KiB of uniforms are what every
-/// adapter can bind.
+/// Views in one binding, and so in one dispatch: every adapter can bind 16 KiB of uniforms.
 pub(crate) const MAX_TOGETHER: usize = 32;
 
 /// Mirror of `Lamp` in `shader/lamps.wgsl`.
@@ -98,7 +97,7 @@ pub(crate) const MAX_TOGETHER: usize = 32;
 pub struct LampData {
     /// Camera space, metres; w is its reach.
     pub place: [f32; 4],
-    /// Where it shines, camera space; w is the cosine of its outermost ray.
+    /// Direction of its light, camera space; w is the cosine of its outermost ray.
     pub axis: [f32; 4],
     /// Illuminance at 1 m on the axis, exposed; w is 1 / (cosine of the full beam − w of `axis`).
     pub rgb: [f32; 4],
@@ -162,7 +161,7 @@ pub struct WaterData {
     pub lean: f32,
     /// Time, wrapped.
     pub time_secs: f32,
-    /// Where the noise's clouds are below this, roads lie under puddles.
+    /// Roads are under puddles where the cloud noise is below this.
     pub puddle_level: f32,
     /// Wetness, 0..=1.
     pub wet_ratio: f32,

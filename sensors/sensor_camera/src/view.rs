@@ -1,4 +1,4 @@
-//! What is asked of a camera in a tick, what it remembers, and what comes of it.
+//! What is asked of a camera in a tick, its state between ticks, and the results.
 
 mod camera_view;
 mod merge;

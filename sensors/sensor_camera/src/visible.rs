@@ -1,5 +1,5 @@
-//! What a view sees: culling, level of detail, front-to-back order, and the matrices of what is
-//! left.
+//! What a view sees: culling, levels of detail, front-to-back order, and the matrices of visible
+//! instances.
 
 use nalgebra::Isometry3;
 use sensor_core::Scene;
@@ -9,7 +9,7 @@ use crate::assets::{GpuAssets, MeshDraw, Sphere, matrix_rows};
 use crate::camera_motion::{CameraMotion, Firing, NEAR_M, rows};
 use crate::uniform::InstanceData;
 
-/// One draw call: a mesh range and the number of its instance among those of the view.
+/// One draw call: a mesh range, and the index of its instance in the view.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DrawCall {
     pub mesh: MeshDraw,
@@ -20,13 +20,13 @@ pub(crate) struct DrawCall {
 /// What a view draws.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Drawn {
-    /// In runs of some triangles, nearest first; each has meshes without walls, then those with
-    /// walls, each kind nearest first.
+    /// In runs of up to [`RUN_TRIANGLES`], nearest first. Each run has meshes without walls first,
+    /// then those with walls, each kind nearest first.
     pub calls: Vec<DrawCall>,
     /// Where each run begins.
     pub runs: Vec<usize>,
     pub instances: Vec<InstanceData>,
-    /// Where the view's instances begin in the list of all views'.
+    /// Index of the view's first instance in the list of all views.
     pub first_instance: u32,
     pub n_triangles: u32,
 }
@@ -49,9 +49,8 @@ impl Drawn {
         self.n_triangles += mesh.n_indices / 3;
     }
 
-    /// Puts the calls in order. To change pipelines costs a software rasteriser as much as a dozen
-    /// draw calls, so they are changed twice a
-    /// run at most.
+    /// Sorts the calls. Changing the pipeline costs a software rasteriser as much as a dozen draw
+    /// calls, so it is changed twice per run at most.
     fn sort(&mut self) {
         self.calls.sort_unstable_by(|a, b| {
             a.distance_m
@@ -76,9 +75,9 @@ impl Drawn {
 /// Triangles of a run.
 const RUN_TRIANGLES: u32 = 3000;
 
-/// The four side planes of a pinhole camera: unit normals inwards of the left and the right one, x
-/// and z, and of the upper and the lower
-/// one, y and z; the other's x or y is the opposite.
+/// The four side planes of a pinhole camera. `sideways` is the unit normal (x, z) of the left
+/// plane, pointing inwards; the right plane has the opposite x. `upright` is (y, z) of the upper
+/// plane in the same way.
 struct Frustum {
     sideways: [f64; 2],
     upright: [f64; 2],
@@ -97,7 +96,7 @@ impl Frustum {
         }
     }
 
-    /// Without branches, so that several spheres are tested at once.
+    /// Free of branches, so that the compiler tests several spheres at once.
     fn sees(&self, [x, y, z]: [f64; 3], radius_m: f64) -> bool {
         let (aside, above) = (self.sideways[0] * x.abs(), self.upright[0] * y.abs());
         (z > NEAR_M - radius_m)
@@ -156,7 +155,7 @@ fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
     })
 }
 
-/// The visible instances of `scene`, in the memory of an earlier call.
+/// Finds the visible instances of `scene`; `drawn` is reused to avoid allocations.
 pub(crate) fn visible(
     scene: &Scene,
     assets: &GpuAssets,
@@ -241,8 +240,8 @@ fn quaternion(transform: &Isometry3<f64>) -> [f32; 4] {
 mod tests {
     use super::*;
 
-    /// Oracle: points of a sphere, projected. Whatever has a point in the image is seen, and
-    /// nothing is that lies outside by its radius.
+    /// Oracle: projected points of a sphere. A sphere with a point in the image is seen, and one
+    /// that lies outside by its radius is not.
     #[test]
     fn spheres_are_seen_if_they_reach_into_the_image() {
         let lens = Intrinsics::from_fov(320, 200, 1.3);

@@ -1,8 +1,8 @@
-//! Lamps in meshes: found once, when a mesh is uploaded.
+//! Finds the lamps in a mesh, once, when it is uploaded.
 //!
-//! Every triangle of material `Lamp` belongs to one. What kind of lamp it is follows from its class
-//! and its lamp bit, so a mesh with lamps in it shines without a further list; candelas are those
-//! of usual lamps.
+//! Every triangle of material `Lamp` belongs to a lamp. The kind of lamp follows from the
+//! triangle's class and lamp bit, so a mesh needs no separate list of lamps. Candelas are those of
+//! usual lamps.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::{Material, Mesh};
@@ -122,8 +122,8 @@ impl Emitter {
     pub fn set(mut self, rgb: Option<[u8; 3]>, strength_ratio: f32) -> Emitter {
         self.rgb = rgb.map_or(self.rgb, unit_luminance);
         self.beam.candela *= strength_ratio;
-        // As bright at its reach as before; further out than the tiles' culling is made for, it
-        // ends.
+        // Scaling the reach like this keeps the brightness at its end. The limit is what the
+        // culling of tiles is made for.
         self.beam.reach_m *= strength_ratio.sqrt().clamp(0.1, 3.0);
         self
     }

@@ -36,17 +36,17 @@ pub(crate) struct GpuAssets {
     pub indices: wgpu::Buffer,
     /// One per static instance.
     pub spheres: Vec<Sphere>,
-    /// The same instances once more.
+    /// The same instances in the layout that culling uses.
     pub still: Still,
-    /// Lamps of scenery, in the world, but those that are switched off.
+    /// Lamps of the scenery in the world, except those that are switched off.
     pub still_lamps: Vec<StillLamp>,
     /// How lamps are switched, for shaders.
     pub switched: wgpu::Buffer,
     /// Lamps per mesh.
     emitters: Vec<Vec<Emitter>>,
     ranges: Vec<MeshRange>,
-    /// Levels of detail of all meshes one after the other, each mesh's from the number that stands
-    /// there: culling asks for many.
+    /// For each mesh the number of its first level of detail, and the levels of all meshes in one
+    /// list, because culling looks up many.
     levels: (Vec<u32>, Vec<Level>),
 }
 
@@ -115,8 +115,8 @@ impl GpuAssets {
         }
     }
 
-    /// Whether other assets have the same meshes in the same places, so that at most their lamps
-    /// are switched otherwise.
+    /// Whether other assets have the same meshes in the same places, so that they differ at most in
+    /// how lamps are switched.
     pub fn shows_the_same(&self, other: &SceneAssets) -> bool {
         let known = &self.scene_assets;
         let same_meshes = known.meshes.len() == other.meshes.len()
@@ -134,10 +134,9 @@ impl GpuAssets {
             && known.statics.iter().zip(&other.statics).all(is_same)
     }
 
-    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes;
-    /// gives the bytes that went to the GPU,
-    /// which are the indices of the meshes that changed. `None`: they are others, or need more
-    /// room; nothing was taken over then.
+    /// Takes over assets of the same episode that show more or fewer triangles of the same meshes.
+    /// Returns the uploaded bytes, which are the indices of the meshes that changed. Returns
+    /// `None`, and takes over nothing, if the meshes are others or need more room.
     pub fn take_over(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) -> Option<u64> {
         let known = &self.scene_assets;
         if known.episode != other.episode || known.meshes.len() != other.meshes.len() {
@@ -177,14 +176,14 @@ impl GpuAssets {
         self.vertices.size() + self.indices.size()
     }
 
-    /// Takes over how `other`'s lamps are switched; it shows the same.
+    /// Takes over how the lamps of `other`, which shows the same meshes, are switched.
     pub fn switch_lamps(&mut self, gpu: &Gpu, other: &Arc<SceneAssets>) {
         self.still_lamps = switched::still_lamps(other, &self.emitters);
         self.switched = switched::upload(gpu, other);
         self.scene_assets = other.clone();
     }
 
-    /// Whether any lamp of the scenery is not as built.
+    /// Whether any lamp of the scenery was switched.
     pub fn is_switched(&self) -> bool {
         !self.scene_assets.switched.is_empty()
     }
@@ -210,7 +209,7 @@ impl GpuAssets {
     }
 }
 
-/// Number of the first level of each mesh and of the one behind the last, and the levels.
+/// For each mesh the number of its first level, then the number of all levels; and the levels.
 fn levels_of(assets: &SceneAssets, ranges: &[MeshRange]) -> (Vec<u32>, Vec<Level>) {
     let (mut firsts, mut levels) = (vec![0], Vec::new());
     for (mesh, range) in assets.meshes.iter().zip(ranges) {

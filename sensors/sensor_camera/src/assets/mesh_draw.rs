@@ -30,11 +30,11 @@ impl Sphere {
     }
 }
 
-/// What stands still, as culling and matrices want it: one number after the other, and poses as
-/// rows of `[rotation | translation]`.
+/// Static instances as a structure of arrays, for vectorised culling; poses are rows of `[rotation
+/// | translation]`.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Still {
-    /// Middles of the bounding spheres, world x, y, z, and their radii.
+    /// Centres of the bounding spheres, world x, y, z, and their radii.
     pub spheres_m: [Vec<f64>; 4],
     pub world_from_mesh: Vec<[[f64; 4]; 3]>,
 }

@@ -1,4 +1,4 @@
-//! Lamps and windows of the scenery that somebody switched: for shaders by object number, and as
+//! Lamps and windows of the scenery that commands switched: for shaders by object number, and as
 //! sources of light.
 
 use nalgebra::Point3;
@@ -17,7 +17,8 @@ pub(crate) struct StillLamp {
     pub is_on: bool,
 }
 
-/// All lamps of the scenery but those that are switched off. `emitters`: lamps per mesh.
+/// All lamps of the scenery except those that are switched off. `emitters` has the lamps of each
+/// mesh.
 pub(crate) fn still_lamps(assets: &SceneAssets, emitters: &[Vec<Emitter>]) -> Vec<StillLamp> {
     let mut lamps = Vec::new();
     for instance in &assets.statics {
@@ -54,12 +55,11 @@ pub(crate) fn still_lamps(assets: &SceneAssets, emitters: &[Vec<Emitter>]) -> Ve
     lamps
 }
 
-/// As built.
+/// The words of an object that was not switched.
 const NEUTRAL: [u32; 2] = [0, 1.0f32.to_bits()];
 
 /// The word pairs that `as_switched` in `texture.wgsl` reads: colour, a bit for "has a colour", 0
-/// by itself, 1 on, 2 off; and the strength.
-/// What lies behind the last object is as built.
+/// by itself, 1 on, 2 off; and the strength. Entries after the last switched object are neutral.
 pub(crate) fn words(assets: &SceneAssets) -> Vec<[u32; 2]> {
     let n = assets
         .switched

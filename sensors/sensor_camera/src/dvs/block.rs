@@ -1,16 +1,16 @@
-//! Neighbouring pixels that one surface passes, followed side by side: plain arithmetic over
-//! arrays, which the compiler vectorises.
+//! Neighbouring pixels that one surface passes, followed together: plain arithmetic over arrays,
+//! which the compiler vectorises.
 
 use super::lanes::{LANES, Lanes, larger, smaller};
 use super::level_image::{Bounds, LevelImage};
 
-/// Pixels of one row. Those that were not set stand still and never cross.
+/// Pixels of one row. Those that were not set do not move and never cross a threshold.
 #[derive(Debug)]
 pub(super) struct Block {
     at: [Lanes; 2],
     /// Motion at the beginning, x and y, pixels per window; in between it changes evenly.
     from: [Lanes; 2],
-    /// What is added to it until the end.
+    /// Change of the motion until the end.
     change: [Lanes; 2],
     /// Levels at the beginning of the window.
     pub begin: Lanes,
@@ -22,7 +22,7 @@ pub(super) struct Block {
     stays_inside: bool,
 }
 
-/// Where points are in the picture of the end and in that of the beginning.
+/// Positions of points in the image at the end and in the image at the beginning.
 struct Places {
     ahead: [Lanes; 2],
     behind: [Lanes; 2],
@@ -45,7 +45,7 @@ impl Block {
         }
     }
 
-    /// A pixel with its motion and level at the beginning and the end, and the limits of its next
+    /// Sets a pixel: motion and level at the beginning and the end, and the limits of its next
     /// events.
     #[inline(always)]
     pub fn set(
@@ -105,7 +105,7 @@ impl Block {
         }
     }
 
-    /// Whether no level between these shares of the paths can cross a limit of any pixel;
+    /// Whether no level between these shares of the paths can cross a limit of any pixel, if
     /// references sink by `leak` at most.
     #[inline(always)]
     pub fn is_quiet(&self, bounds: [&Bounds; 2], from: f32, to: f32, leak: f32) -> bool {
@@ -120,8 +120,8 @@ impl Block {
         lowest > low && highest + leak < high
     }
 
-    /// Levels when `share` of the window has passed and references have sunk by `leaked`: seen in
-    /// both pictures, or in the one that shows the point.
+    /// Levels when `share` of the window has passed and references have sunk by `leaked`, sampled
+    /// in both images or in the one that shows the point.
     #[inline(always)]
     pub fn levels(
         &self,
@@ -150,8 +150,8 @@ impl Block {
                 is_inside(&places.behind, lane),
                 is_inside(&places.ahead, lane),
             );
-            // A picture that does not show the point lends the other one's level; without either
-            // the level goes in a straight line.
+            // If one image does not show the point, the other one's level is used for both; if
+            // neither shows it, the level is interpolated linearly.
             let from = if was_inside {
                 before[lane]
             } else {
@@ -178,7 +178,7 @@ impl Block {
         beyond >= 0.0
     }
 
-    /// Those that are.
+    /// The lanes whose level is beyond its limits.
     #[inline(always)]
     pub fn crossing_lanes(&self, levels: &Lanes) -> impl Iterator<Item = usize> + use<> {
         let is_beyond: [bool; LANES] = std::array::from_fn(|lane| {

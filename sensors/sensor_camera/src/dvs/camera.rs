@@ -1,4 +1,4 @@
-//! An event camera that works on the processor.
+//! The event camera on the CPU.
 
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
@@ -13,7 +13,7 @@ use super::motion_field::{MotionField, MotionMemory};
 use super::sort::Sorter;
 use super::window::{Row, Window};
 
-/// An event camera: fed with pictures, it makes events. Needs no GPU.
+/// An event camera: makes events from rendered images. Needs no GPU.
 #[derive(Debug)]
 pub struct EventCamera {
     spec: DvsSpec,
@@ -30,14 +30,14 @@ pub struct EventCamera {
     sorter: Sorter,
     motion: MotionMemory,
     previous: Option<LevelImage>,
-    /// The picture before, for its memory.
+    /// An earlier image whose allocation is reused.
     spare: Option<LevelImage>,
     previous_window_nanos: u64,
     n_windows: u64,
 }
 
 impl EventCamera {
-    /// A camera of `[width, height]` pixels; `seed` and `sensor` say what its chance depends on.
+    /// A camera of `[width, height]` pixels; its noise depends on `seed` and `sensor`.
     pub fn new(spec: DvsSpec, size_px: [u32; 2], seed: u64, sensor: u64) -> Self {
         let size_px = size_px.map(|side| side as usize);
         let n_pixels = size_px[0] * size_px[1];
@@ -106,7 +106,8 @@ impl EventCamera {
         }
     }
 
-    /// Writes the events to the front of `out`, as many as it and the limit take; returns how many.
+    /// Writes the events to the front of `out`, up to its length and the limit; returns their
+    /// number.
     fn write(&mut self, n_made: usize, window_nanos: u64, out: &mut [u8]) -> usize {
         let max_events =
             self.spec
@@ -126,7 +127,7 @@ impl EventCamera {
         n_events
     }
 
-    /// Takes the first picture as what every pixel remembers.
+    /// Initialises every pixel's reference from the first image.
     fn begin(&mut self, picture: &LevelImage) {
         let leaks = self.spec.leak_rate_hz > 0.0;
         for (i, (reference, level)) in self.references.iter_mut().zip(&picture.level).enumerate() {

@@ -1,29 +1,28 @@
-//! What chance does to an event camera: thresholds that differ, and events out of nothing.
+//! Noise of an event camera: thresholds that vary, and shot noise.
 //!
 //! Shot noise is a Poisson process per pixel whose rate falls with the light: Hu, Liu, Delbruck,
-//! *v2e: From Video Frames to Realistic DVS
-//! Events* (2021), section 3; each polarity has half of the rate. It comes beside what the pixel
-//! sees and leaves its memory alone.
+//! *v2e: From Video Frames to Realistic DVS Events* (2021), section 3; each polarity has half of
+//! the rate. Shot noise is added to the events that the pixel sees, and does not change its
+//! reference.
 
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
 use schema_types::noise::Noise;
 use sensor_spec::DvsSpec;
 
-/// Streams of noise, apart from a sensor's other noise.
+/// Noise streams, separate from a sensor's other noise.
 const MISMATCH_STREAM: u64 = 0x6476_735f_7468_7265;
 const PHASE_STREAM: u64 = 0x6476_735f_7068_6173;
 const SIGMA_STREAM: u64 = 0x6476_735f_7369_676d;
 const SHOT_STREAM: u64 = 0x6476_735f_7368_6f74;
-/// Thresholds do not fall below this share of their nominal value by mismatch, however unlucky the
-/// pixel.
+/// Mismatch does not lower a threshold below this share of its nominal value.
 const MIN_MISMATCH: f64 = 0.1;
-/// Nor below this by the spread from window to window (CARLA's bound).
+/// The spread from window to window does not lower it below this (CARLA's bound).
 const MIN_THRESHOLD: f32 = 0.01;
-/// Share of the shot noise's rate that is left in full light.
+/// Share of the shot noise's rate that remains in full light.
 const RATE_IN_LIGHT: f64 = 0.25;
 
-/// Source of an event camera's chance.
+/// Source of an event camera's noise.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Chance {
     seed: u64,
@@ -31,7 +30,7 @@ pub(super) struct Chance {
 }
 
 impl Chance {
-    /// Of a sensor in a run with this seed.
+    /// The noise of a sensor in a run with this seed.
     pub fn of_camera(spec: &DvsSpec, seed: u64, sensor: u64) -> Self {
         Chance {
             seed,
@@ -53,8 +52,8 @@ impl Chance {
         }
     }
 
-    /// How far each pixel has leaked towards its next event when it begins, 0 to 1: pixels do not
-    /// leak in step.
+    /// How far a pixel has leaked towards its next event at the start, 0 to 1, so that pixels do
+    /// not leak in step.
     pub fn phase(&self, pixel: usize) -> f32 {
         Noise::new(self.seed, self.stream ^ PHASE_STREAM, 0).uniform(pixel as u64) as f32
     }
@@ -88,8 +87,8 @@ impl Chance {
     /// Calls `event(pixel, nanos_in_window, polarity)` for each event of shot noise; `light(pixel)`
     /// is its luminance, 0 to 1.
     ///
-    /// All pixels' windows are laid one after the other, so that one chain of waiting times serves
-    /// them all.
+    /// The windows of all pixels form one long time line, so that a single chain of waiting times
+    /// serves them all.
     pub fn shots(
         &self,
         spec: &DvsSpec,

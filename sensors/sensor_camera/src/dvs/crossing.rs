@@ -1,6 +1,6 @@
 //! Crossings of a pixel's thresholds.
 
-/// One pixel and what it remembers.
+/// One pixel and its state.
 pub(super) struct Crossing<'p> {
     /// Change of the level per event, upwards and downwards.
     pub thresholds: [f32; 2],
@@ -20,7 +20,7 @@ impl Crossing<'_> {
         [*self.reference - down, *self.reference + up]
     }
 
-    /// The level goes in a straight line from `before` to `after`.
+    /// Makes the events of a level that goes linearly from `before` to `after`.
     #[inline(always)]
     pub fn follow(
         &mut self,
@@ -32,15 +32,15 @@ impl Crossing<'_> {
     ) {
         let [up, down] = self.thresholds;
         let (step, polarity) = if after > before { (up, 1) } else { (-down, 0) };
-        // Levels counted upwards in the direction they go.
+        // With this sign, levels rise in the direction of their change.
         let sign = if after > before { 1.0 } else { -1.0 };
         let mut target = *self.reference + step;
         if sign * after < sign * target {
             return;
         }
         let length_nanos = end_nanos - begin_nanos;
-        // A level that is beyond already (a step where pictures do not meet) crosses at once, one
-        // that stays there at the end.
+        // A level that is already beyond the threshold (a step where the images do not match)
+        // crosses at once, or at the end if it does not change.
         let per_level = if after == before {
             f32::INFINITY
         } else {
@@ -48,8 +48,8 @@ impl Crossing<'_> {
         };
         while sign * after >= sign * target {
             let share = (target - before) * per_level;
-            // In parts of 2⁻²⁴ of the step: 3 ns of 50 ms. The conversion turns what lies outside
-            // into the ends.
+            // The resolution is 2⁻²⁴ of the step: 3 ns of 50 ms. The conversion saturates, so times
+            // outside the step become its ends.
             let nanos = begin_nanos + ((share * length_nanos as f32) as u32).min(length_nanos);
             *self.reference = target;
             target += step;

@@ -1,12 +1,12 @@
-//! What became of a window.
+//! The result of a window.
 
-/// What a frame of events came to.
+/// Result of one window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EventsMade {
     /// Events written.
     pub n_events: usize,
     /// Events that did not fit.
     pub n_dropped: u64,
-    /// Whether this was the first picture, which makes no events.
+    /// Whether this was the first image, which makes no events.
     pub first: bool,
 }

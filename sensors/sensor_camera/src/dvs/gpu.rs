@@ -1,9 +1,8 @@
-//! The event camera on the GPU, beside the pictures it looks at: `shader/events.wgsl` follows every
-//! pixel and deals events out into slices
-//! of time, right into the host's memory; the processor puts each slice in order.
+//! The event camera on the GPU: `shader/events.wgsl` follows every pixel and writes events into the
+//! host's memory, grouped by slices of time. The CPU sorts each slice.
 //!
-//! Chance that is drawn anew in every window (spread of thresholds, shot noise) stays with the
-//! processor's [`crate::dvs::EventCamera`].
+//! Cameras whose noise is drawn again in every window (spread of thresholds, shot noise) use
+//! [`crate::dvs::EventCamera`] on the CPU instead.
 
 mod camera;
 mod job;

@@ -1,4 +1,4 @@
-//! What an event camera looks at: five images of one firing, as plain bytes.
+//! The input of an event camera: five images of one firing, as plain bytes.
 
 /// An image's rows in memory, padded or not.
 #[derive(Clone, Copy, Debug)]

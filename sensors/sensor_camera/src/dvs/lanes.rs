@@ -1,5 +1,4 @@
-//! Numbers of neighbouring pixels side by side: plain arithmetic over arrays, which the compiler
-//! vectorises.
+//! Numbers of neighbouring pixels: plain arithmetic over arrays, which the compiler vectorises.
 
 /// Pixels side by side.
 pub(super) const LANES: usize = 8;
@@ -8,7 +7,7 @@ pub(super) const LANES: usize = 8;
 pub(super) type Lanes = [f32; LANES];
 
 /// Natural logarithm of a positive finite number, to 2e-7 of it or of 1, in arithmetic that every
-/// processor has for several numbers at once.
+/// CPU can vectorise.
 ///
 /// The mantissa m in √½..√2 by ln m = 2 artanh((m − 1) / (m + 1)), of which seven terms are more
 /// than `f32` holds.
@@ -24,11 +23,11 @@ pub(super) fn ln(x: f32) -> f32 {
     exponent as f32 * std::f32::consts::LN_2 + 2.0 * s * series
 }
 
-/// Numbers from 0 to 2²² have their whole part in the last bits after adding this.
+/// Adding this to a number from 0 to 2²² moves its integer part into the last bits.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Whole part of a number from 0 to 2²², in arithmetic that every processor has for several numbers
-/// at once (unlike conversions).
+/// Integer part of a number from 0 to 2²², in arithmetic that every CPU can vectorise (unlike
+/// conversions).
 #[inline(always)]
 pub(super) fn floor(x: f32) -> f32 {
     let nearest = (x + WHOLE) - WHOLE;
@@ -41,7 +40,7 @@ pub(super) fn integer(whole: f32) -> i32 {
     ((whole + WHOLE).to_bits() & 0x7f_ffff) as i32
 }
 
-/// As `f32::max` without its care for NaN, which costs as much again; a NaN in `a` gives `b`.
+/// As `f32::max` without its handling of NaN, which would double the cost; a NaN in `a` gives `b`.
 #[inline(always)]
 pub(super) fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

@@ -1,5 +1,5 @@
-//! A picture as the event camera follows it: levels, motion, depth, and how bright each tile is at
-//! most and at least.
+//! An image as the event camera uses it: levels, motion, depth, and the darkest and brightest level
+//! of each tile.
 
 use rayon::prelude::*;
 
@@ -10,14 +10,14 @@ use super::images::{EventImages, float};
 use super::lanes::{LANES, Lanes, floor, integer, larger, ln, smaller};
 use super::tiles::{TILE_PX, row_ranges, tiles_of};
 
-/// A rendered picture with its motion.
+/// A rendered image with its motion.
 #[derive(Debug)]
 pub(super) struct LevelImage {
     pub size_px: [usize; 2],
-    /// What thresholds are compared with.
+    /// The values that thresholds are compared with.
     pub level: Vec<f32>,
-    /// `level` of each pixel and its neighbours to the right, below, and both (rims repeat): what a
-    /// bilinear sample needs, in one load.
+    /// `level` of each pixel and of its neighbours to the right, below, and both (edges repeat):
+    /// all that a bilinear sample needs, in one load.
     pub quads: Vec<[f32; 4]>,
     /// Motion since the previous firing, pixels.
     pub flow: Vec<[f32; 2]>,
@@ -28,7 +28,7 @@ pub(super) struct LevelImage {
 }
 
 impl LevelImage {
-    /// A picture of this size; [`LevelImage::read`] fills it.
+    /// An image of this size; [`LevelImage::read`] fills it.
     pub fn blank(size_px: [usize; 2]) -> LevelImage {
         let n = size_px[0] * size_px[1];
         LevelImage {
@@ -41,7 +41,7 @@ impl LevelImage {
         }
     }
 
-    /// Takes over what the GPU left.
+    /// Reads the images that the GPU rendered.
     pub fn read(&mut self, images: &EventImages<'_>, spec: &DvsSpec) {
         let width = self.size_px[0];
         let with_motion = spec.mode == DvsMode::Motion;
@@ -98,7 +98,7 @@ impl LevelImage {
             });
     }
 
-    /// Bilinear brightness at several positions, each moved into the image if it is outside.
+    /// Bilinear level at several positions, each clamped to the image.
     #[inline(always)]
     pub fn levels_at(&self, at: &[Lanes; 2]) -> Lanes {
         let [width, height] = self.size_px;
@@ -122,7 +122,7 @@ impl LevelImage {
         })
     }
 
-    /// Bilinear brightness at a position (pixel centres at halves); `None` outside.
+    /// Bilinear level at a position (pixel centres at halves); `None` outside.
     pub fn level_at(&self, x_px: f32, y_px: f32) -> Option<f32> {
         let [width, height] = self.size_px;
         if !(x_px >= 0.0 && y_px >= 0.0 && x_px <= width as f32 && y_px <= height as f32) {
@@ -173,7 +173,7 @@ impl VectorWork for LevelsOf<'_> {
             spec,
         } = self;
         let rows = level.iter_mut().zip(luminance.chunks_exact(4));
-        // CARLA's model looks at the picture's 8-bit colours, which are encoded for the eye.
+        // CARLA's model uses the image's 8-bit colours, which are gamma-encoded.
         match (spec.mode, spec.use_log) {
             (DvsMode::Motion, true) => {
                 rows.for_each(|(level, bytes)| *level = ln(float(bytes) + spec.log_eps))

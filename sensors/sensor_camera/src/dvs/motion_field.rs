@@ -1,4 +1,4 @@
-//! How the points of two pictures move from one to the other.
+//! The motion field of a window: how points move from its first image to its last.
 
 use rayon::prelude::*;
 
@@ -6,7 +6,7 @@ use super::lanes::{larger, smaller};
 use super::level_image::LevelImage;
 use super::tiles::{Range, TILE_PX, row_ranges, tiles_of};
 
-/// How what may pass a pixel moves during the window, pixels per window.
+/// Motion of the surfaces that may pass a pixel during the window, pixels per window.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Path {
     /// Nothing moves here.
@@ -37,18 +37,18 @@ fn alike(a: [f32; 2], b: [f32; 2]) -> bool {
     norm2([a[0] - b[0], a[1] - b[1]]) <= tolerance * tolerance
 }
 
-/// What goes on in and through a tile.
+/// Kind of motion in and through a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TileMotion {
-    /// Everything moves less than a step: the two pictures say it all.
+    /// Everything moves less than a step, so the two images suffice.
     Slow,
     /// One surface passes all its pixels.
     Smooth,
-    /// Who knows.
+    /// Anything else: each pixel is looked at on its own.
     Mixed,
 }
 
-/// Memory of a motion field, kept from window to window.
+/// Allocations of a motion field, reused from window to window.
 #[derive(Debug, Default)]
 pub(super) struct MotionMemory {
     before: Vec<[f32; 2]>,
@@ -60,19 +60,19 @@ pub(super) struct MotionMemory {
 pub(super) struct MotionField<'p> {
     size_px: [usize; 2],
     tiles: [usize; 2],
-    /// Of what is at a pixel at the end.
+    /// Motion of the surface that is at a pixel at the end.
     now: &'p [[f32; 2]],
-    /// Of what was at a pixel at the beginning.
+    /// Motion of the surface that was at a pixel at the beginning.
     before: &'p [[f32; 2]],
-    /// Fastest of what passes a tile.
+    /// Fastest motion that passes each tile.
     passing: Vec<[f32; 2]>,
-    /// By tile.
+    /// Kind of motion of each tile.
     tile_motions: Vec<TileMotion>,
 }
 
 impl<'p> MotionField<'p> {
-    /// From the flow at the end; `ratio` is this window's length over the previous one's, for what
-    /// is hidden at the end.
+    /// Computes the field from the flow at the end. `ratio` is this window's length over the
+    /// previous one's; it scales the motion of surfaces that are hidden at the end.
     pub fn between(
         previous: &LevelImage,
         now: &'p LevelImage,
@@ -87,7 +87,7 @@ impl<'p> MotionField<'p> {
         let mut passing = vec![[0.0; 2]; tiles[0] * tiles[1]];
         let now_ranges = motion_ranges(&now.flow, size_px);
         if now_ranges.iter().all(|range| range.fastest2() < 0.25) {
-            // Nothing leaves its pixel: what a camera at a thousand frames a second sees.
+            // Nothing leaves its pixel; this is usual at a thousand firings per second.
             before.copy_from_slice(&now.flow);
         } else {
             before
@@ -116,7 +116,7 @@ impl<'p> MotionField<'p> {
         }
     }
 
-    /// What goes on about the eight pixels from `(x, y)` on, x a multiple of eight.
+    /// Kind of motion of the eight pixels from `(x, y)` on; x is a multiple of eight.
     #[inline(always)]
     pub fn tile_motion(&self, x: usize, y: usize) -> TileMotion {
         self.tile_motions[y / TILE_PX * self.tiles[0] + x / TILE_PX]
@@ -153,7 +153,7 @@ impl<'p> MotionField<'p> {
         Path::Several { motions, n }
     }
 
-    /// Brightness at a pixel that several surfaces pass, when `share` of the window has passed.
+    /// Level of a pixel that several surfaces pass, when `share` of the window has passed.
     pub fn level(
         &self,
         previous: &LevelImage,
@@ -166,7 +166,7 @@ impl<'p> MotionField<'p> {
         let at = [x as f32 + 0.5, y as f32 + 0.5];
         let ahead = |m: [f32; 2]| [at[0] + m[0] * (1.0 - share), at[1] + m[1] * (1.0 - share)];
         let behind = |m: [f32; 2]| [at[0] - m[0] * share, at[1] - m[1] * share];
-        // The nearest surface that really moves like this and is here now hides the others.
+        // The nearest surface that has this motion and is here at this time hides the others.
         let (mut chosen, mut nearest_m) = (None, f32::INFINITY);
         for m in motions {
             let [px, py] = ahead(*m);
@@ -193,7 +193,8 @@ impl<'p> MotionField<'p> {
                     now.level_at(ax, ay),
                 )
             }
-            // Hidden at the end: what was here at the beginning, moving on as it did.
+            // The surface is hidden at the end: take the one that was here at the beginning, moving
+            // on as before.
             None => {
                 let [bx, by] = behind(self.before[i]);
                 (previous.level_at(bx, by), None)
@@ -207,7 +208,7 @@ impl<'p> MotionField<'p> {
     }
 }
 
-/// Boxes about the motions of each tile.
+/// Bounding boxes of the motions of each tile.
 fn motion_ranges(field: &[[f32; 2]], size_px: [usize; 2]) -> Vec<Range> {
     let tiles = tiles_of(size_px);
     let of_row = |ty: usize| {
@@ -222,7 +223,7 @@ fn motion_ranges(field: &[[f32; 2]], size_px: [usize; 2]) -> Vec<Range> {
         .collect()
 }
 
-/// From a box about all motions in a tile and the motion of what passes it.
+/// Kind of motion from the bounding box of the motions in a tile and the motion that passes it.
 fn tile_motion(range: &Range, passing: [f32; 2], step_px: f32) -> TileMotion {
     let all = Range {
         low: passing,
@@ -233,18 +234,18 @@ fn tile_motion(range: &Range, passing: [f32; 2], step_px: f32) -> TileMotion {
     if all.fastest2() < step_px * step_px {
         TileMotion::Slow
     } else if all.spread() <= 0.5 + 0.35 * all.slowest() {
-        // Then any two of them are alike enough for `smooth`.
+        // This implies that `smooth` holds for any two of them.
         TileMotion::Smooth
     } else {
         TileMotion::Mixed
     }
 }
 
-/// Gives each pixel of the beginning the motion of what left it, nearest first.
+/// Gives each pixel of the first image the motion of the surface that left it; the nearest surface
+/// wins.
 ///
-/// Bands of rows are filled side by side; each looks only at rows from which something can have
-/// come, in the order of the image,
-/// so that the outcome does not depend on the number of bands.
+/// Bands of rows are filled in parallel. Each band looks at the rows that can have reached it, in
+/// the order of the image, so the result does not depend on the number of bands.
 fn scatter(now: &LevelImage, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) {
     let width = now.size_px[0];
     let reach_of = |row: &[[f32; 2]]| {
@@ -270,7 +271,7 @@ fn scatter(now: &LevelImage, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) 
         let first = band * band_rows;
         let rows = first..first + before.len() / width;
         for (y, (low, high)) in reaches.iter().enumerate() {
-            // What is in row y now was between these rows at the beginning.
+            // Points in row y at the end were between these rows at the beginning.
             let (top, bottom) = (y as f32 - high[1], y as f32 + 1.0 - low[1]);
             if bottom < rows.start as f32 || top > rows.end as f32 {
                 continue;
@@ -297,14 +298,15 @@ fn scatter(now: &LevelImage, before: &mut [[f32; 2]], nearest_m: &mut Vec<f32>) 
     });
 }
 
-/// Gives each tile the fastest motion among those that pass it on their way. Only tiles with a jump
-/// in their motion send one out:
-/// what passes a pixel without being there at the beginning or the end has rims.
+/// Gives each tile the fastest motion that passes it. Only tiles with a discontinuity in their
+/// motion send one out, because a surface that passes a pixel without being there at the beginning
+/// or the end has an edge.
 fn spread(now: &LevelImage, tiles: [usize; 2], ranges: &[Range], passing: &mut [[f32; 2]]) {
     let [width, height] = now.size_px;
     let fastest_of = |tile: usize| {
         let (tx, ty) = (tile % tiles[0] * TILE_PX, tile / tiles[0] * TILE_PX);
-        // With its neighbours to the left and above, whose last pixels are looked at too.
+        // The neighbours to the left and above are included, because their last pixels are examined
+        // below.
         let (left, above) = ((tx > 0) as usize, if ty > 0 { tiles[0] } else { 0 });
         let about = [tile - left, tile - above, tile - left - above]
             .iter()
@@ -313,7 +315,7 @@ fn spread(now: &LevelImage, tiles: [usize; 2], ranges: &[Range], passing: &mut [
             return [0.0; 2];
         }
         let (mut fastest, mut slowest) = ([0.0; 2], [f32::INFINITY; 2]);
-        // One pixel more to the left and above: a jump may lie between two tiles.
+        // One pixel more to the left and above, because a discontinuity may lie between two tiles.
         for y in ty.saturating_sub(1)..(ty + TILE_PX).min(height) {
             for flow in
                 &now.flow[y * width + tx.saturating_sub(1)..y * width + (tx + TILE_PX).min(width)]

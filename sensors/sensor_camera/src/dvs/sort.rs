@@ -1,21 +1,21 @@
-//! Events of all rows by time, y, x.
+//! Sorts the events of all rows by time, y, x.
 //!
-//! Dealt out twice: to a few long intervals, each of which then fits into a core's cache, and there
-//! to intervals of a few events, which
-//! insertion puts in order. The memory in between is kept from frame to frame.
+//! A bucket sort in two passes: first into a few long intervals of time, each of which fits into a
+//! core's cache, then into intervals of a few events, which insertion sort finishes. The buffer
+//! between the passes is reused from window to window.
 
 use bytemuck::Zeroable as _;
 use rayon::prelude::*;
 use schema_frames::DvsEvent;
 
-/// Events of a long interval if they come evenly.
+/// Events of a long interval if they are evenly distributed.
 const EVENTS_PER_LONG: usize = 4096;
-/// Most long intervals: so many places in memory can be written to side by side.
+/// Limit of long intervals: the number of places in memory that can be written in turn efficiently.
 const MAX_LONG: usize = 512;
-/// Events of a short interval if they come evenly.
+/// Events of a short interval if they are evenly distributed.
 const EVENTS_PER_SHORT: usize = 2;
 
-/// Fewer events are sorted before another thread has woken up.
+/// Fewer events are sorted before another thread would wake up.
 const MIN_EVENTS_PER_THREAD: usize = 16_384;
 
 /// Memory for sorting.
@@ -34,7 +34,7 @@ struct Intervals {
 
 impl Intervals {
     fn new(begin_nanos: u64, length_nanos: u64, n: usize) -> Intervals {
-        // A multiplication in place of a division; monotonic, which is all that matters.
+        // A multiplication in place of a division; it is monotonic, which suffices.
         Intervals {
             begin_nanos,
             scale: ((n as u64) << 32) / (length_nanos + 1),
@@ -56,7 +56,7 @@ impl Intervals {
 }
 
 impl Sorter {
-    /// Writes all events to `out`, which has room for just them.
+    /// Writes all events to `out`, which has exactly their number.
     pub fn sort(&mut self, rows: &[Vec<DvsEvent>], window_nanos: u64, out: &mut [DvsEvent]) {
         let n_long = (out.len() / EVENTS_PER_LONG).clamp(1, MAX_LONG);
         let long = Intervals::new(0, window_nanos, n_long);
@@ -74,8 +74,7 @@ impl Sorter {
         sort_parts(parts, window_nanos / n_long as u64 + 2);
     }
 
-    /// Writes the first events of slices to `out`, which takes as many as it is long; the slices
-    /// they are from must be there whole.
+    /// Fills `out` with the first events of slices; every slice that contributes must be complete.
     pub fn sort_slices(slices: &Slices<'_>, events: &[DvsEvent], out: &mut [DvsEvent]) {
         let intervals = Intervals::new(0, slices.window_nanos, slices.ends.len());
         let length_nanos = slices.window_nanos / slices.ends.len() as u64 + 2;
@@ -103,14 +102,14 @@ impl Sorter {
     }
 }
 
-/// Events that are dealt out to equal intervals of time already.
+/// Events that are already grouped by equal intervals of time.
 pub(super) struct Slices<'s> {
     /// Where each interval's events end.
     pub ends: &'s [u32],
     pub window_nanos: u64,
 }
 
-/// Puts the events of intervals in order: where each begins, its events, and where they go.
+/// Sorts the events of intervals; each part has the interval's begin, its events, and their place.
 fn sort_parts(parts: Vec<(u64, &[DvsEvent], &mut [DvsEvent])>, length_nanos: u64) {
     let n_events: usize = parts.iter().map(|(_, dealt, _)| dealt.len()).sum();
     let min_parts = (MIN_EVENTS_PER_THREAD * parts.len())
@@ -170,8 +169,8 @@ fn key(event: &DvsEvent) -> (u64, u8) {
     )
 }
 
-/// Most events that are put in order by insertion. Where pictures do not meet, thousands cross at
-/// one time.
+/// Limit of events for insertion sort. Where images do not match, thousands of pixels cross at one
+/// time.
 const MAX_INSERTED: usize = 16;
 
 fn sort_interval(events: &mut [DvsEvent]) {
@@ -207,7 +206,7 @@ mod tests {
             };
             let mut events: Vec<DvsEvent> = (0..n).map(event).collect();
             let intervals = Intervals::new(0, window_nanos, 64);
-            // Dealt out, but in no order within a slice.
+            // Grouped by slices, but unordered within each.
             events.sort_by_key(|event| intervals.of(event));
             let ends: Vec<u32> = (0..64)
                 .map(|i| events.partition_point(|event| intervals.of(event) <= i) as u32)

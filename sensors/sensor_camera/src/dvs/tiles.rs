@@ -4,7 +4,7 @@ use sensor_core::vector::{VectorWork, vectorised};
 
 use super::lanes::{LANES, larger, smaller};
 
-/// Side of a tile, and the pixels that are followed side by side.
+/// Side of a tile, which is also the number of pixels that are followed together.
 pub(super) const TILE_PX: usize = LANES;
 
 /// Tiles across and down.
@@ -13,7 +13,7 @@ pub(super) fn tiles_of([width, height]: [usize; 2]) -> [usize; 2] {
 }
 
 /// Least and greatest number at each of the `N` places of a tile's rows, for the tiles of row `ty`.
-/// `numbers` are `N / 8` per pixel.
+/// There are `N / 8` numbers per pixel.
 pub(super) fn row_ranges<const N: usize>(
     numbers: &[f32],
     [width, height]: [usize; 2],
@@ -57,7 +57,7 @@ impl<const N: usize> VectorWork for RowRanges<'_, N> {
     }
 }
 
-/// Box about some motions.
+/// Bounding box of motions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Range {
     pub low: [f32; 2],
@@ -65,7 +65,7 @@ pub(super) struct Range {
 }
 
 impl Range {
-    /// From what [`row_ranges`] found of a tile's motions.
+    /// From the result of [`row_ranges`] for a tile's motions.
     pub fn of((low, high): &([f32; 16], [f32; 16])) -> Range {
         let fold = |numbers: &[f32; 16], axis: usize, pick: fn(f32, f32) -> f32| {
             numbers
@@ -90,19 +90,19 @@ impl Range {
         }
     }
 
-    /// Square of a length that none of them exceeds.
+    /// Square of an upper bound of their lengths.
     pub fn fastest2(&self) -> f32 {
         let far = [0, 1].map(|axis: usize| larger(-self.low[axis], self.high[axis]));
         far[0] * far[0] + far[1] * far[1]
     }
 
-    /// A length that all of them reach.
+    /// A lower bound of their lengths.
     pub fn slowest(&self) -> f32 {
         let near = [0, 1].map(|axis: usize| larger(larger(self.low[axis], -self.high[axis]), 0.0));
         (near[0] * near[0] + near[1] * near[1]).sqrt()
     }
 
-    /// A length that no two of them are farther apart.
+    /// An upper bound of the distance between two of them.
     pub fn spread(&self) -> f32 {
         let side = [0, 1].map(|axis: usize| self.high[axis] - self.low[axis]);
         (side[0] * side[0] + side[1] * side[1]).sqrt()

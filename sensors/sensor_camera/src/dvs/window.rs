@@ -12,9 +12,9 @@ use super::lanes::LANES;
 use super::level_image::LevelImage;
 use super::motion_field::{MotionField, Path, TileMotion, norm2};
 
-/// Most steps of a pixel in one window: beyond, motion per step exceeds `substep_px`.
+/// Limit of steps in one window; with faster motion, steps exceed `substep_px`.
 const MAX_STEPS: usize = 256;
-/// Steps that are tried in one go: fewer cost more in looking at tiles than they save (bench
+/// Steps that are tested at once: with fewer, looking at tiles costs more than it saves (bench
 /// measure_views).
 const STRETCH_STEPS: usize = 24;
 
@@ -22,7 +22,7 @@ const STRETCH_STEPS: usize = 24;
 pub(super) struct Window<'w> {
     pub previous: &'w LevelImage,
     pub now: &'w LevelImage,
-    /// `None`: every level goes in a straight line.
+    /// `None`: every level is interpolated linearly.
     pub motion: Option<&'w MotionField<'w>>,
     pub spec: &'w DvsSpec,
     /// Factor of both thresholds per pixel; empty without mismatch.
@@ -44,11 +44,11 @@ pub(super) struct Row<'w> {
     /// Rest of the refractory period, per pixel; empty without such a period.
     pub silent_nanos: &'w mut [u32],
     pub images: &'w EventImages<'w>,
-    /// Where its events go, in place of what was there.
+    /// Its events; earlier contents are replaced.
     pub events: &'w mut Vec<DvsEvent>,
 }
 
-/// Pixels side by side and what they remember.
+/// Neighbouring pixels and their state.
 struct Pixels<'p> {
     x: usize,
     y: usize,
@@ -146,7 +146,7 @@ impl Window<'_> {
         }
     }
 
-    /// Pixels whose level goes in a straight line from one picture to the other.
+    /// Pixels whose level is interpolated linearly between the images.
     #[inline(always)]
     fn follow_still(
         &self,
@@ -156,8 +156,8 @@ impl Window<'_> {
         event: &mut impl FnMut(usize, u32, u8),
     ) {
         let n = pixels.references.len();
-        // Most pixels of most pictures: nothing happens. Thresholds that differ are looked at one
-        // by one.
+        // Fast path for most pixels of most images: nothing happens. Thresholds that vary are
+        // checked one by one.
         if n == LANES && self.mismatch.is_empty() && !self.is_spread() {
             let (up, down) = (self.spec.positive_threshold, self.spec.negative_threshold);
             let mut beyond = false;
@@ -178,7 +178,7 @@ impl Window<'_> {
         }
     }
 
-    /// Pixels that do not all go with one surface.
+    /// Pixels that different surfaces pass.
     #[inline(never)]
     fn follow_mixed(
         &self,
@@ -252,7 +252,7 @@ impl Window<'_> {
         (self.nanos as u64 * step as u64 / n_steps as u64) as u32
     }
 
-    /// Pixels that one surface passes, all in the steps of the fastest.
+    /// Pixels that one surface passes; all use the steps of the fastest.
     #[inline(always)]
     fn follow_smooth(
         &self,
@@ -266,7 +266,7 @@ impl Window<'_> {
         let mut before = block.begin;
         let mut step = 0;
         while step < n_steps {
-            // A stretch whose surroundings hold no crossing is passed in one go.
+            // A stretch whose bounds exclude a crossing is skipped at once.
             let last = (step + STRETCH_STEPS).min(n_steps);
             let quiet = block.is_quiet(
                 bounds,

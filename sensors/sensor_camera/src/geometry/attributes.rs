@@ -1,4 +1,4 @@
-//! What vertices and instances give to the geometry shader.
+//! Vertex and instance attributes of the geometry shader.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -21,15 +21,14 @@ pub(super) const ATTACHED_ATTRIBUTES: [&[wgpu::VertexAttribute]; 2] = [
     ],
 ];
 
-/// Mirror of what `Vertex` in `shader/geometry_attached.wgsl` has of an instance.
+/// Mirror of the instance attributes of `Vertex` in `shader/geometry_attached.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub(super) struct InstanceAttributes {
     /// Mesh space to clip space, metres: rows of x, y, w.
     clip_from_mesh: [[f32; 4]; 3],
     /// (x · depth, y · depth, depth, 1) of a pixel to the same at the previous firing: rows of x,
-    /// y, depth. Where nothing moved: a depth
-    /// of -1, that of no pixel.
+    /// y, depth. If nothing moved, it gives a depth of -1, which no pixel has.
     before_from_pixel: [[f32; 4]; 3],
     /// Rotation of mesh space to world.
     world_from_mesh_xyzw: [f32; 4],
@@ -81,7 +80,7 @@ impl InstanceAttributes {
         }
     }
 
-    /// Those of all views, one after the other as [`Drawn::first_instance`] has them.
+    /// The attributes of all views in the order of `Drawn::first_instance`.
     pub fn of_all(views: &[ViewData], drawn: &[&Drawn]) -> Vec<InstanceAttributes> {
         let views = views.iter().zip(drawn);
         views
@@ -140,7 +139,7 @@ mod tests {
                     && (seen[1] - v).abs() < 1e-3 * v.abs().max(1.0),
                 "{seen:?}: {u}, {v}"
             );
-            // The same numbers as a point in the camera, a tick ago.
+            // The same numbers as a point in camera space, at the previous tick.
             let [u, v] = pixel(p);
             let before = apply(&instance.previous_from_camera, [p[0], p[1], p[2], 1.0]);
             let [x, y, depth] = apply(

@@ -21,10 +21,10 @@ pub(crate) struct GeometryPass {
     switched: Drawing,
     submit: Submit,
     surfaces: Surfaces,
-    /// What [`GeometryPass::hand_over`] draws nothing into.
+    /// Target of the empty pass of [`GeometryPass::hand_over`].
     interlude: Image,
     pipelines: BTreeMap<GeometryKey, Pipelines>,
-    /// Instances of all views, where they come as attributes.
+    /// Instances of all views, if they come as attributes.
     attributes: wgpu::Buffer,
     calls: wgpu::Buffer,
 }
@@ -34,7 +34,7 @@ pub(crate) struct ViewPass<'p> {
     pub targets: &'p Targets,
     pub set: TargetSet,
     pub drawn: &'p Drawn,
-    /// Number of the first of its draw calls among those of all views.
+    /// Index of its first draw call among those of all views.
     pub first_call: usize,
     pub view_idx: usize,
 }
@@ -155,7 +155,7 @@ impl GeometryPass {
         }
     }
 
-    /// Bind groups of what is attached: scene and views.
+    /// Bind groups of scene and views for attached instances.
     fn bind_attached(
         &self,
         gpu: &Gpu,
@@ -251,7 +251,7 @@ impl GeometryPass {
         };
         let has_plain = has_plain(self.surfaces, self.submit, key.set);
         let mut pass = begin(encoder, wgpu::LoadOp::Clear(0.0));
-        // The pipeline that is set is one of these.
+        // Whether the current pipeline is the one for meshes without walls.
         let mut is_plain = false;
         let Drawn {
             calls,
@@ -303,9 +303,8 @@ impl GeometryPass {
         gpu.counters().add_draw(1);
     }
 
-    /// Makes a software rasteriser begin with the run that it was given: it fills pixels when the
-    /// attachments change, on other threads than the one
-    /// that goes on with the next vertices.
+    /// Makes a software rasteriser start on the recorded run: it begins to fill pixels when
+    /// attachments change, on other threads, while this one continues with the next vertices.
     fn hand_over(&self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder) {
         gpu.counters().add_pass();
         let ops = wgpu::Operations {
@@ -327,5 +326,5 @@ impl GeometryPass {
     }
 }
 
-/// A draw call in a buffer, as Vulkan has it.
+/// Size of an indirect draw call in Vulkan's layout.
 const CALL_BYTES: u64 = 20;

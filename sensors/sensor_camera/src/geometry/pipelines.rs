@@ -20,10 +20,8 @@ pub(super) struct Pipelines {
     pub sky: wgpu::RenderPipeline,
 }
 
-/// Shader and bindings of the pass, with or without a list of what somebody switched. What is
-/// attached binds no list unless it must: as
-/// soon as there is one that pixels can read, llvmpipe takes over 33 KB of state again with every
-/// draw call.
+/// Shader and bindings of the pass. With attached instances it binds no list unless it must: as
+/// soon as fragment shaders can read one, llvmpipe copies over 33 KB of state with every draw call.
 #[derive(Debug)]
 pub(super) struct Drawing {
     variant: GeometryShader,
@@ -34,7 +32,7 @@ pub(super) struct Drawing {
 }
 
 impl Drawing {
-    /// `groups`: those that all passes share, for what is not attached.
+    /// `groups` are the layouts that all passes share; they are used unless instances are attached.
     pub fn new(gpu: &Gpu, variant: GeometryShader, groups: [&wgpu::BindGroupLayout; 2]) -> Drawing {
         let layout_of = |label, entries: &[wgpu::BindGroupLayoutEntry]| {
             gpu.device()
@@ -68,7 +66,7 @@ impl Drawing {
     }
 }
 
-/// What pipelines differ in.
+/// The properties in which pipelines differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct GeometryKey {
     pub set: TargetSet,
@@ -94,7 +92,7 @@ impl Kind {
 }
 
 impl Pipelines {
-    /// Those for a set of targets, by the drawing for its lamps.
+    /// The pipelines for a set of targets.
     pub fn new(gpu: &Gpu, drawing: &Drawing, submit: Submit, key: GeometryKey) -> Pipelines {
         let meshes = drawing.pipeline(gpu, key, Kind::Meshes);
         let plain = if has_plain(drawing.variant.surfaces, submit, key.set) {
@@ -171,9 +169,8 @@ impl Drawing {
                 depth_stencil: Some(wgpu::DepthStencilState {
                     format: wgpu::TextureFormat::Depth32Float,
                     depth_write_enabled: Some(kind != Kind::Sky),
-                    // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills what
-                    // nothing was drawn to. Of surfaces at equal depth
-                    // the last one counts.
+                    // Reversed z: near is 1, infinity is 0. The sky lies at 0 and fills the pixels
+                    // where nothing was drawn. Of surfaces at equal depth the last one wins.
                     depth_compare: Some(wgpu::CompareFunction::GreaterEqual),
                     stencil: Default::default(),
                     bias: Default::default(),

@@ -6,7 +6,7 @@ use crate::target::Surfaces;
 /// How draw calls reach the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Submit {
-    /// One by one, each with its instance as attributes: for software adapters.
+    /// One by one, each with its instance as vertex attributes: for software adapters.
     Attached,
     /// One by one, instances in a list.
     Single,
@@ -32,11 +32,11 @@ pub(crate) enum Instances {
     Listed,
 }
 
-/// Whether lamps and windows of the scenery are looked up in the list of those that were switched.
-/// Matters to slim surfaces only, because their walls have their windows.
+/// Whether the shader looks up which lamps and windows of the scenery were switched. Only slim
+/// surfaces need it, because they contain the windows of walls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum SceneryLamps {
-    /// All are as built, and there is no list.
+    /// None was switched, and there is no list.
     AsBuilt,
     /// Some were switched.
     Switched,
@@ -51,7 +51,8 @@ impl SceneryLamps {
         }
     }
 
-    /// Bindings of the scene for what is attached: the light, and the list if there is one.
+    /// Number of bindings of the scene with attached instances: the light, and the list if there is
+    /// one.
     pub fn n_bound(self) -> usize {
         match self {
             SceneryLamps::AsBuilt => 1,

@@ -1,4 +1,4 @@
-//! How materials look: a table for the shader, and the noise it is roughened with.
+//! Materials: a table of their looks for the shader, and the noise that roughens them.
 
 use sensor_gpu::Gpu;
 

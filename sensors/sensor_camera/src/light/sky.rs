@@ -1,9 +1,9 @@
-//! The sky as a picture: Hosek-Wilkie radiance with clouds, in an octahedral map of the upper
+//! The sky: Hosek-Wilkie radiance with clouds, painted into an octahedral map of the upper
 //! hemisphere.
 //!
 //! Made on the CPU when the weather changes, because a software rasteriser samples a texture far
-//! faster than it evaluates the model.
-//! Values are luminous (kilolux per steradian) until [`SkyMap::scaled`].
+//! faster than it evaluates the model. Values are luminous (kilolux per steradian) until
+//! [`SkyMap::scaled`].
 
 #[cfg(test)]
 mod published;
@@ -33,12 +33,12 @@ pub(crate) struct SkyLook {
     pub sun_klx: [f32; 3],
     /// Colour and strength of the glow that remains at night, kilolux.
     pub night_klx: [f32; 3],
-    /// Air molecules and haze over what they are on an ordinary clear day.
+    /// Air molecules and haze relative to an ordinary clear day.
     pub rayleigh_ratio: f32,
     pub mie_ratio: f32,
 }
 
-/// Direction of a map position in 0..=1: inverse of `sky_sample` in `material.wgsl`.
+/// Direction of a map position in 0..=1: inverse of `sky_sample` in `sky.wgsl`.
 pub(crate) fn direction_of(u: f32, v: f32) -> Vector3<f32> {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     let (x, y) = (0.5 * (a + b), 0.5 * (a - b));
@@ -221,14 +221,14 @@ pub(crate) const RAYLEIGH_DEPTH: [f32; 3] = [0.048, 0.096, 0.219];
 /// The same of usual haze.
 pub(crate) const MIE_DEPTH: f32 = 0.03;
 
-/// Light that `ratio` times as many molecules scatter, over what the usual ones do.
+/// Light scattered by `ratio` times the usual number of molecules, relative to the usual number.
 pub(crate) fn molecules(channel: usize, ratio: f32) -> f32 {
     let scattered = |ratio: f32| 1.0 - (-RAYLEIGH_DEPTH[channel] * ratio).exp();
     scattered(ratio) / scattered(1.0)
 }
 
-/// Radiance of haze beyond the usual per irradiance of the sun: Henyey and Greenstein's phase
-/// function, scattered once.
+/// Radiance of haze beyond the usual amount, per irradiance of the sun: Henyey and Greenstein's
+/// phase function, scattered once.
 fn aureole(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     const G: f32 = 0.76;
     let phase = (1.0 - G * G)
@@ -238,8 +238,7 @@ fn aureole(look: &SkyLook, direction: Vector3<f32>) -> f32 {
 }
 
 /// Radiance of a full moon opposite the sun, kilolux per steradian. It is twice as wide as the true
-/// one, so that the map's texels show it, and
-/// far dimmer: white in pictures of streets under lamps.
+/// one, so that the map's texels show it, and far dimmer: white in pictures of streets under lamps.
 fn moon(look: &SkyLook, direction: Vector3<f32>) -> f32 {
     if look.sun_towards.z >= 0.0 {
         return 0.0;
@@ -269,7 +268,7 @@ fn star(direction: Vector3<f32>) -> f32 {
     smoothstep(0.12, 0.0, away) * (0.2 + 3.0 * draw(4).powi(4)) * 9.0
 }
 
-/// How much of the sky behind is hidden in a direction, 0..=1.
+/// How much clouds hide of the sky in a direction, 0..=1.
 fn cloud_cover(direction: Vector3<f32>, clouds_ratio: f32) -> f32 {
     // A flat layer, bent down at the horizon so that it does not run to infinity.
     let reach = 1.6 / (direction.z + 0.14);
@@ -312,13 +311,12 @@ fn value_noise(x: f32, y: f32) -> f32 {
     low + (high - low) * smooth(fy)
 }
 
-/// IEEE half of a number that is 0 or above; what is too small becomes 0, too large the largest
-/// half.
+/// IEEE half of a non-negative number; too small numbers become 0, too large ones the largest half.
 fn half(x: f32) -> u16 {
     const LARGEST: f32 = 65504.0;
     let bits = x.clamp(0.0, LARGEST).to_bits();
-    // Rebias the exponent from 127 to 15 and drop 13 mantissa bits, rounded; below the smallest
-    // normal half nothing is left.
+    // Rebias the exponent from 127 to 15 and round off 13 mantissa bits; numbers below the smallest
+    // normal half become 0.
     if bits < 0x3880_0000 {
         0
     } else {

@@ -1,4 +1,4 @@
-//! Weather to light: sun, sky, ambient, air, lamps and exposure, as the shaders want them.
+//! Turns weather into light for the shaders: sun, sky, ambient, air, lamps and exposure.
 
 use nalgebra::Vector3;
 use schema_frames::document::Weather;
@@ -22,7 +22,7 @@ pub(crate) struct Light {
     pub has_shadows: bool,
     /// Kilolux to display: 1 is white.
     pub exposure: f32,
-    /// How much scenery's lamps shine: 0 by day, 1 at night.
+    /// How much the scenery's lamps shine: 0 by day, 1 at night.
     pub dark_ratio: f32,
     /// Whether there is fog (rain counts); whether anything is wet.
     pub has_fog: bool,
@@ -33,14 +33,14 @@ pub(crate) struct Light {
 const RAYLEIGH_USUAL: f32 = 0.0331;
 const MIE_USUAL: f32 = 0.03;
 
-/// Lowest sun that throws shadows: below, they are longer than the map.
+/// z of the lowest sun that throws shadows: below it, shadows are longer than the map.
 const MIN_SHADOW_SUN_Z: f64 = 0.05;
 
 /// After this time the pattern of rain repeats: its texture has 256 texels, and drops pass 8.8 of
 /// them a second.
 const RAIN_PERIOD_SECS: f64 = 256.0 / 8.8;
 
-/// What lamps add to the light of a street at night, kilolux: cameras expose for it.
+/// Light that lamps add to a street at night, kilolux; cameras expose for it.
 const LAMP_LIT_KLX: f32 = 0.010;
 
 /// Radiance of the sun's disc over its irradiance, far below the true 15 000: enough to be white in
@@ -78,8 +78,8 @@ impl Light {
         }
     }
 
-    /// What the shaders read at this time: rain falls, everything else depends on the weather
-    /// alone.
+    /// The light at this time. Only falling rain depends on time; everything else depends on the
+    /// weather alone.
     pub fn data_at(&self, sim_secs: f64) -> LightData {
         let mut data = self.data;
         data.water.time_secs = sim_secs.rem_euclid(RAIN_PERIOD_SECS) as f32;
@@ -109,8 +109,7 @@ fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
 /// Illuminances by sun altitude and clouds.
 ///
 /// Sun: 128 klx outside the air, extinction 0.21 per air mass (Kasten and Young 1989 for the mass).
-/// Clear sky: 0.8 + 15.5 √sin h
-/// (IES, clear day). Twilight falls by 2.5 per degree.
+/// Clear sky: 0.8 + 15.5 √sin h (IES, clear day). Twilight falls by 2.5 per degree.
 fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     let towards = Sun::of(weather).towards.map(|x| x as f32);
     let altitude_deg = weather.sun_altitude_deg.clamp(-90.0, 90.0);
@@ -134,7 +133,7 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
         weather.rayleigh_scattering_scale.max(0.0) / RAYLEIGH_USUAL,
         weather.mie_scattering_scale.max(0.0) / MIE_USUAL,
     );
-    // More or less air on the sun's way than the extinctions above have.
+    // Correction for more or less air in the sun's path than the extinctions above assume.
     let sun_klx = std::array::from_fn(|c| {
         let more = RAYLEIGH_DEPTH[c] * (rayleigh_ratio - 1.0) + MIE_DEPTH * (mie_ratio - 1.0);
         sun_klx[c] * (-more * air_mass).exp()
@@ -153,8 +152,8 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
         + luminance(sun_klx) * (1.0 - (-2.0 * MIE_DEPTH * (mie_ratio - 1.0).max(0.0)).exp())
         + luminance(night_klx)
         + LAMP_LIT_KLX * night_ratio;
-    // The eye and a camera's programme give dim scenes a darker picture; below a kilolux twice as
-    // much so.
+    // Eyes and camera programmes render dim scenes darker; below a kilolux the effect is twice as
+    // strong.
     let white = 1.25 * (total_klx / 80.0).powf(0.09) * total_klx.min(1.0).powf(0.16);
     (
         look,
@@ -166,13 +165,11 @@ fn balance(weather: &Weather) -> (SkyLook, Exposed) {
     )
 }
 
-/// Light of a moon opposite the sun, in units of the display, without shadows of its own: what it
-/// gives to every surface, and how that grows
-/// towards it.
+/// Light of a moon opposite the sun, in display units, without shadows: a constant for every
+/// surface, and a slope towards the moon.
 ///
-/// It is some forty times a true full moon's, as in the long exposures of photographers: roads
-/// without lamps can then be read in pictures that
-/// are exposed for streets with lamps, and are still a fifth as bright as those.
+/// It is about forty times as bright as a true full moon, as in long exposures. Roads without lamps
+/// are then readable in pictures that are exposed for lit streets, at a fifth of their brightness.
 struct Moonlight {
     towards: Vector3<f32>,
     constant_rgb: [f32; 3],
@@ -195,7 +192,7 @@ impl Moonlight {
     }
 }
 
-/// Radiance of a lamp that shines, by day and what night adds to it.
+/// Radiance of a lamp that shines by day, and what is added by night.
 const LAMP_RADIANCE: f32 = 2.2;
 const LAMP_RADIANCE_BY_NIGHT: f32 = 6.0;
 /// Radiance of a lit window.
@@ -208,9 +205,9 @@ const FOG_PER_M: f32 = 0.045;
 const RAIN_PER_M: f32 = 0.0025;
 /// Extinction of the densest dust: visibility of 100 m in a storm.
 const DUST_PER_M: f32 = 0.039;
-/// No fog counts beyond this way through it.
+/// Upper limit of the way through fog towards the zenith.
 const FOG_DEPTH_M: f32 = 150.0;
-/// What lamps and windows throw back from street to street by night.
+/// Colour of the light that lamps and windows scatter through a town by night.
 const TOWN_RGB: [f32; 3] = [1.0, 0.84, 0.64];
 /// Share of the light that the ground throws back.
 const GROUND_ALBEDO: f32 = 0.16;
@@ -248,7 +245,7 @@ fn light_data(weather: &Weather, look: &SkyLook, exposed: &Exposed, map: &SkyMap
     }
 }
 
-/// Light that comes from all sides: a constant term and its slopes along the world's axes.
+/// Ambient light: a constant term and its slopes along the world's axes.
 fn ambient(look: &SkyLook, exposed: &Exposed, sky: &SkyMap, sun_rgb: [f32; 3]) -> AmbientData {
     let up = sky.irradiance(Vector3::z());
     // Light thrown back by the ground, seen by everything that faces down.
@@ -276,7 +273,7 @@ fn ambient(look: &SkyLook, exposed: &Exposed, sky: &SkyMap, sun_rgb: [f32; 3]) -
         let slope = |c: usize| 0.5 * (a[c] - b[c]) + moon.slope_rgb[c] * along;
         [slope(0), slope(1), slope(2), 0.0]
     });
-    // Low quality's mirrors show the zenith as a share of what falls on level ground: not the
+    // In low quality, mirrors show the zenith as a share of the light on level ground, without the
     // moon's and the lamps' part.
     let level = luminance(std::array::from_fn(|c| constant[c] + slopes[2][c])).max(1e-9);
     let others = luminance(std::array::from_fn(|c| {
@@ -305,7 +302,7 @@ fn fog(weather: &Weather, exposed: &Exposed, horizon: [f32; 3]) -> FogData {
     };
     let grey = luminance(horizon);
     let fog_rgb = horizon.map(|x| (x + (grey - x) * (0.35 + 0.5 * fog_ratio)) * 0.92);
-    // Dust is brown, as much of what is in the air as it takes of the light.
+    // Dust is brown; its share of the colour is its share of the extinction.
     let dusty = dust_per_m / fog_per_m.max(1e-6);
     let brown = [0.95, 0.68, 0.40].map(|c: f32| c * grey * (1.0 - 0.45 * dust_ratio));
     let fog_rgb: [f32; 3] = std::array::from_fn(|c| fog_rgb[c] + (brown[c] - fog_rgb[c]) * dusty);

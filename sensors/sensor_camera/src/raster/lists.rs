@@ -1,5 +1,5 @@
-//! Writing what views see into lists for the GPU: draws, chunks of their triangles, and instances,
-//! by several threads if there is much.
+//! Writes what views see into lists for the GPU: draws, chunks of triangles, and instances. Several
+//! threads share large lists.
 
 use bytemuck::Pod;
 use rayon::prelude::*;
@@ -16,9 +16,9 @@ pub(super) struct Lists<'l> {
     pub chunks: &'l wgpu::Buffer,
 }
 
-/// Draws that are worth a thread.
+/// Draws that are worth another thread.
 const MIN_DRAWS: usize = 2048;
-/// Threads; each needs memory of its own on the way to the GPU, which costs time.
+/// Limit of threads, because each needs staging memory of its own, which costs time.
 const MAX_THREADS: usize = 8;
 
 /// Workgroups of one draw.
@@ -59,7 +59,7 @@ pub(super) fn write(gpu: &Gpu, lists: &Lists<'_>, jobs: &[RasterJob<'_>], places
     }
 }
 
-/// Memory for a range of a list, `None` if it is empty.
+/// Staging memory for a range of a list; `None` if it is empty.
 fn open<T: Pod>(
     gpu: &Gpu,
     list: &wgpu::Buffer,

@@ -1,10 +1,4 @@
-//! Triangles to pixels without the GPU's rasteriser: pipelines and lists for `raster.wgsl` and
-//! `resolve.wgsl`.
-//!
-//! GPUs made for computing have one or two per cent of their arithmetic behind the rasteriser.
-//! There a compute shader finds the nearest
-//! triangle of every pixel, and a second one writes what each modality keeps of it into the same
-//! targets that drawing fills.
+//! Pipelines and buffers of the computed rasteriser.
 
 use sensor_gpu::Gpu;
 
@@ -37,9 +31,9 @@ pub(crate) fn resolve_wgsl() -> String {
 
 /// Most workgroups across a dispatch.
 const MAX_ACROSS: u32 = 32_768;
-/// Places for tiles in the queue; beyond, one group of threads fills a whole triangle.
+/// Room for tiles in the queue; when it is full, one workgroup fills a whole triangle.
 const MAX_TILES: u32 = 1 << 20;
-/// Most pixels that are rasterised before they are resolved.
+/// Limit of the pixels of a batch: they are rasterised, then resolved, before the next batch.
 const MAX_PIXELS: u64 = 1 << 26;
 const SEEN_BYTES: u64 = 8;
 const ITEM_BYTES: u64 = 16;
@@ -297,13 +291,13 @@ impl RasterPass {
         if self.seen.size() < SEEN_BYTES * most_pixels {
             self.seen = gpu.buffer("seen", SEEN_BYTES * most_pixels, self.seen.usage());
         }
-        // Every triangle may need a place behind those of the tiles.
+        // Every triangle may need an entry after those of the tiles.
         let items = MAX_TILES as u64 + CHUNK as u64 * most_chunks as u64;
         grow(gpu, &mut self.queue, QUEUE_HEAD_BYTES + ITEM_BYTES * items);
     }
 
-    /// Records the rasterising of one batch: what its views see stands in the list until the next
-    /// batch is recorded.
+    /// Records the rasterising of one batch; the list holds what its views see until the next batch
+    /// is recorded.
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -395,7 +389,7 @@ impl RasterPass {
         })
     }
 
-    /// Records the way from what views see to their targets.
+    /// Records the writing of targets from what views see.
     pub fn resolve(
         &self,
         gpu: &Gpu,

@@ -1,4 +1,4 @@
-//! What is rasterised in which batch, and where the lists have it.
+//! Which views form a batch, and where their entries in the lists are.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -68,7 +68,7 @@ impl<'r> RasterJob<'r> {
     }
 }
 
-/// Where the lists have a view.
+/// Where a view's entries in the lists are.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ViewLists {
     /// Views of one batch are rasterised together.
@@ -80,7 +80,7 @@ pub(crate) struct ViewLists {
 }
 
 impl ViewLists {
-    /// Tells the view where its draw calls and pixels are.
+    /// Writes the place of the view's draw calls and pixels into its uniform.
     pub fn tell(&self, view: &mut ViewData) {
         view.first_draw = self.first_draw;
         view.n_draws = self.n_draws;
@@ -88,7 +88,7 @@ impl ViewLists {
     }
 }
 
-/// What [`RasterPass::upload`] put where.
+/// Result of [`crate::raster::RasterPass::upload`].
 #[derive(Debug, Default)]
 pub(crate) struct RasterPlan {
     pub views: Vec<ViewLists>,

@@ -12,7 +12,7 @@ pub enum Rasteriser {
 }
 
 impl Rasteriser {
-    /// Computed on GPUs that can, drawn on software adapters and all others.
+    /// Computed on GPUs with the needed features, drawn on software adapters and other GPUs.
     pub fn default_for(gpu: &Gpu) -> Self {
         if !gpu.is_software() && can_compute(gpu) {
             Rasteriser::Computed

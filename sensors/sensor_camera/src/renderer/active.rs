@@ -15,7 +15,7 @@ pub(super) struct Active {
     pub set: TargetSet,
     pub motion: CameraMotion,
     pub drawn: Drawn,
-    /// Number of its lookup in shadow maps, if it has any.
+    /// Index of its lookup in shadow maps, if it has one.
     pub eye: Option<usize>,
     pub lamps_in_view: Vec<LampInView>,
     pub lamps: LampRange,
@@ -24,7 +24,7 @@ pub(super) struct Active {
     pub layer: u32,
 }
 
-/// Those that look up shadow maps; numbers them in the views.
+/// The eyes of all lit views; each view gets the index of its eye.
 pub(super) fn eyes_of(active: &mut [Active], jobs: &[ViewJob<'_, '_>]) -> Vec<Eye> {
     let mut eyes = Vec::new();
     for active in active.iter_mut().filter(|active| active.set.is_lit()) {
@@ -38,7 +38,7 @@ pub(super) fn eyes_of(active: &mut [Active], jobs: &[ViewJob<'_, '_>]) -> Vec<Ey
     eyes
 }
 
-/// Where each view's instances begin in the list of all that are recorded together.
+/// Sets where each view's instances begin in the list of all views that are recorded together.
 pub(super) fn number_instances(active: &mut [Active]) {
     let mut first = 0;
     for active in active {

@@ -1,4 +1,4 @@
-//! Gives every view the targets that it is drawn into.
+//! Assigns targets to the views of a tick.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use super::active::Active;
 use crate::target::{PoolKey, Surfaces, TargetPool};
 use crate::view::ViewJob;
 
-/// Gives views that are drawn targets of their own.
+/// Gives each drawn view targets of its own.
 pub(super) fn assign_drawn(
     gpu: &Gpu,
     surfaces: Surfaces,
@@ -33,8 +33,8 @@ pub(super) fn assign_drawn(
     }
 }
 
-/// Gives views that are computed layers of shared textures. Views that compute shaders do alike come
-/// to stand one after the other, and share textures.
+/// Gives computed views layers of shared textures. Sorts the views so that those which one dispatch
+/// can handle stand next to each other.
 pub(super) fn assign_computed(
     gpu: &Gpu,
     pool: &mut TargetPool,

@@ -1,4 +1,4 @@
-//! Event cameras beside the passes: which of them the GPU follows.
+//! Event cameras on the GPU: which of them it follows.
 
 use schema_frames::Modality;
 use sensor_core::Scene;
@@ -14,7 +14,7 @@ use crate::view::{View, ViewJob};
 pub(super) struct GpuEvents {
     /// Whether it follows events where it can.
     on_gpu: bool,
-    /// Made when somebody first looks through an event camera.
+    /// Made when `dvs` is first read.
     pass: Option<EventPass>,
 }
 
@@ -27,13 +27,13 @@ impl GpuEvents {
         }
     }
 
-    /// Chooses where event cameras work; `false` if it cannot be.
+    /// Chooses where event cameras work; `false` if the GPU lacks the features.
     pub fn set_on_gpu(&mut self, gpu: &Gpu, on: bool) -> bool {
         self.on_gpu = on && EventPass::is_supported(gpu);
         self.on_gpu == on
     }
 
-    /// Follows the events of a job on the GPU if somebody reads them and it can.
+    /// Follows the events of a job on the GPU, if they are read and the GPU supports the camera.
     pub fn record(
         &mut self,
         gpu: &Gpu,

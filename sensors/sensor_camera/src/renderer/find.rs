@@ -1,4 +1,4 @@
-//! What each view sees, which lamps reach into it, and what is new in its shadow maps.
+//! Finds what each view sees, which lamps reach into it, and what its shadow maps need.
 
 use rayon::prelude::*;
 use sensor_spec::Intrinsics;
@@ -10,8 +10,7 @@ use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
 use crate::{lamps, visible};
 
-/// Finds all that side by side; no shadow plans if the maps of all views do not fit into memory at
-/// once.
+/// Does so in parallel. Returns no shadow plans if the maps of all views exceed their memory limit.
 pub(super) fn find(
     tick: &TickScene<'_>,
     maps: &mut ShadowMaps,
@@ -50,7 +49,7 @@ pub(super) fn find(
             active.lamps_in_view = lamps::reaching(&shining, quality, &lens, &active.motion);
         }
     };
-    // One view is done before other threads wake up.
+    // A single view is done before other threads would wake up.
     if active.len() == 1 {
         active.iter_mut().zip(seen).for_each(find);
         return Some(maps.plan(assets, scene, light.sun_towards, &eyes));

@@ -1,5 +1,5 @@
-//! Views that are recorded together: all of a tick, unless their shadow maps do not fit into memory
-//! at once.
+//! Groups of views that are recorded together: all views of a tick, unless their shadow maps exceed
+//! their memory limit.
 
 use super::active::{Active, eyes_of, number_instances};
 use super::passes::Passes;
@@ -7,9 +7,8 @@ use super::tick::Drawing;
 use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
 
-/// Records all views. Without plans for all of them it makes them group by group, and gives all
-/// groups but the last to the GPU: that is
-/// done with a group's maps before it draws those of the next.
+/// Records all views. Without plans for all of them it plans group by group and submits every group
+/// but the last, so that the GPU is done with a group's maps before it draws the next ones.
 pub(super) fn record_groups(
     passes: &mut Passes,
     (maps, plans): (&mut ShadowMaps, Option<ShadowPlans>),
@@ -48,8 +47,7 @@ pub(super) fn record_groups(
     }
 }
 
-/// How many of the views, from the first one on, can be lit at once; those that are not lit count,
-/// too.
+/// How many of the views, counted from the first, can be lit together; unlit views count too.
 fn n_of_group(maps: &ShadowMaps, active: &mut [Active], jobs: &[ViewJob<'_, '_>]) -> usize {
     let eyes = eyes_of(active, jobs);
     let n = maps.n_fitting(&eyes);

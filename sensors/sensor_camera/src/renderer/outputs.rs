@@ -1,4 +1,4 @@
-//! What a job's firing begins with, and how its outputs reach their readers.
+//! The start of a job's firing, and the way of its outputs to their readers.
 
 use std::sync::{Arc, Mutex};
 
@@ -20,7 +20,7 @@ pub(super) fn window_nanos(view: &View, scene: &Scene) -> u64 {
     })
 }
 
-/// Drops what does not outlive an episode or the last reader.
+/// Drops state that must not outlive an episode or the last reader.
 pub(super) fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) {
     let view: &mut View = job.view;
     if view
@@ -54,7 +54,7 @@ pub(super) fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) 
     }
 }
 
-/// Records the copies of a job and says what to do with them after the fence.
+/// Records the copies of a job, and returns what to do for each output once the GPU is done.
 pub(super) fn plan_outputs<'a>(
     job: &mut ViewJob<'_, 'a>,
     (targets, layer): (&Targets, u32),

@@ -1,5 +1,5 @@
-//! Recording the passes of all views: shadows, then the same step of all views in one compute pass,
-//! so that a GPU works on them side by side.
+//! Records the passes of all views: shadows first, then each step for all views in one compute
+//! pass, so that a GPU works on them in parallel.
 
 use nalgebra::Isometry3;
 use sensor_gpu::Gpu;
@@ -21,29 +21,29 @@ use crate::uniform::{MAX_TOGETHER, MapPlace, ViewData};
 use crate::view::{View, ViewJob};
 use crate::visible::Drawn;
 
-/// A view on its way through the passes.
+/// The work of one view in the passes.
 struct Work<'w> {
     view: ViewPass<'w>,
-    /// If it is lit.
+    /// Present if it is lit.
     shade: Option<ShadeKey>,
-    /// If its picture is developed.
+    /// Present if its colour is developed.
     post: Option<PostJob<'w>>,
 }
 
-/// What views are bound to on their way: the scene, and the views that are computed.
+/// Bind groups of the scene and of computed views.
 struct Bound {
     scene: wgpu::BindGroup,
     views: wgpu::BindGroup,
 }
 
-/// Views that go through every step together.
+/// Views that share every dispatch.
 struct Run<'w> {
     works: &'w [Work<'w>],
     views: Together<'w>,
 }
 
 impl<'w> Run<'w> {
-    /// Runs of views in their order, of at most [`MAX_TOGETHER`].
+    /// Splits the views, in their order, into runs of at most [`MAX_TOGETHER`].
     fn all_of(
         works: &'w [Work<'w>],
         active: &'w [Active],
@@ -172,7 +172,7 @@ impl Passes {
                     self.record_light(gpu, &runs, &lit, &bound, encoder);
                 }
             }
-            // What is drawn goes view by view and stays in the processor's caches.
+            // Drawing goes view by view, so that each stays in the CPU's caches.
             None => {
                 for work in works.chunks(1) {
                     let runs = Run::all_of(work, active, jobs);
@@ -232,7 +232,7 @@ impl Passes {
         plan
     }
 
-    /// Says what each view goes through, and makes the pipelines for it.
+    /// Finds the work of each view, and makes the pipelines for it.
     fn works<'w>(
         &mut self,
         tick: &TickScene<'_>,
@@ -297,7 +297,7 @@ impl Passes {
         works
     }
 
-    /// What a drawn view looks up.
+    /// Bind group of a drawn view.
     fn bind_view(&self, gpu: &Gpu, lit: &Lit) -> wgpu::BindGroup {
         self.bindings
             .bind_view(gpu, [&lit.near.view, &lit.far.view])

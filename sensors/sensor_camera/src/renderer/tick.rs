@@ -1,4 +1,4 @@
-//! What all views of a tick are drawn with.
+//! What the drawing of all views of a tick needs.
 
 use sensor_core::Scene;
 use sensor_gpu::Gpu;

@@ -1,7 +1,8 @@
-// Light and views where they are bound.
+// Light and views as uniforms.
 
 @group(0) @binding(0) var<uniform> light: LightUniform;
-// Views from the one on at which the binding begins; `which` of them is meant: view_drawn.wgsl, view_computed.wgsl.
+// The binding begins at the first view of the dispatch or draw; `which` selects one
+// (view_drawn.wgsl, view_computed.wgsl).
 @group(1) @binding(0) var<uniform> views: array<ViewUniform, 32>;
 
 // A material's rows of the tables.

@@ -1,5 +1,5 @@
-// Light and view as the corners of the triangle carry them: llvmpipe fetches a number of a uniform once for every pixel, with a check of
-// its bounds, and a flat value of a triangle only once for eight.
+// Light and view as flat values of the triangle's corners: llvmpipe fetches each number of a
+// uniform for every pixel, with a bounds check, but a flat value only once for eight pixels.
 
 @group(0) @binding(0) var<uniform> bound_light: LightUniform;
 @group(1) @binding(0) var<uniform> bound_views: array<ViewUniform, 32>;
@@ -18,7 +18,7 @@ struct Carried {
     @location(5) @interpolate(flat) shadow_x: vec4<f32>,
     @location(6) @interpolate(flat) shadow_y: vec4<f32>,
     @location(7) @interpolate(flat) shadow_z: vec4<f32>,
-    // Whether it turned, whether there are shadow maps, a texel of each in its depth.
+    // Whether it turned, whether there are shadow maps, a texel of each map in units of its depth.
     @location(8) @interpolate(flat) shadows: vec4<f32>,
     // Direction, cosine of the disc; irradiance, gain of the disc.
     @location(9) @interpolate(flat) sun_towards: vec4<f32>,
@@ -28,12 +28,12 @@ struct Carried {
     @location(12) @interpolate(flat) slope_x: vec4<f32>,
     @location(13) @interpolate(flat) slope_y: vec4<f32>,
     @location(14) @interpolate(flat) slope_z: vec4<f32>,
-    // Colour, where it begins; extinction, its fall, metres above, light thrown forward.
+    // Colour, where fog begins; extinction, its fall, metres above, light thrown forward.
     @location(15) @interpolate(flat) fog_rgb: vec4<f32>,
     @location(16) @interpolate(flat) fog: vec4<f32>,
     // Rain, its lean, time, puddles.
     @location(17) @interpolate(flat) water: vec4<f32>,
-    // Lamps and windows that shine, and their radiances.
+    // Shares of lamps and windows that shine, and their radiances.
     @location(18) @interpolate(flat) lamps: vec4<f32>,
     // Extinction of clear air, wetness.
     @location(19) @interpolate(flat) air: vec2<f32>,

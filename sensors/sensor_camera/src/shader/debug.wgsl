@@ -7,7 +7,8 @@ struct Corner {
     @location(0) @interpolate(flat) bgra: u32,
 }
 
-// A stroke this much nearer than it is wins over the surface that it lies on. Mirror of NEARER_RATIO in debug.rs.
+// Strokes are moved nearer by this factor, so that they win over the surface that they lie on.
+// Mirror of NEARER_RATIO in debug.rs.
 const NEARER_RATIO: f32 = 1.002;
 
 @vertex

@@ -1,7 +1,8 @@
-// The event camera where the pictures are: the model of dvs.rs, a thread per pixel. Mirrors: dvs/gpu.rs; the model is told in dvs/.
+// The event camera on the GPU, one thread per pixel. The modules of dvs/ explain the model.
+// Mirrors: dvs/gpu/job.rs.
 //
-// Events are counted by slices of time first and written in a second run, slice after slice, so that what comes of a window does not
-// depend on the order of the work once each slice is sorted.
+// A first run counts events by slices of time, and a second run writes them slice after slice. Once
+// each slice is sorted, the result does not depend on the order of the work.
 
 // Mirror of EventJob.
 struct Job {
@@ -13,20 +14,21 @@ struct Job {
     log_eps: f32,
     // Longest path between two samples.
     substep_px: f32,
-    // How much references sink in the window, length of the window over that of the one before.
+    // How much references sink in the window; length of the window over that of the one before.
     leak: f32,
     ratio: f32,
     nanos: u32,
     refractory_nanos: u32,
-    // Slice of a time is (time * slices) >> 32: low and high part. Places in the list.
+    // The slice of a time is (time * slices) >> 32; low and high word.
     slices: vec2<u32>,
     capacity: u32,
     // What a level is: 0 logarithm, 1 linear, 2 and 3 the same of encoded colour.
     level: u32,
-    // Whether pictures are moved along their motion, whether thresholds differ from pixel to pixel.
+    // Whether images are warped along their motion; whether thresholds vary from pixel to pixel.
     moves: u32,
     differs: u32,
-    // Whether this run writes events and what pixels remember, or only counts; which half of `levels` is the end of the window.
+    // Whether this run writes events and pixel states, or only counts; which half of `levels` is
+    // the end of the window.
     writes: u32,
     now: u32,
 }
@@ -35,7 +37,7 @@ struct Slices {
     // Bits of the square of the fastest motion.
     fastest2: atomic<u32>,
     rest: vec3<u32>,
-    // Events per slice, and where the next one of each goes.
+    // Events per slice, and where the next event of each slice goes.
     counts: array<atomic<u32>, 1024>,
     ends: array<atomic<u32>, 1024>,
 }
@@ -46,16 +48,17 @@ struct Slices {
 @group(0) @binding(3) var depth_map: texture_2d<f32>;
 @group(0) @binding(4) var instance_map: texture_2d<u32>;
 @group(0) @binding(5) var class_map: texture_2d<u32>;
-// Levels of two pictures, one after the other: which of them is the end of the window is in the job.
+// Levels of two images, one after the other; `job.now` is the index of the one that ends the
+// window.
 @group(0) @binding(6) var<storage, read_write> levels: array<f32>;
 @group(0) @binding(7) var<storage, read_write> flow_before: array<vec2<f32>>;
 @group(0) @binding(8) var<storage, read_write> flow_now: array<vec2<f32>>;
-// Motion of what was at a pixel when the window began.
+// Motion of the surface that was at a pixel when the window began.
 @group(0) @binding(9) var<storage, read_write> motion_before: array<vec2<f32>>;
 // Per tile: least and greatest motion at the end and at the beginning.
 @group(0) @binding(10) var<storage, read_write> range_now: array<vec4<f32>>;
 @group(0) @binding(11) var<storage, read_write> range_before: array<vec4<f32>>;
-// Per tile: the fastest motion in it, if there is a jump.
+// Per tile: its fastest motion, if there is a discontinuity.
 @group(0) @binding(12) var<storage, read_write> jump: array<vec2<f32>>;
 @group(0) @binding(13) var<storage, read_write> references: array<f32>;
 @group(0) @binding(14) var<storage, read_write> silent_nanos: array<u32>;
@@ -63,8 +66,9 @@ struct Slices {
 @group(0) @binding(16) var<storage, read_write> slices: Slices;
 // Ends of the slices, four to an element, then events.
 @group(0) @binding(17) var<storage, read_write> list: array<vec4<u32>>;
-// Per pixel of the beginning: inverted depth above the pixel that comes from there. Per tile: square of the fastest motion that passes
-// above the inverted number of the tile that it comes from.
+// Per pixel of the first image: inverted depth (high word) and the pixel that came from there (low
+// word). Per tile: square of the fastest motion that passes (high word) and the inverted number of
+// the tile it comes from (low word).
 @group(1) @binding(0) var<storage, read_write> source: array<atomic<u64>>;
 @group(1) @binding(1) var<storage, read_write> passing: array<atomic<u64>>;
 // The same to be read.
@@ -84,7 +88,7 @@ var<workgroup> high: array<vec2<f32>, 64>;
 var<workgroup> near: array<vec2<f32>, 81>;
 var<workgroup> speeds: array<f32, 64>;
 
-// Natural logarithm, term by term as the processor does it.
+// Natural logarithm, term by term as on the CPU.
 fn ln(x: f32) -> f32 {
     let bits = bitcast<i32>(x);
     let exponent = (bits - 0x3f3504f3) >> 23u;
@@ -109,7 +113,7 @@ fn index_of(at: vec2<u32>) -> u32 {
     return at.y * job.size_px.x + at.x;
 }
 
-// First level of the picture that begins the window, or of the one that ends it.
+// Index of the first level of the image that begins the window, or of the one that ends it.
 fn first_before() -> u32 {
     return (1u - job.now) * job.size_px.x * job.size_px.y;
 }
@@ -160,7 +164,7 @@ fn is_spread(range: vec4<f32>) -> bool {
     return sqrt(norm2(range.zw - range.xy)) > 0.5 + 0.35 * slowest_of(range);
 }
 
-// Box about the motions of a workgroup's lanes, in lane 0.
+// Bounding box of the motions of a workgroup's lanes; valid in lane 0.
 fn range_of_tile(lane: u32, motion: vec2<f32>, counts: bool) -> vec4<f32> {
     low[lane] = select(vec2(HUGE), motion, counts);
     high[lane] = select(vec2(-HUGE), motion, counts);
@@ -175,7 +179,7 @@ fn range_of_tile(lane: u32, motion: vec2<f32>, counts: bool) -> vec4<f32> {
     return vec4(low[0], high[0]);
 }
 
-// Levels of the new picture, and how it moves.
+// Levels and motion of the new image.
 @compute @workgroup_size(8, 8)
 fn cs_levels(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -196,7 +200,7 @@ fn cs_levels(
     }
 }
 
-// The first picture is what pixels remember; `references` hold how far they have leaked.
+// The first image initialises the references, which hold how far each pixel has leaked.
 @compute @workgroup_size(8, 8)
 fn cs_begin(@builtin(global_invocation_id) id: vec3<u32>) {
     if (all(id.xy < job.size_px)) {
@@ -211,7 +215,7 @@ fn rounded(x: f32) -> f32 {
     return trunc(x + select(-0.5, 0.5, x >= 0.0));
 }
 
-// Tells each tile that a motion passes on its way here.
+// Tells each tile that this motion passed on its way here.
 fn send_back(tile: vec2<u32>, motion: vec2<f32>) {
     let number = tile.y * job.n_tiles.x + tile.x;
     jump[number] = motion;
@@ -228,7 +232,7 @@ fn send_back(tile: vec2<u32>, motion: vec2<f32>) {
     }
 }
 
-// Where each pixel came from, nearest first, and what passes where.
+// Finds where each pixel came from, nearest surface first, and which motions pass which tiles.
 @compute @workgroup_size(8, 8)
 fn cs_scatter(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -243,7 +247,7 @@ fn cs_scatter(
             atomicMax(&source[origin], (u64(~bitcast<u32>(depth_m)) << 32u) | u64(i));
         }
     }
-    // One pixel more to the left and above: a jump may lie between two tiles.
+    // One pixel more to the left and above, because a discontinuity may lie between two tiles.
     let corner = TILE_PX * tile.xy;
     for (var k = lane; k < 81u; k += 64u) {
         let at = clamp(vec2<i32>(corner) + vec2(i32(k % 9u), i32(k / 9u)) - 1, vec2(0), vec2<i32>(job.size_px) - 1);
@@ -261,7 +265,7 @@ fn cs_scatter(
     if (!is_spread(about)) {
         return;
     }
-    // Pixels beyond the rim repeat the rim's, which changes neither the fastest nor the slowest.
+    // Pixels beyond the edge repeat it, which changes neither the fastest nor the slowest.
     var fastest = vec2(0.0);
     var slowest = vec2(HUGE);
     var slowest2 = HUGE;
@@ -280,7 +284,7 @@ fn cs_scatter(
     }
 }
 
-// Gives each pixel of the beginning the motion of what left it.
+// Gives each pixel of the first image the motion of the surface that left it.
 @compute @workgroup_size(8, 8)
 fn cs_before(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -308,7 +312,7 @@ fn cs_before(
     }
 }
 
-// The pixel of a thread and what it remembers.
+// The pixel of a thread and its state.
 struct Pixel {
     at: vec2<u32>,
     i: u32,
@@ -338,7 +342,8 @@ fn nanos_of(step: u32, n_steps: u32) -> u32 {
     return u32(u64(job.nanos) * u64(step) / u64(n_steps));
 }
 
-// The level goes in a straight line from `before` to `after` in one step of the window.
+// Makes the events of a level that goes linearly from `before` to `after` in one step of the
+// window.
 fn cross(pixel: ptr<function, Pixel>, before: f32, after: f32, step: u32, n_steps: u32) {
     let rises = after > before;
     let change = select(-(*pixel).down, (*pixel).up, rises);
@@ -368,7 +373,7 @@ fn cross(pixel: ptr<function, Pixel>, before: f32, after: f32, step: u32, n_step
     }
 }
 
-// Level between the pixels of the picture whose first level this is.
+// Bilinear level in the image whose first level this is.
 fn sample(first: u32, at: vec2<f32>) -> f32 {
     let most = job.size_px - 1u;
     let q = clamp(at - 0.5, vec2(0.0), vec2<f32>(most));
@@ -395,11 +400,12 @@ fn level_of_one(i: u32, at: vec2<f32>, begin: vec2<f32>, end: vec2<f32>, share: 
     }
     let before = sample(first_before(), behind);
     let after = sample(first_now(), ahead);
-    // A picture that does not show the point lends the other one's level.
+    // If one image does not show the point, the other one's level is used for both.
     return mix_of(select(after, before, was_inside), select(before, after, will_be), share) + job.leak * share;
 }
 
-// Level of a pixel that several surfaces pass: the nearest that moves like this and is here now hides the others.
+// Level of a pixel that several surfaces pass: the nearest that has its motion and is here at this
+// time hides the others.
 fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32, share: f32) -> f32 {
     var all_motions = motions;
     var chosen = vec2(0.0);
@@ -410,7 +416,7 @@ fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32,
         let there = index_at(at + m * (1.0 - share));
         if (there >= 0) {
             let pixel = vec2(u32(there) % job.size_px.x, u32(there) / job.size_px.x);
-            // The sky is infinitely far, and so are numbers beyond this one.
+            // The sky is infinitely far, and so are depths beyond this number.
             let depth_m = min(textureLoad(depth_map, vec2<i32>(pixel), 0).x, HUGE);
             if (depth_m <= nearest_m && alike(flow_now[there], m)) {
                 nearest_m = depth_m;
@@ -421,7 +427,8 @@ fn level_of_several(i: u32, at: vec2<f32>, motions: array<vec2<f32>, 3>, n: u32,
     }
     var behind = at - motion_before[i] * share;
     if (!is_chosen) {
-        // Hidden at the end: what was here at the beginning, moving on as it did.
+        // The surface is hidden at the end: take the one that was here at the beginning, moving on
+        // as before.
         if (is_inside(behind)) {
             return sample(first_before(), behind);
         }
@@ -451,7 +458,7 @@ fn n_steps_of(fastest_px: f32) -> u32 {
     return clamp(u32(min(fastest_px / job.substep_px, f32(MAX_STEPS) - 1.0)) + 1u, 1u, MAX_STEPS);
 }
 
-// Follows each pixel through the window: counts its events, or writes them and remembers.
+// Follows each pixel through the window: counts its events, or writes them and the pixel's state.
 @compute @workgroup_size(8, 8)
 fn cs_follow(
     @builtin(global_invocation_id) id: vec3<u32>,
@@ -489,7 +496,7 @@ fn cs_follow(
                         motions[1] = begin;
                         n_motions = 2u;
                     }
-                    // No motion at all counts as one, as it does on the processor.
+                    // Zero motion counts as a motion, as on the CPU.
                     if (!alike(passes, end) && !(n_motions == 2u && alike(passes, begin))) {
                         motions[n_motions] = passes;
                         n_motions += 1u;
@@ -500,7 +507,7 @@ fn cs_follow(
             }
         }
     }
-    // Eight pixels of a row that one surface passes go in the steps of the fastest.
+    // Eight pixels of a row that one surface passes use the steps of the fastest.
     speeds[lane] = select(0.0, max(norm2(begin), norm2(begin + (end - begin))), path == SMOOTH);
     workgroupBarrier();
     var fastest2 = 0.0;
@@ -545,7 +552,7 @@ fn cs_follow(
     }
 }
 
-// Where each slice begins, and for the host where it ends.
+// Computes where each slice begins, and for the host where it ends.
 @compute @workgroup_size(256)
 fn cs_place(@builtin(local_invocation_index) lane: u32) {
     var own = vec4<u32>();

@@ -1,5 +1,6 @@
-// Geometry for a software rasteriser, which fetches a number of a uniform or of a list anew for every corner and pixel, with a check of its
-// bounds: here each draw call's instance comes as attributes, and what a triangle's pixels have in common as flat values.
+// Geometry for a software rasteriser. It fetches each number of a uniform or a list for every
+// corner and pixel, with a bounds check; therefore each draw call's instance comes as attributes,
+// and values that a triangle's pixels share are flat.
 
 override NEAR_M: f32 = 0.1;
 
@@ -89,7 +90,8 @@ fn fs_flowing(in: FlowingCorner) -> Pixel {
     var out = pixel_of_surface(in.clip, in.normal_in_world, in.uv_m, in.labels);
     let here = vec4(vec3(in.clip.xy, 1.0) * out.depth_m, 1.0);
     let before = vec3(dot(in.before_x, here), dot(in.before_y, here), dot(in.before_w, here));
-    // A point that was behind the near plane was nowhere in the image, and what did not move says that it was: no flow.
+    // No flow if the point was behind the near plane, and so not in the image. A surface that did
+    // not move has a depth of -1 here.
     if before.z >= NEAR_M {
         out.flow_px = in.clip.xy - before.xy / before.z;
     }

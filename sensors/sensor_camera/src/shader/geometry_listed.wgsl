@@ -1,4 +1,5 @@
-// Geometry for GPUs: every modality of a view from one drawing; instances lie in a list. Mirrors: pass.rs, targets.rs.
+// Geometry for GPUs: every modality of a view from one drawing; instances lie in a list. Mirrors:
+// geometry/pass.rs, target/kind.rs.
 
 struct Corner {
     @builtin(position) @invariant clip: vec4<f32>,

@@ -1,17 +1,18 @@
-// Sky where nothing was drawn: one triangle over the whole image at infinity, whose corners carry what its pixels need.
+// Sky where nothing was drawn: one triangle over the whole image at infinity.
 
-// Targets are attached only if somebody reads them; this switches off the work behind flow.
+// Without a reader of flow this switches its computation off.
 override WITH_FLOW: bool = true;
 
 struct SkyCorner {
     @builtin(position) @invariant clip: vec4<f32>,
-    // Pixel at the previous firing from pixel now, homogeneous; last column: infinity; 1 if the camera turned; 0.
+    // Pixel at the previous firing from the current pixel, homogeneous. Last column: depth of the
+    // sky; 1 if the camera turned; 0.
     @location(0) @interpolate(flat) before_x: vec4<f32>,
     @location(1) @interpolate(flat) before_y: vec4<f32>,
     @location(2) @interpolate(flat) before_w: vec4<f32>,
 }
 
-// A row that takes directions in the camera, as one that takes pixels.
+// Converts a matrix row for directions in camera space to one for pixels.
 fn taking_pixels(row: vec3<f32>) -> vec3<f32> {
     let lens = views[which].lens_px;
     let along = row.xy / lens.xy;

@@ -1,4 +1,4 @@
-// What is drawn lies in a list; for GPUs, which take all draw calls of a view at once.
+// Instances in a list, for GPUs, which take all draw calls of a view at once.
 
 @group(0) @binding(1) var<storage, read> instances: array<Instance>;
 
@@ -25,7 +25,7 @@ fn flow_of(at: vec2<f32>, depth_m: f32, instance: u32) -> vec2<f32> {
         return vec2(0.0);
     }
     let before = point_before(instance, ray_in_camera(at) * depth_m);
-    // A point that was behind the near plane was nowhere in the image: no flow.
+    // No flow if the point was behind the near plane, and so not in the image.
     if before.z < views[which].near_m {
         return vec2(0.0);
     }

@@ -1,11 +1,13 @@
-// Lamps: street lamps, headlights, tail lights. Each tile of 32 × 32 pixels has a set of those that can reach it (lamps.rs).
+// Lamps: street lamps, headlights, tail lights. Each tile of 32 × 32 pixels has a set of the lamps
+// that can reach it (lamps.rs).
 
 struct Lamp {
     // Camera space, metres; w: reach, metres.
     place: vec4<f32>,
-    // Where it shines, camera space; w: cosine of the outermost ray.
+    // Direction of its light, camera space; w: cosine of the outermost ray.
     axis: vec4<f32>,
-    // Illuminance at one metre on its axis, exposed like the sun's; w: 1 / (cosine of the full beam - w of axis).
+    // Illuminance at one metre on its axis, exposed like the sun's; w: 1 / (cosine of the full beam
+    // - w of axis).
     rgb: vec4<f32>,
 }
 
@@ -14,7 +16,7 @@ struct Lamp {
 
 const LAMP_TILE_PX: u32 = 32u;
 
-// Light that falls on a surface: xyz diffuse irradiance, and what a mirror sees of the lamps themselves.
+// Light of lamps on a surface: diffuse irradiance, and the reflection of the lamps themselves.
 struct LampLight {
     diffuse: vec3<f32>,
     glint: vec3<f32>,
@@ -40,7 +42,7 @@ fn lamps_at(pixel: vec2<u32>, point: vec3<f32>, normal: vec3<f32>, mirrored: vec
         let reach = squared / (lamp.place.w * lamp.place.w);
         let window = clamp(1.0 - reach * reach, 0.0, 1.0);
         let beam = clamp((-dot(towards, lamp.axis.xyz) - lamp.axis.w) * lamp.rgb.w, 0.0, 1.0);
-        // A lamp has a size: nobody is nearer than 30 cm.
+        // A lamp has a size, so distances below 30 cm do not count.
         let strength = window * window * beam * beam / max(squared, 0.09);
         let facing = dot(normal, towards);
         let lit = max(facing, 0.0) * (1.0 - through) + through * abs(facing);

@@ -1,13 +1,15 @@
-// Light on a surface: sun, sky, shadow, lamps, mirrors, air. Nothing here touches labels, depth or flow.
+// Light on a surface: sun, sky, shadow, lamps, mirrors, air. Nothing here touches labels, depth or
+// flow.
 
-// Low quality: one look at the noise, one cascade of shadows, and mirrors that show a plain gradient of the sky.
+// Low quality: one noise lookup, one shadow cascade, and mirrors that show a plain gradient of the
+// sky.
 override SIMPLE: bool = false;
 // Whether anything but sun and sky shines; whether there is fog; whether anything is wet.
 override WITH_LAMPS: bool = true;
 override WITH_FOG: bool = true;
 override WITH_WET: bool = true;
 
-// through: of the surface. Leaves cast no hard shadows on their neighbours.
+// `through` is the surface's translucency: leaves cast no hard shadows on their neighbours.
 fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     let at = transform(views[which].shadow_from_camera, point_in_camera);
     let edge = max(abs(at.x - 0.5), abs(at.y - 0.5));
@@ -15,7 +17,7 @@ fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     let slack = 0.6 + 3.0 * (1.0 - abs(facing)) + 16.0 * through;
     let biased = at.z - views[which].shadow_texel_depth * slack;
     let near = near_shadow(at.xy, biased);
-    // How much the near map says; beyond it the far map, beyond that no shadow.
+    // Weight of the near map; beyond it the far map counts, and beyond that there is no shadow.
     let inside = views[which].has_shadows * (1.0 - smoothstep(0.42, 0.49, edge));
     if SIMPLE {
         return mix(1.0, near, inside);
@@ -34,7 +36,7 @@ struct Point {
     in_camera: vec3<f32>,
     normal: vec3<f32>,
     uv_m: vec2<f32>,
-    // As Corner::labels; the first word of its surface.
+    // As Corner::labels, then the first word of its surface.
     labels: vec4<u32>,
     // Width of a pixel at this depth.
     pixel_m: f32,
@@ -72,7 +74,7 @@ fn shade(point: Point) -> vec3<f32> {
         let in_camera_normal = camera_from_world(normal);
         let lamps = lamps_at(point.pixel, point.in_camera, in_camera_normal, camera_from_world(mirrored), finish.through, mix(8.0, 180.0, sharp * sharp));
         falling += lamps.diffuse;
-        // A rough surface spreads it over more than the lobe that was looked at.
+        // A rough surface spreads the light over more than this lobe.
         glint = lamps.glint * sharp;
     }
     var radiance = finish.albedo * falling * 0.318309886 + finish.emitted;
@@ -81,7 +83,7 @@ fn shade(point: Point) -> vec3<f32> {
     let away = 1.0 - cosine;
     let away2 = away * away;
     let fresnel = (finish.mirror + max(0.75 - finish.mirror, 0.0) * sharp * away2 * away2 * away) * f32(finish.mirror > 0.0);
-    // Streets mirror houses below some 20 degrees; what lies there is as bright as a wall in the shade.
+    // Below about 20 degrees streets mirror houses, which are as bright as a wall in the shade.
     var above: vec3<f32>;
     if SIMPLE {
         above = mix(light.fog.rgb, (light.ambient.rgb + light.ambient.slope_rgb[2].rgb) * light.ambient.zenith_ratio, sqrt(clamp(mirrored.z, 0.0, 1.0)));

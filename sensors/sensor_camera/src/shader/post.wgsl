@@ -1,11 +1,12 @@
-// What a camera does to its colour picture: exposure, lens, bloom, white balance, film, smooth edges. Mirrors: post.rs.
+// Post-processing of colour: exposure, lens, bloom, white balance, film, smooth edges. Mirrors:
+// post.rs.
 
 // Mirror of PostData.
 struct Post {
     // Width and height, and one over each.
     size_px: vec2<f32>,
     per_px: vec2<f32>,
-    // Factor of the light; 1: times what the meter says.
+    // Factor of the light; 1: multiplied by the meter's exposure.
     factor: f32,
     is_metered: f32,
     // 2.2 / gamma.
@@ -47,7 +48,7 @@ struct Meter {
     known: f32,
 }
 
-// Views from the one on at which the binding begins; a dispatch does many, one per z.
+// The binding begins at the first view of the dispatch, which handles one view per z.
 @group(0) @binding(0) var<uniform> posts: array<Post, 32>;
 @group(0) @binding(1) var radiance_maps: texture_2d_array<f32>;
 @group(0) @binding(2) var smooth_sampler: sampler;
@@ -65,7 +66,8 @@ const BINS_PER_STOP: f32 = 5.0;
 
 var<workgroup> bins: array<atomic<u32>, 128>;
 
-// The meter: a histogram over a grid of 64 × 64 points; what counts is the mean between the darkest and the brightest tenth.
+// The meter: a histogram over a grid of 64 × 64 points; the result is the mean without the darkest
+// and the brightest tenth.
 @compute @workgroup_size(256)
 fn cs_meter(@builtin(local_invocation_index) thread: u32) {
     if thread < N_BINS {
@@ -126,7 +128,7 @@ fn exposed() -> f32 {
     return posts[which].factor * posts[which].white_cd_per_m2 / (1.2 * exp2(meter.ev100));
 }
 
-// From radiance to the display, 0 to 1.
+// Radiance as display values, 0 to 1.
 fn developed(radiance: vec3<f32>) -> vec3<f32> {
     let rgb = max(radiance * posts[which].white_rgb, vec3(0.0));
     if posts[which].has_film == 0.0 {

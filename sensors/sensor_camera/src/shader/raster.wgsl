@@ -1,8 +1,10 @@
-// Triangles to pixels in a compute shader: for GPUs that have far more arithmetic there than behind their rasteriser.
+// Rasterises triangles in a compute shader, for GPUs that have far more arithmetic there than
+// behind their rasteriser.
 //
-// Corners are rounded to 1/256 pixel and edges tested in whole numbers, so that triangles with a common edge share no pixel and leave
-// none out (top-left rule). A pixel keeps the greatest of (1 / depth, number of the triangle): the outcome does not depend on the order
-// of the work. Mirrors: raster.rs.
+// Corners are rounded to 1/256 pixel and edges are tested in integers, so that triangles with a
+// common edge share no pixel and leave no gap (top-left rule). A pixel keeps the greatest of (1 /
+// depth, number of the triangle), so the result does not depend on the order of the work. Mirrors:
+// raster/plan.rs.
 
 struct Instance {
     camera_from_mesh: array<vec4<f32>, 3>,
@@ -40,7 +42,7 @@ struct Batch {
     n_chunks: u32,
     // Workgroups per row of the dispatch.
     n_across: u32,
-    // Places for tiles in the queue; behind them are those for whole triangles.
+    // Room for tiles in the queue; after it there is room for whole triangles.
     max_tiles: u32,
 }
 
@@ -60,7 +62,7 @@ struct Queue {
 @group(0) @binding(3) var<storage, read> chunks: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read> vertices: array<u32>;
 @group(0) @binding(5) var<storage, read> indices: array<u32>;
-// Per pixel: bits of 1 / depth above the triangle's number.
+// Per pixel: bits of 1 / depth (high word) and the triangle's number (low word).
 @group(0) @binding(6) var<storage, read_write> seen: array<atomic<u64>>;
 @group(0) @binding(7) var<storage, read_write> queue: Queue;
 @group(0) @binding(8) var<uniform> batch: Batch;
@@ -70,12 +72,12 @@ const VERTEX_WORDS: u32 = 9u;
 const TILE_PX: i32 = 64;
 // Whole triangles: tile numbers end below.
 const WHOLE: u32 = 0xffffffffu;
-// A place in the queue that stays empty.
+// An entry in the queue that stays empty.
 const NOTHING: u32 = 0xffffffffu;
-// Widest and largest triangle that one thread fills.
+// Limits of a triangle that one thread fills: side of its box, and pixels.
 const SMALL_SIDE_PX: i32 = 48;
 const SMALL_PX: i32 = 64;
-// Corners further out than this are cut off.
+// Triangles are clipped to this distance from the image.
 const GUARD_PX: f32 = 524288.0;
 
 fn corner_of(draw: Draw, triangle: u32, corner: u32) -> vec3<f32> {
@@ -89,12 +91,13 @@ fn pixel_of(view: RasterView, p: vec3<f32>) -> vec2<f32> {
     return p.xy / p.z * view.lens_px.xy + view.lens_px.zw;
 }
 
-// A position in 256ths of a pixel.
+// Rounds a position to 256ths of a pixel.
 fn snapped(at: vec2<f32>) -> vec2<i32> {
     return vec2<i32>(floor(at * 256.0 + 0.5));
 }
 
-// 1 / depth of a triangle's plane over the image: a place, what it is there, its change per pixel, and its bounds.
+// 1 / depth of a triangle's plane as a function of the pixel: a position, the value there, its
+// change per pixel, and its bounds.
 struct Slope {
     at_px: vec2<f32>,
     value: f32,
@@ -104,7 +107,7 @@ struct Slope {
 }
 
 fn slope_of(view: RasterView, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Slope {
-    // From the farthest corner: there 1 / depth is smallest, and so are errors.
+    // Start at the farthest corner, where 1 / depth and its error are smallest.
     var far = a;
     if b.z > far.z {
         far = b;
@@ -140,7 +143,7 @@ fn rim(d: vec2<i32>) -> i32 {
     return select(-1, 0, d.y < 0 || (d.y == 0 && d.x > 0));
 }
 
-// Pixels whose middles can lie in the box, within the image.
+// Pixels of the image whose centres can lie in the box.
 struct Box {
     low: vec2<i32>,
     high: vec2<i32>,
@@ -227,9 +230,9 @@ fn cs_small(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
     }
 }
 
-// Corners relative to the middle of the box's first pixel; few enough pixels for 32 bits.
+// Corners relative to the centre of the box's first pixel; the box is small enough for 32 bits.
 fn fill_small(view: RasterView, draw: Draw, triangle: u32, slope: Slope, within: Box, a: vec2<i32>, b: vec2<i32>, c: vec2<i32>) {
-    // Front faces run against the clock.
+    // Front faces are counter-clockwise.
     if area_of(a, b, c) >= 0 {
         return;
     }
@@ -252,7 +255,7 @@ fn fill_small(view: RasterView, draw: Draw, triangle: u32, slope: Slope, within:
     }
 }
 
-// Whether a corner lies before the near plane or too far outside for whole numbers.
+// Whether a corner lies in front of the near plane or too far outside for integers.
 fn is_cut(view: RasterView, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> bool {
     let behind = min(a.z, min(b.z, c.z)) < view.near_m;
     let reach = GUARD_PX / view.lens_px.xy;
@@ -260,13 +263,13 @@ fn is_cut(view: RasterView, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> bool {
     return behind || outside;
 }
 
-// A triangle without what lies before the near plane and far outside; corners in 256ths of a pixel.
+// A triangle clipped to the near plane and to the guard band; corners in 256ths of a pixel.
 struct Polygon {
     n: u32,
     corners: array<vec2<i32>, 8>,
 }
 
-// Signed distance to one of the five planes that cut.
+// Signed distance to one of the five clipping planes.
 fn inside_of(view: RasterView, plane: u32, p: vec3<f32>) -> f32 {
     let reach = GUARD_PX / view.lens_px.xy * p.z;
     switch plane {
@@ -278,8 +281,8 @@ fn inside_of(view: RasterView, plane: u32, p: vec3<f32>) -> f32 {
     }
 }
 
-// Cuts plane after plane (Sutherland and Hodgman, 1974). A cut edge is always followed from its inner end, so that two triangles with a
-// common edge find the same place.
+// Clips plane by plane (Sutherland and Hodgman, 1974). An edge is always cut starting from its
+// inner end, so that two triangles with a common edge get the same point.
 fn polygon_of(view: RasterView, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Polygon {
     var begin: array<vec3<f32>, 8>;
     var kept: array<vec3<f32>, 8>;
@@ -323,7 +326,7 @@ fn polygon_of(view: RasterView, a: vec3<f32>, b: vec3<f32>, c: vec3<f32>) -> Pol
     return out;
 }
 
-// One group of threads per item, as far as groups go.
+// One workgroup per item, up to the limit of workgroups.
 @compute @workgroup_size(1)
 fn cs_arguments() {
     let n = min(atomicLoad(&queue.n_tiles), batch.max_tiles) + atomicLoad(&queue.n_whole);
@@ -365,7 +368,8 @@ fn cs_tiles(
     }
 }
 
-// What grows to the right of an edge that begins here and runs along d: in whole numbers, below 0 where the triangle is not.
+// Edge function of an edge that begins here and runs along d, in integers: it grows to the right,
+// and is negative outside the triangle.
 fn right_of(begin: vec2<i32>, d: vec2<i32>, at: vec2<i32>) -> i64 {
     return i64(d.x) * i64(at.y - begin.y) - i64(d.y) * i64(at.x - begin.x) + i64(rim(d));
 }
@@ -377,7 +381,7 @@ fn fill_triangle(view: RasterView, draw: Draw, triangle: u32, tile: Box, lane: u
     let ac = c - a;
     let cb = b - c;
     let ba = a - b;
-    // Front faces run against the clock.
+    // Front faces are counter-clockwise.
     if i64(-ba.x) * i64(ac.y) - i64(-ba.y) * i64(ac.x) >= 0li {
         return;
     }
@@ -399,7 +403,7 @@ fn fill_triangle(view: RasterView, draw: Draw, triangle: u32, tile: Box, lane: u
 }
 
 fn fill_polygon(view: RasterView, draw: Draw, triangle: u32, tile: Box, lane: u32, pa: vec3<f32>, pb: vec3<f32>, pc: vec3<f32>) {
-    // The face that is seen has its normal towards the eye.
+    // The visible face has its normal towards the eye.
     if dot(cross(pb - pa, pc - pa), pa) >= 0.0 {
         return;
     }

@@ -1,4 +1,5 @@
-// From the triangle that a pixel shows to what each modality keeps of it: the computed counterpart of drawing. Mirrors: raster.rs.
+// Computes from the triangle that a pixel shows what each modality keeps of it; the counterpart of
+// drawing. Mirrors: raster/plan.rs.
 
 // Mirror of RasterDraw, as in raster.wgsl.
 struct Draw {
@@ -23,8 +24,8 @@ struct Draw {
 @group(3) @binding(4) var flow_out: texture_storage_2d_array<rg32float, write>;
 @group(3) @binding(5) var normal_out: texture_storage_2d_array<rgba16float, write>;
 
-// Whether the target of this number (targets.rs) is wanted. Not an override: one pipeline for all, so that no compiler rounds a
-// target in another way because of who else reads.
+// Whether the target of this number (target/kind.rs) is wanted. This is not an override: with a
+// single pipeline, no compiler rounds a target differently depending on other readers.
 fn wants(number: u32) -> bool {
     return ((views[which].wanted >> number) & 1u) != 0u;
 }
@@ -70,7 +71,8 @@ fn seen_pixel(at: vec2<f32>, found: vec2<u32>) -> Pixel {
     let a = point_in_camera(draw.instance, position_of(corners.x));
     let along = point_in_camera(draw.instance, position_of(corners.y)) - a;
     let aside = point_in_camera(draw.instance, position_of(corners.z)) - a;
-    // Shares of the corners at this point of the plane; rounding must not lead outside.
+    // Barycentric coordinates of this point of the plane, clamped so that rounding does not lead
+    // outside.
     let offset = ray_in_camera(at) * depth_m - a;
     let normal = cross(along, aside);
     let per_area = 1.0 / max(dot(normal, normal), 1e-37);

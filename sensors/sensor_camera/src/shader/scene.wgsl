@@ -1,4 +1,4 @@
-// What every view knows: mirrors of the structs in uniform.rs, and the bindings.
+// Mirrors of the structs in uniform.rs, and bindings that all passes share.
 
 // Mirror of InstanceData.
 struct Instance {
@@ -105,7 +105,7 @@ struct Water {
     lean: f32,
     // Wrapped.
     time_secs: f32,
-    // Where the noise's clouds are below this, roads lie under puddles.
+    // Roads are under puddles where the cloud noise is below this.
     puddle_level: f32,
     wet_ratio: f32,
     unused_x: u32,

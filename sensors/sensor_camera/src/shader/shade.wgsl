@@ -1,5 +1,6 @@
-// The shading pass: light on what the geometry pass saw, once per pixel. Mirrors: shade.rs, targets.rs.
-// GPUs made for computing have far more arithmetic in compute shaders; a software rasteriser is fastest with one triangle over the image.
+// The shading pass: lights what the geometry pass saw, once per pixel. GPUs use a compute shader,
+// where those made for computing have far more arithmetic; a software rasteriser is fastest with
+// one triangle over the image. Mirrors: shade.rs, target/kind.rs.
 
 // Furthest depth, metres, at which there can be a surface: the sky's is infinite.
 const FAR_M: f32 = 1e9;
@@ -26,8 +27,8 @@ fn sky_at(ray: vec3<f32>) -> vec3<f32> {
     return rain_over(sky_radiance(direction), direction, 1e4);
 }
 
-// How much sky the surroundings leave open: twelve neighbours on a spiral, turned from pixel to pixel
-// (as in McGuire and others, "The Alchemy screen-space ambient obscurance algorithm", 2011).
+// How much sky the surroundings leave open: twelve neighbours on a spiral, turned from pixel to
+// pixel (as in McGuire and others, "The Alchemy screen-space ambient obscurance algorithm", 2011).
 fn open_sky(point: Point) -> f32 {
     const N: i32 = 12;
     const REACH_M: f32 = 0.9;
@@ -50,7 +51,7 @@ fn open_sky(point: Point) -> f32 {
     return mix(open, 1.0, clamp(point.in_camera.z / 90.0 - 0.3, 0.0, 1.0));
 }
 
-// What a mirror at this point shows of the picture itself: colour, and whether it was found.
+// Screen-space reflection at this point: colour, and the weight of what was found.
 fn mirrored_on_screen(point: Point, direction: vec3<f32>, sharp: f32) -> vec4<f32> {
     if direction.z < -0.3 {
         return vec4(0.0);
@@ -78,7 +79,7 @@ fn mirrored_on_screen(point: Point, direction: vec3<f32>, sharp: f32) -> vec4<f3
     return vec4(0.0);
 }
 
-// A surface as a mirror shows it: its colour in even light, its lamps and windows by night.
+// A surface as seen in a reflection: its colour in even light, its lamps and windows by night.
 fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     let albedo = albedo_of(packed.y);
     let normal = normal_of(packed.x);
@@ -100,7 +101,7 @@ fn rough_radiance(packed: vec4<u32>, id: u32) -> vec3<f32> {
     return radiance;
 }
 
-// The same for a mirror that is looked into in a hurry.
+// The same with fewer lookups, for low quality.
 fn plain_radiance(pixel: vec2<u32>) -> vec3<f32> {
     let packed = surface_at(pixel);
     let albedo = albedo_of(packed.y);
@@ -115,7 +116,8 @@ fn plain_radiance(pixel: vec2<u32>) -> vec3<f32> {
     return radiance;
 }
 
-// What a wet road mirrors where there is little time: nine steps that grow by nearly half, from pixel to pixel begun elsewhere.
+// Reflection in a wet road for low quality: nine steps that grow by nearly half, with a start that
+// differs from pixel to pixel.
 fn mirrored_on_wet_road(point: Point, direction: vec3<f32>) -> vec4<f32> {
     if direction.z < -0.3 {
         return vec4(0.0);

@@ -19,7 +19,7 @@ fn id_at(pixel: vec2<u32>) -> u32 {
     return textureLoad(instance_maps, pixel, views[which].layer, 0).r;
 }
 
-// Whether the target of this number (targets.rs) is wanted.
+// Whether the target of this number (target/kind.rs) is wanted.
 fn wants(number: u32) -> bool {
     return ((views[which].wanted >> number) & 1u) != 0u;
 }
@@ -39,7 +39,8 @@ fn cs_main(@builtin(global_invocation_id) at: vec3<u32>) {
         radiance = sky_at(ray);
     }
     let layer = views[which].layer;
-    // Not overrides: one pipeline for all, so that no compiler rounds a target in another way because of who else reads.
+    // These are not overrides: with a single pipeline, no compiler rounds a target differently
+    // depending on other readers.
     if wants(7u) {
         textureStore(luminance_maps, at.xy, layer, vec4(luminance_of(radiance), 0.0, 0.0, 0.0));
     }

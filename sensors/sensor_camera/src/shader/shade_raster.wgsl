@@ -1,11 +1,12 @@
-// Shading by a triangle over the image; the depth test tells sky from surfaces before the shader runs.
+// Shading by a triangle over the image; the depth test separates sky from surfaces before the
+// shader runs.
 
 override WITH_COLOR: bool = true;
 override WITH_LUMINANCE: bool = true;
 override WITH_RADIANCE: bool = true;
 
 @group(2) @binding(0) var surface_map: texture_2d<u32>;
-// The buffer that the rasteriser keeps anyway.
+// The rasteriser's own depth buffer.
 @group(2) @binding(1) var depth_map: texture_depth_2d;
 @group(2) @binding(2) var instance_map: texture_2d<u32>;
 
@@ -17,7 +18,7 @@ fn depth_at(pixel: vec2<u32>) -> f32 {
     return views[which].near_m / textureLoad(depth_map, pixel, 0);
 }
 
-// Nobody needs ids but lamps that somebody switched.
+// Ids are needed only for switched lamps.
 fn id_at(pixel: vec2<u32>) -> u32 {
     if !WITH_SWITCHED {
         return 0u;

@@ -1,4 +1,4 @@
-// Depth of shadow casters as the sun sees them. Mirror of `shadow_from_mesh`: shadow/draw.rs.
+// Depth of shadow casters from the sun. Mirror of `shadow_from_mesh`: shadow/draw.rs.
 
 @group(0) @binding(0) var<storage, read> shadow_from_mesh: array<array<vec4<f32>, 3>>;
 
@@ -14,7 +14,7 @@ fn vs_main(@location(0) position_m: vec3<f32>, @builtin(instance_index) instance
 // Parts of a layer in clip space: left, top, right, bottom.
 @group(0) @binding(1) var<storage, read> parts: array<vec4<f32>>;
 
-// A part as a strip of two triangles, at the depth of what lies furthest.
+// A part as a strip of two triangles, at the largest depth.
 @vertex
 fn vs_part(@builtin(vertex_index) corner: u32, @builtin(instance_index) part: u32) -> @builtin(position) vec4<f32> {
     let sides = parts[part];

@@ -1,6 +1,6 @@
 // Sky and air.
 
-// Octahedral map of the upper hemisphere: sky.rs writes what this reads.
+// Looks up the octahedral map of the upper hemisphere, which light/sky.rs paints.
 fn sky_sample(direction: vec3<f32>, level: f32) -> vec3<f32> {
     let d = vec3(direction.xy, max(direction.z, 0.0));
     let p = d.xy / (abs(d.x) + abs(d.y) + d.z);
@@ -8,7 +8,8 @@ fn sky_sample(direction: vec3<f32>, level: f32) -> vec3<f32> {
     return textureSampleLevel(sky_map, sky_sampler, uv, level).rgb;
 }
 
-// Share of what lies this far away in this direction that the air swallows: clear air everywhere, and fog that thins out with height.
+// Share of light that the air absorbs over this distance in this direction: clear air everywhere,
+// and fog that thins out with height.
 fn haze(direction_z: f32, distance_m: f32) -> f32 {
     var depth = light.fog.clear_air_per_m * distance_m;
     if WITH_FOG {
@@ -43,7 +44,7 @@ fn sky_radiance(direction: vec3<f32>) -> vec3<f32> {
     glow = glow * glow;
     glow = glow * glow * 0.02;
     rgb += light.sun.rgb * (light.sun.disc_gain * disc + glow * glow);
-    // Below the horizon: ground far away, as the air shows it.
+    // Below the horizon: distant ground in the colour of the air.
     rgb = mix(rgb, light.fog.rgb * 0.75, clamp(-direction.z * 12.0, 0.0, 1.0));
     if WITH_FOG {
         rgb = mix(rgb, air_rgb(direction), haze(direction.z, light.fog.above_m / (max(direction.z, 0.0) + 0.03)));

@@ -1,8 +1,9 @@
-// What each modality keeps of a surface or of the sky. Drawn (geometry_attached.wgsl, geometry_listed.wgsl) and computed (resolve.wgsl) pictures share it.
+// What each modality keeps of a surface or of the sky. Drawn geometry (geometry_attached.wgsl,
+// geometry_listed.wgsl) and computed geometry (resolve.wgsl) share it.
 
-// Attachments; locations are the numbers of Target in targets.rs.
+// Attachments; locations are the numbers of Target in target/kind.rs.
 struct Pixel {
-    // For shade.wgsl, as surface_wide.wgsl or surface_slim.wgsl have it.
+    // For shade.wgsl; surface_wide.wgsl or surface_slim.wgsl defines it.
     @location(0) surface: Surface,
     @location(1) depth_m: f32,
     @location(2) class_code: u32,
@@ -18,14 +19,14 @@ const MATERIAL_LAMP: u32 = 14u;
 fn labels_of(albedo: u32, labels: vec4<u32>, object_id: u32, marks: vec4<u32>) -> vec3<u32> {
     let id = select(object_id, marks.x, object_id == 0u);
     let rgb = select(albedo, marks.y, labels.y == MATERIAL_CAR_PAINT && (marks.y >> 24u) != 0u);
-    // Bit 0: shines; bit 1: scenery's lamp, which shines when it is dark or when somebody switched it.
+    // Bit 0: shines. Bit 1: a lamp of the scenery, which shines when it is dark or was switched on.
     let by_itself = select(0u, 2u, (id >> 31u) == 1u);
     let lit = select(0u, ((marks.z >> (labels.z & 31u)) & 1u) | by_itself, labels.y == MATERIAL_LAMP && labels.z < 31u);
     return vec3(id, labels.x | (labels.y << 8u) | (lit << 16u), rgb);
 }
 
-// A surface at a pixel, flow still to come; the normal as interpolated, not of unit length: shading makes it so. pixel_m: width of a
-// pixel at this depth.
+// A surface at a pixel, without flow. The normal is the interpolated one; shading normalises it.
+// pixel_m is the width of a pixel at this depth.
 fn surface_pixel(depth_m: f32, normal_in_world: vec3<f32>, uv_m: vec2<f32>, labels: vec3<u32>, pixel_m: f32) -> Pixel {
     var out: Pixel;
     out.depth_m = depth_m;
@@ -38,7 +39,7 @@ fn surface_pixel(depth_m: f32, normal_in_world: vec3<f32>, uv_m: vec2<f32>, labe
 
 const CLASS_SKY: u32 = 11u;
 
-// Nothing at a pixel, flow still to come. far_m: infinite.
+// The sky at a pixel, without flow. far_m is infinite.
 fn sky_pixel(far_m: f32) -> Pixel {
     var out: Pixel;
     out.surface = Surface(0u);

@@ -1,13 +1,14 @@
-// What shading is told of a surface by a software rasteriser, which runs every branch for every pixel: walls get their windows here, where
-// only they are drawn, and half the bytes are left. Normal (octahedral, 2 x 11 bits), pane (3 bits), light behind it (6 bits and its
+// What shading gets of a surface from a software rasteriser, which runs every branch for every
+// pixel. Therefore walls get their windows here, where only walls are drawn, and half the bytes
+// suffice: normal (octahedral, 2 x 11 bits), pane (3 bits), light behind it (6 bits and its
 // colour); root of the albedo, material, lit. Read by seen_slim.wgsl.
 
 alias Surface = vec2<u32>;
 
-// Whether what is drawn may have walls.
+// Whether the drawn meshes may have walls.
 override WITH_WALLS: bool = true;
 
-// The root of linear light: a multiplication makes it linear again.
+// The square root of linear light, so that a multiplication makes it linear again.
 fn stored_albedo(rgb: u32) -> u32 {
     return pack4x8unorm(vec4(sqrt(max(linear_of(rgb), vec3(0.0))), 0.0));
 }

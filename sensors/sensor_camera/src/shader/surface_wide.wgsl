@@ -1,4 +1,5 @@
-// What shading is told of a surface, textures still to come: normal; albedo, material, lit; texture coordinates. Read by seen_wide.wgsl.
+// What shading gets of a surface, before textures: normal; albedo, material, lit; texture
+// coordinates. Read by seen_wide.wgsl.
 
 alias Surface = vec4<u32>;
 

@@ -1,8 +1,9 @@
-// Whether somebody switched lamps or windows of the scenery, and how, by object number: words as switched.rs makes them.
+// Lamps and windows of the scenery that were switched, by object number; assets/switched.rs makes
+// the words.
 override WITH_SWITCHED: bool = false;
 @group(0) @binding(6) var<storage, read> switched: array<vec2<u32>>;
 
-// The light of lamps or windows: their colour, and how many of them shine.
+// The light of lamps or windows: their colour, and the share of them that shines.
 fn as_switched(id: u32, rgb: vec3<f32>, share: f32) -> vec4<f32> {
     if !WITH_SWITCHED || (id >> 31u) == 0u {
         return vec4(rgb, share);

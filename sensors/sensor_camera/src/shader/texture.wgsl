@@ -1,7 +1,8 @@
-// Procedural surfaces: what a point of each material is like, before light falls on it.
+// Procedural surfaces: the properties of a point of each material.
 //
-// A software rasteriser runs every branch for every pixel, so there is one path for all materials, steered by a table
-// (light.materials, from light.rs). Noise comes from a small texture; what has one value per window or wall, from a hash.
+// A software rasteriser runs every branch for every pixel, so there is one path for all materials,
+// controlled by a table (light.materials, from light/material.rs). Noise comes from a small
+// texture; values per window or wall come from a hash.
 
 const NOISE_SIDE: i32 = 256;
 
@@ -23,11 +24,12 @@ struct Finish {
     through: f32,
     // How much of the point is under standing water.
     puddle: f32,
-    // What water that lies on a road mirrors at normal incidence.
+    // Share that a film of water on a road mirrors at normal incidence.
     film: f32,
 }
 
-// The surface of a wall, a road, a leaf. pixel_m: width of a pixel at this depth; cosine: of the angle of view.
+// The surface at a point. pixel_m is the width of a pixel at this depth; cosine is that of the
+// viewing angle.
 fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec4<u32>, pixel_m: f32, cosine: f32) -> Finish {
     let id = labels.x;
     let material = (labels.y >> 8u) & 0xffu;
@@ -35,7 +37,8 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     var base: vec4<f32>;
     var gloss: vec4<f32>;
     if SIMPLE {
-        // The same table in two words: a software rasteriser fetches them one by one for every pixel.
+        // The same table in two words, because a software rasteriser fetches word by word for every
+        // pixel.
         let look = look_of(material);
         base = unpack4x8unorm(look.x) * vec4(255.0, 2.0, 255.0, 2.0);
         gloss = unpack4x8unorm(look.y) * vec4(1.0, 5.0, 1.0, 1.0);
@@ -45,13 +48,13 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     }
     var out: Finish;
 
-    // Grain on the plane that the surface faces most.
+    // Grain in the plane that the surface faces most.
     let steep = abs(normal);
     let ground = steep.z >= max(steep.x, steep.y);
     let plane_m = select(vec2(select(world_m.x, world_m.y, steep.x > steep.y), world_m.z), world_m.xy, ground);
     var rough_at: vec2<f32>;
     if SIMPLE {
-        // One look at the finest level; grain goes where pixels are larger than it.
+        // One lookup at the finest level; grain fades out where pixels are larger than it.
         let seen = noise(plane_m * base.x, 0.0).rg;
         rough_at = 0.5 + (seen - 0.5) * clamp(vec2(1.6, 6.0) - 0.5 * pixel_m * base.x * vec2(1.0, 0.25), vec2(0.0), vec2(1.0));
     } else {
@@ -65,7 +68,7 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     let joint_m = 0.5 - abs(fract(world_m.xy) - 0.5);
     let joint = clamp((0.012 - min(joint_m.x, joint_m.y)) / (0.6 * pixel_m + 0.004) + 0.5, 0.0, 1.0) * clamp(0.1 / pixel_m - 0.5, 0.0, 1.0);
     albedo *= 1.0 - select(0.0, 0.35 * joint, material == MATERIAL_CONCRETE && ground);
-    // Leaves that look aside or down lie in the shade of others.
+    // Leaves that face sideways or down lie in the shade of others.
     albedo *= 1.0 - 0.9 * gloss.z * (1.0 - normal.z);
 
     // Walls: windows with their own glass, blind and lamp.
@@ -77,7 +80,7 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
         out.emitted = window_light(wall, id);
     }
 
-    // A lamp is on when told to, scenery's lamps also when it is dark.
+    // A lamp shines when it is switched on; lamps of the scenery also when it is dark.
     let shining = as_switched(id, albedo, light.lamps.on_ratio);
     let on = max(lit_lamp.x, shining.w * lit_lamp.y) * gloss.w;
     out.emitted += shining.rgb * (light.lamps.radiance * on);
@@ -91,7 +94,8 @@ fn finish_at(world_m: vec3<f32>, normal: vec3<f32>, uv_m: vec2<f32>, labels: vec
     out.puddle = 0.0;
     out.film = 0.0;
     if WITH_WET {
-        // Rain darkens what soaks it up; roads shine when wet, and water stands where they are low.
+        // Rain darkens surfaces that soak it up; wet roads shine, and water stands in their
+        // hollows.
         let soaks = light.water.wet_ratio * (1.0 - gloss.w) * select(0.35, 1.0, ground);
         let paved = f32(ground && material >= MATERIAL_ASPHALT && material <= MATERIAL_PAINT);
         let low = noise(world_m.xy * 1.7 + vec2(11.0, 29.0), log2(pixel_m * 1.7)).g;

@@ -1,4 +1,4 @@
-// A pass that draws does one view.
+// A pass that draws handles one view.
 
 const which: u32 = 0u;
 

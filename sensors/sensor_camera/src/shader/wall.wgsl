@@ -6,7 +6,7 @@ fn linear_of(packed: u32) -> vec3<f32> {
     return s * (s * (s * 0.305306011 + 0.682171111) + 0.012522878);
 }
 
-// Four values in 0..=1 that belong to a number (a step of the PCG generator, O'Neill 2014).
+// A hash: four values in 0..=1 for a number (a step of the PCG generator, O'Neill 2014).
 fn lot_of(number: u32) -> vec4<f32> {
     let state = number * 747796405u + 2891336453u;
     let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
@@ -19,7 +19,7 @@ const MATERIAL_PAINT: u32 = 3u;
 const MATERIAL_FACADE: u32 = 4u;
 const MATERIAL_SHOP_FRONT: u32 = 5u;
 
-// A wall's grid of windows at this place: what is pane, what is frame, and the window's lot.
+// A wall's grid of windows at a point: shares of pane and frame, and the window's hash.
 struct Window {
     pane: f32,
     frame: f32,
@@ -33,7 +33,7 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
     let cell = floor(grid);
     let centred = abs(grid - cell - vec2(0.5, select(0.52, 0.44, shop))) - 0.5 * share;
     let soft = 0.7 * pixel_m / pitch_m + 0.002;
-    // 1 inside, 0 outside, a pixel wide in between; sills and frames reach a little further.
+    // 1 inside, 0 outside, with a transition of one pixel; sills and frames reach a little further.
     var pane = clamp(0.5 - centred / soft, vec2(0.0), vec2(1.0));
     // Two sashes, a post between them.
     pane.x *= clamp(0.5 + (centred.x + 0.5 * share.x - 0.035 / pitch_m.x) / soft.x, 0.0, 1.0);
@@ -52,7 +52,7 @@ struct Wall {
     albedo: vec3<f32>,
     // Share of it that is a window's pane.
     pane: f32,
-    // Light behind the pane, over that of a lit window; 1 if it is a cool one.
+    // Light behind the pane relative to a lit window; 1 if its colour is cool.
     glow: f32,
     cool: f32,
 }
@@ -60,7 +60,7 @@ struct Wall {
 // Brightest that `glow` can be.
 const GLOW_MOST: f32 = 1.35;
 
-// is_wall: 1, or 0 where all of this is not to be.
+// is_wall is 1, or 0 where the surface is no wall.
 fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: bool, is_wall: f32) -> Wall {
     let style = lot_of(id);
     let window = window_at(uv_m, style.barg, pixel_m, is_shop, id);
@@ -74,7 +74,7 @@ fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: b
     out.albedo = mix(out.albedo, mix(room, vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), out.pane);
     out.cool = f32(window.lot.a > 0.8);
     let share = as_switched(id, vec3(1.0), light.lamps.windows_on_ratio).w * select(0.34, 0.8, is_shop);
-    // Brighter below the ceiling lamp, and not two rooms alike.
+    // Brighter below the ceiling lamp, and different in every room.
     let floor_up = fract(uv_m.y / select(3.1, 3.6, is_shop));
     out.glow = out.pane * f32(window.lot.b < share) * (0.12 + 0.88 * window.lot.a * window.lot.g) * (0.45 + 0.9 * floor_up);
     return out;

@@ -12,13 +12,13 @@ use crate::quality::Quality;
 pub(crate) struct Cascade {
     /// Side of a cell, metres.
     pub cell_m: f64,
-    /// Half the side of what a map covers, metres: a camera in the corner of its cell sees shadows
-    /// to this less 0.7 cells.
+    /// Half the side of the area that a map covers, metres. A camera in the corner of its cell sees
+    /// shadows up to this distance less 0.7 cells.
     pub half_side_m: f64,
     /// Half the depth of what a map covers, metres.
     pub half_depth_m: f64,
-    /// Casters are drawn in the level of detail of this distance, or of that from the cell's middle
-    /// if they are further away.
+    /// Casters have the level of detail of this distance, or of their distance from the cell's
+    /// centre if that is larger.
     pub caster_distance_m: f64,
     pub side_px: u32,
     /// Whether what moves throws shadows.
@@ -55,8 +55,8 @@ impl Cascade {
     }
 }
 
-/// Focal length from which on a camera gets the largest map. One of half the length sees shadows
-/// half as sharp: half the side is enough.
+/// Cameras of at least this focal length get the largest map. With half the length, shadows are
+/// half as sharp and half the side is enough.
 const SHARP_FOCAL_PX: f64 = 300.0;
 /// Smallest side of a map.
 const MIN_SIDE_PX: u32 = 1024;

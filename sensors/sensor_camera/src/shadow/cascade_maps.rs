@@ -1,4 +1,4 @@
-//! The shadow maps of one cascade: which are kept, which are drawn anew, and where each view finds
+//! The shadow maps of one cascade: which are kept, which are drawn again, and where each view finds
 //! its own.
 
 use nalgebra::{Isometry3, Vector3};
@@ -21,18 +21,18 @@ pub(crate) struct Eye {
     pub focal_px: f64,
 }
 
-/// Maps of a size kept though nobody needs them just now, where each is a layer of its own: cameras
-/// come back.
+/// Spare maps of each size, if each map is a layer: cameras often return to a cell.
 const SPARE_MAPS: u32 = 3;
-/// So many maps are drawn before other threads wake up.
+/// Up to this number of maps is planned before other threads would wake up.
 const FEW_MAPS: usize = 4;
 
 /// Which maps share a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MapLayout {
-    /// All lie in one, because compute shaders look up the maps of several views at once.
+    /// All maps lie in one texture, because compute shaders look up the maps of several views at
+    /// once.
     Together,
-    /// Those of each size lie in one, each map a layer.
+    /// Maps of each size lie in one texture, each map in a layer of its own.
     BySize,
 }
 
@@ -59,10 +59,11 @@ struct EyePlace {
     world_from_camera: Isometry3<f64>,
 }
 
-/// A map's sheet and layer, and what is to be drawn there: what stands still, and with what moves.
+/// A map's sheet and layer, and the work on it: on the static map, and on the map with moving
+/// casters.
 type PlannedMap = (usize, u32, [Option<MapWork>; 2]);
 
-/// What [`CascadeMaps::plan`] found; to be recorded before the next one is made.
+/// Result of [`CascadeMaps::plan`]; it must be recorded before the next plan is made.
 #[derive(Debug)]
 pub(crate) struct ShadowPlan {
     places: Vec<EyePlace>,
@@ -77,7 +78,7 @@ pub(crate) struct ShadowLookup {
     /// The map's layer.
     pub view: wgpu::TextureView,
     pub layer: u32,
-    /// Where it lies there: x, y in sides of the map, its side in sides of the layer.
+    /// Its place in the layer: x, y in sides of the map, and its side in sides of the layer.
     pub tile: [f32; 3],
     pub shadow_from_camera: Rows,
     /// One texel in units of the map's depth.
@@ -119,7 +120,7 @@ impl CascadeMaps {
         self.sheets.iter_mut().for_each(Sheet::clear);
     }
 
-    /// Bounds the memory of its textures anew; drops them.
+    /// Changes the memory limit of its textures, and drops them.
     pub fn limit(&mut self, most_bytes: u64) {
         self.most_bytes = most_bytes;
         self.maps.clear();
@@ -131,7 +132,8 @@ impl CascadeMaps {
         self.sheets.iter().map(Sheet::n_bytes).sum()
     }
 
-    /// How many of these eyes, from the first one on, can have their maps at once; at least one.
+    /// How many of these eyes, counted from the first, can have their maps at the same time; at
+    /// least one.
     pub fn n_fitting(&self, eyes: &[Eye]) -> usize {
         let (mut sheets, mut known): (Vec<Sheet>, Vec<([i64; 3], u32)>) = (Vec::new(), Vec::new());
         for (i, eye) in eyes.iter().enumerate() {
@@ -176,7 +178,7 @@ impl CascadeMaps {
         )
     }
 
-    /// Draws what stands still anew when it is next needed: other things stand there.
+    /// Marks the static maps as stale, because other objects are shown.
     pub fn redraw(&mut self) {
         self.maps.iter_mut().for_each(|map| map.fresh = false);
     }
@@ -201,8 +203,8 @@ impl CascadeMaps {
         }
     }
 
-    /// Finds out what is to be drawn for these eyes, which are no more than [`CascadeMaps::n_fitting`]
-    /// says.
+    /// Plans what to draw for these eyes, of which there are no more than
+    /// [`CascadeMaps::n_fitting`] returns.
     pub fn plan(
         &mut self,
         assets: &GpuAssets,
@@ -221,7 +223,7 @@ impl CascadeMaps {
         };
         let places: Vec<EyePlace> = eyes.iter().map(place).collect();
         let maps = self.take_maps(&places).or_else(|| {
-            // What is in use lies scattered over layers that fewer could hold.
+            // Maps in use are fragmented over the layers; starting over packs them.
             self.clear();
             self.take_maps(&places)
         });
@@ -274,7 +276,7 @@ impl CascadeMaps {
         plan.places.iter().zip(&plan.maps).map(lookup).collect()
     }
 
-    /// Whether the map of all is looked up, and not that of what stands still.
+    /// Whether shaders look up the map with moving casters instead of the static one.
     fn shows_all(&self, map: &Map) -> bool {
         self.cascade.moving && (self.is_together() || !map.over.is_empty())
     }
@@ -321,8 +323,8 @@ impl CascadeMaps {
         Some(places.iter().map(idx_of).collect())
     }
 
-    /// Room for a map; those longest out of use make it, and a new layer if there are none and
-    /// there may be one more.
+    /// Finds room for a map: evicts the least recently used ones, or adds a layer if none can be
+    /// evicted and the limit allows it.
     fn take_slot(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Option<Slot> {
         loop {
             if let Some(slot) = self.sheets[sheet].take(cell, side_px) {
@@ -366,7 +368,7 @@ impl CascadeMaps {
             let casters = cascade
                 .moving
                 .then(|| cascade.moving_casters(assets, &moving, map.cell, sun_towards));
-            // Nobody looks at the map of all where nothing moves, unless all maps are looked up
+            // The map with moving casters is not needed where nothing moves, unless all lookups go
             // there.
             let casters =
                 casters.filter(|casters| together || !casters.is_empty() || !map.over.is_empty());
@@ -395,7 +397,7 @@ impl CascadeMaps {
         assets: &GpuAssets,
         works: &[PlannedMap],
     ) {
-        // What stands still of all layers first.
+        // The static maps of all layers come first.
         let mut layers: Vec<((usize, u32, usize), LayerWork<'_>)> = Vec::new();
         for kind in 0..2 {
             for (sheet, layer, work) in works
@@ -432,7 +434,7 @@ impl CascadeMaps {
     }
 }
 
-/// Number of the sheet of layers of this size, made if there is none.
+/// Index of the sheet with layers of this size, which is made if there is none.
 fn sheet_of(sheets: &mut Vec<Sheet>, page_px: u32, new: impl FnOnce() -> Sheet) -> usize {
     sheets
         .iter()

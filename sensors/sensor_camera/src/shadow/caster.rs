@@ -12,7 +12,7 @@ pub(crate) type Rows = [[f32; 4]; 3];
 pub(crate) struct Caster {
     pub mesh: MeshDraw,
     pub matrix: Rows,
-    /// Where it can leave a mark: x, y, width, height, in the map.
+    /// Pixels it can cover: x, y, width, height, in the map.
     pub rect_px: [u32; 4],
 }
 

@@ -1,4 +1,4 @@
-//! Drawing shadow maps: pipelines, and one pass per layer that has something to be drawn.
+//! Draws shadow maps: pipelines, and one pass per layer with work.
 
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
@@ -17,8 +17,7 @@ pub(crate) struct MapWork {
     /// Where the map begins in its layer.
     pub origin_px: [u32; 2],
     pub side_px: u32,
-    /// Parts to be made as they were before anything was drawn on them: x, y, width, height, in the
-    /// map.
+    /// Parts to be restored before casters are drawn: x, y, width, height, in the map.
     pub wiped_px: Vec<[u32; 4]>,
     pub casters: Vec<Caster>,
 }
@@ -27,7 +26,7 @@ pub(crate) struct MapWork {
 pub(crate) struct LayerWork<'w> {
     pub view: &'w wgpu::TextureView,
     pub page_px: u32,
-    /// Wiped parts become as they are here; without it, as far as can be.
+    /// Source of restored parts; without it they get the largest depth.
     pub from: Option<&'w wgpu::TextureView>,
     pub maps: Vec<&'w MapWork>,
 }
@@ -37,8 +36,8 @@ pub(crate) struct LayerWork<'w> {
 #[derive(Clone, Copy, Pod, Zeroable)]
 struct Part([f32; 4]);
 
-/// A draw call in a buffer, as Vulkan has it: index count, instance count, first index, base
-/// vertex, first instance.
+/// An indirect draw call in Vulkan's layout: index count, instance count, first index, base vertex,
+/// first instance.
 type Call = [u32; 5];
 
 /// Pipelines and lists.
@@ -66,7 +65,7 @@ impl ShadowDraw {
                 entries,
             })
         };
-        // Not for pixels: see `Drawing` in geometry/pipelines.rs.
+        // Not visible to fragment shaders: `Drawing` in geometry/pipelines.rs tells why.
         let list = |binding| wgpu::BindGroupLayoutEntry {
             visibility: wgpu::ShaderStages::VERTEX,
             ..storage(binding)
@@ -266,8 +265,8 @@ fn in_clip(map: &MapWork, [x, y, width, height]: &[u32; 4], page_px: u32) -> Par
     Part([at(left), -at(top), at(left + width), -at(top + height)])
 }
 
-/// Draws casters; without vertices (`vs_part`): parts, at the depth of what lies furthest or of
-/// what the fragment shader finds.
+/// A pipeline that draws casters or, with `vs_part`, restores parts to the largest depth or to the
+/// depth that the fragment shader reads.
 fn pipeline(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,
@@ -296,7 +295,7 @@ fn pipeline(
             compilation_options: Default::default(),
             buffers: if is_part { &[] } else { &buffers },
         },
-        // Both sides cast: leaves and open shells have no back.
+        // Both sides cast shadows, because leaves and open shells have no back faces.
         primitive: wgpu::PrimitiveState {
             topology: if is_part {
                 wgpu::PrimitiveTopology::TriangleStrip

@@ -1,4 +1,4 @@
-//! One shadow map: where it lies, and what of it is to be drawn again.
+//! One shadow map: where it lies, and which parts must be drawn again.
 
 use super::caster::Caster;
 use super::draw::MapWork;
@@ -11,11 +11,11 @@ pub(super) struct Map {
     pub side_px: u32,
     pub sheet: usize,
     pub slot: Slot,
-    /// Whether what stands still was drawn.
+    /// Whether the static map is up to date.
     pub fresh: bool,
-    /// What lies over it in the map of all.
+    /// Moving casters that were drawn over it.
     pub over: Vec<Caster>,
-    /// Parts of the map of all that are not as in that of what stands still: x, y, width, height.
+    /// Parts that moving casters cover, which differ from the static map: x, y, width, height.
     pub dirty_px: Vec<[u32; 4]>,
     pub used: u64,
 }
@@ -29,7 +29,7 @@ impl Map {
         [0, 0, self.side_px, self.side_px]
     }
 
-    /// Says what is to be drawn now that these casters stand in it.
+    /// Plans the drawing of these casters: on the static map, and on the map with moving casters.
     pub fn plan(
         &mut self,
         still: Option<Vec<Caster>>,
@@ -38,7 +38,7 @@ impl Map {
         let (origin_px, side_px) = (self.origin_px(), self.side_px);
         let still = still.map(|casters| {
             self.fresh = true;
-            // What was drawn over the old one is of no use any more.
+            // Moving casters must be drawn over the new static map again.
             self.dirty_px = vec![self.whole_px()];
             self.over.clear();
             MapWork {
@@ -68,7 +68,7 @@ impl Map {
     }
 }
 
-/// Adds a rectangle unless another one holds it: wheels lie within their car.
+/// Adds a rectangle unless another one contains it, as a car's contains its wheels.
 fn add_rect(rects: &mut Vec<[u32; 4]>, new: [u32; 4]) {
     let holds = |[x, y, width, height]: &[u32; 4]| {
         *x <= new[0]

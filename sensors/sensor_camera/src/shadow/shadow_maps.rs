@@ -9,12 +9,12 @@ use super::cascade_maps::{CascadeMaps, Eye, MapLayout, ShadowLookup, ShadowPlan}
 use crate::assets::GpuAssets;
 use crate::quality::Quality;
 
-/// Most memory of all shadow maps: 32 near ones of 4096 × 4096 for computed views, and as many of
-/// what is further away.
+/// Memory limit of all shadow maps: 32 near maps of 4096 × 4096 for computed views, and as many far
+/// ones.
 const MOST_SHADOW_BYTES: u64 = 3 << 30;
 
-/// What the near and the far cascade each have of it: a near map is two, without what moves and
-/// with it.
+/// Shares of the near and the far cascade. A near map counts twice, because it exists without and
+/// with moving casters.
 const fn share(quality: Quality, most_bytes: u64) -> [u64; 2] {
     match quality {
         Quality::Low => [most_bytes, 0],
@@ -79,12 +79,12 @@ impl ShadowMaps {
         self.cascades().for_each(CascadeMaps::clear);
     }
 
-    /// Draws what stands still anew when it is next needed: other things stand there.
+    /// Marks the static maps as stale, because other objects are shown.
     pub fn redraw(&mut self) {
         self.cascades().for_each(CascadeMaps::redraw);
     }
 
-    /// How many of these eyes, from the first one on, can have their maps at once.
+    /// How many of these eyes, counted from the first, can have their maps at the same time.
     pub fn n_fitting(&self, eyes: &[Eye]) -> usize {
         let n_near = self.near.n_fitting(eyes);
         self.far
@@ -92,8 +92,8 @@ impl ShadowMaps {
             .map_or(n_near, |far| n_near.min(far.n_fitting(eyes)))
     }
 
-    /// Finds out what is to be drawn for these eyes, which are no more than
-    /// [`ShadowMaps::n_fitting`] says; nothing if there are none.
+    /// Plans what to draw for these eyes, of which there are no more than [`ShadowMaps::n_fitting`]
+    /// returns; nothing if there are none.
     pub fn plan(
         &mut self,
         assets: &GpuAssets,
@@ -110,7 +110,7 @@ impl ShadowMaps {
         }
     }
 
-    /// The same with both cascades side by side.
+    /// The same with the two cascades in parallel.
     pub fn plan_in_parallel(
         &mut self,
         assets: &GpuAssets,
@@ -126,8 +126,8 @@ impl ShadowMaps {
         ShadowPlans { near, far }
     }
 
-    /// Draws what was planned; one lookup for each of `eyes`, which are numbers of eyes in the
-    /// plans or none.
+    /// Draws what was planned. Returns one lookup for each of `eyes`, which are indices of eyes in
+    /// the plans, or none.
     pub fn record(
         &mut self,
         gpu: &Gpu,

@@ -1,11 +1,9 @@
-//! Where shadow maps lie: in the layers of two textures of one size, one layer after the other as
-//! they are needed.
+//! Where shadow maps lie: in the layers of two textures of one size; layers are added as they are
+//! needed.
 //!
-//! Where compute shaders look them up, all maps of a cascade lie in one pair of textures, small
-//! ones several to a layer; a map's place in
-//! its layer follows from its cell, so that it is drawn the same whoever else needs maps. Where
-//! views are drawn, each map is a layer of
-//! textures of its size.
+//! For compute shaders, all maps of a cascade lie in one pair of textures, and a layer holds
+//! several small ones. A map's place in its layer follows from its cell, so that its pixels do not
+//! depend on other maps. For drawn views, each map is a layer of textures of its own size.
 
 use sensor_gpu::Gpu;
 
@@ -34,11 +32,11 @@ pub(crate) struct Sheet {
     /// No more layers than these.
     most_layers: u32,
     images: Option<Images>,
-    /// Whether there is need for maps with what moves.
+    /// Whether there are maps with moving casters.
     moving: bool,
 }
 
-/// Maps of what stands still, and the same with what moves over it; all layers, and each.
+/// Static maps, and maps with moving casters.
 #[derive(Debug)]
 struct Images {
     still: Paged,
@@ -52,7 +50,7 @@ struct Paged {
 }
 
 impl Sheet {
-    /// A sheet whose textures have at most `most_bytes` together, or one layer.
+    /// A sheet whose textures together have at most `most_bytes`, or one layer.
     pub fn new(page_px: u32, moving: bool, most_bytes: u64) -> Self {
         let most_layers =
             (most_bytes / Self::layer_bytes(page_px, moving)).clamp(1, MAX_LAYERS) as u32;
@@ -95,7 +93,7 @@ impl Sheet {
         })
     }
 
-    /// Makes room by one layer; `false` if there are as many as there may be.
+    /// Adds a layer; `false` if the limit is reached.
     pub fn grow(&mut self) -> bool {
         let may = self.layers.len() < self.most_layers as usize;
         if may {
@@ -117,8 +115,8 @@ impl Sheet {
         self.layers.iter_mut().for_each(|layer| layer.taken.clear());
     }
 
-    /// Makes the textures large enough for every place that was taken, with some layers to spare;
-    /// what was drawn stays.
+    /// Makes the textures large enough for all layers, with some to spare. Existing maps are
+    /// copied.
     pub fn ensure(&mut self, gpu: &Gpu, encoder: &mut wgpu::CommandEncoder, n_spare: u32) {
         let known = self
             .images
@@ -128,7 +126,7 @@ impl Sheet {
         if needed <= known {
             return;
         }
-        // Whoever drives about needs another one now and then.
+        // Moving cameras soon need another layer.
         let n_layers = (needed + n_spare.max(known / 4)).min(self.most_layers);
         (needed..n_layers).for_each(|_| {
             self.grow();
@@ -160,12 +158,12 @@ impl Sheet {
         self.images.as_ref().expect("ensure() made them")
     }
 
-    /// A layer of maps of what stands still.
+    /// A layer of static maps.
     pub fn still(&self, layer: u32) -> &wgpu::TextureView {
         &self.images().still.pages[layer as usize]
     }
 
-    /// A layer of maps with what moves.
+    /// A layer of maps with moving casters.
     pub fn all(&self, layer: u32) -> &wgpu::TextureView {
         &self
             .images()
@@ -175,14 +173,14 @@ impl Sheet {
             .pages[layer as usize]
     }
 
-    /// All layers of what shaders look up.
+    /// All layers that shaders look up.
     pub fn lookup(&self) -> &wgpu::TextureView {
         let Images { still, all } = self.images();
         &all.as_ref().unwrap_or(still).image.layers
     }
 }
 
-/// What every adapter can do.
+/// Every adapter supports this number.
 const MAX_LAYERS: u64 = 256;
 /// Of [`wgpu::TextureFormat::Depth16Unorm`].
 const TEXEL_BYTES: u64 = 2;
@@ -208,7 +206,7 @@ fn paged(gpu: &Gpu, side_px: u32, n_layers: u32) -> Paged {
 mod tests {
     use super::*;
 
-    /// A map's place in its layer follows from its cell alone, no two maps have one place, and a
+    /// A map's place in its layer follows from its cell alone, no two maps share a place, and a
     /// layer holds maps of one size.
     #[test]
     fn maps_have_places_of_their_own_that_follow_from_their_cells() {

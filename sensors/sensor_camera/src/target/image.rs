@@ -8,7 +8,7 @@ pub(crate) struct Image {
     pub texture: wgpu::Texture,
     pub view: wgpu::TextureView,
     pub layers: wgpu::TextureView,
-    /// Whether it can be copied beside the drawing of other targets.
+    /// Whether the copy queue can read it while other targets are drawn.
     pub is_shared: bool,
 }
 

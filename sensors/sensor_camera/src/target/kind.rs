@@ -1,6 +1,6 @@
 //! What a view can be drawn into, and in which format.
 
-/// What a view is drawn into; the number is the location in `surface.wgsl`.
+/// A kind of image that a view is drawn into; its number is the location in `surface.wgsl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Target {
     /// What shading needs to know of the surface: normal, albedo with material, texture
@@ -14,8 +14,8 @@ pub(crate) enum Target {
     /// B, G, R, A bytes in one word.
     Color = 6,
     Luminance = 7,
-    /// What color is made from, if the camera does more than the film curve: red, green, blue,
-    /// exposed by the weather.
+    /// The source of colour if the camera does more than the film curve: red, green, blue, exposed
+    /// for the weather.
     Radiance = 8,
 }
 
@@ -84,7 +84,7 @@ impl Target {
         more | wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC
     }
 
-    /// Whether it is a modality's image, which goes to readers as it is.
+    /// Whether it is a modality's image, which is copied to readers unchanged.
     pub fn is_image(self) -> bool {
         matches!(
             self,

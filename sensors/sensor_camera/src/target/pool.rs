@@ -1,8 +1,8 @@
-//! Targets that views of equal size share, a layer for each, so that one dispatch serves them all.
+//! Targets that views of equal size share, one layer each, so that one dispatch serves them all.
 //!
-//! Who holds a layer changes from tick to tick; nothing in it outlives a submission and its copies.
-//! The textures live as long as a view that
-//! was last drawn into them: the pool itself keeps none.
+//! Layers are assigned anew in every tick; their contents do not outlive a submission and its
+//! copies. Textures live as long as a view that was last drawn into them; the pool itself holds
+//! none.
 
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Weak};
@@ -14,7 +14,8 @@ use super::targets::Targets;
 
 /// Largest texture, bytes: drivers refuse allocations of a few gigabytes.
 const MAX_TEXTURE_BYTES: u64 = 1 << 30;
-/// Submissions after which targets that were never more than half in use are made anew.
+/// Submissions after which targets that were never more than half full are replaced by smaller
+/// ones.
 const MAX_HALF_EMPTY: u32 = 256;
 
 /// Whose targets lie in one texture.
@@ -26,11 +27,11 @@ pub(crate) struct PoolKey {
     pub part: u32,
 }
 
-/// Targets that submissions take by turns: two sets where one is copied while the next submission
-/// is drawn, else one.
+/// Targets that submissions use in turn: two sets if one is copied while the next submission is
+/// drawn, otherwise one.
 ///
-/// Two are enough for any number of submissions in flight: drawing and copying each go one after
-/// the other.
+/// Two are enough for any number of submissions in flight, because each queue does one submission
+/// after the other.
 #[derive(Debug)]
 pub(crate) struct Turns {
     sets: Vec<Arc<Targets>>,
@@ -86,7 +87,7 @@ pub(crate) struct TargetPool {
 }
 
 impl TargetPool {
-    /// Views of this size whose targets go into one texture, at most.
+    /// Upper limit of views of this size whose targets fit into one texture.
     pub fn max_layers(gpu: &Gpu, [width, height]: [u32; 2]) -> u32 {
         let layer_bytes = width as u64 * height as u64 * Target::Surface.element_bytes() as u64;
         let fit = (MAX_TEXTURE_BYTES / layer_bytes).max(1) as u32;
@@ -129,9 +130,8 @@ mod tests {
     use super::*;
     use sensor_gpu::{CopyPath, GpuOptions};
 
-    /// Where copies go on beside drawing, two submissions in a row are drawn into textures of their
-    /// own for what readers get, and share all
-    /// else; where they do not, there is one set.
+    /// With a copy queue, two consecutive submissions have separate textures for what readers get,
+    /// and share all others. Without one, there is a single set.
     #[test]
     fn submissions_take_turns_where_copies_go_on_beside_them() {
         let set = Target::Depth.bit().union(Target::Surface.bit());
@@ -165,8 +165,8 @@ mod tests {
         }
     }
 
-    /// Views of equal size share textures while one of them lives; more of them get larger ones,
-    /// and what nobody holds is gone.
+    /// Views of equal size share textures as long as one of them lives. More views get larger
+    /// textures, and textures that nobody holds are freed.
     #[test]
     fn targets_live_as_long_as_a_view_that_was_drawn_into_them() {
         let gpu = Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"));

@@ -11,9 +11,9 @@ use super::kind::{Surfaces, Target, TargetSet, Writer};
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Targets {
     images: [Option<Image>; 9],
-    /// One pixel each, bound where compute shaders could write what nobody reads. No one else's:
-    /// shared ones would make the GPU do one
-    /// after the other.
+    /// Images of one pixel, bound where compute shaders could write a target that nobody reads.
+    /// They belong to these targets alone: a shared image would make the GPU serialise the
+    /// dispatches.
     nowhere: [Option<Image>; 9],
     z_buffer: Option<Image>,
     n_layers: u32,
@@ -24,8 +24,8 @@ pub(crate) struct Targets {
 }
 
 impl Targets {
-    /// Those of `set`, for compute shaders, in so many layers. What no reader gets is the twin's,
-    /// whose turn is before or after.
+    /// The targets of `set` with so many layers, for compute shaders. Targets that no reader gets
+    /// are shared with the twin, which is used by the submissions before and after.
     pub fn layered(
         gpu: &Gpu,
         size_px: [u32; 2],
@@ -44,8 +44,8 @@ impl Targets {
         targets
     }
 
-    /// Makes what `set` lacks, to be drawn, in one layer. What no reader gets is the twin's, if it
-    /// has it.
+    /// Makes the missing targets of `set`, for drawing, with one layer. Targets that no reader gets
+    /// are shared with the twin, if it has them.
     pub fn ensure(
         &mut self,
         gpu: &Gpu,
@@ -148,7 +148,7 @@ impl Targets {
         })
     }
 
-    /// All layers of a target of the set, or a pixel that nobody reads.
+    /// All layers of a target of the set; for other targets, an image that nobody reads.
     pub fn get_or_nowhere(&self, target: Target, set: TargetSet) -> &wgpu::TextureView {
         let images = if set.contains(target) {
             &self.images

@@ -1,4 +1,4 @@
-//! A view: a lens, what it remembers from firing to firing, and what is asked of it in one tick.
+//! A view: a lens, its state from firing to firing, and what is asked of it in one tick.
 
 use std::sync::{Arc, Mutex};
 
@@ -18,7 +18,7 @@ pub struct ViewSpec {
     pub intrinsics: Intrinsics,
     /// Exposure, lens and white balance of `rgb`.
     pub optics: OpticsSpec,
-    /// Event camera; matters only if `dvs` is ever asked for.
+    /// Event camera; used only if `dvs` is asked for.
     pub dvs: DvsSpec,
     /// Seed of the run, for the mismatch of the event camera's thresholds.
     pub seed: u64,
@@ -27,7 +27,7 @@ pub struct ViewSpec {
 }
 
 impl ViewSpec {
-    /// A lens and nothing special: optics and event camera as by default, seed and id 0.
+    /// A lens with default optics and event camera, seed and id 0.
     pub fn pinhole(intrinsics: Intrinsics) -> ViewSpec {
         ViewSpec {
             intrinsics,
@@ -42,20 +42,20 @@ impl ViewSpec {
 /// Persistent state of one camera. Render targets are made when they are first needed.
 pub struct View {
     pub(crate) spec: ViewSpec,
-    /// Where compute shaders write them: shared with its likes.
+    /// Targets for compute shaders, shared with views of equal size.
     pub(crate) turns: Option<Arc<Turns>>,
-    /// Where it is drawn: those of this firing and, where they are copied beside the next drawing,
-    /// those of the firing before.
+    /// Targets for drawing: those of this firing and, if the copy queue may still read them, those
+    /// of the firing before.
     pub(crate) targets: [Arc<Targets>; 2],
-    /// Everything that was ever asked of it: targets stay.
+    /// All targets that were ever asked for; they are kept.
     pub(crate) kept: TargetSet,
     pub(crate) previous: Option<Firing>,
     pub(crate) dvs: Option<Arc<Mutex<EventCamera>>>,
-    /// In its place where the GPU follows events.
+    /// Replaces `dvs` where the GPU follows events.
     pub(crate) gpu_events: Option<GpuEventCamera>,
-    /// Of automatic exposure: EV100, and whether there is one.
+    /// State of automatic exposure: EV100, and whether it is known.
     pub(crate) meter: Option<wgpu::Buffer>,
-    /// Whether it begins anew in this firing.
+    /// Whether the meter starts in this firing.
     pub(crate) meter_begins: bool,
 }
 
@@ -68,7 +68,7 @@ impl std::fmt::Debug for View {
 }
 
 impl View {
-    /// A view that has not fired. Allocates nothing on the GPU yet.
+    /// A view that has not fired. Nothing is allocated on the GPU yet.
     pub fn new(_gpu: &Gpu, spec: ViewSpec) -> View {
         View {
             spec,
@@ -88,7 +88,7 @@ impl View {
         self.spec.intrinsics
     }
 
-    /// Bytes one frame of `modality` has; for `dvs` the most it can have.
+    /// Payload bytes of a frame of `modality`; for `dvs` the upper limit.
     pub fn payload_bytes(&self, modality: Modality) -> usize {
         let n_elements = if modality == Modality::Dvs {
             self.spec.dvs.max_events_of(
@@ -111,7 +111,7 @@ impl View {
     }
 }
 
-/// One frame that somebody reads.
+/// One frame that has a reader.
 #[derive(Debug)]
 pub struct Output<'a> {
     /// What it shows.
@@ -121,14 +121,14 @@ pub struct Output<'a> {
     pub place: Place<'a>,
 }
 
-/// One scheduled firing of a view. Pass it even when nobody reads (`outputs` empty): flow refers to
-/// the previous *scheduled* firing.
+/// One scheduled firing of a view. Pass it even without readers (`outputs` empty), because flow
+/// refers to the previous *scheduled* firing.
 #[derive(Debug)]
 pub struct ViewJob<'v, 'a> {
     /// The view.
     pub view: &'v mut View,
     /// Pose of the sensor (x forward, y left, z up).
     pub world_from_sensor: Isometry3<f64>,
-    /// What somebody reads, each modality at most once.
+    /// Outputs with readers, each modality at most once.
     pub outputs: Vec<Output<'a>>,
 }

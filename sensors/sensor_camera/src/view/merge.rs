@@ -1,14 +1,14 @@
-//! Which jobs of a tick see the same: they are drawn once.
+//! Finds the jobs of a tick that see the same, so that they are drawn once.
 
 use schema_frames::Modality;
 use sensor_spec::ExposureMode;
 
 use super::camera_view::ViewJob;
 
-/// For each job the first one whose drawing it shares; itself if there is none.
+/// For each job the index of the first job whose drawing it shares, or its own index.
 ///
-/// Pose, lens and previous firing must agree to the bit, and whoever wants colour must want the
-/// same colour.
+/// Pose, lens and previous firing must agree to the bit, and jobs with colour must have equal
+/// optics.
 pub(crate) fn leaders(jobs: &[ViewJob<'_, '_>]) -> Vec<usize> {
     let mut leaders: Vec<usize> = Vec::with_capacity(jobs.len());
     for (i, job) in jobs.iter().enumerate() {
@@ -41,8 +41,8 @@ fn shares_drawing(
     if !wants_colour(job) {
         return true;
     }
-    // Automatic exposure remembers, so each such view develops its own picture; others share one of
-    // equal optics.
+    // Automatic exposure has a state, so each such view develops its own image; other views share
+    // one if their optics are equal.
     let remembers =
         |job: &ViewJob<'_, '_>| job.view.spec.optics.exposure.mode == ExposureMode::Histogram;
     let coloured = (leader..jobs.len().min(leaders.len()))

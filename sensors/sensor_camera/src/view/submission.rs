@@ -1,4 +1,4 @@
-//! A submission on its way, and what came of it.
+//! A submission in flight, and its results.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,17 +7,17 @@ use sensor_gpu::{CopyOutcome, GpuError, InFlight, Place};
 
 use crate::dvs::{EventCamera, EventImages, EventList, EventsMade, Rows};
 
-/// What became of one [`crate::Output`].
+/// Result of one [`crate::Output`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OutputResult {
     /// What it shows.
     pub modality: Modality,
     /// Payload bytes in use.
     pub n_bytes: usize,
-    /// Copies by the CPU on the way: 0 or 1 (`dvs` is written in place: 0).
+    /// Copies by the CPU: 0 or 1 (`dvs` is written in place: 0).
     pub cpu_copies: u32,
-    /// First frame since the state began (flow without a previous firing, event camera that starts
-    /// anew).
+    /// First frame of a state (flow without a previous firing, an event camera that has just
+    /// started).
     pub first: bool,
     /// Events that did not fit.
     pub n_dropped: u64,
@@ -25,14 +25,14 @@ pub struct OutputResult {
     pub window_nanos: u64,
 }
 
-/// Results of one [`crate::ViewJob`], outputs in the order they were asked for.
+/// Results of one [`crate::ViewJob`], outputs in the order of the job.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ViewResult {
     /// One per output.
     pub outputs: Vec<OutputResult>,
 }
 
-/// What to do for an output after the fence.
+/// What to do for an output once the GPU is done.
 #[derive(Debug)]
 pub(crate) enum Plan<'a> {
     /// A copy that was recorded under this number.
@@ -49,7 +49,7 @@ pub(crate) enum Plan<'a> {
         state: Arc<Mutex<EventCamera>>,
         window_nanos: u64,
     },
-    /// Events that the GPU made and that are to be put in order.
+    /// Events that the GPU made and that are to be sorted.
     EventList {
         place: Place<'a>,
         list: EventList,
@@ -57,7 +57,7 @@ pub(crate) enum Plan<'a> {
     },
 }
 
-/// Numbers of the mapped copies that events are made from.
+/// Indices of the mapped copies that events are made from.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DvsMaps {
     pub luminance: usize,
@@ -67,7 +67,7 @@ pub(crate) struct DvsMaps {
     pub class: usize,
 }
 
-/// Frames being made. Nothing may be sent before [`Submission::wait`] returned.
+/// Frames in the making. Nothing may be sent before [`Submission::wait`] has returned.
 #[derive(Debug)]
 #[must_use = "the bytes are there only after wait()"]
 pub struct Submission<'a> {
@@ -76,13 +76,12 @@ pub struct Submission<'a> {
 }
 
 impl Submission<'_> {
-    /// Whether nothing was submitted because nobody reads.
+    /// Whether nothing was submitted because there are no readers.
     pub fn is_empty(&self) -> bool {
         self.in_flight.is_none()
     }
 
-    /// Waits for the GPU, makes the events, and says what was written: one result per job, in
-    /// order.
+    /// Waits for the GPU, makes the events, and returns one result per job, in order.
     ///
     /// # Errors
     /// The device was lost.
@@ -107,7 +106,7 @@ impl Submission<'_> {
     }
 }
 
-/// Does what a plan says.
+/// Carries out a plan.
 ///
 /// # Safety
 /// The submission that the plan belongs to is done.

@@ -1,4 +1,4 @@
-//! What an event camera on the GPU remembers.
+//! State of an event camera on the GPU.
 
 use std::sync::PoisonError;
 
@@ -11,19 +11,19 @@ use super::list::{HEAD_BYTES, Lists, N_SLICES};
 use crate::dvs::chance::Chance;
 use crate::dvs::tiles::tiles_of;
 
-/// Longest list: cameras that may make more events in one frame are left to the processor.
+/// Limit of a list; cameras that may make more events in one frame use the CPU.
 const MAX_LIST_BYTES: usize = 256 << 20;
 
-/// What an event camera on the GPU remembers.
+/// State of an event camera on the GPU.
 pub(crate) struct GpuEventCamera {
     pub(super) spec: DvsSpec,
     pub(super) size_px: [u32; 2],
     pub(super) max_events: usize,
     pub(super) capacity: usize,
     pub(super) job: wgpu::Buffer,
-    /// Two pictures in one buffer, by turns: the one that ends the window is number `now`.
+    /// Two images in one buffer, used in turn: the one that ends the window has index `now`.
     pub(super) levels: wgpu::Buffer,
-    /// The same in a buffer each.
+    /// The same in two buffers.
     pub(super) flow: [wgpu::Buffer; 2],
     pub(super) now: usize,
     pub(super) source: wgpu::Buffer,
@@ -33,7 +33,7 @@ pub(crate) struct GpuEventCamera {
     pub(super) range_before: wgpu::Buffer,
     pub(super) jump: wgpu::Buffer,
     pub(super) references: wgpu::Buffer,
-    /// How far each pixel has leaked when it begins: the shader adds the first picture.
+    /// How far each pixel has leaked at the start; the shader adds the first image.
     pub(super) leaked: Vec<f32>,
     pub(super) silent_nanos: wgpu::Buffer,
     pub(super) mismatch: wgpu::Buffer,
@@ -45,7 +45,7 @@ pub(crate) struct GpuEventCamera {
 }
 
 impl GpuEventCamera {
-    /// Whether the GPU can be such a camera.
+    /// Whether the GPU supports such a camera.
     pub fn takes(spec: &DvsSpec, size_px: [u32; 2]) -> bool {
         let has_no_dice = spec.sigma_positive_threshold <= 0.0
             && spec.sigma_negative_threshold <= 0.0
@@ -154,10 +154,10 @@ impl GpuEventCamera {
     }
 }
 
-/// Places for events: more than a frame takes, so that what is cut off is what comes last in all
-/// but the worst case.
+/// Capacity of the list. It is larger than a frame's, so that in all but the worst case the events
+/// that are cut off are the last ones.
 fn capacity_of(spec: &DvsSpec, [width, height]: [u32; 2]) -> usize {
-    // A flicker of all pixels at one time is one slice.
+    // If all pixels flicker at one time, all events are in one slice.
     let max_events =
         (spec.max_events_of(width, height) as usize).max(width as usize * height as usize);
     max_events + max_events / 4 + 65_536

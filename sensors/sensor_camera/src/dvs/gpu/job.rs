@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Mirror of `Job` in `shader/events.wgsl`, which says what is what.
+/// Mirror of `Job` in `shader/events.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 pub struct EventJob {
@@ -18,9 +18,9 @@ pub struct EventJob {
     pub log_eps: f32,
     /// Longest path between two samples, pixels.
     pub substep_px: f32,
-    /// Leak of the window.
+    /// How much references sink in the window.
     pub leak: f32,
-    /// Length over that of the window before.
+    /// Length of the window over that of the one before.
     pub ratio: f32,
     /// Length.
     pub nanos: u32,
@@ -28,20 +28,20 @@ pub struct EventJob {
     pub refractory_nanos: u32,
     /// Slices per time, times 2³².
     pub slices: [u32; 2],
-    /// Events that the list takes.
+    /// Capacity of the list.
     pub capacity: u32,
-    /// What a level is.
+    /// Kind of level: 0 logarithm, 1 linear, 2 and 3 the same of encoded colour.
     pub level: u32,
-    /// Whether pictures are moved.
+    /// Whether images are warped along their motion.
     pub moves: u32,
-    /// Whether thresholds differ.
+    /// Whether thresholds vary from pixel to pixel.
     pub differs: u32,
-    /// Whether the run writes, or only counts.
+    /// Whether the run writes events, or only counts them.
     pub writes: u32,
-    /// Which of two pictures is the end of the window.
+    /// Index of the image that ends the window.
     pub now: u32,
 }
 
-/// Distance of the job that counts from the one that writes: a multiple of what any device asks of
-/// offsets.
+/// Distance between the job that counts and the one that writes: a multiple of every device's
+/// offset alignment.
 pub(super) const JOB_BYTES: u64 = 256;

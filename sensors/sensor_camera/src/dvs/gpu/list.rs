@@ -1,4 +1,4 @@
-//! The list of events that the GPU has written, and its way to the reader.
+//! The list of events that the GPU writes, and the copy to the reader.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -9,11 +9,11 @@ use sensor_gpu::HostMemory;
 use crate::dvs::events_made::EventsMade;
 use crate::dvs::sort::{Slices, Sorter};
 
-/// Slices of time that the shader deals events out to.
+/// Slices of time by which the shader groups events.
 pub(super) const N_SLICES: usize = 1024;
 /// Bytes of the list before its first event.
 pub(super) const HEAD_BYTES: usize = 4 * N_SLICES;
-/// Lists that wait for their next frame.
+/// Lists that are not in use.
 pub(super) type Lists = Arc<Mutex<Vec<HostMemory>>>;
 
 /// Where the events of a window will be once the GPU is done.
@@ -59,9 +59,8 @@ impl EventList {
                 first: true,
             }
         } else {
-            // SAFETY: the list is this one's alone until it goes back to the others, nobody calls
-            // `write` on it, and the submission that
-            // wrote it is done (the caller's promise).
+            // SAFETY: this value has exclusive use of the list until it is given back, nobody calls
+            // `write` on it, and the submission that wrote it is done (the caller's promise).
             self.sort(unsafe { memory.bytes() }, out)
         };
         self.lists
@@ -77,9 +76,8 @@ impl EventList {
         let events: &[DvsEvent] =
             bytemuck::cast_slice(&events[..self.capacity * size_of::<DvsEvent>()]);
         let n_made = ends[N_SLICES - 1] as usize;
-        // Which events of a slice the list took, if not all, depends on the order of the GPU's
-        // work: such a slice is dropped, or frames would
-        // not be the same twice.
+        // If a slice does not fit, which of its events are in the list depends on the order of the
+        // GPU's work. Such a slice is dropped, so that frames are reproducible.
         let n_whole = ends
             .iter()
             .map(|end| *end as usize)

@@ -33,7 +33,7 @@ impl std::fmt::Debug for EventPass {
 }
 
 impl EventPass {
-    /// Whether an adapter can do it.
+    /// Whether an adapter has the needed features.
     pub fn is_supported(gpu: &Gpu) -> bool {
         let wanted = wgpu::Features::SHADER_INT64 | wgpu::Features::SHADER_INT64_ATOMIC_MIN_MAX;
         let has_room = gpu.device().limits().max_storage_buffers_per_shader_stage >= 14;
@@ -99,8 +99,8 @@ impl EventPass {
         }
     }
 
-    /// Records the window that ends with these images, a layer of targets, and says where its
-    /// events will be.
+    /// Records the window that ends with these images, a layer of targets. Returns where its events
+    /// will be.
     pub fn record(
         &self,
         gpu: &Gpu,
@@ -155,8 +155,8 @@ impl EventPass {
                 run(&self.scatter, Some(&written), tiles);
                 run(&self.before, Some(&read), tiles);
             }
-            // One pipeline counts and writes: two could be compiled to round apart, and an event be
-            // written that was not counted.
+            // The same pipeline counts and writes: two pipelines could be compiled to round
+            // differently, so that an event is written that was not counted.
             run(&self.follow, Some(&read), tiles);
             run(&self.place, None, [1, 1]);
             run_as(writes, &self.follow, Some(&read), tiles);
@@ -233,7 +233,7 @@ impl EventPass {
     }
 }
 
-/// What is written per pixel and tile by whoever comes first, and read once all are done.
+/// Bind group of the tables that one pass writes by atomics and later passes read.
 fn bind_tables(
     gpu: &Gpu,
     layout: &wgpu::BindGroupLayout,

@@ -1,6 +1,6 @@
 //! The clear sky against the model's authors: values that their own program (ArHosekSkyModel,
-//! version 1.4a of 22 February 2013, double
-//! precision) gives for the suns, turbidities and the ground that weathers lead to.
+//! version 1.4a of 22 February 2013, double precision) gives for the suns, turbidities and the
+//! ground that weathers lead to.
 
 use nalgebra::Vector3;
 
