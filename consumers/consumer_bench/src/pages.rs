@@ -56,6 +56,11 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<Exit> {
 
 /// Pages that would change. Every table and every result must be used by a page.
 fn changes(folder: &Path) -> anyhow::Result<Vec<Change>> {
+    ensure!(
+        folder.join("tables.toml").exists(),
+        "{} has no tables.toml; run this in the root of the repository, or say --pages DIR",
+        folder.display()
+    );
     let figures = Figures::read(&folder.join("raw"))?;
     let description = folder.join("tables.toml");
     let text = std::fs::read_to_string(&description)
