@@ -7,10 +7,13 @@
     client.py PORT DOMAIN traffic TM_PORT        ticks/s with 0 to 200 vehicles of the client's own Traffic Manager
     client.py PORT DOMAIN echo                   world.tick() of a server that only answers (needs msgpack)
 
+With `--json FILE` the figures are also written for the tables of docs/benchmarks.
 Run the simulator on DOMAIN with `vehicles = 0` and the gateway at PORT; PYTHONPATH has schemas/python/src.
 """
 
+import json
 import os
+import platform
 import queue
 import socket
 import struct
@@ -22,11 +25,39 @@ import time
 import carla
 import numpy as np
 
+JSON_FILE = None
+if "--json" in sys.argv:
+    JSON_FILE = sys.argv.pop(sys.argv.index("--json") + 1)
+    sys.argv.remove("--json")
 PORT, DOMAIN, WHAT = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+ROWS = []
+
+
+def note(name, **figures):
+    """Adds a row to the result that `--json` writes."""
+    ROWS.append({"name": name, **figures})
+
+
+def write_json():
+    """The same form as launch_cli::bench writes: what, on which machine, from which commit, with which command."""
+    models = [line.split(": ", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
+    commit = subprocess.run(["git", "describe", "--always", "--dirty", "--abbrev=10"], capture_output=True, text=True)
+    machine = {
+        "cpu": models[0] if models else "unknown",
+        "n_cores": len(os.sched_getaffinity(0)),
+        "kernel": platform.release(),
+        "load_1min": open("/proc/loadavg").read().split()[0],
+        "commit": commit.stdout.strip() or "unknown",
+        "command": " ".join(["client.py", *sys.argv[1:]]),
+    }
+    with open(JSON_FILE, "w") as file:
+        json.dump({"bench": "client.py", "machine": machine, "rows": ROWS}, file, indent=2)
+        file.write("\n")
 
 
 def say(name, micros):
     values = np.asarray(micros)
+    note(name, p50_us=float(np.percentile(values, 50)), p99_us=float(np.percentile(values, 99)), n=len(values))
     print(f"{name}: p50 {np.percentile(values, 50):.0f} us, p99 {np.percentile(values, 99):.0f} us, n {len(values)}", flush=True)
 
 
@@ -53,6 +84,7 @@ def measure_ticks(world, n=3000):
         times.append((time.monotonic_ns() - began) / 1e3)
     say("world.tick()", times)
     print(f"{n / (sum(times) / 1e6):.0f} ticks/s", flush=True)
+    note("steps per second", steps_per_sec=n / (sum(times) / 1e6))
 
 
 def camera(world, width, height, place):
@@ -147,7 +179,9 @@ def measure_cameras(world, n=15):
             for _, messages in made:
                 while messages.get(timeout=60.0).frame != tick:
                     pass
-        print(f"{n_cameras} cameras 640x480: {n / (time.monotonic() - began):.2f} ticks/s", flush=True)
+        per_sec = n / (time.monotonic() - began)
+        print(f"{n_cameras} cameras 640x480: {per_sec:.2f} ticks/s", flush=True)
+        note(f"{n_cameras} cameras", steps_per_sec=per_sec)
         for sensor, _ in made:
             sensor.destroy()
         world.tick()
@@ -175,7 +209,9 @@ def measure_traffic(client, world, tm_port, n=200):
             began = time.monotonic()
             for _ in range(n):
                 world.tick()
-            print(f"{len(cars)} vehicles, Traffic Manager {'on' if with_manager else 'off'}: {n / (time.monotonic() - began):.0f} ticks/s", flush=True)
+            per_sec, state = n / (time.monotonic() - began), "on" if with_manager else "off"
+            print(f"{len(cars)} vehicles, Traffic Manager {state}: {per_sec:.0f} ticks/s", flush=True)
+            note(f"{len(cars)} vehicles, Traffic Manager {state}", steps_per_sec=per_sec)
         if next_point >= len(points):
             break
 
@@ -253,5 +289,7 @@ def main():
 
 
 main()
+if JSON_FILE:
+    write_json()
 # The wheel's own threads must not outlive the interpreter.
 os._exit(0)
