@@ -1,6 +1,6 @@
 //! Rules for the Markdown pages: what they name exists, and their lines can be read.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use test_tidy::{files, relative, repository};
 
@@ -121,6 +121,34 @@ fn pages_name_files_that_exist() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Each list of files for a newcomer is short and names every file once.
+#[test]
+fn reading_orders_of_the_architecture_page_are_short() {
+    let text = page("ARCHITECTURE.md");
+    let (_, chapter) = text
+        .split_once("\n## Where to begin\n")
+        .expect("the page has this chapter");
+    let chapter = chapter.split("\n## ").next().unwrap_or_default();
+    let mut lists: Vec<Vec<&str>> = Vec::new();
+    for line in chapter.lines() {
+        if line.starts_with("**") {
+            lists.push(Vec::new());
+        } else if line.starts_with(|c: char| c.is_ascii_digit()) {
+            let file = line.split('`').nth(1).unwrap_or_default();
+            lists.last_mut().expect("a head comes first").push(file);
+        }
+    }
+    assert_eq!(lists.len(), 4, "four newcomers");
+    for list in lists {
+        let n_files = list.iter().collect::<BTreeSet<_>>().len();
+        assert_eq!(n_files, list.len(), "a file stands twice in {list:?}");
+        assert!((3..=10).contains(&n_files), "{n_files} files: {list:?}");
+        for file in list {
+            assert!(repository().join(file).is_file(), "{file:?} is no file");
+        }
+    }
 }
 
 /// `[text](target)` of every page: files relative to the page, without web addresses.
