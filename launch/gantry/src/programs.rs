@@ -1,6 +1,9 @@
-//! Where a program is: beside this one, then on `PATH`.
+//! Other programs: where one is (beside this one, then on `PATH`), and what it answers.
 
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 
@@ -48,6 +51,44 @@ fn is_program(path: &Path) -> bool {
         .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 
+/// What a program prints to stdout, within a time.
+pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Result<String> {
+    let mut child = Command::new(program)
+        .args(args)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .with_context(|| format!("cannot start {}", program.display()))?;
+    let mut pipe = child.stdout.take().expect("stdout is piped");
+    let reader = std::thread::spawn(move || {
+        let mut text = Vec::new();
+        // What came before a failure is still worth showing.
+        let _ = pipe.read_to_end(&mut text);
+        String::from_utf8_lossy(&text).into_owned()
+    });
+    let start = Instant::now();
+    while child
+        .try_wait()
+        .context("cannot wait for a program")?
+        .is_none()
+    {
+        if start.elapsed() > within {
+            let _ = child.kill();
+            let _ = child.wait();
+            anyhow::bail!(
+                "{} gave no answer within {} s",
+                program.display(),
+                within.as_secs()
+            );
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    reader
+        .join()
+        .map_err(|_| anyhow::anyhow!("the thread that read from {} failed", program.display()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,5 +107,26 @@ mod tests {
     #[test]
     fn our_programs_are_known_by_name() {
         assert!(is_ours("simd") && is_ours("/opt/gantry-view") && !is_ours("sleep"));
+    }
+
+    #[test]
+    fn programs_that_hang_are_given_up() {
+        assert_eq!(
+            output_of(
+                Path::new("/bin/sh"),
+                &["-c", "echo yes"],
+                Duration::from_secs(60)
+            )
+            .unwrap(),
+            "yes\n"
+        );
+        assert!(
+            output_of(
+                Path::new("/bin/sh"),
+                &["-c", "exec sleep 1000"],
+                Duration::from_millis(50)
+            )
+            .is_err()
+        );
     }
 }

@@ -1,45 +1,11 @@
 //! Flags every binary has, and the two subcommands every binary gets: `completions <shell>` and the
 //! hidden `man`.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::Write as _;
 
-use clap::{ArgAction, Args, CommandFactory, Parser, ValueEnum};
+use clap::{ArgAction, Args, CommandFactory, Parser};
 
-/// When to colour what goes to the terminal.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum ColorWhen {
-    /// On a terminal, unless `NO_COLOR` is set.
-    #[default]
-    Auto,
-    /// Always.
-    Always,
-    /// Never.
-    Never,
-}
-
-impl ColorWhen {
-    /// Whether stderr gets colours.
-    pub fn on_stderr(self) -> bool {
-        match self {
-            ColorWhen::Always => true,
-            ColorWhen::Never => false,
-            ColorWhen::Auto => {
-                std::io::stderr().is_terminal()
-                    && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
-            }
-        }
-    }
-}
-
-/// How log lines are written to stderr.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum LogFormat {
-    /// One readable line each.
-    #[default]
-    Text,
-    /// One JSON object per line, with a timestamp.
-    Json,
-}
+use crate::logging::{self, ColorWhen, LogFormat, LogOptions};
 
 /// Flags shared by all binaries: `#[command(flatten)] common: CommonArgs`.
 #[derive(Args, Clone, Debug)]
@@ -76,7 +42,12 @@ pub struct CommonArgs {
 impl CommonArgs {
     /// Starts logging to stderr as these flags ask; call once, before anything logs.
     pub fn init_logging(&self) {
-        crate::logging::init(self);
+        logging::init(&LogOptions {
+            verbose: self.verbose,
+            quiet: self.quiet,
+            color: self.color,
+            format: self.log_format,
+        });
     }
 }
 

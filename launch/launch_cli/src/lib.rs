@@ -36,9 +36,10 @@ pub mod logging;
 pub mod machine;
 pub mod signals;
 
-pub use args::{ColorWhen, CommonArgs, LogFormat, command, parse};
+pub use args::{CommonArgs, command, parse};
 pub use data::{data_dir, file_in};
 pub use exit::{Exit, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;
+pub use logging::{ColorWhen, LogFormat};
 pub use machine::Machine;
 pub use signals::Shutdown;

@@ -3,13 +3,14 @@
 //! Text lines carry neither time nor module below debug level: the launcher puts its prefix before
 //! them and the time into its files.
 
+use std::io::IsTerminal as _;
+
+use clap::ValueEnum;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::registry::LookupSpan;
-
-use crate::args::{CommonArgs, LogFormat};
 
 /// Outside crates that talk at a level above their importance.
 const CHATTY: [&str; 7] = [
@@ -22,17 +23,65 @@ const CHATTY: [&str; 7] = [
     "re_grpc_client",
 ];
 
-pub(crate) fn init(args: &CommonArgs) {
+/// When to colour what goes to the terminal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum ColorWhen {
+    /// On a terminal, unless `NO_COLOR` is set.
+    #[default]
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+impl ColorWhen {
+    /// Whether stderr gets colours.
+    pub fn on_stderr(self) -> bool {
+        match self {
+            ColorWhen::Always => true,
+            ColorWhen::Never => false,
+            ColorWhen::Auto => {
+                std::io::stderr().is_terminal()
+                    && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty())
+            }
+        }
+    }
+}
+
+/// How log lines are written to stderr.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// One readable line each.
+    #[default]
+    Text,
+    /// One JSON object per line, with a timestamp.
+    Json,
+}
+
+/// How a program logs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LogOptions {
+    /// Number of `-v`.
+    pub verbose: u8,
+    /// Number of `-q`.
+    pub quiet: u8,
+    pub color: ColorWhen,
+    pub format: LogFormat,
+}
+
+/// Starts logging to stderr.
+pub(crate) fn init(options: &LogOptions) {
     let filter = EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| EnvFilter::new(directives(args.verbose, args.quiet)));
+        .unwrap_or_else(|_| EnvFilter::new(directives(options.verbose, options.quiet)));
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
     // A second call (tests in one process) keeps the first subscriber.
-    let _ = match args.log_format {
+    let _ = match options.format {
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
         LogFormat::Text => builder
-            .with_ansi(args.color.on_stderr())
+            .with_ansi(options.color.on_stderr())
             .event_format(Line)
             .try_init(),
     };

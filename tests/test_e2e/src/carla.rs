@@ -6,7 +6,7 @@ use std::time::Duration;
 use test_kit::sandbox::repository;
 use test_kit::{Ended, Process, Sandbox};
 
-use crate::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
+use crate::processes::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
 
 /// Scripts end themselves and say where they stand when they stand still (`carla_kit.py`); however
 /// slow the machine is, this is far beyond.

@@ -10,32 +10,10 @@
 
 #![forbid(unsafe_code)]
 
+pub mod patience;
 pub mod process;
 pub mod sandbox;
 
+pub use patience::{PATIENCE, eventually};
 pub use process::{Ended, Process};
 pub use sandbox::Sandbox;
-
-use std::time::{Duration, Instant};
-
-/// How long a test waits for a condition before it fails: far beyond any sane duration, so that
-/// only a hang reaches it.
-pub const PATIENCE: Duration = Duration::from_secs(120);
-
-/// Polls `condition` until it gives a value.
-///
-/// # Panics
-/// After [`PATIENCE`], with `what` in the message.
-pub fn eventually<T>(what: &str, mut condition: impl FnMut() -> Option<T>) -> T {
-    let start = Instant::now();
-    loop {
-        if let Some(value) = condition() {
-            return value;
-        }
-        assert!(
-            start.elapsed() < PATIENCE,
-            "waited {PATIENCE:?} in vain for: {what}"
-        );
-        std::thread::sleep(Duration::from_millis(10));
-    }
-}

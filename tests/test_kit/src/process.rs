@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-use crate::PATIENCE;
+use crate::patience::PATIENCE;
 
 /// A running child; killed when dropped.
 #[derive(Debug)]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use crate::Process;
+use crate::process::Process;
 
 /// Directory and names of one test; removed when dropped.
 #[derive(Debug)]

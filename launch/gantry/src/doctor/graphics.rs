@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{Finding, output_of};
+use super::finding::Finding;
 use crate::programs;
 
 const INSTALL: &str = "apt-get install libvulkan1 mesa-vulkan-drivers (as root)";
@@ -97,7 +97,7 @@ fn adapters() -> Finding {
             );
         }
     };
-    let text = match output_of(&simd, &["--adapters", "--json"], PATIENCE) {
+    let text = match programs::output_of(&simd, &["--adapters", "--json"], PATIENCE) {
         Ok(text) => text,
         Err(error) => return Finding::fail(WHAT, format!("{error:#}"), INSTALL),
     };

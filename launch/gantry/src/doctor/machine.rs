@@ -4,7 +4,7 @@ use std::net::TcpListener;
 
 use nix::sys::resource::{Resource, getrlimit};
 
-use super::Finding;
+use super::finding::Finding;
 use crate::bus::Bus;
 use crate::up::quickstart_bytes;
 

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{Finding, output_of};
+use super::finding::Finding;
+use crate::programs;
 
 /// Import name and what it is for.
 const MODULES: [(&str, &str); 5] = [
@@ -33,7 +34,7 @@ pub fn look() -> Vec<Finding> {
         "import importlib.util as u, platform; print(platform.python_version()); [print(m) for m in [{}] if u.find_spec(m) is None]",
         names.join(", ")
     );
-    let answer = match output_of(&python, &["-c", &script], PATIENCE) {
+    let answer = match programs::output_of(&python, &["-c", &script], PATIENCE) {
         Ok(answer) => answer,
         Err(error) => return vec![Finding::warn(WHAT, format!("{error:#}"), FIX)],
     };

@@ -122,7 +122,7 @@ pub fn find(given: Option<&Path>) -> Result<Client, String> {
             .collect(),
     };
     let has_wheel = |python: &PathBuf| {
-        let answer = crate::doctor::output_of(
+        let answer = crate::programs::output_of(
             python,
             &["-c", "import carla; print(hasattr(carla, 'Map'))"],
             LOOK,

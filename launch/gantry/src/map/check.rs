@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use launch_cli::{Exit, wrong_usage};
-use schema_roads::{MAX_TEXT_BYTES, RoadMap};
+use schema_roads::RoadMap;
 
 use super::carla::{self, Client};
 use super::report::{Contents, Report};
+use super::source;
 use crate::cli::{CheckArgs, WithCarla};
 
 /// A map to look at.
@@ -88,10 +89,10 @@ fn targets(args: &CheckArgs) -> anyhow::Result<Vec<Target>> {
 
 fn look(target: &Target, args: &CheckArgs, client: Option<&Client>) -> Report {
     let (name, text) = match target {
-        Target::File(path) => (path.display().to_string(), read(path)),
+        Target::File(path) => (path.display().to_string(), source::text_of_file(path)),
         Target::Name(name) => (
             name.clone(),
-            super::text_of_name(name, args.data.as_deref(), args.seed)
+            source::text_of_name(name, args.data.as_deref(), args.seed)
                 .map_err(|error| format!("{error:#}")),
         ),
     };
@@ -113,19 +114,4 @@ fn look(target: &Target, args: &CheckArgs, client: Option<&Client>) -> Report {
         contents: Some(contents),
         comparison,
     }
-}
-
-/// The text of a file, if it is one and not too long.
-fn read(path: &Path) -> Result<String, String> {
-    let file = path
-        .metadata()
-        .map_err(|error| format!("cannot be read: {error}"))?;
-    if file.len() > MAX_TEXT_BYTES as u64 {
-        return Err(format!(
-            "has {} bytes; at most {MAX_TEXT_BYTES} are read",
-            file.len()
-        ));
-    }
-    let bytes = std::fs::read(path).map_err(|error| format!("cannot be read: {error}"))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::named;
+use super::sections::named;
 use crate::error::{Errors, Place, did_you_mean};
 use crate::fill::{fill, fill_entry, refuse_unknown, table_or_error};
 use crate::period::Period;

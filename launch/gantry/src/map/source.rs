@@ -1,0 +1,52 @@
+//! The OpenDRIVE text of a map: from a file, or from the daemon by name.
+
+use std::path::Path;
+
+use anyhow::Context as _;
+use launch_cli::wrong_usage;
+use schema_roads::MAX_TEXT_BYTES;
+
+use crate::programs;
+
+/// The OpenDRIVE text of a name: the daemon knows its towns and the map folder.
+pub fn text_of_name(name: &str, data: Option<&Path>, seed: u64) -> anyhow::Result<String> {
+    let simd = programs::find("simd")?;
+    let mut command = std::process::Command::new(simd);
+    command.args([
+        "--map",
+        name,
+        "--set",
+        &format!("scenario.seed={seed}"),
+        "--export-map",
+        "-",
+    ]);
+    if let Some(data) = data {
+        command.arg("--data").arg(data);
+    }
+    let output = command.output().context("cannot start simd")?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let sentence = said
+            .lines()
+            .find_map(|line| line.split_once("error: "))
+            .map_or(said.trim(), |(_, sentence)| sentence);
+        return Err(wrong_usage(sentence.to_owned()));
+    }
+    String::from_utf8(output.stdout)
+        .with_context(|| format!("the text of map {name:?} is not UTF-8"))
+}
+
+/// The text of a file, if it is one and not too long.
+pub fn text_of_file(path: &Path) -> Result<String, String> {
+    let file = path
+        .metadata()
+        .map_err(|error| format!("cannot be read: {error}"))?;
+    if file.len() > MAX_TEXT_BYTES as u64 {
+        return Err(format!(
+            "has {} bytes; at most {MAX_TEXT_BYTES} are read",
+            file.len()
+        ));
+    }
+    let bytes = std::fs::read(path).map_err(|error| format!("cannot be read: {error}"))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}

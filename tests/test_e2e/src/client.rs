@@ -1,0 +1,76 @@
+//! The test itself on the sandbox's bus: readers, documents and commands.
+
+use std::time::Duration;
+
+use schema_bus::{Bus, BusOptions, CommandClient, Document, FrameReader};
+use schema_frames::{Command, CommandBatch, CommandReply};
+use test_kit::{Sandbox, eventually};
+
+/// This process on the sandbox's bus.
+pub fn join_bus(sandbox: &Sandbox, name: &str) -> Bus {
+    let options = BusOptions {
+        iceoryx_root: Some(sandbox.path("iox")),
+        prefix: Some(sandbox.prefix().to_owned()),
+    };
+    Bus::open_with(sandbox.domain(), name, &options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Waits until a topic has `n` readers.
+pub fn wait_readers(bus: &Bus, topic: &str, n: usize) {
+    eventually(&format!("{topic} has {n} readers"), || {
+        bus.topics()
+            .ok()?
+            .iter()
+            .find(|found| found.name == topic && found.subscribers >= n)
+            .map(drop)
+    });
+}
+
+/// A reader of a topic that appears sooner or later.
+pub fn reader(bus: &Bus, topic: &str) -> FrameReader {
+    eventually(&format!("topic {topic} appears"), || {
+        bus.frame_reader(topic).ok()
+    })
+}
+
+/// The newest revision of a document.
+pub fn document(bus: &Bus, name: &str) -> Document {
+    let mut reader = eventually(&format!("document {name} appears"), || {
+        bus.document_reader(name).ok()
+    });
+    eventually(&format!("document {name} arrives"), || {
+        reader.latest().unwrap_or_else(|error| panic!("{error}"))
+    })
+}
+
+/// Sends one command and returns its answer.
+pub fn ask(client: &mut CommandClient, command: Command) -> CommandReply {
+    let answer = client
+        .request(&CommandBatch::new(vec![command]), Duration::from_secs(60))
+        .unwrap_or_else(|error| panic!("{error}"));
+    answer
+        .replies
+        .into_iter()
+        .next()
+        .expect("one answer per command")
+}
+
+/// Value of one of the daemon's counters.
+pub fn counter(client: &mut CommandClient, name: &str) -> u64 {
+    match ask(client, Command::Counters) {
+        CommandReply::Counters { counters } => *counters
+            .get(name)
+            .unwrap_or_else(|| panic!("no counter {name:?} in {counters:?}")),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Cues `n` ticks and waits until they are done.
+pub fn step(client: &mut CommandClient, n: u64) -> u64 {
+    let CommandReply::Stepping { last_tick } = ask(client, Command::Step { n }) else {
+        panic!("step was refused")
+    };
+    eventually(&format!("tick {last_tick} is done"), || {
+        (counter(client, "ticks") >= last_tick).then_some(last_tick)
+    })
+}
