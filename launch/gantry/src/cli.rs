@@ -87,6 +87,22 @@ pub struct UpArgs {
     pub data: Option<PathBuf>,
 }
 
+/// Form of what is printed to stdout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// For people.
+    Text,
+    /// One object per line (`--json`).
+    Json,
+}
+
+impl Form {
+    /// What the flag `--json` asks for.
+    pub fn of(json: bool) -> Form {
+        if json { Form::Json } else { Form::Text }
+    }
+}
+
 /// How to show a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ViewMode {

@@ -9,7 +9,7 @@ mod source;
 use launch_cli::{CommonArgs, Exit};
 use schema_bus::Bus;
 
-use crate::cli::{TopicArgs, TopicWord};
+use crate::cli::{Form, TopicArgs, TopicWord};
 
 pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let bus = Bus::open(&common.domain, "gantry-topic")?;
@@ -22,8 +22,8 @@ pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
             .to_owned()
     };
     match &args.word {
-        TopicWord::List(list) => info::list(&bus, list.json),
-        TopicWord::Info(one) => info::info(&bus, &short(&one.topic), one.json),
+        TopicWord::List(list) => info::list(&bus, Form::of(list.json)),
+        TopicWord::Info(one) => info::info(&bus, &short(&one.topic), Form::of(one.json)),
         TopicWord::Hz(window) => {
             measure::run(&bus, &short(&window.topic), window, measure::What::Rate)
         }

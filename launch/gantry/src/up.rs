@@ -2,10 +2,12 @@
 
 mod child;
 mod memory;
+mod outcome;
 mod output;
 mod plan;
 mod ready;
 mod run_dir;
+mod signals;
 mod supervise;
 
 use std::path::Path;
@@ -39,7 +41,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     );
     check_new_files(args)?;
     if launch.processes.iter().any(plan::is_daemon) {
-        memory::check(&launch).map_err(wrong_usage)?;
+        memory::check(&launch)?;
     }
     let bus = Bus::open(&common.domain)?;
     if launch.processes.iter().any(plan::is_daemon) && bus.daemon_alive()? {
@@ -48,7 +50,7 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
             "a simulator runs on domain {domain:?} already; stop it, or choose another name with --domain"
         )));
     }
-    let signals = supervise::Signals::install()?;
+    let signals = signals::Signals::install()?;
     let run_dir = run_dir::make(args.data.as_deref())?;
     let resolved = run_dir.join("launch.toml");
     std::fs::write(&resolved, launch.to_toml_with_defaults())

@@ -12,6 +12,9 @@ use super::report::{Contents, Report};
 use super::source;
 use crate::cli::{CheckArgs, WithCarla};
 
+/// Warnings that are printed for each map unless all are wanted.
+const SHOWN: usize = 12;
+
 /// A map to look at.
 enum Target {
     File(PathBuf),
@@ -36,7 +39,8 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
         if args.json {
             println!("{}", report.as_json());
         } else {
-            print!("{}", report.as_text(args.all));
+            let max_warnings = if args.all { usize::MAX } else { SHOWN };
+            print!("{}", report.as_text(max_warnings));
         }
         n_broken += usize::from(report.is_broken());
         n_differ += usize::from(report.differs());

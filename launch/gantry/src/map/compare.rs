@@ -33,32 +33,46 @@ const END_M: f64 = 1e-3;
 /// What came out.
 #[derive(Debug, Default)]
 pub struct Comparison {
-    lines: Vec<(bool, String)>,
+    findings: Vec<Finding>,
+}
+
+/// One thing that was compared.
+#[derive(Debug)]
+pub struct Finding {
+    /// Whether both read it alike, or differ only where they may.
+    pub agrees: bool,
+    /// What was found.
+    pub text: String,
 }
 
 impl Comparison {
-    fn add(&mut self, good: bool, text: String) {
-        self.lines.push((good, text));
+    fn add(&mut self, agrees: bool, text: String) {
+        self.findings.push(Finding { agrees, text });
+    }
+
+    /// Adds what is no difference, but should be known.
+    fn note(&mut self, text: String) {
+        self.add(true, text);
     }
 
     /// Whether anything differs that should not.
     pub fn differs(&self) -> bool {
-        self.lines.iter().any(|(good, _)| !good)
+        self.findings.iter().any(|finding| !finding.agrees)
     }
 
-    /// Findings, and whether each is as it should be.
-    pub fn lines(&self) -> &[(bool, String)] {
-        &self.lines
+    /// Everything that was compared.
+    pub fn findings(&self) -> &[Finding] {
+        &self.findings
     }
 
     /// One object.
     pub fn as_json(&self) -> serde_json::Value {
-        let lines: Vec<_> = self
-            .lines
+        let findings: Vec<_> = self
+            .findings
             .iter()
-            .map(|(good, text)| json!({"agrees": good, "text": text}))
+            .map(|finding| json!({"agrees": finding.agrees, "text": finding.text}))
             .collect();
-        json!({"agrees": !self.differs(), "findings": lines})
+        json!({"agrees": !self.differs(), "findings": findings})
     }
 }
 
@@ -66,12 +80,12 @@ impl Comparison {
 pub fn compare(client: &Client, map: &RoadMap, text: &str) -> Comparison {
     let mut comparison = Comparison::default();
     match client.view(text) {
-        Err(error) => comparison.add(true, format!("not compared: {error}")),
+        Err(error) => comparison.note(format!("not compared: {error}")),
         Ok(View {
             ended_early: Some(how),
             ..
         }) => {
-            comparison.add(true, format!("not compared: the client's own reader {how} on this file; it is read here all the same"));
+            comparison.note(format!("not compared: the client's own reader {how} on this file; it is read here all the same"));
         }
         Ok(view) => {
             waypoints(&mut comparison, map, &view);
@@ -159,9 +173,7 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
         format!("{} waypoints, {missing} on lanes that are not here, {at_ends} at ends of sections left out", view.waypoints.len()),
     );
     if let Some(lane) = view.lost.first() {
-        out.add(
-            true,
-            format!(
+        out.note(format!(
                 "the client gives no place to {} waypoints, the first on road {} lane {}; they are left out",
                 view.lost.len(),
                 lane.0,

@@ -9,9 +9,6 @@ use serde_json::json;
 
 use super::compare::Comparison;
 
-/// Warnings that are printed for each map unless all are wanted.
-const SHOWN: usize = 12;
-
 /// What was read.
 #[derive(Debug)]
 pub struct Contents {
@@ -160,7 +157,7 @@ impl Report {
     }
 
     /// Some lines; the first says whether the map is sound.
-    pub fn as_text(&self, all: bool) -> String {
+    pub fn as_text(&self, max_warnings: usize) -> String {
         let verdict = if self.is_broken() {
             "broken"
         } else if self.differs() {
@@ -174,11 +171,7 @@ impl Report {
             (Some(contents), _) => writeln!(text, ": {}", contents.sentence()),
             (None, error) => writeln!(text, ": {}", error.as_deref().unwrap_or("cannot be read")),
         };
-        let shown = if all {
-            self.warnings.len()
-        } else {
-            SHOWN.min(self.warnings.len())
-        };
+        let shown = max_warnings.min(self.warnings.len());
         let mut ordered: Vec<&Warning> = self.warnings.iter().collect();
         ordered.sort_by_key(|warning| std::cmp::Reverse(warning.severity));
         for warning in &ordered[..shown] {
@@ -197,11 +190,12 @@ impl Report {
             );
         }
         if let Some(comparison) = &self.comparison {
-            for (good, line) in comparison.lines() {
+            for finding in comparison.findings() {
                 let _ = writeln!(
                     text,
-                    "        carla{} {line}",
-                    if *good { ":" } else { " differs:" }
+                    "        carla{} {}",
+                    if finding.agrees { ":" } else { " differs:" },
+                    finding.text
                 );
             }
         }

@@ -4,9 +4,11 @@ use launch_cli::{Exit, wrong_usage};
 use schema_bus::qos::{CONTROL, DOCUMENT, Qos, SNAPSHOT};
 use schema_bus::{Bus, TopicDetails, TopicKind};
 
-pub fn list(bus: &Bus, json: bool) -> anyhow::Result<Exit> {
+use crate::cli::Form;
+
+pub fn list(bus: &Bus, form: Form) -> anyhow::Result<Exit> {
     let topics = bus.topics()?;
-    if json {
+    if form == Form::Json {
         topics
             .iter()
             .for_each(|topic| println!("{}", as_json(bus, topic)));
@@ -38,7 +40,7 @@ pub fn list(bus: &Bus, json: bool) -> anyhow::Result<Exit> {
     Ok(Exit::Done)
 }
 
-pub fn info(bus: &Bus, name: &str, json: bool) -> anyhow::Result<Exit> {
+pub fn info(bus: &Bus, name: &str, form: Form) -> anyhow::Result<Exit> {
     let topics = bus.topics()?;
     let Some(topic) = topics.iter().find(|topic| topic.name == name) else {
         let known: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
@@ -52,7 +54,7 @@ pub fn info(bus: &Bus, name: &str, json: bool) -> anyhow::Result<Exit> {
             bus.domain()
         )));
     };
-    if json {
+    if form == Form::Json {
         println!("{}", as_json(bus, topic));
         return Ok(Exit::Done);
     }

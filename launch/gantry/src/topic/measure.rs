@@ -8,7 +8,7 @@ use launch_cli::{Exit, Shutdown};
 use schema_bus::{Bus, mono_now};
 
 use super::source::{Source, Stamp};
-use crate::cli::WindowArgs;
+use crate::cli::{Form, WindowArgs};
 
 /// Which figures to print.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ pub fn run(bus: &Bus, topic: &str, args: &WindowArgs, what: What) -> anyhow::Res
             break;
         }
         windows += 1;
-        print(topic, &window, what, args.json);
+        print(topic, &window, what, Form::of(args.json));
     }
     Ok(Exit::Done)
 }
@@ -182,8 +182,8 @@ impl Window {
     }
 }
 
-fn print(topic: &str, window: &Window, what: What, json: bool) {
-    if json {
+fn print(topic: &str, window: &Window, what: What, form: Form) {
+    if form == Form::Json {
         println!("{}", window.as_json(topic, what));
     } else {
         println!("{}", window.as_text(topic, what));

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use launch_cli::wrong_usage;
 use launch_spec::{Launch, TopicBudget};
 use schema_bus::{
     FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
@@ -18,8 +19,8 @@ pub fn total_bytes(launch: &Launch) -> u64 {
 }
 
 /// Refuses a launch file that cannot fit.
-pub fn check(launch: &Launch) -> Result<(), String> {
-    check_shared_memory(total_bytes(launch), 0).map_err(sentence)
+pub fn check(launch: &Launch) -> anyhow::Result<()> {
+    check_shared_memory(total_bytes(launch), 0).map_err(|short| wrong_usage(sentence(short)))
 }
 
 fn sentence(short: MemoryShortage) -> String {

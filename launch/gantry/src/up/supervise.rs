@@ -9,18 +9,19 @@
 use std::collections::VecDeque;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
-use anyhow::Context as _;
 use launch_cli::Exit;
-use launch_spec::{RestartPolicy, StopSignal};
+use launch_spec::RestartPolicy;
 use nix::sys::signal::Signal;
 
 use super::child::{self, Event, Running};
+use super::outcome::{Asked, Outcome, code_of, outcome_of, signal_of};
 use super::output::{Output, Sink};
 use super::plan::{Plan, ReadySign};
 use super::ready;
+use super::signals::Signals;
 use crate::bus::Bus;
 
 /// Between two looks for a sign of readiness.
@@ -29,33 +30,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 const TERM_GRACE: Duration = Duration::from_secs(2);
 /// How long the last words of the dead may take to arrive.
 const LAST_WORDS: Duration = Duration::from_secs(1);
-
-/// Signals to this process as events. Installed before the first child, so that none is missed.
-pub struct Signals {
-    events: Sender<Event>,
-    inbox: Receiver<Event>,
-}
-
-impl Signals {
-    pub fn install() -> anyhow::Result<Self> {
-        let (events, inbox) = channel();
-        let wanted = [
-            signal_hook::consts::SIGINT,
-            signal_hook::consts::SIGTERM,
-            signal_hook::consts::SIGHUP,
-        ];
-        let mut signals =
-            signal_hook::iterator::Signals::new(wanted).context("cannot listen for signals")?;
-        let sender = events.clone();
-        std::thread::spawn(move || {
-            signals
-                .forever()
-                .take_while(|_| sender.send(Event::Signal).is_ok())
-                .for_each(drop)
-        });
-        Ok(Signals { events, inbox })
-    }
-}
 
 /// One process of the launch file through all its starts.
 struct Slot {
@@ -80,22 +54,6 @@ enum State {
         until: Instant,
     },
     Over(Outcome),
-}
-
-/// It was asked to end: by which signal first and last, and when patience ends.
-#[derive(Clone, Copy)]
-struct Asked {
-    first: Signal,
-    last: Signal,
-    until: Instant,
-}
-
-/// How a process ended for good, the worst last.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Outcome {
-    Fine,
-    DataLost,
-    Failed,
 }
 
 /// Why the pipeline ends.
@@ -568,90 +526,5 @@ impl Supervisor {
         self.output
             .say(&format!("everything has ended: exit code {}", exit.code()));
         exit
-    }
-}
-
-fn signal_of(signal: StopSignal) -> Signal {
-    match signal {
-        StopSignal::Int => Signal::SIGINT,
-        StopSignal::Term => Signal::SIGTERM,
-        StopSignal::Hup => Signal::SIGHUP,
-        StopSignal::Quit => Signal::SIGQUIT,
-        StopSignal::Kill => Signal::SIGKILL,
-    }
-}
-
-/// As a shell reports it: the code, or 128 + the signal.
-fn code_of(status: ExitStatus) -> u8 {
-    let code = status
-        .code()
-        .unwrap_or_else(|| 128 + status.signal().unwrap_or(0));
-    u8::try_from(code).unwrap_or(1)
-}
-
-/// To end by the signal one was sent is to obey, except for KILL, which the launch file must ask
-/// for.
-fn outcome_of(status: ExitStatus, asked: Option<Asked>) -> Outcome {
-    let obeyed = asked.is_some_and(|asked| {
-        let polite = [
-            Signal::SIGINT,
-            Signal::SIGTERM,
-            Signal::SIGHUP,
-            Signal::SIGQUIT,
-            asked.first,
-        ];
-        polite
-            .iter()
-            .any(|signal| code_of(status) == 128 + *signal as u8)
-    });
-    match status.code() {
-        Some(0) => Outcome::Fine,
-        _ if obeyed => Outcome::Fine,
-        Some(3) => Outcome::DataLost,
-        _ => Outcome::Failed,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn asked(first: Signal) -> Option<Asked> {
-        Some(Asked {
-            first,
-            last: first,
-            until: Instant::now(),
-        })
-    }
-
-    #[test]
-    fn obeying_a_signal_is_fine_and_dying_of_another_is_not() {
-        let code = |code: i32| ExitStatus::from_raw(code << 8);
-        let by = |signal: Signal| ExitStatus::from_raw(signal as i32);
-        assert_eq!(outcome_of(code(0), None), Outcome::Fine);
-        assert_eq!(
-            outcome_of(code(3), asked(Signal::SIGINT)),
-            Outcome::DataLost
-        );
-        assert_eq!(outcome_of(code(1), asked(Signal::SIGINT)), Outcome::Failed);
-        assert_eq!(
-            outcome_of(by(Signal::SIGINT), asked(Signal::SIGINT)),
-            Outcome::Fine
-        );
-        assert_eq!(outcome_of(code(130), asked(Signal::SIGTERM)), Outcome::Fine);
-        assert_eq!(outcome_of(by(Signal::SIGINT), None), Outcome::Failed);
-        assert_eq!(
-            outcome_of(by(Signal::SIGKILL), asked(Signal::SIGINT)),
-            Outcome::Failed
-        );
-        assert_eq!(
-            outcome_of(by(Signal::SIGKILL), asked(Signal::SIGKILL)),
-            Outcome::Fine
-        );
-        assert_eq!(
-            outcome_of(by(Signal::SIGSEGV), asked(Signal::SIGINT)),
-            Outcome::Failed
-        );
-        assert_eq!(code_of(by(Signal::SIGKILL)), 137);
     }
 }

@@ -1,0 +1,34 @@
+//! Signals to this process as events.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+
+use anyhow::Context as _;
+
+use super::child::Event;
+
+/// Signals to this process as events. Installed before the first child, so that none is missed.
+pub struct Signals {
+    pub events: Sender<Event>,
+    pub inbox: Receiver<Event>,
+}
+
+impl Signals {
+    pub fn install() -> anyhow::Result<Self> {
+        let (events, inbox) = channel();
+        let wanted = [
+            signal_hook::consts::SIGINT,
+            signal_hook::consts::SIGTERM,
+            signal_hook::consts::SIGHUP,
+        ];
+        let mut signals =
+            signal_hook::iterator::Signals::new(wanted).context("cannot listen for signals")?;
+        let sender = events.clone();
+        std::thread::spawn(move || {
+            signals
+                .forever()
+                .take_while(|_| sender.send(Event::Signal).is_ok())
+                .for_each(drop)
+        });
+        Ok(Signals { events, inbox })
+    }
+}
