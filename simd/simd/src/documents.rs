@@ -2,12 +2,11 @@
 //! they change.
 
 use anyhow::Context as _;
-use launch_spec::Launch;
 use schema_bus::{Bus, DocumentPublisher, names};
 use schema_frames::{SpawnPoints, WorldInfo};
 use simd_world::World;
 
-use crate::daemon::Episode;
+use crate::episode::Episode;
 use crate::frames::Sensors;
 use crate::gate::Gate;
 
@@ -28,8 +27,6 @@ pub struct Documents {
 pub struct State<'a> {
     /// Actors, weather, catalogue.
     pub world: &'a World,
-    /// Seed.
-    pub launch: &'a Launch,
     /// Mode and participants.
     pub gate: &'a Gate,
     /// Map and epoch.
@@ -124,19 +121,14 @@ impl Documents {
 }
 
 fn info(state: &State<'_>) -> WorldInfo {
-    let targets = state
-        .sensors
-        .sensors
-        .iter()
-        .flat_map(|sensor| &sensor.topics)
-        .filter_map(|topic| topic.target());
+    let targets = state.sensors.topics().filter_map(|topic| topic.target());
     WorldInfo {
         source: "live".into(),
         version: env!("CARGO_PKG_VERSION").into(),
         epoch: state.episode.stamp.epoch.to_string(),
         episode: state.episode.stamp.episode,
         map: state.world.map().name.clone(),
-        seed: state.launch.scenario.seed,
+        seed: state.episode.stamp.seed,
         mode: state.gate.mode(),
         period_nanos: state.period_nanos,
         episode_start_nanos: state.episode.start.0,

@@ -1,31 +1,42 @@
 //! `simd`: owns the world and the clock, renders the sensors, and writes their frames into shared
 //! memory.
+//!
+//! The modules in reading order: `cli` and `settings` say what is asked, `setup` brings it up as a
+//! `daemon`, and the `tick_loop` turns, serving `commands` between ticks. A daemon has an `episode`
+//! on one of its `maps`; its `frames` come from `sensor`s, each with a `carrier`, a `rig` and
+//! `topic`s.
 
+mod carrier;
 mod checkpoints;
 mod cli;
+mod clients;
 mod commands;
 mod daemon;
 mod debug_shapes;
 mod documents;
+mod episode;
 mod frames;
 mod gate;
 mod hash;
-mod import;
 mod maps;
 mod pace;
-mod queries;
+mod ports;
 mod rig;
-mod runtime;
-mod scene;
+mod sensor;
+mod settings;
 mod setup;
+mod tick_loop;
+mod topic;
 
 use std::io::Write as _;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-
 use launch_cli::{Exit, Shutdown};
 use sensor_gpu::Gpu;
+
+use maps::Maps;
+use settings::Settings;
 
 fn main() -> ExitCode {
     launch_cli::run(|args: cli::Args| {
@@ -40,19 +51,17 @@ fn main() -> ExitCode {
         if let Err(error) = launch_cli::raise_file_limit() {
             tracing::warn!(%error, "the limit of open files stays as it is; many sensors may not fit");
         }
-        setup::start(args, shutdown)?.run()?;
+        tick_loop::run(setup::start(Settings::resolve(&args)?)?, &shutdown)?;
         Ok(Exit::Done)
     })
 }
 
 /// `--export-map`: the text and nothing else.
 fn export_map(args: &cli::Args, file: &std::path::Path) -> anyhow::Result<Exit> {
-    let launch = setup::read_launch(args)?;
-    let maps = maps::Maps::new(
-        &launch_cli::data_dir(args.data.as_deref())?,
-        args.launch.as_deref(),
-    );
-    let text = maps.text(&launch.scenario.map, launch.scenario.seed)?;
+    let settings = Settings::resolve(args)?;
+    let scenario = &settings.launch.scenario;
+    let maps = Maps::new(&settings.data_folder, settings.launch_folder.clone());
+    let text = maps.text(&scenario.map, scenario.seed)?;
     if file.as_os_str() == "-" {
         std::io::stdout().write_all(text.as_bytes())?;
     } else {

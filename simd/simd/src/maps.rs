@@ -61,12 +61,11 @@ pub struct Maps {
 }
 
 impl Maps {
-    /// Maps of the data folder `data`; relative paths may also start beside the launch file.
-    pub fn new(data: &Path, launch_file: Option<&Path>) -> Maps {
-        let beside = launch_file.and_then(Path::parent).map(Path::to_owned);
+    /// Maps of the data folder `data`; relative paths may also start in the launch file's folder.
+    pub fn new(data: &Path, launch_folder: Option<PathBuf>) -> Maps {
         Maps {
             folder: data.join("maps"),
-            beside,
+            beside: launch_folder,
             stored: BTreeMap::new(),
             n_stored: 0,
             kept: Vec::new(),

@@ -1,22 +1,20 @@
 //! Lidar frames: all of a tick in one submission where the GPU casts them, else on the CPU. Either
 //! way they are sent in their own tick.
 
-use std::rc::Rc;
-
 use anyhow::Context as _;
 use schema_bus::{FrameLoan, mono_now};
 use schema_frames::FrameHeader;
-use sensor_core::scene::Scene;
-use sensor_core::schedule::Firing;
 use sensor_gpu::Place;
 use sensor_ray::{ScanJob, Scans, SensorPath};
 use sensor_spec::LidarScan;
 
-use super::cpu::{Shot, TickRays};
-use super::{Carrier, Sensors, Stamp, remember};
-use crate::rig::{Model, Rig, Sensor};
+use super::rays::{Rays, TickRays};
+use super::shot::{Due, Shot, TickView};
+use crate::rig::Waking;
+use crate::sensor::{Model, Sensor};
+use crate::topic::Audience;
 
-/// Lidars of a tick on their way.
+/// Lidars of a tick that the GPU has not finished.
 pub(super) struct PendingLidars {
     scans: Scans<'static>,
     frames: Vec<PendingLidar>,
@@ -28,163 +26,148 @@ struct PendingLidar {
     header: FrameHeader,
 }
 
-impl Sensors {
-    /// Casts the due lidars on the GPU; `None` if there is nothing to do or the CPU has to do it.
-    pub(super) fn submit_lidars(
-        &mut self,
-        scene: &Scene,
-        stamp: &Stamp,
-        due: &[(usize, Firing, Carrier)],
-    ) -> Option<PendingLidars> {
-        let read_everything = self.read_everything;
-        let is_read = |(idx, ..): &(usize, Firing, Carrier)| {
-            let sensor = &self.sensors[*idx];
-            matches!(sensor.model, Model::Lidar { .. })
-                && (read_everything || sensor.topics[0].n_readers() > 0)
-        };
-        if self.lidar_gpu.is_none() || !due.iter().any(is_read) {
-            return None;
-        }
-        let (Some(gpu), Some(rays)) = (&mut self.lidar_gpu, &mut self.rays) else {
-            return None;
-        };
-        rays.update_for_gpu(&scene.dynamics);
-        if let Err(why) = gpu.update(rays) {
-            if !std::mem::replace(&mut self.lidars_were_refused, true) {
-                tracing::warn!(
-                    tick = scene.tick.0,
-                    why,
-                    "lidars are cast on the CPU as long as they are too much for the GPU; said once"
-                );
-            }
-            return None;
-        }
-        let (mut jobs, mut frames) = (Vec::new(), Vec::new());
-        let mut due = due.iter().peekable();
-        for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
-            let Some((_, firing, carrier)) = due.next_if(|(idx, ..)| *idx == sensor_idx) else {
-                continue;
-            };
-            if !matches!(sensor.model, Model::Lidar { .. }) {
-                continue;
-            }
-            let shot = Shot::new(scene, stamp, firing, carrier, sensor);
-            let Some((loan, header, path)) = shot.aim_lidar(sensor, read_everything) else {
-                continue;
-            };
-            let topic = &sensor.topics[0];
-            let place = Place::Shm {
-                target: topic
-                    .target()
-                    .cloned()
-                    .expect("lidars that the GPU casts have a target while they have memory"),
-                offset_bytes: loan
-                    .offset_in_segment()
-                    .expect("the segment was asked for when the topic was opened"),
-                capacity_bytes: topic.max_payload_bytes,
-            };
-            let Model::Lidar { lidar, .. } = &mut sensor.model else {
-                continue;
-            };
-            frames.push(PendingLidar {
-                sensor_idx,
-                loan,
-                header,
-            });
-            jobs.push(ScanJob {
-                lidar,
-                path,
-                noise: shot.noise,
-                ignored: None,
-                place,
-            });
-        }
-        Some(PendingLidars {
-            scans: gpu.scan(jobs),
-            frames,
-        })
+/// Casts the due lidars on the GPU; `None` if there is nothing to do or the CPU has to do it.
+/// `due` is in the order of `sensors`.
+pub(super) fn submit(
+    sensors: &mut [Sensor],
+    rays: &mut Rays,
+    tick: &TickView<'_>,
+    due: &[Due],
+    audience: Audience,
+) -> Option<PendingLidars> {
+    let is_read = |due: &Due| {
+        let sensor = &sensors[due.sensor_idx];
+        matches!(sensor.model, Model::Lidar { .. }) && sensor.topics[0].is_read(audience)
+    };
+    if !rays.casts_lidars_on_gpu() || !due.iter().any(is_read) {
+        return None;
     }
-
-    /// Waits for the lidars of this tick and sends them.
-    pub(super) fn finish_lidars(
-        &mut self,
-        pending: PendingLidars,
-        waking: &mut Vec<Rc<Rig>>,
-    ) -> anyhow::Result<()> {
-        let outcomes = pending
-            .scans
-            .wait()
-            .context("the GPU did not finish its lidars")?;
-        for (frame, outcome) in pending.frames.into_iter().zip(outcomes) {
-            let sensor = &mut self.sensors[frame.sensor_idx];
-            let mut header = frame.header;
-            header.set_list(outcome.n_points);
-            header.cpu_copies = outcome.cpu_copies;
-            header.rendered_mono_nanos = mono_now().0;
-            sensor.topics[0].send(frame.loan, header, self.read_everything);
-            self.n_lidar_turns += 1;
-            remember(waking, &sensor.rig);
+    let gpu = rays.on_gpu(tick.scene)?;
+    let (mut jobs, mut frames) = (Vec::new(), Vec::new());
+    let mut due = due.iter().peekable();
+    for (sensor_idx, sensor) in sensors.iter_mut().enumerate() {
+        let Some(due) = due.next_if(|due| due.sensor_idx == sensor_idx) else {
+            continue;
+        };
+        if !matches!(sensor.model, Model::Lidar { .. }) {
+            continue;
         }
-        Ok(())
-    }
-}
-
-impl Shot<'_> {
-    /// Turns a lidar's head, read or not, and gets ready for what it sees if somebody reads; the
-    /// number of points is not in the header yet.
-    fn aim_lidar(
-        &self,
-        sensor: &mut Sensor,
-        read_everything: bool,
-    ) -> Option<(FrameLoan, FrameHeader, SensorPath)> {
-        let mut header = self.header(sensor, 0);
-        let (
-            topic,
-            Model::Lidar {
-                lidar,
-                previous,
-                ticks,
-            },
-        ) = (&mut sensor.topics[0], &mut sensor.model)
-        else {
-            return None;
+        let shot = Shot::new(tick, due, sensor.stream, audience);
+        let Some(Aimed { loan, header, path }) = aim(&shot, sensor) else {
+            continue;
         };
-        lidar.turn_head(
-            self.scene.period_nanos,
-            (topic.max_payload_bytes / topic.modality.element_bytes()) as u32,
-        );
-        let start = match lidar.spec().scan {
-            LidarScan::Turn => previous.replace(self.world_from_sensor),
-            LidarScan::Sweep => ticks[0],
-        };
-        let loan = topic.loan_if_read(read_everything)?;
-        let path = SensorPath {
-            world_from_sensor_start: start.unwrap_or(self.world_from_sensor),
-            world_from_sensor: self.world_from_sensor,
-        };
-        lidar.set_extinction(self.scene.lidar_extinction_per_m);
-        header.range_limit_m = lidar.spec().range_m as f32;
-        header.n_channels = lidar.spec().channels;
-        header.azimuth_rad = lidar.head_rad() as f32;
-        Some((loan, header, path))
-    }
-
-    /// Casts a lidar on the CPU.
-    pub(super) fn lidar(
-        &self,
-        sensor: &mut Sensor,
-        rays: &mut TickRays<'_>,
-        read_everything: bool,
-    ) -> bool {
-        let Some((mut loan, mut header, path)) = self.aim_lidar(sensor, read_everything) else {
-            return false;
+        let topic = &sensor.topics[0];
+        let place = Place::Shm {
+            target: topic
+                .target()
+                .cloned()
+                .expect("lidars that the GPU casts have a target while they have memory"),
+            offset_bytes: loan
+                .offset_in_segment()
+                .expect("the segment was asked for when the topic was opened"),
+            capacity_bytes: topic.max_payload_bytes(),
         };
         let Model::Lidar { lidar, .. } = &mut sensor.model else {
-            return false;
+            continue;
         };
-        header.set_list(lidar.scan(rays.current(), &path, self.noise, None));
-        lidar.write(loan.payload_mut());
-        self.send(sensor, loan, header, read_everything);
-        true
+        frames.push(PendingLidar {
+            sensor_idx,
+            loan,
+            header,
+        });
+        jobs.push(ScanJob {
+            lidar,
+            path,
+            noise: shot.noise,
+            ignored: None,
+            place,
+        });
     }
+    Some(PendingLidars {
+        scans: gpu.scan(jobs),
+        frames,
+    })
+}
+
+/// Waits for the lidars of this tick and sends them; returns how many were cast.
+pub(super) fn finish(
+    sensors: &mut [Sensor],
+    pending: PendingLidars,
+    waking: &mut Waking,
+    audience: Audience,
+) -> anyhow::Result<u64> {
+    let outcomes = pending
+        .scans
+        .wait()
+        .context("the GPU did not finish its lidars")?;
+    let mut n_turns = 0;
+    for (frame, outcome) in pending.frames.into_iter().zip(outcomes) {
+        let sensor = &mut sensors[frame.sensor_idx];
+        let mut header = frame.header;
+        header.set_list(outcome.n_points);
+        header.cpu_copies = outcome.cpu_copies;
+        header.rendered_mono_nanos = mono_now().0;
+        sensor.topics[0].send(frame.loan, header, audience);
+        n_turns += 1;
+        waking.add(&sensor.rig);
+    }
+    Ok(n_turns)
+}
+
+/// Casts a lidar on the CPU and sends its frame; returns whether there was one to send.
+pub(super) fn cast_on_cpu(shot: &Shot<'_>, sensor: &mut Sensor, rays: &mut TickRays<'_>) -> bool {
+    let Some(Aimed {
+        mut loan,
+        mut header,
+        path,
+    }) = aim(shot, sensor)
+    else {
+        return false;
+    };
+    let Model::Lidar { lidar, .. } = &mut sensor.model else {
+        return false;
+    };
+    header.set_list(lidar.scan(rays.current(), &path, shot.noise, None));
+    lidar.write(loan.payload_mut());
+    shot.send(sensor, loan, header);
+    true
+}
+
+/// A lidar that is ready to cast. The number of points is not in the header yet.
+struct Aimed {
+    loan: FrameLoan,
+    header: FrameHeader,
+    path: SensorPath,
+}
+
+/// Turns a lidar's head, read or not, and prepares its frame if somebody reads.
+fn aim(shot: &Shot<'_>, sensor: &mut Sensor) -> Option<Aimed> {
+    let mut header = shot.only_header(sensor);
+    let scene = shot.tick.scene;
+    let (
+        topic,
+        Model::Lidar {
+            lidar,
+            previous,
+            ticks,
+        },
+    ) = (&mut sensor.topics[0], &mut sensor.model)
+    else {
+        return None;
+    };
+    lidar.turn_head(scene.period_nanos, topic.max_elements());
+    let start = match lidar.spec().scan {
+        LidarScan::Turn => previous.replace(shot.world_from_sensor),
+        LidarScan::Sweep => ticks[0],
+    };
+    let loan = topic.loan_if_read(shot.audience)?;
+    let path = SensorPath {
+        world_from_sensor_start: start.unwrap_or(shot.world_from_sensor),
+        world_from_sensor: shot.world_from_sensor,
+    };
+    lidar.set_extinction(scene.lidar_extinction_per_m);
+    header.range_limit_m = lidar.spec().range_m as f32;
+    header.n_channels = lidar.spec().channels;
+    header.azimuth_rad = lidar.head_rad() as f32;
+    Some(Aimed { loan, header, path })
 }

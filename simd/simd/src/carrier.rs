@@ -1,15 +1,29 @@
-//! The world as sensors see it.
+//! The actor a sensor is attached to, as the sensor's model sees it in one tick.
 
 use nalgebra::{Point3, Vector3};
-use schema_types::{ActorId, SimTime};
+use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::imu::BodyState;
+use sensor_core::lane_marks::Corners;
 use simd_world::World;
 
-use crate::frames::Carrier;
+/// State of an actor that sensors need: its own and that of the body that carries it.
+#[derive(Clone, Copy, Debug)]
+pub struct Carrier {
+    /// Body the sensor sits on; 0 if free.
+    pub parent: ActorId,
+    /// Pose of the sensor in the world, the very value of the snapshot.
+    pub world_from_sensor: Pose,
+    /// Velocity of the sensor's own point, m/s.
+    pub velocity_in_world_mps: Vector3<f64>,
+    /// State of the body.
+    pub body: BodyState,
+    /// Lower corners of the body's box, world.
+    pub lower_corners: Corners,
+}
 
 /// Pose of a sensor and the state of the body it sits on; `None` if the sensor or its parent is
 /// gone.
-pub fn carrier(world: &World, sensor: ActorId, sim_time: SimTime) -> Option<Carrier> {
+pub fn carrier_of(world: &World, sensor: ActorId, sim_time: SimTime) -> Option<Carrier> {
     let record = world.record(sensor)?;
     let body = if record.parent_id == 0 {
         record

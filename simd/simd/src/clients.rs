@@ -1,0 +1,84 @@
+//! What stepped mode does without a client: runs on by itself after a while, unless told to wait.
+
+use crate::cli::OnLostClient;
+
+/// Time without any client after which stepped mode runs on by itself (`--on-lost-client resume`).
+const LOST_CLIENT_NANOS: u64 = 10_000_000_000;
+
+/// How often a waiting daemon looks for clients that were killed: a dead one counts as a client
+/// until it is cleaned up.
+const CLEAN_NANOS: u64 = 1_000_000_000;
+
+/// When clients were last there. Times are `CLOCK_MONOTONIC` nanoseconds.
+#[derive(Clone, Copy, Debug)]
+pub struct Clients {
+    last_seen_nanos: u64,
+    last_cleaned_nanos: u64,
+    is_running_alone: bool,
+}
+
+impl Clients {
+    /// Counts from now.
+    pub fn new(now_nanos: u64) -> Clients {
+        Clients {
+            last_seen_nanos: now_nanos,
+            last_cleaned_nanos: now_nanos,
+            is_running_alone: false,
+        }
+    }
+
+    /// Whether stepped mode runs on without cues.
+    pub fn is_running_alone(&self) -> bool {
+        self.is_running_alone
+    }
+
+    /// A client is there.
+    pub fn seen(&mut self, now_nanos: u64) {
+        self.last_seen_nanos = now_nanos;
+    }
+
+    /// A client takes the stepping over; returns whether the daemon had run on by itself.
+    pub fn take_over(&mut self, now_nanos: u64) -> bool {
+        self.seen(now_nanos);
+        std::mem::take(&mut self.is_running_alone)
+    }
+
+    /// Whether it is time to clean up after clients that were killed.
+    pub fn must_clean(&mut self, now_nanos: u64) -> bool {
+        let is_due = now_nanos.saturating_sub(self.last_cleaned_nanos) > CLEAN_NANOS;
+        if is_due {
+            self.last_cleaned_nanos = now_nanos;
+        }
+        is_due
+    }
+
+    /// No client is there. Returns whether the daemon begins to run on by itself.
+    pub fn missed(&mut self, now_nanos: u64, on_lost_client: OnLostClient) -> bool {
+        let begins = on_lost_client == OnLostClient::Resume
+            && !self.is_running_alone
+            && now_nanos.saturating_sub(self.last_seen_nanos) > LOST_CLIENT_NANOS;
+        self.is_running_alone |= begins;
+        begins
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_daemon_runs_on_once_and_a_client_takes_over() {
+        let mut clients = Clients::new(0);
+        assert!(!clients.missed(LOST_CLIENT_NANOS, OnLostClient::Resume));
+        assert!(!clients.missed(LOST_CLIENT_NANOS + 1, OnLostClient::Wait));
+        assert!(clients.missed(LOST_CLIENT_NANOS + 1, OnLostClient::Resume));
+        assert!(clients.is_running_alone());
+        assert!(
+            !clients.missed(LOST_CLIENT_NANOS + 2, OnLostClient::Resume),
+            "it runs already"
+        );
+        assert!(clients.take_over(LOST_CLIENT_NANOS + 3));
+        assert!(!clients.is_running_alone() && !clients.take_over(LOST_CLIENT_NANOS + 4));
+        assert!(!clients.missed(2 * LOST_CLIENT_NANOS, OnLostClient::Resume));
+    }
+}

@@ -1,0 +1,32 @@
+//! Counters by name: whatever a test or a person needs to see whether work was done.
+
+use std::collections::BTreeMap;
+
+use schema_frames::CommandReply;
+
+use crate::daemon::Daemon;
+
+pub fn counters(daemon: &Daemon) -> CommandReply {
+    let gpu = daemon.sensors.gpu().counters().counts();
+    let mut counters = BTreeMap::from([
+        ("ticks".to_owned(), daemon.tick.0),
+        ("late_ticks".to_owned(), daemon.pace.n_late()),
+        ("ticks_given_up".to_owned(), daemon.pace.n_given_up()),
+        ("controls_refused".to_owned(), daemon.n_controls_refused),
+        ("gpu_passes".to_owned(), gpu.passes),
+        ("gpu_draws".to_owned(), gpu.draws),
+        ("gpu_triangles".to_owned(), gpu.triangles),
+        ("gpu_copies".to_owned(), gpu.copies),
+        ("gpu_submissions".to_owned(), gpu.submissions),
+        ("lidar_turns".to_owned(), daemon.sensors.n_lidar_turns()),
+    ]);
+    for topic in daemon.sensors.topics() {
+        let (name, counts) = (&topic.name, &topic.counts);
+        counters.insert(format!("sent {name}"), counts.n_sent);
+        counters.insert(format!("dropped {name}"), counts.n_dropped);
+        if counts.n_overflowed > 0 {
+            counters.insert(format!("events_left_out {name}"), counts.n_overflowed);
+        }
+    }
+    CommandReply::Counters { counters }
+}

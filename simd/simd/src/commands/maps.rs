@@ -1,0 +1,46 @@
+//! Another map while the daemon runs.
+
+use schema_frames::CommandReply;
+
+use crate::daemon::Daemon;
+use crate::episode::{self, EpisodeId};
+
+/// Begins a new episode on another map (or the same one). The actors of the launch file are made
+/// anew and its topics stay; sensors that commands made go.
+pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
+    daemon.sensors.finish_all()?;
+    let sim_time = daemon.now();
+    let stamp = daemon.episode.stamp;
+    let launch = &daemon.settings.launch;
+    let loaded = daemon.maps.load(map, launch.scenario.seed)?;
+    let id = EpisodeId {
+        epoch: stamp.epoch,
+        episode: stamp.episode + 1,
+        start: sim_time,
+    };
+    daemon.episode = episode::begin(&mut daemon.world, launch, &loaded, id)?;
+    daemon
+        .sensors
+        .remove(|sensor| sensor.launch_rig.is_none())?;
+    for sensor in &mut daemon.sensors.sensors {
+        let rig = sensor
+            .launch_rig
+            .as_ref()
+            .expect("those without one were removed");
+        let actor = episode::spawn_sensor(
+            &mut daemon.world,
+            &daemon.episode.scenario,
+            rig,
+            &sensor.spec,
+            &sensor.name,
+        )?;
+        daemon.world.set_topics(actor, sensor.topic_infos())?;
+        sensor.begin_episode(actor, sim_time, daemon.clock.period_nanos());
+    }
+    daemon.sensors.load(&daemon.episode.assets)?;
+    daemon.debug.clear();
+    daemon.mark_start();
+    daemon.ports.documents.touch_info();
+    tracing::info!(map, episode = daemon.episode.stamp.episode, "map loaded");
+    Ok(CommandReply::Done)
+}

@@ -1,0 +1,150 @@
+//! Sensors made by a command while the world runs.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, bail, ensure};
+use schema_frames::{Attachment, CommandReply};
+use schema_types::{ActorId, Pose};
+use sensor_core::schedule::Schedule;
+use sensor_spec::SensorSpec;
+
+use crate::daemon::Daemon;
+use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, shared_rig};
+use crate::topic::MemoryLife;
+
+/// Sensors that may exist at a time: each is a handful of files and services.
+const MAX_SENSORS: usize = 512;
+
+/// What a command asks for.
+pub struct SensorWish<'a> {
+    /// Catalogue id to be listed under.
+    pub type_id: &'a str,
+    /// World pose, or pose on the parent.
+    pub pose: Pose,
+    /// What it rides on.
+    pub parent: Option<ActorId>,
+    /// How it follows it.
+    pub attachment: Attachment,
+    /// Time between firings; 0 is every tick.
+    pub interval_nanos: u64,
+    /// Keys of a launch file's sensor.
+    pub spec: &'a serde_json::Map<String, serde_json::Value>,
+    /// Kept for `world/actors`.
+    pub attributes: &'a BTreeMap<String, String>,
+}
+
+/// Makes the actor and its topics. The topics have no memory until somebody reads them.
+pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<CommandReply> {
+    ensure!(
+        daemon.sensors.sensors.len() < MAX_SENSORS,
+        "there are {MAX_SENSORS} sensors already, which is the most; destroy one first"
+    );
+    let spec = read_spec(wish.spec, daemon.clock.period_nanos())?;
+    let actor = daemon
+        .world
+        .spawn(wish.type_id, wish.pose, wish.parent, "", wish.attributes)?;
+    let made = daemon
+        .world
+        .set_attachment(actor, wish.attachment)
+        .map_err(anyhow::Error::from);
+    match made.and_then(|()| open(daemon, wish, spec, actor)) {
+        Ok(topics) => Ok(CommandReply::Spawned {
+            actor_id: actor.0,
+            topics,
+        }),
+        Err(error) => {
+            daemon
+                .world
+                .destroy(actor)
+                .context("the sensor's actor could not be taken back")?;
+            Err(error)
+        }
+    }
+}
+
+/// An actor and what is attached to it go; sensors among them end.
+pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandReply> {
+    let gone = daemon.world.destroy(actor)?;
+    daemon
+        .sensors
+        .remove(|sensor| gone.contains(&sensor.actor))?;
+    Ok(CommandReply::Done)
+}
+
+fn open(
+    daemon: &mut Daemon,
+    wish: &SensorWish<'_>,
+    spec: SensorSpec,
+    actor: ActorId,
+) -> anyhow::Result<Vec<String>> {
+    let name = wish
+        .parent
+        .map_or("free".to_owned(), |parent| format!("actor_{parent}"));
+    let rig = shared_rig(&daemon.sensors.sensors, &daemon.bus, &name)?;
+    let pose = daemon
+        .world
+        .record(actor)
+        .map(|record| record.world_from_actor)
+        .unwrap_or_default();
+    let keys = serde_json::to_vec(&spec).context("the sensor's specification cannot be written")?;
+    let stream = noise_stream(&[&keys, bytemuck::bytes_of(&pose)]);
+    let identity = SensorIdentity {
+        rig,
+        launch_rig: None,
+        name: format!("s{actor}"),
+        actor,
+        stream,
+    };
+    let context = OpenContext {
+        bus: &daemon.bus,
+        gpu: daemon.sensors.gpu(),
+        frames: daemon.sensors.options(),
+        memory: MemoryLife::OnDemand,
+        seed: daemon.episode.stamp.seed,
+        period_nanos: daemon.clock.period_nanos(),
+    };
+    let schedule = Schedule::new(daemon.now(), wish.interval_nanos);
+    let sensor = Sensor::open(&context, identity, spec, schedule)?;
+    daemon.world.set_topics(actor, sensor.topic_infos())?;
+    let topics = sensor
+        .topics
+        .iter()
+        .map(|topic| topic.name.clone())
+        .collect();
+    daemon.sensors.add(sensor, &daemon.episode.assets);
+    Ok(topics)
+}
+
+/// The specification as a launch file would have it. Its rate is the command's business and its
+/// mount the pose's.
+fn read_spec(
+    keys: &serde_json::Map<String, serde_json::Value>,
+    period_nanos: u64,
+) -> anyhow::Result<SensorSpec> {
+    for foreign in ["mount", "rate_hz"] {
+        if keys.contains_key(foreign) {
+            bail!(
+                "the specification has {foreign:?}, which the command says itself (pose, interval_nanos); leave it out"
+            );
+        }
+    }
+    let tick_hz = 1e9 / period_nanos as f64;
+    let mut keys = keys.clone();
+    let kind = keys
+        .get("kind")
+        .and_then(|kind| kind.as_str())
+        .unwrap_or("");
+    if SensorSpec::default_of(kind).is_some_and(|spec| spec.rate_hz().is_some()) {
+        keys.insert("rate_hz".into(), tick_hz.into());
+    }
+    let spec: SensorSpec =
+        serde_json::from_value(keys.into()).context("the sensor's specification cannot be read")?;
+    if let Err(errors) = spec.check(tick_hz) {
+        let sentences: Vec<String> = errors.iter().map(ToString::to_string).collect();
+        bail!(
+            "the sensor's specification cannot be used: {}",
+            sentences.join("; ")
+        );
+    }
+    Ok(spec)
+}

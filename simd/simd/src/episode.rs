@@ -1,0 +1,192 @@
+//! An episode: from one map load to the next.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use launch_cli::wrong_usage;
+use launch_spec::{Launch, Rig as RigSpec};
+use schema_frames::SnapshotHeader;
+use schema_roads::DEFAULT_GEO_REFERENCE;
+use schema_types::{ActorId, Pose, SimTime};
+use sensor_core::gnss::GeoReference;
+use sensor_core::scene::SceneAssets;
+use sensor_spec::SensorSpec;
+use simd_world::{EgoSpawn, Scenario, World};
+
+use crate::frames::Stamp;
+use crate::maps::LoadedMap;
+
+/// The episode that runs.
+pub struct Episode {
+    /// The part of the map's static scenery that is visible.
+    pub assets: Arc<SceneAssets>,
+    /// The map's complete static scenery; `assets` is the part that is currently visible.
+    whole: Arc<SceneAssets>,
+    /// Revisions of the scenery that `assets` shows.
+    shown: (u64, u64),
+    /// What is the same in all headers.
+    pub stamp: Stamp,
+    /// Simulated time at which it began.
+    pub start: SimTime,
+    /// Ego and other vehicles.
+    pub scenario: Scenario,
+}
+
+/// Which episode begins, and when.
+#[derive(Clone, Copy, Debug)]
+pub struct EpisodeId {
+    /// Random number of the daemon's start.
+    pub epoch: u64,
+    /// Count of map loads, from 1.
+    pub episode: u32,
+    /// Simulated time at which it begins.
+    pub start: SimTime,
+}
+
+/// What changed in the scenery.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneryChange {
+    /// Objects were hidden or shown.
+    pub objects: bool,
+    /// Lamps were switched.
+    pub lamps: bool,
+}
+
+impl SceneryChange {
+    /// Flags of the snapshot that tells of the change.
+    pub fn snapshot_flags(self) -> u32 {
+        let flag = |changed: bool, flag: u32| if changed { flag } else { 0 };
+        flag(self.objects, SnapshotHeader::SCENERY_CHANGED)
+            | flag(self.lamps, SnapshotHeader::LAMPS_CHANGED)
+    }
+}
+
+impl Episode {
+    /// Takes over what was hidden, shown or switched in the world since the last call; `None` if
+    /// nothing was.
+    pub fn take_scenery(&mut self, world: &World) -> Option<SceneryChange> {
+        let (now, before) = (world.scenery_revisions(), self.shown);
+        if now == before {
+            return None;
+        }
+        let mut assets = self.whole.without(world.hidden_objects());
+        assets.switched = world.switched_lamps();
+        self.assets = Arc::new(assets);
+        self.shown = now;
+        Some(SceneryChange {
+            objects: now.0 != before.0,
+            lamps: now.1 != before.1,
+        })
+    }
+}
+
+/// Puts a map into the world and populates it as the launch file says. A map that cannot be used
+/// leaves the running episode as it is.
+pub fn begin(
+    world: &mut World,
+    launch: &Launch,
+    map: &LoadedMap,
+    id: EpisodeId,
+) -> anyhow::Result<Episode> {
+    let mut assets = SceneAssets {
+        episode: id.episode,
+        ..map.assets.clone()
+    };
+    world.load_shared(&map.data)?;
+    world.register_meshes(&mut assets);
+    world
+        .set_weather(launch.scenario.weather)
+        .map_err(wrong_usage)?;
+    world.set_weather_effects(launch.scenario.weather_effects);
+    let ego = (!launch.ego.is_none()).then(|| EgoSpawn {
+        type_id: &launch.ego.type_id,
+        spawn_idx: launch.ego.spawn_point as usize % map.data.spawn_points.len().max(1),
+    });
+    let scenario = world.spawn_scenario(ego, launch.scenario.vehicles as usize)?;
+    if scenario.others.len() < launch.scenario.vehicles as usize {
+        tracing::warn!(
+            asked = launch.scenario.vehicles,
+            placed = scenario.others.len(),
+            "the map has no free spawn point for more vehicles"
+        );
+    }
+    let n_walkers = world.spawn_walkers(launch.scenario.walkers as usize).len();
+    if n_walkers < launch.scenario.walkers as usize {
+        tracing::warn!(
+            asked = launch.scenario.walkers,
+            placed = n_walkers,
+            "the map has no room on its pavements for more walkers"
+        );
+    }
+    let (latitude_deg, longitude_deg) = world
+        .roads()
+        .map_or(DEFAULT_GEO_REFERENCE, |roads| roads.geo_reference());
+    let stamp = Stamp {
+        epoch: id.epoch,
+        episode: id.episode,
+        seed: launch.scenario.seed,
+        geo_reference: GeoReference {
+            latitude_deg,
+            longitude_deg,
+        },
+    };
+    let whole = Arc::new(assets);
+    Ok(Episode {
+        assets: whole.clone(),
+        whole,
+        shown: world.scenery_revisions(),
+        stamp,
+        start: id.start,
+        scenario,
+    })
+}
+
+/// Makes a sensor's passive actor on its rig's vehicle or place.
+pub fn spawn_sensor(
+    world: &mut World,
+    scenario: &Scenario,
+    rig: &RigSpec,
+    spec: &SensorSpec,
+    name: &str,
+) -> anyhow::Result<ActorId> {
+    let mount = spec.mount().vehicle_from_sensor();
+    let (parent, pose): (_, Pose) = match rig {
+        RigSpec::Ego => (
+            Some(
+                scenario
+                    .ego
+                    .context("the sensor rides on the ego vehicle, but there is none")?,
+            ),
+            mount.into(),
+        ),
+        RigSpec::Other(idx) => {
+            let other = scenario.others.get(*idx as usize);
+            (
+                Some(*other.with_context(|| {
+                    format!("other vehicle {idx} could not be placed on the map")
+                })?),
+                mount.into(),
+            )
+        }
+        RigSpec::Free(place) => (None, (place.pose().isometry() * mount).into()),
+    };
+    let actor = world.spawn(sensor_type(spec), pose, parent, name, &BTreeMap::new())?;
+    world.set_attachment(actor, spec.mount().attachment)?;
+    Ok(actor)
+}
+
+/// Catalogue id of a sensor's actor.
+fn sensor_type(spec: &SensorSpec) -> &'static str {
+    match spec {
+        SensorSpec::Camera(_) => "sensor.camera.view",
+        SensorSpec::Lidar(lidar) if lidar.semantic => "sensor.lidar.ray_cast_semantic",
+        SensorSpec::Lidar(_) => "sensor.lidar.ray_cast",
+        SensorSpec::Imu(_) => "sensor.other.imu",
+        SensorSpec::Gnss(_) => "sensor.other.gnss",
+        SensorSpec::Radar(_) => "sensor.other.radar",
+        SensorSpec::Obstacle(_) => "sensor.other.obstacle",
+        SensorSpec::Collision(_) => "sensor.other.collision",
+        SensorSpec::LaneInvasion(_) => "sensor.other.lane_invasion",
+    }
+}

@@ -1,0 +1,175 @@
+//! A sensor: a passive actor in the world, a schedule, a model and its topics.
+//!
+//! Because it is an actor, its pose in the snapshot and its pose in its frames are one value.
+
+mod model;
+
+use std::rc::Rc;
+
+use schema_bus::Bus;
+use schema_frames::document::TopicInfo;
+use schema_types::{ActorId, SimTime};
+use sensor_core::schedule::Schedule;
+use sensor_gpu::Gpu;
+use sensor_spec::SensorSpec;
+
+use crate::hash::BytesHash;
+use crate::rig::Rig;
+use crate::topic::{FrameOptions, MemoryLife, Topic, TopicSpec};
+pub use model::Model;
+
+/// One sensor.
+pub struct Sensor {
+    /// Its actor.
+    pub actor: ActorId,
+    /// Name on its rig.
+    pub name: String,
+    /// Its rig.
+    pub rig: Rc<Rig>,
+    /// The rig's entry in the launch file. `None` if a command made the sensor, which then ends
+    /// with its episode.
+    pub launch_rig: Option<launch_spec::Rig>,
+    /// What was asked for.
+    pub spec: SensorSpec,
+    /// When it fires.
+    pub schedule: Schedule,
+    /// One per modality.
+    pub topics: Vec<Topic>,
+    /// State of its model.
+    pub model: Model,
+    /// Stream of its noise. It does not depend on which other sensors exist, so that they do not
+    /// change this sensor's bytes.
+    pub stream: u64,
+    /// Frames of an event-like sensor so far, read or not.
+    pub n_event_frames: u64,
+}
+
+/// Who a sensor is, before it has a schedule and topics.
+pub struct SensorIdentity {
+    /// Its rig.
+    pub rig: Rc<Rig>,
+    /// See [`Sensor::launch_rig`].
+    pub launch_rig: Option<launch_spec::Rig>,
+    /// Name on the rig.
+    pub name: String,
+    /// Its actor.
+    pub actor: ActorId,
+    /// See [`Sensor::stream`].
+    pub stream: u64,
+}
+
+/// What opening a sensor needs besides the sensor.
+pub struct OpenContext<'a> {
+    /// Where its topics are published.
+    pub bus: &'a Bus,
+    /// What renders its views.
+    pub gpu: &'a Gpu,
+    /// How its frames are made.
+    pub frames: &'a FrameOptions,
+    /// How long its topics have memory.
+    pub memory: MemoryLife,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Length of a tick.
+    pub period_nanos: u64,
+}
+
+impl Sensor {
+    /// Opens a sensor's topics and makes its model.
+    pub fn open(
+        context: &OpenContext<'_>,
+        identity: SensorIdentity,
+        spec: SensorSpec,
+        schedule: Schedule,
+    ) -> anyhow::Result<Sensor> {
+        let SensorIdentity {
+            rig,
+            launch_rig,
+            name,
+            actor,
+            stream,
+        } = identity;
+        let mut topics = Vec::new();
+        let tick_secs = context.period_nanos as f64 * 1e-9;
+        for modality in spec.modalities() {
+            let topic = TopicSpec {
+                name: format!("{}/{name}/{}", rig.name, modality.name()),
+                modality,
+                max_payload_bytes: spec.max_payload_bytes(modality, tick_secs),
+            };
+            topics.push(Topic::open(
+                context.bus,
+                context.gpu,
+                topic,
+                context.frames,
+                context.memory,
+            )?);
+        }
+        let sensor_id = (stream ^ (stream >> 32)) as u32;
+        let model = Model::new(context.gpu, &spec, context.seed, sensor_id);
+        Ok(Sensor {
+            actor,
+            name,
+            rig,
+            launch_rig,
+            spec,
+            schedule,
+            topics,
+            model,
+            stream,
+            n_event_frames: 0,
+        })
+    }
+
+    /// Its topics, for `world/actors`.
+    pub fn topic_infos(&self) -> Vec<TopicInfo> {
+        self.topics.iter().map(Topic::info).collect()
+    }
+
+    /// Starts over in a new episode: schedule and model as if just made, on a new actor.
+    pub fn begin_episode(&mut self, actor: ActorId, made_at: SimTime, period_nanos: u64) {
+        self.actor = actor;
+        self.schedule = schedule_of(&self.spec, made_at, period_nanos);
+        self.n_event_frames = 0;
+        self.forget();
+    }
+
+    /// Forgets what it saw, because the world jumped to another state.
+    pub fn forget(&mut self) {
+        self.model.reset();
+    }
+
+    /// Asks for larger memory where a tick of this length can fill a larger frame.
+    pub fn fit_topics(&mut self, period_nanos: u64) {
+        for topic in &mut self.topics {
+            topic.fit(
+                self.spec
+                    .max_payload_bytes(topic.modality, period_nanos as f64 * 1e-9),
+            );
+        }
+    }
+}
+
+/// The rig of this name: that of the sensors which have it already, else a new one.
+pub fn shared_rig(sensors: &[Sensor], bus: &Bus, name: &str) -> anyhow::Result<Rc<Rig>> {
+    match sensors.iter().find(|sensor| sensor.rig.name == name) {
+        Some(sensor) => Ok(sensor.rig.clone()),
+        None => Rig::open(bus, name),
+    }
+}
+
+/// When a sensor of a launch file fires.
+pub fn schedule_of(spec: &SensorSpec, made_at: SimTime, period_nanos: u64) -> Schedule {
+    match spec.rate_hz() {
+        Some(rate_hz) => Schedule::from_rate(made_at, rate_hz, period_nanos),
+        None => Schedule::new(made_at, 0),
+    }
+}
+
+/// Stream of noise of a sensor that is told apart by `parts`.
+pub fn noise_stream(parts: &[&[u8]]) -> u64 {
+    parts
+        .iter()
+        .fold(BytesHash::new(), |hash, part| hash.chunk(part))
+        .finish()
+}

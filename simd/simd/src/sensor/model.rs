@@ -1,0 +1,108 @@
+//! What a sensor remembers between firings.
+
+use nalgebra::Isometry3;
+use schema_frames::RadarDetection;
+use sensor_camera::{View, ViewSpec};
+use sensor_core::imu::BodyMotion;
+use sensor_core::lane_marks::Corners;
+use sensor_gpu::Gpu;
+use sensor_ray::Lidar;
+use sensor_spec::SensorSpec;
+
+use crate::carrier::Carrier;
+
+/// What a sensor remembers between firings.
+pub enum Model {
+    /// A view of the renderer.
+    View(Box<View>),
+    /// Lidar: its beam tables, and the pose at its previous firing for motion distortion.
+    Lidar {
+        /// Beams and memory of the last turn.
+        lidar: Box<Lidar>,
+        /// Pose at the previous firing.
+        previous: Option<Isometry3<f64>>,
+        /// Poses at the previous tick and at this one.
+        ticks: [Option<Isometry3<f64>>; 2],
+    },
+    /// Radar: memory of its last detections.
+    Radar(Vec<RadarDetection>),
+    /// IMU: the motion of the body it sits on.
+    Imu(BodyMotion),
+    /// GNSS.
+    Gnss,
+    /// Obstacle detector.
+    Obstacle,
+    /// Collision detector.
+    Collision,
+    /// Lane invasion detector: where its carrier's box was at the previous tick.
+    LaneInvasion {
+        /// Lower corners.
+        corners: Option<Corners>,
+    },
+}
+
+impl Model {
+    /// The model of a sensor that has seen nothing yet.
+    pub fn new(gpu: &Gpu, spec: &SensorSpec, seed: u64, sensor_id: u32) -> Model {
+        match spec {
+            SensorSpec::Camera(camera) => Model::View(Box::new(View::new(
+                gpu,
+                ViewSpec {
+                    intrinsics: camera.intrinsics(),
+                    dvs: camera.dvs.clone(),
+                    optics: camera.optics.clone(),
+                    seed: seed,
+                    sensor_id,
+                },
+            ))),
+            SensorSpec::Lidar(lidar) => Model::Lidar {
+                lidar: Box::new(Lidar::new(lidar.clone())),
+                previous: None,
+                ticks: [None; 2],
+            },
+            SensorSpec::Imu(_) => Model::Imu(BodyMotion::default()),
+            SensorSpec::Gnss(_) => Model::Gnss,
+            SensorSpec::Radar(_) => Model::Radar(Vec::new()),
+            SensorSpec::Obstacle(_) => Model::Obstacle,
+            SensorSpec::Collision(_) => Model::Collision,
+            SensorSpec::LaneInvasion(_) => Model::LaneInvasion { corners: None },
+        }
+    }
+
+    /// Whether it needs the scene's triangles as rays see them.
+    pub fn casts_rays(&self) -> bool {
+        matches!(
+            self,
+            Model::Lidar { .. } | Model::Radar(_) | Model::Obstacle
+        )
+    }
+
+    /// Takes note of a tick, whether the sensor fires or not.
+    pub fn follow(&mut self, carrier: &Carrier) {
+        match self {
+            Model::Imu(motion) => motion.push(carrier.body),
+            Model::Lidar { ticks, .. } => {
+                *ticks = [ticks[1], Some(carrier.world_from_sensor.isometry())]
+            }
+            _ => {}
+        }
+    }
+
+    /// Forgets everything, as if just made.
+    pub fn reset(&mut self) {
+        match self {
+            Model::View(view) => view.reset(),
+            Model::Lidar {
+                lidar,
+                previous,
+                ticks,
+            } => {
+                lidar.reset();
+                (*previous, *ticks) = (None, [None; 2]);
+            }
+            Model::Imu(motion) => motion.reset(),
+            Model::LaneInvasion { corners } => *corners = None,
+            Model::Radar(_) | Model::Gnss | Model::Obstacle | Model::Collision => {}
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! The tick loop: commands → physics → snapshot → sensors, and what waits between two ticks.
+
+use std::time::Duration;
+
+use launch_cli::Shutdown;
+use schema_bus::mono_now;
+use schema_frames::StepMode;
+use schema_types::{ActorId, Tick};
+
+use crate::commands;
+use crate::daemon::Daemon;
+use crate::pace::Pace;
+use crate::settings::Speed;
+
+/// Longest time without a look at shutdown, lockstep participants and lost clients.
+const LOOK_AROUND: Duration = Duration::from_millis(100);
+
+/// What to do next.
+enum Next {
+    Tick,
+    Look,
+    Stop,
+}
+
+/// Runs until the shutdown flag, the tick limit or an error.
+pub fn run(mut daemon: Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
+    let result = run_ticks(&mut daemon, shutdown);
+    let finished = daemon.sensors.finish_all();
+    report(&daemon);
+    let closed = daemon.sensors.close();
+    result.and(finished).and(closed)
+}
+
+fn run_ticks(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<()> {
+    loop {
+        match wait_for_tick(daemon, shutdown)? {
+            Next::Tick => run_tick(daemon)?,
+            Next::Look => {}
+            Next::Stop => return Ok(()),
+        }
+    }
+}
+
+/// Serves commands, and says whether the next tick may start now.
+fn wait_for_tick(daemon: &mut Daemon, shutdown: &Shutdown) -> anyhow::Result<Next> {
+    let is_last = |last: u64| daemon.tick.0 >= last;
+    if shutdown.requested() || daemon.settings.run.last_tick.is_some_and(is_last) {
+        return Ok(Next::Stop);
+    }
+    daemon.ports.greet();
+    take_acks(daemon)?;
+    if !may_start(daemon) {
+        // Before a wait nothing may be left in flight: all frames of tick N are sent before N+1
+        // begins.
+        daemon.sensors.finish_all()?;
+        daemon.ports.wake.wait(LOOK_AROUND)?;
+        commands::serve(daemon)?;
+        look_after_participants(daemon);
+        look_after_clients(daemon);
+        return Ok(Next::Look);
+    }
+    if is_paced(daemon) {
+        let wait_nanos = daemon.pace.wait_nanos(mono_now().0);
+        if wait_nanos > 0 {
+            if daemon.sensors.is_busy() {
+                daemon.sensors.finish_all()?;
+                return Ok(Next::Look);
+            }
+            let wait = Duration::from_nanos(wait_nanos).min(LOOK_AROUND);
+            if daemon.ports.wake.wait(wait)? {
+                commands::serve(daemon)?;
+            }
+            return Ok(Next::Look);
+        }
+    }
+    if daemon.gate.mode() == StepMode::Stepped || !daemon.gate.participants().is_empty() {
+        daemon.sensors.finish_all()?;
+    }
+    Ok(Next::Tick)
+}
+
+fn may_start(daemon: &Daemon) -> bool {
+    let Tick(tick) = daemon.tick;
+    let gate = &daemon.gate;
+    let enough =
+        tick > 0 || gate.participants().len() >= daemon.settings.run.n_awaited_participants;
+    let open = gate.is_open(tick)
+        || (daemon.clients.is_running_alone() && gate.missing(tick).next().is_none());
+    enough && open
+}
+
+fn is_paced(daemon: &Daemon) -> bool {
+    let is_real_time = daemon.settings.run.speed == Speed::RealTime;
+    (daemon.gate.mode() == StepMode::FreeRunning && is_real_time)
+        || daemon.clients.is_running_alone()
+}
+
+/// One tick in its fixed order.
+fn run_tick(daemon: &mut Daemon) -> anyhow::Result<()> {
+    daemon.pace.start_tick(mono_now().0);
+    commands::serve(daemon)?;
+    if !may_start(daemon) {
+        return Ok(());
+    }
+    apply_controls(daemon)?;
+    daemon.tick = Tick(daemon.tick.0 + 1);
+    daemon.sensors.start_tick(daemon.tick);
+    let period_nanos = daemon.clock.period_nanos();
+    daemon.world.step(period_nanos);
+    daemon.publish_snapshot()?;
+    daemon.publish_documents()?;
+    daemon.sensors.settle_topics(&daemon.bus, period_nanos)?;
+    daemon.fire_sensors()
+}
+
+fn apply_controls(daemon: &mut Daemon) -> anyhow::Result<()> {
+    for batch in daemon.ports.controls.drain()? {
+        for record in &batch.records {
+            let actor = ActorId(record.actor_id);
+            let lamps = if record.lamps == u32::MAX {
+                Ok(())
+            } else {
+                daemon.world.set_lamps(actor, record.lamps)
+            };
+            let control = daemon.world.set_control(actor, record.control());
+            if let Err(error) = control.and(lamps) {
+                if daemon.n_controls_refused == 0 {
+                    tracing::warn!(writer = batch.writer, %error, "control refused; further refusals are only counted");
+                }
+                daemon.n_controls_refused += 1;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn take_acks(daemon: &mut Daemon) -> anyhow::Result<()> {
+    for ack in daemon.ports.acks.drain()? {
+        if ack.epoch == daemon.episode.stamp.epoch {
+            daemon.gate.ack(ack.participant, ack.tick);
+        }
+    }
+    Ok(())
+}
+
+/// Removes lockstep participants whose process is gone, and idle ones if a time-out is set.
+fn look_after_participants(daemon: &mut Daemon) {
+    let Tick(tick) = daemon.tick;
+    if daemon.gate.missing(tick).next().is_none() {
+        return;
+    }
+    daemon.bus.clean_dead_nodes();
+    let living = daemon.ports.acks.writers();
+    let missing: Vec<_> = daemon.gate.missing(tick).cloned().collect();
+    let idle_nanos = mono_now().0.saturating_sub(daemon.pace.last_start_nanos());
+    let timed_out = daemon
+        .settings
+        .run
+        .lockstep_timeout_nanos
+        .is_some_and(|limit_nanos| idle_nanos > limit_nanos);
+    for participant in missing {
+        let alive = living.contains(&participant.name);
+        if !alive || timed_out {
+            let why = if alive {
+                "is idle for longer than --lockstep-timeout"
+            } else {
+                "is gone"
+            };
+            tracing::warn!(
+                name = participant.name,
+                tick,
+                "lockstep participant {why}; going on without it"
+            );
+            daemon.gate.leave(participant.number);
+            daemon.ports.documents.touch_info();
+        }
+    }
+}
+
+/// Notices killed clients, and lets stepped mode run on by itself once none is left.
+fn look_after_clients(daemon: &mut Daemon) {
+    let now = mono_now().0;
+    if daemon.clients.must_clean(now) {
+        daemon.bus.clean_dead_nodes();
+    }
+    if daemon.gate.mode() == StepMode::FreeRunning
+        || daemon.ports.commands.n_clients() > 0
+        || daemon.tick.0 == 0
+    {
+        daemon.clients.seen(now);
+    } else if daemon
+        .clients
+        .missed(now, daemon.settings.run.on_lost_client)
+    {
+        tracing::warn!(
+            tick = daemon.tick.0,
+            "no client for 10 s in stepped mode; running on by itself until the next cue"
+        );
+        daemon.pace = Pace::new(now, daemon.clock.period_nanos());
+    }
+}
+
+/// The daemon's last line.
+fn report(daemon: &Daemon) {
+    let counts = daemon.sensors.counts();
+    tracing::info!(
+        ticks = daemon.tick.0,
+        frames = counts.n_sent,
+        dropped = counts.n_dropped,
+        late_ticks = daemon.pace.n_late(),
+        "stopped after {:.1} s of simulated time",
+        daemon.now().as_secs()
+    );
+}

@@ -1,0 +1,221 @@
+//! A topic: one modality of a sensor, with its readers, its loans and its counts.
+
+mod import;
+mod memory;
+
+use std::sync::Arc;
+
+use schema_bus::{Bus, FrameLoan, Notifier};
+use schema_frames::document::TopicInfo;
+use schema_frames::{FrameHeader, Modality};
+use sensor_gpu::{Gpu, ShmTarget};
+
+pub use import::Transfer;
+pub use memory::{MemoryLife, Writer};
+
+use crate::hash::BytesHash;
+use memory::{MemoryPlan, TopicMemory};
+
+/// Which topics get frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Audience {
+    /// Those that somebody reads.
+    Readers,
+    /// All of them; a hash of every frame goes to stdout (`--hash`).
+    Hash,
+}
+
+/// How the frames of all topics of a run are made.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameOptions {
+    /// Frames of one topic that may be on the GPU at once.
+    pub frames_in_flight: u32,
+    /// How the GPU's frames get into shared memory.
+    pub transfer: Transfer,
+    /// What casts the rays of lidars.
+    pub lidars_on: Writer,
+    /// Which topics get frames.
+    pub audience: Audience,
+}
+
+/// What a topic carries.
+pub struct TopicSpec {
+    /// Name without the domain.
+    pub name: String,
+    /// Modality of its frames.
+    pub modality: Modality,
+    /// Most payload bytes of a frame.
+    pub max_payload_bytes: usize,
+}
+
+/// One topic.
+pub struct Topic {
+    /// Name without the domain.
+    pub name: String,
+    /// What it carries.
+    pub modality: Modality,
+    /// Frames sent and lost so far.
+    pub counts: FrameCounts,
+    /// Event of the topic's own name, for readers that want no other frame of the rig.
+    wake: Notifier,
+    memory: TopicMemory,
+}
+
+/// What became of a topic's frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FrameCounts {
+    /// Frames sent.
+    pub n_sent: u64,
+    /// Frames lost because no slot was free.
+    pub n_dropped: u64,
+    /// Events that did not fit into their frame.
+    pub n_overflowed: u64,
+}
+
+impl FrameCounts {
+    /// The sum of both.
+    pub fn with(self, other: &FrameCounts) -> FrameCounts {
+        FrameCounts {
+            n_sent: self.n_sent + other.n_sent,
+            n_dropped: self.n_dropped + other.n_dropped,
+            n_overflowed: self.n_overflowed + other.n_overflowed,
+        }
+    }
+}
+
+impl Topic {
+    /// Opens a topic's services, and its memory if that lasts.
+    pub fn open(
+        bus: &Bus,
+        gpu: &Gpu,
+        spec: TopicSpec,
+        options: &FrameOptions,
+        life: MemoryLife,
+    ) -> anyhow::Result<Topic> {
+        let TopicSpec {
+            name,
+            modality,
+            max_payload_bytes,
+        } = spec;
+        let plan = MemoryPlan {
+            modality,
+            max_payload_bytes,
+            frames_in_flight: options.frames_in_flight,
+            transfer: options.transfer,
+            writer: Writer::of(modality, options.lidars_on),
+            life,
+        };
+        let memory = TopicMemory::open(bus, gpu, &name, &plan)?;
+        let wake = bus.notifier(&name)?;
+        Ok(Topic {
+            name,
+            modality,
+            counts: FrameCounts::default(),
+            wake,
+            memory,
+        })
+    }
+
+    /// Entry in `world/actors`.
+    pub fn info(&self) -> TopicInfo {
+        TopicInfo {
+            topic: self.name.clone(),
+            modality: self.modality.name().to_owned(),
+        }
+    }
+
+    /// Number of readers.
+    pub fn n_readers(&self) -> usize {
+        self.memory.n_readers()
+    }
+
+    /// Whether its frames are made.
+    pub fn is_read(&self, audience: Audience) -> bool {
+        audience == Audience::Hash || self.n_readers() > 0
+    }
+
+    /// Where the GPU writes; `None` without memory, or if the CPU makes the frames.
+    pub fn target(&self) -> Option<&Arc<ShmTarget>> {
+        self.memory.target()
+    }
+
+    /// Most payload bytes of a frame.
+    pub fn max_payload_bytes(&self) -> usize {
+        self.memory.max_payload_bytes()
+    }
+
+    /// Most records of a frame that is a list.
+    pub fn max_elements(&self) -> u32 {
+        (self.max_payload_bytes() / self.modality.element_bytes()) as u32
+    }
+
+    /// A slot if somebody reads and one is free. Without a slot the frame is dropped and counted,
+    /// and its `seq` is spent.
+    pub fn loan_if_read(&mut self, audience: Audience) -> Option<FrameLoan> {
+        if !self.is_read(audience) {
+            return None;
+        }
+        match self.memory.loan() {
+            Ok(loan) => Some(loan),
+            Err(error) => {
+                if self.counts.n_dropped == 0 {
+                    tracing::warn!(topic = self.name, %error, "frame dropped; further drops are only counted");
+                }
+                self.counts.n_dropped += 1;
+                None
+            }
+        }
+    }
+
+    /// Sends a filled loan and wakes those who wait for this topic alone.
+    pub fn send(&mut self, mut loan: FrameLoan, header: FrameHeader, audience: Audience) {
+        *loan.header_mut() = header;
+        if audience == Audience::Hash {
+            let payload = &loan.payload_mut()[..header.payload_bytes as usize];
+            let hash = BytesHash::new()
+                .chunk(header.hashed_bytes())
+                .chunk(payload)
+                .finish();
+            println!("{} {} {hash:016x}", header.tick, self.name);
+        }
+        match loan.send() {
+            Ok(_) => {
+                self.counts.n_sent += 1;
+                if self.wake.n_listeners() > 0 {
+                    self.wake.notify();
+                }
+            }
+            Err(error) => {
+                tracing::warn!(topic = self.name, %error, "frame could not be sent");
+                self.counts.n_dropped += 1;
+            }
+        }
+    }
+
+    /// Asks for memory that holds frames of `max_payload_bytes`; [`Topic::settle`] makes it.
+    pub fn fit(&mut self, max_payload_bytes: usize) {
+        self.memory.fit(max_payload_bytes);
+    }
+
+    /// Whether [`Topic::settle`] has something to do.
+    pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        self.memory.is_unsettled(now_nanos)
+    }
+
+    /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
+    /// No frame may be in flight.
+    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu) {
+        if let Err(error) = self.memory.settle(bus, gpu, &self.name) {
+            tracing::warn!(
+                topic = self.name,
+                error = format!("{error:#}"),
+                "a topic did not get the memory that it needs"
+            );
+        }
+    }
+
+    /// Gives everything back, memory last. No frame may be in flight.
+    pub fn close(self, gpu: &Gpu) {
+        self.memory.close(gpu);
+    }
+}

@@ -1,0 +1,266 @@
+//! The shared memory of a topic and its life: opened, handed to the GPU, grown, given back.
+//!
+//! A topic of the launch file has its memory as long as the daemon runs. A topic made at run time
+//! has it only while somebody reads, because there may be hundreds of such topics.
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, anyhow, bail};
+use schema_bus::{Bus, FrameLoan, FramePublisher, FrameService, FrameTopic, mono_now};
+use schema_frames::{Modality, SensorKind};
+use sensor_gpu::{Gpu, ShmTarget};
+
+use super::import::{self, Transfer};
+
+/// Memory of a topic made at run time outlives its last reader by this much, so that a reader that
+/// comes back soon costs nothing.
+const LINGER_NANOS: u64 = 5_000_000_000;
+
+/// What writes the frames of a topic.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writer {
+    Cpu,
+    Gpu,
+}
+
+impl Writer {
+    /// What writes frames of this modality, if `lidars_on` casts the rays of lidars.
+    pub fn of(modality: Modality, lidars_on: Writer) -> Writer {
+        match modality.sensor_kind() {
+            SensorKind::Camera => Writer::Gpu,
+            SensorKind::Lidar => lidars_on,
+            _ => Writer::Cpu,
+        }
+    }
+}
+
+/// How long a topic has memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemoryLife {
+    /// As long as the topic exists.
+    Lasting,
+    /// From its first reader until [`LINGER_NANOS`] after its last.
+    OnDemand,
+}
+
+/// What memory a topic needs.
+pub(super) struct MemoryPlan {
+    pub modality: Modality,
+    pub max_payload_bytes: usize,
+    pub frames_in_flight: u32,
+    pub transfer: Transfer,
+    pub writer: Writer,
+    pub life: MemoryLife,
+}
+
+/// The writing end of a topic.
+enum Outlet {
+    /// Readers can find the topic, but it has no memory.
+    Idle(FrameService),
+    /// The topic has memory, and the GPU's view of it (`None` if the CPU writes the frames).
+    Open {
+        publisher: FramePublisher,
+        target: Option<Arc<ShmTarget>>,
+    },
+    /// Neither service nor memory: the state during a change, which stays only if reopening fails.
+    Closed,
+}
+
+/// Memory of one topic.
+pub(super) struct TopicMemory {
+    outlet: Outlet,
+    spec: FrameTopic,
+    /// Payload bytes that the open memory was made for; `spec` may already ask for more.
+    max_payload_bytes: usize,
+    transfer: Transfer,
+    writer: Writer,
+    life: MemoryLife,
+    last_read_nanos: u64,
+    /// The memory must be made anew, larger.
+    outgrown: bool,
+}
+
+impl TopicMemory {
+    /// Opens the service, and the memory if it lasts.
+    pub fn open(bus: &Bus, gpu: &Gpu, name: &str, plan: &MemoryPlan) -> anyhow::Result<Self> {
+        let (modality, max_payload_bytes) = (plan.modality, plan.max_payload_bytes);
+        let usual = match plan.life {
+            MemoryLife::Lasting => FrameTopic::new(modality, max_payload_bytes),
+            MemoryLife::OnDemand => FrameTopic::of_run_time_sensor(modality, max_payload_bytes),
+        };
+        let spec = FrameTopic {
+            frames_in_flight: plan.frames_in_flight as usize,
+            ..usual
+        };
+        let service = bus
+            .frame_service(name, spec)
+            .with_context(|| format!("cannot publish {name:?}"))?;
+        check_room(name, &service, 0)?;
+        let mut memory = TopicMemory {
+            outlet: Outlet::Closed,
+            spec,
+            max_payload_bytes,
+            transfer: plan.transfer,
+            writer: plan.writer,
+            life: plan.life,
+            last_read_nanos: mono_now().0,
+            outgrown: false,
+        };
+        memory.outlet = match plan.life {
+            MemoryLife::OnDemand => Outlet::Idle(service),
+            MemoryLife::Lasting => memory.open_outlet(service, gpu)?,
+        };
+        Ok(memory)
+    }
+
+    /// Number of readers.
+    pub fn n_readers(&self) -> usize {
+        match &self.outlet {
+            Outlet::Idle(service) => service.n_readers(),
+            Outlet::Open { publisher, .. } => publisher.n_readers(),
+            Outlet::Closed => 0,
+        }
+    }
+
+    /// Most payload bytes of a frame.
+    pub fn max_payload_bytes(&self) -> usize {
+        self.max_payload_bytes
+    }
+
+    /// Where the GPU writes; `None` without memory, or if the CPU writes.
+    pub fn target(&self) -> Option<&Arc<ShmTarget>> {
+        match &self.outlet {
+            Outlet::Open { target, .. } => target.as_ref(),
+            _ => None,
+        }
+    }
+
+    /// A free slot.
+    pub fn loan(&self) -> anyhow::Result<FrameLoan> {
+        match &self.outlet {
+            Outlet::Open { publisher, .. } => Ok(publisher.loan(self.max_payload_bytes)?),
+            _ => bail!("the topic has no memory"),
+        }
+    }
+
+    /// Asks for frames of up to `max_payload_bytes`; less than there is changes nothing.
+    pub fn fit(&mut self, max_payload_bytes: usize) {
+        if max_payload_bytes > self.max_payload_bytes {
+            self.spec.max_payload_bytes = max_payload_bytes;
+            self.outgrown = true;
+        }
+    }
+
+    /// Whether [`TopicMemory::settle`] has something to do.
+    pub fn is_unsettled(&mut self, now_nanos: u64) -> bool {
+        if self.outgrown {
+            return true;
+        }
+        if self.life == MemoryLife::Lasting {
+            return !matches!(self.outlet, Outlet::Open { .. });
+        }
+        let n_readers = self.n_readers();
+        if n_readers > 0 {
+            self.last_read_nanos = now_nanos;
+        }
+        match &self.outlet {
+            Outlet::Open { .. } => now_nanos.saturating_sub(self.last_read_nanos) > LINGER_NANOS,
+            _ => n_readers > 0,
+        }
+    }
+
+    /// Opens the memory for the first reader, gives it back after the last, or makes it larger.
+    /// No frame may be in flight.
+    pub fn settle(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+        if std::mem::take(&mut self.outgrown) {
+            return self.grow(bus, gpu, name);
+        }
+        self.outlet = match std::mem::replace(&mut self.outlet, Outlet::Closed) {
+            Outlet::Idle(service) => self.open_outlet(service, gpu)?,
+            open @ Outlet::Open { .. } => {
+                open.close(gpu);
+                Outlet::Idle(bus.frame_service(name, self.spec)?)
+            }
+            Outlet::Closed => Outlet::Idle(bus.frame_service(name, self.spec)?),
+        };
+        Ok(())
+    }
+
+    /// Makes the memory anew in the size that is needed; readers stay connected. If the new size
+    /// does not fit, the topic keeps the memory it has, and its frames what fits into that.
+    fn grow(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+        let (had_bytes, needed_bytes) = (self.max_payload_bytes, self.spec.max_payload_bytes);
+        let Err(error) = self.reopen(bus, gpu, name) else {
+            return Ok(());
+        };
+        self.max_payload_bytes = had_bytes;
+        self.spec.max_payload_bytes = had_bytes;
+        Err(error).with_context(|| {
+            format!(
+                "frames keep to {had_bytes} bytes, but ticks of this length can need {needed_bytes}"
+            )
+        })
+    }
+
+    fn reopen(&mut self, bus: &Bus, gpu: &Gpu, name: &str) -> anyhow::Result<()> {
+        // A second handle under the same name keeps the service alive during the change.
+        let service = bus.frame_service(name, self.spec)?;
+        let was_open = matches!(self.outlet, Outlet::Open { .. });
+        if was_open {
+            // Readers hold on to the old memory for a while; without readers it is free as soon as
+            // it is closed.
+            let before = FrameTopic {
+                max_payload_bytes: self.max_payload_bytes,
+                ..self.spec
+            };
+            let given_back = if self.n_readers() == 0 {
+                bus.frame_service(name, before)?.segment_bytes()
+            } else {
+                0
+            };
+            check_room(name, &service, given_back)?;
+        }
+        std::mem::replace(&mut self.outlet, Outlet::Closed).close(gpu);
+        self.max_payload_bytes = self.spec.max_payload_bytes;
+        self.outlet = if was_open {
+            self.open_outlet(service, gpu)?
+        } else {
+            Outlet::Idle(service)
+        };
+        Ok(())
+    }
+
+    /// Gives everything back. No frame may be in flight.
+    pub fn close(self, gpu: &Gpu) {
+        self.outlet.close(gpu);
+    }
+
+    fn open_outlet(&self, service: FrameService, gpu: &Gpu) -> anyhow::Result<Outlet> {
+        let publisher = service.publisher()?;
+        publisher.touch()?;
+        let segment = publisher.segment()?;
+        let target = match self.writer {
+            Writer::Cpu => None,
+            Writer::Gpu => Some(Arc::new(import::target(gpu, &segment, self.transfer))),
+        };
+        Ok(Outlet::Open { publisher, target })
+    }
+}
+
+impl Outlet {
+    /// Gives the memory back, if there is any. The order matters: the GPU lets go of the memory
+    /// before its publisher unmaps it.
+    fn close(self, gpu: &Gpu) {
+        if let Outlet::Open { publisher, target } = self {
+            drop(target);
+            gpu.wait_idle();
+            drop(publisher);
+        }
+    }
+}
+
+/// Whether the memory of a topic fits into what is free once `given_back` bytes are.
+fn check_room(name: &str, service: &FrameService, given_back: u64) -> anyhow::Result<()> {
+    schema_bus::check_shared_memory(service.segment_bytes(), given_back)
+        .map_err(|short| anyhow!("no room for {name:?}: {short}"))
+}
