@@ -42,6 +42,8 @@ pub struct Sensors {
     fitted_period_nanos: u64,
     in_flight: InFlight<PendingViews>,
     n_lidar_turns: u64,
+    /// Counts of topics that have been closed.
+    closed_counts: FrameCounts,
 }
 
 impl Sensors {
@@ -66,6 +68,7 @@ impl Sensors {
             fitted_period_nanos: 0,
             in_flight: InFlight::new(max_in_flight),
             n_lidar_turns: 0,
+            closed_counts: FrameCounts::default(),
         }
     }
 
@@ -74,10 +77,10 @@ impl Sensors {
         self.n_lidar_turns
     }
 
-    /// Frames of all topics so far.
+    /// Frames of all topics so far, those of sensors that have ended among them.
     pub fn counts(&self) -> FrameCounts {
         self.topics()
-            .fold(FrameCounts::default(), |sum, topic| sum.with(&topic.counts))
+            .fold(self.closed_counts, |sum, topic| sum.with(&topic.counts))
     }
 
     /// All topics.
@@ -227,6 +230,7 @@ impl Sensors {
             .partition(is_gone);
         self.sensors = kept;
         for topic in gone.into_iter().flat_map(|sensor| sensor.topics) {
+            self.closed_counts = self.closed_counts.with(&topic.counts);
             topic.close(&self.gpu);
         }
         Ok(())

@@ -3,6 +3,7 @@
 use schema_frames::document::PoseText;
 use schema_frames::{Command, CommandReply, Modality};
 use schema_types::Pose;
+use test_e2e::carla::empty_town;
 use test_e2e::{SMALL_RIG, ask, counter, join_bus, reader, start_daemon, step};
 use test_kit::{Sandbox, eventually};
 
@@ -150,6 +151,34 @@ fn a_frame_is_sent_after_two_ticks_at_the_latest() {
             frame.header().ticks_in_flight
         );
     }
+}
+
+/// The daemon's last line counts frames of sensors that commands made, though these have ended.
+#[test]
+fn the_last_line_counts_the_frames_of_ended_sensors() {
+    let sandbox = Sandbox::new("last-line");
+    let launch = format!("{}mode = \"stepped\"\n", empty_town("Town02"));
+    let daemon = start_daemon(&sandbox, &launch, &[]);
+    let bus = join_bus(&sandbox, "test");
+    let mut client = bus.command_client("test").unwrap();
+    let imu = serde_json::json!({ "kind": "imu" });
+    let CommandReply::Spawned { actor_id, topics } = ask(&mut client, wish(None, 0, imu)) else {
+        panic!("must be made")
+    };
+    let imu = reader(&bus, &topics[0]);
+    step(&mut client, 3);
+    assert_eq!(
+        ask(&mut client, Command::Destroy { actor_id }),
+        CommandReply::Done
+    );
+    drop(imu);
+    let ended = daemon.stop().expect_code(0);
+    let last = ended.lines.last().cloned().unwrap_or_default();
+    assert!(
+        last.contains("ticks=3 frames=3 dropped=0"),
+        "{}",
+        ended.lines.join("\n")
+    );
 }
 
 /// A hundred sensors come and go; what they leave is nothing.
