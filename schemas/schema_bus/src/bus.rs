@@ -31,9 +31,8 @@ pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H
 pub(crate) type Events = event::PortFactory<Service>;
 
 /// Where iceoryx2 keeps its files, for tests that must not meet anybody. By default what iceoryx2
-/// itself would use: `config/iceoryx2.toml` in
-/// the working directory, then the user's, then the machine's configuration, then `/tmp/iceoryx2`
-/// and the prefix `iox2_`.
+/// itself would use: `config/iceoryx2.toml` in the working directory, then the user's, then the
+/// machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
 #[derive(Clone, Debug, Default)]
 pub struct BusOptions {
     /// Folder of iceoryx2's bookkeeping.

@@ -252,8 +252,7 @@ impl CommandServer {
     }
 
     /// Answers. A client that has gone meanwhile is no error. If the answer cannot be sent, one
-    /// refusal says so in its place, so that the
-    /// client need not wait for nothing.
+    /// refusal says so in its place, so that the client need not wait for nothing.
     ///
     /// # Errors
     /// [`BusError::Service`].

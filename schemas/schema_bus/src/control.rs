@@ -205,8 +205,7 @@ pub struct ControlReader {
 
 impl ControlReader {
     /// Everything that waits, sorted by (writer, seq), so that applying it in order lets the last
-    /// one count.
-    /// Samples that break the contract are dropped with a warning.
+    /// one count. Samples that break the contract are dropped with a warning.
     ///
     /// # Errors
     /// [`BusError::Service`].

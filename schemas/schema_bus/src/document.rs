@@ -114,9 +114,8 @@ impl DocumentPublisher {
     }
 
     /// Hands the newest text to readers that came since the last call. iceoryx2 does this only in
-    /// the writer's own calls, so a daemon
-    /// calls it once per turn of its loop, also while it waits for a cue (a new reader notifies
-    /// `control/wake`). Cheap if nobody came.
+    /// the writer's own calls, so a daemon calls it once per turn of its loop, also while it waits
+    /// for a cue (a new reader notifies `control/wake`). Cheap if nobody came.
     pub fn greet(&self) {
         if let Err(e) = self.port.update_connections() {
             tracing::warn!(service = self.service.name().as_str(), cause = ?e, "cannot greet a new reader");

@@ -149,8 +149,7 @@ impl WaitSet {
     }
 
     /// Waits until one of them is notified or `timeout` is over. Returns whether any was;
-    /// [`WaitSet::woken`] says which.
-    /// With an empty set it sleeps.
+    /// [`WaitSet::woken`] says which. With an empty set it sleeps.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -168,8 +167,8 @@ impl WaitSet {
     }
 
     /// Waits as [`WaitSet::wait`], and also until one of `others` (sockets, pipes) can be read or
-    /// has ended. Returns which of `others` that
-    /// is true for, in their order; what is read from them is the caller's business.
+    /// has ended. Returns which of `others` that is true for, in their order; what is read from
+    /// them is the caller's business.
     ///
     /// # Errors
     /// [`BusError::Service`].

@@ -23,8 +23,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or
-    /// [`BusError::SchemaSkew`] if readers keep an older
-    /// service alive that does not fit.
+    /// [`BusError::SchemaSkew`] if readers keep an older service alive that does not fit.
     pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
         let modality = topic
             .rsplit('/')
@@ -266,10 +265,9 @@ impl FrameLoan {
     pub fn payload_mut(&mut self) -> &mut [u8] {
         let payload = self.sample.payload_mut();
         // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and
-        // since then only bytes were stored, so every
-        // byte has a value: `MaybeUninit<u8>` here is iceoryx2's caution, not a fact. `u8` has no
-        // invalid values, and the exclusive borrow
-        // of the loan, which no reader has seen, makes the access unique.
+        // since then only bytes were stored, so every byte has a value: `MaybeUninit<u8>` here is
+        // iceoryx2's caution, not a fact. `u8` has no invalid values, and the exclusive borrow of
+        // the loan, which no reader has seen, makes the access unique.
         unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
     }
 

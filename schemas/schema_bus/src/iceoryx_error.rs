@@ -1,8 +1,8 @@
 //! What iceoryx2's errors mean on the bus: the one place that tells their variants apart.
 //!
-//! iceoryx2 0.10 has an error enum of its own for every kind of service and port, and each is a bare
-//! name without values. What a user can act on becomes a variant of [`BusError`] or [`LoanError`];
-//! everything else becomes [`BusError::Service`] with iceoryx2's name for it.
+//! iceoryx2 0.10 has an error enum of its own for every kind of service and port, and each is a
+//! bare name without values. What a user can act on becomes a variant of [`BusError`] or
+//! [`LoanError`]; everything else becomes [`BusError::Service`] with iceoryx2's name for it.
 
 use std::fmt::Debug;
 

@@ -2,9 +2,8 @@
 //! wake-ups by name.
 //!
 //! A program opens one [`Bus`] and asks it for ports. Names are given without the domain
-//! (`ego/front/rgb`); the bus puts the domain in
-//! front. Nothing here waits unless its name or a `timeout` says so, nothing handles signals, and
-//! every error is a sentence.
+//! (`ego/front/rgb`); the bus puts the domain in front. Nothing here waits unless its name or a
+//! `timeout` says so, nothing handles signals, and every error is a sentence.
 //!
 //! ```no_run
 //! let bus = schema_bus::Bus::open("gantry", "my-consumer")?;

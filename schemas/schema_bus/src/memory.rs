@@ -163,8 +163,8 @@ mod tests {
     #[test]
     fn a_large_topic_of_a_run_time_sensor_has_fewer_readers() {
         let readers = |bytes| FrameTopic::of_run_time_sensor(Modality::Rgb, bytes).max_readers;
-        // 16 readers are 83 slots: 64 MiB are 67 108 864 bytes, less 65 536, so slots
-        // of at most 807 744 bytes, of which 384 are not payload.
+        // 16 readers are 83 slots: 64 MiB are 67 108 864 bytes, less 65 536, so slots of at most
+        // 807 744 bytes, of which 384 are not payload.
         assert_eq!((readers(807_360), readers(807_361)), (16, 8));
         assert_eq!(readers(640 * 480 * 4), 8);
         // 8 readers are 43 slots of at most 1 559 104 bytes.

@@ -39,8 +39,7 @@ fn parse_range(line: &str) -> Option<(usize, usize)> {
 }
 
 /// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs
-/// milliseconds per frame, and on a full `/dev/shm`
-/// it would kill the process.
+/// milliseconds per frame, and on a full `/dev/shm` it would kill the process.
 ///
 /// # Errors
 /// What the kernel says, for example that there is no memory.

@@ -2,8 +2,8 @@
 //! contract.
 //!
 //! iceoryx2 compares the name, size and alignment of header and payload when a service is opened.
-//! Its derive macro refuses
-//! `repr(align)` and would use the module path as the name, so the names are given by hand here.
+//! Its derive macro refuses `repr(align)` and would use the module path as the name, so the names
+//! are given by hand here.
 
 use iceoryx2::prelude::ZeroCopySend;
 use schema_frames::{
@@ -48,10 +48,9 @@ impl<H: OnBus> Default for Wire<H> {
 }
 
 // SAFETY: `ZeroCopySend` asks for a type that is self-contained, has a uniform layout in every
-// process and no drop.
-// `OnBus` implies `Pod`: `repr(C)` or `repr(transparent)`, no pointers, no padding, any bit pattern
-// valid, `Copy` hence no drop;
-// `repr(transparent)` passes all of that on. The name is unique per type in the list above.
+// process and no drop. `OnBus` implies `Pod`: `repr(C)` or `repr(transparent)`, no pointers, no
+// padding, any bit pattern valid, `Copy` hence no drop; `repr(transparent)` passes all of that on.
+// The name is unique per type in the list above.
 unsafe impl<H: OnBus> ZeroCopySend for Wire<H> {
     unsafe fn type_name() -> &'static str {
         H::NAME

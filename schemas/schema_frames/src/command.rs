@@ -2,9 +2,8 @@
 //! generator.
 //!
 //! A request is `{"v":1,"commands":[…]}`, its answer `{"v":1,"epoch":"…","tick":…,"replies":[…]}`
-//! with one reply per command, in order.
-//! Commands run between ticks, in the order given. A refused command changes nothing and does not
-//! stop those after it.
+//! with one reply per command, in order. Commands run between ticks, in the order given. A refused
+//! command changes nothing and does not stop those after it.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

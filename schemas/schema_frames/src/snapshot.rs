@@ -192,8 +192,7 @@ pub struct VehiclePart {
     /// Applied control.
     pub brake_ratio: f32,
     /// Bit 0 hand brake, 1 reverse, 2 manual gear shift; bit 8: it lies on its side or roof; bits
-    /// 16–31: four for each door, front left to
-    /// rear right, 0 shut to 15 open.
+    /// 16–31: four for each door, front left to rear right, 0 shut to 15 open.
     pub control_flags: u32,
     /// Gear engaged: −1, 0, 1..
     pub gear: i32,

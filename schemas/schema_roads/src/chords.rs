@@ -129,9 +129,8 @@ impl Grid {
     }
 
     /// The nearest chord of each lane that passes, for lanes within `slack_m` of the nearest, with
-    /// the share of the chord at its foot.
-    /// Chords are shorter than `reach_m`, so one listed in a cell reaches at most half of that out
-    /// of it.
+    /// the share of the chord at its foot. Chords are shorter than `reach_m`, so one listed in a
+    /// cell reaches at most half of that out of it.
     pub fn near(
         &self,
         p: [f64; 3],
@@ -275,9 +274,8 @@ impl LaneChords {
     }
 }
 
-/// The chord, or two for its halves where the lane's middle leaves it by half of what the
-/// search allows for: a bend may be tighter than a
-/// chord is long.
+/// The chord, or two for its halves where the lane's middle leaves it by half of what the search
+/// allows for: a bend may be tighter than a chord is long.
 fn add_chords(shape: &LaneShape<'_>, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
     const SHORTEST_M: f64 = 0.05;
     let half_s_m = 0.5 * (chord.s_m[0] + chord.s_m[1]);

@@ -1,8 +1,7 @@
 //! Plan-view geometry of a reference line in f64: line, arc, clothoid, cubic and parametric cubic.
 //!
 //! Every curve is evaluated from its definition. Clothoids are integrated with Gauss–Legendre
-//! quadrature;
-//! cubics are inverted from arc length with a table and Newton steps.
+//! quadrature; cubics are inverted from arc length with a table and Newton steps.
 
 /// Point, heading and curvature on a plan-view curve.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,10 +1,9 @@
 //! OpenDRIVE maps: lanes, the lane graph, positions on it, signals and marks.
 //!
 //! [`RoadMap::parse`] reads a text; everything else is a query. Positions are f64, evaluated from
-//! the curves' definitions.
-//! World space is OpenDRIVE's inertial space (x east, y north, z up), which is also the
-//! simulator's.
-//! Superelevation, lateral shape, crossfall and the height of lanes are part of every position.
+//! the curves' definitions. World space is OpenDRIVE's inertial space (x east, y north, z up),
+//! which is also the simulator's. Superelevation, lateral shape, crossfall and the height of lanes
+//! are part of every position.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

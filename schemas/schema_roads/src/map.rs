@@ -173,9 +173,8 @@ impl RoadMap {
     }
 
     /// Greatest difference between the length of a polynomial curve and the one that the file
-    /// states, metres. Here such a curve begins and
-    /// ends where its record does; a reader that walks the curve by its own length ends that far
-    /// from it.
+    /// states, metres. Here such a curve begins and ends where its record does; a reader that walks
+    /// the curve by its own length ends that far from it.
     pub fn length_mismatch_m(&self) -> f64 {
         let curves = self.raw.roads.iter().flat_map(|road| &road.plan);
         let excess = |geometry: &Geometry| match &geometry.shape {

@@ -23,8 +23,7 @@ impl RoadMap {
     }
 
     /// Pose on the road surface: x along the driving direction, y left, z off the surface. `None`
-    /// for an unknown lane.
-    /// `s_m` beyond the lane's ends is taken as its end.
+    /// for an unknown lane. `s_m` beyond the lane's ends is taken as its end.
     pub fn pose(&self, at: LanePosition) -> Option<Isometry3<f64>> {
         let shape = self.shape(self.lane(at.lane)?);
         Some(shape.pose(shape.clamped(at.s_m), at.offset_m).0)

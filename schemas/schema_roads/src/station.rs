@@ -154,9 +154,9 @@ impl Station<'_> {
         1.0 - self.plan.curvature_per_m * t_m
     }
 
-    /// Pose at offset `t_m` of a line that drifts by `t_slope` per metre: x along rising s, y
-    /// left, z off the surface.
-    /// `lift` is the lane's height over the road there and its slope to the left.
+    /// Pose at offset `t_m` of a line that drifts by `t_slope` per metre: x along rising s, y left,
+    /// z off the surface. `lift` is the lane's height over the road there and its slope to the
+    /// left.
     pub fn pose(&self, t_m: f64, t_slope: f64, lift: (f64, f64)) -> Isometry3<f64> {
         let (sin, cos) = self.plan.heading_rad.sin_cos();
         let (roll_sin, roll_cos) = self.roll_rad.sin_cos();

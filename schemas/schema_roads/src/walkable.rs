@@ -1,11 +1,10 @@
 //! Where people walk: a mesh of convex faces over pavements, crosswalks and, at a price, roads.
 //!
 //! Pavements keep [`CLEAR_M`] from kerb and wall, so that whoever follows the mesh with a body
-//! stays on them. Around junctions, where maps
-//! seldom have pavement lanes, the pavements of neighbouring arms are joined by a curve. Crosswalks
-//! reach over the kerb onto the pavement.
-//! The outlines go into a constrained Delaunay triangulation, whose triangles are named by what
-//! they lie in and merged to convex faces.
+//! stays on them. Around junctions, where maps seldom have pavement lanes, the pavements of
+//! neighbouring arms are joined by a curve. Crosswalks reach over the kerb onto the pavement. The
+//! outlines go into a constrained Delaunay triangulation, whose triangles are named by what they
+//! lie in and merged to convex faces.
 
 mod arrange;
 mod faces;

@@ -1,9 +1,8 @@
 //! Random numbers as a pure function of (seed, stream, tick, sample).
 //!
 //! No generator is shared, so adding a sensor changes no other sensor's bytes and order of
-//! evaluation does not matter.
-//! Mixing is SplitMix64's finaliser (Steele, Lea, Flood, *Fast splittable pseudorandom number
-//! generators*, 2014), once per key word.
+//! evaluation does not matter. Mixing is SplitMix64's finaliser (Steele, Lea, Flood, *Fast
+//! splittable pseudorandom number generators*, 2014), once per key word.
 
 /// SplitMix64's output function: a bijection on `u64` with good avalanche.
 pub const fn mix(mut z: u64) -> u64 {

@@ -13,8 +13,8 @@
 //! - A transform is `target_from_source` and reads right to left.
 //! - Rotations are unit quaternions stored `[x, y, z, w]`.
 //! - Pixel (0, 0) begins at the outer corner of the top-left pixel, so that pixel's centre is (0.5,
-//!   0.5) and cx = W/2.
-//!   Formats that count from pixel centres (OpenCV, ROS, Foxglove's K) get cx − 0.5, cy − 0.5.
+//!   0.5) and cx = W/2. Formats that count from pixel centres (OpenCV, ROS, Foxglove's K) get cx −
+//!   0.5, cy − 0.5.
 //! - Depth is measured along the optical axis (`camera` z), not along the ray.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};

@@ -68,9 +68,8 @@ pub fn document(roads: &[RoadText], rest: &str) -> String {
 }
 
 /// A T-junction: road 1 from the west, 2 to the east, 3 from the south; connecting roads 11 (1→2),
-/// 12 (2→1), 13 (1→3), 14 (3→2).
-/// Roads 1 and 2 meet the junction at x = −10 and x = 10, road 3 at y = −10. A light on road 1 and
-/// one on 3, by reference on 13 too.
+/// 12 (2→1), 13 (1→3), 14 (3→2). Roads 1 and 2 meet the junction at x = −10 and x = 10, road 3 at y
+/// = −10. A light on road 1 and one on 3, by reference on 13 too.
 pub fn t_junction() -> String {
     let half_pi = std::f64::consts::FRAC_PI_2;
     let mut west = RoadText::new(1, 90.0, &geometry(0.0, -100.0, 0.0, 0.0, 90.0, "<line/>"));
