@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Attachment {
-    /// Exactly, every tick.
+    /// The sensor keeps its mount exactly, in every tick.
     #[default]
     Rigid,
-    /// On a boom that lags, hangs 0.3 m higher and shortens before obstacles.
+    /// A boom holds the sensor 0.3 m higher, lags behind, and shortens in front of obstacles.
     SpringArm,
-    /// On a boom that lags and passes through everything.
+    /// A boom that lags behind and passes through obstacles.
     SpringArmGhost,
 }

@@ -39,18 +39,18 @@ const _: () = assert!(size_of::<RequestHeader>() == 64);
 /// "GREQ" read as a little-endian `u32`.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"GREQ");
 
-/// One thing to do.
+/// One command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Command {
     /// Answers with `pong`; changes nothing.
     Ping,
-    /// Cues `n` ticks in stepped mode. Cues add up.
+    /// Cues `n` ticks in stepped mode. Cues that were not worked off yet add up.
     Step {
-        /// 1 or more.
+        /// Number of ticks, 1 or more.
         n: u64,
     },
-    /// Changes mode, period or physics; what is absent stays.
+    /// Changes mode, tick length or physics; a value that is absent stays.
     Configure {
         /// New mode.
         #[serde(default)]
@@ -58,48 +58,48 @@ pub enum Command {
         /// New tick length, 100 µs to 10 s.
         #[serde(default)]
         period_nanos: Option<u64>,
-        /// Longest physics sub-step, 100 µs to 10 ms: a tick is done in equal sub-steps no longer
-        /// than this.
+        /// Longest physics sub-step, 100 µs to 10 ms: a tick is divided into equal sub-steps no
+        /// longer than this.
         #[serde(default)]
         longest_substep_nanos: Option<u64>,
     },
-    /// Makes an actor.
+    /// Spawns an actor.
     Spawn {
         /// Catalogue id.
         type_id: String,
-        /// World pose, or pose on the parent if there is one.
+        /// Pose in the world, or on the parent if there is one.
         pose: PoseText,
         /// Actor to attach to.
         #[serde(default)]
         parent_id: Option<u32>,
-        /// Role, e.g. `ego_vehicle`.
+        /// Role, e.g. `ego_vehicle`; empty for none.
         #[serde(default)]
         role: String,
         /// Attributes to set; unknown names are refused.
         #[serde(default)]
         attributes: BTreeMap<String, String>,
     },
-    /// Makes a sensor. Its topics are `actor_<parent id>/s<id>/<modality>`, `free/s<id>/…` without
-    /// a parent.
+    /// Spawns a sensor. Its topics are `actor_<parent id>/s<id>/<modality>`, or `free/s<id>/…`
+    /// without a parent.
     SpawnSensor {
-        /// Catalogue id under which it is listed, e.g. `sensor.camera.rgb`.
+        /// Catalogue id, e.g. `sensor.camera.rgb`.
         type_id: String,
-        /// World pose, or pose on the parent if there is one.
+        /// Pose in the world, or on the parent if there is one.
         pose: PoseText,
         /// Actor to attach to.
         #[serde(default)]
         parent_id: Option<u32>,
-        /// How it follows its parent; only `rigid` without one.
+        /// How it follows its parent; a sensor without one must be `rigid`.
         #[serde(default)]
         attachment: Attachment,
-        /// Time between two firings; 0 fires at every tick. Replaces `rate_hz` of the
-        /// specification.
+        /// Time between two firings; 0 fires at every tick. It takes the place of `rate_hz` in
+        /// `spec`.
         #[serde(default)]
         interval_nanos: u64,
         /// What it measures: the keys of a launch file's `[sensor.NAME]`, `kind` included, without
         /// `mount`.
         spec: serde_json::Map<String, serde_json::Value>,
-        /// Kept for `world/actors`; without effect here.
+        /// Attributes that `world/actors` shows; they have no effect on the sensor.
         #[serde(default)]
         attributes: BTreeMap<String, String>,
     },
@@ -108,7 +108,7 @@ pub enum Command {
         /// The actor.
         actor_id: u32,
     },
-    /// Puts an actor somewhere; its velocity stays.
+    /// Moves an actor to a pose; its velocity stays.
     SetPose {
         /// The actor.
         actor_id: u32,
@@ -119,7 +119,7 @@ pub enum Command {
     SetVelocity {
         /// The actor.
         actor_id: u32,
-        /// m/s, world.
+        /// Velocity, world, m/s.
         velocity_in_world_mps: [f64; 3],
     },
     /// Holds a vehicle's control until it is replaced.
@@ -136,8 +136,8 @@ pub enum Command {
         /// Direction and speed.
         control: WalkerControl,
     },
-    /// Puts a walker's feet on the ground nearest to a point (1 m above to 1.5 m below it): who
-    /// leads it says where it is, tick by tick.
+    /// Puts a walker's feet on the ground nearest to a point, within 1 m above and 1.5 m below it.
+    /// A client that leads a walker sends this for every tick.
     LeadWalker {
         /// The actor.
         actor_id: u32,
@@ -148,18 +148,18 @@ pub enum Command {
         /// Speed that its limbs show, m/s.
         speed_mps: f64,
     },
-    /// Holds or reads the bones of a walker.
+    /// Sets or reads the bones of a walker.
     Skeleton {
         /// The actor.
         actor_id: u32,
-        /// What.
+        /// The action.
         action: SkeletonAction,
     },
-    /// Does something to an actor's body, or asks about a vehicle's.
+    /// Acts on an actor's body, or asks about a vehicle's.
     Physics {
         /// The actor.
         actor_id: u32,
-        /// What.
+        /// The action.
         action: PhysicsAction,
     },
     /// Sets a vehicle's lamps.
@@ -169,16 +169,17 @@ pub enum Command {
         /// Bits as in `VehiclePart::lamps`.
         lamps: u32,
     },
-    /// Opens or shuts doors of a vehicle whose `has_dynamic_doors` is `true`; they take 0.8 s.
+    /// Opens or shuts doors of a vehicle whose attribute `has_dynamic_doors` is `true`; a door
+    /// takes 0.8 s.
     SetDoors {
         /// The actor.
         actor_id: u32,
         /// Sum of 1 front left, 2 front right, 4 rear left, 8 rear right.
         doors: u8,
-        /// Whether they are to be open.
+        /// Whether to open or to shut them.
         open: bool,
     },
-    /// Gives a traffic light a state; its timers run on.
+    /// Sets the state of a traffic light; its timers run on.
     SetTrafficLight {
         /// The actor.
         actor_id: u32,
@@ -194,15 +195,16 @@ pub enum Command {
     SetTrafficLightTime {
         /// Any light of the controller.
         actor_id: u32,
-        /// `green`, `yellow` or `red`: the last is the time in which all lights of the junction are
+        /// `green`, `yellow` or `red`; the last is the time in which all lights of the junction are
         /// red.
         state: String,
-        /// 0.01 to 100 000 s.
+        /// Length, 0.01 to 100 000 s.
         secs: f64,
     },
-    /// Begins groups of traffic lights anew: the first controller green, all times in state 0.
+    /// Restarts groups of traffic lights: the first controller is green, and the time spent in its
+    /// state is 0.
     ResetTrafficLights {
-        /// Any light of the group; all groups without it.
+        /// Any light of the group; without it, all groups restart.
         #[serde(default)]
         actor_id: Option<u32>,
     },
@@ -213,10 +215,10 @@ pub enum Command {
     },
     /// Changes the weather.
     SetWeather {
-        /// All of it.
+        /// The complete weather; keys that are left out take their defaults.
         weather: Weather,
     },
-    /// Whether weather acts on tyres and lidar; it does not by default.
+    /// Sets whether weather acts on tyres and lidar, which by default it does not.
     SetWeatherEffects {
         /// Whether it does.
         on: bool,
@@ -226,35 +228,35 @@ pub enum Command {
         /// Where: in memory under a name, or in a file.
         to: CheckpointPlace,
     },
-    /// Goes back to a saved world. Tick and ids go on counting; sensors stay.
+    /// Returns to a saved world. The counts of ticks and ids go on; sensors stay.
     RestoreCheckpoint {
         /// Where it was saved.
         from: CheckpointPlace,
     },
-    /// Goes back to the start of the episode.
+    /// Returns to the start of the episode.
     Reset,
-    /// Answers with what rays meet: the triangles that sensors see, moving actors included.
+    /// Answers with what rays meet among the triangles that sensors see, those of moving actors
+    /// included.
     CastRays {
         /// Rays.
         rays: Vec<RaySegment>,
-        /// All surfaces along each ray instead of the first.
+        /// Whether to answer with all surfaces along each ray instead of the first.
         #[serde(default)]
         all: bool,
     },
-    /// Draws into colour pictures.
+    /// Draws shapes into colour images.
     DrawDebug {
-        /// Added to those that are there.
+        /// Shapes to add to those that are drawn already.
         shapes: Vec<DebugShape>,
     },
     /// Removes every debug shape.
     ClearDebug,
     /// Answers with the names of all maps that can be loaded.
     ListMaps,
-    /// Takes an OpenDRIVE text that `load_map` then finds under its name; kept until the daemon
-    /// ends.
+    /// Stores an OpenDRIVE text, which `load_map` then finds under its name until the daemon ends.
     StoreMap(StoredMap),
-    /// Loads a map: a new episode without the old one's actors; the launch file's ego, vehicles and
-    /// rigs are made anew.
+    /// Loads a map. A new episode begins without the old one's actors; the ego, vehicles and rigs
+    /// of the launch file are spawned again.
     LoadMap {
         /// Name of a town, of a file in the map folder or of a stored map, or the path of an
         /// `.xodr` file.
@@ -262,10 +264,10 @@ pub enum Command {
     },
     /// Joins the lockstep gate.
     JoinLockstep {
-        /// Name for messages.
+        /// Name of the participant, for messages.
         name: String,
     },
-    /// Leaves it.
+    /// Leaves the lockstep gate.
     LeaveLockstep {
         /// Number from the reply to `join_lockstep`.
         participant: u32,
@@ -276,14 +278,14 @@ pub enum Command {
     ShowObjects {
         /// Ids; unknown ones are refused.
         object_ids: Vec<u32>,
-        /// Whether they are there.
+        /// Whether to show or to hide them.
         shown: bool,
     },
     /// Shows or hides all objects of these layers.
     ShowLayers {
         /// Bits as in [`crate::scenery::SceneryObjectInfo::layer`].
         layers: u16,
-        /// Whether they are there.
+        /// Whether to show or to hide them.
         shown: bool,
     },
     /// Switches lamps of the scenery, or changes their colour, strength or group.
@@ -291,9 +293,9 @@ pub enum Command {
         /// Changes in order.
         changes: Vec<crate::scenery::LampChange>,
     },
-    /// Whether lamps that nobody switched shine when it is dark; on by itself. Off, they stay dark.
+    /// Sets whether lamps that nobody switched shine in the dark, which by default they do.
     SetLampCycle {
-        /// Whether they do.
+        /// Whether they shine.
         on: bool,
     },
     /// Answers with counters of the daemon.
@@ -304,9 +306,9 @@ pub enum Command {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum CheckpointPlace {
-    /// In the daemon's memory, under this name; gone with the daemon or with the next map.
+    /// In the daemon's memory under this name, until the daemon ends or the next map is loaded.
     Name(String),
-    /// In this file of the folder `checkpoints` in the data folder; no folders in the name.
+    /// In this file of the folder `checkpoints` in the data folder; the name contains no folders.
     File(String),
 }
 
@@ -327,10 +329,10 @@ pub struct StoredMap {
     /// Metres by which lanes in junctions are wider.
     #[serde(default)]
     pub junction_extra_m: f64,
-    /// Whether anything of it can be seen.
+    /// Whether its roads and walls are visible.
     #[serde(default = "yes")]
     pub visible: bool,
-    /// Whether houses, trees and lamps stand beside the roads.
+    /// Whether houses, trees and lamps are placed beside the roads.
     #[serde(default = "yes")]
     pub roadside: bool,
 }
@@ -363,7 +365,7 @@ fn yes() -> bool {
 pub struct CommandBatch {
     /// [`COMMAND_VERSION`].
     pub v: u32,
-    /// What to do, in order.
+    /// The commands, in the order in which they run.
     pub commands: Vec<Command>,
 }
 
@@ -381,7 +383,7 @@ impl CommandBatch {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "is", rename_all = "snake_case")]
 pub enum CommandReply {
-    /// Done; nothing to say.
+    /// The command is done and has nothing to answer.
     Done,
     /// Answer to `ping`.
     Pong {
@@ -390,7 +392,7 @@ pub enum CommandReply {
     },
     /// Answer to `step`.
     Stepping {
-        /// The last tick the cues given so far will cause.
+        /// The last tick that the cues given so far will start.
         last_tick: u64,
     },
     /// Answer to `spawn`.
@@ -400,9 +402,9 @@ pub enum CommandReply {
         /// Topics, if it is a sensor.
         topics: Vec<String>,
     },
-    /// Answer to those of `physics` that ask for something.
+    /// Answer to the actions of `physics` that ask for something.
     Physics {
-        /// By its name: `vehicle_physics`, `ackermann_gains` or `telemetry`.
+        /// The answer under its name: `vehicle_physics`, `ackermann_gains` or `telemetry`.
         answer: PhysicsAnswer,
     },
     /// Answer to `join_lockstep`.
@@ -429,22 +431,22 @@ pub enum CommandReply {
     },
     /// Answer to `restore_checkpoint` and `reset`.
     Restored {
-        /// Sensors that went because their parent does not exist in the restored world.
+        /// Sensors that were removed because their parent does not exist in the restored world.
         gone: Vec<u32>,
     },
     /// Answer to `light_boxes`.
     Boxes {
-        /// In the world.
+        /// Boxes in the world.
         boxes: Vec<PosedBox>,
     },
     /// Answer to `skeleton` with `read`.
     Bones {
-        /// Parents before children.
+        /// The bones, parents before children.
         bones: Vec<BoneReading>,
     },
     /// Answer to `cast_rays`.
     Hits {
-        /// Per ray what it meets, nearest first; empty for nothing.
+        /// For each ray what it meets, nearest first; empty if it meets nothing.
         rays: Vec<Vec<RayHit>>,
     },
     /// Answer to `scenery`.
@@ -454,7 +456,7 @@ pub enum CommandReply {
         /// Lamps by number.
         lamps: Vec<crate::scenery::SceneryLampInfo>,
     },
-    /// Not done.
+    /// The command was not done.
     Refused {
         /// Why, in a sentence.
         error: String,

@@ -3,29 +3,29 @@
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-/// What a driver does with the pedals and the wheel.
+/// What a driver does with the pedals, the gear lever and the steering wheel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VehicleControl {
-    /// 0..=1.
+    /// Throttle pedal, 0..=1.
     pub throttle_ratio: f32,
-    /// −1..=1 of the largest steering angle, positive to the left (world axes; CARLA's sign is the
-    /// other one).
+    /// Steering as a share of the largest angle, −1..=1, positive to the left (CARLA's sign is the
+    /// opposite).
     pub steer_ratio: f32,
-    /// 0..=1.
+    /// Brake pedal, 0..=1.
     pub brake_ratio: f32,
-    /// Hand brake pulled.
+    /// Whether the hand brake is pulled.
     pub hand_brake: bool,
-    /// Throttle drives backwards.
+    /// Whether the throttle drives backwards.
     pub reverse: bool,
-    /// Gear is chosen by `gear` instead of the gearbox.
+    /// Whether `gear` chooses the gear instead of the gearbox.
     pub manual_gear_shift: bool,
-    /// −1 reverse, 0 neutral, 1.. forward; used with `manual_gear_shift`.
+    /// Gear: −1 reverse, 0 neutral, 1 and up forward; used with `manual_gear_shift`.
     pub gear: i8,
 }
 
 impl VehicleControl {
-    /// Clamped to its ranges; a value that is not finite becomes 0.
+    /// The control with every value clamped to its range; a value that is not finite becomes 0.
     pub fn clamped(self) -> Self {
         let clamp = |x: f32, low: f32| {
             if x.is_finite() {
@@ -47,16 +47,16 @@ impl VehicleControl {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WalkerControl {
-    /// Direction of the walk, world; its length and its z do not count.
+    /// Direction of the walk, world; only the direction of its horizontal part counts.
     pub direction: [f32; 3],
-    /// m/s, 0 to 15.
+    /// Speed, m/s, 0 to 15.
     pub speed_mps: f32,
-    /// Jumps whenever its feet are on the ground.
+    /// Whether it jumps each time its feet touch the ground.
     pub jump: bool,
 }
 
 impl Default for WalkerControl {
-    /// Stands.
+    /// A walker that stands still.
     fn default() -> Self {
         WalkerControl {
             direction: [1.0, 0.0, 0.0],
@@ -70,7 +70,7 @@ impl Default for WalkerControl {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct VehicleControlRecord {
-    /// Vehicle that is meant.
+    /// Actor id of the vehicle.
     pub actor_id: u32,
     /// See [`VehicleControl::throttle_ratio`].
     pub throttle_ratio: f32,
@@ -124,13 +124,14 @@ impl VehicleControlRecord {
 /// User header of a sample on `control/vehicles`: iceoryx2 type name `GantryControlHeader`, 64
 /// bytes.
 ///
-/// Of several controls for one actor at one tick edge the last by (writer name, `seq`) counts.
+/// If several controls for one actor meet between two ticks, the last one by (writer name, `seq`)
+/// counts.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ControlHeader {
     /// [`CONTROL_MAGIC`].
     pub magic: u32,
-    /// [`crate::version::SCHEMA_VERSION`].
+    /// [`crate::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// Zero.
     pub reserved0: u16,

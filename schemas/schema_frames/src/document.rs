@@ -1,5 +1,5 @@
-//! Documents on the bus: texts that change rarely and greet a late reader (`world/info`, `map`,
-//! `actors`, `catalogue`).
+//! Documents on the bus: texts that change rarely (`world/info`, `map`, `actors`, `catalogue`). A
+//! late reader receives the latest one.
 //!
 //! A document is a `[u8]` sample with a [`DocumentHeader`]; its payload is UTF-8: JSON, or
 //! OpenDRIVE for `world/map`.
@@ -17,7 +17,7 @@ pub const DOCUMENT_MAGIC: u32 = u32::from_le_bytes(*b"GDOC");
 pub struct DocumentHeader {
     /// [`DOCUMENT_MAGIC`].
     pub magic: u32,
-    /// [`crate::version::SCHEMA_VERSION`].
+    /// [`crate::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// Zero.
     pub reserved0: u16,
@@ -27,7 +27,7 @@ pub struct DocumentHeader {
     pub revision: u64,
     /// Bytes of text.
     pub payload_bytes: u64,
-    /// Tick after which the text holds; 0 before the first.
+    /// Tick from whose end on the text holds; 0 before the first tick.
     pub tick: u64,
     /// Zero.
     pub reserved1: [u8; 24],
@@ -38,10 +38,10 @@ const _: () = assert!(size_of::<DocumentHeader>() == 64);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StepMode {
-    /// Paced by the clock.
+    /// The daemon starts ticks by its clock.
     #[default]
     FreeRunning,
-    /// One tick per cue.
+    /// Each tick waits for a cue (`step`).
     Stepped,
 }
 
@@ -49,7 +49,7 @@ pub enum StepMode {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Weather {
-    /// Overcast share, percent.
+    /// Share of the sky that clouds cover, percent.
     pub cloudiness: f32,
     /// Rain, percent.
     pub precipitation: f32,
@@ -150,7 +150,7 @@ pub struct TopicInfo {
     pub modality: String,
 }
 
-/// What is constant about an actor.
+/// What does not change from tick to tick about an actor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ActorInfo {
     /// Actor id.
@@ -167,8 +167,8 @@ pub struct ActorInfo {
     pub mount: Option<PoseText>,
     /// Body box; all zero if it has no body.
     pub body_box: BodyBox,
-    /// Traffic lights and signs: box round the places on lanes at which vehicles are before it, in
-    /// the actor's space.
+    /// Of traffic lights and signs: box around the places on lanes in front of it, in the actor's
+    /// space.
     #[serde(default)]
     pub trigger_box: Option<BodyBox>,
     /// Attributes by name.
@@ -181,7 +181,7 @@ pub struct ActorInfo {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseText {
-    /// Metres.
+    /// Position, metres.
     pub translation_m: [f64; 3],
     /// Unit quaternion `[x, y, z, w]`.
     pub rotation_xyzw: [f64; 4],
@@ -205,14 +205,14 @@ impl From<PoseText> for Pose {
     }
 }
 
-/// `world/actors`: everyone who is there, by rising id.
+/// `world/actors`: all actors of the world.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ActorList {
     /// Actors by rising id.
     pub actors: Vec<ActorInfo>,
 }
 
-/// What can be spawned.
+/// A type of actor that can be spawned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CatalogueEntry {
     /// Catalogue id.
@@ -225,7 +225,7 @@ pub struct CatalogueEntry {
     pub body_box: BodyBox,
     /// Attributes with their default values.
     pub attributes: std::collections::BTreeMap<String, String>,
-    /// Values that suit an attribute, for those that have such.
+    /// Recommended values by attribute; attributes without any are absent.
     #[serde(default)]
     pub recommended: std::collections::BTreeMap<String, Vec<String>>,
 }

@@ -10,13 +10,13 @@ use bytemuck::{Pod, Zeroable};
 pub struct CollisionEvent {
     /// Actor that was touched; 0 is scenery.
     pub other_id: u32,
-    /// Class of what was touched; 0 is solid ground that does not say what it is.
+    /// Class of what was touched; 0 for ground without a class.
     pub class: u8,
     /// Zero.
     pub reserved: [u8; 3],
-    /// Impulse on the carrier summed over the tick, N·s: it points away from what was touched.
+    /// Impulse on the carrier, summed over the tick, N·s; it points away from what was touched.
     pub impulse_in_world_ns: [f64; 3],
-    /// Where, metres: mean of the contact points, weighted with their impulses.
+    /// Mean of the contact points, weighted with their impulses, metres.
     pub point_in_world_m: [f64; 3],
     /// Zero.
     pub reserved1: u64,
@@ -32,30 +32,33 @@ pub struct LaneCrossing {
     pub mark: u8,
     /// 0 white, 1 yellow, 2 blue, 3 green, 4 red, 5 orange, 6 violet.
     pub colour: u8,
-    /// Changes that the mark allows: bit 0 to the lane on its right along rising s of the road, bit
-    /// 1 to the one on its left.
+    /// Lane changes that the mark allows, seen along rising s of the road: bit 0 to the right, bit
+    /// 1 to the left.
     pub lane_change: u8,
     /// OpenDRIVE's id of the lane whose outer edge is marked; 0 is the road's centre line.
     pub lane: i8,
     /// Width of the line, metres.
     pub width_m: f32,
-    /// OpenDRIVE's road id where it is a number, otherwise a number of ours above all of those.
+    /// OpenDRIVE's road id if that is a number; otherwise a number above all such ids, assigned by
+    /// the simulator.
     pub road: u32,
     /// Nanoseconds since the tick began (`sim_nanos − window_nanos`) at which the first corner
     /// crossed.
     pub nanos_in_window: u32,
-    /// Where it crossed, world, metres.
+    /// Place of the crossing, world, metres.
     pub crossing_in_world_m: [f32; 3],
     /// Zero.
     pub reserved: u32,
 }
 const _: () = assert!(size_of::<LaneCrossing>() == 32 && align_of::<LaneCrossing>() == 4);
 
-/// The nearest thing in the way of the obstacle detector's ball. 32 bytes, no padding.
+/// The nearest thing in the way of the ball that an obstacle detector sends forward. 32 bytes, no
+/// padding.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ObstacleEvent {
-    /// Way of the ball's centre until it touches, metres; 0 if it touches where it starts.
+    /// Distance that the ball's centre travels until the ball touches something, metres; 0 if it
+    /// touches at its start.
     pub distance_m: f32,
     /// Object touched.
     pub object_id: u32,
@@ -63,7 +66,7 @@ pub struct ObstacleEvent {
     pub class: u8,
     /// Zero.
     pub reserved: [u8; 3],
-    /// Where it is touched, in the sensor's space, metres.
+    /// Point of contact in the sensor's space, metres.
     pub contact_in_sensor_m: [f32; 3],
     /// Zero.
     pub reserved1: [u32; 2],

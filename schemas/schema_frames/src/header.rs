@@ -9,7 +9,7 @@ use crate::version::SCHEMA_VERSION;
 /// "GFRM" read as a little-endian `u32`.
 pub const FRAME_MAGIC: u32 = u32::from_le_bytes(*b"GFRM");
 
-/// Bytes of the header that take part in hashes; clocks and the epoch lie behind them.
+/// Bytes of the header that take part in hashes; the epoch and the clocks lie behind them.
 pub const HASHED_HEADER_BYTES: usize = 192;
 
 /// Header of one sensor frame: iceoryx2 user header `GantryFrameHeader`, 256 bytes, aligned to 64,
@@ -29,12 +29,12 @@ pub struct FrameHeader {
     pub kind: u16,
     /// [`Modality`] number.
     pub encoding: u16,
-    /// Simulation step this frame shows.
+    /// Tick this frame shows.
     pub tick: u64,
     /// Simulated time this frame shows, nanoseconds since the daemon started.
     pub sim_nanos: u64,
-    /// Count of the sensor's scheduled firings (event-like sensors: ticks with events), from 1,
-    /// read or not: a gap is a loss.
+    /// Number of the sensor's firing, from 1. Scheduled firings count whether anybody reads or not
+    /// (of event-like sensors: ticks with events), so a gap is a loss.
     pub seq: u64,
     /// Count of map loads in this epoch, from 1.
     pub episode: u32,
@@ -50,7 +50,7 @@ pub struct FrameHeader {
     pub row_stride: u32,
     /// Bytes of one pixel or list element.
     pub element_bytes: u32,
-    /// The time this frame covers, ending at `sim_nanos`: flow, DVS, lidar sweep, events.
+    /// Time this frame covers, ending at `sim_nanos`: of flow, DVS, lidar sweeps and events.
     pub window_nanos: u64,
     /// Pose of the sensor in the world (`sensor` axes: x forward, y left, z up).
     pub world_from_sensor: Pose,
@@ -68,11 +68,12 @@ pub struct FrameHeader {
     pub reserved0: u64,
     /// Random number of the daemon's start. From here on nothing takes part in hashes.
     pub epoch: u64,
-    /// `CLOCK_MONOTONIC` when the bytes were complete (fence signalled, or sensor done).
+    /// `CLOCK_MONOTONIC` when the bytes were complete: the GPU's fence was signalled, or the CPU
+    /// was done.
     pub rendered_mono_nanos: u64,
     /// `CLOCK_MONOTONIC` just before the sample was sent.
     pub published_mono_nanos: u64,
-    /// CPU copies on the way into this sample: 0 on the imported path.
+    /// Copies by the CPU on the way into this sample; 0 if the GPU wrote into it.
     pub cpu_copies: u32,
     /// Ticks that had begun after its own when this frame was sent; 0 outside free-running mode.
     pub ticks_in_flight: u32,
@@ -177,7 +178,8 @@ impl FrameHeader {
         Ok(modality)
     }
 
-    /// The first [`HASHED_HEADER_BYTES`] bytes: what determinism promises.
+    /// The first [`HASHED_HEADER_BYTES`] bytes, which are the same in every run of the same
+    /// simulation.
     pub fn hashed_bytes(&self) -> &[u8] {
         &bytemuck::bytes_of(self)[..HASHED_HEADER_BYTES]
     }
@@ -191,7 +193,7 @@ pub enum FrameError {
         "frame starts with {found:#010x}, not with the magic \"GFRM\"; the publisher is not Gantry's"
     )]
     Magic {
-        /// What stood there.
+        /// The value found.
         found: u32,
     },
     /// Another version of this contract.

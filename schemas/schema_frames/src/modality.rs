@@ -1,4 +1,4 @@
-//! What a frame shows: the last segment of a topic, its encoding number and the size of one
+//! What a frame shows: the name that ends its topic, its encoding number and the size of one
 //! element.
 
 /// Kind of sensor, as in [`crate::FrameHeader::kind`].
@@ -90,11 +90,12 @@ modalities! {
     Imu = 11, "imu", 72, Imu;
     /// One [`crate::GnssSample`].
     Gnss = 12, "gnss", 40, Gnss;
-    /// List of [`crate::CollisionEvent`], by what was touched; only of ticks with any.
+    /// List of [`crate::CollisionEvent`], ordered by what was touched; sent only for ticks with a
+    /// collision.
     Collision = 13, "collision", 64, Event;
-    /// List of [`crate::LaneCrossing`], by time; only of ticks with any.
+    /// List of [`crate::LaneCrossing`], ordered by time; sent only for ticks with a crossing.
     LaneInvasion = 14, "lane_invasion", 32, Event;
-    /// One [`crate::ObstacleEvent`]; only of ticks with an obstacle.
+    /// One [`crate::ObstacleEvent`]; sent only for ticks with an obstacle.
     Obstacle = 15, "obstacle", 32, Event;
 }
 
@@ -109,8 +110,8 @@ impl Modality {
         Self::ALL.iter().copied().find(|m| m.name() == name)
     }
 
-    /// Whether frames are sent only for ticks in which something happened. Their `seq` counts
-    /// those, read or not.
+    /// Whether frames are sent only for ticks in which something happened. The `seq` of such frames
+    /// counts these ticks, whether anybody reads or not.
     pub const fn is_event(self) -> bool {
         matches!(
             self,

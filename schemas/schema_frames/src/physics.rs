@@ -1,21 +1,21 @@
-//! How a vehicle moves: its physical data, what can be done to its body, and what its wheels feel.
-//! JSON, as everything in commands.
+//! Physics of actors in commands, as JSON: a vehicle's physical data, actions on bodies, and
+//! telemetry.
 
 use serde::{Deserialize, Serialize};
 
-/// Physical data of one vehicle; `set_vehicle_physics` replaces all of it, `get_vehicle_physics`
-/// reads it back.
+/// Physical data of one vehicle. `set_vehicle_physics` replaces all of it, and
+/// `get_vehicle_physics` reads it back.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VehiclePhysics {
-    /// Full-throttle torque over engine speed: (rpm, N·m), rising rpm; straight lines between, flat
-    /// before the first point and 0 after the last.
+    /// Torque at full throttle over engine speed: points (rpm, N·m) by rising rpm, with straight
+    /// lines between them, a constant before the first and 0 after the last.
     pub torque_curve: Vec<[f32; 2]>,
-    /// Beyond this the engine gives no torque, rpm.
+    /// Engine speed beyond which there is no torque, rpm.
     pub max_rpm: f32,
     /// Moment of inertia of engine and flywheel, kg·m².
     pub engine_inertia_kgm2: f32,
-    /// Torque that slows the engine per its speed at full throttle, N·m·s.
+    /// Torque that slows the engine at full throttle, per engine speed, N·m·s.
     pub damping_full_throttle_nms: f32,
     /// The same with the throttle shut and the clutch engaged: engine braking, N·m·s.
     pub damping_closed_engaged_nms: f32,
@@ -25,7 +25,8 @@ pub struct VehiclePhysics {
     pub automatic_gearbox: bool,
     /// Time without torque during a shift, seconds.
     pub gear_switch_secs: f32,
-    /// Strength of the clutch, N·m·s: it carries this times 60 rad/s before it slips.
+    /// Strength of the clutch, N·m·s: the torque it carries before it slips is this times
+    /// 60 rad/s.
     pub clutch_strength_nms: f32,
     /// Ratio of the final drive.
     pub final_ratio: f32,
@@ -33,17 +34,16 @@ pub struct VehiclePhysics {
     pub forward_gears: Vec<GearPhysics>,
     /// Mass, kg.
     pub mass_kg: f32,
-    /// Drag coefficient, of the frontal area of the body box.
+    /// Drag coefficient, for the frontal area of the body box.
     pub drag_coefficient: f32,
-    /// Centre of mass in the vehicle: x forward, y left, z up from the ground, metres.
+    /// Centre of mass in vehicle space (x forward, y left, z up from the ground), metres.
     pub center_of_mass_m: [f32; 3],
-    /// Share of the largest steering angle over speed: (m/s, ratio), rising speed; straight lines
-    /// between. Empty is 1 everywhere.
+    /// Share of the largest steering angle over speed: points (m/s, ratio) by rising speed, with
+    /// straight lines between them. An empty list means 1 at every speed.
     pub steering_curve: Vec<[f32; 2]>,
-    /// Wheels: front left, front right, rear left, rear right, …; two-wheelers front, rear.
+    /// Wheels: front left, front right, rear left, rear right, …; of two-wheelers front and rear.
     pub wheels: Vec<WheelPhysics>,
-    /// Whether wheels feel the ground with their whole width and roundness instead of with one ray
-    /// each.
+    /// Whether wheels find the ground by casting their whole shape instead of one ray each.
     pub sweep_wheels: bool,
 }
 
@@ -53,9 +53,9 @@ pub struct VehiclePhysics {
 pub struct GearPhysics {
     /// Gearbox ratio.
     pub ratio: f32,
-    /// Share of `max_rpm` under which the gearbox shifts down at full throttle.
+    /// Share of `max_rpm` below which the gearbox shifts down at full throttle.
     pub down_ratio: f32,
-    /// Share of `max_rpm` over which the gearbox shifts up at full throttle.
+    /// Share of `max_rpm` above which the gearbox shifts up at full throttle.
     pub up_ratio: f32,
 }
 
@@ -65,9 +65,9 @@ pub struct GearPhysics {
 pub struct WheelPhysics {
     /// Coefficient of friction on the road.
     pub friction: f32,
-    /// Torque that slows the wheel per its speed, N·m·s.
+    /// Torque that slows the wheel, per wheel speed, N·m·s.
     pub damping_nms: f32,
-    /// Largest steering angle, radians; 0 does not steer.
+    /// Largest steering angle, radians; 0 for a wheel that does not steer.
     pub max_steer_rad: f32,
     /// Radius, metres.
     pub radius_m: f32,
@@ -75,31 +75,34 @@ pub struct WheelPhysics {
     pub max_brake_nm: f32,
     /// Torque of the hand brake, N·m.
     pub max_hand_brake_nm: f32,
-    /// Longitudinal stiffness: kg of force per unit of slip at the wheel's load at rest (times 9.81
-    /// it is N).
+    /// Longitudinal stiffness at the wheel's load at rest: force per unit of slip in kilograms,
+    /// that is newtons divided by 9.81.
     pub long_stiffness_kg: f32,
-    /// Lateral stiffness per load at rest and radian of slip angle, reached at `lat_load_limit`.
+    /// Lateral stiffness: force over load at rest, per radian of slip angle, once the load reaches
+    /// `lat_load_limit`.
     pub lat_stiffness_per_rad: f32,
-    /// Load over load at rest from which the lateral stiffness no longer grows.
+    /// Load over load at rest at which the lateral stiffness stops growing.
     pub lat_load_limit: f32,
-    /// Middle of the wheel at rest in the vehicle, metres. Read only: what is set is ignored.
+    /// Middle of the wheel at rest in vehicle space, metres. Read-only: a value that is set is
+    /// ignored.
     #[serde(default)]
     pub position_m: [f32; 3],
 }
 
-/// Wishes of a driver who steers by angle and speed; a controller turns them into pedals.
+/// Control by steering angle and speed; a controller turns it into pedals.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AckermannControl {
     /// Mean angle of the front wheels, radians, positive to the left.
     pub steer_rad: f32,
-    /// How fast the angle may change, rad/s; 0 as fast as the wheels can.
+    /// How fast the angle may change, rad/s; 0: as fast as the wheels can.
     pub steer_rate_radps: f32,
     /// Speed, m/s; negative drives backwards.
     pub speed_mps: f32,
-    /// Largest acceleration on the way there, m/s²; 0 as the controller likes (at most +3 and −8).
+    /// Largest acceleration until that speed is reached, m/s²; 0: the controller's own limits, +3
+    /// and −8.
     pub acceleration_mps2: f32,
-    /// Largest change of acceleration, m/s³; 0 any.
+    /// Largest change of acceleration, m/s³; 0: no limit.
     pub jerk_mps3: f32,
 }
 
@@ -114,7 +117,7 @@ pub struct AckermannGains {
 }
 
 impl Default for AckermannGains {
-    /// CARLA's.
+    /// CARLA's default gains.
     fn default() -> Self {
         AckermannGains {
             speed: [0.15, 0.0, 0.25],
@@ -123,94 +126,94 @@ impl Default for AckermannGains {
     }
 }
 
-/// What is done to the body of an actor, in world axes.
+/// An action on an actor's body, or a question about it; vectors are in world axes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "act", rename_all = "snake_case", deny_unknown_fields)]
 pub enum PhysicsAction {
     /// Answers with the vehicle's [`VehiclePhysics`].
     GetVehiclePhysics,
-    /// Replaces them; the number of wheels must stay.
+    /// Replaces the vehicle's [`VehiclePhysics`]; the number of wheels must stay the same.
     SetVehiclePhysics {
-        /// All of them.
+        /// The physical data, complete.
         physics: Box<VehiclePhysics>,
     },
-    /// Holds these wishes until another control of either kind comes.
+    /// Holds this control until another control of either kind arrives.
     ControlAckermann {
-        /// The wishes.
+        /// The control.
         control: AckermannControl,
     },
-    /// Answers with the gains of its controllers.
+    /// Answers with the vehicle's [`AckermannGains`].
     GetAckermannGains,
-    /// Changes them.
+    /// Replaces the vehicle's [`AckermannGains`].
     SetAckermannGains {
-        /// All of them.
+        /// The gains, complete.
         gains: AckermannGains,
     },
     /// Sets the angular velocity.
     SetAngularVelocity {
-        /// rad/s.
+        /// Angular velocity, rad/s.
         angular_velocity_in_world_radps: [f64; 3],
     },
-    /// Holds a velocity of the vehicle's own axes (x forward, y left) until it is taken back with
-    /// `null`; falling stays.
+    /// Holds a velocity along the vehicle's own axes (x forward, y left) until `null` ends it. The
+    /// vehicle still falls.
     HoldVelocity {
-        /// m/s.
+        /// Velocity, m/s.
         velocity_in_vehicle_mps: Option<[f64; 3]>,
     },
-    /// Changes the velocity at once by impulse over mass.
+    /// Changes the velocity at once, by impulse over mass.
     AddImpulse {
-        /// N·s.
+        /// Impulse, N·s.
         impulse_in_world_ns: [f64; 3],
-        /// Where it acts; the centre of mass without.
+        /// Point at which it acts, world, metres; the centre of mass if absent.
         #[serde(default)]
         point_in_world_m: Option<[f64; 3]>,
     },
-    /// Pushes during the next tick.
+    /// Applies a force during the next tick.
     AddForce {
-        /// N.
+        /// Force, N.
         force_in_world_n: [f64; 3],
-        /// Where it acts; the centre of mass without.
+        /// Point at which it acts, world, metres; the centre of mass if absent.
         #[serde(default)]
         point_in_world_m: Option<[f64; 3]>,
     },
     /// Changes the angular velocity at once.
     AddAngularImpulse {
-        /// N·m·s.
+        /// Angular impulse, N·m·s.
         angular_impulse_in_world_nms: [f64; 3],
     },
-    /// Turns during the next tick.
+    /// Applies a torque during the next tick.
     AddTorque {
-        /// N·m.
+        /// Torque, N·m.
         torque_in_world_nm: [f64; 3],
     },
-    /// Whether it falls.
+    /// Sets whether gravity acts on the actor.
     SetGravity {
-        /// On or off.
+        /// Whether it does.
         enabled: bool,
     },
-    /// Whether the engine moves it; without, only `set_pose` does, and its velocity is its
-    /// displacement over the tick.
+    /// Sets whether the physics engine moves the actor. If not, only `set_pose` moves it, and its
+    /// velocity is its displacement over the tick.
     SetSimulated {
-        /// On or off.
+        /// Whether it does.
         enabled: bool,
     },
-    /// Whether it bumps into others; wheels feel the ground all the same.
+    /// Sets whether the actor collides with others; wheels stand on the ground in any case.
     SetCollisions {
-        /// On or off.
+        /// Whether it does.
         enabled: bool,
     },
-    /// Shows a wheel at an angle; driving does not change. The next control ends it.
+    /// Shows a wheel at a steering angle until the next control, without an effect on driving.
     ShowWheelSteer {
         /// Wheel, counted as in [`VehiclePhysics::wheels`].
         wheel: u8,
-        /// Radians, positive to the left.
+        /// Angle, radians, positive to the left.
         steer_rad: f32,
     },
-    /// Turns a wheel about its axle to an angle; it rolls on from there.
+    /// Turns a wheel about its axle to an angle, from which it rolls on.
     ShowWheelRoll {
         /// Wheel, counted as in [`VehiclePhysics::wheels`].
         wheel: u8,
-        /// Radians, forwards.
+        /// Angle, radians, positive in the direction of rolling forwards.
         roll_rad: f32,
     },
     /// Answers with [`VehicleTelemetry`].
@@ -229,20 +232,20 @@ pub enum PhysicsAnswer {
     Telemetry(VehicleTelemetry),
 }
 
-/// What the vehicle feels, of the last sub-step.
+/// State of a vehicle's engine and wheels in the last sub-step.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct VehicleTelemetry {
     /// Forward speed, m/s.
     pub speed_mps: f32,
-    /// Steering asked for, −1..=1, positive to the left.
+    /// Steering of its control, −1..=1, positive to the left.
     pub steer_ratio: f32,
-    /// Throttle asked for.
+    /// Throttle of its control, 0..=1.
     pub throttle_ratio: f32,
-    /// Brake asked for.
+    /// Brake of its control, 0..=1.
     pub brake_ratio: f32,
     /// Engine speed, rpm.
     pub engine_rpm: f32,
-    /// Gear engaged: −1, 0, 1..
+    /// Gear engaged: −1 reverse, 0 neutral, 1 and up forward.
     pub gear: i32,
     /// Air drag, N.
     pub drag_n: f32,
@@ -250,7 +253,7 @@ pub struct VehicleTelemetry {
     pub wheels: Vec<WheelTelemetry>,
 }
 
-/// What one wheel feels.
+/// State of one wheel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WheelTelemetry {
     /// Coefficient of friction in force.

@@ -1,4 +1,4 @@
-//! What commands ask about the world's geometry and draw into its pictures.
+//! Ray casts and debug shapes: what commands ask of the world's geometry and draw into its images.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,23 +8,23 @@ use crate::document::PoseText;
 pub const MAX_RAYS: usize = 100_000;
 /// Most hits along one ray.
 pub const MAX_HITS: usize = 1000;
-/// Most debug shapes that are kept; the oldest go first.
+/// Most debug shapes that are kept; beyond that the oldest are dropped.
 pub const MAX_DEBUG_SHAPES: usize = 50_000;
 
 /// A ray with an end.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RaySegment {
-    /// World, metres.
+    /// Start, world, metres.
     pub from_m: [f64; 3],
-    /// World, metres; at most 10 km away.
+    /// End, world, metres; at most 10 km from the start.
     pub to_m: [f64; 3],
 }
 
 /// A surface that a ray meets.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RayHit {
-    /// World, metres.
+    /// Where the ray meets it, world, metres.
     pub point_m: [f64; 3],
     /// Metres from the ray's start.
     pub distance_m: f64,
@@ -36,36 +36,36 @@ pub struct RayHit {
     pub object_id: u32,
 }
 
-/// A box anywhere.
+/// A box with a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PosedBox {
-    /// Pose of its centre.
+    /// Pose of its centre, world.
     pub pose: PoseText,
     /// Half extents along its own axes, metres.
     pub half_m: [f64; 3],
 }
 
-/// Something to draw into colour pictures; depth, labels and rays never see it.
+/// A shape that is drawn into colour images; depth, labels and ray casts do not show it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DebugShape {
-    /// What.
+    /// The shape.
     pub draw: DebugDraw,
-    /// sRGB.
+    /// Colour, sRGB.
     pub color_rgb: [u8; 3],
-    /// Simulated time for which it is seen; `None` until `clear_debug`. 0 is the next tick only.
+    /// Simulated time for which it is drawn: 0 is the next tick only, `None` until `clear_debug`.
     #[serde(default)]
     pub life_nanos: Option<u64>,
 }
 
-/// Kinds of debug shapes; all in the world, metres.
+/// Kinds of debug shapes; all positions are in the world, all lengths in metres.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum DebugDraw {
     /// A square that faces the camera.
     Point {
-        /// Where.
+        /// Its middle.
         at_m: [f64; 3],
         /// Length of its sides.
         size_m: f64,
@@ -74,7 +74,7 @@ pub enum DebugDraw {
     Line {
         /// One end.
         from_m: [f64; 3],
-        /// The other.
+        /// The other end.
         to_m: [f64; 3],
         /// Its thickness.
         width_m: f64,
@@ -92,7 +92,7 @@ pub enum DebugDraw {
     },
     /// Twelve edges.
     Box {
-        /// Which box.
+        /// The box.
         edges_of: PosedBox,
         /// Their thickness.
         width_m: f64,

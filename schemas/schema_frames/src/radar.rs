@@ -6,8 +6,8 @@ use bytemuck::{Pod, Zeroable};
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct RadarDetection {
-    /// How fast the distance grows, m/s: the velocity of what was hit less the radar's own, along
-    /// the ray. Negative comes nearer.
+    /// Rate at which the distance grows, m/s: velocity of what was hit minus the radar's own, along
+    /// the ray; negative if it comes nearer.
     pub velocity_mps: f32,
     /// Direction in the sensor's xy plane, radians counter-clockwise from x (positive to the left).
     pub azimuth_rad: f32,

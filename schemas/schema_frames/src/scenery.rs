@@ -1,4 +1,4 @@
-//! What stands in a map as objects with names, and its lamps: asked for with the command `scenery`.
+//! Objects and lamps of the scenery, as the command `scenery` lists and other commands change them.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,12 +11,12 @@ pub struct SceneryObjectInfo {
     pub id: u32,
     /// Kind and number, e.g. `tree_412`.
     pub name: String,
-    /// Semantic class of most of it.
+    /// Semantic class of most of its triangles.
     pub class: u8,
-    /// Bit of its layer as CARLA counts them; 0 for roads, signs, traffic lights, bridges and
-    /// terrain, which belong to none.
+    /// Bit of its layer in CARLA's numbering; 0 for roads, signs, traffic lights, bridges and
+    /// terrain, which belong to no layer.
     pub layer: u16,
-    /// Where it stands, world.
+    /// Pose of its foot, world.
     pub pose: PoseText,
     /// Pose of the middle of its box, world.
     pub box_pose: PoseText,
@@ -39,19 +39,19 @@ pub struct SceneryLampInfo {
     pub rgb: [u8; 3],
     /// Luminous flux, lumen.
     pub intensity_lm: f32,
-    /// Whose it is: 2 street, 3 building, 4 other (CARLA's groups).
+    /// CARLA's group of lamps: 2 street, 3 building, 4 other.
     pub group: u8,
     /// Whether it shines now.
     pub on: bool,
 }
 
-/// A change of one lamp; what is absent stays.
+/// A change of one lamp; a value that is absent stays.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LampChange {
     /// Number of the lamp.
     pub lamp: u32,
-    /// On or off, from now on by hand; `null` leaves it as it is.
+    /// Switches the lamp, which then stays so whether it is dark or not; `null` changes nothing.
     #[serde(default)]
     pub on: Option<bool>,
     /// Colour, sRGB.

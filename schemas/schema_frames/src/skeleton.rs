@@ -1,51 +1,51 @@
-//! Bones of a walker: what commands say and are answered.
+//! Bones of a walker, as commands set and read them.
 
 use serde::{Deserialize, Serialize};
 
 use crate::document::PoseText;
 
-/// What is done to the bones of a walker.
+/// An action on the bones of a walker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "act", rename_all = "snake_case", deny_unknown_fields)]
 pub enum SkeletonAction {
     /// Answers with every bone as it is now.
     Read,
-    /// Holds bones relative to their parents in the walker's own pose; the others of it stay as
-    /// they were, or as a standing body holds them.
+    /// Sets bones of the walker's own pose, relative to their parents. Bones that were never set
+    /// are those of a standing body.
     Hold {
         /// The bones.
         bones: Vec<HeldBone>,
     },
-    /// Shows the own pose instead of the gait by this share: 0 the gait alone, 1 the own pose
-    /// alone.
+    /// Blends the gait with the walker's own pose.
     Blend {
-        /// 0 to 1.
+        /// Share of the own pose: 0 shows the gait alone, 1 the own pose alone.
         ratio: f64,
     },
-    /// Makes the gait's pose of this moment the walker's own.
+    /// Takes the gait's current pose as the walker's own.
     Capture,
 }
 
-/// A bone and where it is held.
+/// A bone and its place in the walker's own pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeldBone {
     /// Name, as in the answer to `read`.
     pub name: String,
-    /// In the frame of its parent.
+    /// Pose in the space of the parent bone.
     pub bone_in_parent: PoseText,
 }
 
-/// A bone as it is.
+/// A bone as it is shown.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoneReading {
     /// Name.
     pub name: String,
-    /// In the world.
+    /// Pose in the world.
     pub bone_in_world: PoseText,
-    /// In the body's frame: origin between the feet, x forward, y left, z up.
+    /// Pose in the body's space: origin between the feet, x forward, y left, z up.
     pub bone_in_body: PoseText,
-    /// In the frame of its parent; of the first bone, which has none, in the body's.
+    /// Pose in the space of the parent bone; the first bone has none, so its pose is in the body's
+    /// space.
     pub bone_in_parent: PoseText,
 }

@@ -14,17 +14,17 @@ pub const SNAPSHOT_MAGIC: u32 = u32::from_le_bytes(*b"GSNP");
 pub struct SnapshotHeader {
     /// [`SNAPSHOT_MAGIC`].
     pub magic: u32,
-    /// [`crate::version::SCHEMA_VERSION`].
+    /// [`crate::SCHEMA_VERSION`].
     pub schema_version: u16,
     /// 128.
     pub header_bytes: u16,
-    /// Step this snapshot shows.
+    /// Tick this snapshot shows.
     pub tick: u64,
     /// Simulated time, nanoseconds since the daemon started.
     pub sim_nanos: u64,
     /// Simulated time at which the episode began.
     pub episode_start_nanos: u64,
-    /// Length of the step that led here.
+    /// Length of that tick, nanoseconds.
     pub period_nanos: u64,
     /// Count of map loads in this epoch, from 1.
     pub episode: u32,
@@ -52,8 +52,8 @@ impl SnapshotHeader {
     pub const SCENERY_CHANGED: u32 = 1;
     /// Flag: lamps of the scenery changed before this tick.
     pub const LAMPS_CHANGED: u32 = 2;
-    /// Flag: the world went back to a checkpoint before this tick; poses jump, the episode's time
-    /// too.
+    /// Flag: the world went back to a checkpoint before this tick, so poses and the episode's time
+    /// jump.
     pub const RESTORED: u32 = 4;
 }
 
@@ -69,7 +69,7 @@ pub enum ActorKind {
     TrafficLight = 3,
     /// Traffic sign.
     TrafficSign = 4,
-    /// Anything that only stands there.
+    /// An object without an engine or a will, such as CARLA's `static.prop.*`.
     Prop = 5,
     /// A sensor.
     Sensor = 6,
@@ -168,7 +168,7 @@ impl ActorRecord {
         (self.kind() == Some(ActorKind::Walker)).then(|| bytemuck::pod_read_unaligned(&self.part))
     }
 
-    /// Stores a kind's part.
+    /// Stores the part that belongs to the actor's kind.
     pub fn set_part<P: Pod>(&mut self, part: &P) {
         const { assert!(size_of::<P>() == 96) };
         self.part.copy_from_slice(bytemuck::bytes_of(part));
@@ -192,9 +192,9 @@ pub struct VehiclePart {
     /// Applied control.
     pub brake_ratio: f32,
     /// Bit 0 hand brake, 1 reverse, 2 manual gear shift; bit 8: it lies on its side or roof; bits
-    /// 16–31: four for each door, front left to rear right, 0 shut to 15 open.
+    /// 16–31: four bits per door, front left to rear right, from 0 (shut) to 15 (open).
     pub control_flags: u32,
-    /// Gear engaged: −1, 0, 1..
+    /// Gear engaged: −1 reverse, 0 neutral, 1 and up forward.
     pub gear: i32,
     /// Engine speed, rad/s.
     pub engine_radps: f32,
@@ -316,7 +316,7 @@ impl TrafficSignPart {
     }
 }
 
-/// An OpenDRIVE id as records carry it: its first 32 bytes, cut between letters.
+/// An OpenDRIVE id as records carry it: its first 32 bytes, cut between characters.
 pub fn id_bytes(id: &str) -> [u8; 32] {
     let mut n_bytes = id.len().min(32);
     while !id.is_char_boundary(n_bytes) {
@@ -336,15 +336,15 @@ fn id_text(bytes: &[u8; 32]) -> &str {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct WalkerPart {
-    /// Direction asked for, world.
+    /// Direction of its control, world.
     pub direction: [f32; 3],
-    /// Speed asked for, m/s.
+    /// Speed of its control, m/s.
     pub speed_mps: f32,
     /// Phase of the gait, radians.
     pub gait_rad: f32,
     /// [`WalkerPart::JUMP`] and the other flag bits.
     pub flags: u32,
-    /// Speed that the limbs show, m/s.
+    /// Walking speed that the motion of the limbs shows, m/s.
     pub gait_mps: f32,
     /// Zero.
     pub reserved: [u8; 68],

@@ -1,8 +1,8 @@
 //! Semantic classes: CARLA's numbers 0–28 with their names and colours (CARLA ≥ 0.9.14).
 //!
-//! The one table; shaders, viewer, recorder and Python take it from here.
+//! This is the only table of them: shaders, viewer, recorder and Python take it from here.
 
-/// What a triangle is. Any `u8` is valid data; only 0–28 have a name.
+/// Semantic class of a triangle. Any `u8` is valid data; only 0–28 have a name.
 #[repr(transparent)]
 #[derive(
     Clone,

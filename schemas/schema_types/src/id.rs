@@ -62,7 +62,7 @@ impl ObjectId {
         self.0 & SCENERY_BIT != 0
     }
 
-    /// The actor, if this is one.
+    /// The actor's id; `None` for scenery and the background.
     pub const fn actor(self) -> Option<ActorId> {
         if self.0 == 0 || self.is_scenery() {
             None

@@ -17,12 +17,13 @@ pub const fn mix(mut z: u64) -> u64 {
 pub struct Noise(u64);
 
 impl Noise {
-    /// `stream` is a sensor id, an actor id or any constant that keeps users apart.
+    /// `stream` is a sensor id, an actor id or any constant that separates one user's numbers from
+    /// another's.
     pub const fn new(seed: u64, stream: u64, tick: u64) -> Self {
         Noise(mix(mix(mix(seed) ^ stream) ^ tick))
     }
 
-    /// The key itself, for those who count elsewhere.
+    /// The key as a number, for code that draws its samples elsewhere, such as a shader.
     pub const fn key(self) -> u64 {
         self.0
     }

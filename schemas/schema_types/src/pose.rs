@@ -23,8 +23,8 @@ impl Pose {
         rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
     };
 
-    /// As nalgebra's type. The quaternion's bits are kept: what goes through here and back is the
-    /// same bit for bit.
+    /// Converts to nalgebra's type. The quaternion is not normalised, so a round trip keeps every
+    /// bit.
     pub fn isometry(&self) -> Isometry3<f64> {
         let [x, y, z, w] = self.rotation_xyzw;
         Isometry3::from_parts(
@@ -33,7 +33,7 @@ impl Pose {
         )
     }
 
-    /// Position and heading about z (radians, counter-clockwise from x), level.
+    /// A level pose at a position, with a heading about z in radians counter-clockwise from x.
     pub fn from_xyz_yaw(x_m: f64, y_m: f64, z_m: f64, yaw_rad: f64) -> Pose {
         Isometry3::new(
             nalgebra::Vector3::new(x_m, y_m, z_m),

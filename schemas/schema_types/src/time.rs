@@ -63,13 +63,14 @@ impl TickClock {
         self.period_nanos
     }
 
-    /// `tick` ends at `time`, which must not lie before the time it had.
+    /// Moves the clock forward so that `tick` ends at `time`, which must not lie before the time at
+    /// which it would have ended.
     pub fn leap(&mut self, tick: Tick, time: SimTime) {
         assert!(time >= self.time_of(tick), "time never goes back");
         (self.base_tick, self.base_nanos) = (tick.0, time.0);
     }
 
-    /// From `tick` on, every further tick lasts `period_nanos`.
+    /// Lets every tick after `tick` last `period_nanos`.
     pub fn set_period(&mut self, tick: Tick, period_nanos: u64) {
         assert!(period_nanos > 0, "a tick lasts at least a nanosecond");
         self.base_nanos = self.time_of(tick).0;
