@@ -20,19 +20,19 @@ use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
 use crate::wire::{OnBus, Wire};
 use crate::{BusError, names};
 
-/// How long opening a service that changes under our hands may take.
+/// How long opening is tried again while other processes make or remove the service.
 const SETTLE: Duration = Duration::from_secs(1);
 
-/// Ports may move between threads; the price is an uncontended lock per call.
+/// Ports of this kind may move between threads; the price is an uncontended lock per call.
 pub(crate) type Service = ipc_threadsafe::Service;
 /// An open service of byte slices with header `H`.
 pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H>>;
 /// An open event service.
 pub(crate) type Events = event::PortFactory<Service>;
 
-/// Where iceoryx2 keeps its files, for tests that must not meet anybody. By default what iceoryx2
-/// itself would use: `config/iceoryx2.toml` in the working directory, then the user's, then the
-/// machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
+/// Where iceoryx2 keeps its files, for tests that must not meet other processes. By default this is
+/// what iceoryx2 itself would use: `config/iceoryx2.toml` in the working directory, then the
+/// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
 #[derive(Clone, Debug, Default)]
 pub struct BusOptions {
     /// Folder of iceoryx2's bookkeeping.
@@ -49,7 +49,7 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins `domain` as `program` (a name for lists and messages).
+    /// Joins `domain` as `program`, a name for lists and messages.
     ///
     /// # Errors
     /// [`BusError::Domain`] for a name that cannot be part of a service name, [`BusError::Node`] if
@@ -58,14 +58,14 @@ impl Bus {
         Self::open_with(domain, program, &BusOptions::default())
     }
 
-    /// As [`Bus::open`], in a private place.
+    /// Like [`Bus::open`], with iceoryx2's files in a place of their own.
     ///
     /// # Errors
     /// As [`Bus::open`], and [`BusError::Option`] for an unusable root or prefix.
     pub fn open_with(domain: &str, program: &str, options: &BusOptions) -> Result<Bus, BusError> {
         static QUIET: Once = Once::new();
-        // Its warnings ("no config file was loaded", "dead node detected") would stand in every
-        // consumer's output.
+        // iceoryx2's warnings ("no config file was loaded", "dead node detected") would appear in
+        // the output of every consumer.
         QUIET.call_once(|| set_log_level(LogLevel::Fatal));
         if !valid_domain(domain) {
             return Err(BusError::Domain {
@@ -100,13 +100,13 @@ impl Bus {
         &self.domain
     }
 
-    /// Removes what killed processes left behind. Returns how many there were.
+    /// Removes what killed processes left behind. Returns the number of these processes.
     pub fn clean_dead_nodes(&self) -> u64 {
         self.node.try_cleanup_dead_nodes().cleanups
     }
 
-    /// Whether a living process publishes `topic`, a document such as [`names::WORLD_INFO`]. What
-    /// the dead left is cleaned first.
+    /// Whether a living process publishes `topic`, a document such as [`names::WORLD_INFO`].
+    /// Removes what killed processes left behind first.
     ///
     /// # Errors
     /// [`BusError`] if the service exists and cannot be opened.
@@ -119,21 +119,22 @@ impl Bus {
         }
     }
 
-    /// Whether the publish-subscribe topic exists, whoever made it. Much cheaper than a failed
-    /// opening, whose error lists what there is.
+    /// Whether the publish-subscribe topic exists. Much cheaper than a failed opening, whose error
+    /// lists the topics that exist.
     pub fn exists(&self, topic: &str) -> bool {
         let Ok((_, name)) = self.service_name(topic) else {
             return false;
         };
-        // What cannot be looked at is left to the opening, which has the words for it.
+        // If iceoryx2 cannot tell, opening the topic will, with a sentence that says why.
         Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe)
             .unwrap_or(true)
     }
 
-    /// Names of the programs whose nodes live, on every domain of this place.
+    /// Names of the programs that are running, on every domain that shares iceoryx2's files with
+    /// this one.
     pub fn programs(&self) -> Vec<String> {
         let mut programs = Vec::new();
-        // An unreadable node directory means that nobody is there to be listed.
+        // A directory of nodes that cannot be read means that there is none to list.
         let _ = Node::<Service>::list(self.config(), |state| {
             if let NodeState::Alive(view) = state
                 && let Some(details) = view.details()
@@ -154,7 +155,7 @@ impl Bus {
         &self.node
     }
 
-    /// `topic` with the domain in front.
+    /// The full name of `topic`: the domain, a slash and the topic.
     pub(crate) fn service_name(&self, topic: &str) -> Result<(String, ServiceName), BusError> {
         let bad = || BusError::Name {
             topic: topic.into(),
@@ -167,7 +168,7 @@ impl Bus {
         Ok((full, name))
     }
 
-    /// Makes the service, or joins the one that readers kept alive.
+    /// Makes the service, or joins the one that its readers kept alive.
     pub(crate) fn make<H: OnBus>(&self, topic: &str, qos: &Qos) -> Result<Slices<H>, BusError> {
         let (full, name) = self.service_name(topic)?;
         let advice = "stop all processes of this domain and start again";
@@ -215,7 +216,7 @@ impl Bus {
             })
     }
 
-    /// Refuses another schema with a sentence. Returns whether the service exists.
+    /// Fails if the service carries another schema. Returns whether the service exists.
     pub(crate) fn check_schema(
         &self,
         full: &str,
@@ -246,7 +247,7 @@ impl Bus {
         }
     }
 
-    /// Continues "there is no topic …".
+    /// The rest of the sentence "there is no topic …": which topics there are instead.
     fn hint(&self, wanted: &str) -> String {
         let topics = self.topics().unwrap_or_default();
         let names: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
@@ -284,7 +285,8 @@ impl Bus {
         Ok((full, service))
     }
 
-    /// Whether the daemon's `world/info` has a living publisher: the check against a second writer.
+    /// Whether the domain has a daemon: `world/info` has a living publisher. A second daemon
+    /// refuses to start by this.
     ///
     /// # Errors
     /// As [`Bus::publisher_alive`].
@@ -293,8 +295,8 @@ impl Bus {
     }
 }
 
-/// Tries again while a service is in the making or on its way out: a daemon that restarts meets its
-/// readers' comings and goings.
+/// Tries again while another process makes or removes the service, which happens when a daemon
+/// restarts while its readers come and go.
 pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
     let deadline = Instant::now() + SETTLE;
     loop {
@@ -348,8 +350,8 @@ impl BusOptions {
     }
 }
 
-/// Writes `config/iceoryx2.toml` below `working_directory`: every process started there, in any
-/// language, uses this root and prefix.
+/// Writes `config/iceoryx2.toml` below `working_directory`. Every process that is started there, in
+/// any language, then uses this root and prefix.
 ///
 /// # Errors
 /// [`BusError::File`].

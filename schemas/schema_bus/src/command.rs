@@ -1,4 +1,4 @@
-//! `control/world`: requests as JSON, answered between ticks.
+//! `control/world`: requests as JSON, which the daemon answers between ticks.
 //!
 //! iceoryx2 wakes nobody for a request, so a client notifies `control/wake` and the server
 //! `control/replied`.
@@ -24,7 +24,7 @@ use crate::{Bus, BusError, Listener, Notifier, qos};
 
 /// Bytes of a slot before the segment grows for the first time.
 const FIRST_SLOT_BYTES: usize = 4096;
-/// A missed wake-up costs at most this.
+/// Longest delay that a missed wake-up can cause.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 type Commands = PortFactory<Service, [u8], Wire<RequestHeader>, [u8], ()>;
@@ -46,7 +46,7 @@ pub enum CommandError {
         /// How long was waited.
         waited: Duration,
     },
-    /// The answer is not one.
+    /// The answer cannot be read.
     #[error("the simulator's answer cannot be read ({cause}); rebuild the older of the two")]
     Answer {
         /// What serde says.
@@ -58,7 +58,7 @@ pub enum CommandError {
 }
 
 impl Bus {
-    /// Opens `control/world` as a client; requests that meet at one tick edge run by (name, seq).
+    /// Opens `control/world` as a client. Requests that meet between two ticks run by (name, seq).
     ///
     /// # Errors
     /// [`BusError`].
@@ -125,7 +125,7 @@ impl Bus {
     }
 }
 
-/// Asks the daemon.
+/// The asking end of `control/world`.
 #[derive(Debug)]
 pub struct CommandClient {
     port: Client<Service, [u8], Wire<RequestHeader>, [u8], ()>,
@@ -171,7 +171,7 @@ impl CommandClient {
             payload_bytes: text.len() as u64,
             client: self.name,
         };
-        // Answers to earlier requests that timed out must not count as this one's wake-up.
+        // A wake-up for an earlier request that timed out must not count for this one.
         self.replied.drain()?;
         let pending = request.send().map_err(|e| other_error("ask", full, &e))?;
         self.wake.notify();
@@ -195,7 +195,7 @@ impl CommandClient {
     }
 }
 
-/// Answers for the daemon.
+/// The answering end of `control/world`.
 #[derive(Debug)]
 pub struct CommandServer {
     port: Server<Service, [u8], Wire<RequestHeader>, [u8], ()>,
@@ -203,20 +203,20 @@ pub struct CommandServer {
     service: Commands,
 }
 
-/// A request that waits for its answer. Dropped unanswered, its client times out.
+/// A request that waits for its answer. If it is dropped unanswered, its client times out.
 #[derive(Debug)]
 pub struct Request {
     /// Name of the client.
     pub client: String,
     /// The client's count.
     pub seq: u64,
-    /// The commands, or why they cannot be read (answer with one refusal that says so).
+    /// The commands, or the reason why they cannot be read, to be answered with one refusal.
     pub batch: Result<CommandBatch, String>,
     active: ActiveRequest<Service, [u8], Wire<RequestHeader>, [u8], ()>,
 }
 
 impl CommandServer {
-    /// The next request that waits, if any.
+    /// Takes the next request that waits, if any.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -238,7 +238,7 @@ impl CommandServer {
         }))
     }
 
-    /// All requests that wait, by (client, seq): the order in which they run at a tick edge.
+    /// Takes all requests that wait, sorted by (client, seq), which is the order in which they run.
     ///
     /// # Errors
     /// As [`CommandServer::take`].
@@ -251,8 +251,8 @@ impl CommandServer {
         Ok(requests)
     }
 
-    /// Answers. A client that has gone meanwhile is no error. If the answer cannot be sent, one
-    /// refusal says so in its place, so that the client need not wait for nothing.
+    /// Answers a request. It is no error if the client has gone. If the answer cannot be sent, a
+    /// refusal that says so is sent in its place, so that the client does not wait in vain.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -290,13 +290,13 @@ impl CommandServer {
         Ok(())
     }
 
-    /// Clients that are there now.
+    /// Number of clients now.
     pub fn n_clients(&self) -> usize {
         self.service.dynamic_config().number_of_clients()
     }
 }
 
-/// Reads a request; any bytes are safe to pass.
+/// Parses a request; any bytes are safe to pass.
 fn parse(header: &RequestHeader, payload: &[u8]) -> Result<CommandBatch, String> {
     if header.magic != REQUEST_MAGIC || header.codec_version != COMMAND_VERSION {
         return Err(format!(

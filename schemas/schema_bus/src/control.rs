@@ -1,4 +1,4 @@
-//! `control/vehicles` and `control/ack`: records that come in bulk every tick.
+//! `control/vehicles` and `control/ack`: records that are sent in bulk every tick.
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -21,8 +21,8 @@ use crate::{Bus, BusError, Notifier, qos};
 const FIRST_SLOT_RECORDS: usize = 64;
 
 impl Bus {
-    /// Opens `control/vehicles` for writing under a name: of several controls for one actor the
-    /// last by (name, seq) counts.
+    /// Opens `control/vehicles` for writing under a name. Of several controls for one actor the
+    /// last one by (name, seq) counts.
     ///
     /// # Errors
     /// [`BusError::TooManyWriters`] beyond 32 writers.
@@ -51,7 +51,7 @@ impl Bus {
         })
     }
 
-    /// Opens `control/vehicles` for reading: the daemon's side.
+    /// Opens `control/vehicles` for reading, as the daemon does.
     ///
     /// # Errors
     /// [`BusError`].
@@ -89,7 +89,7 @@ impl Bus {
         })
     }
 
-    /// Opens `control/ack` for reading: the daemon's side.
+    /// Opens `control/ack` for reading, as the daemon does.
     ///
     /// # Errors
     /// [`BusError`].
@@ -140,7 +140,7 @@ pub(crate) fn name_bytes(name: &str) -> [u8; 40] {
     bytes
 }
 
-/// The text in front of the padding; bytes that are not UTF-8 become �.
+/// The text before the padding; bytes that are not UTF-8 become �.
 pub(crate) fn name_text(bytes: &[u8; 40]) -> String {
     let len = bytes.iter().position(|b| *b == 0).unwrap_or(bytes.len());
     String::from_utf8_lossy(&bytes[..len]).into_owned()
@@ -156,8 +156,8 @@ pub struct ControlWriter {
 }
 
 impl ControlWriter {
-    /// Sends controls that answer the snapshot of `tick`. The daemon takes them at the next tick
-    /// edge.
+    /// Sends controls that answer the snapshot of `tick`. The daemon applies them before its next
+    /// tick.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -169,7 +169,7 @@ impl ControlWriter {
             .loan_slice_uninit(bytes.len())
             .map_err(|e| failed(&e))?;
         let mut sample = loan.write_from_slice(bytes);
-        // Spent even when the send fails: a gap shows that something was lost.
+        // The number is used up even if sending fails, so that a gap shows the loss.
         self.seq += 1;
         sample.user_header_mut().0 = ControlHeader {
             magic: CONTROL_MAGIC,
@@ -204,8 +204,8 @@ pub struct ControlReader {
 }
 
 impl ControlReader {
-    /// Everything that waits, sorted by (writer, seq), so that applying it in order lets the last
-    /// one count. Samples that break the contract are dropped with a warning.
+    /// Takes all samples that wait, sorted by (writer, seq), so that applying them in order lets
+    /// the last one count. Samples that break the contract are dropped with a warning.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -235,7 +235,7 @@ impl ControlReader {
         Ok(batches)
     }
 
-    /// Writers that are there now.
+    /// Number of writers now.
     pub fn n_writers(&self) -> usize {
         self.service.dynamic_config().number_of_publishers()
     }
@@ -278,7 +278,7 @@ pub struct AckReader {
 }
 
 impl AckReader {
-    /// Everything that waits.
+    /// Takes all acknowledgements that wait.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -292,7 +292,7 @@ impl AckReader {
     }
 
     /// Names of the participants whose writers are open, sorted. Call [`Bus::clean_dead_nodes`]
-    /// first to be rid of killed ones.
+    /// first, so that killed ones are not among them.
     pub fn writers(&self) -> Vec<String> {
         let mut names = Vec::new();
         self.service.dynamic_config().list_publishers(|details| {

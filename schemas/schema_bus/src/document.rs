@@ -1,4 +1,4 @@
-//! Documents: texts that change rarely and greet a late reader.
+//! Documents: texts that change rarely. A late reader receives the newest one.
 
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
@@ -47,10 +47,10 @@ impl Bus {
         })
     }
 
-    /// Opens a document for reading; the newest text greets within one turn of the daemon's loop.
+    /// Opens a document for reading. The newest text arrives within one turn of the daemon's loop.
     ///
     /// # Errors
-    /// [`BusError::NoSuchTopic`] if nobody wrote it yet.
+    /// [`BusError::NoSuchTopic`] if no process has made it yet.
     pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
         let service = self.join::<DocumentHeader>(name)?;
         let port = subscribe(&service)?;
@@ -68,7 +68,7 @@ pub struct DocumentPublisher {
 }
 
 impl DocumentPublisher {
-    /// Sends a new text that holds after `tick`. Returns its revision, counted from 1.
+    /// Sends a new text that holds from the end of `tick` on. Returns its revision, counted from 1.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -95,7 +95,7 @@ impl DocumentPublisher {
         Ok(revision)
     }
 
-    /// Sends `value` as JSON; as [`DocumentPublisher::send`].
+    /// Sends `value` as JSON, like [`DocumentPublisher::send`].
     ///
     /// # Errors
     /// [`BusError::Service`], also for a value that JSON cannot hold.
@@ -113,9 +113,9 @@ impl DocumentPublisher {
         self.send(&text, epoch, tick)
     }
 
-    /// Hands the newest text to readers that came since the last call. iceoryx2 does this only in
-    /// the writer's own calls, so a daemon calls it once per turn of its loop, also while it waits
-    /// for a cue (a new reader notifies `control/wake`). Cheap if nobody came.
+    /// Sends the newest text to readers that joined since the last call. iceoryx2 delivers it only
+    /// in calls of the writer, so a daemon calls this once per turn of its loop, also while it
+    /// waits for a cue (a new reader notifies `control/wake`). It costs little if nobody joined.
     pub fn greet(&self) {
         if let Err(e) = self.port.update_connections() {
             tracing::warn!(service = self.service.name().as_str(), cause = ?e, "cannot greet a new reader");
@@ -145,10 +145,10 @@ pub struct Document {
 }
 
 impl DocumentReader {
-    /// The newest text if it changed since the last call.
+    /// Takes the newest text, if one was sent since the last call.
     ///
     /// # Errors
-    /// [`BusError::BadSample`] for one that breaks the contract.
+    /// [`BusError::BadSample`] for a text that breaks the contract.
     pub fn latest(&mut self) -> Result<Option<Document>, BusError> {
         let mut newest = None;
         while let Some(sample) = receive(&self.service, &self.port)? {
@@ -193,10 +193,10 @@ impl DocumentReader {
 }
 
 impl Document {
-    /// The text as a value, e.g. `document.json::<WorldInfo>()`.
+    /// Parses the text as JSON, e.g. `document.json::<WorldInfo>()`.
     ///
     /// # Errors
-    /// [`BusError::BadSample`] with what serde says.
+    /// [`BusError::BadSample`] with serde's message.
     pub fn json<T: serde::de::DeserializeOwned>(&self) -> Result<T, BusError> {
         serde_json::from_str(&self.text).map_err(|e| BusError::BadSample {
             service: std::any::type_name::<T>().into(),

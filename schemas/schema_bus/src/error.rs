@@ -1,4 +1,4 @@
-//! What can go wrong on the bus, as sentences. iceoryx2's own errors are bare names of a variant.
+//! Errors of the bus, as sentences that say what failed, with which value, and what to do.
 
 use std::path::PathBuf;
 
@@ -30,7 +30,7 @@ pub enum BusError {
     Node {
         /// Name of this program.
         program: String,
-        /// iceoryx2's word for it.
+        /// iceoryx2's name for the error.
         cause: String,
     },
     /// Unusable private root or prefix.
@@ -43,12 +43,12 @@ pub enum BusError {
         /// What was given.
         value: String,
     },
-    /// Nobody made the topic.
+    /// No process has made the topic.
     #[error("there is no topic {topic:?}{hint}")]
     NoSuchTopic {
         /// Service that was looked for.
         topic: String,
-        /// What there is instead, as a continuation of the sentence.
+        /// The topics that exist instead, as a continuation of the sentence.
         hint: String,
     },
     /// The other side speaks another version of the layouts.
@@ -63,45 +63,45 @@ pub enum BusError {
         /// What to do.
         advice: &'static str,
     },
-    /// All reader places are taken.
+    /// The service has as many readers as it allows.
     #[error(
         "service {service:?} already has {limit} readers (limit {limit}); stop one before another can join"
     )]
     TooManyReaders {
         /// The service.
         service: String,
-        /// Places.
+        /// The limit.
         limit: usize,
     },
-    /// All writer places are taken.
+    /// The service has as many writers as it allows.
     #[error(
         "service {service:?} already has {limit} writers (limit {limit}); stop the other simulator, or give this one another --domain"
     )]
     TooManyWriters {
         /// The service.
         service: String,
-        /// Places.
+        /// The limit.
         limit: usize,
     },
-    /// All places of processes are taken.
+    /// The service is open in as many processes as it allows.
     #[error("service {service:?} is already open in {limit} processes (limit {limit}); stop one")]
     TooManyProcesses {
         /// The service.
         service: String,
-        /// Places.
+        /// The limit.
         limit: usize,
     },
-    /// The service lives on with other capacities.
+    /// Readers keep the service alive with other capacities.
     #[error(
         "service {service:?} exists with another capacity ({cause}); a reader keeps it alive: stop all readers of this domain and start again"
     )]
     Capacity {
         /// The service.
         service: String,
-        /// iceoryx2's word for it.
+        /// iceoryx2's name for the error.
         cause: String,
     },
-    /// Another user owns it.
+    /// The service belongs to another user.
     #[error(
         "not allowed to open service {service:?}: it belongs to another user; run as that user, or use another --domain"
     )]
@@ -180,7 +180,7 @@ pub enum BusError {
         action: &'static str,
         /// The service.
         service: String,
-        /// iceoryx2's word for it.
+        /// iceoryx2's name for the error.
         cause: String,
     },
 }
@@ -211,7 +211,7 @@ pub enum LoanError {
     Failed {
         /// The topic.
         topic: String,
-        /// iceoryx2's word for it.
+        /// iceoryx2's name for the error.
         cause: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Wake-ups. An event says "look", never "how many": several may arrive as one.
+//! Wake-ups. Several notifications may arrive as one, so a listener looks at everything it reads.
 
 use std::os::fd::{AsRawFd as _, BorrowedFd};
 use std::time::{Duration, Instant};
@@ -10,7 +10,7 @@ use crate::iceoryx_error::other_error;
 use crate::{Bus, BusError};
 
 impl Bus {
-    /// Opens an event for notifying; made if it does not exist.
+    /// Opens an event for notifying, and makes it if it does not exist.
     ///
     /// # Errors
     /// [`BusError`].
@@ -23,7 +23,7 @@ impl Bus {
         Ok(Notifier { port, service })
     }
 
-    /// Opens an event for waiting; made if it does not exist.
+    /// Opens an event for waiting, and makes it if it does not exist.
     ///
     /// # Errors
     /// [`BusError`].
@@ -41,7 +41,7 @@ impl Bus {
     }
 }
 
-/// Wakes whoever listens.
+/// Wakes the listeners of an event.
 #[derive(Debug)]
 pub struct Notifier {
     port: iceoryx2::port::notifier::Notifier<Service>,
@@ -49,15 +49,15 @@ pub struct Notifier {
 }
 
 impl Notifier {
-    /// Wakes all listeners; costs a system call for each. Returns how many were woken.
+    /// Wakes all listeners, at the cost of a system call for each. Returns the number of listeners
+    /// that were woken.
     ///
-    /// A listener whose queue is full has been woken already, so this cannot fail in a way that
-    /// loses a wake-up.
+    /// A listener whose queue is full has been woken before, so no failure here loses a wake-up.
     pub fn notify(&self) -> usize {
         self.port.notify().unwrap_or(0)
     }
 
-    /// Listeners that are there now; 0 makes a notification pointless.
+    /// Number of listeners now. If it is 0, a notification has no effect.
     pub fn n_listeners(&self) -> usize {
         self.service.dynamic_config().number_of_listeners()
     }
@@ -72,8 +72,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Waits until somebody notifies or `timeout` is over. Returns whether somebody did; a signal
-    /// ends the wait early with `false`.
+    /// Waits until the event is notified or `timeout` is over. Returns whether it was notified; a
+    /// signal ends the wait early with `false`.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -84,7 +84,7 @@ impl Listener {
         Ok(false)
     }
 
-    /// Takes what is pending without waiting. Returns whether there was anything.
+    /// Takes all pending notifications without waiting. Returns whether there were any.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -106,14 +106,14 @@ impl Listener {
     }
 }
 
-/// Waits for any of `fds`. `false`: time is over, or a signal came.
+/// Waits for any of `fds`. Returns `false` if the time is over or a signal came.
 fn poll(fds: &mut [libc::pollfd], timeout: Duration) -> bool {
     let wait = libc::timespec {
         tv_sec: timeout.as_secs().min(1 << 30) as libc::time_t,
         tv_nsec: timeout.subsec_nanos() as libc::c_long,
     };
-    // SAFETY: pointer and length are those of one slice; the kernel writes only `revents`; no
-    // signal mask is given.
+    // SAFETY: pointer and length are those of one slice, of which the kernel writes only `revents`;
+    // no signal mask is given.
     unsafe {
         libc::ppoll(
             fds.as_mut_ptr(),
@@ -141,15 +141,15 @@ impl WaitSet {
         Self::default()
     }
 
-    /// Takes a listener in.
+    /// Adds a listener.
     pub fn add(&mut self, listener: Listener) -> Token {
         self.fds.push(listener.pollfd());
         self.listeners.push(listener);
         Token(self.listeners.len() - 1)
     }
 
-    /// Waits until one of them is notified or `timeout` is over. Returns whether any was;
-    /// [`WaitSet::woken`] says which. With an empty set it sleeps.
+    /// Waits until one of the listeners is notified or `timeout` is over. Returns whether any was
+    /// notified; [`WaitSet::woken`] says which. An empty set sleeps.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -167,8 +167,8 @@ impl WaitSet {
     }
 
     /// Waits as [`WaitSet::wait`], and also until one of `others` (sockets, pipes) can be read or
-    /// has ended. Returns which of `others` that is true for, in their order; what is read from
-    /// them is the caller's business.
+    /// has ended. Returns for each of `others`, in their order, whether that is so; reading from
+    /// them is left to the caller.
     ///
     /// # Errors
     /// [`BusError::Service`].

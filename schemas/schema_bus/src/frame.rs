@@ -1,5 +1,5 @@
-//! The writing side of frames: a service without memory, a publisher with a segment, and loans that
-//! are filled in place.
+//! Writing frames: a service without memory, a publisher with a segment, and loans that are filled
+//! in place.
 
 use std::sync::{Arc, OnceLock};
 
@@ -18,7 +18,7 @@ use crate::wire::Wire;
 use crate::{Bus, BusError, LoanError, Segment};
 
 impl Bus {
-    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory: readers can find
+    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory. Readers can find
     /// and open it.
     ///
     /// # Errors
@@ -43,7 +43,7 @@ impl Bus {
         })
     }
 
-    /// Makes the service of `topic` and its memory.
+    /// Makes the service of `topic` with its memory.
     ///
     /// # Errors
     /// As [`Bus::frame_service`] and [`FrameService::publisher`].
@@ -56,7 +56,7 @@ impl Bus {
     }
 }
 
-/// A frame topic that can be found; it has no memory.
+/// A frame topic that readers can find and that has no memory yet.
 #[derive(Debug)]
 pub struct FrameService {
     service: Slices<FrameHeader>,
@@ -72,26 +72,26 @@ impl FrameService {
         &self.topic
     }
 
-    /// Readers that are there now.
+    /// Number of readers now.
     pub fn n_readers(&self) -> usize {
         self.service.dynamic_config().number_of_subscribers()
     }
 
-    /// Modality, from the name.
+    /// Modality, from the topic's name.
     pub fn modality(&self) -> Modality {
         self.modality
     }
 
-    /// Bytes of the segment that a publisher makes.
+    /// Size of the segment that a publisher makes, bytes.
     pub fn segment_bytes(&self) -> u64 {
         self.spec.segment_bytes(self.modality)
     }
 
-    /// Makes a publisher with its segment. The service lives on when publisher and `self` are
-    /// dropped, as long as a reader has it open.
+    /// Makes a publisher with its segment. After the publisher is dropped, the service lives as
+    /// long as a reader has it open.
     ///
     /// # Errors
-    /// [`BusError::Memory`] if `/dev/shm` has less free than the segment could use,
+    /// [`BusError::Memory`] if less is free in `/dev/shm` than the segment can use,
     /// [`BusError::TooManyWriters`].
     pub fn publisher(self) -> Result<FramePublisher, BusError> {
         let full = self.service.name().as_str().to_string();
@@ -131,12 +131,12 @@ impl FramePublisher {
         &self.service.topic
     }
 
-    /// Readers that are there now. 0: do not render.
+    /// Number of readers now. If it is 0, the sensor need not be rendered.
     pub fn n_readers(&self) -> usize {
         self.service.n_readers()
     }
 
-    /// Modality, from the name.
+    /// Modality, from the topic's name.
     pub fn modality(&self) -> Modality {
         self.service.modality
     }
@@ -146,7 +146,7 @@ impl FramePublisher {
         self.service.spec.max_payload_bytes
     }
 
-    /// Loans at a time.
+    /// Number of loans that may exist at a time.
     pub fn max_loans(&self) -> usize {
         self.service.spec.max_loans()
     }
@@ -168,8 +168,8 @@ impl FramePublisher {
         Ok(*self.segment.get_or_init(|| segment))
     }
 
-    /// Faults in the slots that the first reader and the writer will use. The free list is last in,
-    /// first out, so these stay the ones in use.
+    /// Faults in the pages of the slots that the first reader and the writer will use. iceoryx2's
+    /// free list is last in, first out, so these slots stay the ones in use.
     ///
     /// # Errors
     /// As [`FramePublisher::segment`], and [`BusError::Memory`] if `/dev/shm` is full.
@@ -189,14 +189,15 @@ impl FramePublisher {
         })
     }
 
-    /// Loans a slot for a payload of up to `len` bytes. Dropped unsent, it goes back. The header is
-    /// set up for this topic's modality.
+    /// Loans a slot for a payload of `len` bytes, with a header for this topic's modality. A loan
+    /// that is dropped unsent goes back.
     ///
-    /// A list whose length is known only when it is filled loans its maximum;
-    /// `header.payload_bytes` says what is used.
+    /// For a list whose length is known only when it is filled, loan its greatest length and set
+    /// `header.payload_bytes` to the bytes in use.
     ///
     /// # Errors
-    /// [`LoanError::NoFreeSlot`] if all loans are out.
+    /// [`LoanError::NoFreeSlot`] if all loans are in use, [`LoanError::TooLong`] beyond
+    /// [`FramePublisher::max_payload_bytes`].
     pub fn loan(&self, len: usize) -> Result<FrameLoan, LoanError> {
         let mut sample = self.publisher.loan_slice_uninit(len).map_err(|e| {
             let (limit, loans) = (self.max_payload_bytes(), self.max_loans());
@@ -211,7 +212,7 @@ impl FramePublisher {
     }
 }
 
-/// A slot of shared memory that nobody reads yet. Send it, or drop it to give it back.
+/// A slot of shared memory that is borrowed for writing. Send it, or drop it to give it back.
 pub struct FrameLoan {
     sample: SampleMutUninit<Service, [std::mem::MaybeUninit<u8>], Wire<FrameHeader>>,
     segment: Option<Segment>,
@@ -228,17 +229,17 @@ impl std::fmt::Debug for FrameLoan {
 }
 
 impl FrameLoan {
-    /// The header so far.
+    /// The header as it is so far.
     pub fn header(&self) -> &FrameHeader {
         &self.sample.user_header().0
     }
 
-    /// The header, to be filled before sending.
+    /// The header, to be filled in before sending.
     pub fn header_mut(&mut self) -> &mut FrameHeader {
         &mut self.sample.user_header_mut().0
     }
 
-    /// Bytes of the loan.
+    /// Length of the loan's payload, bytes.
     pub fn len(&self) -> usize {
         self.sample.payload().len()
     }
@@ -248,20 +249,20 @@ impl FrameLoan {
         self.len() == 0
     }
 
-    /// First byte of the payload; 64-aligned. For a device that writes there: no reference may be
-    /// alive meanwhile.
+    /// Address of the payload's first byte, 64-aligned, for a device that writes there. No
+    /// reference to the payload may exist while the device writes.
     pub fn payload_ptr(&mut self) -> *mut u8 {
         self.sample.payload_mut().as_mut_ptr().cast()
     }
 
-    /// Distance of the payload from the segment's first byte; `None` before the first
+    /// Offset of the payload from the segment's first byte, bytes; `None` before the first call of
     /// [`FramePublisher::segment`].
     pub fn offset_in_segment(&self) -> Option<usize> {
         let payload = self.sample.payload().as_ptr() as usize;
         self.segment.map(|segment| payload - segment.base as usize)
     }
 
-    /// The payload, to be filled in place. It holds what an earlier frame left there.
+    /// The payload, to be filled in place. It holds the bytes of an earlier frame.
     pub fn payload_mut(&mut self) -> &mut [u8] {
         let payload = self.sample.payload_mut();
         // SAFETY: the slot lies in a shared-memory object. The kernel gave its pages zeroed and
@@ -271,10 +272,11 @@ impl FrameLoan {
         unsafe { std::slice::from_raw_parts_mut(payload.as_mut_ptr().cast::<u8>(), payload.len()) }
     }
 
-    /// Stamps `published_mono_nanos` and hands the frame to all readers. Returns how many got it.
+    /// Sets `published_mono_nanos` and sends the frame to all readers. Returns the number of
+    /// readers that received it.
     ///
-    /// Bytes behind `header.payload_bytes` are whatever the slot held. Wake the readers afterwards
-    /// (rig event).
+    /// Bytes after `header.payload_bytes` stay what the slot held. Wake the readers afterwards
+    /// through the rig's event.
     ///
     /// # Errors
     /// [`BusError::BadFrame`] if the header contradicts the loan, [`BusError::Service`] if iceoryx2

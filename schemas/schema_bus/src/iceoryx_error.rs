@@ -33,7 +33,7 @@ pub(crate) enum Meaning {
     OtherSchema,
     /// Its capacities are too small for what was asked.
     OtherCapacity,
-    /// All places of processes are taken.
+    /// As many processes as it allows have it open.
     TooManyProcesses,
     /// Nothing that a user could act on, or that passes by itself.
     Other,

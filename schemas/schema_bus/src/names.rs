@@ -1,29 +1,29 @@
 //! Names of the services that every domain has, without the domain.
 
-/// Snapshot after every tick.
+/// Topic of the snapshot after every tick.
 pub const WORLD_SNAPSHOT: &str = "world/snapshot";
-/// Who publishes.
+/// Document: who publishes, and what a reader must know first.
 pub const WORLD_INFO: &str = "world/info";
-/// OpenDRIVE text of the map.
+/// Document: OpenDRIVE text of the map.
 pub const WORLD_MAP: &str = "world/map";
-/// Who is there.
+/// Document: all actors.
 pub const WORLD_ACTORS: &str = "world/actors";
-/// What can be spawned.
+/// Document: types of actors that can be spawned.
 pub const WORLD_CATALOGUE: &str = "world/catalogue";
-/// Where vehicles may be spawned on the map.
+/// Document: poses at which vehicles may be spawned on the map.
 pub const WORLD_SPAWN_POINTS: &str = "world/spawn_points";
-/// Commands.
+/// Commands: requests and their answers.
 pub const CONTROL_WORLD: &str = "control/world";
-/// Vehicle controls.
+/// Topic of vehicle controls.
 pub const CONTROL_VEHICLES: &str = "control/vehicles";
-/// Lockstep acknowledgements.
+/// Topic of lockstep acknowledgements.
 pub const CONTROL_ACK: &str = "control/ack";
-/// Event to the daemon: something waits for it.
+/// Event to the daemon: a request, control, acknowledgement or new reader waits for it.
 pub const CONTROL_WAKE: &str = "control/wake";
 /// Event from the daemon: replies were sent.
 pub const CONTROL_REPLIED: &str = "control/replied";
 
-/// Event after a rig's last frame of a tick.
+/// Name of the event after a rig's last frame of a tick.
 pub fn rig_tick(rig: &str) -> String {
     format!("{rig}/tick")
 }

@@ -1,27 +1,27 @@
 //! Quality of service of every kind of topic: constants per schema version, never per run.
 //!
-//! Readers keep a service alive across a daemon's restart, and a daemon that came back with other
+//! Readers keep a service alive while a daemon restarts, and a daemon that came back with other
 //! numbers could not join it.
 
 /// Capacity of one kind of publish-subscribe topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Qos {
-    /// Readers at a time.
+    /// Number of readers at a time.
     pub readers: usize,
-    /// Writers at a time. 2 although only one writes: iceoryx2's network tunnel takes the other
-    /// place.
+    /// Number of writers at a time. It is 2 although only one writes, because iceoryx2's network
+    /// tunnel takes the other place.
     pub publishers: usize,
-    /// Samples that wait for a reader; the oldest gives way (safe overflow), and a writer never
-    /// waits.
+    /// Samples that wait for a reader. Beyond that the oldest is dropped (safe overflow), so a
+    /// writer never waits.
     pub buffer: usize,
-    /// Samples a reader may hold.
+    /// Samples that a reader may hold at a time.
     pub borrowed: usize,
-    /// Samples a late reader is greeted with.
+    /// Past samples that a late reader receives.
     pub history: usize,
 }
 
-/// Images and point clouds. History 0: a topic nobody read for a minute would greet its next reader
-/// with a minute-old frame.
+/// Images and point clouds. Their history is 0, because otherwise the next reader of a topic that
+/// nobody read for a minute would receive a frame that is a minute old.
 pub const FRAME: Qos = Qos {
     readers: 8,
     publishers: 2,
@@ -35,7 +35,7 @@ pub const RUN_TIME_FRAME_READERS: [usize; 3] = [16, 8, 4];
 /// Shared memory that a topic of a sensor spawned at run time may take for more readers than the
 /// fewest, bytes: there may be many such sensors.
 pub const RUN_TIME_TOPIC_BYTES: u64 = 64 << 20;
-/// IMU, GNSS and the event sensors: small and frequent.
+/// Frames of IMU, GNSS and the event sensors, which are small and frequent.
 pub const SMALL_FRAME: Qos = Qos {
     readers: 16,
     publishers: 2,
@@ -76,19 +76,20 @@ pub const EVENT_LISTENERS: usize = 32;
 pub const EVENT_NOTIFIERS: usize = 32;
 /// Clients of `control/world`.
 pub const COMMAND_CLIENTS: usize = 32;
-/// Servers of `control/world`; 2 for the same reason as [`Qos::publishers`].
+/// Servers of `control/world`; 2 for the reason given at [`Qos::publishers`].
 pub const COMMAND_SERVERS: usize = 2;
-/// Requests one client may have under way.
+/// Requests of one client that may wait for their answers.
 pub const COMMAND_ACTIVE: usize = 4;
 /// Frames that a writer usually has in flight, for example on the GPU.
 pub const FRAMES_IN_FLIGHT: usize = 2;
-/// Loans beyond the frames in flight: one may be filled while the last of the others is being sent.
+/// Loans beyond the frames in flight, so that one can be filled while the oldest of the others is
+/// being sent.
 pub const SPARE_LOANS: usize = 1;
 
-/// Loans of a publisher that is not asked for another number: iceoryx2's default.
+/// Loans of a publisher that asks for no number of its own: iceoryx2's default.
 pub(crate) const USUAL_LOANS: usize = 2;
 
-/// Longest text of a request or an answer that is parsed.
+/// Longest text of a request or an answer that is parsed, bytes.
 pub const MAX_COMMAND_BYTES: usize = 16 << 20;
 
 impl Qos {
@@ -101,8 +102,8 @@ impl Qos {
         }
     }
 
-    /// Slots in a writer's segment: what all readers may hold, wait for or be greeted with, and
-    /// what the writer has loaned.
+    /// Slots in a writer's segment: the samples that wait for readers, that readers hold, that are
+    /// kept for late readers, and that the writer has loaned.
     pub const fn slots(&self, loaned: usize) -> usize {
         self.readers * (self.buffer + self.borrowed) + self.history + loaned
     }

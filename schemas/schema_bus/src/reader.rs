@@ -1,4 +1,4 @@
-//! The reading side of frames: newest or next, checked, counted, held in place.
+//! Reading frames: each is checked, gaps are counted, and the bytes stay in place.
 
 use std::ops::Deref;
 
@@ -26,7 +26,7 @@ pub(crate) fn subscribe<H: OnBus>(
 /// A received sample: bytes behind a header `H`.
 pub(crate) type Received<H> = Sample<Service, [u8], Wire<H>>;
 
-/// Takes one sample, with a sentence on failure.
+/// Takes one sample, if any waits.
 pub(crate) fn receive<H: OnBus>(
     service: &Slices<H>,
     port: &Subscriber<Service, [u8], Wire<H>>,
@@ -38,11 +38,11 @@ pub(crate) fn receive<H: OnBus>(
 }
 
 impl Bus {
-    /// Opens a frame topic for reading. The writer starts to render for this reader within one
+    /// Opens a frame topic for reading. The writer starts to render for the first reader within one
     /// tick.
     ///
     /// # Errors
-    /// [`BusError::NoSuchTopic`] if nobody made it, [`BusError::SchemaSkew`],
+    /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::SchemaSkew`],
     /// [`BusError::TooManyReaders`].
     pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
         let service = self.join::<FrameHeader>(topic)?;
@@ -57,23 +57,23 @@ impl Bus {
     }
 }
 
-/// What a reader has seen.
+/// What a reader has received and missed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReaderCounts {
-    /// Frames handed out.
+    /// Frames that were returned.
     pub taken: u64,
     /// Frames that [`FrameReader::latest`] passed over.
     pub skipped: u64,
-    /// Frames that never came: gaps in `seq`.
+    /// Frames that never arrived: gaps in `seq`.
     pub lost: u64,
     /// Frames that broke the contract.
     pub refused: u64,
-    /// Times the writer was another than before (a new epoch).
+    /// Number of times that frames came under a new epoch: the writer had restarted.
     pub restarts: u64,
 }
 
-/// A frame topic, read. Survives its writer: when the writer comes back the frames go on under a
-/// new epoch.
+/// The reading end of a frame topic. It survives its writer: when the writer comes back, frames
+/// continue under a new epoch.
 #[derive(Debug)]
 pub struct FrameReader {
     port: Subscriber<Service, [u8], Wire<FrameHeader>>,
@@ -90,11 +90,11 @@ impl FrameReader {
         &self.topic
     }
 
-    /// The oldest frame that waits, if any.
+    /// Takes the oldest frame that waits, if any.
     ///
     /// # Errors
-    /// [`BusError::BadFrame`] for a frame that breaks the contract (it is dropped; the next call
-    /// goes on), [`BusError::BorrowLimit`].
+    /// [`BusError::BadFrame`] for a frame that breaks the contract, which is dropped, so the next
+    /// call continues after it; [`BusError::BorrowLimit`].
     #[expect(
         clippy::should_implement_trait,
         reason = "an iterator would end at the first gap; this is polled"
@@ -105,14 +105,15 @@ impl FrameReader {
         Ok(frame)
     }
 
-    /// The newest frame that waits, if any; older ones are dropped and counted as skipped.
+    /// Takes the newest frame that waits, if any; older ones are dropped and counted as skipped.
     ///
     /// # Errors
     /// As [`FrameReader::next`].
     pub fn latest(&mut self) -> Result<Option<Frame>, BusError> {
         let mut newest = None;
         while self.waiting()? {
-            // Given back first: a caller that holds all it may but one can still drain.
+            // The older frame is given back first, so that a caller that may hold only one more can
+            // still drain.
             if newest.take().is_some() {
                 self.counts.skipped += 1;
             }
@@ -135,7 +136,8 @@ impl FrameReader {
         self.place.map(|(epoch, _)| epoch)
     }
 
-    /// Whether a writer has the topic open. A killed one counts until somebody cleans up after it.
+    /// Whether a writer has the topic open. A killed writer counts until its remains are removed,
+    /// see [`Bus::clean_dead_nodes`].
     pub fn has_writer(&self) -> bool {
         self.service.dynamic_config().number_of_publishers() > 0
     }
@@ -149,8 +151,8 @@ impl FrameReader {
         let Some(sample) = receive(&self.service, &self.port)? else {
             return Ok(None);
         };
-        // Copied before it is checked: whoever can write the segment could change it between check
-        // and use.
+        // The header is copied before it is checked, because another process could change it
+        // between check and use.
         let header = sample.user_header().0;
         match header.check(sample.payload().len()) {
             Ok(modality) => {
@@ -185,8 +187,8 @@ impl FrameReader {
     }
 }
 
-/// A frame in shared memory: derefs to its payload bytes. A reader may hold three (small topics:
-/// four); drop it soon.
+/// A frame in shared memory, which dereferences to the bytes of its payload. A reader may hold
+/// three at a time (of small topics four), so drop it soon.
 #[derive(Debug)]
 pub struct Frame {
     sample: Sample<Service, [u8], Wire<FrameHeader>>,
@@ -201,7 +203,7 @@ impl Frame {
         &self.header
     }
 
-    /// What the payload is.
+    /// The modality of the payload.
     pub fn modality(&self) -> Modality {
         self.modality
     }
@@ -212,7 +214,7 @@ impl Frame {
         bytemuck::try_cast_slice(self).ok()
     }
 
-    /// Row `y` of an image, without padding; `None` behind the last.
+    /// Row `y` of an image without its padding; `None` beyond the last row.
     pub fn row(&self, y: u32) -> Option<&[u8]> {
         let header = &self.header;
         let start = y as usize * header.row_stride as usize;

@@ -10,8 +10,8 @@ pub struct Segment {
     pub len: usize,
 }
 
-// SAFETY: `Segment` is an address range; using it is unsafe anyway and its memory is shared between
-// processes by design.
+// SAFETY: `Segment` is only an address range; reading or writing through it needs `unsafe` of its
+// own, and the memory is shared between processes by design.
 unsafe impl Send for Segment {}
 // SAFETY: as above.
 unsafe impl Sync for Segment {}
@@ -29,7 +29,7 @@ pub(crate) fn mapping_of(ptr: *const u8) -> Option<Segment> {
     })
 }
 
-/// `7f00-7f10 rw-s …` as numbers.
+/// Start and end of a line such as `7f00-7f10 rw-s …`.
 fn parse_range(line: &str) -> Option<(usize, usize)> {
     let (base, end) = line.split_whitespace().next()?.split_once('-')?;
     Some((
@@ -38,11 +38,11 @@ fn parse_range(line: &str) -> Option<(usize, usize)> {
     ))
 }
 
-/// Makes the kernel provide the first `bytes` of a segment now: a first touch later costs
-/// milliseconds per frame, and on a full `/dev/shm` it would kill the process.
+/// Makes the kernel provide the first `bytes` of a segment now: a first touch later would cost
+/// milliseconds per frame, and would kill the process on a full `/dev/shm`.
 ///
 /// # Errors
-/// What the kernel says, for example that there is no memory.
+/// The kernel's error, for example that there is no memory.
 pub(crate) fn prefault(segment: Segment, bytes: usize) -> std::io::Result<()> {
     let len = bytes.min(segment.len);
     // SAFETY: the range lies in a mapping that the publisher keeps; `MADV_POPULATE_WRITE` faults
@@ -54,9 +54,11 @@ pub(crate) fn prefault(segment: Segment, bytes: usize) -> std::io::Result<()> {
     if error.raw_os_error() != Some(libc::EINVAL) {
         return Err(error);
     }
-    // A kernel before 5.14: a read of a hole in a shared tmpfs mapping allocates its page as well.
+    // Kernels before 5.14 lack this advice; reading a hole in a shared tmpfs mapping allocates its
+    // page as well.
     for offset in (0..len).step_by(4096) {
-        // SAFETY: within the mapping, readable; volatile because another process may write there.
+        // SAFETY: the address is within the mapping and readable; the read is volatile because
+        // another process may write there.
         unsafe { segment.base.add(offset).read_volatile() };
     }
     Ok(())

@@ -46,7 +46,7 @@ impl Bus {
         })
     }
 
-    /// Opens `world/snapshot` for reading; the newest snapshot greets within one turn of the
+    /// Opens `world/snapshot` for reading. The newest snapshot arrives within one turn of the
     /// daemon's loop.
     ///
     /// # Errors
@@ -68,8 +68,8 @@ pub struct SnapshotPublisher {
 }
 
 impl SnapshotPublisher {
-    /// Sends the records, which must come by rising id. Magic, version, sizes, count and the stamp
-    /// of the header are set here.
+    /// Sends the records, which must come by rising id. The header's magic, version, sizes, count
+    /// and time of publishing are set here.
     ///
     /// # Errors
     /// [`BusError::TooLong`] if there are more than `max_actors`.
@@ -106,7 +106,7 @@ impl SnapshotPublisher {
         sample.send().map(drop).map_err(|e| failed(&e))
     }
 
-    /// Hands the newest snapshot to readers that came since the last call; see
+    /// Sends the newest snapshot to readers that joined since the last call; see
     /// [`crate::DocumentPublisher::greet`].
     pub fn greet(&self) {
         if let Err(e) = self.port.update_connections() {
@@ -123,10 +123,11 @@ pub struct SnapshotReader {
 }
 
 impl SnapshotReader {
-    /// The oldest snapshot that waits, if any.
+    /// Takes the oldest snapshot that waits, if any.
     ///
     /// # Errors
-    /// [`BusError::BadSample`] for one that breaks the contract; the next call goes on.
+    /// [`BusError::BadSample`] for a snapshot that breaks the contract; the next call continues
+    /// after it.
     #[expect(
         clippy::should_implement_trait,
         reason = "polled, like `FrameReader::next`"
@@ -166,7 +167,7 @@ impl SnapshotReader {
         }
     }
 
-    /// The newest snapshot that waits, if any.
+    /// Takes the newest snapshot that waits, if any; older ones are dropped.
     ///
     /// # Errors
     /// As [`SnapshotReader::next`].
@@ -179,7 +180,7 @@ impl SnapshotReader {
     }
 }
 
-/// A snapshot in shared memory; a reader may hold four.
+/// A snapshot in shared memory. A reader may hold four at a time.
 #[derive(Debug)]
 pub struct Snapshot {
     sample: Sample<Service, [u8], Wire<SnapshotHeader>>,

@@ -1,5 +1,4 @@
-//! What there is on a domain: for `gantry topic`, hints in errors, and the launcher's readiness
-//! check.
+//! The topics of a domain, for `gantry topic`, hints in errors, and the launcher's readiness check.
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
@@ -13,7 +12,7 @@ use crate::iceoryx_error::service_error;
 use crate::wire::{OnBus, Wire};
 use crate::{Bus, BusError};
 
-/// Kind of a topic, told by its header's type name.
+/// Kind of a topic, by the type name of its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum TopicKind {
     /// Sensor frames.
@@ -24,7 +23,7 @@ pub enum TopicKind {
     Document,
     /// Vehicle controls.
     Controls,
-    /// Anything else, e.g. acknowledgements or a foreign service.
+    /// Anything else, for example acknowledgements, or a service of another program.
     Other,
 }
 
@@ -37,15 +36,15 @@ pub struct TopicDetails {
     pub kind: TopicKind,
     /// Modality of a frame topic.
     pub modality: Option<Modality>,
-    /// Writers that are there.
+    /// Number of writers now.
     pub publishers: usize,
-    /// Readers that are there.
+    /// Number of readers now.
     pub subscribers: usize,
-    /// Readers that may be there.
+    /// Number of readers that are allowed.
     pub max_subscribers: usize,
-    /// Longest payload of the writer that has the longest, bytes; 0 without a writer.
+    /// Longest payload that any of the writers can send, bytes; 0 without a writer.
     pub payload_bytes: usize,
-    /// Schema version it carries; empty for a foreign service.
+    /// Schema version that it carries; empty for a service of another program.
     pub schema: String,
 }
 
@@ -99,7 +98,7 @@ impl Bus {
         Ok(topics)
     }
 
-    /// Fills in the ports. A topic that vanished meanwhile keeps its zeros.
+    /// Fills in the numbers of ports. A topic that has ended meanwhile keeps its zeros.
     fn count_ports(&self, topic: &mut TopicDetails) {
         match topic.kind {
             TopicKind::Frames => self.count_as::<FrameHeader>(topic),

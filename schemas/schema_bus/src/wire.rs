@@ -1,4 +1,4 @@
-//! iceoryx2's view of our headers and records: the same bytes under the fixed type names of the
+//! Our headers and records as iceoryx2 sees them: the same bytes under the fixed type names of the
 //! contract.
 //!
 //! iceoryx2 compares the name, size and alignment of header and payload when a service is opened.
@@ -11,7 +11,7 @@ use schema_frames::{
     control::ControlHeader,
 };
 
-/// A plain-data type with its name on the bus.
+/// A plain-data type with the name that the contract gives it.
 pub(crate) trait OnBus: bytemuck::Pod + std::fmt::Debug {
     /// Name that every language gives to iceoryx2.
     const NAME: &'static str;
@@ -36,7 +36,7 @@ impl OnBus for AckRecord {
     const NAME: &'static str = "GantryAck";
 }
 
-/// `H` as iceoryx2 sees it.
+/// A header or record as iceoryx2 sees it.
 #[repr(transparent)]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wire<H>(pub H);
