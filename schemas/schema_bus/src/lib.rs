@@ -1,9 +1,9 @@
-//! The bus: the one crate that knows iceoryx2. Frames, snapshots, documents, controls, commands and
-//! wake-ups by name.
+//! The bus: frames, snapshots, documents, controls, commands and wake-ups between processes, by
+//! name, in shared memory. This is the only crate that knows iceoryx2.
 //!
 //! A program opens one [`Bus`] and asks it for ports. Names are given without the domain
 //! (`ego/front/rgb`); the bus puts the domain in front. Nothing here waits unless its name or a
-//! `timeout` says so, nothing handles signals, and every error is a sentence.
+//! `timeout` says so, nothing handles signals, and every error is a sentence with a next step.
 //!
 //! ```no_run
 //! let bus = schema_bus::Bus::open("gantry", "my-consumer")?;
@@ -16,6 +16,17 @@
 //! }
 //! # Ok::<(), schema_bus::BusError>(())
 //! ```
+//!
+//! How much memory a topic takes is known before anything is made:
+//!
+//! ```
+//! use schema_bus::FrameTopic;
+//! use schema_frames::Modality;
+//!
+//! // 8 readers × 5 samples + 3 loans = 43 slots of an image and its header.
+//! let topic = FrameTopic::new(Modality::Rgb, 800 * 600 * 4);
+//! assert_eq!(topic.segment_bytes(Modality::Rgb), 82_642_048);
+//! ```
 
 #![warn(missing_docs)]
 #![deny(unsafe_op_in_unsafe_fn)]
@@ -24,22 +35,29 @@
     reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself"
 )]
 
-mod bus;
-mod command;
-mod control;
-mod document;
+// What the contract fixes: names, capacities, sizes, errors.
 mod error;
-mod event;
-mod frame;
 mod iceoryx_error;
 mod memory;
 pub mod names;
 pub mod qos;
+mod wire;
+
+// A process's place on the bus, and what is there.
+mod bus;
+mod event;
+mod topics;
+
+// Sensor frames.
+mod frame;
 mod reader;
 mod segment;
+
+// Everything else that is sent.
+mod command;
+mod control;
+mod document;
 mod snapshot;
-mod topics;
-mod wire;
 
 pub use bus::{Bus, BusOptions, mono_now, write_private_config};
 pub use command::{CommandClient, CommandError, CommandServer, Request};

@@ -1,9 +1,23 @@
-//! The bytes in shared memory: one module per frame kind, the snapshot, the documents and the
+//! The contract of the bytes in shared memory: frames, the snapshot, documents, controls and
 //! commands.
 //!
-//! `SPEC.md` beside this crate is the same contract as byte tables for readers in other languages.
-//! Every type here is plain data that survives any bit pattern: codes are integers with an accessor
-//! that returns an `Option`.
+//! `SPEC.md` beside this crate is the same contract as byte tables, for readers in other languages;
+//! a test compares the two. Every type here is plain data that survives any bit pattern: codes are
+//! integers with an accessor that returns an `Option`, and a reader checks a header before it
+//! touches what follows. Nothing here knows how bytes are sent; that is `schema_bus`.
+//!
+//! ```
+//! use schema_frames::{FrameHeader, Modality};
+//!
+//! let mut header = FrameHeader::new(Modality::Depth);
+//! header.set_image(800, 600);
+//! assert_eq!((header.row_stride, header.payload_bytes), (3200, 1_920_000));
+//!
+//! // A reader trusts nothing before this check; here the sample is shorter than the header says.
+//! assert_eq!(header.check(1_920_000), Ok(Modality::Depth));
+//! let error = header.check(1000).unwrap_err().to_string();
+//! assert!(error.starts_with("frame claims 1920000 payload bytes, its sample holds 1000"));
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
