@@ -1,9 +1,9 @@
-//! Names the layout of the world's state, so that a checkpoint of another build is refused instead
-//! of misread.
+//! Computes a hash that names the layout of the world's state, so that a checkpoint of another
+//! build is refused instead of misread.
 
 use std::path::{Path, PathBuf};
 
-/// Folders whose types are written into checkpoints, seen from this crate.
+/// Folders whose types are written into checkpoints, relative to this crate.
 const SOURCES: [&str; 3] = [
     "src",
     "../../schemas/schema_frames/src",

@@ -1,7 +1,6 @@
-//! What vehicles cost: CPU time of `World::step` (50 ms, sub-steps of 10 ms) on one core for fleets
-//! of 50 to 1000 on town streets, all with
-//! physics and changing controls, and with nine out of ten moved by `set_pose` as a Traffic
-//! Manager's hybrid mode does.
+//! Measures what vehicles cost: CPU time of `World::step` (50 ms, sub-steps of 10 ms) on one core,
+//! for fleets of 50 to 1000 on town streets. All have physics and changing controls, or nine out of
+//! ten are moved by `set_pose` as in a Traffic Manager's hybrid mode.
 //!
 //! `cargo run --release -p simd_world --example fleet_cost [-- --json FILE]`; results are in
 //! `docs/benchmarks/vehicles.md`.
@@ -15,7 +14,7 @@ use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 
 const TICK_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 200;
-/// Copies of the town beside each other, so that a thousand find a place.
+/// Copies of the town beside each other, so that a thousand vehicles find a place.
 const N_COPIES: usize = 4;
 
 fn cpu_secs() -> f64 {
@@ -52,7 +51,8 @@ fn streets() -> Result<MapData, Box<dyn std::error::Error>> {
     Ok(map)
 }
 
-/// Drives to and fro on the spot, so that nobody meets anybody: a second forward, a second back.
+/// Drives to and fro on the spot, so that no vehicle meets another: a second forward, a second
+/// back.
 fn control(actor: ActorId, tick: u64) -> VehicleControl {
     let phase = (tick + u64::from(actor.0)) % 40;
     let braking = phase % 20 > 13;
@@ -105,7 +105,7 @@ fn measure(
         }
         let begin = cpu_secs();
         world.step(TICK_NANOS);
-        // The first half is for everything to come to rest and for memory to be touched.
+        // The first half lets everything come to rest and touches all memory.
         if tick >= N_TICKS {
             in_steps += cpu_secs() - begin;
             in_all += cpu_secs() - before;
@@ -119,7 +119,7 @@ fn measure(
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // One core: what is measured is CPU time, and one thread makes it one core's.
+    // The measure is CPU time, and a single thread makes it that of one core.
     rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .build_global()?;

@@ -275,8 +275,8 @@ fn crash_is_reported_for_both_with_the_momentum_that_changed_hands() {
         {
             impulse_ns += hit.impulse_in_world_ns[0];
             assert_eq!(hit.other_class, schema_types::Class::CAR);
-            // Bumper to bumper: half a length behind the one that was hit, at the height of the
-            // bodies.
+            // The impact is half a length behind the front of the car that was hit, at the height
+            // of the bodies.
             let [x, y, z] = hit.point_in_world_m;
             let rear_m = world.record(right).unwrap().world_from_actor.translation_m[0] - 2.396;
             assert!(
@@ -425,7 +425,7 @@ fn instances_come_sorted_with_a_body_and_wheels_that_roll() {
         ]
     );
     assert_eq!(world.record(car).unwrap().kind(), Some(ActorKind::Vehicle));
-    // Rolling without slip: the angle is the way over the radius, forwards.
+    // Rolling without slip: the wheels' angle is the distance over their radius, forwards.
     let way_m = after[0].world_from_mesh.translation.x - before[0].world_from_mesh.translation.x;
     let turn = before[2].world_from_mesh.rotation.inverse() * after[2].world_from_mesh.rotation;
     assert!(

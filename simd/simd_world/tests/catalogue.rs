@@ -1,4 +1,4 @@
-//! The catalogue against CARLA 0.9.16's list of vehicles, and every body against its box.
+//! Compares the catalogue with CARLA 0.9.16's list of vehicles, and every body's mesh with its box.
 
 use nalgebra::Vector3;
 use schema_types::Pose;
@@ -15,7 +15,7 @@ type Row = (
     [f64; 3],
 );
 
-/// Where the published extents leave a range (mirrors of the Vespa), the middle stands here.
+/// Where the published extents are a range (mirrors of the Vespa), its middle stands here.
 const LISTED: &[Row] = &[
     ("audi.a2", "car", "", 1, 4, [1.853, 0.894, 0.775]),
     ("audi.etron", "car", "", 1, 4, [2.428, 1.016, 0.825]),
@@ -222,7 +222,7 @@ fn every_body_with_its_wheels_fills_its_box_to_a_centimetre() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// What is neither vehicle, walker, sensor nor of the map.
+/// Types that are no vehicle, walker or sensor and do not come with the map.
 #[test]
 fn helpers_can_be_spawned() {
     let mut world = World::new(WorldOptions::default());

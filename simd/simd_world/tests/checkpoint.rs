@@ -1,5 +1,5 @@
-//! A restored world goes on bit for bit, also with vehicles in contact; broken and foreign bytes
-//! are sentences.
+//! A restored world continues bit for bit, also with vehicles in contact. Damaged and foreign bytes
+//! are refused with a sentence.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,4 @@
-//! Walkers that stroll by themselves: they stay on pavements and crosswalks, wait for red, and do
-//! the same twice.
+//! Strollers stay on pavements and crosswalks, wait for red lights, and do the same in every run.
 
 use schema_frames::LightState;
 use schema_roads::walkable::Ground;
@@ -70,7 +69,7 @@ fn strollers_keep_to_pavements_and_cross_when_the_traffic_has_red() {
             seen[of as usize] += 1;
             let steps_out =
                 last[i].1 == Some(Ground::Sidewalk) && ground == Some(Ground::Crosswalk);
-            // The light of the road that is crossed, if it has one, was red a moment ago.
+            // If the crossed road has a light, it was red a moment ago.
             if steps_out
                 && let Some(lane) = roads.nearest(feet, |lane| {
                     lane.kind.is_drivable() && lane.junction.is_none()
@@ -127,8 +126,8 @@ fn the_same_seed_makes_the_same_crowd() {
     );
 }
 
-/// Walkable ground is where the mesh has a face; who is parted from another or steps around a car
-/// may stand a little beside it.
+/// Walkable ground is where the mesh has a face. A walker that is pushed apart from another or
+/// steps around a car may stand a little beside it.
 #[test]
 fn in_long_ticks_strollers_keep_to_walkable_ground() {
     let mut world = town();

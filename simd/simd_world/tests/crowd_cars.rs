@@ -1,4 +1,4 @@
-//! Strollers and cars that stand in their way: nobody walks on the spot against a car, and all get
+//! Strollers among cars that stand in their way: none walks on the spot against a car, and all get
 //! on.
 
 use std::collections::BTreeMap;
@@ -125,11 +125,11 @@ fn nobody_walks_on_the_spot_against_a_standing_car() {
         cars.len(),
         ways[N_WALKERS / 2]
     );
-    // Where a car leaves no way round on the pavement people turn back before they are near; others
-    // pass it.
+    // Where a car leaves no way around on the pavement, people turn back before they are near;
+    // elsewhere they pass it.
     assert!(n_met > N_WALKERS / 4, "only {n_met} came near a car");
-    // Between a car and a lamp post somebody may stop for a moment; without a way round it is half
-    // a minute.
+    // Between a car and a lamp post somebody may stop for a moment; a walker without a way around
+    // would stop for half a minute.
     assert!(
         longest_secs < 3.0,
         "somebody walked against a car for {longest_secs} s"

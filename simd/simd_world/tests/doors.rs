@@ -1,4 +1,4 @@
-//! Doors of vehicles: they open at a rate, are seen, and are part of the world's state.
+//! Doors of vehicles open at a fixed rate, are visible, and are part of the world's state.
 
 use std::collections::BTreeMap;
 
@@ -33,13 +33,14 @@ fn order(world: &mut World, car: ActorId, doors: u8, open: bool) -> CommandReply
     })
 }
 
-/// Openings of the four doors as the snapshot has them, 0 to 15.
+/// Openings of the four doors as the snapshot states them, 0 to 15.
 fn openings(world: &World, car: ActorId) -> [u32; 4] {
     let flags = world.record(car).unwrap().vehicle().unwrap().control_flags;
     [0, 1, 2, 3].map(|door| flags >> (16 + 4 * door) & 15)
 }
 
-/// (part, mesh, angle about the vertical in the vehicle) of everything that is drawn of it.
+/// (part, mesh, angle about the vertical in the vehicle's space) of every part of the car in the
+/// scene.
 fn parts(world: &World, car: ActorId) -> Vec<(u16, u32, f64)> {
     let mut instances = Vec::new();
     world.dynamic_instances(&mut instances);
@@ -86,7 +87,8 @@ fn doors_take_their_time_and_are_drawn_where_they_are() {
     assert_eq!(open.len(), 9, "body, wheels, four doors");
     assert_ne!(open[0].1, shut[0].1, "the body with openings");
     let angle = |part: u16| open.iter().find(|(number, ..)| *number == part).unwrap().2;
-    // Seen from above a left door swings clockwise, a right one the other way; hinged in front.
+    // Seen from above, a left door swings clockwise and a right one the other way; both are hinged
+    // in front.
     assert!(
         angle(16) < -1.0 && angle(19) > 1.0 && angle(17).abs() < 1e-6 && angle(18).abs() < 1e-6
     );
@@ -147,7 +149,7 @@ fn who_has_no_such_doors_or_names_none_is_told() {
     ));
 }
 
-/// The catalogue says which they are, and all of those have meshes.
+/// The catalogue states which vehicles have doors that open, and all of those have meshes for them.
 #[test]
 fn the_catalogue_says_whose_doors_open() {
     let world = World::new(WorldOptions::default());

@@ -1,5 +1,5 @@
-//! What the lane graph says a lane's surface is, is what rays hit and what vehicles stand on: at
-//! 1000 random places of each map.
+//! The lane graph, rays and standing vehicles agree about a lane's surface, at 1000 random places
+//! of each map.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,14 +12,13 @@ use simd_town::imported::{ImportOptions, import};
 use simd_world::{MapData, World, WorldOptions};
 
 const N_PLACES: usize = 1000;
-/// Greatest distance of what is felt from what the lane graph says, metres.
+/// Largest allowed distance between the hit surface and the lane graph's, metres.
 const SURFACE_M: f64 = 0.02;
 const CELL_M: f64 = 6.0;
 
 /// Roads 1 to 4 in one file: a hill with superelevation that turns over, a spiral with lane offset
-/// and a widening lane, a cambered road
-/// (shape), and an old one with crossfall and a lane of its own height. Far from zero, where `f32`
-/// alone would see steps of half a metre.
+/// and a widening lane, a cambered road (shape), and an old one with crossfall and a lane of its
+/// own height. Far from zero, where `f32` alone would see steps of half a metre.
 fn hard_roads() -> String {
     let lane = |id: i8, kind: &str, width: &str, rest: &str| {
         format!(
@@ -105,7 +104,7 @@ fn imported(name: &str, text: &str) -> MapData {
 }
 
 fn maps() -> Vec<MapData> {
-    // The roundabouts' town has slopes; its text is also read as anybody's file.
+    // The town with roundabouts has slopes; its text is also read as a user's file.
     let slopes = Town::generate("Town03", 1).unwrap();
     let mut maps = vec![
         imported("hard", &hard_roads()),
@@ -144,7 +143,7 @@ fn places(roads: &RoadMap, passes: impl Fn(&Lane) -> bool) -> Vec<LanePosition> 
     (0..N_PLACES).map(|_| place()).collect()
 }
 
-/// Solid triangles by place: the plainest thing that answers "what lies under this point".
+/// Solid triangles by place: the simplest structure that answers "what lies below this point".
 struct Floor {
     triangles: Vec<[Vector3<f64>; 3]>,
     cells: HashMap<(i64, i64), Vec<usize>>,
@@ -212,8 +211,7 @@ fn the_solid_ground_is_the_lanes_surface() {
                 .below(p + Vector3::z() * 0.6)
                 .unwrap_or_else(|| panic!("{}: nothing under {place:?}", map.name));
             let up = pose.rotation * Vector3::z();
-            // The distance along the lane's normal: a steep road is not farther away for being
-            // steep.
+            // The distance is taken along the lane's normal, so that slopes do not enlarge it.
             let away = (z - p.z).abs() * up.z;
             assert!(
                 away < SURFACE_M,
@@ -237,15 +235,15 @@ fn the_solid_ground_is_the_lanes_surface() {
     }
 }
 
-/// Every place gets a car, in rounds in which none are near each other; after two seconds each
-/// stands there.
+/// Every place gets a car, in rounds in which no two are near each other; after two seconds each
+/// car stands there.
 #[test]
 fn a_car_dropped_anywhere_stands_on_its_lane() {
     for map in maps() {
         let roads = roads_of(&map);
         let mut world = World::new(WorldOptions::default());
         let mut open = places(&roads, |_| true);
-        // Where a lane ends for good, half a car would hang over its end.
+        // Where a lane ends for good, half of a car would hang over its end.
         open.retain(|place| {
             [3.5, -3.5]
                 .iter()
@@ -279,8 +277,8 @@ fn a_car_dropped_anywhere_stands_on_its_lane() {
                 }
                 near.entry(cell).or_default().push(p);
                 let above = Pose::from(pose * Isometry3::translation(0.0, 0.0, 0.25));
-                // A lane may pass under a tree or end before a wall: what is in the way is said,
-                // and counted.
+                // A lane may pass under a tree or end before a wall. Such obstacles are printed and
+                // counted.
                 match world.spawn("vehicle.tesla.model3", above, None, "", &BTreeMap::new()) {
                     Ok(car) => drop(cars.insert(car, pose)),
                     Err(_) => n_taken += 1,

@@ -1,4 +1,4 @@
-//! How vehicles move, against closed forms of mechanics.
+//! Compares the motion of vehicles with closed forms of mechanics.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ const GRAVITY_MPS2: f64 = 9.81;
 const FRICTION: f64 = 1.0;
 const ROLLING_RATIO: f64 = 0.012;
 const AIR_KGPM3: f64 = 1.2;
-/// Inertia of the wheels as a share of the mass: wheels of 5 % of it, at 0.8 r².
+/// Inertia of the wheels as a share of the mass: wheels of 5 % of the mass, at 0.8 r².
 const WHEELS_RATIO: f64 = 0.04;
 
 fn model(type_id: &str) -> &'static VehicleModel {
@@ -93,8 +93,7 @@ fn every_model_rests_at_height_zero_and_does_not_drift_for_20_s() {
 }
 
 /// Time from 0 to `target_mps` at full throttle from the torque curve: dt = m dv / F in the gear
-/// that accelerates best, with grip, air,
-/// rolling resistance and all that has to be spun up.
+/// that accelerates best, with grip, air, rolling resistance and all that has to be spun up.
 fn ideal_secs(model: &VehicleModel, target_mps: f64) -> f64 {
     let (engine, radius_m) = (&model.engine, model.wheel_radius_m);
     let curve = |rpm: f64| {
@@ -129,7 +128,7 @@ fn ideal_secs(model: &VehicleModel, target_mps: f64) -> f64 {
                 curve(geared_rpm.max(engine.launch_rpm.into())).unwrap_or(0.0)
             };
             let force_n = torque_nm * overall * f64::from(engine.efficiency_ratio) / radius_m;
-            // Grip of the driven wheels, with the load that acceleration moves to them or away.
+            // Grip of the driven wheels, with the load that acceleration moves to or from them.
             let height = model.mass_height_m() / model.wheelbase_m
                 * if model.rear_driven { 1.0 } else { -1.0 };
             let shift = if driven == 1.0 {
@@ -184,7 +183,7 @@ fn full_throttle_reaches_100_kmh_in_the_time_the_torque_curve_allows() {
         }
         let ideal = ideal_secs(model(type_id), 100.0 / 3.6);
         println!("{type_id}: 0-100 km/h in {secs:.2} s, torque-curve integral {ideal:.2} s");
-        // Without a gearbox nothing but the curve counts; shifts cost their time, and gears are not
+        // Without a gearbox only the curve counts; shifts cost time, and the chosen gear is not
         // always the best.
         let n_shifts = model(type_id).engine.ratios.len() as f64 - 1.0;
         let most = if n_shifts == 0.0 {
@@ -234,7 +233,7 @@ fn full_brake_stops_in_v_squared_over_two_mu_g() {
         run(&mut world, 200);
         let (end, _, speed) = place(&world, car);
         let distance_m = end[0] - start[0];
-        // Air helps: m v dv/dx = −(µ m g + k v²) gives x = m/2k · ln(1 + k v² / (µ m g)).
+        // Air drag helps: m v dv/dx = −(µ m g + k v²) gives x = m/2k · ln(1 + k v² / (µ m g)).
         let k = 0.5 * AIR_KGPM3 * model(type_id).drag_area_m2;
         let mu_m_g = f64::from(friction) * model(type_id).mass_kg * GRAVITY_MPS2;
         let expected_m =
@@ -250,8 +249,8 @@ fn full_brake_stops_in_v_squared_over_two_mu_g() {
     }
 }
 
-/// Drives a bend at a held speed; returns radius of the origin's way, lateral acceleration and mean
-/// angle of the front wheels.
+/// Drives a bend at a held speed; returns the radius of the origin's path, the lateral acceleration
+/// and the mean angle of the front wheels.
 fn bend(world: &mut World, car: ActorId, speed_mps: f64, steer_rad: f64) -> (f64, f64, f64) {
     roll(world, car, speed_mps);
     let (mut turned_rad, mut way_m, mut steered_rad) = (0.0, 0.0, 0.0);
@@ -259,7 +258,8 @@ fn bend(world: &mut World, car: ActorId, speed_mps: f64, steer_rad: f64) -> (f64
     for tick in 0..n_ticks {
         let (_, yaw, speed) = place(world, car);
         let part = world.record(car).unwrap().vehicle().unwrap();
-        // The share of full lock falls with speed; what the wheels show is what counts.
+        // The available share of full lock falls with speed, so the shown angle of the wheels is
+        // used.
         let steer_ratio =
             (part.steer_ratio + 0.3 * (steer_rad as f32 - part.wheel_steer_rad)).clamp(-1.0, 1.0);
         let throttle_ratio = ((speed_mps - speed) * 0.8 + 0.1).clamp(0.0, 1.0) as f32;
@@ -302,8 +302,8 @@ fn slow_bends_have_the_radius_of_ackermann() {
         let (mut world, car) = standing(type_id);
         let (radius_m, _, steered_rad) = bend(&mut world, car, 2.0, steer_rad);
         let base_m = model(type_id).wheelbase_m;
-        // The rear axle goes round at base / tan(angle), the origin between the axles a little
-        // wider.
+        // The rear axle's path has the radius base / tan(angle); that of the origin between the
+        // axles is a little larger.
         let expected_m = (base_m / steered_rad.tan()).hypot(0.5 * base_m) * steered_rad.signum();
         println!(
             "{type_id} at {steered_rad:.3} rad: radius {radius_m:.2} m, expected {expected_m:.2} m"
@@ -352,7 +352,7 @@ fn fast_bends_understeer_as_the_tyres_say() {
 #[test]
 fn no_bend_has_more_than_grip() {
     let (mut world, car) = standing("vehicle.tesla.model3");
-    // Geometrically 14 m/s at 0.35 rad would be 2.5 g.
+    // By geometry alone, 14 m/s at 0.35 rad would be 2.5 g.
     let (radius_m, lateral_mps2, _) = bend(&mut world, car, 14.0, 0.35);
     println!(
         "radius {radius_m:.1} m at {:.2} g",
@@ -552,7 +552,7 @@ fn without_brakes_a_car_rolls_down_as_gravity_says() {
     );
 }
 
-/// What CARLA's Traffic Manager is tuned to: its throttle is at most 0.85, its brake 0.7.
+/// CARLA's Traffic Manager is tuned to these limits: its throttle is at most 0.85, its brake 0.7.
 #[test]
 fn cars_answer_to_pedals_as_the_traffic_manager_expects() {
     for model in vehicle_models()

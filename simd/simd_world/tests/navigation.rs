@@ -1,5 +1,5 @@
-//! The walkable mesh of generated towns: sound geometry, pavements that hang together, and ground
-//! where the mesh says there is some.
+//! The walkable mesh of generated towns has sound geometry, connected pavements, and ground where
+//! it says there is some.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ fn roads(name: &str) -> RoadMap {
     RoadMap::parse(&Town::generate(name, 1).unwrap().open_drive).unwrap()
 }
 
-/// Component of each face over neighbours whose ground passes.
+/// Connected component of each face, over neighbours whose ground passes the filter.
 fn components(mesh: &WalkMesh, passes: impl Fn(Ground) -> bool) -> BTreeMap<usize, f64> {
     let mut of: Vec<Option<usize>> = vec![None; mesh.faces.len()];
     let mut area_m2: BTreeMap<usize, f64> = BTreeMap::new();
@@ -85,7 +85,7 @@ fn pavements_have_the_area_that_the_map_says_and_hang_together_over_crosswalks()
                 .map(|face| mesh.area_m2(face))
                 .sum::<f64>()
         };
-        // Lanes, less what is kept clear; corners come on top.
+        // The area of lanes less the margin that is kept clear; corners are added to it.
         let lanes_m2: f64 = map
             .lanes()
             .iter()
@@ -145,7 +145,7 @@ fn there_is_ground_where_the_mesh_says() {
         let at = world.record(actor).unwrap().world_from_actor.translation_m;
         let lane = map.nearest(at, |lane| lane.kind.is_drivable()).unwrap();
         let over_road_m = at[2] - half_m - map.pose(lane).unwrap().translation.z;
-        // A kerb's height over the road, and not moved by anything.
+        // A kerb's height above the road, and not displaced by anything.
         assert!(
             (at[0] - x).hypot(at[1] - y) < 0.02 && (0.02..0.25).contains(&over_road_m),
             "{at:?} stands {over_road_m} m over the road"

@@ -1,4 +1,4 @@
-//! What commands do to a body: impulses, forces, switches, held velocities, physical data,
+//! Commands that act on a body: impulses, forces, switches, held velocities, physical data,
 //! Ackermann control, friction areas.
 
 use std::collections::BTreeMap;
@@ -75,7 +75,7 @@ fn set(world: &mut World, car: ActorId, change: impl FnOnce(&mut VehiclePhysics)
     assert_eq!(physics(world, car), data, "what was set reads back");
 }
 
-/// In the air, where nothing but the push acts.
+/// In the air, where only the push acts.
 fn floating(type_id: &str) -> (World, ActorId) {
     let (mut world, car) = standing(type_id);
     act(
@@ -106,8 +106,8 @@ fn impulse_over_mass_is_the_change_of_velocity() {
     for (is, expected) in velocity.into_iter().zip([1.0, -2.0, 3.0]) {
         assert!((is - expected).abs() < 0.01, "{velocity:?}");
     }
-    // Off the centre it turns as well: ω = I⁻¹ (r × J), with the inertia of a box of the body's
-    // size.
+    // A push off the centre also turns the body: ω = I⁻¹ (r × J), with the inertia of a box of the
+    // body's size.
     let (mut world, car) = floating("vehicle.tesla.model3");
     let centre = physics(&mut world, car).center_of_mass_m.map(f64::from);
     let point = [centre[0] + 2.0, centre[1], centre[2] + 50.0];
@@ -260,7 +260,7 @@ fn without_physics_only_poses_move_it_and_its_velocity_is_its_displacement() {
             at.velocity_in_world_mps
         );
     }
-    // A jump is no drive.
+    // A teleport gives no velocity.
     world
         .set_pose(car, Pose::from_xyz_yaw(500.0, 0.0, 0.0, 0.0))
         .unwrap();
@@ -385,8 +385,8 @@ fn every_field_of_the_drive_train_acts() {
         |p| p.wheels.iter_mut().for_each(|wheel| wheel.friction = 0.1),
         0.6,
     );
-    // Mass and acceleration: twice the mass, half the acceleration, but for what turns and what the
-    // clutch does at first.
+    // Twice the mass gives half the acceleration, apart from rotating parts and the clutch at the
+    // start.
     let heavy = speed_after_3_s(|p| p.mass_kg *= 2.0);
     assert!((heavy / usual - 0.5).abs() < 0.1, "{heavy} {usual}");
 }
@@ -614,7 +614,7 @@ fn ackermann_control_holds_speed_angle_and_limits() {
         fastest < 5.0 * 0.5 * 1.25 + 0.3,
         "{fastest} m/s after 5 s at 0.5 m/s²"
     );
-    // Any plain control ends it.
+    // Any plain control ends the Ackermann control.
     world
         .set_control(
             car,
@@ -684,7 +684,7 @@ fn a_friction_area_lengthens_braking_and_only_inside() {
     );
 }
 
-/// A kerb: a ray under the middle of a wheel feels it only when the middle is over it, a whole
+/// A kerb: a ray under the middle of a wheel finds it only when the middle is above it, a whole
 /// wheel as soon as it touches.
 #[test]
 fn swept_wheels_feel_a_kerb_earlier_and_stand_as_high_on_the_level() {

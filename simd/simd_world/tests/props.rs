@@ -1,4 +1,4 @@
-//! Props: every id can be put down, is solid, is seen, and goes again.
+//! Props: every type can be put down, is solid, is visible, and can be removed.
 
 use std::collections::BTreeMap;
 

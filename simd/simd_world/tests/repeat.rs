@@ -1,4 +1,4 @@
-//! The same bits: run again, after a load, and on any number of threads.
+//! Runs repeat bit for bit: again, after a load, and on any number of threads.
 
 use schema_frames::{ActorRecord, VehicleControl};
 use schema_types::noise::Noise;
@@ -7,9 +7,8 @@ use simd_world::{EgoSpawn, MapData, World, WorldOptions};
 const TICK_NANOS: u64 = 50_000_000;
 const N_TICKS: u64 = 1000;
 
-/// Hash of all records of all ticks (FNV-1a): vehicles that drive at random, bump into each other
-/// and are pushed.
-/// Ids go on counting over loads, so they are taken from the first one on.
+/// Hash (FNV-1a) of all records of all ticks of vehicles that drive at random, bump into each other
+/// and are pushed. Ids go on counting over loads, so they are taken relative to the first one.
 fn run(world: &mut World, n_vehicles: usize, n_ticks: u64) -> (u64, usize) {
     world.load(&MapData::flat(1000.0)).unwrap();
     let scenario = world

@@ -1,4 +1,4 @@
-//! Every vehicle at 10 to 1000 ticks per second: dropped, driven off, steered, braked. Nothing
+//! Every vehicle at 10 to 1000 ticks per second is dropped, driven off, steered and braked. None
 //! blows up, flips or sinks in.
 
 use std::collections::BTreeMap;

@@ -1,5 +1,5 @@
-//! The world on a generated town: vehicles stand on its roads, its lights keep time, stop boxes lie
-//! before stop lines.
+//! The world on a generated town: vehicles stand on its roads, its lights keep time, and stop boxes
+//! lie before stop lines.
 
 use std::collections::BTreeMap;
 
@@ -239,8 +239,8 @@ fn vehicle_before_a_stop_line_sees_that_light_and_one_further_back_does_not() {
                 .record(ActorId(seen))
                 .and_then(|record| record.traffic_light())
                 .map(|part| part.opendrive_id().to_owned());
-            // Two signals may stand for one lane (another on the far side); it must be one for this
-            // lane.
+            // Two signals may stand for one lane (another on the far side); this vehicle's light
+            // must be one of this lane.
             let for_lane = id.is_some_and(|id| {
                 roads
                     .signal_stops(stop.lane)

@@ -1,4 +1,5 @@
-//! Walkers: speed, turning, kerbs, walls, jumps, vehicles that hit them, limbs that follow the way.
+//! Walkers: speed, turning, kerbs, walls, jumps, impacts of vehicles, and limbs that follow the
+//! distance walked.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -135,7 +136,7 @@ fn walks_as_fast_as_asked_and_turns_that_way() {
     assert!((at.yaw_rad() + FRAC_PI_2).abs() < 1e-6);
     let shown = part(&world, walker);
     assert_eq!((shown.speed_mps, shown.direction), (1.4, [0.0, -2.0, 7.0]));
-    // At a steady pace the limbs go through a whole cycle in a stride's length.
+    // At a steady pace the limbs go through one cycle per stride length.
     let before = part(&world, walker).gait_rad;
     go(&mut world, walker, [0.0, -1.0, 0.0], 1.4);
     let stride_m = walker_models()[0].shape.skeleton().stride_m(1.4);
@@ -218,7 +219,8 @@ fn a_jump_is_a_throw() {
     );
 }
 
-/// A car that rolls into a walker in its way; blows on the car with its speed just before each.
+/// A car that rolls into a walker; returns the impulses on the car, each with the car's speed just
+/// before it.
 fn run_over(invincible: bool, speed_mps: f64) -> (World, ActorId, ActorId, Vec<([f64; 3], f64)>) {
     let mut world = street();
     let car = spawn(
@@ -255,7 +257,7 @@ fn run_over(invincible: bool, speed_mps: f64) -> (World, ActorId, ActorId, Vec<(
 fn a_car_knocks_a_walker_down_and_feels_it() {
     let (mut world, car, walker, impulses) = run_over(false, 8.0);
     let (car_kg, walker_kg) = (vehicle_models()[0].mass_kg, walker_models()[0].mass_kg);
-    // The first blow is an inelastic one: m·M/(m+M)·v.
+    // The first impact is inelastic: m·M/(m+M)·v.
     let (first, car_mps) = (Vector3::from(impulses[0].0), impulses[0].1);
     let full_ns = car_mps * car_kg * walker_kg / (car_kg + walker_kg);
     assert!(
@@ -282,7 +284,7 @@ fn a_car_knocks_a_walker_down_and_feels_it() {
         world.record(car).unwrap().flags & ActorRecord::QUARANTINED,
         0
     );
-    // Whoever puts it somewhere helps it up.
+    // Setting a pose lets a fallen walker stand up.
     let pose = Pose::from_xyz_yaw(-100.0, 0.0, 1.0, 0.0);
     assert_eq!(
         world.apply(&Command::SetPose {
@@ -305,7 +307,7 @@ fn an_invincible_walker_is_only_pushed() {
     );
     assert_eq!(part(&world, walker).flags & WalkerPart::DOWN, 0);
     assert!(at.translation_m[0] > -14.0, "{at:?}");
-    // It is not left inside the car.
+    // The walker does not stay inside the car.
     let local = car_at.isometry().inverse() * nalgebra::Point3::from(at.translation_m);
     let half = vehicle_models()[0].half_m;
     assert!(
@@ -426,7 +428,7 @@ fn who_leads_a_walker_says_where_it_is() {
         (record.speed_mps() - 1.4).abs() < 1e-6
             && (part(&world, walker).gait_mps - 1.4).abs() < 1e-6
     );
-    // Left alone, it stands.
+    // A led walker whose leader is silent stands still.
     (0..20).for_each(|_| world.step(TICK_NANOS));
     assert_eq!(
         (

@@ -22,6 +22,15 @@ pub const JUMP_MPS: f64 = 5.0;
 /// Longest time that is moved at once, seconds.
 pub const MAX_PIECE_SECS: f64 = 0.05;
 
+/// What walls and vehicles do to a body that moves into them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Walls {
+    /// They stop it, and it slides along them.
+    Stop,
+    /// It passes through them.
+    Pass,
+}
+
 /// An upright body: feet, size, vertical speed.
 #[derive(Clone, Copy, Debug)]
 pub struct Standing {
@@ -39,12 +48,11 @@ pub struct Standing {
 
 impl Standing {
     /// Moves by `walk_mps` (horizontal) for `dt_secs`; falls and lands.
-    pub fn step(&mut self, physics: &Physics, walk_mps: Vector3<f64>, dt_secs: f64, blocked: bool) {
+    pub fn step(&mut self, physics: &Physics, walk_mps: Vector3<f64>, dt_secs: f64, walls: Walls) {
         let way = Vector3::new(walk_mps.x, walk_mps.y, 0.0) * dt_secs;
-        self.feet_m += if blocked {
-            self.slide(physics, way)
-        } else {
-            way
+        self.feet_m += match walls {
+            Walls::Stop => self.slide(physics, way),
+            Walls::Pass => way,
         };
         let down_m = ground_below(
             physics,

@@ -14,7 +14,7 @@ use simd_body::person::{N_PARTS, Posture, Skeleton};
 use super::control::{Lead, MAX_SPEED_MPS};
 use super::model::{WalkerModel, walker_models};
 use super::own_pose::OwnPose;
-use super::standing::{Standing, ground_below};
+use super::standing::{Standing, Walls, ground_below};
 use crate::physics::{GRAVITY_MPS2, Physics};
 
 /// How fast a walker turns, rad/s.
@@ -209,7 +209,12 @@ impl Walker {
         } else {
             wish + pushed
         };
-        standing.step(physics, velocity, dt_secs, self.collides);
+        let walls = if self.collides {
+            Walls::Stop
+        } else {
+            Walls::Pass
+        };
+        standing.step(physics, velocity, dt_secs, walls);
         // A sliding body is slowed by friction; a standing one catches itself faster.
         let friction = if self.fall.is_some() {
             SLIDING_FRICTION
