@@ -3,6 +3,7 @@
 mod ackermann;
 mod attributes;
 mod body_actions;
+mod body_state;
 mod curve;
 mod doors;
 mod engine_spec;
@@ -15,6 +16,7 @@ mod powertrain;
 mod sub_step;
 mod vehicle;
 mod wheel;
+mod wheel_forces;
 mod wheel_solver;
 
 use std::collections::BTreeMap;

@@ -16,6 +16,7 @@ impl Room {
         high: Vector::splat(f32::NEG_INFINITY),
     };
 
+    #[inline]
     pub fn around(points: impl IntoIterator<Item = Vector>) -> Room {
         points.into_iter().fold(Room::NOWHERE, |room, point| Room {
             low: room.low.min(point),
@@ -23,6 +24,7 @@ impl Room {
         })
     }
 
+    #[inline]
     pub fn grown(self, margin: Vector) -> Room {
         Room {
             low: self.low - margin,
@@ -30,14 +32,17 @@ impl Room {
         }
     }
 
+    #[inline]
     pub fn touches(&self, other: &Room) -> bool {
         self.low.cmple(other.high).all() && other.low.cmple(self.high).all()
     }
 
+    #[inline]
     pub fn contains(&self, other: &Room) -> bool {
         self.low.cmple(other.low).all() && other.high.cmple(self.high).all()
     }
 
+    #[inline]
     pub fn aabb(&self) -> Aabb {
         Aabb::new(self.low, self.high)
     }
@@ -71,11 +76,13 @@ pub(crate) struct StillThings {
 
 impl StillThings {
     /// Grows with every change; 0 before the first `refresh`.
+    #[inline]
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
     /// The things by rising collider handle.
+    #[inline]
     pub fn things(&self) -> &[Still] {
         &self.things
     }
