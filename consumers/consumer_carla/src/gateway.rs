@@ -1,50 +1,28 @@
-//! What all calls share: the world as far as it is known, the way to the simulator, and what
-//! clients set that the simulator does not keep.
+//! What all calls share: the world as far as it is known, the way to the simulator, the streams,
+//! and what clients set that the simulator does not keep.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
-use crate::commander::Commander;
+use schema_frames::WorldInfo;
+
 use crate::feeds::Feeds;
 use crate::list;
-use crate::msgpack::Value;
+use crate::lock::lock;
 use crate::recorder::Recorder;
-use crate::rpc::managers::TrafficManager;
-use crate::rpc::session::Settings;
-use crate::stream;
-use crate::world::World;
+use crate::state::commander::Commander;
+use crate::state::known_world::World;
+use crate::state::navigation_file::NavigationFiles;
+use crate::state::settings::Settings;
+use crate::state::traffic_managers::TrafficManagers;
+use crate::v2x::V2x;
+use crate::wire::msgpack::Value;
+use crate::wire::requests::Failure;
+use crate::wire::streams;
 
-/// The version this gateway speaks; clients compare it with theirs.
-pub const CARLA_VERSION: &str = "0.9.16";
-
-/// What a call gives back.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Answer {
-    /// A value in a response record.
-    Value(Value),
-    /// Success without a value.
-    Void,
-    /// A value without a record round it.
-    Bare(Value),
-}
-
-/// Why a call failed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Failure {
-    /// A sentence for the script.
-    Refused(String),
-    /// There is no such method.
-    Unknown(String),
-}
-
-impl From<String> for Failure {
-    fn from(error: String) -> Self {
-        Failure::Refused(error)
-    }
-}
-
-/// Result of a call.
-pub type Outcome = Result<Answer, Failure>;
+/// Longest wait for `world/info` when the gateway has just started.
+const SETTLE: Duration = Duration::from_secs(5);
 
 /// Everything that calls need.
 #[derive(Debug)]
@@ -52,21 +30,18 @@ pub struct Gateway {
     pub(crate) world: Arc<World>,
     pub(crate) commander: Commander,
     pub(crate) feeds: Arc<Feeds>,
-    /// Held while a step is asked for: when the last one was answered, `CLOCK_MONOTONIC`.
-    pub(crate) last_step_nanos: Mutex<u64>,
-    /// Connections whose clients step the world.
-    drivers: Mutex<BTreeSet<u64>>,
-    pub(crate) settings: Mutex<Settings>,
-    pub(crate) navigation: Mutex<crate::rpc::files::NavigationFile>,
+    pub(crate) v2x: V2x,
     /// Recorder and replayer.
     pub recorder: Recorder,
+    /// Held while a step is asked for: when the last one was answered, `CLOCK_MONOTONIC`.
+    pub(crate) last_step_nanos: Mutex<u64>,
+    pub(crate) settings: Mutex<Settings>,
+    pub(crate) navigation: NavigationFiles,
+    pub(crate) traffic_managers: TrafficManagers,
     pub(crate) stream_port: u16,
-    pub(crate) traffic_managers: Mutex<BTreeMap<u16, TrafficManager>>,
+    /// Connections whose clients step the world.
+    drivers: Mutex<BTreeSet<u64>>,
     said: Mutex<BTreeSet<String>>,
-}
-
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Gateway {
@@ -81,13 +56,14 @@ impl Gateway {
             world,
             commander,
             feeds,
-            last_step_nanos: Mutex::default(),
-            drivers: Mutex::default(),
-            settings: Mutex::default(),
-            navigation: Mutex::default(),
+            v2x: V2x::default(),
             recorder: Recorder::default(),
+            last_step_nanos: Mutex::default(),
+            settings: Mutex::default(),
+            navigation: NavigationFiles::default(),
+            traffic_managers: TrafficManagers::default(),
             stream_port,
-            traffic_managers: Mutex::default(),
+            drivers: Mutex::default(),
             said: Mutex::default(),
         }
     }
@@ -95,17 +71,18 @@ impl Gateway {
     /// After each snapshot, before clients see it.
     pub fn after_snapshot(&self) {
         self.recorder.step(&self.world, &self.commander);
-        self.feeds.v2x.step(&self.world, &self.commander);
+        self.v2x
+            .step(&self.world, &self.commander, self.feeds.stations());
     }
 
     /// Forgets a connection: a Traffic Manager whose process has ended would make later clients
     /// wait for it, and a world whose driver has
     /// ended may have to go on by itself.
     pub fn closed(&self, connection: u64) {
-        if let Some(place) = self.feeds.streams().retire(connection) {
+        if let Some(place) = self.feeds.world_stream().retire(connection) {
             place.leave();
         }
-        lock(&self.traffic_managers).retain(|_, manager| manager.connection != connection);
+        self.traffic_managers.forget(connection);
         let mut drivers = lock(&self.drivers);
         if drivers.remove(&connection) && drivers.is_empty() {
             tracing::info!(
@@ -122,6 +99,16 @@ impl Gateway {
         }
     }
 
+    /// `world/info`, which may still be on its way when the gateway has just started.
+    pub(crate) fn info(&self) -> Result<WorldInfo, Failure> {
+        let info = self.world.wait_for(SETTLE, |known| known.info.clone());
+        info.ok_or_else(|| {
+            Failure::Refused(
+                "no simulator runs on this domain; start one with `gantry up`".to_owned(),
+            )
+        })
+    }
+
     /// Says once per run that a call is accepted and does nothing.
     pub(crate) fn no_effect(&self, what: &str) {
         if lock(&self.said).insert(what.to_owned()) {
@@ -131,11 +118,11 @@ impl Gateway {
 
     /// Where a stream is.
     pub(crate) fn token(&self, stream: u32) -> Value {
-        list![Value::Bin(stream::token(stream, self.stream_port))]
+        list![Value::Bin(streams::token(stream, self.stream_port))]
     }
 
     /// Where a client's world stream is.
     pub(crate) fn world_token(&self, connection: u64) -> Value {
-        self.token(self.feeds.streams().stream_of(connection))
+        self.token(self.feeds.world_stream().stream_of(connection))
     }
 }

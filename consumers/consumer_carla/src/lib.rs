@@ -7,21 +7,22 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod axes;
-pub mod blueprints;
-pub mod commander;
-pub mod episode;
+mod lock;
+pub mod wire;
+
+pub mod state;
+
 pub mod feeds;
-pub mod fields;
-pub mod gateway;
-pub mod msgpack;
-pub mod navigation;
-pub mod recorder;
-pub mod relay;
-pub mod rpc;
-pub mod sensors;
-pub mod server;
-pub mod shapes;
-pub mod stream;
+
+pub mod spawn;
 pub mod v2x;
-pub mod world;
+
+pub mod recorder;
+
+pub mod gateway;
+
+pub mod rpc;
+
+pub mod follower;
+pub mod rpc_server;
+pub mod stream_server;

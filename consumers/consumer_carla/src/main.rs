@@ -9,7 +9,10 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
-use consumer_carla::{commander, feeds, gateway::Gateway, server, stream, world};
+use consumer_carla::feeds::Feeds;
+use consumer_carla::gateway::Gateway;
+use consumer_carla::state::{commander, known_world::World};
+use consumer_carla::{follower, rpc_server, stream_server};
 use launch_cli::{CommonArgs, Exit, Shutdown, run};
 
 /// Lets unmodified CARLA 0.9.16 clients look at the world on the bus and drive in it.
@@ -60,13 +63,9 @@ fn listen(bind: IpAddr, port: u16) -> anyhow::Result<(TcpListener, u16)> {
 fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let (calls, port) = listen(args.bind, args.port)?;
     let (listener, stream_port) = listen(args.bind, if args.port == 0 { 0 } else { port + 1 })?;
-    let (world, streams, stop) = (
-        Arc::new(world::World::default()),
-        Arc::new(stream::Streams::default()),
-        Arc::new(AtomicBool::new(false)),
-    );
+    let (world, stop) = (Arc::new(World::default()), Arc::new(AtomicBool::new(false)));
     let (commander, work) = commander::commander();
-    let feeds = Arc::new(feeds::Feeds::new(world.clone(), streams.clone()));
+    let feeds = Arc::new(Feeds::new(world.clone()));
     feeds.join(schema_bus::Bus::open(
         &args.common.domain,
         "gantry-carla-sensors",
@@ -80,30 +79,24 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     if let Some(data) = &args.data {
         gateway.recorder.keep_in(data.clone());
     }
-    let weak = Arc::downgrade(&gateway);
-    world.after_each_snapshot(move || {
-        if let Some(gateway) = weak.upgrade() {
-            gateway.after_snapshot();
-        }
-    });
     let domain = args.common.domain.clone();
-    let (here, there, flag) = (world.clone(), streams.clone(), stop.clone());
+    let (here, flag) = (gateway.clone(), stop.clone());
     let follower = std::thread::Builder::new()
         .name("world".into())
-        .spawn(move || world::follow(&domain, &here, &there, &flag))?;
+        .spawn(move || follower::follow(&domain, &here, &flag))?;
     let domain = args.common.domain.clone();
-    let (here, flag) = (world.clone(), stop.clone());
+    let flag = stop.clone();
     let talker = std::thread::Builder::new()
         .name("commands".into())
-        .spawn(move || commander::run(&domain, &here, &work, &flag))?;
+        .spawn(move || commander::run(&domain, &world, &work, &flag))?;
     // These two wait for clients until the process ends; they hold nothing on the bus.
     std::thread::Builder::new().name("streams".into()).spawn({
         let feeds = feeds.clone();
-        move || stream::serve(&listener, &streams, &feeds)
+        move || stream_server::serve(&listener, &feeds)
     })?;
     std::thread::Builder::new()
         .name("calls".into())
-        .spawn(move || server::serve(&calls, &gateway))?;
+        .spawn(move || rpc_server::serve(&calls, &gateway))?;
     println!(
         "listening on {0}:{port}, streams on {0}:{stream_port}",
         args.bind

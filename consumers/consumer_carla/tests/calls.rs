@@ -3,15 +3,14 @@
 
 use std::sync::Arc;
 
-use consumer_carla::commander::commander;
 use consumer_carla::feeds::Feeds;
-use consumer_carla::gateway::{Answer, Failure, Gateway};
+use consumer_carla::gateway::Gateway;
 use consumer_carla::list;
-use consumer_carla::msgpack::Value;
 use consumer_carla::rpc;
-use consumer_carla::server::{Request, response};
-use consumer_carla::stream::Streams;
-use consumer_carla::world::World;
+use consumer_carla::state::commander::commander;
+use consumer_carla::state::known_world::World;
+use consumer_carla::wire::msgpack::Value;
+use consumer_carla::wire::requests::{Answer, Failure, Request, response};
 use schema_frames::WorldInfo;
 use schema_frames::document::{StepMode, Weather};
 
@@ -34,17 +33,18 @@ fn gateway() -> Gateway {
         cpu_copies: 0,
     };
     world.change(|known| known.info = Some(info));
-    let (world, streams) = (Arc::new(world), Arc::new(Streams::default()));
+    let world = Arc::new(world);
     Gateway::new(
         world.clone(),
         commander().0,
-        Arc::new(Feeds::new(world, streams)),
+        Arc::new(Feeds::new(world)),
         2001,
     )
 }
 
 fn call(gateway: &Gateway, method: &str, args: Vec<Value>) -> Result<Answer, Failure> {
-    gateway.call(
+    rpc::serve(
+        gateway,
         1,
         &Request {
             id: 1,

@@ -3,7 +3,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use consumer_carla::{blueprints, rpc, sensors};
+use consumer_carla::rpc;
+use consumer_carla::state::blueprints;
+use consumer_carla::wire::sensor_kinds;
 
 /// What a row may say.
 const VERDICTS: &[&str] = &["works", "differs", "no effect", "not there"];
@@ -45,7 +47,7 @@ fn rows(document: &str, chapter: &str) -> BTreeMap<String, String> {
 #[test]
 fn every_call_of_the_client_has_a_row_that_says_whether_it_is_served() {
     let rows = rows(&document(), "Calls");
-    let known: BTreeSet<&str> = rpc::catalogue::CATALOGUE
+    let known: BTreeSet<&str> = rpc::client_methods::BY_AREA
         .iter()
         .flat_map(|(_, methods)| *methods)
         .copied()
@@ -81,10 +83,10 @@ fn every_command_of_a_batch_has_a_row_that_says_whether_it_is_run() {
 #[test]
 fn every_sensor_has_a_row_that_says_whether_it_is_there() {
     let rows = rows(&document(), "Sensors");
-    let kinds = sensors::KINDS
+    let kinds = sensor_kinds::KINDS
         .iter()
         .map(|kind| kind.type_id)
-        .chain(sensors::CLIENT_SIDE.iter().copied());
+        .chain(sensor_kinds::CLIENT_SIDE.iter().copied());
     let there: BTreeSet<&str> = kinds.collect();
     let listed: BTreeSet<&str> = rows
         .iter()
@@ -131,7 +133,10 @@ fn every_attribute_of_a_sensor_has_exactly_one_row_that_says_what_it_does() {
             };
             sensors == "all" || quoted(sensors).iter().any(matches)
         };
-        for kind in sensors::KINDS.iter().filter(|kind| is_meant(kind.type_id)) {
+        for kind in sensor_kinds::KINDS
+            .iter()
+            .filter(|kind| is_meant(kind.type_id))
+        {
             for name in quoted(names) {
                 *listed.entry((kind.type_id.to_owned(), name)).or_default() += 1;
             }
@@ -141,7 +146,7 @@ fn every_attribute_of_a_sensor_has_exactly_one_row_that_says_what_it_does() {
         blueprints::sensor_attributes(type_id)
             .map(move |name| (type_id.to_owned(), name.to_owned()))
     };
-    let there: BTreeSet<(String, String)> = sensors::KINDS
+    let there: BTreeSet<(String, String)> = sensor_kinds::KINDS
         .iter()
         .flat_map(|kind| has(kind.type_id))
         .collect();

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use consumer_carla::axes::Transform;
-use consumer_carla::fields::{Attribute, Description};
 use consumer_carla::list;
-use consumer_carla::msgpack::{self, Limits, Value};
 use consumer_carla::recorder::changes::{Changes, StreetLight};
 use consumer_carla::recorder::extra::Extra;
 use consumer_carla::recorder::file::{Born, Frame, Head, Light, MAGIC, Pedals, Recording, VERSION};
 use consumer_carla::recorder::report;
+use consumer_carla::wire::axes::Transform;
+use consumer_carla::wire::description::{Attribute, Description};
+use consumer_carla::wire::msgpack::{self, Limits, Value};
 use schema_frames::document::Weather;
 use schema_frames::{GearPhysics, VehiclePhysics, WheelPhysics};
 

@@ -7,14 +7,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use consumer_carla::commander::commander;
 use consumer_carla::feeds::Feeds;
 use consumer_carla::gateway::Gateway;
-use consumer_carla::msgpack::{self, Limits, Value};
 use consumer_carla::recorder::Recorder;
-use consumer_carla::stream::{Streams, WORLD_STREAM, WorldMessage};
-use consumer_carla::world::World;
-use consumer_carla::{list, rpc, server, stream};
+use consumer_carla::state::commander::commander;
+use consumer_carla::state::known_world::World;
+use consumer_carla::wire::msgpack::{self, Limits, Value};
+use consumer_carla::wire::streams::{StreamMessage, WORLD_STREAM};
+use consumer_carla::{list, rpc, rpc_server, stream_server};
 
 const CASES: usize = 10_000;
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -31,13 +31,9 @@ fn connect(port: u16) -> TcpStream {
     connection
 }
 
-/// Streams and feeds without a simulator.
-fn streams() -> (Arc<Streams>, Arc<Feeds>) {
-    let streams = Arc::new(Streams::default());
-    (
-        streams.clone(),
-        Arc::new(Feeds::new(Arc::new(World::default()), streams)),
-    )
+/// Streams without a simulator.
+fn feeds() -> Arc<Feeds> {
+    Arc::new(Feeds::new(Arc::new(World::default())))
 }
 
 /// A call as clients write it, for a method that needs no simulator.
@@ -92,7 +88,7 @@ fn request(rng: &mut fastrand::Rng, methods: &[&str]) -> Vec<u8> {
 
 #[test]
 fn broken_requests_end_their_connection_and_nothing_else() {
-    let ((listener, port), (_, feeds)) = (listener(), streams());
+    let ((listener, port), feeds) = (listener(), feeds());
     let data = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sockets");
     let gateway = Arc::new(Gateway::new(
         Arc::new(World::default()),
@@ -101,7 +97,7 @@ fn broken_requests_end_their_connection_and_nothing_else() {
         1,
     ));
     gateway.recorder.keep_in(data.clone());
-    std::thread::spawn(move || server::serve(&listener, &gateway));
+    std::thread::spawn(move || rpc_server::serve(&listener, &gateway));
     // Those that ask a simulator would only take time.
     let quick = ["show_recorder_file_info", "start_recorder"];
     let methods: Vec<&str> = rpc::methods()
@@ -175,10 +171,11 @@ fn no_name_of_a_recording_leads_out_of_the_folder() {
 
 #[test]
 fn odd_handshakes_cost_a_listener_nothing() {
-    let ((listener, port), (streams, feeds)) = (listener(), streams());
-    let serving = (streams.clone(), feeds);
-    std::thread::spawn(move || stream::serve(&listener, &serving.0, &serving.1));
-    let message = |tick: u64| WorldMessage {
+    let ((listener, port), feeds) = (listener(), feeds());
+    let serving = feeds.clone();
+    std::thread::spawn(move || stream_server::serve(&listener, &serving));
+    let streams = feeds.world_stream();
+    let message = |tick: u64| StreamMessage {
         tick,
         bytes: vec![tick as u8; 9].into(),
     };
@@ -227,10 +224,11 @@ fn odd_handshakes_cost_a_listener_nothing() {
 /// Who loads a world hears no more of the old one meanwhile, and others do.
 #[test]
 fn a_load_silences_one_clients_world_stream() {
-    let ((listener, port), (streams, feeds)) = (listener(), streams());
-    let serving = (streams.clone(), feeds);
-    std::thread::spawn(move || stream::serve(&listener, &serving.0, &serving.1));
-    let message = |tick: u64| WorldMessage {
+    let ((listener, port), feeds) = (listener(), feeds());
+    let serving = feeds.clone();
+    std::thread::spawn(move || stream_server::serve(&listener, &serving));
+    let streams = feeds.world_stream();
+    let message = |tick: u64| StreamMessage {
         tick,
         bytes: vec![tick as u8; 9].into(),
     };

@@ -1,17 +1,14 @@
 //! What a recording has beside motion when it was started with `additional_data`.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 use schema_frames::{ActorRecord, BodyBox};
 
-use super::file::each;
-use super::report::{ROOM, centimetres, round};
-use crate::axes;
-use crate::fields::{Fields, Wrong};
 use crate::list;
-use crate::msgpack::Value;
-use crate::world::Known;
+use crate::state::known_world::Known;
+use crate::wire::axes;
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::msgpack::Value;
 
 /// Middle and half sizes of a box in its actor's axes, metres.
 pub type ActorBox = [[f64; 3]; 2];
@@ -81,7 +78,7 @@ impl Extra {
         let boxes = read_boxes(fields, "a box")?;
         let triggers = read_boxes(fields, "a trigger volume")?;
         let mut light_times = BTreeMap::new();
-        for mut light in each(fields, "times of a light")? {
+        for mut light in fields.each("times of a light")? {
             light_times.insert(light.u32()?, [light.f32()?, light.f32()?, light.f32()?]);
         }
         Ok(Extra {
@@ -91,42 +88,6 @@ impl Extra {
             platform_secs: fields.optional_f64()?,
         })
     }
-
-    /// CARLA's lines about it.
-    pub(super) fn tell(&self, out: &mut String) {
-        let Some(platform_secs) = self.platform_secs else {
-            return;
-        };
-        for (title, boxes) in [
-            ("bounding boxes", &self.boxes),
-            ("trigger volumes", &self.triggers),
-        ] {
-            writeln!(out, " Actor {title}: {}", boxes.len()).expect(ROOM);
-            for (id, [origin_m, half_m]) in boxes {
-                writeln!(
-                    out,
-                    "  Id: {id} origin: {} extension: {}",
-                    centimetres(*origin_m),
-                    centimetres(*half_m)
-                )
-                .expect(ROOM);
-            }
-        }
-        writeln!(out, " Current platform time: {}", round(platform_secs)).expect(ROOM);
-        writeln!(
-            out,
-            " Traffic Light time events: {}",
-            self.light_times.len()
-        )
-        .expect(ROOM);
-        for (id, [green, yellow, red]) in &self.light_times {
-            writeln!(
-                out,
-                "  Id: {id} green_time: {green} yellow_time: {yellow} red_time: {red}"
-            )
-            .expect(ROOM);
-        }
-    }
 }
 
 fn read_boxes(
@@ -134,7 +95,7 @@ fn read_boxes(
     what: &'static str,
 ) -> Result<BTreeMap<u32, ActorBox>, Wrong> {
     let mut boxes = BTreeMap::new();
-    for mut one in each(fields, what)? {
+    for mut one in fields.each(what)? {
         let id = one.u32()?;
         let mut three = || Ok::<_, Wrong>([one.f64()?, one.f64()?, one.f64()?]);
         boxes.insert(id, [three()?, three()?]);

@@ -7,12 +7,13 @@ use std::collections::BTreeMap;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-use super::changes::Changes;
-use super::extra::Extra;
-use crate::axes::Transform;
-use crate::fields::{Description, Fields, Wrong};
 use crate::list;
-use crate::msgpack::{self, DecodeError, Limits, Value};
+use crate::recorder::changes::Changes;
+use crate::recorder::extra::Extra;
+use crate::wire::axes::Transform;
+use crate::wire::description::Description;
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::msgpack::{self, DecodeError, Limits, Value};
 
 /// First field of the head.
 pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
@@ -201,7 +202,7 @@ impl Frame {
             delta_secs: fields.f64()?,
             ..Frame::default()
         };
-        for mut born in each(fields, "an actor")? {
+        for mut born in fields.each("an actor")? {
             let (id, parent, description) = (born.u32()?, born.u32()?, born.description()?);
             let at = place(&mut born.fields("a place")?)?;
             frame.born.push(Born {
@@ -216,10 +217,10 @@ impl Frame {
         for _ in gone {
             frame.gone.push(ids.u32()?);
         }
-        for mut pose in each(fields, "a pose")? {
+        for mut pose in fields.each("a pose")? {
             frame.poses.insert(pose.u32()?, place(&mut pose)?);
         }
-        for mut given in each(fields, "a control")? {
+        for mut given in fields.each("a control")? {
             let id = given.u32()?;
             let (steer, throttle, brake) = (given.f32()?, given.f32()?, given.f32()?);
             frame.pedals.insert(
@@ -233,7 +234,7 @@ impl Frame {
                 },
             );
         }
-        for mut light in each(fields, "a light")? {
+        for mut light in fields.each("a light")? {
             let id = light.u32()?;
             frame.lights.insert(
                 id,
@@ -244,16 +245,16 @@ impl Frame {
                 },
             );
         }
-        for mut pair in each(fields, "a collision")? {
+        for mut pair in fields.each("a collision")? {
             frame.collisions.push((pair.u32()?, pair.u32()?));
         }
-        for mut walker in each(fields, "a gait")? {
+        for mut walker in fields.each("a gait")? {
             frame.gaits.insert(walker.u32()?, walker.f32()?);
         }
-        for mut vehicle in each(fields, "lamps")? {
+        for mut vehicle in fields.each("lamps")? {
             frame.lamps.insert(vehicle.u32()?, vehicle.u32()?);
         }
-        for mut motion in each(fields, "a motion")? {
+        for mut motion in fields.each("a motion")? {
             let id = motion.u32()?;
             let mut three = || Ok::<_, Wrong>([motion.f64()?, motion.f64()?, motion.f64()?]);
             frame.motions.insert(id, [three()?, three()?]);
@@ -266,16 +267,6 @@ impl Frame {
         }
         Ok(frame)
     }
-}
-
-/// The fields of every item of a list.
-pub(super) fn each<'v>(
-    fields: &mut Fields<'v>,
-    what: &'static str,
-) -> Result<Vec<Fields<'v>>, Wrong> {
-    let items = fields.list()?;
-    let mut all = Fields::new(what, items);
-    items.iter().map(|_| all.fields(what)).collect()
 }
 
 fn place(fields: &mut Fields<'_>) -> Result<Transform, Wrong> {

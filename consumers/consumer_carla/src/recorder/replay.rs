@@ -12,15 +12,14 @@ use schema_frames::{
 };
 use schema_types::Pose;
 
-use super::Settings;
-use super::changes;
-use super::file::{Born, Frame, Pedals, Recording};
-use crate::axes::{self, Transform};
-use crate::commander::Commander;
-use crate::rpc::spawning::spawn_command;
-use crate::rpc::vehicles::LAMPS;
-use crate::sensors;
-use crate::world::Known;
+use crate::recorder::file::{Born, Frame, Pedals, Recording};
+use crate::recorder::replay_changes::{bring_about, hold, let_go};
+use crate::spawn::spawn_command;
+use crate::state::commander::Commander;
+use crate::state::known_world::Known;
+use crate::wire::axes::{self, Transform};
+use crate::wire::sensor_kinds;
+use crate::wire::structures::LAMPS;
 
 /// Above this factor poses are not interpolated, as in CARLA.
 const MAX_SMOOTH_FACTOR: f64 = 2.0;
@@ -28,6 +27,17 @@ const MAX_SMOOTH_FACTOR: f64 = 2.0;
 /// below, something may still be in the way.
 const MAKE_ABOVE_M: f64 = 200.0;
 const MAKE_APART_M: f64 = 6.0;
+
+/// What the next replay is told by calls of its own.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// Recorded seconds per simulated second.
+    pub time_factor: f64,
+    /// Whether recorded heroes are left out.
+    pub ignore_hero: bool,
+    /// Whether the spectator stays where it is.
+    pub ignore_spectator: bool,
+}
 
 /// What `replay_file` asks for.
 #[derive(Clone, Copy, Debug)]
@@ -81,7 +91,7 @@ fn is_played(type_id: &str) -> bool {
 
 /// Whether it is a sensor that the gateway can make.
 fn is_sensor(type_id: &str) -> bool {
-    sensors::kind(type_id).is_some() || sensors::CLIENT_SIDE.contains(&type_id)
+    sensor_kinds::kind(type_id).is_some() || sensor_kinds::CLIENT_SIDE.contains(&type_id)
 }
 
 impl Replay {
@@ -211,7 +221,7 @@ impl Replay {
             }
         }
         let now_of = |id: u32| self.ids.get(&id).copied().filter(|_| !self.is_ignored(id));
-        frame.changes.replay(now_of, commander);
+        bring_about(&frame.changes, now_of, commander);
     }
 
     /// Makes an actor anew: high above its place, or on the actor on which it rode.
@@ -271,7 +281,7 @@ impl Replay {
             let Some(at) = place(&id) else { continue };
             if let Some(bones) = frame.changes.bones.get(&id) {
                 self.posed.insert(now);
-                changes::hold(now, bones, commander);
+                hold(now, bones, commander);
             }
             if let Some(gait_mps) = frame.gaits.get(&id).filter(|_| is_upright(&at)) {
                 self.led.insert(now);
@@ -366,7 +376,7 @@ impl Replay {
             }
         }
         for actor_id in std::mem::take(&mut self.posed) {
-            changes::let_go(actor_id, commander);
+            let_go(actor_id, commander);
         }
         for actor_id in std::mem::take(&mut self.led) {
             let control = WalkerControl {

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use super::file::{Frame, Light, Pedals, Recording};
-use crate::fields::Description;
-
-pub(super) const ROOM: &str = "a text always has room";
+use crate::recorder::file::Recording;
+use crate::recorder::report_details::details;
+use crate::recorder::text::{ROOM, centimetres, round};
+use crate::wire::description::Description;
 
 fn opening(recording: &Recording) -> String {
     format!(
@@ -23,18 +23,6 @@ fn closing(out: &mut String, recording: &Recording) {
         round(recording.duration_secs())
     )
     .expect(ROOM);
-}
-
-/// CARLA's texts give places in centimetres.
-pub(super) fn centimetres(location_m: [f64; 3]) -> String {
-    let [x, y, z] = location_m.map(|metres| (metres * 1e3).round() / 10.0 + 0.0);
-    format!("({x}, {y}, {z})")
-}
-
-/// Unreal's axes: degrees about x, y, z.
-pub(super) fn turn(rotation_deg: [f64; 3]) -> String {
-    let [pitch, yaw, roll] = rotation_deg.map(|degrees| (degrees * 1e4).round() / 1e4 + 0.0);
-    format!("({roll}, {pitch}, {yaw})")
 }
 
 /// CARLA's number of a family of actors.
@@ -104,103 +92,6 @@ pub fn info(recording: &Recording, all: bool) -> String {
     closing(&mut out, recording);
     out
 }
-
-/// To a microsecond, without the noise of binary fractions.
-pub(super) fn round(secs: f64) -> f64 {
-    (secs * 1e6).round() / 1e6
-}
-
-fn details(out: &mut String, frame: &Frame) {
-    writeln!(out, " Positions: {}", frame.poses.len()).expect(ROOM);
-    for (id, at) in &frame.poses {
-        writeln!(
-            out,
-            "  Id: {id} Location: {} Rotation: {}",
-            centimetres(at.location_m),
-            turn(at.rotation_deg)
-        )
-        .expect(ROOM);
-    }
-    writeln!(out, " State traffic lights: {}", frame.lights.len()).expect(ROOM);
-    for (id, light) in &frame.lights {
-        let Light {
-            state,
-            frozen,
-            elapsed_secs,
-        } = light;
-        writeln!(
-            out,
-            "  Id: {id} state: {state} frozen: {} elapsedTime: {elapsed_secs}",
-            u8::from(*frozen)
-        )
-        .expect(ROOM);
-    }
-    writeln!(out, " Vehicle animations: {}", frame.pedals.len()).expect(ROOM);
-    for (id, p) in &frame.pedals {
-        let Pedals {
-            steer,
-            throttle,
-            brake,
-            hand_brake,
-            gear,
-        } = p;
-        let hand_brake = u8::from(*hand_brake);
-        writeln!(out, "  Id: {id} Steering: {steer} Throttle: {throttle} Brake: {brake} Handbrake: {hand_brake} Gear: {gear}").expect(ROOM);
-    }
-    writeln!(out, " Walker animations: {}", frame.gaits.len()).expect(ROOM);
-    frame
-        .gaits
-        .iter()
-        .for_each(|(id, mps)| writeln!(out, "  Id: {id} speed: {}", mps * 100.0).expect(ROOM));
-    writeln!(out, " Vehicle light animations: {}", frame.lamps.len()).expect(ROOM);
-    for (id, bits) in &frame.lamps {
-        let on: Vec<&str> = LAMPS
-            .iter()
-            .enumerate()
-            .filter(|(bit, _)| bits >> bit & 1 != 0)
-            .map(|(_, name)| *name)
-            .collect();
-        writeln!(
-            out,
-            "  Id: {id} {}",
-            if on.is_empty() {
-                "None".to_owned()
-            } else {
-                on.join(" ")
-            }
-        )
-        .expect(ROOM);
-    }
-    if !frame.motions.is_empty() {
-        writeln!(out, " Dynamic actors: {}", frame.motions.len()).expect(ROOM);
-    }
-    for (id, [velocity_mps, turning_deg]) in &frame.motions {
-        let [x, y, z] = turning_deg;
-        let velocity = centimetres(*velocity_mps);
-        writeln!(
-            out,
-            "  Id: {id} linear_velocity: {velocity} angular_velocity: ({x:.4}, {y:.4}, {z:.4})"
-        )
-        .expect(ROOM);
-    }
-    frame.extra.tell(out);
-    frame.changes.tell(out);
-}
-
-/// Names of vehicles' lamps by their bits.
-const LAMPS: [&str; 11] = [
-    "Position",
-    "LowBeam",
-    "HighBeam",
-    "Brake",
-    "RightBlinker",
-    "LeftBlinker",
-    "Reverse",
-    "Fog",
-    "Interior",
-    "Special1",
-    "Special2",
-];
 
 /// CARLA's letter of what an actor is: vehicle, walker, traffic light, other.
 fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {

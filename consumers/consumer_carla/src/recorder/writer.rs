@@ -10,12 +10,13 @@ use consumer_kit::WorldAt;
 use schema_frames::scenery::LampChange;
 use schema_frames::{ActorKind, ActorRecord};
 
-use super::changes::{Changes, StreetLight, Wanted, Watch};
-use super::file::{Born, Frame, Head, Light, Pedals, VERSION};
-use crate::axes;
-use crate::blueprints;
-use crate::fields::{Attribute, Description};
-use crate::world::Known;
+use crate::recorder::changes::{Changes, StreetLight};
+use crate::recorder::file::{Born, Frame, Head, Light, Pedals, VERSION};
+use crate::recorder::watch::{Wanted, Watch};
+use crate::state::blueprints;
+use crate::state::known_world::Known;
+use crate::wire::axes;
+use crate::wire::description::{Attribute, Description};
 
 /// Bodies nearer than this count as touching when both report a contact, metres.
 const TOUCH_M: f64 = 0.3;
@@ -136,7 +137,7 @@ impl Writer {
         mut changes: Changes,
     ) -> Result<(), String> {
         let header = &snapshot.header;
-        let episode = crate::episode::episode_id(header);
+        let episode = crate::wire::world_message::episode_id(header);
         if *self.episode.get_or_insert(episode) != episode {
             return Err("another map was loaded".to_owned());
         }

@@ -1,13 +1,14 @@
 //! Calls that are answered and change nothing, because Gantry has nothing that they could change.
 //! Each is logged once.
 
-use crate::axes::{self, Transform};
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::gateway::Gateway;
 use crate::list;
-use crate::msgpack::Value;
-use crate::rpc::{Call, Calls};
-use crate::shapes;
-use crate::stream;
+use crate::rpc::call::{Call, Calls};
+use crate::wire::axes::{self, Transform};
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{Answer, Failure, Outcome};
+use crate::wire::streams;
+use crate::wire::structures;
 
 /// Standard gravity; it cannot be changed.
 const GRAVITY_MPS2: f32 = 9.81;
@@ -19,48 +20,45 @@ const BUFFERS_OF_CAMERA: u32 = 16;
 
 pub(crate) const CALLS: Calls = &[
     // Scenery.
-    ("set_annotations_traverse_translucency", Gateway::accept),
-    ("apply_color_texture_to_objects", Gateway::accept),
-    ("apply_float_color_texture_to_objects", Gateway::accept),
+    ("set_annotations_traverse_translucency", accept),
+    ("apply_color_texture_to_objects", accept),
+    ("apply_float_color_texture_to_objects", accept),
     ("get_imui_gravity", |_, _| {
         Ok(Answer::Value(GRAVITY_MPS2.into()))
     }),
-    ("set_imui_gravity", Gateway::accept),
+    ("set_imui_gravity", accept),
     // Parts of actors.
-    ("set_actor_dead", Gateway::accept),
-    (
-        "get_actor_component_world_transform",
-        Gateway::component_in_world,
-    ),
+    ("set_actor_dead", accept),
+    ("get_actor_component_world_transform", component_in_world),
     ("get_actor_component_relative_transform", |gateway, call| {
-        gateway.known_actor(call)?;
-        Ok(Answer::Value(shapes::transform(&Transform::default())))
+        call.known_actor(gateway)?;
+        Ok(Answer::Value(structures::transform(&Transform::default())))
     }),
-    ("get_actor_component_names", Gateway::no_parts),
-    ("get_actor_socket_names", Gateway::no_parts),
-    ("get_actor_socket_world_transforms", Gateway::no_parts),
-    ("get_actor_socket_relative_transforms", Gateway::no_parts),
-    ("get_vehicle_bone_world_transforms", Gateway::no_parts),
+    ("get_actor_component_names", no_parts),
+    ("get_actor_socket_names", no_parts),
+    ("get_actor_socket_world_transforms", no_parts),
+    ("get_actor_socket_relative_transforms", no_parts),
+    ("get_vehicle_bone_world_transforms", no_parts),
     // Other simulators of vehicles.
-    ("enable_carsim", Gateway::accept),
-    ("use_carsim_road", Gateway::accept),
-    ("enable_chrono_physics", Gateway::accept),
-    ("restore_physx_physics", Gateway::accept),
+    ("enable_carsim", accept),
+    ("use_carsim_road", accept),
+    ("enable_chrono_physics", accept),
+    ("restore_physx_physics", accept),
     // Other outlets of sensors.
-    ("enable_sensor_for_ros", Gateway::accept),
-    ("disable_sensor_for_ros", Gateway::accept),
+    ("enable_sensor_for_ros", accept),
+    ("disable_sensor_for_ros", accept),
     ("is_sensor_enabled_for_ros", |_, _| {
         Ok(Answer::Value(false.into()))
     }),
-    ("send", Gateway::send_custom),
-    ("set_ignored_vehicles", Gateway::accept),
-    ("enable_gbuffers", Gateway::accept),
+    ("send", send_custom),
+    ("set_ignored_vehicles", accept),
+    ("enable_gbuffers", accept),
     ("are_gbuffers_enabled", |_, _| {
         Ok(Answer::Value(false.into()))
     }),
     ("get_gbuffer_token", |gateway, call| {
         let silent = silent_stream(call.u32()?, call.u32()?);
-        Ok(Answer::Value(Value::Bin(stream::token(
+        Ok(Answer::Value(Value::Bin(streams::token(
             silent,
             gateway.stream_port,
         ))))
@@ -76,37 +74,34 @@ fn silent_stream(camera: u32, buffer: u32) -> u32 {
     SILENT_STREAMS | number & (SILENT_STREAMS - 1)
 }
 
-impl Gateway {
-    fn accept(&self, call: &mut Call<'_>) -> Outcome {
-        self.no_effect(call.method);
-        Ok(Answer::Void)
-    }
+fn accept(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    gateway.no_effect(call.method);
+    Ok(Answer::Void)
+}
 
-    /// A text on the air.
-    fn send_custom(&self, call: &mut Call<'_>) -> Outcome {
-        let station = self.known_actor(call)?;
-        self.feeds.v2x.send(station, call.text()?)?;
-        Ok(Answer::Void)
-    }
+/// A text on the air.
+fn send_custom(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let station = call.known_actor(gateway)?;
+    gateway.v2x.send(station, call.text()?)?;
+    Ok(Answer::Void)
+}
 
-    /// Actors are of one piece.
-    fn no_parts(&self, call: &mut Call<'_>) -> Outcome {
-        self.known_actor(call)?;
-        Ok(Answer::Value(list![]))
-    }
+/// Actors are of one piece.
+fn no_parts(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    call.known_actor(gateway)?;
+    Ok(Answer::Value(list![]))
+}
 
-    /// The one piece is where its actor is.
-    fn component_in_world(&self, call: &mut Call<'_>) -> Outcome {
-        let id = self.known_actor(call)?;
-        let snapshot = self.world.known().snapshot.clone();
-        let pose = snapshot.and_then(|at| {
-            at.actor(id)
-                .map(|record| axes::transform(&record.world_from_actor))
-        });
-        let pose =
-            pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
-        Ok(Answer::Value(shapes::transform(&pose)))
-    }
+/// The one piece is where its actor is.
+fn component_in_world(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let id = call.known_actor(gateway)?;
+    let snapshot = gateway.world.known().snapshot.clone();
+    let pose = snapshot.and_then(|at| {
+        at.actor(id)
+            .map(|record| axes::transform(&record.world_from_actor))
+    });
+    let pose = pose.ok_or_else(|| Failure::Refused(format!("actor {id} is in no snapshot yet")))?;
+    Ok(Answer::Value(structures::transform(&pose)))
 }
 
 #[cfg(test)]
@@ -122,12 +117,12 @@ mod tests {
         assert!(
             [1, u32::MAX]
                 .iter()
-                .all(|camera| !stream::is_world(silent_stream(*camera, 12)))
+                .all(|camera| !streams::is_world(silent_stream(*camera, 12)))
         );
         assert!(
             streams
                 .iter()
-                .all(|number| !stream::is_world(*number) && *number > 1_000_000)
+                .all(|number| !streams::is_world(*number) && *number > 1_000_000)
         );
     }
 }

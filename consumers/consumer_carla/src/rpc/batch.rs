@@ -1,54 +1,21 @@
 //! `apply_batch`: many commands in one call, with commands that follow a spawn.
 
-use schema_frames::{Attachment, Command, CommandReply, PhysicsAction, VehicleControlRecord};
+use schema_frames::{Attachment, Command, CommandReply, PhysicsAction};
 
-use crate::fields::{Description, Fields, Wrong};
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::gateway::Gateway;
 use crate::list;
-use crate::msgpack::Value;
-use crate::rpc::spawning::spawn_command;
-use crate::rpc::{Call, Calls};
-use crate::world::Own;
+use crate::rpc::batch_item::{Commands, Item};
+use crate::rpc::call::{Call, Calls};
+use crate::rpc::session::tick_cue;
+use crate::rpc::spawning::{remember, wait_until_seen};
+use crate::spawn::spawn_command;
+use crate::state::known_world::Own;
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Commands in one call.
 const MAX_COMMANDS: usize = 10_000;
-
-/// One command of a batch, read.
-pub(crate) enum Item<'v> {
-    /// For the simulator; `actor` is what the answer names.
-    Ask { actor: u32, command: Command },
-    /// A new actor, and what follows.
-    Spawn {
-        description: Description,
-        parent: u32,
-        command: Command,
-        then: &'v [Value],
-    },
-    /// A vehicle's control.
-    Control {
-        actor: u32,
-        record: VehicleControlRecord,
-    },
-    /// Accepted without effect.
-    Nothing {
-        actor: u32,
-        what: Option<&'static str>,
-    },
-}
-
-impl Item<'_> {
-    /// A command for the simulator.
-    pub(crate) fn ask(actor: u32, command: Command) -> Self {
-        Item::Ask { actor, command }
-    }
-}
-
-/// Reads the fields behind the actor's id of one kind of command.
-pub(crate) type Read = for<'v> fn(u32, &mut Fields<'v>) -> Result<Item<'v>, Wrong>;
-
-/// Commands of one area: their numbers on the wire, and what reads them. Each area's module has a
-/// table `BATCH`.
-pub(crate) type Commands = &'static [(u8, Read)];
 
 /// All areas.
 const AREAS: &[Commands] = &[
@@ -60,7 +27,7 @@ const AREAS: &[Commands] = &[
     super::traffic_lights::BATCH,
 ];
 
-pub(crate) const CALLS: Calls = &[("apply_batch", Gateway::apply_batch)];
+pub(crate) const CALLS: Calls = &[("apply_batch", apply_batch)];
 
 /// Names of all commands that clients can put in a batch, by their numbers on the wire.
 pub const NAMES: [&str; 22] = [
@@ -142,133 +109,135 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
 /// What came of one command: the actor's id, or a sentence.
 type Done = Result<u32, String>;
 
-impl Gateway {
-    fn apply_batch(&self, call: &mut Call<'_>) -> Outcome {
-        let (commands, do_tick) = (call.list()?, call.bool()?);
-        if commands.len() > MAX_COMMANDS {
-            return Err(Failure::Refused(format!(
-                "a batch has {} commands, at most {MAX_COMMANDS} are run; split it",
-                commands.len()
-            )));
-        }
-        let done = self.run_batch(commands.iter().map(|command| read(command, None)).collect());
-        if do_tick {
-            self.tick_cue(call.connection)?;
-        }
-        let answer = |done: Done| match done {
-            Ok(actor) => list![list![1u32, actor]],
-            Err(error) => list![list![0u32, list![error]]],
-        };
-        Ok(Answer::Bare(Value::Array(
-            done.into_iter().map(answer).collect(),
-        )))
+fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let (commands, do_tick) = (call.list()?, call.bool()?);
+    if commands.len() > MAX_COMMANDS {
+        return Err(Failure::Refused(format!(
+            "a batch has {} commands, at most {MAX_COMMANDS} are run; split it",
+            commands.len()
+        )));
     }
-
-    /// What becomes of a wish to destroy, once the simulator has answered.
-    fn destroyed(&self, actor: u32, answer: Result<(), String>) -> Done {
-        let went_along = self.world.change(|known| known.gone_along.remove(&actor));
-        match answer {
-            Ok(()) => self.world.change(|known| known.forget(actor)),
-            Err(error) if !went_along => return Err(error),
-            Err(_) => {}
-        }
-        Ok(actor)
+    let done = run_batch(
+        gateway,
+        commands.iter().map(|command| read(command, None)).collect(),
+    );
+    if do_tick {
+        tick_cue(gateway, call.connection)?;
     }
+    let answer = |done: Done| match done {
+        Ok(actor) => list![list![1u32, actor]],
+        Err(error) => list![list![0u32, list![error]]],
+    };
+    Ok(Answer::Bare(Value::Array(
+        done.into_iter().map(answer).collect(),
+    )))
+}
 
-    /// Runs the commands in order as one request, then what follows the spawns as another; controls
-    /// go out last.
-    fn run_batch(&self, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
-        let asked: Vec<Command> = items
-            .iter()
-            .filter_map(|item| match item {
-                Ok(Item::Ask { command, .. } | Item::Spawn { command, .. }) => {
-                    Some(command.clone())
-                }
-                _ => None,
-            })
-            .collect();
-        let answer = if asked.is_empty() {
-            Ok(Vec::new())
-        } else {
-            self.commander.ask(asked).map(|answer| answer.replies)
-        };
-        let (mut replies, lost) = match answer {
-            Ok(replies) => (replies.into_iter(), None),
-            Err(error) => (Vec::new().into_iter(), Some(error)),
-        };
-        let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
-        let mut reply = || match (&lost, replies.next()) {
-            (None, Some(CommandReply::Refused { error })) => Err(error),
-            (None, Some(reply)) => Ok(reply),
-            (lost, _) => Err(lost
-                .clone()
-                .unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
-        };
-        let done = items
-            .into_iter()
-            .map(|item| match item? {
-                Item::Ask {
-                    actor,
-                    command: Command::Destroy { .. },
-                } => self.destroyed(actor, reply().map(drop)),
-                Item::Ask { actor, command } => {
-                    reply()?;
-                    if matches!(
-                        command,
-                        Command::Physics {
-                            action: PhysicsAction::SetVehiclePhysics { .. },
-                            ..
-                        }
-                    ) {
-                        self.recorder.note_physics(actor);
+/// What becomes of a wish to destroy, once the simulator has answered.
+fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done {
+    let went_along = gateway
+        .world
+        .change(|known| known.gone_along.remove(&actor));
+    match answer {
+        Ok(()) => gateway.world.change(|known| known.forget(actor)),
+        Err(error) if !went_along => return Err(error),
+        Err(_) => {}
+    }
+    Ok(actor)
+}
+
+/// Runs the commands in order as one request, then what follows the spawns as another; controls
+/// go out last.
+fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
+    let asked: Vec<Command> = items
+        .iter()
+        .filter_map(|item| match item {
+            Ok(Item::Ask { command, .. } | Item::Spawn { command, .. }) => Some(command.clone()),
+            _ => None,
+        })
+        .collect();
+    let answer = if asked.is_empty() {
+        Ok(Vec::new())
+    } else {
+        gateway.commander.ask(asked).map(|answer| answer.replies)
+    };
+    let (mut replies, lost) = match answer {
+        Ok(replies) => (replies.into_iter(), None),
+        Err(error) => (Vec::new().into_iter(), Some(error)),
+    };
+    let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
+    let mut reply = || match (&lost, replies.next()) {
+        (None, Some(CommandReply::Refused { error })) => Err(error),
+        (None, Some(reply)) => Ok(reply),
+        (lost, _) => Err(lost
+            .clone()
+            .unwrap_or_else(|| "the simulator's answer is too short".to_owned())),
+    };
+    let done = items
+        .into_iter()
+        .map(|item| match item? {
+            Item::Ask {
+                actor,
+                command: Command::Destroy { .. },
+            } => destroyed(gateway, actor, reply().map(drop)),
+            Item::Ask { actor, command } => {
+                reply()?;
+                if matches!(
+                    command,
+                    Command::Physics {
+                        action: PhysicsAction::SetVehiclePhysics { .. },
+                        ..
                     }
-                    Ok(actor)
+                ) {
+                    gateway.recorder.note_physics(actor);
                 }
-                Item::Spawn {
-                    description,
-                    parent,
-                    then,
-                    ..
-                } => {
-                    let CommandReply::Spawned { actor_id, topics } = reply()? else {
-                        return Err("this is no answer to a spawn".to_owned());
-                    };
-                    self.remember(
-                        actor_id,
-                        Own {
-                            description,
-                            parent,
-                            topics,
-                        },
-                    );
-                    newest = Some(actor_id);
-                    following.extend(then.iter().map(|command| read(command, Some(actor_id))));
-                    Ok(actor_id)
-                }
-                Item::Control { actor, record } if self.world.known().has_actor(actor) => {
-                    controls.push(record);
-                    Ok(actor)
-                }
-                Item::Control { actor, .. } => Err(format!(
-                    "actor {actor} could not be found; it does not exist or was destroyed"
-                )),
-                Item::Nothing { actor, what } => {
-                    what.into_iter().for_each(|what| self.no_effect(what));
-                    Ok(actor)
-                }
-            })
-            .collect();
-        if !controls.is_empty() {
-            self.commander.control(controls);
-        }
-        // A spawn that follows a spawn does not bring followers of its own: clients cannot write
-        // one.
-        if !following.is_empty() {
-            self.run_batch(following);
-        }
-        if let Some(id) = newest {
-            self.wait_until_seen(id);
-        }
-        done
+                Ok(actor)
+            }
+            Item::Spawn {
+                description,
+                parent,
+                then,
+                ..
+            } => {
+                let CommandReply::Spawned { actor_id, topics } = reply()? else {
+                    return Err("this is no answer to a spawn".to_owned());
+                };
+                remember(
+                    gateway,
+                    actor_id,
+                    Own {
+                        description,
+                        parent,
+                        topics,
+                    },
+                );
+                newest = Some(actor_id);
+                following.extend(then.iter().map(|command| read(command, Some(actor_id))));
+                Ok(actor_id)
+            }
+            Item::Control { actor, record } if gateway.world.known().has_actor(actor) => {
+                controls.push(record);
+                Ok(actor)
+            }
+            Item::Control { actor, .. } => Err(format!(
+                "actor {actor} could not be found; it does not exist or was destroyed"
+            )),
+            Item::Nothing { actor, what } => {
+                what.into_iter().for_each(|what| gateway.no_effect(what));
+                Ok(actor)
+            }
+        })
+        .collect();
+    if !controls.is_empty() {
+        gateway.commander.control(controls);
     }
+    // A spawn that follows a spawn does not bring followers of its own: clients cannot write
+    // one.
+    if !following.is_empty() {
+        run_batch(gateway, following);
+    }
+    if let Some(id) = newest {
+        wait_until_seen(gateway, id);
+    }
+    done
 }

@@ -3,13 +3,14 @@
 
 use schema_frames::{Command, DebugDraw, DebugShape, PosedBox};
 
-use crate::axes::{self, Transform};
-use crate::fields::{Fields, Wrong};
-use crate::gateway::{Answer, Gateway, Outcome};
-use crate::rpc::{Call, Calls};
+use crate::gateway::Gateway;
+use crate::rpc::call::{Call, Calls};
+use crate::wire::axes::{self, Transform};
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::requests::{Answer, Outcome};
 
 pub(crate) const CALLS: Calls = &[
-    ("draw_debug_shape", Gateway::draw_debug_shape),
+    ("draw_debug_shape", draw_debug_shape),
     ("clear_debug_shape", |gateway, _| {
         gateway.commander.tell(Command::ClearDebug);
         Ok(Answer::Void)
@@ -71,37 +72,35 @@ fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
     })
 }
 
-impl Gateway {
-    fn draw_debug_shape(&self, call: &mut Call<'_>) -> Outcome {
-        let mut shape = call.fields("a debug shape")?;
-        let draw = read_primitive(&mut shape)?;
-        let mut color = shape.fields("a colour")?;
-        let color_rgb = [color.u8()?, color.u8()?, color.u8()?];
-        let (life_secs, persistent) = (shape.f64()?, shape.bool()?);
-        let life_nanos = match life_secs {
-            secs if secs > MAX_LIFE_SECS => None,
-            secs if secs > 0.0 => Some((secs * 1e9) as u64),
-            _ if persistent => None,
-            _ => Some(0),
-        };
-        if let Some(draw) = draw {
-            self.commander.tell(Command::DrawDebug {
-                shapes: vec![DebugShape {
-                    draw,
-                    color_rgb,
-                    life_nanos,
-                }],
-            });
-        }
-        Ok(Answer::Void)
+fn draw_debug_shape(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let mut shape = call.fields("a debug shape")?;
+    let draw = read_primitive(&mut shape)?;
+    let mut color = shape.fields("a colour")?;
+    let color_rgb = [color.u8()?, color.u8()?, color.u8()?];
+    let (life_secs, persistent) = (shape.f64()?, shape.bool()?);
+    let life_nanos = match life_secs {
+        secs if secs > MAX_LIFE_SECS => None,
+        secs if secs > 0.0 => Some((secs * 1e9) as u64),
+        _ if persistent => None,
+        _ => Some(0),
+    };
+    if let Some(draw) = draw {
+        gateway.commander.tell(Command::DrawDebug {
+            shapes: vec![DebugShape {
+                draw,
+                color_rgb,
+                life_nanos,
+            }],
+        });
     }
+    Ok(Answer::Void)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::list;
-    use crate::msgpack::Value;
+    use crate::wire::msgpack::Value;
 
     fn read(primitive: Value) -> Result<Option<DebugDraw>, Wrong> {
         read_primitive(&mut Fields::new("test", &[primitive]))

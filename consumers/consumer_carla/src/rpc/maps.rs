@@ -3,9 +3,10 @@
 use schema_frames::command::StoredMap;
 use schema_frames::{Command, CommandReply};
 
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
-use crate::msgpack::Value;
-use crate::rpc::{Call, Calls};
+use crate::gateway::Gateway;
+use crate::rpc::call::{Call, Calls};
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Folder before a map's name, as CARLA has it.
 pub(crate) const MAP_FOLDER: &str = "Carla/Maps/";
@@ -32,47 +33,45 @@ pub(crate) fn own_map(asked: &str) -> &str {
 }
 
 pub(crate) const CALLS: Calls = &[
-    ("get_available_maps", Gateway::available_maps),
-    ("copy_opendrive_to_file", Gateway::store_map),
+    ("get_available_maps", available_maps),
+    ("copy_opendrive_to_file", store_map),
 ];
 
-impl Gateway {
-    fn available_maps(&self, _: &mut Call<'_>) -> Outcome {
-        self.info()?;
-        match self.commander.ask_one(Command::ListMaps)? {
-            (CommandReply::Maps { names }, _) => {
-                let names: Vec<Value> = names
-                    .iter()
-                    .map(|name| Value::from(format!("/Game/{}", carla_map(name)).as_str()))
-                    .collect();
-                Ok(Answer::Value(names.into()))
-            }
-            (other, _) => Err(Failure::Refused(format!("{other:?} is no list of maps"))),
+fn available_maps(gateway: &Gateway, _: &mut Call<'_>) -> Outcome {
+    gateway.info()?;
+    match gateway.commander.ask_one(Command::ListMaps)? {
+        (CommandReply::Maps { names }, _) => {
+            let names: Vec<Value> = names
+                .iter()
+                .map(|name| Value::from(format!("/Game/{}", carla_map(name)).as_str()))
+                .collect();
+            Ok(Answer::Value(names.into()))
         }
+        (other, _) => Err(Failure::Refused(format!("{other:?} is no list of maps"))),
     }
+}
 
-    /// The client asks for the map by name next. Houses and trees are not part of such a world, as
-    /// in CARLA.
-    fn store_map(&self, call: &mut Call<'_>) -> Outcome {
-        let open_drive = call.text()?.to_owned();
-        let mut given = call.fields("the generation parameters")?;
-        let (vertex_distance_m, _max_road_length_m, wall_height_m) =
-            (given.f64()?, given.f64()?, given.f64()?);
-        let (junction_extra_m, _smooth_junctions, visible) =
-            (given.f64()?, given.bool()?, given.bool()?);
-        self.info()?;
-        let map = StoredMap {
-            name: GENERATED.to_owned(),
-            open_drive,
-            vertex_distance_m,
-            wall_height_m,
-            junction_extra_m,
-            visible,
-            roadside: false,
-        };
-        self.commander.ask_one(Command::StoreMap(map))?;
-        Ok(Answer::Void)
-    }
+/// The client asks for the map by name next. Houses and trees are not part of such a world, as
+/// in CARLA.
+fn store_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let open_drive = call.text()?.to_owned();
+    let mut given = call.fields("the generation parameters")?;
+    let (vertex_distance_m, _max_road_length_m, wall_height_m) =
+        (given.f64()?, given.f64()?, given.f64()?);
+    let (junction_extra_m, _smooth_junctions, visible) =
+        (given.f64()?, given.bool()?, given.bool()?);
+    gateway.info()?;
+    let map = StoredMap {
+        name: GENERATED.to_owned(),
+        open_drive,
+        vertex_distance_m,
+        wall_height_m,
+        junction_extra_m,
+        visible,
+        roadside: false,
+    };
+    gateway.commander.ask_one(Command::StoreMap(map))?;
+    Ok(Answer::Void)
 }
 
 #[cfg(test)]

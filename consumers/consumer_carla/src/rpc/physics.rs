@@ -4,62 +4,60 @@
 //! The only place that knows CARLA's centimetres of wheels, degrees of steering and km/h of the
 //! steering curve.
 
-use schema_frames::{
-    AckermannControl, AckermannGains, Command, CommandReply, GearPhysics, PhysicsAction,
-    PhysicsAnswer, VehiclePhysics, VehicleTelemetry, WheelPhysics,
-};
-use schema_types::Pose;
+use schema_frames::{Command, CommandReply, PhysicsAction, PhysicsAnswer, VehicleTelemetry};
 
-use crate::axes;
-use crate::fields::{Fields, Wrong};
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
-use crate::list;
-use crate::msgpack::Value;
-use crate::rpc::batch::{Commands, Item};
-use crate::rpc::{Call, Calls};
+use crate::gateway::Gateway;
+use crate::rpc::batch_item::{Commands, Item};
+use crate::rpc::call::{Call, Calls};
+use crate::wire::axes;
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{Answer, Failure, Outcome};
+use crate::wire::vehicle_physics;
 
 pub(crate) const CALLS: Calls = &[
-    ("get_physics_control", Gateway::physics_control),
+    ("get_physics_control", physics_control),
     ("apply_physics_control", |gateway, call| {
-        gateway.tell_physics(call, |fields| Ok(set_physics(read_physics(fields)?)))
+        tell_physics(gateway, call, |fields| {
+            Ok(vehicle_physics::set_physics(vehicle_physics::read_physics(
+                fields,
+            )?))
+        })
     }),
     ("apply_ackermann_control_to_vehicle", |gateway, call| {
-        gateway.tell_physics(call, ackermann)
+        tell_physics(gateway, call, vehicle_physics::ackermann)
     }),
-    (
-        "get_ackermann_controller_settings",
-        Gateway::ackermann_settings,
-    ),
+    ("get_ackermann_controller_settings", ackermann_settings),
     ("apply_ackermann_controller_settings", |gateway, call| {
-        gateway.tell_physics(call, read_gains)
+        tell_physics(gateway, call, vehicle_physics::read_gains)
     }),
-    ("get_telemetry_data", Gateway::telemetry_data),
+    ("get_telemetry_data", telemetry_data),
     ("show_vehicle_debug_telemetry", |gateway, call| {
         gateway.no_effect(call.method);
-        gateway.known_actor(call).map(|_| Answer::Void)
+        call.known_actor(gateway).map(|_| Answer::Void)
     }),
     ("set_actor_target_angular_velocity", |gateway, call| {
-        gateway.tell_physics(call, angular_velocity)
+        tell_physics(gateway, call, vehicle_physics::angular_velocity)
     }),
     ("enable_actor_constant_velocity", |gateway, call| {
-        gateway.tell_physics(call, |fields| {
+        tell_physics(gateway, call, |fields| {
             Ok(PhysicsAction::HoldVelocity {
                 velocity_in_vehicle_mps: Some(axes::mirror(fields.vector()?)),
             })
         })
     }),
     ("disable_actor_constant_velocity", |gateway, call| {
-        gateway.tell_physics(call, |_| {
+        tell_physics(gateway, call, |_| {
             Ok(PhysicsAction::HoldVelocity {
                 velocity_in_vehicle_mps: None,
             })
         })
     }),
     ("add_actor_impulse", |gateway, call| {
-        gateway.tell_physics(call, impulse)
+        tell_physics(gateway, call, vehicle_physics::impulse)
     }),
     ("add_actor_impulse_at_location", |gateway, call| {
-        gateway.tell_physics(call, |fields| {
+        tell_physics(gateway, call, |fields| {
             let (impulse, point) = (
                 axes::mirror(fields.vector()?),
                 axes::mirror(fields.vector()?),
@@ -71,10 +69,10 @@ pub(crate) const CALLS: Calls = &[
         })
     }),
     ("add_actor_force", |gateway, call| {
-        gateway.tell_physics(call, force)
+        tell_physics(gateway, call, vehicle_physics::force)
     }),
     ("add_actor_force_at_location", |gateway, call| {
-        gateway.tell_physics(call, |fields| {
+        tell_physics(gateway, call, |fields| {
             let (force, point) = (
                 axes::mirror(fields.vector()?),
                 axes::mirror(fields.vector()?),
@@ -86,24 +84,24 @@ pub(crate) const CALLS: Calls = &[
         })
     }),
     ("add_actor_angular_impulse", |gateway, call| {
-        gateway.tell_physics(call, angular_impulse)
+        tell_physics(gateway, call, vehicle_physics::angular_impulse)
     }),
     ("add_actor_torque", |gateway, call| {
-        gateway.tell_physics(call, torque)
+        tell_physics(gateway, call, vehicle_physics::torque)
     }),
-    ("set_actor_simulate_physics", Gateway::simulate_physics),
+    ("set_actor_simulate_physics", simulate_physics),
     ("set_actor_collisions", |gateway, call| {
-        gateway.ask_physics(call, |fields| {
+        ask_physics(gateway, call, |fields| {
             Ok(PhysicsAction::SetCollisions {
                 enabled: fields.bool()?,
             })
         })
     }),
     ("set_actor_enable_gravity", |gateway, call| {
-        gateway.tell_physics(call, gravity)
+        tell_physics(gateway, call, vehicle_physics::gravity)
     }),
     ("set_wheel_steer_direction", |gateway, call| {
-        gateway.tell_physics(call, |fields| {
+        tell_physics(gateway, call, |fields| {
             let (wheel, degrees) = (fields.u8()?, fields.f32()?);
             Ok(PhysicsAction::ShowWheelSteer {
                 wheel,
@@ -112,10 +110,10 @@ pub(crate) const CALLS: Calls = &[
         })
     }),
     ("get_wheel_steer_angle", |gateway, call| {
-        gateway.wheel_angle(call, |wheel| -wheel.steer_rad.to_degrees())
+        wheel_angle(gateway, call, |wheel| -wheel.steer_rad.to_degrees())
     }),
     ("set_wheel_pitch_angle", |gateway, call| {
-        gateway.tell_physics(call, |fields| {
+        tell_physics(gateway, call, |fields| {
             let (wheel, degrees) = (fields.u8()?, fields.f32()?);
             Ok(PhysicsAction::ShowWheelRoll {
                 wheel,
@@ -124,22 +122,41 @@ pub(crate) const CALLS: Calls = &[
         })
     }),
     ("get_wheel_pitch_angle", |gateway, call| {
-        gateway.wheel_angle(call, |wheel| wheel.roll_rad.to_degrees())
+        wheel_angle(gateway, call, |wheel| wheel.roll_rad.to_degrees())
     }),
 ];
 
 pub(crate) const BATCH: Commands = &[
-    (3, |actor, fields| batched(actor, ackermann(fields)?)),
-    (5, |actor, fields| {
-        batched(actor, set_physics(read_physics(fields)?))
+    (3, |actor, fields| {
+        batched(actor, vehicle_physics::ackermann(fields)?)
     }),
-    (9, |actor, fields| batched(actor, angular_velocity(fields)?)),
-    (10, |actor, fields| batched(actor, impulse(fields)?)),
-    (11, |actor, fields| batched(actor, force(fields)?)),
-    (12, |actor, fields| batched(actor, angular_impulse(fields)?)),
-    (13, |actor, fields| batched(actor, torque(fields)?)),
-    (14, |actor, fields| batched(actor, simulated(fields)?)),
-    (15, |actor, fields| batched(actor, gravity(fields)?)),
+    (5, |actor, fields| {
+        batched(
+            actor,
+            vehicle_physics::set_physics(vehicle_physics::read_physics(fields)?),
+        )
+    }),
+    (9, |actor, fields| {
+        batched(actor, vehicle_physics::angular_velocity(fields)?)
+    }),
+    (10, |actor, fields| {
+        batched(actor, vehicle_physics::impulse(fields)?)
+    }),
+    (11, |actor, fields| {
+        batched(actor, vehicle_physics::force(fields)?)
+    }),
+    (12, |actor, fields| {
+        batched(actor, vehicle_physics::angular_impulse(fields)?)
+    }),
+    (13, |actor, fields| {
+        batched(actor, vehicle_physics::torque(fields)?)
+    }),
+    (14, |actor, fields| {
+        batched(actor, vehicle_physics::simulated(fields)?)
+    }),
+    (15, |actor, fields| {
+        batched(actor, vehicle_physics::gravity(fields)?)
+    }),
     (17, |actor, _| {
         Ok(Item::Nothing {
             actor,
@@ -158,455 +175,133 @@ fn batched(actor: u32, action: PhysicsAction) -> Result<Item<'static>, Wrong> {
     ))
 }
 
-/// A torque or an angular impulse, either way: an axial vector in N·m, so without degrees.
-fn axial([x, y, z]: [f64; 3]) -> [f64; 3] {
-    [-x, y, -z]
-}
-
-/// Where wheels are is the vehicle's own, and told in the world.
-fn set_physics(mut physics: VehiclePhysics) -> PhysicsAction {
-    physics
-        .wheels
-        .iter_mut()
-        .for_each(|wheel| wheel.position_m = [0.0; 3]);
-    PhysicsAction::SetVehiclePhysics {
-        physics: Box::new(physics),
+/// An action whose answer nobody reads.
+fn tell_physics(
+    gateway: &Gateway,
+    call: &mut Call<'_>,
+    read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
+) -> Outcome {
+    let actor_id = call.known_actor(gateway)?;
+    let action = read(call)?;
+    let is_set = matches!(action, PhysicsAction::SetVehiclePhysics { .. });
+    gateway
+        .commander
+        .tell(Command::Physics { actor_id, action });
+    if is_set {
+        gateway.recorder.note_physics(actor_id);
     }
+    Ok(Answer::Void)
 }
 
-fn impulse(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddImpulse {
-        impulse_in_world_ns: axes::mirror(fields.vector()?),
-        point_in_world_m: None,
-    })
+/// An action whose success the client waits for.
+fn ask_physics(
+    gateway: &Gateway,
+    call: &mut Call<'_>,
+    read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
+) -> Outcome {
+    let actor_id = call.known_actor(gateway)?;
+    let action = read(call)?;
+    gateway
+        .commander
+        .ask_one(Command::Physics { actor_id, action })?;
+    Ok(Answer::Void)
 }
 
-fn force(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddForce {
-        force_in_world_n: axes::mirror(fields.vector()?),
-        point_in_world_m: None,
-    })
-}
-
-fn angular_impulse(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddAngularImpulse {
-        angular_impulse_in_world_nms: axial(fields.vector()?),
-    })
-}
-
-fn torque(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::AddTorque {
-        torque_in_world_nm: axial(fields.vector()?),
-    })
-}
-
-fn angular_velocity(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetAngularVelocity {
-        angular_velocity_in_world_radps: axes::angular_velocity_rad(fields.vector()?),
-    })
-}
-
-fn simulated(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetSimulated {
-        enabled: fields.bool()?,
-    })
-}
-
-fn gravity(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    Ok(PhysicsAction::SetGravity {
-        enabled: fields.bool()?,
-    })
-}
-
-fn ackermann(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    let mut wishes = fields.fields("an Ackermann control")?;
-    let control = AckermannControl {
-        steer_rad: axes::steer(wishes.f32()?),
-        steer_rate_radps: wishes.f32()?,
-        speed_mps: wishes.f32()?,
-        acceleration_mps2: wishes.f32()?,
-        jerk_mps3: wishes.f32()?,
-    };
-    Ok(PhysicsAction::ControlAckermann { control })
-}
-
-fn read_gains(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
-    let mut given = fields.fields("the settings of the Ackermann controller")?;
-    let speed = [given.f32()?, given.f32()?, given.f32()?];
-    let acceleration = [given.f32()?, given.f32()?, given.f32()?];
-    Ok(PhysicsAction::SetAckermannGains {
-        gains: AckermannGains {
-            speed,
-            acceleration,
-        },
-    })
-}
-
-/// Points of a curve with the first coordinate times `x_unit`.
-fn curve(fields: &mut Fields<'_>, x_unit: f32) -> Result<Vec<[f32; 2]>, Wrong> {
-    let points = fields.list()?;
-    let mut points_left = Fields::new("a curve", points);
-    (0..points.len())
-        .map(|_| {
-            let mut point = points_left.fields("a point of a curve")?;
-            Ok([point.f32()? * x_unit, point.f32()?])
-        })
-        .collect()
-}
-
-pub(crate) fn read_physics(fields: &mut Fields<'_>) -> Result<VehiclePhysics, Wrong> {
-    let mut given = fields.fields("a vehicle's physics control")?;
-    Ok(VehiclePhysics {
-        torque_curve: curve(&mut given, 1.0)?,
-        max_rpm: given.f32()?,
-        engine_inertia_kgm2: given.f32()?,
-        damping_full_throttle_nms: given.f32()?,
-        damping_closed_engaged_nms: given.f32()?,
-        damping_closed_open_nms: given.f32()?,
-        automatic_gearbox: given.bool()?,
-        gear_switch_secs: given.f32()?,
-        clutch_strength_nms: given.f32()?,
-        final_ratio: given.f32()?,
-        forward_gears: read_gears(&mut given)?,
-        mass_kg: given.f32()?,
-        drag_coefficient: given.f32()?,
-        center_of_mass_m: axes::mirror(given.vector()?).map(|x| x as f32),
-        steering_curve: curve(&mut given, 1.0 / 3.6)?,
-        wheels: read_wheels(&mut given)?,
-        sweep_wheels: given.bool()?,
-    })
-}
-
-fn read_gears(fields: &mut Fields<'_>) -> Result<Vec<GearPhysics>, Wrong> {
-    let gears = fields.list()?;
-    let mut left = Fields::new("the gears", gears);
-    (0..gears.len())
-        .map(|_| {
-            let mut gear = left.fields("a gear")?;
-            Ok(GearPhysics {
-                ratio: gear.f32()?,
-                down_ratio: gear.f32()?,
-                up_ratio: gear.f32()?,
-            })
-        })
-        .collect()
-}
-
-fn read_wheels(fields: &mut Fields<'_>) -> Result<Vec<WheelPhysics>, Wrong> {
-    let wheels = fields.list()?;
-    let mut left = Fields::new("the wheels", wheels);
-    (0..wheels.len())
-        .map(|_| {
-            let mut wheel = left.fields("a wheel")?;
-            Ok(WheelPhysics {
-                friction: wheel.f32()?,
-                damping_nms: wheel.f32()?,
-                max_steer_rad: wheel.f32()?.to_radians(),
-                radius_m: wheel.f32()? / 100.0,
-                max_brake_nm: wheel.f32()?,
-                max_hand_brake_nm: wheel.f32()?,
-                lat_load_limit: wheel.f32()?,
-                lat_stiffness_per_rad: wheel.f32()?,
-                long_stiffness_kg: wheel.f32()?,
-                position_m: axes::mirror(wheel.vector()?)
-                    .map(|centimetres| (centimetres / 100.0) as f32),
-            })
-        })
-        .collect()
-}
-
-fn points(curve: &[[f32; 2]], x_unit: f32) -> Value {
-    Value::Array(curve.iter().map(|[x, y]| list![x * x_unit, *y]).collect())
-}
-
-/// CARLA's physics control of a vehicle that stands at `world_from_vehicle`, where its wheels are
-/// told.
-pub(crate) fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
-    let gears: Vec<Value> = physics
-        .forward_gears
-        .iter()
-        .map(|gear| list![gear.ratio, gear.down_ratio, gear.up_ratio])
-        .collect();
-    let wheel = |wheel: &WheelPhysics| {
-        let place =
-            world_from_vehicle.isometry() * nalgebra::Point3::from(wheel.position_m.map(f64::from));
-        let [x, y, z] =
-            axes::mirror(<[f64; 3]>::from(place.coords)).map(|metres| (metres * 100.0) as f32);
-        list![
-            wheel.friction,
-            wheel.damping_nms,
-            wheel.max_steer_rad.to_degrees(),
-            wheel.radius_m * 100.0,
-            wheel.max_brake_nm,
-            wheel.max_hand_brake_nm,
-            wheel.lat_load_limit,
-            wheel.lat_stiffness_per_rad,
-            wheel.long_stiffness_kg,
-            list![x, y, z]
-        ]
-    };
-    let wheels: Vec<Value> = physics.wheels.iter().map(wheel).collect();
-    let [x, y, z] = axes::mirror(physics.center_of_mass_m);
-    list![
-        points(&physics.torque_curve, 1.0),
-        physics.max_rpm,
-        physics.engine_inertia_kgm2,
-        physics.damping_full_throttle_nms,
-        physics.damping_closed_engaged_nms,
-        physics.damping_closed_open_nms,
-        physics.automatic_gearbox,
-        physics.gear_switch_secs,
-        physics.clutch_strength_nms,
-        physics.final_ratio,
-        gears,
-        physics.mass_kg,
-        physics.drag_coefficient,
-        list![x, y + 0.0, z],
-        points(&physics.steering_curve, 3.6),
-        wheels,
-        physics.sweep_wheels
-    ]
-}
-
-fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
-    let wheel = |wheel: &schema_frames::WheelTelemetry| {
-        let rest_n = if wheel.load_ratio > 0.0 {
-            wheel.load_n / wheel.load_ratio
-        } else {
-            f32::INFINITY
-        };
-        list![
-            wheel.friction,
-            -wheel.lat_slip_rad,
-            wheel.long_slip_ratio,
-            wheel.roll_radps,
-            wheel.load_n,
-            wheel.load_ratio,
-            wheel.torque_nm,
-            wheel.long_n,
-            -wheel.lat_n,
-            wheel.long_n / rest_n,
-            -wheel.lat_n / rest_n
-        ]
-    };
-    let wheels: Vec<Value> = telemetry.wheels.iter().map(wheel).collect();
-    list![
-        telemetry.speed_mps,
-        axes::steer(telemetry.steer_ratio),
-        telemetry.throttle_ratio,
-        telemetry.brake_ratio,
-        telemetry.engine_rpm,
-        telemetry.gear,
-        telemetry.drag_n,
-        wheels
-    ]
-}
-
-impl Gateway {
-    /// An action whose answer nobody reads.
-    fn tell_physics(
-        &self,
-        call: &mut Call<'_>,
-        read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
-    ) -> Outcome {
-        let actor_id = self.known_actor(call)?;
-        let action = read(call)?;
-        let is_set = matches!(action, PhysicsAction::SetVehiclePhysics { .. });
-        self.commander.tell(Command::Physics { actor_id, action });
-        if is_set {
-            self.recorder.note_physics(actor_id);
-        }
-        Ok(Answer::Void)
-    }
-
-    /// An action whose success the client waits for.
-    fn ask_physics(
-        &self,
-        call: &mut Call<'_>,
-        read: impl FnOnce(&mut Fields<'_>) -> Result<PhysicsAction, Wrong>,
-    ) -> Outcome {
-        let actor_id = self.known_actor(call)?;
-        let action = read(call)?;
-        self.commander
-            .ask_one(Command::Physics { actor_id, action })?;
-        Ok(Answer::Void)
-    }
-
-    /// Never an error: one would end a client whose Traffic Manager takes over a vehicle that has
-    /// just gone.
-    fn simulate_physics(&self, call: &mut Call<'_>) -> Outcome {
-        let (actor_id, action) = (call.u32()?, simulated(call)?);
-        if self.world.known().has_actor(actor_id)
-            && let Err(error) = self
-                .commander
-                .ask_one(Command::Physics { actor_id, action })
-        {
-            tracing::debug!(actor_id, error, "set_actor_simulate_physics did nothing");
-        }
-        Ok(Answer::Void)
-    }
-
-    fn ask_answer(&self, actor_id: u32, action: PhysicsAction) -> Result<PhysicsAnswer, Failure> {
-        match self
+/// Never an error: one would end a client whose Traffic Manager takes over a vehicle that has
+/// just gone.
+fn simulate_physics(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let (actor_id, action) = (call.u32()?, vehicle_physics::simulated(call)?);
+    if gateway.world.known().has_actor(actor_id)
+        && let Err(error) = gateway
             .commander
-            .ask_one(Command::Physics { actor_id, action })?
-            .0
-        {
-            CommandReply::Physics { answer } => Ok(answer),
-            reply => Err(Failure::Refused(format!(
-                "{reply:?} is no answer to a question about physics"
-            ))),
-        }
+            .ask_one(Command::Physics { actor_id, action })
+    {
+        tracing::debug!(actor_id, error, "set_actor_simulate_physics did nothing");
     }
+    Ok(Answer::Void)
+}
 
-    fn physics_control(&self, call: &mut Call<'_>) -> Outcome {
-        let id = self.known_actor(call)?;
-        let PhysicsAnswer::VehiclePhysics(physics) =
-            self.ask_answer(id, PhysicsAction::GetVehiclePhysics)?
-        else {
-            return Err(Failure::Refused(
-                "the simulator answered something else".to_owned(),
-            ));
-        };
-        let snapshot = self.world.known().snapshot.clone();
-        let pose = snapshot
-            .and_then(|at| at.actor(id).map(|record| record.world_from_actor))
-            .unwrap_or_default();
-        Ok(Answer::Value(write_physics(&physics, &pose)))
-    }
-
-    fn ackermann_settings(&self, call: &mut Call<'_>) -> Outcome {
-        let id = self.known_actor(call)?;
-        let PhysicsAnswer::AckermannGains(gains) =
-            self.ask_answer(id, PhysicsAction::GetAckermannGains)?
-        else {
-            return Err(Failure::Refused(
-                "the simulator answered something else".to_owned(),
-            ));
-        };
-        Ok(Answer::Value(Value::Array(
-            gains
-                .speed
-                .into_iter()
-                .chain(gains.acceleration)
-                .map(Value::from)
-                .collect(),
-        )))
-    }
-
-    fn telemetry(&self, id: u32) -> Result<VehicleTelemetry, Failure> {
-        match self.ask_answer(id, PhysicsAction::GetTelemetry)? {
-            PhysicsAnswer::Telemetry(telemetry) => Ok(telemetry),
-            _ => Err(Failure::Refused(
-                "the simulator answered something else".to_owned(),
-            )),
-        }
-    }
-
-    fn telemetry_data(&self, call: &mut Call<'_>) -> Outcome {
-        let id = self.known_actor(call)?;
-        Ok(Answer::Value(write_telemetry(&self.telemetry(id)?)))
-    }
-
-    fn wheel_angle(
-        &self,
-        call: &mut Call<'_>,
-        angle: impl Fn(&schema_frames::WheelTelemetry) -> f32,
-    ) -> Outcome {
-        let (id, idx) = (self.known_actor(call)?, call.u8()?);
-        let telemetry = self.telemetry(id)?;
-        let n_wheels = telemetry.wheels.len();
-        let wheel = telemetry.wheels.get(usize::from(idx));
-        let wheel = wheel.ok_or_else(|| {
-            Failure::Refused(format!("wheel is {idx}, but must be 0 to {}", n_wheels - 1))
-        })?;
-        Ok(Answer::Value(angle(wheel).into()))
+fn ask_answer(
+    gateway: &Gateway,
+    actor_id: u32,
+    action: PhysicsAction,
+) -> Result<PhysicsAnswer, Failure> {
+    match gateway
+        .commander
+        .ask_one(Command::Physics { actor_id, action })?
+        .0
+    {
+        CommandReply::Physics { answer } => Ok(answer),
+        reply => Err(Failure::Refused(format!(
+            "{reply:?} is no answer to a question about physics"
+        ))),
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+fn physics_control(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let id = call.known_actor(gateway)?;
+    let PhysicsAnswer::VehiclePhysics(physics) =
+        ask_answer(gateway, id, PhysicsAction::GetVehiclePhysics)?
+    else {
+        return Err(Failure::Refused(
+            "the simulator answered something else".to_owned(),
+        ));
+    };
+    let snapshot = gateway.world.known().snapshot.clone();
+    let pose = snapshot
+        .and_then(|at| at.actor(id).map(|record| record.world_from_actor))
+        .unwrap_or_default();
+    Ok(Answer::Value(vehicle_physics::write_physics(
+        &physics, &pose,
+    )))
+}
 
-    /// What CARLA's client builds without arguments, written as it sends it: read, written and read
-    /// again it is the same.
-    #[test]
-    fn physics_control_survives_there_and_back() {
-        let wheel = |y: f32| {
-            list![
-                2.0f32,
-                0.25f32,
-                70.0f32,
-                30.0f32,
-                1500.0f32,
-                3000.0f32,
-                2.0f32,
-                17.0f32,
-                1000.0f32,
-                list![100.0f32, y, 30.0f32]
-            ]
-        };
-        let sent = list![list![
-            list![list![0.0f32, 500.0f32], list![5000.0f32, 500.0f32]],
-            5000.0f32,
-            1.0f32,
-            0.15f32,
-            2.0f32,
-            0.35f32,
-            true,
-            0.5f32,
-            10.0f32,
-            4.0f32,
-            list![list![1.0f32, 0.5f32, 0.65f32]],
-            1000.0f32,
-            0.3f32,
-            list![0.1f32, 0.2f32, 0.3f32],
-            list![list![0.0f32, 1.0f32], list![120.0f32, 0.5f32]],
-            list![wheel(-50.0), wheel(50.0)],
-            false
-        ]];
-        let Value::Array(items) = &sent else {
-            unreachable!()
-        };
-        let read = read_physics(&mut Fields::new("test", items)).unwrap();
-        assert_eq!(
-            (read.center_of_mass_m, read.wheels[0].radius_m),
-            ([0.1, -0.2, 0.3], 0.3)
-        );
-        assert!(
-            (read.steering_curve[1][0] - 33.333_333).abs() < 1e-4
-                && (read.wheels[1].max_steer_rad - 1.221_730_5).abs() < 1e-6
-        );
-        let written = Value::Array(vec![write_physics(&read, &Pose::IDENTITY)]);
-        let Value::Array(items) = &written else {
-            unreachable!()
-        };
-        let again = read_physics(&mut Fields::new("test", items)).unwrap();
-        assert!((again.steering_curve[1][0] - read.steering_curve[1][0]).abs() < 1e-4);
-        assert_eq!(again.wheels[1].position_m, [1.0, -0.5, 0.3]);
-        assert_eq!(
-            VehiclePhysics {
-                steering_curve: read.steering_curve.clone(),
-                wheels: read.wheels.clone(),
-                ..again
-            },
-            read
-        );
-    }
+fn ackermann_settings(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let id = call.known_actor(gateway)?;
+    let PhysicsAnswer::AckermannGains(gains) =
+        ask_answer(gateway, id, PhysicsAction::GetAckermannGains)?
+    else {
+        return Err(Failure::Refused(
+            "the simulator answered something else".to_owned(),
+        ));
+    };
+    Ok(Answer::Value(Value::Array(
+        gains
+            .speed
+            .into_iter()
+            .chain(gains.acceleration)
+            .map(Value::from)
+            .collect(),
+    )))
+}
 
-    #[test]
-    fn turning_left_is_left_in_both_worlds() {
-        let wishes = list![list![0.3f32, 0.0f32, 8.0f32, 0.0f32, 0.0f32]];
-        let Value::Array(items) = &wishes else {
-            unreachable!()
-        };
-        let PhysicsAction::ControlAckermann { control } =
-            ackermann(&mut Fields::new("test", items)).unwrap()
-        else {
-            unreachable!()
-        };
-        assert_eq!((control.steer_rad, control.speed_mps), (-0.3, 8.0));
-        // CARLA's +z turns to the right: an angular impulse up there is one down here.
-        assert_eq!(axial([0.0, 0.0, 5.0]), [-0.0, 0.0, -5.0]);
+fn telemetry(gateway: &Gateway, id: u32) -> Result<VehicleTelemetry, Failure> {
+    match ask_answer(gateway, id, PhysicsAction::GetTelemetry)? {
+        PhysicsAnswer::Telemetry(telemetry) => Ok(telemetry),
+        _ => Err(Failure::Refused(
+            "the simulator answered something else".to_owned(),
+        )),
     }
+}
+
+fn telemetry_data(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let id = call.known_actor(gateway)?;
+    Ok(Answer::Value(vehicle_physics::write_telemetry(&telemetry(
+        gateway, id,
+    )?)))
+}
+
+fn wheel_angle(
+    gateway: &Gateway,
+    call: &mut Call<'_>,
+    angle: impl Fn(&schema_frames::WheelTelemetry) -> f32,
+) -> Outcome {
+    let (id, idx) = (call.known_actor(gateway)?, call.u8()?);
+    let telemetry = telemetry(gateway, id)?;
+    let n_wheels = telemetry.wheels.len();
+    let wheel = telemetry.wheels.get(usize::from(idx));
+    let wheel = wheel.ok_or_else(|| {
+        Failure::Refused(format!("wheel is {idx}, but must be 0 to {}", n_wheels - 1))
+    })?;
+    Ok(Answer::Value(angle(wheel).into()))
 }

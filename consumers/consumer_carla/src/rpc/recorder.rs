@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use schema_frames::Command;
 
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::gateway::Gateway;
 use crate::recorder::file::Recording;
 use crate::recorder::replay::{Replay, Wish};
 use crate::recorder::report;
-use crate::rpc::{Call, Calls};
+use crate::rpc::call::{Call, Calls};
+use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Longest wait for the episode of a replay's map.
 const SETTLE: Duration = Duration::from_secs(20);
@@ -16,28 +17,28 @@ const SETTLE: Duration = Duration::from_secs(20);
 const MAX_FACTOR: f64 = 1000.0;
 
 pub(crate) const CALLS: Calls = &[
-    ("start_recorder", Gateway::start_recorder),
+    ("start_recorder", start_recorder),
     ("stop_recorder", |gateway, _| {
         gateway.recorder.stop();
         Ok(Answer::Void)
     }),
     ("show_recorder_file_info", |gateway, call| {
         let (name, all) = (call.text()?, call.bool()?);
-        gateway.about(name, |recording| report::info(recording, all))
+        about(gateway, name, |recording| report::info(recording, all))
     }),
     ("show_recorder_collisions", |gateway, call| {
         let (name, first, second) = (call.text()?, letter(call)?, letter(call)?);
-        gateway.about(name, |recording| {
+        about(gateway, name, |recording| {
             report::collisions(recording, first, second)
         })
     }),
     ("show_recorder_actors_blocked", |gateway, call| {
         let (name, min_secs, min_distance_cm) = (call.text()?, call.f64()?, call.f64()?);
-        gateway.about(name, |recording| {
+        about(gateway, name, |recording| {
             report::blocked(recording, min_secs, min_distance_cm)
         })
     }),
-    ("replay_file", Gateway::replay_file),
+    ("replay_file", replay_file),
     ("stop_replayer", |gateway, call| {
         let keep_actors = call.bool()?;
         gateway
@@ -79,80 +80,80 @@ fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
     }
 }
 
-impl Gateway {
-    /// Answers with the file's full path.
-    fn start_recorder(&self, call: &mut Call<'_>) -> Outcome {
-        let (name, with_motion) = (call.text()?, call.bool()?);
-        let path = self.recorder.path(name)?;
-        // Of its own, so that the world is free again before the recorder is held: each tick takes
-        // them the other way round.
-        let map = self
-            .world
-            .known()
-            .info
-            .as_ref()
-            .map_or_else(String::new, |info| info.map.clone());
-        self.recorder.start(&path, map, with_motion)?;
-        Ok(Answer::Value(path.display().to_string().into()))
-    }
+/// Answers with the file's full path.
+fn start_recorder(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let (name, with_motion) = (call.text()?, call.bool()?);
+    let path = gateway.recorder.path(name)?;
+    // Of its own, so that the world is free again before the recorder is held: each tick takes
+    // them the other way round.
+    let map = gateway
+        .world
+        .known()
+        .info
+        .as_ref()
+        .map_or_else(String::new, |info| info.map.clone());
+    gateway.recorder.start(&path, map, with_motion)?;
+    Ok(Answer::Value(path.display().to_string().into()))
+}
 
-    /// CARLA answers with a text about a file that it cannot read, not with an error.
-    fn about(&self, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
-        let text = self
-            .recorder
-            .path(name)
-            .and_then(|path| Recording::open(&path))
-            .map_or_else(|error| format!("{error}\n"), |it| tell(&it));
-        Ok(Answer::Value(text.into()))
-    }
+/// CARLA answers with a text about a file that it cannot read, not with an error.
+fn about(gateway: &Gateway, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
+    let text = gateway
+        .recorder
+        .path(name)
+        .and_then(|path| Recording::open(&path))
+        .map_or_else(|error| format!("{error}\n"), |it| tell(&it));
+    Ok(Answer::Value(text.into()))
+}
 
-    fn replay_file(&self, call: &mut Call<'_>) -> Outcome {
-        let name = call.text()?;
-        let (start_secs, duration_secs, follow, replay_sensors) =
-            (call.f64()?, call.f64()?, call.u32()?, call.bool()?);
-        let offset = if call.rest().is_empty() {
-            Default::default()
-        } else {
-            call.transform()?
-        };
-        let path = self.recorder.path(name)?;
-        let recording = match Recording::open(&path) {
-            Ok(recording) => recording,
-            Err(error) => return Ok(Answer::Value(format!("{error}\n").into())),
-        };
-        let opening = format!("Replaying File: {}\n\n", path.display());
-        let info = self.info()?;
-        if recording.head.map != info.map {
-            self.commander.ask_one(Command::LoadMap {
-                map: recording.head.map.clone(),
-            })?;
-            let begun = self.world.wait_for(SETTLE, |known| {
-                known
-                    .info
-                    .as_ref()
-                    .filter(|now| now.episode > info.episode)
-                    .map(drop)
-            });
-            begun.ok_or_else(|| {
-                Failure::Refused(
-                    "the recording's map was loaded and no new episode was published".to_owned(),
-                )
-            })?;
-        }
-        let wish = Wish {
-            start_secs,
-            duration_secs,
-            follow,
-            offset,
-            with_sensors: replay_sensors,
-        };
-        let (replay, text) = Replay::begin(
-            recording,
-            wish,
-            self.recorder.settings(),
-            &self.world.known(),
-        );
-        self.recorder.play(replay, &self.world, &self.commander);
-        Ok(Answer::Value(format!("{opening}{text}").into()))
+fn replay_file(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let name = call.text()?;
+    let (start_secs, duration_secs, follow, replay_sensors) =
+        (call.f64()?, call.f64()?, call.u32()?, call.bool()?);
+    let offset = if call.rest().is_empty() {
+        Default::default()
+    } else {
+        call.transform()?
+    };
+    let path = gateway.recorder.path(name)?;
+    let recording = match Recording::open(&path) {
+        Ok(recording) => recording,
+        Err(error) => return Ok(Answer::Value(format!("{error}\n").into())),
+    };
+    let opening = format!("Replaying File: {}\n\n", path.display());
+    let info = gateway.info()?;
+    if recording.head.map != info.map {
+        gateway.commander.ask_one(Command::LoadMap {
+            map: recording.head.map.clone(),
+        })?;
+        let begun = gateway.world.wait_for(SETTLE, |known| {
+            known
+                .info
+                .as_ref()
+                .filter(|now| now.episode > info.episode)
+                .map(drop)
+        });
+        begun.ok_or_else(|| {
+            Failure::Refused(
+                "the recording's map was loaded and no new episode was published".to_owned(),
+            )
+        })?;
     }
+    let wish = Wish {
+        start_secs,
+        duration_secs,
+        follow,
+        offset,
+        with_sensors: replay_sensors,
+    };
+    let (replay, text) = Replay::begin(
+        recording,
+        wish,
+        gateway.recorder.settings(),
+        &gateway.world.known(),
+    );
+    gateway
+        .recorder
+        .play(replay, &gateway.world, &gateway.commander);
+    Ok(Answer::Value(format!("{opening}{text}").into()))
 }

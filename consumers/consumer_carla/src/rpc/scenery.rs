@@ -4,39 +4,39 @@
 use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
 use schema_frames::{Command, CommandReply, PosedBox};
 
-use crate::axes;
-use crate::gateway::{Answer, Failure, Gateway, Outcome};
+use crate::gateway::Gateway;
 use crate::list;
-use crate::msgpack::Value;
-use crate::rpc::{Call, Calls};
-use crate::shapes;
+use crate::rpc::call::{Call, Calls};
+use crate::wire::axes;
+use crate::wire::msgpack::Value;
+use crate::wire::requests::{Answer, Failure, Outcome};
+use crate::wire::structures;
 
 pub(crate) const CALLS: Calls = &[
     ("load_map_layer", |gateway, call| {
-        gateway.switch_layers(call, true)
+        switch_layers(gateway, call, true)
     }),
     ("unload_map_layer", |gateway, call| {
-        gateway.switch_layers(call, false)
+        switch_layers(gateway, call, false)
     }),
     ("get_names_of_all_objects", |gateway, _| {
-        let names = gateway
-            .scenery()?
+        let names = scenery(gateway)?
             .0
             .into_iter()
             .map(|object| Value::from(object.name.as_str()))
             .collect();
         Ok(Answer::Value(Value::Array(names)))
     }),
-    ("get_all_level_BBs", Gateway::level_boxes),
-    ("get_environment_objects", Gateway::environment_objects),
-    ("enable_environment_objects", Gateway::enable_objects),
+    ("get_all_level_BBs", level_boxes),
+    ("get_environment_objects", environment_objects),
+    ("enable_environment_objects", enable_objects),
     ("query_lights_state", |gateway, _| {
-        let lamps = gateway.scenery()?.1;
+        let lamps = scenery(gateway)?.1;
         Ok(Answer::Value(Value::Array(
             lamps.iter().map(lamp_state).collect(),
         )))
     }),
-    ("update_lights_state", Gateway::update_lamps),
+    ("update_lights_state", update_lamps),
     ("update_day_night_cycle", |gateway, call| {
         call.text()?;
         let on = call.bool()?;
@@ -49,7 +49,7 @@ pub(crate) const CALLS: Calls = &[
 const ANY: u8 = 255;
 
 fn world_box(object: &SceneryObjectInfo) -> Value {
-    shapes::posed_box(&PosedBox {
+    structures::posed_box(&PosedBox {
         pose: object.box_pose,
         half_m: object.box_half_m,
     })
@@ -69,91 +69,90 @@ fn lamp_state(lamp: &SceneryLampInfo) -> Value {
     ]
 }
 
-impl Gateway {
-    /// Everything that stands in the map.
-    fn scenery(&self) -> Result<(Vec<SceneryObjectInfo>, Vec<SceneryLampInfo>), Failure> {
-        match self.commander.ask_one(Command::Scenery)? {
-            (CommandReply::Scenery { objects, lamps }, _) => Ok((objects, lamps)),
-            (other, _) => Err(Failure::Refused(format!(
-                "{other:?} is no answer to a question for scenery"
-            ))),
-        }
+/// Everything that stands in the map.
+fn scenery(gateway: &Gateway) -> Result<(Vec<SceneryObjectInfo>, Vec<SceneryLampInfo>), Failure> {
+    match gateway.commander.ask_one(Command::Scenery)? {
+        (CommandReply::Scenery { objects, lamps }, _) => Ok((objects, lamps)),
+        (other, _) => Err(Failure::Refused(format!(
+            "{other:?} is no answer to a question for scenery"
+        ))),
     }
+}
 
-    fn tagged(&self, tag: u8) -> Result<Vec<SceneryObjectInfo>, Failure> {
-        let (mut objects, _) = self.scenery()?;
-        objects.retain(|object| tag == ANY || object.class == tag);
-        Ok(objects)
-    }
+fn tagged(gateway: &Gateway, tag: u8) -> Result<Vec<SceneryObjectInfo>, Failure> {
+    let (mut objects, _) = scenery(gateway)?;
+    objects.retain(|object| tag == ANY || object.class == tag);
+    Ok(objects)
+}
 
-    fn switch_layers(&self, call: &mut Call<'_>, shown: bool) -> Outcome {
-        let layers = call.u16()?;
-        self.commander
-            .ask_one(Command::ShowLayers { layers, shown })?;
-        Ok(Answer::Void)
-    }
+fn switch_layers(gateway: &Gateway, call: &mut Call<'_>, shown: bool) -> Outcome {
+    let layers = call.u16()?;
+    gateway
+        .commander
+        .ask_one(Command::ShowLayers { layers, shown })?;
+    Ok(Answer::Void)
+}
 
-    fn level_boxes(&self, call: &mut Call<'_>) -> Outcome {
-        let shown = self
-            .tagged(call.u8()?)?
-            .into_iter()
-            .filter(|object| object.shown);
-        Ok(Answer::Value(Value::Array(
-            shown.map(|object| world_box(&object)).collect(),
-        )))
-    }
+fn level_boxes(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let shown = tagged(gateway, call.u8()?)?
+        .into_iter()
+        .filter(|object| object.shown);
+    Ok(Answer::Value(Value::Array(
+        shown.map(|object| world_box(&object)).collect(),
+    )))
+}
 
-    fn environment_objects(&self, call: &mut Call<'_>) -> Outcome {
-        let object = |object: &SceneryObjectInfo| {
-            let transform = shapes::transform(&axes::transform(&object.pose.into()));
-            list![
-                transform,
-                world_box(object),
-                u64::from(object.id),
-                object.name.as_str(),
-                object.class
-            ]
-        };
-        Ok(Answer::Value(Value::Array(
-            self.tagged(call.u8()?)?.iter().map(object).collect(),
-        )))
-    }
+fn environment_objects(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let object = |object: &SceneryObjectInfo| {
+        let transform = structures::transform(&axes::transform(&object.pose.into()));
+        list![
+            transform,
+            world_box(object),
+            u64::from(object.id),
+            object.name.as_str(),
+            object.class
+        ]
+    };
+    Ok(Answer::Value(Value::Array(
+        tagged(gateway, call.u8()?)?.iter().map(object).collect(),
+    )))
+}
 
-    fn enable_objects(&self, call: &mut Call<'_>) -> Outcome {
-        let mut ids = call.fields("the ids")?;
-        let mut object_ids = Vec::new();
-        while !ids.rest().is_empty() {
-            object_ids.push(ids.u32()?);
-        }
-        let shown = call.bool()?;
-        self.commander
-            .ask_one(Command::ShowObjects { object_ids, shown })?;
-        Ok(Answer::Void)
+fn enable_objects(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let mut ids = call.fields("the ids")?;
+    let mut object_ids = Vec::new();
+    while !ids.rest().is_empty() {
+        object_ids.push(ids.u32()?);
     }
+    let shown = call.bool()?;
+    gateway
+        .commander
+        .ask_one(Command::ShowObjects { object_ids, shown })?;
+    Ok(Answer::Void)
+}
 
-    fn update_lamps(&self, call: &mut Call<'_>) -> Outcome {
-        call.text()?;
-        let mut lamps = call.fields("the lights")?;
-        let mut changes = Vec::new();
-        while !lamps.rest().is_empty() {
-            let mut lamp = lamps.fields("a light")?;
-            let number = lamp.u32()?;
-            lamp.vector()?;
-            let (intensity_lm, group) = (lamp.f32()?, lamp.u8()?);
-            let mut color = lamp.fields("a colour")?;
-            let rgb = [color.u8()?, color.u8()?, color.u8()?];
-            changes.push(LampChange {
-                lamp: number,
-                on: Some(lamp.bool()?),
-                rgb: Some(rgb),
-                intensity_lm: Some(intensity_lm),
-                group: Some(group),
-            });
-        }
-        self.commander.ask_one(Command::SetSceneryLamps {
-            changes: changes.clone(),
-        })?;
-        self.recorder.note_street_lights(&changes);
-        Ok(Answer::Void)
+fn update_lamps(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    call.text()?;
+    let mut lamps = call.fields("the lights")?;
+    let mut changes = Vec::new();
+    while !lamps.rest().is_empty() {
+        let mut lamp = lamps.fields("a light")?;
+        let number = lamp.u32()?;
+        lamp.vector()?;
+        let (intensity_lm, group) = (lamp.f32()?, lamp.u8()?);
+        let mut color = lamp.fields("a colour")?;
+        let rgb = [color.u8()?, color.u8()?, color.u8()?];
+        changes.push(LampChange {
+            lamp: number,
+            on: Some(lamp.bool()?),
+            rgb: Some(rgb),
+            intensity_lm: Some(intensity_lm),
+            group: Some(group),
+        });
     }
+    gateway.commander.ask_one(Command::SetSceneryLamps {
+        changes: changes.clone(),
+    })?;
+    gateway.recorder.note_street_lights(&changes);
+    Ok(Answer::Void)
 }

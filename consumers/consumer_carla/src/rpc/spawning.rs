@@ -4,16 +4,15 @@ use std::time::Duration;
 
 use schema_frames::{Attachment, Command, CommandReply, StepMode};
 
-use crate::axes::Transform;
-use crate::blueprints;
-use crate::fields::{Description, Wrong};
-use crate::gateway::{Answer, Failure, Gateway, Outcome, lock};
-use crate::rpc::actors::pose;
-use crate::rpc::batch::{Commands, Item};
-use crate::rpc::{Call, Calls};
-use crate::sensors::spec;
-use crate::shapes;
-use crate::world::Own;
+use crate::gateway::Gateway;
+use crate::rpc::batch_item::{Commands, Item};
+use crate::rpc::call::{Call, Calls};
+use crate::spawn::spawn_command;
+use crate::state::actors;
+use crate::state::known_world::Known;
+use crate::state::known_world::Own;
+use crate::wire::fields::Wrong;
+use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
 const FIRST_SEEN: Duration = Duration::from_millis(1500);
@@ -22,11 +21,11 @@ const FIRST_SEEN: Duration = Duration::from_millis(1500);
 const ABSENCE_WAIT: Duration = Duration::from_millis(1500);
 
 pub(crate) const CALLS: Calls = &[
-    ("spawn_actor", |gateway, call| gateway.spawn(call, false)),
+    ("spawn_actor", |gateway, call| spawn(gateway, call, false)),
     ("spawn_actor_with_parent", |gateway, call| {
-        gateway.spawn(call, true)
+        spawn(gateway, call, true)
     }),
-    ("destroy_actor", Gateway::destroy),
+    ("destroy_actor", destroy),
 ];
 
 /// Spawning by a batch is in `batch`, which knows what follows.
@@ -46,121 +45,98 @@ fn attachment(number: u8) -> Result<Attachment, Wrong> {
     }
 }
 
-/// The command that spawns, or why this type cannot be.
-pub(crate) fn spawn_command(
-    description: &Description,
-    transform: &Transform,
-    parent: Option<u32>,
-    attachment: Attachment,
-) -> Result<Command, Wrong> {
-    if description.type_id.starts_with("sensor.") {
-        return spec::command(description, pose(transform), parent, attachment);
-    }
-    Ok(Command::Spawn {
-        type_id: description.type_id.clone(),
-        pose: pose(transform),
-        parent_id: parent,
-        role: description
-            .attribute("role_name")
-            .unwrap_or_default()
-            .to_owned(),
-        attributes: blueprints::settable(description),
-    })
+fn spawn(gateway: &Gateway, call: &mut Call<'_>, has_parent: bool) -> Outcome {
+    let (description, transform) = (call.description()?, call.transform()?);
+    let (parent, attachment) = if has_parent {
+        (Some(call.u32()?), attachment(call.u8()?)?)
+    } else {
+        (None, Attachment::Rigid)
+    };
+    let command = spawn_command(&description, &transform, parent, attachment)?;
+    let (reply, _) = gateway.commander.ask_one(command)?;
+    let CommandReply::Spawned { actor_id, topics } = reply else {
+        return Err(Failure::Refused(format!(
+            "{reply:?} is no answer to a spawn"
+        )));
+    };
+    remember(
+        gateway,
+        actor_id,
+        Own {
+            description: description.clone(),
+            parent: parent.unwrap_or(0),
+            topics,
+        },
+    );
+    wait_until_seen(gateway, actor_id);
+    Ok(Answer::Value(actors::new_actor(
+        &gateway.world.known(),
+        actor_id,
+        parent.unwrap_or(0),
+        &description,
+    )))
 }
 
-impl Gateway {
-    fn spawn(&self, call: &mut Call<'_>, has_parent: bool) -> Outcome {
-        let (description, transform) = (call.description()?, call.transform()?);
-        let (parent, attachment) = if has_parent {
-            (Some(call.u32()?), attachment(call.u8()?)?)
-        } else {
-            (None, Attachment::Rigid)
-        };
-        let command = spawn_command(&description, &transform, parent, attachment)?;
-        let (reply, _) = self.commander.ask_one(command)?;
-        let CommandReply::Spawned { actor_id, topics } = reply else {
-            return Err(Failure::Refused(format!(
-                "{reply:?} is no answer to a spawn"
-            )));
-        };
-        self.remember(
-            actor_id,
-            Own {
-                description: description.clone(),
-                parent: parent.unwrap_or(0),
-                topics,
-            },
-        );
-        self.wait_until_seen(actor_id);
-        Ok(Answer::Value(shapes::new_actor(
-            &self.world.known(),
-            actor_id,
-            parent.unwrap_or(0),
-            &description,
-        )))
-    }
+/// Keeps what is known of a client's own actor.
+pub(crate) fn remember(gateway: &Gateway, id: u32, own: Own) {
+    gateway.world.change(|known| known.own.insert(id, own));
+}
 
-    /// Keeps what is known of a client's own actor.
-    pub(crate) fn remember(&self, id: u32, own: Own) {
-        self.world.change(|known| known.own.insert(id, own));
-    }
+/// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it
+/// there.
+pub(crate) fn wait_until_seen(gateway: &Gateway, id: u32) {
+    let is_paced = |known: &Known| {
+        known
+            .info
+            .as_ref()
+            .is_some_and(|info| info.mode == StepMode::FreeRunning)
+    };
+    gateway.world.wait_for(FIRST_SEEN, |known| {
+        let seen = known
+            .snapshot
+            .as_ref()
+            .is_some_and(|snapshot| snapshot.actor(id).is_some());
+        (seen || !is_paced(known)).then_some(())
+    });
+}
 
-    /// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it
-    /// there.
-    pub(crate) fn wait_until_seen(&self, id: u32) {
-        let is_paced = |known: &crate::world::Known| {
-            known
-                .info
-                .as_ref()
-                .is_some_and(|info| info.mode == StepMode::FreeRunning)
-        };
-        self.world.wait_for(FIRST_SEEN, |known| {
-            let seen = known
-                .snapshot
-                .as_ref()
-                .is_some_and(|snapshot| snapshot.actor(id).is_some());
-            (seen || !is_paced(known)).then_some(())
-        });
+fn destroy(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let actor_id = call.u32()?;
+    // Scripts destroy a vehicle and then its sensors, which CARLA leaves behind.
+    if !gateway
+        .world
+        .change(|known| known.gone_along.remove(&actor_id))
+    {
+        gateway.commander.ask_one(Command::Destroy { actor_id })?;
+        gateway.world.change(|known| known.forget(actor_id));
+        await_absence(gateway, actor_id);
     }
+    Ok(Answer::Value(true.into()))
+}
 
-    fn destroy(&self, call: &mut Call<'_>) -> Outcome {
-        let actor_id = call.u32()?;
-        // Scripts destroy a vehicle and then its sensors, which CARLA leaves behind.
-        if !self
-            .world
-            .change(|known| known.gone_along.remove(&actor_id))
+/// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it,
+/// and ends its process if the script has
+/// destroyed it by then; so the answer comes with the snapshot after that one, when what was
+/// begun before should be done. In a stepped
+/// world there is none before the next tick, which waits. With ticks of a second and more the
+/// answer may come first.
+fn await_absence(gateway: &Gateway, actor_id: u32) {
+    if gateway.traffic_managers.is_empty() {
+        return;
+    }
+    let mut first = None;
+    gateway.world.wait_for(ABSENCE_WAIT, |known| {
+        if known
+            .info
+            .as_ref()
+            .is_none_or(|info| info.mode != StepMode::FreeRunning)
         {
-            self.commander.ask_one(Command::Destroy { actor_id })?;
-            self.world.change(|known| known.forget(actor_id));
-            self.await_absence(actor_id);
+            return Some(());
         }
-        Ok(Answer::Value(true.into()))
-    }
-
-    /// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it,
-    /// and ends its process if the script has
-    /// destroyed it by then; so the answer comes with the snapshot after that one, when what was
-    /// begun before should be done. In a stepped
-    /// world there is none before the next tick, which waits. With ticks of a second and more the
-    /// answer may come first.
-    fn await_absence(&self, actor_id: u32) {
-        if lock(&self.traffic_managers).is_empty() {
-            return;
-        }
-        let mut first = None;
-        self.world.wait_for(ABSENCE_WAIT, |known| {
-            if known
-                .info
-                .as_ref()
-                .is_none_or(|info| info.mode != StepMode::FreeRunning)
-            {
-                return Some(());
-            }
-            let snapshot = known
-                .snapshot
-                .as_ref()
-                .filter(|snapshot| snapshot.actor(actor_id).is_none())?;
-            (snapshot.header.tick > *first.get_or_insert(snapshot.header.tick)).then_some(())
-        });
-    }
+        let snapshot = known
+            .snapshot
+            .as_ref()
+            .filter(|snapshot| snapshot.actor(actor_id).is_none())?;
+        (snapshot.header.tick > *first.get_or_insert(snapshot.header.tick)).then_some(())
+    });
 }

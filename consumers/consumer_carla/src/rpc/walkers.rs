@@ -2,16 +2,17 @@
 
 use schema_frames::{Command, WalkerControl};
 
-use crate::axes;
-use crate::fields::{Fields, Wrong};
-use crate::gateway::{Answer, Gateway, Outcome};
-use crate::rpc::batch::{Commands, Item};
-use crate::rpc::{Call, Calls};
+use crate::gateway::Gateway;
+use crate::rpc::batch_item::{Commands, Item};
+use crate::rpc::call::{Call, Calls};
+use crate::wire::axes;
+use crate::wire::fields::{Fields, Wrong};
+use crate::wire::requests::{Answer, Outcome};
 
 /// Fastest that a walker goes, m/s; scripts that ask for more get this.
 const MAX_SPEED_MPS: f32 = 15.0;
 
-pub(crate) const CALLS: Calls = &[("apply_control_to_walker", Gateway::control_walker)];
+pub(crate) const CALLS: Calls = &[("apply_control_to_walker", control_walker)];
 
 pub(crate) const BATCH: Commands = &[
     (4, |actor, fields| {
@@ -52,12 +53,11 @@ fn control(fields: &mut Fields<'_>) -> Result<WalkerControl, Wrong> {
     })
 }
 
-impl Gateway {
-    fn control_walker(&self, call: &mut Call<'_>) -> Outcome {
-        let actor_id = self.known_actor(call)?;
-        let control = control(call)?;
-        self.commander
-            .tell(Command::ControlWalker { actor_id, control });
-        Ok(Answer::Void)
-    }
+fn control_walker(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
+    let actor_id = call.known_actor(gateway)?;
+    let control = control(call)?;
+    gateway
+        .commander
+        .tell(Command::ControlWalker { actor_id, control });
+    Ok(Answer::Void)
 }

@@ -6,10 +6,10 @@
 use schema_frames::{ActorInfo, ActorRecord};
 use schema_types::Class;
 
-use crate::axes;
-use crate::sensors::records::locate_deg;
-use crate::sensors::spec::Attributes;
 use crate::v2x::noise::Noise;
+use crate::wire::axes;
+use crate::wire::description::Attributes;
+use crate::wire::geolocation::locate_deg;
 
 /// Bytes of a message with the power in front.
 pub const RECORD_BYTES: usize = 464;

@@ -3,7 +3,7 @@
 //! Formulas: ETSI TR 103 257-1 (WINNER+ path loss, fading), two-ray interference over ground,
 //! knife-edge diffraction of ITU-R P.526.
 
-use crate::sensors::spec::Attributes;
+use crate::wire::description::Attributes;
 
 const LIGHT_MPS: f64 = 299_792_458.0;
 /// Relative permittivity of the ground in the two-ray model.
@@ -204,7 +204,7 @@ impl Radio {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fields::{Attribute, Description};
+    use crate::wire::description::{Attribute, Description};
 
     fn radio(attributes: &[(&str, &str)]) -> Result<Radio, String> {
         let attribute = |(name, value): &(&str, &str)| Attribute {

@@ -1,0 +1,283 @@
+//! A feed: one sensor's readers on the bus, with what it takes to write its messages.
+
+use std::io::Read as _;
+use std::net::TcpStream;
+use std::os::fd::{AsFd as _, BorrowedFd};
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use schema_bus::{Bus, BusError, Frame, FrameReader, WaitSet, mono_now};
+
+use crate::feeds::events;
+use crate::feeds::progress::{Progress, Readers};
+use crate::feeds::relay::Relay;
+use crate::feeds::world_stream::WorldStream;
+use crate::state::known_world::World;
+use crate::wire::geolocation::geo_reference_deg;
+use crate::wire::sensor_message::{Context, Encoder};
+use crate::wire::streams::{StreamMessage, actor_of, send};
+
+/// How often a quiet stream is looked at.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// What all feeds share.
+#[derive(Debug)]
+pub struct Shared {
+    /// What is known of sensors and their actors.
+    pub world: Arc<World>,
+    /// Its snapshots go before sensors' messages.
+    pub world_stream: WorldStream,
+    /// Where feeds read; set once.
+    pub bus: OnceLock<Bus>,
+    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them.
+    pub no_rendering: AtomicBool,
+    /// Who is how far.
+    pub readers: Readers,
+}
+
+impl Shared {
+    fn no_rendering(&self) -> bool {
+        self.no_rendering.load(Ordering::Acquire)
+    }
+
+    /// What a frame's message needs to know; `None` for a frame of an episode that is over.
+    fn context(&self, frame: &Frame) -> Option<Context> {
+        let known = self.world.known();
+        let at = &known.snapshot.as_ref()?.header;
+        (at.episode == frame.header().episode).then(|| Context {
+            episode_start_nanos: at.episode_start_nanos,
+            geo_reference_deg: known
+                .geo_reference_deg
+                .unwrap_or_else(|| geo_reference_deg("")),
+        })
+    }
+}
+
+/// Where a feed's messages go.
+pub enum Outlet<'a> {
+    /// To one client.
+    Client(&'a mut TcpStream),
+    /// To the listeners of a relay.
+    Relay(&'a Relay),
+}
+
+impl Outlet<'_> {
+    fn send(&mut self, tick: u64, head: &[u8], body: &[u8]) -> std::io::Result<()> {
+        match self {
+            Outlet::Client(connection) => send(connection, head, body),
+            Outlet::Relay(relay) => {
+                relay.send(&StreamMessage {
+                    tick,
+                    bytes: [head, body].concat().into(),
+                });
+                Ok(())
+            }
+        }
+    }
+}
+
+/// A reader with what it takes to write messages.
+pub struct Feed {
+    actor: u32,
+    was_listed: bool,
+    is_camera: bool,
+    topics: Vec<String>,
+    readers: Vec<FrameReader>,
+    waiting: Vec<Option<Frame>>,
+    wake: WaitSet,
+    poked: UnixStream,
+    encoder: Encoder,
+    progress: Arc<Progress>,
+}
+
+impl std::fmt::Debug for Feed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Feed")
+            .field("actor", &self.actor)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Feed {
+    /// Reads a stream from now on; `None` if there is no such sensor.
+    pub fn open(stream: u32, shared: &Shared) -> Option<Feed> {
+        let (bus, actor) = (shared.bus.get()?, actor_of(stream)?);
+        let ((kind, topics), fov_rad) = {
+            let known = shared.world.known();
+            (known.sensor(actor)?, known.fov_rad(actor))
+        };
+        let is_camera = kind.type_id.starts_with("sensor.camera.");
+        let opened = || -> Result<Feed, BusError> {
+            let pipe = |error: std::io::Error| BusError::Service {
+                action: "wake up",
+                service: topics.first().cloned().unwrap_or_default(),
+                cause: error.to_string(),
+            };
+            let (poke, poked) = UnixStream::pair().map_err(pipe)?;
+            poke.set_nonblocking(true)
+                .and_then(|()| poked.set_nonblocking(true))
+                .map_err(pipe)?;
+            let shut = is_camera && shared.no_rendering();
+            let mut feed = Feed {
+                actor,
+                was_listed: false,
+                is_camera,
+                topics,
+                readers: Vec::new(),
+                waiting: Vec::new(),
+                wake: WaitSet::new(),
+                poked,
+                encoder: Encoder::new(kind, fov_rad),
+                progress: Arc::new(Progress::new(stream, is_camera.then_some(shut), poke)),
+            };
+            if !shut {
+                feed.read_topics(bus)?;
+            }
+            Ok(feed)
+        };
+        match opened() {
+            Ok(feed) => {
+                shared.readers.add(feed.progress.clone());
+                Some(feed)
+            }
+            Err(error) => {
+                tracing::warn!(actor, %error, "cannot read a sensor for a client");
+                None
+            }
+        }
+    }
+
+    /// Its client has come.
+    pub fn connect(&self) {
+        self.progress.connect();
+    }
+
+    /// Whether the sensor is gone: it was on the list of actors and is no longer.
+    pub fn is_over(&mut self, shared: &Shared) -> bool {
+        let is_listed = shared.world.known().actors.contains_key(&self.actor);
+        self.was_listed |= is_listed;
+        self.was_listed && !is_listed
+    }
+
+    /// Takes everything that waits and writes it. Returns the moment before which everything
+    /// published was taken.
+    pub fn pass_on(&mut self, shared: &Shared, outlet: &mut Outlet<'_>) -> std::io::Result<u64> {
+        self.shut_or_open(shared);
+        let began_nanos = mono_now().0;
+        while let Some(frames) = self.next()? {
+            if self.is_camera && shared.no_rendering() {
+                continue;
+            }
+            let tick = frames[0].header().tick;
+            shared.world_stream.await_snapshot(tick);
+            let Some(context) = shared.context(&frames[0]) else {
+                continue;
+            };
+            let events = events::bodies(&shared.world.known(), &frames[0]);
+            if let Some(bodies) = events {
+                for body in bodies {
+                    let message = self.encoder.event(frames[0].header(), &body, &context);
+                    outlet.send(tick, message.head, message.body)?;
+                }
+            } else if let Some(message) = self.encoder.encode(&frames, &context) {
+                outlet.send(tick, message.head, message.body)?;
+            }
+        }
+        self.progress.take(began_nanos);
+        shared.readers.ring();
+        Ok(began_nanos)
+    }
+
+    /// Waits a while for new frames or for being poked. True if there is something to read on
+    /// `connection`, which is looked at too.
+    pub fn wait(&mut self, connection: Option<BorrowedFd<'_>>) -> std::io::Result<bool> {
+        let poked = self.poked.as_fd();
+        let both = [poked, connection.unwrap_or(poked)];
+        let beside = &both[..1 + usize::from(connection.is_some())];
+        let ready = self
+            .wake
+            .wait_beside(beside, LOOK)
+            .map_err(std::io::Error::other)?;
+        if ready[0] {
+            // All that matters is that something came.
+            let _ = self.poked.read(&mut [0; 64]);
+        }
+        Ok(ready.get(1).copied().unwrap_or(false))
+    }
+
+    /// Lets go of a camera's readers, or takes them again, as `no_rendering` says.
+    pub fn shut_or_open(&mut self, shared: &Shared) {
+        let shut = shared.no_rendering();
+        if self
+            .progress
+            .is_shut()
+            .is_none_or(|is_shut| is_shut == shut)
+        {
+            return;
+        }
+        if shut {
+            self.waiting.clear();
+            self.readers.clear();
+            self.wake = WaitSet::new();
+        } else if let Some(Err(error)) = shared.bus.get().map(|bus| self.read_topics(bus)) {
+            tracing::warn!(actor = self.actor, %error, "cannot read a camera again");
+        }
+        self.progress.set_shut(shut);
+        shared.readers.ring();
+    }
+
+    /// Opens a reader of each topic.
+    fn read_topics(&mut self, bus: &Bus) -> Result<(), BusError> {
+        let mut wake = WaitSet::new();
+        let mut readers = Vec::new();
+        for topic in &self.topics {
+            wake.add(bus.listener(topic)?);
+            readers.push(bus.frame_reader(topic)?);
+        }
+        self.waiting = readers.iter().map(|_| None).collect();
+        (self.readers, self.wake) = (readers, wake);
+        Ok(())
+    }
+
+    /// The oldest frames of one tick, one of each topic.
+    fn next(&mut self) -> std::io::Result<Option<Vec<Frame>>> {
+        if self.readers.is_empty() {
+            return Ok(None);
+        }
+        loop {
+            for (slot, reader) in self.waiting.iter_mut().zip(&mut self.readers) {
+                while slot.is_none() {
+                    match reader.next() {
+                        Ok(Some(frame)) => *slot = Some(frame),
+                        Ok(None) => return Ok(None),
+                        Err(error @ BusError::BadFrame { .. }) => {
+                            tracing::warn!(%error, "passed over a frame")
+                        }
+                        Err(error) => return Err(std::io::Error::other(error)),
+                    }
+                }
+            }
+            let tick = |slot: &Option<Frame>| slot.as_ref().map_or(0, |frame| frame.header().tick);
+            let newest = self.waiting.iter().map(tick).max().unwrap_or(0);
+            if self.waiting.iter().all(|slot| tick(slot) == newest) {
+                return Ok(Some(
+                    self.waiting.iter_mut().filter_map(Option::take).collect(),
+                ));
+            }
+            // One topic lost a frame that the others have.
+            self.waiting
+                .iter_mut()
+                .filter(|slot| tick(slot) < newest)
+                .for_each(|slot| *slot = None);
+        }
+    }
+}
+
+impl Drop for Feed {
+    /// Nobody waits for what has ended.
+    fn drop(&mut self) {
+        self.progress.finish();
+    }
+}

@@ -1,0 +1,278 @@
+//! Messages that are made once and sent to several listeners. Each has a queue of its own, so that
+//! a slow one holds up nobody but itself.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
+use std::time::{Duration, Instant};
+
+use crate::feeds::progress::Progress;
+use crate::feeds::world_stream::WorldStream;
+use crate::lock::lock;
+use crate::wire::streams::{StreamMessage, has_ended, send, wait_for_end};
+
+/// How often a quiet connection is looked at.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// One source of messages. It lives as long as its source; listeners end with who holds them.
+#[derive(Debug)]
+pub struct Relay {
+    listeners: Mutex<Vec<Weak<Listener>>>,
+    is_over: AtomicBool,
+    backlog: usize,
+}
+
+/// One client's queue.
+#[derive(Debug)]
+pub struct Listener {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+    progress: Option<Arc<Progress>>,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    messages: VecDeque<StreamMessage>,
+    /// Everything published before this `CLOCK_MONOTONIC` is in the queue or was.
+    promised_nanos: u64,
+    is_over: bool,
+}
+
+impl Relay {
+    /// Without listeners; each keeps this many messages at most and loses its oldest beyond them.
+    pub fn new(backlog: usize) -> Relay {
+        Relay {
+            listeners: Mutex::default(),
+            is_over: AtomicBool::new(false),
+            backlog,
+        }
+    }
+
+    /// One more listener, which collects from now on.
+    pub fn join(&self, progress: Option<Arc<Progress>>) -> Arc<Listener> {
+        let is_over = self.is_over.load(Ordering::Acquire);
+        let queue = Mutex::new(Queue {
+            is_over,
+            ..Queue::default()
+        });
+        let listener = Arc::new(Listener {
+            queue,
+            filled: Condvar::new(),
+            progress,
+        });
+        lock(&self.listeners).push(Arc::downgrade(&listener));
+        listener
+    }
+
+    /// Whether anybody listens or is about to.
+    pub fn has_listeners(&self) -> bool {
+        let mut listeners = lock(&self.listeners);
+        listeners.retain(|listener| listener.strong_count() > 0);
+        !listeners.is_empty()
+    }
+
+    /// Sends a message to all.
+    pub fn send(&self, message: &StreamMessage) {
+        self.change_queues(|queue| {
+            if queue.messages.len() >= self.backlog {
+                queue.messages.pop_front();
+            }
+            queue.messages.push_back(message.clone());
+        });
+    }
+
+    /// Says that everything published before this `CLOCK_MONOTONIC` was sent.
+    pub fn promise(&self, nanos: u64) {
+        self.change_queues(|queue| queue.promised_nanos = nanos);
+    }
+
+    /// There will be no more messages.
+    pub fn close(&self) {
+        self.is_over.store(true, Ordering::Release);
+        self.change_queues(|queue| queue.is_over = true);
+    }
+
+    fn change_queues(&self, change: impl Fn(&mut Queue)) {
+        lock(&self.listeners).retain(|listener| {
+            let Some(listener) = listener.upgrade() else {
+                return false;
+            };
+            change(&mut lock(&listener.queue));
+            listener.filled.notify_all();
+            true
+        });
+    }
+}
+
+/// Messages that wait for a slow listener of a station.
+const STATION_BACKLOG: usize = 256;
+
+/// Relays of radio stations, whose messages come from the gateway itself.
+#[derive(Debug, Default)]
+pub struct Stations(Mutex<BTreeMap<u32, Arc<Relay>>>);
+
+impl Stations {
+    /// One more listener of a station.
+    pub fn join(&self, station: u32) -> Arc<Listener> {
+        lock(&self.0)
+            .entry(station)
+            .or_insert_with(|| Arc::new(Relay::new(STATION_BACKLOG)))
+            .join(None)
+    }
+
+    /// The relay of a station that somebody listened to.
+    pub fn relay(&self, station: u32) -> Option<Arc<Relay>> {
+        lock(&self.0).get(&station).cloned()
+    }
+
+    /// Ends the relays of stations that are gone.
+    pub fn retain(&self, is_there: impl Fn(u32) -> bool) {
+        lock(&self.0).retain(|station, relay| {
+            let stays = is_there(*station);
+            if !stays {
+                relay.close();
+            }
+            stays
+        });
+    }
+}
+
+/// What a listener does next.
+enum Next {
+    Send(StreamMessage),
+    /// Everything up to this moment was sent.
+    Rest(u64),
+    End,
+}
+
+impl Listener {
+    fn next(&self, rested_nanos: u64) -> Next {
+        let mut queue = lock(&self.queue);
+        if queue.messages.is_empty() && !queue.is_over && queue.promised_nanos <= rested_nanos {
+            queue = self
+                .filled
+                .wait_timeout(queue, LOOK)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+        match queue.messages.pop_front() {
+            Some(message) => Next::Send(message),
+            None if queue.is_over => Next::End,
+            None => Next::Rest(queue.promised_nanos),
+        }
+    }
+
+    /// Sends to a client until it goes; `taken` runs when everything there was is sent.
+    pub fn serve(
+        &self,
+        mut connection: TcpStream,
+        world_stream: &WorldStream,
+        taken: &dyn Fn(),
+    ) -> std::io::Result<()> {
+        let served = self.send_all(&mut connection, world_stream, taken);
+        if let Some(progress) = &self.progress {
+            progress.finish();
+            taken();
+        }
+        match served {
+            Ok(true) => wait_for_end(&connection),
+            Ok(false) => Ok(()),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// True once there will be no more messages, false when the client has gone.
+    fn send_all(
+        &self,
+        connection: &mut TcpStream,
+        world_stream: &WorldStream,
+        taken: &dyn Fn(),
+    ) -> std::io::Result<bool> {
+        if let Some(progress) = &self.progress {
+            progress.connect();
+        }
+        let (mut rested_nanos, mut looked) = (0, Instant::now());
+        loop {
+            match self.next(rested_nanos) {
+                Next::Send(message) => {
+                    world_stream.await_snapshot(message.tick);
+                    send(connection, &message.bytes, &[])?;
+                }
+                Next::Rest(nanos) => {
+                    if nanos > rested_nanos
+                        && let Some(progress) = &self.progress
+                    {
+                        progress.take(nanos);
+                        taken();
+                    }
+                    rested_nanos = nanos;
+                }
+                Next::End => return Ok(true),
+            }
+            if looked.elapsed() >= LOOK {
+                looked = Instant::now();
+                if has_ended(connection)? {
+                    return Ok(false);
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Listener {
+    /// Nobody waits for what has ended.
+    fn drop(&mut self) {
+        self.progress.iter().for_each(|progress| progress.finish());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sent(tick: u64) -> StreamMessage {
+        StreamMessage {
+            tick,
+            bytes: vec![tick as u8].into(),
+        }
+    }
+
+    #[test]
+    fn a_full_queue_loses_its_oldest_and_no_other_queue_does() {
+        let relay = Relay::new(3);
+        let (slow, fast) = (relay.join(None), relay.join(None));
+        let mut seen = Vec::new();
+        for tick in 1..=5 {
+            relay.send(&sent(tick));
+            if let Next::Send(message) = fast.next(0) {
+                seen.push(message.tick);
+            }
+        }
+        let rest: Vec<u64> = std::iter::from_fn(|| {
+            if let Next::Send(message) = slow.next(u64::MAX) {
+                Some(message.tick)
+            } else {
+                None
+            }
+        })
+        .take(3)
+        .collect();
+        assert_eq!((seen, rest), (vec![1, 2, 3, 4, 5], vec![3, 4, 5]));
+        relay.close();
+        assert!(matches!(slow.next(0), Next::End) && matches!(relay.join(None).next(0), Next::End));
+    }
+
+    #[test]
+    fn a_promise_is_kept_only_after_the_messages_before_it() {
+        let relay = Relay::new(3);
+        let listener = relay.join(None);
+        relay.send(&sent(1));
+        relay.promise(70);
+        assert!(matches!(
+            listener.next(0),
+            Next::Send(StreamMessage { tick: 1, .. })
+        ));
+        assert!(matches!(listener.next(0), Next::Rest(70)));
+    }
+}

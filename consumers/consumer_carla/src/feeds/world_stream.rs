@@ -1,0 +1,200 @@
+//! The world stream: one message per tick for every client, before the tick's sensor messages.
+
+use std::net::TcpStream;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
+
+use crate::feeds::places::{self, Place, Places, Retired};
+use crate::lock::lock;
+use crate::wire::streams::{StreamMessage, has_ended, send};
+
+/// Messages that wait for a slow client before the newest are dropped for it.
+const BACKLOG: usize = 256;
+/// How often an idle connection is looked at.
+const LOOK: Duration = Duration::from_millis(500);
+/// How long sensors' messages wait for a client that is slow to take a snapshot.
+const SNAPSHOT_FIRST: Duration = Duration::from_millis(50);
+
+/// Who listens to the world.
+#[derive(Debug)]
+struct Subscriber {
+    queue: Sender<StreamMessage>,
+    pace: Arc<Pace>,
+}
+
+/// How far a subscriber is.
+#[derive(Debug)]
+struct Pace {
+    /// Newest tick that was written to its connection.
+    written: AtomicU64,
+    /// Whether it was found too slow to wait for.
+    lags: AtomicBool,
+}
+
+#[derive(Debug, Default)]
+struct Audience {
+    newest: Option<StreamMessage>,
+    subscribers: Vec<Subscriber>,
+}
+
+/// The world stream.
+#[derive(Debug, Default)]
+pub struct WorldStream {
+    audience: Mutex<Audience>,
+    places: Mutex<Places>,
+    written: Condvar,
+    newest_tick: AtomicU64,
+}
+
+impl WorldStream {
+    fn audience(&self) -> MutexGuard<'_, Audience> {
+        lock(&self.audience)
+    }
+
+    fn places(&self) -> MutexGuard<'_, Places> {
+        lock(&self.places)
+    }
+
+    /// The number of a client's world stream, by its RPC connection.
+    pub fn stream_of(&self, connection: u64) -> u32 {
+        self.places().stream_of(connection)
+    }
+
+    /// The client loads a world and takes a new stream afterwards: its old one is sent nothing
+    /// more.
+    pub fn retire(&self, connection: u64) -> Option<Place> {
+        self.places().retire(connection)
+    }
+
+    /// The client goes on with what [`WorldStream::retire`] gave.
+    pub fn restore(&self, connection: u64, place: Place) {
+        self.places().restore(connection, place);
+    }
+
+    /// Sends a snapshot to all who listen, and keeps it for who comes next.
+    pub fn send(&self, message: StreamMessage) {
+        let mut audience = self.audience();
+        audience.subscribers.retain(|subscriber| {
+            match subscriber.queue.try_send(message.clone()) {
+                Ok(()) => true,
+                Err(TrySendError::Full(_)) => {
+                    tracing::warn!(
+                        "a client is {BACKLOG} snapshots behind; one was dropped for it"
+                    );
+                    true
+                }
+                Err(TrySendError::Disconnected(_)) => false,
+            }
+        });
+        self.newest_tick.store(message.tick, Ordering::Release);
+        audience.newest = Some(message);
+        drop(audience);
+        self.written.notify_all();
+    }
+
+    /// Forgets what greets who comes next.
+    pub fn forget(&self) {
+        self.audience().newest = None;
+        self.newest_tick.store(0, Ordering::Release);
+    }
+
+    /// Waits until the snapshot of `tick` is on its way to every client that keeps up, so that no
+    /// sensor's message overtakes it.
+    pub fn await_snapshot(&self, tick: u64) {
+        let deadline = Instant::now() + SNAPSHOT_FIRST;
+        let mut audience = self.audience();
+        loop {
+            let is_behind = |subscriber: &&Subscriber| {
+                subscriber.pace.written.load(Ordering::Acquire) < tick
+                    && !subscriber.pace.lags.load(Ordering::Acquire)
+            };
+            let is_sent = self.newest_tick.load(Ordering::Acquire) >= tick;
+            if is_sent
+                && !audience
+                    .subscribers
+                    .iter()
+                    .any(|subscriber| is_behind(&subscriber))
+            {
+                return;
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                audience
+                    .subscribers
+                    .iter()
+                    .filter(is_behind)
+                    .for_each(|slow| slow.pace.lags.store(true, Ordering::Release));
+                return;
+            }
+            audience = self
+                .written
+                .wait_timeout(audience, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+    }
+
+    fn subscribe(&self) -> (Receiver<StreamMessage>, Arc<Pace>) {
+        let (queue, messages) = bounded(BACKLOG);
+        let mut audience = self.audience();
+        // It missed what came before, and need not be waited for on its account.
+        let pace = Arc::new(Pace {
+            written: AtomicU64::new(self.newest_tick.load(Ordering::Acquire)),
+            lags: AtomicBool::new(false),
+        });
+        if let Some(newest) = &audience.newest {
+            // Room for one there is.
+            let _ = queue.try_send(newest.clone());
+        }
+        audience.subscribers.push(Subscriber {
+            queue,
+            pace: pace.clone(),
+        });
+        (messages, pace)
+    }
+
+    /// Sends snapshots to a client until it goes.
+    pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
+        let is_retired = self.places().retired(stream);
+        let (messages, pace) = self.subscribe();
+        let served = self.send_all(&mut connection, &messages, &pace, &is_retired);
+        // Nobody waits for a client that has gone.
+        drop(messages);
+        pace.written.store(u64::MAX, Ordering::Release);
+        self.written.notify_all();
+        served
+    }
+
+    fn send_all(
+        &self,
+        connection: &mut TcpStream,
+        messages: &Receiver<StreamMessage>,
+        pace: &Pace,
+        is_retired: &Retired,
+    ) -> std::io::Result<()> {
+        loop {
+            match messages.recv_timeout(LOOK) {
+                Ok(message) => {
+                    if places::is_served(is_retired) {
+                        send(connection, &message.bytes, &[])?;
+                    } else if has_ended(connection)? {
+                        return Ok(());
+                    }
+                    pace.written.store(message.tick, Ordering::Release);
+                    if messages.is_empty() {
+                        pace.lags.store(false, Ordering::Release);
+                    }
+                    // Under the lock, so that who has just looked is waiting by now.
+                    drop(self.audience());
+                    self.written.notify_all();
+                }
+                Err(RecvTimeoutError::Timeout) if has_ended(connection)? => return Ok(()),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            }
+        }
+    }
+}

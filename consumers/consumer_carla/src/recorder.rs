@@ -1,0 +1,184 @@
+//! CARLA's recorder: writes what snapshots show into a file of the data folder, tells about such
+//! files, and plays them back.
+//!
+//! A consumer's work altogether: it records what it reads on the bus and replays by commands that
+//! put actors where they were.
+//! The file is described in `docs/carla-recorder.md`.
+
+pub mod changes;
+pub mod extra;
+pub mod file;
+pub mod replay;
+mod replay_changes;
+pub mod report;
+mod report_details;
+mod text;
+pub mod watch;
+pub mod writer;
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock};
+
+use launch_cli::{data_dir, file_in};
+use schema_frames::scenery::LampChange;
+
+use crate::lock::lock;
+use crate::state::commander::Commander;
+use crate::state::known_world::World;
+use changes::Changes;
+use replay::{Replay, Settings};
+use writer::Writer;
+
+/// Ending of recordings.
+const KIND: &str = "log";
+
+/// What is being recorded and played back.
+#[derive(Debug, Default)]
+pub struct Recorder {
+    state: Mutex<State>,
+    data: OnceLock<PathBuf>,
+}
+
+#[derive(Debug)]
+struct State {
+    writer: Option<Writer>,
+    replay: Option<Replay>,
+    settings: Settings,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        State {
+            writer: None,
+            replay: None,
+            settings: Settings {
+                time_factor: 1.0,
+                ignore_hero: false,
+                ignore_spectator: true,
+            },
+        }
+    }
+}
+
+impl Recorder {
+    /// Keeps recordings in this data folder instead of the user's.
+    pub fn keep_in(&self, data: PathBuf) {
+        // Set once, at the start.
+        let _ = self.data.set(data);
+    }
+
+    /// The file of a name: only its last part counts, so that scripts' `/tmp/x.log` works and stays
+    /// in the folder.
+    ///
+    /// # Errors
+    /// A sentence about a name that is none.
+    pub fn path(&self, name: &str) -> Result<PathBuf, String> {
+        let data =
+            data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
+        let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
+        let path = file_in(&data.join("recordings").join("carla"), plain, KIND)?;
+        if path.is_symlink() {
+            return Err(format!(
+                "{plain:?} is a link; recordings are only read and written in their folder itself"
+            ));
+        }
+        Ok(path)
+    }
+
+    /// Starts a recording on this map; one that runs is finished first.
+    ///
+    /// # Errors
+    /// If the file cannot be made.
+    pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), String> {
+        let mut state = lock(&self.state);
+        state.writer = None;
+        state.writer = Some(Writer::create(path, map, with_motion)?);
+        Ok(())
+    }
+
+    /// A vehicle's physics control was set.
+    pub fn note_physics(&self, actor_id: u32) {
+        if let Some(writer) = &mut lock(&self.state).writer {
+            writer.note_physics(actor_id);
+        }
+    }
+
+    /// Street lights were set.
+    pub fn note_street_lights(&self, changes: &[LampChange]) {
+        if let Some(writer) = &mut lock(&self.state).writer {
+            writer.note_street_lights(changes);
+        }
+    }
+
+    /// Ends the recording.
+    pub fn stop(&self) {
+        lock(&self.state).writer = None;
+    }
+
+    /// Changes what replays are told.
+    pub fn set(&self, change: impl FnOnce(&mut Settings)) {
+        let mut state = lock(&self.state);
+        change(&mut state.settings);
+        let settings = state.settings;
+        if let Some(replay) = &mut state.replay {
+            replay.settings = settings;
+        }
+    }
+
+    /// Settings for a replay that begins.
+    pub fn settings(&self) -> Settings {
+        lock(&self.state).settings
+    }
+
+    /// Takes the place of a replay that runs. What the next tick shows is its first moment.
+    pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
+        let mut state = lock(&self.state);
+        // First, or it would take away what the new one holds.
+        if let Some(before) = state.replay.take() {
+            before.end(commander, true);
+        }
+        let snapshot = world.known().snapshot.clone();
+        if let Some(snapshot) = snapshot {
+            replay.step(&snapshot, commander);
+        }
+        state.replay = Some(replay);
+    }
+
+    /// Ends the replay.
+    pub fn stop_replay(&self, keep_actors: bool, commander: &Commander) {
+        let replay = lock(&self.state).replay.take();
+        if let Some(replay) = replay {
+            replay.end(commander, keep_actors);
+        }
+    }
+
+    /// After each snapshot, before clients see it: what they cue next finds the replay's actors in
+    /// place.
+    pub fn step(&self, world: &World, commander: &Commander) {
+        let mut state = lock(&self.state);
+        if state.writer.is_none() && state.replay.is_none() {
+            return;
+        }
+        let snapshot = world.known().snapshot.clone();
+        let Some(snapshot) = snapshot else { return };
+        let mut changes = Changes::default();
+        if let Some(writer) = &mut state.writer {
+            // Before the world is held: who answers looks at it too.
+            writer.wanted(&snapshot).ask(commander, &mut changes);
+        }
+        let failed = state
+            .writer
+            .as_mut()
+            .and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
+        if let Some(error) = failed {
+            tracing::warn!(error, "the recording ends here");
+            state.writer = None;
+        }
+        if let Some(replay) = &mut state.replay
+            && !replay.step(&snapshot, commander)
+            && let Some(replay) = state.replay.take()
+        {
+            replay.end(commander, true);
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! One call: its arguments, read in order, and whose it is.
+
+use std::ops::{Deref, DerefMut};
+
+use crate::gateway::Gateway;
+use crate::wire::fields::Fields;
+use crate::wire::requests::{Failure, Outcome, Request};
+
+/// What serves a method.
+pub(crate) type Run = fn(&Gateway, &mut Call<'_>) -> Outcome;
+
+/// The calls of one area.
+pub(crate) type Calls = &'static [(&'static str, Run)];
+
+/// One call: its arguments, read in order, and whose it is.
+#[derive(Debug)]
+pub(crate) struct Call<'v> {
+    args: Fields<'v>,
+    /// Method as the client named it.
+    pub method: &'v str,
+    /// Number of the client's connection.
+    pub connection: u64,
+}
+
+impl<'v> Deref for Call<'v> {
+    type Target = Fields<'v>;
+    fn deref(&self) -> &Fields<'v> {
+        &self.args
+    }
+}
+
+impl<'v> DerefMut for Call<'v> {
+    fn deref_mut(&mut self) -> &mut Fields<'v> {
+        &mut self.args
+    }
+}
+
+impl<'v> Call<'v> {
+    /// A request that came over this connection.
+    pub fn new(request: &'v Request, connection: u64) -> Self {
+        Call {
+            args: Fields::new("the arguments", &request.args),
+            method: &request.method,
+            connection,
+        }
+    }
+
+    /// Reads the id of an actor that exists.
+    pub fn known_actor(&mut self, gateway: &Gateway) -> Result<u32, Failure> {
+        let id = self.u32()?;
+        if gateway.world.known().has_actor(id) {
+            return Ok(id);
+        }
+        Err(Failure::Refused(format!(
+            "actor {id} could not be found; it does not exist or was destroyed"
+        )))
+    }
+}

@@ -1,0 +1,318 @@
+//! The one thread that talks to `control/world` and `control/vehicles`; connections hand it their
+//! wishes in order.
+//!
+//! What queues up while an answer is awaited goes out as one request: in free-running mode the
+//! simulator answers once per tick.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
+use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
+use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
+
+use crate::state::known_world::World;
+
+/// Wishes that may queue up before connections have to wait.
+const QUEUE: usize = 4096;
+/// Commands in one request to the simulator.
+const BATCH: usize = 512;
+/// Longest wait for an answer: loading a map takes seconds.
+const PATIENCE: Duration = Duration::from_secs(60);
+const LOOK_AT_STOP: Duration = Duration::from_millis(100);
+/// Quiet time after which the way to the simulator is closed when nobody steps the world any more.
+const STEP_BACK: Duration = Duration::from_secs(1);
+/// Ticks for which a control is sent again with newer ones, so that the newest sample alone says
+/// everything.
+const RESEND_TICKS: u64 = 2;
+
+/// Answers to a list of commands.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// One per command.
+    pub replies: Vec<CommandReply>,
+    /// Last finished tick.
+    pub tick: u64,
+}
+
+struct Ask {
+    commands: Vec<Command>,
+    reply: Option<Sender<Result<Answer, String>>>,
+}
+
+enum Job {
+    Ask(Ask),
+    Control(Vec<VehicleControlRecord>),
+}
+
+/// Handle for connections.
+#[derive(Clone, Debug)]
+pub struct Commander {
+    jobs: Sender<Job>,
+    is_lost: Arc<AtomicBool>,
+}
+
+/// The thread's end.
+pub struct Work {
+    jobs: Receiver<Job>,
+    is_lost: Arc<AtomicBool>,
+}
+
+/// A commander and the work for its thread.
+pub fn commander() -> (Commander, Work) {
+    let (sender, receiver) = bounded(QUEUE);
+    let is_lost = Arc::new(AtomicBool::new(false));
+    (
+        Commander {
+            jobs: sender,
+            is_lost: is_lost.clone(),
+        },
+        Work {
+            jobs: receiver,
+            is_lost,
+        },
+    )
+}
+
+impl Commander {
+    /// Runs commands and waits for their answers.
+    ///
+    /// # Errors
+    /// A sentence if there is no simulator or no answer; a refused command is a reply.
+    pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, String> {
+        let (reply, answer) = bounded(1);
+        let gone = |_| "the gateway is shutting down".to_owned();
+        self.jobs
+            .send(Job::Ask(Ask {
+                commands,
+                reply: Some(reply),
+            }))
+            .map_err(|error| gone(error.to_string()))?;
+        answer.recv().map_err(|error| gone(error.to_string()))?
+    }
+
+    /// Runs one command and waits; a refusal is an error.
+    ///
+    /// # Errors
+    /// As [`Commander::ask`].
+    pub fn ask_one(&self, command: Command) -> Result<(CommandReply, u64), String> {
+        let answer = self.ask(vec![command])?;
+        match answer.replies.into_iter().next() {
+            Some(CommandReply::Refused { error }) => Err(error),
+            Some(reply) => Ok((reply, answer.tick)),
+            None => Err("the simulator's answer is empty".to_owned()),
+        }
+    }
+
+    /// Runs a command without waiting; a refusal is logged.
+    pub fn tell(&self, command: Command) {
+        // Fails only when the thread has ended, and then the program is about to.
+        let _ = self.jobs.send(Job::Ask(Ask {
+            commands: vec![command],
+            reply: None,
+        }));
+    }
+
+    /// Says whether the client that stepped the world has gone. Then the simulator is to see that
+    /// nobody steps any more.
+    pub fn set_lost(&self, is_lost: bool) {
+        self.is_lost.store(is_lost, Ordering::Release);
+    }
+
+    /// Holds vehicles' controls from the next tick on.
+    pub fn control(&self, records: Vec<VehicleControlRecord>) {
+        let _ = self.jobs.send(Job::Control(records));
+    }
+}
+
+/// Works until `stop`.
+///
+/// # Errors
+/// When the bus cannot be joined.
+pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyhow::Result<()> {
+    let bus = Bus::open(domain, "gantry-carla-commands")?;
+    let name = format!("carla-{}", std::process::id());
+    let mut thread = Thread {
+        client: Some(bus.command_client(&name)?),
+        writer: bus.control_writer(&name)?,
+        daemon: bus.notifier(names::CONTROL_WAKE)?,
+        held: BTreeMap::new(),
+        last_asked: Instant::now(),
+        world,
+        name,
+        bus,
+    };
+    while !stop.load(Ordering::Acquire) {
+        match work.jobs.recv_timeout(LOOK_AT_STOP) {
+            Ok(job) => thread.work(
+                std::iter::once(job)
+                    .chain(work.jobs.try_iter().take(QUEUE))
+                    .collect(),
+            ),
+            Err(RecvTimeoutError::Timeout) => {
+                thread.step_back(work.is_lost.load(Ordering::Acquire))
+            }
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    Ok(())
+}
+
+struct Thread<'w> {
+    // Ports go before their node.
+    /// `None` while nobody steps the world: the simulator counts its clients.
+    client: Option<CommandClient>,
+    writer: ControlWriter,
+    daemon: Notifier,
+    /// Controls of the last ticks, with the last tick at which they may be sent.
+    held: BTreeMap<u32, (u64, VehicleControlRecord)>,
+    last_asked: Instant,
+    world: &'w World,
+    name: String,
+    bus: Bus,
+}
+
+impl Thread<'_> {
+    /// Closes the way to the simulator if its driver is lost and nobody else has asked for anything
+    /// in a while.
+    fn step_back(&mut self, is_lost: bool) {
+        if is_lost && self.last_asked.elapsed() > STEP_BACK {
+            self.client = None;
+        }
+    }
+
+    fn request(&mut self, batch: Vec<Command>) -> Result<Answer, String> {
+        self.last_asked = Instant::now();
+        let client = match &mut self.client {
+            Some(client) => client,
+            empty => empty.insert(
+                self.bus
+                    .command_client(&self.name)
+                    .map_err(|error| error.to_string())?,
+            ),
+        };
+        let answer = client
+            .request(&CommandBatch::new(batch), PATIENCE)
+            .map_err(|error| error.to_string())?;
+        Ok(Answer {
+            replies: answer.replies,
+            tick: answer.tick,
+        })
+    }
+
+    /// In order: the controls before a request go out before it.
+    fn work(&mut self, jobs: Vec<Job>) {
+        let mut asks: Vec<Ask> = Vec::new();
+        let mut new_controls = false;
+        for job in jobs {
+            match job {
+                Job::Control(records) => {
+                    self.ask(std::mem::take(&mut asks));
+                    let (tick, known) = (self.world.tick(), self.world.known());
+                    // A vehicle whose controls are for one tick must not be given one again.
+                    let until = |id: &u32| {
+                        if known.is_sticky(*id) {
+                            tick + RESEND_TICKS - 1
+                        } else {
+                            tick
+                        }
+                    };
+                    self.held.extend(
+                        records
+                            .into_iter()
+                            .map(|record| (record.actor_id, (until(&record.actor_id), record))),
+                    );
+                    new_controls = true;
+                }
+                Job::Ask(ask) => {
+                    if std::mem::take(&mut new_controls) {
+                        self.send_controls();
+                    }
+                    asks.push(ask);
+                }
+            }
+        }
+        if new_controls {
+            self.send_controls();
+        }
+        self.ask(asks);
+    }
+
+    fn send_controls(&mut self) {
+        let tick = self.world.tick();
+        self.held
+            .retain(|_, (until, _)| (tick..tick + RESEND_TICKS).contains(until));
+        let records: Vec<VehicleControlRecord> =
+            self.held.values().map(|(_, record)| *record).collect();
+        if records.is_empty() {
+            return;
+        }
+        match self.writer.send(tick, &records) {
+            Ok(_) => drop(self.daemon.notify()),
+            Err(error) => tracing::warn!(%error, "controls could not be sent"),
+        }
+    }
+
+    fn ask(&mut self, asks: Vec<Ask>) {
+        if asks.is_empty() {
+            return;
+        }
+        let commands: Vec<Command> = asks
+            .iter()
+            .flat_map(|ask| ask.commands.iter().cloned())
+            .collect();
+        for command in &commands {
+            if let Command::Destroy { actor_id } = command {
+                self.held.remove(actor_id);
+            }
+        }
+        let mut result = Ok(Answer {
+            replies: Vec::with_capacity(commands.len()),
+            tick: 0,
+        });
+        for batch in commands.chunks(BATCH) {
+            match (self.request(batch.to_vec()), &mut result) {
+                (Ok(part), Ok(answer)) if part.replies.len() == batch.len() => {
+                    answer.replies.extend(part.replies);
+                    answer.tick = part.tick;
+                }
+                (Ok(_), _) => {
+                    result = Err(
+                        "the simulator's answer has another length than the question".to_owned(),
+                    )
+                }
+                (Err(error), _) => result = Err(error),
+            }
+            if result.is_err() {
+                break;
+            }
+        }
+        let mut replies = result
+            .as_ref()
+            .map_or(Vec::new(), |answer| answer.replies.clone())
+            .into_iter();
+        for ask in asks {
+            let part = result.clone().map(|answer| Answer {
+                replies: replies.by_ref().take(ask.commands.len()).collect(),
+                tick: answer.tick,
+            });
+            match (ask.reply, part) {
+                // A connection that ended meanwhile misses nothing.
+                (Some(reply), part) => drop(reply.send(part)),
+                (None, Ok(answer)) => answer.replies.iter().for_each(log_refusal),
+                (None, Err(error)) => tracing::warn!(error, "a command was lost"),
+            }
+        }
+    }
+}
+
+fn log_refusal(reply: &CommandReply) {
+    if let CommandReply::Refused { error } = reply {
+        tracing::warn!(
+            error,
+            "the simulator refused a call whose answer the client does not read"
+        );
+    }
+}

@@ -1,0 +1,213 @@
+//! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread
+//! and read by all connections.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use consumer_kit::WorldAt;
+use schema_frames::{ActorInfo, Catalogue, CatalogueEntry, SpawnPoints, WorldInfo};
+
+use crate::lock::lock;
+use crate::wire::description::Description;
+use crate::wire::lenient;
+use crate::wire::sensor_kinds::{self, Kind};
+
+/// The newest of everything.
+#[derive(Debug, Default)]
+pub struct Known {
+    /// `world/info`.
+    pub info: Option<WorldInfo>,
+    /// `world/catalogue`.
+    pub catalogue: Arc<Catalogue>,
+    /// `world/actors` by id.
+    pub actors: BTreeMap<u32, ActorInfo>,
+    /// Actors that clients made.
+    pub own: HashMap<u32, Own>,
+    /// Actors that went with what they were attached to, and that scripts may still want to
+    /// destroy.
+    pub gone_along: BTreeSet<u32>,
+    /// Latitude and longitude of the map's origin.
+    pub geo_reference_deg: Option<[f64; 2]>,
+    /// `world/map`, and blank lines.
+    pub map: Arc<str>,
+    /// `world/spawn_points`.
+    pub spawn_points: Arc<SpawnPoints>,
+    /// The newest snapshot.
+    pub snapshot: Option<Arc<WorldAt>>,
+}
+
+/// What is known of an actor that a client made, before it is on the list and beside what is
+/// listed.
+#[derive(Clone, Debug)]
+pub struct Own {
+    /// As the client described it: also what the simulator does not keep.
+    pub description: Description,
+    /// What it is attached to; 0 if nothing.
+    pub parent: u32,
+    /// Its topics, if it is a sensor.
+    pub topics: Vec<String>,
+}
+
+impl Known {
+    /// Forgets an actor that was destroyed; what was attached to it went along.
+    pub fn forget(&mut self, id: u32) {
+        let mut gone = vec![id];
+        while let Some(parent) = gone.pop() {
+            self.own.remove(&parent);
+            let listed = self
+                .actors
+                .values()
+                .filter(|actor| actor.parent_id == parent)
+                .map(|actor| actor.id);
+            let own = self
+                .own
+                .iter()
+                .filter(|(_, own)| own.parent == parent)
+                .map(|(id, _)| *id);
+            let along: Vec<u32> = listed
+                .chain(own)
+                .filter(|child| !self.gone_along.contains(child))
+                .collect();
+            self.gone_along.extend(&along);
+            gone.extend(along);
+        }
+    }
+
+    /// Id of the running episode for clients, once a simulator was seen.
+    pub fn episode_id(&self) -> Option<u64> {
+        let info = self.info.as_ref()?;
+        let epoch: u64 = info.epoch.parse().ok()?;
+        Some(epoch.wrapping_add(u64::from(info.episode)))
+    }
+
+    /// The catalogue's entry of a type, with its index.
+    pub fn entry(&self, type_id: &str) -> Option<(usize, &CatalogueEntry)> {
+        self.catalogue
+            .entries
+            .iter()
+            .enumerate()
+            .find(|(_, entry)| entry.type_id == type_id)
+    }
+
+    /// What a client that listens to this actor is sent: the kind of sensor, and the topics that
+    /// its messages are made of.
+    pub fn sensor(&self, id: u32) -> Option<(&'static Kind, Vec<String>)> {
+        let listed = self.actors.get(&id);
+        let type_id = self
+            .own
+            .get(&id)
+            .map(|own| own.description.type_id.as_str())
+            .or(listed.map(|actor| actor.type_id.as_str()))?;
+        let kind = sensor_kinds::kind(type_id)?;
+        let topics: Vec<&str> = match (self.own.get(&id), listed) {
+            (Some(own), _) => own.topics.iter().map(String::as_str).collect(),
+            (None, Some(actor)) => actor
+                .topics
+                .iter()
+                .map(|info| info.topic.as_str())
+                .collect(),
+            (None, None) => return None,
+        };
+        let found = kind.modalities.iter().map(|modality| {
+            topics
+                .iter()
+                .find(|topic| topic.rsplit('/').next() == Some(modality.name()))
+        });
+        Some((
+            kind,
+            found
+                .map(|topic| topic.map(|topic| (*topic).to_owned()))
+                .collect::<Option<_>>()?,
+        ))
+    }
+
+    /// A lidar's horizontal field of view.
+    pub fn fov_rad(&self, id: u32) -> f32 {
+        let own = self
+            .own
+            .get(&id)
+            .and_then(|own| own.description.attribute("horizontal_fov"));
+        let listed = self
+            .actors
+            .get(&id)
+            .and_then(|actor| actor.attributes.get("horizontal_fov"))
+            .map(String::as_str);
+        own.or(listed).map_or(std::f64::consts::TAU, |degrees| {
+            lenient::float(degrees).to_radians()
+        }) as f32
+    }
+
+    /// Whether a vehicle keeps its control until it is given another.
+    pub fn is_sticky(&self, id: u32) -> bool {
+        let own = self
+            .own
+            .get(&id)
+            .and_then(|own| own.description.attribute("sticky_control"));
+        let listed = self
+            .actors
+            .get(&id)
+            .and_then(|actor| actor.attributes.get("sticky_control"))
+            .map(String::as_str);
+        own.or(listed)
+            .is_none_or(|value| value.eq_ignore_ascii_case("true"))
+    }
+
+    /// Whether there is such an actor, as far as is known.
+    pub fn has_actor(&self, id: u32) -> bool {
+        self.actors.contains_key(&id) || self.own.contains_key(&id)
+    }
+}
+
+/// [`Known`] with a lock and a bell.
+#[derive(Debug, Default)]
+pub struct World {
+    known: Mutex<Known>,
+    changed: Condvar,
+}
+
+impl World {
+    /// Looks at everything. Hold it briefly: the snapshot waits for it.
+    pub fn known(&self) -> MutexGuard<'_, Known> {
+        lock(&self.known)
+    }
+
+    /// Changes something and rings the bell.
+    pub fn change<R>(&self, change: impl FnOnce(&mut Known) -> R) -> R {
+        let result = change(&mut self.known());
+        self.changed.notify_all();
+        result
+    }
+
+    /// Waits until `look` finds something, at most `timeout`.
+    pub fn wait_for<R>(
+        &self,
+        timeout: Duration,
+        mut look: impl FnMut(&Known) -> Option<R>,
+    ) -> Option<R> {
+        let deadline = Instant::now() + timeout;
+        let mut known = self.known();
+        loop {
+            if let Some(found) = look(&known) {
+                return Some(found);
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return None;
+            }
+            known = self
+                .changed
+                .wait_timeout(known, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+    }
+
+    /// Number of the newest tick seen.
+    pub fn tick(&self) -> u64 {
+        self.known()
+            .snapshot
+            .as_ref()
+            .map_or(0, |snapshot| snapshot.header.tick)
+    }
+}

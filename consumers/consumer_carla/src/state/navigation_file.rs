@@ -1,0 +1,63 @@
+//! The navigation mesh of the running map, as a file that clients download for their own crowds.
+
+use std::sync::{Arc, Mutex};
+
+use schema_roads::RoadMap;
+
+use crate::lock::lock;
+use crate::wire::navigation_mesh;
+
+/// The navigation mesh of a map.
+#[derive(Clone, Debug, Default)]
+pub struct NavigationFile {
+    /// OpenDRIVE text that it was made from.
+    map: Arc<str>,
+    /// Name under which clients keep it; none for a map without pavements.
+    pub name: Option<String>,
+    /// What clients read.
+    pub bytes: Arc<Vec<u8>>,
+}
+
+impl NavigationFile {
+    fn make(map: Arc<str>, map_name: &str) -> NavigationFile {
+        let none = NavigationFile {
+            map: map.clone(),
+            ..Default::default()
+        };
+        let Ok(roads) = RoadMap::parse(&map) else {
+            return none;
+        };
+        // Roads are left out of a map that is too large with them.
+        let Some(bytes) = [true, false]
+            .into_iter()
+            .find_map(|with_roads| navigation_mesh::file(&roads.walkable(with_roads)))
+        else {
+            return none;
+        };
+        let short = map_name.rsplit('/').next().unwrap_or(map_name);
+        let name = format!(
+            "Gantry/{:016x}/Nav/{short}.bin",
+            navigation_mesh::hash(&bytes)
+        );
+        NavigationFile {
+            map,
+            name: Some(name),
+            bytes: bytes.into(),
+        }
+    }
+}
+
+/// The running map's navigation mesh, made when it is first asked for.
+#[derive(Debug, Default)]
+pub struct NavigationFiles(Mutex<NavigationFile>);
+
+impl NavigationFiles {
+    /// That of a map, by its OpenDRIVE text and its name.
+    pub fn of(&self, map: Arc<str>, map_name: &str) -> NavigationFile {
+        let mut made = lock(&self.0);
+        if made.map != map {
+            *made = NavigationFile::make(map, map_name);
+        }
+        made.clone()
+    }
+}

@@ -1,0 +1,51 @@
+//! Traffic Managers: they run in clients, and other clients ask here where.
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+use crate::lock::lock;
+
+/// A Traffic Manager that a client runs.
+#[derive(Clone, Debug)]
+struct TrafficManager {
+    host: String,
+    /// Connection that registered it.
+    connection: u64,
+}
+
+/// All of them, by their ports.
+#[derive(Debug, Default)]
+pub struct TrafficManagers(Mutex<BTreeMap<u16, TrafficManager>>);
+
+impl TrafficManagers {
+    /// Whether none runs.
+    pub fn is_empty(&self) -> bool {
+        lock(&self.0).is_empty()
+    }
+
+    /// Host of the one at this port.
+    pub fn host(&self, port: u16) -> Option<String> {
+        lock(&self.0).get(&port).map(|manager| manager.host.clone())
+    }
+
+    /// Registers one for as long as the connection lasts; false if the port has one already.
+    pub fn add(&self, port: u16, host: &str, connection: u64) -> bool {
+        let mut managers = lock(&self.0);
+        if managers.contains_key(&port) {
+            return false;
+        }
+        let host = host.to_owned();
+        managers.insert(port, TrafficManager { host, connection });
+        true
+    }
+
+    /// Forgets the one at this port; false if there is none.
+    pub fn remove(&self, port: u16) -> bool {
+        lock(&self.0).remove(&port).is_some()
+    }
+
+    /// Forgets those of a connection that has ended.
+    pub fn forget(&self, connection: u64) {
+        lock(&self.0).retain(|_, manager| manager.connection != connection);
+    }
+}

@@ -1,0 +1,382 @@
+//! Vehicle-to-everything radio: `sensor.other.v2x` sends and receives cooperative awareness
+//! messages, `sensor.other.v2x_custom` what scripts
+//! `send`.
+//!
+//! The gateway's own work: stations are actors without topics; after each snapshot messages go from
+//! antenna to antenna, before clients see the
+//! snapshot. A station's antenna is on the roof of what it is attached to, or where the station
+//! itself is.
+
+mod cam;
+mod noise;
+mod radio;
+mod solids;
+
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+use consumer_kit::WorldAt;
+use nalgebra::Point3;
+use schema_frames::{Command, CommandReply, SnapshotHeader};
+use schema_types::{Class, Pose};
+
+use crate::feeds::relay::Stations;
+use crate::lock::lock;
+use crate::state::commander::Commander;
+use crate::state::known_world::{Known, World};
+use crate::wire::axes;
+use crate::wire::description::{Attributes, Description};
+use crate::wire::geolocation::geo_reference_deg;
+use crate::wire::sensor_kinds;
+use crate::wire::sensor_kinds::{CUSTOM, is_station};
+use crate::wire::sensor_message::push_prefix;
+use crate::wire::streams::StreamMessage;
+use cam::{Record, Sender, Service};
+use noise::Noise;
+use radio::{Link, Radio};
+use solids::Solid;
+
+/// Bytes of a custom message with the power in front.
+const CUSTOM_BYTES: usize = 136;
+/// Longest text: a zero stands behind it.
+const MAX_TEXT_BYTES: usize = 99;
+/// Texts that wait for the next tick.
+const MAX_OUTBOX: usize = 1024;
+/// Above the roof, metres.
+const ANTENNA_M: f64 = 0.02;
+
+/// All stations.
+#[derive(Debug, Default)]
+pub struct V2x(Mutex<State>);
+
+#[derive(Debug, Default)]
+struct State {
+    stations: BTreeMap<u32, Station>,
+    /// Texts and who sends them.
+    outbox: Vec<(u32, String)>,
+    episode: Option<u64>,
+    buildings: Option<Vec<Solid>>,
+}
+
+#[derive(Debug)]
+struct Station {
+    /// What carries it; itself, if nothing does.
+    carrier: u32,
+    number: u64,
+    radio: Radio,
+    service: Option<Service>,
+    noise: Noise,
+}
+
+/// What messages go through at a tick.
+struct Air {
+    /// Where antennas are, by the actors that carry them.
+    antennas: BTreeMap<u32, Point3<f64>>,
+    /// What stands in the way.
+    solids: Vec<Solid>,
+}
+
+/// A message on the air.
+struct Message {
+    station: u32,
+    carrier: u32,
+    number: u64,
+    transmit_dbm: f64,
+    bytes: Vec<u8>,
+}
+
+/// Whether a blueprint's attributes make a station.
+///
+/// # Errors
+/// A sentence.
+pub fn check(description: &Description) -> Result<(), String> {
+    Station::new(0, 0, description).map(drop)
+}
+
+impl Station {
+    fn new(id: u32, parent: u32, description: &Description) -> Result<Station, String> {
+        let given = Attributes::of(description);
+        let is_custom = description.type_id == CUSTOM;
+        let seed = given.seed();
+        Ok(Station {
+            carrier: if parent == 0 { id } else { parent },
+            number: sensor_kinds::kind(&description.type_id).map_or(0, |kind| kind.number),
+            radio: Radio::of(&given)?,
+            service: if is_custom {
+                None
+            } else {
+                Some(Service::of(&given)?)
+            },
+            noise: Noise::new(seed, id),
+        })
+    }
+}
+
+impl V2x {
+    /// Sends a text with the next tick.
+    ///
+    /// # Errors
+    /// A sentence if it is too long, or too many wait.
+    pub fn send(&self, station: u32, text: &str) -> Result<(), String> {
+        if text.len() > MAX_TEXT_BYTES || text.contains('\0') {
+            let n_bytes = text.len();
+            return Err(format!(
+                "a custom message has {n_bytes} bytes; at most {MAX_TEXT_BYTES} are sent, none of them zero"
+            ));
+        }
+        let mut state = lock(&self.0);
+        if state.outbox.len() >= MAX_OUTBOX {
+            return Err(format!(
+                "{MAX_OUTBOX} messages wait for the next tick; this one is not sent"
+            ));
+        }
+        state.outbox.push((station, text.to_owned()));
+        Ok(())
+    }
+
+    /// What is sent and received at the newest snapshot.
+    pub fn step(&self, world: &World, commander: &Commander, listeners: &Stations) {
+        let mut state = lock(&self.0);
+        let known = world.known();
+        let Some(snapshot) = known.snapshot.clone() else {
+            return;
+        };
+        state.keep_up(&known, &snapshot, listeners);
+        if state.stations.is_empty() {
+            state.outbox.clear();
+            return;
+        }
+        let messages = state.messages(&known, &snapshot);
+        if messages.is_empty() {
+            return;
+        }
+        let antennas = state
+            .stations
+            .values()
+            .filter_map(|station| {
+                let at = antenna(&known, &snapshot, station.carrier)?;
+                Some((station.carrier, at))
+            })
+            .collect();
+        let mut solids = vehicles(&known, &snapshot);
+        drop(known);
+        solids.extend(state.buildings(commander).iter().cloned());
+        let air = Air { antennas, solids };
+        state.receive(&messages, &air, &snapshot, listeners);
+    }
+}
+
+impl State {
+    /// New stations and those that went.
+    fn keep_up(&mut self, known: &Known, snapshot: &WorldAt, listeners: &Stations) {
+        let episode = crate::wire::world_message::episode_id(&snapshot.header);
+        if self.episode.replace(episode) != Some(episode) {
+            *self = State {
+                episode: self.episode,
+                ..State::default()
+            };
+        }
+        if snapshot.header.flags & SnapshotHeader::SCENERY_CHANGED != 0 {
+            self.buildings = None;
+        }
+        let is_there = |id: u32| snapshot.actor(id).is_some();
+        self.stations.retain(|id, _| is_there(*id));
+        for (id, own) in known
+            .own
+            .iter()
+            .filter(|(id, own)| is_station(&own.description.type_id) && is_there(**id))
+        {
+            if !self.stations.contains_key(id) {
+                match Station::new(*id, own.parent, &own.description) {
+                    Ok(station) => drop(self.stations.insert(*id, station)),
+                    Err(error) => tracing::warn!(station = id, error, "a station cannot be made"),
+                }
+            }
+        }
+        let stations = &self.stations;
+        listeners.retain(|id| stations.contains_key(&id) || known.own.contains_key(&id));
+    }
+
+    /// What is sent now.
+    fn messages(&mut self, known: &Known, snapshot: &WorldAt) -> Vec<Message> {
+        let nanos = snapshot
+            .header
+            .sim_nanos
+            .saturating_sub(snapshot.header.episode_start_nanos);
+        let geo_reference_deg = known
+            .geo_reference_deg
+            .unwrap_or_else(|| geo_reference_deg(""));
+        let mut messages = Vec::new();
+        for (id, station) in &mut self.stations {
+            let (Some(service), Some(record)) =
+                (&mut station.service, snapshot.actor(station.carrier))
+            else {
+                continue;
+            };
+            let sender = Sender {
+                record,
+                info: known.actors.get(&station.carrier),
+                nanos,
+                geo_reference_deg,
+            };
+            if let Some(bytes) = service.message(&sender, &mut station.noise) {
+                messages.push(station.message(*id, bytes.to_vec()));
+            }
+        }
+        for (id, text) in std::mem::take(&mut self.outbox) {
+            let Some(station) = self
+                .stations
+                .get(&id)
+                .filter(|station| station.service.is_none())
+            else {
+                continue;
+            };
+            let mut record = Record([0; CUSTOM_BYTES]);
+            record.header(0, station.carrier);
+            record.0[32..32 + text.len()].copy_from_slice(text.as_bytes());
+            messages.push(station.message(id, record.0.to_vec()));
+        }
+        messages
+    }
+
+    /// Buildings and walls; asked for once per change of the scenery.
+    fn buildings(&mut self, commander: &Commander) -> &[Solid] {
+        self.buildings
+            .get_or_insert_with(|| match commander.ask_one(Command::Scenery) {
+                Ok((CommandReply::Scenery { objects, .. }, _)) => objects
+                    .into_iter()
+                    .filter(|object| {
+                        object.shown
+                            && [Class::BUILDINGS, Class::WALLS].contains(&Class(object.class))
+                    })
+                    .map(|object| Solid {
+                        vehicle: None,
+                        pose: Pose::from(object.box_pose).isometry(),
+                        half_m: object.box_half_m,
+                    })
+                    .collect(),
+                Ok(_) => Vec::new(),
+                Err(error) => {
+                    tracing::debug!(error, "no scenery; radio waves pass everywhere");
+                    Vec::new()
+                }
+            })
+    }
+
+    fn receive(
+        &mut self,
+        messages: &[Message],
+        air: &Air,
+        snapshot: &WorldAt,
+        listeners: &Stations,
+    ) {
+        let nanos = snapshot
+            .header
+            .sim_nanos
+            .saturating_sub(snapshot.header.episode_start_nanos);
+        for (id, station) in &mut self.stations {
+            let (Some(roof), Some(own)) = (air.antennas.get(&station.carrier), snapshot.actor(*id))
+            else {
+                continue;
+            };
+            let mut bytes = Vec::new();
+            for message in messages
+                .iter()
+                .filter(|message| message.number == station.number && message.station != *id)
+            {
+                // Awareness messages are the carrier's, whose other stations need none of them.
+                if station.service.is_some() && message.carrier == station.carrier {
+                    continue;
+                }
+                let Some(sender) = air.antennas.get(&message.carrier) else {
+                    continue;
+                };
+                let distance_m = (roof - sender).norm();
+                if !station.radio.reaches(distance_m) {
+                    continue;
+                }
+                let grounds = [message.carrier, station.carrier].map(|id| {
+                    snapshot
+                        .actor(id)
+                        .map_or(0.0, |at| at.world_from_actor.translation_m[2])
+                });
+                let ground_m = grounds[0].min(grounds[1]);
+                let link = Link {
+                    distance_m,
+                    heights_m: [sender.z - ground_m, roof.z - ground_m],
+                };
+                let path = solids::path(
+                    &air.solids,
+                    sender,
+                    roof,
+                    [message.carrier, station.carrier],
+                );
+                let fading = station.noise.normal();
+                if let Some(power_dbm) =
+                    station
+                        .radio
+                        .received_dbm(message.transmit_dbm, &link, &path, fading)
+                {
+                    bytes.extend((power_dbm as f32).to_le_bytes());
+                    bytes.extend(&message.bytes[4..]);
+                }
+            }
+            if let Some(relay) = listeners.relay(*id).filter(|_| !bytes.is_empty()) {
+                let mut whole = Vec::with_capacity(48 + bytes.len());
+                push_prefix(
+                    &mut whole,
+                    station.number,
+                    snapshot.header.tick,
+                    nanos,
+                    &axes::transform(&own.world_from_actor),
+                );
+                whole.extend(bytes);
+                relay.send(&StreamMessage {
+                    tick: snapshot.header.tick,
+                    bytes: whole.into(),
+                });
+            }
+        }
+    }
+}
+
+impl Station {
+    fn message(&self, id: u32, bytes: Vec<u8>) -> Message {
+        Message {
+            station: id,
+            carrier: self.carrier,
+            number: self.number,
+            transmit_dbm: self.radio.transmit_dbm,
+            bytes,
+        }
+    }
+}
+
+/// Where the antenna on a carrier is.
+fn antenna(known: &Known, snapshot: &WorldAt, carrier: u32) -> Option<Point3<f64>> {
+    let record = snapshot.actor(carrier)?;
+    let top_m = known.actors.get(&carrier).map_or(0.0, |info| {
+        f64::from(info.body_box.centre_m[2] + info.body_box.half_m[2])
+    });
+    Some(record.world_from_actor.isometry() * Point3::new(0.0, 0.0, top_m + ANTENNA_M))
+}
+
+/// Boxes of all vehicles.
+fn vehicles(known: &Known, snapshot: &WorldAt) -> Vec<Solid> {
+    let solid = |record: &schema_frames::ActorRecord| {
+        record.vehicle()?;
+        let centre_m = known
+            .actors
+            .get(&record.id)?
+            .body_box
+            .centre_m
+            .map(f64::from);
+        let middle = nalgebra::Translation3::from(centre_m);
+        Some(Solid {
+            vehicle: Some(record.id),
+            pose: record.world_from_actor.isometry() * middle,
+            half_m: record.half_box_m.map(f64::from),
+        })
+    };
+    snapshot.records.iter().filter_map(solid).collect()
+}

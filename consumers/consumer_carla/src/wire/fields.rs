@@ -1,0 +1,285 @@
+//! Reads the fields of what clients send, strictly: a wrong type, a missing field or a number that
+//! is not finite is a sentence.
+//! What gets past here is stored and sent on to other clients, whom a value of the wrong type would
+//! end.
+
+use schema_frames::VehicleControl;
+
+use crate::wire::axes::{self, Transform};
+use crate::wire::description::{Attribute, Description};
+use crate::wire::msgpack::Value;
+
+/// The fields of one list, in order.
+#[derive(Debug)]
+pub struct Fields<'v> {
+    what: &'static str,
+    items: &'v [Value],
+    next: usize,
+}
+
+/// What is wrong with an argument.
+pub type Wrong = String;
+
+impl<'v> Fields<'v> {
+    /// The fields of `items`, which are those of `what`.
+    pub fn new(what: &'static str, items: &'v [Value]) -> Self {
+        Fields {
+            what,
+            items,
+            next: 0,
+        }
+    }
+
+    /// The next field as it is.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub fn value(&mut self) -> Result<&'v Value, Wrong> {
+        let value = self.items.get(self.next);
+        self.next += 1;
+        value.ok_or_else(|| {
+            format!(
+                "{} has {} fields, but field {} is needed",
+                self.what,
+                self.items.len(),
+                self.next
+            )
+        })
+    }
+
+    /// The fields that were not read yet.
+    pub fn rest(&self) -> &'v [Value] {
+        self.items.get(self.next..).unwrap_or_default()
+    }
+
+    fn wrong<T>(&self, value: &Value, wanted: &str) -> Result<T, Wrong> {
+        Err(format!(
+            "field {} of {} is {}, but must be {wanted}",
+            self.next,
+            self.what,
+            value.kind()
+        ))
+    }
+
+    /// A bool.
+    ///
+    /// # Errors
+    /// [`Wrong`], as for all below.
+    pub fn bool(&mut self) -> Result<bool, Wrong> {
+        match self.value()? {
+            Value::Bool(b) => Ok(*b),
+            other => self.wrong(other, "a bool"),
+        }
+    }
+
+    /// An unsigned integer of at most `max`.
+    pub fn uint(&mut self, max: u64) -> Result<u64, Wrong> {
+        match self.value()? {
+            Value::UInt(n) if *n <= max => Ok(*n),
+            Value::UInt(n) => Err(format!(
+                "field {} of {} is {n}, but must be 0 to {max}",
+                self.next, self.what
+            )),
+            other => self.wrong(other, "an integer that is not negative"),
+        }
+    }
+
+    /// An actor id or another `u32`.
+    pub fn u32(&mut self) -> Result<u32, Wrong> {
+        self.uint(u32::MAX.into()).map(|n| n as u32)
+    }
+
+    /// A port or another `u16`.
+    pub fn u16(&mut self) -> Result<u16, Wrong> {
+        self.uint(u16::MAX.into()).map(|n| n as u16)
+    }
+
+    /// A `u8`.
+    pub fn u8(&mut self) -> Result<u8, Wrong> {
+        self.uint(u8::MAX.into()).map(|n| n as u8)
+    }
+
+    /// An `i32`.
+    pub fn i32(&mut self) -> Result<i32, Wrong> {
+        match self.value()? {
+            Value::UInt(n) if *n <= i32::MAX as u64 => Ok(*n as i32),
+            Value::Int(n) if *n >= i64::from(i32::MIN) => Ok(*n as i32),
+            other => self.wrong(other, "an integer of 32 bits"),
+        }
+    }
+
+    /// A finite number of any width.
+    pub fn f64(&mut self) -> Result<f64, Wrong> {
+        let x = match self.value()? {
+            Value::F32(x) => f64::from(*x),
+            Value::F64(x) => *x,
+            Value::UInt(n) => *n as f64,
+            Value::Int(n) => *n as f64,
+            other => return self.wrong(other, "a number"),
+        };
+        if x.is_finite() {
+            Ok(x)
+        } else {
+            Err(format!(
+                "field {} of {} is {x}, but must be finite",
+                self.next, self.what
+            ))
+        }
+    }
+
+    /// A finite number that fits single precision.
+    pub fn f32(&mut self) -> Result<f32, Wrong> {
+        let x = self.f64()?;
+        if (x as f32).is_finite() {
+            Ok(x as f32)
+        } else {
+            Err(format!(
+                "field {} of {} is {x}, which is too large",
+                self.next, self.what
+            ))
+        }
+    }
+
+    /// A text.
+    pub fn text(&mut self) -> Result<&'v str, Wrong> {
+        match self.value()? {
+            Value::Str(text) => Ok(text),
+            other => self.wrong(other, "a text"),
+        }
+    }
+
+    /// A list.
+    pub fn list(&mut self) -> Result<&'v [Value], Wrong> {
+        match self.value()? {
+            Value::Array(items) => Ok(items),
+            other => self.wrong(other, "a list"),
+        }
+    }
+
+    /// A list whose fields are read as those of `what`.
+    pub fn fields(&mut self, what: &'static str) -> Result<Fields<'v>, Wrong> {
+        self.list().map(|items| Fields::new(what, items))
+    }
+
+    /// A list of lists: the fields of each, which are those of `what`.
+    pub fn each(&mut self, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
+        let items = self.list()?;
+        let mut all = Fields::new(what, items);
+        items.iter().map(|_| all.fields(what)).collect()
+    }
+
+    /// `[false]` or `[true, number]`.
+    pub fn optional_f64(&mut self) -> Result<Option<f64>, Wrong> {
+        let mut optional = self.fields("an optional number")?;
+        if optional.bool()? {
+            optional.f64().map(Some)
+        } else {
+            Ok(None)
+        }
+    }
+
+    /// Three numbers.
+    pub fn vector(&mut self) -> Result<[f64; 3], Wrong> {
+        let mut vector = self.fields("a vector")?;
+        Ok([vector.f64()?, vector.f64()?, vector.f64()?])
+    }
+
+    /// A transform.
+    pub fn transform(&mut self) -> Result<Transform, Wrong> {
+        let mut transform = self.fields("a transform")?;
+        Ok(Transform {
+            location_m: transform.vector()?,
+            rotation_deg: transform.vector()?,
+        })
+    }
+
+    /// A vehicle control, in our axes.
+    pub fn vehicle_control(&mut self) -> Result<VehicleControl, Wrong> {
+        let mut control = self.fields("a vehicle control")?;
+        let (throttle_ratio, steer, brake_ratio) = (control.f32()?, control.f32()?, control.f32()?);
+        let read = VehicleControl {
+            throttle_ratio,
+            steer_ratio: axes::steer(steer),
+            brake_ratio,
+            hand_brake: control.bool()?,
+            reverse: control.bool()?,
+            manual_gear_shift: control.bool()?,
+            gear: control.i32()?.clamp(-1, 20) as i8,
+        };
+        Ok(read.clamped())
+    }
+
+    /// Type id, and attributes as pairs of name and value.
+    pub fn description(&mut self) -> Result<Description, Wrong> {
+        let mut description = self.fields("an actor description")?;
+        description.u32()?;
+        let type_id = description.text()?.to_owned();
+        let mut attributes = Vec::new();
+        for item in description.list()? {
+            let Value::Array(parts) = item else {
+                return Err(format!(
+                    "an attribute is {}, but must be a list",
+                    item.kind()
+                ));
+            };
+            let mut attribute = Fields::new("an attribute", parts);
+            let (name, kind, value) = (attribute.text()?, attribute.u8()?, attribute.text()?);
+            attributes.push(Attribute {
+                name: name.to_owned(),
+                kind,
+                value: value.to_owned(),
+            });
+        }
+        attributes.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(Description {
+            type_id,
+            attributes,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::list;
+
+    #[test]
+    fn steering_is_mirrored_and_what_is_not_finite_is_refused() {
+        let control = |throttle: f32| list![list![throttle, 0.25f32, 0u32, false, true, false, -1]];
+        let Value::Array(items) = control(0.5) else {
+            unreachable!()
+        };
+        let read = Fields::new("test", &items).vehicle_control().unwrap();
+        assert_eq!(
+            (
+                read.throttle_ratio,
+                read.steer_ratio,
+                read.reverse,
+                read.gear
+            ),
+            (0.5, -0.25, true, -1)
+        );
+        let Value::Array(items) = control(f32::NAN) else {
+            unreachable!()
+        };
+        let error = Fields::new("test", &items).vehicle_control().unwrap_err();
+        assert!(
+            error.contains("field 1 of a vehicle control") && error.contains("finite"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_wrong_type_names_the_field() {
+        let Value::Array(items) = list![1u32, "two"] else {
+            unreachable!()
+        };
+        let mut fields = Fields::new("a pair", &items);
+        assert_eq!(fields.u32(), Ok(1));
+        assert_eq!(
+            fields.u32().unwrap_err(),
+            "field 2 of a pair is a text, but must be an integer that is not negative"
+        );
+        assert!(fields.bool().unwrap_err().contains("field 3 is needed"));
+    }
+}

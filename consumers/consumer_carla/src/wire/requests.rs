@@ -1,0 +1,166 @@
+//! Msgpack-rpc: requests as clients write them, and the responses to them.
+
+use crate::list;
+use crate::wire::fields::Fields;
+use crate::wire::msgpack::{self, Value};
+
+/// The version this gateway speaks; clients compare it with theirs.
+pub const CARLA_VERSION: &str = "0.9.16";
+
+/// What a call gives back.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Answer {
+    /// A value in a response record.
+    Value(Value),
+    /// Success without a value.
+    Void,
+    /// A value without a record round it.
+    Bare(Value),
+}
+
+/// Why a call failed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// A sentence for the script.
+    Refused(String),
+    /// There is no such method.
+    Unknown(String),
+}
+
+impl From<String> for Failure {
+    fn from(error: String) -> Self {
+        Failure::Refused(error)
+    }
+}
+
+/// Result of a call.
+pub type Outcome = Result<Answer, Failure>;
+
+/// A request of msgpack-rpc.
+#[derive(Debug, PartialEq)]
+pub struct Request {
+    /// Comes back in the response.
+    pub id: u32,
+    /// Method.
+    pub method: String,
+    /// Whether the client throws the answer away.
+    pub is_async: bool,
+    /// Arguments, without the metadata.
+    pub args: Vec<Value>,
+}
+
+/// Reads a request out of a message.
+///
+/// # Errors
+/// A sentence; the connection is then of no further use.
+pub fn parse(message: Value) -> Result<Request, String> {
+    let Value::Array(items) = message else {
+        return Err(format!(
+            "a request is {}, but must be a list",
+            message.kind()
+        ));
+    };
+    let mut fields = Fields::new("a request", &items);
+    let kind = fields.uint(u64::MAX)?;
+    if kind != 0 {
+        return Err(format!(
+            "a message is of type {kind}, but clients send only requests, type 0"
+        ));
+    }
+    let (id, method, params) = (fields.u32()?, fields.text()?.to_owned(), fields.list()?);
+    let mut params = Fields::new("the parameters", params);
+    let is_async = params.fields("the metadata")?.bool()?;
+    let args = match items.into_iter().nth(3) {
+        Some(Value::Array(mut params)) => params.split_off(1),
+        _ => Vec::new(),
+    };
+    Ok(Request {
+        id,
+        method,
+        is_async,
+        args,
+    })
+}
+
+/// Bytes of a response.
+pub fn response(id: u32, is_void: bool, outcome: Result<Answer, Failure>) -> Vec<u8> {
+    let ok = |result: Value| list![1u32, id, Value::Nil, result];
+    let message = match outcome {
+        Ok(Answer::Value(value)) => ok(list![list![1u32, value]]),
+        Ok(Answer::Void) => ok(list![list![false]]),
+        Ok(Answer::Bare(value)) => ok(value),
+        Err(Failure::Refused(error)) if is_void => ok(list![list![true, list![error]]]),
+        Err(Failure::Refused(error)) => ok(list![list![0u32, list![error]]]),
+        Err(Failure::Unknown(error)) => list![1u32, id, error, Value::Nil],
+    };
+    let mut bytes = Vec::new();
+    msgpack::write(&mut bytes, &message);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::msgpack::Limits;
+
+    #[test]
+    fn a_request_loses_its_metadata() {
+        let request = parse(list![0u32, 5u32, "destroy_actor", list![list![true], 9u32]]).unwrap();
+        assert_eq!(
+            request,
+            Request {
+                id: 5,
+                method: "destroy_actor".into(),
+                is_async: true,
+                args: vec![Value::UInt(9)]
+            }
+        );
+    }
+
+    /// Seeded: every shape of list around a request is a request or a sentence.
+    #[test]
+    fn odd_requests_are_sentences() {
+        let mut rng = fastrand::Rng::with_seed(4);
+        let mut odd = || match rng.u8(0..6) {
+            0 => Value::Nil,
+            1 => Value::UInt(rng.u64(..)),
+            2 => Value::from("tick_cue"),
+            3 => list![list![false]],
+            4 => list![],
+            _ => Value::Bool(true),
+        };
+        for n in 0..20_000 {
+            let message = Value::Array((0..n % 6).map(|_| odd()).collect());
+            if let Err(error) = parse(message) {
+                assert!(error.contains(' '), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn outcomes_have_the_documented_shapes() {
+        let read =
+            |bytes: Vec<u8>| msgpack::read(&mut bytes.as_slice(), Limits::default()).unwrap();
+        let refused = || Err(Failure::Refused("no".into()));
+        assert_eq!(
+            read(response(1, false, Ok(Answer::Value(7u32.into())))),
+            list![1u32, 1u32, Value::Nil, list![list![1u32, 7u32]]]
+        );
+        assert_eq!(
+            read(response(1, true, Ok(Answer::Void))),
+            list![1u32, 1u32, Value::Nil, list![list![false]]]
+        );
+        assert_eq!(
+            read(response(1, false, refused())),
+            list![1u32, 1u32, Value::Nil, list![list![0u32, list!["no"]]]]
+        );
+        assert_eq!(
+            read(response(1, true, refused())),
+            list![1u32, 1u32, Value::Nil, list![list![true, list!["no"]]]]
+        );
+        assert_eq!(
+            read(response(1, true, Err(Failure::Unknown("x".into())))),
+            list![1u32, 1u32, "x", Value::Nil]
+        );
+    }
+}
