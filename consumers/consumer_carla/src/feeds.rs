@@ -167,12 +167,13 @@ impl Feeds {
                 }
             }
             let passed = feed.pass_on(&self.shared, &mut Outlet::Relay(relay));
-            match (passed, feed.wait(None)) {
-                (Ok(nanos), Ok(_)) => relay.promise(nanos),
-                (Err(error), _) | (_, Err(error)) => {
-                    tracing::warn!(stream, %error, "the listeners of a stream end");
-                    break;
-                }
+            let waited = passed.and_then(|nanos| {
+                relay.promise(nanos);
+                feed.wait(None)
+            });
+            if let Err(error) = waited {
+                tracing::warn!(stream, %error, "the listeners of a stream end");
+                break;
             }
         }
         lock(&self.relays).remove(&stream);
