@@ -9,9 +9,9 @@ const CELL_M: f64 = 8.0;
 /// Most cells; a sparser map gets larger cells.
 const MAX_CELLS: f64 = 4.0e6;
 
-/// Most chords the search index aims at.
+/// Number of chords beyond which chords become longer.
 const MAX_CHORDS: f64 = 2.0e6;
-/// Length of a chord where the map is not gigantic, metres.
+/// Length of a chord in maps of ordinary size, metres.
 const CHORD_M: f64 = 2.0;
 /// Most chords that are cut in two for a tight bend; a map that has more such bends is no road
 /// network.
@@ -30,7 +30,8 @@ pub(crate) struct Chord {
 }
 
 impl Chord {
-    /// Squared distance of `p` and the share of the chord at its foot.
+    /// Squared distance of `p` from the chord, and the share of the chord before the foot of the
+    /// perpendicular.
     pub fn foot(&self, p: [f64; 3]) -> (f64, f64) {
         let d: [f64; 3] = std::array::from_fn(|i| self.to_m[i] - self.from_m[i]);
         let r: [f64; 3] = std::array::from_fn(|i| p[i] - self.from_m[i]);
@@ -129,8 +130,8 @@ impl Grid {
     }
 
     /// The nearest chord of each lane that passes, for lanes within `slack_m` of the nearest, with
-    /// the share of the chord at its foot. Chords are shorter than `reach_m`, so one listed in a
-    /// cell reaches at most half of that out of it.
+    /// the share of the chord before the foot. Chords are shorter than `reach_m`, so a chord listed
+    /// in a cell reaches at most half of that beyond it.
     pub fn near(
         &self,
         p: [f64; 3],
@@ -139,7 +140,7 @@ impl Grid {
         mut passes: impl FnMut(u32) -> bool,
     ) -> Vec<(Chord, f64)> {
         let (column, row) = self.cell(p[0], p[1]);
-        // Rings count from the nearest cell inside the grid.
+        // Rings are counted from the cell inside the grid that is nearest to the point.
         let (column, row) = (
             column.clamp(0, self.columns - 1),
             row.clamp(0, self.rows - 1),
@@ -171,8 +172,8 @@ impl Grid {
             .collect()
     }
 
-    /// Least horizontal distance from `p` to the cells of the ring or beyond; sides beyond which
-    /// the grid has none do not count.
+    /// Least horizontal distance from `p` to the cells of the ring and beyond it. Sides on which
+    /// the grid has no such cells do not count.
     fn ring_distance(&self, p: [f64; 3], column: i64, row: i64, ring: i64) -> f64 {
         let side = |x: f64, origin: f64, cell: i64, cells: i64| {
             let low = if cell - ring < 0 {
@@ -268,14 +269,14 @@ impl LaneChords {
     }
 
     /// The nearest chord of each lane that passes, for lanes that may be the nearest, with the
-    /// share of the chord at its foot.
+    /// share of the chord before the foot.
     pub fn near(&self, p: [f64; 3], passes: impl FnMut(u32) -> bool) -> Vec<(Chord, f64)> {
         self.grid.near(p, self.reach_m, SLACK_M, passes)
     }
 }
 
-/// The chord, or two for its halves where the lane's middle leaves it by half of what the search
-/// allows for: a bend may be tighter than a chord is long.
+/// Adds the chord. Where the lane's middle is farther from it than half the slack, because the bend
+/// is tight, adds chords of its two halves instead.
 fn add_chords(shape: &LaneShape<'_>, chords: &mut Vec<Chord>, chord: Chord, halvings: &mut u32) {
     const SHORTEST_M: f64 = 0.05;
     let half_s_m = 0.5 * (chord.s_m[0] + chord.s_m[1]);

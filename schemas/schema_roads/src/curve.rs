@@ -23,10 +23,10 @@ const GAUSS: [(f64, f64); 5] = [
 
 /// Most intervals of an arc-length table.
 const MAX_INTERVALS: usize = 4096;
-/// Turn over which one application of the rule is exact to rounding, radians.
+/// Greatest turn for which one application of the rule is exact to rounding, radians.
 const TURN_PER_PIECE_RAD: f64 = 0.5;
 
-/// What a geometry record draws.
+/// Shape of a geometry record.
 #[derive(Clone, Debug)]
 pub(crate) enum Shape {
     Arc { curvature_per_m: f64 },
@@ -46,7 +46,8 @@ pub(crate) struct Geometry {
 }
 
 impl Geometry {
-    /// The curve `ds_m` after its start; beyond its ends it goes on by its own definition.
+    /// The curve's point `ds_m` after its start. Beyond its ends the curve continues by its own
+    /// definition.
     pub fn at(&self, ds_m: f64) -> PlanPoint {
         let (u, v, turn, curvature_per_m) = match &self.shape {
             Shape::Arc { curvature_per_m } => arc(*curvature_per_m, ds_m),
@@ -81,7 +82,7 @@ fn arc(k: f64, s: f64) -> (f64, f64, f64, f64) {
     )
 }
 
-/// A clothoid, with its points at the ends of equal pieces integrated beforehand.
+/// A clothoid, with the points at the ends of equal pieces integrated in advance.
 #[derive(Clone, Debug)]
 pub(crate) struct Spiral {
     start_per_m: f64,
@@ -91,8 +92,8 @@ pub(crate) struct Spiral {
 }
 
 impl Spiral {
-    /// Curvature changes evenly from start to end. Curves tighter than the number of pieces allows
-    /// are drawn coarsely.
+    /// A clothoid whose curvature changes linearly from start to end. Curves tighter than the
+    /// number of pieces allows are approximated coarsely.
     pub fn new(start_per_m: f64, end_per_m: f64, length_m: f64) -> Spiral {
         let most = (4.0 * length_m).clamp(8.0, MAX_INTERVALS as f64);
         let pieces = (length_m * start_per_m.abs().max(end_per_m.abs()) / TURN_PER_PIECE_RAD)
@@ -143,7 +144,7 @@ pub(crate) struct ParamCurve {
     v: [f64; 4],
     parameter_end: f64,
     arc_m: Vec<f64>,
-    /// Arc length of the curve over the length the file states.
+    /// Arc length of the curve divided by the length that the file states.
     arc_per_length: f64,
 }
 

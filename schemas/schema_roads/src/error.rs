@@ -1,25 +1,25 @@
-//! What a text can have wrong: oddities that the map tells, and errors that leave no map.
+//! What can be wrong with a text: warnings, with which there is a map, and errors, without one.
 
-/// How much is lost.
+/// How much is lost by it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The map is what its maker meant, or as good as.
+    /// The map is what its maker meant, or very nearly.
     #[default]
     Warning,
-    /// Something that a map needs is missing or cannot be used: the file is broken there.
+    /// Something that a map needs is missing or cannot be used: the file is broken at this place.
     Error,
 }
 
-/// Something in a map that was left out or read in a certain way.
+/// A part of a text that was left out, or that needed an interpretation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
-    /// How much is lost.
+    /// How much is lost by it.
     pub severity: Severity,
     /// Line in the text, from 1.
     pub line: Option<u32>,
     /// Column in the text, from 1.
     pub column: Option<u32>,
-    /// What and why.
+    /// What was left out or how it was read, and why.
     pub text: String,
 }
 
@@ -35,17 +35,17 @@ impl std::fmt::Display for Warning {
 /// Why a text is not a usable map.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
-    /// Not well-formed XML.
+    /// The text is not well-formed XML.
     #[error("the map is not well-formed XML: {reason} (line {line}, column {column})")]
     Xml {
         /// Line, from 1.
         line: u32,
         /// Column, from 1.
         column: u32,
-        /// What the XML parser says.
+        /// The XML parser's message.
         reason: String,
     },
-    /// XML, but something else.
+    /// The text is XML, but not OpenDRIVE.
     #[error("the file is not OpenDRIVE: its root element is <{0}> and must be <OpenDRIVE>")]
     NotOpenDrive(String),
     /// No road can be used.
@@ -53,7 +53,7 @@ pub enum MapError {
         "the map has no usable road: each needs a <planView> with a geometry and <lanes> with a section"
     )]
     Empty,
-    /// Beyond a limit.
+    /// The text is beyond a limit.
     #[error("the map is too large: {0}")]
     TooLarge(String),
 }

@@ -1,7 +1,7 @@
 //! The lane graph: which lane leads to which.
 //!
-//! Every contact of two lane ends is recorded once; the driving directions decide which way, if
-//! any, traffic passes it.
+//! Every contact of two lane ends is visited once; the driving directions decide in which direction
+//! traffic passes it, if in any.
 
 use std::collections::HashMap;
 
@@ -92,8 +92,8 @@ struct Linker<'m, 'l> {
 }
 
 impl<'m> Linker<'m, '_> {
-    /// Two lane ends touch: traffic passes from the one that is left there to the one that is
-    /// entered there.
+    /// Links two lane ends that touch: traffic passes from the lane that ends there, in driving
+    /// direction, to the one that begins there.
     fn touch(&mut self, a: LaneKey, a_end: End, b: LaneKey, b_end: End) {
         let (Some(a_idx), Some(b_idx)) = (find(self.lanes, a), find(self.lanes, b)) else {
             return;
@@ -235,8 +235,8 @@ fn linked_end(road: &Road, id: &str) -> Option<End> {
     }
 }
 
-/// The end of the incoming road that meets `connecting`'s `contact`: as the connecting road says,
-/// or where the junction is.
+/// The end of the incoming road that meets the `contact` end of `connecting`: the one that the
+/// connecting road names, or else the one that leads into the junction.
 fn incoming_end(incoming: &Road, connecting: &Road, contact: End, junction: &str) -> Option<End> {
     let back = if contact == End::Start {
         &connecting.predecessor

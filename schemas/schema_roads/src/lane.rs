@@ -1,9 +1,10 @@
-//! Lanes as the lane graph sees them.
+//! Lanes as callers see them: names, kinds, neighbours, and places on them.
 
 /// A lane of one section of one road.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct LaneKey {
-    /// OpenDRIVE's road id where it is a number, otherwise a number of ours above all of those.
+    /// OpenDRIVE's road id if that is a number; otherwise a number above all such ids, assigned
+    /// here.
     pub road: u32,
     /// Index of the lane section along the road.
     pub section: u16,
@@ -34,7 +35,7 @@ pub struct LanePosition {
 }
 
 impl LanePosition {
-    /// The middle of `lane`, `s_m` after its start.
+    /// The place on the middle of `lane`, `s_m` after its start.
     pub fn new(lane: LaneKey, s_m: f64) -> Self {
         LanePosition {
             lane,
@@ -47,9 +48,9 @@ impl LanePosition {
 /// What a lane is for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum LaneKind {
-    /// For cars, ramps and slip lanes included.
+    /// For cars; ramps and slip lanes are included.
     Driving,
-    /// Both directions, e.g. a shared turning lane.
+    /// For traffic in both directions, e.g. a shared turning lane.
     Bidirectional,
     /// Hard shoulder.
     Shoulder,
@@ -65,15 +66,15 @@ pub enum LaneKind {
     Sidewalk,
     /// Kerb.
     Kerb,
-    /// Between two carriageways.
+    /// The strip between two carriageways.
     Median,
-    /// Not for traffic.
+    /// Closed to traffic.
     Restricted,
     /// Buses only.
     Bus,
     /// Taxis only.
     Taxi,
-    /// Rails, trams.
+    /// For trains or trams.
     Rail,
     /// `none` and everything else.
     #[default]
@@ -111,7 +112,7 @@ impl LaneKind {
 /// A lane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lane {
-    /// Its name.
+    /// Name of the lane.
     pub key: LaneKey,
     /// What it is for.
     pub kind: LaneKind,
@@ -119,14 +120,14 @@ pub struct Lane {
     pub length_m: f64,
     /// Number of the junction it crosses, if it is on a connecting road.
     pub junction: Option<u32>,
-    /// Whether traffic on it drives along rising s of its road.
+    /// Whether its traffic drives along rising s of the road.
     pub forward: bool,
     /// Station at which its section begins, metres.
     pub section_start_m: f64,
-    /// Next lane to the left in driving direction that traffic uses the same way; cars only change
-    /// between drivable lanes.
+    /// Next lane to the left in driving direction, if its traffic drives the same way. Cars change
+    /// only between drivable lanes.
     pub left: Option<LaneKey>,
-    /// Next lane to the right in driving direction that traffic uses the same way.
+    /// Next lane to the right in driving direction, if its traffic drives the same way.
     pub right: Option<LaneKey>,
     pub(crate) successors: Vec<LaneKey>,
     pub(crate) predecessors: Vec<LaneKey>,
@@ -134,7 +135,7 @@ pub struct Lane {
 }
 
 impl Lane {
-    /// Station of the road `s_m` after the lane's start.
+    /// Station of the road at `s_m` after the lane's start, metres.
     pub fn station_m(&self, s_m: f64) -> f64 {
         if self.forward {
             self.section_start_m + s_m
@@ -143,7 +144,7 @@ impl Lane {
         }
     }
 
-    /// Distance from the lane's start of a station of the road.
+    /// Distance of a station of the road from the lane's start, metres.
     pub fn s_at_station_m(&self, station_m: f64) -> f64 {
         if self.forward {
             station_m - self.section_start_m

@@ -6,7 +6,7 @@ use crate::lane::{Lane, LanePosition};
 use crate::raw::{RawMap, Road, Section};
 use crate::station::{Edges, Station};
 
-/// A lane together with what the file says about it.
+/// A lane together with its road and section in the file.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LaneShape<'m> {
     pub lane: &'m Lane,
@@ -47,7 +47,8 @@ impl<'m> LaneShape<'m> {
         )
     }
 
-    /// Height of the lane over its road at `t_m` before the lane offset, and its slope to the left.
+    /// Height of the lane over its road at `t_m` (lane offset not included), metres, and its slope
+    /// to the left.
     pub fn lift(&self, station: &Station<'_>, edges: &Edges, t_m: f64) -> (f64, f64) {
         match self.section.lane(self.lane.key.lane) {
             Some(raw) if !raw.heights.is_empty() => {
@@ -78,8 +79,8 @@ impl<'m> LaneShape<'m> {
         (pose, station.stretch(t_m))
     }
 
-    /// The foot of the perpendicular near `start_m`: by Newton's steps, or by search where a bend
-    /// is so tight that these miss.
+    /// The place on the lane nearest to `point`, found from `start_m` on by Newton's steps, or by
+    /// search where a bend is so tight that these miss it.
     pub fn refine(&self, start_m: f64, point: [f64; 3]) -> LanePosition {
         let start_m = start_m.clamp(0.0, self.lane.length_m);
         let by_steps = self.step_to_foot(start_m, point);
@@ -107,7 +108,7 @@ impl<'m> LaneShape<'m> {
         (0..3).map(|i| (p[i] - point[i]).powi(2)).sum()
     }
 
-    /// `None` if the steps do not come to rest.
+    /// `None` if the steps do not converge.
     fn step_to_foot(&self, start_m: f64, point: [f64; 3]) -> Option<f64> {
         let point = Vector3::from(point);
         let mut s_m = start_m;
@@ -124,7 +125,7 @@ impl<'m> LaneShape<'m> {
         None
     }
 
-    /// The best of places every quarter of a metre, then closer and closer around it.
+    /// The nearest of places a quarter of a metre apart, then of ever closer ones around it.
     fn search_foot(&self, start_m: f64, point: [f64; 3]) -> f64 {
         const REACH_M: f64 = 3.0;
         const PIECES: u32 = 12;

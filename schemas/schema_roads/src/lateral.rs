@@ -3,7 +3,7 @@
 
 use crate::profile::Profile;
 
-/// One `<shape>`: a cubic of the distance across, in force from `t_m` on to the left.
+/// One `<shape>`: a cubic of the distance across, which applies from `t_m` on to the left.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ShapeRecord {
     pub s_m: f64,
@@ -19,14 +19,14 @@ pub(crate) struct LaneHeight {
     pub outer_m: f64,
 }
 
-/// Heights across a road, measured off its superelevated plane.
+/// Heights across a road, measured from its superelevated plane.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Lateral {
-    /// By rising s, then t.
+    /// Records by rising s, then t.
     shapes: Vec<ShapeRecord>,
     /// Index in `shapes` of the first record of each station.
     starts: Vec<usize>,
-    /// Slope down from the reference line, radians: right, left.
+    /// Angle at which the road falls away from the reference line, radians: right, left.
     crossfall: [Profile; 2],
 }
 
@@ -64,7 +64,7 @@ impl Lateral {
         (height, slope)
     }
 
-    /// Between two stations with shapes the height changes evenly.
+    /// Between two stations with shapes the height changes linearly.
     fn shape(&self, s_m: f64, t_m: f64) -> (f64, f64) {
         if self.starts.is_empty() {
             return (0.0, 0.0);
@@ -109,8 +109,8 @@ impl Lateral {
     }
 }
 
-/// Inner and outer height of a lane at `ds_m` after its section's start: that of the last record
-/// begun.
+/// Inner and outer height of a lane `ds_m` after its section's start: those of the last record that
+/// has begun.
 pub(crate) fn lane_height(records: &[LaneHeight], ds_m: f64) -> (f64, f64) {
     let after = records.partition_point(|r| r.s_offset_m <= ds_m + 1e-9);
     let record = records.get(after.saturating_sub(1)).filter(|_| after > 0);

@@ -1,10 +1,10 @@
 //! OpenDRIVE maps: lanes, the lane graph, positions on it, signals, objects and surfaces.
 //!
-//! [`RoadMap::parse`] reads a text and leaves out what cannot be used, with a [`Warning`] that names
-//! the place in the file; everything else is a question to the [`RoadMap`]. Positions are `f64`,
-//! evaluated from the definitions of the curves; superelevation, lateral shape, crossfall and the
-//! height of lanes are part of them. World space is OpenDRIVE's inertial space (x east, y north,
-//! z up), which is also the simulator's.
+//! [`RoadMap::parse`] reads a text and leaves out what cannot be used, with a [`Warning`] that
+//! names the place in the file; everything else is a question to the [`RoadMap`]. Positions are
+//! `f64`, evaluated from the definitions of the curves; superelevation, lateral shape, crossfall
+//! and the height of lanes are part of them. World space is OpenDRIVE's inertial space (x east, y
+//! north, z up), which is also the simulator's.
 //!
 //! A position on a lane is a [`LanePosition`]: metres after the lane's start in driving direction,
 //! and metres to the left of its middle.

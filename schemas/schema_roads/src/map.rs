@@ -1,4 +1,4 @@
-//! The map: what it holds and how it is put together.
+//! The map: how it is put together, and what it holds.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use crate::parse::parse;
 use crate::raw::{JunctionKind, RawMap};
 use crate::signals::{self, Controller, Signal, SignalStop};
 
-/// Latitude and longitude of the origin of a map that states none, degrees (as CARLA).
+/// Latitude and longitude of the origin of a map that states none, degrees; CARLA's values.
 pub const DEFAULT_GEO_REFERENCE: (f64, f64) = (42.0, 2.0);
 /// Most lanes.
 const MAX_LANES: usize = 2_000_000;
@@ -36,7 +36,7 @@ pub struct JunctionInfo<'m> {
     pub number: u32,
     /// OpenDRIVE's id.
     pub id: &'m str,
-    /// How roads meet.
+    /// How its roads meet.
     pub kind: JunctionKind,
     /// Number of its connections.
     pub n_connections: usize,
@@ -100,7 +100,7 @@ impl RoadMap {
         })
     }
 
-    /// What was left out or odd.
+    /// What was left out, or needed an interpretation.
     pub fn warnings(&self) -> &[Warning] {
         &self.raw.warnings
     }
@@ -115,12 +115,13 @@ impl RoadMap {
         &self.lanes
     }
 
-    /// A lane.
+    /// The lane of this name.
     pub fn lane(&self, key: LaneKey) -> Option<&Lane> {
         graph::find(&self.lanes, key).map(|idx| &self.lanes[idx])
     }
 
-    /// Lanes traffic may go on to at the end of this one, by rising key; empty for an unknown lane.
+    /// Lanes that traffic may continue on at the end of this one, by rising key; empty for an
+    /// unknown lane.
     pub fn successors(&self, key: LaneKey) -> &[LaneKey] {
         self.lane(key).map_or(&[], |lane| &lane.successors)
     }
@@ -135,7 +136,7 @@ impl RoadMap {
         &self.signals
     }
 
-    /// Signals that must be obeyed by who takes this lane, and where to stop for each.
+    /// Signals that vehicles on this lane must obey, and where to stop for each.
     pub fn signal_stops(&self, lane: LaneKey) -> impl Iterator<Item = (&Signal, SignalStop)> {
         let list = self.signal_stops.get(&lane).map_or(&[][..], Vec::as_slice);
         list.iter()
@@ -152,7 +153,7 @@ impl RoadMap {
         &self.crosswalks
     }
 
-    /// Objects other than crosswalks; a repeated one once per repetition.
+    /// Objects other than crosswalks; a repeated object is listed once per repetition.
     pub fn objects(&self) -> &[RoadObject] {
         &self.objects
     }
@@ -172,9 +173,9 @@ impl RoadMap {
         self.raw.geo_reference.is_some()
     }
 
-    /// Greatest difference between the length of a polynomial curve and the one that the file
-    /// states, metres. Here such a curve begins and ends where its record does; a reader that walks
-    /// the curve by its own length ends that far from it.
+    /// Greatest difference between the length of a polynomial curve and the length that the file
+    /// states for it, metres. Here a curve's ends are those of its record; a program that follows
+    /// the curve by its own length ends that far from them.
     pub fn length_mismatch_m(&self) -> f64 {
         let curves = self.raw.roads.iter().flat_map(|road| &road.plan);
         let excess = |geometry: &Geometry| match &geometry.shape {

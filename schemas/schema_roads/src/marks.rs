@@ -29,7 +29,7 @@ pub enum MarkKind {
 }
 
 impl MarkKind {
-    /// From OpenDRIVE's word.
+    /// The kind that OpenDRIVE's word names.
     pub(crate) fn from_text(text: &str) -> MarkKind {
         match text {
             "none" | "" => MarkKind::None,
@@ -132,7 +132,7 @@ pub(crate) struct MarkRecord {
 const DASH_M: (f64, f64) = (3.0, 6.0);
 
 impl MarkRecord {
-    /// The lines it is painted with: the file's own, else what its type means.
+    /// The lines that the mark consists of: those of the file, or else those that its kind implies.
     pub fn stripes(&self) -> Vec<MarkStripe> {
         if !self.lines.is_empty() {
             return self.lines.clone();
@@ -150,8 +150,7 @@ impl MarkRecord {
             width_m,
             colour: self.colour,
         };
-        // "solid broken" is read from the inside outwards; either way the two lie a line's width
-        // apart.
+        // "solid broken" is read from the inside outwards. The two lines lie a line's width apart.
         let pair = |inner: bool, outer: bool| vec![line(-width_m, inner), line(width_m, outer)];
         match self.kind {
             MarkKind::None | MarkKind::Grass | MarkKind::Kerb => Vec::new(),

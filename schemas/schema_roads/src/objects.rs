@@ -1,5 +1,4 @@
-//! Things beside and on the road that are not signals: poles, buildings, barriers, trees, parking
-//! spaces.
+//! Objects beside and on the road: poles, buildings, barriers, trees, parking spaces, crosswalks.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -14,7 +13,7 @@ pub struct RoadObject {
     pub name: String,
     /// OpenDRIVE's type, e.g. `pole`, `building`, `tree`, `barrier`, `parkingSpace`.
     pub kind: String,
-    /// Middle of its foot; x along its length, y along its width, z off the road.
+    /// Pose of the middle of its foot: x along its length, y along its width, z off the road.
     pub pose: Isometry3<f64>,
     /// Extent along x, metres; 0 if not stated.
     pub length_m: f64,
@@ -27,7 +26,7 @@ pub struct RoadObject {
     /// Corners of its outline in the world, and the height of the object over each; empty without
     /// an outline.
     pub outline: Vec<([f64; 3], f64)>,
-    /// Number of the road it is listed with.
+    /// Number of the road that the file lists it with.
     pub road: u32,
 }
 
@@ -85,8 +84,7 @@ pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
     }
 }
 
-/// A corner in the world and the height of its object there, `height_m` where the corner states
-/// none.
+/// A corner in the world, and the height of its object there; `height_m` if the corner states none.
 fn world_corner(
     road: &Road,
     pose: &Isometry3<f64>,

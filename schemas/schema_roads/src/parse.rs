@@ -1,4 +1,4 @@
-//! OpenDRIVE text to records. Tolerant: what cannot be used is left out with a warning.
+//! Reading an OpenDRIVE text into records. What cannot be used is left out with a warning.
 
 mod lane;
 mod links;
@@ -208,7 +208,7 @@ fn geo_reference(reader: &mut Reader, node: Node) -> Option<(f64, f64)> {
     }
 }
 
-/// Numbers for ids: the id itself where it is a number, otherwise one above all of those.
+/// Numbers for ids: the id itself if it is a number, or else a number above all such ids.
 struct Numbers {
     next: u32,
     given: HashMap<String, u32>,
@@ -235,7 +235,7 @@ impl Numbers {
     }
 }
 
-/// The number an id spells, if it is its canonical spelling and leaves room above it.
+/// The number that an id spells, if it is spelt canonically and leaves room for numbers above it.
 fn plain_number(id: &str) -> Option<u32> {
     id.parse::<u32>()
         .ok()

@@ -1,4 +1,4 @@
-//! Positions: poses, widths, limits, nearest lanes, walking along the graph, polylines.
+//! Positions on lanes: poses, widths, limits, the nearest lane, ways along the graph, polylines.
 
 use nalgebra::Isometry3;
 
@@ -12,7 +12,7 @@ use crate::raw::{Road, Section};
 
 /// Most positions [`RoadMap::advance`] returns.
 const MAX_BRANCHES: usize = 64;
-/// Most lanes one walk looks at.
+/// Most lanes that one call of [`RoadMap::advance`] visits.
 const MAX_VISITS: usize = 4096;
 /// Most points of a polyline.
 const MAX_POINTS: f64 = 1.0e6;
@@ -23,7 +23,7 @@ impl RoadMap {
     }
 
     /// Pose on the road surface: x along the driving direction, y left, z off the surface. `None`
-    /// for an unknown lane. `s_m` beyond the lane's ends is taken as its end.
+    /// for an unknown lane. An `s_m` beyond the lane's ends counts as the end.
     pub fn pose(&self, at: LanePosition) -> Option<Isometry3<f64>> {
         let shape = self.shape(self.lane(at.lane)?);
         Some(shape.pose(shape.clamped(at.s_m), at.offset_m).0)
@@ -68,13 +68,13 @@ impl RoadMap {
         own.or_else(|| in_force(&road.speeds, station_m)).flatten()
     }
 
-    /// The lane whose middle is nearest to a world point, among those `filter` lets pass, and the
-    /// place on it.
+    /// The lane whose middle is nearest to a world point, among the lanes that `filter` accepts,
+    /// and the place on it.
     pub fn nearest(&self, point: [f64; 3], filter: impl Fn(&Lane) -> bool) -> Option<LanePosition> {
         if !point.iter().all(|x| x.is_finite()) {
             return None;
         }
-        // Chords cut bends by less than the slack, so the nearest lane is among these.
+        // Chords lie within the slack of their lanes, so the nearest lane is among these.
         let near = self
             .chords
             .near(point, |idx| filter(&self.lanes[idx as usize]));
@@ -143,8 +143,8 @@ impl RoadMap {
             .is_none_or(allowed)
     }
 
-    /// Where one can be after `distance_m` (backwards if negative): one place per branch, none past
-    /// a dead end. At most 64.
+    /// Places that lie `distance_m` ahead (behind if negative): one per branch, none beyond a dead
+    /// end, at most 64.
     pub fn advance(&self, at: LanePosition, distance_m: f64) -> Vec<LanePosition> {
         let mut found = Vec::new();
         if !distance_m.is_finite() || self.lane(at.lane).is_none() {
@@ -195,7 +195,7 @@ impl RoadMap {
             .collect()
     }
 
-    /// Left and right edge of the lane in driving direction, as [`RoadMap::centreline`].
+    /// Left and right edge of the lane in driving direction, sampled like [`RoadMap::centreline`].
     pub fn boundaries(&self, key: LaneKey, step_m: f64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
         let Some(lane) = self.lane(key) else {
             return Default::default();
@@ -290,7 +290,7 @@ impl RoadMap {
         }
     }
 
-    /// Whether a lane's heights are more than its road's elevation: superelevation, shape,
+    /// Whether the lane's height differs from its road's elevation: by superelevation, shape,
     /// crossfall or a height of its own.
     pub fn is_tilted(&self, lane: LaneKey) -> bool {
         let Some(lane) = self.lane(lane) else {

@@ -12,7 +12,7 @@ pub(crate) struct Cubic {
 pub(crate) struct Profile(Vec<Cubic>);
 
 impl Profile {
-    /// Sorts by start; of two that start at one place the later one counts.
+    /// Sorts the cubics by start; of two with the same start the later one counts.
     pub fn new(mut cubics: Vec<Cubic>) -> Self {
         cubics.sort_by(|a, b| a.s_m.total_cmp(&b.s_m));
         Profile(cubics)
@@ -32,8 +32,8 @@ impl Profile {
         self.0.iter().map(|c| c.s_m)
     }
 
-    /// Value and slope at `s`; before the first start that record goes on backwards; without
-    /// records 0.
+    /// Value and slope at `s_m`. Before the first start the first cubic continues backwards;
+    /// without cubics both are 0.
     pub fn at(&self, s_m: f64) -> (f64, f64) {
         let after = self.0.partition_point(|c| c.s_m <= s_m + 1e-9);
         let Some(cubic) = self.0.get(after.saturating_sub(1)) else {

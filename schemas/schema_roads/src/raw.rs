@@ -9,7 +9,7 @@ use crate::lateral::{LaneHeight, Lateral};
 use crate::marks::MarkRecord;
 use crate::profile::Profile;
 
-/// Which end of a road or section.
+/// An end of a road or section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum End {
     Start,
@@ -37,11 +37,11 @@ pub(crate) struct RawLane {
     pub id: i8,
     pub kind: LaneKind,
     pub extent: Extent,
-    /// 1.8's `direction="reversed"`.
+    /// Whether traffic is reversed (`direction="reversed"` of OpenDRIVE 1.8).
     pub reversed: bool,
     pub predecessors: Vec<i8>,
     pub successors: Vec<i8>,
-    /// (sOffset, m/s or no limit).
+    /// Speed limits: (sOffset, m/s or no limit).
     pub speeds: Vec<(f64, Option<f64>)>,
     /// Height over the road, by rising sOffset.
     pub heights: Vec<LaneHeight>,
@@ -77,7 +77,7 @@ pub(crate) struct Road {
     pub lateral: Lateral,
     pub lane_offset: Profile,
     pub sections: Vec<Section>,
-    /// (s, m/s or no limit) by road type.
+    /// Speed limits by road type: (s, m/s or no limit).
     pub speeds: Vec<(f64, Option<f64>)>,
 }
 
@@ -93,12 +93,12 @@ pub(crate) struct Connection {
 /// How the roads of a junction meet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum JunctionKind {
-    /// Over connecting roads.
+    /// By connecting roads.
     #[default]
     Common,
     /// Lane to lane, without connecting roads.
     Direct,
-    /// On a road that goes on.
+    /// On a main road that continues through it.
     Virtual,
     /// Roads that cross without meeting.
     Crossing,
@@ -215,13 +215,13 @@ pub(crate) struct RawMap {
     pub controllers: Vec<RawController>,
     pub crosswalks: Vec<RawCrosswalk>,
     pub objects: Vec<RawObject>,
-    /// Corners of their outlines together, as they are counted against the limit.
+    /// Number of corners of all outlines, as it is counted against the limit.
     pub n_object_corners: usize,
     pub warnings: Vec<Warning>,
 }
 
 impl Placement {
-    /// Whether it applies to the lane; no range means every lane.
+    /// Whether it applies to the lane. No ranges mean every lane.
     pub fn is_valid_for(&self, lane: i8) -> bool {
         self.validity.is_empty()
             || self
@@ -242,7 +242,7 @@ impl RawMap {
 }
 
 impl Road {
-    /// Number of the junction it belongs to; the greatest number for one that the file lacks.
+    /// Number of the junction that it belongs to; `u32::MAX` for a junction that the file lacks.
     pub fn junction_number(&self, numbers: &HashMap<&str, u32>) -> Option<u32> {
         self.junction
             .as_deref()

@@ -26,7 +26,7 @@ pub enum SignalKind {
 /// Where vehicles on one lane stop for a signal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SignalStop {
-    /// Lane that is controlled: who takes it must obey.
+    /// Lane that is controlled: vehicles that drive onto it must obey.
     pub lane: LaneKey,
     /// Where to stop. On the controlled lane itself, or at the end of the lane before it if that
     /// one crosses a junction.
@@ -56,15 +56,16 @@ pub struct Signal {
     pub text: String,
     /// Whether it changes.
     pub dynamic: bool,
-    /// Pose in the world: x points the way its face looks, that is against the traffic it is for.
+    /// Pose in the world: x points out of its face, against the traffic that it is for.
     pub pose: Isometry3<f64>,
     /// Width, metres; 0 if not stated.
     pub width_m: f64,
     /// Height, metres; 0 if not stated.
     pub height_m: f64,
-    /// Lanes for traffic it is valid for, and where to stop on each.
+    /// Lanes that it is valid for, and where to stop on each.
     pub stops: Vec<SignalStop>,
-    /// Junction it belongs to: that of its road, or the one its traffic drives towards.
+    /// Junction that it belongs to: that of its road, or else the one that its traffic drives
+    /// towards.
     pub junction: Option<u32>,
 }
 
@@ -86,7 +87,7 @@ pub struct Controller {
     pub signals: Vec<String>,
     /// Junction it belongs to.
     pub junction: Option<u32>,
-    /// Place in the junction's turn.
+    /// Place in the junction's sequence of controllers.
     pub sequence: u32,
 }
 

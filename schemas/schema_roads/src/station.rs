@@ -13,9 +13,9 @@ pub(crate) struct Station<'r> {
     pub plan: PlanPoint,
     pub z_m: f64,
     pub grade: f64,
-    /// Superelevation; positive lifts the left side.
+    /// Superelevation, radians; positive lifts the left side.
     pub roll_rad: f64,
-    /// Change of that per metre of station.
+    /// Change of the superelevation, radians per metre of station.
     pub roll_rate: f64,
     lateral: &'r Lateral,
     pub lane_offset_m: f64,
@@ -57,7 +57,7 @@ impl Section {
 }
 
 impl Road {
-    /// The reference line at `s_m`; beyond the ends its geometry goes on.
+    /// The reference line at `s_m`; beyond the road's ends its geometry continues.
     pub fn station(&self, s_m: f64) -> Station<'_> {
         let after = self.plan.partition_point(|g| g.s_m <= s_m);
         let geometry = &self.plan[after.saturating_sub(1)];
@@ -94,7 +94,7 @@ impl Road {
             match &lane.extent {
                 Extent::Width(profile) => {
                     let (width, width_slope) = profile.at(ds);
-                    // A width below zero is a file's rounding; the lane has ended.
+                    // A width below zero comes from rounding in the file: the lane has ended there.
                     if width > 0.0 {
                         at += sign * width;
                         slope += sign * width_slope;
@@ -121,8 +121,8 @@ impl Road {
 }
 
 impl Edges {
-    /// How far a lane lies over the road at `t_m` from the reference line (lane offset not
-    /// included), and the slope to the left.
+    /// Height of a lane over the road at `t_m` from the reference line (lane offset not included),
+    /// metres, and its slope to the left.
     pub fn lift(&self, lane: &RawLane, ds_m: f64, t_m: f64) -> (f64, f64) {
         let (inner, outer) = lane_height(&lane.heights, ds_m);
         let across = self.outer_m - self.inner_m;
@@ -162,7 +162,8 @@ impl Station<'_> {
         let (roll_sin, roll_cos) = self.roll_rad.sin_cos();
         let (shape, shape_slope) = self.lateral.at(self.s_m, t_m);
         let height = shape + lift.0;
-        // A road tighter than its width folds over; its heading is then that of the reference line.
+        // A bend tighter than the road is wide would fold over; there the heading is that of the
+        // reference line.
         let stretch =
             (1.0 - self.plan.curvature_per_m * (t_m * roll_cos - height * roll_sin)).max(0.05);
         let tangent = Vector3::new(cos, sin, 0.0);

@@ -20,7 +20,7 @@ pub struct SurfaceSteps {
     pub max_step_m: f64,
     /// Greatest distance of the rows' chords from the surface, metres.
     pub tolerance_m: f64,
-    /// Metres by which lanes of junctions for cars are wider on both sides.
+    /// Metres by which lanes for cars in junctions are wider on both sides.
     pub junction_extra_m: f64,
     /// Most points of the whole map.
     pub max_points: usize,
@@ -67,7 +67,7 @@ pub struct LaneSurface {
     pub has_height: bool,
     /// Points of a row, from the lane's right to its left edge (looking along rising s).
     pub columns: usize,
-    /// Row after row, world, metres.
+    /// Points row after row, world, metres.
     pub points_m: Vec<[f64; 3]>,
     /// Marks on its outer edge.
     pub marks: Vec<SurfaceMark>,
@@ -97,7 +97,7 @@ impl RoadMap {
     /// The surfaces of all roads.
     ///
     /// # Errors
-    /// When they take more than `steps.max_points` points.
+    /// [`MapError::TooLarge`] if they need more than `steps.max_points` points.
     pub fn surfaces(&self, steps: &SurfaceSteps) -> Result<Vec<SectionSurface>, MapError> {
         let mut all = Vec::new();
         let mut left = steps.max_points;
@@ -182,8 +182,8 @@ impl Sampler<'_> {
         ]
     }
 
-    /// Where rows are needed: at every record's start, and between them as often as the surface
-    /// bends.
+    /// Stations of the rows: the start of every record, and between these as many as the bends of
+    /// the surface need.
     fn stations(&self, most: usize) -> Vec<f64> {
         let (start, end) = (self.section.start_m, self.section.end_m);
         let road = self.road;
@@ -204,7 +204,7 @@ impl Sampler<'_> {
         breaks.extend([start, end]);
         breaks.sort_by(f64::total_cmp);
         breaks.dedup_by(|b, a| *b - *a < 1e-3);
-        // The end itself stays, whatever lies close before it.
+        // The section's end is kept, not a station just before it.
         if let Some(last) = breaks.last_mut() {
             *last = end;
         }

@@ -1,10 +1,11 @@
-//! Where people walk: a mesh of convex faces over pavements, crosswalks and, at a price, roads.
+//! Where people walk: a mesh of convex faces over pavements, crosswalks and, at a higher cost for a
+//! path, roads.
 //!
-//! Pavements keep [`CLEAR_M`] from kerb and wall, so that whoever follows the mesh with a body
-//! stays on them. Around junctions, where maps seldom have pavement lanes, the pavements of
-//! neighbouring arms are joined by a curve. Crosswalks reach over the kerb onto the pavement. The
-//! outlines go into a constrained Delaunay triangulation, whose triangles are named by what they
-//! lie in and merged to convex faces.
+//! Pavements keep [`CLEAR_M`] from kerb and wall, so that a body that follows the mesh stays on the
+//! pavement. Around junctions, where maps seldom have pavement lanes, the pavements of neighbouring
+//! arms are joined by a curve. Crosswalks reach over the kerb onto the pavement. The outlines go
+//! into a constrained Delaunay triangulation, whose triangles take the ground of the outline they
+//! lie in and are merged into convex faces.
 
 mod arrange;
 mod faces;

@@ -51,7 +51,7 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
     }
 }
 
-/// What an object counts for.
+/// Corners that an object counts for against the limit.
 fn cost(object: &RawObject) -> usize {
     object.corners.len().max(8)
 }
@@ -86,7 +86,7 @@ fn object(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> RawObj
     }
 }
 
-/// One object per distance; without a distance pieces that touch.
+/// Adds one object per distance, or pieces that touch if no distance is given.
 fn repeats(
     reader: &mut Reader,
     node: Node,

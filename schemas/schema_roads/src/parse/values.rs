@@ -8,7 +8,7 @@ use crate::raw::{Corner, End};
 /// Most corners of an outline.
 const MAX_CORNERS: usize = 1000;
 
-/// A lane id other than 0 that fits.
+/// A lane id other than 0 that fits into its type.
 pub(super) fn lane_id(node: Node, name: &str) -> Option<i8> {
     text(node, name)
         .parse()
@@ -42,7 +42,7 @@ pub(super) fn speed_mps(node: Node) -> Option<Option<f64>> {
     Some(Some(value * factor))
 }
 
-/// Corners of an outline, on the road's coordinates or about the object.
+/// Corners of an outline, in the road's coordinates or in those of the object.
 pub(super) fn outline_corners(reader: &mut Reader, outline: Node, road_m: f64) -> Vec<Corner> {
     let corner = |reader: &mut Reader, n: Node| {
         let mut at = |name| reader.number(n, name, 0.0);

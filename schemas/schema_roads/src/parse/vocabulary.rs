@@ -1,5 +1,5 @@
-//! Elements and attributes of OpenDRIVE 1.1 to 1.8. What a file has beyond them is counted and
-//! named once per kind.
+//! Elements and attributes of OpenDRIVE 1.1 to 1.8. Whatever else a file has is counted, and named
+//! once per kind.
 
 use std::collections::BTreeMap;
 
@@ -185,7 +185,7 @@ const ELEMENTS: &[(&str, &str)] = &[
     ("dataQuality", ""),
 ];
 
-/// Elements whose contents are the makers' own.
+/// Elements whose contents OpenDRIVE leaves to the file's maker.
 const OPAQUE: [&str; 3] = ["userData", "include", "dataQuality"];
 /// Kinds that are named; a file of another format would have thousands.
 const MAX_KINDS: usize = 60;
@@ -218,7 +218,7 @@ pub(super) fn check(reader: &mut Reader, root: Node) {
             }
         }
         if !OPAQUE.contains(&name) {
-            // Last first, so that the first of a kind is met first.
+            // Children are pushed last first, so that the first of a kind is met first.
             let children: Vec<Node> = node.children().filter(Node::is_element).collect();
             open.extend(children.into_iter().rev());
         }

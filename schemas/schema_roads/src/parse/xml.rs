@@ -4,17 +4,17 @@ use roxmltree::{Document, Node};
 
 use crate::error::{MapError, Severity, Warning};
 
-/// Longest text that is read.
+/// Longest text that is read, bytes.
 pub const MAX_TEXT_BYTES: usize = 128 << 20;
 /// Most XML nodes.
 const MAX_NODES: u32 = 8_000_000;
-/// Warnings kept; finding a position costs a pass over the text, so a broken file must not cause
-/// thousands.
+/// Most warnings that are kept. Finding the position of one costs a pass over the text, so a broken
+/// file must not cause thousands.
 const MAX_WARNINGS: usize = 100;
 /// Largest magnitude of any number in a map.
 const MAX_NUMBER: f64 = 1e9;
 
-/// The document and what was odd about it.
+/// The document, and the warnings about it so far.
 pub(crate) struct Reader<'d, 'i> {
     doc: &'d Document<'i>,
     warnings: Vec<Warning>,
@@ -55,12 +55,12 @@ impl<'d, 'i> Reader<'d, 'i> {
         }
     }
 
-    /// Notes something odd at `node`.
+    /// Adds a warning about `node`.
     pub fn warn(&mut self, node: Node, text: impl Into<String>) {
         self.note(Severity::Warning, node, text.into());
     }
 
-    /// Notes something broken at `node`.
+    /// Adds an error about `node`: the file is broken there.
     pub fn error(&mut self, node: Node, text: impl Into<String>) {
         self.broken = true;
         self.note(Severity::Error, node, text.into());
@@ -80,7 +80,7 @@ impl<'d, 'i> Reader<'d, 'i> {
         });
     }
 
-    /// All warnings, the last of which says how many more there were.
+    /// All warnings; beyond the limit, the last one says how many more there were.
     pub fn into_warnings(mut self) -> Vec<Warning> {
         if self.dropped > 0 {
             let text = format!("{} further warnings are not listed", self.dropped);

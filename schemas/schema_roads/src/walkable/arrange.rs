@@ -1,5 +1,5 @@
-//! Outlines as segments on a grid that meet in their ends only, which is what a constrained
-//! triangulation takes without rounding.
+//! Outlines as segments on an integer grid that meet only at their ends, so that a constrained
+//! triangulation takes them without rounding.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,8 +9,8 @@ use super::outlines::Outline;
 pub const STEPS_PER_M: f64 = 1e3;
 /// Width of the cells in which segments are compared, steps.
 const CELL_STEPS: i64 = 10_000;
-/// Points of crossings are put on the grid, which bends segments and can make new crossings; each
-/// round finds far fewer.
+/// Most rounds of cutting. Rounding a crossing to the grid bends its segments, which can make new
+/// crossings; each round finds far fewer.
 const MOST_ROUNDS: usize = 12;
 
 /// A place on the grid.
@@ -19,14 +19,14 @@ pub type Step = [i64; 2];
 /// Points with their heights, metres, and the segments between them.
 #[derive(Debug, Default)]
 pub struct Arrangement {
-    /// Height by place; where several outlines meet, the first one's.
+    /// Height by place; where several outlines meet, that of the first one.
     pub heights_m: BTreeMap<Step, f64>,
     /// Ends in order of place.
     pub segments: BTreeSet<[Step; 2]>,
 }
 
 impl Arrangement {
-    /// The outlines' sides, cut where they cross.
+    /// The sides of the outlines, cut where they cross.
     pub fn new(outlines: &[Outline]) -> Arrangement {
         let mut all = Arrangement::default();
         for outline in outlines {
@@ -65,7 +65,7 @@ impl Arrangement {
         }
     }
 
-    /// Where each segment must be cut.
+    /// The places at which each segment must be cut.
     fn crossings(&self) -> BTreeMap<[Step; 2], BTreeSet<Step>> {
         let mut cells: BTreeMap<[i64; 2], Vec<[Step; 2]>> = BTreeMap::new();
         for [a, b] in &self.segments {

@@ -14,7 +14,8 @@ const MAX_CORNERS: usize = 6;
 /// Width of the cells in which outlines are looked up, metres.
 const CELL_M: f64 = 20.0;
 
-/// A point of the net: steps of the grid, which numbers hold exactly, and the height in metres.
+/// A point of the triangulation: steps of the grid, which `f64` holds exactly, and the height in
+/// metres.
 #[derive(Clone, Copy)]
 struct Corner {
     at: [f64; 3],
@@ -51,7 +52,7 @@ fn metres([x, y, height_m]: [f64; 3]) -> [f64; 3] {
     [x / STEPS_PER_M, y / STEPS_PER_M, height_m]
 }
 
-/// The triangulation. Segments that cross others all the same would be left out; an arrangement has
+/// The triangulation. A segment that crosses another one would be left out; an arrangement has
 /// none.
 fn net(all: &Arrangement) -> ConstrainedDelaunayTriangulation<Corner> {
     let mut net: ConstrainedDelaunayTriangulation<Corner> = ConstrainedDelaunayTriangulation::new();

@@ -16,7 +16,7 @@ pub enum Ground {
 pub struct WalkFace {
     /// 3 to 6 indices into [`WalkMesh::vertices_m`].
     pub corners: Vec<u32>,
-    /// The face beyond the edge from corner `i` to the next one.
+    /// For each corner, the face beyond the edge from it to the next corner.
     pub neighbours: Vec<Option<u32>>,
     /// What it lies on.
     pub ground: Ground,
@@ -25,7 +25,8 @@ pub struct WalkFace {
 /// A walkable mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WalkMesh {
-    /// Corners in the world, metres. Heights are those of the roads' surfaces, to a kerb's height.
+    /// Corners in the world, metres. Heights are those of the roads' surfaces, accurate to the
+    /// height of a kerb.
     pub vertices_m: Vec<[f64; 3]>,
     /// Faces, in a fixed order.
     pub faces: Vec<WalkFace>,

@@ -23,12 +23,12 @@ const CURVE_PIECES: usize = 8;
 
 type Point = [f64; 3];
 
-/// A closed outline and what lies in it.
+/// A closed outline and the ground in it.
 #[derive(Clone, Debug)]
 pub struct Outline {
     /// Corners in order, not closed.
     pub corners_m: Vec<Point>,
-    /// What it is.
+    /// The ground.
     pub ground: Ground,
 }
 
@@ -58,7 +58,7 @@ pub fn outlines(map: &RoadMap, with_roads: bool) -> Vec<Outline> {
         .filter(|lane| lane.kind == LaneKind::Sidewalk)
         .collect();
     let mut found: Vec<Outline> = Vec::new();
-    // Pavements in their full width, to see where crosswalks end.
+    // Pavements in their full width, to find where crosswalks end.
     let mut full: Vec<Vec<Point>> = Vec::new();
     for lane in &walks {
         let (left, right) = map.boundaries(lane.key, STEP_M);
@@ -114,7 +114,8 @@ fn mix(a: Point, b: Point, share: f64) -> Point {
     std::array::from_fn(|i| a[i] + share * (b[i] - a[i]))
 }
 
-/// Left edge there, right edge back, with only the points that matter, counter-clockwise or not.
+/// The left edge forwards and the right edge backwards, without points on straight lines, in either
+/// direction of rotation.
 fn ring(left: &[Point], right: &[Point]) -> Vec<Point> {
     let mut corners = thinned(left);
     corners.extend(thinned(right).into_iter().rev());
@@ -134,7 +135,7 @@ fn thinned(line: &[Point]) -> Vec<Point> {
             let length = (line[to][0] - line[from][0])
                 .hypot(line[to][1] - line[from][1])
                 .max(1e-9);
-            // Heights count a tenth: feet find the ground by themselves.
+            // Heights count a tenth, because walkers find the height of the ground themselves.
             (turn(line[from], line[to], line[i]).abs() / length)
                 .max(0.1 * (along[2] - line[i][2]).abs())
         };
@@ -262,7 +263,8 @@ fn end_points(map: &RoadMap, lane: &Lane, at_start: bool) -> Option<(Point, Poin
 
 fn edge(map: &RoadMap, lane: &Lane, at_start: bool) -> Option<Edge> {
     let (left, right, outward) = end_points(map, lane, at_start)?;
-    // The kerb is towards the middle line: right of a positive lane along the road.
+    // The kerb is on the side of the road's middle line: for a positive lane on the right, along
+    // the road.
     let kerb_is_right = (lane.key.lane > 0) == lane.forward;
     let (kerb, back) = if kerb_is_right {
         (right, left)
@@ -314,14 +316,14 @@ fn corners(arms: &[Arm]) -> (Vec<Option<Corner>>, Vec<Vec<Point>>) {
     (corners, full)
 }
 
-/// A smooth curve into a junction at `a` and out of it at `b`: near to an arc where both ends are
-/// as far from where their lines meet.
+/// A smooth curve into a junction at `a` and out of it at `b`, close to an arc if both ends are
+/// equally far from the point where their lines meet.
 fn curve(a: Point, a_outward: [f64; 2], b: Point, b_outward: [f64; 2]) -> Vec<Point> {
     let chord = [b[0] - a[0], b[1] - a[1]];
     let length = chord[0].hypot(chord[1]);
     let cross = a_outward[0] * b_outward[1] - a_outward[1] * b_outward[0];
     let dot = a_outward[0] * b_outward[0] + a_outward[1] * b_outward[1];
-    // Way from each end, against its outward direction, to the point where the lines meet.
+    // Distance from each end, against its outward direction, to the point where the lines meet.
     let mut handles = [length / 3.0; 2];
     if cross.abs() > 0.05 {
         let to_meet = |p: [f64; 2], q: [f64; 2]| {
@@ -356,7 +358,7 @@ fn curve(a: Point, a_outward: [f64; 2], b: Point, b_outward: [f64; 2]) -> Vec<Po
         .collect()
 }
 
-/// The inside of a junction, from kerb line to kerb line; none without a single corner.
+/// The inside of a junction, from kerb line to kerb line; `None` if it has no corner.
 fn junction_ring(arms: &[Arm], corners: &[Option<Corner>]) -> Option<Vec<Point>> {
     corners.iter().any(Option::is_some).then(|| {
         let mut ring: Vec<Point> = Vec::new();
@@ -372,7 +374,7 @@ fn junction_ring(arms: &[Arm], corners: &[Option<Corner>]) -> Option<Vec<Point>>
     })
 }
 
-/// A crosswalk, longer by [`REACH_M`] over those edges behind which a pavement begins.
+/// A crosswalk, lengthened by [`REACH_M`] over the edges behind which a pavement begins.
 fn crosswalk(corners_m: &[Point], pavements: &[Vec<Point>]) -> Vec<Outline> {
     let mut corners = corners_m.to_vec();
     if corners.first() == corners.last() {
