@@ -1,10 +1,10 @@
-"""Saves one tick of a camera in all its modalities as one picture: the README's.
+"""Saves one tick of a camera in all its modalities as one picture, like the one in the README.
 
     ./gantry up launch/picture.toml --view none &
     python schemas/python/examples/contact_sheet.py docs/images/front.png --after 12
 
-Reads the frames of one tick over shared memory (gantry.sync), colours labels, depth, flow and events, and puts them side by side.
-Needs pillow.
+Reads the frames of one tick with `gantry.sync`, colours labels, depth, flow and events, and puts
+them side by side. Needs pillow.
 """
 
 import argparse

@@ -1,4 +1,9 @@
-"""Gantry's frames in Python: shared memory as read-only numpy arrays, without a copy.
+"""Gantry for Python: sensor frames as read-only numpy arrays in shared memory, without a copy.
+
+`open` reads one topic, `sync` several topics tick by tick, `attach` the sensor of a CARLA client.
+`snapshot` and `document` read the world, `command` changes it. Units are SI (metres, seconds,
+radians); world, vehicle and sensor axes are x forward, y left, z up. Every error is a `GantryError`
+whose message says what to do. `schemas/schema_frames/SPEC.md` describes every field.
 
 >>> import gantry
 >>> with gantry.open("ego/front/rgb") as camera:        # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""From a sensor that a CARLA client spawned to its frames in shared memory."""
+"""Finding the frames of a sensor that a CARLA client spawned."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from ._errors import GantryError, NoSuchTopicError
 from ._topic import Topic, open as open_topic
 from ._world import document
 
-#: How often the list of actors is looked at again.
+#: Seconds between two looks at the list of actors.
 _LOOK_SECS = 0.01
 
 
 def attach(sensor: Union[int, Any], modality: Optional[str] = None, domain: str = "gantry", timeout: float = 5.0) -> Topic:
     """Opens the frames of a sensor: of a `carla.Sensor`, or of the actor with this id.
 
-    The frames are those that `sensor.listen()` would be sent, in Gantry's axes and encodings (metres as floats, classes as bytes), read where
-    the simulator wrote them; no `listen()` is needed. `modality` chooses where a sensor has several; the default is its first.
-    Waits up to `timeout` seconds for the simulator to list the actor.
+    The frames are those that `sensor.listen()` would receive, but in Gantry's axes and encodings
+    (metres as floats, classes as bytes) and without a copy; `listen()` need not be called.
+    `modality` selects one of several modalities; the default is the first.
+    Waits up to `timeout` seconds for the simulator to list the actor. Raises `NoSuchTopicError` if
+    it does not, `GantryError` for an actor without frames or without this modality.
     """
     actor_id = int(getattr(sensor, "id", sensor))
     deadline = time.monotonic() + timeout

@@ -1,4 +1,4 @@
-"""iceoryx2 behind this package: one node per process, services opened by name, errors as sentences."""
+"""iceoryx2 for this package: one node per process, services by name, errors as sentences."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _node: Optional[Any] = None
 
 
 def node() -> Any:
-    """This process's node, made at first use. It handles no signals, so Ctrl-C stays KeyboardInterrupt."""
+    """Returns this process's node, which the first call makes.
+
+    The node handles no signals, so that Ctrl-C raises KeyboardInterrupt.
+    """
     global _node
     if _node is None:
         iox2.set_log_level(iox2.LogLevel.Fatal)
@@ -42,7 +45,7 @@ _KINDS = {
 
 
 def full_name(topic: str, domain: str) -> str:
-    """`<domain>/<topic>`; a topic that already starts with the domain is left alone."""
+    """Returns `<domain>/<topic>`; a topic that already starts with the domain stays as it is."""
     return topic if topic.startswith(domain + "/") else f"{domain}/{topic}"
 
 
@@ -52,7 +55,10 @@ def _schema(details: Any) -> str:
 
 
 def open_slices(topic: str, domain: str, header: str) -> Any:
-    """Opens a publish-subscribe service of byte slices, after asking for its schema."""
+    """Opens a publish-subscribe service of byte slices, whose schema is checked first.
+
+    Raises `NoSuchTopicError` if there is none, `SchemaVersionError` for another schema.
+    """
     full = full_name(topic, domain)
     try:
         name = iox2.ServiceName.new(full)
@@ -77,7 +83,7 @@ def open_slices(topic: str, domain: str, header: str) -> Any:
 
 
 def subscribe(service: Any, full: str) -> Any:
-    """A reading port."""
+    """Opens a reading port. Raises `TooManyReadersError` if the service has no place left."""
     try:
         return service.subscriber_builder().create()
     except iox2.SubscriberCreateError as cause:
@@ -90,7 +96,10 @@ def subscribe(service: Any, full: str) -> Any:
 
 
 def receive(port: Any, full: str, limit: int) -> Optional[Any]:
-    """One sample, if one waits."""
+    """Takes one sample, or returns None if none waits.
+
+    Raises `BorrowLimitError` if the reader already holds `limit` samples.
+    """
     try:
         return port.receive()
     except iox2.ReceiveError as cause:
@@ -103,7 +112,7 @@ def receive(port: Any, full: str, limit: int) -> Optional[Any]:
 
 
 def header_bytes(sample: Any, header: str) -> bytes:
-    """A copy of the sample's user header."""
+    """Returns a copy of the sample's user header."""
     return ctypes.string_at(sample.user_header_ptr, _layout.STRUCTS[header][1])
 
 
@@ -111,7 +120,10 @@ _FrameHeaderMemory = ctypes.c_uint8 * _layout.STRUCTS["FrameHeader"][1]
 
 
 def frame_header_memory(sample: Any) -> Any:
-    """The bytes of a frame's header where they lie, valid as long as `sample` is; spares a woken reader a call through libffi."""
+    """Returns the bytes of a frame's header in place, valid as long as `sample` is.
+
+    Unlike `header_bytes`, this costs no call through libffi, which a woken reader would wait for.
+    """
     return _FrameHeaderMemory.from_address(sample.user_header_ptr)
 
 
@@ -122,7 +134,7 @@ def event(topic: str, domain: str) -> Any:
 
 
 def wake_daemon(domain: str) -> None:
-    """Notifies `control/wake`: the daemon greets new readers."""
+    """Notifies `control/wake`, so that the daemon sends the latest samples to new readers."""
     event("control/wake", domain).notifier_builder().create().notify()
 
 
@@ -130,16 +142,22 @@ def wake_daemon(domain: str) -> None:
 class TopicDetails:
     """One topic of a domain."""
 
+    #: Name without the domain.
     name: str
+    #: `frame`, `snapshot`, `document`, `control` or `other`.
     kind: str
+    #: Modality of a frame topic, otherwise None.
     modality: Optional[str]
+    #: Number of writers.
     publishers: int
+    #: Number of readers.
     subscribers: int
+    #: Schema version that the topic carries.
     schema: str
 
 
 def topics(domain: str = "gantry") -> list[TopicDetails]:
-    """All topics of the domain by name."""
+    """Lists all topics of the domain, sorted by name."""
     found = []
     names = {modality[0] for modality in _layout.MODALITIES.values()}
     for details in iox2.Service.list(iox2.config.global_config(), iox2.ServiceType.Ipc):

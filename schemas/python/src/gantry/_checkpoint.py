@@ -1,4 +1,4 @@
-"""Checkpoints: save the world, go back to it, start the episode over."""
+"""Checkpoints: saving the world, returning to it, and restarting the episode."""
 
 from __future__ import annotations
 
@@ -6,22 +6,28 @@ from ._command import command
 
 
 def save_checkpoint(*, name: str | None = None, file: str | None = None, domain: str = "gantry") -> str:
-    """Saves the whole world, in the simulator's memory under `name` or in `file` of its data folder. Returns the file's path, or "".
+    """Saves the world: under `name` in the simulator's memory, or in `file` of its data folder.
 
-    A restored run goes on bit for bit. `docs/checkpoints.md` says what is in a checkpoint and what is not.
+    Returns the path of the file, or "". A restored run continues bit for bit;
+    `docs/checkpoints.md` says what a checkpoint contains. Raises `GantryError` if the simulator
+    refuses, `ValueError` unless exactly one of `name` and `file` is given.
     """
     (reply,) = command({"do": "save_checkpoint", "to": _place(name, file)}, domain=domain, timeout=30.0)
     return reply["path"]
 
 
 def restore_checkpoint(*, name: str | None = None, file: str | None = None, domain: str = "gantry") -> list[int]:
-    """Goes back to a checkpoint. The tick goes on; sensors stay. Returns the sensors that went because what carried them does not exist there."""
+    """Returns to a checkpoint. The count of ticks goes on, and sensors stay.
+
+    Returns the ids of sensors that were removed because their parent does not exist in the
+    checkpoint. Raises as `save_checkpoint`.
+    """
     (reply,) = command({"do": "restore_checkpoint", "from": _place(name, file)}, domain=domain, timeout=30.0)
     return reply["gone"]
 
 
 def reset(domain: str = "gantry") -> list[int]:
-    """Goes back to the start of the episode. Returns as `restore_checkpoint`."""
+    """Returns to the start of the episode; result and errors are those of `restore_checkpoint`."""
     (reply,) = command({"do": "reset"}, domain=domain, timeout=30.0)
     return reply["gone"]
 

@@ -14,5 +14,5 @@ CLASS_COLOURS[: len(CLASSES)] = [colour for _, colour in CLASSES]
 
 
 def colour_classes(classes: np.ndarray) -> np.ndarray:
-    """Turns an array of class numbers into RGB: (h, w) becomes (h, w, 3)."""
+    """Turns class numbers of any shape into sRGB uint8: (h, w) becomes (h, w, 3)."""
     return CLASS_COLOURS[np.asarray(classes)]

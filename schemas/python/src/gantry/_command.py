@@ -1,4 +1,4 @@
-"""Commands to the simulator: JSON over `control/world`."""
+"""Commands to the simulator, as JSON over `control/world`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ _seq = itertools.count(1)
 
 
 def command(*commands: dict[str, Any], domain: str = "gantry", timeout: float = 5.0) -> list[dict[str, Any]]:
-    """Sends commands, e.g. `gantry.command({"do": "step", "n": 1})`, and returns their replies in order.
+    """Sends commands, e.g. `gantry.command({"do": "step", "n": 1})`, and returns their replies.
 
-    A refused command raises `GantryError` with the simulator's sentence; those before and after it were done.
+    SPEC.md §7 lists commands and replies; there is one reply per command, in order. Raises
+    `GantryError` without a simulator, after `timeout` seconds without an answer, and for a refused
+    command, with the simulator's sentence; the commands before and after a refused one were done.
     """
     name = iox2.ServiceName.new(_bus.full_name("control/world", domain))
     config, pattern = iox2.config.global_config(), iox2.MessagingPattern.RequestResponse

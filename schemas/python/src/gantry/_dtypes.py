@@ -1,4 +1,4 @@
-"""Structured numpy types of everything on the bus, from the generated layout."""
+"""Structured numpy types of all records on the bus, made from the generated layout."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ def _dtype(name: str) -> np.dtype:
 
 
 def unpacker(name: str) -> struct.Struct:
-    """One call that reads a whole struct into a flat tuple of numbers; fields called `reserved…` are passed over.
+    """Returns a `struct.Struct` that reads all fields but `reserved…` as a flat tuple of numbers.
 
-    Reading a numpy record field by field costs thirty times as much, which a reader that has just been woken feels.
+    Reading a numpy record field by field takes thirty times as long, which delays a reader that
+    has just been woken.
     """
     parts, at = ["<"], 0
     for code, count, offset in _flat(name, 0):
@@ -36,7 +37,7 @@ _STRUCT_CODES = {"u1": "B", "<u2": "H", "<u4": "I", "<u8": "Q", "<i4": "i", "<i8
 
 
 def _flat(name: str, base: int) -> list[tuple[str, int, int]]:
-    """(numpy code, count, offset) of every field, nested structs opened."""
+    """Returns (numpy code, count, offset) of every field, with the fields of nested structs."""
     found = []
     for field, code, shape, offset in _layout.STRUCTS[name][2]:
         if code == "Pose":
@@ -64,7 +65,8 @@ VEHICLE_PART = _dtype("VehiclePart")
 TRAFFIC_LIGHT_PART = _dtype("TrafficLightPart")
 WALKER_PART = _dtype("WalkerPart")
 
-# Modality name -> (type of one element's parts, how many parts; 0: one structured or scalar element).
+# By modality: the type of an element's parts and their number; 0 stands for an element that is one
+# scalar or struct.
 ELEMENTS: dict[str, tuple[np.dtype, int]] = {
     "rgb": (np.dtype("u1"), 4),
     "depth": (np.dtype("<f4"), 0),

@@ -1,4 +1,4 @@
-"""What can go wrong, as sentences."""
+"""Errors of this package. Each message says what failed and what to do."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ class GantryError(Exception):
 
 
 class NoSuchTopicError(GantryError):
-    """Nobody publishes the topic."""
+    """No process has made the topic."""
 
 
 class SchemaVersionError(GantryError):
-    """The publisher speaks another version of the layouts."""
+    """The publisher uses another version of the layouts."""
 
 
 class TooManyReadersError(GantryError):
-    """All reader places of the topic are taken."""
+    """The topic has as many readers as it allows."""
 
 
 class BorrowLimitError(GantryError):
-    """This reader holds all the frames it may."""
+    """The reader holds as many frames as it may; drop one, or keep copies."""
 
 
 class FrameFormatError(GantryError):
-    """A frame breaks the contract of SPEC.md."""
+    """A frame or another sample breaks the contract of SPEC.md."""

@@ -1,4 +1,4 @@
-"""One frame: a typed header and a read-only view of its payload that keeps the sample alive."""
+"""A frame: a typed header, and a read-only view of the payload that keeps the sample alive."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ _UNPACK_HEADER = unpacker("FrameHeader").unpack
 
 
 class Pose(NamedTuple):
-    """A rigid transform: metres and a unit quaternion [x, y, z, w]."""
+    """A rigid transform target_from_source."""
 
+    #: Position of the source's origin in the target, metres.
     translation_m: tuple[float, float, float]
+    #: Unit quaternion [x, y, z, w].
     rotation_xyzw: tuple[float, float, float, float]
 
     def matrix(self) -> np.ndarray:
-        """As a 4 × 4 matrix, target_from_source."""
+        """Returns the transform as a 4 × 4 matrix of float64, for column vectors in metres."""
         x, y, z, w = self.rotation_xyzw
         out = np.eye(4)
         out[:3, :3] = [
@@ -36,7 +38,7 @@ class Pose(NamedTuple):
 
 
 class Header(NamedTuple):
-    """The fields of `GantryFrameHeader`, see SPEC.md §3."""
+    """The fields of `GantryFrameHeader` by name; SPEC.md §3 says what they mean."""
 
     magic: int
     schema_version: int
@@ -70,24 +72,27 @@ class Header(NamedTuple):
 
     @classmethod
     def from_bytes(cls, data: Any) -> "Header":
-        """Reads 256 bytes (any buffer); call `check` before believing them."""
+        """Reads 256 bytes from any buffer. Call `check` before relying on the values."""
         numbers = _UNPACK_HEADER(data)
         pose = Pose(numbers[17:20], numbers[20:24])
         return cls(*numbers[:17], pose, numbers[24:28], *numbers[28:])
 
     @property
     def modality(self) -> str:
-        """Last segment of the topic: `rgb`, `depth`, …"""
+        """Name of the modality, which is the last segment of the topic: `rgb`, `depth`, …"""
         return _layout.MODALITIES[self.encoding][0]
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """3 × 3 camera matrix; pixel centres lie at half numbers."""
+        """Camera matrix, 3 × 3, pixels. The centre of the top-left pixel is (0.5, 0.5)."""
         fx, fy, cx, cy = self.intrinsics_px
         return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
     def check(self, sample_bytes: int) -> None:
-        """Refuses a header that contradicts itself or its sample. Same rules as in Rust."""
+        """Checks the header against itself and the sample's length, by the same rules as in Rust.
+
+        Raises `FrameFormatError`, or `SchemaVersionError` for another version of the layouts.
+        """
         if self.magic != _layout.FRAME_MAGIC:
             raise FrameFormatError(f"frame starts with {self.magic:#010x}, not with the magic \"GFRM\"; the publisher is not Gantry's")
         if self.schema_version != _layout.SCHEMA_VERSION or self.header_bytes != FRAME_HEADER.itemsize:
@@ -110,18 +115,19 @@ class Header(NamedTuple):
 
 
 class _Hold:
-    """numpy's base object: as long as an array is alive, so is the sample whose memory it shows."""
+    """The base object of arrays: it keeps the sample alive whose memory they show."""
 
     __slots__ = ("sample", "__array_interface__")
 
     def __init__(self, sample: Any, n_bytes: int) -> None:
         self.sample = sample
-        # True: read-only. The mapping is, and a write through numpy would be a segmentation fault instead of an exception.
+        # True means read-only. The mapping is read-only, so that a write through numpy would be a
+        # segmentation fault instead of an exception.
         self.__array_interface__ = {"version": 3, "shape": (n_bytes,), "typestr": "|u1", "data": (sample.payload_ptr, True)}
 
 
 def _view(header: Header, data: np.ndarray) -> np.ndarray:
-    """The payload as an array of its modality; honours padded rows; never copies."""
+    """Returns the payload as an array of its modality, without a copy, also of padded rows."""
     name = header.modality
     if name not in ELEMENTS:
         return data[: header.payload_bytes].reshape(-1, header.element_bytes)
@@ -142,37 +148,44 @@ def _view(header: Header, data: np.ndarray) -> np.ndarray:
 class Frame:
     """A frame in shared memory.
 
-    `array` and everything made from it by slicing keep the frame's memory borrowed, and a reader may hold only a few frames
-    (3 of images and clouds): keep `copy()` instead.
+    `array` and its slices keep the frame's memory borrowed, and a reader may hold only a few frames
+    (3 of images and clouds, 4 of small sensors). To keep the data, keep `copy()`.
     """
 
     __slots__ = ("header", "topic", "_data", "_array")
 
     def __init__(self, header: Header, data: Any, topic: str = "") -> None:
-        #: Every field of the header.
+        #: The header.
         self.header = header
-        #: Topic it came from.
+        #: Topic without the domain; empty for a frame from bytes.
         self.topic = topic
         self._data = data
         self._array: Optional[np.ndarray] = None
 
     @property
     def array(self) -> np.ndarray:
-        """Read-only view. Images: (h, w), (h, w, 2) flow, (h, w, 4) rgb as B G R A and normals; lists: structured, (n,)."""
+        """The payload as a read-only view.
+
+        Images by modality: `rgb` (h, w, 4) uint8 in the order B G R A; `depth` (h, w) float32,
+        metres along the optical axis, +inf where nothing was hit; `semantic` (h, w) uint8 class
+        numbers; `instance` (h, w) uint32 object ids; `flow` (h, w, 2) float32 pixels, x right and
+        y down; `normals` (h, w, 4) float16, unit normal in world space and a zero.
+        All others: a structured array (n,) with the fields of SPEC.md §4.
+        """
         if self._array is None:
             self._array = _view(self.header, np.asarray(self._data))
         return self._array
 
     @classmethod
     def of_sample(cls, sample: Any, header_bytes: Any, sample_bytes: int, topic: str) -> "Frame":
-        """Checks and wraps a sample of iceoryx2."""
+        """Wraps a sample of iceoryx2, whose header is checked. Raises as `Header.check`."""
         header = Header.from_bytes(header_bytes)
         header.check(sample_bytes)
         return cls(header, _Hold(sample, sample_bytes), topic)
 
     @property
     def tick(self) -> int:
-        """Simulation step this frame shows."""
+        """Tick this frame shows."""
         return self.header.tick
 
     @property
@@ -182,25 +195,28 @@ class Frame:
 
     @property
     def modality(self) -> str:
-        """`rgb`, `depth`, …"""
+        """Name of the modality: `rgb`, `depth`, …"""
         return self.header.modality
 
     @property
     def image(self) -> np.ndarray:
-        """`array` of an image; raises for a list."""
+        """`array` of an image. Raises `FrameFormatError` for a list."""
         if self.modality not in IMAGES:
             raise FrameFormatError(f"a frame of {self.modality} is a list, not an image; use frame.array")
         return self.array
 
     @property
     def rgb(self) -> np.ndarray:
-        """An `rgb` frame as (h, w, 3) in the order R G B, still a view."""
+        """The `array` of an `rgb` frame as a view (h, w, 3) uint8 in the order R G B.
+
+        Raises `FrameFormatError` for another modality.
+        """
         if self.modality != "rgb":
             raise FrameFormatError(f"frame.rgb needs a frame of rgb, this is {self.modality}")
         return self.array[..., 2::-1]
 
     def copy(self) -> np.ndarray:
-        """The payload as an array of its own: writeable, and it keeps nothing borrowed."""
+        """Returns a writeable copy of `array`, which keeps no shared memory borrowed."""
         return self.array.copy()
 
     def __array__(self, dtype: Any = None, copy: Optional[bool] = None) -> np.ndarray:
@@ -216,7 +232,7 @@ class Frame:
         return f"<gantry.Frame {self.topic or self.modality} tick={h.tick} seq={h.seq} {h.width}×{h.height}>"
 
     def _repr_png_(self) -> Optional[bytes]:
-        """A picture for Jupyter."""
+        """Returns a PNG for Jupyter, or None for modalities without an obvious picture."""
         from ._classes import colour_classes
 
         if self.modality == "rgb":
@@ -231,7 +247,7 @@ class Frame:
 
 
 def _png(rgb: np.ndarray) -> bytes:
-    """Encodes (h, w, 3) bytes."""
+    """Encodes (h, w, 3) uint8 as PNG."""
     height, width, _ = rgb.shape
 
     def chunk(kind: bytes, body: bytes) -> bytes:
@@ -244,7 +260,10 @@ def _png(rgb: np.ndarray) -> bytes:
 
 
 def frame_from_bytes(data: bytes, topic: str = "") -> Frame:
-    """A frame from 256 header bytes and its payload, for example out of a recording. No copy; read-only."""
+    """Makes a frame from the 256 bytes of its header and its payload, for example of a recording.
+
+    The arrays are read-only views of `data`. Raises `FrameFormatError` or `SchemaVersionError`.
+    """
     if len(data) < FRAME_HEADER.itemsize:
         raise FrameFormatError(f"{len(data)} bytes are no frame; its header alone has {FRAME_HEADER.itemsize}")
     header = Header.from_bytes(data[: FRAME_HEADER.itemsize])

@@ -1,4 +1,4 @@
-"""Questions to the world's geometry, and drawing into its pictures."""
+"""Ray casts against the world, and shapes drawn into its colour images."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from ._command import command
 
 
 def cast_rays(from_m: Any, to_m: Any, *, all: bool = False, domain: str = "gantry") -> list[list[dict[str, Any]]]:
-    """What rays from `from_m` to `to_m` meet: arrays of shape (n, 3), metres, world; one row for all or one per ray.
+    """Casts rays against the triangles that sensors see.
 
-    The triangles are those that sensors see. Per ray a list of `{point_m, distance_m, normal, class, object_id}`, nearest first; at most
-    one without `all`, which goes on through what it meets.
+    `from_m` and `to_m` are positions in the world, metres, of shape (n, 3) or (3,); a single
+    position counts for all rays. Returns for each ray a list of hits, nearest first:
+    `{point_m, distance_m, normal, class, object_id}`, point and unit normal in the world. Without
+    `all` a ray ends at its first hit. Raises `GantryError` if the simulator refuses.
     """
     start, end = np.broadcast_arrays(np.atleast_2d(np.asarray(from_m, float)), np.atleast_2d(np.asarray(to_m, float)))
     rays = [{"from_m": a.tolist(), "to_m": b.tolist()} for a, b in zip(start, end)]
@@ -22,15 +24,16 @@ def cast_rays(from_m: Any, to_m: Any, *, all: bool = False, domain: str = "gantr
 
 
 def draw(*shapes: dict[str, Any], rgb: tuple[int, int, int] = (255, 0, 0), seconds: float | None = None, domain: str = "gantry") -> None:
-    """Draws into colour pictures, e.g. `gantry.draw({"line": {"from_m": [0, 0, 1], "to_m": [5, 0, 1], "width_m": 0.1}})`.
+    """Draws shapes into colour images; depth, labels and ray casts do not show them.
 
-    Shapes are `point`, `line`, `arrow` and `box` of the command `draw_debug`. They are seen for `seconds` of simulated time, until
-    `clear_drawing` without it. Depth, labels and rays never see them.
+    Shapes are `point`, `line`, `arrow` and `box` of the command `draw_debug`, in the world, metres:
+    `gantry.draw({"line": {"from_m": [0, 0, 1], "to_m": [5, 0, 1], "width_m": 0.1}})`. `rgb` is sRGB,
+    0 to 255. They stay for `seconds` of simulated time, or without it until `clear_drawing`.
     """
     life = None if seconds is None else round(seconds * 1e9)
     command({"do": "draw_debug", "shapes": [{"draw": shape, "color_rgb": list(rgb), "life_nanos": life} for shape in shapes]}, domain=domain)
 
 
 def clear_drawing(domain: str = "gantry") -> None:
-    """Removes everything that was drawn."""
+    """Removes all shapes that were drawn."""
     command({"do": "clear_debug"}, domain=domain)

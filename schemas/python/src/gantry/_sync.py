@@ -9,19 +9,19 @@ from ._topic import Topic, open as open_topic
 
 
 class Row(dict):
-    """Frames of one tick by topic: `row["ego/front/rgb"]`."""
+    """Frames of one tick, by topic: `row["ego/front/rgb"]`."""
 
     def __init__(self, frames: dict[str, Frame]) -> None:
         super().__init__(frames)
         first = next(iter(frames.values()))
-        #: The tick all frames show.
+        #: Tick that all frames show.
         self.tick: int = first.tick
         #: Simulated time, seconds.
         self.sim_time: float = first.sim_time
 
 
 class Sync:
-    """Iterates over the ticks for which every topic has a frame. Slower sensors set the pace."""
+    """Iterates over the ticks of which every topic has a frame; the slowest sensor sets the pace."""
 
     def __init__(self, topics: Sequence[str], domain: str, timeout: float) -> None:
         if not topics:
@@ -47,7 +47,11 @@ class Sync:
         self._topics = {}
 
     def next(self, timeout: Optional[float] = None) -> Optional[Row]:
-        """The next complete tick; None if some topic's frame did not come within `timeout` seconds."""
+        """Returns the frames of the next complete tick.
+
+        Returns None if the frame of some topic did not arrive within `timeout` seconds (None:
+        without a limit). Raises as `Topic.poll`.
+        """
         heads: dict[str, Frame] = {}
         target: Optional[tuple[int, int]] = None
         while len(heads) < len(self._topics):
@@ -57,7 +61,8 @@ class Sync:
                     if frame is None:
                         return None
                     place = (frame.header.epoch, frame.tick)
-                    # Of another epoch: the simulator was restarted and its ticks begin anew, so what was collected is void.
+                    # A frame of another epoch: the simulator restarted and counts its ticks from 1
+                    # again, so the frames collected so far are dropped.
                     if target is None or place[0] != target[0] or place[1] >= target[1]:
                         heads[name], target = frame, place
                     frame = None
@@ -73,5 +78,8 @@ class Sync:
 
 
 def sync(topics: Sequence[str], domain: str = "gantry", timeout: float = 0.0) -> Sync:
-    """Opens several topics, to be read tick by tick."""
+    """Opens several topics, to be read tick by tick.
+
+    Waits up to `timeout` seconds for each to appear. Raises as `open`.
+    """
     return Sync(topics, domain, timeout)

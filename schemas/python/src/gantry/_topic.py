@@ -1,4 +1,4 @@
-"""A frame topic: iterate over every frame, or take the newest."""
+"""Reading a frame topic: every frame in order, or the newest one."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from . import _bus
 from ._errors import GantryError
 from ._frame import Frame
 
-#: Longest single wait, so that Ctrl-C is heard.
+#: Longest single wait, so that Ctrl-C takes effect soon.
 _SLICE_SECS = 0.1
 
 
 @dataclass
 class Counts:
-    """What a reader has seen."""
+    """What a reader has received and missed."""
 
-    #: Frames handed out.
+    #: Frames that were returned.
     taken: int = 0
     #: Frames that `latest` passed over.
     skipped: int = 0
-    #: Frames that never came: gaps in `seq`.
+    #: Frames that never arrived: gaps in `seq`.
     lost: int = 0
-    #: Times the simulator was restarted.
+    #: Number of times that the simulator restarted.
     restarts: int = 0
 
 
 class Topic:
-    """An open frame topic. Use it as a context manager; iterate over it for every frame in order."""
+    """An open frame topic: a context manager, and an iterator over every frame in order."""
 
     def __init__(self, topic: str, domain: str) -> None:
         self._full = _bus.full_name(topic, domain)
@@ -55,14 +55,18 @@ class Topic:
         return f"<gantry.Topic {self._full} {'open' if self._port is not None else 'closed'}>"
 
     def close(self) -> None:
-        """Gives the reader's place back. Frames in hand stay valid until dropped."""
+        """Closes the topic. Frames that are still held stay valid until they are dropped."""
         for port in (self._port, self._listener):
             if port is not None:
                 port.delete()
         self._port = self._listener = self._service = None
 
     def poll(self) -> Optional[Frame]:
-        """The oldest frame that waits, or None."""
+        """Takes the oldest frame that waits, or returns None if none does.
+
+        Raises `BorrowLimitError` if too many frames are held, `FrameFormatError` or
+        `SchemaVersionError` for a frame that breaks the contract.
+        """
         if self._port is None:
             raise GantryError(f"topic {self._full!r} is closed")
         sample = _bus.receive(self._port, self._full, self._limit)
@@ -73,21 +77,25 @@ class Topic:
         return frame
 
     def next(self, timeout: Optional[float] = None, busy_wait: float = 0.0) -> Optional[Frame]:
-        """The next frame, waiting up to `timeout` seconds (None: for ever). None if it did not come in time.
+        """Takes the next frame; waits up to `timeout` seconds for it (None: without a limit).
 
-        For `busy_wait` seconds of these the reader looks again and again instead of sleeping: it has the frame some 100 µs earlier, because
-        nobody has to wake it, and keeps a processor and Python's lock busy meanwhile.
+        Returns None if no frame arrived in time. For the first `busy_wait` seconds the reader polls
+        instead of sleeping: it has the frame some 100 µs earlier, because it need not be woken, but
+        keeps a processor and Python's global lock busy. Raises as `poll`.
         """
         frame = self._wait(timeout, busy_wait)
         self.counts.taken += frame is not None
         return frame
 
     def latest(self, timeout: Optional[float] = None, busy_wait: float = 0.0) -> Optional[Frame]:
-        """The newest frame, waiting as `next` if none is there. Older ones are skipped and counted."""
+        """Takes the newest frame, and waits as `next` does if there is none.
+
+        Older frames are dropped and counted in `counts.skipped`. Raises as `poll`.
+        """
         newest = self._wait(timeout, busy_wait)
         while newest is not None and self._port.has_samples():
             self.counts.skipped += 1
-            newest = None  # given back before the next is taken
+            newest = None  # The older frame is given back before the next one is taken.
             newest = self.poll()
         self.counts.taken += newest is not None
         return newest
@@ -129,7 +137,11 @@ class Topic:
 
 
 def open(topic: str, domain: str = "gantry", timeout: float = 0.0) -> Topic:  # noqa: A001 - read as gantry.open
-    """Opens a frame topic such as `ego/front/rgb`, waiting up to `timeout` seconds for it to appear."""
+    """Opens a frame topic such as `ego/front/rgb`; waits up to `timeout` seconds for it to appear.
+
+    Raises `NoSuchTopicError` if it does not, `TooManyReadersError` if it has no place left, and
+    `SchemaVersionError` if the simulator has another version.
+    """
     from ._errors import NoSuchTopicError
 
     deadline = time.monotonic() + timeout

@@ -1,4 +1,4 @@
-"""The world: the newest snapshot, and the documents."""
+"""Reading the world: the newest snapshot and the documents."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Snapshot:
 
     #: Fields of `GantrySnapshotHeader` by name.
     header: dict[str, Any]
-    #: Structured array, one `ActorRecord` per actor by rising id.
+    #: Structured array (n,), one `ActorRecord` per actor by rising id; SPEC.md §5 has its fields.
     actors: np.ndarray
 
     @property
@@ -37,22 +37,22 @@ class Snapshot:
 
     @property
     def vehicles(self) -> np.ndarray:
-        """Records of the vehicles."""
+        """Records of the vehicles, by rising id."""
         return self.actors[self.actors["kind"] == _KIND["vehicle"]]
 
     @property
     def vehicle_parts(self) -> np.ndarray:
-        """Control, gear, lamps, … of `vehicles`, in the same order."""
+        """`VehiclePart`s of `vehicles` (control, gear, lamps, …), in the same order."""
         return np.ascontiguousarray(self.vehicles["part"]).view(VEHICLE_PART).reshape(-1)
 
     @property
     def traffic_light_parts(self) -> np.ndarray:
-        """State and times of the traffic lights, by rising id."""
+        """`TrafficLightPart`s of the traffic lights (state, times, …), by rising id."""
         lights = self.actors[self.actors["kind"] == _KIND["traffic_light"]]
         return np.ascontiguousarray(lights["part"]).view(TRAFFIC_LIGHT_PART).reshape(-1)
 
     def actor(self, actor_id: int) -> np.void:
-        """The record of one actor."""
+        """Returns the record of one actor. Raises `KeyError` if there is none with this id."""
         idx = int(np.searchsorted(self.actors["id"], actor_id))
         if idx == len(self.actors) or self.actors["id"][idx] != actor_id:
             raise KeyError(f"there is no actor {actor_id} at tick {self.tick}")
@@ -60,7 +60,11 @@ class Snapshot:
 
 
 def snapshot(domain: str = "gantry", timeout: float = 2.0) -> Snapshot:
-    """The newest snapshot of the world."""
+    """Returns the newest snapshot of the world.
+
+    Raises `GantryError` if none arrives within `timeout` seconds, `NoSuchTopicError` without a
+    simulator.
+    """
     sample = _newest("world/snapshot", domain, "SnapshotHeader", timeout)
     record = np.frombuffer(_bus.header_bytes(sample, "SnapshotHeader"), SNAPSHOT_HEADER, 1)[0]
     header = {name: record[name].item() for name in SNAPSHOT_HEADER.names if not name.startswith("reserved")}
@@ -74,20 +78,23 @@ def snapshot(domain: str = "gantry", timeout: float = 2.0) -> Snapshot:
 class Document:
     """A text of `world/info`, `world/map`, `world/actors` or `world/catalogue`."""
 
-    #: Counts changes within an epoch.
+    #: Number of this text among the changes within an epoch, from 1.
     revision: int
-    #: Tick after which it holds.
+    #: Tick from whose end on it holds.
     tick: int
     #: The text: JSON, or OpenDRIVE.
     text: str
 
     def json(self) -> Any:
-        """The text as a value."""
+        """Parses the text as JSON."""
         return json.loads(self.text)
 
 
 def document(name: str, domain: str = "gantry", timeout: float = 2.0) -> Document:
-    """The newest text of a document, e.g. `gantry.document("world/info").json()["map"]`."""
+    """Returns the newest text of a document: `gantry.document("world/info").json()["map"]`.
+
+    Raises as `snapshot`.
+    """
     sample = _newest(name, domain, "DocumentHeader", timeout)
     record = np.frombuffer(_bus.header_bytes(sample, "DocumentHeader"), DOCUMENT_HEADER, 1)[0]
     data = bytes(sample.payload().as_memory_view())
@@ -97,7 +104,10 @@ def document(name: str, domain: str = "gantry", timeout: float = 2.0) -> Documen
 
 
 def _newest(topic: str, domain: str, header: str, timeout: float) -> Any:
-    """The greeting of a topic with history. iceoryx2 delivers it in a call of the writer, so the daemon is woken."""
+    """Returns the newest sample of a topic with history.
+
+    iceoryx2 delivers it in a call of the writer, so this wakes the daemon.
+    """
     full = _bus.full_name(topic, domain)
     service = _bus.open_slices(topic, domain, header)
     port = _bus.subscribe(service, full)
