@@ -19,7 +19,17 @@ pub(crate) fn entry(binding: u32, ty: wgpu::BindingType) -> wgpu::BindGroupLayou
     }
 }
 
-pub(crate) fn uniform(
+/// A uniform of `n_bytes`.
+pub(crate) fn uniform(binding: u32, n_bytes: u64) -> wgpu::BindGroupLayoutEntry {
+    uniform_buffer(binding, n_bytes, false)
+}
+
+/// A uniform of `n_bytes` whose offset is given when the group is set.
+pub(crate) fn uniform_at_offset(binding: u32, n_bytes: u64) -> wgpu::BindGroupLayoutEntry {
+    uniform_buffer(binding, n_bytes, true)
+}
+
+fn uniform_buffer(
     binding: u32,
     n_bytes: u64,
     has_dynamic_offset: bool,
@@ -35,11 +45,27 @@ pub(crate) fn uniform(
     )
 }
 
+/// A list that shaders read.
 pub(crate) fn storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
+    storage_buffer(
+        binding,
+        wgpu::BufferBindingType::Storage { read_only: true },
+    )
+}
+
+/// A list that shaders read and write.
+pub(crate) fn written_storage(binding: u32) -> wgpu::BindGroupLayoutEntry {
+    storage_buffer(
+        binding,
+        wgpu::BufferBindingType::Storage { read_only: false },
+    )
+}
+
+fn storage_buffer(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
     entry(
         binding,
         wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: true },
+            ty,
             has_dynamic_offset: false,
             min_binding_size: None,
         },

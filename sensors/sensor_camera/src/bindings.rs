@@ -3,7 +3,9 @@
 
 use sensor_gpu::Gpu;
 
-use crate::binding_layout::{grow, sampler, storage, texture, texture_of, uniform};
+use crate::binding_layout::{
+    grow, sampler, storage, texture, texture_of, uniform, uniform_at_offset,
+};
 use crate::lamps::LampLists;
 use crate::light;
 use crate::target::{TargetSet, Targets};
@@ -55,7 +57,7 @@ impl Bindings {
         let scene_layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
             label: Some("scene"),
             entries: &[
-                uniform(0, size_of::<LightData>() as u64, false),
+                uniform(0, size_of::<LightData>() as u64),
                 storage(1),
                 texture(2, wgpu::TextureSampleType::Float { filterable: true }),
                 sampler(3, wgpu::SamplerBindingType::Filtering),
@@ -68,7 +70,7 @@ impl Bindings {
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
                 label: Some("view"),
                 entries: &[
-                    uniform(0, VIEWS_BYTES, true),
+                    uniform_at_offset(0, VIEWS_BYTES),
                     texture_of(1, wgpu::TextureSampleType::Depth, view_dimension),
                     sampler(2, wgpu::SamplerBindingType::Comparison),
                     storage(3),

@@ -13,6 +13,31 @@
 //! CARLA.
 //!
 //! [`EventCamera`] works on the CPU; `gpu` is the same model on the GPU.
+//!
+//! ```
+//! use sensor_camera::dvs::{EventCamera, EventImages, Rows};
+//! use sensor_spec::DvsSpec;
+//!
+//! // Two pixels that do not move.
+//! fn images(luminance: &[u8]) -> EventImages<'_> {
+//!     const ZEROS: &[u8] = &[0; 16];
+//!     EventImages {
+//!         luminance: Rows::tight(luminance, 8),
+//!         flow: Rows::tight(ZEROS, 16),
+//!         depth: Rows::tight(ZEROS, 8),
+//!         instance: Rows::tight(ZEROS, 8),
+//!         class: Rows::tight(ZEROS, 2),
+//!     }
+//! }
+//! let bytes = |levels: [f32; 2]| levels.map(f32::to_le_bytes).concat();
+//! let mut camera = EventCamera::new(DvsSpec::default(), [2, 1], 0, 0);
+//! let mut events = [0; 1024];
+//! let made = camera.advance(&images(&bytes([0.2, 0.5])), 0, &mut events);
+//! assert!(made.first && made.n_events == 0);
+//! // The left pixel brightens within 10 ms.
+//! let made = camera.advance(&images(&bytes([0.8, 0.5])), 10_000_000, &mut events);
+//! assert!(made.n_events > 0);
+//! ```
 
 mod block;
 mod camera;

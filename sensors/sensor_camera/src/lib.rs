@@ -1,8 +1,8 @@
 //! Cameras: colour, depth, classes, instances, flow, normals and events from one drawing of the
 //! scene.
 //!
-//! - A [`View`] is a lens and its state from firing to firing. [`CameraRenderer`] draws all views
-//!   of a tick in one submission, unless their shadow maps exceed the memory they may use.
+//! - A [`View`] is a lens and its state from firing to firing. [`CameraRenderer`] draws all views of
+//!   a tick in one submission, unless their shadow maps exceed the memory they may use.
 //! - Geometry is drawn once per view into exactly the targets that have readers; without readers
 //!   nothing is drawn at all.
 //! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only
@@ -11,6 +11,44 @@
 //!   are as sharp far from the origin as at it.
 //!
 //! Nothing here publishes: bytes go to a [`Place`] that the caller provides.
+//!
+//! | Modules, in reading order | What they hold |
+//! |---|---|
+//! | `quality`, `uniform`, `vertex` | what Rust and WGSL agree on |
+//! | `camera_motion`, `assets`, `target` | poses, meshes on the GPU, render targets |
+//! | `visible`, `lamps`, `light`, `shadow` | what a view sees, and the light it is seen in |
+//! | `binding_layout`, `bindings` | bind groups that several passes share |
+//! | `geometry`, `raster`, `shade`, `post`, `debug` | the passes, each beside its shaders |
+//! | [`dvs`] | the event camera, on the CPU and on the GPU |
+//! | `view` | what is asked of a camera, and the results |
+//! | `renderer` | the tick: who has readers, what is drawn in which order |
+//!
+//! ```no_run
+//! use nalgebra::Isometry3;
+//! use schema_frames::Modality;
+//! use sensor_camera::{CameraRenderer, Output, Place, Quality, View, ViewJob, ViewSpec};
+//! use sensor_gpu::{Gpu, GpuOptions};
+//! use sensor_spec::Intrinsics;
+//!
+//! # fn example(scene: &sensor_core::Scene) -> Result<(), Box<dyn std::error::Error>> {
+//! let gpu = Gpu::open(&GpuOptions::default())?;
+//! let mut renderer = CameraRenderer::new(&gpu, Quality::default_for(&gpu));
+//! let lens = Intrinsics::from_fov(640, 480, 90f64.to_radians());
+//! let mut view = View::new(&gpu, ViewSpec::pinhole(lens));
+//! let mut bytes = vec![0; view.payload_bytes(Modality::Depth)];
+//! let job = ViewJob {
+//!     view: &mut view,
+//!     world_from_sensor: Isometry3::translation(0.0, 0.0, 1.6),
+//!     outputs: vec![Output {
+//!         modality: Modality::Depth,
+//!         place: Place::Memory(&mut bytes),
+//!     }],
+//! };
+//! let results = renderer.render(scene, vec![job])?.wait()?;
+//! assert_eq!(results[0].outputs[0].n_bytes, 4 * 640 * 480);
+//! # Ok(())
+//! # }
+//! ```
 
 #![warn(missing_docs)]
 
@@ -18,17 +56,18 @@ mod quality;
 mod uniform;
 mod vertex;
 
-mod binding_layout;
-mod bindings;
+mod camera_motion;
 
 mod assets;
-mod camera_motion;
 mod target;
-mod visible;
 
 mod lamps;
 mod light;
 mod shadow;
+mod visible;
+
+mod binding_layout;
+mod bindings;
 
 mod debug;
 mod geometry;

@@ -7,7 +7,9 @@ use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 use sensor_spec::{ExposureMode, OpticsSpec};
 
-use crate::binding_layout::{entry, grow, texture, texture_of, uniform, written_layers};
+use crate::binding_layout::{
+    entry, grow, texture, texture_of, uniform_at_offset, written_layers, written_storage,
+};
 use crate::bindings::Together;
 use crate::target::{Image, Target, Targets, image};
 use crate::uniform::MAX_TOGETHER;
@@ -148,18 +150,8 @@ impl PostPass {
                 },
             )
         };
-        let buffer = |binding, ty| {
-            entry(
-                binding,
-                wgpu::BindingType::Buffer {
-                    ty,
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
-            )
-        };
         let mut entries = [
-            uniform(0, POSTS_BYTES, true),
+            uniform_at_offset(0, POSTS_BYTES),
             texture_of(
                 1,
                 wgpu::TextureSampleType::Float { filterable: true },
@@ -169,7 +161,7 @@ impl PostPass {
                 2,
                 wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering),
             ),
-            buffer(3, wgpu::BufferBindingType::Storage { read_only: false }),
+            written_storage(3),
             written_layers(4, Target::Color.format()),
             texture(5, wgpu::TextureSampleType::Float { filterable: true }),
             written(6, GLOW_FORMAT),

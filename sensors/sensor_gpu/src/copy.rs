@@ -7,5 +7,5 @@ mod place;
 mod raw;
 
 pub use batch::CopyBatch;
-pub use in_flight::{CopyOutcome, InFlight, Mapped};
+pub use in_flight::{CopyOutcome, InFlight, Mapped, PaddedRows};
 pub use place::Place;

@@ -6,4 +6,5 @@ mod import;
 mod target;
 
 pub use host::HostMemory;
+pub use import::ImportError;
 pub use target::{DirectTarget, ShmTarget};

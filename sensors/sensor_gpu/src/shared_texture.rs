@@ -9,6 +9,15 @@ use wgpu::wgt;
 
 use crate::device::Gpu;
 
+/// A texture of several layers and one level.
+#[derive(Clone, Debug)]
+pub struct LayeredTexture {
+    /// The texture.
+    pub texture: wgpu::Texture,
+    /// Whether the copy queue may read it while the next submission is drawn.
+    pub is_shared: bool,
+}
+
 impl Gpu {
     /// Number of shared textures from [`Gpu::shared_texture_layers`] that have not been freed.
     pub fn n_shared_textures(&self) -> u32 {
@@ -16,10 +25,9 @@ impl Gpu {
             .map_or(0, |queue| queue.room.n.load(Relaxed))
     }
 
-    /// A texture of several layers and one level, and whether it is shared with the copy queue;
-    /// what a shared texture asks of its user is told at [`crate::CopyBatch::shared_layer`].
-    /// Without a copy queue, or if the driver refuses, it is an ordinary texture. Its contents are
-    /// undefined.
+    /// A texture of several layers and one level, shared with the copy queue if there is one and
+    /// the driver allows it; what a shared texture asks of its user is told at
+    /// [`crate::CopyBatch::shared_layer`]. Its contents are undefined.
     pub fn shared_texture_layers(
         &self,
         label: &str,
@@ -27,7 +35,7 @@ impl Gpu {
         n_layers: u32,
         format: wgpu::TextureFormat,
         usage: wgpu::TextureUsages,
-    ) -> (wgpu::Texture, bool) {
+    ) -> LayeredTexture {
         let size = wgpu::Extent3d {
             width: size_px[0],
             height: size_px[1],
@@ -44,11 +52,14 @@ impl Gpu {
             view_formats: &[],
         };
         match self.make_shared(&descriptor) {
-            Some(texture) => (texture, true),
-            None => (
-                self.texture_layers(label, size_px, n_layers, format, usage),
-                false,
-            ),
+            Some(texture) => LayeredTexture {
+                texture,
+                is_shared: true,
+            },
+            None => LayeredTexture {
+                texture: self.texture_layers(label, size_px, n_layers, format, usage),
+                is_shared: false,
+            },
         }
     }
 

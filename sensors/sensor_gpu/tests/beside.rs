@@ -11,7 +11,9 @@
 
 use std::sync::Arc;
 
-use sensor_gpu::{CopyBatch, CopyPath, Gpu, GpuOptions, InFlight, Place, Reads, ShmTarget};
+use sensor_gpu::{
+    CopyBatch, CopyPath, Gpu, GpuOptions, InFlight, LayeredTexture, Place, Reads, ShmTarget,
+};
 
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 
@@ -53,7 +55,7 @@ struct Painter {
 impl Painter {
     fn new(gpu: &Gpu, size_px: [u32; 2], n_layers: u32) -> Painter {
         let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::RENDER_ATTACHMENT;
-        let (texture, is_shared) =
+        let LayeredTexture { texture, is_shared } =
             gpu.shared_texture_layers("painted", size_px, n_layers, FORMAT, usage);
         assert!(is_shared);
         Painter {
@@ -229,7 +231,8 @@ fn copies_are_timed_wherever_they_are_made() {
             continue;
         }
         let usage = wgpu::TextureUsages::COPY_SRC | wgpu::TextureUsages::RENDER_ATTACHMENT;
-        let (texture, is_shared) = gpu.shared_texture_layers("timed", [256, 256], 1, FORMAT, usage);
+        let LayeredTexture { texture, is_shared } =
+            gpu.shared_texture_layers("timed", [256, 256], 1, FORMAT, usage);
         assert_eq!(is_shared, gpu.copies_beside());
         let (base, len) = segment(1 << 18);
         // SAFETY: the segment is leaked and not looked at.

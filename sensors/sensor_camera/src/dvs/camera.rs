@@ -5,7 +5,7 @@ use schema_frames::DvsEvent;
 use sensor_core::vector::vectorised;
 use sensor_spec::{DvsMode, DvsSpec};
 
-use super::chance::{self, Chance};
+use super::chance::Chance;
 use super::events_made::EventsMade;
 use super::images::{EventImages, float, word};
 use super::level_image::LevelImage;
@@ -128,9 +128,9 @@ impl EventCamera {
     }
 
     /// Initialises every pixel's reference from the first image.
-    fn begin(&mut self, picture: &LevelImage) {
+    fn begin(&mut self, first: &LevelImage) {
         let leaks = self.spec.leak_rate_hz > 0.0;
-        for (i, (reference, level)) in self.references.iter_mut().zip(&picture.level).enumerate() {
+        for (i, (reference, level)) in self.references.iter_mut().zip(&first.level).enumerate() {
             let leaked = if leaks {
                 self.chance.phase(i) * self.spec.positive_threshold
             } else {
@@ -154,14 +154,15 @@ impl EventCamera {
             |pixel, nanos, polarity| {
                 let (x, y) = (pixel % width, pixel / width);
                 let id = word(&images.instance.row(y)[4 * x..]);
-                rows[y].push(chance::shot_event(
-                    pixel,
-                    width,
-                    nanos,
+                rows[y].push(DvsEvent {
+                    nanos_in_window: nanos,
+                    x_px: x as u16,
+                    y_px: y as u16,
+                    object_id: id,
                     polarity,
-                    id,
-                    images.class.row(y)[x],
-                ));
+                    class: images.class.row(y)[x],
+                    reserved: 0,
+                });
             },
         );
     }

@@ -6,7 +6,6 @@
 //! reference.
 
 use rayon::prelude::*;
-use schema_frames::DvsEvent;
 use schema_types::noise::Noise;
 use sensor_spec::DvsSpec;
 
@@ -116,26 +115,5 @@ impl Chance {
                 event(pixel, nanos, (noise.uniform(3 * shot + 2) < 0.5) as u8);
             }
         }
-    }
-}
-
-/// An event of shot noise at a pixel.
-pub(super) fn shot_event(
-    pixel: usize,
-    width: usize,
-    nanos_in_window: u32,
-    polarity: u8,
-    object_id: u32,
-    class: u8,
-) -> DvsEvent {
-    let (x_px, y_px) = ((pixel % width) as u16, (pixel / width) as u16);
-    DvsEvent {
-        nanos_in_window,
-        x_px,
-        y_px,
-        object_id,
-        polarity,
-        class,
-        reserved: 0,
     }
 }

@@ -45,12 +45,12 @@ impl LevelImage {
     pub fn read(&mut self, images: &EventImages<'_>, spec: &DvsSpec) {
         let width = self.size_px[0];
         let with_motion = spec.mode == DvsMode::Motion;
-        let picture = &mut *self;
-        let rows = picture
+        let image = &mut *self;
+        let rows = image
             .level
             .par_chunks_mut(width)
-            .zip(picture.flow.par_chunks_mut(width))
-            .zip(picture.depth.par_chunks_mut(width));
+            .zip(image.flow.par_chunks_mut(width))
+            .zip(image.depth.par_chunks_mut(width));
         rows.enumerate().for_each(|(y, ((level, flow), depth))| {
             vectorised(LevelsOf {
                 luminance: images.luminance.row(y),

@@ -5,7 +5,7 @@ use sensor_gpu::Gpu;
 
 use super::attributes::{ATTACHED_ATTRIBUTES, ATTACHED_BYTES};
 use super::variant::{GeometryShader, Instances, SceneryLamps, Submit};
-use crate::binding_layout::{storage, uniform};
+use crate::binding_layout::{storage, uniform, uniform_at_offset};
 use crate::bindings::VIEWS_BYTES;
 use crate::camera_motion::NEAR_M;
 use crate::target::{Surfaces, Target, TargetSet};
@@ -42,10 +42,10 @@ impl Drawing {
                 })
         };
         let groups = if variant.instances == Instances::Attached {
-            let scene = [uniform(0, size_of::<LightData>() as u64, false), storage(6)];
+            let scene = [uniform(0, size_of::<LightData>() as u64), storage(6)];
             [
                 layout_of("drawn scene", &scene[..variant.lamps.n_bound()]),
-                layout_of("drawn view", &[uniform(0, VIEWS_BYTES, true)]),
+                layout_of("drawn view", &[uniform_at_offset(0, VIEWS_BYTES)]),
             ]
         } else {
             groups.map(Clone::clone)

@@ -5,7 +5,7 @@ use sensor_gpu::Gpu;
 use super::lists::{self, Lists};
 use super::plan::{CHUNK, RasterBatch, RasterDraw, RasterJob, RasterPlan, RasterView, ViewLists};
 use crate::assets::GpuAssets;
-use crate::binding_layout::{grow, storage, uniform, written_layers};
+use crate::binding_layout::{grow, storage, uniform_at_offset, written_layers, written_storage};
 use crate::bindings::{Bindings, Together};
 use crate::camera_motion::NEAR_M;
 use crate::target::Target;
@@ -67,23 +67,11 @@ impl RasterPass {
             entry.visibility = wgpu::ShaderStages::COMPUTE;
             entry
         };
-        let written = |binding| {
-            let ty = wgpu::BufferBindingType::Storage { read_only: false };
-            let ty = wgpu::BindingType::Buffer {
-                ty,
-                has_dynamic_offset: false,
-                min_binding_size: None,
-            };
-            wgpu::BindGroupLayoutEntry {
-                ty,
-                ..storage(binding)
-            }
-        };
         let mut entries: Vec<_> = (0..6).map(storage).collect();
         entries.extend([
-            written(6),
-            written(7),
-            uniform(8, size_of::<RasterBatch>() as u64, true),
+            written_storage(6),
+            written_storage(7),
+            uniform_at_offset(8, size_of::<RasterBatch>() as u64),
         ]);
         let entries: Vec<_> = entries.into_iter().map(compute).collect();
         let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
@@ -92,7 +80,7 @@ impl RasterPass {
         });
         let descriptor = wgpu::BindGroupLayoutDescriptor {
             label: Some("raster arguments"),
-            entries: &[compute(written(0))],
+            entries: &[compute(written_storage(0))],
         };
         let arguments_layout = device.create_bind_group_layout(&descriptor);
         let layout_of = |layouts: &[Option<&wgpu::BindGroupLayout>]| {

@@ -1,6 +1,6 @@
 //! Textures with views of their layers.
 
-use sensor_gpu::Gpu;
+use sensor_gpu::{Gpu, LayeredTexture};
 
 /// A texture, its first layer, and all its layers.
 #[derive(Clone, Debug)]
@@ -52,13 +52,13 @@ pub(crate) fn layered_image(
     format: wgpu::TextureFormat,
     usage: wgpu::TextureUsages,
 ) -> Image {
-    view_image((
-        gpu.texture_layers(label, size_px, n_layers, format, usage),
-        false,
-    ))
+    view_image(LayeredTexture {
+        texture: gpu.texture_layers(label, size_px, n_layers, format, usage),
+        is_shared: false,
+    })
 }
 
-pub(super) fn view_image((texture, is_shared): (wgpu::Texture, bool)) -> Image {
+pub(super) fn view_image(LayeredTexture { texture, is_shared }: LayeredTexture) -> Image {
     let n_layers = texture.depth_or_array_layers();
     let [view, layers] = [
         (wgpu::TextureViewDimension::D2, 1),

@@ -157,8 +157,8 @@ unsafe fn finish_output(plan: Plan<'_>, copies: &mut [CopyOutcome]) -> OutputRes
             ]
             .map(&mut mapped);
             let [luminance, flow, depth, instance, class] = maps.each_ref().map(|map| {
-                let (bytes, row_bytes, stride_bytes) = map.padded();
-                Rows::new(bytes, row_bytes, stride_bytes)
+                let rows = map.padded();
+                Rows::new(rows.bytes, rows.row_bytes, rows.stride_bytes)
             });
             let images = EventImages {
                 luminance,

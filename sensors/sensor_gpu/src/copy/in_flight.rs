@@ -41,6 +41,17 @@ pub struct Mapped {
     stride_bytes: usize,
 }
 
+/// Rows of an image with padding between them.
+#[derive(Clone, Copy, Debug)]
+pub struct PaddedRows<'m> {
+    /// All bytes.
+    pub bytes: &'m [u8],
+    /// Used bytes of a row.
+    pub row_bytes: usize,
+    /// Distance from one row to the next.
+    pub stride_bytes: usize,
+}
+
 impl Mapped {
     /// Row `y` without padding.
     pub fn row(&self, y: usize) -> &[u8] {
@@ -48,13 +59,13 @@ impl Mapped {
         &self.view.as_ref().expect("the view lives as long as self")[begin..begin + self.row_bytes]
     }
 
-    /// All bytes, the used bytes of a row, and the distance from one row to the next.
-    pub fn padded(&self) -> (&[u8], usize, usize) {
-        (
-            self.view.as_ref().expect("the view lives as long as self"),
-            self.row_bytes,
-            self.stride_bytes,
-        )
+    /// All rows with their padding.
+    pub fn padded(&self) -> PaddedRows<'_> {
+        PaddedRows {
+            bytes: self.view.as_ref().expect("the view lives as long as self"),
+            row_bytes: self.row_bytes,
+            stride_bytes: self.stride_bytes,
+        }
     }
 }
 

@@ -6,8 +6,44 @@ use wgpu::hal::api::Vulkan;
 use crate::device::Gpu;
 use crate::queue::CopyQueue;
 
-/// Wraps host memory as a GPU buffer that can be copied to and bound to shaders. Errors are
-/// sentences that say why not.
+/// Why memory cannot be imported.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ImportError {
+    /// The caller asked for a staged target.
+    #[error("asked for")]
+    AskedFor,
+    /// Importing is not possible with this device.
+    #[error("importing is switched off, or the driver lacks VK_EXT_external_memory_host")]
+    Unsupported,
+    /// Address or length is not aligned, or the length is 0.
+    #[error(
+        "segment of {len} bytes at {base:#x} is not aligned to the driver's {alignment_bytes} bytes"
+    )]
+    Misaligned {
+        /// Length of the segment.
+        len: u64,
+        /// Its address.
+        base: usize,
+        /// Alignment that the driver asks for.
+        alignment_bytes: u64,
+    },
+    /// Longer than a buffer can be.
+    #[error("segment of {len} bytes exceeds the adapter's largest buffer of {max_bytes} bytes")]
+    TooLong {
+        /// Length of the segment.
+        len: u64,
+        /// Limit of the adapter.
+        max_bytes: u64,
+    },
+    /// The device is not a Vulkan device.
+    #[error("the device is not a Vulkan device")]
+    NotVulkan,
+    /// The driver returned an error.
+    #[error("the driver refused: {0}")]
+    Refused(vk::Result),
+}
+
+/// Wraps host memory as a GPU buffer that can be copied to and bound to shaders.
 ///
 /// # Safety
 /// `base..base + len` stays mapped and writable until the returned buffer is dropped and the device
@@ -16,29 +52,27 @@ pub(crate) unsafe fn import_host_memory(
     gpu: &Gpu,
     base: *mut u8,
     len: usize,
-) -> Result<wgpu::Buffer, String> {
-    let caps = gpu
-        .import_caps()
-        .ok_or("importing is switched off, or the driver lacks VK_EXT_external_memory_host")?;
+) -> Result<wgpu::Buffer, ImportError> {
+    let caps = gpu.import_caps().ok_or(ImportError::Unsupported)?;
     let len = len as u64;
     if !(base as u64).is_multiple_of(caps.alignment_bytes)
         || !len.is_multiple_of(caps.alignment_bytes)
         || len == 0
     {
-        return Err(format!(
-            "segment of {len} bytes at {base:p} is not aligned to the driver's {} bytes",
-            caps.alignment_bytes
-        ));
+        return Err(ImportError::Misaligned {
+            len,
+            base: base as usize,
+            alignment_bytes: caps.alignment_bytes,
+        });
     }
     if len > gpu.max_buffer_bytes() {
-        return Err(format!(
-            "segment of {len} bytes exceeds the adapter's largest buffer of {} bytes",
-            gpu.max_buffer_bytes()
-        ));
+        return Err(ImportError::TooLong {
+            len,
+            max_bytes: gpu.max_buffer_bytes(),
+        });
     }
     // SAFETY: the hal device is only used for the calls below and lives as long as this guard.
-    let device =
-        unsafe { gpu.device().as_hal::<Vulkan>() }.ok_or("the device is not a Vulkan device")?;
+    let device = unsafe { gpu.device().as_hal::<Vulkan>() }.ok_or(ImportError::NotVulkan)?;
     // SAFETY: the caller keeps the memory mapped; alignment and size were checked above.
     let hal_buffer = unsafe {
         create_imported_buffer(
@@ -48,7 +82,7 @@ pub(crate) unsafe fn import_host_memory(
             len,
         )
     }
-    .map_err(|error| format!("the driver refused: {error}"))?;
+    .map_err(ImportError::Refused)?;
     drop(device);
     let descriptor = wgpu::BufferDescriptor {
         label: Some("imported shared memory"),

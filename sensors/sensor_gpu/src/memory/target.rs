@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::import::import_host_memory;
+use super::import::{ImportError, import_host_memory};
 use crate::device::Gpu;
 
 /// One shared-memory segment (or any host memory) that frames go to.
@@ -13,7 +13,7 @@ pub struct ShmTarget {
     base: *mut u8,
     len: usize,
     imported: Option<(wgpu::Buffer, Gpu)>,
-    reason: Option<String>,
+    staged: Option<ImportError>,
 }
 
 // SAFETY: `base` is only written through, in ranges that the renderer holds alone (contract of the
@@ -38,11 +38,11 @@ impl ShmTarget {
                 base,
                 len,
                 imported: Some((buffer, gpu.clone())),
-                reason: None,
+                staged: None,
             },
             Err(reason) => {
                 tracing::warn!(
-                    reason,
+                    %reason,
                     len,
                     "shared memory is not imported; frames cost one CPU copy"
                 );
@@ -50,7 +50,7 @@ impl ShmTarget {
                     base,
                     len,
                     imported: None,
-                    reason: Some(reason),
+                    staged: Some(reason),
                 }
             }
         }
@@ -65,7 +65,7 @@ impl ShmTarget {
             base,
             len,
             imported: None,
-            reason: Some("asked for".to_owned()),
+            staged: Some(ImportError::AskedFor),
         }
     }
 
@@ -75,8 +75,8 @@ impl ShmTarget {
     }
 
     /// Why the target is not imported; `None` if it is.
-    pub fn staged_reason(&self) -> Option<&str> {
-        self.reason.as_deref()
+    pub fn staged_reason(&self) -> Option<&ImportError> {
+        self.staged.as_ref()
     }
 
     /// Length of the memory, bytes.

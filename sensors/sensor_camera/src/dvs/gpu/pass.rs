@@ -5,7 +5,7 @@ use sensor_gpu::{Gpu, HostMemory, prefix_sum_wgsl};
 use super::camera::GpuEventCamera;
 use super::job::{EventJob, JOB_BYTES};
 use super::list::EventList;
-use crate::binding_layout::{entry, texture, uniform};
+use crate::binding_layout::{storage, texture, uniform_at_offset, written_storage};
 use crate::target::{Target, Targets};
 
 /// Text of the shader.
@@ -56,12 +56,12 @@ impl EventPass {
             image(4, false),
             image(5, false),
         ];
-        let mut common = vec![uniform(0, size_of::<EventJob>() as u64, true)];
+        let mut common = vec![uniform_at_offset(0, size_of::<EventJob>() as u64)];
         common.extend(images);
-        common.extend((6..18).map(|binding| storage(binding, false)));
+        common.extend((6..18).map(|binding| written_storage(binding)));
         let common = layout(gpu, common);
-        let written = layout(gpu, vec![storage(0, false), storage(1, false)]);
-        let read = layout(gpu, vec![storage(0, true), storage(1, true)]);
+        let written = layout(gpu, vec![written_storage(0), written_storage(1)]);
+        let read = layout(gpu, vec![storage(0), storage(1)]);
         let shader = gpu.shader("events", &events_wgsl());
         let pipeline = |entry_point: &str, second: Option<&wgpu::BindGroupLayout>| {
             let layouts: Vec<Option<&wgpu::BindGroupLayout>> = [Some(&common), second]
@@ -249,18 +249,6 @@ fn bind_tables(
         layout,
         entries: &entries,
     })
-}
-
-fn storage(binding: u32, read_only: bool) -> wgpu::BindGroupLayoutEntry {
-    let ty = wgpu::BufferBindingType::Storage { read_only };
-    entry(
-        binding,
-        wgpu::BindingType::Buffer {
-            ty,
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-    )
 }
 
 fn layout(gpu: &Gpu, mut entries: Vec<wgpu::BindGroupLayoutEntry>) -> wgpu::BindGroupLayout {
