@@ -1,11 +1,9 @@
-//! Time of the event camera alone: pictures are rendered first, then fed again and again.
+//! Time of the event camera alone: images are rendered first, then fed again and again.
 //!
 //! `cargo run --release -p sensor_camera --example dvs_bench -- [WIDTH HEIGHT ROUNDS THREADS]
-//! [--json FILE]`
-//! prints, per case, CPU time per frame and
-//! events per second and core. The drive moves 0.4 m a frame along the test street; `flicker` is a
-//! picture that turns brighter and darker
-//! everywhere, so that making, sorting and writing events is all there is to do.
+//! [--json FILE]` prints, per case, CPU time per frame and events per second and core. The drive
+//! moves 0.4 m a frame along the test street; `flicker` is an image that turns brighter and darker
+//! everywhere, so that the time is that of making, sorting and writing events.
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;
@@ -140,7 +138,7 @@ fn measure(
     ]
 }
 
-/// Two grey pictures, the second 0.65 of the logarithm brighter, by turns.
+/// Two grey images in turn, the second brighter by 0.65 in the logarithm.
 fn flicker([width, height]: [u32; 2]) -> Vec<Shot> {
     let n = (width * height) as usize;
     let grey = |i: usize| 0.2 + 0.1 * ((i * 7919) % 1000) as f32 * 1e-3;

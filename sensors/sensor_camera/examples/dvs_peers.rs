@@ -2,12 +2,10 @@
 //! to v2e and to ESIM's formula and compares.
 //!
 //! `cargo run --release -p sensor_camera --example dvs_peers -- FOLDER [WIDTH HEIGHT]` renders 101
-//! frames of a drive along the test street,
-//! 1 ms apart at 8 m/s, and writes into FOLDER: `luminance.f32` (frames × rows × columns, 0..1),
-//! `NAME.events` (records of 16 bytes as on the
+//! frames of a drive along the test street, 1 ms apart at 8 m/s, and writes into FOLDER:
+//! `luminance.f32` (frames × rows × columns, 0..1), `NAME.events` (records of 16 bytes as on the
 //! bus, behind each its window's number as u64) for `motion` and `two_frame` every 50 ms and
-//! `two_frame_1khz`, and `cpu.txt` with each one's
-//! CPU seconds per simulated second.
+//! `two_frame_1khz`, and `cpu.txt` with each one's CPU seconds per simulated second.
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;

@@ -1,9 +1,9 @@
 //! Measures one view with six modalities against six views with one each, and the event camera, on
 //! the test street.
 //!
-//! `cargo run --release --example measure_views -- [WIDTH HEIGHT FRAMES] [--json FILE]`; prints wall time per
-//! frame as min / median, the
-//! process's CPU time per frame (the figure to trust on a busy machine), and what was drawn.
+//! `cargo run --release --example measure_views -- [WIDTH HEIGHT FRAMES] [--json FILE]`; prints
+//! wall time per frame as min / median, the process's CPU time per frame (the figure to trust on a
+//! busy machine), and what was drawn.
 
 #[path = "../tests/kit/mod.rs"]
 mod kit;
@@ -47,7 +47,7 @@ fn main() {
         quality: Quality::default_for(&gpu),
         result: RefCell::new(BenchResult::new("measure_views", Some(&gpu.name()))),
     };
-    // The first to be measured pays for a device that wakes up.
+    // The first measurement includes the wake-up of the device.
     bench.measure("depth alone", &[&[Modality::Depth]]);
     let together = bench.measure("one view, six modalities", &[&SIX]);
     let apart = bench.measure(

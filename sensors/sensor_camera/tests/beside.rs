@@ -1,9 +1,8 @@
-//! Frames that are copied beside the drawing of the next ones are those that are copied behind
-//! their own, whoever comes and goes meanwhile.
+//! Frames that the copy queue copies while the next ones are drawn equal those that are copied
+//! after their own drawing, while cameras come and go.
 //!
-//! `Apart` takes the way of two queues through one: on every adapter it shows lifetimes and
-//! bookkeeping. The order of two queues shows only
-//! where there are two; there both ways are tried.
+//! `Apart` does on one queue what `Beside` does on two, so lifetimes and bookkeeping are tested on
+//! every adapter. Where an adapter has two queues, both ways are tested.
 
 #![expect(
     unsafe_code,
@@ -41,7 +40,7 @@ fn open(copies: CopyPath) -> Gpu {
     .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Devices whose copies go on beside the drawing.
+/// Devices that copy while they draw.
 fn gpus() -> Vec<Gpu> {
     [CopyPath::Apart, CopyPath::Beside]
         .map(open)
@@ -60,7 +59,7 @@ fn segment(n_bytes: usize) -> (*mut u8, usize) {
     (memory[aligned..aligned + len].as_mut_ptr(), len)
 }
 
-/// What a camera shows in a step: not always the same.
+/// The modalities of a camera in a step; they vary.
 fn asked(number: usize, step: u64) -> Vec<Modality> {
     match (number, step % 4) {
         (0, _) => SIX.to_vec(),
@@ -105,7 +104,7 @@ fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
     )
 }
 
-/// Hashes of all frames, in order, with `n_in_flight` submissions on their way.
+/// Hashes of all frames, in order, with `n_in_flight` submissions in flight.
 fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize) -> Vec<u64> {
     let (scale, n_steps) = if gpu.is_software() { (1, 10) } else { (8, 300) };
     let (assets, car) = kit::street();
@@ -184,7 +183,7 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
     hashes
 }
 
-/// Oracle: one submission at a time, copied behind its drawing.
+/// Oracle: one submission at a time, copied after its drawing.
 #[test]
 fn frames_do_not_show_how_they_were_copied() {
     let plain = open(CopyPath::Behind);
@@ -210,8 +209,8 @@ fn frames_do_not_show_how_they_were_copied() {
     }
 }
 
-/// Cameras of all sizes are made and dropped while their frames are on their way; their textures go
-/// with them.
+/// Cameras of all sizes are made and dropped while their frames are in flight; their textures are
+/// freed with them.
 #[test]
 fn cameras_come_and_go_under_way() {
     let (assets, car) = kit::street();
@@ -261,7 +260,7 @@ fn cameras_come_and_go_under_way() {
                         .unwrap(),
                 );
             }
-            // Waited for, dropped, or left under way with its views gone.
+            // The submission is waited for, dropped, or left in flight after its views are gone.
             match dice.u8(0..3) {
                 0 => under_way
                     .drain(..)

@@ -1,5 +1,5 @@
-//! What nobody reads costs nothing, what is read together is drawn once, and the same input gives
-//! the same bytes.
+//! Outputs without readers cost nothing, outputs that are read together are drawn once, and the
+//! same input gives the same bytes.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -87,8 +87,8 @@ fn cost_of(gpu: &Gpu, sizes_px: &[[u32; 2]]) -> Counts {
     gpu.counters().counts().since(before)
 }
 
-/// Goal: one submission for all, with no more passes than each view needs by itself; where views
-/// are computed, for all what one needs.
+/// Goal: one submission for all views, with no more passes than each view needs by itself; computed
+/// views together need no more passes than one.
 #[test]
 fn all_views_of_a_tick_are_drawn_in_one_submission() {
     let gpu = kit::gpu();
@@ -109,8 +109,8 @@ fn all_views_of_a_tick_are_drawn_in_one_submission() {
     );
 }
 
-/// Goal: cameras of one pose, lens and history are drawn once, whoever they belong to, and get the
-/// bytes they would get alone.
+/// Goal: cameras of equal pose, lens and history are drawn once, and get the bytes they would get
+/// alone.
 #[test]
 fn sensors_that_see_the_same_are_drawn_once() {
     let gpu = kit::gpu();

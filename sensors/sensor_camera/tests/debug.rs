@@ -1,5 +1,5 @@
-//! Debug strokes: in colour where a pinhole puts them, behind what is nearer, and in no other
-//! image.
+//! Debug strokes: they appear in colour where a pinhole projects them, behind nearer surfaces, and
+//! in no other image.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -120,8 +120,8 @@ fn strokes_are_where_a_pinhole_puts_them_and_in_colour_only() {
         );
         assert_eq!(behind.len(), 32 * 4, "{quality:?}");
         assert!(behind.iter().all(|(x, _)| *x >= 80));
-        // Through the camera and behind it: no panic, and what is in front is seen; a hair is still
-        // a pixel wide.
+        // Strokes through the camera and behind it: no panic, the part in front is visible, and the
+        // thinnest stroke is one pixel wide.
         assert!(
             !painted(
                 &look(vec![stroke([-5.0, 1.0, -1.0], [10.0, -1.0, 0.5], 0.0)])[&Modality::Rgb].0

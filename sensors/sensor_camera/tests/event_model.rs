@@ -1,5 +1,5 @@
-//! The event camera's model on pictures made by hand: counts, times and chance against the
-//! published formulas, computed here anew.
+//! The event camera's model on hand-made images: counts, times and noise against the published
+//! formulas, which are computed here independently.
 
 use schema_frames::DvsEvent;
 use sensor_camera::dvs::{EventCamera, EventImages, Rows};
@@ -10,8 +10,7 @@ const HEIGHT: usize = 100;
 const N: usize = WIDTH * HEIGHT;
 const WINDOW_NANOS: u64 = 50_000_000;
 
-/// Feeds pictures that stand still in space and change only in brightness; returns the events of
-/// each window.
+/// Feeds images without motion that change only in brightness; returns the events of each window.
 fn feed(spec: DvsSpec, sensor: u64, pictures: &[Vec<f32>]) -> Vec<Vec<DvsEvent>> {
     let spec = DvsSpec {
         max_events: 10_000_000,
@@ -82,7 +81,7 @@ fn reference_events(
     windows
 }
 
-/// Same events but for crossings within a rounding of a threshold.
+/// The events agree except for crossings within a rounding error of a threshold.
 fn check_against_reference(found: &[Vec<DvsEvent>], expected: &[Vec<(usize, f64, u8)>]) {
     for (found, expected) in found.iter().zip(expected) {
         let mut found: Vec<(usize, u32, u8)> = found
@@ -202,7 +201,7 @@ fn a_still_picture_is_silent_without_chance() {
     }
 }
 
-/// v2e: a pixel leaks ON events at the leak rate, whatever it sees; their phases differ.
+/// v2e: a pixel leaks ON events at the leak rate, whatever it sees; the phases of pixels differ.
 #[test]
 fn leaks_come_at_their_rate_and_not_in_step() {
     let spec = DvsSpec {

@@ -55,7 +55,7 @@ fn linear(grey: u8) -> f64 {
     }
 }
 
-/// Events are followed on the processor, and on the GPU where it can.
+/// Events are followed on the CPU, and on the GPU if it has the features.
 fn ways(gpu: &Gpu) -> Vec<bool> {
     let can = CameraRenderer::new(gpu, Quality::Low).set_events_on_gpu(true);
     if can { vec![false, true] } else { vec![false] }
@@ -132,7 +132,7 @@ fn shift(
             kit::pose(DISTANCE_M, left_m(x_px, DISTANCE_M), 1.5, [0.0; 3]),
         );
         let mut scene = kit::scene(&assets, vec![panel], (step + 1) * TICK_NANOS);
-        // Overcast: a moving shadow would make events of its own.
+        // The sky is overcast, because a moving shadow would make events of its own.
         scene.weather.cloudiness = 100.0;
         let result;
         (events, result) = bench.fire(&scene, kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
@@ -213,8 +213,8 @@ fn moving_edge_gives_events_when_it_passes_and_as_many_as_its_contrast() {
 }
 
 /// Goal: a dark bar, thinner than its path, passes a striped wall that stands still: each pixel
-/// darkens when the front passes and
-/// brightens when the back does, and the wall's own stripes stay silent.
+/// darkens when the front passes and brightens when the back does, and the wall's own stripes stay
+/// silent.
 #[test]
 fn bar_before_a_wall_at_rest_has_a_front_and_a_back() {
     let gpu = kit::gpu();

@@ -1,5 +1,5 @@
-//! Events that the GPU follows against those that the processor follows, on the same pictures: one
-//! model, two ways.
+//! Events from the GPU against events from the CPU, on the same images: one model, two
+//! implementations.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -116,8 +116,8 @@ fn the_gpus_events_are_the_processors() {
             );
             assert!(a.is_empty() == (firing == 0));
             let (a, b) = (by_pixel(a), by_pixel(b));
-            // A level that stops within a rounding of a threshold crosses it on one side only;
-            // times are off by a rounding of their step.
+            // A level that stops within a rounding error of a threshold crosses it in one
+            // implementation only; times differ by a rounding error of their step.
             let alike = |a: &Vec<Crossing>, b: &Vec<Crossing>| {
                 a.len() == b.len()
                     && a.iter().zip(b).all(|(a, b)| {
@@ -142,8 +142,7 @@ fn the_gpus_events_are_the_processors() {
     }
 }
 
-/// What is drawn anew in every window stays with the processor, and a camera of that kind works all
-/// the same.
+/// Cameras whose noise is drawn again in every window use the CPU, and work as well.
 #[test]
 fn chance_per_window_is_the_processors() {
     let gpu = kit::gpu();

@@ -125,8 +125,8 @@ fn project(lens: &Intrinsics, point_in_sensor: Point3<f64>) -> [f64; 2] {
     ]
 }
 
-/// Casts through the middle of each pixel and near its corners; pixels whose rays disagree about
-/// what they see are edges: `None`.
+/// Casts rays through the middle of each pixel and near its corners. A pixel whose rays see
+/// different surfaces is an edge: `None`.
 fn cast_all(
     scene: &Scene,
     lens: &Intrinsics,

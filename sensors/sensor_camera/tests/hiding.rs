@@ -1,5 +1,5 @@
-//! Objects of the scenery that are hidden and shown again: pictures as of a scene without them, for
-//! the price of what changed.
+//! Objects of the scenery are hidden and shown again: images equal those of a scene without them,
+//! and only changes are uploaded.
 
 #[path = "kit/mod.rs"]
 mod kit;

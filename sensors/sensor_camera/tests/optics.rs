@@ -1,5 +1,5 @@
-//! What exposure and lens do to colour, against photographer's arithmetic; and that they touch
-//! nothing else.
+//! Effect of exposure and lens on colour, against a photographer's arithmetic; other modalities are
+//! unaffected.
 
 #[path = "kit/mod.rs"]
 mod kit;
@@ -130,8 +130,8 @@ fn the_meter_finds_the_sun() {
     let free = metered(-10.0, 20.0);
     // 18 % grey comes out grey, whatever the light.
     assert!((85.0..160.0).contains(&free), "{free}");
-    // The bounds hold: held too high it is darker, held too low brighter, and the scene lies
-    // between 13.5 and 16.
+    // The bounds hold: with too high a bound the image is darker, with too low a bound brighter,
+    // and the scene lies between 13.5 and 16.
     assert!(metered(17.0, 20.0) < free - 10.0 && metered(-10.0, 12.0) > free + 10.0);
     assert!((metered(13.5, 16.0) - free).abs() <= 1.0);
 }

@@ -1,6 +1,5 @@
-//! The compute shader that rasterises: no pixel left out or taken twice at common edges, near and
-//! huge triangles, and the same picture
-//! as the adapter draws.
+//! The computed rasteriser: no gaps or overlaps at common edges, near and huge triangles, and the
+//! same image as the adapter draws.
 
 mod kit;
 
@@ -85,8 +84,8 @@ fn shell(n: usize, seed: u64) -> Mesh {
     builder.finish()
 }
 
-/// Oracle: from inside a closed shell there is no sky, however its triangles lie to pixels, near
-/// plane and image.
+/// Oracle: from inside a closed shell no sky is visible, wherever its triangles lie relative to
+/// pixels, near plane and image.
 #[test]
 fn nothing_shines_through_a_closed_shell() {
     let gpu = kit::gpu();
@@ -109,8 +108,8 @@ fn nothing_shines_through_a_closed_shell() {
                     &[Modality::Depth, Modality::Semantic],
                 );
                 let depth = kit::floats(&frames[&Modality::Depth].0);
-                // Nearer than the near plane one looks through; a corner of the image sees that
-                // 0.13 m away.
+                // Surfaces nearer than the near plane are cut away; in a corner of the image that
+                // is 0.13 m.
                 let holes = depth.iter().filter(|depth| !depth.is_finite()).count();
                 assert_eq!(holes, 0, "{rasteriser:?}, {n} rings, step {step}");
                 assert!(depth.iter().all(|depth| (0.1..30.0).contains(depth)));
@@ -166,8 +165,8 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
                 }
                 n_hits += 1;
                 let error_m = (*depth_m as f64 - expected_m).abs();
-                // A camera so near to a plane sees 5 cm more or less as kilometres at its end:
-                // relative to the slope.
+                // For a camera this close to a plane, 5 cm of height are kilometres of depth at the
+                // horizon, so the tolerance is relative to the slope.
                 let allowed_m = 1e-3 + 1e-5 * expected_m * (1.0 + expected_m / height_m * 0.02);
                 assert!(
                     error_m <= allowed_m,
@@ -179,9 +178,8 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
     }
 }
 
-/// Goal: whoever rasterises, the picture is the same but for pixels at edges, whose corners are
-/// rounded in other ways. Tolerances leave
-/// room for the coarse depth and normals of a GPU's own rasteriser.
+/// Goal: both rasterisers give the same image except for pixels at edges, where corners are rounded
+/// differently. Tolerances leave room for the coarse depth and normals of a GPU's own rasteriser.
 #[test]
 fn computed_pictures_are_drawn_pictures() {
     let gpu = kit::gpu();
@@ -251,7 +249,7 @@ fn computed_pictures_are_drawn_pictures() {
     }
 }
 
-/// Goal: the same bytes twice, though threads come in any order.
+/// Goal: the same bytes twice, whatever the order of threads.
 #[test]
 fn computed_pictures_come_out_the_same_twice() {
     let gpu = kit::gpu();

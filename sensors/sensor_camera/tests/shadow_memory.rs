@@ -1,4 +1,4 @@
-//! Shadow maps have a bounded memory, and no picture tells.
+//! The memory of shadow maps is bounded, and images do not depend on the limit.
 
 mod kit;
 
@@ -10,7 +10,7 @@ use sensor_spec::Intrinsics;
 const N_CAMERAS: usize = 5;
 const N_STEPS: u64 = 3;
 
-/// What came of some ticks: pictures, submissions, and the most memory that shadow maps ever had.
+/// Result of some ticks: images, number of submissions, and peak memory of shadow maps.
 struct Shots {
     pictures: Vec<Vec<u8>>,
     n_submissions: u64,
@@ -90,8 +90,7 @@ fn cameras_whose_maps_do_not_fit_get_the_same_pictures() {
     let gpu = kit::gpu();
     const MIB: u64 = 1 << 20;
     // Room for two of the largest maps where five are needed. Drawn: 16 MiB each, and as much for
-    // smaller ones; computed: 64 MiB a near
-    // and 32 MiB a far one.
+    // smaller ones; computed: 64 MiB a near and 32 MiB a far one.
     for (quality, rasteriser, most_bytes) in [
         (Quality::Low, Rasteriser::Drawn, 64 * MIB),
         (Quality::High, Rasteriser::Computed, 192 * MIB),
@@ -126,7 +125,7 @@ fn cameras_whose_maps_do_not_fit_get_the_same_pictures() {
     }
 }
 
-/// However little there is, each camera gets its light.
+/// Even with the smallest limit every camera gets its light.
 #[test]
 fn a_single_map_is_enough() {
     let gpu = kit::gpu();

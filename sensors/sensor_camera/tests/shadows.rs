@@ -1,5 +1,5 @@
-//! Shadows lie where the sun puts them: near the camera, and far from it, where another map holds
-//! them, which small pictures have smaller.
+//! Shadows lie where the sun puts them: near the camera in the near map, and far from it in the far
+//! map, also with the smaller maps of small images.
 
 mod kit;
 
@@ -41,8 +41,7 @@ fn tower(x_m: f64, y_m: f64) -> Arc<SceneAssets> {
     Arc::new(assets)
 }
 
-/// From 150 m above, straight down: x runs up the picture, y to the left, `size_px` pixels are 300
-/// m.
+/// From 150 m above, straight down: x runs up the image, y to the left, `size_px` pixels are 300 m.
 #[test]
 fn far_shadows_lie_away_from_the_sun_in_pictures_of_any_size() {
     let gpu = kit::gpu();

@@ -1,4 +1,4 @@
-//! Views of one tick go through the GPU together; none of them may show it.
+//! The GPU processes the views of a tick together; no view's bytes may depend on the others.
 
 mod kit;
 
@@ -169,8 +169,8 @@ fn a_fleet_of_cameras_gets_what_each_would_get_alone() {
     }
 }
 
-/// The same in high quality, whose pictures are developed and lit by two maps, small ones side by
-/// side in a layer.
+/// The same in high quality, with post-processing and two shadow maps per view, of which small ones
+/// share a layer.
 #[test]
 fn a_fleet_in_high_quality_gets_what_each_would_get_alone() {
     let gpu = kit::gpu();

@@ -27,8 +27,8 @@ impl Shot {
     }
 }
 
-/// Firings of a drive along the test street, at these places and times; luminance from the
-/// picture's green.
+/// Firings along the test street at these places and times; luminance is taken from the green
+/// channel.
 pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Vec<Shot> {
     let gpu = kit::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
@@ -76,7 +76,7 @@ pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Ve
     moments.map(shot).collect()
 }
 
-/// Processor time of this process, all threads.
+/// CPU time of this process, all threads.
 pub fn cpu_secs() -> f64 {
     let usage = nix::sys::resource::getrusage(nix::sys::resource::UsageWho::RUSAGE_SELF)
         .expect("a process may ask for its own usage");

@@ -23,9 +23,9 @@ pub fn gpu() -> Gpu {
     Gpu::open(&GpuOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Rasterisers that the product uses on this adapter. A GPU's own finds depth too coarsely (to 7e-4
-/// of it on an H200), so it only draws
-/// where nothing can be computed; software adapters can do both.
+/// Rasterisers that the product uses on this adapter. A GPU's own rasteriser has too coarse a depth
+/// (7e-4 relative on an H200), so it is used only if the GPU cannot compute; software adapters do
+/// both.
 pub fn rasterisers(gpu: &Gpu) -> Vec<Rasteriser> {
     if gpu.is_software() {
         vec![Rasteriser::Drawn, Rasteriser::Computed]
