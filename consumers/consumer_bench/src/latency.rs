@@ -2,11 +2,10 @@
 //! between them and a memcpy for scale.
 //!
 //! A frame is filled before its clock starts on every way, as a renderer would have done. Shared
-//! memory: the clock starts just before
-//! the sample is sent and stops when the reader holds the frame, woken by an event (asleep in
-//! poll(2) until then) or polling. TCP: the
-//! clock starts before the first `write_all` and stops after `read_exact`. Each reader checks the
-//! first and last byte of each frame.
+//! memory: the clock starts just before the sample is sent and stops when the reader holds the
+//! frame, woken by an event (asleep in poll(2) until then) or polling. TCP: the clock starts before
+//! the first `write_all` and stops after `read_exact`. Each reader checks the first and last byte
+//! of each frame.
 
 pub mod reader;
 

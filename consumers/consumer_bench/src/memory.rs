@@ -1,9 +1,8 @@
 //! `gantry-bench memory`: resident memory of processes over time, and whether it grows.
 //!
 //! `RssAnon` is what a process has for itself; `RssShmem` is what it has touched of shared memory,
-//! which everybody sees who maps it.
-//! Growth is the slope of a straight line through the second half of the samples, when start-up is
-//! over.
+//! which everybody sees who maps it. Growth is the slope of a straight line through the second half
+//! of the samples, when start-up is over.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

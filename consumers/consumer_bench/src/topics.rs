@@ -2,8 +2,7 @@
 //! by view.
 //!
 //! It reads like any consumer: asleep until a rig's tick event, then every frame that waits. Being
-//! a reader it makes the simulator
-//! render what nobody else asked for.
+//! a reader it makes the simulator render what nobody else asked for.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -1,8 +1,7 @@
 //! Driving vehicles along lanes: paths, steering, pedals, right of way. No bus and no clock here.
 //!
-//! [`Fleet`] takes a [`Traffic`] per tick and answers with one control record per vehicle it drives;
-//! the same traffic and seed give the
-//! same records.
+//! [`Fleet`] takes a [`Traffic`] per tick and answers with one control record per vehicle it
+//! drives; the same traffic and seed give the same records.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

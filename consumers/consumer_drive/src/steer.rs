@@ -2,8 +2,8 @@
 //! second-order system in distance.
 //!
 //! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per
-//! metre driven.
-//! κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the speed.
+//! metre driven. κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the
+//! speed.
 
 use crate::path::{Foot, Path, wrap};
 use crate::traffic::Mover;

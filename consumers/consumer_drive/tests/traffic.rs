@@ -1,6 +1,5 @@
 //! Closed loop on generated towns with the daemon's own physics: light traffic that must flow,
-//! dense traffic that must not lock up, people
-//! on foot whom nobody may drive into.
+//! dense traffic that must not lock up, people on foot whom nobody may drive into.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -184,9 +183,8 @@ fn twenty_one_vehicles_flow_for_five_minutes_without_touching() {
 }
 
 /// Roads between Town01's junctions are short: queues reach back into the junction before, and
-/// whoever waits for somebody who
-/// waits for it stands for ever. A rate in the last minutes that is near that of the first ones
-/// excludes this.
+/// whoever waits for somebody who waits for it stands for ever. A rate in the last minutes that is
+/// near that of the first ones excludes this.
 #[test]
 fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     let mut stage = Stage::new("Town01", 60, 1);

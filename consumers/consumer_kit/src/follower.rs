@@ -87,8 +87,7 @@ impl Follower {
     }
 
     /// Looks for topics that are missing, then waits for a rig's tick, at most `timeout` and never
-    /// longer than [`MAX_WAIT`].
-    /// Returns whether there was a wake-up; drain the topics in any case.
+    /// longer than [`MAX_WAIT`]. Returns whether there was a wake-up; drain the topics in any case.
     ///
     /// # Errors
     /// What waiting cannot heal, see [`FollowedTopic::look`].

@@ -1,10 +1,8 @@
 //! What every consumer repeats: find topics and wait for them, survive the daemon's restarts,
-//! drain, count what was lost, pair frames with
-//! the snapshot of their tick, take part in lockstep.
+//! drain, count what was lost, pair frames with the snapshot of their tick, take part in lockstep.
 //!
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
-//! that a shutdown flag is seen in time.
-//! Nothing here renders, stores or drives.
+//! that a shutdown flag is seen in time. Nothing here renders, stores or drives.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};

@@ -1,9 +1,8 @@
 //! Snapshots paired with frames.
 //!
 //! Two services have no common order at a reader, but the snapshot of tick N is sent before any
-//! frame of tick N. So on a frame of tick N this
-//! drains snapshots until one of tick ≥ N is there, and keeps the last 32 for frames that were in
-//! flight meanwhile.
+//! frame of tick N. So on a frame of tick N this drains snapshots until one of tick ≥ N is there,
+//! and keeps the last 32 for frames that were in flight meanwhile.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -96,8 +96,8 @@ const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
 const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
 /// Divides the window among the topics that are there: one view per camera and modality on the
-/// left, curves below them, the world on
-/// the right, seen from behind the first rig and following it.
+/// left, curves below them, the world on the right, seen from behind the first rig and following
+/// it.
 ///
 /// # Errors
 /// If the recording's other end refuses.
@@ -136,8 +136,7 @@ pub fn arrange(rec: &RecordingStream, places: &BTreeSet<Place>) -> anyhow::Resul
 }
 
 /// Sends the blueprint together with the 3D view's eye and background, which its Rust types of this
-/// version cannot carry: they are
-/// logged into the same blueprint store under the view's path.
+/// version cannot carry: they are logged into the same blueprint store under the view's path.
 fn send(
     rec: &RecordingStream,
     blueprint: &Blueprint,

@@ -1,15 +1,13 @@
 //! GNSS: latitude, longitude and altitude of a point of the world.
 //!
 //! Our world is OpenDRIVE's: **x east, y left of x and thus north**, z up. So y = −(CARLA's y), and
-//! driving towards +y raises the latitude.
-//! (CARLA 0.9.16 feeds its own y, which points south, into the same formula, so that driving north
-//! lowers its latitude.
-//! A gateway that must agree with it mirrors y before it asks.)
+//! driving towards +y raises the latitude. (CARLA 0.9.16 feeds its own y, which points south, into
+//! the same formula, so that driving north lowers its latitude. A gateway that must agree with it
+//! mirrors y before it asks.)
 //!
 //! The projection is a transverse Mercator on a sphere of 6378137 m, scale 0.9996, its origin at
-//! the map's reference point:
-//! Snyder, *Map Projections: A Working Manual* (USGS 1395, 1987), equations 8-1 to 8-7. Exact
-//! inverse included.
+//! the map's reference point: Snyder, *Map Projections: A Working Manual* (USGS 1395, 1987),
+//! equations 8-1 to 8-7. Exact inverse included.
 
 use nalgebra::{Point3, Vector3};
 use schema_frames::GnssSample;

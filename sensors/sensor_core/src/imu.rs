@@ -2,11 +2,9 @@
 //! it.
 //!
 //! The specific force is the velocity gained by the sensor's own point over the tick, divided by
-//! the tick, less gravity, seen in the
-//! sensor's orientation at the middle of the tick: what a strap-down unit integrates. It is the
-//! second derivative of the position
-//! that a quadratic through three positions gives, but taken from velocities, because the physics
-//! engine's `f32` positions
+//! the tick, less gravity, seen in the sensor's orientation at the middle of the tick: what a
+//! strap-down unit integrates. It is the second derivative of the position that a quadratic through
+//! three positions gives, but taken from velocities, because the physics engine's `f32` positions
 //! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and
 //! centripetal terms are included.
 //!

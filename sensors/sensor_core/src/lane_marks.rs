@@ -1,8 +1,8 @@
 //! Lane invasion: painted lines of the roads, and which of them a moving box went over.
 //!
 //! Plain geometry: the four lower corners of the box go in straight lines from where they were to
-//! where they are, and a corner whose
-//! way crosses a line in the plan invades. Lines above or below (a bridge, a tunnel) do not count.
+//! where they are, and a corner whose way crosses a line in the plan invades. Lines above or below
+//! (a bridge, a tunnel) do not count.
 
 use std::collections::BTreeMap;
 

@@ -79,8 +79,8 @@ pub struct Lod {
     /// Number of indices, a multiple of 3.
     pub n_indices: u32,
     /// Distance from the eye to the mesh's bounding sphere up to which this level is drawn;
-    /// `f32::INFINITY` for the last.
-    /// Beyond the last level's distance nothing is drawn. Rays always use level 0.
+    /// `f32::INFINITY` for the last. Beyond the last level's distance nothing is drawn. Rays always
+    /// use level 0.
     pub until_m: f32,
 }
 
@@ -234,8 +234,7 @@ impl MeshBuilder {
     }
 
     /// Adds a convex polygon as a fan, counter-clockwise from outside, with surface coordinates per
-    /// corner. Where the corners do not lie
-    /// in one plane, each triangle has its own normal.
+    /// corner. Where the corners do not lie in one plane, each triangle has its own normal.
     pub fn polygon(&mut self, surface: Surface, corners_m: &[[f32; 3]], uv_m: &[[f32; 2]]) {
         assert_eq!(
             corners_m.len(),

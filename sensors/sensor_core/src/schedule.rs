@@ -1,12 +1,10 @@
 //! Firing schedule: which sensors fire at a tick.
 //!
-//! Pure arithmetic on simulated nanoseconds, so two runs agree and a test needs no clock.
-//! A sensor fires at the first tick whose time is ≥ its due time (less 1e-5 of the interval: users
-//! write 0.0333334);
-//! then the due time moves on by whole intervals until it lies ahead, so lateness never adds up and
-//! no tick fires twice.
-//! An interval of 0 fires at every tick. The first due time is the first tick after the sensor was
-//! made.
+//! Pure arithmetic on simulated nanoseconds, so two runs agree and a test needs no clock. A sensor
+//! fires at the first tick whose time is ≥ its due time (less 1e-5 of the interval: users write
+//! 0.0333334); then the due time moves on by whole intervals until it lies ahead, so lateness never
+//! adds up and no tick fires twice. An interval of 0 fires at every tick. The first due time is the
+//! first tick after the sensor was made.
 
 use schema_types::SimTime;
 

@@ -2,9 +2,8 @@
 //! compiler vectorises.
 //!
 //! Programs are built for any processor of their kind. Work given to [`vectorised`] is compiled
-//! twice, and the copy that fits is run. Both
-//! copies do the same arithmetic in the same order (nothing is fused), so that results do not
-//! depend on the processor.
+//! twice, and the copy that fits is run. Both copies do the same arithmetic in the same order
+//! (nothing is fused), so that results do not depend on the processor.
 
 /// Work in plain arithmetic. Mark `run` and all it calls `#[inline(always)]`: what is not inlined
 /// is compiled for any processor.

@@ -1,6 +1,5 @@
 //! Lidar on the GPU against a triangle mesh from a file: one scan from submission to points in
-//! (imported) memory, and rays per second over
-//! a batch of lidars at different places.
+//! (imported) memory, and rays per second over a batch of lidars at different places.
 //!
 //! `cargo run --release -p sensor_ray --example gpu_bench -- MESH [TURNS] [ADAPTER]`; `mesh_file`
 //! has the format of MESH.

@@ -2,10 +2,9 @@
 //! the same mesh, rays and threads.
 //!
 //! `cargo run --release -p sensor_ray --example mesh_bench -- MESH [THREADS] [TURNS]`. `mesh_file`
-//! has the format of MESH. The
-//! lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and 2048 azimuths;
-//! what is timed ends with the points in a frame's bytes, distances made exact in `f64`. CPU time
-//! does not count what neighbours take.
+//! has the format of MESH. The lidar stands at (0, −1.7, 1.9) with 64 beams from 2° to −24.8° and
+//! 2048 azimuths; what is timed ends with the points in a frame's bytes, distances made exact in
+//! `f64`. CPU time does not count what neighbours take.
 
 #[path = "mesh_file/mod.rs"]
 mod mesh_file;

@@ -1,6 +1,5 @@
 //! What the processor does for lidars in a tick before rays go: people of twelve parts and cars of
-//! five are put in place and told to the GPU.
-//! And what the hierarchy over them costs the rays.
+//! five are put in place and told to the GPU. And what the hierarchy over them costs the rays.
 //!
 //! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS] [--json FILE]` prints CPU time
 //! of this thread, best and median.

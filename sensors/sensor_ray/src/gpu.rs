@@ -2,10 +2,9 @@
 //! to a submission.
 //!
 //! Hits are made exact in `f64` there too, noise and drop-off come from the same integers, and
-//! points are packed in the same order, so that
-//! frames agree with the CPU's to a rounding of the last step (`exp`, the normal deviate). Where
-//! readers' memory is imported, the shader that
-//! packs writes into it; else points are packed in the GPU's memory and copied.
+//! points are packed in the same order, so that frames agree with the CPU's to a rounding of the
+//! last step (`exp`, the normal deviate). Where readers' memory is imported, the shader that packs
+//! writes into it; else points are packed in the GPU's memory and copied.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -97,8 +96,7 @@ impl GpuRays {
     }
 
     /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after
-    /// every [`RayScene::update`],
-    /// [`RayScene::update_for_gpu`] or [`RayScene::hide`].
+    /// every [`RayScene::update`], [`RayScene::update_for_gpu`] or [`RayScene::hide`].
     ///
     /// # Errors
     /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the

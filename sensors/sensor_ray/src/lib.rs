@@ -2,11 +2,10 @@
 //! triangles that cameras draw.
 //!
 //! Two levels: bounding-volume hierarchies over the scenery (built once per episode) and over each
-//! moving mesh (shared by its
-//! instances), and a small hierarchy over the instances of the tick, an actor's parts in nodes that
-//! are fitted and not searched for. Rays with a common origin travel in bundles of neighbours.
-//! Hits are found in `f32` about a near origin and then made exact in `f64`, so that distances hold
-//! to well under a millimetre.
+//! moving mesh (shared by its instances), and a small hierarchy over the instances of the tick, an
+//! actor's parts in nodes that are fitted and not searched for. Rays with a common origin travel in
+//! bundles of neighbours. Hits are found in `f32` about a near origin and then made exact in `f64`,
+//! so that distances hold to well under a millimetre.
 
 #![warn(missing_docs)]
 

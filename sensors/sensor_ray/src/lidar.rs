@@ -2,16 +2,13 @@
 //! sweep of one tick.
 //!
 //! Columns of a turn run counter-clockwise from above, column `i` at azimuth −π + 2π·(i +
-//! 1)/columns, so that the last one looks straight
-//! back at the very tick; a narrower field of view is spread the same way about the front. Columns
-//! of a sweep run clockwise, as CARLA's
-//! head turns, from where it stood after the previous firing: of `h` the width of the turn, column
-//! `i` looks at h/2 − mod(was + step·i, h).
-//! Points come channel after channel, channel 0 on top, azimuth rising within each; rays without a
-//! return leave no gap.
-//! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d),
-//! drop-off by intensity.
-//! Bytes depend on scene, spec, path and noise key alone, not on the number of threads.
+//! 1)/columns, so that the last one looks straight back at the very tick; a narrower field of view
+//! is spread the same way about the front. Columns of a sweep run clockwise, as CARLA's head turns,
+//! from where it stood after the previous firing: of `h` the width of the turn, column `i` looks at
+//! h/2 − mod(was + step·i, h). Points come channel after channel, channel 0 on top, azimuth rising
+//! within each; rays without a return leave no gap. Losses are CARLA's, in CARLA's order: general
+//! drop-off, range noise, intensity exp(−a·d), drop-off by intensity. Bytes depend on scene, spec,
+//! path and noise key alone, not on the number of threads.
 
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;

@@ -1,9 +1,8 @@
 //! Radar: rays into a cone, denser towards its middle, and how fast what they hit comes nearer.
 //!
 //! CARLA's model: of the rays of a tick each ends at (R, R·tan(h/2)·r·cos θ, R·tan(v/2)·r·sin θ) in
-//! the sensor's space with r uniform in
-//! 0..1 and θ uniform over the turn. No noise, cross sections or echoes. Rays pass through the
-//! radar's own carrier.
+//! the sensor's space with r uniform in 0..1 and θ uniform over the turn. No noise, cross sections
+//! or echoes. Rays pass through the radar's own carrier.
 
 use nalgebra::{Isometry3, Vector3};
 use schema_frames::RadarDetection;

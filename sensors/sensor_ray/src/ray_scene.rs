@@ -88,8 +88,8 @@ impl RayScene {
     }
 
     /// Hides what `assets` leave out of the scenery and shows the rest, for the price of what
-    /// changed. False if that takes new hierarchies: for
-    /// another episode, or if something is to be shown that was hidden when this was loaded.
+    /// changed. False if that takes new hierarchies: for another episode, or if something is to be
+    /// shown that was hidden when this was loaded.
     #[must_use]
     pub fn hide(&mut self, assets: &SceneAssets) -> bool {
         let fits = assets.episode == self.episode
@@ -116,8 +116,7 @@ impl RayScene {
     }
 
     /// Puts the moving instances of a tick in place of those before; those of an actor are
-    /// neighbours. Instances whose pose is not finite, or
-    /// 10¹⁸ m away, are left out.
+    /// neighbours. Instances whose pose is not finite, or 10¹⁸ m away, are left out.
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
         let boxes: Vec<Bounds> = self
@@ -129,8 +128,7 @@ impl RayScene {
     }
 
     /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the
-    /// processor casts meet nothing that moves until
-    /// the next [`RayScene::update`].
+    /// processor casts meet nothing that moves until the next [`RayScene::update`].
     pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
         self.dynamics_tree = Tree::default();

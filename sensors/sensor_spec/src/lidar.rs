@@ -18,8 +18,8 @@ pub enum LidarScan {
     #[default]
     Turn,
     /// What the head sweeps in one tick, counting `points_per_second` and `rotation_hz`: CARLA's
-    /// lidar. The head turns clockwise
-    /// seen from above and goes on from where it was at the previous firing.
+    /// lidar. The head turns clockwise seen from above and goes on from where it was at the
+    /// previous firing.
     Sweep,
 }
 

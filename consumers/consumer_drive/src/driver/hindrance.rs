@@ -122,8 +122,8 @@ impl Lookout<'_> {
 }
 
 /// How far a vehicle's front swings out of the strip of its own width on a bend, on one side,
-/// metres.
-/// It turns about a point beside its rear axle, while the point between the axles follows the bend.
+/// metres. It turns about a point beside its rear axle, while the point between the axles follows
+/// the bend.
 fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, left: bool) -> f64 {
     let outside = if left {
         -curvature_per_m

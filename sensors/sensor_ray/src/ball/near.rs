@@ -20,8 +20,8 @@ pub(crate) fn visit_near(
     });
 }
 
-/// Calls `leaf` for every leaf whose box a moving ball comes near before the limit, which
-/// `leaf` may shorten.
+/// Calls `leaf` for every leaf whose box a moving ball comes near before the limit, which `leaf`
+/// may shorten.
 fn walk_near(tree: &Tree, ball: &Ball, limit_m: &mut f64, mut leaf: impl FnMut(u32, &mut f64)) {
     let mut stack = Vec::new();
     if !tree.nodes.is_empty() {

@@ -1,11 +1,9 @@
 //! The hierarchy over what moves: the boxes of an actor's parts are fitted to nodes whose shape
-//! depends on nothing but their number, and a
-//! small hierarchy over the actors is built anew.
+//! depends on nothing but their number, and a small hierarchy over the actors is built anew.
 //!
 //! What comes of it is a function of the tick alone. A hierarchy that were refitted from tick to
-//! tick would remember where things stood when it
-//! was built, and where two surfaces lie at the same distance a ray would tell the history of the
-//! run.
+//! tick would remember where things stood when it was built, and where two surfaces lie at the same
+//! distance a ray would tell the history of the run.
 
 use std::ops::Range;
 
@@ -20,8 +18,7 @@ use super::tree::{LEAF, Node, Tree, WIDTH};
 pub(crate) type Bounds = ([f32; 3], [f32; 3]);
 
 /// The hierarchy over boxes that come group by group; `ends` are the numbers of the first box
-/// behind each group. Leaves are numbers of boxes,
-/// and the leaves of a node are neighbours.
+/// behind each group. Leaves are numbers of boxes, and the leaves of a node are neighbours.
 pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
     if boxes.is_empty() {
         return Tree::default();

@@ -7,8 +7,7 @@
 use super::tree::{LEAF, Node, Tree, WIDTH};
 
 /// 32-bit words of a node: origin (3), exponents and inner slots, first child, first item, meta
-/// (2), then lower and upper sides:
-/// x, y, z lower, x, y, z upper (2 each).
+/// (2), then lower and upper sides: x, y, z lower, x, y, z upper (2 each).
 pub(crate) const NODE_WORDS: usize = 20;
 
 /// Word of a node that numbers its first child.
@@ -112,8 +111,7 @@ impl Packed {
 }
 
 /// Which child sits in which slot: slot `s` is for what lies towards −x if bit 2 of `s` is clear,
-/// −y for bit 1, −z for bit 0, so that
-/// visiting slots by `s XOR octant` goes from near to far.
+/// −y for bit 1, −z for bit 0, so that visiting slots by `s XOR octant` goes from near to far.
 fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     let n = node.n_children as usize;
     let centre = |i: usize| [0, 1, 2].map(|axis| node.bounds[axis][0][i] + node.bounds[axis][1][i]);

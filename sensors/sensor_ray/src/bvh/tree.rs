@@ -1,4 +1,5 @@
-//! Hierarchies of boxes with eight children per node, folded from the binary ones that obvhs builds.
+//! Hierarchies of boxes with eight children per node, folded from the binary ones that obvhs
+//! builds.
 
 use obvhs::bvh2::Bvh2;
 

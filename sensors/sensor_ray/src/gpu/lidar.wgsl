@@ -1,8 +1,11 @@
-// Lidar rays through a two-level hierarchy of quantised eight-wide nodes, and the packing of their points.
+// Lidar rays through a two-level hierarchy of quantised eight-wide nodes, and the packing of their
+// points.
 //
-// Rays walk in f32; what they hit is then made exact in f64. Numbers that need more than f32 come as pairs (high, low).
-// Sources: Ylitie, Karras and Laine, Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs (HPG 2017), for the nodes and
-// the order of children; Steele, Lea and Flood, Fast splittable pseudorandom number generators (2014), for the noise.
+// Rays walk in f32; what they hit is then made exact in f64. Numbers that need more than f32 come
+// as pairs (high, low).
+// Sources: Ylitie, Karras and Laine, Efficient Incoherent Ray Traversal on GPUs Through Compressed
+// Wide BVHs (HPG 2017), for the nodes and the order of children; Steele, Lea and Flood, Fast
+// splittable pseudorandom number generators (2014), for the noise.
 
 struct Instance {
     // Rows of mesh_from_world with its translation in w: high and low parts.
@@ -17,19 +20,23 @@ struct Lidar {
     shape: vec4<u32>,
     // First pose in `tables`, number of poses, first word of its points, first chunk.
     place: vec4<u32>,
-    // 1 if semantic, object that rays pass through or 0, numerator over 2^53 of the general drop-off (low, high).
+    // 1 if semantic, object that rays pass through or 0, numerator over 2^53 of the general
+    // drop-off (low, high).
     what: vec4<u32>,
     // Noise key (low, high), number of chunks, words of a point.
     noise: vec4<u32>,
     // Range (high, low), attenuation per metre, standard deviation of the range.
     range: vec4<f32>,
-    // Intensity from which on every return is kept, the same for the ratio, share lost at intensity 0.
+    // Intensity from which on every return is kept, the same for the ratio, share lost at intensity
+    // 0.
     loss: vec4<f32>,
-    // Output of its points, first word there, first of the counts that are cleared for the next submission.
+    // Output of its points, first word there, first of the counts that are cleared for the next
+    // submission.
     target_of: vec4<u32>,
 }
 
-// What a dispatch does: first lidar to be traced, how many, first lidar to be packed, how many; blocks and chunks of the longest.
+// What a dispatch does: first lidar to be traced, how many, first lidar to be packed, how many;
+// blocks and chunks of the longest.
 struct Turn {
     first_traced: u32,
     n_traced: u32,
@@ -153,7 +160,8 @@ fn edge_normal(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
     return cross(a + b, b - a);
 }
 
-// Distance to a triangle, or -1. An edge that two triangles share gives the same number with the other sign for the other one.
+// Distance to a triangle, or -1. An edge that two triangles share gives the same number with the
+// other sign for the other one.
 fn triangle_distance(at: u32, origin: vec3<f32>, direction: vec3<f32>) -> f32 {
     let a = bitcast<vec3<f32>>(triangles[3u * at].xyz) - origin;
     let b = bitcast<vec3<f32>>(triangles[3u * at + 1u].xyz) - origin;
@@ -196,8 +204,9 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
     var order = order_of(direction);
     var instance = nothing;
     var first_triangle = 0u;
-    // What is still to be visited: first child and hits << 8 | inner slots, or first instance, the top bit and a bit for each. In
-    // the workgroup's memory it leaves room for fewer rays at a time.
+    // What is still to be visited: first child and hits << 8 | inner slots, or first instance, the
+    // top bit and a bit for each. In the workgroup's memory it leaves room for fewer rays at a
+    // time.
     var stack: array<vec2<u32>, 32>;
     var depth = 0u;
     // The walk of an instance ends where it began.
@@ -231,7 +240,8 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
                 stack[depth] = group;
                 depth += 1u;
             }
-            // A node: origin, exponents and inner slots; first child, first item, meta; lower sides; upper sides.
+            // A node: origin, exponents and inner slots; first child, first item, meta; lower
+            // sides; upper sides.
             let n0 = nodes[5u * child];
             let n1 = nodes[5u * child + 1u];
             let n2 = nodes[5u * child + 2u];
@@ -468,7 +478,8 @@ fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
             totals[lidar] = base + n_returned;
         }
     }
-    // Word by word from a multiple of 128 bytes on: memory of the host is reached over a bus that wants whole lines.
+    // Word by word from a multiple of 128 bytes on: memory of the host is reached over a bus that
+    // wants whole lines.
     let first_out = home.y + words * base;
     let skipped = first_out & 31u;
     let n_words = n_returned * words;
@@ -491,8 +502,9 @@ fn pack(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index
     pack_chunk(turn.first_packed + block.y, block.x, lane);
 }
 
-// Some lidars are packed while the next ones are traced, so that the bus has work all the time: of five workgroups one packs. If all that
-// pack came first, they would fill the GPU and wait for the bus together.
+// Some lidars are packed while the next ones are traced, so that the bus has work all the time: of
+// five workgroups one packs. If all that pack came first, they would fill the GPU and wait for the
+// bus together.
 @compute @workgroup_size(64)
 fn both(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = block.z * 65535u + block.y;

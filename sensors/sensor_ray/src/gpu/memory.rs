@@ -89,8 +89,8 @@ impl Memory {
     }
 
     /// Makes room, says where returns are counted, and uploads lidars and tables; what is copied
-    /// from (`copies`) is needed only where shaders do
-    /// not write to readers. True if buffers are others than before.
+    /// from (`copies`) is needed only where shaders do not write to readers. True if buffers are
+    /// others than before.
     pub fn upload(
         &mut self,
         gpu: &Gpu,

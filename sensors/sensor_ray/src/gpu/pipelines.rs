@@ -86,9 +86,9 @@ impl Pipelines {
             unsafe_code,
             reason = "checks of indices and loops cost a part of the rays per second; the block carries its proof"
         )]
-        // SAFETY: nodes, triangles and instances are numbered by `Packed` and `GpuScene`, which fill
-        // the buffers. Rays, chunks and words are numbered by `Submission`; the buffers are sized
-        // and the outputs checked after that. A walk visits a node once, its stack holds what
+        // SAFETY: nodes, triangles and instances are numbered by `Packed` and `GpuScene`, which
+        // fill the buffers. Rays, chunks and words are numbered by `Submission`; the buffers are
+        // sized and the outputs checked after that. A walk visits a node once, its stack holds what
         // `GpuScene::update` lets through, and all other loops count bits, lanes or words.
         let shader = unsafe { gpu.shader_unchecked("lidars", &text) };
         let pipeline = |entry_point: &str| {

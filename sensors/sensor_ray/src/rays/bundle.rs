@@ -1,15 +1,12 @@
 //! Bundles of rays with a common origin, and how they walk a hierarchy together.
 //!
 //! A bundle looks along an axis. Its rays are points (u, v) of the plane one metre ahead, eight to
-//! a group; boxes are tested against the
-//! pyramid about all of them, triangles are projected to the plane and tested only against the
-//! groups that lie under their outline.
-//! A ray is inside a triangle if it passes all three edges on the same side: an edge that two
-//! triangles share gives the same number with
-//! the other sign for the other one, so that no ray slips between them.
+//! a group; boxes are tested against the pyramid about all of them, triangles are projected to the
+//! plane and tested only against the groups that lie under their outline. A ray is inside a
+//! triangle if it passes all three edges on the same side: an edge that two triangles share gives
+//! the same number with the other sign for the other one, so that no ray slips between them.
 //! Sources: Pineda, *A Parallel Algorithm for Polygon Rasterization* (1988); Reshetov, Soupikov and
-//! Hurley, *Multi-Level Ray Tracing
-//! Algorithm* (2005).
+//! Hurley, *Multi-Level Ray Tracing Algorithm* (2005).
 
 use nalgebra::Vector3;
 use sensor_core::lanes::Lanes;

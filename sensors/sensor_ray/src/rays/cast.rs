@@ -49,9 +49,8 @@ impl RayScene {
     }
 
     /// Every surface along a ray, nearest first, at most `max_hits`; distances are from `origin_m`.
-    /// A body has a surface where the ray goes in
-    /// and another where it comes out. Surfaces less than a millimetre behind another one may be
-    /// left out.
+    /// A body has a surface where the ray goes in and another where it comes out. Surfaces less
+    /// than a millimetre behind another one may be left out.
     pub fn cast_through(
         &self,
         origin_m: &Point3<f64>,

@@ -127,8 +127,7 @@ fn seen_from<L: Lanes>(corner: &[[f32; WIDTH]; 3], origin: &[L; 3], basis: &[[L;
 }
 
 /// Normal of the plane through the origin and an edge: (a + b) × (b − a) = 2 a × b, exact where the
-/// edge is short, and exactly the other
-/// way round for the neighbour.
+/// edge is short, and exactly the other way round for the neighbour.
 #[inline(always)]
 fn edge_normal<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
     cross(
