@@ -1,5 +1,5 @@
-//! The scene in the GPU's memory: triangles and hierarchies of scenery and meshes, uploaded once,
-//! and the instances of the tick.
+//! The scene in the GPU's memory: triangles and hierarchies of scenery and meshes, which are
+//! uploaded once, and the instances of the tick.
 
 use nalgebra::{Isometry3, Point3};
 use sensor_gpu::Gpu;
@@ -11,14 +11,14 @@ use crate::bvh::{
 };
 use crate::ray_scene::{CHUNK, Labels, RayScene, box_about};
 
-/// Where a hierarchy begins.
+/// Where a hierarchy begins in the buffers.
 #[derive(Clone, Copy)]
 struct Place {
     root: u32,
     first_triangle: u32,
 }
 
-/// Nodes at the front of the buffer that are kept for the instances of the tick.
+/// Nodes at the front of the buffer that are reserved for the hierarchy over instances.
 const UPPER_NODES: usize = 1024;
 
 /// An instance as the shader reads it.
@@ -26,30 +26,34 @@ const UPPER_NODES: usize = 1024;
 #[derive(Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 struct InstanceWords {
     rows: [[f32; 4]; 6],
-    what: [u32; 4],
+    root: u32,
+    first_triangle: u32,
+    object: u32,
+    reserved: u32,
 }
 
-/// Buffers of the world.
+/// Buffers of the scene, and what they hold.
 pub(super) struct GpuScene {
     pub nodes: wgpu::Buffer,
     pub triangles: wgpu::Buffer,
     pub instances: wgpu::Buffer,
     tiles: Vec<Option<Place>>,
     meshes: Vec<Option<Place>>,
-    /// Scene whose hierarchies were uploaded, and how many.
+    /// Serial number of the scene whose hierarchies were uploaded, and the number of its mesh
+    /// hierarchies.
     loaded: Option<(u64, usize)>,
-    /// The same of hierarchies that the GPU cannot hold, and why.
+    /// The same for hierarchies that the GPU cannot hold, and the reason.
     refused: Option<((u64, usize), String)>,
-    /// Changes of its hidden triangles that were taken over.
+    /// Revision of hidden triangles that was uploaded.
     revision: u64,
     upper_nodes: usize,
     /// Levels of the deepest hierarchy of scenery or a mesh.
     n_levels: u32,
-    /// What the GPU has.
+    /// What moves, as it was last uploaded.
     uploaded: Uploaded,
 }
 
-/// What moves, as the GPU has it.
+/// What moves, as it was last uploaded.
 #[derive(Default)]
 struct Uploaded {
     poses: Vec<Isometry3<f64>>,
@@ -79,10 +83,10 @@ impl GpuScene {
         }
     }
 
-    /// Uploads what is new and says whether buffers are others than before.
+    /// Uploads what changed; true if a buffer was replaced.
     ///
     /// # Errors
-    /// In a sentence why the GPU cannot hold the scene; buffers may be others than before then.
+    /// A sentence that says why the GPU cannot hold the scene; buffers may have been replaced then.
     pub fn update(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
         let key = (scene.serial, scene.mesh_trees.iter().flatten().count());
         if let Some((_, why)) = self.refused.as_ref().filter(|(refused, _)| *refused == key) {
@@ -107,7 +111,7 @@ impl GpuScene {
                 "a hierarchy of boxes takes {n_levels} entries of the shader's stack, which has {STACK_ENTRIES}"
             ));
         }
-        // A root without children stops every ray of an empty world.
+        // In an empty scene, a root without children stops every ray.
         if upper.nodes.is_empty() {
             upper.nodes.push(empty_node());
         }
@@ -119,8 +123,8 @@ impl GpuScene {
         Ok(self.update_instances(gpu, scene)? || is_new)
     }
 
-    /// Uploads the instances from the first to the last that is not as before. True if their buffer
-    /// is another one.
+    /// Uploads the instances from the first to the last one that changed; true if their buffer was
+    /// replaced.
     fn update_instances(&mut self, gpu: &Gpu, scene: &RayScene) -> Result<bool, String> {
         let tiles = scene
             .scenery
@@ -141,7 +145,7 @@ impl GpuScene {
         let n_placed = self.tiles.iter().flatten().count() + scene.dynamics.len();
         let n_bytes = (n_placed * size_of::<InstanceWords>()) as u64;
         let is_new = n_bytes > self.instances.size();
-        // Before anything is taken for uploaded.
+        // Checked before anything is noted as uploaded.
         if is_new {
             check_size(gpu, "moving things", n_bytes.next_power_of_two())?;
         }
@@ -150,14 +154,17 @@ impl GpuScene {
         } = &mut self.uploaded;
         let (mut n, mut changed) = (0, None);
         for (place, pose, object) in tiles.chain(moving) {
-            let what = [place.root, place.first_triangle, object, 0];
-            if instances
-                .get(n)
-                .is_none_or(|known| known.what != what || poses[n] != pose)
-            {
+            let is_same = |known: &InstanceWords| {
+                (known.root, known.first_triangle, known.object)
+                    == (place.root, place.first_triangle, object)
+            };
+            if !instances.get(n).is_some_and(is_same) || poses[n] != pose {
                 let words = InstanceWords {
                     rows: rows_of(&pose),
-                    what,
+                    root: place.root,
+                    first_triangle: place.first_triangle,
+                    object,
+                    reserved: 0,
                 };
                 if n == instances.len() {
                     instances.push(words);
@@ -218,8 +225,8 @@ impl GpuScene {
         Ok(())
     }
 
-    /// Uploads the chunks of scenery in which something was hidden or shown, neighbours in one
-    /// piece.
+    /// Uploads the chunks of scenery in which something was hidden or shown, consecutive chunks in
+    /// one piece.
     fn change_triangles(&mut self, gpu: &Gpu, scene: &RayScene) {
         for (tile_idx, revisions) in scene.hiding.chunks.iter().enumerate() {
             let tile = &scene.scenery.tiles[tile_idx];
@@ -251,7 +258,7 @@ impl GpuScene {
     }
 }
 
-/// Whether a shader can be given so many bytes of one thing.
+/// Checks that a shader can reach `n_bytes` of one buffer.
 fn check_size(gpu: &Gpu, what: &str, n_bytes: u64) -> Result<(), String> {
     let limits = gpu.device().limits();
     let most = limits
@@ -282,7 +289,7 @@ fn n_levels(scene: &RayScene) -> u32 {
         .unwrap_or(0)
 }
 
-/// The hierarchy over the boxes of scenery, tile by tile, and of what moves, in the world.
+/// The hierarchy over the tiles of scenery and the moving instances, in world space.
 fn upper_level(scene: &RayScene) -> Packed {
     let (mut boxes, mut ends) = (
         Vec::<Bounds>::with_capacity(scene.scenery.tiles.len() + scene.dynamics.len()),

@@ -1,8 +1,9 @@
 // Lidar rays through a two-level hierarchy of quantised eight-wide nodes, and the packing of their
 // points.
 //
-// Rays walk in f32; what they hit is then made exact in f64. Numbers that need more than f32 come
-// as pairs (high, low).
+// Rays walk in f32; the distance to what they hit is then computed in f64. Numbers that need more
+// than f32 come as pairs (high, low) whose sum they are.
+//
 // Sources: Ylitie, Karras and Laine, Efficient Incoherent Ray Traversal on GPUs Through Compressed
 // Wide BVHs (HPG 2017), for the nodes and the order of children; Steele, Lea and Flood, Fast
 // splittable pseudorandom number generators (2014), for the noise.
@@ -11,33 +12,46 @@ struct Instance {
     // Rows of mesh_from_world with its translation in w: high and low parts.
     high: array<vec4<f32>, 3>,
     low: array<vec4<f32>, 3>,
-    // Root node, first triangle, object id.
-    what: vec4<u32>,
+    root: u32,
+    first_triangle: u32,
+    object: u32,
+    reserved: u32,
 }
 
+// One lidar. submission.rs explains the fields.
 struct Lidar {
-    // Channels, columns, first elevation and first azimuth in `tables`.
-    shape: vec4<u32>,
-    // First pose in `tables`, number of poses, first word of its points, first chunk.
-    place: vec4<u32>,
-    // 1 if semantic, object that rays pass through or 0, numerator over 2^53 of the general
-    // drop-off (low, high).
-    what: vec4<u32>,
-    // Noise key (low, high), number of chunks, words of a point.
-    noise: vec4<u32>,
-    // Range (high, low), attenuation per metre, standard deviation of the range.
-    range: vec4<f32>,
-    // Intensity from which on every return is kept, the same for the ratio, share lost at intensity
-    // 0.
-    loss: vec4<f32>,
-    // Output of its points, first word there, first of the counts that are cleared for the next
-    // submission.
-    target_of: vec4<u32>,
+    n_channels: u32,
+    n_columns: u32,
+    first_elevation: u32,
+    first_azimuth: u32,
+    first_pose: u32,
+    n_poses: u32,
+    first_word: u32,
+    first_chunk: u32,
+    is_semantic: u32,
+    ignored: u32,
+    misfires_low: u32,
+    misfires_high: u32,
+    noise_low: u32,
+    noise_high: u32,
+    n_chunks: u32,
+    point_words: u32,
+    range_high_m: f32,
+    range_low_m: f32,
+    attenuation_per_m: f32,
+    noise_range_stddev_m: f32,
+    keep_limit: f32,
+    dropoff_intensity_limit: f32,
+    dropoff_zero_intensity_ratio: f32,
+    reserved: u32,
+    output: u32,
+    first_out: u32,
+    first_cleared: u32,
+    reserved_end: u32,
 }
 
-// What a dispatch does: first lidar to be traced, how many, first lidar to be packed, how many;
-// blocks and chunks of the longest.
-struct Turn {
+// Which lidars a dispatch traces and packs; blocks and chunks are those of the lidar that has most.
+struct Dispatch {
     first_traced: u32,
     n_traced: u32,
     first_packed: u32,
@@ -53,7 +67,7 @@ struct Turn {
 @group(0) @binding(4) var<storage, read> tables: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> points: array<u32>;
 @group(0) @binding(6) var<storage, read_write> kept: array<atomic<u32>>;
-// Counts of returns, and up to eight places where points go: scratch memory, or that of readers.
+// Returns per lidar, and up to eight outputs that points go to: scratch memory, or that of readers.
 @group(1) @binding(0) var<storage, read_write> totals: array<u32>;
 @group(1) @binding(1) var<storage, read_write> out0: array<u32>;
 @group(1) @binding(2) var<storage, read_write> out1: array<u32>;
@@ -64,9 +78,9 @@ struct Turn {
 @group(1) @binding(7) var<storage, read_write> out6: array<u32>;
 @group(1) @binding(8) var<storage, read_write> out7: array<u32>;
 
-var<immediate> turn: Turn;
+var<immediate> dispatch: Dispatch;
 
-// Columns of a workgroup's block of 64 rays.
+// Width of a workgroup's block of 64 rays.
 override block_columns: u32 = 8u;
 
 const chunk_rays: u32 = 256u;
@@ -126,7 +140,8 @@ fn uniform01(bits: u64) -> f32 {
 
 fn gaussian(key: u64, sample: u64) -> f32 {
     let own = key ^ 0x6a09e667f3bcc908lu;
-    // One less the number, which has the last bits where the logarithm needs them.
+    // 1 - u, subtracted as integers: where it is small, and the logarithm steep, f32 keeps all
+    // bits.
     let rest = f32(f64(0x20000000000000lu - sample53(own, 2lu * sample)) * 1.1102230246251565e-16lf);
     let angle = 6.283185307179586 * uniform01(sample53(own, 2lu * sample + 1lu));
     return sqrt(-2.0 * log(rest)) * cos(angle);
@@ -146,12 +161,13 @@ fn inverse3(v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(finite_inverse(v.x), finite_inverse(v.y), finite_inverse(v.z));
 }
 
-// Bit of a direction's octant that puts the nearest child highest.
+// Octant of a direction: slots XOR this number are visited from the highest to the lowest bit,
+// which is from near to far.
 fn order_of(direction: vec3<f32>) -> u32 {
     return select(4u, 0u, direction.x < 0.0) | select(2u, 0u, direction.y < 0.0) | select(1u, 0u, direction.z < 0.0);
 }
 
-// A root as the only child of a node above it.
+// A group that has a root node as its only child.
 fn root(node: u32, order: u32) -> vec2<u32> {
     return vec2<u32>(node, ((1u << (7u ^ order)) << 8u) | 0x80u);
 }
@@ -160,8 +176,8 @@ fn edge_normal(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
     return cross(a + b, b - a);
 }
 
-// Distance to a triangle, or -1. An edge that two triangles share gives the same number with the
-// other sign for the other one.
+// Distance to a triangle, or -1. An edge that two triangles share gives numbers of opposite sign
+// for the two, so that no ray slips between them.
 fn triangle_distance(at: u32, origin: vec3<f32>, direction: vec3<f32>) -> f32 {
     let a = bitcast<vec3<f32>>(triangles[3u * at].xyz) - origin;
     let b = bitcast<vec3<f32>>(triangles[3u * at + 1u].xyz) - origin;
@@ -204,12 +220,12 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
     var order = order_of(direction);
     var instance = nothing;
     var first_triangle = 0u;
-    // What is still to be visited: first child and hits << 8 | inner slots, or first instance, the
-    // top bit and a bit for each. In the workgroup's memory it leaves room for fewer rays at a
-    // time.
+    // What is still to be visited. For nodes: first child, and hits << 8 | inner slots. For
+    // instances: the first one, and the top bit with a bit for each. The stack is private memory:
+    // in workgroup memory it would leave room for fewer rays at a time.
     var stack: array<vec2<u32>, 32>;
     var depth = 0u;
-    // The walk of an instance ends where it began.
+    // Depth of the stack at which the walk of the current instance ends.
     var instance_depth = 0u;
     var group = root(0u, order);
     loop {
@@ -221,15 +237,15 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
                 depth += 1u;
             }
             group.y = 0u;
-            if (ignored == 0u || instances[next].what.z != ignored) {
+            if (ignored == 0u || instances[next].object != ignored) {
                 instance = next;
                 instance_depth = depth;
-                first_triangle = instances[next].what.y;
+                first_triangle = instances[next].first_triangle;
                 origin = narrowed(local_origin(next, origin_in_world));
                 direction = narrowed(local_direction(next, direction_in_world));
                 inverse = inverse3(direction);
                 order = order_of(direction);
-                group = root(instances[next].what.x, order);
+                group = root(instances[next].root, order);
             }
         } else {
             let bit = firstLeadingBit(group.y >> 8u);
@@ -294,7 +310,7 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
             }
             group = vec2<u32>(n1.x, (hits_out << 8u) | inner);
             if (instance == nothing) {
-                // Instances before the nodes below.
+                // Visit the instances first and keep the inner nodes for later.
                 if (items != 0u) {
                     if (hits_out != 0u) {
                         stack[depth] = group;
@@ -332,33 +348,32 @@ fn cast_ray(origin_in_world: Vec3d, direction_in_world: Vec3d, limit: f32, ignor
 }
 
 fn put_lost(lidar: u32, ray: u32) {
-    let words = lidars[lidar].noise.w;
-    points[lidars[lidar].place.z + words * ray + words - 1u] = lost << 16u;
+    let words = lidars[lidar].point_words;
+    points[lidars[lidar].first_word + words * ray + words - 1u] = lost << 16u;
 }
 
 fn trace_block(lidar: u32, block: u32, lane: u32) {
-    let shape = lidars[lidar].shape;
-    let place = lidars[lidar].place;
-    let what = lidars[lidar].what;
+    let n_channels = lidars[lidar].n_channels;
+    let n_columns = lidars[lidar].n_columns;
     let block_channels = 64u / block_columns;
-    let across = (shape.y + block_columns - 1u) / block_columns;
+    let across = (n_columns + block_columns - 1u) / block_columns;
     let column = (block % across) * block_columns + lane % block_columns;
     let channel = (block / across) * block_channels + lane / block_columns;
-    if (channel >= shape.x || column >= shape.y) {
+    if (channel >= n_channels || column >= n_columns) {
         return;
     }
-    let ray = channel * shape.y + column;
-    let key = (u64(lidars[lidar].noise.y) << 32u) | u64(lidars[lidar].noise.x);
-    let misfires = (u64(what.w) << 32u) | u64(what.z);
+    let ray = channel * n_columns + column;
+    let key = (u64(lidars[lidar].noise_high) << 32u) | u64(lidars[lidar].noise_low);
+    let misfires = (u64(lidars[lidar].misfires_high) << 32u) | u64(lidars[lidar].misfires_low);
     if (misfires != 0lu && sample53(key, 2lu * u64(ray)) < misfires) {
         put_lost(lidar, ray);
         return;
     }
-    let elevation = tables[shape.z + channel];
-    let azimuth = tables[shape.w + column];
+    let elevation = tables[lidars[lidar].first_elevation + channel];
+    let azimuth = tables[lidars[lidar].first_azimuth + column];
     let level = wide(elevation.x, elevation.y);
     let beam = Vec3d(level * wide(azimuth.x, azimuth.y), level * wide(azimuth.z, azimuth.w), wide(elevation.z, elevation.w));
-    let pose = place.x + 6u * select(0u, column, place.y > 1u);
+    let pose = lidars[lidar].first_pose + 6u * select(0u, column, lidars[lidar].n_poses > 1u);
     let origin = Vec3d(
         wide(tables[pose].w, tables[pose + 3u].w),
         wide(tables[pose + 1u].w, tables[pose + 4u].w),
@@ -369,9 +384,9 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
         dot3(row(tables[pose + 1u], tables[pose + 4u]), beam),
         dot3(row(tables[pose + 2u], tables[pose + 5u]), beam),
     );
-    let range = lidars[lidar].range;
-    // A little beyond the limit: the exact distance decides.
-    let found = cast_ray(origin, direction, range.x * 1.000001 + 1e-3, what.y);
+    let range_high_m = lidars[lidar].range_high_m;
+    // A little more than the range: the exact distance decides.
+    let found = cast_ray(origin, direction, range_high_m * 1.000001 + 1e-3, lidars[lidar].ignored);
     if (found.triangle == nothing) {
         put_lost(lidar, ray);
         return;
@@ -385,17 +400,17 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
     var distance = f64(found.distance);
     if (slope != 0.0lf) {
         let plane = dot3(normal, minus(a, local_origin(found.instance, origin))) / slope;
-        // A sliver has no plane worth the name.
+        // A sliver has no well-defined plane: its f32 distance counts.
         if (abs(f32(plane) - found.distance) <= 0.01 + 0.01 * found.distance) {
             distance = max(plane, 0.0lf);
         }
     }
-    if (distance > wide(range.x, range.y)) {
+    if (distance > wide(range_high_m, lidars[lidar].range_low_m)) {
         put_lost(lidar, ray);
         return;
     }
-    let word = place.z + lidars[lidar].noise.w * ray;
-    if (what.x == 1u) {
+    let word = lidars[lidar].first_word + lidars[lidar].point_words * ray;
+    if (lidars[lidar].is_semantic == 1u) {
         let steep = f32(abs(slope));
         let length = sqrt(f32(dot3(normal, normal)));
         let own = a4.w;
@@ -403,27 +418,31 @@ fn trace_block(lidar: u32, block: u32, lane: u32) {
         points[word + 1u] = bitcast<u32>(f32(beam.y * distance));
         points[word + 2u] = bitcast<u32>(f32(beam.z * distance));
         points[word + 3u] = bitcast<u32>(select(1.0, min(steep / length, 1.0), length > 0.0));
-        points[word + 4u] = select(own, instances[found.instance].what.z, own == 0u);
+        points[word + 4u] = select(own, instances[found.instance].object, own == 0u);
         points[word + 5u] = (channel << 16u) | b4.w;
     } else {
-        if (range.w > 0.0) {
-            distance = max(distance + f64(range.w * gaussian(key, u64(ray))), 0.0lf);
+        let stddev_m = lidars[lidar].noise_range_stddev_m;
+        if (stddev_m > 0.0) {
+            distance = max(distance + f64(stddev_m * gaussian(key, u64(ray))), 0.0lf);
         }
-        let loss = lidars[lidar].loss;
-        let intensity = exp(-range.z * f32(distance));
-        if (intensity < loss.x && uniform01(sample53(key, 2lu * u64(ray) + 1lu)) >= 1.0 - loss.z * (1.0 - intensity / loss.y)) {
-            put_lost(lidar, ray);
-            return;
+        let intensity = exp(-lidars[lidar].attenuation_per_m * f32(distance));
+        if (intensity < lidars[lidar].keep_limit) {
+            let share = intensity / lidars[lidar].dropoff_intensity_limit;
+            let kept_ratio = 1.0 - lidars[lidar].dropoff_zero_intensity_ratio * (1.0 - share);
+            if (uniform01(sample53(key, 2lu * u64(ray) + 1lu)) >= kept_ratio) {
+                put_lost(lidar, ray);
+                return;
+            }
         }
         points[word] = bitcast<u32>(f32(beam.x * distance));
         points[word + 1u] = bitcast<u32>(f32(beam.y * distance));
         points[word + 2u] = bitcast<u32>(f32(beam.z * distance));
         points[word + 3u] = (channel << 16u) | u32(intensity * 65535.0 + 0.5);
     }
-    atomicAdd(&kept[place.w + ray / chunk_rays], 1u);
+    atomicAdd(&kept[lidars[lidar].first_chunk + ray / chunk_rays], 1u);
 }
 
-// Rays of a chunk that return.
+// Rays of a chunk that have a return.
 var<workgroup> returned: array<u32, 256>;
 
 fn put(output: u32, at: u32, word: u32) {
@@ -439,14 +458,14 @@ fn put(output: u32, at: u32, word: u32) {
     }
 }
 
-// Writes the returns of a chunk of 256 rays behind those of all chunks before it.
+// Writes the returns of a chunk of 256 rays after those of all chunks before it.
 fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
-    let n_rays = lidars[lidar].shape.x * lidars[lidar].shape.y;
-    let n_chunks = lidars[lidar].noise.z;
-    let words = lidars[lidar].noise.w;
-    let first_word = lidars[lidar].place.z;
-    let first_chunk = lidars[lidar].place.w;
-    let home = lidars[lidar].target_of;
+    let n_rays = lidars[lidar].n_channels * lidars[lidar].n_columns;
+    let n_chunks = lidars[lidar].n_chunks;
+    let words = lidars[lidar].point_words;
+    let first_word = lidars[lidar].first_word;
+    let first_chunk = lidars[lidar].first_chunk;
+    let output = lidars[lidar].output;
     let is_used = chunk < n_chunks;
     var before = 0u;
     for (var other = lane; other < min(chunk, n_chunks); other += 64u) {
@@ -473,51 +492,51 @@ fn pack_chunk(lidar: u32, chunk: u32, lane: u32) {
     workgroupBarrier();
     let n_returned = sums[63];
     if (is_used && lane == 0u) {
-        atomicStore(&kept[home.z + chunk], 0u);
+        atomicStore(&kept[lidars[lidar].first_cleared + chunk], 0u);
         if (chunk + 1u == n_chunks) {
             totals[lidar] = base + n_returned;
         }
     }
-    // Word by word from a multiple of 128 bytes on: memory of the host is reached over a bus that
-    // wants whole lines.
-    let first_out = home.y + words * base;
+    // Lanes write consecutive words, aligned to 128 bytes: the host's memory is reached over a bus
+    // that transfers whole lines.
+    let first_out = lidars[lidar].first_out + words * base;
     let skipped = first_out & 31u;
     let n_words = n_returned * words;
     for (var i = lane; i < n_words + skipped; i += 64u) {
         if (i >= skipped) {
             let word = i - skipped;
             let ray = returned[word / words];
-            put(home.x, first_out + word, points[first_word + words * ray + word % words]);
+            put(output, first_out + word, points[first_word + words * ray + word % words]);
         }
     }
 }
 
 @compute @workgroup_size(64)
 fn trace(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    trace_block(turn.first_traced + block.y, block.x, lane);
+    trace_block(dispatch.first_traced + block.y, block.x, lane);
 }
 
 @compute @workgroup_size(64)
 fn pack(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
-    pack_chunk(turn.first_packed + block.y, block.x, lane);
+    pack_chunk(dispatch.first_packed + block.y, block.x, lane);
 }
 
-// Some lidars are packed while the next ones are traced, so that the bus has work all the time: of
-// five workgroups one packs. If all that pack came first, they would fill the GPU and wait for the
-// bus together.
+// Packs some lidars while it traces the next ones, which keeps the bus busy: one of five workgroups
+// packs. If all packing workgroups came first, they would fill the GPU and wait for the bus
+// together.
 @compute @workgroup_size(64)
 fn both(@builtin(workgroup_id) block: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let place = block.z * 65535u + block.y;
     if (block.x == 0u) {
-        let packed = place / turn.n_chunks;
-        if (packed < turn.n_packed) {
-            pack_chunk(turn.first_packed + packed, place % turn.n_chunks, lane);
+        let packed = place / dispatch.n_chunks;
+        if (packed < dispatch.n_packed) {
+            pack_chunk(dispatch.first_packed + packed, place % dispatch.n_chunks, lane);
         }
     } else {
         let own = 4u * place + block.x - 1u;
-        let traced = own / turn.n_blocks;
-        if (traced < turn.n_traced) {
-            trace_block(turn.first_traced + traced, own % turn.n_blocks, lane);
+        let traced = own / dispatch.n_blocks;
+        if (traced < dispatch.n_traced) {
+            trace_block(dispatch.first_traced + traced, own % dispatch.n_blocks, lane);
         }
     }
 }

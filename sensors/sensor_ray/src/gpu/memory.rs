@@ -1,4 +1,4 @@
-//! What lidars are read from and written to on the GPU, besides the world.
+//! The buffers that lidars read and write on the GPU, besides the scene.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ impl Growing {
         }
     }
 
-    /// Makes room for `n_bytes` and says whether the buffer is another one.
+    /// Makes room for `n_bytes`; true if the buffer was replaced.
     fn fit(&mut self, gpu: &Gpu, n_bytes: u64) -> bool {
         if self.buffer.size() >= n_bytes {
             return false;
@@ -32,30 +32,31 @@ impl Growing {
     }
 }
 
-/// Buffers of lidars.
+/// Buffers of lidars; they grow with the largest submission.
 pub(super) struct Memory {
     pub lidars: Growing,
     pub tables: Growing,
     pub points: Growing,
-    /// Returns per chunk, in two halves: while one is counted in, packing clears the other.
+    /// Returns per chunk, in two halves: a submission counts in one half while its packing clears
+    /// the other for the next submission.
     pub kept: Growing,
     pub packed: Growing,
     pub totals: Growing,
-    /// Bound where nothing is written.
+    /// Bound where a shader has no output.
     pub unused: wgpu::Buffer,
-    /// What the CPU and shaders both reach: number of points per lidar, then lidars and tables to
-    /// be uploaded.
+    /// Memory that both the CPU and shaders reach: the number of points per lidar, then lidars and
+    /// tables to be uploaded.
     host: Option<Arc<HostMemory>>,
-    /// Half that the next submission counts in.
+    /// Which half the next submission counts in.
     half: usize,
-    /// Counts at the front of each half that may not be zero.
+    /// Number of counts at the front of each half that may not be zero.
     dirty: [u32; 2],
 }
 
-/// Parts of the host's memory begin at multiples of this.
+/// Alignment of the parts of the host's memory.
 const PART_BYTES: usize = 256;
 
-/// Where lidars and tables begin in the host's memory.
+/// Offsets of lidars and tables in the host's memory.
 fn parts_of(submission: &Submission) -> (usize, usize) {
     let first_lidar = (4 * submission.lidars.len()).next_multiple_of(PART_BYTES);
     (
@@ -82,15 +83,15 @@ impl Memory {
         }
     }
 
-    /// Where the number of points of each lidar goes if a shader can write there; known after an
-    /// upload.
+    /// Memory for the number of points of each lidar, if shaders can write to the host; valid after
+    /// an upload.
     pub fn host(&self) -> Option<&Arc<HostMemory>> {
         self.host.as_ref()
     }
 
-    /// Makes room, says where returns are counted, and uploads lidars and tables; what is copied
-    /// from (`copies`) is needed only where shaders do not write to readers. True if buffers are
-    /// others than before.
+    /// Makes room, chooses where returns are counted, and uploads lidars and tables. `copies` says
+    /// whether packed points are copied to readers afterwards, which needs two more buffers. True
+    /// if a bound buffer was replaced.
     pub fn upload(
         &mut self,
         gpu: &Gpu,
@@ -106,7 +107,7 @@ impl Memory {
             .fit(gpu, size_of_val(&submission.tables[..]) as u64);
         is_new |= self.points.fit(gpu, 4 * submission.n_words as u64);
         if copies {
-            // These two are bound anew for every dispatch.
+            // These two are bound again for every dispatch, so replacing them needs no note.
             self.packed.fit(gpu, 4 * submission.n_words as u64);
             self.totals.fit(gpu, 4 * submission.lidars.len() as u64);
         }
@@ -126,8 +127,8 @@ impl Memory {
                     unsafe_code,
                     reason = "the GPU reads there later; the block carries its proof"
                 )]
-                // SAFETY: scans on their way hold what they read and write, and `host_of` gives
-                // nobody else's.
+                // SAFETY: scans in flight hold the memory that they read and write, and `host_of`
+                // returns memory that nobody else holds.
                 unsafe {
                     host.write(first_lidar, lidars);
                     host.write(first_table, tables);
@@ -152,14 +153,14 @@ impl Memory {
         is_new
     }
 
-    /// Whether shaders reach memory of the host, made large enough for this submission.
+    /// Whether shaders reach the host's memory; makes it large enough for this submission.
     pub fn fit_host(&mut self, gpu: &Gpu, submission: &Submission) -> bool {
         let (_, first_table) = parts_of(submission);
         self.host_of(gpu, first_table + size_of_val(&submission.tables[..]))
             .is_some()
     }
 
-    /// The host's memory with room for so many bytes, which no scan on its way holds.
+    /// Host memory with room for `n_bytes` that no scan in flight holds.
     fn host_of(&mut self, gpu: &Gpu, n_bytes: usize) -> Option<Arc<HostMemory>> {
         let fits =
             |host: &Arc<HostMemory>| host.n_bytes() >= n_bytes && Arc::strong_count(host) == 1;

@@ -13,7 +13,7 @@ pub(super) fn pair_of_pairs((cos, sin): &(f64, f64)) -> [f32; 4] {
     [a, b, c, d]
 }
 
-/// Rows of a turn with a shift in w: high parts, then low parts.
+/// Rows of a rotation with a translation in w: first the high parts, then the low parts.
 pub(super) fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
     let mut rows = [[0.0; 4]; 6];
     for i in 0..3 {
@@ -27,7 +27,7 @@ pub(super) fn rows(turn: &Matrix3<f64>, shift: &Vector3<f64>) -> [[f32; 4]; 6] {
     rows
 }
 
-/// The same of a pose.
+/// The rows of a pose: rotation, and translation in w.
 pub(super) fn rows_of(pose: &Isometry3<f64>) -> [[f32; 4]; 6] {
     rows(
         pose.rotation.to_rotation_matrix().matrix(),

@@ -61,9 +61,9 @@ fn missing_limit(limits: &wgpu::Limits) -> Option<String> {
 
 /// Pipelines and the layouts of what is bound to them.
 pub(super) struct Pipelines {
-    /// World, lidars and scratch memory.
+    /// Scene, lidars and scratch memory.
     pub scene: wgpu::BindGroupLayout,
-    /// Counts of returns and outputs.
+    /// Totals and outputs.
     pub outputs: wgpu::BindGroupLayout,
     trace: wgpu::ComputePipeline,
     pack: wgpu::ComputePipeline,
@@ -120,7 +120,7 @@ impl Pipelines {
         }
     }
 
-    /// What does this, and the name of its time.
+    /// The pipeline of a dispatch, and the label of its timing.
     pub fn of(&self, dispatch: &Dispatch) -> (&wgpu::ComputePipeline, &'static str) {
         match (dispatch.n_traced > 0, dispatch.n_packed > 0) {
             (true, false) if dispatch.fits() => (&self.trace, "lidar trace"),
@@ -130,7 +130,7 @@ impl Pipelines {
     }
 }
 
-/// Storage buffers, of which the first `n_read` are only read.
+/// Layout of `n` storage buffers, the first `n_read` of them read-only.
 fn layout(gpu: &Gpu, label: &str, n: u32, n_read: u32) -> wgpu::BindGroupLayout {
     let entry = |binding: u32| wgpu::BindGroupLayoutEntry {
         binding,

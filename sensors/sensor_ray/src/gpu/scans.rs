@@ -1,19 +1,19 @@
-//! Scans in flight, and what became of them.
+//! Scans in flight, and their outcome.
 
 use std::sync::Arc;
 
 use sensor_gpu::{Direct, GpuError, HostMemory, InFlight};
 
-/// What became of a scan.
+/// The outcome of a scan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScanOutcome {
-    /// Points at the front of the place; bytes behind them mean nothing.
+    /// Points at the front of the place; the bytes after them have no meaning.
     pub n_points: u32,
-    /// Copies by the CPU: 0 into imported memory, else 1.
+    /// Copies made by the CPU: 0 into imported memory, else 1.
     pub cpu_copies: u32,
 }
 
-/// Scans on their way.
+/// Scans in flight.
 #[derive(Debug)]
 #[must_use = "the points are there only after wait()"]
 pub struct Scans<'p>(pub(super) Way<'p>);
@@ -22,13 +22,13 @@ pub struct Scans<'p>(pub(super) Way<'p>);
 pub(super) enum Way<'p> {
     /// There were no jobs.
     None,
-    /// Points are copied; which copy is a job's, `None` for a job without rays.
+    /// Points are copied. By job: the number of its copy, `None` for a job without rays.
     Copied {
         copies: InFlight<'p>,
         of_jobs: Vec<Option<usize>>,
         _uploaded: Option<Arc<HostMemory>>,
     },
-    /// The shader writes points and their number where they belong.
+    /// The shader writes points and their numbers to their places.
     Direct {
         flight: Direct,
         totals: Arc<HostMemory>,
@@ -37,7 +37,7 @@ pub(super) enum Way<'p> {
 }
 
 impl Scans<'_> {
-    /// Waits until the points are where they belong; one outcome per job, in order.
+    /// Waits until the points have arrived; returns one outcome per job, in order.
     ///
     /// # Errors
     /// The device was lost.

@@ -1,4 +1,4 @@
-//! What Rust and the lidar shader have to agree on: numbers, and what a dispatch does.
+//! What Rust and the lidar shader must agree on: sizes, limits, and the parameters of a dispatch.
 
 /// Rays whose returns are counted together, as in the shader.
 pub(super) const CHUNK_RAYS: u32 = 256;
@@ -11,16 +11,16 @@ pub(super) const BLOCK_RAYS: u32 = 64;
 /// Places that the points of one dispatch may go to, as in the shader.
 pub(super) const MAX_OUTPUTS: usize = 8;
 
-/// Buffers of the world and scratch memory, as in the shader.
+/// Buffers of the scene and of scratch memory, as in the shader.
 pub(super) const SCENE_BUFFERS: u32 = 7;
-/// Counts of returns and outputs.
+/// The buffer of totals and the outputs.
 pub(super) const OUTPUT_BUFFERS: u32 = 1 + MAX_OUTPUTS as u32;
 /// Lanes of a workgroup, as in the shader.
 pub(super) const LANES: u32 = 64;
 /// Memory of a workgroup, as in the shader: a number per lane, a ray per return of a chunk.
 pub(super) const WORKGROUP_BYTES: u32 = 4 * (LANES + CHUNK_RAYS);
 
-/// What a dispatch does, as the shader reads it.
+/// Parameters of a dispatch, as the shader reads them.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 pub(super) struct Dispatch {
@@ -28,26 +28,26 @@ pub(super) struct Dispatch {
     pub n_traced: u32,
     pub first_packed: u32,
     pub n_packed: u32,
-    /// Blocks of rays of the lidar that has most of them.
+    /// Largest number of blocks of rays that a traced lidar has.
     pub n_blocks: u32,
-    /// Chunks of the lidar that has most of them.
+    /// Largest number of chunks that a packed lidar has.
     pub n_chunks: u32,
 }
 
-/// Workgroups that trace for one that packs, where a dispatch does both.
+/// In a dispatch that does both, workgroups that trace for each one that packs.
 pub(super) const TRACING: u32 = 4;
 /// Most workgroups along one side of a dispatch.
 pub(super) const MAX_SIDE: u32 = 65_535;
 
 impl Dispatch {
-    /// Whether a dispatch that only traces or only packs can have its workgroups side by side.
+    /// Whether the workgroups of a dispatch that only traces or only packs fit into two dimensions.
     pub fn fits(&self) -> bool {
         [self.n_blocks, self.n_traced, self.n_chunks, self.n_packed]
             .into_iter()
             .all(|side| side <= MAX_SIDE)
     }
 
-    /// Workgroups, as the shader numbers them.
+    /// Number of workgroups in x, y and z, as the shader expects them.
     pub fn size(&self) -> [u32; 3] {
         match (self.n_traced, self.n_packed) {
             (n_traced, 0) if self.fits() => [self.n_blocks, n_traced, 1],

@@ -1,4 +1,4 @@
-//! What is uploaded for one submission.
+//! The lidars of one submission, and the tables that are uploaded with them.
 
 use schema_types::noise::Noise;
 use schema_types::{ActorId, ObjectId};
@@ -9,18 +9,18 @@ use super::pairs::{pair, pair_of_pairs, rows};
 use super::shader::CHUNK_RAYS;
 use crate::lidar::{Lidar, SensorPath, column_poses, keep_limit};
 
-/// One lidar's frame to be made.
+/// One frame of one lidar that is to be cast.
 #[derive(Debug)]
 pub struct ScanJob<'l, 'p> {
-    /// The lidar, its head turned.
+    /// The lidar; its head must have been turned already.
     pub lidar: &'l mut Lidar,
-    /// Where it was.
+    /// Where it was while its head turned.
     pub path: SensorPath,
-    /// Key (seed, sensor, tick).
+    /// Noise key (seed, sensor, tick).
     pub noise: Noise,
     /// Rays pass through the parts of this actor.
     pub ignored: Option<ActorId>,
-    /// Where the points go: room for a point per ray.
+    /// Where the points go; must have room for a point per ray.
     pub place: Place<'p>,
 }
 
@@ -28,45 +28,87 @@ pub struct ScanJob<'l, 'p> {
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 pub(super) struct LidarWords {
-    pub shape: [u32; 4],
-    pub place: [u32; 4],
-    pub what: [u32; 4],
-    pub noise: [u32; 4],
-    pub range: [f32; 4],
-    pub loss: [f32; 4],
-    /// Output that its points go to, first word there, first of the counts that its packing clears
-    /// for the next submission.
-    pub out: [u32; 4],
+    n_channels: u32,
+    n_columns: u32,
+    /// First row of its elevations, azimuths and poses in the tables.
+    first_elevation: u32,
+    first_azimuth: u32,
+    first_pose: u32,
+    /// 1, or one per column.
+    n_poses: u32,
+    /// First word of its unpacked points.
+    first_word: u32,
+    /// First of its counts of returns.
+    first_chunk: u32,
+    is_semantic: u32,
+    /// Object that rays pass through; 0 for none.
+    ignored: u32,
+    /// General drop-off as a numerator over 2⁵³: low word, high word.
+    misfires: [u32; 2],
+    /// Noise key: low word, high word.
+    noise_key: [u32; 2],
+    n_chunks: u32,
+    /// 32-bit words of a point.
+    point_words: u32,
+    /// Range as the sum of two numbers, metres.
+    range_m: [f32; 2],
+    attenuation_per_m: f32,
+    noise_range_stddev_m: f32,
+    /// Intensity from which on every return is kept.
+    keep_limit: f32,
+    dropoff_intensity_limit: f32,
+    dropoff_zero_intensity_ratio: f32,
+    reserved: u32,
+    /// Which output its points go to.
+    output: u32,
+    /// First word there.
+    first_out: u32,
+    /// First of the counts that its packing clears for the next submission.
+    first_cleared: u32,
+    reserved_end: u32,
 }
 
 impl LidarWords {
     pub fn n_rays(&self) -> u32 {
-        self.shape[0] * self.shape[1]
+        self.n_channels * self.n_columns
     }
 
-    /// Bytes of a point for every ray.
+    /// Bytes that a point for every ray takes.
     pub fn n_bytes(&self) -> usize {
-        4 * (self.noise[3] * self.n_rays()) as usize
+        4 * (self.point_words * self.n_rays()) as usize
     }
 
     pub fn n_chunks(&self) -> u32 {
-        self.noise[2]
+        self.n_chunks
     }
 
-    /// First of its words among the points that are not packed yet.
+    /// Where its words begin among the unpacked points.
     pub fn first_word(&self) -> u32 {
-        self.place[2]
+        self.first_word
     }
 
-    /// Moves its counts to the half of the memory that begins at `own`; those of the other half,
-    /// which begins at `other`, it clears.
+    pub fn n_channels(&self) -> u32 {
+        self.n_channels
+    }
+
+    pub fn n_columns(&self) -> u32 {
+        self.n_columns
+    }
+
+    /// Sends its points to an output of its dispatch, from `first_word` of that on.
+    pub fn send_to(&mut self, output: u32, first_word: u32) {
+        (self.output, self.first_out) = (output, first_word);
+    }
+
+    /// Places its counts of returns in the half of the memory that begins at `own`. Its packing
+    /// clears the counts in the other half, which begins at `other`.
     pub fn count_in(&mut self, own: u32, other: u32) {
-        self.out[2] = other + self.place[3];
-        self.place[3] += own;
+        self.first_cleared = other + self.first_chunk;
+        self.first_chunk += own;
     }
 }
 
-/// Lidars of one submission with their tables.
+/// The lidars of one submission, and their tables.
 #[derive(Default)]
 pub(super) struct Submission {
     pub lidars: Vec<LidarWords>,
@@ -102,32 +144,32 @@ impl Submission {
         let (n_rays, point_words) = (n_channels * n_columns, if spec.semantic { 6 } else { 4 });
         let n_chunks = n_rays.div_ceil(CHUNK_RAYS).max(1);
         let ignored = ignored.map_or(0, |actor| ObjectId::from(actor).0);
-        let misfires = misfires(&spec);
-        let key = noise.key();
-        let [range_high, range_low] = pair(spec.range_m);
         self.lidars.push(LidarWords {
-            shape: [n_channels, n_columns, first_elevation, first_azimuth],
-            place: [first_pose, poses.len() as u32, self.n_words, self.n_chunks],
-            what: [
-                spec.semantic as u32,
-                ignored,
-                misfires as u32,
-                (misfires >> 32) as u32,
-            ],
-            noise: [key as u32, (key >> 32) as u32, n_chunks, point_words],
-            range: [
-                range_high,
-                range_low,
-                spec.attenuation_per_m as f32,
-                spec.noise_range_stddev_m as f32,
-            ],
-            loss: [
-                keep_limit(&spec) as f32,
-                spec.dropoff_intensity_limit as f32,
-                spec.dropoff_zero_intensity_ratio as f32,
-                0.0,
-            ],
-            out: [0; 4],
+            n_channels,
+            n_columns,
+            first_elevation,
+            first_azimuth,
+            first_pose,
+            n_poses: poses.len() as u32,
+            first_word: self.n_words,
+            first_chunk: self.n_chunks,
+            is_semantic: spec.semantic as u32,
+            ignored,
+            misfires: words(misfires(&spec)),
+            noise_key: words(noise.key()),
+            n_chunks,
+            point_words,
+            range_m: pair(spec.range_m),
+            attenuation_per_m: spec.attenuation_per_m as f32,
+            noise_range_stddev_m: spec.noise_range_stddev_m as f32,
+            keep_limit: keep_limit(&spec) as f32,
+            dropoff_intensity_limit: spec.dropoff_intensity_limit as f32,
+            dropoff_zero_intensity_ratio: spec.dropoff_zero_intensity_ratio as f32,
+            reserved: 0,
+            output: 0,
+            first_out: 0,
+            first_cleared: 0,
+            reserved_end: 0,
         });
         self.n_words += n_rays * point_words;
         self.n_chunks += n_chunks;
@@ -135,12 +177,17 @@ impl Submission {
     }
 }
 
-/// Numerator over 2⁵³ below which a uniform number loses a ray: `k/2⁵³ < ratio` exactly if `k` is
-/// below it.
+/// General drop-off as a numerator over 2⁵³: a ray is lost if its 53 random bits `k` are below this
+/// number, which is the same as `k/2⁵³ < ratio`.
 fn misfires(spec: &LidarSpec) -> u64 {
     if spec.semantic {
         0
     } else {
         (spec.dropoff_general_ratio * (1u64 << 53) as f64).ceil() as u64
     }
+}
+
+/// The low and the high word of a number.
+fn words(number: u64) -> [u32; 2] {
+    [number as u32, (number >> 32) as u32]
 }
