@@ -1,4 +1,4 @@
-//! A ball moved along a line until it touches a triangle: what the obstacle detector asks.
+//! A ball that moves along a line until it touches a triangle: the obstacle detector's question.
 
 use nalgebra::{Point3, Vector3};
 use schema_types::{ActorId, Class, ObjectId};
@@ -10,19 +10,19 @@ use touch::Ball;
 mod near;
 mod touch;
 
-/// What a moving ball passes through.
+/// What a moving ball passes through without touching it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BallFilter {
     /// The parts of this actor.
     pub ignored: Option<ActorId>,
-    /// Everything but vehicles and walkers that can move.
+    /// Everything except vehicles and walkers.
     pub only_traffic: bool,
 }
 
 /// What a moving ball touches first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallHit {
-    /// Way of its centre, metres; 0 if it touches where it starts.
+    /// How far its centre has moved, metres; 0 if it touches something where it starts.
     pub distance_m: f64,
     /// Where it is touched.
     pub contact_in_world_m: Point3<f64>,
@@ -36,7 +36,8 @@ impl RayScene {
     /// Moves a ball of `radius_m` from `centre_m` along the unit vector `direction` by at most
     /// `max_m` until it touches a triangle.
     ///
-    /// Of things touched after the same way the scenery counts first, then the smaller actor.
+    /// If the ball touches several things at once, scenery comes first, then the actor with the
+    /// smaller id.
     pub fn move_ball(
         &self,
         centre_m: &Point3<f64>,
@@ -90,7 +91,7 @@ impl RayScene {
     }
 }
 
-/// A ball on its way through a scene.
+/// The search for what a ball touches first.
 struct Search<'s> {
     scene: &'s RayScene,
     ball: Ball,
@@ -99,7 +100,7 @@ struct Search<'s> {
 }
 
 impl Search<'_> {
-    /// Tries one triangle and keeps what is touched sooner.
+    /// Tests one triangle and keeps the earlier touch.
     fn touch(&mut self, placed: &Placed, triangle: u32, limit_m: &mut f64) {
         let mesh = &self.scene.scenery.meshes[placed.mesh_idx as usize];
         let vertices = mesh.triangle(triangle as usize);
@@ -131,7 +132,7 @@ impl Search<'_> {
     }
 }
 
-/// Walkers, riders, and what is driven or ridden.
+/// Whether a class is a walker, a rider, or a vehicle.
 fn is_traffic(class: Class) -> bool {
     (Class::PEDESTRIANS.0..=Class::BICYCLE.0).contains(&class.0)
 }

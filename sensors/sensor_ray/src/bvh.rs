@@ -1,4 +1,5 @@
-//! Hierarchies of boxes over triangles and over moving instances. They know no scene and no ray.
+//! Bounding-volume hierarchies over triangles and over moving instances. Nothing here knows a scene
+//! or a ray.
 
 mod moving_tree;
 mod packed;

@@ -1,10 +1,11 @@
-//! Lidars on the GPU: the hierarchies that the CPU walks, walked by a compute shader, many lidars
-//! to a submission.
+//! Lidars on the GPU: a compute shader walks the same hierarchies as the CPU, for many lidars in
+//! one submission.
 //!
-//! Hits are made exact in `f64` there too, noise and drop-off come from the same integers, and
-//! points are packed in the same order, so that frames agree with the CPU's to a rounding of the
-//! last step (`exp`, the normal deviate). Where readers' memory is imported, the shader that packs
-//! writes into it; else points are packed in the GPU's memory and copied.
+//! The shader also computes exact distances in `f64`, takes noise and drop-off from the same
+//! integers, and packs points in the same order as the CPU. Its frames therefore agree with the
+//! CPU's up to the rounding of the last step (`exp`, the normal deviate). Where readers' memory is
+//! imported, the shader writes packed points straight into it; elsewhere they are packed in the
+//! GPU's memory and copied.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -35,9 +36,10 @@ pub use submission::ScanJob;
 pub struct GpuRayOptions {
     /// Width of a workgroup's block of 64 rays: a power of two up to 64.
     pub block_columns: u32,
-    /// Rays from which on lidars are traced while those before them are packed.
+    /// Rays after which a new group of lidars begins; a group is traced while the one before it is
+    /// packed.
     pub group_rays: u32,
-    /// Whether the shader writes into imported memory itself where it can.
+    /// Whether the shader writes straight into imported memory where it can.
     pub writes_directly: bool,
 }
 
@@ -51,31 +53,31 @@ impl Default for GpuRayOptions {
     }
 }
 
-/// Casts lidars on a GPU. One submission at a time: wait for the scans before the next ones.
+/// Casts lidars on a GPU, one submission at a time: wait for its scans before the next one.
 pub struct GpuRays {
     gpu: Gpu,
     options: GpuRayOptions,
     pipelines: Pipelines,
     gpu_scene: GpuScene,
     memory: Memory,
-    /// World and scratch memory, as they are bound.
+    /// Bind group of the scene and scratch memory; `None` after one of their buffers was replaced.
     bindings: Option<wgpu::BindGroup>,
 }
 
-/// Lidars that are traced by one dispatch and packed by the next, and where their points go:
-/// nowhere if they are to be copied.
+/// Lidars that are traced by one dispatch and packed by the next, and the targets of their points;
+/// no targets if the points are to be copied.
 struct Group {
     lidars: Range<usize>,
     targets: Vec<Arc<ShmTarget>>,
 }
 
 impl GpuRays {
-    /// What an adapter lacks, in a sentence; `None` if it can do it.
+    /// What a GPU lacks for lidars, in a sentence; `None` if it lacks nothing.
     pub fn missing(gpu: &Gpu) -> Option<String> {
         pipelines::missing(gpu)
     }
 
-    /// Pipelines on a GPU that lacks nothing.
+    /// Builds the pipelines. Panics on a GPU for which [`GpuRays::missing`] names something.
     pub fn new(gpu: &Gpu, options: GpuRayOptions) -> Self {
         let block_columns = options.block_columns;
         if let Some(missing) = Self::missing(gpu) {
@@ -95,15 +97,15 @@ impl GpuRays {
         }
     }
 
-    /// Brings the GPU's world to the state of `scene`, which was loaded for the GPU. Call it after
+    /// Uploads what changed in `scene`, which must have been loaded for the GPU. Call it after
     /// every [`RayScene::update`], [`RayScene::update_for_gpu`] or [`RayScene::hide`].
     ///
     /// # Errors
-    /// In a sentence what is too much for the GPU: then its world is not that of `scene`, and the
-    /// CPU has to cast.
+    /// A sentence that says what is too large for the GPU. The GPU does not hold `scene` then, so
+    /// the CPU has to cast.
     pub fn update(&mut self, scene: &RayScene) -> Result<(), String> {
         let updated = self.gpu_scene.update(&self.gpu, scene);
-        // A world that is too much may have got other buffers before that was found.
+        // Buffers may have been replaced before an error was found.
         if updated != Ok(false) {
             self.bindings = None;
         }
@@ -173,7 +175,7 @@ impl GpuRays {
         })
     }
 
-    /// Records tracing of each group with packing of the one before it.
+    /// Records one dispatch per group: it traces the group and packs the one before it.
     fn record(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -232,10 +234,10 @@ impl GpuRays {
 
     fn n_blocks(&self, lidar: &LidarWords) -> u32 {
         let columns = self.options.block_columns;
-        lidar.shape[0].div_ceil(BLOCK_RAYS / columns) * lidar.shape[1].div_ceil(columns)
+        lidar.n_channels().div_ceil(BLOCK_RAYS / columns) * lidar.n_columns().div_ceil(columns)
     }
 
-    /// Where a group's points go, and their number.
+    /// Binds where a group's points and their numbers go.
     fn bind_outputs(&self, group: Option<&Group>, host: Option<&HostMemory>) -> wgpu::BindGroup {
         let memory = &self.memory;
         let (totals, scratch) = match host {
@@ -264,12 +266,13 @@ fn lidars_of(group: Option<&Group>) -> Range<usize> {
     group.map_or(0..0, |group| group.lidars.clone())
 }
 
-/// Whether a shader can write there.
+/// Whether a shader can write to a place.
 fn is_reachable(place: &Place<'_>) -> bool {
     matches!(place, Place::Shm { target, .. } if target.storage().is_some())
 }
 
-/// Puts lidars into groups of `group_rays` or a little more, and tells each where its points go.
+/// Splits lidars into groups of `group_rays` or a little more, and sets where each lidar's points
+/// go.
 fn groups(
     submission: &mut Submission,
     places: &[Place<'_>],
@@ -316,8 +319,7 @@ fn groups(
         let group = groups.last_mut().expect("there is one by now");
         n_rays += lidar.n_rays();
         group.lidars.end = i + 1;
-        let first_word = lidar.first_word();
-        lidar.out[..2].copy_from_slice(&match target {
+        let (output, first_word) = match target {
             Some((target, first_word)) => {
                 let known = group
                     .targets
@@ -327,10 +329,11 @@ fn groups(
                     group.targets.push(target.clone());
                     group.targets.len() - 1
                 });
-                [output as u32, first_word as u32]
+                (output as u32, first_word as u32)
             }
-            None => [0, first_word],
-        });
+            None => (0, lidar.first_word()),
+        };
+        lidar.send_to(output, first_word);
     }
     groups
 }

@@ -1,14 +1,16 @@
-//! Spinning lidar, plain and semantic: one full turn per frame, ending at the tick, or CARLA's
-//! sweep of one tick.
+//! Spinning lidar, plain and semantic: a frame holds one full turn that ends at the tick, or the
+//! sweep of one tick as in CARLA.
 //!
-//! Columns of a turn run counter-clockwise from above, column `i` at azimuth −π + 2π·(i +
-//! 1)/columns, so that the last one looks straight back at the very tick; a narrower field of view
-//! is spread the same way about the front. Columns of a sweep run clockwise, as CARLA's head turns,
-//! from where it stood after the previous firing: of `h` the width of the turn, column `i` looks at
-//! h/2 − mod(was + step·i, h). Points come channel after channel, channel 0 on top, azimuth rising
-//! within each; rays without a return leave no gap. Losses are CARLA's, in CARLA's order: general
-//! drop-off, range noise, intensity exp(−a·d), drop-off by intensity. Bytes depend on scene, spec,
-//! path and noise key alone, not on the number of threads.
+//! Columns of a turn run counter-clockwise seen from above. Column `i` looks at azimuth −π + 2π·(i
+//! + 1)/columns, so the last one looks straight back at the time of the tick; a narrower field of
+//! view is spread in the same way about the front. Columns of a sweep run clockwise, as CARLA's
+//! head turns, from where the head stood after the previous firing: with `h` the width of the turn,
+//! column `i` looks at h/2 − mod(was + step·i, h).
+//!
+//! Points come channel after channel, channel 0 on top, in the order of columns within each; rays
+//! without a return leave no gap. Losses are CARLA's, in CARLA's order: general drop-off, range
+//! noise, intensity exp(−a·d), drop-off by intensity. The bytes depend on scene, spec, path and
+//! noise key alone, not on the number of threads.
 
 use schema_frames::{LidarPoint, SemanticLidarPoint};
 use schema_types::ActorId;
@@ -30,31 +32,31 @@ pub use path::SensorPath;
 pub(crate) use path::column_poses;
 pub(crate) use points::keep_limit;
 
-/// Points of a turn, bunch after bunch, lost ones included.
+/// Points of the last frame, bunch after bunch, lost ones included.
 #[derive(Debug)]
 enum Points {
     Plain(Vec<LidarPoint>),
     Semantic(Vec<SemanticLidarPoint>),
 }
 
-/// One lidar: beam tables and the memory of its last turn.
+/// One lidar: its beams and the points of its last frame.
 #[derive(Debug)]
 pub struct Lidar {
     spec: LidarSpec,
-    /// The specification's own, without weather.
+    /// Attenuation in clear air: the specification's own.
     clear_attenuation_per_m: f64,
     beams: Beams,
-    /// Azimuths to which the head has turned since the last scan.
+    /// Azimuths of the next frame, if the beams were not yet built for them.
     turned_to_rad: Option<Vec<f64>>,
-    /// Time that the head has swept, all firings together (scan `sweep`).
+    /// Time for which the head has turned since it was made or reset (scan `sweep`).
     swept_nanos: u64,
     points: Points,
-    /// Returns per channel in the last turn.
+    /// Returns per channel in the last frame.
     n_returns: Vec<u32>,
 }
 
 impl Lidar {
-    /// A lidar after a spec that passed its check.
+    /// A lidar; `spec` must have passed its check.
     pub fn new(spec: LidarSpec) -> Self {
         let mut lidar = Lidar {
             beams: Beams::new(&spec, std::iter::empty()),
@@ -78,16 +80,16 @@ impl Lidar {
         lidar
     }
 
-    /// What the air takes of the light, 1/m, on its way there and again on its way back; added to
-    /// the specification's own attenuation.
+    /// Sets the extinction of the air, 1/m. It acts on the way there and on the way back, so twice
+    /// its value is added to the specification's attenuation.
     pub fn set_extinction(&mut self, extinction_per_m: f64) {
         self.spec.attenuation_per_m = self.clear_attenuation_per_m + 2.0 * extinction_per_m;
     }
 
-    /// Turns the head as far as it gets in a tick of `tick_nanos`. Call it at every firing, read or
-    /// not.
+    /// Turns the head by one tick of `tick_nanos`. Call it at every firing, whether or not anybody
+    /// reads the frame.
     ///
-    /// At most `max_points` rays are aimed, whatever the length of the tick. Without effect on a
+    /// The frame has at most `max_points` rays, whatever the length of the tick. Does nothing for a
     /// lidar of full turns.
     pub fn turn_head(&mut self, tick_nanos: u64, max_points: u32) {
         if self.spec.scan == LidarScan::Turn {
@@ -118,19 +120,19 @@ impl Lidar {
         }
     }
 
-    /// Begins anew: the head as when it was made.
+    /// Turns the head back to where it stood when the lidar was made.
     pub fn reset(&mut self) {
         self.swept_nanos = 0;
     }
 
-    /// How far the head has turned clockwise from the left rim of its field of view, degrees, less
-    /// whole turns.
+    /// How far the head has turned clockwise from the left edge of its field of view, degrees,
+    /// without whole turns.
     fn turned_deg(&self) -> f64 {
         self.spec.horizontal_fov_deg
             * (self.spec.rotation_hz * self.swept_nanos as f64 * 1e-9).fract()
     }
 
-    /// Beams as the head stands now.
+    /// Beams of the next frame.
     pub(crate) fn aim(&mut self) -> &Beams {
         if let Some(azimuths_rad) = self.turned_to_rad.take() {
             self.beams = Beams::new(&self.spec, azimuths_rad.into_iter());
@@ -147,7 +149,7 @@ impl Lidar {
         }
     }
 
-    /// The spec it was made after.
+    /// Its specification; the attenuation includes the weather's.
     pub fn spec(&self) -> &LidarSpec {
         &self.spec
     }
@@ -155,8 +157,8 @@ impl Lidar {
     /// Casts one frame on the current rayon pool and returns the number of points, which
     /// [`Lidar::write`] then puts into a frame.
     ///
-    /// `noise` is the key (seed, sensor, tick); rays pass through the parts of `ignored` (CARLA's
-    /// lidar sees its own car: `None`).
+    /// `noise` is the key (seed, sensor, tick). Rays pass through the parts of the actor `ignored`;
+    /// CARLA's lidar sees its own car, which is `None`.
     pub fn scan(
         &mut self,
         scene: &RayScene,
@@ -185,12 +187,12 @@ impl Lidar {
         self.n_points()
     }
 
-    /// Points of the last turn.
+    /// Number of points of the last frame.
     pub fn n_points(&self) -> u32 {
         self.n_returns.iter().sum()
     }
 
-    /// Returns per channel in the last turn.
+    /// Returns per channel in the last frame.
     pub fn n_returns(&self) -> &[u32] {
         &self.n_returns
     }
@@ -204,8 +206,8 @@ impl Lidar {
         self.n_points() as usize * point_bytes
     }
 
-    /// Writes the points of the last turn to the front of a frame and returns how many bytes that
-    /// took.
+    /// Writes the points of the last frame to the front of `payload` and returns the number of
+    /// bytes written.
     ///
     /// Panics if `payload` is shorter than [`Lidar::payload_bytes`].
     pub fn write(&self, payload: &mut [u8]) -> usize {

@@ -1,4 +1,4 @@
-//! Radar: rays into a cone, denser towards its middle, and how fast what they hit comes nearer.
+//! Radar: rays into a cone, denser towards its middle, and the closing speed of what they hit.
 //!
 //! CARLA's model: of the rays of a tick each ends at (R, R·tan(h/2)·r·cos θ, R·tan(v/2)·r·sin θ) in
 //! the sensor's space with r uniform in 0..1 and θ uniform over the turn. No noise, cross sections
@@ -21,7 +21,7 @@ pub struct RadarPose {
     pub velocity_in_world_mps: Vector3<f64>,
 }
 
-/// Casts `n_rays` rays and appends a detection for each that hits; `noise` is the key (seed,
+/// Casts `n_rays` rays and appends a detection for each one that hits. `noise` is the key (seed,
 /// sensor, tick).
 pub fn scan(
     spec: &RadarSpec,
@@ -54,7 +54,7 @@ pub fn scan(
     }
 }
 
-/// End of a ray of this tick in the sensor's space. Noise samples 2·ray and 2·ray + 1.
+/// End of a ray in the sensor's space. Takes the noise samples 2·ray and 2·ray + 1.
 fn ray_end(spec: &RadarSpec, noise: Noise, ray: u64) -> Vector3<f64> {
     end_point(
         spec,

@@ -1,4 +1,4 @@
-//! The world as rays see it: scenery and moving instances, and what a ray hits.
+//! What rays can hit in one tick: the scenery of the episode and the instances that move.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,7 +17,7 @@ pub(crate) use hidden::{CHUNK, Hiding};
 pub(crate) use placed::{Labels, Placed, box_about, is_finite};
 pub(crate) use scenery::Scenery;
 
-/// Scenes that were built, so that a GPU knows whose triangles it has.
+/// Number of scenes built so far: tells a GPU whether it holds the triangles of this scene.
 static N_BUILT: AtomicU64 = AtomicU64::new(0);
 
 /// Everything rays can hit in one tick.
@@ -27,17 +27,18 @@ static N_BUILT: AtomicU64 = AtomicU64::new(0);
 #[derive(Debug)]
 pub struct RayScene {
     episode: u32,
-    /// Number of this scene among all that were built.
+    /// Serial number of this scene in the process.
     pub(crate) serial: u64,
-    /// Whether hierarchies are packed for the GPU too.
+    /// Whether hierarchies are also packed for the GPU.
     for_gpu: bool,
     pub(crate) scenery: Scenery,
-    /// By mesh; built at load for meshes that are no scenery, else when first seen moving.
+    /// By mesh. Meshes that no scenery uses get their hierarchy at load, others when they are first
+    /// seen moving.
     pub(crate) mesh_trees: Vec<Option<TriangleTree>>,
-    /// What is hidden of the scenery.
+    /// Which objects of the scenery are hidden.
     pub(crate) hiding: Hiding,
     pub(crate) dynamics: Vec<Placed>,
-    /// Number of the first of `dynamics` behind each actor's.
+    /// For each actor: the index into `dynamics` after its last part.
     pub(crate) actor_ends: Vec<u32>,
     pub(crate) dynamics_origin_m: Point3<f64>,
     pub(crate) dynamics_tree: Tree,
@@ -87,9 +88,9 @@ impl RayScene {
         }
     }
 
-    /// Hides what `assets` leave out of the scenery and shows the rest, for the price of what
-    /// changed. False if that takes new hierarchies: for another episode, or if something is to be
-    /// shown that was hidden when this was loaded.
+    /// Hides the objects that `assets` leave out of the scenery and shows the rest; the cost grows
+    /// with what changed. False if that needs new hierarchies: for another episode, or if an object
+    /// is to be shown that was hidden when this scene was loaded.
     #[must_use]
     pub fn hide(&mut self, assets: &SceneAssets) -> bool {
         let fits = assets.episode == self.episode
@@ -115,8 +116,8 @@ impl RayScene {
             .sum()
     }
 
-    /// Puts the moving instances of a tick in place of those before; those of an actor are
-    /// neighbours. Instances whose pose is not finite, or 10¹⁸ m away, are left out.
+    /// Replaces the moving instances by those of a new tick; the parts of an actor follow one
+    /// another. Instances whose pose is not finite, or farther than 10¹⁸ m away, are left out.
     pub fn update(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
         let boxes: Vec<Bounds> = self
@@ -127,14 +128,15 @@ impl RayScene {
         self.dynamics_tree = moving_tree(&boxes, &self.actor_ends);
     }
 
-    /// The same for [`crate::GpuRays`] alone, which has a hierarchy of its own: rays that the
-    /// processor casts meet nothing that moves until the next [`RayScene::update`].
+    /// As [`RayScene::update`], but only for [`crate::GpuRays`], which builds its own hierarchy
+    /// over the instances. Rays cast on the CPU hit nothing that moves until the next
+    /// [`RayScene::update`].
     pub fn update_for_gpu(&mut self, dynamics: &[DynamicInstance]) {
         self.place(dynamics);
         self.dynamics_tree = Tree::default();
     }
 
-    /// Takes over the instances.
+    /// Stores the instances of a tick.
     fn place(&mut self, dynamics: &[DynamicInstance]) {
         self.dynamics.clear();
         self.actor_ends.clear();

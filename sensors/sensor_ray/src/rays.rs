@@ -1,4 +1,5 @@
-//! Rays: bundles of neighbours, how they walk hierarchies, and what they hit in a scene.
+//! Rays on the CPU: bundles of neighbouring rays, how they walk a hierarchy, and what they hit in a
+//! scene.
 
 mod bundle;
 mod cast;

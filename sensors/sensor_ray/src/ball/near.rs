@@ -1,10 +1,10 @@
-//! Triangles that a moving ball comes near.
+//! Finds the triangles that a moving ball may touch.
 
 use super::touch::Ball;
 use crate::bvh::{LEAF, NO_TRIANGLE, Tree, TriangleTree};
 
-/// Calls `triangle` with the number of every triangle that a moving ball comes near, until the
-/// limit, which it may shorten.
+/// Calls `triangle` with the number of every triangle that the ball may touch within `limit_m`;
+/// `triangle` may shorten the limit.
 pub(crate) fn visit_near(
     tree: &TriangleTree,
     ball: &Ball,
@@ -20,8 +20,8 @@ pub(crate) fn visit_near(
     });
 }
 
-/// Calls `leaf` for every leaf whose box a moving ball comes near before the limit, which `leaf`
-/// may shorten.
+/// Calls `leaf` for every leaf whose box the ball may touch within `limit_m`; `leaf` may shorten
+/// the limit.
 fn walk_near(tree: &Tree, ball: &Ball, limit_m: &mut f64, mut leaf: impl FnMut(u32, &mut f64)) {
     let mut stack = Vec::new();
     if !tree.nodes.is_empty() {
@@ -41,7 +41,7 @@ fn walk_near(tree: &Tree, ball: &Ball, limit_m: &mut f64, mut leaf: impl FnMut(u
     }
 }
 
-/// Whether the ball may touch a box on its way; the exact test decides.
+/// Whether the ball may touch a box on its way. Errs towards yes: the exact test decides.
 fn nears(ball: &Ball, low: &[f32; 3], high: &[f32; 3], limit_m: f64) -> bool {
     let (mut enter_m, mut leave_m) = (0.0f64, limit_m * (1.0 + 1e-6) + 1e-3);
     let room_m = ball.radius_m + 1e-3;

@@ -1,7 +1,7 @@
 //! A moving ball against one triangle.
 //!
-//! The ball against a triangle is a point against the triangle thickened by the radius: two planes,
-//! three cylinders, three balls.
+//! Moving a ball against a triangle is the same as moving a point against the triangle thickened by
+//! the radius: two planes, three cylinders and three balls.
 //! Source: Ericson, *Real-Time Collision Detection* (2005), sections 5.5.6 and 5.3.7.
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -18,7 +18,7 @@ pub(crate) struct Ball {
 /// Where a ball first touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Touch {
-    /// Way of the centre.
+    /// How far the centre has moved.
     pub way_m: f64,
     pub contact: Point3<f64>,
 }
@@ -43,7 +43,7 @@ impl Ball {
             });
         }
         let touch = match self.touch_face(corners) {
-            // Nothing of a triangle is touched before its inside, if that is touched at all.
+            // If the ball touches the inside of the triangle at all, it touches that first.
             Some(touch) => Some(touch),
             None => (0..3)
                 .filter_map(|i| self.touch_edge(&corners[i], &corners[(i + 1) % 3]))
@@ -81,7 +81,7 @@ impl Ball {
         let edge = b - a;
         let length2 = edge.norm_squared();
         let side = if length2 > 0.0 {
-            // Without their parts along the edge, ray and centre meet a circle.
+            // Without the components along the edge this is a ray against a circle.
             let across = |v: Vector3<f64>| v - edge * (v.dot(&edge) / length2);
             first_root(
                 &across(self.centre - a),

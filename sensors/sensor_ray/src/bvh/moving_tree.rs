@@ -1,9 +1,9 @@
-//! The hierarchy over what moves: the boxes of an actor's parts are fitted to nodes whose shape
-//! depends on nothing but their number, and a small hierarchy over the actors is built anew.
+//! The hierarchy over moving instances. The parts of each actor hang in nodes whose shape depends
+//! on the number of parts only; a small hierarchy over the actors is built anew in every tick.
 //!
-//! What comes of it is a function of the tick alone. A hierarchy that were refitted from tick to
-//! tick would remember where things stood when it was built, and where two surfaces lie at the same
-//! distance a ray would tell the history of the run.
+//! The result is a function of the tick alone. A hierarchy that is refitted from tick to tick would
+//! depend on where things stood when it was built, and where two surfaces lie at the same distance
+//! a ray's answer would depend on the history of the run.
 
 use std::ops::Range;
 
@@ -17,8 +17,8 @@ use super::tree::{LEAF, Node, Tree, WIDTH};
 /// Lower and upper corner.
 pub(crate) type Bounds = ([f32; 3], [f32; 3]);
 
-/// The hierarchy over boxes that come group by group; `ends` are the numbers of the first box
-/// behind each group. Leaves are numbers of boxes, and the leaves of a node are neighbours.
+/// The hierarchy over boxes that come group by group. `ends[i]` is the number of the first box
+/// after group `i`. Leaves are numbers of boxes, and the leaves of a node have consecutive numbers.
 pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
     if boxes.is_empty() {
         return Tree::default();
@@ -39,7 +39,7 @@ pub(crate) fn moving_tree(boxes: &[Bounds], ends: &[u32]) -> Tree {
     tree
 }
 
-/// Adds the nodes of a group and returns the first.
+/// Adds the nodes of a group and returns the number of the first.
 fn add_parts(nodes: &mut Vec<Node>, boxes: &[Bounds], items: Range<usize>) -> u32 {
     let (at, n) = (nodes.len(), items.len());
     nodes.push(Node::empty());
@@ -62,7 +62,7 @@ fn add_parts(nodes: &mut Vec<Node>, boxes: &[Bounds], items: Range<usize>) -> u3
     at as u32
 }
 
-/// The box about boxes.
+/// The smallest box around all of them.
 fn hull(boxes: &[Bounds]) -> Bounds {
     let wider = |(low, high): Bounds, (a, b): &Bounds| {
         (

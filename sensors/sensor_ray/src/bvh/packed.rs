@@ -1,5 +1,5 @@
-//! Nodes as the GPU walks them: 80 bytes each, children's boxes in eighths of a byte per side,
-//! children in the order of octants.
+//! Nodes as the GPU walks them: 80 bytes each, the children's boxes quantised to a byte per side,
+//! the children sorted into slots by octant.
 //!
 //! Source: Ylitie, Karras and Laine, *Efficient Incoherent Ray Traversal on GPUs Through Compressed
 //! Wide BVHs* (HPG 2017).
@@ -10,25 +10,25 @@ use super::tree::{LEAF, Node, Tree, WIDTH};
 /// (2), then lower and upper sides: x, y, z lower, x, y, z upper (2 each).
 pub(crate) const NODE_WORDS: usize = 20;
 
-/// Word of a node that numbers its first child.
+/// Which word of a node holds the number of its first child.
 pub(crate) const FIRST_CHILD: usize = 4;
 
-/// Meta byte of a slot without a child.
+/// Meta byte of a slot that holds no leaf.
 const NO_CHILD: u8 = 0xff;
 
-/// A packed hierarchy; the root is node 0.
+/// A hierarchy packed for the GPU; the root is node 0.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Packed {
     pub nodes: Vec<[u32; NODE_WORDS]>,
     /// Items in the order of leaves.
     pub items: Vec<u32>,
-    /// Nodes from the root to the farthest one, both counted.
+    /// Nodes on the longest way from the root to a node, both counted.
     pub n_levels: u32,
     /// Corners of each item, if items are triangles.
     pub corners: Vec<[[f32; 3]; 3]>,
 }
 
-/// A node that nothing enters.
+/// A node without children: no ray goes on from it.
 pub(crate) fn empty_node() -> [u32; NODE_WORDS] {
     Quantised::new(&Node::empty(), 0.0).words()
 }
@@ -57,8 +57,8 @@ impl Packed {
         Packed { items, ..packed }
     }
 
-    /// Packs a tree whose leaves are items, which keep their numbers: those of a node are
-    /// neighbours.
+    /// Packs a tree whose leaves are single items. Items keep their numbers, so the items of a node
+    /// must have consecutive ones.
     pub fn in_place(tree: &Tree, margin: f32) -> Packed {
         Packed::pack(tree, margin, |leaves| {
             let first = leaves.iter().flatten().copied().min().unwrap_or(0);
@@ -72,8 +72,8 @@ impl Packed {
         })
     }
 
-    /// `place` says from the leaves in a node's slots which is the first item and what the slots'
-    /// meta bytes are.
+    /// `place` gets the leaves in a node's slots and returns the number of the node's first item
+    /// and the slots' meta bytes.
     fn pack(
         tree: &Tree,
         margin: f32,
@@ -131,11 +131,11 @@ fn slots(node: &Node) -> [Option<usize>; WIDTH] {
     assign(&costs[..n])
 }
 
-/// Gives slots to children, the least cost first; where costs are equal or no numbers, the first
+/// Assigns slots to children greedily, cheapest pair first. Ties and NaN costs go to the first
 /// child and the first slot.
 fn assign(costs: &[[f32; WIDTH]]) -> [Option<usize>; WIDTH] {
     let mut slots = [None; WIDTH];
-    // The cheapest slot that is free, by child; `None` once it has one.
+    // The cheapest free slot for a child.
     let cheapest = |slots: &[Option<usize>; WIDTH], costs: &[f32; WIDTH]| {
         let free = (0..WIDTH)
             .filter(|slot| slots[*slot].is_none())
@@ -177,17 +177,17 @@ fn assign(costs: &[[f32; WIDTH]]) -> [Option<usize>; WIDTH] {
     slots
 }
 
-/// A node on the way.
+/// A node while it is packed.
 struct Quantised {
     origin: [f32; 3],
-    /// Biased exponents of the sides' unit.
+    /// Biased exponent of the quantisation step, per axis.
     exponent: [u32; 3],
     margin: f32,
     inner: u32,
     first_child: u32,
     first_item: u32,
     meta: [u8; WIDTH],
-    /// `sides[0][axis]` are lower ones.
+    /// `sides[0][axis]` are the lower sides of the boxes, `sides[1][axis]` the upper ones.
     sides: [[[u8; WIDTH]; 3]; 2],
 }
 
@@ -214,7 +214,8 @@ impl Quantised {
                 .fold(f32::NEG_INFINITY, |a, b| a.max(*b))
                 + margin;
             quantised.origin[axis] = low;
-            // Smallest power of two of which 254 span the node: one is left for rounding.
+            // The smallest power of two of which 254 steps span the node; the 255th is kept for
+            // rounding.
             let unit = ((high - low) / 254.0).max(f32::MIN_POSITIVE);
             quantised.exponent[axis] = ((unit.to_bits() >> 23) + 1).min(254);
         }

@@ -3,7 +3,7 @@
 
 use obvhs::bvh2::Bvh2;
 
-/// Children of a node, triangles of a block.
+/// Children of a node, and triangles of a block.
 pub(crate) const WIDTH: usize = 8;
 
 /// Bit of a child that is a leaf; the rest is the number of its block or item.
@@ -29,7 +29,7 @@ impl Node {
         }
     }
 
-    /// Makes a box and what is in it child number `i`.
+    /// Makes child number `i` a box, and the node or leaf behind it.
     pub fn set(&mut self, i: usize, (low, high): ([f32; 3], [f32; 3]), child: u32) {
         for axis in 0..3 {
             (self.bounds[axis][0][i], self.bounds[axis][1][i]) = (low[axis], high[axis]);
@@ -46,12 +46,13 @@ impl Node {
     }
 }
 
-/// A hierarchy without its items. The root is node 0; a tree without nodes is empty.
+/// A hierarchy of boxes; what its leaves hold is kept elsewhere. The root is node 0; a tree without
+/// nodes is empty.
 #[derive(Debug, Default)]
 pub(crate) struct Tree {
     pub nodes: Vec<Node>,
     pub bounds: Option<([f32; 3], [f32; 3])>,
-    /// Largest coordinate of the bounds: what `f32` loses grows with it.
+    /// Largest absolute coordinate of the bounds: rounding errors of `f32` grow with it.
     pub reach: f32,
 }
 
@@ -148,8 +149,8 @@ impl<F: FnMut(&[u32]) -> u32> Folder<'_, F> {
         }
     }
 
-    /// Up to eight binary nodes under `idx`: the one of largest surface is opened as long as there
-    /// is room.
+    /// Up to eight binary nodes under `idx`. As long as there is room, the node with the largest
+    /// surface is replaced by its two children.
     fn children(&self, idx: u32) -> Vec<u32> {
         let mut children = vec![idx];
         while children.len() < WIDTH {

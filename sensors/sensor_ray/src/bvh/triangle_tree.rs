@@ -13,17 +13,18 @@ use super::tree::{Tree, WIDTH};
 /// Most triangles of a leaf on the GPU.
 const GPU_LEAF: u32 = 4;
 
-/// Share of the largest coordinate by which boxes are widened for the GPU.
+/// Boxes are widened for the GPU by this share of the largest coordinate.
 pub(crate) const MARGIN: f32 = 1e-6;
 
-/// Number of a block's lane without a triangle.
+/// Marks a lane of a block that has no triangle.
 pub(crate) const NO_TRIANGLE: u32 = u32::MAX;
 
 /// Up to eight triangles.
 #[derive(Clone, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Block {
-    /// `corner[vertex][axis]`. Lanes without a triangle are a point, which nothing hits.
+    /// `corner[vertex][axis]`. In lanes without a triangle all three corners are one point, which
+    /// no ray hits.
     pub corner: [[[f32; WIDTH]; 3]; 3],
 }
 
@@ -42,15 +43,15 @@ impl Block {
 pub(crate) struct TriangleTree {
     pub tree: Tree,
     pub blocks: Vec<Block>,
-    /// Numbers in the order the triangles were given; [`NO_TRIANGLE`] in lanes without one.
+    /// By block and lane: the index of the triangle as it was given, or [`NO_TRIANGLE`].
     pub numbers: Vec<[u32; WIDTH]>,
-    /// The same hierarchy for the GPU, if it was asked for; items are numbers.
+    /// The same hierarchy packed for the GPU, if it was asked for; its items are triangle numbers.
     pub packed: Option<Packed>,
 }
 
 impl TriangleTree {
-    /// Builds over corners; numbers in hits are indices into `corners`. Triangles that are not
-    /// finite are left out.
+    /// Builds a hierarchy over triangles, whose numbers are indices into `corners`. Triangles with
+    /// a corner that is not finite are left out.
     pub fn new(corners: &[[[f32; 3]; 3]], for_gpu: bool) -> Self {
         let finite = |c: &[[f32; 3]; 3]| c.iter().flatten().all(|x| x.is_finite());
         let numbers: Vec<u32> = (0..corners.len() as u32)
@@ -124,7 +125,7 @@ impl TriangleTree {
         self.tree.bounds
     }
 
-    /// Puts other corners at a slot, and the number that hits of them have.
+    /// Replaces the triangle at a slot: its corners, and the number that hits report.
     pub fn set(&mut self, slot: u32, corners: &[[f32; 3]; 3], number: u32) {
         let (block, lane) = (slot as usize / WIDTH, slot as usize % WIDTH);
         self.blocks[block].set(lane, corners);

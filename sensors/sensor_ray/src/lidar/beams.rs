@@ -1,18 +1,18 @@
-//! The rays of a frame in a lidar's own space, in bundles.
+//! The rays of a frame in the lidar's own space, grouped into bundles.
 
 use nalgebra::Vector3;
 use sensor_spec::LidarSpec;
 
 use crate::rays::{Bundle, GROUP, GROUPS, RAYS};
 
-/// Channels of a bundle whose rays do not leave from one point but a point per column.
+/// Channels of a bundle with motion distortion: only the rays of one column share an origin then.
 const DISTORTED_CHANNELS: usize = 2 * GROUP;
 
 /// Neighbouring rays of a frame.
 #[derive(Debug)]
 pub(crate) struct Bunch {
     pub bundle: Bundle,
-    /// Channel and column of each ray in the bundle; those that are not there repeat another one.
+    /// Channel and column of each ray of the bundle; unused lanes repeat another ray.
     pub rays: Vec<(u32, u32)>,
 }
 
@@ -24,14 +24,14 @@ pub(crate) struct Beams {
     /// Cosine and sine of each column's azimuth.
     pub azimuths: Vec<(f64, f64)>,
     pub bunches: Vec<Bunch>,
-    /// Rays of a bunch, at most: bunch `i` keeps its points from `i · bunch_rays` on.
+    /// Largest number of rays of a bunch: the points of bunch `i` begin at `i · bunch_rays`.
     pub bunch_rays: usize,
-    /// Where the point of each ray is kept, channel after channel.
+    /// By ray, channel after channel: the index of its point.
     pub slots: Vec<u32>,
 }
 
 impl Beams {
-    /// Beams of a spec whose columns look at these azimuths, not in bunches yet.
+    /// Beams of a specification whose columns look at these azimuths, not yet in bunches.
     pub fn new(spec: &LidarSpec, azimuths_rad: impl Iterator<Item = f64>) -> Self {
         Beams {
             elevations: (0..spec.channels)
@@ -58,7 +58,8 @@ impl Beams {
         } else {
             RAYS
         };
-        // Upright strips: what one of them fetches, the next one finds near at hand.
+        // In upright strips, so that consecutive bunches visit the same triangles while those are
+        // in the cache.
         for column in (0..n_columns).step_by(columns) {
             for channel in (0..n_channels).step_by(channels) {
                 self.add(
@@ -69,7 +70,7 @@ impl Beams {
         }
         self.slots = vec![0; n_channels * n_columns];
         for (i, bunch) in self.bunches.iter().enumerate() {
-            // Those that are not there come last.
+            // In reverse: unused lanes repeat an earlier ray, which must win.
             for (ray, (channel, column)) in bunch.rays.iter().enumerate().rev() {
                 self.slots[*channel as usize * n_columns + *column as usize] =
                     (i * self.bunch_rays + ray) as u32;
@@ -94,11 +95,12 @@ impl Beams {
         Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e)
     }
 
-    /// Adds the rays of a block, as one bunch if they lie near enough to one another.
+    /// Adds the rays of a block of channels and columns: as one bunch, or split where they spread
+    /// too far for a bundle.
     fn add(&mut self, channels: [usize; 2], columns: [usize; 2]) {
         let [n_channels, n_columns] = [channels[1] - channels[0], columns[1] - columns[0]];
         let mut rays: Vec<Option<(u32, u32)>> = Vec::new();
-        // Groups are as wide as they can be.
+        // A single column fills its groups along the channels.
         let by_column = n_columns == 1;
         let (outer, inner) = if by_column {
             (columns, channels)
@@ -149,8 +151,8 @@ pub fn azimuth_rad(spec: &LidarSpec, column: u32) -> f64 {
         * (2.0 * (column + 1) as f64 / spec.columns as f64 - 1.0)
 }
 
-/// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as that
-/// goes.
+/// Channels and columns of a bundle: eight groups of eight neighbours, as near to a square as
+/// possible.
 fn shape(spec: &LidarSpec, n_columns: usize) -> [usize; 2] {
     let between_channels =
         (spec.upper_fov_deg - spec.lower_fov_deg) / spec.channels.saturating_sub(1).max(1) as f64;

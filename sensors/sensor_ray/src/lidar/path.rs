@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3};
 use sensor_spec::LidarSpec;
 
-/// Where the sensor was during the turn.
+/// Where the sensor was while its head turned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorPath {
     /// Pose at the start of the turn; used only with motion distortion.
@@ -22,7 +22,7 @@ impl SensorPath {
     }
 }
 
-/// Where rays leave from, and how the sensor's space is turned.
+/// Origin of rays, and the rotation of the sensor's space.
 pub(crate) struct Pose {
     pub origin_m: Point3<f64>,
     pub world_from_sensor: Matrix3<f64>,

@@ -1,4 +1,4 @@
-//! Point formats: how a return becomes one, and which returns are lost.
+//! Point formats: how a hit becomes a point, and which returns are lost.
 //!
 //! Losses are CARLA's, in CARLA's order: general drop-off, range noise, intensity exp(−a·d),
 //! drop-off by intensity.
@@ -14,7 +14,7 @@ use crate::rays::{Bundle, GROUP, Hits, distances_m, surface};
 /// Channel number of a ray without a return; real ones are below 256.
 const LOST: u16 = u16::MAX;
 
-/// The hits of a bundle's group, to be made points.
+/// The hits of one group of a bundle, to be turned into points.
 pub(crate) struct Returns<'a> {
     pub scene: &'a RayScene,
     pub spec: &'a LidarSpec,
@@ -26,13 +26,13 @@ pub(crate) struct Returns<'a> {
     /// Unit vectors, an axis at a time.
     pub directions_in_world: [[f64; GROUP]; 3],
     pub directions_in_sensor: [[f64; GROUP]; 3],
-    /// Numbers in the turn, for noise.
+    /// Numbers of the rays in the frame, which key the noise.
     pub rays: [u64; GROUP],
     pub channels: [u16; GROUP],
 }
 
 impl Returns<'_> {
-    /// The point `distance_m` along a ray in the sensor's space.
+    /// The point at `distance_m` along a ray, in the sensor's space.
     #[inline(always)]
     fn at(&self, lane: usize, distance_m: f64) -> [f32; 3] {
         let [x, y, z] = &self.directions_in_sensor;
@@ -49,11 +49,11 @@ pub(crate) trait Point: Copy + Send + Sync {
     /// A ray without a return.
     fn lost() -> Self;
     fn is_lost(&self) -> bool;
-    /// Whether rays can be lost before they are cast.
+    /// Whether any ray of this lidar can be lost before it is cast.
     fn can_misfire(spec: &LidarSpec) -> bool;
     /// Whether a ray is lost before it is cast.
     fn misfires(spec: &LidarSpec, noise: Noise, ray: u64) -> bool;
-    /// The points of a group, lost ones included.
+    /// Writes the points of a group, lost ones included.
     fn write(returns: &Returns, points: &mut [Self]);
 }
 

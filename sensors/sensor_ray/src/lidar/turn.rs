@@ -1,4 +1,4 @@
-//! The rays of one frame cast on the CPU, in tasks of some bunches each.
+//! Casts the rays of one frame on the CPU, in parallel tasks of some bunches each.
 
 use nalgebra::Matrix3;
 use rayon::prelude::*;
@@ -13,10 +13,10 @@ use super::points::{Point, Returns};
 use crate::ray_scene::RayScene;
 use crate::rays::{Caster, GROUP, Hits, Stacks};
 
-/// Bunches of rays that a thread takes at a time.
+/// Bunches of rays per parallel task.
 const TASK_BUNCHES: usize = 16;
 
-/// Everything the rays of a turn share.
+/// What all rays of a frame share.
 pub(crate) struct Turn<'a> {
     pub scene: &'a RayScene,
     pub spec: &'a LidarSpec,
@@ -112,7 +112,7 @@ impl Turn<'_> {
     }
 }
 
-/// A few bunches and where their points go.
+/// Some bunches, and where their points go.
 struct Task<'t, P> {
     turn: &'t Turn<'t>,
     caster: Caster<'t>,

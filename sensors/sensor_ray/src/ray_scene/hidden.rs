@@ -1,5 +1,5 @@
-//! Scenery that is hidden: its triangles become points, which nothing hits, in hierarchies that
-//! stay as they are.
+//! Hidden scenery. The hierarchies stay as they are; a hidden triangle is shrunk to a point, which
+//! no ray hits.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -10,20 +10,21 @@ use super::placed::Labels;
 use super::scenery::{Scenery, Tile, corners_in};
 use crate::bvh::NO_TRIANGLE;
 
-/// Triangles that are told together to the GPU when one of them changes.
+/// Triangles that are uploaded to the GPU together when one of them changes.
 pub(crate) const CHUNK: usize = 256;
 
 /// What is hidden of a scene.
 #[derive(Debug, Default)]
 pub(crate) struct Hiding {
-    /// Objects that were no part of the scenery when it was loaded.
+    /// Objects that were left out when the scenery was loaded: the hierarchies lack their
+    /// triangles.
     never_there: BTreeSet<ObjectId>,
     hidden: BTreeSet<ObjectId>,
-    /// Made when something is hidden for the first time.
+    /// Built when something is hidden for the first time.
     table: Option<Table>,
-    /// Count of changes.
+    /// Number of changes so far.
     pub revision: u64,
-    /// Change in which a chunk of a tile's packed triangles last took part, by tile.
+    /// By tile and chunk of packed triangles: the revision in which the chunk last changed.
     pub chunks: Vec<Vec<u64>>,
 }
 
@@ -44,12 +45,12 @@ struct Places {
     items: Vec<u32>,
 }
 
-/// Neighbouring triangles of a tile that are hidden together.
+/// Consecutive triangles of a tile that are hidden together.
 #[derive(Debug)]
 struct Run {
     tile: usize,
     numbers: Range<u32>,
-    /// Object of the instance and of the triangles.
+    /// Object of the instance, and the triangles' own object.
     objects: [ObjectId; 2],
     is_hidden: bool,
 }
@@ -63,7 +64,7 @@ impl Hiding {
         }
     }
 
-    /// Whether nothing has to be shown that is not there.
+    /// Whether the hierarchies hold every object that is to be shown.
     pub fn can_hide(&self, hidden: &BTreeSet<ObjectId>) -> bool {
         self.never_there.is_subset(hidden)
     }
@@ -89,7 +90,7 @@ impl Hiding {
         self.table = Some(table);
     }
 
-    /// Makes a triangle of a run a point or itself again.
+    /// Shrinks a triangle to a point, or restores it, as its run says.
     fn set_triangle(&mut self, scenery: &mut Scenery, run: &Run, number: u32, places: &Places) {
         let tile = &mut scenery.tiles[run.tile];
         let (instance, triangle) = tile.sources[number as usize];
@@ -126,7 +127,7 @@ impl Hiding {
 }
 
 impl Table {
-    /// Looks for everything: nothing is hidden yet.
+    /// The table of a scenery in which nothing is hidden yet.
     fn new(scenery: &Scenery) -> Self {
         let mut table = Table {
             runs: Vec::new(),
@@ -164,7 +165,7 @@ impl Table {
     }
 }
 
-/// By triangle number the place it was found at.
+/// Inverts pairs of place and triangle number: the place by triangle number.
 fn inverse(tile: &Tile, found: impl Iterator<Item = (u32, u32)>) -> Vec<u32> {
     let mut places = vec![NO_TRIANGLE; tile.sources.len()];
     found

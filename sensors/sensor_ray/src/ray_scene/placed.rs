@@ -6,14 +6,15 @@ use sensor_core::{Mesh, MeshId};
 
 use crate::bvh::Bounds;
 
-/// Boxes of moving instances are widened by this, more than `f32` loses over a town.
+/// Boxes of moving instances are widened by this: more than the rounding error of `f32` anywhere in
+/// a town.
 const BOX_MARGIN_M: f64 = 2e-3;
 
-/// Nothing is seen that is as far from the origin as this: the square of a distance beyond is no
-/// `f32` any more.
+/// Farther from the origin than this nothing is seen: the square of a larger distance does not fit
+/// an `f32`.
 const MAX_M: f64 = 1e18;
 
-/// A mesh at a place.
+/// A mesh at a place in the world.
 #[derive(Debug)]
 pub(crate) struct Placed {
     pub mesh_idx: u32,
@@ -54,10 +55,10 @@ impl Placed {
     }
 }
 
-/// What a triangle shows.
+/// Object and class of a triangle.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Labels {
-    /// In a mesh `BACKGROUND` where it is that of the instance.
+    /// In a mesh: `BACKGROUND` where the triangle takes the object of its instance.
     pub object: ObjectId,
     pub class: Class,
 }
@@ -92,7 +93,7 @@ pub(crate) fn box_about(
     )
 }
 
-/// Whether a pose is one, and near enough for the hierarchies' `f32`.
+/// Whether all numbers of a pose are finite and small enough for the hierarchies' `f32`.
 pub(crate) fn is_finite(pose: &Isometry3<f64>) -> bool {
     pose.translation
         .vector

@@ -1,4 +1,4 @@
-//! Scenery in squares of the map, a hierarchy each.
+//! Scenery, cut into squares of the map with a hierarchy each.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,11 +10,11 @@ use sensor_core::{Mesh, SceneAssets};
 use super::placed::{Labels, Placed, is_finite};
 use crate::bvh::TriangleTree;
 
-/// Side of the squares in which scenery is put into one hierarchy: keeps `f32` coordinates fine to
-/// 0.06 mm.
+/// Side of a square of scenery that shares one hierarchy: small enough that `f32` coordinates
+/// resolve 0.06 mm.
 const TILE_M: f64 = 1024.0;
 
-/// The part of a scene that stands still.
+/// Meshes, and the instances that stand still.
 #[derive(Debug)]
 pub(crate) struct Scenery {
     /// Meshes of the episode; what moves uses them too.
@@ -55,7 +55,8 @@ impl Scenery {
 pub(crate) struct Tile {
     pub origin_m: Point3<f64>,
     pub tree: TriangleTree,
-    /// Instance in `Scenery::statics` and triangle of its mesh, by triangle number in the tree.
+    /// By triangle number in the tree: the instance in [`Scenery::statics`] and the triangle of its
+    /// mesh.
     pub sources: Vec<(u32, u32)>,
 }
 

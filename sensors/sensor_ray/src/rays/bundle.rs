@@ -1,10 +1,11 @@
-//! Bundles of rays with a common origin, and how they walk a hierarchy together.
+//! Bundles of rays with a common origin, and the hits of their rays.
 //!
 //! A bundle looks along an axis. Its rays are points (u, v) of the plane one metre ahead, eight to
-//! a group; boxes are tested against the pyramid about all of them, triangles are projected to the
+//! a group. Boxes are tested against the pyramid around all rays; triangles are projected onto the
 //! plane and tested only against the groups that lie under their outline. A ray is inside a
-//! triangle if it passes all three edges on the same side: an edge that two triangles share gives
-//! the same number with the other sign for the other one, so that no ray slips between them.
+//! triangle if it passes all three edges on the same side. An edge that two triangles share gives
+//! the same number with opposite signs for the two, so no ray slips between them.
+//!
 //! Sources: Pineda, *A Parallel Algorithm for Polygon Rasterization* (1988); Reshetov, Soupikov and
 //! Hurley, *Multi-Level Ray Tracing Algorithm* (2005).
 
@@ -18,13 +19,13 @@ pub(crate) const GROUPS: usize = 8;
 /// Most rays of a bundle.
 pub(crate) const RAYS: usize = GROUP * GROUPS;
 
-/// Place of a ray that has hit nothing.
+/// Value of [`Hits::place`] for a ray that has hit nothing.
 pub(crate) const NOWHERE: u32 = u32::MAX;
 
-/// By how much outlines on the plane are widened before they are compared: far more than `f32`
-/// loses there.
+/// Outlines on the plane are widened by this before they are compared: far more than the rounding
+/// error of `f32` there.
 const MARGIN: f32 = 1e-5;
-/// Least cosine between a bundle's axis and its rays.
+/// Smallest cosine allowed between a bundle's axis and one of its rays.
 const NARROW: f64 = 0.5;
 
 /// Rays with a common origin about an axis, in a space of their own (a sensor's).
@@ -34,7 +35,7 @@ pub(crate) struct Bundle {
     pub basis: [Vector3<f64>; 3],
     pub u: [[f32; GROUP]; GROUPS],
     pub v: [[f32; GROUP]; GROUPS],
-    /// Depth of a point one metre along each ray; negative for rays that are not there.
+    /// Depth of the point one metre along each ray; negative in unused lanes.
     pub depth: [[f32; GROUP]; GROUPS],
     /// Smallest u, largest u, smallest v, largest v of each group, widened.
     pub bounds: [[f32; GROUPS]; 4],
@@ -43,7 +44,8 @@ pub(crate) struct Bundle {
 }
 
 impl Bundle {
-    /// Rays along unit vectors, eight to a group; `None` if they lie too far apart for one bundle.
+    /// A bundle of rays along unit vectors, eight to a group; `None` if the rays spread too far for
+    /// one bundle.
     pub fn new(directions: &[Option<Vector3<f64>>]) -> Option<Bundle> {
         assert!(
             directions.len() <= RAYS,
@@ -123,11 +125,13 @@ impl Bundle {
 /// What the rays of a bundle have hit so far.
 #[derive(Clone, Debug)]
 pub(crate) struct Hits {
-    /// Depth of the nearest hit, or the limit; negative for rays that are not there or do not fire.
+    /// Depth of the nearest hit, or the limit; negative in unused lanes and for rays that are
+    /// switched off.
     pub depth: [[f32; GROUP]; GROUPS],
-    /// Slot of the triangle: its block times eight, and its lane.
+    /// Slot of the triangle that was hit: eight times its block, plus its lane.
     pub slot: [[u32; GROUP]; GROUPS],
-    /// Where that hit was: a static set or an instance; [`NOWHERE`] without a hit.
+    /// What was hit: the number of a tile of scenery, or the number of tiles plus that of a moving
+    /// instance; [`NOWHERE`] without a hit.
     pub place: [[u32; GROUP]; GROUPS],
     /// Largest depth of each group.
     pub group_depth: [f32; GROUPS],
@@ -136,10 +140,11 @@ pub(crate) struct Hits {
 }
 
 impl Hits {
-    /// Nothing hit yet: [`Hits::begin`] before the first walk.
+    /// Rays of at most `max_m` that have hit nothing yet. Call [`Hits::begin`] before the first
+    /// walk.
     #[inline(always)]
     pub fn new(bundle: &Bundle, max_m: f64) -> Self {
-        // A little beyond the limit: the exact distance decides afterwards.
+        // A little more than the limit: the exact distance decides afterwards.
         let limit = (max_m * (1.0 + 1e-6) + 1e-3) as f32;
         let mut depth = bundle.depth;
         for group in &mut depth {
@@ -156,13 +161,13 @@ impl Hits {
         }
     }
 
-    /// Leaves a ray out.
+    /// Switches a ray off: it hits nothing.
     #[inline(always)]
     pub fn switch_off(&mut self, ray: usize) {
         self.depth[ray / GROUP][ray % GROUP] = -1.0;
     }
 
-    /// Takes note of how far the rays go.
+    /// Computes how far the groups and the bundle reach.
     #[inline(always)]
     pub fn begin<L: Lanes>(&mut self) {
         for group in 0..GROUPS {

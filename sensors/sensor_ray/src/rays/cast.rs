@@ -9,7 +9,7 @@ use super::caster::{Caster, OneBundle, Stacks};
 use super::hit::{Hit, surface};
 use crate::ray_scene::RayScene;
 
-/// Surfaces nearer to one another than this along a ray may count as one, metres.
+/// Two surfaces that lie nearer to one another along a ray than this may count as one, metres.
 const STEP_M: f64 = 1e-3;
 
 impl RayScene {
@@ -49,7 +49,7 @@ impl RayScene {
     }
 
     /// Every surface along a ray, nearest first, at most `max_hits`; distances are from `origin_m`.
-    /// A body has a surface where the ray goes in and another where it comes out. Surfaces less
+    /// A body has one surface where the ray enters it and another where it leaves. A surface less
     /// than a millimetre behind another one may be left out.
     pub fn cast_through(
         &self,

@@ -1,4 +1,4 @@
-//! Bundles of rays on their way through a scene: its scenery first, then what moves.
+//! Casts bundles of rays into a scene: first against its scenery, then against what moves.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use schema_types::{ActorId, ObjectId};
@@ -17,7 +17,7 @@ pub(crate) struct Caster<'s> {
     pub stacks: Stacks,
 }
 
-/// Memory of a walk, reused from bundle to bundle.
+/// Stacks of the walks, reused from bundle to bundle.
 #[derive(Debug, Default)]
 pub(crate) struct Stacks {
     triangles: Stack,
@@ -25,7 +25,7 @@ pub(crate) struct Stacks {
 }
 
 impl Caster<'_> {
-    /// Nearest hits of a bundle whose space is turned into the world by `world_from_bundle`.
+    /// Finds the nearest hits of a bundle; `world_from_bundle` turns its space into the world's.
     #[inline(always)]
     pub fn cast<L: Lanes>(
         &mut self,
@@ -108,7 +108,7 @@ impl Leaves for Instances<'_> {
     }
 }
 
-/// A single bundle that is in world axes already.
+/// A single bundle whose space has the axes of the world.
 pub(crate) struct OneBundle<'c, 's> {
     pub caster: &'c mut Caster<'s>,
     pub origin_m: &'c Point3<f64>,

@@ -1,4 +1,4 @@
-//! What rays hit: surfaces, and distances made exact.
+//! What rays hit, with exact distances.
 
 use nalgebra::{Point3, Vector3};
 use schema_types::{Class, ObjectId};
@@ -11,7 +11,7 @@ use crate::ray_scene::RayScene;
 pub struct Hit {
     /// Distance along the ray, metres.
     pub distance_m: f64,
-    /// Unit normal of the triangle, turned towards the ray's origin.
+    /// Unit normal of the triangle, on the side of the ray's origin.
     pub normal_in_world: Vector3<f64>,
     /// Semantic class.
     pub class: Class,
@@ -30,8 +30,8 @@ impl Hit {
     }
 }
 
-/// The distance to the plane of what was hit, unless it is a sliver, which has no plane worth the
-/// name: its `f32` distance is as good as any.
+/// The distance to the plane of the triangle. A sliver has no well-defined plane: where the two
+/// distances disagree, the one found in `f32` counts.
 #[inline(always)]
 fn exact(plane_m: f64, found_m: f64) -> f64 {
     if (plane_m - found_m).abs() <= 0.01 + 0.01 * found_m {
@@ -107,8 +107,8 @@ pub(crate) fn distances_m(
     distances_m
 }
 
-/// What stands at a hit, its distance made exact: the plane of the mesh's own triangle, in the
-/// mesh's space, in `f64`.
+/// Looks up what was hit and computes the exact distance in `f64`: to the plane of the mesh's own
+/// triangle, in the mesh's space.
 fn resolve(
     scene: &RayScene,
     place: u32,
@@ -157,7 +157,7 @@ fn resolve(
     }
 }
 
-/// Place, slot and rough distance of what a ray has hit.
+/// Place, slot and `f32` distance of what a ray has hit.
 #[inline(always)]
 fn found(hits: &Hits, bundle: &Bundle, ray: usize) -> Option<(u32, u32, f64)> {
     let (group, lane) = (ray / GROUP, ray % GROUP);
@@ -171,7 +171,7 @@ fn found(hits: &Hits, bundle: &Bundle, ray: usize) -> Option<(u32, u32, f64)> {
     })
 }
 
-/// Distances at which rays from the origin meet the planes of a triangle each.
+/// Distances at which rays from the origin meet the planes of their triangles.
 #[inline(always)]
 fn plane_distances(
     corners: &[[[f64; GROUP]; 3]; 3],

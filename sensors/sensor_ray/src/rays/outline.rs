@@ -1,5 +1,5 @@
-//! Triangles under a bundle of rays: their outlines on the plane one metre ahead, and which rays
-//! lie inside.
+//! Tests triangles against a bundle of rays: their outlines on the plane one metre ahead, and which
+//! rays lie inside.
 
 use sensor_core::lanes::Lanes;
 
@@ -7,8 +7,8 @@ use super::bundle::{Bundle, GROUPS, Hits};
 use super::walk::{BundleAxes, Leaves, Stack, dot, splat3, walk};
 use crate::bvh::{Block, TriangleTree, WIDTH};
 
-/// Vertices farther from the axis than this (depth over sideways distance) are not projected: `f32`
-/// would lose too much.
+/// Vertices whose depth is below this share of their sideways distance are not projected: the
+/// rounding error of `f32` would be too large.
 const FLATTEST: f32 = 0.05;
 
 /// Triangles at the leaves.
@@ -19,8 +19,8 @@ struct Blocks<'t> {
 }
 
 impl TriangleTree {
-    /// Nearest hits of all rays before their limits; hits are marked with `place` and the
-    /// triangle's slot.
+    /// Finds the nearest hit of each ray within its limit; a hit records `place` and the triangle's
+    /// slot.
     #[inline(always)]
     pub fn intersect<L: Lanes>(
         &self,
@@ -45,7 +45,7 @@ impl TriangleTree {
     }
 }
 
-/// A block in the bundle's axes, ready to be tested a triangle at a time.
+/// A block of triangles in the bundle's axes, prepared for testing one triangle at a time.
 struct Outlines {
     /// `edge[vertex][axis]`: normal of the plane through the origin and the edge opposite a vertex.
     edge: [[[f32; WIDTH]; 3]; 3],
@@ -126,8 +126,8 @@ fn seen_from<L: Lanes>(corner: &[[f32; WIDTH]; 3], origin: &[L; 3], basis: &[[L;
     ]
 }
 
-/// Normal of the plane through the origin and an edge: (a + b) × (b − a) = 2 a × b, exact where the
-/// edge is short, and exactly the other way round for the neighbour.
+/// Normal of the plane through the origin and an edge: (a + b) × (b − a) = 2 a × b. This form stays
+/// accurate for short edges, and the triangle beyond the edge gets exactly the negative.
 #[inline(always)]
 fn edge_normal<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
     cross(
@@ -136,7 +136,7 @@ fn edge_normal<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
     )
 }
 
-/// Whether the vertices lie so far ahead that they can be projected.
+/// Whether the vertices lie far enough ahead to be projected.
 #[inline(always)]
 fn is_ahead<L: Lanes>([x, y, z]: &[L; 3]) -> L::Mask {
     let zero = L::splat(0.0);
@@ -144,7 +144,7 @@ fn is_ahead<L: Lanes>([x, y, z]: &[L; 3]) -> L::Mask {
     x.add(y).mul(L::splat(FLATTEST)).lt(*z)
 }
 
-/// Where an interval on the plane overlaps another.
+/// Where the interval `low..=high` overlaps `from..=to`.
 #[inline(always)]
 fn overlap<L: Lanes>(low: L, high: L, from: L, to: L) -> L::Mask {
     L::and(low.le(to), from.le(high))
@@ -176,7 +176,7 @@ impl Outlines {
             bounds[2 * axis] = L::select(projected, low, L::splat(f32::NEG_INFINITY));
             bounds[2 * axis + 1] = L::select(projected, high, L::splat(f32::INFINITY));
         }
-        // A hit lies between the vertices, less what rounding does.
+        // A hit lies between the depths of the vertices, up to rounding.
         bounds[4] = nearest.mul(L::splat(1.0 - 2e-6));
         let in_u = overlap(
             bounds[0],
@@ -278,7 +278,8 @@ impl Outlines {
             }
             let sum = weight[0].add(weight[1]).add(weight[2]);
             let (at, limit) = (dot(&weight, &depth).div(sum), L::load(&hits.depth[group]));
-            // Without a surface the sum is zero, and comparisons with NaN are false.
+            // A triangle without area has a zero sum: `at` is NaN, and comparisons with NaN are
+            // false.
             let reached = L::and(inside, L::and(zero.le(at), at.le(limit)));
             if L::bits(reached) != 0 {
                 hits.take::<L>(group, reached, at, limit, slot, place);
@@ -326,7 +327,7 @@ impl Hits {
     }
 }
 
-/// Words as numbers of the same bits.
+/// Reinterprets words as lanes of the same bits.
 #[inline(always)]
 fn lanes<L: Lanes>(words: &[u32; 8]) -> L {
     L::load(bytemuck::cast_ref(words))

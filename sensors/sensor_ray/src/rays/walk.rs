@@ -6,7 +6,7 @@ use sensor_core::lanes::Lanes;
 use super::bundle::{Bundle, Hits};
 use crate::bvh::{LEAF, Node, Tree, WIDTH};
 
-/// Share of the largest coordinate by which boxes may be off.
+/// Boxes may be wrong by this share of the largest coordinate.
 const SLACK: f32 = 2e-6;
 
 /// A bundle's origin and axes in the space of a hierarchy.
@@ -25,10 +25,10 @@ impl BundleAxes {
     }
 }
 
-/// Nodes and blocks still to be visited, with the least depth of what is in them.
+/// Nodes and leaves still to be visited, each with the least depth of its box.
 pub(crate) type Stack = Vec<(u32, f32)>;
 
-/// A half space n·p ≥ offset, with the side of a box that lies farthest along n for each axis.
+/// A half space n·p ≥ offset, and per axis the side of a box that gives the corner to be tested.
 struct Plane<L> {
     normal: [L; 3],
     offset: L,
@@ -47,7 +47,7 @@ impl<L: Lanes> Plane<L> {
         }
     }
 
-    /// Height over the plane of the corner that was asked for, for each child.
+    /// Height of the tested corner above the plane, for each child.
     #[inline(always)]
     fn height(&self, node: &Node) -> L {
         let corner = [
@@ -59,11 +59,12 @@ impl<L: Lanes> Plane<L> {
     }
 }
 
-/// What is done at leaves. A trait, because closures cannot be told to be inlined.
+/// What a walk does at leaves. A trait rather than closures, because closures cannot be marked
+/// `#[inline(always)]`.
 pub(crate) trait Leaves {
-    /// Tries a leaf.
+    /// Tests the rays against what is in a leaf.
     fn visit<L: Lanes>(&mut self, bundle: &Bundle, hits: &mut Hits, leaf: u32);
-    /// Begins to fetch a leaf.
+    /// Prefetches a leaf that is visited soon.
     fn prefetch<L: Lanes>(&self, leaf: u32);
 }
 
@@ -132,7 +133,7 @@ pub(crate) fn walk<L: Lanes>(
             } else {
                 L::prefetch(&tree.nodes[entry.0 as usize]);
             }
-            // The nearest goes on top.
+            // Insertion sort: the nearest entry ends on top of the stack.
             let mut to = stack.len();
             stack.push(entry);
             while to > first && stack[to - 1].1 < entry.1 {
