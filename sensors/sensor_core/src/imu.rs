@@ -1,14 +1,15 @@
 //! IMU: specific force, angular velocity and compass from the exact state of the body that carries
 //! it.
 //!
-//! The specific force is the velocity gained by the sensor's own point over the tick, divided by
-//! the tick, less gravity, seen in the sensor's orientation at the middle of the tick: what a
-//! strap-down unit integrates. It is the second derivative of the position that a quadratic through
-//! three positions gives, but taken from velocities, because the physics engine's `f32` positions
-//! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and
-//! centripetal terms are included.
+//! The specific force is what a strap-down unit integrates: the velocity gained by the sensor's own
+//! point over the tick, divided by the tick, less gravity, in the sensor's orientation at the middle
+//! of the tick. In theory it equals the second derivative of a quadratic through three positions. It
+//! is taken from velocities instead, because the physics engine's `f32` positions (6e-5 m at 1 km)
+//! would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and centripetal terms
+//! are included.
 //!
-//! No clock, no state but the two last ticks; noise is a function of (seed, sensor, tick).
+//! The model reads no clock and keeps no state but the last two ticks; noise is a function of (seed,
+//! sensor, tick).
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use schema_frames::ImuSample;
@@ -16,7 +17,7 @@ use schema_types::SimTime;
 use schema_types::noise::Noise;
 use sensor_spec::ImuSpec;
 
-/// Gravity of a world that says nothing else, m/s².
+/// Gravity where nothing else is given, m/s².
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.81;
 
 /// State of the body that carries the sensor at the end of one tick.
@@ -63,9 +64,8 @@ impl BodyMotion {
         *self = BodyMotion::default();
     }
 
-    /// What an IMU at `vehicle_from_sensor` feels; `None` before the first state.
-    ///
-    /// With a single state the acceleration is taken as zero.
+    /// What an IMU mounted at `vehicle_from_sensor` feels; `None` before the first state. With a
+    /// single state the acceleration is zero.
     pub fn at(&self, vehicle_from_sensor: &Isometry3<f64>, gravity_mps2: f64) -> Option<ImuInput> {
         let now = self.current?;
         let arm_m = vehicle_from_sensor.translation.vector;
@@ -93,12 +93,12 @@ impl BodyMotion {
     }
 }
 
-/// Rotation half-way between two; the second if they are opposite.
+/// The rotation half-way between two; the second one if they are opposite.
 fn halfway(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     a.try_slerp(b, 0.5, 1e-9).unwrap_or(*b)
 }
 
-/// Everything one sample depends on besides noise.
+/// Everything that a sample depends on, except noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuInput {
     /// Acceleration of the sensor's own point, averaged over the tick.
@@ -113,7 +113,7 @@ pub struct ImuInput {
     pub gravity_mps2: f64,
 }
 
-/// One sample. Noise samples 0–2 go to the specific force, 3–5 to the angular velocity (x, y, z).
+/// One sample. The specific force takes noise samples 0–2 (x, y, z), the angular velocity 3–5.
 pub fn sample(spec: &ImuSpec, input: &ImuInput, noise: Noise) -> ImuSample {
     let lift = Vector3::z() * input.gravity_mps2;
     let force = input

@@ -1,18 +1,34 @@
-//! What every sensor shares: the scene it looks at, when it fires, its noise, IMU and GNSS models.
+//! What sensors share: the scene they look at, the schedule by which they fire, and the models of
+//! IMU, GNSS and lane invasion.
 //!
-//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, GPU or
+//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, the GPU or
 //! shared memory.
+//!
+//! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
+//! cameras draw and rays hit), [`schedule`] (which sensors fire at a tick), [`imu`], [`gnss`],
+//! [`lane_marks`] (painted lines and who crosses them), [`vector_lanes`] and [`vector`] (vector
+//! instructions with the same results on every processor).
+//!
+//! ```
+//! use schema_types::SimTime;
+//! use sensor_core::Schedule;
+//!
+//! // A sensor that fires once a second, in a simulation with ticks of 50 ms.
+//! let mut schedule = Schedule::from_interval_secs(SimTime(0), 1.0);
+//! let fires = |tick: &u64| schedule.due(SimTime(tick * 50_000_000)).is_some();
+//! assert_eq!((1..=50).filter(fires).collect::<Vec<_>>(), [1, 21, 41]);
+//! ```
 
 #![warn(missing_docs)]
 
 pub mod gnss;
 pub mod imu;
 pub mod lane_marks;
-pub mod lanes;
 pub mod mesh;
 pub mod scene;
 pub mod schedule;
 pub mod vector;
+pub mod vector_lanes;
 
 pub use gnss::GeoReference;
 pub use imu::{BodyMotion, BodyState, ImuInput};

@@ -36,8 +36,8 @@ pub enum Material {
     Metal = 12,
     /// Rubber, dark plastic.
     Rubber = 13,
-    /// A lamp: shines in its vertex colour when the instance's `lamps` has the bit `Vertex::lamp`,
-    /// else dark.
+    /// A lamp: shines in its vertex colour if `DynamicInstance::lamps` has the bit `Vertex::lamp`, else
+    /// it is dark.
     Lamp = 14,
     /// Skin and cloth.
     Cloth = 15,
@@ -45,8 +45,8 @@ pub enum Material {
     Water = 16,
 }
 
-/// One corner. 36 bytes. Vertices are not shared between triangles of different class or object:
-/// labels are flat.
+/// One corner of a triangle, 36 bytes. Triangles of different class or object share no vertices, so
+/// that labels are flat.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Vertex {
@@ -64,7 +64,7 @@ pub struct Vertex {
     pub lamp: u8,
     /// Zero.
     pub reserved: u8,
-    /// Object shown; 0 takes the instance's id.
+    /// Object shown; 0 stands for the object of the instance.
     pub object_id: u32,
     /// Surface coordinates, metres (facades: along, up; roads: along, across).
     pub uv_m: [f32; 2],

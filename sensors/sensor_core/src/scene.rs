@@ -1,4 +1,4 @@
-//! The read-only picture of the world that sensors look at in one tick.
+//! The scene: what renderers and ray casters see in one tick. Sensors only read it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,18 +21,18 @@ pub struct StaticInstance {
     pub mesh: MeshId,
     /// Pose; world positions are `f64`, the mesh's own coordinates stay small.
     pub world_from_mesh: Isometry3<f64>,
-    /// Id for triangles whose own is 0.
+    /// Object of triangles whose own object id is 0.
     pub object: ObjectId,
 }
 
-/// How lamps or windows of a scenery object are set.
+/// How the lamps or windows of a scenery object are switched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LampSetting {
-    /// Whether they shine; `None`: when it is dark.
+    /// Whether they shine; `None`: only when it is dark.
     pub on: Option<bool>,
-    /// Colour they shine in, sRGB; `None`: their own.
+    /// Colour of their light, sRGB; `None`: as built.
     pub rgb: Option<[u8; 3]>,
-    /// Light over what they have as built.
+    /// Strength of their light relative to how they were built.
     pub strength_ratio: f32,
 }
 
@@ -45,7 +45,7 @@ pub struct SceneAssets {
     pub meshes: Vec<Arc<Mesh>>,
     /// Scenery.
     pub statics: Vec<StaticInstance>,
-    /// Scenery whose lamps or windows are not as built.
+    /// Scenery whose lamps or windows are switched differently from how they were built.
     pub switched: BTreeMap<ObjectId, LampSetting>,
     /// Objects of the scenery that were left out of it; see [`SceneAssets::without`].
     pub hidden: BTreeSet<ObjectId>,
@@ -58,8 +58,8 @@ impl SceneAssets {
         MeshId(self.meshes.len() as u32 - 1)
     }
 
-    /// The same without some objects of the scenery: their instances go, and their triangles in
-    /// meshes that show several objects.
+    /// The same assets without some objects of the scenery: without their instances, and without their
+    /// triangles in meshes that show several objects.
     pub fn without(&self, hidden: &BTreeSet<ObjectId>) -> SceneAssets {
         let mut left = self.clone();
         left.hidden.extend(hidden);
@@ -68,7 +68,7 @@ impl SceneAssets {
         }
         left.statics
             .retain(|instance| !hidden.contains(&instance.object));
-        // Vertices come in runs of one object, so most questions are answered by the one before.
+        // Vertices come in runs of one object, so the previous answer mostly holds again.
         let mut last = (ObjectId::BACKGROUND, false);
         let mut is_hidden = |id: u32| {
             if last.0.0 != id {
@@ -104,7 +104,7 @@ impl SceneAssets {
 /// A rigid part of an actor in this tick: body, wheel, lamp head, limb.
 #[derive(Clone, Debug)]
 pub struct DynamicInstance {
-    /// Actor it belongs to; its id is what pixels show.
+    /// Actor it belongs to; instance images show its id.
     pub actor: ActorId,
     /// Part of that actor: (actor, part) is the same thing from tick to tick, which flow relies on.
     pub part: u16,
@@ -121,7 +121,7 @@ pub struct DynamicInstance {
 }
 
 impl DynamicInstance {
-    /// What identifies it from tick to tick.
+    /// Actor and part, which identify it from tick to tick.
     pub fn key(&self) -> (u32, u16) {
         (self.actor.0, self.part)
     }
@@ -135,7 +135,7 @@ pub struct Sun {
 }
 
 impl Sun {
-    /// The sun of a weather.
+    /// The direction of the sun in a weather.
     pub fn of(weather: &Weather) -> Sun {
         let (azimuth, altitude) = (
             (weather.sun_azimuth_deg as f64).to_radians(),
@@ -151,7 +151,7 @@ impl Sun {
     }
 }
 
-/// A line that is drawn into colour pictures and into nothing else; a point is one without length.
+/// A line that is drawn into colour images only; a line without length is a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DebugStroke {
     /// One end, world, metres.
@@ -164,14 +164,14 @@ pub struct DebugStroke {
     pub color_rgb: [u8; 3],
 }
 
-/// The world at the end of one tick, as sensors see it.
+/// Everything that sensors see at the end of one tick.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Step.
+    /// The tick.
     pub tick: Tick,
     /// Simulated time.
     pub sim_time: SimTime,
-    /// Length of this step.
+    /// Length of this tick.
     pub period_nanos: u64,
     /// What does not move.
     pub assets: Arc<SceneAssets>,
@@ -181,6 +181,6 @@ pub struct Scene {
     pub weather: Weather,
     /// Loss of lidar light in the air, 1/m; 0 unless weather is to act on sensors.
     pub lidar_extinction_per_m: f64,
-    /// What is drawn into colour pictures for debugging.
+    /// Lines that are drawn into colour images for debugging.
     pub debug: Vec<DebugStroke>,
 }

@@ -1,10 +1,10 @@
 //! Firing schedule: which sensors fire at a tick.
 //!
-//! Pure arithmetic on simulated nanoseconds, so two runs agree and a test needs no clock. A sensor
-//! fires at the first tick whose time is ≥ its due time (less 1e-5 of the interval: users write
-//! 0.0333334); then the due time moves on by whole intervals until it lies ahead, so lateness never
-//! adds up and no tick fires twice. An interval of 0 fires at every tick. The first due time is the
-//! first tick after the sensor was made.
+//! This is pure arithmetic on simulated nanoseconds, so two runs agree and a test needs no clock. A
+//! sensor fires at the first tick whose time is at or after its due time, less 1e-5 of the interval
+//! because users write 0.0333334. The due time then moves on by whole intervals until it lies ahead:
+//! lateness never adds up, and no tick fires twice. An interval of 0 fires at every tick. The first
+//! due time is the first tick after the sensor was made.
 
 use schema_types::SimTime;
 
@@ -47,8 +47,8 @@ impl Schedule {
         }
     }
 
-    /// A sensor that fires every `interval_secs` (CARLA's `sensor_tick`); what is not above 0 fires
-    /// at every tick.
+    /// A sensor that fires every `interval_secs` (CARLA's `sensor_tick`); an interval that is not
+    /// above 0 fires at every tick.
     pub fn from_interval_secs(made_at: SimTime, interval_secs: f64) -> Self {
         let nanos = (interval_secs * 1e9).round();
         Schedule::new(made_at, if nanos > 0.0 { nanos as u64 } else { 0 })
@@ -75,8 +75,8 @@ impl Schedule {
         self.n_fired
     }
 
-    /// Asks at each tick, times rising, whether the sensor fires. A time asked before (or before
-    /// the sensor was made) fires nothing.
+    /// Whether the sensor fires at this tick. Ask at every tick, in the order of time: a time that was
+    /// asked before, or that lies before the sensor was made, fires nothing.
     pub fn due(&mut self, tick_time: SimTime) -> Option<Firing> {
         if tick_time <= self.last_asked {
             return None;

@@ -1,17 +1,16 @@
-//! The widest vector instructions of the processor this runs on, for loops over numbers that the
-//! compiler vectorises.
+//! Runs loops that the compiler vectorises with the widest vector instructions of this processor.
 //!
-//! Programs are built for any processor of their kind. Work given to [`vectorised`] is compiled
-//! twice, and the copy that fits is run. Both copies do the same arithmetic in the same order
-//! (nothing is fused), so that results do not depend on the processor.
+//! Programs are built for any processor of their architecture. Work given to [`vectorised`] is
+//! compiled twice, and the copy that fits is run. Both copies do the same arithmetic in the same
+//! order and fuse nothing, so results do not depend on the processor.
 
-/// Work in plain arithmetic. Mark `run` and all it calls `#[inline(always)]`: what is not inlined
-/// is compiled for any processor.
+/// Work in plain arithmetic. Mark `run` and everything it calls `#[inline(always)]`: a function that
+/// is not inlined is compiled without AVX2.
 pub trait VectorWork {
-    /// What comes of it.
+    /// Its result.
     type Out;
 
-    /// Does it.
+    /// Does the work.
     fn run(self) -> Self::Out;
 }
 

@@ -1,4 +1,4 @@
-//! Cameras: resolution, lens, modalities, event camera.
+//! Settings of a camera: resolution, field of view, modalities.
 
 use schema_frames::Modality;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -11,7 +11,7 @@ use crate::optics::OpticsSpec;
 /// Smallest and largest image side, pixels.
 pub const SIDE_PX: (u32, u32) = (16, 4096);
 
-/// A view: one pose and lens, any of the camera modalities.
+/// A camera: one pose and lens, any of the camera modalities.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSpec {
@@ -19,13 +19,13 @@ pub struct CameraSpec {
     pub rate_hz: f64,
     /// Place on the vehicle.
     pub mount: MountSpec,
-    /// Image width.
+    /// Image width, pixels.
     pub width_px: u32,
-    /// Image height.
+    /// Image height, pixels.
     pub height_px: u32,
-    /// Horizontal field of view.
+    /// Horizontal field of view, degrees.
     pub fov_deg: f64,
-    /// What to publish.
+    /// Modalities to publish.
     #[serde(serialize_with = "names", deserialize_with = "from_names")]
     pub modalities: Vec<Modality>,
     /// Exposure, lens and white balance of `rgb`.
@@ -55,7 +55,7 @@ impl CameraSpec {
         Intrinsics::from_fov(self.width_px, self.height_px, self.fov_deg.to_radians())
     }
 
-    /// Most events one frame of `dvs` can carry.
+    /// Largest number of events in one frame of `dvs`.
     pub fn max_events(&self) -> u32 {
         self.dvs.max_events_of(self.width_px, self.height_px)
     }

@@ -1,4 +1,4 @@
-//! What a check answers about a value that cannot be used.
+//! The error of a check: a value that cannot be used, and what is allowed.
 
 /// One value that cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,25 +1,25 @@
-//! Event camera: thresholds, noise, limits.
+//! Settings of the event camera: thresholds, noise, limits.
 
 use serde::{Deserialize, Serialize};
 
 use crate::check::{SpecError, check_range};
 
-/// How brightness is followed between two firings.
+/// How brightness is interpolated between two firings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DvsMode {
-    /// Along the motion field: edges cross a pixel when they do.
+    /// Along the motion field: an event has the time at which the edge crosses the pixel.
     #[default]
     Motion,
-    /// In a straight line at every pixel: CARLA's model.
+    /// Linearly at each pixel, from one image to the next: CARLA's model.
     TwoFrame,
 }
 
-/// Event camera: a contrast threshold crossed makes an event.
+/// Event camera: a pixel makes an event whenever its level has changed by a threshold.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DvsSpec {
-    /// How brightness is followed between two firings.
+    /// How brightness is interpolated between two firings.
     pub mode: DvsMode,
     /// Rise of the level per event.
     pub positive_threshold: f32,
@@ -27,24 +27,24 @@ pub struct DvsSpec {
     pub negative_threshold: f32,
     /// Standard deviation of the thresholds from pixel to pixel.
     pub threshold_mismatch_stddev: f32,
-    /// Standard deviation of the positive threshold from window to window, at every pixel anew.
+    /// Standard deviation of the positive threshold, drawn anew for each pixel and window.
     pub sigma_positive_threshold: f32,
-    /// The same of the negative threshold.
+    /// The same for the negative threshold.
     pub sigma_negative_threshold: f32,
-    /// Time a pixel stays silent after an event.
+    /// Time after an event in which a pixel makes no other, nanoseconds.
     pub refractory_nanos: u32,
     /// Level is ln(luminance + `log_eps`) with luminance 0..=1; otherwise 255 · luminance.
     pub use_log: bool,
     /// Added to luminance (0..=1) before the logarithm.
     pub log_eps: f32,
-    /// Events of rising brightness per second and pixel that come without any change.
+    /// Events of rising brightness per second and pixel that occur without any change.
     pub leak_rate_hz: f32,
-    /// Events per second and pixel of either polarity by chance in the dark; a quarter of that in
-    /// full light.
+    /// Random events per second and pixel, of either polarity, in the dark; a quarter of that in full
+    /// light.
     pub shot_noise_rate_hz: f32,
-    /// Longest path of a point over the image between two samples of its brightness.
+    /// Longest way of a point over the image between two samples of its brightness, pixels.
     pub substep_px: f32,
-    /// Most events one frame can carry; what is beyond is dropped from its end and counted. 0: one
+    /// Largest number of events in one frame; later ones are dropped and counted. 0 stands for one
     /// per pixel, at least 4096.
     pub max_events: u32,
     /// Tells the noise of otherwise equal event cameras apart.
@@ -73,7 +73,7 @@ impl Default for DvsSpec {
 }
 
 impl DvsSpec {
-    /// Most events one frame of a picture of this size can carry.
+    /// Largest number of events in one frame of an image of this size.
     pub fn max_events_of(&self, width_px: u32, height_px: u32) -> u32 {
         match self.max_events {
             0 => (width_px * height_px).max(4096),
@@ -82,7 +82,7 @@ impl DvsSpec {
     }
 
     pub(crate) fn check(&self, errors: &mut Vec<SpecError>) {
-        // In grey levels of 255 without the logarithm.
+        // Without the logarithm thresholds are grey levels of 255.
         let (least, most) = if self.use_log {
             (0.01, 10.0)
         } else {

@@ -5,23 +5,23 @@ use serde::{Deserialize, Serialize};
 use crate::check::{SpecError, check_range};
 use crate::mount::MountSpec;
 
-/// Most collisions or crossed lines one frame can carry; what is beyond is left out.
+/// Largest number of collisions or crossed lines in one frame; further ones are left out.
 pub const MAX_EVENTS_PER_TICK: usize = 64;
 
-/// Obstacle detector: a ball moved forward from the sensor until it touches something that is not
-/// its carrier.
+/// Obstacle detector: moves a ball forward from the sensor until it touches something other than
+/// the carrier.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ObstacleSpec {
-    /// Looks per second.
+    /// Firings per second.
     pub rate_hz: f64,
     /// Place on the vehicle.
     pub mount: MountSpec,
-    /// Way of the ball.
+    /// How far the ball moves, metres.
     pub distance_m: f64,
-    /// Radius of the ball.
+    /// Radius of the ball, metres.
     pub hit_radius_m: f64,
-    /// See vehicles and walkers only.
+    /// Whether only vehicles and walkers count.
     pub only_dynamics: bool,
 }
 
@@ -44,7 +44,7 @@ impl ObstacleSpec {
     }
 }
 
-/// Collision detector: what its carrier pushed in a tick, and how hard. Looks at every tick.
+/// Collision detector: what its carrier pushed in a tick, and how hard. Fires at every tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CollisionSpec {
@@ -52,8 +52,8 @@ pub struct CollisionSpec {
     pub mount: MountSpec,
 }
 
-/// Lane invasion detector: painted lines that its carrier's box went over in a tick. Looks at every
-/// tick.
+/// Lane invasion detector: painted lines that the box of its carrier crossed in a tick. Fires at
+/// every tick.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaneInvasionSpec {

@@ -1,4 +1,4 @@
-//! GNSS: noise and bias.
+//! Settings of the GNSS receiver: noise and bias.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,4 +1,4 @@
-//! IMU: noise and bias.
+//! Settings of the IMU: noise and bias.
 
 use serde::{Deserialize, Serialize};
 

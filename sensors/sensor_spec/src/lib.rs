@@ -1,6 +1,23 @@
 //! What a launch file or a blueprint may ask of each sensor, and the checks. No GPU, no scene.
 //!
-//! Units are in the keys. Every check answers with what, which value, what is allowed.
+//! Each kind of sensor has a struct whose fields are the keys of its table in a launch file; units
+//! are in the keys. [`SensorSpec`] is one sensor of any kind. A check reports every problem at once:
+//! the key, the value found, and what is allowed.
+//!
+//! Modules in reading order: `check` ([`SpecError`]), `mount` (where a sensor sits), one per kind
+//! (`camera` with `optics` and `dvs`, `lidar`, `radar`, `imu`, `gnss`, `events`), and `sensor`
+//! ([`SensorSpec`]).
+//!
+//! ```
+//! use sensor_spec::{ImuSpec, SensorSpec};
+//!
+//! let imu = SensorSpec::Imu(ImuSpec { rate_hz: 30.0, ..ImuSpec::default() });
+//! let errors = imu.check(100.0).unwrap_err();
+//! assert_eq!(
+//!     errors[0].to_string(),
+//!     "rate_hz is 30, but must divide the tick rate 100; try 33.333333333333336 or 25"
+//! );
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

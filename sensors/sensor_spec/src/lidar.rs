@@ -1,13 +1,13 @@
-//! Lidar: beams, rotation, losses.
+//! Settings of the lidar: beams, rotation, losses.
 
 use serde::{Deserialize, Serialize};
 
 use crate::check::{SpecError, check_range};
 use crate::mount::MountSpec;
 
-/// Most beams a lidar can have.
+/// Largest number of beams of a lidar.
 pub const MAX_CHANNELS: u32 = 256;
-/// Most points a lidar or radar can make in a second of simulated time.
+/// Largest number of points per second of simulated time, for lidar and radar.
 pub const MAX_POINTS_PER_SECOND: u32 = 50_000_000;
 
 /// What one frame of a lidar holds.
@@ -17,9 +17,9 @@ pub enum LidarScan {
     /// One full turn of `columns` azimuths that ends at the tick, looking back.
     #[default]
     Turn,
-    /// What the head sweeps in one tick, counting `points_per_second` and `rotation_hz`: CARLA's
-    /// lidar. The head turns clockwise seen from above and goes on from where it was at the
-    /// previous firing.
+    /// What the head sweeps in one tick, from `points_per_second` and `rotation_hz`: CARLA's lidar.
+    /// The head turns clockwise seen from above and continues from where it stood at the previous
+    /// firing.
     Sweep,
 }
 
@@ -31,7 +31,7 @@ pub struct LidarSpec {
     pub rate_hz: f64,
     /// Place on the vehicle.
     pub mount: MountSpec,
-    /// Publish class, object id and incidence instead of intensity, without losses.
+    /// Whether points carry class, object id and incidence instead of intensity; no losses then.
     pub semantic: bool,
     /// What one frame holds.
     pub scan: LidarScan,
@@ -49,21 +49,21 @@ pub struct LidarSpec {
     pub upper_fov_deg: f64,
     /// Elevation of the lowest beam.
     pub lower_fov_deg: f64,
-    /// Farthest return.
+    /// Distance of the farthest return, metres.
     pub range_m: f64,
     /// Intensity is exp(−rate · distance).
     pub attenuation_per_m: f64,
     /// Share of rays lost whatever they hit.
     pub dropoff_general_ratio: f64,
-    /// Below this intensity more rays are lost…
+    /// Below this intensity more rays are lost …
     pub dropoff_intensity_limit: f64,
-    /// …up to this share at intensity 0.
+    /// … up to this share at intensity 0.
     pub dropoff_zero_intensity_ratio: f64,
-    /// Standard deviation of the range.
+    /// Standard deviation of the range, metres.
     pub noise_range_stddev_m: f64,
     /// Tells the noise of otherwise equal sensors apart.
     pub noise_seed: u64,
-    /// Move the sensor along its path while the head turns.
+    /// Whether the sensor moves along its path while the head turns.
     pub motion_distortion: bool,
 }
 
@@ -94,7 +94,7 @@ impl Default for LidarSpec {
 }
 
 impl LidarSpec {
-    /// Azimuths of a frame after a tick of `tick_secs`: rays per channel.
+    /// Number of azimuths of a frame after a tick of `tick_secs`, which is rays per channel.
     pub fn columns_per_frame(&self, tick_secs: f64) -> u32 {
         match self.scan {
             LidarScan::Turn => self.columns,
@@ -104,7 +104,7 @@ impl LidarSpec {
         }
     }
 
-    /// Most points a frame after a tick of `tick_secs` can have.
+    /// Largest number of points of a frame after a tick of `tick_secs`.
     pub fn points_per_frame(&self, tick_secs: f64) -> u32 {
         self.channels
             .saturating_mul(self.columns_per_frame(tick_secs))

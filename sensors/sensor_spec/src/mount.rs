@@ -1,4 +1,4 @@
-//! Where a sensor sits on its parent.
+//! Where a sensor sits on its carrier.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use schema_types::Pose;
@@ -17,12 +17,12 @@ pub struct MountSpec {
     /// Roll, pitch, yaw about x, y, z of the vehicle, degrees; positive pitch looks down, positive
     /// yaw turns left.
     pub rpy_deg: [f64; 3],
-    /// How it follows.
+    /// How it follows its carrier.
     pub attachment: Attachment,
 }
 
 impl MountSpec {
-    /// As a transform.
+    /// The mount as a transform.
     pub fn vehicle_from_sensor(&self) -> Isometry3<f64> {
         let [roll, pitch, yaw] = self.rpy_deg.map(f64::to_radians);
         Isometry3::from_parts(
@@ -31,7 +31,7 @@ impl MountSpec {
         )
     }
 
-    /// As plain bytes.
+    /// The mount as a pose of plain numbers.
     pub fn pose(&self) -> Pose {
         self.vehicle_from_sensor().into()
     }

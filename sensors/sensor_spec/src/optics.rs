@@ -1,40 +1,40 @@
-//! What a camera does to its colour picture: exposure, lens, white balance. Labels, depth, flow and
-//! events stay those of a pinhole.
+//! Settings of a camera's colour image: exposure, lens, white balance. Labels, depth, flow and events
+//! stay those of a pinhole camera.
 
 use serde::{Deserialize, Serialize};
 
 use crate::check::{SpecError, check_range};
 
-/// Colour of a camera. The defaults leave a picture as it is.
+/// Colour processing of a camera. The defaults leave an image as it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OpticsSpec {
-    /// How light becomes white.
+    /// How much light becomes white.
     pub exposure: ExposureSpec,
-    /// Exponent of the display's curve; above 2.2 brightens what is dark.
+    /// Exponent of the display's curve; a value above 2.2 brightens dark parts.
     pub gamma: f32,
     /// `false`: no film curve, bloom, vignette or automatic exposure; light is clipped at white.
     pub postprocess: bool,
-    /// White light has this colour temperature, kelvin; above 6500 the picture turns warmer.
+    /// Colour temperature of light that is shown as white, kelvin; above 6500 the image turns warmer.
     pub white_kelvin: f32,
-    /// Green (below 0) to magenta (above), −1 to 1.
+    /// Shift towards green (below 0) or magenta (above 0), −1 to 1.
     pub tint: f32,
-    /// Light that strays around what is bright; 0 is none.
+    /// Strength of the glow around bright parts; 0 is none.
     pub bloom_intensity: f32,
     /// Darkening of the corners: 1 − multiplier · r^falloff, r = 1 in the corner.
     pub vignette_multiplier: f32,
-    /// Exponent of that.
+    /// Exponent of the darkening.
     pub vignette_falloff: f32,
     /// Distortion: a pixel at p (−0.5 to 0.5) shows what a pinhole has at p · (1 + k r² + k_cubed
     /// r³), r = |p · distortion_size|.
     pub distortion_k: f32,
-    /// Its cubic part.
+    /// Cubic coefficient of the distortion.
     pub distortion_k_cubed: f32,
     /// Scale of r in x and y.
     pub distortion_size: [f32; 2],
     /// Red and blue drift apart towards the rim by this share of half the image's width in percent.
     pub chromatic_aberration: f32,
-    /// Distance from the middle (1 is the corner) at which that begins.
+    /// Distance from the middle (1 is the corner) at which the aberration begins.
     pub chromatic_aberration_start: f32,
 }
 
@@ -58,16 +58,16 @@ impl Default for OpticsSpec {
     }
 }
 
-/// Who sets the exposure.
+/// What sets the exposure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ExposureMode {
     /// The weather: bright by day, dim by night, the same for every direction and at once.
     #[default]
     Weather,
-    /// Shutter, aperture and film.
+    /// Shutter, aperture and sensitivity.
     Manual,
-    /// The picture itself, adapting over time.
+    /// The brightness of the image, adapting over time.
     Histogram,
 }
 
@@ -75,7 +75,7 @@ pub enum ExposureMode {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExposureSpec {
-    /// Who sets it.
+    /// What sets it.
     pub mode: ExposureMode,
     /// Brighter by this many stops, in every mode.
     pub compensation_ev: f32,
@@ -115,14 +115,14 @@ impl Default for ExposureSpec {
 }
 
 impl ExposureSpec {
-    /// EV100 of shutter, aperture and film: log2(N² · 100 / (t · S)).
+    /// EV100 of shutter, aperture and sensitivity: log2(N² · 100 / (t · S)).
     pub fn manual_ev100(&self) -> f32 {
         (self.fstop * self.fstop * self.shutter_per_s * 100.0 / self.iso).log2()
     }
 }
 
 impl OpticsSpec {
-    /// Whether a picture stays as it is: nothing to do after shading.
+    /// Whether an image stays as shaded, so that there is nothing to process.
     pub fn is_neutral(&self) -> bool {
         let exposure = &self.exposure;
         exposure.mode == ExposureMode::Weather

@@ -1,4 +1,4 @@
-//! Radar: field of view, range, density.
+//! Settings of the radar: field of view, range, density.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,9 +18,9 @@ pub struct RadarSpec {
     pub horizontal_fov_deg: f64,
     /// Height of the field of view.
     pub vertical_fov_deg: f64,
-    /// Distance of the plane up to which it sees; rays to the rim are longer.
+    /// Distance of the plane at which its rays end, metres; rays towards the rim are longer.
     pub range_m: f64,
-    /// Rays per second of simulated time. One frame has those of one tick.
+    /// Rays per second of simulated time; a frame has the rays of one tick.
     pub points_per_second: u32,
     /// Tells the directions of otherwise equal radars apart.
     pub noise_seed: u64,
@@ -43,7 +43,7 @@ impl Default for RadarSpec {
 impl RadarSpec {
     /// Rays of a frame after a tick of `tick_secs`.
     pub fn rays_per_frame(&self, tick_secs: f64) -> u32 {
-        // 0.05 s · 1500/s is 75 and not a bit less.
+        // The factor keeps rounding from losing a ray: 0.05 s · 1500/s must give 75.
         (self.points_per_second as f64 * tick_secs * (1.0 + 1e-12)) as u32
     }
 

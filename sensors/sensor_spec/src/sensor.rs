@@ -62,8 +62,8 @@ impl SensorSpec {
         })
     }
 
-    /// Firings per second of simulated time; `None`: every tick, and there is no key to change
-    /// that.
+    /// Firings per second of simulated time; `None` for sensors that fire at every tick and have no
+    /// key to change that.
     pub fn rate_hz(&self) -> Option<f64> {
         match self {
             SensorSpec::Camera(spec) => Some(spec.rate_hz),
@@ -76,7 +76,7 @@ impl SensorSpec {
         }
     }
 
-    /// Where it sits.
+    /// Where the sensor sits on its carrier.
     pub fn mount(&self) -> &MountSpec {
         match self {
             SensorSpec::Camera(spec) => &spec.mount,
@@ -90,7 +90,7 @@ impl SensorSpec {
         }
     }
 
-    /// What it publishes, one topic each.
+    /// The modalities it publishes, one topic each.
     pub fn modalities(&self) -> Vec<Modality> {
         match self {
             SensorSpec::Camera(spec) => spec.modalities.clone(),
@@ -108,7 +108,7 @@ impl SensorSpec {
         }
     }
 
-    /// Most payload bytes one frame of `modality` can have after a tick of `tick_secs`.
+    /// Largest number of payload bytes that a frame of `modality` can have after a tick of `tick_secs`.
     pub fn max_payload_bytes(&self, modality: Modality, tick_secs: f64) -> usize {
         let n_elements = match self {
             SensorSpec::Camera(spec) if modality == Modality::Dvs => spec.max_events() as usize,

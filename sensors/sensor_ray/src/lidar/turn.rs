@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use rayon::prelude::*;
 use schema_types::ActorId;
 use schema_types::noise::Noise;
-use sensor_core::lanes::{LaneWork, Lanes, in_lanes};
+use sensor_core::vector_lanes::{LaneWork, Lanes, in_lanes};
 use sensor_spec::LidarSpec;
 
 use super::beams::{Beams, Bunch};

@@ -10,7 +10,7 @@
 //! Hurley, *Multi-Level Ray Tracing Algorithm* (2005).
 
 use nalgebra::Vector3;
-use sensor_core::lanes::Lanes;
+use sensor_core::vector_lanes::Lanes;
 
 /// Rays of a group.
 pub(crate) const GROUP: usize = 8;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use schema_types::ActorId;
-use sensor_core::lanes::in_lanes;
+use sensor_core::vector_lanes::in_lanes;
 
 use super::bundle::{Bundle, Hits};
 use super::caster::{Caster, OneBundle, Stacks};

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use schema_types::{ActorId, ObjectId};
-use sensor_core::lanes::{LaneWork, Lanes};
+use sensor_core::vector_lanes::{LaneWork, Lanes};
 
 use super::bundle::{Bundle, Hits};
 use super::walk::{BundleAxes, Leaves, Stack, walk};
@@ -131,8 +131,8 @@ impl LaneWork for OneBundle<'_, '_> {
 mod tests {
     use nalgebra::Isometry3;
     use schema_types::Class;
-    use sensor_core::lanes::{in_arrays, in_lanes};
     use sensor_core::mesh::Surface;
+    use sensor_core::vector_lanes::{in_arrays, in_lanes};
     use sensor_core::{Material, MeshBuilder, SceneAssets, StaticInstance};
 
     use super::*;

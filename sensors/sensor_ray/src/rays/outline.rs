@@ -1,7 +1,7 @@
 //! Tests triangles against a bundle of rays: their outlines on the plane one metre ahead, and which
 //! rays lie inside.
 
-use sensor_core::lanes::Lanes;
+use sensor_core::vector_lanes::Lanes;
 
 use super::bundle::{Bundle, GROUPS, Hits};
 use super::walk::{BundleAxes, Leaves, Stack, dot, splat3, walk};

@@ -1,7 +1,7 @@
 //! How a bundle of rays walks a hierarchy of boxes.
 
 use nalgebra::Vector3;
-use sensor_core::lanes::Lanes;
+use sensor_core::vector_lanes::Lanes;
 
 use super::bundle::{Bundle, Hits};
 use crate::bvh::{LEAF, Node, Tree, WIDTH};

@@ -1,12 +1,11 @@
-//! Eight `f32` side by side: written once over [`Lanes`], run with AVX2 where the processor has it
-//! and with plain arrays elsewhere.
+//! Arithmetic on eight `f32` at a time. Code is written once over [`Lanes`] and runs with AVX2 where
+//! the processor has it, elsewhere with plain arrays.
 //!
-//! Every operation is exactly IEEE's, one at a time and never fused, so that both give the same
-//! bits.
+//! Every operation is exactly IEEE's and none is fused, so that both give the same bits.
 
 /// Eight numbers.
 pub trait Lanes: Copy {
-    /// Eight truths.
+    /// Eight booleans.
     type Mask: Copy;
 
     /// The same number eight times.
@@ -35,23 +34,23 @@ pub trait Lanes: Copy {
     fn lt(self, other: Self) -> Self::Mask;
     /// `a` where the mask is set, else `b`. Bits are kept, whatever they mean.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
-    /// Both.
+    /// Where both masks are set.
     fn and(a: Self::Mask, b: Self::Mask) -> Self::Mask;
-    /// Either.
+    /// Where either mask is set.
     fn or(a: Self::Mask, b: Self::Mask) -> Self::Mask;
     /// Lane `i` as bit `i`.
     fn bits(mask: Self::Mask) -> u32;
-    /// Begins to fetch something that is soon read.
+    /// Prefetches something that is read soon.
     fn prefetch<T>(x: &T);
 }
 
-/// Work over eight lanes. Mark `run` and all it calls `#[inline(always)]`: what is not inlined is
-/// compiled for any processor.
+/// Work over eight lanes. Mark `run` and everything it calls `#[inline(always)]`: a function that is
+/// not inlined is compiled without AVX2.
 pub trait LaneWork {
-    /// What comes of it.
+    /// Its result.
     type Out;
 
-    /// Does it.
+    /// Does the work.
     fn run<L: Lanes>(self) -> Self::Out;
 }
 
@@ -65,7 +64,7 @@ pub fn in_lanes<W: LaneWork>(work: W) -> W::Out {
     work.run::<Array>()
 }
 
-/// Does `work` with plain arrays, on any processor: what results are compared with.
+/// Does `work` with plain arrays, on any processor: the reference in tests.
 pub fn in_arrays<W: LaneWork>(work: W) -> W::Out {
     work.run::<Array>()
 }
