@@ -25,11 +25,13 @@
 mod document;
 mod follower;
 mod lockstep;
+mod run_files;
+mod snapshots;
 mod topic;
-mod world;
 
 pub use document::FollowedDocument;
 pub use follower::{Follower, MAX_WAIT, TopicId};
 pub use lockstep::{Lockstep, LockstepError};
+pub use run_files::file_of_run;
+pub use snapshots::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};
 pub use topic::{FollowedTopic, Take, TopicReport};
-pub use world::{KEPT_SNAPSHOTS, SnapshotTrail, WorldAt};

@@ -7,16 +7,16 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod convert;
 pub mod discover;
+pub mod frames;
 pub mod info;
 pub mod messages;
 pub mod options;
 pub mod queue;
 pub mod reader;
 pub mod recover;
-pub mod scene;
 pub mod session;
 pub mod sink;
+pub mod snapshots;
 pub mod wire;
 pub mod writer;

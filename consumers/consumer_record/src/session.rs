@@ -9,12 +9,12 @@ use consumer_kit::{FollowedDocument, Follower, Lockstep, Take};
 use schema_bus::{Bus, BusError, CommandClient, Listener, SnapshotReader, mono_now, names};
 use schema_frames::{ActorList, Command, CommandBatch, WorldInfo};
 
-use crate::convert::{TopicName, frame_entries};
 use crate::discover::Discovery;
+use crate::frames::{TopicName, frame_entries};
 use crate::options::Options;
 use crate::queue::Job;
-use crate::scene::{SceneState, document};
 use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
+use crate::snapshots::{SnapshotConverter, document};
 use crate::writer::Written;
 
 /// Longest wait for a wake-up; documents and a shutdown are looked at this often.
@@ -79,7 +79,7 @@ struct Session {
     full: BTreeSet<String>,
     options: Options,
     discovery: Discovery,
-    scene: SceneState,
+    snapshot_converter: SnapshotConverter,
     sink: Sink,
     sim_nanos: u64,
     newest_tick: u64,
@@ -132,7 +132,7 @@ impl Session {
             full: BTreeSet::new(),
             options: options.clone(),
             discovery: Discovery::start(&options.domain, &format!("{name}-look"), &options.bus)?,
-            scene: SceneState::default(),
+            snapshot_converter: SnapshotConverter::default(),
             sink,
             sim_nanos: 0,
             newest_tick: 0,
@@ -279,7 +279,7 @@ impl Session {
                 let sink = &self.sink;
                 let mut entries =
                     frame_entries(name, header, &frame, &mut |n_bytes| sink.buffer(n_bytes));
-                entries.extend(self.scene.frame_extras(name, header));
+                entries.extend(self.snapshot_converter.frame_extras(name, header));
                 self.sink.put(
                     source,
                     header.seq,
@@ -313,7 +313,9 @@ impl Session {
                     if is_first {
                         self.drain_documents(true)?;
                     }
-                    let entries = self.scene.snapshot_entries(header, snapshot.records());
+                    let entries = self
+                        .snapshot_converter
+                        .snapshot_entries(header, snapshot.records());
                     self.sink.put(
                         &source,
                         header.tick,
@@ -340,10 +342,10 @@ impl Session {
         if self.epoch != 0 {
             self.attach_map(true)?;
             self.sink.finish(&self.losses())?;
-            let output = Output::create(&self.options, self.sink.finished.len() + 1)?;
+            let output = Output::create(&self.options, self.sink.finished.len() as u32 + 1)?;
             tracing::info!(file = %output.path.display(), "the simulator was restarted; its new run goes into a new file");
             self.sink.output = Some(output);
-            self.scene = SceneState::default();
+            self.snapshot_converter = SnapshotConverter::default();
             self.lockstep = None;
             (self.newest_tick, self.sim_nanos, self.has_snapshot) = (0, 0, false);
             self.attached = None;
@@ -422,7 +424,9 @@ impl Session {
     ) -> anyhow::Result<()> {
         match name {
             names::WORLD_INFO => self.sink.push(world_metadata(&found.text))?,
-            names::WORLD_ACTORS => self.scene.set_actors(&found.json::<ActorList>()?),
+            names::WORLD_ACTORS => self
+                .snapshot_converter
+                .set_actors(&found.json::<ActorList>()?),
             _ => {}
         }
         let entries = vec![document(name, &found.header, &found.text)];

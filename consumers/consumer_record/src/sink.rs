@@ -2,10 +2,11 @@
 //! what did not fit.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::thread::JoinHandle;
 
 use anyhow::{Context, anyhow};
+use consumer_kit::file_of_run;
 use schema_bus::mono_now;
 use schema_types::class::CLASSES;
 
@@ -40,9 +41,9 @@ pub(crate) struct Output {
 }
 
 impl Output {
-    /// The file of the `n`-th run of the simulator, from 1.
-    pub(crate) fn create(options: &Options, n: usize) -> anyhow::Result<Output> {
-        let path = numbered(&options.out, n);
+    /// The file of a run of the simulator; runs are counted from 1.
+    pub(crate) fn create(options: &Options, run_number: u32) -> anyhow::Result<Output> {
+        let path = file_of_run(&options.out, run_number);
         let recording = Recording::create(&path, options.compression)?;
         let (queue, outlet) = queue(options.queue_bytes);
         let writer = std::thread::Builder::new()
@@ -78,17 +79,6 @@ impl Output {
         let written = written.context("the recording could not be written to its end; what was flushed stays in the part file")?;
         Ok((self.path, written))
     }
-}
-
-/// `drive.mcap` for the first run of the simulator, `drive.2.mcap` for the second.
-pub(crate) fn numbered(path: &Path, n: usize) -> PathBuf {
-    if n == 1 {
-        return path.to_path_buf();
-    }
-    let extension = path.extension().map_or(String::new(), |extension| {
-        format!(".{}", extension.to_string_lossy())
-    });
-    path.with_extension(format!("{n}{extension}"))
 }
 
 /// Where batches go, and what did not fit.
@@ -211,22 +201,5 @@ fn class_metadata() -> Job {
     Job::Metadata {
         name: "classes".to_string(),
         pairs,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
-        assert_eq!(
-            numbered(Path::new("a/drive.mcap"), 1),
-            Path::new("a/drive.mcap")
-        );
-        assert_eq!(
-            numbered(Path::new("a/drive.mcap"), 2),
-            Path::new("a/drive.2.mcap")
-        );
     }
 }

@@ -51,7 +51,7 @@ fn every_byte_of_every_frame_comes_back() {
                         tick * PERIOD_NANOS,
                     )]
                         .0,
-                    consumer_record::convert::DATA_FIELD,
+                    consumer_record::frames::DATA_FIELD,
                 )
                 .unwrap_or(&[]),
                 None => bytes_field(lossless, 5).unwrap_or(&[]),

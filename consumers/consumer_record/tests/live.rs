@@ -269,7 +269,7 @@ fn assert_complete(path: &Path, first: u64, last: u64) {
             let found = match bytes_field(lossless, 6) {
                 Some(_) => bytes_field(
                     &frames[&(format!("/{topic}"), tick)],
-                    consumer_record::convert::DATA_FIELD,
+                    consumer_record::frames::DATA_FIELD,
                 ),
                 None => bytes_field(lossless, 5),
             };

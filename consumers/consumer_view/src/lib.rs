@@ -7,9 +7,9 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod images;
 pub mod layout;
 pub mod pace;
-pub mod picture;
 pub mod session;
 pub mod stage;
 pub mod viewer;

@@ -2,11 +2,11 @@
 //! recording for every run of the simulator.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use consumer_kit::{FollowedDocument, Follower, MAX_WAIT, Take, TopicId, WorldAt};
+use consumer_kit::{FollowedDocument, Follower, MAX_WAIT, Take, TopicId, WorldAt, file_of_run};
 use rerun::RecordingStreamBuilder;
 use schema_bus::{Bus, BusOptions, mono_now, names};
 use schema_frames::{ActorList, WorldInfo};
@@ -34,13 +34,13 @@ pub enum Target {
 }
 
 impl Target {
-    /// The stage of the `n`-th run of the simulator, from 1.
-    fn open(&self, n: u32) -> anyhow::Result<Stage> {
+    /// The stage of a run of the simulator; runs are counted from 1.
+    fn open(&self, run: u32) -> anyhow::Result<Stage> {
         let builder = RecordingStreamBuilder::new(APPLICATION);
         let rec = match self {
             Target::Connect(url) => builder.connect_grpc_opts(url.as_str())?,
             Target::Save(path) => {
-                let path = numbered(path, n);
+                let path = file_of_run(path, run);
                 anyhow::ensure!(
                     !path.exists(),
                     "{} exists already; choose another name or remove it first",
@@ -51,17 +51,6 @@ impl Target {
         };
         Stage::new(rec)
     }
-}
-
-/// `drive.rrd` for the first run of the simulator, `drive.2.rrd` for the second.
-fn numbered(path: &Path, n: u32) -> PathBuf {
-    if n == 1 {
-        return path.to_path_buf();
-    }
-    let extension = path.extension().map_or(String::new(), |extension| {
-        format!(".{}", extension.to_string_lossy())
-    });
-    path.with_extension(format!("{n}{extension}"))
 }
 
 /// What to show.
@@ -301,23 +290,5 @@ impl Session {
             self.show_world(&world)?;
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_second_run_of_the_simulator_gets_a_file_of_its_own() {
-        assert_eq!(
-            numbered(Path::new("a/drive.rrd"), 1),
-            Path::new("a/drive.rrd")
-        );
-        assert_eq!(
-            numbered(Path::new("a/drive.rrd"), 2),
-            Path::new("a/drive.2.rrd")
-        );
-        assert_eq!(numbered(Path::new("drive"), 3), Path::new("drive.3"));
     }
 }

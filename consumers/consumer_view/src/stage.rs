@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use consumer_kit::KEPT_SNAPSHOTS;
 use rerun::components::{Colormap, ViewCoordinates};
 use rerun::{ChannelDatatype, ColorModel, RecordingStream, Rgba32};
 use schema_frames::{
@@ -12,15 +13,13 @@ use schema_roads::MarkColour;
 use schema_roads::RoadMap;
 use schema_types::{Pose, class::CLASSES};
 
+use crate::images;
 use crate::layout::{self, Place};
-use crate::picture;
 
 /// Depth that gets the last colour, metres.
 const DEPTH_RANGE_M: f64 = 60.0;
 /// Distance between points of a lane line, metres.
 const MAP_STEP_M: f64 = 2.0;
-/// Snapshots kept for frames in flight.
-const KEPT_SNAPSHOTS: usize = 32;
 /// Class number that boxes without a named class get.
 const NO_CLASS: u16 = 0;
 
@@ -258,7 +257,7 @@ impl Stage {
         let [r, g, b] = if self.rigs.contains_key(&record.id) {
             [255, 170, 40]
         } else {
-            picture::id_colour(record.id)
+            images::id_colour(record.id)
         };
         Rgba32::from_rgb(r, g, b)
     }
@@ -307,7 +306,7 @@ impl Stage {
         match place.modality.sensor_kind() {
             SensorKind::Camera => self.show_picture(&place, header, payload),
             SensorKind::Lidar => {
-                let (positions, colours) = picture::cloud(header, payload);
+                let (positions, colours) = images::cloud(header, payload);
                 let colours = colours
                     .into_iter()
                     .map(|[r, g, b]| Rgba32::from_rgb(r, g, b));
@@ -333,7 +332,7 @@ impl Stage {
         let size = [header.width, header.height];
         match place.modality {
             Modality::Rgb => {
-                let pixels = picture::tight(header, payload);
+                let pixels = images::tight(header, payload);
                 self.rec.log(
                     path,
                     &rerun::Image::from_color_model_and_bytes(
@@ -346,7 +345,7 @@ impl Stage {
             }
             Modality::Depth => {
                 let image = rerun::DepthImage::from_data_type_and_bytes(
-                    picture::tight(header, payload),
+                    images::tight(header, payload),
                     size,
                     ChannelDatatype::F32,
                 );
@@ -363,29 +362,29 @@ impl Stage {
                     rerun::components::ImageFormat::segmentation(size, ChannelDatatype::U8);
                 self.rec.log(
                     path,
-                    &rerun::SegmentationImage::new(picture::tight(header, payload), format),
+                    &rerun::SegmentationImage::new(images::tight(header, payload), format),
                 )?;
             }
             Modality::Instance => self.rec.log(
                 path,
-                &rerun::Image::from_rgb24(picture::instance_rgb(header, payload), size),
+                &rerun::Image::from_rgb24(images::instance_rgb(header, payload), size),
             )?,
             Modality::Flow => {
-                let full_px = picture::flow_full_px(header, payload);
+                let full_px = images::flow_full_px(header, payload);
                 self.rec.log(
                     path,
-                    &rerun::Image::from_rgb24(picture::flow_rgb(header, payload, full_px), size),
+                    &rerun::Image::from_rgb24(images::flow_rgb(header, payload, full_px), size),
                 )?;
             }
             Modality::Normals => self.rec.log(
                 path,
-                &rerun::Image::from_rgb24(picture::normals_rgb(header, payload), size),
+                &rerun::Image::from_rgb24(images::normals_rgb(header, payload), size),
             )?,
             Modality::Dvs => {
-                if let Some(size) = picture::picture_size_px(header) {
+                if let Some(size) = images::image_size_px(header) {
                     self.rec.log(
                         path,
-                        &rerun::Image::from_rgb24(picture::events_rgb(size, payload), size),
+                        &rerun::Image::from_rgb24(images::events_rgb(size, payload), size),
                     )?;
                 }
             }
@@ -455,7 +454,7 @@ impl Stage {
 
     /// Logs a camera's lens when it is new or changed.
     fn lens(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
-        let Some(size) = picture::picture_size_px(header) else {
+        let Some(size) = images::image_size_px(header) else {
             return Ok(());
         };
         let [fx, fy, cx, cy] = header.intrinsics_px;

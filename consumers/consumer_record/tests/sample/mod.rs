@@ -4,10 +4,10 @@
 
 use std::path::Path;
 
-use consumer_record::convert::{TopicName, frame_entries};
+use consumer_record::frames::{TopicName, frame_entries};
 use consumer_record::messages::{Batch, Entry};
 use consumer_record::queue::{Job, queue};
-use consumer_record::scene::{SceneState, document};
+use consumer_record::snapshots::{SnapshotConverter, document};
 use consumer_record::writer::{ChunkCompression, Recording, Written, run};
 use schema_frames::document::{DOCUMENT_MAGIC, DocumentHeader};
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
@@ -132,7 +132,7 @@ pub fn record(
         name: "gantry".into(),
         pairs: [("domain".to_string(), "sample".to_string())].into(),
     })?;
-    let mut scene = SceneState::default();
+    let mut scene = SnapshotConverter::default();
     for tick in 1..=n_ticks {
         let header = SnapshotHeader {
             magic: SNAPSHOT_MAGIC,

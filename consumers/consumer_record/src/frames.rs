@@ -71,7 +71,7 @@ pub fn quaternion(q: [f64; 4]) -> fox::Quaternion {
 
 /// Bounds of what is worth converting for people: an image whose picture size a header claims may
 /// not ask for more bytes than this.
-const MAX_PICTURE_BYTES: u64 = 256 << 20;
+const MAX_IMAGE_BYTES: u64 = 256 << 20;
 
 /// What a frame becomes: a message people and tools can look at, if there is one for it, and a
 /// `gantry.Frame` that makes it lossless.
@@ -92,7 +92,7 @@ pub fn frame_entries(
         Modality::Depth => Some((image(name, header, "32FC1", payload, reuse), true)),
         Modality::Semantic => Some((image(name, header, "mono8", payload, reuse), true)),
         Modality::Instance => Some((low_ids(name, header, payload, reuse), false)),
-        Modality::Dvs => events_picture(name, header, payload).map(|entry| (entry, false)),
+        Modality::Dvs => events_image(name, header, payload).map(|entry| (entry, false)),
         Modality::Lidar | Modality::SemanticLidar => {
             Some((cloud(name, header, modality, payload, reuse), true))
         }
@@ -234,7 +234,7 @@ fn rows<'a>(header: &FrameHeader, payload: &'a [u8]) -> impl Iterator<Item = &'a
 }
 
 /// Size of the picture a list of events belongs to: the principal point is its middle.
-pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
+pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     let [_, _, cx, cy] = header.intrinsics_px;
     let size = [(2.0 * cx).round(), (2.0 * cy).round()];
     let usable = |px: f64| (1.0..=65_536.0).contains(&px);
@@ -243,10 +243,10 @@ pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
 
 /// Events of the window as a picture: red where the last change was brighter, blue where it was
 /// darker, black elsewhere.
-fn events_picture(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Option<Entry> {
-    let [width, height] = picture_size_px(header)?;
+fn events_image(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Option<Entry> {
+    let [width, height] = image_size_px(header)?;
     let n_bytes = width as u64 * height as u64 * 3;
-    if n_bytes > MAX_PICTURE_BYTES {
+    if n_bytes > MAX_IMAGE_BYTES {
         return None;
     }
     let mut pixels = vec![0u8; n_bytes as usize];
@@ -359,7 +359,7 @@ fn location(name: &TopicName, header: &FrameHeader, sample: &GnssSample) -> Entr
 /// Foxglove counts from pixel centres, so the principal point moves by half a pixel.
 pub fn calibration(name: &TopicName, header: &FrameHeader) -> Option<Entry> {
     let [fx, fy, cx, cy] = header.intrinsics_px;
-    let [width, height] = picture_size_px(header)?;
+    let [width, height] = image_size_px(header)?;
     if !(fx > 0.0 && fy > 0.0) {
         return None;
     }

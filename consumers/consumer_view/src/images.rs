@@ -161,7 +161,7 @@ fn f32_of_half(bits: u16) -> f32 {
 }
 
 /// Size of the picture a camera's list of events belongs to: the principal point is its middle.
-pub fn picture_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
+pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     if header.modality().is_some_and(Modality::is_image) {
         return (header.width > 0 && header.height > 0).then_some([header.width, header.height]);
     }

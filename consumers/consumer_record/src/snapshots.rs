@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use consumer_kit::KEPT_SNAPSHOTS;
 use foxglove::messages as fox;
 use schema_frames::document::DocumentHeader;
 use schema_frames::{
@@ -10,7 +11,7 @@ use schema_frames::{
 };
 use schema_types::{Class, Pose, space};
 
-use crate::convert::{TopicName, quaternion, timestamp, vector};
+use crate::frames::{TopicName, quaternion, timestamp, vector};
 use crate::messages::{Content, Entry};
 use crate::wire::{put_bytes, put_fixed64};
 
@@ -23,7 +24,7 @@ pub const BOXES_TOPIC: &str = "/world/boxes";
 
 /// What the recorder knows about the actors while it converts.
 #[derive(Debug, Default)]
-pub struct SceneState {
+pub struct SnapshotConverter {
     boxes: BTreeMap<u32, BodyBox>,
     names: BTreeMap<u32, String>,
     rigs: BTreeMap<u32, String>,
@@ -32,10 +33,7 @@ pub struct SceneState {
     calibrated: BTreeMap<String, u64>,
 }
 
-/// Snapshots kept for frames in flight.
-const KEPT_SNAPSHOTS: usize = 32;
-
-impl SceneState {
+impl SnapshotConverter {
     /// Takes over who is there.
     pub fn set_actors(&mut self, list: &ActorList) {
         self.boxes = list
@@ -105,7 +103,7 @@ impl SceneState {
                 &name.optical_frame_id(),
                 &optical,
             ));
-            entries.extend(crate::convert::calibration(name, header));
+            entries.extend(crate::frames::calibration(name, header));
         }
         entries.push(transforms_entry(transforms));
         entries
@@ -311,7 +309,7 @@ mod tests {
 
     #[test]
     fn transforms_chain_from_map_to_the_optical_frame() {
-        let mut state = SceneState::default();
+        let mut state = SnapshotConverter::default();
         let vehicle = Pose::from_xyz_yaw(100.0, -20.0, 0.5, 1.0);
         let header = SnapshotHeader {
             tick: 3,
@@ -357,7 +355,7 @@ mod tests {
 
     #[test]
     fn an_actor_that_left_is_deleted_from_the_scene() {
-        let mut state = SceneState::default();
+        let mut state = SnapshotConverter::default();
         let header: SnapshotHeader = Zeroable::zeroed();
         state.snapshot_entries(
             &header,
