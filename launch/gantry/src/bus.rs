@@ -1,9 +1,9 @@
-//! What the launcher wants from the bus: whether a topic has a writer, and cleaning up after the
-//! dead.
+//! What the launcher needs from the bus: whether a topic has a writer, and cleaning up after
+//! processes that were killed.
 
 use anyhow::Context as _;
 
-/// The launcher's place on the bus.
+/// The launcher's connection to the bus.
 pub struct Bus {
     bus: schema_bus::Bus,
 }
@@ -34,7 +34,7 @@ impl Bus {
         self.bus.programs()
     }
 
-    /// Frees what killed processes held.
+    /// Frees the shared memory of processes that were killed.
     pub fn clean(&self) -> u64 {
         self.bus.clean_dead_nodes()
     }

@@ -318,7 +318,7 @@ pub struct ExportArgs {
 }
 
 impl UpArgs {
-    /// `--for` as the standard library has it.
+    /// `--for` as a standard duration.
     pub fn run_for(&self) -> Option<Duration> {
         self.for_period.map(Period::duration)
     }

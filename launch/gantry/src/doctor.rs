@@ -1,5 +1,5 @@
-//! `gantry doctor`: what this machine lacks, with the command that repairs it. Looks only; changes
-//! nothing.
+//! `gantry doctor`: finds out what this machine lacks and prints the command that repairs it. It
+//! changes nothing.
 
 mod finding;
 mod graphics;

@@ -9,7 +9,7 @@ use launch_cli::{CommonArgs, Exit, wrong_usage};
 
 use crate::programs;
 
-/// Becomes the program; returns only when that fails.
+/// Replaces this process by the program; returns only if that fails.
 pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     let (word, rest) = words.split_first().expect("clap gives at least the word");
     let name = format!("gantry-{}", word.to_string_lossy());
@@ -22,7 +22,7 @@ pub fn run(words: &[OsString], common: &CommonArgs) -> anyhow::Result<Exit> {
     })?;
     let mut command = Command::new(&program);
     command.args(rest);
-    // Flags before the word were read here; those after it belong to the program.
+    // Flags before the word are the launcher's own; those after it belong to the program.
     let names_domain = rest
         .iter()
         .any(|arg| arg == OsStr::new("--domain") || arg.to_string_lossy().starts_with("--domain="));

@@ -1,10 +1,9 @@
-//! `gantry`: starts, watches and stops a set of processes (`up`), looks at topics (`topic`),
-//! examines the machine (`doctor`) and
-//! maps (`map`).
+//! `gantry`: starts, watches and stops a set of processes (`up`), shows topics (`topic`), and
+//! examines the machine (`doctor`) and maps (`map`).
 //!
 //! Every other word runs the program `gantry-WORD` beside this one, as `cargo` and `git` do.
-//! Nothing here touches the world: it reads topics like any consumer, and asks nothing of the
-//! daemon but to start and to end.
+//! The tool reads topics like any consumer and sends the daemon no commands; it only starts and
+//! stops it.
 
 mod bus;
 mod cli;

@@ -12,7 +12,7 @@ use launch_cli::{CommonArgs, Exit};
 
 use crate::cli::{ExportArgs, MapArgs, MapWord};
 
-/// Runs the word.
+/// Runs `gantry map`.
 pub fn run(args: &MapArgs, _: &CommonArgs) -> anyhow::Result<Exit> {
     match &args.word {
         MapWord::Check(args) => check::run(args),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 
-/// Whether `program` is one of Gantry's: it understands the shared flags.
+/// Whether `program` is one of Gantry's, which understand the common options.
 pub fn is_ours(program: &str) -> bool {
     let name = Path::new(program)
         .file_name()
@@ -15,7 +15,8 @@ pub fn is_ours(program: &str) -> bool {
     name == "simd" || name.starts_with("gantry-")
 }
 
-/// The file that `program` means: a path as it is, a name beside this binary or on `PATH`.
+/// The file of `program`: a path is taken as it is, a name is looked for beside this binary and
+/// then on `PATH`.
 ///
 /// # Errors
 /// When there is none, with what to do.
@@ -51,7 +52,7 @@ fn is_program(path: &Path) -> bool {
         .is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 
-/// What a program prints to stdout, within a time.
+/// What a program prints to stdout; an error if it does not end `within` the time.
 pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Result<String> {
     let mut child = Command::new(program)
         .args(args)
@@ -63,7 +64,7 @@ pub fn output_of(program: &Path, args: &[&str], within: Duration) -> anyhow::Res
     let mut pipe = child.stdout.take().expect("stdout is piped");
     let reader = std::thread::spawn(move || {
         let mut text = Vec::new();
-        // What came before a failure is still worth showing.
+        // Output that came before a read error is still worth showing.
         let _ = pipe.read_to_end(&mut text);
         String::from_utf8_lossy(&text).into_owned()
     });

@@ -1,5 +1,5 @@
-//! `gantry topic`: who publishes what, how fast, how late, and what is in it. Reads as any consumer
-//! does.
+//! `gantry topic`: lists topics, measures their rate and delay, and prints their content. It reads
+//! like any consumer.
 
 mod echo;
 mod info;
@@ -13,7 +13,7 @@ use crate::cli::{Form, TopicArgs, TopicWord};
 
 pub fn run(args: &TopicArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let bus = Bus::open(&common.domain, "gantry-topic")?;
-    // What killed writers left would otherwise be listed as alive.
+    // Otherwise topics of killed writers would be listed as alive.
     bus.clean_dead_nodes();
     let short = |topic: &str| {
         topic

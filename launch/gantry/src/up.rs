@@ -1,4 +1,4 @@
-//! `gantry up`: from a launch file to running processes, and back to nothing.
+//! `gantry up`: starts the processes of a launch file, watches them, and stops all of them.
 
 mod child;
 mod memory;
@@ -73,7 +73,8 @@ pub fn quickstart_bytes() -> u64 {
     memory::total_bytes(&launch)
 }
 
-/// Files are never overwritten; better said before the town is built than after.
+/// Checks that the files to be written do not exist yet. Files are never overwritten, and the user
+/// should learn that before the town is built.
 fn check_new_files(args: &UpArgs) -> anyhow::Result<()> {
     let saved = match &args.view {
         Some(ViewMode::Save(file)) => Some(file),

@@ -1,4 +1,4 @@
-//! Flags every binary has, and the two subcommands every binary gets: `completions <shell>` and the
+//! Flags and subcommands that every binary has: the common options, `completions <shell>` and the
 //! hidden `man`.
 
 use std::io::Write as _;
@@ -63,7 +63,7 @@ impl Default for CommonArgs {
     }
 }
 
-/// A domain is one segment of a service name, as `schema_bus` takes it.
+/// A domain is the first part of a service name; `schema_bus` accepts the same characters.
 fn domain(text: &str) -> Result<String, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
     if text.is_empty() || text.len() > 32 || !text.chars().all(allowed) {
@@ -133,7 +133,7 @@ pub fn parse<T: Parser>() -> T {
     }
 }
 
-/// A reader that stops reading early (`| head`) is no failure.
+/// A reader that stops reading early (`| head`) counts as success.
 fn print_and_exit(bytes: &[u8]) -> ! {
     let written = std::io::stdout().write_all(bytes);
     let failed = written.is_err_and(|error| error.kind() != std::io::ErrorKind::BrokenPipe);

@@ -1,16 +1,16 @@
-//! The folder for what programs keep: logs, recordings, checkpoints.
+//! The data folder, in which programs keep logs, recordings and checkpoints.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
-/// Longest name of a file that others may choose, bytes.
+/// Longest file name that a client may choose, bytes.
 const MAX_NAME: usize = 100;
 
 /// The folder given with `--data`, else `gantry/` in the user's XDG data folder.
 ///
 /// # Errors
-/// If the machine does not say where that is.
+/// If neither `XDG_DATA_HOME` nor `HOME` is set.
 pub fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
     if let Some(data) = data {
         return Ok(data.to_owned());
@@ -26,11 +26,11 @@ pub fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
         .join("gantry"))
 }
 
-/// A file in `folder` under a name that somebody else chose, with `.kind` put behind it if it is
-/// not there: never anywhere else.
+/// The path of a file in `folder` under a name that a client chose. `.kind` is appended if it is
+/// missing. No name leads out of the folder.
 ///
 /// # Errors
-/// A sentence about a name that is no plain name.
+/// [`BadFileName`] for a name that is not a plain one.
 pub fn file_in(folder: &Path, name: &str, kind: &str) -> Result<PathBuf, String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     if name.is_empty()

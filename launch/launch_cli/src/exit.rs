@@ -1,4 +1,4 @@
-//! How a process ends: exit codes as a type, errors printed once, broken pipes forgiven.
+//! How a process ends: exit codes as a type. An error is printed once; a broken pipe is no error.
 
 use std::io::ErrorKind;
 use std::process::ExitCode;
@@ -14,12 +14,12 @@ pub enum Exit {
     WrongUsage,
     /// Finished, but data was lost: 3.
     DataLost,
-    /// A child's own code, passed on.
+    /// The exit code of a child process, passed on.
     Code(u8),
 }
 
 impl Exit {
-    /// The number the shell sees.
+    /// The exit code.
     pub fn code(self) -> u8 {
         match self {
             Exit::Done => 0,
@@ -31,7 +31,7 @@ impl Exit {
     }
 }
 
-/// An error of the caller's making: ends the program with 2 instead of 1.
+/// An error that the caller can mend. It ends the program with 2 instead of 1.
 #[derive(Debug)]
 pub struct WrongUsage(pub String);
 
@@ -43,8 +43,8 @@ impl std::fmt::Display for WrongUsage {
 
 impl std::error::Error for WrongUsage {}
 
-/// An error that ends the program with 2: wrong usage, a wrong launch file, or a machine that
-/// cannot run it.
+/// An error that ends the program with 2: wrong usage, a wrong launch file, or a machine that lacks
+/// what the program needs.
 pub fn wrong_usage(sentence: impl std::fmt::Display) -> anyhow::Error {
     anyhow::Error::new(WrongUsage(sentence.to_string()))
 }
@@ -85,7 +85,8 @@ fn exit_of(error: &anyhow::Error) -> Exit {
     }
 }
 
-/// `println!` panics when its reader has gone (`| head`); that is a wish, not a failure.
+/// Ends the program with success when `println!` panics because its reader has closed the pipe, as
+/// `| head` does.
 fn forgive_broken_pipes_of_println() {
     let report = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {

@@ -1,7 +1,14 @@
-//! How every binary starts, logs, hears a signal and ends: shared flags, logging, shutdown, exit
-//! codes, completions, man page.
+//! What all binaries share: how they read their flags, log, react to signals and end.
 //!
-//! A binary derives its arguments, flattens [`CommonArgs`] and hands its work to [`run`]:
+//! Every program of the workspace has the same common options, the same log lines on stderr, the
+//! same exit codes and the same subcommands for completions and the man page, because all of them
+//! start through this crate. Results go to stdout, everything else to stderr. The crate knows no
+//! sensor, no topic and no world.
+//!
+//! In reading order: [`args`] (flags and subcommands), [`logging`], [`signals`] (Ctrl-C), [`exit`]
+//! (exit codes and errors), [`data`] (the data folder), [`limits`] (open files).
+//!
+//! A binary derives its arguments, flattens [`CommonArgs`] and passes its work to [`run`]:
 //!
 //! ```no_run
 //! #[derive(clap::Parser)]
@@ -21,8 +28,14 @@
 //! }
 //! ```
 //!
-//! Results go to stdout, everything else to stderr. Nothing here knows a sensor, a service or the
-//! world.
+//! An error decides the exit code, and is printed once with its whole chain:
+//!
+//! ```
+//! use launch_cli::{Exit, wrong_usage};
+//!
+//! let launch_file_is_wrong = || Err(wrong_usage("unknown key \"mapp\""));
+//! assert_eq!(launch_cli::run_main(launch_file_is_wrong), Exit::WrongUsage.code().into());
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -1,4 +1,4 @@
-//! Process limits that the default of a login shell sets too low.
+//! Process limits whose defaults in a login shell are too low.
 
 use anyhow::Context as _;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
@@ -7,7 +7,7 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 /// hold several descriptors.
 ///
 /// # Errors
-/// When the kernel refuses to tell or to change the limit.
+/// When the kernel does not allow the limit to be read or changed.
 pub fn raise_file_limit() -> anyhow::Result<u64> {
     let (soft, hard) =
         getrlimit(Resource::RLIMIT_NOFILE).context("cannot read the limit of open files")?;

@@ -1,7 +1,7 @@
 //! Log lines on stderr: `INFO  message key=value`, or JSON.
 //!
-//! Text lines carry neither time nor module below debug level: the launcher puts its prefix before
-//! them and the time into its files.
+//! Text lines carry no time, and no module except at debug level: the launcher prefixes them with
+//! the process's name, and adds the time in its log files.
 
 use std::io::IsTerminal as _;
 
@@ -12,7 +12,7 @@ use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::registry::LookupSpan;
 
-/// Outside crates that talk at a level above their importance.
+/// Crates of others that log unimportant things at a high level.
 const CHATTY: [&str; 7] = [
     "wgpu_core",
     "wgpu_hal",
@@ -23,7 +23,7 @@ const CHATTY: [&str; 7] = [
     "re_grpc_client",
 ];
 
-/// When to colour what goes to the terminal.
+/// When terminal output is coloured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum ColorWhen {
     /// On a terminal, unless `NO_COLOR` is set.
@@ -77,7 +77,7 @@ pub(crate) fn init(options: &LogOptions) {
     let builder = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr);
-    // A second call (tests in one process) keeps the first subscriber.
+    // A second call in the same process, as tests make, keeps the first subscriber.
     let _ = match options.format {
         LogFormat::Json => builder.json().flatten_event(true).try_init(),
         LogFormat::Text => builder
@@ -100,7 +100,7 @@ fn directives(verbose: u8, quiet: u8) -> String {
     })
 }
 
-/// One event as one line.
+/// Writes one event as one line.
 struct Line;
 
 impl<S, N> FormatEvent<S, N> for Line

@@ -1,5 +1,4 @@
-//! What Ctrl-C does: the first SIGINT or SIGTERM asks the program to finish, the second ends it at
-//! once.
+//! Ctrl-C: the first SIGINT or SIGTERM asks the program to finish, the second ends it at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -8,7 +7,7 @@ use std::time::Duration;
 use anyhow::Context as _;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-/// Whether somebody asked this process to finish. Clones share one flag.
+/// A flag that says whether this process was asked to finish. Clones share the flag.
 #[derive(Clone, Debug, Default)]
 pub struct Shutdown {
     shared: Arc<Shared>,
@@ -22,8 +21,8 @@ struct Shared {
 }
 
 impl Shutdown {
-    /// A flag that only [`Shutdown::request`] sets: for tests and for parts that are stopped by
-    /// their owner.
+    /// A flag that only [`Shutdown::request`] sets, for tests and for parts of a program that their
+    /// owner stops.
     pub fn new() -> Self {
         Self::default()
     }
@@ -35,8 +34,9 @@ impl Shutdown {
     pub fn install() -> anyhow::Result<Self> {
         let shutdown = Shutdown::new();
         for signal in [SIGINT, SIGTERM] {
-            // Order matters: handlers run as registered, so the first signal finds the flag still
-            // down.
+            // Handlers run in the order in which they are registered. The conditional shutdown
+            // comes first, so the first signal finds the flag unset and only the second ends the
+            // process.
             signal_hook::flag::register_conditional_shutdown(
                 signal,
                 1,
@@ -79,7 +79,7 @@ impl Shutdown {
             .gate
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        // A poisoned gate guards nothing but the wake-up, so its content is as good as ever.
+        // The mutex guards no data, so it is usable even if it is poisoned.
         drop(
             self.shared
                 .changed

@@ -1,5 +1,5 @@
-//! What a launch file will ask of shared memory, per topic. The number of slots is `schema_bus`'s
-//! business.
+//! The topics of a launch file and the largest frame of each. `schema_bus` computes from them how
+//! much shared memory they need.
 
 use schema_frames::Modality;
 
@@ -8,7 +8,7 @@ use crate::model::Launch;
 /// One topic of a sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicBudget {
-    /// Topic without the domain: `ego/front/rgb`.
+    /// Topic without the domain, such as `ego/front/rgb`.
     pub topic: String,
     /// What it carries.
     pub modality: Modality,
@@ -17,7 +17,7 @@ pub struct TopicBudget {
 }
 
 impl Launch {
-    /// Every topic the sensors of this file will have, in id order.
+    /// All topics of this file's sensors, in the order of the sensors' ids.
     pub fn memory_budget(&self) -> Vec<TopicBudget> {
         let tick_secs = 1.0 / self.scenario.tick_hz;
         let topics = self.placed_sensors().into_iter().flat_map(|sensor| {

@@ -1,15 +1,15 @@
-//! Errors of a launch file: sentences with their place, all of them together.
+//! Errors of a launch file: sentences with their places, reported together.
 
 use std::fmt;
 
-/// Where something stands: which text, and which byte of it.
+/// A place in the texts that were read: which text, and which byte of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Place {
     pub source: usize,
     pub byte: usize,
 }
 
-/// A text that was read: the file, or one `--set`.
+/// A text that was read: the launch file, or one `--set`.
 #[derive(Debug)]
 pub(crate) struct Source<'a> {
     pub name: String,
@@ -17,10 +17,10 @@ pub(crate) struct Source<'a> {
     pub is_file: bool,
 }
 
-/// One thing wrong with a launch file.
+/// One error in a launch file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LaunchError {
-    /// What, which value, what is allowed.
+    /// What is wrong, the value, and what is allowed.
     pub message: String,
     /// `launch/town.toml:14:1` (line and column count from 1, the column in characters), or the
     /// `--set` it comes from.
@@ -33,7 +33,7 @@ impl fmt::Display for LaunchError {
     }
 }
 
-/// All errors of a launch file, in its order; one line each.
+/// All errors of a launch file in the order of their places, one line each.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LaunchErrors(pub Vec<LaunchError>);
 
@@ -57,7 +57,7 @@ impl Errors {
         self.0.push((at, message.into()));
     }
 
-    /// By place, with line and column.
+    /// The errors sorted by place, with line and column.
     pub fn finish(mut self, sources: &[Source<'_>]) -> LaunchErrors {
         self.0.sort();
         self.0.dedup();
@@ -87,7 +87,7 @@ fn describe(source: &Source<'_>, byte: usize) -> String {
     )
 }
 
-/// `, did you mean "x"?`, or what is known when nothing is near.
+/// `, did you mean "x"?`, or a list of the known words if none of them is similar.
 pub(crate) fn did_you_mean<'k>(wrong: &str, known: impl IntoIterator<Item = &'k str>) -> String {
     let known: Vec<&str> = known.into_iter().collect();
     let near = known

@@ -1,9 +1,9 @@
-//! Fills a value with what a table says, key by key, so that every wrong key is reported with its
-//! own place.
+//! Applies a TOML table to a value key by key, so that every wrong key is reported with its own
+//! place.
 //!
-//! The known keys are those the value has when it is written out; each key is tried alone on the
-//! otherwise unchanged value.
-//! That works for any serde type whose fields are all written and do not depend on one another.
+//! The known keys are those that the value has when it is serialised. Each key is tried alone on the
+//! otherwise unchanged value. This works for any serde type that serialises all its fields and whose
+//! fields do not depend on one another.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -12,14 +12,14 @@ use toml::Value as Toml;
 use crate::error::{Errors, did_you_mean};
 use crate::tree::{Entry, Node, Table};
 
-/// `value` as a TOML table with all its keys. Through text, because that writes an `f32` as short
-/// as it is.
+/// `value` as a TOML table with all its keys. It goes through text, because an `f32` is written
+/// there with its own few digits and not with those of an `f64`.
 pub(crate) fn table_of<T: Serialize>(value: &T) -> toml::Table {
     let text = toml::to_string(value).expect("launch types are tables of TOML values");
     text.parse().expect("what toml wrote, it reads")
 }
 
-/// `base` with the keys of `table` applied. `elsewhere` are keys that the caller reads itself.
+/// `base` with the keys of `table` applied. The caller reads the keys in `elsewhere` itself.
 pub(crate) fn fill<T: Serialize + DeserializeOwned>(
     base: &T,
     table: &Table,
@@ -39,7 +39,7 @@ pub(crate) fn fill<T: Serialize + DeserializeOwned>(
     root.try_into().expect("every key fitted alone")
 }
 
-/// Applies an entry that must be a table; an absent one leaves `base`.
+/// `base` with the keys of an entry applied that must be a table. Without an entry, `base`.
 pub(crate) fn fill_entry<T: Serialize + DeserializeOwned>(
     base: &T,
     entry: Option<&Entry>,
@@ -55,7 +55,7 @@ pub(crate) fn fill_entry<T: Serialize + DeserializeOwned>(
     fill(base, table, path, elsewhere, errors)
 }
 
-/// The entry's table, or an error that there is none.
+/// The entry's table; reports an error if the entry is something else.
 pub(crate) fn table_or_error<'t>(
     entry: &'t Entry,
     path: &str,
@@ -182,7 +182,7 @@ fn kind_of(value: &Toml) -> &'static str {
     }
 }
 
-/// serde's words for a wrong value as the second half of ours.
+/// serde's message about a wrong value, rephrased as the second half of our sentence.
 fn as_sentence(message: &str, value: &Toml) -> String {
     let message = message.lines().next().unwrap_or_default();
     let between_backticks: Vec<&str> = message.split('`').skip(1).step_by(2).collect();

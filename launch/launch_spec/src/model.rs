@@ -17,7 +17,7 @@ pub const EGO_RIG: &str = "ego";
 pub struct Launch {
     /// `[scenario]`: what is simulated.
     pub scenario: Scenario,
-    /// `[ego]`: the vehicle most people look at.
+    /// `[ego]`: the vehicle that carries the sensors of the rig `ego`.
     pub ego: Ego,
     /// `[rig.NAME]`: what sensors are mounted on. [`EGO_RIG`] is always among them.
     pub rigs: BTreeMap<String, Rig>,
@@ -37,21 +37,22 @@ pub struct Scenario {
     pub seed: u64,
     /// Ticks per second of simulated time, 0.1 to 1000.
     pub tick_hz: f64,
-    /// `free_running`: paced by the clock; `stepped`: one tick per cue.
+    /// `free_running`: ticks follow the clock; `stepped`: one tick per cue.
     pub mode: StepMode,
     /// Vehicles besides the ego, role `autopilot`.
     pub vehicles: u32,
-    /// People who stroll over pavements and crosswalks, role `pedestrian`.
+    /// Walkers on pavements and crosswalks, role `pedestrian`.
     pub walkers: u32,
     /// Weather at the start.
     pub weather: Weather,
-    /// Whether weather acts on lidar (rain, fog and dust take its light); CARLA's is only seen.
+    /// Whether weather acts on lidars: rain, fog and dust absorb their light. CARLA's weather does
+    /// not.
     pub weather_effects: bool,
-    /// What casts the rays of lidars; `simd --lidars-on` has the last word.
+    /// What casts the rays of lidars; `simd --lidars-on` overrides it.
     pub lidars_on: LidarsOn,
 }
 
-/// What casts the rays of lidars. Points are the same but for rounding.
+/// What casts the rays of lidars. The points differ by rounding only.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LidarsOn {
@@ -136,7 +137,7 @@ pub struct FreePose {
 }
 
 impl FreePose {
-    /// As plain bytes.
+    /// The pose as the world takes it.
     pub fn pose(&self) -> schema_types::Pose {
         let mount = sensor_spec::MountSpec {
             position_m: self.position_m,
@@ -147,7 +148,7 @@ impl FreePose {
     }
 }
 
-/// One sensor as the file has it.
+/// One `[sensor.NAME]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Rigs that carry it; at least one.

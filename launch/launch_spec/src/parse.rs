@@ -30,8 +30,7 @@ impl Launch {
     /// Reads and checks the text of a launch file; `file_name` is only used in messages.
     ///
     /// # Errors
-    /// Everything that is wrong with it. A text that is no TOML is reported as such, without the
-    /// errors of its content.
+    /// Everything that is wrong with it. If the text is not valid TOML, only that is reported.
     pub fn parse(text: &str, file_name: &str) -> Result<Launch, LaunchErrors> {
         Self::parse_with(text, file_name, &[])
     }
@@ -39,8 +38,8 @@ impl Launch {
     /// As [`Launch::parse`], with `key=value` settings laid over the file (`scenario.seed=7`,
     /// `sensor.front.width_px=640`).
     ///
-    /// Values are typed as in TOML; what is no TOML value counts as text, so `scenario.map=Town02`
-    /// needs no quotes.
+    /// Values are typed as in TOML. What is not a TOML value counts as a string, so
+    /// `scenario.map=Town02` needs no quotes.
     ///
     /// # Errors
     /// Everything that is wrong with the file or the settings.

@@ -19,7 +19,7 @@ impl Period {
         Period(Duration::from_millis(millis))
     }
 
-    /// As the standard library has it.
+    /// As a standard duration.
     pub const fn duration(self) -> Duration {
         self.0
     }

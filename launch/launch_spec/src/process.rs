@@ -15,9 +15,9 @@ pub struct Process {
     /// Program and arguments, no shell. `${run_dir}`, `${name}`, `${domain}` and `${launch}` are
     /// replaced.
     pub cmd: Vec<String>,
-    /// Its end ends the pipeline, with its exit code.
+    /// Whether its end stops all processes; the launcher then ends with its exit code.
     pub required: bool,
-    /// When those that come after it may start; `None`: at once.
+    /// When the processes that come after it may start; `None`: at once.
     pub ready: Option<Ready>,
     /// Processes that must be ready before it starts.
     pub after: Vec<String>,
@@ -36,14 +36,14 @@ pub struct Process {
 pub struct Ready {
     /// The sign to wait for.
     pub when: ReadyWhen,
-    /// Longest wait; then the pipeline fails.
+    /// Longest wait. Then the run fails.
     pub within: Period,
 }
 
 /// A sign of readiness.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReadyWhen {
-    /// This topic of the domain (without its first segment) has a living publisher.
+    /// This topic (named without the domain) has a living publisher.
     Service(String),
     /// A line of its output matches this regular expression.
     Line(String),
@@ -63,9 +63,9 @@ pub struct Restart {
     pub factor: f64,
     /// Longest pause.
     pub max_delay: Period,
-    /// Most restarts within `window`; one more ends the pipeline.
+    /// Most restarts within `window`; one more stops all processes.
     pub max: u32,
-    /// See `max`; a process that ran longer than this starts again with `delay`.
+    /// Time over which `max` counts. A process that ran longer than this is restarted after `delay`.
     pub window: Period,
 }
 
@@ -86,7 +86,7 @@ impl Default for Restart {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RestartPolicy {
-    /// Its end is its end.
+    /// Never.
     #[default]
     Never,
     /// After a signal or an exit code other than 0.
@@ -95,14 +95,14 @@ pub enum RestartPolicy {
     Always,
 }
 
-/// How a process is asked to end: `signal`, after `grace` TERM, two seconds later KILL, each to its
-/// whole process group.
+/// How a process is asked to end: it gets `signal`, TERM after `grace`, and KILL two seconds later,
+/// each sent to its whole process group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Stop {
     /// First signal.
     pub signal: StopSignal,
-    /// Time to end by itself.
+    /// Time it has to end after the first signal.
     pub grace: Period,
 }
 
@@ -119,7 +119,7 @@ impl Default for Stop {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub enum StopSignal {
-    /// As Ctrl-C.
+    /// SIGINT, as Ctrl-C sends.
     #[default]
     Int,
     /// SIGTERM.
@@ -128,6 +128,6 @@ pub enum StopSignal {
     Hup,
     /// SIGQUIT.
     Quit,
-    /// No asking.
+    /// SIGKILL, which leaves no time to clean up.
     Kill,
 }

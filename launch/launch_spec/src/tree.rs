@@ -1,4 +1,4 @@
-//! A TOML text as a tree that knows where every key and value stands, with `--set` laid over it.
+//! A TOML text as a tree that keeps the place of every key and value, and how `--set` overrides it.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use crate::error::{Errors, Place};
 /// Keys of a table by name.
 pub(crate) type Table = BTreeMap<String, Entry>;
 
-/// A key and what it says.
+/// A key with its place, and its value.
 #[derive(Clone, Debug)]
 pub(crate) struct Entry {
     pub key_at: Place,
@@ -143,7 +143,8 @@ fn plain(value: &DeValue<'_>, at: Place, errors: &mut Errors) -> toml::Value {
     }
 }
 
-/// The text of one `--set key=value` as TOML: a value that is no TOML (`Town02`) counts as text.
+/// The text of one `--set key=value` as TOML. A value that is not TOML, such as `Town02`, counts as
+/// a string.
 pub(crate) fn set_as_toml(set: &str) -> Result<String, String> {
     let Some((key, value)) = set.split_once('=') else {
         return Err(format!(

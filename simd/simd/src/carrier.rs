@@ -6,23 +6,22 @@ use sensor_core::imu::BodyState;
 use sensor_core::lane_marks::Corners;
 use simd_world::World;
 
-/// State of an actor that sensors need: its own and that of the body that carries it.
+/// State of a sensor's actor, and of the body that carries it, in one tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Carrier {
-    /// Body the sensor sits on; 0 if free.
+    /// Actor that the sensor is attached to; 0 if there is none.
     pub parent: ActorId,
-    /// Pose of the sensor in the world, the very value of the snapshot.
+    /// Pose of the sensor in the world, exactly as in the snapshot.
     pub world_from_sensor: Pose,
     /// Velocity of the sensor's own point, m/s.
     pub velocity_in_world_mps: Vector3<f64>,
-    /// State of the body.
+    /// State of the body that carries it; its own without one.
     pub body: BodyState,
-    /// Lower corners of the body's box, world.
+    /// Lower corners of the body's box in the world: front left, front right, rear right, rear left.
     pub lower_corners: Corners,
 }
 
-/// Pose of a sensor and the state of the body it sits on; `None` if the sensor or its parent is
-/// gone.
+/// The carrier of a sensor; `None` if the sensor or the actor it is attached to has gone.
 pub fn carrier_of(world: &World, sensor: ActorId, sim_time: SimTime) -> Option<Carrier> {
     let record = world.record(sensor)?;
     let body = if record.parent_id == 0 {

@@ -9,16 +9,16 @@ use launch_cli::file_in;
 use schema_frames::command::CheckpointPlace;
 use simd_world::{Checkpoint, World};
 
-/// Named checkpoints in memory.
+/// Most checkpoints in memory.
 const MAX_NAMED: usize = 64;
 /// Longest name, bytes.
 const MAX_NAME: usize = 100;
-/// Largest file that is read: far above what 4096 actors need.
+/// Largest file that is read. This is far above what 4096 actors need.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 /// Ending of checkpoint files.
 const KIND: &str = "gckp";
 
-/// What the daemon can go back to.
+/// The checkpoints that can be restored.
 pub struct Checkpoints {
     folder: PathBuf,
     named: BTreeMap<String, Checkpoint>,
@@ -35,7 +35,7 @@ impl Checkpoints {
         }
     }
 
-    /// Keeps the start of a new episode. Nothing of the old one can be restored.
+    /// Keeps the start of a new episode. Checkpoints in memory belong to the old one and are dropped.
     pub fn begin_episode(&mut self, start: Checkpoint) {
         self.named.clear();
         self.start = Some(start);
@@ -73,7 +73,8 @@ impl Checkpoints {
                 let folder = path.parent().expect("files lie in a folder");
                 std::fs::create_dir_all(folder)
                     .with_context(|| format!("cannot make the folder {}", folder.display()))?;
-                // Whole or not at all: a half-written file would be found damaged much later.
+                // Written under another name and then renamed, so that the file is never half
+                // written.
                 let part = path.with_extension("part");
                 std::fs::write(&part, checkpoint.to_bytes()?)
                     .with_context(|| format!("cannot write {}", part.display()))?;

@@ -1,4 +1,5 @@
-//! What `control/world` asks: commands of the world go to the world, the others are served here.
+//! Commands from `control/world`. Those that concern the world alone are passed on to it; the others
+//! are carried out here.
 
 mod checkpoints;
 mod counters;
@@ -81,7 +82,8 @@ fn run(daemon: &mut Daemon, command: &Command) -> anyhow::Result<CommandReply> {
         }
         Command::LoadMap { map } => maps::load(daemon, map),
         Command::Counters => Ok(counters::counters(daemon)),
-        // CARLA's clients compute lane invasions themselves, and its gateway the radio.
+        // Passive sensors have no frames: CARLA's clients compute lane invasions themselves, and the
+        // gateway computes what the V2X radio receives.
         Command::Spawn { type_id, .. }
             if type_id.starts_with("sensor.")
                 && !simd_world::PASSIVE_SENSORS.contains(&type_id.as_str()) =>

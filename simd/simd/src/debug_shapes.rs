@@ -1,4 +1,4 @@
-//! Debug shapes: kept for as long as they live, handed to the renderer as strokes.
+//! Debug shapes: kept until their life is over, and passed to the renderer as strokes.
 
 use std::collections::VecDeque;
 
@@ -18,14 +18,14 @@ struct Kept {
     first_seen: Option<SimTime>,
 }
 
-/// The shapes that are seen.
+/// The debug shapes that are visible.
 #[derive(Default)]
 pub struct DebugShapes {
     kept: VecDeque<Kept>,
 }
 
 impl DebugShapes {
-    /// Takes shapes in, all or none; beyond the limit the oldest go.
+    /// Adds shapes, or none of them if one is wrong. Beyond the limit the oldest are removed.
     pub fn draw(&mut self, shapes: &[DebugShape]) -> anyhow::Result<()> {
         ensure!(
             shapes.len() <= MAX_DEBUG_SHAPES,
@@ -47,12 +47,13 @@ impl DebugShapes {
         Ok(())
     }
 
-    /// Removes all.
+    /// Removes all shapes.
     pub fn clear(&mut self) {
         self.kept.clear();
     }
 
-    /// What is seen at a tick. A shape's life begins with the first tick that shows it.
+    /// The strokes that are visible at a tick. A shape's life begins with the first tick that shows
+    /// it.
     pub fn at(&mut self, now: SimTime) -> Vec<DebugStroke> {
         self.kept.retain_mut(|kept| {
             let first = *kept.first_seen.get_or_insert(now);
@@ -119,8 +120,8 @@ fn strokes(shape: &DebugShape) -> anyhow::Result<Vec<DebugStroke>> {
     })
 }
 
-/// Ends of an arrow head's four strokes: back along the shaft and as far aside, in both directions
-/// across it.
+/// The outer ends of an arrow head's four strokes: back along the shaft by `head_m`, and aside by
+/// half of it in four directions.
 fn barbs(from: &Point3<f64>, to: &Point3<f64>, head_m: f64) -> Vec<Point3<f64>> {
     let Some(along) = (to - from).try_normalize(1e-9) else {
         return Vec::new();

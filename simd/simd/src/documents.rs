@@ -10,7 +10,7 @@ use crate::episode::Episode;
 use crate::frames::Sensors;
 use crate::gate::Gate;
 
-/// The five documents and what was last sent.
+/// Writers of the five documents, and what each sent last.
 pub struct Documents {
     info: DocumentPublisher,
     map: DocumentPublisher,
@@ -23,19 +23,19 @@ pub struct Documents {
     sent_episode: u32,
 }
 
-/// What the documents tell about.
+/// The state that the documents describe.
 pub struct State<'a> {
-    /// Actors, weather, catalogue.
+    /// Has the actors, the weather and the catalogue.
     pub world: &'a World,
-    /// Mode and participants.
+    /// Has the mode and the participants.
     pub gate: &'a Gate,
-    /// Map and epoch.
+    /// Has the map and the epoch.
     pub episode: &'a Episode,
     /// Length of a tick.
     pub period_nanos: u64,
-    /// Tick after which the texts hold.
+    /// Tick after which the documents are true.
     pub tick: u64,
-    /// Topics of the sensors.
+    /// Has the topics.
     pub sensors: &'a Sensors,
 }
 
@@ -59,7 +59,7 @@ impl Documents {
         })
     }
 
-    /// Hands the newest texts to readers that came since the last call.
+    /// Sends the latest documents to readers that joined since the last call.
     pub fn greet(&self) {
         [
             &self.info,
@@ -72,18 +72,18 @@ impl Documents {
         .for_each(DocumentPublisher::greet);
     }
 
-    /// Makes the next [`Documents::publish`] look at `world/info` again.
+    /// Marks `world/info` as possibly changed, so that the next [`Documents::publish`] compares it.
     pub fn touch_info(&mut self) {
         self.info_changed = true;
     }
 
-    /// Revision of `world/actors` that lists the world's actors now, sent or about to be: what a
-    /// snapshot names.
+    /// Revision of the `world/actors` that lists the world's actors as they are, whether it was sent
+    /// or is about to be. A snapshot names this revision.
     pub fn actors_revision(&self, world: &World) -> u64 {
         self.actors.revision() + u64::from(self.sent_actors != Some(world.actors_revision()))
     }
 
-    /// Sends what changed.
+    /// Sends the documents that changed.
     pub fn publish(&mut self, state: &State<'_>) -> anyhow::Result<()> {
         let epoch = state.episode.stamp.epoch;
         let new_episode = self.sent_episode != state.episode.stamp.episode;

@@ -1,5 +1,5 @@
-//! From a scene to published frames: what fires, loan, GPU submission, CPU sensors, headers, send,
-//! wake-ups.
+//! From a scene to published frames: which sensors fire, loans, GPU submissions, sensors on the CPU,
+//! headers, sending, and wake-ups.
 
 mod cpu;
 mod in_flight;
@@ -36,9 +36,9 @@ pub struct Sensors {
     renderer: CameraRenderer,
     options: FrameOptions,
     rays: Rays,
-    /// Made when a lane invasion detector first asks.
+    /// The map's painted lines, made when a lane invasion detector first needs them.
     painted: Option<PaintedLines>,
-    /// Length of the tick that the topics' memory was made for.
+    /// Longest tick that the topics' memory was made for.
     fitted_period_nanos: u64,
     in_flight: InFlight<PendingViews>,
     n_lidar_turns: u64,
@@ -113,13 +113,13 @@ impl Sensors {
         Ok(())
     }
 
-    /// A tick begins: frames that are in flight are one tick later.
+    /// A tick begins, so frames in flight become one tick late.
     pub fn start_tick(&mut self, tick: Tick) {
         self.in_flight.start_tick(tick.0);
     }
 
-    /// Fires what is due at the scene's tick, which was started. When this returns, frames that
-    /// the CPU makes and lidars are sent; views may still be in flight.
+    /// Fires the sensors that are due at a tick that has been started. When this returns, all frames
+    /// but those of views have been sent; views may still be in flight.
     pub fn fire(
         &mut self,
         tick: &TickView<'_>,
@@ -153,7 +153,7 @@ impl Sensors {
         Ok(())
     }
 
-    /// Shows every model its carrier, and lists the sensors that fire, in their order.
+    /// Shows every model its carrier, and lists the sensors that fire in this tick, in their order.
     fn due(&mut self, scene: &Scene, carrier: impl Fn(ActorId) -> Option<Carrier>) -> Vec<Due> {
         let mut due = Vec::with_capacity(self.sensors.len());
         for (sensor_idx, sensor) in self.sensors.iter_mut().enumerate() {
@@ -172,7 +172,7 @@ impl Sensors {
         due
     }
 
-    /// Fires what is due and not the GPU's business.
+    /// Fires the due sensors whose frames the CPU makes.
     fn fire_on_cpu(
         &mut self,
         tick: &TickView<'_>,
@@ -210,7 +210,7 @@ impl Sensors {
         )
     }
 
-    /// Takes in a sensor made at run time; its actor id is the highest.
+    /// Adds a sensor made at run time. Its actor id must be the highest.
     pub fn add(&mut self, sensor: Sensor, assets: &SceneAssets) {
         if sensor.model.casts_rays() {
             self.rays.require(assets);

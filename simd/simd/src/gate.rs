@@ -6,12 +6,12 @@ use schema_frames::StepMode;
 /// A consumer that the daemon waits for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Participant {
-    /// Number it acknowledges with.
+    /// Number that it puts into its acknowledgements.
     pub number: u32,
-    /// Name it joined under and writes its acknowledgements as; the gate opens without it when that
-    /// writer is gone.
+    /// Name under which it joined, and of its writer on `control/ack`. When that writer is gone, the
+    /// gate no longer waits for it.
     pub name: String,
-    /// Last tick it is done with.
+    /// Last tick that it has acknowledged.
     pub acked_tick: u64,
 }
 
@@ -34,18 +34,18 @@ impl Gate {
         }
     }
 
-    /// Mode in force.
+    /// The mode.
     pub fn mode(&self) -> StepMode {
         self.mode
     }
 
-    /// Changes the mode; cues that are left are dropped.
+    /// Changes the mode. Remaining cues are dropped.
     pub fn set_mode(&mut self, mode: StepMode, last_tick: u64) {
         self.mode = mode;
         self.cued_tick = last_tick;
     }
 
-    /// Adds `n` cues and returns the last tick they will cause. Cues add up.
+    /// Adds `n` cues to the remaining ones, and returns the last tick that they will cause.
     pub fn cue(&mut self, n: u64, last_tick: u64) -> u64 {
         self.cued_tick = self.cued_tick.max(last_tick).saturating_add(n);
         self.cued_tick
@@ -69,7 +69,7 @@ impl Gate {
         Some(self.participants.remove(idx))
     }
 
-    /// Notes that a participant is done with `tick`. A number that never joined is ignored.
+    /// Notes that a participant has acknowledged `tick`. An unknown number is ignored.
     pub fn ack(&mut self, number: u32, tick: u64) {
         if let Some(participant) = self.participants.iter_mut().find(|p| p.number == number) {
             participant.acked_tick = participant.acked_tick.max(tick);
@@ -81,7 +81,7 @@ impl Gate {
         self.mode == StepMode::FreeRunning || last_tick < self.cued_tick
     }
 
-    /// Participants that are not done with `last_tick`.
+    /// Participants that have not acknowledged `last_tick`.
     pub fn missing(&self, last_tick: u64) -> impl Iterator<Item = &Participant> {
         self.participants
             .iter()
@@ -93,7 +93,7 @@ impl Gate {
         self.is_cued(last_tick) && self.missing(last_tick).next().is_none()
     }
 
-    /// Everyone who joined.
+    /// All participants.
     pub fn participants(&self) -> &[Participant] {
         &self.participants
     }

@@ -1,13 +1,12 @@
 //! `--hash`: one line per tick and topic on stdout, equal for equal bytes.
 //!
-//! The hash covers the first 192 header bytes and the payload in use; clocks and the epoch lie
-//! behind them.
-//! Two lanes of SplitMix64 over 8-byte words: no cryptography, but any flipped or moved word
-//! changes it.
+//! The hash covers the first 192 header bytes and the payload in use. The header fields behind
+//! these, clocks and the epoch, differ from run to run. Two lanes of SplitMix64 run over 8-byte
+//! words. This is no cryptographic hash, but any flipped bit and any moved word changes it.
 
 use schema_types::noise::mix;
 
-/// Hash of some bytes in sequence. The split into chunks matters: hash header and payload as two
+/// Hash of a sequence of chunks. Where one chunk ends matters, so header and payload are always two
 /// chunks.
 #[derive(Clone, Copy, Debug)]
 pub struct BytesHash {

@@ -56,7 +56,7 @@ fn main() -> ExitCode {
     })
 }
 
-/// `--export-map`: the text and nothing else.
+/// `--export-map`: writes the map's OpenDRIVE text.
 fn export_map(args: &cli::Args, file: &std::path::Path) -> anyhow::Result<Exit> {
     let settings = Settings::resolve(args)?;
     let scenario = &settings.launch.scenario;

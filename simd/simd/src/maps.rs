@@ -1,5 +1,5 @@
-//! Maps by name: towns of ours, files of the map folder, paths, and texts that a client handed
-//! over. What was loaded is kept.
+//! Maps by name: generated towns, files of the map folder, paths, and texts that a client stored.
+//! The maps that were loaded last are kept.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,10 +15,10 @@ use simd_town::Town;
 use simd_town::imported::{ImportOptions, import};
 use simd_world::MapData;
 
-/// Loaded maps that are kept: going back and forth between two costs nothing, and memory stays
+/// Loaded maps that are kept. Going back and forth between two maps costs nothing, and memory stays
 /// bounded.
 const KEPT: usize = 3;
-/// Most texts that clients hand over, and most bytes of all of them.
+/// Most texts that clients can store.
 const MAX_STORED: usize = 16;
 /// Warnings of a file that are logged one by one.
 const WARNINGS_SHOWN: usize = 5;
@@ -28,9 +28,9 @@ const MAX_NAME: usize = 200;
 /// A map that is ready to be put into the world.
 #[derive(Debug)]
 pub struct LoadedMap {
-    /// For physics and traffic.
+    /// What physics and traffic need.
     pub data: Arc<MapData>,
-    /// For sensors; episode 0 and without the actors' meshes.
+    /// What sensors need, with episode 0 and without the actors' meshes.
     pub assets: SceneAssets,
 }
 
@@ -53,7 +53,7 @@ enum Source {
 #[derive(Debug)]
 pub struct Maps {
     folder: PathBuf,
-    /// Further folder in which relative paths are looked for: that of the launch file.
+    /// The launch file's folder, in which relative paths are looked for too.
     beside: Option<PathBuf>,
     stored: BTreeMap<String, (u64, StoredMap)>,
     n_stored: u64,
@@ -72,8 +72,7 @@ impl Maps {
         }
     }
 
-    /// Names that can be loaded: our towns, then files of the map folder, then texts that were
-    /// handed over.
+    /// Names that can be loaded: generated towns, then files of the map folder, then stored texts.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = Town::NAMES.iter().map(|name| (*name).to_owned()).collect();
         let further = self
@@ -102,7 +101,7 @@ impl Maps {
         names
     }
 
-    /// Takes a text that can then be loaded under its name.
+    /// Stores a text, which can then be loaded under its name.
     ///
     /// # Errors
     /// When the name or the text cannot be used.
@@ -149,7 +148,7 @@ impl Maps {
         Ok(map)
     }
 
-    /// The OpenDRIVE text of a map, as it is: broken files too.
+    /// The OpenDRIVE text of a map, unchanged and unchecked.
     ///
     /// # Errors
     /// When there is no such map, or it cannot be read.
@@ -271,7 +270,7 @@ fn read_text(path: &Path, bytes: u64) -> anyhow::Result<String> {
     Ok(String::from_utf8_lossy(&raw).into_owned())
 }
 
-/// A world from a text.
+/// Builds a map from a text.
 fn build(name: &str, text: &str, seed: u64, options: &ImportOptions) -> anyhow::Result<LoadedMap> {
     let roads = RoadMap::parse(text)?;
     let warnings = roads.warnings();
@@ -307,7 +306,7 @@ fn options_of(map: &StoredMap) -> ImportOptions {
     }
 }
 
-/// A name without folders and without `_Opt`, which is CARLA's word for a map in layers.
+/// A name without folders and without `_Opt`, CARLA's suffix for a map with switchable layers.
 fn short_name(name: &str) -> &str {
     let short = name.rsplit('/').next().unwrap_or(name);
     short.strip_suffix("_Opt").unwrap_or(short)

@@ -1,13 +1,11 @@
 //! When the next tick may start in free-running mode.
 //!
-//! Deadlines are absolute (`start + n × period`), so lateness never adds up. What cannot be caught
-//! up is counted and given up:
-//! after a pause longer than [`GIVE_UP_PERIODS`] the schedule starts anew instead of racing through
-//! missed ticks.
+//! Deadlines are absolute (`start + n × period`), so lateness does not add up. After a pause longer
+//! than [`GIVE_UP_PERIODS`] the schedule starts anew, instead of racing through the missed ticks;
+//! the lost periods are counted.
 
-/// Ticks the daemon tries to catch up by running faster before it gives the lost time up.
-/// Ten ticks at 20 Hz are half a second: longer stalls are a suspended machine or a debugger, not
-/// jitter.
+/// Most ticks of delay that the daemon makes up for by running faster. Ten ticks at 20 Hz are half a
+/// second: a longer stall is a suspended machine or a debugger, not jitter.
 const GIVE_UP_PERIODS: u64 = 10;
 
 /// Absolute schedule of free-running ticks, in `CLOCK_MONOTONIC` nanoseconds.

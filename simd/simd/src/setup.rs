@@ -104,7 +104,8 @@ pub fn start(settings: Settings) -> anyhow::Result<Daemon> {
     Ok(daemon)
 }
 
-/// The segments of all topics are summed before the first is made: half a rig is worse than none.
+/// Checks the shared memory of all topics together, before the first segment is made. Otherwise the
+/// daemon could fail with half of its sensors open.
 fn check_memory(launch: &Launch, frames_in_flight: u32) -> anyhow::Result<()> {
     let segments = launch.memory_budget().into_iter().map(|topic| {
         let spec = FrameTopic {

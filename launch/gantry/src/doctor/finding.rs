@@ -1,10 +1,10 @@
 //! What the doctor found: one thing, how bad it is, and what to do about it.
 
-/// How bad it is.
+/// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grade {
     Ok,
-    /// Something is slower or missing that one can live without.
+    /// Something is slow, or something optional is missing.
     Warn,
     /// The simulator will not run.
     Fail,
@@ -21,13 +21,13 @@ impl Grade {
     }
 }
 
-/// One thing that was looked at.
+/// One thing that was examined.
 #[derive(Debug)]
 pub struct Finding {
     pub what: &'static str,
     pub grade: Grade,
     pub text: String,
-    /// What to do; empty if nothing.
+    /// How to repair it; empty if there is nothing to do.
     pub fix: String,
 }
 

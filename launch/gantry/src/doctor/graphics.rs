@@ -104,7 +104,7 @@ fn adapters() -> Finding {
     judge(&text)
 }
 
-/// From the lines of `simd --adapters --json`.
+/// The finding from the output of `simd --adapters --json`.
 fn judge(text: &str) -> Finding {
     const WHAT: &str = "graphics";
     let adapters: Vec<serde_json::Value> = text

@@ -8,7 +8,7 @@ use super::finding::Finding;
 use crate::bus::Bus;
 use crate::up::quickstart_bytes;
 
-/// Descriptors a rig of a dozen sensors with eight readers each may need in the daemon.
+/// File descriptors that the daemon may need for a dozen sensors with eight readers each.
 const OPEN_FILES: u64 = 4096;
 /// Ports of the viewer: data, and the page for the browser.
 const VIEWER_PORTS: [u16; 2] = [9876, 9090];
@@ -43,7 +43,7 @@ fn shared_memory(free: Option<u64>, need: u64) -> Finding {
     let fix = format!(
         "in Docker --shm-size={size}g, else mount -o remount,size={size}G /dev/shm (as root)"
     );
-    // Smaller rigs still run.
+    // A warning only, because smaller rigs still run.
     if free_mib < 32 {
         Finding::fail(WHAT, text, fix)
     } else {

@@ -1,4 +1,4 @@
-//! Python side: the environment that the viewer, the reader package and the tests use.
+//! Python: the environment that the viewer, the reader package and the tests use.
 
 use std::path::PathBuf;
 use std::time::Duration;

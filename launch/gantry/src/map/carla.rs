@@ -1,5 +1,5 @@
-//! CARLA's client as a reader of maps: a Python process per map, since its parser may end the
-//! process that calls it.
+//! CARLA's client as a reader of maps. Each map has a Python process of its own, because the
+//! client's parser may crash the process that calls it.
 
 use std::io::{Read as _, Write as _};
 use std::os::unix::process::ExitStatusExt as _;
@@ -9,13 +9,13 @@ use std::time::{Duration, Instant};
 
 use serde::Deserialize;
 
-/// What runs in the Python process.
+/// The script that runs in the Python process.
 const SCRIPT: &str = include_str!("carla_map.py");
 /// Longest time for one map.
 const PATIENCE: Duration = Duration::from_secs(300);
 /// Longest time to find out whether the wheel is there.
 const LOOK: Duration = Duration::from_secs(60);
-/// Most bytes that are read of an answer.
+/// Longest answer that is read, bytes.
 const MAX_ANSWER: u64 = 1 << 30;
 
 /// A Python that has the wheel.
@@ -94,9 +94,9 @@ pub struct View {
     pub stumbles: Vec<[f64; 3]>,
     /// Lanes of waypoints to which the client gives no place: its numbers are not finite.
     pub lost: Vec<Key>,
-    /// Whether the last line came.
+    /// Whether the last line of the answer came.
     is_whole: bool,
-    /// How its process ended before it had said everything.
+    /// How its process ended, if that was before the last line.
     pub ended_early: Option<String>,
 }
 
@@ -139,7 +139,7 @@ impl Client {
     /// What the client makes of a text.
     ///
     /// # Errors
-    /// When its process cannot be run, or speaks another language.
+    /// When its process cannot be run, or its answer cannot be read.
     pub fn view(&self, text: &str) -> Result<View, String> {
         let mut child = Command::new(&self.python)
             .args(["-c", SCRIPT])
@@ -196,7 +196,7 @@ impl Client {
 
 fn read_all(pipe: impl std::io::Read) -> String {
     let mut bytes = Vec::new();
-    // What came before a failure still counts.
+    // Lines that came before a failure still count.
     let _ = pipe.take(MAX_ANSWER).read_to_end(&mut bytes);
     String::from_utf8_lossy(&bytes).into_owned()
 }

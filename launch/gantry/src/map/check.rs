@@ -1,5 +1,5 @@
-//! `gantry map check`: every file is read, described and compared; the exit code says whether all
-//! are sound.
+//! `gantry map check`: reads, describes and compares every map. The exit code says whether all of
+//! them are sound.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -15,13 +15,13 @@ use crate::cli::{CheckArgs, WithCarla};
 /// Warnings that are printed for each map unless all are wanted.
 const SHOWN: usize = 12;
 
-/// A map to look at.
+/// A map to check.
 enum Target {
     File(PathBuf),
     Name(String),
 }
 
-/// Looks at everything that was named.
+/// Checks every map that was named.
 pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
     let targets = targets(args)?;
     let client = match args.carla {
@@ -62,7 +62,7 @@ pub fn run(args: &CheckArgs) -> anyhow::Result<Exit> {
     })
 }
 
-/// Files of folders, files, and names of maps.
+/// The maps that the arguments name: `.xodr` files of folders, files, and maps by name.
 fn targets(args: &CheckArgs) -> anyhow::Result<Vec<Target>> {
     let mut targets = Vec::new();
     for what in &args.what {

@@ -1,15 +1,16 @@
-//! Our reading of a map against that of CARLA's client.
+//! Compares how we read a map with how CARLA's client reads it.
 //!
-//! What the client does on its own, and what is therefore not a difference of ours:
-//! it walks a polynomial curve by the curve's own length, and so ends off the record's end where
-//! the file states another;
-//! it takes lanes on a bend to be as long as the road's middle when it works out the heading of a
-//! lane that widens; it ignores
-//! superelevation, shape and heights of lanes, so such heights are not compared; a lane whose road
-//! does not name its junction ends
-//! for it and is linked to itself; objects called "Speed_…" count as signs; lights above a lane are
-//! moved aside by 25 cm;
-//! direct junctions are newer than its reader, which misses some of their ways.
+//! The client has peculiarities that do not count as differences:
+//!
+//! - It follows a polynomial curve by the curve's own length. Where the file states another length,
+//!   it ends beside the end of the record.
+//! - For the heading of a lane that widens, it takes lanes on a bend to be as long as the road's
+//!   reference line.
+//! - It ignores superelevation, shape and lane heights, so such heights are not compared.
+//! - A lane whose road does not name its junction ends there for the client, linked to itself.
+//! - Objects called "Speed_…" count as signs.
+//! - Lights above a lane are moved aside by 25 cm.
+//! - Direct junctions are newer than its reader, which misses some of their connections.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,19 +19,18 @@ use serde_json::json;
 
 use super::carla::{Client, Key, View};
 
-/// Greatest distance between two readings of a place, and the same on tilted roads, metres.
+/// Greatest distance between two readings of a place, on level and on tilted roads, metres.
 const PLACE_M: (f64, f64) = (0.01, 0.02);
 /// Greatest difference of a width, metres.
 const WIDTH_M: f64 = 0.01;
 /// Greatest difference of a heading for all but one in a thousand places, degrees.
 const HEADING_DEG: f64 = 1.0;
-/// How far lights are moved aside by the client, and a little, metres.
+/// How far the client moves lights aside (0.25 m), with a margin, metres.
 const LANDMARK_M: f64 = 0.27;
-/// Places this near to a section's end belong to the next section for one reader or the other,
-/// metres.
+/// Either reader may assign places this near to a section's end to the next section, metres.
 const END_M: f64 = 1e-3;
 
-/// What came out.
+/// The result of a comparison.
 #[derive(Debug, Default)]
 pub struct Comparison {
     findings: Vec<Finding>,
@@ -50,7 +50,7 @@ impl Comparison {
         self.findings.push(Finding { agrees, text });
     }
 
-    /// Adds what is no difference, but should be known.
+    /// Adds something worth knowing that is no difference.
     fn note(&mut self, text: String) {
         self.add(true, text);
     }
@@ -138,8 +138,8 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
         };
         let mut distance = to_theirs(pose.translation.vector.into());
         if distance > PLACE_M.0 {
-            // The client is as far along as the file's lengths are off; in a cusp that is a long
-            // way aside.
+            // Along the road the client is off by as much as the file's lengths are wrong. In a
+            // sharp bend this moves the place far to the side.
             let along = (-10..=10).filter_map(|i| {
                 let at = LanePosition::new(
                     lane.key,
@@ -225,7 +225,7 @@ fn waypoints(out: &mut Comparison, map: &RoadMap, view: &View) {
     );
 }
 
-/// Whether the client's word for a lane means the same as ours.
+/// Whether the client's lane type means the same as ours.
 fn same_kind(kind: LaneKind, theirs: &str) -> bool {
     use LaneKind as K;
     match kind {
@@ -240,7 +240,7 @@ fn same_kind(kind: LaneKind, theirs: &str) -> bool {
         K::Median => theirs == "Median",
         K::Restricted => theirs == "Restricted",
         K::Rail => matches!(theirs, "Rail" | "Tram"),
-        // Newer than the client's list, or not on it.
+        // Types that the client's list lacks, most of them because they are newer.
         K::Kerb | K::Bus | K::Taxi | K::Other => !matches!(theirs, "Driving" | "Sidewalk"),
     }
 }
@@ -257,7 +257,7 @@ fn lanes_beside(out: &mut Comparison, map: &RoadMap, view: &View) {
             worst_m =
                 worst_m.max((map.width_m(LanePosition::new(lane.key, s_m)) - beside.width).abs());
         }
-        // A type the client does not know is NONE to it.
+        // The client reads a type that it does not know as NONE.
         if !same_kind(lane.kind, &beside.kind) && beside.kind != "NONE" {
             *kinds
                 .entry(format!("{:?} here is {} there", lane.kind, beside.kind))
@@ -396,8 +396,8 @@ fn nearest(out: &mut Comparison, map: &RoadMap, view: &View) {
             same += 1;
             continue;
         }
-        // The client projects without the tilt, and walks curves whose lengths the file states
-        // otherwise as they are.
+        // The client projects without the tilt, and follows curves by their own length where the
+        // file states another.
         let slack_m = if map.is_tilted(at.lane) { 0.1 } else { 0.02 } + map.length_mismatch_m();
         let theirs_m = (asked.at[0] - asked.point[0]).hypot(asked.at[1] - asked.point[1]);
         if at.offset_m.abs() <= theirs_m + slack_m {

@@ -1,4 +1,4 @@
-//! What is said about one map, for people and as JSON.
+//! The report on one map, as text and as JSON.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::compare::Comparison;
 
-/// What was read.
+/// What a map holds.
 #[derive(Debug)]
 pub struct Contents {
     revision: Option<(u32, u32)>,
@@ -118,15 +118,15 @@ impl Contents {
 /// Everything about one map.
 #[derive(Debug)]
 pub struct Report {
-    /// As it was named.
+    /// The map as the user named it.
     pub name: String,
-    /// Why it is no map at all.
+    /// Why it cannot be read.
     pub error: Option<String>,
-    /// What is odd or broken in it.
+    /// What is unusual or broken in it.
     pub warnings: Vec<Warning>,
-    /// What was read.
+    /// What a map holds.
     pub contents: Option<Contents>,
-    /// Against CARLA's client.
+    /// The comparison with CARLA's client, if there was one.
     pub comparison: Option<Comparison>,
 }
 
@@ -151,12 +151,12 @@ impl Report {
                 .any(|warning| warning.severity == Severity::Error)
     }
 
-    /// Whether CARLA's client reads something else, where it reads rightly.
+    /// Whether CARLA's client reads something differently that it should read alike.
     pub fn differs(&self) -> bool {
         self.comparison.as_ref().is_some_and(Comparison::differs)
     }
 
-    /// Some lines; the first says whether the map is sound.
+    /// The report as text. Its first line says whether the map is sound.
     pub fn as_text(&self, max_warnings: usize) -> String {
         let verdict = if self.is_broken() {
             "broken"

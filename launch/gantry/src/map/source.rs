@@ -8,7 +8,8 @@ use schema_roads::MAX_TEXT_BYTES;
 
 use crate::programs;
 
-/// The OpenDRIVE text of a name: the daemon knows its towns and the map folder.
+/// The OpenDRIVE text of a map by name. The daemon is asked, which knows the towns and the map
+/// folder.
 pub fn text_of_name(name: &str, data: Option<&Path>, seed: u64) -> anyhow::Result<String> {
     let simd = programs::find("simd")?;
     let mut command = std::process::Command::new(simd);
@@ -36,7 +37,7 @@ pub fn text_of_name(name: &str, data: Option<&Path>, seed: u64) -> anyhow::Resul
         .with_context(|| format!("the text of map {name:?} is not UTF-8"))
 }
 
-/// The text of a file, if it is one and not too long.
+/// The text of a file that is not too long.
 pub fn text_of_file(path: &Path) -> Result<String, String> {
     let file = path
         .metadata()

@@ -13,8 +13,8 @@ use serde_json::{Value, json};
 use super::source::{Sample, Source};
 use crate::cli::EchoArgs;
 
-/// Silence after which a word is due; a topic may be silent for good reason (a stepped world, a
-/// document that does not change).
+/// Silence after which a hint is printed. A topic may be silent for good reason: a stepped world, or
+/// a document that does not change.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
@@ -35,7 +35,7 @@ pub fn run(bus: &Bus, topic: &str, args: &EchoArgs) -> anyhow::Result<Exit> {
             continue;
         };
         let value = as_value(&sample, args.elements);
-        // Given back before a slow terminal is written to.
+        // The sample is given back before a terminal, which may be slow, is written to.
         drop(sample);
         if args.json {
             println!("{value}");
@@ -77,7 +77,7 @@ fn frame_value(frame: &Frame, n_elements: usize) -> Value {
     })
 }
 
-/// The first elements of a list; nothing of an image.
+/// The first elements of a list. Pixels of images are not printed.
 fn elements(frame: &Frame, n: usize) -> Value {
     match frame.modality() {
         Modality::Imu => first(frame.elements(), n, |sample: &ImuSample| {
@@ -129,7 +129,7 @@ fn debug_fields(record: &impl std::fmt::Debug) -> Value {
             after.find(", ").unwrap_or(after.len())
         };
         let (value, tail) = after.split_at(end);
-        // JSON has no infinity; what is no number stays text.
+        // JSON has no infinity: such values stay text.
         let value = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value.trim()));
         fields.insert(name.trim().to_owned(), value);
         rest = tail.trim_start_matches(", ");
@@ -169,7 +169,7 @@ fn actor_value(record: &ActorRecord) -> Value {
 
 fn document_value(document: &Document) -> Value {
     let header = &document.header;
-    // A map is XML; everything else is JSON and shown as what it says.
+    // The map is XML and stays text; all other documents are JSON.
     let content = serde_json::from_str(&document.text)
         .unwrap_or_else(|_| Value::from(document.text.as_str()));
     json!({"revision": header.revision, "epoch": header.epoch.to_string(), "tick": header.tick, "bytes": header.payload_bytes, "content": content})

@@ -15,11 +15,11 @@ use crate::cli::{Form, WindowArgs};
 pub enum What {
     /// Intervals between the writer's stamps.
     Rate,
-    /// From the writer's stamp to the moment this program had it.
+    /// Time from the writer's stamp until this program had the sample.
     Age,
 }
 
-/// One window's figures.
+/// The figures of one measurement.
 struct Window {
     samples: u64,
     lost: u64,
@@ -29,7 +29,7 @@ struct Window {
     secs: f64,
 }
 
-/// What the previous sample said.
+/// Sequence number and time of the previous sample.
 #[derive(Default)]
 struct Previous {
     seq: Option<u64>,
@@ -90,7 +90,7 @@ impl Window {
         self.samples += 1;
         self.bytes += stamp.bytes;
         if let (Some(before), Some(seq)) = (previous.seq, stamp.seq) {
-            // A count that falls back belongs to a new writer.
+            // A sequence number that falls back comes from a new writer.
             self.lost += seq.saturating_sub(before.saturating_add(1));
         }
         let value = match what {

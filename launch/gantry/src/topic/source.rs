@@ -10,7 +10,7 @@ use schema_bus::{
 };
 use schema_frames::SCHEMA_VERSION;
 
-/// Longest sleep between two looks: a missing wake-up costs no more than this.
+/// Longest sleep between two looks, so that a missing wake-up costs no more than this.
 const NAP: Duration = Duration::from_millis(1);
 
 /// One sample.
@@ -21,9 +21,9 @@ pub enum Sample {
     Controls(ControlBatch),
 }
 
-/// What all samples have.
+/// What all kinds of samples have.
 pub struct Stamp {
-    /// Count of the writer, if its header has one: a gap is a loss.
+    /// Sequence number of the sample, if its header has one; a gap is a loss.
     pub seq: Option<u64>,
     /// `CLOCK_MONOTONIC` just before it was sent, if the header has it.
     pub published_mono_nanos: Option<u64>,
@@ -41,7 +41,7 @@ impl Sample {
                     header.payload_bytes,
                 )
             }
-            // Every tick has one snapshot, so the tick itself shows a loss.
+            // Every tick has one snapshot, so the tick serves as a sequence number.
             Sample::Snapshot(snapshot) => {
                 let header = snapshot.header();
                 (
@@ -55,7 +55,7 @@ impl Sample {
                 None,
                 document.header.payload_bytes,
             ),
-            // Several writers share this topic; each counts for itself.
+            // Several writers share this topic, and each has its own sequence numbers.
             Sample::Controls(batch) => (None, None, size_of_val(&batch.records[..]) as u64),
         };
         Stamp {
@@ -73,7 +73,7 @@ enum Reader {
     Controls(ControlReader, std::vec::IntoIter<ControlBatch>),
 }
 
-/// A topic, read.
+/// An open topic of any kind.
 pub struct Source {
     reader: Reader,
     wake: Option<Listener>,
@@ -108,14 +108,14 @@ impl Source {
                 "topic {topic:?} carries no frames, snapshots, documents or controls; gantry cannot read it"
             ),
         };
-        // Without the event the naps alone keep it going.
+        // Without the wake-up, the short sleeps alone keep the measurement going.
         let wake = matches!(reader, Reader::Frames(_))
             .then(|| bus.listener(&rig_tick(rig_of(topic))).ok())
             .flatten();
         Ok(Source { reader, wake })
     }
 
-    /// The oldest sample that waits, if any.
+    /// The oldest sample that has not been read, if any.
     pub fn next(&mut self) -> anyhow::Result<Option<Sample>> {
         let sample = match &mut self.reader {
             Reader::Frames(reader) => reader.next()?.map(Sample::Frame),
@@ -131,7 +131,7 @@ impl Source {
         Ok(sample)
     }
 
-    /// Sleeps until something may have come, a millisecond at most.
+    /// Sleeps until a sample may have come, at most a millisecond.
     pub fn nap(&self) -> anyhow::Result<()> {
         match &self.wake {
             Some(listener) => listener

@@ -1,5 +1,5 @@
-//! One running process: started in its own group, tied to the launcher's life, signalled as a
-//! group, reaped last.
+//! One running process: it is started in a process group of its own, ends if the launcher dies, is
+//! signalled as a group, and is reaped last.
 
 #![expect(
     unsafe_code,
@@ -20,17 +20,17 @@ use nix::unistd::Pid;
 use super::output::{Sink, Stream};
 use super::plan::{Plan, ReadySign};
 
-/// What the threads around a process report. `start` counts the starts of a slot, so that late news
-/// of an earlier one is known as such.
+/// What the threads around a process report. `start` is the number of the start within the slot, so
+/// that a late report about an earlier start can be recognised.
 #[derive(Debug)]
 pub enum Event {
     /// The process ended; it has not been reaped.
     Ended { idx: usize, start: u64 },
-    /// A line said that it is ready.
+    /// A line of its output is the sign that it is ready.
     SaidReady { idx: usize, start: u64 },
     /// One of its two pipes closed.
     PipeClosed,
-    /// Somebody wants the pipeline to end.
+    /// The launcher was asked to end.
     Signal,
 }
 
@@ -83,7 +83,8 @@ pub fn start(
             sink.pump(pipe, stream, |text| {
                 if !said && line.as_ref().is_some_and(|pattern| pattern.is_match(text)) {
                     said = true;
-                    // The receiver outlives the process only while somebody still cares.
+                    // Nobody receives any more once the supervisor has ended; the report is lost
+                    // then, which is fine.
                     let _ = events.send(Event::SaidReady { idx, start });
                 }
             });
@@ -94,8 +95,8 @@ pub fn start(
     copy(Box::new(err), Stream::Stderr);
     let events = events.clone();
     std::thread::spawn(move || {
-        // NOWAIT leaves the process unreaped, so its id and its group cannot be given to anybody
-        // else before we signalled the rest of it.
+        // NOWAIT leaves the process unreaped. Its id and its group cannot be reused before the
+        // rest of the group has been signalled.
         while waitid(Id::Pid(group), WaitPidFlag::WEXITED | WaitPidFlag::WNOWAIT)
             == Err(Errno::EINTR)
         {}
@@ -116,7 +117,8 @@ fn tie_to_this_process(command: &mut Command, cpus: &[u32]) {
     let prepare = move || {
         nix::sys::prctl::set_pdeathsig(Signal::SIGTERM)?;
         if nix::unistd::getppid() != parent {
-            // The launcher died between fork and prctl.
+            // Without this check, a launcher that dies between fork and prctl would leave the
+            // child running.
             return Err(Errno::ESRCH.into());
         }
         match mask {
@@ -130,9 +132,9 @@ fn tie_to_this_process(command: &mut Command, cpus: &[u32]) {
             _ => Ok(()),
         }
     };
-    // SAFETY: `prepare` runs in the child between fork and exec and makes only the system calls
-    // prctl, getppid and sched_setaffinity,
-    // all async-signal-safe; it allocates nothing and takes no lock.
+    // SAFETY: `prepare` runs in the child between fork and exec. It makes only the system calls
+    // prctl, getppid and sched_setaffinity, which are async-signal-safe; it allocates nothing and
+    // takes no lock.
     unsafe { command.pre_exec(prepare) };
 }
 
@@ -159,7 +161,7 @@ impl Running {
         self.child.id()
     }
 
-    /// Signals the whole group; a group that has gone is no error.
+    /// Signals the whole group. It is no error if the group has ended.
     pub fn signal(&self, signal: Signal) {
         let _ = killpg(self.group, signal);
     }

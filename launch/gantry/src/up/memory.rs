@@ -1,4 +1,5 @@
-//! Shared memory: what a launch file needs, against what `/dev/shm` has, before anything starts.
+//! Compares, before anything starts, the shared memory that a launch file needs with what `/dev/shm`
+//! has.
 
 use std::fmt::Write as _;
 
@@ -13,7 +14,7 @@ fn topic_bytes(topic: &TopicBudget) -> u64 {
     FrameTopic::new(topic.modality, topic.max_payload_bytes).segment_bytes(topic.modality)
 }
 
-/// What all topics of a launch file need, and the rest.
+/// Shared memory that a launch file needs in all.
 pub fn total_bytes(launch: &Launch) -> u64 {
     shared_memory_needed(launch.memory_budget().iter().map(topic_bytes))
 }
@@ -36,7 +37,7 @@ fn sentence(short: MemoryShortage) -> String {
     )
 }
 
-/// For `--dry-run`: what each topic takes, as comments.
+/// Shared memory of each topic as TOML comments, for `--dry-run`.
 pub fn table(launch: &Launch, domain: &str) -> String {
     let mut text =
         String::from("\n# Shared memory, reserved when a topic gets its first reader:\n");

@@ -1,4 +1,4 @@
-//! How a process ended, and whether that is what was asked of it.
+//! How a process ended, and whether it ended as it was asked to.
 
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::ExitStatus;
@@ -7,7 +7,7 @@ use std::time::Instant;
 use launch_spec::StopSignal;
 use nix::sys::signal::Signal;
 
-/// It was asked to end: by which signal first and last, and when patience ends.
+/// The signals with which a process was asked to end, and when the next, harder one is due.
 #[derive(Clone, Copy)]
 pub struct Asked {
     pub first: Signal,
@@ -15,7 +15,7 @@ pub struct Asked {
     pub until: Instant,
 }
 
-/// How a process ended for good, the worst last.
+/// How a process ended for good; the worst comes last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
     Fine,
@@ -33,7 +33,7 @@ pub fn signal_of(signal: StopSignal) -> Signal {
     }
 }
 
-/// As a shell reports it: the code, or 128 + the signal.
+/// The exit code as a shell reports it: the process's own, or 128 + the signal.
 pub fn code_of(status: ExitStatus) -> u8 {
     let code = status
         .code()
@@ -41,8 +41,8 @@ pub fn code_of(status: ExitStatus) -> u8 {
     u8::try_from(code).unwrap_or(1)
 }
 
-/// To end by the signal one was sent is to obey, except for KILL, which the launch file must ask
-/// for.
+/// A process that ends by a signal it was sent has done as asked. KILL counts only if the launch
+/// file asks for it.
 pub fn outcome_of(status: ExitStatus, asked: Option<Asked>) -> Outcome {
     let obeyed = asked.is_some_and(|asked| {
         let polite = [

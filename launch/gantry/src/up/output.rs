@@ -1,5 +1,5 @@
-//! What the processes say: prefixed and coloured on the terminal, with the time in a file per
-//! process.
+//! The output of the processes: on the terminal with a coloured prefix, and with the time in one log
+//! file per process.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read, Write as _};
@@ -14,18 +14,18 @@ use super::run_dir::utc;
 
 /// Colours of the prefixes in turn; red is left to errors.
 const COLOURS: [&str; 6] = ["36", "32", "35", "33", "34", "96"];
-/// Longest line that is kept whole.
+/// Longest line that is not cut, bytes.
 const MAX_LINE_BYTES: u64 = 64 * 1024;
 const OWN_NAME: &str = "gantry";
 
-/// Which pipe a line came through; it leaves through the same one.
+/// The pipe that a line came through. The launcher writes the line to the same one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     Stdout,
     Stderr,
 }
 
-/// The terminal, shared by all. Lines are written whole.
+/// The terminal, which all processes share. Lines are written whole.
 #[derive(Clone)]
 pub struct Output {
     width: usize,
@@ -35,7 +35,7 @@ pub struct Output {
     gate: Arc<Mutex<()>>,
 }
 
-/// Where one process's lines go.
+/// Where the lines of one process go.
 #[derive(Clone)]
 pub struct Sink {
     output: Output,
@@ -60,14 +60,14 @@ impl Output {
         }
     }
 
-    /// What the launcher itself does; silent with `-q`.
+    /// Prints what the launcher itself does; silent with `-q`.
     pub fn say(&self, text: &str) {
         if !self.quiet {
             self.write(OWN_NAME, "1", Stream::Stderr, text);
         }
     }
 
-    /// What went otherwise than asked.
+    /// Prints a warning of the launcher itself.
     pub fn warn(&self, text: &str) {
         self.write(OWN_NAME, "1;31", Stream::Stderr, text);
     }
@@ -106,7 +106,7 @@ impl Output {
             format!("{name:width$} │ {text}\n", width = self.width)
         };
         let gate = self.gate.lock().unwrap_or_else(PoisonError::into_inner);
-        // A terminal that has gone is no reason to stop the pipeline: the files have everything.
+        // If the terminal is gone, the processes go on: the log files have everything.
         let _ = match stream {
             Stream::Stdout => std::io::stdout().write_all(line.as_bytes()),
             Stream::Stderr => std::io::stderr().write_all(line.as_bytes()),
@@ -121,7 +121,7 @@ impl Sink {
         self.note(&without_colours(text));
     }
 
-    /// Into the log file only.
+    /// Writes a line into the log file only.
     pub fn note(&self, text: &str) {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let _ = file.write_all(format!("{} {text}\n", utc(SystemTime::now())).as_bytes());
@@ -151,7 +151,7 @@ impl Sink {
     }
 }
 
-/// Without the escape sequences that set colours.
+/// The line without the escape sequences that set colours.
 fn without_colours(text: &str) -> String {
     let mut plain = String::with_capacity(text.len());
     let mut parts = text.split("\x1b[");

@@ -1,4 +1,4 @@
-//! From the processes of a launch file to commands that can be started.
+//! Turns the processes of a launch file into commands that can be started.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -28,7 +28,7 @@ pub struct Plan {
     pub stop: Stop,
 }
 
-/// A sign of readiness, ready to be looked for.
+/// A sign of readiness, prepared for looking.
 #[derive(Clone, Debug)]
 pub enum ReadySign {
     Service(String),
@@ -62,12 +62,12 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
         {
             daemon.cmd.extend(["--await-lockstep".into(), "1".into()]);
         }
-        // Finishing a file means writing what is queued and its index.
+        // To finish a file, the recorder writes what is queued, and the index.
         let stop = Stop {
             grace: Period::from_millis(60_000),
             ..Stop::default()
         };
-        // Required: a run that was to be recorded and is not must not look like one that was.
+        // Required, so that a run without its recording does not look like a success.
         replace(&mut launch, "record", cmd, Some(stop), true);
     }
     match args.view.as_ref().map(view_command) {
@@ -115,7 +115,7 @@ fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>
 fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
     let words: Vec<String> = match mode {
         ViewMode::None => return None,
-        // It chooses by itself: a window if there is a display, else a page.
+        // The viewer chooses by itself: a window if there is a display, else a page.
         ViewMode::Auto => vec![],
         ViewMode::Native => vec!["--native".into()],
         ViewMode::Web => vec!["--web".into()],
@@ -131,7 +131,7 @@ fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
 /// One plan per process, in the order of the file.
 ///
 /// # Errors
-/// A sentence per program that is missing.
+/// One line for each program that is missing.
 pub fn make(
     launch: &Launch,
     common: &CommonArgs,
@@ -211,7 +211,7 @@ fn plan(
     }
 }
 
-/// `${…}` are the only things a launch file leaves open.
+/// Replaces the variables `${…}`, which are known only when a run begins.
 fn replace_variables(
     text: &str,
     process: &Process,
@@ -251,7 +251,7 @@ fn add_shared_flags(
     if is_daemon(process) && !has(args, "--launch") {
         args.extend(["--launch".into(), resolved.display().to_string()]);
     }
-    // Logs lie in DATA/runs/<start>/; what the daemon and the gateway keep lies beside them.
+    // `resolved` is DATA/runs/<start>/launch.toml; daemon and gateway keep their files in DATA.
     let keeps = is_daemon(process)
         || process
             .cmd

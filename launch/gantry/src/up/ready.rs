@@ -1,4 +1,4 @@
-//! Whether a process is ready.
+//! Looks for the sign that a process is ready.
 
 use std::net::{TcpStream, ToSocketAddrs as _};
 use std::time::Duration;
@@ -6,10 +6,10 @@ use std::time::Duration;
 use super::plan::ReadySign;
 use crate::bus::Bus;
 
-/// One attempt to connect; a local port answers at once.
+/// Time for one attempt to connect. A local port answers at once.
 const CONNECT_TIMEOUT: Duration = Duration::from_millis(200);
 
-/// Looks once. A line is seen by the thread that reads it, never here.
+/// Looks once. Lines of output are not examined here, but by the thread that reads them.
 pub fn look(sign: &ReadySign, bus: &Bus) -> bool {
     match sign {
         ReadySign::Service(topic) => bus.has_writer(topic),
@@ -20,7 +20,7 @@ pub fn look(sign: &ReadySign, bus: &Bus) -> bool {
     }
 }
 
-/// The sign in words.
+/// The sign in words, for messages.
 pub fn describe(sign: &ReadySign) -> String {
     match sign {
         ReadySign::Service(topic) => format!("a writer of {topic}"),

@@ -1,5 +1,5 @@
-//! The folder of one run: `DATA/runs/<start>/` with a log per process and the launch file as it was
-//! run.
+//! The folder of one run, `DATA/runs/<start>/`. It holds a log per process and the launch file with
+//! all overrides and defaults.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -43,7 +43,7 @@ pub fn make(data: Option<&Path>) -> anyhow::Result<PathBuf> {
     anyhow::bail!("{} already holds 1000 runs of this second", runs.display())
 }
 
-/// A convenience for people; a run does not depend on it.
+/// Points `runs/latest` at the folder. Errors are ignored, because a run does not depend on it.
 fn point_latest(runs: &Path, name: &str) {
     let latest = runs.join("latest");
     let _ = std::fs::remove_file(&latest);

@@ -1,4 +1,4 @@
-//! Signals to this process as events.
+//! Turns signals to the launcher into events of the supervisor.
 
 use std::sync::mpsc::{Receiver, Sender, channel};
 
@@ -6,7 +6,8 @@ use anyhow::Context as _;
 
 use super::child::Event;
 
-/// Signals to this process as events. Installed before the first child, so that none is missed.
+/// The supervisor's event queue, with the signals to this process. It is made before the first
+/// child, so that no signal is missed.
 pub struct Signals {
     pub events: Sender<Event>,
     pub inbox: Receiver<Event>,

@@ -1,10 +1,10 @@
-//! The life of a set of processes: start in order, watch, restart, stop in order, leave nothing.
+//! The life of a set of processes: starts them in order, watches, restarts and stops them in order,
+//! and leaves nothing behind.
 //!
 //! One thread decides everything; the threads around a process only report. A process starts when
-//! all it comes `after` are ready, and is
-//! asked to end when all that come after it have ended, so readers go before what they read. Every
-//! wait has an end: grace, then TERM,
-//! then KILL, always to the whole process group.
+//! all processes that it comes `after` are ready. It is asked to end when all processes that come
+//! after it have ended, so that readers end before what they read. Every wait is limited: after the
+//! grace period comes TERM, then KILL, always sent to the whole process group.
 
 use std::collections::VecDeque;
 use std::os::unix::process::ExitStatusExt as _;
@@ -24,11 +24,11 @@ use super::ready;
 use super::signals::Signals;
 use crate::bus::Bus;
 
-/// Between two looks for a sign of readiness.
+/// Time between two looks for a sign of readiness.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Between TERM and KILL.
+/// Time between TERM and KILL.
 const TERM_GRACE: Duration = Duration::from_secs(2);
-/// How long the last words of the dead may take to arrive.
+/// Longest wait for the remaining output of processes that have ended.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// One process of the launch file through all its starts.
@@ -42,27 +42,27 @@ struct Slot {
 }
 
 enum State {
-    /// For those it comes after.
+    /// Waits for the processes that it comes after.
     Waiting,
     Up {
         run: Running,
         ready: bool,
         asked: Option<Asked>,
     },
-    /// Until its next start.
+    /// Waits for its next start.
     Pausing {
         until: Instant,
     },
     Over(Outcome),
 }
 
-/// Why the pipeline ends.
+/// Why the whole set of processes ends.
 enum Reason {
     /// Ctrl-C, or `--for` is over.
     Wished,
     /// A required process ended.
     Required(ExitStatus),
-    /// Something went wrong, and it was said.
+    /// Something went wrong, and the message has been printed.
     Failed,
 }
 
@@ -122,8 +122,8 @@ impl Supervisor {
         loop {
             if self.ending.is_none() {
                 self.look_for_readiness();
-                // Again while something started: a process without a sign is ready at once, and
-                // others may have waited for it.
+                // Repeat as long as something starts: a process without a sign of readiness is
+                // ready at once, and others may wait for it.
                 while self.start_those_that_may() {}
                 self.note_all_ready();
             }
@@ -175,7 +175,7 @@ impl Supervisor {
         match &self.slots[idx].state {
             State::Up { ready, .. } => *ready,
             State::Over(outcome) => *outcome == Outcome::Fine,
-            // It was ready once; those that came after it go on without it.
+            // It has been ready; the processes that come after it go on without it.
             State::Pausing { .. } => true,
             State::Waiting => false,
         }
@@ -247,7 +247,7 @@ impl Supervisor {
         }
     }
 
-    /// `--for` counts from the moment nothing is waited for any more.
+    /// Notices that all processes are ready; `--for` counts from that moment.
     fn note_all_ready(&mut self) {
         let now = Instant::now();
         let at_rest = |slot: &Slot| {
@@ -275,13 +275,13 @@ impl Supervisor {
         }
     }
 
-    /// The first reason counts.
+    /// Begins to end all processes. Only the first reason counts.
     fn end(&mut self, reason: Reason) {
         self.ending.get_or_insert(reason);
     }
 
-    /// Asks those whose readers have all ended, and loses patience with those who were asked long
-    /// ago.
+    /// Asks processes to end whose readers have all ended, and sends a harder signal to those that
+    /// have used up their time.
     fn ask_to_end(&mut self) {
         let now = Instant::now();
         for idx in 0..self.slots.len() {
@@ -408,7 +408,7 @@ impl Supervisor {
                 ExitStatus::from_raw(1 << 8)
             }
         };
-        // What it held in shared memory is free again before anybody restarts.
+        // Its shared memory is freed before any process is restarted.
         self.bus.clean();
         let text = format!(
             "{} ended with {} after {:.1} s",
@@ -429,7 +429,8 @@ impl Supervisor {
         }
     }
 
-    /// Restart, end the pipeline, or go on without it.
+    /// Decides what follows when a process ended by itself: restart it, end all processes, or go on
+    /// without it.
     fn after_its_own_end(&mut self, idx: usize, status: ExitStatus, ran_for: Duration) {
         let slot = &mut self.slots[idx];
         let restart = slot.plan.restart;
@@ -489,8 +490,8 @@ impl Supervisor {
         }
     }
 
-    /// Pipes close when the last process of a group is gone; one that escaped its group is not
-    /// waited for.
+    /// Waits for the remaining output. A pipe closes when the last process that holds it is gone; a
+    /// process that left its group may hold it longer, and is not waited for.
     fn wait_for_last_words(&mut self) {
         let until = Instant::now() + LAST_WORDS;
         while self.open_pipes > 0 {

@@ -13,11 +13,11 @@ use crate::tree::{Entry, Table};
 
 /// Names that `${…}` may hold in `cmd` and `env`.
 const VARIABLES: [&str; 4] = ["run_dir", "name", "domain", "launch"];
-/// How long a process may take to become ready, unless it says otherwise: a first start on a
+/// Default time in which a process must become ready. It is long because the first start on a
 /// software adapter builds a town and shaders.
 const READY_WITHIN: Period = Period::from_millis(180_000);
 
-/// The keys of a process that plain serde can read.
+/// The keys of a process that need no reading of their own.
 #[derive(Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Plain {
@@ -174,7 +174,7 @@ fn env(entry: Option<&Entry>, path: &str, errors: &mut Errors) -> BTreeMap<Strin
     variables
 }
 
-/// `${name}` is all that is ever replaced, so anything else in that form is a slip.
+/// Reports `${…}` with a name that the launcher does not replace: it is a spelling mistake.
 fn check_variables(text: &str, at: Place, path: &str, errors: &mut Errors) {
     for part in text.split("${").skip(1) {
         let name = part.split('}').next().unwrap_or_default();
@@ -251,7 +251,7 @@ fn ready(entry: &Entry, path: &str, errors: &mut Errors) -> Option<Ready> {
     })
 }
 
-/// `after` names processes of the file and closes no circle.
+/// Checks that `after` names processes of the file and that these do not wait for one another.
 fn check_order(processes: &[(Place, Process)], errors: &mut Errors) {
     let names: Vec<&str> = processes
         .iter()

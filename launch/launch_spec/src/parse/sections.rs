@@ -4,7 +4,7 @@ use crate::error::{Errors, Place};
 use crate::fill::table_or_error;
 use crate::tree::{Entry, Table, place_of};
 
-/// The named tables below `[section.NAME]`, with names checked.
+/// The tables `[section.NAME]`. Wrong names are reported.
 pub(super) fn named<'t>(
     file: &'t Table,
     section: &str,
@@ -28,7 +28,7 @@ pub(super) fn named<'t>(
         .collect()
 }
 
-/// Names become segments of service names and of files.
+/// Names become parts of topic names and of file names, so few characters are allowed.
 fn is_name(name: &str) -> bool {
     let rest = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
     name.len() <= 32 && name.starts_with(|c: char| c.is_ascii_lowercase()) && name.chars().all(rest)

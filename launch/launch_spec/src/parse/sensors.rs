@@ -45,7 +45,7 @@ pub(super) fn read(
     sensors
 }
 
-/// What rides on the ego vehicle needs one.
+/// Reports a sensor on the ego vehicle if the file asks for no ego vehicle.
 pub(super) fn check_ego(
     ego: &Ego,
     file: &Table,
@@ -68,7 +68,7 @@ pub(super) fn check_ego(
     }
 }
 
-/// `kind` first, then the struct of that kind.
+/// Reads `kind` first, then the other keys into the struct of that kind.
 fn spec(table: &Table, entry: &Entry, path: &str, errors: &mut Errors) -> Option<SensorSpec> {
     const ELSEWHERE: [&str; 2] = ["kind", "rig"];
     let Some(kind) = table.get("kind") else {
@@ -106,7 +106,7 @@ fn spec(table: &Table, entry: &Entry, path: &str, errors: &mut Errors) -> Option
     })
 }
 
-/// `rig = "ego"` (the default) or `rig = ["ego", "chaser"]`.
+/// The rigs of a sensor: `rig = "ego"` (the default) or `rig = ["ego", "chaser"]`.
 fn carriers(
     table: &Table,
     path: &str,
@@ -133,7 +133,7 @@ fn carriers(
         );
         return vec![EGO_RIG.into()];
     };
-    // A rig whose own table is wrong has been reported there.
+    // A rig that is in the file, but missing in `rigs`, has been reported already.
     let written = |name: &str| place_of(file, &format!("rig.{name}")).is_some();
     for (i, name) in names.iter().enumerate() {
         if names[..i].contains(name) {

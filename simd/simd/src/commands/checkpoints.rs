@@ -1,4 +1,4 @@
-//! Saves the world, and goes back to it.
+//! Saves checkpoints of the world and restores them.
 
 use schema_bus::mono_now;
 use schema_frames::command::CheckpointPlace;
@@ -28,8 +28,8 @@ pub fn reset(daemon: &mut Daemon) -> anyhow::Result<CommandReply> {
     go_back(daemon, &start)
 }
 
-/// The tick goes on; the episode's time is the checkpoint's. If that is longer than the daemon has
-/// run, simulated time leaps ahead.
+/// Restores a checkpoint. Ticks count on, and the time since the episode's start becomes that of the
+/// checkpoint. If that is more than the simulated time so far, simulated time leaps ahead.
 fn go_back(daemon: &mut Daemon, checkpoint: &Checkpoint) -> anyhow::Result<CommandReply> {
     daemon.sensors.finish_all()?;
     let gone = daemon.world.restore(checkpoint)?;

@@ -1,4 +1,4 @@
-//! Counters by name: whatever a test or a person needs to see whether work was done.
+//! Counters by name. They show tests and users whether work was done or avoided.
 
 use std::collections::BTreeMap;
 

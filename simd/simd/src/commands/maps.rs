@@ -5,8 +5,8 @@ use schema_frames::CommandReply;
 use crate::daemon::Daemon;
 use crate::episode::{self, EpisodeId};
 
-/// Begins a new episode on another map (or the same one). The actors of the launch file are made
-/// anew and its topics stay; sensors that commands made go.
+/// Begins a new episode on another map or the same one. The launch file's actors are made anew and
+/// its topics stay; sensors that commands made end.
 pub fn load(daemon: &mut Daemon, map: &str) -> anyhow::Result<CommandReply> {
     daemon.sensors.finish_all()?;
     let sim_time = daemon.now();

@@ -1,4 +1,4 @@
-//! Rays that commands cast through the world as sensors see it now.
+//! Casts rays for a command through the current scene.
 
 use anyhow::{bail, ensure};
 use nalgebra::{Point3, Vector3};
@@ -45,7 +45,7 @@ struct AimedRay {
     length_m: f64,
 }
 
-/// `None` for a ray without length.
+/// Checks a ray; `None` if it has no length.
 fn aim(ray: &RaySegment) -> anyhow::Result<Option<AimedRay>> {
     let (from, to) = (Point3::from(ray.from_m), Point3::from(ray.to_m));
     let along = to - from;

@@ -1,4 +1,4 @@
-//! Sensors made by a command while the world runs.
+//! Sensors that commands make and end while the world runs.
 
 use std::collections::BTreeMap;
 
@@ -12,24 +12,24 @@ use crate::daemon::Daemon;
 use crate::sensor::{OpenContext, Sensor, SensorIdentity, noise_stream, shared_rig};
 use crate::topic::MemoryLife;
 
-/// Sensors that may exist at a time: each is a handful of files and services.
+/// Most sensors at a time. Each needs several files and services.
 const MAX_SENSORS: usize = 512;
 
-/// What a command asks for.
+/// What `spawn_sensor` asks for.
 pub struct SensorWish<'a> {
-    /// Catalogue id to be listed under.
+    /// Catalogue id under which it is listed.
     pub type_id: &'a str,
     /// World pose, or pose on the parent.
     pub pose: Pose,
-    /// What it rides on.
+    /// Actor that it is attached to.
     pub parent: Option<ActorId>,
-    /// How it follows it.
+    /// How it follows that actor.
     pub attachment: Attachment,
-    /// Time between firings; 0 is every tick.
+    /// Time between firings; 0 fires at every tick.
     pub interval_nanos: u64,
-    /// Keys of a launch file's sensor.
+    /// The keys of a launch file's `[sensor.NAME]`.
     pub spec: &'a serde_json::Map<String, serde_json::Value>,
-    /// Kept for `world/actors`.
+    /// Attributes for `world/actors`.
     pub attributes: &'a BTreeMap<String, String>,
 }
 
@@ -62,7 +62,7 @@ pub fn spawn(daemon: &mut Daemon, wish: &SensorWish<'_>) -> anyhow::Result<Comma
     }
 }
 
-/// An actor and what is attached to it go; sensors among them end.
+/// Removes an actor and everything attached to it. Sensors among these end.
 pub fn destroy(daemon: &mut Daemon, actor: ActorId) -> anyhow::Result<CommandReply> {
     let gone = daemon.world.destroy(actor)?;
     daemon
@@ -115,8 +115,8 @@ fn open(
     Ok(topics)
 }
 
-/// The specification as a launch file would have it. Its rate is the command's business and its
-/// mount the pose's.
+/// Reads the specification like a launch file's. Rate and mount are not part of it, because the
+/// command has an interval and a pose of its own.
 fn read_spec(
     keys: &serde_json::Map<String, serde_json::Value>,
     period_nanos: u64,

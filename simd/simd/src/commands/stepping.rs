@@ -1,4 +1,4 @@
-//! Commands that say when ticks happen: cues, the clock, lockstep.
+//! Commands that decide when ticks happen: cues, the length of a tick, and lockstep.
 
 use anyhow::{bail, ensure};
 use schema_bus::mono_now;

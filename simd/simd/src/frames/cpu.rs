@@ -1,5 +1,5 @@
-//! Frames that the CPU makes: rays, motion, events of actors. Written into their loans and sent
-//! before the views of their tick.
+//! Frames that the CPU makes: radar, motion, events of actors. They are written into their loans and
+//! sent before the views of their tick.
 
 use nalgebra::Vector3;
 use schema_bus::FrameLoan;
@@ -175,10 +175,11 @@ fn send_events<T: bytemuck::Pod>(shot: &Shot<'_>, sensor: &mut Sensor, events: &
     true
 }
 
-/// Longest stretch of a painted line that is taken as straight, metres: 6 mm off on a bend of 20 m.
+/// Longest piece of a painted line that is taken as straight, metres. On a bend of 20 m radius this
+/// is off by 6 mm.
 const STRAIGHT_M: f64 = 1.0;
 
-/// A map's painted lines as lane invasion detectors take them.
+/// A map's painted lines in the form that lane invasion detectors need.
 fn painted_lines(roads: &RoadMap) -> PaintedLines {
     let line = |line: schema_roads::MarkLine| sensor_core::PaintedLine {
         what: LaneCrossing {
@@ -205,7 +206,7 @@ fn put<T: bytemuck::Pod>(loan: &mut FrameLoan, records: &[T]) {
 mod tests {
     use schema_roads::{MarkColour, MarkKind};
 
-    /// The numbers of SPEC.md are those of the roads' own lists.
+    /// The numbers in SPEC.md are the discriminants of the enums in `schema_roads`.
     #[test]
     fn marks_have_the_numbers_of_the_specification() {
         let kinds = [

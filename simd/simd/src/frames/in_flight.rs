@@ -1,17 +1,17 @@
-//! Ticks whose frames are on their way, and how late they are.
+//! Frames in flight: work of earlier ticks that the GPU has not finished, and how late it is.
 
 use std::collections::VecDeque;
 
 /// Work of earlier ticks, oldest first.
 pub(super) struct InFlight<T> {
     pending: VecDeque<(u64, T)>,
-    /// Tick that runs or ran last.
+    /// The running tick, or the last one.
     tick: u64,
     max_ticks: u64,
 }
 
 impl<T> InFlight<T> {
-    /// Nothing stays longer than for `max_ticks`.
+    /// Nothing stays in flight for more than `max_ticks`.
     pub fn new(max_ticks: u64) -> Self {
         InFlight {
             pending: VecDeque::new(),
@@ -20,29 +20,29 @@ impl<T> InFlight<T> {
         }
     }
 
-    /// A tick begins: what is on its way gets older, whether its sensors fire again or not.
+    /// A tick begins. Everything in flight gets older, whether its sensors fire again or not.
     pub fn start_tick(&mut self, tick: u64) {
         self.tick = tick;
     }
 
-    /// Work of the running tick.
+    /// Adds work of the running tick.
     pub fn push(&mut self, work: T) {
         self.pending.push_back((self.tick, work));
     }
 
-    /// Whether nothing is on its way.
+    /// Whether nothing is in flight.
     pub fn is_empty(&self) -> bool {
         self.pending.is_empty()
     }
 
-    /// The oldest work and how many ticks it is late.
+    /// Removes the oldest work; also says how many ticks late it is.
     pub fn pop(&mut self) -> Option<(T, u32)> {
         let (tick, work) = self.pending.pop_front()?;
         Some((work, self.tick.saturating_sub(tick) as u32))
     }
 
-    /// The same if it may not stay longer. By age, not by number: a camera that fires rarely has no
-    /// successor that would push its frame out.
+    /// As [`InFlight::pop`], if the oldest work may not stay longer. Its age decides, not the number
+    /// of submissions: a camera that fires rarely has no next frame that would push this one out.
     pub fn pop_due(&mut self) -> Option<(T, u32)> {
         let (tick, _) = self.pending.front()?;
         if self.tick.saturating_sub(*tick) >= self.max_ticks {

@@ -1,5 +1,5 @@
-//! Lidar frames: all of a tick in one submission where the GPU casts them, else on the CPU. Either
-//! way they are sent in their own tick.
+//! Lidar frames. If the GPU casts them, all lidars of a tick are one submission. In either case
+//! their frames are sent in their own tick.
 
 use anyhow::Context as _;
 use schema_bus::{FrameLoan, mono_now};
