@@ -76,7 +76,8 @@ impl Recorder {
         let data =
             data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
         let plain = name.rsplit(['/', '\\']).next().unwrap_or(name);
-        let path = file_in(&data.join("recordings").join("carla"), plain, KIND)?;
+        let path = file_in(&data.join("recordings").join("carla"), plain, KIND)
+            .map_err(|error| error.to_string())?;
         if path.is_symlink() {
             return Err(format!(
                 "{plain:?} is a link; recordings are only read and written in their folder itself"

@@ -55,7 +55,13 @@ pub fn run(args: &UpArgs, common: &CommonArgs) -> anyhow::Result<Exit> {
     let resolved = run_dir.join("launch.toml");
     std::fs::write(&resolved, launch.to_toml_with_defaults())
         .with_context(|| format!("cannot write {}", resolved.display()))?;
-    let plans = plan::make(&launch, common, &run_dir, &resolved).map_err(wrong_usage)?;
+    let run = plan::Run {
+        launch: &launch,
+        common,
+        dir: &run_dir,
+        resolved: &resolved,
+    };
+    let plans = run.plans()?;
     let names: Vec<&str> = plans.iter().map(|plan| plan.name.as_str()).collect();
     let output = output::Output::new(&names, common);
     output.say(&format!(

@@ -11,7 +11,7 @@ use crate::logging::{self, ColorWhen, LogFormat, LogOptions};
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Common options")]
 pub struct CommonArgs {
-    /// First segment of every service name; several simulators on one machine need one each
+    /// First part of every topic name; several simulators on one machine need one each
     #[arg(long, global = true, value_name = "NAME", default_value = "gantry", value_parser = domain)]
     pub domain: String,
 

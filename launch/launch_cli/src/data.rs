@@ -26,21 +26,35 @@ pub fn data_dir(data: Option<&Path>) -> anyhow::Result<PathBuf> {
         .join("gantry"))
 }
 
+/// A file name that a client chose and that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadFileName(String);
+
+impl std::fmt::Display for BadFileName {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "file name {:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front",
+            self.0
+        )
+    }
+}
+
+impl std::error::Error for BadFileName {}
+
 /// The path of a file in `folder` under a name that a client chose. `.kind` is appended if it is
 /// missing. No name leads out of the folder.
 ///
 /// # Errors
 /// [`BadFileName`] for a name that is not a plain one.
-pub fn file_in(folder: &Path, name: &str, kind: &str) -> Result<PathBuf, String> {
+pub fn file_in(folder: &Path, name: &str, kind: &str) -> Result<PathBuf, BadFileName> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.');
     if name.is_empty()
         || name.len() > MAX_NAME
         || name.starts_with('.')
         || !name.chars().all(allowed)
     {
-        return Err(format!(
-            "file name {name:?} cannot be used: give 1 to {MAX_NAME} letters, digits, '_', '-' or dots, none of them in front"
-        ));
+        return Err(BadFileName(name.to_owned()));
     }
     let ending = format!(".{kind}");
     Ok(folder.join(if name.ends_with(&ending) {

@@ -50,7 +50,7 @@ pub mod machine;
 pub mod signals;
 
 pub use args::{CommonArgs, command, parse};
-pub use data::{data_dir, file_in};
+pub use data::{BadFileName, data_dir, file_in};
 pub use exit::{Exit, WrongUsage, run, run_main, wrong_usage};
 pub use limits::raise_file_limit;
 pub use logging::{ColorWhen, LogFormat};

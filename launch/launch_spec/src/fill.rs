@@ -27,7 +27,6 @@ pub(crate) fn fill<T: Serialize + DeserializeOwned>(
     elsewhere: &[&str],
     errors: &mut Errors,
 ) -> T {
-    let mut root = table_of(base);
     let fits = |candidate: &toml::Table| {
         candidate
             .clone()
@@ -35,8 +34,13 @@ pub(crate) fn fill<T: Serialize + DeserializeOwned>(
             .map(drop)
             .map_err(|error| error.message().to_owned())
     };
-    fill_at(&mut root, &[], table, path, elsewhere, &fits, errors);
-    root.try_into().expect("every key fitted alone")
+    let mut filling = Filling {
+        root: table_of(base),
+        fits: &fits,
+        errors,
+    };
+    filling.fill_at(&[], table, path, elsewhere);
+    filling.root.try_into().expect("every key fitted alone")
 }
 
 /// `base` with the keys of an entry applied that must be a table. Without an entry, `base`.
@@ -92,70 +96,72 @@ pub(crate) fn refuse_unknown(table: &Table, known: &[&str], path: &str, errors: 
     }
 }
 
-type Fits<'a> = &'a dyn Fn(&toml::Table) -> Result<(), String>;
+/// A value as a table, while keys are applied to it.
+struct Filling<'a> {
+    root: toml::Table,
+    /// Whether a table can be read as the value; if not, serde's message.
+    fits: &'a dyn Fn(&toml::Table) -> Result<(), String>,
+    errors: &'a mut Errors,
+}
 
-fn fill_at(
-    root: &mut toml::Table,
-    at: &[&str],
-    table: &Table,
-    path: &str,
-    elsewhere: &[&str],
-    fits: Fits<'_>,
-    errors: &mut Errors,
-) {
-    let template = inner(root, at).clone();
-    let known: Vec<&str> = elsewhere
-        .iter()
-        .copied()
-        .chain(template.keys().map(String::as_str))
-        .collect();
-    refuse_unknown(table, &known, path, errors);
-    for (key, entry) in table {
-        let Some(default) = template.get(key) else {
-            continue;
-        };
-        let key_path = format!("{path}.{key}");
-        let below: Vec<&str> = at.iter().copied().chain([key.as_str()]).collect();
-        match (default, &entry.node) {
-            (Toml::Table(_), node) => {
+impl Filling<'_> {
+    /// Applies the keys of `table` to the table at the place `at` of the value. `path` is that place
+    /// in the launch file.
+    fn fill_at(&mut self, at: &[&str], table: &Table, path: &str, elsewhere: &[&str]) {
+        let template = inner(&self.root, at).clone();
+        let known: Vec<&str> = elsewhere
+            .iter()
+            .copied()
+            .chain(template.keys().map(String::as_str))
+            .collect();
+        refuse_unknown(table, &known, path, self.errors);
+        for (key, entry) in table {
+            let Some(default) = template.get(key) else {
+                continue;
+            };
+            let key_path = format!("{path}.{key}");
+            let below: Vec<&str> = at.iter().copied().chain([key.as_str()]).collect();
+            let node = &entry.node;
+            if let Toml::Table(_) = default {
                 if let Some(inner) = node.table() {
-                    fill_at(root, &below, inner, &key_path, &[], fits, errors);
+                    self.fill_at(&below, inner, &key_path, &[]);
                 } else {
-                    errors.push(
+                    self.errors.push(
                         node.at,
                         format!("{key_path} is {}, but must be a table", node.plain()),
                     );
                 }
+                continue;
             }
-            (_, node) => match replaced(root, at, key, default, node, fits) {
-                Ok(next) => *root = next,
-                Err(reason) => errors.push(
+            match self.replaced(at, key, default, node) {
+                Ok(next) => self.root = next,
+                Err(reason) => self.errors.push(
                     node.at,
                     format!("{key_path} is {}, but {reason}", node.plain()),
                 ),
-            },
+            }
         }
     }
-}
 
-fn replaced(
-    root: &toml::Table,
-    at: &[&str],
-    key: &str,
-    default: &Toml,
-    node: &Node,
-    fits: Fits<'_>,
-) -> Result<toml::Table, String> {
-    let value = node.plain();
-    let same_kind = default.same_type(&value) || (default.is_float() && value.is_integer());
-    if !same_kind {
-        return Err(format!("must be {}", kind_of(default)));
+    /// The value with one key replaced, or why it cannot be.
+    fn replaced(
+        &self,
+        at: &[&str],
+        key: &str,
+        default: &Toml,
+        node: &Node,
+    ) -> Result<toml::Table, String> {
+        let value = node.plain();
+        let same_kind = default.same_type(&value) || (default.is_float() && value.is_integer());
+        if !same_kind {
+            return Err(format!("must be {}", kind_of(default)));
+        }
+        let mut next = self.root.clone();
+        inner_mut(&mut next, at).insert(key.to_owned(), value);
+        (self.fits)(&next)
+            .map_err(|message| as_sentence(&message, &node.plain()))
+            .map(|()| next)
     }
-    let mut next = root.clone();
-    inner_mut(&mut next, at).insert(key.to_owned(), value);
-    fits(&next)
-        .map_err(|message| as_sentence(&message, &node.plain()))
-        .map(|()| next)
 }
 
 fn inner<'t>(root: &'t toml::Table, at: &[&str]) -> &'t toml::Table {

@@ -117,6 +117,6 @@ impl Checkpoints {
     }
 
     fn file(&self, name: &str) -> anyhow::Result<PathBuf> {
-        file_in(&self.folder, name, KIND).map_err(anyhow::Error::msg)
+        Ok(file_in(&self.folder, name, KIND)?)
     }
 }

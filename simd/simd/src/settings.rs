@@ -22,7 +22,7 @@ pub struct Settings {
     pub launch_folder: Option<PathBuf>,
     /// Folder for maps and checkpoints.
     pub data_folder: PathBuf,
-    /// First segment of every service name.
+    /// First part of every topic name.
     pub domain: String,
     /// Which GPU, and how it copies.
     pub gpu: GpuOptions,

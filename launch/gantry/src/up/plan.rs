@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use launch_cli::{CommonArgs, LogFormat};
+use launch_cli::{CommonArgs, LogFormat, wrong_usage};
 use launch_spec::{Launch, Period, Process, ReadyWhen, Restart, Stop};
 use regex::Regex;
 
@@ -68,48 +68,80 @@ pub fn with_extras(mut launch: Launch, args: &UpArgs) -> Launch {
             ..Stop::default()
         };
         // Required, so that a run without its recording does not look like a success.
-        replace(&mut launch, "record", cmd, Some(stop), true);
+        let recorder = Extra {
+            name: "record",
+            cmd,
+            stop: Some(stop),
+            required: true,
+        };
+        recorder.put_into(&mut launch);
     }
     match args.view.as_ref().map(view_command) {
         None => {}
         Some(None) => launch.processes.retain(|process| process.name != "view"),
-        Some(Some(cmd)) => replace(&mut launch, "view", cmd, None, false),
+        Some(Some(cmd)) => {
+            let viewer = Extra {
+                name: "view",
+                cmd,
+                stop: None,
+                required: false,
+            };
+            viewer.put_into(&mut launch);
+        }
     }
     launch
 }
 
-fn replace(launch: &mut Launch, name: &str, cmd: Vec<String>, stop: Option<Stop>, required: bool) {
-    let daemon = launch
-        .processes
-        .iter()
-        .find(|process| is_daemon(process))
-        .map(|process| process.name.clone());
-    let env = launch
-        .processes
-        .first()
-        .map(|process| process.env.clone())
-        .unwrap_or_default();
-    if let Some(process) = launch
-        .processes
-        .iter_mut()
-        .find(|process| process.name == name)
-    {
-        process.cmd = cmd;
-        process.stop = stop.unwrap_or(process.stop);
-        process.required |= required;
-        return;
+/// A process that a flag asks for.
+struct Extra {
+    name: &'static str,
+    cmd: Vec<String>,
+    /// How it ends; `None` keeps what the launch file says.
+    stop: Option<Stop>,
+    required: bool,
+}
+
+impl Extra {
+    /// Replaces the process of this name, or adds it behind the daemon.
+    fn put_into(self, launch: &mut Launch) {
+        let Extra {
+            name,
+            cmd,
+            stop,
+            required,
+        } = self;
+        let daemon = launch
+            .processes
+            .iter()
+            .find(|process| is_daemon(process))
+            .map(|process| process.name.clone());
+        let env = launch
+            .processes
+            .first()
+            .map(|process| process.env.clone())
+            .unwrap_or_default();
+        if let Some(process) = launch
+            .processes
+            .iter_mut()
+            .find(|process| process.name == name)
+        {
+            process.cmd = cmd;
+            process.stop = stop.unwrap_or(process.stop);
+            process.required |= required;
+            return;
+        }
+        launch.processes.push(Process {
+            name: name.into(),
+            cmd,
+            required,
+            ready: None,
+            after: daemon.into_iter().collect(),
+            restart: Restart::default(),
+            stop: stop.unwrap_or_default(),
+            env,
+            cpus: Vec::new(),
+        });
     }
-    launch.processes.push(Process {
-        name: name.into(),
-        cmd,
-        required,
-        ready: None,
-        after: daemon.into_iter().collect(),
-        restart: Restart::default(),
-        stop: stop.unwrap_or_default(),
-        env,
-        cpus: Vec::new(),
-    });
 }
 
 fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
@@ -128,161 +160,145 @@ fn view_command(mode: &ViewMode) -> Option<Vec<String>> {
     )
 }
 
-/// One plan per process, in the order of the file.
-///
-/// # Errors
-/// One line for each program that is missing.
-pub fn make(
-    launch: &Launch,
-    common: &CommonArgs,
-    run_dir: &Path,
-    resolved: &Path,
-) -> Result<Vec<Plan>, String> {
-    let mut missing = Vec::new();
-    let mut plans = Vec::new();
-    for process in &launch.processes {
+/// What the plans of one run have in common.
+pub struct Run<'a> {
+    /// What runs.
+    pub launch: &'a Launch,
+    /// The launcher's own flags.
+    pub common: &'a CommonArgs,
+    /// Folder of the run.
+    pub dir: &'a Path,
+    /// The launch file with all overrides and defaults, in that folder.
+    pub resolved: &'a Path,
+}
+
+impl Run<'_> {
+    /// One plan per process, in the order of the file.
+    ///
+    /// # Errors
+    /// One line for each program that is missing.
+    pub fn plans(&self) -> anyhow::Result<Vec<Plan>> {
+        let mut missing = Vec::new();
+        let mut plans = Vec::new();
+        for process in &self.launch.processes {
+            match self.plan(process) {
+                Ok(plan) => plans.push(plan),
+                Err(error) => missing.push(format!("process {}: {error}", process.name)),
+            }
+        }
+        if missing.is_empty() {
+            Ok(plans)
+        } else {
+            Err(wrong_usage(missing.join("\n")))
+        }
+    }
+
+    fn plan(&self, process: &Process) -> anyhow::Result<Plan> {
         let (program, args) = process
             .cmd
             .split_first()
             .expect("a launch file's cmd names a program");
-        let replaced = |text: &str| replace_variables(text, process, common, run_dir, resolved);
-        match programs::find(&replaced(program)) {
-            Err(error) => missing.push(format!("process {}: {error}", process.name)),
-            Ok(program_path) => {
-                let mut args: Vec<String> = args.iter().map(|arg| replaced(arg)).collect();
-                add_shared_flags(&mut args, process, common, resolved);
-                plans.push(plan(
-                    launch,
-                    process,
-                    program_path,
-                    args,
-                    run_dir,
-                    &replaced,
-                ));
-            }
-        }
-    }
-    if missing.is_empty() {
-        Ok(plans)
-    } else {
-        Err(missing.join("\n"))
-    }
-}
-
-fn plan(
-    launch: &Launch,
-    process: &Process,
-    program: PathBuf,
-    args: Vec<String>,
-    run_dir: &Path,
-    replaced: &dyn Fn(&str) -> String,
-) -> Plan {
-    let index_of = |name: &String| {
-        launch
-            .processes
-            .iter()
-            .position(|other| other.name == *name)
-            .expect("the launch file checked `after`")
-    };
-    let ready = process.ready.as_ref();
-    Plan {
-        name: process.name.clone(),
-        program,
-        args,
-        env: process
-            .env
-            .iter()
-            .map(|(key, value)| (key.clone(), replaced(value)))
-            .collect(),
-        cpus: process.cpus.clone(),
-        run_dir: run_dir.to_owned(),
-        required: process.required,
-        after: process.after.iter().map(index_of).collect(),
-        ready: ready.map(|ready| match &ready.when {
-            ReadyWhen::Service(topic) => ReadySign::Service(topic.clone()),
-            ReadyWhen::Line(pattern) => {
-                ReadySign::Line(Regex::new(pattern).expect("the launch file checked the pattern"))
-            }
-            ReadyWhen::Tcp(address) => ReadySign::Tcp(address.clone()),
-        }),
-        ready_within: ready.map_or(std::time::Duration::ZERO, |ready| ready.within.duration()),
-        restart: process.restart,
-        stop: process.stop,
-    }
-}
-
-/// Replaces the variables `${…}`, which are known only when a run begins.
-fn replace_variables(
-    text: &str,
-    process: &Process,
-    common: &CommonArgs,
-    run_dir: &Path,
-    resolved: &Path,
-) -> String {
-    text.replace("${run_dir}", &run_dir.to_string_lossy())
-        .replace("${name}", &process.name)
-        .replace("${domain}", &common.domain)
-        .replace("${launch}", &resolved.to_string_lossy())
-}
-
-/// Programs of Gantry get the launcher's domain and log flags, the daemon also the launch file,
-/// unless they name them themselves.
-fn add_shared_flags(
-    args: &mut Vec<String>,
-    process: &Process,
-    common: &CommonArgs,
-    resolved: &Path,
-) {
-    if !process
-        .cmd
-        .first()
-        .is_some_and(|program| programs::is_ours(program))
-    {
-        return;
-    }
-    let has = |args: &[String], flag: &str| {
-        args.iter().any(|arg| {
-            arg == flag
-                || arg
-                    .strip_prefix(flag)
-                    .is_some_and(|rest| rest.starts_with('='))
+        let replaced = |text: &String| self.replace_variables(text, process);
+        let index_of = |name: &String| {
+            self.launch
+                .processes
+                .iter()
+                .position(|other| other.name == *name)
+                .expect("the launch file checked `after`")
+        };
+        let ready = process.ready.as_ref();
+        let program = programs::find(&replaced(program))?;
+        let mut args: Vec<String> = args.iter().map(replaced).collect();
+        self.add_shared_flags(&mut args, process);
+        Ok(Plan {
+            name: process.name.clone(),
+            program,
+            args,
+            env: process
+                .env
+                .iter()
+                .map(|(key, value)| (key.clone(), replaced(value)))
+                .collect(),
+            cpus: process.cpus.clone(),
+            run_dir: self.dir.to_owned(),
+            required: process.required,
+            after: process.after.iter().map(index_of).collect(),
+            ready: ready.map(|ready| match &ready.when {
+                ReadyWhen::Service(topic) => ReadySign::Service(topic.clone()),
+                ReadyWhen::Line(pattern) => ReadySign::Line(
+                    Regex::new(pattern).expect("the launch file checked the pattern"),
+                ),
+                ReadyWhen::Tcp(address) => ReadySign::Tcp(address.clone()),
+            }),
+            ready_within: ready.map_or(std::time::Duration::ZERO, |ready| ready.within.duration()),
+            restart: process.restart,
+            stop: process.stop,
         })
-    };
-    if is_daemon(process) && !has(args, "--launch") {
-        args.extend(["--launch".into(), resolved.display().to_string()]);
     }
-    // `resolved` is DATA/runs/<start>/launch.toml; daemon and gateway keep their files in DATA.
-    let keeps = is_daemon(process)
-        || process
+
+    /// Replaces the variables `${…}`, which are known only when a run begins.
+    fn replace_variables(&self, text: &str, process: &Process) -> String {
+        text.replace("${run_dir}", &self.dir.to_string_lossy())
+            .replace("${name}", &process.name)
+            .replace("${domain}", &self.common.domain)
+            .replace("${launch}", &self.resolved.to_string_lossy())
+    }
+
+    /// Programs of Gantry get the launcher's domain and log flags, the daemon also the launch file,
+    /// unless they name them themselves.
+    fn add_shared_flags(&self, args: &mut Vec<String>, process: &Process) {
+        let (common, resolved) = (self.common, self.resolved);
+        if !process
             .cmd
             .first()
-            .is_some_and(|program| program.ends_with("gantry-carla"));
-    if let Some(data) = resolved
-        .ancestors()
-        .nth(3)
-        .filter(|data| keeps && !data.as_os_str().is_empty() && !has(args, "--data"))
-    {
-        args.extend(["--data".into(), data.display().to_string()]);
+            .is_some_and(|program| programs::is_ours(program))
+        {
+            return;
+        }
+        let has = |args: &[String], flag: &str| {
+            args.iter().any(|arg| {
+                arg == flag
+                    || arg
+                        .strip_prefix(flag)
+                        .is_some_and(|rest| rest.starts_with('='))
+            })
+        };
+        if is_daemon(process) && !has(args, "--launch") {
+            args.extend(["--launch".into(), resolved.display().to_string()]);
+        }
+        // `resolved` is DATA/runs/<start>/launch.toml; daemon and gateway keep their files in DATA.
+        let keeps = is_daemon(process)
+            || process
+                .cmd
+                .first()
+                .is_some_and(|program| program.ends_with("gantry-carla"));
+        if let Some(data) = resolved
+            .ancestors()
+            .nth(3)
+            .filter(|data| keeps && !data.as_os_str().is_empty() && !has(args, "--data"))
+        {
+            args.extend(["--data".into(), data.display().to_string()]);
+        }
+        if !has(args, "--domain") {
+            args.extend(["--domain".into(), common.domain.clone()]);
+        }
+        if common.log_format == LogFormat::Json && !has(args, "--log-format") {
+            args.extend(["--log-format".into(), "json".into()]);
+        }
+        if !has(args, "--color") {
+            args.extend([
+                "--color".into(),
+                if common.color.on_stderr() {
+                    "always"
+                } else {
+                    "never"
+                }
+                .into(),
+            ]);
+        }
+        args.extend((0..common.verbose).map(|_| "-v".to_owned()));
+        args.extend((0..common.quiet).map(|_| "-q".to_owned()));
     }
-    if !has(args, "--domain") {
-        args.extend(["--domain".into(), common.domain.clone()]);
-    }
-    if common.log_format == LogFormat::Json && !has(args, "--log-format") {
-        args.extend(["--log-format".into(), "json".into()]);
-    }
-    if !has(args, "--color") {
-        args.extend([
-            "--color".into(),
-            if common.color.on_stderr() {
-                "always"
-            } else {
-                "never"
-            }
-            .into(),
-        ]);
-    }
-    args.extend((0..common.verbose).map(|_| "-v".to_owned()));
-    args.extend((0..common.quiet).map(|_| "-q".to_owned()));
 }
 
 #[cfg(test)]
@@ -337,10 +353,16 @@ mod tests {
             ..Default::default()
         };
         let launch = launch(&[]);
+        let run = Run {
+            launch: &launch,
+            common: &common,
+            dir: Path::new("d"),
+            resolved: Path::new("run/launch.toml"),
+        };
         let flags = |name: &str| {
             let process = launch.process(name).unwrap();
             let mut args = process.cmd[1..].to_vec();
-            add_shared_flags(&mut args, process, &common, Path::new("run/launch.toml"));
+            run.add_shared_flags(&mut args, process);
             args.join(" ")
         };
         assert!(
@@ -354,13 +376,8 @@ mod tests {
             flags("view")
         );
         assert!(flags("other").starts_with("-c"));
-        let text = replace_variables(
-            "${domain} ${name} ${run_dir}",
-            launch.process("other").unwrap(),
-            &common,
-            Path::new("d"),
-            Path::new("l"),
-        );
+        let other = launch.process("other").unwrap();
+        let text = run.replace_variables("${domain} ${name} ${run_dir}", other);
         assert_eq!(text, "lab other d");
     }
 
@@ -371,13 +388,13 @@ mod tests {
             "x",
         )
         .unwrap();
-        let message = make(
-            &launch,
-            &CommonArgs::default(),
-            Path::new("."),
-            Path::new("x"),
-        )
-        .unwrap_err();
+        let run = Run {
+            launch: &launch,
+            common: &CommonArgs::default(),
+            dir: Path::new("."),
+            resolved: Path::new("x"),
+        };
+        let message = run.plans().unwrap_err().to_string();
         assert!(
             message.starts_with("process a: there is no program \"gantry-nothing\""),
             "{message}"
