@@ -5,8 +5,8 @@
 //! moves 0.4 m a frame along the test street; `flicker` is an image that turns brighter and darker
 //! everywhere, so that the time is that of making, sorting and writing events.
 
-#[path = "../tests/kit/mod.rs"]
-mod kit;
+#[path = "../tests/common/mod.rs"]
+mod common;
 #[path = "dvs_shots/mod.rs"]
 mod shots;
 

@@ -7,8 +7,8 @@
 //! bus, behind each its window's number as u64) for `motion` and `two_frame` every 50 ms and
 //! `two_frame_1khz`, and `cpu.txt` with each one's CPU seconds per simulated second.
 
-#[path = "../tests/kit/mod.rs"]
-mod kit;
+#[path = "../tests/common/mod.rs"]
+mod common;
 #[path = "dvs_shots/mod.rs"]
 mod shots;
 

@@ -5,8 +5,8 @@
 //! wall time per frame as min / median, the process's CPU time per frame (the figure to trust on a
 //! busy machine), and what was drawn.
 
-#[path = "../tests/kit/mod.rs"]
-mod kit;
+#[path = "../tests/common/mod.rs"]
+mod common;
 
 use std::cell::RefCell;
 use std::time::Instant;
@@ -35,7 +35,7 @@ fn main() {
         [width_px, height_px, n_frames] => (width_px, height_px, n_frames),
         _ => (800, 600, 40),
     };
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     println!(
         "{} at {width_px}x{height_px}, {n_frames} frames",
         gpu.name()
@@ -45,7 +45,7 @@ fn main() {
         size_px: [width_px, height_px],
         n_frames,
         quality: Quality::default_for(&gpu),
-        result: RefCell::new(BenchResult::new("measure_views", Some(&gpu.name()))),
+        result: RefCell::new(BenchResult::new("measure_views", Some(gpu.name()))),
     };
     // The first measurement includes the wake-up of the device.
     bench.measure("depth alone", &[&[Modality::Depth]]);
@@ -78,11 +78,11 @@ struct Bench<'g> {
 impl Bench<'_> {
     /// Renders a drive along the street; returns the CPU milliseconds per frame.
     fn measure(&self, name: &str, asked: &[&[Modality]]) -> f64 {
-        let (assets, car) = kit::street();
+        let (assets, car) = common::street();
         let mut renderer = CameraRenderer::new(self.gpu, self.quality);
         let mut views: Vec<View> = asked
             .iter()
-            .map(|_| kit::view(self.gpu, self.size_px[0], self.size_px[1]))
+            .map(|_| common::view(self.gpu, self.size_px[0], self.size_px[1]))
             .collect();
         let mut memory: Vec<Vec<Vec<u8>>> = asked
             .iter()
@@ -101,14 +101,14 @@ impl Bench<'_> {
             let x_m = step as f64 * 0.4;
             let cars = (0..8)
                 .map(|i| {
-                    kit::moving(
+                    common::moving(
                         20 + i,
                         car,
-                        kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]),
+                        common::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]),
                     )
                 })
                 .collect();
-            let scene = kit::scene(&assets, cars, (step as u64 + 1) * 50_000_000);
+            let scene = common::scene(&assets, cars, (step as u64 + 1) * 50_000_000);
             let jobs =
                 views
                     .iter_mut()
@@ -121,7 +121,7 @@ impl Bench<'_> {
                         });
                         ViewJob {
                             view,
-                            world_from_sensor: kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 2.0, 0.0]),
+                            world_from_sensor: common::pose(x_m - 60.0, -2.0, 1.6, [0.0, 2.0, 0.0]),
                             outputs: outputs.collect(),
                         }
                     });

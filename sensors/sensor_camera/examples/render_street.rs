@@ -3,8 +3,8 @@
 //!
 //! WEATHER is `noon` (default), `evening`, `night`, `overcast`, `fog` or `rain`.
 
-#[path = "../tests/kit/mod.rs"]
-mod kit;
+#[path = "../tests/common/mod.rs"]
+mod common;
 
 use std::path::Path;
 
@@ -21,15 +21,15 @@ fn main() {
         .map_or("target/pictures", |text| text.as_str());
     let name = arguments.get(1).map_or("noon", |text| text.as_str());
     std::fs::create_dir_all(folder).expect("the folder can be made");
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let quality = match arguments.get(2).map(|text| text.as_str()) {
         Some("high") => Quality::High,
         Some("low") => Quality::Low,
         _ => Quality::default_for(&gpu),
     };
     let mut renderer = CameraRenderer::new(&gpu, quality);
-    let (assets, car) = kit::street();
-    let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
+    let (assets, car) = common::street();
+    let mut view = common::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
     let modalities = [
         Modality::Rgb,
         Modality::Depth,
@@ -42,18 +42,18 @@ fn main() {
     for step in 0..3u64 {
         let x = step as f64 * 0.5;
         let mut cars = vec![
-            kit::moving(11, car, kit::pose(14.0 + 0.4 * x, -2.2, 0.0, [0.0; 3])),
-            kit::moving(12, car, kit::pose(22.0 - x, 2.4, 0.0, [0.0, 0.0, 180.0])),
+            common::moving(11, car, common::pose(14.0 + 0.4 * x, -2.2, 0.0, [0.0; 3])),
+            common::moving(12, car, common::pose(22.0 - x, 2.4, 0.0, [0.0, 0.0, 180.0])),
         ];
         cars[1].tint_rgb = [30, 60, 130];
         cars.iter_mut().for_each(|car| car.lamps = 3);
-        let mut scene = kit::scene(&assets, cars, (step + 1) * 50_000_000);
+        let mut scene = common::scene(&assets, cars, (step + 1) * 50_000_000);
         scene.weather = weather(name);
-        frames = kit::render(
+        frames = common::render(
             &mut renderer,
             &scene,
             &mut view,
-            kit::pose(x, -2.0, 1.5, [0.0, 2.0, 0.0]),
+            common::pose(x, -2.0, 1.5, [0.0, 2.0, 0.0]),
             &modalities,
         );
     }
@@ -63,7 +63,7 @@ fn main() {
                 .chunks_exact(4)
                 .flat_map(|p| [p[2], p[1], p[0]])
                 .collect(),
-            Modality::Depth => kit::floats(bytes)
+            Modality::Depth => common::floats(bytes)
                 .iter()
                 .flat_map(|d| [(255.0 / (1.0 + 0.05 * d)) as u8; 3])
                 .collect(),
@@ -75,7 +75,7 @@ fn main() {
                         .map_or([0; 3], |info| info.rgb)
                 })
                 .collect(),
-            Modality::Flow => kit::floats(bytes)
+            Modality::Flow => common::floats(bytes)
                 .chunks_exact(2)
                 .flat_map(|f| [(128.0 + 2.0 * f[0]) as u8, (128.0 + 2.0 * f[1]) as u8, 128])
                 .collect(),

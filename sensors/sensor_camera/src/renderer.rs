@@ -4,8 +4,8 @@
 mod active;
 mod assign_targets;
 mod check;
-mod events;
 mod find;
+mod gpu_events;
 mod groups;
 mod modality;
 mod outputs;
@@ -21,10 +21,10 @@ use sensor_gpu::{CopyBatch, Gpu};
 
 use active::Active;
 pub use check::RenderError;
-use events::GpuEvents;
+use gpu_events::GpuEvents;
 use modality::targets_of;
 use passes::Passes;
-use tick::{Drawing, TickScene};
+use tick::{TickDrawing, TickScene};
 
 use crate::assets::GpuAssets;
 use crate::camera_motion::{CameraMotion, Firing, InstancePoses};
@@ -206,7 +206,7 @@ impl CameraRenderer {
             let surfaces = self.passes.shading().surfaces();
             assign_targets::assign_drawn(&gpu, surfaces, jobs, &mut active);
         });
-        let drawing = Drawing {
+        let drawing = TickDrawing {
             tick,
             lamps: &lamps,
             computes,

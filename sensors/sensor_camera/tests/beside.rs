@@ -9,7 +9,7 @@
     reason = "targets are raw memory; each block carries its proof"
 )]
 
-mod kit;
+mod common;
 
 use std::collections::VecDeque;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -88,17 +88,17 @@ fn view(gpu: &Gpu, number: usize, scale: u32) -> View {
 fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
     let turn = (step % 40) as f64;
     let pose = |i: f64| {
-        kit::pose(
+        common::pose(
             6.0 + 9.0 * i + 0.3 * turn,
             1.8 - i,
             0.0,
             [0.0, 0.0, 9.0 * turn],
         )
     };
-    kit::scene(
+    common::scene(
         assets,
         (0..4u32)
-            .map(|i| kit::moving(5 + i, car, pose(i as f64)))
+            .map(|i| common::moving(5 + i, car, pose(i as f64)))
             .collect(),
         step * 50_000_000,
     )
@@ -107,7 +107,7 @@ fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
 /// Hashes of all frames, in order, with `n_in_flight` submissions in flight.
 fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize) -> Vec<u64> {
     let (scale, n_steps) = if gpu.is_software() { (1, 10) } else { (8, 300) };
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
     let mut views: Vec<View> = (0..4).map(|number| view(gpu, number, scale)).collect();
     let room = |view: &View| {
@@ -162,7 +162,7 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
                 offsets.push(next);
                 next += capacity_bytes.next_multiple_of(64);
             }
-            let world_from_sensor = kit::pose(
+            let world_from_sensor = common::pose(
                 -3.0 * number as f64 + 0.05 * step as f64,
                 0.3,
                 1.6,
@@ -188,7 +188,7 @@ fn film(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, n_in_flight: usize)
 fn frames_do_not_show_how_they_were_copied() {
     let plain = open(CopyPath::Behind);
     assert!(!plain.copies_beside());
-    for rasteriser in kit::rasterisers(&plain) {
+    for rasteriser in common::rasterisers(&plain) {
         for quality in [Quality::Low, Quality::High] {
             let expected = film(&plain, quality, rasteriser, 1);
             assert!(expected.windows(2).any(|pair| pair[0] != pair[1]));
@@ -213,7 +213,7 @@ fn frames_do_not_show_how_they_were_copied() {
 /// freed with them.
 #[test]
 fn cameras_come_and_go_under_way() {
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     for gpu in gpus() {
         let n_rounds = if gpu.is_software() { 25 } else { 1500 };
         let mut renderer = CameraRenderer::new(&gpu, Quality::default_for(&gpu));
@@ -250,7 +250,7 @@ fn cameras_come_and_go_under_way() {
                     }
                     jobs.push(ViewJob {
                         view,
-                        world_from_sensor: kit::pose(0.1 * round as f64, 0.0, 1.5, [0.0; 3]),
+                        world_from_sensor: common::pose(0.1 * round as f64, 0.0, 1.5, [0.0; 3]),
                         outputs,
                     });
                 }

@@ -1,8 +1,8 @@
 //! Outputs without readers cost nothing, outputs that are read together are drawn once, and the
 //! same input gives the same bytes.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use std::collections::BTreeMap;
 
@@ -23,16 +23,16 @@ const ALL: [Modality; 7] = [
 
 #[test]
 fn view_without_readers_draws_nothing() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let (assets, _) = kit::street();
-    let mut view = kit::view(&gpu, 64, 48);
+    let (assets, _) = common::street();
+    let mut view = common::view(&gpu, 64, 48);
     let before = gpu.counters().counts();
     for nanos in [50_000_000, 100_000_000] {
-        let scene = kit::scene(&assets, vec![], nanos);
+        let scene = common::scene(&assets, vec![], nanos);
         let job = ViewJob {
             view: &mut view,
-            world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+            world_from_sensor: common::pose(0.0, 0.0, 1.5, [0.0; 3]),
             outputs: vec![],
         };
         let submission = renderer.render(&scene, vec![job]).unwrap();
@@ -45,11 +45,11 @@ fn view_without_readers_draws_nothing() {
 /// What cameras of these sizes cost in one tick.
 fn cost_of(gpu: &Gpu, sizes_px: &[[u32; 2]]) -> Counts {
     let mut renderer = CameraRenderer::new(gpu, Quality::Low);
-    let (assets, _) = kit::street();
-    let scene = kit::scene(&assets, vec![], 50_000_000);
+    let (assets, _) = common::street();
+    let scene = common::scene(&assets, vec![], 50_000_000);
     let mut views: Vec<_> = sizes_px
         .iter()
-        .map(|[width, height]| kit::view(gpu, *width, *height))
+        .map(|[width, height]| common::view(gpu, *width, *height))
         .collect();
     let mut memory: Vec<Vec<Vec<u8>>> = views
         .iter()
@@ -74,7 +74,7 @@ fn cost_of(gpu: &Gpu, sizes_px: &[[u32; 2]]) -> Counts {
         let width_px = view.intrinsics().width_px;
         ViewJob {
             view,
-            world_from_sensor: kit::pose(width_px as f64 * 0.01, 0.0, 1.5, [0.0; 3]),
+            world_from_sensor: common::pose(width_px as f64 * 0.01, 0.0, 1.5, [0.0; 3]),
             outputs,
         }
     });
@@ -91,7 +91,7 @@ fn cost_of(gpu: &Gpu, sizes_px: &[[u32; 2]]) -> Counts {
 /// views together need no more passes than one.
 #[test]
 fn all_views_of_a_tick_are_drawn_in_one_submission() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let sizes_px = [[64, 48], [80, 60], [32, 32]];
     let together = cost_of(&gpu, &sizes_px);
     let alone = sizes_px.map(|size_px| cost_of(&gpu, &[size_px]));
@@ -113,11 +113,11 @@ fn all_views_of_a_tick_are_drawn_in_one_submission() {
 /// alone.
 #[test]
 fn sensors_that_see_the_same_are_drawn_once() {
-    let gpu = kit::gpu();
-    let (assets, car) = kit::street();
+    let gpu = common::gpu();
+    let (assets, car) = common::street();
     let run = |groups: &[&[Modality]]| {
         let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-        let mut views: Vec<_> = groups.iter().map(|_| kit::view(&gpu, 96, 64)).collect();
+        let mut views: Vec<_> = groups.iter().map(|_| common::view(&gpu, 96, 64)).collect();
         let mut memory: Vec<Vec<Vec<u8>>> = groups
             .iter()
             .map(|list| {
@@ -128,12 +128,12 @@ fn sensors_that_see_the_same_are_drawn_once() {
             .collect();
         let mut passes = 0;
         for step in 1..3u64 {
-            let cars = vec![kit::moving(
+            let cars = vec![common::moving(
                 5,
                 car,
-                kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                common::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
             )];
-            let mut scene = kit::scene(&assets, cars, step * 50_000_000);
+            let mut scene = common::scene(&assets, cars, step * 50_000_000);
             scene.weather.cloudiness = 100.0;
             let jobs =
                 views
@@ -151,7 +151,7 @@ fn sensors_that_see_the_same_are_drawn_once() {
                             .collect();
                         ViewJob {
                             view,
-                            world_from_sensor: kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0; 3]),
+                            world_from_sensor: common::pose(0.3 * step as f64, -1.0, 1.5, [0.0; 3]),
                             outputs,
                         }
                     });
@@ -191,31 +191,31 @@ fn sensors_that_see_the_same_are_drawn_once() {
 
 #[test]
 fn readers_change_no_ones_bytes_and_runs_repeat() {
-    let gpu = kit::gpu();
-    for rasteriser in kit::rasterisers(&gpu) {
+    let gpu = common::gpu();
+    for rasteriser in common::rasterisers(&gpu) {
         readers_change_nothing(&gpu, Quality::Low, rasteriser);
         readers_change_nothing(&gpu, Quality::High, rasteriser);
     }
 }
 
 fn readers_change_nothing(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) {
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     let run = |modalities: &[Modality]| {
         let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
-        let mut view = kit::view(gpu, 96, 64);
+        let mut view = common::view(gpu, 96, 64);
         let mut frames = BTreeMap::new();
         for step in 1..5u64 {
-            let scene = kit::scene(
+            let scene = common::scene(
                 &assets,
-                vec![kit::moving(
+                vec![common::moving(
                     5,
                     car,
-                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                    common::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
                 )],
                 step * 50_000_000,
             );
-            let pose = kit::pose(0.3 * step as f64, -1.0, 1.5, [0.0, 1.0, step as f64]);
-            frames = kit::render(&mut renderer, &scene, &mut view, pose, modalities);
+            let pose = common::pose(0.3 * step as f64, -1.0, 1.5, [0.0, 1.0, step as f64]);
+            frames = common::render(&mut renderer, &scene, &mut view, pose, modalities);
         }
         frames
     };
@@ -232,11 +232,11 @@ fn readers_change_nothing(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser) {
 
 #[test]
 fn wrong_requests_are_refused_with_a_sentence() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let (assets, _) = kit::street();
-    let scene = kit::scene(&assets, vec![], 50_000_000);
-    let mut view = kit::view(&gpu, 64, 48);
+    let (assets, _) = common::street();
+    let scene = common::scene(&assets, vec![], 50_000_000);
+    let mut view = common::view(&gpu, 64, 48);
     let mut ask = |modalities: &[Modality], n_bytes: usize| {
         let mut memory = vec![vec![0u8; n_bytes]; modalities.len()];
         let outputs = modalities
@@ -249,7 +249,7 @@ fn wrong_requests_are_refused_with_a_sentence() {
             .collect();
         let job = ViewJob {
             view: &mut view,
-            world_from_sensor: kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+            world_from_sensor: common::pose(0.0, 0.0, 1.5, [0.0; 3]),
             outputs,
         };
         renderer
@@ -278,34 +278,34 @@ fn wrong_requests_are_refused_with_a_sentence() {
 
 #[test]
 fn quality_changes_colour_only() {
-    let gpu = kit::gpu();
-    let (assets, car) = kit::street();
+    let gpu = common::gpu();
+    let (assets, car) = common::street();
     let run = |quality: Quality| {
         let mut renderer = CameraRenderer::new(&gpu, quality);
-        let mut view = kit::view(&gpu, 96, 64);
+        let mut view = common::view(&gpu, 96, 64);
         let scene = |step: u64| {
-            kit::scene(
+            common::scene(
                 &assets,
-                vec![kit::moving(
+                vec![common::moving(
                     5,
                     car,
-                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                    common::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
                 )],
                 step * 50_000_000,
             )
         };
-        kit::render(
+        common::render(
             &mut renderer,
             &scene(1),
             &mut view,
-            kit::pose(0.0, -1.0, 1.5, [0.0; 3]),
+            common::pose(0.0, -1.0, 1.5, [0.0; 3]),
             &[],
         );
-        kit::render(
+        common::render(
             &mut renderer,
             &scene(2),
             &mut view,
-            kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
+            common::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
             &ALL[..6],
         )
     };
@@ -324,7 +324,7 @@ fn quality_changes_colour_only() {
 fn box_throws_a_shadow_away_from_the_sun() {
     use sensor_core::mesh::Surface;
     use sensor_core::{Material, MeshBuilder, SceneAssets};
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut assets = SceneAssets {
         episode: 1,
         ..Default::default()
@@ -344,27 +344,32 @@ fn box_throws_a_shadow_away_from_the_sun() {
     let ground = assets.add_mesh(ground.finish());
     assets
         .statics
-        .push(kit::fixed(ground, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
-    let tower = assets.add_mesh(kit::cuboid("tower", grey, [0.0, 0.0, 2.0], [0.5, 0.5, 2.0]));
+        .push(common::fixed(ground, common::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    let tower = assets.add_mesh(common::cuboid(
+        "tower",
+        grey,
+        [0.0, 0.0, 2.0],
+        [0.5, 0.5, 2.0],
+    ));
     assets
         .statics
-        .push(kit::fixed(tower, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+        .push(common::fixed(tower, common::pose(0.0, 0.0, 0.0, [0.0; 3])));
     let assets = std::sync::Arc::new(assets);
     // Straight down from 20 m: x runs up the image, y to the left, 64 px are 40 m.
     let green_at = |cloudiness: f32| {
         let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-        let mut view = kit::view(&gpu, 64, 64);
-        let mut scene = kit::scene(&assets, vec![], 50_000_000);
+        let mut view = common::view(&gpu, 64, 64);
+        let mut scene = common::scene(&assets, vec![], 50_000_000);
         (
             scene.weather.sun_azimuth_deg,
             scene.weather.sun_altitude_deg,
             scene.weather.cloudiness,
         ) = (0.0, 45.0, cloudiness);
-        let frames = kit::render(
+        let frames = common::render(
             &mut renderer,
             &scene,
             &mut view,
-            kit::pose(0.0, 0.0, 20.0, [0.0, 90.0, 0.0]),
+            common::pose(0.0, 0.0, 20.0, [0.0, 90.0, 0.0]),
             &[Modality::Rgb],
         );
         let bytes = frames[&Modality::Rgb].0.clone();

@@ -1,8 +1,8 @@
 //! Debug strokes: they appear in colour where a pinhole projects them, behind nearer surfaces, and
 //! in no other image.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use std::sync::Arc;
 
@@ -38,19 +38,21 @@ fn painted(bgra: &[u8]) -> Vec<(u32, u32)> {
 
 #[test]
 fn strokes_are_where_a_pinhole_puts_them_and_in_colour_only() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut assets = SceneAssets {
         episode: 1,
         ..Default::default()
     };
-    let wall = kit::cuboid(
+    let wall = common::cuboid(
         "wall",
         Surface::new(Class::WALLS, Material::Concrete, [90, 120, 90]),
         [20.0, 10.0, 0.0],
         [0.5, 10.0, 20.0],
     );
     let wall = assets.add_mesh(wall);
-    assets.statics.push(kit::fixed(wall, Isometry3::identity()));
+    assets
+        .statics
+        .push(common::fixed(wall, Isometry3::identity()));
     let assets = Arc::new(assets);
     let modalities = [
         Modality::Rgb,
@@ -63,12 +65,12 @@ fn strokes_are_where_a_pinhole_puts_them_and_in_colour_only() {
     for quality in [Quality::Low, Quality::High] {
         let mut renderer = CameraRenderer::new(&gpu, quality);
         let mut look = |debug: Vec<DebugStroke>| {
-            let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
+            let mut view = common::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
             let scene = Scene {
                 debug,
-                ..kit::scene(&assets, Vec::new(), 50_000_000)
+                ..common::scene(&assets, Vec::new(), 50_000_000)
             };
-            kit::render(
+            common::render(
                 &mut renderer,
                 &scene,
                 &mut view,

@@ -1,8 +1,8 @@
 //! The event camera against closed forms: when an edge crosses a pixel, how many thresholds lie in
 //! its contrast, and silence.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use nalgebra::Isometry3;
 use schema_frames::{DvsEvent, Modality};
@@ -72,12 +72,12 @@ impl Bench {
         assert!(renderer.set_events_on_gpu(on_gpu));
         Bench {
             renderer,
-            view: kit::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs),
+            view: common::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs),
         }
     }
 
     fn fire(&mut self, scene: &Scene, camera: Isometry3<f64>) -> (Vec<DvsEvent>, OutputResult) {
-        let frames = kit::render(
+        let frames = common::render(
             &mut self.renderer,
             scene,
             &mut self.view,
@@ -119,23 +119,23 @@ fn shift(
         let id = assets.add_mesh(mesh);
         assets
             .statics
-            .push(kit::fixed(id, kit::pose(x_m, 0.0, 1.5, [0.0; 3])));
+            .push(common::fixed(id, common::pose(x_m, 0.0, 1.5, [0.0; 3])));
     }
     let id = assets.add_mesh(moving);
     let assets = Arc::new(assets);
     let mut events = Vec::new();
     for step in 0..3 {
         let x_px = begin_px + step_px * (step as f64 - 1.0);
-        let panel: DynamicInstance = kit::moving(
+        let panel: DynamicInstance = common::moving(
             9,
             id,
-            kit::pose(DISTANCE_M, left_m(x_px, DISTANCE_M), 1.5, [0.0; 3]),
+            common::pose(DISTANCE_M, left_m(x_px, DISTANCE_M), 1.5, [0.0; 3]),
         );
-        let mut scene = kit::scene(&assets, vec![panel], (step + 1) * TICK_NANOS);
+        let mut scene = common::scene(&assets, vec![panel], (step + 1) * TICK_NANOS);
         // The sky is overcast, because a moving shadow would make events of its own.
         scene.weather.cloudiness = 100.0;
         let result;
-        (events, result) = bench.fire(&scene, kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
+        (events, result) = bench.fire(&scene, common::pose(0.0, 0.0, 1.5, [0.0; 3]));
         assert_eq!((result.first, result.n_dropped), (step == 0, 0));
         assert!(step > 0 || events.is_empty());
     }
@@ -180,7 +180,7 @@ fn check_edge(
 /// brightens when the edge passes.
 #[test]
 fn moving_edge_gives_events_when_it_passes_and_as_many_as_its_contrast() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let paths = [
         (60.0, 64.0, 200_000.0),
         (60.3, 128.4, 200_000.0),
@@ -217,7 +217,7 @@ fn moving_edge_gives_events_when_it_passes_and_as_many_as_its_contrast() {
 /// silent.
 #[test]
 fn bar_before_a_wall_at_rest_has_a_front_and_a_back() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     for on_gpu in ways(&gpu) {
         let mut stripes = MeshBuilder::new("stripes");
         for i in -30..30 {
@@ -264,17 +264,21 @@ fn bar_before_a_wall_at_rest_has_a_front_and_a_back() {
 
 #[test]
 fn scene_at_rest_is_silent() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     for on_gpu in ways(&gpu) {
         let mut bench = Bench::new(&gpu, DvsSpec::default(), on_gpu);
-        let (assets, car) = kit::street();
+        let (assets, car) = common::street();
         for step in 1..4u64 {
-            let scene = kit::scene(
+            let scene = common::scene(
                 &assets,
-                vec![kit::moving(4, car, kit::pose(9.0, 0.0, 0.0, [0.0; 3]))],
+                vec![common::moving(
+                    4,
+                    car,
+                    common::pose(9.0, 0.0, 0.0, [0.0; 3]),
+                )],
                 step * TICK_NANOS,
             );
-            let (events, result) = bench.fire(&scene, kit::pose(0.0, 0.0, 1.5, [0.0; 3]));
+            let (events, result) = bench.fire(&scene, common::pose(0.0, 0.0, 1.5, [0.0; 3]));
             assert_eq!((events.len(), result.first), (0, step == 1));
         }
     }
@@ -282,15 +286,15 @@ fn scene_at_rest_is_silent() {
 
 #[test]
 fn reader_that_comes_back_begins_anew() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     for on_gpu in ways(&gpu) {
         let mut bench = Bench::new(&gpu, DvsSpec::default(), on_gpu);
-        let (assets, _) = kit::street();
-        let camera = |step: u64| kit::pose(step as f64 * 0.4, 0.0, 1.5, [0.0; 3]);
-        let scene = |step: u64| kit::scene(&assets, vec![], step * TICK_NANOS);
+        let (assets, _) = common::street();
+        let camera = |step: u64| common::pose(step as f64 * 0.4, 0.0, 1.5, [0.0; 3]);
+        let scene = |step: u64| common::scene(&assets, vec![], step * TICK_NANOS);
         assert!(bench.fire(&scene(1), camera(1)).1.first);
         assert!(!bench.fire(&scene(2), camera(2)).1.first);
-        kit::render(
+        common::render(
             &mut bench.renderer,
             &scene(3),
             &mut bench.view,
@@ -306,8 +310,8 @@ fn reader_that_comes_back_begins_anew() {
 
 #[test]
 fn events_beyond_the_limit_are_dropped_from_the_end_and_counted() {
-    let gpu = kit::gpu();
-    let (assets, _) = kit::street();
+    let gpu = common::gpu();
+    let (assets, _) = common::street();
     for on_gpu in ways(&gpu) {
         let fire_twice = |max_events: u32| {
             let mut bench = Bench::new(
@@ -319,12 +323,12 @@ fn events_beyond_the_limit_are_dropped_from_the_end_and_counted() {
                 on_gpu,
             );
             bench.fire(
-                &kit::scene(&assets, vec![], TICK_NANOS),
-                kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+                &common::scene(&assets, vec![], TICK_NANOS),
+                common::pose(0.0, 0.0, 1.5, [0.0; 3]),
             );
             bench.fire(
-                &kit::scene(&assets, vec![], 2 * TICK_NANOS),
-                kit::pose(1.0, 0.0, 1.5, [0.0; 3]),
+                &common::scene(&assets, vec![], 2 * TICK_NANOS),
+                common::pose(1.0, 0.0, 1.5, [0.0; 3]),
             )
         };
         let (all, _) = fire_twice(500_000);

@@ -1,8 +1,8 @@
 //! Events from the GPU against events from the CPU, on the same images: one model, two
 //! implementations.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use std::collections::BTreeMap;
 
@@ -23,23 +23,23 @@ fn drive(gpu: &Gpu, dvs: &DvsSpec, on_gpu: bool) -> Vec<(Vec<DvsEvent>, OutputRe
         renderer.set_events_on_gpu(on_gpu),
         "this adapter cannot follow events"
     );
-    let mut view = kit::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs.clone());
-    let (assets, car) = kit::street();
+    let mut view = common::view_with(gpu, SIZE_PX[0], SIZE_PX[1], dvs.clone());
+    let (assets, car) = common::street();
     let fire = |step: u64| {
         let secs = if step < 3 { step } else { step + 1 };
-        let camera: Isometry3<f64> = kit::pose(
+        let camera: Isometry3<f64> = common::pose(
             0.4 * secs as f64,
             0.0,
             1.5,
             [0.0, 0.0, 1.5 * (step / 2) as f64],
         );
-        let car = kit::moving(
+        let car = common::moving(
             4,
             car,
-            kit::pose(11.0, 3.0 - 0.7 * secs as f64, 0.0, [0.0, 0.0, 90.0]),
+            common::pose(11.0, 3.0 - 0.7 * secs as f64, 0.0, [0.0, 0.0, 90.0]),
         );
-        let scene = kit::scene(&assets, vec![car], (secs + 1) * TICK_NANOS);
-        let frames = kit::render(&mut renderer, &scene, &mut view, camera, &[Modality::Dvs]);
+        let scene = common::scene(&assets, vec![car], (secs + 1) * TICK_NANOS);
+        let frames = common::render(&mut renderer, &scene, &mut view, camera, &[Modality::Dvs]);
         let (bytes, result) = &frames[&Modality::Dvs];
         (
             bytes
@@ -71,7 +71,7 @@ fn by_pixel(events: &[DvsEvent]) -> BTreeMap<(u16, u16), Vec<Crossing>> {
 
 #[test]
 fn the_gpus_events_are_the_processors() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let base = DvsSpec {
         max_events: 2_000_000,
         ..Default::default()
@@ -145,7 +145,7 @@ fn the_gpus_events_are_the_processors() {
 /// Cameras whose noise is drawn again in every window use the CPU, and work as well.
 #[test]
 fn chance_per_window_is_the_processors() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let spec = DvsSpec {
         shot_noise_rate_hz: 3.0,
         sigma_positive_threshold: 0.02,

@@ -1,8 +1,8 @@
 //! Depth, class, instance, normals and flow against a slow ray caster that shares no code with the
 //! renderer.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use schema_frames::Modality;
@@ -171,7 +171,7 @@ fn half_to_f64(bits: u16) -> f64 {
 
 /// Two firings of a moving camera before moving cars; `origin` moves the whole world away from 0.
 fn two_firings(origin: Vector3<f64>) -> (Scene, Scene, [Isometry3<f64>; 2]) {
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     let mut assets = (*assets).clone();
     for instance in &mut assets.statics {
         instance.world_from_mesh.translation.vector += origin;
@@ -183,38 +183,42 @@ fn two_firings(origin: Vector3<f64>) -> (Scene, Scene, [Isometry3<f64>; 2]) {
     };
     let cars = |x: f64, yaw: f64| {
         vec![
-            kit::moving(11, car, at(kit::pose(9.0 + x, -2.2, 0.0, [0.0, 0.0, yaw]))),
-            kit::moving(
+            common::moving(
+                11,
+                car,
+                at(common::pose(9.0 + x, -2.2, 0.0, [0.0, 0.0, yaw])),
+            ),
+            common::moving(
                 12,
                 car,
-                at(kit::pose(14.0 - x, 2.4, 0.0, [0.0, 0.0, 180.0])),
+                at(common::pose(14.0 - x, 2.4, 0.0, [0.0, 0.0, 180.0])),
             ),
         ]
     };
-    let before = kit::scene(&assets, cars(0.0, 0.0), 50_000_000);
-    let now = kit::scene(&assets, cars(0.6, 4.0), 100_000_000);
+    let before = common::scene(&assets, cars(0.0, 0.0), 50_000_000);
+    let now = common::scene(&assets, cars(0.6, 4.0), 100_000_000);
     (
         before,
         now,
         [
-            at(kit::pose(0.0, -1.0, 1.5, [0.0, 2.0, 0.0])),
-            at(kit::pose(0.5, -0.9, 1.52, [1.0, 2.5, 1.5])),
+            at(common::pose(0.0, -1.0, 1.5, [0.0, 2.0, 0.0])),
+            at(common::pose(0.5, -0.9, 1.52, [1.0, 2.5, 1.5])),
         ],
     )
 }
 
 fn check_against_rays(origin: Vector3<f64>, rasteriser: Rasteriser) {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
-    let mut view = kit::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
+    let mut view = common::view(&gpu, SIZE_PX[0], SIZE_PX[1]);
     let lens = view.intrinsics();
     let (before, now, poses) = two_firings(origin);
-    kit::render(&mut renderer, &before, &mut view, poses[0], &[]);
-    let frames = kit::render(&mut renderer, &now, &mut view, poses[1], &ALL);
-    let depth = kit::floats(&frames[&Modality::Depth].0);
+    common::render(&mut renderer, &before, &mut view, poses[0], &[]);
+    let frames = common::render(&mut renderer, &now, &mut view, poses[1], &ALL);
+    let depth = common::floats(&frames[&Modality::Depth].0);
     let class = &frames[&Modality::Semantic].0;
-    let instance = kit::words(&frames[&Modality::Instance].0);
-    let flow = kit::floats(&frames[&Modality::Flow].0);
+    let instance = common::words(&frames[&Modality::Instance].0);
+    let flow = common::floats(&frames[&Modality::Flow].0);
     let normals: Vec<f64> = frames[&Modality::Normals]
         .0
         .chunks_exact(2)
@@ -304,25 +308,25 @@ fn check_against_rays(origin: Vector3<f64>, rasteriser: Rasteriser) {
 
 #[test]
 fn every_modality_agrees_with_a_ray_caster() {
-    for rasteriser in kit::rasterisers(&kit::gpu()) {
+    for rasteriser in common::rasterisers(&common::gpu()) {
         check_against_rays(Vector3::zeros(), rasteriser);
     }
 }
 
 #[test]
 fn ten_kilometres_from_the_origin_is_as_sharp_as_at_it() {
-    for rasteriser in kit::rasterisers(&kit::gpu()) {
+    for rasteriser in common::rasterisers(&common::gpu()) {
         check_against_rays(Vector3::new(10_000.0, -7_000.0, 120.0), rasteriser);
     }
 }
 
 #[test]
 fn first_firing_has_no_flow_and_says_so() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let mut view = kit::view(&gpu, 64, 48);
+    let mut view = common::view(&gpu, 64, 48);
     let (before, now, poses) = two_firings(Vector3::zeros());
-    let frames = kit::render(
+    let frames = common::render(
         &mut renderer,
         &before,
         &mut view,
@@ -332,10 +336,10 @@ fn first_firing_has_no_flow_and_says_so() {
     assert!(
         frames[&Modality::Flow].1.first && frames[&Modality::Flow].0.iter().all(|byte| *byte == 0)
     );
-    let frames = kit::render(&mut renderer, &now, &mut view, poses[1], &[Modality::Flow]);
+    let frames = common::render(&mut renderer, &now, &mut view, poses[1], &[Modality::Flow]);
     assert!(
         !frames[&Modality::Flow].1.first
-            && kit::floats(&frames[&Modality::Flow].0)
+            && common::floats(&frames[&Modality::Flow].0)
                 .iter()
                 .any(|f| f.abs() > 1.0)
     );
@@ -344,12 +348,12 @@ fn first_firing_has_no_flow_and_says_so() {
 
 #[test]
 fn flow_of_a_scene_at_rest_is_exactly_zero() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let mut view = kit::view(&gpu, 64, 48);
+    let mut view = common::view(&gpu, 64, 48);
     let (scene, _, poses) = two_firings(Vector3::zeros());
-    kit::render(&mut renderer, &scene, &mut view, poses[0], &[]);
-    let frames = kit::render(
+    common::render(&mut renderer, &scene, &mut view, poses[0], &[]);
+    let frames = common::render(
         &mut renderer,
         &scene,
         &mut view,

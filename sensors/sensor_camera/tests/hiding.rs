@@ -1,8 +1,8 @@
 //! Objects of the scenery are hidden and shown again: images equal those of a scene without them,
 //! and only changes are uploaded.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ const ALL: [Modality; 6] = [
 
 /// A street with a mesh of three posts, each an object of its own, and a house.
 fn street() -> (Arc<SceneAssets>, [ObjectId; 3]) {
-    let mut assets = SceneAssets::clone(&kit::street().0);
+    let mut assets = SceneAssets::clone(&common::street().0);
     let posts = [0u32, 1, 2].map(|i| ObjectId::scenery(5000 + i));
     let mut builder = MeshBuilder::new("posts");
     for (i, post) in (0..).zip(posts) {
@@ -39,18 +39,18 @@ fn street() -> (Arc<SceneAssets>, [ObjectId; 3]) {
     let mesh = assets.add_mesh(builder.finish());
     assets
         .statics
-        .push(kit::fixed(mesh, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
+        .push(common::fixed(mesh, common::pose(0.0, 0.0, 0.0, [0.0; 3])));
     (Arc::new(assets), posts)
 }
 
 fn picture(gpu: &Gpu, renderer: &mut CameraRenderer, assets: &Arc<SceneAssets>) -> Vec<Vec<u8>> {
-    let mut view = kit::view(gpu, 96, 64);
-    let scene = kit::scene(assets, vec![], 50_000_000);
-    kit::render(
+    let mut view = common::view(gpu, 96, 64);
+    let scene = common::scene(assets, vec![], 50_000_000);
+    common::render(
         renderer,
         &scene,
         &mut view,
-        kit::pose(0.0, 0.0, 1.5, [0.0; 3]),
+        common::pose(0.0, 0.0, 1.5, [0.0; 3]),
         &ALL,
     )
     .into_values()
@@ -60,9 +60,9 @@ fn picture(gpu: &Gpu, renderer: &mut CameraRenderer, assets: &Arc<SceneAssets>) 
 
 #[test]
 fn hidden_objects_leave_the_picture_and_come_back_and_only_what_changed_is_uploaded() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let (whole, posts) = street();
-    let cases = kit::rasterisers(&gpu)
+    let cases = common::rasterisers(&gpu)
         .into_iter()
         .flat_map(|rasteriser| [(rasteriser, Quality::Low), (rasteriser, Quality::High)]);
     for (rasteriser, quality) in cases {
@@ -96,7 +96,7 @@ fn hidden_objects_leave_the_picture_and_come_back_and_only_what_changed_is_uploa
 
 #[test]
 fn another_map_and_one_that_needs_more_room_are_uploaded_whole() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let (whole, posts) = street();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
     let some = Arc::new(whole.without(&BTreeSet::from([posts[1]])));

@@ -1,8 +1,8 @@
 //! Effect of exposure and lens on colour, against a photographer's arithmetic; other modalities are
 //! unaffected.
 
-#[path = "kit/mod.rs"]
-mod kit;
+#[path = "common/mod.rs"]
+mod common;
 
 use std::sync::Arc;
 
@@ -40,15 +40,15 @@ fn floor(left: u8, right: u8) -> Scene {
     let mesh = assets.add_mesh(builder.finish());
     assets
         .statics
-        .push(kit::fixed(mesh, kit::pose(0.0, 0.0, 0.0, [0.0; 3])));
-    let mut scene = kit::scene(&Arc::new(assets), vec![], 50_000_000);
+        .push(common::fixed(mesh, common::pose(0.0, 0.0, 0.0, [0.0; 3])));
+    let mut scene = common::scene(&Arc::new(assets), vec![], 50_000_000);
     (scene.weather.sun_altitude_deg, scene.weather.cloudiness) = (60.0, 0.0);
     scene
 }
 
 /// Looks straight down; x of the world runs up the image, y to the left.
 fn shoot(scene: &Scene, optics: &OpticsSpec, quality: Quality, modality: Modality) -> Vec<u8> {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, quality);
     let intrinsics = Intrinsics::from_fov(SIZE_PX[0], SIZE_PX[1], 90f64.to_radians());
     let mut view = View::new(
@@ -61,11 +61,11 @@ fn shoot(scene: &Scene, optics: &OpticsSpec, quality: Quality, modality: Modalit
             sensor_id: 1,
         },
     );
-    kit::render(
+    common::render(
         &mut renderer,
         scene,
         &mut view,
-        kit::pose(0.0, 0.0, 10.0, [0.0, 90.0, 0.0]),
+        common::pose(0.0, 0.0, 10.0, [0.0, 90.0, 0.0]),
         &[modality],
     )[&modality]
         .0
@@ -159,7 +159,7 @@ fn distortion_moves_an_edge_where_its_formula_says() {
     // The edge between the halves lies under y = 0: move the floor so that it shows at a quarter of
     // the image.
     let mut assets = (*scene.assets).clone();
-    assets.statics[0].world_from_mesh = kit::pose(0.0, 5.0, 0.0, [0.0; 3]);
+    assets.statics[0].world_from_mesh = common::pose(0.0, 5.0, 0.0, [0.0; 3]);
     scene.assets = Arc::new(assets);
     let edge = |k: f32| {
         let optics = OpticsSpec {

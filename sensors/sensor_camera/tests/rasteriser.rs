@@ -1,7 +1,7 @@
 //! The computed rasteriser: no gaps or overlaps at common edges, near and huge triangles, and the
 //! same image as the adapter draws.
 
-mod kit;
+mod common;
 
 use std::sync::Arc;
 
@@ -22,7 +22,9 @@ fn assets(mesh: Mesh) -> Arc<SceneAssets> {
         ..Default::default()
     };
     let mesh = assets.add_mesh(mesh);
-    assets.statics.push(kit::fixed(mesh, Isometry3::identity()));
+    assets
+        .statics
+        .push(common::fixed(mesh, Isometry3::identity()));
     Arc::new(assets)
 }
 
@@ -88,26 +90,26 @@ fn shell(n: usize, seed: u64) -> Mesh {
 /// pixels, near plane and image.
 #[test]
 fn nothing_shines_through_a_closed_shell() {
-    let gpu = kit::gpu();
-    for rasteriser in kit::rasterisers(&gpu) {
+    let gpu = common::gpu();
+    for rasteriser in common::rasterisers(&gpu) {
         let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
         for (n, seed) in [(3, 1), (12, 2), (60, 3)] {
             let assets = assets(shell(n, seed));
             let mut rng = fastrand::Rng::with_seed(seed);
             for step in 0..6u64 {
-                let mut view = kit::view(&gpu, 200, 150);
-                let scene = kit::scene(&assets, vec![], (step + 1) * 50_000_000);
+                let mut view = common::view(&gpu, 200, 150);
+                let scene = common::scene(&assets, vec![], (step + 1) * 50_000_000);
                 let turn = [0; 3].map(|_| rng.f64() * 360.0);
                 let place = [0; 3].map(|_| rng.f64() * 1.6 - 0.8);
-                let pose = kit::pose(place[0], place[1], place[2], turn);
-                let frames = kit::render(
+                let pose = common::pose(place[0], place[1], place[2], turn);
+                let frames = common::render(
                     &mut renderer,
                     &scene,
                     &mut view,
                     pose,
                     &[Modality::Depth, Modality::Semantic],
                 );
-                let depth = kit::floats(&frames[&Modality::Depth].0);
+                let depth = common::floats(&frames[&Modality::Depth].0);
                 // Surfaces nearer than the near plane are cut away; in a corner of the image that
                 // is 0.13 m.
                 let holes = depth.iter().filter(|depth| !depth.is_finite()).count();
@@ -122,7 +124,7 @@ fn nothing_shines_through_a_closed_shell() {
 /// lies on them, level and tilted.
 #[test]
 fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut builder = MeshBuilder::new("plain");
     let far = 600.0;
     builder.quad(
@@ -136,7 +138,7 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
         [[0.0; 2]; 4],
     );
     let assets = assets(builder.finish());
-    for rasteriser in kit::rasterisers(&gpu) {
+    for rasteriser in common::rasterisers(&gpu) {
         let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::Low, rasteriser);
         for (height_m, rpy_deg) in [
             (1.6, [0.0, 0.0, 0.0]),
@@ -144,12 +146,12 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
             (1.6, [25.0, 8.0, 77.0]),
             (12.0, [3.0, 60.0, 10.0]),
         ] {
-            let mut view = kit::view(&gpu, 320, 200);
+            let mut view = common::view(&gpu, 320, 200);
             let lens = view.intrinsics();
-            let pose = kit::pose(3.0, 2.0, height_m, rpy_deg);
-            let scene = kit::scene(&assets, vec![], 50_000_000);
-            let frames = kit::render(&mut renderer, &scene, &mut view, pose, &[Modality::Depth]);
-            let depth = kit::floats(&frames[&Modality::Depth].0);
+            let pose = common::pose(3.0, 2.0, height_m, rpy_deg);
+            let scene = common::scene(&assets, vec![], 50_000_000);
+            let frames = common::render(&mut renderer, &scene, &mut view, pose, &[Modality::Depth]);
+            let depth = common::floats(&frames[&Modality::Depth].0);
             let [fx, fy, cx, cy] = lens.as_array();
             let mut n_hits = 0;
             for (i, depth_m) in depth.iter().enumerate() {
@@ -182,8 +184,8 @@ fn huge_triangles_that_pass_the_eye_lie_where_they_are() {
 /// differently. Tolerances leave room for the coarse depth and normals of a GPU's own rasteriser.
 #[test]
 fn computed_pictures_are_drawn_pictures() {
-    let gpu = kit::gpu();
-    let (assets, car) = kit::street();
+    let gpu = common::gpu();
+    let (assets, car) = common::street();
     let all = [
         Modality::Depth,
         Modality::Semantic,
@@ -195,27 +197,27 @@ fn computed_pictures_are_drawn_pictures() {
     for quality in [Quality::Low, Quality::High] {
         let shoot = |rasteriser: Rasteriser| {
             let mut renderer = CameraRenderer::with_rasteriser(&gpu, quality, rasteriser);
-            let mut view = kit::view(&gpu, 320, 240);
+            let mut view = common::view(&gpu, 320, 240);
             let scene = |step: u64| {
-                let cars = vec![kit::moving(
+                let cars = vec![common::moving(
                     5,
                     car,
-                    kit::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
+                    common::pose(8.0 + step as f64, -2.0, 0.0, [0.0; 3]),
                 )];
-                kit::scene(&assets, cars, step * 50_000_000)
+                common::scene(&assets, cars, step * 50_000_000)
             };
-            kit::render(
+            common::render(
                 &mut renderer,
                 &scene(1),
                 &mut view,
-                kit::pose(0.0, -1.0, 1.5, [0.0; 3]),
+                common::pose(0.0, -1.0, 1.5, [0.0; 3]),
                 &[],
             );
-            kit::render(
+            common::render(
                 &mut renderer,
                 &scene(2),
                 &mut view,
-                kit::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
+                common::pose(0.3, -1.0, 1.5, [0.0, 1.0, 2.0]),
                 &all,
             )
         };
@@ -229,9 +231,9 @@ fn computed_pictures_are_drawn_pictures() {
                 .zip(computed[&modality].0.chunks_exact(size));
             let differ = |(a, b): (&[u8], &[u8])| match modality {
                 Modality::Rgb => a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 8),
-                Modality::Depth | Modality::Flow => kit::floats(a)
+                Modality::Depth | Modality::Flow => common::floats(a)
                     .iter()
-                    .zip(kit::floats(b))
+                    .zip(common::floats(b))
                     .any(|(a, b)| (a - b).abs() > 1e-2 + 2e-3 * a.abs()),
                 // Halves of unit vectors: one step.
                 Modality::Normals => a.chunks_exact(2).zip(b.chunks_exact(2)).any(|(a, b)| {
@@ -252,17 +254,17 @@ fn computed_pictures_are_drawn_pictures() {
 /// Goal: the same bytes twice, whatever the order of threads.
 #[test]
 fn computed_pictures_come_out_the_same_twice() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let assets = assets(shell(60, 3));
     let shoot = |n_views: usize| {
         let mut renderer =
             CameraRenderer::with_rasteriser(&gpu, Quality::High, Rasteriser::Computed);
-        let mut views: Vec<_> = (0..n_views).map(|_| kit::view(&gpu, 160, 120)).collect();
+        let mut views: Vec<_> = (0..n_views).map(|_| common::view(&gpu, 160, 120)).collect();
         let mut bytes: Vec<Vec<u8>> = views
             .iter()
             .map(|view| vec![0; view.payload_bytes(Modality::Rgb)])
             .collect();
-        let scene = kit::scene(&assets, vec![], 50_000_000);
+        let scene = common::scene(&assets, vec![], 50_000_000);
         let pose = |i: usize| {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7 * i as f64);
             Isometry3::from_parts(Vector3::new(0.1, 0.2, 0.3).into(), turn)

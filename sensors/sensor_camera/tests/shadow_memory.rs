@@ -1,6 +1,6 @@
 //! The memory of shadow maps is bounded, and images do not depend on the limit.
 
-mod kit;
+mod common;
 
 use schema_frames::Modality;
 use sensor_camera::{CameraRenderer, Output, Place, Quality, Rasteriser, View, ViewJob, ViewSpec};
@@ -20,7 +20,7 @@ struct Shots {
 /// Cameras with long lenses, which ask for the largest maps, in cells of their own; cars drive
 /// past, and the cameras move on.
 fn shoot(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, most_bytes: Option<u64>) -> Shots {
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
     if let Some(most_bytes) = most_bytes {
         renderer.limit_shadow_bytes(most_bytes);
@@ -41,19 +41,19 @@ fn shoot(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, most_bytes: Option
     let before = gpu.counters().counts();
     for step in 0..N_STEPS {
         let cars = (0..N_CAMERAS).map(|i| {
-            kit::moving(
+            common::moving(
                 5 + i as u32,
                 car,
-                kit::pose(-70.0 + 33.0 * i as f64 + step as f64, 0.0, 0.0, [0.0; 3]),
+                common::pose(-70.0 + 33.0 * i as f64 + step as f64, 0.0, 0.0, [0.0; 3]),
             )
         });
-        let scene = kit::scene(&assets, cars.collect(), (step + 1) * 50_000_000);
+        let scene = common::scene(&assets, cars.collect(), (step + 1) * 50_000_000);
         let jobs = views
             .iter_mut()
             .zip(&mut pictures)
             .enumerate()
             .map(|(i, (view, pictures))| {
-                let world_from_sensor = kit::pose(
+                let world_from_sensor = common::pose(
                     -80.0 + 33.0 * i as f64 + 2.0 * step as f64,
                     -1.0,
                     2.5,
@@ -87,7 +87,7 @@ fn shoot(gpu: &Gpu, quality: Quality, rasteriser: Rasteriser, most_bytes: Option
 /// Oracle: the same cameras with room for all their maps.
 #[test]
 fn cameras_whose_maps_do_not_fit_get_the_same_pictures() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     const MIB: u64 = 1 << 20;
     // Room for two of the largest maps where five are needed. Drawn: 16 MiB each, and as much for
     // smaller ones; computed: 64 MiB a near and 32 MiB a far one.
@@ -128,7 +128,7 @@ fn cameras_whose_maps_do_not_fit_get_the_same_pictures() {
 /// Even with the smallest limit every camera gets its light.
 #[test]
 fn a_single_map_is_enough() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let free = shoot(&gpu, Quality::Low, Rasteriser::Drawn, None);
     let least = shoot(&gpu, Quality::Low, Rasteriser::Drawn, Some(0));
     assert!(least.pictures == free.pictures);

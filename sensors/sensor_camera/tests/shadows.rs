@@ -1,7 +1,7 @@
 //! Shadows lie where the sun puts them: near the camera in the near map, and far from it in the far
 //! map, also with the smaller maps of small images.
 
-mod kit;
+mod common;
 
 use std::sync::Arc;
 
@@ -31,12 +31,12 @@ fn tower(x_m: f64, y_m: f64) -> Arc<SceneAssets> {
     );
     for mesh in [
         ground.finish(),
-        kit::cuboid("tower", grey, [0.0, 0.0, 30.0], [10.0, 10.0, 30.0]),
+        common::cuboid("tower", grey, [0.0, 0.0, 30.0], [10.0, 10.0, 30.0]),
     ] {
         let mesh = assets.add_mesh(mesh);
         assets
             .statics
-            .push(kit::fixed(mesh, kit::pose(x_m, y_m, 0.0, [0.0; 3])));
+            .push(common::fixed(mesh, common::pose(x_m, y_m, 0.0, [0.0; 3])));
     }
     Arc::new(assets)
 }
@@ -44,23 +44,23 @@ fn tower(x_m: f64, y_m: f64) -> Arc<SceneAssets> {
 /// From 150 m above, straight down: x runs up the image, y to the left, `size_px` pixels are 300 m.
 #[test]
 fn far_shadows_lie_away_from_the_sun_in_pictures_of_any_size() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let places = [(0.0, 0.0), (700.0, -300.0), (-450.0, 1200.0)];
-    for rasteriser in kit::rasterisers(&gpu) {
+    for rasteriser in common::rasterisers(&gpu) {
         for (size_px, (x_m, y_m)) in [64, 160, 640]
             .into_iter()
             .flat_map(|size_px| places.map(|place| (size_px, place)))
         {
             let mut renderer = CameraRenderer::with_rasteriser(&gpu, Quality::High, rasteriser);
-            let mut view = kit::view(&gpu, size_px, size_px);
-            let mut scene = kit::scene(&tower(x_m, y_m), vec![], 50_000_000);
+            let mut view = common::view(&gpu, size_px, size_px);
+            let mut scene = common::scene(&tower(x_m, y_m), vec![], 50_000_000);
             (
                 scene.weather.sun_azimuth_deg,
                 scene.weather.sun_altitude_deg,
                 scene.weather.cloudiness,
             ) = (0.0, 45.0, 0.0);
-            let eye = kit::pose(x_m, y_m, 150.0, [0.0, 90.0, 0.0]);
-            let frames = kit::render(&mut renderer, &scene, &mut view, eye, &[Modality::Rgb]);
+            let eye = common::pose(x_m, y_m, 150.0, [0.0, 90.0, 0.0]);
+            let frames = common::render(&mut renderer, &scene, &mut view, eye, &[Modality::Rgb]);
             let bytes = &frames[&Modality::Rgb].0;
             let pixel = |along_m: f64| (f64::from(size_px) * (0.5 - along_m / 300.0)) as usize;
             let green_at = |x_m: f64, y_m: f64| {

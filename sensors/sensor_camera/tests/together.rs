@@ -1,6 +1,6 @@
 //! The GPU processes the views of a tick together; no view's bytes may depend on the others.
 
-mod kit;
+mod common;
 
 use std::sync::Arc;
 
@@ -63,7 +63,7 @@ impl Camera {
 
     fn pose(&self, step: u64) -> Isometry3<f64> {
         let x_m = -100.0 + 5.0 * self.number as f64 + 0.4 * step as f64;
-        kit::pose(
+        common::pose(
             x_m,
             -2.0 + (self.number % 3) as f64,
             1.5,
@@ -82,10 +82,10 @@ fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
             } else {
                 0.5 * step as f64
             };
-        kit::moving(
+        common::moving(
             5 + i as u32,
             car,
-            kit::pose(
+            common::pose(
                 x_m,
                 if i.is_multiple_of(2) { -2.0 } else { 2.0 },
                 0.0,
@@ -93,7 +93,7 @@ fn scene(assets: &Arc<SceneAssets>, car: MeshId, step: u64) -> Scene {
             ),
         )
     };
-    kit::scene(assets, (0..10).map(car).collect(), step * 50_000_000)
+    common::scene(assets, (0..10).map(car).collect(), step * 50_000_000)
 }
 
 /// Frames of the last step, per camera and modality.
@@ -103,7 +103,7 @@ fn shoot(
     rasteriser: Rasteriser,
     numbers: &[usize],
 ) -> Vec<Vec<Vec<u8>>> {
-    let (assets, car) = kit::street();
+    let (assets, car) = common::street();
     let mut renderer = CameraRenderer::with_rasteriser(gpu, quality, rasteriser);
     let cameras: Vec<Camera> = numbers.iter().map(|number| Camera::of(*number)).collect();
     let mut views: Vec<View> = cameras.iter().map(|camera| camera.view(gpu)).collect();
@@ -148,8 +148,8 @@ fn shoot(
 /// whatever order they come in.
 #[test]
 fn a_fleet_of_cameras_gets_what_each_would_get_alone() {
-    let gpu = kit::gpu();
-    for rasteriser in kit::rasterisers(&gpu) {
+    let gpu = common::gpu();
+    for rasteriser in common::rasterisers(&gpu) {
         let numbers: Vec<usize> = (0..41).collect();
         let backwards: Vec<usize> = (0..41).rev().collect();
         let together = shoot(&gpu, Quality::Low, rasteriser, &numbers);
@@ -173,7 +173,7 @@ fn a_fleet_of_cameras_gets_what_each_would_get_alone() {
 /// share a layer.
 #[test]
 fn a_fleet_in_high_quality_gets_what_each_would_get_alone() {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let rasteriser = Rasteriser::Computed;
     let numbers: Vec<usize> = (0..41).step_by(2).collect();
     let together = shoot(&gpu, Quality::High, rasteriser, &numbers);

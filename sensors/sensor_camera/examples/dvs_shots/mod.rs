@@ -4,7 +4,7 @@ use schema_frames::Modality;
 use sensor_camera::dvs::{EventImages, Rows};
 use sensor_camera::{CameraRenderer, Quality};
 
-use crate::kit;
+use crate::common;
 
 /// Images of one firing in memory.
 pub struct Shot {
@@ -30,10 +30,10 @@ impl Shot {
 /// Firings along the test street at these places and times; luminance is taken from the green
 /// channel.
 pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Vec<Shot> {
-    let gpu = kit::gpu();
+    let gpu = common::gpu();
     let mut renderer = CameraRenderer::new(&gpu, Quality::Low);
-    let (assets, car) = kit::street();
-    let mut view = kit::view(&gpu, size_px[0], size_px[1]);
+    let (assets, car) = common::street();
+    let mut view = common::view(&gpu, size_px[0], size_px[1]);
     let asked = [
         Modality::Rgb,
         Modality::Flow,
@@ -44,19 +44,19 @@ pub fn drive(size_px: [u32; 2], moments: impl Iterator<Item = (f64, u64)>) -> Ve
     let shot = |(x_m, sim_nanos): (f64, u64)| {
         let cars = (0..8)
             .map(|i| {
-                kit::moving(
+                common::moving(
                     20 + i,
                     car,
-                    kit::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]),
+                    common::pose(x_m * 1.1 + 9.0 * i as f64, -2.0, 0.0, [0.0; 3]),
                 )
             })
             .collect();
-        let scene = kit::scene(&assets, cars, sim_nanos);
-        let mut frames = kit::render(
+        let scene = common::scene(&assets, cars, sim_nanos);
+        let mut frames = common::render(
             &mut renderer,
             &scene,
             &mut view,
-            kit::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]),
+            common::pose(x_m - 60.0, -2.0, 1.6, [0.0, 0.035, 0.0]),
             &asked,
         );
         let mut take = |modality| frames.remove(&modality).expect("asked for").0;

@@ -3,7 +3,7 @@
 
 use super::active::{Active, eyes_of, number_instances};
 use super::passes::Passes;
-use super::tick::Drawing;
+use super::tick::TickDrawing;
 use crate::shadow::{ShadowMaps, ShadowPlans};
 use crate::view::ViewJob;
 
@@ -12,7 +12,7 @@ use crate::view::ViewJob;
 pub(super) fn record_groups(
     passes: &mut Passes,
     (maps, plans): (&mut ShadowMaps, Option<ShadowPlans>),
-    drawing: &Drawing<'_>,
+    drawing: &TickDrawing<'_>,
     mut active: &mut [Active],
     jobs: &[ViewJob<'_, '_>],
 ) -> wgpu::CommandEncoder {

@@ -5,7 +5,7 @@ use nalgebra::Isometry3;
 use sensor_gpu::Gpu;
 
 use super::active::Active;
-use super::tick::{Drawing, TickScene};
+use super::tick::{TickDrawing, TickScene};
 use crate::assets::GpuAssets;
 use crate::bindings::{Bindings, Together};
 use crate::camera_motion::{NEAR_M, rows};
@@ -129,7 +129,7 @@ impl Passes {
     /// Records all passes of views whose shadows are planned.
     pub fn record(
         &mut self,
-        drawing: &Drawing<'_>,
+        drawing: &TickDrawing<'_>,
         active: &[Active],
         jobs: &[ViewJob<'_, '_>],
         shadows: (&mut ShadowMaps, &ShadowPlans),
@@ -172,7 +172,7 @@ impl Passes {
                     self.record_light(gpu, &runs, &lit, &bound, encoder);
                 }
             }
-            // Drawing goes view by view, so that each stays in the CPU's caches.
+            // TickDrawing goes view by view, so that each stays in the CPU's caches.
             None => {
                 for work in works.chunks(1) {
                     let runs = Run::all_of(work, active, jobs);
@@ -200,7 +200,7 @@ impl Passes {
     /// Uploads what changes from tick to tick.
     fn upload(
         &mut self,
-        drawing: &Drawing<'_>,
+        drawing: &TickDrawing<'_>,
         active: &[Active],
         views: &mut [ViewData],
     ) -> Option<RasterPlan> {

@@ -20,7 +20,7 @@ pub(super) struct TickScene<'t> {
 
 /// How the views of a tick become pixels.
 #[derive(Clone, Copy)]
-pub(super) struct Drawing<'t> {
+pub(super) struct TickDrawing<'t> {
     pub tick: TickScene<'t>,
     pub lamps: &'t LampLists,
     /// Whether compute shaders rasterise.

@@ -1,4 +1,4 @@
-// Walls: their windows, frames and blinds, and the light behind them.
+// Walls: their windows, casings and blinds, and the light behind them.
 
 // sRGB bytes to linear, without a power: a cubic, good to 0.5 % of white.
 fn linear_of(packed: u32) -> vec3<f32> {
@@ -19,10 +19,10 @@ const MATERIAL_PAINT: u32 = 3u;
 const MATERIAL_FACADE: u32 = 4u;
 const MATERIAL_SHOP_FRONT: u32 = 5u;
 
-// A wall's grid of windows at a point: shares of pane and frame, and the window's hash.
+// A wall's grid of windows at a point: shares of pane and casing, and the window's hash.
 struct Window {
     pane: f32,
-    frame: f32,
+    casing: f32,
     lot: vec4<f32>,
 }
 
@@ -33,15 +33,15 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
     let cell = floor(grid);
     let centred = abs(grid - cell - vec2(0.5, select(0.52, 0.44, shop))) - 0.5 * share;
     let soft = 0.7 * pixel_m / pitch_m + 0.002;
-    // 1 inside, 0 outside, with a transition of one pixel; sills and frames reach a little further.
+    // 1 inside, 0 outside, with a transition of one pixel; sills and casings reach a little further.
     var pane = clamp(0.5 - centred / soft, vec2(0.0), vec2(1.0));
     // Two sashes, a post between them.
     pane.x *= clamp(0.5 + (centred.x + 0.5 * share.x - 0.035 / pitch_m.x) / soft.x, 0.0, 1.0);
-    let frame = clamp(0.5 - (centred - 0.03) / soft, vec2(0.0), vec2(1.0));
+    let casing = clamp(0.5 - (centred - 0.03) / soft, vec2(0.0), vec2(1.0));
     let fine = clamp(0.5 / pixel_m - 0.5, 0.0, 1.0);
     var out: Window;
     out.pane = mix(share.x * share.y, pane.x * pane.y, fine);
-    out.frame = max(frame.x * frame.y - out.pane, 0.0) * fine;
+    out.casing = max(casing.x * casing.y - out.pane, 0.0) * fine;
     let column_row = vec2<u32>(vec2<i32>(cell));
     out.lot = lot_of(id * 64u + column_row.x + column_row.y * 1597u);
     return out;
@@ -68,7 +68,7 @@ fn wall_at(albedo: vec3<f32>, uv_m: vec2<f32>, id: u32, pixel_m: f32, is_shop: b
     out.pane = window.pane * is_wall;
     // Less sky reaches the foot.
     out.albedo = albedo * mix(1.0, 0.72 + 0.28 * clamp(uv_m.y * 0.4, 0.0, 1.0), is_wall);
-    out.albedo = mix(out.albedo, vec3(0.62, 0.6, 0.56) * (0.35 + 0.65 * style.b), window.frame * is_wall);
+    out.albedo = mix(out.albedo, vec3(0.62, 0.6, 0.56) * (0.35 + 0.65 * style.b), window.casing * is_wall);
     let has_blind = f32(window.lot.b > 0.72 && !is_shop);
     let room = select(vec3(0.02, 0.024, 0.03), vec3(0.11, 0.095, 0.075) * (0.3 + window.lot.r), is_shop);
     out.albedo = mix(out.albedo, mix(room, vec3(0.32, 0.3, 0.26) * (0.5 + 0.5 * window.lot.r), has_blind), out.pane);

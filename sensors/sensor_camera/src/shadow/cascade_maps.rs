@@ -7,10 +7,10 @@ use sensor_core::Scene;
 use sensor_gpu::Gpu;
 
 use super::cascade::{Cascade, MovingCaster};
-use super::caster::{Rows, top_rows};
+use super::caster::{MatrixRows, top_rows};
 use super::draw::{LayerWork, MapWork, ShadowDraw};
 use super::map::Map;
-use super::sheet::{Sheet, Slot};
+use super::sheet::{Sheet, SheetPlace};
 use crate::assets::GpuAssets;
 use crate::target::{Image, image};
 
@@ -80,7 +80,7 @@ pub(crate) struct ShadowLookup {
     pub layer: u32,
     /// Its place in the layer: x, y in sides of the map, and its side in sides of the layer.
     pub tile: [f32; 3],
-    pub shadow_from_camera: Rows,
+    pub shadow_from_camera: MatrixRows,
     /// One texel in units of the map's depth.
     pub texel_depth: f32,
     /// Whether there is a map at all.
@@ -259,14 +259,14 @@ impl CascadeMaps {
             let shadow_from_camera = cascade.shadow_from_world(*cell, self.sun_towards)
                 * world_from_camera.to_homogeneous();
             let texel_m = 2.0 * cascade.half_side_m / cascade.side_px as f64;
-            let [x, y] = map.slot.tile.map(|i| i as f32);
+            let [x, y] = map.place.tile.map(|i| i as f32);
             ShadowLookup {
                 view: if self.shows_all(map) {
-                    sheet.all(map.slot.layer).clone()
+                    sheet.all(map.place.layer).clone()
                 } else {
-                    sheet.still(map.slot.layer).clone()
+                    sheet.still(map.place.layer).clone()
                 },
-                layer: map.slot.layer,
+                layer: map.place.layer,
                 tile: [x, y, map.side_px as f32 / sheet.page_px as f32],
                 shadow_from_camera: top_rows(&shadow_from_camera),
                 texel_depth: (texel_m / (2.0 * cascade.half_depth_m)) as f32,
@@ -301,12 +301,12 @@ impl CascadeMaps {
         for (cell, side_px) in missing {
             let (page_px, new) = (self.page_px(side_px), self.sheet(side_px));
             let sheet = sheet_of(&mut self.sheets, page_px, || new);
-            let slot = self.take_slot(sheet, cell, side_px)?;
+            let place = self.take_place(sheet, cell, side_px)?;
             self.maps.push(Map {
                 cell,
                 side_px,
                 sheet,
-                slot,
+                place,
                 fresh: false,
                 over: Vec::new(),
                 dirty_px: Vec::new(),
@@ -325,10 +325,10 @@ impl CascadeMaps {
 
     /// Finds room for a map: evicts the least recently used ones, or adds a layer if none can be
     /// evicted and the limit allows it.
-    fn take_slot(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Option<Slot> {
+    fn take_place(&mut self, sheet: usize, cell: [i64; 3], side_px: u32) -> Option<SheetPlace> {
         loop {
-            if let Some(slot) = self.sheets[sheet].take(cell, side_px) {
-                return Some(slot);
+            if let Some(place) = self.sheets[sheet].take(cell, side_px) {
+                return Some(place);
             }
             let is_free =
                 |idx: &usize| self.maps[*idx].sheet == sheet && self.maps[*idx].used < self.n_uses;
@@ -338,7 +338,7 @@ impl CascadeMaps {
             {
                 Some(oldest) => {
                     let map = self.maps.swap_remove(oldest);
-                    self.sheets[sheet].give_back(map.slot);
+                    self.sheets[sheet].give_back(map.place);
                 }
                 None if self.sheets[sheet].grow() => {}
                 None => return None,
@@ -374,7 +374,7 @@ impl CascadeMaps {
                 casters.filter(|casters| together || !casters.is_empty() || !map.over.is_empty());
             map.plan(still, casters)
         };
-        let work = |map: &mut Map| (map.sheet, map.slot.layer, plan(map));
+        let work = |map: &mut Map| (map.sheet, map.place.layer, plan(map));
         if self.maps.len() <= FEW_MAPS {
             self.maps
                 .iter_mut()

@@ -5,17 +5,17 @@ use nalgebra::Matrix4;
 use crate::assets::MeshDraw;
 
 /// Three rows of `[rotation | translation]`.
-pub(crate) type Rows = [[f32; 4]; 3];
+pub(crate) type MatrixRows = [[f32; 4]; 3];
 
 /// A draw call with its matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Caster {
     pub mesh: MeshDraw,
-    pub matrix: Rows,
+    pub matrix: MatrixRows,
     /// Pixels it can cover: x, y, width, height, in the map.
     pub rect_px: [u32; 4],
 }
 
-pub(crate) fn top_rows(m: &Matrix4<f64>) -> Rows {
+pub(crate) fn top_rows(m: &Matrix4<f64>) -> MatrixRows {
     std::array::from_fn(|row| std::array::from_fn(|column| m[(row, column)] as f32))
 }

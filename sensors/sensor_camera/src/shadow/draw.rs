@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use sensor_gpu::Gpu;
 
-use super::caster::{Caster, Rows};
+use super::caster::{Caster, MatrixRows};
 use crate::assets::GpuAssets;
 use crate::binding_layout::{grow, storage, texture};
 use crate::vertex::{VERTEX_ATTRIBUTES, VERTEX_BYTES};
@@ -218,7 +218,7 @@ impl ShadowDraw {
                 .flat_map(|layer| layer.maps.iter().map(|map| (*map, layer.page_px)))
         };
         let casters = || maps().flat_map(|(map, _)| &map.casters);
-        let matrices: Vec<Rows> = casters().map(|caster| caster.matrix).collect();
+        let matrices: Vec<MatrixRows> = casters().map(|caster| caster.matrix).collect();
         let parts: Vec<Part> = maps()
             .flat_map(|(map, page_px)| {
                 map.wiped_px

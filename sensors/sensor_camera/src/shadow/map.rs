@@ -2,7 +2,7 @@
 
 use super::caster::Caster;
 use super::draw::MapWork;
-use super::sheet::Slot;
+use super::sheet::SheetPlace;
 
 /// One map.
 #[derive(Debug)]
@@ -10,7 +10,7 @@ pub(super) struct Map {
     pub cell: [i64; 3],
     pub side_px: u32,
     pub sheet: usize,
-    pub slot: Slot,
+    pub place: SheetPlace,
     /// Whether the static map is up to date.
     pub fresh: bool,
     /// Moving casters that were drawn over it.
@@ -22,7 +22,7 @@ pub(super) struct Map {
 
 impl Map {
     fn origin_px(&self) -> [u32; 2] {
-        self.slot.tile.map(|i| i * self.side_px)
+        self.place.tile.map(|i| i * self.side_px)
     }
 
     fn whole_px(&self) -> [u32; 4] {

@@ -11,7 +11,7 @@ use crate::target::{Image, layered_image};
 
 /// Where a map lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Slot {
+pub(crate) struct SheetPlace {
     pub layer: u32,
     /// Counted in sides of the map.
     pub tile: [u32; 2],
@@ -78,7 +78,7 @@ impl Sheet {
     }
 
     /// A place for a cell's map, if there is room.
-    pub fn take(&mut self, cell: [i64; 3], side_px: u32) -> Option<Slot> {
+    pub fn take(&mut self, cell: [i64; 3], side_px: u32) -> Option<SheetPlace> {
         let n = i64::from(self.page_px / side_px);
         let tile = [cell[0], cell[1]].map(|i| i.rem_euclid(n) as u32);
         let has_room = |layer: &Layer| {
@@ -87,7 +87,7 @@ impl Sheet {
         let layer = self.layers.iter().position(has_room)?;
         self.layers[layer].side_px = side_px;
         self.layers[layer].taken.push(tile);
-        Some(Slot {
+        Some(SheetPlace {
             layer: layer as u32,
             tile,
         })
@@ -105,10 +105,10 @@ impl Sheet {
         may
     }
 
-    pub fn give_back(&mut self, slot: Slot) {
-        self.layers[slot.layer as usize]
+    pub fn give_back(&mut self, place: SheetPlace) {
+        self.layers[place.layer as usize]
             .taken
-            .retain(|tile| *tile != slot.tile);
+            .retain(|tile| *tile != place.tile);
     }
 
     pub fn clear(&mut self) {
@@ -212,27 +212,27 @@ mod tests {
     fn maps_have_places_of_their_own_that_follow_from_their_cells() {
         let mut rng = fastrand::Rng::with_seed(3);
         let mut sheet = Sheet::new(4096, true, u64::MAX);
-        let mut held: Vec<(u32, Slot)> = Vec::new();
+        let mut held: Vec<(u32, SheetPlace)> = Vec::new();
         for _ in 0..2000 {
             if held.len() > 40 || (!held.is_empty() && rng.bool()) {
-                let (_, slot) = held.swap_remove(rng.usize(..held.len()));
-                sheet.give_back(slot);
+                let (_, place) = held.swap_remove(rng.usize(..held.len()));
+                sheet.give_back(place);
                 continue;
             }
             let side_px = [1024, 2048, 4096][rng.usize(..3)];
             let cell = [rng.i64(-20..20), rng.i64(-20..20), 0];
-            let slot = sheet.take(cell, side_px).unwrap_or_else(|| {
+            let place = sheet.take(cell, side_px).unwrap_or_else(|| {
                 assert!(sheet.grow());
                 sheet.take(cell, side_px).unwrap()
             });
             let n = i64::from(4096 / side_px);
             assert_eq!(
-                slot.tile,
+                place.tile,
                 [cell[0].rem_euclid(n) as u32, cell[1].rem_euclid(n) as u32]
             );
-            assert!(held.iter().all(|(side, other)| other.layer != slot.layer
-                || *side == side_px && other.tile != slot.tile));
-            held.push((side_px, slot));
+            assert!(held.iter().all(|(side, other)| other.layer != place.layer
+                || *side == side_px && other.tile != place.tile));
+            held.push((side_px, place));
         }
     }
 

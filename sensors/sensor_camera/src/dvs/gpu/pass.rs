@@ -58,7 +58,7 @@ impl EventPass {
         ];
         let mut common = vec![uniform_at_offset(0, size_of::<EventJob>() as u64)];
         common.extend(images);
-        common.extend((6..18).map(|binding| written_storage(binding)));
+        common.extend((6..18).map(written_storage));
         let common = layout(gpu, common);
         let written = layout(gpu, vec![written_storage(0), written_storage(1)]);
         let read = layout(gpu, vec![storage(0), storage(1)]);

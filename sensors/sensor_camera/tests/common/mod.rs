@@ -1,6 +1,6 @@
 //! What the camera's tests and examples share: a device, a small street, and rendering to plain
 //! memory.
-#![allow(dead_code)] // Each test binary uses its own part of this kit.
+#![allow(dead_code)] // Each test binary uses its own part of it.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
