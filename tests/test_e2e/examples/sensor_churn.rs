@@ -1,11 +1,12 @@
 //! Makes and ends sensors of every kind, thousands of times, and watches what the daemon keeps.
 //!
-//! `cargo run --release -p test_e2e --example sensor_churn -- [N]` (default 10 000; `./gantry soak`
+//! `cargo run --release -p test_e2e --example sensor_churn -- [N] [--json FILE]` (default 10 000; `./gantry soak`
 //! runs it). Every twentieth sensor is read before it ends. Prints the
 //! daemon's resident memory, descriptors and files in shared memory, and fails if they grow: after
 //! the first half memory may move by 12 MiB,
 //! the others not at all. On a software adapter the GPU's memory is the daemon's own.
 
+use launch_cli::bench::{BenchResult, take_json_argument};
 use schema_frames::{Command, CommandReply};
 use schema_types::Pose;
 use test_e2e::{ask, join_bus, reader, start_daemon, step};
@@ -68,7 +69,9 @@ fn kept(sandbox: &Sandbox, pid: u32) -> Kept {
 }
 
 fn main() {
-    let n: usize = std::env::args().nth(1).map_or(10_000, |text| {
+    let (words, json) = take_json_argument(std::env::args().skip(1));
+    let mut result = BenchResult::new("sensor_churn", None);
+    let n: usize = words.first().map_or(10_000, |text| {
         text.parse().expect("the argument is a whole number")
     });
     let sandbox = Sandbox::new("sensor_churn");
@@ -105,7 +108,14 @@ fn main() {
             before = Some(kept(&sandbox, daemon.pid()));
         }
         if round % 1000 == 999 {
-            println!("after {}: {:?}", round + 1, kept(&sandbox, daemon.pid()));
+            let now = kept(&sandbox, daemon.pid());
+            println!("after {}: {now:?}", round + 1);
+            let figures = [
+                ("resident_kib", now.resident_kib as f64),
+                ("descriptors", now.descriptors as f64),
+                ("files", now.files as f64),
+            ];
+            result.row(&(round + 1).to_string(), &figures);
         }
     }
     step(&mut client, 1);
@@ -116,6 +126,9 @@ fn main() {
     println!(
         "{n} sensors made and ended: {before:?} after the first {warm_up}, {after:?} at the end"
     );
+    result
+        .write(json.as_deref())
+        .unwrap_or_else(|error| panic!("{error:#}"));
     assert!(
         after.resident_kib <= before.resident_kib + MAX_GROWTH_KIB,
         "memory grew"
