@@ -1,10 +1,10 @@
-//! Streams: who hears what, and who waits for whom.
+//! Streams: what each client is sent, and who waits for whom.
 //!
-//! [`world_stream`] sends one message per tick to every client. A sensor has a [`feed::Feed`], a
-//! reader of the bus, for the first client that listens, and one [`relay::Relay`] for all others of
-//! the same sensor together; what the gateway makes itself (radio messages) goes through relays too.
-//! [`expected`] keeps what was made ready for clients that are about to connect, and [`progress`]
-//! says how far each reader is, so that a step can wait for it.
+//! [`world_stream`] sends one message per tick to every client. The first client of a sensor gets a
+//! [`feed::Feed`], which reads the bus for it alone; all further clients of the same sensor share
+//! one more feed through a [`relay::Relay`]. Messages that the gateway makes itself (radio) go
+//! through relays, too. [`expected`] keeps sources for clients that are about to connect, and
+//! [`progress`] knows how far each reader is, so that a step can wait for it.
 
 pub mod events;
 pub mod expected;
@@ -32,22 +32,22 @@ use progress::Readers;
 use relay::{Listener, Relay, Stations};
 use world_stream::WorldStream;
 
-/// Messages that wait for each listener of a sensor but the first.
+/// Messages that a further listener of a sensor may be behind.
 const BACKLOG: usize = 4;
-/// How long a relay goes on without listeners.
+/// How long a relay continues without listeners.
 const IDLE: Duration = Duration::from_secs(2);
 
 /// All streams.
 #[derive(Debug)]
 pub struct Feeds {
     shared: Shared,
-    /// For listeners of a sensor but the first, by stream.
+    /// By stream, for all clients of a sensor but the first.
     relays: Mutex<BTreeMap<u32, Arc<Relay>>>,
     stations: Stations,
     expected: Expected<Source>,
 }
 
-/// What serves one client.
+/// What serves one client's stream.
 #[derive(Debug)]
 enum Source {
     Feed(Feed),
@@ -55,7 +55,7 @@ enum Source {
 }
 
 impl Feeds {
-    /// No streams, and no bus: nothing can be read before [`Feeds::join`].
+    /// Streams without a bus: no sensor can be read before [`Feeds::join`].
     pub fn new(world: Arc<World>) -> Self {
         Feeds {
             shared: Shared {
@@ -71,23 +71,23 @@ impl Feeds {
         }
     }
 
-    /// The world stream, whose snapshots go before sensors' messages.
+    /// The world stream, which sends a tick's snapshot before its sensor messages.
     pub fn world_stream(&self) -> &WorldStream {
         &self.shared.world_stream
     }
 
-    /// Listeners of radio stations, whose messages the gateway makes itself.
+    /// The relays of radio stations.
     pub fn stations(&self) -> &Stations {
         &self.stations
     }
 
-    /// Reads from this bus.
+    /// Sets the bus that sensors are read from.
     pub fn join(&self, bus: Bus) {
-        // Called once, at the start.
+        // Called once, at start-up; a second bus would be ignored.
         let _ = self.shared.bus.set(bus);
     }
 
-    /// A client is about to connect to this stream: reads for it from now on.
+    /// A client is about to connect to this stream: opens its source now.
     pub fn expect(self: &Arc<Self>, stream: u32) {
         self.sweep();
         if self.expected.is_full() {
@@ -102,12 +102,12 @@ impl Feeds {
         }
     }
 
-    /// Forgets clients that never came.
+    /// Drops the sources of clients that did not connect in time.
     pub fn sweep(&self) {
         self.expected.sweep();
     }
 
-    /// What serves one more client of a stream from now on; `None` if there is no such stream.
+    /// Opens a source for one more client of a stream; `None` if there is no such stream.
     fn source(self: &Arc<Self>, stream: u32) -> Option<Source> {
         if let Some(station) = self.station(stream) {
             return Some(Source::Listener(self.stations.join(station)));
@@ -116,7 +116,7 @@ impl Feeds {
         beside.or_else(|| Feed::open(stream, &self.shared).map(Source::Feed))
     }
 
-    /// The station whose messages a stream has, if it is one's.
+    /// The radio station that a stream belongs to, if it is one's.
     fn station(&self, stream: u32) -> Option<u32> {
         let known = self.shared.world.known();
         let actor = actor_of(stream)?;
@@ -124,7 +124,8 @@ impl Feeds {
         kind.modalities.is_empty().then_some(actor)
     }
 
-    /// If somebody reads this stream already: takes a place in the relay that sends to all others.
+    /// Joins the relay of a stream that has a reader already, and starts the relay if need be;
+    /// `None` if nobody reads the stream.
     fn beside(self: &Arc<Self>, stream: u32) -> Option<Arc<Listener>> {
         let mut relays = lock(&self.relays);
         let relay = match relays.get(&stream) {
@@ -148,12 +149,13 @@ impl Feeds {
                 relay
             }
         };
-        // Before the lock is given back: a relay without listeners ends.
+        // The map of relays stays locked until the listener has joined, because a relay without
+        // listeners ends.
         let progress = self.shared.readers.add_listener(stream)?;
         Some(relay.join(Some(progress)))
     }
 
-    /// Reads for all listeners of a stream but the first, until there are none.
+    /// Reads a sensor for the listeners of a relay until there are none left.
     fn relay(&self, stream: u32, mut feed: Feed, relay: &Relay) {
         let mut last_heard = Instant::now();
         while !feed.is_over(&self.shared) {
@@ -180,7 +182,7 @@ impl Feeds {
         relay.close();
     }
 
-    /// Sends a sensor's messages to a client until it goes.
+    /// Sends a stream's messages to a client until it disconnects.
     pub(crate) fn serve(
         self: &Arc<Self>,
         stream: u32,
@@ -213,14 +215,14 @@ impl Feeds {
         wait_for_end(&connection)
     }
 
-    /// Waits until every reader has taken what was published before `since_nanos`; see
+    /// Waits until every reader has taken everything published before `since_nanos`; see
     /// [`Readers::settle`].
     pub fn settle(&self, since_nanos: u64) {
         self.shared.readers.settle(since_nanos);
     }
 
-    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them. Returns
-    /// when all have changed.
+    /// Switches CARLA's no-rendering mode, in which no camera is read and nothing is rendered for
+    /// one. Returns when all cameras have followed.
     pub fn set_no_rendering(&self, on: bool) {
         if self.shared.no_rendering.swap(on, Ordering::AcqRel) == on {
             return;

@@ -1,5 +1,5 @@
-//! Keeps what the gateway knows up to date: reads documents and snapshots, and feeds the world
-//! stream.
+//! The thread that follows the simulator: it reads documents and snapshots into the known world and
+//! feeds the world stream.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,15 +15,15 @@ use crate::wire::geolocation;
 use crate::wire::streams::StreamMessage;
 use crate::wire::world_message;
 
-/// Longest wait for a snapshot: documents change without one too.
+/// Longest wait for a snapshot; documents can change without one.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
-/// How long a snapshot waits for the list of its actors.
+/// How long a snapshot waits for the list of actors that belongs to it.
 const LIST_WAIT: Duration = Duration::from_millis(200);
 
-/// Keeps a gateway up to date, until `stop`.
+/// Keeps a gateway's known world up to date until `stop`.
 ///
 /// # Errors
-/// What waiting cannot heal: another schema, no place on the bus.
+/// Fails for what waiting cannot cure: another schema version, no room on the bus.
 pub fn follow(domain: &str, gateway: &Gateway, stop: &AtomicBool) -> anyhow::Result<()> {
     let bus = Bus::open(domain, "gantry-carla-world")?;
     let mut follower = Follower {
@@ -47,12 +47,12 @@ pub fn follow(domain: &str, gateway: &Gateway, stop: &AtomicBool) -> anyhow::Res
 }
 
 struct Follower<'g> {
-    // Ports go before their node.
+    // Fields are dropped in order: ports before their node.
     snapshots: Option<SnapshotReader>,
     wake: Listener,
     info: FollowedDocument,
-    /// The newest `world/info`, with the epoch of its header, until everything that it tells about
-    /// is known.
+    /// The newest `world/info` and the epoch of its header, held back until the other documents of
+    /// that epoch are known.
     next_info: Option<(u64, WorldInfo)>,
     map: FollowedDocument,
     actors: FollowedDocument,
@@ -98,7 +98,8 @@ impl Follower<'_> {
     }
 
     fn read_documents(&mut self) -> anyhow::Result<()> {
-        // First: the daemon sends it last, so that the others of its episode are there by now.
+        // `world/info` is read first: the daemon sends it last, so the other documents of its
+        // episode are there by now.
         if let Some(document) = heal(self.info.changed(&self.bus))? {
             self.next_info = Some((
                 document.header.epoch,
@@ -129,8 +130,9 @@ impl Follower<'_> {
         Ok(())
     }
 
-    /// Last of all: who waits for an episode looks at its info, and asks for the rest at once. A
-    /// daemon's first texts come in any order.
+    /// Makes the newest `world/info` known, last of all documents: whoever waits for an episode
+    /// watches its info and asks for the rest at once. A daemon's first documents come in any
+    /// order.
     fn adopt_info(&mut self) {
         let others = [&self.map, &self.catalogue, &self.spawn_points, &self.actors];
         let is_known = |epoch: u64| {
@@ -177,7 +179,8 @@ impl Follower<'_> {
         Ok(())
     }
 
-    /// Whoever sees a snapshot can ask for all of its actors.
+    /// Makes a snapshot known and sends it to clients, once its actors are listed: whoever sees a
+    /// snapshot may ask for all of its actors.
     fn pass_on(&mut self, snapshot: &Snapshot) -> anyhow::Result<()> {
         let header = snapshot.header();
         let deadline = Instant::now() + LIST_WAIT;
@@ -224,12 +227,11 @@ impl Follower<'_> {
     }
 }
 
-/// The map's text, with blank lines behind it up to the size of CARLA's own towns.
+/// The map's text, padded with blank lines to the size of CARLA's own towns.
 ///
-/// Scripts show `get_color_coded_flow().raw_data` after the picture is gone (a tutorial does). That
-/// goes well only if the C library does not
-/// hand memory of that size back to the system, which it no longer does once a client has freed a
-/// block as large as CARLA's map texts are.
+/// Scripts (one of CARLA's tutorials among them) use `get_color_coded_flow().raw_data` after its
+/// image was freed. This works only while the C library does not return memory of that size to the
+/// system, and it stops returning it once a client has freed a block as large as CARLA's map texts.
 fn roomy(map: &str) -> String {
     const BYTES: usize = 4 << 20;
     let mut text = String::with_capacity(BYTES.max(map.len()));
@@ -238,7 +240,7 @@ fn roomy(map: &str) -> String {
     text
 }
 
-/// A document that breaks the contract is passed over; anything else is an error.
+/// Skips a document that breaks the contract; any other error is passed on.
 fn heal<T>(result: Result<Option<T>, BusError>) -> Result<Option<T>, BusError> {
     match result {
         Err(error @ BusError::BadSample { .. }) => {

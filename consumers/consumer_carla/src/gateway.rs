@@ -1,5 +1,5 @@
-//! What all calls share: the world as far as it is known, the way to the simulator, the streams,
-//! and what clients set that the simulator does not keep.
+//! What all calls share: the known world, the commander, the streams, and what clients set and the
+//! simulator does not keep.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex};
@@ -24,16 +24,17 @@ use crate::wire::streams;
 /// Longest wait for `world/info` when the gateway has just started.
 const SETTLE: Duration = Duration::from_secs(5);
 
-/// Everything that calls need.
+/// Everything that calls work on.
 #[derive(Debug)]
 pub struct Gateway {
     pub(crate) world: Arc<World>,
     pub(crate) commander: Commander,
     pub(crate) feeds: Arc<Feeds>,
     pub(crate) v2x: V2x,
-    /// Recorder and replayer.
+    /// Records and replays.
     pub recorder: Recorder,
-    /// Held while a step is asked for: when the last one was answered, `CLOCK_MONOTONIC`.
+    /// When the last step was answered (`CLOCK_MONOTONIC`). Locked during a step, so that steps
+    /// come one by one.
     pub(crate) last_step_nanos: Mutex<u64>,
     pub(crate) settings: Mutex<Settings>,
     pub(crate) navigation: NavigationFiles,
@@ -68,16 +69,16 @@ impl Gateway {
         }
     }
 
-    /// After each snapshot, before clients see it.
+    /// Runs after each snapshot, before clients see it.
     pub fn after_snapshot(&self) {
         self.recorder.step(&self.world, &self.commander);
         self.v2x
             .step(&self.world, &self.commander, self.feeds.stations());
     }
 
-    /// Forgets a connection: a Traffic Manager whose process has ended would make later clients
-    /// wait for it, and a world whose driver has
-    /// ended may have to go on by itself.
+    /// Cleans up after a connection. A Traffic Manager whose process has ended would make later
+    /// clients wait for it, and a world whose stepping client has gone may have to continue by
+    /// itself.
     pub fn closed(&self, connection: u64) {
         if let Some(place) = self.feeds.world_stream().retire(connection) {
             place.leave();
@@ -92,14 +93,14 @@ impl Gateway {
         }
     }
 
-    /// Notes that this connection's client steps the world.
+    /// Notes that the client of this connection steps the world.
     pub(crate) fn drives(&self, connection: u64) {
         if lock(&self.drivers).insert(connection) {
             self.commander.set_lost(false);
         }
     }
 
-    /// `world/info`, which may still be on its way when the gateway has just started.
+    /// `world/info`, for which a gateway that has just started may have to wait.
     pub(crate) fn info(&self) -> Result<WorldInfo, Failure> {
         let info = self.world.wait_for(SETTLE, |known| known.info.clone());
         info.ok_or_else(|| {
@@ -109,19 +110,19 @@ impl Gateway {
         })
     }
 
-    /// Says once per run that a call is accepted and does nothing.
+    /// Logs once per run that a call is accepted and has no effect.
     pub(crate) fn no_effect(&self, what: &str) {
         if lock(&self.said).insert(what.to_owned()) {
             tracing::warn!("{what} is accepted and has no effect; see docs/carla-compatibility.md");
         }
     }
 
-    /// Where a stream is.
+    /// The token of a stream, as calls return it.
     pub(crate) fn token(&self, stream: u32) -> Value {
         list![Value::Bin(streams::token(stream, self.stream_port))]
     }
 
-    /// Where a client's world stream is.
+    /// The token of a client's own world stream.
     pub(crate) fn world_token(&self, connection: u64) -> Value {
         self.token(self.feeds.world_stream().stream_of(connection))
     }

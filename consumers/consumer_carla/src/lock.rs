@@ -1,8 +1,8 @@
-//! Locks that outlive a panic: a call that panicked must not end those that come after it.
+//! Locks that survive a panic: a call that panicked must not fail the calls after it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Takes a lock, whoever panicked while holding it.
+/// Locks a mutex even if another thread panicked while it held the lock.
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -89,7 +89,7 @@ fn serve(args: &Args, shutdown: &Shutdown) -> anyhow::Result<()> {
     let talker = std::thread::Builder::new()
         .name("commands".into())
         .spawn(move || commander::run(&domain, &world, &work, &flag))?;
-    // These two wait for clients until the process ends; they hold nothing on the bus.
+    // These two threads wait for clients until the process ends, so nobody joins them.
     std::thread::Builder::new().name("streams".into()).spawn({
         let feeds = feeds.clone();
         move || stream_server::serve(&listener, &feeds)

@@ -1,9 +1,8 @@
-//! CARLA's recorder: writes what snapshots show into a file of the data folder, tells about such
-//! files, and plays them back.
+//! CARLA's recorder: writes what snapshots show into a file in the data folder, reports about such
+//! files, and replays them.
 //!
-//! A consumer's work altogether: it records what it reads on the bus and replays by commands that
-//! put actors where they were.
-//! The file is described in `docs/carla-recorder.md`.
+//! It works with a consumer's means only: it records what it reads on the bus, and it replays by
+//! commands that move actors. `docs/carla-recorder.md` describes the file.
 
 pub mod changes;
 pub mod extra;
@@ -29,10 +28,10 @@ use changes::Changes;
 use replay::{Replay, Settings};
 use writer::Writer;
 
-/// Ending of recordings.
+/// File ending of recordings.
 const KIND: &str = "log";
 
-/// What is being recorded and played back.
+/// The recorder and the replayer of a gateway.
 #[derive(Debug, Default)]
 pub struct Recorder {
     state: Mutex<State>,
@@ -61,17 +60,17 @@ impl Default for State {
 }
 
 impl Recorder {
-    /// Keeps recordings in this data folder instead of the user's.
+    /// Sets the data folder that recordings are kept in, instead of the user's.
     pub fn keep_in(&self, data: PathBuf) {
-        // Set once, at the start.
+        // Set once, at start-up.
         let _ = self.data.set(data);
     }
 
-    /// The file of a name: only its last part counts, so that scripts' `/tmp/x.log` works and stays
-    /// in the folder.
+    /// The file of a recording's name. Only the last part of a path counts, so that scripts'
+    /// `/tmp/x.log` works and stays in the folder.
     ///
     /// # Errors
-    /// A sentence about a name that is none.
+    /// If the name cannot be a file's.
     pub fn path(&self, name: &str) -> Result<PathBuf, String> {
         let data =
             data_dir(self.data.get().map(PathBuf::as_path)).map_err(|error| error.to_string())?;
@@ -86,7 +85,7 @@ impl Recorder {
         Ok(path)
     }
 
-    /// Starts a recording on this map; one that runs is finished first.
+    /// Starts a recording on this map; a running one is finished first.
     ///
     /// # Errors
     /// If the file cannot be made.
@@ -97,14 +96,14 @@ impl Recorder {
         Ok(())
     }
 
-    /// A vehicle's physics control was set.
+    /// Notes that a vehicle's physics control was set.
     pub fn note_physics(&self, actor_id: u32) {
         if let Some(writer) = &mut lock(&self.state).writer {
             writer.note_physics(actor_id);
         }
     }
 
-    /// Street lights were set.
+    /// Notes that street lights were set.
     pub fn note_street_lights(&self, changes: &[LampChange]) {
         if let Some(writer) = &mut lock(&self.state).writer {
             writer.note_street_lights(changes);
@@ -116,7 +115,7 @@ impl Recorder {
         lock(&self.state).writer = None;
     }
 
-    /// Changes what replays are told.
+    /// Changes the settings of replays, including the running one.
     pub fn set(&self, change: impl FnOnce(&mut Settings)) {
         let mut state = lock(&self.state);
         change(&mut state.settings);
@@ -126,15 +125,15 @@ impl Recorder {
         }
     }
 
-    /// Settings for a replay that begins.
+    /// The settings for a replay that begins.
     pub fn settings(&self) -> Settings {
         lock(&self.state).settings
     }
 
-    /// Takes the place of a replay that runs. What the next tick shows is its first moment.
+    /// Starts a replay in place of a running one. The next tick shows its first moment.
     pub fn play(&self, mut replay: Replay, world: &World, commander: &Commander) {
         let mut state = lock(&self.state);
-        // First, or it would take away what the new one holds.
+        // The old replay ends first; otherwise it would release actors that the new one holds.
         if let Some(before) = state.replay.take() {
             before.end(commander, true);
         }
@@ -153,8 +152,8 @@ impl Recorder {
         }
     }
 
-    /// After each snapshot, before clients see it: what they cue next finds the replay's actors in
-    /// place.
+    /// Records and replays one tick. It runs before clients see the snapshot, so that the tick that
+    /// they cue next finds the replay's actors in place.
     pub fn step(&self, world: &World, commander: &Commander) {
         let mut state = lock(&self.state);
         if state.writer.is_none() && state.replay.is_none() {
@@ -164,7 +163,7 @@ impl Recorder {
         let Some(snapshot) = snapshot else { return };
         let mut changes = Changes::default();
         if let Some(writer) = &mut state.writer {
-            // Before the world is held: who answers looks at it too.
+            // Asked before the world is locked: the thread that answers looks at the world, too.
             writer.wanted(&snapshot).ask(commander, &mut changes);
         }
         let failed = state

@@ -1,14 +1,13 @@
-//! The calls: which method does what.
+//! The calls: a table from methods to the functions that serve them.
 //!
-//! One module per area. Each has a table `CALLS` of method names and functions, and [`AREAS`] lists
-//! the tables.
+//! There is one module per area. Each has a table `CALLS` of method names and functions, and
+//! [`AREAS`] lists the tables.
 //!
-//! To add a call: write `fn name(&self, call: &mut Call<'_>) -> Outcome` in an `impl Gateway` of
-//! the area's module, add
-//! `("name", Gateway::name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md`
-//! what it does; a test compares the two.
-//! To add an area: a module here, its line in [`AREAS`]. A batch's commands are in [`batch`], their
-//! tables work the same way (`BATCH`).
+//! To add a call, write `fn name(gateway: &Gateway, call: &mut Call<'_>) -> Outcome` in the area's
+//! module, add `("name", name)` to its `CALLS`, and say in its row of `docs/carla-compatibility.md`
+//! what it does; a test compares the two. To add an area, add a module here and its line in
+//! [`AREAS`]. Commands of a batch work the same way: their tables are called `BATCH`, and [`batch`]
+//! lists them.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -39,7 +38,7 @@ pub mod vehicles;
 pub mod walkers;
 pub mod weather;
 
-/// All areas.
+/// The tables of all areas.
 const AREAS: &[Calls] = &[
     session::CALLS,
     files::CALLS,
@@ -66,7 +65,7 @@ fn served() -> &'static BTreeMap<&'static str, Run> {
     SERVED.get_or_init(|| AREAS.iter().copied().flatten().copied().collect())
 }
 
-/// Methods that this gateway serves, by name.
+/// Names of the methods that this gateway serves.
 pub fn methods() -> impl Iterator<Item = &'static str> {
     served().keys().copied()
 }

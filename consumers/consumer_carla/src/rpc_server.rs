@@ -16,20 +16,21 @@ use crate::wire::msgpack::{self, DecodeError, Limits};
 use crate::wire::requests::Failure;
 use crate::wire::requests::{parse, response};
 
-/// Open RPC connections.
+/// Most RPC connections that may be open.
 const MAX_CONNECTIONS: usize = 256;
 
 /// One open connection.
 struct Open {
     connection: TcpStream,
-    /// Whether a whole request has come.
+    /// Whether a whole request has arrived.
     has_asked: Arc<AtomicBool>,
 }
 
-/// Open connections by number, which rises.
+/// Open connections by number; numbers rise.
 type Table = Arc<Mutex<BTreeMap<u64, Open>>>;
 
-/// Makes room for one more. Who connects and never asks anything must not keep others out.
+/// Makes room for one more connection. Clients that connect and never ask anything must not keep
+/// others out.
 fn make_room(table: &Table) -> bool {
     let mut open = lock(table);
     if open.len() < MAX_CONNECTIONS {
@@ -47,7 +48,7 @@ fn make_room(table: &Table) -> bool {
         tracing::warn!(
             "closed the oldest RPC connection that never asked anything: {MAX_CONNECTIONS} are open"
         );
-        // It ends with its thread.
+        // The connection's thread notices and ends.
         let _ = silent.connection.shutdown(Shutdown::Both);
     }
     true
@@ -115,7 +116,7 @@ fn serve_one(
         let message = match msgpack::read(&mut reader, Limits::default()) {
             Ok(message) => message,
             Err(DecodeError::Closed) => return Ok(()),
-            // A client that was killed.
+            // The client was killed.
             Err(DecodeError::Io(error)) if error.kind() == std::io::ErrorKind::ConnectionReset => {
                 return Ok(());
             }
@@ -123,7 +124,7 @@ fn serve_one(
         };
         let request = parse(message)?;
         has_asked.store(true, Ordering::Release);
-        // Without an answer the client would wait until its time-out.
+        // A panic is answered, too: without an answer the client would wait until its time-out.
         let outcome = catch_unwind(AssertUnwindSafe(|| rpc::serve(gateway, number, &request)))
             .unwrap_or_else(|_| {
                 Err(Failure::Refused(format!(

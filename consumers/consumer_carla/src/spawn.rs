@@ -1,4 +1,4 @@
-//! From what CARLA describes an actor by to the command that makes it.
+//! Turns CARLA's description of an actor into the command that spawns it.
 
 pub mod optics;
 pub mod sensor_spec;
@@ -10,7 +10,7 @@ use crate::wire::axes::{self, Transform};
 use crate::wire::description::Description;
 use crate::wire::fields::Wrong;
 
-/// The command that spawns, or why this type cannot be.
+/// The command that spawns the actor of a description.
 ///
 /// # Errors
 /// For sensors that the simulator does not have.

@@ -1,5 +1,5 @@
-//! What the gateway knows and whom it asks: the world, its actors and blueprints, the way to the
-//! simulator, and what clients set.
+//! What the gateway knows and whom it asks: the known world, its actors and blueprints, the
+//! commander that talks to the simulator, and what clients have set.
 
 pub mod actors;
 pub mod blueprints;

@@ -1,5 +1,5 @@
-//! The streaming server: a client sends a stream's number and is sent that stream's messages, each
-//! after its length.
+//! The streaming server: a client sends a stream's number and receives that stream's messages, each
+//! preceded by its length.
 
 use std::io::Read as _;
 use std::net::{TcpListener, TcpStream};
@@ -10,14 +10,14 @@ use std::time::Duration;
 use crate::feeds::Feeds;
 use crate::wire::streams::is_world;
 
-/// Open streaming connections.
+/// Most streaming connections that may be open.
 const MAX_CONNECTIONS: usize = 512;
-/// A client that connects and says nothing is dropped after this.
+/// A client that connects and sends no stream number is dropped after this time.
 const HANDSHAKE: Duration = Duration::from_secs(10);
-/// A client that takes nothing off its connection is dropped after this.
+/// A client that reads nothing from its connection is dropped after this time.
 const WRITE: Duration = Duration::from_secs(30);
 
-/// Accepts clients for ever, each on a thread of its own.
+/// Accepts clients for ever and serves each on its own thread.
 pub fn serve(listener: &TcpListener, feeds: &Arc<Feeds>) {
     let open = Arc::new(AtomicUsize::new(0));
     for connection in listener.incoming() {

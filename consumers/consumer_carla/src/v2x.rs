@@ -1,11 +1,9 @@
 //! Vehicle-to-everything radio: `sensor.other.v2x` sends and receives cooperative awareness
-//! messages, `sensor.other.v2x_custom` what scripts
-//! `send`.
+//! messages, `sensor.other.v2x_custom` the texts that scripts `send`.
 //!
-//! The gateway's own work: stations are actors without topics; after each snapshot messages go from
-//! antenna to antenna, before clients see the
-//! snapshot. A station's antenna is on the roof of what it is attached to, or where the station
-//! itself is.
+//! The gateway does this itself: stations are actors without topics. After each snapshot, before
+//! clients see it, messages travel from antenna to antenna. A station's antenna is on the roof of
+//! its carrier; a station without one is its own carrier.
 
 mod cam;
 mod noise;
@@ -36,13 +34,13 @@ use noise::Noise;
 use radio::{Link, Radio};
 use solids::Solid;
 
-/// Bytes of a custom message with the power in front.
+/// Bytes of a custom message, including the received power in front.
 const CUSTOM_BYTES: usize = 136;
-/// Longest text: a zero stands behind it.
+/// Longest text; a zero byte follows it.
 const MAX_TEXT_BYTES: usize = 99;
-/// Texts that wait for the next tick.
+/// Most texts that may wait for the next tick.
 const MAX_OUTBOX: usize = 1024;
-/// Above the roof, metres.
+/// Height of an antenna above the roof, metres.
 const ANTENNA_M: f64 = 0.02;
 
 /// All stations.
@@ -52,7 +50,7 @@ pub struct V2x(Mutex<State>);
 #[derive(Debug, Default)]
 struct State {
     stations: BTreeMap<u32, Station>,
-    /// Texts and who sends them.
+    /// Texts that wait for the next tick, with the stations that send them.
     outbox: Vec<(u32, String)>,
     episode: Option<u64>,
     buildings: Option<Vec<Solid>>,
@@ -60,7 +58,7 @@ struct State {
 
 #[derive(Debug)]
 struct Station {
-    /// What carries it; itself, if nothing does.
+    /// The actor that carries it; the station itself if it is not attached.
     carrier: u32,
     number: u64,
     radio: Radio,
@@ -68,15 +66,15 @@ struct Station {
     noise: Noise,
 }
 
-/// What messages go through at a tick.
+/// What messages travel through at a tick.
 struct Air {
-    /// Where antennas are, by the actors that carry them.
+    /// Places of antennas, by their carriers.
     antennas: BTreeMap<u32, Point3<f64>>,
-    /// What stands in the way.
+    /// Boxes that stand in the way.
     solids: Vec<Solid>,
 }
 
-/// A message on the air.
+/// A message that was sent at this tick.
 struct Message {
     station: u32,
     carrier: u32,
@@ -85,7 +83,7 @@ struct Message {
     bytes: Vec<u8>,
 }
 
-/// Whether a blueprint's attributes make a station.
+/// Checks the attributes of a station.
 ///
 /// # Errors
 /// A sentence.
@@ -113,10 +111,10 @@ impl Station {
 }
 
 impl V2x {
-    /// Sends a text with the next tick.
+    /// Queues a text that the station sends with the next tick.
     ///
     /// # Errors
-    /// A sentence if it is too long, or too many wait.
+    /// If the text is too long or too many wait.
     pub fn send(&self, station: u32, text: &str) -> Result<(), String> {
         if text.len() > MAX_TEXT_BYTES || text.contains('\0') {
             let n_bytes = text.len();
@@ -134,7 +132,7 @@ impl V2x {
         Ok(())
     }
 
-    /// What is sent and received at the newest snapshot.
+    /// Sends and receives the messages of the newest snapshot.
     pub fn step(&self, world: &World, commander: &Commander, listeners: &Stations) {
         let mut state = lock(&self.0);
         let known = world.known();
@@ -167,7 +165,7 @@ impl V2x {
 }
 
 impl State {
-    /// New stations and those that went.
+    /// Adds new stations and drops those that are gone.
     fn keep_up(&mut self, known: &Known, snapshot: &WorldAt, listeners: &Stations) {
         let episode = crate::wire::world_message::episode_id(&snapshot.header);
         if self.episode.replace(episode) != Some(episode) {
@@ -197,7 +195,7 @@ impl State {
         listeners.retain(|id| stations.contains_key(&id) || known.own.contains_key(&id));
     }
 
-    /// What is sent now.
+    /// The messages that stations send at this tick.
     fn messages(&mut self, known: &Known, snapshot: &WorldAt) -> Vec<Message> {
         let nanos = snapshot
             .header
@@ -239,7 +237,7 @@ impl State {
         messages
     }
 
-    /// Buildings and walls; asked for once per change of the scenery.
+    /// Boxes of buildings and walls; asked for once after every change of the scenery.
     fn buildings(&mut self, commander: &Commander) -> &[Solid] {
         self.buildings
             .get_or_insert_with(|| match commander.ask_one(Command::Scenery) {
@@ -284,7 +282,8 @@ impl State {
                 .iter()
                 .filter(|message| message.number == station.number && message.station != *id)
             {
-                // Awareness messages are the carrier's, whose other stations need none of them.
+                // Awareness messages are about the carrier, so its other stations do not receive
+                // them.
                 if station.service.is_some() && message.carrier == station.carrier {
                     continue;
                 }
@@ -352,7 +351,7 @@ impl Station {
     }
 }
 
-/// Where the antenna on a carrier is.
+/// The place of the antenna on a carrier.
 fn antenna(known: &Known, snapshot: &WorldAt, carrier: u32) -> Option<Point3<f64>> {
     let record = snapshot.actor(carrier)?;
     let top_m = known.actors.get(&carrier).map_or(0.0, |info| {
@@ -361,7 +360,7 @@ fn antenna(known: &Known, snapshot: &WorldAt, carrier: u32) -> Option<Point3<f64
     Some(record.world_from_actor.isometry() * Point3::new(0.0, 0.0, top_m + ANTENNA_M))
 }
 
-/// Boxes of all vehicles.
+/// Boxes of all vehicles of a snapshot.
 fn vehicles(known: &Known, snapshot: &WorldAt) -> Vec<Solid> {
     let solid = |record: &schema_frames::ActorRecord| {
         record.vehicle()?;

@@ -1,4 +1,4 @@
-//! Sensors that tell of events: collision and obstacle. Each event is a message of its own.
+//! Event sensors (collision, obstacle): each event becomes one message.
 
 use schema_bus::Frame;
 use schema_frames::{CollisionEvent, Modality, ObstacleEvent};
@@ -11,7 +11,7 @@ use crate::wire::axes;
 use crate::wire::msgpack::{self, Value};
 use crate::wire::structures;
 
-/// The bodies of an event frame's messages; `None` for frames of other sensors.
+/// The message bodies for the events of a frame; `None` if the frame is no event sensor's.
 pub fn bodies(known: &Known, frame: &Frame) -> Option<Vec<Vec<u8>>> {
     let owner = frame.header().parent_id;
     let bytes = |value: Value| {
@@ -38,7 +38,7 @@ pub fn bodies(known: &Known, frame: &Frame) -> Option<Vec<Vec<u8>>> {
     }
 }
 
-/// Who, with whom, and the impulse on the first.
+/// The sensor's carrier, the body that it touched, and the impulse on the carrier.
 fn collision(known: &Known, owner: u32, event: &CollisionEvent) -> Value {
     let [x, y, z] = axes::mirror(event.impulse_in_world_ns).map(|newton_secs| newton_secs as f32);
     list![
@@ -48,7 +48,7 @@ fn collision(known: &Known, owner: u32, event: &CollisionEvent) -> Value {
     ]
 }
 
-/// Who, what is ahead, and how far.
+/// The sensor's carrier, the body ahead of it, and the distance to that body.
 fn obstacle(known: &Known, owner: u32, event: &ObstacleEvent) -> Value {
     list![
         touched(known, owner, 0),
@@ -57,13 +57,13 @@ fn obstacle(known: &Known, owner: u32, event: &ObstacleEvent) -> Value {
     ]
 }
 
-/// An actor, or what stands for scenery: id 0 and a name by its class.
+/// An actor's structure, or for scenery a placeholder with id 0 and a name by its class.
 fn touched(known: &Known, id: u32, class: u8) -> Value {
     actors::listed_actor(known, id)
         .unwrap_or_else(|| structures::scenery(&scenery_type(class), class))
 }
 
-/// `static.` and the class's name in lower case, singular.
+/// `static.` followed by the class's name in lower case and singular.
 fn scenery_type(class: u8) -> String {
     let name = Class(class)
         .info()

@@ -1,7 +1,8 @@
-//! Expected clients: they asked where a stream is, and have not connected to it yet.
+//! Expected clients: they asked where a stream is and have not connected to it yet.
 //!
-//! A client asks for a stream's place right before it connects, and may step the world in between.
-//! So what will serve it is made ready with the question and collects messages from then on.
+//! A client asks for a stream's token right before it connects, and it may step the world in
+//! between. The source that will serve it is therefore opened when it asks, and collects messages
+//! from then on, so that the client misses none.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Mutex;
@@ -9,12 +10,12 @@ use std::time::{Duration, Instant};
 
 use crate::lock::lock;
 
-/// How long a client is expected.
+/// How long a source waits for its client.
 const CONNECT: Duration = Duration::from_secs(10);
-/// Clients that may be expected at a time.
+/// Most clients that are expected at a time.
 pub const MAX_EXPECTED: usize = 256;
 
-/// What is ready for expected clients, by the streams that they asked for, oldest first.
+/// Sources that wait for their clients, by stream; within a stream the oldest comes first.
 #[derive(Debug)]
 pub struct Expected<T>(Mutex<BTreeMap<u32, VecDeque<Waiting<T>>>>);
 
@@ -36,7 +37,7 @@ impl<T> Expected<T> {
         lock(&self.0).values().map(VecDeque::len).sum::<usize>() >= MAX_EXPECTED
     }
 
-    /// Keeps `source` for a client that is about to connect to `stream`.
+    /// Keeps `source` for the client that is about to connect to `stream`.
     pub fn add(&self, stream: u32, source: T) {
         let since = Instant::now();
         lock(&self.0)
@@ -45,13 +46,13 @@ impl<T> Expected<T> {
             .push_back(Waiting { since, source });
     }
 
-    /// What was made ready first for a client of `stream`.
+    /// Hands out the source that has waited longest for a client of `stream`.
     pub fn take(&self, stream: u32) -> Option<T> {
         let waiting = lock(&self.0).get_mut(&stream)?.pop_front()?;
         Some(waiting.source)
     }
 
-    /// Drops what is ready for clients that did not connect in time.
+    /// Drops the sources of clients that did not connect in time.
     pub fn sweep(&self) {
         let mut expected = lock(&self.0);
         for waiting in expected.values_mut() {
@@ -65,7 +66,7 @@ impl<T> Expected<T> {
         expected.retain(|_, waiting| !waiting.is_empty());
     }
 
-    /// Changes everything that is ready.
+    /// Runs `change` on every waiting source.
     pub fn for_each(&self, mut change: impl FnMut(&mut T)) {
         for waiting in lock(&self.0).values_mut().flatten() {
             change(&mut waiting.source);

@@ -1,4 +1,4 @@
-//! A feed: one sensor's readers on the bus, with what it takes to write its messages.
+//! A feed: the readers of one sensor's topics, and the encoder that turns frames into messages.
 
 use std::io::Read as _;
 use std::net::TcpStream;
@@ -19,21 +19,21 @@ use crate::wire::geolocation::geo_reference_deg;
 use crate::wire::sensor_message::{Context, Encoder};
 use crate::wire::streams::{StreamMessage, actor_of, send};
 
-/// How often a quiet stream is looked at.
+/// How often a stream without new frames checks its connection and its sensor.
 const LOOK: Duration = Duration::from_millis(500);
 
 /// What all feeds share.
 #[derive(Debug)]
 pub struct Shared {
-    /// What is known of sensors and their actors.
+    /// Tells which sensors exist and which topics they have.
     pub world: Arc<World>,
-    /// Its snapshots go before sensors' messages.
+    /// A tick's snapshot is sent to clients before that tick's sensor messages.
     pub world_stream: WorldStream,
-    /// Where feeds read; set once.
+    /// The bus that feeds read from; set once.
     pub bus: OnceLock<Bus>,
-    /// Whether cameras stay dark: then nobody reads them, and nothing is rendered for them.
+    /// CARLA's no-rendering mode: no camera is read, so the simulator renders nothing.
     pub no_rendering: AtomicBool,
-    /// Who is how far.
+    /// How far each reader is.
     pub readers: Readers,
 }
 
@@ -42,7 +42,7 @@ impl Shared {
         self.no_rendering.load(Ordering::Acquire)
     }
 
-    /// What a frame's message needs to know; `None` for a frame of an episode that is over.
+    /// What the encoder needs beside the frame; `None` for a frame of an earlier episode.
     fn context(&self, frame: &Frame) -> Option<Context> {
         let known = self.world.known();
         let at = &known.snapshot.as_ref()?.header;
@@ -55,11 +55,11 @@ impl Shared {
     }
 }
 
-/// Where a feed's messages go.
+/// Where a feed sends its messages.
 pub enum Outlet<'a> {
-    /// To one client.
+    /// One client's connection.
     Client(&'a mut TcpStream),
-    /// To the listeners of a relay.
+    /// All listeners of a relay.
     Relay(&'a Relay),
 }
 
@@ -78,7 +78,7 @@ impl Outlet<'_> {
     }
 }
 
-/// A reader with what it takes to write messages.
+/// Reads one sensor and encodes its messages.
 pub struct Feed {
     actor: u32,
     was_listed: bool,
@@ -101,7 +101,7 @@ impl std::fmt::Debug for Feed {
 }
 
 impl Feed {
-    /// Reads a stream from now on; `None` if there is no such sensor.
+    /// Starts to read the sensor of a stream; `None` if there is no such sensor.
     pub fn open(stream: u32, shared: &Shared) -> Option<Feed> {
         let (bus, actor) = (shared.bus.get()?, actor_of(stream)?);
         let ((kind, topics), fov_rad) = {
@@ -149,20 +149,20 @@ impl Feed {
         }
     }
 
-    /// Its client has come.
+    /// Notes that the client has connected.
     pub fn connect(&self) {
         self.progress.connect();
     }
 
-    /// Whether the sensor is gone: it was on the list of actors and is no longer.
+    /// Whether the sensor was destroyed: it was listed among the actors and is not any more.
     pub fn is_over(&mut self, shared: &Shared) -> bool {
         let is_listed = shared.world.known().actors.contains_key(&self.actor);
         self.was_listed |= is_listed;
         self.was_listed && !is_listed
     }
 
-    /// Takes everything that waits and writes it. Returns the moment before which everything
-    /// published was taken.
+    /// Sends all frames that wait. Returns a time on `CLOCK_MONOTONIC`: every frame published
+    /// before it was taken.
     pub fn pass_on(&mut self, shared: &Shared, outlet: &mut Outlet<'_>) -> std::io::Result<u64> {
         self.shut_or_open(shared);
         let began_nanos = mono_now().0;
@@ -190,8 +190,8 @@ impl Feed {
         Ok(began_nanos)
     }
 
-    /// Waits a while for new frames or for being poked. True if there is something to read on
-    /// `connection`, which is looked at too.
+    /// Waits for new frames, for a wake-up through the pipe, or for input on `connection`. The
+    /// result states whether `connection` has input.
     pub fn wait(&mut self, connection: Option<BorrowedFd<'_>>) -> std::io::Result<bool> {
         let poked = self.poked.as_fd();
         let both = [poked, connection.unwrap_or(poked)];
@@ -201,13 +201,13 @@ impl Feed {
             .wait_beside(beside, LOOK)
             .map_err(std::io::Error::other)?;
         if ready[0] {
-            // All that matters is that something came.
+            // The bytes carry nothing; only their arrival matters.
             let _ = self.poked.read(&mut [0; 64]);
         }
         Ok(ready.get(1).copied().unwrap_or(false))
     }
 
-    /// Lets go of a camera's readers, or takes them again, as `no_rendering` says.
+    /// Closes a camera's readers in no-rendering mode and opens them again afterwards.
     pub fn shut_or_open(&mut self, shared: &Shared) {
         let shut = shared.no_rendering();
         if self
@@ -228,7 +228,7 @@ impl Feed {
         shared.readers.ring();
     }
 
-    /// Opens a reader of each topic.
+    /// Opens a reader for each topic.
     fn read_topics(&mut self, bus: &Bus) -> Result<(), BusError> {
         let mut wake = WaitSet::new();
         let mut readers = Vec::new();
@@ -241,7 +241,7 @@ impl Feed {
         Ok(())
     }
 
-    /// The oldest frames of one tick, one of each topic.
+    /// The oldest tick for which every topic has a frame, as one frame per topic.
     fn next(&mut self) -> std::io::Result<Option<Vec<Frame>>> {
         if self.readers.is_empty() {
             return Ok(None);
@@ -266,7 +266,7 @@ impl Feed {
                     self.waiting.iter_mut().filter_map(Option::take).collect(),
                 ));
             }
-            // One topic lost a frame that the others have.
+            // A topic lost its frame of an older tick: drop the other topics' frames of that tick.
             self.waiting
                 .iter_mut()
                 .filter(|slot| tick(slot) < newest)
@@ -276,7 +276,7 @@ impl Feed {
 }
 
 impl Drop for Feed {
-    /// Nobody waits for what has ended.
+    /// Steps must not wait for a reader that has ended.
     fn drop(&mut self) {
         self.progress.finish();
     }

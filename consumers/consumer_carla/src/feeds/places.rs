@@ -1,11 +1,10 @@
 //! Which world stream belongs to which client.
 //!
-//! The 0.9.16 client keeps its streams by number. After `load_world` it takes a new world stream
-//! while one of its threads may still be at work
-//! on a snapshot of the old one; if both have the same number, the new one is freed while it
-//! connects, and the client's process ends. So each
-//! client has a number of its own for every world that it loads, and what it had before a load is
-//! sent nothing while it changes over.
+//! The 0.9.16 client keeps its streams by number. After `load_world` it subscribes to a new world
+//! stream while one of its threads may still handle a snapshot of the old one. If both streams have
+//! the same number, the client frees the new one while it connects, and its process crashes.
+//! Therefore each client gets a new stream number for every world that it loads, and its old stream
+//! is silent while it changes over.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,17 +14,17 @@ use schema_bus::mono_now;
 
 use crate::wire::streams::FIRST_OWN_WORLD_STREAM;
 
-/// From when on, by the monotonic clock in nanoseconds, snapshots go to what listens to a world
-/// stream.
+/// When a world stream starts to send snapshots (again), in nanoseconds of `CLOCK_MONOTONIC`;
+/// `u64::MAX` means not yet known.
 pub(crate) type Retired = Arc<AtomicU64>;
 
-/// Whether snapshots go to it now.
+/// Whether the stream sends snapshots now.
 pub(crate) fn is_served(retired: &Retired) -> bool {
     mono_now().0 >= retired.load(Ordering::Acquire)
 }
 
-/// A client that has not left its old stream for so long after a load had given up waiting for the
-/// load, and goes on with it.
+/// A client that still listens to its old stream this long after a load timed out waiting for the
+/// answer and continues with the old stream.
 const LEAVE_NANOS: u64 = 10_000_000_000;
 
 /// A client's world stream.
@@ -36,25 +35,25 @@ pub struct Place {
 }
 
 impl Place {
-    /// The load was answered: the client takes a new stream.
+    /// The load succeeded, so the client will connect to a new stream.
     pub fn leave(&self) {
         self.is_retired
             .store(mono_now().0 + LEAVE_NANOS, Ordering::Release);
     }
 }
 
-/// World streams by the RPC connections that asked for them.
+/// World streams, by the RPC connections that asked for them.
 #[derive(Debug, Default)]
 pub(crate) struct Places {
     n_made: u32,
     of: BTreeMap<u64, Place>,
-    /// Those that clients leave or have left, by number, until they are served again: who connects
-    /// only now finds them silent too.
+    /// Retired streams by number, until they send again; a connection that arrives late finds its
+    /// stream silent, too.
     left: BTreeMap<u32, Retired>,
 }
 
 impl Places {
-    /// The number of a client's world stream until it loads a world.
+    /// The number of a client's current world stream.
     pub fn stream_of(&mut self, connection: u64) -> u32 {
         let n_made = &mut self.n_made;
         let place = self.of.entry(connection).or_insert_with(|| {
@@ -68,7 +67,7 @@ impl Places {
         place.stream
     }
 
-    /// Of one that connects.
+    /// The silence flag of the stream that a connection asks for.
     pub fn retired(&mut self, stream: u32) -> Retired {
         self.left.retain(|_, retired| !is_served(retired));
         let held = self
@@ -81,8 +80,8 @@ impl Places {
             .unwrap_or_default()
     }
 
-    /// Nothing goes to a client's world stream until [`Place::leave`] or [`Places::restore`] is
-    /// called on what this gives.
+    /// Silences a client's world stream until [`Place::leave`] or [`Places::restore`] is called
+    /// with the returned place.
     pub fn retire(&mut self, connection: u64) -> Option<Place> {
         let place = self.of.remove(&connection)?;
         place.is_retired.store(u64::MAX, Ordering::Release);
@@ -91,7 +90,7 @@ impl Places {
         Some(place)
     }
 
-    /// It goes on after all.
+    /// Undoes [`Places::retire`]: the stream sends again and stays the client's own.
     pub fn restore(&mut self, connection: u64, place: Place) {
         place.is_retired.store(0, Ordering::Release);
         self.left.remove(&place.stream);

@@ -1,8 +1,8 @@
-//! Who waits for what: how far each reader is, and the bell that rings when one has got further.
+//! How far each reader is, and waiting for readers to catch up.
 //!
-//! A frame that cannot be written waits in shared memory, where newer ones push it out (two fit): a
-//! slow client loses frames. In synchronous mode nothing may be lost, so [`Readers::settle`] holds
-//! the next step back until every reader has taken what there was.
+//! A frame that a client does not take waits in shared memory, where two fit; newer frames push it
+//! out, so a slow client loses frames. In synchronous mode nothing may be lost: [`Readers::settle`]
+//! delays the next step until every reader has taken the frames of the last one.
 
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
@@ -18,28 +18,28 @@ use crate::lock::lock;
 const CONNECT_STEP: Duration = Duration::from_secs(1);
 /// How long a step waits for a client that does not take its messages.
 const WRITE_STEP: Duration = Duration::from_secs(5);
-/// How long turning cameras on or off waits for all of them.
+/// How long switching no-rendering mode waits for all cameras to follow.
 const SWITCH: Duration = Duration::from_secs(2);
-/// How often the conditions of a wait are looked at without a bell.
+/// How often a waiting thread checks its condition without being notified.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// How far a reader is, for those who wait for it.
+/// How far a reader is.
 #[derive(Debug)]
 pub struct Progress {
     stream: u32,
-    /// Everything published before this `CLOCK_MONOTONIC` was taken.
+    /// The reader has taken everything published before this time (`CLOCK_MONOTONIC`).
     taken_nanos: AtomicU64,
     is_connected: AtomicBool,
-    /// Found too slow to wait for; until it has caught up.
+    /// Whether a step gave up waiting for this reader; reset once it has caught up.
     lags: AtomicBool,
-    /// A camera's that is not to be read; `None` for what has no readers of its own.
+    /// For cameras: whether no-rendering mode has closed the readers. `None` for everything else.
     is_shut: Option<AtomicBool>,
     poke: UnixStream,
 }
 
 impl Progress {
-    /// Of a reader of `stream` that begins now. A byte through `poke` wakes it. `is_shut` is
-    /// whether it is a camera that is not to be read, if it is a camera.
+    /// The progress of a reader that starts now. A byte written to `poke` wakes the reader.
+    /// `is_shut` is given for cameras only: whether no-rendering mode keeps them closed.
     pub fn new(stream: u32, is_shut: Option<bool>, poke: UnixStream) -> Progress {
         Progress {
             stream,
@@ -51,46 +51,46 @@ impl Progress {
         }
     }
 
-    /// Its client has come.
+    /// Notes that the client has connected.
     pub fn connect(&self) {
         self.is_connected.store(true, Ordering::Release);
     }
 
-    /// Everything published before was taken.
+    /// The reader has taken everything published before `nanos`.
     pub fn take(&self, nanos: u64) {
         self.taken_nanos.store(nanos, Ordering::Release);
         self.lags.store(false, Ordering::Release);
     }
 
-    /// Nobody waits for what has ended.
+    /// Steps must not wait for a reader that has ended.
     pub fn finish(&self) {
         self.taken_nanos.store(u64::MAX, Ordering::Release);
     }
 
-    /// Whether it is a camera that is not read; `None` if it is no camera.
+    /// Whether this camera is closed; `None` if it is not a camera.
     pub fn is_shut(&self) -> Option<bool> {
         Some(self.is_shut.as_ref()?.load(Ordering::Acquire))
     }
 
-    /// Says that a camera is not read any more, or is again.
+    /// Notes that a camera was closed or opened.
     pub fn set_shut(&self, shut: bool) {
         if let Some(is_shut) = &self.is_shut {
             is_shut.store(shut, Ordering::Release);
         }
     }
 
-    /// Whether the reader still exists, which holds the other reference.
+    /// Whether the reader still exists; it holds the other reference.
     fn is_alive(self: &Arc<Self>) -> bool {
         Arc::strong_count(self) > 1
     }
 
     fn wake(&self) {
-        // A full pipe wakes as well as one byte more.
+        // A full pipe wakes the reader, too, so this error can be ignored.
         let _ = (&self.poke).write(&[1]);
     }
 }
 
-/// All readers, and the bell.
+/// All readers, and the condition variable that their progress notifies.
 #[derive(Debug, Default)]
 pub struct Readers {
     active: Mutex<Vec<Arc<Progress>>>,
@@ -98,20 +98,20 @@ pub struct Readers {
 }
 
 impl Readers {
-    /// One more, whose progress the reader holds too.
+    /// Adds a reader, which keeps the other reference to its progress.
     pub fn add(&self, progress: Arc<Progress>) {
         lock(&self.active).push(progress);
     }
 
-    /// Whether somebody reads this stream.
+    /// Whether this stream has a reader.
     pub fn has_reader(&self, stream: u32) -> bool {
         lock(&self.active)
             .iter()
             .any(|progress| progress.stream == stream && progress.is_alive())
     }
 
-    /// Progress of one more listener of a stream that somebody reads. Who waits for the listener
-    /// wakes the stream's newest reader, on which it depends.
+    /// Adds the progress of one more listener of a stream that has a reader. A listener gets its
+    /// messages from the stream's newest reader, so waiting for it wakes that reader.
     pub fn add_listener(&self, stream: u32) -> Option<Arc<Progress>> {
         let mut active = lock(&self.active);
         let poke = active
@@ -126,15 +126,16 @@ impl Readers {
         Some(progress)
     }
 
-    /// Rings the bell: some reader's progress has changed.
+    /// Wakes everyone who waits for readers: some progress has changed.
     pub fn ring(&self) {
-        // Under the lock, so that who has just looked is waiting by now.
+        // Taking the lock closes the gap between a waiter's check and its wait.
         drop(lock(&self.active));
         self.taken.notify_all();
     }
 
-    /// Waits until every reader has taken what was published before `since_nanos`. A client that
-    /// does not take its messages is waited for once; it then loses frames until it has caught up.
+    /// Waits until every reader has taken everything published before `since_nanos`. A client that
+    /// does not take its messages delays only one step; after that it loses frames until it has
+    /// caught up.
     pub fn settle(&self, since_nanos: u64) {
         let began = Instant::now();
         let is_behind = |progress: &&Arc<Progress>| {
@@ -176,7 +177,7 @@ impl Readers {
         active.retain(|progress| progress.is_alive());
     }
 
-    /// Waits until every camera of a connected client is shut, or open.
+    /// Waits until every camera of a connected client is closed (`shut`) or open.
     pub fn await_cameras(&self, shut: bool) {
         let is_late = |progress: &&Arc<Progress>| {
             progress.is_shut().is_some_and(|is_shut| is_shut != shut)

@@ -1,5 +1,5 @@
-//! Messages that are made once and sent to several listeners. Each has a queue of its own, so that
-//! a slow one holds up nobody but itself.
+//! A relay sends messages that are made once to several listeners. Each listener has its own queue,
+//! so a slow one delays nobody else.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::net::TcpStream;
@@ -12,10 +12,11 @@ use crate::feeds::world_stream::WorldStream;
 use crate::lock::lock;
 use crate::wire::streams::{StreamMessage, has_ended, send, wait_for_end};
 
-/// How often a quiet connection is looked at.
+/// How often a listener checks whether its client has gone.
 const LOOK: Duration = Duration::from_millis(500);
 
-/// One source of messages. It lives as long as its source; listeners end with who holds them.
+/// One source of messages. It refers to its listeners weakly: they end with the thread that serves
+/// them, or when their client does not come.
 #[derive(Debug)]
 pub struct Relay {
     listeners: Mutex<Vec<Weak<Listener>>>,
@@ -23,7 +24,7 @@ pub struct Relay {
     backlog: usize,
 }
 
-/// One client's queue.
+/// One client's queue of messages.
 #[derive(Debug)]
 pub struct Listener {
     queue: Mutex<Queue>,
@@ -34,13 +35,14 @@ pub struct Listener {
 #[derive(Debug, Default)]
 struct Queue {
     messages: VecDeque<StreamMessage>,
-    /// Everything published before this `CLOCK_MONOTONIC` is in the queue or was.
+    /// Everything published before this time (`CLOCK_MONOTONIC`) was put into the queue.
     promised_nanos: u64,
     is_over: bool,
 }
 
 impl Relay {
-    /// Without listeners; each keeps this many messages at most and loses its oldest beyond them.
+    /// A relay without listeners. Each listener's queue holds `backlog` messages and drops its
+    /// oldest when it is full.
     pub fn new(backlog: usize) -> Relay {
         Relay {
             listeners: Mutex::default(),
@@ -49,7 +51,7 @@ impl Relay {
         }
     }
 
-    /// One more listener, which collects from now on.
+    /// Adds a listener, which collects messages from now on.
     pub fn join(&self, progress: Option<Arc<Progress>>) -> Arc<Listener> {
         let is_over = self.is_over.load(Ordering::Acquire);
         let queue = Mutex::new(Queue {
@@ -65,14 +67,14 @@ impl Relay {
         listener
     }
 
-    /// Whether anybody listens or is about to.
+    /// Whether there are listeners, connected or expected.
     pub fn has_listeners(&self) -> bool {
         let mut listeners = lock(&self.listeners);
         listeners.retain(|listener| listener.strong_count() > 0);
         !listeners.is_empty()
     }
 
-    /// Sends a message to all.
+    /// Queues a message for every listener.
     pub fn send(&self, message: &StreamMessage) {
         self.change_queues(|queue| {
             if queue.messages.len() >= self.backlog {
@@ -82,12 +84,13 @@ impl Relay {
         });
     }
 
-    /// Says that everything published before this `CLOCK_MONOTONIC` was sent.
+    /// Tells listeners that everything published before this time (`CLOCK_MONOTONIC`) is in their
+    /// queues.
     pub fn promise(&self, nanos: u64) {
         self.change_queues(|queue| queue.promised_nanos = nanos);
     }
 
-    /// There will be no more messages.
+    /// Tells listeners that there will be no more messages.
     pub fn close(&self) {
         self.is_over.store(true, Ordering::Release);
         self.change_queues(|queue| queue.is_over = true);
@@ -105,15 +108,15 @@ impl Relay {
     }
 }
 
-/// Messages that wait for a slow listener of a station.
+/// Messages that a station's listener may be behind.
 const STATION_BACKLOG: usize = 256;
 
-/// Relays of radio stations, whose messages come from the gateway itself.
+/// The relays of radio stations, whose messages the gateway makes itself.
 #[derive(Debug, Default)]
 pub struct Stations(Mutex<BTreeMap<u32, Arc<Relay>>>);
 
 impl Stations {
-    /// One more listener of a station.
+    /// Adds a listener to a station.
     pub fn join(&self, station: u32) -> Arc<Listener> {
         lock(&self.0)
             .entry(station)
@@ -121,12 +124,12 @@ impl Stations {
             .join(None)
     }
 
-    /// The relay of a station that somebody listened to.
+    /// The relay of a station; `None` if nobody ever listened to it.
     pub fn relay(&self, station: u32) -> Option<Arc<Relay>> {
         lock(&self.0).get(&station).cloned()
     }
 
-    /// Ends the relays of stations that are gone.
+    /// Closes the relays of stations that do not exist any more.
     pub fn retain(&self, is_there: impl Fn(u32) -> bool) {
         lock(&self.0).retain(|station, relay| {
             let stays = is_there(*station);
@@ -138,10 +141,10 @@ impl Stations {
     }
 }
 
-/// What a listener does next.
+/// What a listener's thread does next.
 enum Next {
     Send(StreamMessage),
-    /// Everything up to this moment was sent.
+    /// The queue is empty: everything published before this time was sent.
     Rest(u64),
     End,
 }
@@ -163,7 +166,8 @@ impl Listener {
         }
     }
 
-    /// Sends to a client until it goes; `taken` runs when everything there was is sent.
+    /// Sends messages to a client until it disconnects. `taken` runs whenever the queue was
+    /// emptied.
     pub fn serve(
         &self,
         mut connection: TcpStream,
@@ -182,7 +186,7 @@ impl Listener {
         }
     }
 
-    /// True once there will be no more messages, false when the client has gone.
+    /// Returns true when the relay was closed, false when the client has disconnected.
     fn send_all(
         &self,
         connection: &mut TcpStream,
@@ -221,7 +225,7 @@ impl Listener {
 }
 
 impl Drop for Listener {
-    /// Nobody waits for what has ended.
+    /// Steps must not wait for a reader that has ended.
     fn drop(&mut self) {
         self.progress.iter().for_each(|progress| progress.finish());
     }

@@ -1,4 +1,5 @@
-//! The world stream: one message per tick for every client, before the tick's sensor messages.
+//! The world stream: one snapshot message per tick to every client, before the tick's sensor
+//! messages.
 
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -11,14 +12,14 @@ use crate::feeds::places::{self, Place, Places, Retired};
 use crate::lock::lock;
 use crate::wire::streams::{StreamMessage, has_ended, send};
 
-/// Messages that wait for a slow client before the newest are dropped for it.
+/// Messages that may wait for a slow client; beyond that its newest are dropped.
 const BACKLOG: usize = 256;
-/// How often an idle connection is looked at.
+/// How often a connection without messages is checked for its end.
 const LOOK: Duration = Duration::from_millis(500);
-/// How long sensors' messages wait for a client that is slow to take a snapshot.
+/// How long sensor messages wait for a client that is slow to take a snapshot.
 const SNAPSHOT_FIRST: Duration = Duration::from_millis(50);
 
-/// Who listens to the world.
+/// A client that listens to the world.
 #[derive(Debug)]
 struct Subscriber {
     queue: Sender<StreamMessage>,
@@ -30,7 +31,7 @@ struct Subscriber {
 struct Pace {
     /// Newest tick that was written to its connection.
     written: AtomicU64,
-    /// Whether it was found too slow to wait for.
+    /// Whether sensor messages gave up waiting for this client; reset once it has caught up.
     lags: AtomicBool,
 }
 
@@ -58,23 +59,22 @@ impl WorldStream {
         lock(&self.places)
     }
 
-    /// The number of a client's world stream, by its RPC connection.
+    /// The number of the world stream of the client with this RPC connection.
     pub fn stream_of(&self, connection: u64) -> u32 {
         self.places().stream_of(connection)
     }
 
-    /// The client loads a world and takes a new stream afterwards: its old one is sent nothing
-    /// more.
+    /// Silences the stream of a client that loads a world; afterwards the client takes a new one.
     pub fn retire(&self, connection: u64) -> Option<Place> {
         self.places().retire(connection)
     }
 
-    /// The client goes on with what [`WorldStream::retire`] gave.
+    /// The load failed: the client keeps the stream that [`WorldStream::retire`] returned.
     pub fn restore(&self, connection: u64, place: Place) {
         self.places().restore(connection, place);
     }
 
-    /// Sends a snapshot to all who listen, and keeps it for who comes next.
+    /// Sends a snapshot to all listeners and keeps it for clients that connect later.
     pub fn send(&self, message: StreamMessage) {
         let mut audience = self.audience();
         audience.subscribers.retain(|subscriber| {
@@ -95,14 +95,14 @@ impl WorldStream {
         self.written.notify_all();
     }
 
-    /// Forgets what greets who comes next.
+    /// Drops the snapshot that is kept for clients that connect later.
     pub fn forget(&self) {
         self.audience().newest = None;
         self.newest_tick.store(0, Ordering::Release);
     }
 
-    /// Waits until the snapshot of `tick` is on its way to every client that keeps up, so that no
-    /// sensor's message overtakes it.
+    /// Waits until the snapshot of `tick` was written to every client that keeps up, so that no
+    /// sensor message overtakes it.
     pub fn await_snapshot(&self, tick: u64) {
         let deadline = Instant::now() + SNAPSHOT_FIRST;
         let mut audience = self.audience();
@@ -140,13 +140,13 @@ impl WorldStream {
     fn subscribe(&self) -> (Receiver<StreamMessage>, Arc<Pace>) {
         let (queue, messages) = bounded(BACKLOG);
         let mut audience = self.audience();
-        // It missed what came before, and need not be waited for on its account.
+        // A new client did not get earlier snapshots, so nobody needs to wait for those.
         let pace = Arc::new(Pace {
             written: AtomicU64::new(self.newest_tick.load(Ordering::Acquire)),
             lags: AtomicBool::new(false),
         });
         if let Some(newest) = &audience.newest {
-            // Room for one there is.
+            // A new queue has room for one message.
             let _ = queue.try_send(newest.clone());
         }
         audience.subscribers.push(Subscriber {
@@ -156,12 +156,12 @@ impl WorldStream {
         (messages, pace)
     }
 
-    /// Sends snapshots to a client until it goes.
+    /// Sends snapshots to a client until it disconnects.
     pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
         let is_retired = self.places().retired(stream);
         let (messages, pace) = self.subscribe();
         let served = self.send_all(&mut connection, &messages, &pace, &is_retired);
-        // Nobody waits for a client that has gone.
+        // Sensor messages must not wait for a client that has gone.
         drop(messages);
         pace.written.store(u64::MAX, Ordering::Release);
         self.written.notify_all();
@@ -187,7 +187,7 @@ impl WorldStream {
                     if messages.is_empty() {
                         pace.lags.store(false, Ordering::Release);
                     }
-                    // Under the lock, so that who has just looked is waiting by now.
+                    // Taking the lock closes the gap between a waiter's check and its wait.
                     drop(self.audience());
                     self.written.notify_all();
                 }

@@ -1,6 +1,5 @@
-//! What a recording has of things that change seldom, at the ticks at which they did: weather,
-//! doors, street lights; and, with additional
-//! data, vehicles' physics control and walkers' bones.
+//! The part of a recorded tick that is written on change only: weather, doors, street lights; with
+//! additional data also vehicles' physics control, and walkers' bones.
 
 use std::collections::BTreeMap;
 
@@ -26,27 +25,27 @@ pub struct StreetLight {
     pub rgb: [u8; 3],
 }
 
-/// Bones by name, each in the frame of its parent.
+/// Bones by name, each relative to its parent bone.
 pub type Bones = Vec<(String, Transform)>;
 
-/// One tick's share.
+/// This part of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changes {
-    /// The weather, if it is the first tick or changed.
+    /// The weather, in the first tick and when it has changed.
     pub weather: Option<Weather>,
-    /// Doors that are open or being opened, bit 0 front left to 3 rear right, of vehicles where
-    /// that changed.
+    /// Vehicles whose doors have changed, and their doors that are open or opening: bit 0 is front
+    /// left, bit 3 rear right.
     pub doors: BTreeMap<u32, u8>,
-    /// Street lights that scripts set.
+    /// Street lights that a script has set.
     pub street_lights: BTreeMap<u32, StreetLight>,
-    /// Physics control of vehicles that came or whose was set.
+    /// Physics control of vehicles that appeared or whose physics control was set.
     pub physics: BTreeMap<u32, VehiclePhysics>,
     /// Bones of walkers.
     pub bones: BTreeMap<u32, Bones>,
 }
 
 impl Changes {
-    /// The fields at the end of a frame.
+    /// The last fields of a frame.
     pub fn values(&self) -> [Value; 5] {
         let weather = self.weather.map_or_else(Vec::new, |weather| {
             weather_values(&weather).map(Value::from).to_vec()
@@ -85,7 +84,7 @@ impl Changes {
         ]
     }
 
-    /// Reads them.
+    /// Reads those fields.
     pub(super) fn read(fields: &mut Fields<'_>) -> Result<Changes, Wrong> {
         let mut changes = Changes::default();
         let mut weather = fields.fields("the weather")?;

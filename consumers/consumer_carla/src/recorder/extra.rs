@@ -1,4 +1,5 @@
-//! What a recording has beside motion when it was started with `additional_data`.
+//! What a recording holds besides motion when it is started with `additional_data`: boxes, trigger
+//! volumes, times of lights, the machine's clock.
 
 use std::collections::BTreeMap;
 
@@ -10,17 +11,17 @@ use crate::wire::axes;
 use crate::wire::fields::{Fields, Wrong};
 use crate::wire::msgpack::Value;
 
-/// Middle and half sizes of a box in its actor's axes, metres.
+/// Centre and half extents of a box in its actor's space, metres.
 pub type ActorBox = [[f64; 3]; 2];
 
-/// One tick's share.
+/// This part of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Extra {
-    /// Boxes of vehicles and walkers that came.
+    /// Boxes of vehicles and walkers that appeared.
     pub boxes: BTreeMap<u32, ActorBox>,
-    /// Trigger volumes of lights and signs that came.
+    /// Trigger volumes of lights and signs that appeared.
     pub triggers: BTreeMap<u32, ActorBox>,
-    /// Green, yellow and red times of lights that came or were set, seconds.
+    /// Green, yellow and red times of lights that appeared or whose times were set, seconds.
     pub light_times: BTreeMap<u32, [f32; 3]>,
     /// Seconds of the machine's clock since the recording began; `None` without additional data.
     pub platform_secs: Option<f64>,
@@ -34,7 +35,7 @@ fn actor_box(body: &BodyBox) -> ActorBox {
 }
 
 impl Extra {
-    /// Notes an actor that came.
+    /// Notes the boxes of an actor that appeared.
     pub fn note(&mut self, known: &Known, record: &ActorRecord) {
         let Some(info) = known.actors.get(&record.id) else {
             return;
@@ -48,7 +49,7 @@ impl Extra {
         }
     }
 
-    /// The fields behind the others of a frame.
+    /// The fields that follow those of the motion in a frame.
     pub fn values(&self) -> [Value; 4] {
         let boxes = |boxes: &BTreeMap<u32, ActorBox>| {
             Value::Array(
@@ -73,7 +74,7 @@ impl Extra {
         ]
     }
 
-    /// Reads them.
+    /// Reads those fields.
     pub(super) fn read(fields: &mut Fields<'_>) -> Result<Extra, Wrong> {
         let boxes = read_boxes(fields, "a box")?;
         let triggers = read_boxes(fields, "a trigger volume")?;

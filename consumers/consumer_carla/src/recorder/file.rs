@@ -1,6 +1,7 @@
-//! A recording: its bytes and what is in them.
+//! A recording: its contents and its bytes.
 //!
-//! One msgpack list after another: the head, then one list per frame. Axes and units are CARLA's.
+//! The file is a sequence of msgpack lists: the head, then one list per frame. A frame here is what
+//! CARLA's recorder calls so: one recorded tick. Axes and units are CARLA's.
 //! `docs/carla-recorder.md` has the table.
 
 use std::collections::BTreeMap;
@@ -19,40 +20,40 @@ use crate::wire::msgpack::{self, DecodeError, Limits, Value};
 pub const MAGIC: &str = "GANTRY-CARLA-RECORDING";
 /// Version of the format; CARLA's texts call it "Version".
 pub const VERSION: u32 = 4;
-/// Oldest version that is read: without the fields of [`Extra`] and [`Changes`].
+/// Oldest version that can be read; it lacks the fields of [`Extra`] and [`Changes`].
 const OLDEST: u32 = 2;
-/// The first with the fields of [`Changes`].
+/// First version with the fields of [`Changes`].
 const WITH_CHANGES: u32 = 4;
-/// Longest recording that is read, frames: a day at 100 Hz.
+/// Longest recording that can be read, in frames: a day at 100 Hz.
 const MAX_FRAMES: usize = 8_640_000;
-/// Largest file that is read, bytes.
+/// Largest file that can be read, bytes.
 const MAX_BYTES: u64 = 8 << 30;
 
-/// What the head says.
+/// The head of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Head {
-    /// Version of its format.
+    /// Version of the format.
     pub version: u32,
-    /// Map.
+    /// Name of the map.
     pub map: String,
-    /// When it was recorded, local to nobody: UTC.
+    /// When the recording was started, UTC.
     pub date: String,
 }
 
 /// An actor that appears.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Born {
-    /// Its id then.
+    /// Its id in the recorded run.
     pub id: u32,
-    /// What it rode on; 0 if nothing.
+    /// The actor that it was attached to; 0 if none.
     pub parent: u32,
     /// Type and attributes.
     pub description: Description,
-    /// Where.
+    /// Its pose.
     pub at: Transform,
 }
 
-/// Pedals and wheel as CARLA has them.
+/// A vehicle's control as CARLA writes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pedals {
     /// Steering, positive to the right.
@@ -72,16 +73,16 @@ pub struct Pedals {
 pub struct Light {
     /// CARLA's number of the state.
     pub state: u8,
-    /// Whether its timers stand still.
+    /// Whether the light is frozen.
     pub frozen: bool,
-    /// Seconds in this state.
+    /// Seconds since the light changed to this state.
     pub elapsed_secs: f32,
 }
 
-/// How fast something moves: m/s, then degrees per second.
+/// Velocity (m/s) and angular velocity (degrees per second).
 pub type Motion = [[f64; 3]; 2];
 
-/// One tick.
+/// One recorded tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Number of the tick.
@@ -90,27 +91,27 @@ pub struct Frame {
     pub elapsed_secs: f64,
     /// Length of the tick, seconds.
     pub delta_secs: f64,
-    /// Actors that came.
+    /// Actors that appeared.
     pub born: Vec<Born>,
-    /// Actors that went.
+    /// Actors that disappeared.
     pub gone: Vec<u32>,
-    /// Places of everything that can move.
+    /// Poses of all actors that can move.
     pub poses: BTreeMap<u32, Transform>,
     /// Controls of vehicles.
     pub pedals: BTreeMap<u32, Pedals>,
-    /// Traffic lights.
+    /// States of traffic lights.
     pub lights: BTreeMap<u32, Light>,
-    /// Pairs that began to touch; 0 is scenery.
+    /// Pairs of actors that began to touch; 0 is scenery.
     pub collisions: Vec<(u32, u32)>,
-    /// Speeds that walkers' limbs show, m/s.
+    /// Walking speeds that the gaits of walkers show, m/s.
     pub gaits: BTreeMap<u32, f32>,
-    /// Lamps of vehicles, bits as CARLA's.
+    /// Lamps of vehicles, as CARLA's bits.
     pub lamps: BTreeMap<u32, u32>,
-    /// Velocities, if they were asked for.
+    /// Velocities, if the recording has additional data.
     pub motions: BTreeMap<u32, Motion>,
-    /// More, if it was asked for.
+    /// Boxes and times, if the recording has additional data.
     pub extra: Extra,
-    /// What changes seldom.
+    /// What is recorded on change only.
     pub changes: Changes,
 }
 
@@ -119,7 +120,7 @@ pub struct Frame {
 pub struct Recording {
     /// Head.
     pub head: Head,
-    /// Frames by rising time; at least one.
+    /// Frames in the order of time; at least one.
     pub frames: Vec<Frame>,
 }
 
@@ -278,10 +279,10 @@ fn place(fields: &mut Fields<'_>) -> Result<Transform, Wrong> {
 }
 
 impl Recording {
-    /// Reads a file. A recording whose writer was killed ends with its last whole frame.
+    /// Reads a file. If its writer was killed, the recording ends with the last complete frame.
     ///
     /// # Errors
-    /// A sentence: no such file, not a recording, damaged.
+    /// If there is no such file, it is not a recording, or it is damaged.
     pub fn open(path: &Path) -> Result<Recording, String> {
         let name = path
             .file_name()
@@ -298,7 +299,7 @@ impl Recording {
             .map_err(|error| format!("{name} cannot be used: {error}"))
     }
 
-    /// Reads its bytes.
+    /// Reads a recording's bytes.
     ///
     /// # Errors
     /// A sentence.
@@ -362,7 +363,7 @@ impl Recording {
         self.frames.last().map_or(0.0, |frame| frame.elapsed_secs)
     }
 
-    /// Who each id was, for texts.
+    /// The description of every actor that appears, by id.
     pub fn names(&self) -> BTreeMap<u32, &Description> {
         self.frames
             .iter()

@@ -1,5 +1,5 @@
-//! Plays a recording back: actors are made anew where they are missing and put, tick by tick, where
-//! they were.
+//! Replays a recording: spawns the actors that are missing and moves all of them, tick by tick, to
+//! their recorded poses.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,12 +23,12 @@ use crate::wire::structures::LAMPS;
 
 /// Above this factor poses are not interpolated, as in CARLA.
 const MAX_SMOOTH_FACTOR: f64 = 2.0;
-/// Actors are made this far above their place, one above the other, and put there afterwards:
-/// below, something may still be in the way.
+/// Actors are spawned this far above their place, one above the other, and moved there afterwards:
+/// other actors may still stand in the way at the place itself.
 const MAKE_ABOVE_M: f64 = 200.0;
 const MAKE_APART_M: f64 = 6.0;
 
-/// What the next replay is told by calls of its own.
+/// Settings of replays, which clients change by separate calls.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Recorded seconds per simulated second.
@@ -39,39 +39,39 @@ pub struct Settings {
     pub ignore_spectator: bool,
 }
 
-/// What `replay_file` asks for.
+/// The arguments of `replay_file`.
 #[derive(Clone, Copy, Debug)]
 pub struct Wish {
     /// First second; counted from the end if negative.
     pub start_secs: f64,
-    /// Seconds; 0 is up to the end.
+    /// Length in seconds; 0 means up to the end.
     pub duration_secs: f64,
-    /// Recorded id of the actor that the spectator follows; 0 is nobody.
+    /// Recorded id of the actor that the spectator follows; 0 for none.
     pub follow: u32,
-    /// Where the spectator is on the actor that it follows.
+    /// The spectator's pose relative to the actor that it follows.
     pub offset: Transform,
-    /// Whether recorded sensors are made too.
+    /// Whether recorded sensors are spawned, too.
     pub with_sensors: bool,
 }
 
-/// A replay that runs.
+/// A running replay.
 #[derive(Debug)]
 pub struct Replay {
     recording: Arc<Recording>,
     wish: Wish,
-    /// Settings, which calls change while it runs.
+    /// Settings, which may change while the replay runs.
     pub settings: Settings,
-    /// Ids then and now.
+    /// Recorded ids and the ids of the same actors in this run.
     ids: BTreeMap<u32, u32>,
-    /// Recorded heroes.
+    /// Recorded ids of heroes.
     heroes: BTreeSet<u32>,
-    /// Today's ids of actors that the replay made, in that order.
+    /// Ids (of this run) of actors that the replay spawned, in that order.
     made: Vec<u32>,
-    /// Vehicles that the engine does not move meanwhile.
+    /// Vehicles whose physics the replay has switched off.
     held: BTreeSet<u32>,
-    /// Walkers that it leads.
+    /// Walkers that the replay leads.
     led: BTreeSet<u32>,
-    /// Walkers that it shows with recorded bones.
+    /// Walkers that the replay shows with recorded bones.
     posed: BTreeSet<u32>,
     lights: BTreeMap<u32, u32>,
     spectator: Option<u32>,
@@ -89,14 +89,14 @@ fn is_played(type_id: &str) -> bool {
         .any(|family| type_id.starts_with(family))
 }
 
-/// Whether it is a sensor that the gateway can make.
+/// Whether this type is a sensor that the gateway can spawn.
 fn is_sensor(type_id: &str) -> bool {
     sensor_kinds::kind(type_id).is_some() || sensor_kinds::CLIENT_SIDE.contains(&type_id)
 }
 
 impl Replay {
-    /// Makes ready: the actors that are there at the first second. Returns what CARLA says about
-    /// it.
+    /// Prepares a replay: finds out which recorded actors exist already. Also returns CARLA's text
+    /// about the replay.
     pub fn begin(
         recording: Recording,
         wish: Wish,
@@ -173,8 +173,8 @@ impl Replay {
         (replay, text)
     }
 
-    /// Puts everything where it was at the replay's time and moves that on. False once the end was
-    /// shown.
+    /// Moves everything to its pose at the replay's current time and advances that time by a tick.
+    /// Returns false once the end was shown.
     pub fn step(&mut self, snapshot: &WorldAt, commander: &Commander) -> bool {
         let recording = self.recording.clone();
         let frame_idx = recording
@@ -200,7 +200,7 @@ impl Replay {
         self.settings.ignore_hero && self.heroes.contains(&recorded)
     }
 
-    /// Who comes and who goes.
+    /// Spawns actors that appear in a frame, destroys those that disappear, and applies changes.
     fn run_events(&mut self, frame: &Frame, commander: &Commander) {
         for born in &frame.born {
             let type_id = born.description.type_id.as_str();
@@ -224,7 +224,7 @@ impl Replay {
         bring_about(&frame.changes, now_of, commander);
     }
 
-    /// Makes an actor anew: high above its place, or on the actor on which it rode.
+    /// Spawns a recorded actor: high above its place, or attached to its parent.
     fn make(&mut self, born: &Born, frame: &Frame, commander: &Commander) {
         let (mut at, mut parent) = (born.at, None);
         if born.parent != 0 {
@@ -352,22 +352,23 @@ impl Replay {
         }
     }
 
-    /// Where the spectator is beside the actor that it follows.
+    /// The spectator's pose beside the actor that it follows.
     fn beside(&self, followed: &Pose) -> PoseText {
         Pose::from(followed.isometry() * axes::pose(&self.wish.offset).isometry()).into()
     }
 
-    /// Gives a vehicle back to the engine.
+    /// Switches a vehicle's physics on again.
     fn release(&mut self, now: u32, commander: &Commander) {
         if self.held.remove(&now) {
             simulate(now, true, commander);
         }
     }
 
-    /// Gives everyone back to the engine, or takes the replay's own actors away. Walkers stop.
+    /// Ends the replay: physics is switched on again and walkers stop. Unless `keep_actors`, actors
+    /// that the replay spawned are destroyed.
     pub fn end(mut self, commander: &Commander, keep_actors: bool) {
         if !keep_actors {
-            // What rides on an actor came after it.
+            // Attached actors were spawned after their parents, so they are destroyed first.
             for now in std::mem::take(&mut self.made).into_iter().rev() {
                 self.held.remove(&now);
                 self.led.remove(&now);
@@ -395,8 +396,8 @@ impl Replay {
     }
 }
 
-/// Whether the engine moves a vehicle. While it does not, the vehicle's velocity is what it is
-/// moved by, and with that it goes on.
+/// Switches a vehicle's physics. Without physics, a vehicle's velocity follows from how it is
+/// moved, and it starts with that velocity when physics is switched on again.
 fn simulate(actor_id: u32, enabled: bool, commander: &Commander) {
     commander.tell(Command::Physics {
         actor_id,
@@ -429,7 +430,7 @@ fn control(pedals: &Pedals) -> VehicleControl {
     }
 }
 
-/// A walker that lies was knocked over; one that stands walks there.
+/// Whether a walker stands: then it is led to its place. One that lies was knocked over.
 fn is_upright(at: &Transform) -> bool {
     const TILT_DEG: f64 = 1.0;
     let [pitch, _, roll] = at.rotation_deg;
@@ -445,7 +446,7 @@ fn lead(actor_id: u32, at: &Transform, speed_mps: f64) -> Command {
     }
 }
 
-/// Between two places: straight, and turned the short way round.
+/// Interpolates two poses: along a straight line, and turning the short way round.
 fn between(a: &Transform, b: &Transform, share: f64) -> Transform {
     let turn = |a: f64, b: f64| {
         let by = (b - a + 180.0).rem_euclid(360.0) - 180.0;

@@ -1,4 +1,4 @@
-//! Brings about at a replay what changes seldom: weather, lights, doors, physics, bones.
+//! Applies the recorded changes in a replay: weather, street lights, doors, physics control, bones.
 
 use schema_frames::scenery::LampChange;
 use schema_frames::{Command, HeldBone, PhysicsAction, SkeletonAction};
@@ -7,7 +7,8 @@ use crate::recorder::changes::{Bones, Changes, StreetLight};
 use crate::state::commander::Commander;
 use crate::wire::axes::{self, Transform};
 
-/// Brings it about at a replay; `now_of` says which actor one is today, if it takes part.
+/// Applies the changes of a recorded tick. `now_of` maps a recorded id to the id in this run;
+/// `None` if that actor takes no part.
 pub fn bring_about(changes: &Changes, now_of: impl Fn(u32) -> Option<u32>, commander: &Commander) {
     if let Some(weather) = changes.weather {
         commander.tell(Command::SetWeather { weather });
@@ -49,7 +50,7 @@ pub fn bring_about(changes: &Changes, now_of: impl Fn(u32) -> Option<u32>, comma
     }
 }
 
-/// Shows a walker with these bones instead of its gait, until [`let_go`].
+/// Shows a walker with these bones instead of its gait until [`let_go`] is called.
 pub fn hold(actor_id: u32, bones: &Bones, commander: &Commander) {
     let held = |(name, at): &(String, Transform)| HeldBone {
         name: name.clone(),
@@ -66,7 +67,7 @@ pub fn hold(actor_id: u32, bones: &Bones, commander: &Commander) {
     });
 }
 
-/// A walker shows its gait again.
+/// Lets a walker show its gait again.
 pub fn let_go(actor_id: u32, commander: &Commander) {
     commander.tell(Command::Skeleton {
         actor_id,

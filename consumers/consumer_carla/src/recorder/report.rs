@@ -1,4 +1,4 @@
-//! What is said about recordings, in the form of CARLA's texts.
+//! Reports about recordings, in the form of CARLA's texts.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -35,8 +35,8 @@ fn family(type_id: &str) -> u8 {
     }
 }
 
-/// `show_recorder_file_info`: frames in which something comes, goes or touches; every frame with
-/// all its packets if `all`.
+/// `show_recorder_file_info`: frames in which actors appear, disappear or touch; with `all` every
+/// frame and all its packets.
 pub fn info(recording: &Recording, all: bool) -> String {
     let (mut out, names) = (opening(recording), recording.names());
     let mut n_collisions = 0;
@@ -93,7 +93,7 @@ pub fn info(recording: &Recording, all: bool) -> String {
     out
 }
 
-/// CARLA's letter of what an actor is: vehicle, walker, traffic light, other.
+/// CARLA's letter of an actor's kind: vehicle, walker, traffic light, other.
 fn letter(names: &BTreeMap<u32, &Description>, id: u32) -> char {
     ['o', 'v', 'w', 't'][usize::from(names.get(&id).map_or(0, |who| family(&who.type_id)))]
 }
@@ -104,12 +104,12 @@ fn is_hero(names: &BTreeMap<u32, &Description>, id: u32) -> bool {
         .is_some_and(|who| who.attribute("role_name") == Some("hero"))
 }
 
-/// Whether an actor is of the kind a letter asks for; `h` is a hero, `a` is any.
+/// Whether an actor is of the kind that a letter asks for; `h` is a hero, `a` is any actor.
 fn is_of(names: &BTreeMap<u32, &Description>, id: u32, asked: char) -> bool {
     asked == 'a' || letter(names, id) == asked || asked == 'h' && is_hero(names, id)
 }
 
-/// `show_recorder_collisions`: between actors of two kinds, in either order.
+/// `show_recorder_collisions`: collisions between actors of two kinds, in either order.
 pub fn collisions(recording: &Recording, first: char, second: char) -> String {
     let names = recording.names();
     let name = |id: u32| names.get(&id).map_or("", |who| who.type_id.as_str());

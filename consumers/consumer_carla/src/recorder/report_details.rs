@@ -1,4 +1,4 @@
-//! All packets of a recorded frame, in the form of CARLA's texts.
+//! The part of a report that lists all packets of a frame, in the form of CARLA's texts.
 
 use std::fmt::Write as _;
 
@@ -11,7 +11,7 @@ use crate::recorder::text::{ROOM, centimetres, round, turn};
 use crate::wire::axes;
 use crate::wire::weather::weather_values;
 
-/// Appends everything that a frame holds beside what comes, goes and touches.
+/// Appends everything that a frame holds besides actors that appear, disappear or touch.
 pub fn details(out: &mut String, frame: &Frame) {
     writeln!(out, " Positions: {}", frame.poses.len()).expect(ROOM);
     for (id, at) in &frame.poses {
@@ -104,7 +104,7 @@ const LAMPS: [&str; 11] = [
     "Special2",
 ];
 
-/// CARLA's lines about it.
+/// Appends CARLA's lines about this part of a frame.
 fn tell_changes(out: &mut String, changes: &Changes) {
     if let Some(weather) = &changes.weather {
         let named = WEATHER
@@ -189,7 +189,8 @@ const WEATHER: [&str; 14] = [
 
 const DOORS: [&str; 4] = ["Front Left", "Front Right", "Rear Left", "Rear Right"];
 
-/// CARLA's units: centimetres of wheels, degrees of steering, km/h of the steering curve.
+/// Appends a vehicle's physics control in CARLA's units: centimetres for wheels, degrees for
+/// steering, km/h in the steering curve.
 fn tell_physics(out: &mut String, id: u32, physics: &VehiclePhysics) {
     let [x, y, z] = axes::mirror(physics.center_of_mass_m).map(|metres| metres + 0.0);
     let curve = |points: &[[f32; 2]], unit: f32| {
@@ -266,7 +267,7 @@ fn tell_physics(out: &mut String, id: u32, physics: &VehiclePhysics) {
     }
 }
 
-/// CARLA's lines about it.
+/// Appends CARLA's lines about this part of a frame.
 fn tell_extra(out: &mut String, extra: &Extra) {
     let Some(platform_secs) = extra.platform_secs else {
         return;

@@ -1,4 +1,5 @@
-//! What of a snapshot has to be recorded: what changed, and what the simulator has to be asked for.
+//! Finds out what has to be recorded of a snapshot: what has changed, and what the simulator has to
+//! be asked for.
 
 use std::collections::BTreeMap;
 
@@ -12,17 +13,17 @@ use crate::recorder::changes::Changes;
 use crate::state::commander::Commander;
 use crate::wire::axes;
 
-/// What of a snapshot has to be asked for: physics control and bones.
+/// What a snapshot lacks and the simulator has to be asked for: physics control and bones.
 #[derive(Debug, Default)]
 pub struct Wanted {
     /// Vehicles whose physics control is to be recorded.
     pub vehicles: Vec<u32>,
-    /// Walkers whose bones are.
+    /// Walkers whose bones are to be recorded.
     pub walkers: Vec<u32>,
 }
 
 impl Wanted {
-    /// Asks for all of it at once. Who has just gone is left out.
+    /// Asks for everything in one request. Actors that have just disappeared are left out.
     pub fn ask(&self, commander: &Commander, changes: &mut Changes) {
         if self.vehicles.is_empty() && self.walkers.is_empty() {
             return;
@@ -71,8 +72,8 @@ impl Wanted {
     }
 }
 
-/// Doors that are open or being opened, by how far each is: four bits a door, as snapshots have
-/// them.
+/// Doors that are open or opening (one bit per door), from how far each was open before and is now
+/// (four bits per door, as in snapshots). `was` is the previous result.
 pub fn opened(before: u16, now: u16, was: u8) -> u8 {
     (0..4).fold(0, |doors, door| {
         let (before, now) = (before >> (4 * door) & 15, now >> (4 * door) & 15);
@@ -86,7 +87,7 @@ pub fn opened(before: u16, now: u16, was: u8) -> u8 {
     })
 }
 
-/// Keeps what was recorded last, so that only changes are.
+/// Remembers what was recorded last, so that only changes are recorded.
 #[derive(Debug, Default)]
 pub struct Watch {
     weather: Option<Weather>,
@@ -94,7 +95,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// What of a snapshot is new.
+    /// Notes what has changed with this snapshot.
     pub fn note(&mut self, snapshot: &WorldAt, weather: Option<Weather>, changes: &mut Changes) {
         if weather.is_some() && self.weather != weather {
             (self.weather, changes.weather) = (weather, weather);
@@ -123,7 +124,7 @@ mod tests {
 
     #[test]
     fn doors_are_open_from_the_moment_they_are_being_opened_until_they_are_being_shut() {
-        // Front left opens, stands, shuts; rear right comes along later.
+        // The front left door opens, stays open and shuts; the rear right door opens later.
         let angles = [
             0x0000u16, 0x0005, 0x000f, 0x000f, 0x300f, 0xf00a, 0xf00a, 0xf000,
         ];

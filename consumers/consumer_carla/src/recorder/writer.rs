@@ -21,7 +21,7 @@ use crate::wire::description::{Attribute, Description};
 /// Bodies nearer than this count as touching when both report a contact, metres.
 const TOUCH_M: f64 = 0.3;
 
-/// A recording on its way.
+/// A recording that is being written.
 #[derive(Debug)]
 pub struct Writer {
     file: BufWriter<File>,
@@ -39,7 +39,7 @@ pub struct Writer {
     physics_set: BTreeSet<u32>,
 }
 
-/// Actors whose place can change. Sensors on an actor go where that goes.
+/// Whether an actor's pose is recorded. Attached sensors move with their carriers and are left out.
 fn can_move(record: &ActorRecord) -> bool {
     match record.kind() {
         Some(ActorKind::Vehicle | ActorKind::Walker | ActorKind::Prop | ActorKind::Spectator) => {
@@ -51,10 +51,10 @@ fn can_move(record: &ActorRecord) -> bool {
 }
 
 impl Writer {
-    /// Makes the file of a recording on this map; additional data go into it on demand.
+    /// Creates the file of a recording on this map; `with_motion` adds CARLA's additional data.
     ///
     /// # Errors
-    /// A sentence if it cannot be made.
+    /// If the file cannot be created.
     pub fn create(path: &Path, map: String, with_motion: bool) -> Result<Writer, String> {
         let cannot = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
@@ -83,14 +83,14 @@ impl Writer {
         })
     }
 
-    /// A vehicle's physics control was set.
+    /// Notes that a vehicle's physics control was set.
     pub fn note_physics(&mut self, actor_id: u32) {
         if self.with_motion {
             self.physics_set.insert(actor_id);
         }
     }
 
-    /// Street lights were set; clients always say all of each.
+    /// Notes that street lights were set. Clients always send all values of a light.
     pub fn note_street_lights(&mut self, changes: &[LampChange]) {
         for change in changes {
             if let (Some(on), Some(intensity_lm), Some(rgb)) =
@@ -108,7 +108,7 @@ impl Writer {
         }
     }
 
-    /// What has to be asked for before this snapshot is written.
+    /// What the simulator has to be asked for before this snapshot is written.
     pub fn wanted(&mut self, snapshot: &WorldAt) -> Wanted {
         let mut wanted = Wanted::default();
         if self.with_motion && snapshot.header.tick > self.last_tick {
@@ -126,10 +126,10 @@ impl Writer {
         wanted
     }
 
-    /// Writes a frame, with what was [`wanted`](Writer::wanted).
+    /// Writes a frame; `changes` holds the answers to what was [`wanted`](Writer::wanted).
     ///
     /// # Errors
-    /// A sentence: the disk is full, or another episode has begun.
+    /// If the file cannot be written or another episode has begun.
     pub fn write(
         &mut self,
         snapshot: &WorldAt,
@@ -144,7 +144,7 @@ impl Writer {
         if header.tick <= self.last_tick {
             return Ok(());
         }
-        // The first frame is time 0.
+        // The first frame has time 0.
         if self.last_tick != 0 {
             self.elapsed_nanos += header.period_nanos;
         }
@@ -250,7 +250,8 @@ impl Writer {
     }
 }
 
-/// Lights are found again in other runs by their signal.
+/// An actor's description. Traffic lights also get the id of their OpenDRIVE signal, by which a
+/// replay finds them in other runs.
 fn described(known: &Known, record: &ActorRecord) -> Description {
     let mut description = description(known, record.id);
     if let Some(part) = record.traffic_light() {
@@ -284,9 +285,9 @@ fn description(known: &Known, id: u32) -> Description {
         .unwrap_or_else(nobody)
 }
 
-/// Pairs in contact, smaller id first. Snapshots say of each actor only that it touches something:
-/// two that do so side by side touch each
-/// other, one alone touches scenery (0).
+/// Pairs in contact, smaller id first. A snapshot states of each actor only that it touches
+/// something: two such actors side by side are taken to touch each other, one alone to touch
+/// scenery (0).
 fn touching(snapshot: &WorldAt) -> BTreeSet<(u32, u32)> {
     let touched: Vec<&ActorRecord> = snapshot
         .records
@@ -309,7 +310,8 @@ fn touching(snapshot: &WorldAt) -> BTreeSet<(u32, u32)> {
     pairs
 }
 
-/// Whether two upright boxes come within [`TOUCH_M`] of each other: separating axes in the plane.
+/// Whether two upright boxes come within [`TOUCH_M`] of each other, by separating axes in the
+/// plane.
 fn are_close(a: &ActorRecord, b: &ActorRecord) -> bool {
     let frames = [a, b].map(|record| record.world_from_actor.isometry());
     let apart = frames[1].translation.vector - frames[0].translation.vector;
@@ -337,7 +339,7 @@ fn date(time: SystemTime) -> String {
         .duration_since(UNIX_EPOCH)
         .map_or(0, |since| since.as_secs());
     let (days, second) = ((secs / 86_400) as i64, secs % 86_400);
-    // Civil date by whole 400-year cycles that begin in March.
+    // The civil date from whole 400-year cycles that begin in March.
     let shifted = days + 719_468;
     let cycle = shifted.div_euclid(146_097);
     let day_of_cycle = shifted.rem_euclid(146_097);

@@ -1,5 +1,5 @@
-//! Calls that are answered and change nothing, because Gantry has nothing that they could change.
-//! Each is logged once.
+//! Calls that are accepted without effect, because Gantry has nothing that they could change. Each
+//! is logged once.
 
 use crate::gateway::Gateway;
 use crate::list;
@@ -10,12 +10,12 @@ use crate::wire::requests::{Answer, Failure, Outcome};
 use crate::wire::streams;
 use crate::wire::structures;
 
-/// Standard gravity; it cannot be changed.
+/// Standard gravity, which cannot be changed.
 const GRAVITY_MPS2: f32 = 9.81;
-/// Streams that never have messages count from here, below clients' world streams; actors' streams
-/// never come so far.
+/// Numbers of streams without messages start here: below clients' world streams and above all
+/// actors' streams.
 const SILENT_STREAMS: u32 = 0x4000_0000;
-/// CARLA has 13 buffers of a camera.
+/// Numbers reserved per camera; CARLA has 13 G-buffers.
 const BUFFERS_OF_CAMERA: u32 = 16;
 
 pub(crate) const CALLS: Calls = &[
@@ -39,12 +39,12 @@ pub(crate) const CALLS: Calls = &[
     ("get_actor_socket_world_transforms", no_parts),
     ("get_actor_socket_relative_transforms", no_parts),
     ("get_vehicle_bone_world_transforms", no_parts),
-    // Other simulators of vehicles.
+    // Other vehicle simulators.
     ("enable_carsim", accept),
     ("use_carsim_road", accept),
     ("enable_chrono_physics", accept),
     ("restore_physx_physics", accept),
-    // Other outlets of sensors.
+    // Other outputs of sensors.
     ("enable_sensor_for_ros", accept),
     ("disable_sensor_for_ros", accept),
     ("is_sensor_enabled_for_ros", |_, _| {
@@ -65,8 +65,8 @@ pub(crate) const CALLS: Calls = &[
     }),
 ];
 
-/// One for each buffer: the client keeps its streams by number, and a second with the same frees
-/// the first while it connects.
+/// A stream of its own for each buffer: the client keeps streams by number, and a second one with
+/// the same number would free the first while it connects.
 fn silent_stream(camera: u32, buffer: u32) -> u32 {
     let number = camera
         .wrapping_mul(BUFFERS_OF_CAMERA)
@@ -79,20 +79,20 @@ fn accept(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Void)
 }
 
-/// A text on the air.
+/// Sends a text by radio.
 fn send_custom(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let station = call.known_actor(gateway)?;
     gateway.v2x.send(station, call.text()?)?;
     Ok(Answer::Void)
 }
 
-/// Actors are of one piece.
+/// Actors have no parts.
 fn no_parts(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     call.known_actor(gateway)?;
     Ok(Answer::Value(list![]))
 }
 
-/// The one piece is where its actor is.
+/// An actor's only component is the actor itself.
 fn component_in_world(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let id = call.known_actor(gateway)?;
     let snapshot = gateway.world.known().snapshot.clone();

@@ -1,4 +1,4 @@
-//! Calls about actors of any kind: who is there, where, how fast, how large.
+//! Calls about actors of any kind: their list, poses, velocities and boxes.
 
 use schema_frames::Command;
 
@@ -24,7 +24,7 @@ pub(crate) const CALLS: Calls = &[
     }),
 ];
 
-/// A batch's commands about any actor.
+/// Commands of a batch for actors of any kind.
 pub(crate) const BATCH: Commands = &[
     (6, |actor, fields| {
         Ok(Item::ask(
@@ -45,7 +45,7 @@ pub(crate) const BATCH: Commands = &[
             },
         ))
     }),
-    // The client itself registers the vehicle with its Traffic Manager.
+    // `SetAutopilot`: the client itself registers the vehicle with its Traffic Manager.
     (16, |actor, _| Ok(Item::Nothing { actor, what: None })),
 ];
 
@@ -84,7 +84,7 @@ fn set_transform(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Void)
 }
 
-/// The rotation is that of the newest snapshot.
+/// Moves an actor and keeps its rotation of the newest snapshot.
 fn set_location(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (actor_id, location_m) = (call.known_actor(gateway)?, call.vector()?);
     let snapshot = gateway.world.known().snapshot.clone();
@@ -112,8 +112,8 @@ fn set_velocity(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Void)
 }
 
-/// Never an error: one would end a client whose Traffic Manager asks for a vehicle that has
-/// just gone.
+/// Never fails: an error would end a client whose Traffic Manager asks for a vehicle that has just
+/// gone.
 fn bounding_box(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let id = call.u32()?;
     let known = gateway.world.known();

@@ -14,10 +14,10 @@ use crate::wire::fields::{Fields, Wrong};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 
-/// Commands in one call.
+/// Most commands in one call.
 const MAX_COMMANDS: usize = 10_000;
 
-/// All areas.
+/// The tables of all areas.
 const AREAS: &[Commands] = &[
     super::actors::BATCH,
     super::spawning::BATCH,
@@ -29,7 +29,7 @@ const AREAS: &[Commands] = &[
 
 pub(crate) const CALLS: Calls = &[("apply_batch", apply_batch)];
 
-/// Names of all commands that clients can put in a batch, by their numbers on the wire.
+/// Names of all commands that clients can put into a batch, by their numbers on the wire.
 pub const NAMES: [&str; 22] = [
     "SpawnActor",
     "DestroyActor",
@@ -65,7 +65,7 @@ pub fn served() -> impl Iterator<Item = &'static str> {
     std::iter::once(NAMES[0]).chain(others)
 }
 
-/// Reads one command; `new_actor` stands in for the actor of commands that follow a spawn.
+/// Reads one command. For commands that follow a spawn, `new_actor` replaces the actor.
 fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
     let mut wrapped = Fields::new("a batch", std::slice::from_ref(value));
     let mut variant = wrapped.fields("a command")?.fields("a command's variant")?;
@@ -92,8 +92,8 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     } else {
         None
     };
-    // Without a parent the kind of attachment is whatever lay in the client's memory; with one,
-    // CARLA's batches attach rigidly.
+    // The kind of attachment is not used: without a parent it is uninitialised memory of the
+    // client, and with one CARLA's batches always attach rigidly.
     fields.value()?;
     fields.text()?;
     let then = fields.list()?;
@@ -106,7 +106,7 @@ fn read_spawn<'v>(fields: &mut Fields<'v>) -> Result<Item<'v>, Wrong> {
     })
 }
 
-/// What came of one command: the actor's id, or a sentence.
+/// Result of one command: the actor's id, or why it failed.
 type Done = Result<u32, String>;
 
 fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
@@ -133,7 +133,7 @@ fn apply_batch(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     )))
 }
 
-/// What becomes of a wish to destroy, once the simulator has answered.
+/// Result of a `DestroyActor` command, given the simulator's answer.
 fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done {
     let went_along = gateway
         .world
@@ -146,8 +146,8 @@ fn destroyed(gateway: &Gateway, actor: u32, answer: Result<(), String>) -> Done 
     Ok(actor)
 }
 
-/// Runs the commands in order as one request, then what follows the spawns as another; controls
-/// go out last.
+/// Runs the commands in order as one request and the commands that follow spawns as another;
+/// vehicle controls are sent last.
 fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done> {
     let asked: Vec<Command> = items
         .iter()
@@ -231,8 +231,7 @@ fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done
     if !controls.is_empty() {
         gateway.commander.control(controls);
     }
-    // A spawn that follows a spawn does not bring followers of its own: clients cannot write
-    // one.
+    // This recursion ends: clients cannot let commands follow a spawn that itself follows a spawn.
     if !following.is_empty() {
         run_batch(gateway, following);
     }

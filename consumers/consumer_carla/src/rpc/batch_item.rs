@@ -1,4 +1,4 @@
-//! One command of a batch, and what reads it.
+//! One command of a batch, and the type of the functions that read it.
 
 use schema_frames::{Command, VehicleControlRecord};
 
@@ -6,11 +6,11 @@ use crate::wire::description::Description;
 use crate::wire::fields::{Fields, Wrong};
 use crate::wire::msgpack::Value;
 
-/// One command of a batch, read.
+/// One command of a batch.
 pub(crate) enum Item<'v> {
-    /// For the simulator; `actor` is what the answer names.
+    /// A command for the simulator; the answer names `actor`.
     Ask { actor: u32, command: Command },
-    /// A new actor, and what follows.
+    /// A new actor, and the commands that follow its spawn.
     Spawn {
         description: Description,
         parent: u32,
@@ -22,7 +22,7 @@ pub(crate) enum Item<'v> {
         actor: u32,
         record: VehicleControlRecord,
     },
-    /// Accepted without effect.
+    /// Accepted without effect; `what` is logged once.
     Nothing {
         actor: u32,
         what: Option<&'static str>,
@@ -36,9 +36,9 @@ impl Item<'_> {
     }
 }
 
-/// Reads the fields behind the actor's id of one kind of command.
+/// Reads one kind of command: its fields after the actor's id.
 pub(crate) type Read = for<'v> fn(u32, &mut Fields<'v>) -> Result<Item<'v>, Wrong>;
 
-/// Commands of one area: their numbers on the wire, and what reads them. Each area's module has a
-/// table `BATCH`.
+/// The commands of one area: their numbers on the wire and the functions that read them. Each
+/// area's module has a table `BATCH`.
 pub(crate) type Commands = &'static [(u8, Read)];

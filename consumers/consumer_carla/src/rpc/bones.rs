@@ -66,7 +66,7 @@ fn bone(bone: &BoneReading) -> Value {
     ]
 }
 
-/// Bones of a walker; none of anything else.
+/// The bones of a walker; an empty list for other actors.
 fn bones(gateway: &Gateway, actor_id: u32) -> Result<Vec<BoneReading>, Failure> {
     let is_walker = gateway
         .world

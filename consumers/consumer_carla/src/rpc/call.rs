@@ -1,4 +1,4 @@
-//! One call: its arguments, read in order, and whose it is.
+//! One call: its arguments, which are read in order, and the connection that it came over.
 
 use std::ops::{Deref, DerefMut};
 
@@ -6,17 +6,17 @@ use crate::gateway::Gateway;
 use crate::wire::fields::Fields;
 use crate::wire::requests::{Failure, Outcome, Request};
 
-/// What serves a method.
+/// The function that serves a method.
 pub(crate) type Run = fn(&Gateway, &mut Call<'_>) -> Outcome;
 
 /// The calls of one area.
 pub(crate) type Calls = &'static [(&'static str, Run)];
 
-/// One call: its arguments, read in order, and whose it is.
+/// One call: its arguments, which are read in order, and the connection that it came over.
 #[derive(Debug)]
 pub(crate) struct Call<'v> {
     args: Fields<'v>,
-    /// Method as the client named it.
+    /// The method's name.
     pub method: &'v str,
     /// Number of the client's connection.
     pub connection: u64,
@@ -36,7 +36,7 @@ impl<'v> DerefMut for Call<'v> {
 }
 
 impl<'v> Call<'v> {
-    /// A request that came over this connection.
+    /// A request that came over `connection`.
     pub fn new(request: &'v Request, connection: u64) -> Self {
         Call {
             args: Fields::new("the arguments", &request.args),
@@ -45,7 +45,7 @@ impl<'v> Call<'v> {
         }
     }
 
-    /// Reads the id of an actor that exists.
+    /// Reads the id of an actor and checks that it exists.
     pub fn known_actor(&mut self, gateway: &Gateway) -> Result<u32, Failure> {
         let id = self.u32()?;
         if gateway.world.known().has_actor(id) {

@@ -1,5 +1,5 @@
-//! Debug drawing: shapes in the world are drawn into colour pictures, texts and what is drawn on
-//! the server's own screen are not.
+//! Debug drawing: shapes in the world appear in colour images; texts and shapes on the server's own
+//! screen do not.
 
 use schema_frames::{Command, DebugDraw, DebugShape, PosedBox};
 
@@ -15,16 +15,16 @@ pub(crate) const CALLS: Calls = &[
         gateway.commander.tell(Command::ClearDebug);
         Ok(Answer::Void)
     }),
-    // Texts are never seen.
+    // Texts are never drawn, so there is nothing to clear.
     ("clear_debug_string", |_, _| Ok(Answer::Void)),
 ];
 
-/// Thickest stroke that is passed on, metres.
+/// Thicker strokes are drawn this thick, metres.
 const MAX_WIDTH_M: f64 = 100.0;
-/// Longest life that is passed on, seconds: above it counts as for ever.
+/// A longer life than this counts as for ever, seconds.
 const MAX_LIFE_SECS: f64 = 1e9;
 
-/// What to draw; `None` for texts and for the server's screen.
+/// Reads what to draw; `None` for texts and shapes on the server's screen.
 fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
     let mut variant = fields.fields("a primitive")?;
     let (kind, mut given) = (variant.u8()?, variant.fields("a primitive's fields")?);
@@ -53,8 +53,8 @@ fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
         3 => {
             let mut boxed = given.fields("a bounding box")?;
             let (location_m, half_m) = (boxed.vector()?, boxed.vector()?);
-            // The box lies about its location in the world, turned by the rotation beside it; its
-            // own rotation is not looked at, as in CARLA.
+            // The box is centred on its location in the world and turned by the separate rotation;
+            // its own rotation is ignored, as in CARLA.
             let rotation_deg = given.vector()?;
             let pose = axes::pose(&Transform {
                 location_m,

@@ -1,4 +1,4 @@
-//! The registry of Traffic Managers: they run in clients, and clients ask here where.
+//! The registry of Traffic Managers, which run in clients; other clients ask here for their hosts.
 
 use crate::gateway::Gateway;
 use crate::list;

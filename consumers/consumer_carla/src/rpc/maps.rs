@@ -1,4 +1,4 @@
-//! Calls about which maps there are, and maps that a client brings along.
+//! Calls that list maps and store a map that a client brings along.
 
 use schema_frames::command::StoredMap;
 use schema_frames::{Command, CommandReply};
@@ -8,20 +8,19 @@ use crate::rpc::call::{Call, Calls};
 use crate::wire::msgpack::Value;
 use crate::wire::requests::{Answer, Failure, Outcome};
 
-/// Folder before a map's name, as CARLA has it.
+/// CARLA's folder in front of a map's name.
 pub(crate) const MAP_FOLDER: &str = "Carla/Maps/";
-/// Name under which CARLA knows the map of `generate_opendrive_world`.
+/// CARLA's name of the map of `generate_opendrive_world`.
 const GENERATED: &str = "OpenDriveMap";
 
-/// What the script sees of a map's name.
+/// A map's name as scripts see it.
 pub(crate) fn carla_map(name: &str) -> String {
     format!("{MAP_FOLDER}{name}")
 }
 
-/// Our name of the map a script asks for: no folders, no ending, and no `_Opt`, which is CARLA's
-/// word for a map in layers.
-/// What is left cannot be a path, so a client loads towns, files of the map folder and what it
-/// brought along, and nothing else.
+/// Our name of the map that a script asks for: without folders, file ending and `_Opt`, CARLA's
+/// suffix of a map in layers. The rest cannot be a path, so a client can load only towns, files of
+/// the map folder and the map that it stored.
 pub(crate) fn own_map(asked: &str) -> &str {
     let name = asked
         .rsplit('/')
@@ -51,8 +50,8 @@ fn available_maps(gateway: &Gateway, _: &mut Call<'_>) -> Outcome {
     }
 }
 
-/// The client asks for the map by name next. Houses and trees are not part of such a world, as
-/// in CARLA.
+/// Stores a client's OpenDRIVE map; the client then loads it by name. Such a world has no houses
+/// and trees, as in CARLA.
 fn store_map(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let open_drive = call.text()?.to_owned();
     let mut given = call.fields("the generation parameters")?;

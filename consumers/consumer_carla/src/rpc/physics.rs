@@ -1,8 +1,5 @@
-//! Calls about how vehicles move: physical data, Ackermann control, pushes, switches, telemetry,
-//! wheels.
-//!
-//! The only place that knows CARLA's centimetres of wheels, degrees of steering and km/h of the
-//! steering curve.
+//! Calls about how vehicles move: physics control, Ackermann control, forces and impulses, physics
+//! switches, telemetry, wheels.
 
 use schema_frames::{Command, CommandReply, PhysicsAction, PhysicsAnswer, VehicleTelemetry};
 
@@ -175,7 +172,7 @@ fn batched(actor: u32, action: PhysicsAction) -> Result<Item<'static>, Wrong> {
     ))
 }
 
-/// An action whose answer nobody reads.
+/// Sends an action whose answer the client does not read.
 fn tell_physics(
     gateway: &Gateway,
     call: &mut Call<'_>,
@@ -193,7 +190,7 @@ fn tell_physics(
     Ok(Answer::Void)
 }
 
-/// An action whose success the client waits for.
+/// Sends an action and waits for its success.
 fn ask_physics(
     gateway: &Gateway,
     call: &mut Call<'_>,
@@ -207,7 +204,7 @@ fn ask_physics(
     Ok(Answer::Void)
 }
 
-/// Never an error: one would end a client whose Traffic Manager takes over a vehicle that has
+/// Never fails: an error would end a client whose Traffic Manager takes over a vehicle that has
 /// just gone.
 fn simulate_physics(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (actor_id, action) = (call.u32()?, vehicle_physics::simulated(call)?);

@@ -1,4 +1,4 @@
-//! Calls that ask the world's geometry: rays against the triangles that sensors see.
+//! Calls that query the world's geometry with rays against the triangles that sensors see.
 
 use schema_frames::{Command, CommandReply, RayHit, RaySegment};
 
@@ -20,7 +20,7 @@ fn labelled(hit: &RayHit) -> Value {
     list![list![x as f32, y as f32, z as f32], hit.class]
 }
 
-/// First hit from a point in a direction within a distance; `[false, anything]` if there is
+/// The first hit from a point along a direction within a distance; `[false, anything]` if there is
 /// none.
 fn project_point(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (from, direction, distance_m) = (call.vector()?, call.vector()?, call.f64()?);

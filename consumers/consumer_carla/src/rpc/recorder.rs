@@ -11,7 +11,7 @@ use crate::recorder::report;
 use crate::rpc::call::{Call, Calls};
 use crate::wire::requests::{Answer, Failure, Outcome};
 
-/// Longest wait for the episode of a replay's map.
+/// Longest wait for the new episode after loading a recording's map.
 const SETTLE: Duration = Duration::from_secs(20);
 /// Fastest replay.
 const MAX_FACTOR: f64 = 1000.0;
@@ -69,7 +69,8 @@ pub(crate) const CALLS: Calls = &[
     }),
 ];
 
-/// A kind of actor: h, v, w, t, o or a.
+/// Reads the letter of a kind of actor: h (hero), v (vehicle), w (walker), t (traffic light), o
+/// (other) or a (any).
 fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
     let code = call.u8()?;
     match char::from(code) {
@@ -80,12 +81,12 @@ fn letter(call: &mut Call<'_>) -> Result<char, Failure> {
     }
 }
 
-/// Answers with the file's full path.
+/// Starts a recording and answers with the file's full path.
 fn start_recorder(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let (name, with_motion) = (call.text()?, call.bool()?);
     let path = gateway.recorder.path(name)?;
-    // Of its own, so that the world is free again before the recorder is held: each tick takes
-    // them the other way round.
+    // A statement of its own, so that the world is unlocked before the recorder is locked: every
+    // tick locks them in the opposite order.
     let map = gateway
         .world
         .known()
@@ -96,7 +97,8 @@ fn start_recorder(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Value(path.display().to_string().into()))
 }
 
-/// CARLA answers with a text about a file that it cannot read, not with an error.
+/// A report about a recording. For a file that cannot be read, CARLA answers with a text, not with
+/// an error.
 fn about(gateway: &Gateway, name: &str, tell: impl FnOnce(&Recording) -> String) -> Outcome {
     let text = gateway
         .recorder

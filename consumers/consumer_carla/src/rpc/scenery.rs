@@ -1,5 +1,4 @@
-//! Calls about what stands in the map: layers, environment objects, boxes of the level, street
-//! lights.
+//! Calls about the map's scenery: layers, environment objects, level boxes, street lights.
 
 use schema_frames::scenery::{LampChange, SceneryLampInfo, SceneryObjectInfo};
 use schema_frames::{Command, CommandReply, PosedBox};
@@ -69,7 +68,7 @@ fn lamp_state(lamp: &SceneryLampInfo) -> Value {
     ]
 }
 
-/// Everything that stands in the map.
+/// The map's complete scenery.
 fn scenery(gateway: &Gateway) -> Result<(Vec<SceneryObjectInfo>, Vec<SceneryLampInfo>), Failure> {
     match gateway.commander.ask_one(Command::Scenery)? {
         (CommandReply::Scenery { objects, lamps }, _) => Ok((objects, lamps)),

@@ -18,7 +18,7 @@ use crate::wire::requests::{Answer, CARLA_VERSION, Failure, Outcome};
 use crate::wire::streams::is_world;
 use crate::wire::structures;
 
-/// Longest wait for what the simulator publishes after it answered.
+/// Longest wait for documents that the simulator publishes after it has answered.
 const SETTLE: Duration = Duration::from_secs(5);
 
 pub(crate) const CALLS: Calls = &[
@@ -143,7 +143,7 @@ fn configure(
         period_nanos: Some(period_nanos),
         longest_substep_nanos: Some(longest_substep_nanos),
     })?;
-    // The document follows; who asks at once must see it.
+    // `world/info` follows later, but a client that asks at once must see the new settings.
     gateway.world.change(|known| {
         if let Some(info) = &mut known.info {
             (info.mode, info.period_nanos) = (mode, period_nanos);
@@ -157,8 +157,8 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
     if gateway.info()?.mode == StepMode::FreeRunning {
         return Ok(Answer::Value((gateway.world.tick() + 1).into()));
     }
-    // The simulator answers when all of the tick before is published; two ticks fit before a
-    // reader loses one.
+    // The simulator answers a step once the previous tick is fully published. A reader holds two
+    // ticks before it loses one, so it is enough to wait for readers here.
     let mut last_step_nanos = lock(&gateway.last_step_nanos);
     gateway.feeds.settle(*last_step_nanos);
     let stepped = gateway.commander.ask_one(Command::Step { n: 1 });
@@ -171,7 +171,8 @@ pub(crate) fn tick_cue(gateway: &Gateway, connection: u64) -> Outcome {
     }
 }
 
-/// The client closes its world stream afterwards, and must not be at work on a snapshot then.
+/// Loads a map. The client closes its world stream afterwards and crashes if it handles a snapshot
+/// at that moment, so its stream is silenced first.
 fn load(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let streams = gateway.feeds.world_stream();
     let retired = streams.retire(call.connection);

@@ -16,8 +16,8 @@ use crate::wire::requests::{Answer, Failure, Outcome};
 
 /// Longest wait for the first snapshot with a new actor in free-running mode.
 const FIRST_SEEN: Duration = Duration::from_millis(1500);
-/// Longest wait for the second snapshot without a destroyed one. Clients that wait 2 s for an
-/// answer get theirs.
+/// Longest wait for the second snapshot without a destroyed actor; less than the 2 s that some
+/// clients wait for an answer.
 const ABSENCE_WAIT: Duration = Duration::from_millis(1500);
 
 pub(crate) const CALLS: Calls = &[
@@ -28,12 +28,12 @@ pub(crate) const CALLS: Calls = &[
     ("destroy_actor", destroy),
 ];
 
-/// Spawning by a batch is in `batch`, which knows what follows.
+/// `SpawnActor` is read in `batch`, because other commands may follow it.
 pub(crate) const BATCH: Commands = &[(1, |actor, _| {
     Ok(Item::ask(actor, Command::Destroy { actor_id: actor }))
 })];
 
-/// CARLA's number of a kind of attachment.
+/// The kind of attachment that has this number in CARLA.
 fn attachment(number: u8) -> Result<Attachment, Wrong> {
     match number {
         0 => Ok(Attachment::Rigid),
@@ -77,13 +77,13 @@ fn spawn(gateway: &Gateway, call: &mut Call<'_>, has_parent: bool) -> Outcome {
     )))
 }
 
-/// Keeps what is known of a client's own actor.
+/// Remembers what a client said about the actor that it spawned.
 pub(crate) fn remember(gateway: &Gateway, id: u32, own: Own) {
     gateway.world.change(|known| known.own.insert(id, own));
 }
 
-/// In free-running mode, waits for a snapshot with the actor: a Traffic Manager looks for it
-/// there.
+/// In free-running mode, waits for a snapshot with the actor, because a Traffic Manager looks for
+/// it there.
 pub(crate) fn wait_until_seen(gateway: &Gateway, id: u32) {
     let is_paced = |known: &Known| {
         known
@@ -102,7 +102,8 @@ pub(crate) fn wait_until_seen(gateway: &Gateway, id: u32) {
 
 fn destroy(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let actor_id = call.u32()?;
-    // Scripts destroy a vehicle and then its sensors, which CARLA leaves behind.
+    // Scripts destroy a vehicle and then its sensors, which CARLA leaves behind and Gantry has
+    // destroyed together with the vehicle.
     if !gateway
         .world
         .change(|known| known.gone_along.remove(&actor_id))
@@ -114,12 +115,11 @@ fn destroy(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Value(true.into()))
 }
 
-/// A Traffic Manager of a free-running world goes on with a vehicle until a snapshot lacks it,
-/// and ends its process if the script has
-/// destroyed it by then; so the answer comes with the snapshot after that one, when what was
-/// begun before should be done. In a stepped
-/// world there is none before the next tick, which waits. With ticks of a second and more the
-/// answer may come first.
+/// In a free-running world a Traffic Manager handles a vehicle until a snapshot lacks it, and it
+/// ends its process if the script has been told meanwhile that the vehicle is destroyed. The answer
+/// therefore waits for the second snapshot without the vehicle; by then the Traffic Manager has
+/// finished the cycle that it began before. A stepped world has no snapshot before the next tick,
+/// so nobody waits there. With ticks of a second and more the wait may time out first.
 fn await_absence(gateway: &Gateway, actor_id: u32) {
     if gateway.traffic_managers.is_empty() {
         return;

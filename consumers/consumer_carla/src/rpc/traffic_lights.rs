@@ -52,7 +52,7 @@ pub(crate) const BATCH: Commands = &[(21, |actor, fields| {
     ))
 })];
 
-/// Stages that a light can be given, seconds; CARLA takes any number.
+/// Shortest and longest stage of a light, seconds; CARLA takes any number.
 const STAGE_SECS: (f64, f64) = (0.01, 1e5);
 
 /// Name of CARLA's traffic-light state in commands.

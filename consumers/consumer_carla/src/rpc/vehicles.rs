@@ -75,7 +75,8 @@ fn set_vehicle_lamps(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     Ok(Answer::Void)
 }
 
-/// The simulator leaves vehicles without doors that open as they are, as CARLA does.
+/// Opens or shuts doors. The simulator ignores this for vehicles without doors that open, as CARLA
+/// does.
 fn set_doors(gateway: &Gateway, call: &mut Call<'_>, open: bool) -> Outcome {
     let (actor_id, door) = (call.known_actor(gateway)?, call.u8()?);
     let doors = match door {

@@ -9,7 +9,7 @@ use crate::wire::axes;
 use crate::wire::fields::{Fields, Wrong};
 use crate::wire::requests::{Answer, Outcome};
 
-/// Fastest that a walker goes, m/s; scripts that ask for more get this.
+/// Fastest walker, m/s; scripts that ask for more get this.
 const MAX_SPEED_MPS: f32 = 15.0;
 
 pub(crate) const CALLS: Calls = &[("apply_control_to_walker", control_walker)];
@@ -41,7 +41,7 @@ pub(crate) const BATCH: Commands = &[
     }),
 ];
 
-/// A walker control, in our axes.
+/// Reads a walker control into Gantry's axes.
 fn control(fields: &mut Fields<'_>) -> Result<WalkerControl, Wrong> {
     let mut control = fields.fields("a walker control")?;
     let direction = axes::mirror(control.vector()?).map(|x| (x as f32).clamp(-1e5, 1e5));

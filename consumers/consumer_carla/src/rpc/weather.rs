@@ -1,4 +1,4 @@
-//! Calls about weather and street lights.
+//! Calls about the weather.
 
 use schema_frames::Command;
 

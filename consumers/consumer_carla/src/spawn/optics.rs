@@ -1,23 +1,22 @@
-//! From a colour camera's lens and exposure attributes to the simulator's `optics`.
+//! Turns a colour camera's lens and exposure attributes into the simulator's `optics`.
 //!
-//! Blueprints send every attribute with its default. What is at its default leaves the picture as
-//! Gantry makes it: there exposure follows
-//! the weather, the lens is a pinhole, and nothing strays around lamps.
+//! Clients send every attribute of a blueprint, most with their defaults. An attribute at its
+//! default leaves Gantry's own image as it is: exposure follows the weather, the lens is a pinhole,
+//! and lamps have no bloom.
 
 use serde_json::{Map, Value, json};
 
 use crate::wire::description::Attributes;
 
-/// CARLA's light is not photometric: with its default shutter, aperture and film (EV100 8.6) a
-/// street at noon is exposed well.
-/// In Gantry's light, which is, that street has EV100 15.
+/// CARLA's light is not photometric: its default shutter, aperture and film (EV100 8.6) expose a
+/// street at noon well. In Gantry's photometric light that street needs EV100 15.
 const MANUAL_OFFSET_EV: f64 = 6.4;
 
-/// Between CARLA's default bounds of automatic exposure, 10 and 12, and those of streets by day,
-/// 13.5 and 15.5.
+/// Difference between CARLA's default bounds of automatic exposure (10 and 12) and the EV100 of
+/// streets by day (13.5 to 15.5).
 const HISTOGRAM_OFFSET_EV: f64 = 3.5;
 
-/// What differs from a plain picture; `None` if nothing does.
+/// The optics that differ from a plain image; `None` if nothing does.
 pub fn optics(given: &Attributes<'_>) -> Option<Value> {
     let mut keys = Map::new();
     let mut put = |key: &str, name: &str, default: f64| {

@@ -1,4 +1,4 @@
-//! From a blueprint's attributes to a `spawn_sensor` command.
+//! Turns a sensor's attributes into a `spawn_sensor` command.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::wire::description::Description;
 use crate::wire::fields::Wrong;
 use crate::wire::sensor_kinds::{CLIENT_SIDE, Kind, kind};
 
-/// The command that makes the sensor of a description, or a sentence why it cannot be.
+/// The command that spawns the sensor of a description.
 ///
 /// # Errors
 /// For sensors that the simulator does not have.
@@ -167,8 +167,8 @@ fn obstacle(given: &Attributes<'_>) -> Value {
 }
 
 fn imu(given: &Attributes<'_>) -> Value {
-    // Values along y and the turn about it keep their sign only in magnitude; a bias is mirrored
-    // with its axis.
+    // Standard deviations have no sign, so mirroring y leaves them as they are; a gyroscope's bias
+    // is mirrored as an axial vector.
     let three =
         |name: &str| ["x", "y", "z"].map(|axis| given.float(&format!("{name}_{axis}"), 0.0));
     let [x, y, z] = three("noise_gyro_bias");

@@ -1,4 +1,4 @@
-//! Actors as clients see them.
+//! Actors as clients see them: CARLA's actor structure.
 
 use schema_frames::{ActorInfo, BodyBox};
 
@@ -12,13 +12,14 @@ use crate::wire::sensor_kinds;
 use crate::wire::streams;
 use crate::wire::structures::bounding_box;
 
-/// The box that clients know of an actor: its body's, or of lights and signs the trigger volume.
+/// The box that clients know of an actor: for lights and signs their trigger volume, else the
+/// body's box.
 pub fn box_of(info: &ActorInfo) -> BodyBox {
     info.trigger_box
         .map_or(info.body_box, |trigger| axes::sign_box(&trigger))
 }
 
-/// An actor that the simulator lists.
+/// The structure of an actor that the simulator lists.
 pub fn listed_actor(known: &Known, id: u32) -> Option<Value> {
     let info: &ActorInfo = known.actors.get(&id)?;
     let entry = known.entry(&info.type_id);
@@ -30,7 +31,7 @@ pub fn listed_actor(known: &Known, id: u32) -> Option<Value> {
     Some(actor(known, id, info.parent_id, &described, &box_of(info)))
 }
 
-/// An actor that was spawned a moment ago.
+/// The structure of an actor that was spawned a moment ago and is not listed yet.
 pub fn new_actor(known: &Known, id: u32, parent: u32, description: &Description) -> Value {
     let no_body = BodyBox {
         centre_m: [0.0; 3],
@@ -60,7 +61,7 @@ fn actor(known: &Known, id: u32, parent: u32, description: &Description, body: &
         None => (0, vec![]),
     };
     let described = list![uid, description.type_id.as_str(), attributes];
-    // The client takes only the stream's number from here.
+    // The client takes only the stream's number from this token.
     let token = if sensor_kinds::kind(&description.type_id).is_some() {
         streams::token(streams::stream_of(id), 0)
     } else {

@@ -15,11 +15,11 @@ const FLOAT: u8 = 3;
 const TEXT: u8 = 4;
 const COLOR: u8 = 5;
 
-/// What vehicles have beside what the catalogue says, and cannot be set.
+/// Attributes of all vehicles that are not in the catalogue and cannot be set.
 const VEHICLE_CONSTANTS: &[(&str, u8, &str)] = &[("object_type", TEXT, "")];
-/// What scripts may set on every vehicle and what is kept for them without effect.
+/// Attributes that scripts may set on every vehicle; they are kept and have no effect.
 const VEHICLE_KEPT: &[(&str, u8, &str)] = &[("terramechanics", BOOL, "false")];
-/// The same of two-wheelers; scripts choose among the recommended values.
+/// The same for two-wheelers; scripts choose among the recommended values.
 const RIDER_KEPT: &[(&str, u8, &str)] = &[("driver_id", INT, "0")];
 /// Roles that CARLA recommends for vehicles.
 const VEHICLE_ROLES: [&str; 3] = ["autopilot", "scenario", "ego_vehicle"];
@@ -34,8 +34,7 @@ const SENSOR_ROLES: [&str; 8] = [
     "back_left",
     "back_right",
 ];
-/// Attributes of the catalogue that CARLA has too, with their type and whether a script may set
-/// them.
+/// Attributes of the catalogue that CARLA has, too: name, type, and whether a script may set them.
 const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("base_type", TEXT, false),
     ("special_type", TEXT, false),
@@ -60,7 +59,7 @@ const BODY_ATTRIBUTES: &[(&str, u8, bool)] = &[
     ("scale", FLOAT, true),
     ("mass", FLOAT, true),
 ];
-/// Kinds whose attributes stand in the catalogue, and the role that CARLA gives them.
+/// Kinds of actors whose attributes are in the catalogue, and CARLA's default role for them.
 const BODIES: &[(&str, &str)] = &[
     ("vehicle", "autopilot"),
     ("walker", "pedestrian"),
@@ -80,7 +79,8 @@ const CAMERA: &[Spec] = &[
     ("lens_x_size", FLOAT, "0.08"),
     ("lens_y_size", FLOAT, "0.08"),
 ];
-/// Colour: what `sensors/optics.rs` reads, and what is kept and has no effect.
+/// Attributes of colour cameras: those that `spawn/optics.rs` reads, and others that are kept
+/// without effect.
 const COLOUR: &[Spec] = &[
     ("enable_postprocess_effects", BOOL, "true"),
     ("gamma", FLOAT, "2.2"),
@@ -207,9 +207,9 @@ const AWARENESS: &[Spec] = &[
     ("noise_head_stddev", FLOAT, "0.0"),
     ("noise_head_bias", FLOAT, "0.0"),
 ];
-/// Ours: CARLA's counterpart is `two_frame`.
+/// Gantry's own attribute; CARLA's model is `two_frame`.
 const DVS_MODE: &[Spec] = &[("gantry_mode", TEXT, "motion")];
-/// Values that an attribute can have.
+/// Recommended values of attributes with a fixed choice.
 const CHOICES: &[(&str, &[&str])] = &[
     ("scenario", &["highway", "rural", "urban"]),
     ("path_loss_model", &["winner", "geometric"]),
@@ -264,8 +264,8 @@ impl Line {
         }
     }
 
-    /// CARLA's defaults are the first of the recommended values, so there is always one, unless the
-    /// default is empty.
+    /// One attribute as the client reads it. The client takes the first recommended value as the
+    /// default, so there must be one, unless the default is empty.
     fn definition(self) -> Value {
         let recommended = if self.recommended.is_empty() && !self.value.is_empty() {
             vec![self.value.clone().into()]
@@ -359,14 +359,15 @@ fn lines(entry: &CatalogueEntry) -> Vec<Line> {
         .collect()
 }
 
-/// Whether scripts see it in the blueprint library.
+/// Whether scripts see this entry in the blueprint library.
 fn is_blueprint(entry: &CatalogueEntry) -> bool {
-    // Ours: one camera of any modalities, which CARLA does not have.
+    // `sensor.camera.view` is Gantry's own: one camera with any modalities, which CARLA does not
+    // have.
     let spawned = entry.kind == "sensor" || BODIES.iter().any(|(kind, _)| *kind == entry.kind);
     spawned && entry.type_id != "sensor.camera.view"
 }
 
-/// `get_actor_definitions`.
+/// The blueprint library, as `get_actor_definitions` returns it.
 pub fn definitions(catalogue: &Catalogue) -> Value {
     let definition = |(idx, entry): (usize, &CatalogueEntry)| {
         let attributes: Vec<Value> = lines(entry).into_iter().map(Line::definition).collect();
@@ -388,7 +389,7 @@ pub fn definitions(catalogue: &Catalogue) -> Value {
     )
 }
 
-/// The description of an actor that no client of ours made.
+/// The description of an actor that no client of this gateway spawned.
 pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Description {
     let mut attributes: Vec<Attribute> = match entry {
         Some(entry) if is_blueprint(entry) => lines(entry)
@@ -419,8 +420,8 @@ pub fn describe(actor: &ActorInfo, entry: Option<&CatalogueEntry>) -> Descriptio
     }
 }
 
-/// What of a client's attributes the simulator is told: what a script could have set on a body, but
-/// for its role.
+/// The attributes that are passed on to the simulator: those that a script may set on a body,
+/// except its role.
 pub fn settable(description: &Description) -> std::collections::BTreeMap<String, String> {
     let settable = |attribute: &&Attribute| {
         BODY_ATTRIBUTES

@@ -1,8 +1,8 @@
-//! The one thread that talks to `control/world` and `control/vehicles`; connections hand it their
-//! wishes in order.
+//! The one thread that sends to `control/world` and `control/vehicles`; connections queue their
+//! commands with it.
 //!
-//! What queues up while an answer is awaited goes out as one request: in free-running mode the
-//! simulator answers once per tick.
+//! Commands that queue up while an answer is awaited are sent as one request, because in
+//! free-running mode the simulator answers only once per tick.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,25 +15,26 @@ use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 
 use crate::state::known_world::World;
 
-/// Wishes that may queue up before connections have to wait.
+/// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;
-/// Commands in one request to the simulator.
+/// Most commands in one request to the simulator.
 const BATCH: usize = 512;
-/// Longest wait for an answer: loading a map takes seconds.
+/// Longest wait for an answer; loading a map takes seconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 const LOOK_AT_STOP: Duration = Duration::from_millis(100);
-/// Quiet time after which the way to the simulator is closed when nobody steps the world any more.
+/// After this time without commands the command client is closed if nobody steps the world any
+/// more.
 const STEP_BACK: Duration = Duration::from_secs(1);
-/// Ticks for which a control is sent again with newer ones, so that the newest sample alone says
-/// everything.
+/// Ticks for which a control is sent again together with newer ones, so that a reader needs only
+/// the newest sample.
 const RESEND_TICKS: u64 = 2;
 
 /// Answers to a list of commands.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// One per command.
+    /// One reply per command.
     pub replies: Vec<CommandReply>,
-    /// Last finished tick.
+    /// The last finished tick.
     pub tick: u64,
 }
 
@@ -47,20 +48,20 @@ enum Job {
     Control(Vec<VehicleControlRecord>),
 }
 
-/// Handle for connections.
+/// The handle that connections use.
 #[derive(Clone, Debug)]
 pub struct Commander {
     jobs: Sender<Job>,
     is_lost: Arc<AtomicBool>,
 }
 
-/// The thread's end.
+/// The thread's side of the queue.
 pub struct Work {
     jobs: Receiver<Job>,
     is_lost: Arc<AtomicBool>,
 }
 
-/// A commander and the work for its thread.
+/// A commander, and the queue that its thread works on.
 pub fn commander() -> (Commander, Work) {
     let (sender, receiver) = bounded(QUEUE);
     let is_lost = Arc::new(AtomicBool::new(false));
@@ -108,26 +109,26 @@ impl Commander {
 
     /// Runs a command without waiting; a refusal is logged.
     pub fn tell(&self, command: Command) {
-        // Fails only when the thread has ended, and then the program is about to.
+        // Sending fails only when the thread has ended, and then the program is about to end.
         let _ = self.jobs.send(Job::Ask(Ask {
             commands: vec![command],
             reply: None,
         }));
     }
 
-    /// Says whether the client that stepped the world has gone. Then the simulator is to see that
-    /// nobody steps any more.
+    /// States whether the client that stepped the world has gone. If so, the command client is
+    /// closed, so that the simulator sees that nobody steps any more.
     pub fn set_lost(&self, is_lost: bool) {
         self.is_lost.store(is_lost, Ordering::Release);
     }
 
-    /// Holds vehicles' controls from the next tick on.
+    /// Controls vehicles from the next tick on.
     pub fn control(&self, records: Vec<VehicleControlRecord>) {
         let _ = self.jobs.send(Job::Control(records));
     }
 }
 
-/// Works until `stop`.
+/// Runs the thread until `stop`.
 ///
 /// # Errors
 /// When the bus cannot be joined.
@@ -161,12 +162,12 @@ pub fn run(domain: &str, world: &World, work: &Work, stop: &AtomicBool) -> anyho
 }
 
 struct Thread<'w> {
-    // Ports go before their node.
-    /// `None` while nobody steps the world: the simulator counts its clients.
+    // Fields are dropped in order: ports before their node.
+    /// `None` while nobody steps the world, because the simulator counts its command clients.
     client: Option<CommandClient>,
     writer: ControlWriter,
     daemon: Notifier,
-    /// Controls of the last ticks, with the last tick at which they may be sent.
+    /// Controls of the last ticks by actor, each with the last tick at which it may be sent.
     held: BTreeMap<u32, (u64, VehicleControlRecord)>,
     last_asked: Instant,
     world: &'w World,
@@ -175,7 +176,7 @@ struct Thread<'w> {
 }
 
 impl Thread<'_> {
-    /// Closes the way to the simulator if its driver is lost and nobody else has asked for anything
+    /// Closes the command client if the stepping client has gone and nobody has asked for anything
     /// in a while.
     fn step_back(&mut self, is_lost: bool) {
         if is_lost && self.last_asked.elapsed() > STEP_BACK {
@@ -202,7 +203,7 @@ impl Thread<'_> {
         })
     }
 
-    /// In order: the controls before a request go out before it.
+    /// Works on jobs in order: controls that were queued before a request are sent before it.
     fn work(&mut self, jobs: Vec<Job>) {
         let mut asks: Vec<Ask> = Vec::new();
         let mut new_controls = false;
@@ -211,7 +212,8 @@ impl Thread<'_> {
                 Job::Control(records) => {
                     self.ask(std::mem::take(&mut asks));
                     let (tick, known) = (self.world.tick(), self.world.known());
-                    // A vehicle whose controls are for one tick must not be given one again.
+                    // A control must not be repeated for vehicles whose controls hold for one tick
+                    // only.
                     let until = |id: &u32| {
                         if known.is_sticky(*id) {
                             tick + RESEND_TICKS - 1
@@ -299,7 +301,7 @@ impl Thread<'_> {
                 tick: answer.tick,
             });
             match (ask.reply, part) {
-                // A connection that ended meanwhile misses nothing.
+                // If the connection has ended meanwhile, nobody waits for the answer.
                 (Some(reply), part) => drop(reply.send(part)),
                 (None, Ok(answer)) => answer.replies.iter().for_each(log_refusal),
                 (None, Err(error)) => tracing::warn!(error, "a command was lost"),

@@ -1,5 +1,5 @@
-//! What the gateway knows of the simulator: documents and the newest snapshot, kept by one thread
-//! and read by all connections.
+//! What the gateway knows of the simulator: documents and the newest snapshot, written by one
+//! thread and read by all connections.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -13,7 +13,7 @@ use crate::wire::description::Description;
 use crate::wire::lenient;
 use crate::wire::sensor_kinds::{self, Kind};
 
-/// The newest of everything.
+/// The newest state of everything that is known.
 #[derive(Debug, Default)]
 pub struct Known {
     /// `world/info`.
@@ -22,14 +22,14 @@ pub struct Known {
     pub catalogue: Arc<Catalogue>,
     /// `world/actors` by id.
     pub actors: BTreeMap<u32, ActorInfo>,
-    /// Actors that clients made.
+    /// Actors that clients of this gateway spawned.
     pub own: HashMap<u32, Own>,
-    /// Actors that went with what they were attached to, and that scripts may still want to
-    /// destroy.
+    /// Actors that were destroyed together with their parents; scripts may still ask to destroy
+    /// them.
     pub gone_along: BTreeSet<u32>,
     /// Latitude and longitude of the map's origin.
     pub geo_reference_deg: Option<[f64; 2]>,
-    /// `world/map`, and blank lines.
+    /// `world/map`, padded with blank lines.
     pub map: Arc<str>,
     /// `world/spawn_points`.
     pub spawn_points: Arc<SpawnPoints>,
@@ -37,20 +37,20 @@ pub struct Known {
     pub snapshot: Option<Arc<WorldAt>>,
 }
 
-/// What is known of an actor that a client made, before it is on the list and beside what is
-/// listed.
+/// What a client said about an actor that it spawned: known before the actor is listed, and more
+/// than what is listed.
 #[derive(Clone, Debug)]
 pub struct Own {
-    /// As the client described it: also what the simulator does not keep.
+    /// The client's description, including attributes that the simulator does not keep.
     pub description: Description,
-    /// What it is attached to; 0 if nothing.
+    /// The actor that it is attached to; 0 if none.
     pub parent: u32,
     /// Its topics, if it is a sensor.
     pub topics: Vec<String>,
 }
 
 impl Known {
-    /// Forgets an actor that was destroyed; what was attached to it went along.
+    /// Forgets a destroyed actor and everything that was attached to it.
     pub fn forget(&mut self, id: u32) {
         let mut gone = vec![id];
         while let Some(parent) = gone.pop() {
@@ -74,7 +74,7 @@ impl Known {
         }
     }
 
-    /// Id of the running episode for clients, once a simulator was seen.
+    /// CARLA's id of the running episode, once a simulator was seen.
     pub fn episode_id(&self) -> Option<u64> {
         let info = self.info.as_ref()?;
         let epoch: u64 = info.epoch.parse().ok()?;
@@ -90,8 +90,8 @@ impl Known {
             .find(|(_, entry)| entry.type_id == type_id)
     }
 
-    /// What a client that listens to this actor is sent: the kind of sensor, and the topics that
-    /// its messages are made of.
+    /// The kind of a sensor, and the topics that its messages are made of; `None` if the actor is
+    /// no sensor with a stream.
     pub fn sensor(&self, id: u32) -> Option<(&'static Kind, Vec<String>)> {
         let listed = self.actors.get(&id);
         let type_id = self
@@ -153,13 +153,13 @@ impl Known {
             .is_none_or(|value| value.eq_ignore_ascii_case("true"))
     }
 
-    /// Whether there is such an actor, as far as is known.
+    /// Whether an actor with this id is known.
     pub fn has_actor(&self, id: u32) -> bool {
         self.actors.contains_key(&id) || self.own.contains_key(&id)
     }
 }
 
-/// [`Known`] with a lock and a bell.
+/// [`Known`] behind a lock, with a condition variable for changes.
 #[derive(Debug, Default)]
 pub struct World {
     known: Mutex<Known>,
@@ -167,12 +167,12 @@ pub struct World {
 }
 
 impl World {
-    /// Looks at everything. Hold it briefly: the snapshot waits for it.
+    /// Locks what is known. Hold the lock briefly: the next snapshot waits for it.
     pub fn known(&self) -> MutexGuard<'_, Known> {
         lock(&self.known)
     }
 
-    /// Changes something and rings the bell.
+    /// Changes something and wakes everyone who waits for changes.
     pub fn change<R>(&self, change: impl FnOnce(&mut Known) -> R) -> R {
         let result = change(&mut self.known());
         self.changed.notify_all();
@@ -203,7 +203,7 @@ impl World {
         }
     }
 
-    /// Number of the newest tick seen.
+    /// The tick of the newest snapshot.
     pub fn tick(&self) -> u64 {
         self.known()
             .snapshot

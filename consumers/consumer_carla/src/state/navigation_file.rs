@@ -10,11 +10,11 @@ use crate::wire::navigation_mesh;
 /// The navigation mesh of a map.
 #[derive(Clone, Debug, Default)]
 pub struct NavigationFile {
-    /// OpenDRIVE text that it was made from.
+    /// The OpenDRIVE text that it was made from.
     map: Arc<str>,
-    /// Name under which clients keep it; none for a map without pavements.
+    /// The name under which clients keep the file; `None` for a map without pavements.
     pub name: Option<String>,
-    /// What clients read.
+    /// The file's bytes.
     pub bytes: Arc<Vec<u8>>,
 }
 
@@ -27,7 +27,7 @@ impl NavigationFile {
         let Ok(roads) = RoadMap::parse(&map) else {
             return none;
         };
-        // Roads are left out of a map that is too large with them.
+        // A mesh that is too large with the roads is made without them.
         let Some(bytes) = [true, false]
             .into_iter()
             .find_map(|with_roads| navigation_mesh::file(&roads.walkable(with_roads)))
@@ -47,12 +47,12 @@ impl NavigationFile {
     }
 }
 
-/// The running map's navigation mesh, made when it is first asked for.
+/// The navigation mesh of the running map, made when it is first asked for.
 #[derive(Debug, Default)]
 pub struct NavigationFiles(Mutex<NavigationFile>);
 
 impl NavigationFiles {
-    /// That of a map, by its OpenDRIVE text and its name.
+    /// The file of a map, given its OpenDRIVE text and its name.
     pub fn of(&self, map: Arc<str>, map_name: &str) -> NavigationFile {
         let mut made = lock(&self.0);
         if made.map != map {

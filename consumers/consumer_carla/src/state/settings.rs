@@ -5,13 +5,13 @@
 /// too.
 const SUBSTEP_SECS: (f64, f64) = (1e-4, 0.01);
 
-/// What CARLA's settings have beside the mode and the length of a tick.
+/// CARLA's settings besides the mode and the length of a tick.
 #[derive(Clone, Debug)]
 pub struct Settings {
     pub(crate) no_rendering: bool,
     /// Whether a client fixed the length of a tick; Gantry's is always fixed.
     pub(crate) fixed: bool,
-    /// Length of a tick before the first client fixed another, to go back to.
+    /// The length of a tick before a client fixed another one, to which clients can return.
     pub(crate) own_period_nanos: Option<u64>,
     pub(crate) substepping: bool,
     pub(crate) max_substep_secs: f64,
@@ -24,9 +24,9 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Physics' longest sub-step. CARLA's physics does one step per tick without sub-steps and
-    /// falls behind where they are too few for a
-    /// tick; here a tick is always done whole, in as many sub-steps as that takes.
+    /// The longest physics sub-step. CARLA's physics does one step per tick when sub-stepping is
+    /// off, and falls behind when there are too few sub-steps for a tick; Gantry always simulates
+    /// the whole tick, in as many sub-steps as needed.
     pub(crate) fn longest_substep_nanos(&self) -> u64 {
         let (least, most) = SUBSTEP_SECS;
         let asked = if self.substepping {
@@ -34,7 +34,7 @@ impl Settings {
         } else {
             most
         };
-        // What is no length at all asks for none.
+        // A value that is not a length (0, negative, NaN) asks for no particular length.
         let taken = if asked > 0.0 {
             asked.clamp(least, most)
         } else {
@@ -43,7 +43,7 @@ impl Settings {
         (taken * 1e9).round() as u64
     }
 
-    /// What is done otherwise than these settings ask for; a sentence each.
+    /// Sentences about what is done differently from what these settings ask for.
     pub(crate) fn differences(&self, period_nanos: u64) -> Vec<String> {
         let mut sentences = Vec::new();
         if !self.substepping {

@@ -1,4 +1,4 @@
-//! Traffic Managers: they run in clients, and other clients ask here where.
+//! Traffic Managers: they run in clients, and this registry tells other clients their hosts.
 
 use std::collections::BTreeMap;
 use std::sync::Mutex;
@@ -13,22 +13,22 @@ struct TrafficManager {
     connection: u64,
 }
 
-/// All of them, by their ports.
+/// All registered Traffic Managers, by their ports.
 #[derive(Debug, Default)]
 pub struct TrafficManagers(Mutex<BTreeMap<u16, TrafficManager>>);
 
 impl TrafficManagers {
-    /// Whether none runs.
+    /// Whether no Traffic Manager is registered.
     pub fn is_empty(&self) -> bool {
         lock(&self.0).is_empty()
     }
 
-    /// Host of the one at this port.
+    /// The host of the Traffic Manager at this port.
     pub fn host(&self, port: u16) -> Option<String> {
         lock(&self.0).get(&port).map(|manager| manager.host.clone())
     }
 
-    /// Registers one for as long as the connection lasts; false if the port has one already.
+    /// Registers a Traffic Manager for as long as its connection lasts; false if the port is taken.
     pub fn add(&self, port: u16, host: &str, connection: u64) -> bool {
         let mut managers = lock(&self.0);
         if managers.contains_key(&port) {
@@ -39,12 +39,12 @@ impl TrafficManagers {
         true
     }
 
-    /// Forgets the one at this port; false if there is none.
+    /// Removes the Traffic Manager at this port; false if there is none.
     pub fn remove(&self, port: u16) -> bool {
         lock(&self.0).remove(&port).is_some()
     }
 
-    /// Forgets those of a connection that has ended.
+    /// Removes the Traffic Managers of a connection that has ended.
     pub fn forget(&self, connection: u64) {
         lock(&self.0).retain(|_, manager| manager.connection != connection);
     }

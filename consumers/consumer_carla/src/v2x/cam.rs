@@ -1,6 +1,6 @@
-//! Cooperative awareness messages: when a station sends one, and its bytes.
+//! Cooperative awareness messages (CAM): when a station sends one, and its bytes.
 //!
-//! Fields and units are those of ETSI EN 302 637-2 and TS 102 894-2; the record is the one that the
+//! Fields and units follow ETSI EN 302 637-2 and TS 102 894-2; the record is the structure that the
 //! 0.9.16 client reads.
 
 use schema_frames::{ActorInfo, ActorRecord};
@@ -11,13 +11,13 @@ use crate::wire::axes;
 use crate::wire::description::Attributes;
 use crate::wire::geolocation::locate_deg;
 
-/// Bytes of a message with the power in front.
+/// Bytes of a message, including the received power in front.
 pub const RECORD_BYTES: usize = 464;
-/// How often the slowly changing part is sent.
+/// Shortest interval of the low-frequency container.
 const SLOW_NANOS: u64 = 500_000_000;
-/// How often road-side units send.
+/// Interval of road-side units.
 const ROADSIDE_NANOS: u64 = 500_000_000;
-/// Messages without a change after which the longest interval is back.
+/// After this many messages without a change the longest interval applies again.
 const MAX_QUIET: u32 = 3;
 const TURN_RAD: f64 = 4.0 * std::f64::consts::PI / 180.0;
 const MOVE_M: f64 = 4.0;
@@ -26,7 +26,7 @@ const SPEED_UP_MPS: f64 = 0.5;
 const ROADSIDE: i64 = 15;
 const PEDESTRIAN: i64 = 1;
 
-/// Sends a station's messages.
+/// The message service of one station.
 #[derive(Clone, Debug)]
 pub struct Service {
     min_nanos: u64,
@@ -39,7 +39,7 @@ pub struct Service {
     errors: Errors,
 }
 
-/// What the last message said.
+/// What the last message contained.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     nanos: u64,
@@ -48,7 +48,7 @@ struct Sent {
     speed_mps: f64,
 }
 
-/// Standard deviations and biases of what is sent.
+/// Standard deviations and biases that are added to what is sent.
 #[derive(Clone, Debug)]
 struct Errors {
     accel_mps2: [f64; 3],
@@ -63,9 +63,9 @@ struct Errors {
 /// The sender at a tick.
 #[derive(Clone, Copy, Debug)]
 pub struct Sender<'a> {
-    /// Its newest state.
+    /// Its record in the newest snapshot.
     pub record: &'a ActorRecord,
-    /// What is known of it besides.
+    /// Its entry in the list of actors.
     pub info: Option<&'a ActorInfo>,
     /// Nanoseconds since the episode began.
     pub nanos: u64,
@@ -74,10 +74,10 @@ pub struct Sender<'a> {
 }
 
 impl Service {
-    /// From a blueprint's attributes.
+    /// Reads a station's attributes.
     ///
     /// # Errors
-    /// A sentence about intervals that cannot be.
+    /// If the intervals are impossible.
     pub fn of(given: &Attributes<'_>) -> Result<Service, String> {
         let (min_secs, max_secs) = (
             given.float("gen_cam_min", 0.1),
@@ -116,7 +116,7 @@ impl Service {
         })
     }
 
-    /// The message that is sent at this tick, if one is; its power is left 0.
+    /// The message that the station sends at this tick, if one is due; its power field stays 0.
     pub fn message(
         &mut self,
         sender: &Sender<'_>,
@@ -180,7 +180,7 @@ impl Service {
         record.put(40, station);
         self.put_position(&mut record, sender, noise);
         if station == ROADSIDE {
-            // Its container, without protected zones.
+            // The road-side unit's container, without protected zones.
             record.put(104, 2);
         }
         if sender.record.vehicle().is_some() {
@@ -199,7 +199,7 @@ impl Service {
     fn put_position(&self, record: &mut Record, sender: &Sender<'_>, noise: &mut Noise) {
         const UNKNOWN_AXIS: i64 = 4095;
         let [x, y, z] = sender.record.world_from_actor.translation_m;
-        // As the client's own projection, whose y points south.
+        // As in the client's own projection, whose y axis points south.
         let [latitude, longitude] = locate_deg(x, -y, sender.geo_reference_deg);
         let [latitude, longitude] = [
             noise.with(latitude, self.errors.latitude_deg),
@@ -221,7 +221,7 @@ impl Service {
 
     fn put_motion(&self, record: &mut Record, actor: &ActorRecord, noise: &mut Noise) {
         const UNKNOWN: i64 = 102;
-        // Counted from north, clockwise; CARLA's yaw counts clockwise from east.
+        // The heading counts clockwise from north; CARLA's yaw counts clockwise from east.
         let heading_deg = noise
             .with(
                 axes::transform(&actor.world_from_actor).rotation_deg[1] + 90.0,
@@ -298,7 +298,7 @@ impl Service {
     }
 }
 
-/// Role and lamps.
+/// Writes the low-frequency container: role and lamps.
 fn put_slow(record: &mut Record, sender: &Sender<'_>, station: i64) {
     let role = match station {
         6 => 1,
@@ -306,7 +306,7 @@ fn put_slow(record: &mut Record, sender: &Sender<'_>, station: i64) {
         _ => 0,
     };
     let lamps = sender.record.vehicle().map_or(0, |part| part.lamps);
-    // Bit of the standard, counted from the left, and bit of `VehicleLightState`.
+    // Pairs of the standard's bit (counted from the left) and the bit of `VehicleLightState`.
     let bits = [(0, 1), (1, 2), (2, 5), (3, 4), (5, 6), (6, 7), (7, 0)];
     let shown = bits
         .iter()
@@ -317,9 +317,8 @@ fn put_slow(record: &mut Record, sender: &Sender<'_>, station: i64) {
     record.0[424] = shown;
 }
 
-/// Kind of station: walkers, vehicles by their class and by what is special about them; whatever
-/// else carries a station, or is one by
-/// itself, stands at the road.
+/// The standard's type of a station: pedestrian, or a type of vehicle by class and special type;
+/// every other carrier is a road-side unit.
 fn station_type(sender: &Sender<'_>) -> i64 {
     if sender.record.walker().is_some() {
         return PEDESTRIAN;
@@ -349,7 +348,7 @@ fn forward_mps(record: &ActorRecord) -> f64 {
     nose.dot(&nalgebra::Vector3::from(record.velocity_in_world_mps))
 }
 
-/// The client's structure.
+/// The client's message structure, as bytes.
 pub struct Record<const N: usize = RECORD_BYTES>(pub [u8; N]);
 
 impl<const N: usize> Record<N> {
@@ -358,7 +357,7 @@ impl<const N: usize> Record<N> {
         self.0[at..at + 8].copy_from_slice(&value.to_le_bytes());
     }
 
-    /// Protocol version, kind of message, station.
+    /// Writes the header: protocol version, kind of message, station.
     pub fn header(&mut self, kind: i64, station: u32) {
         self.put(8, 1);
         self.put(16, kind);

@@ -1,11 +1,11 @@
-//! Random numbers of a station, by its seed.
+//! A station's random numbers, from its seed.
 
 /// Draws of the normal distribution.
 #[derive(Clone, Debug)]
 pub struct Noise(fastrand::Rng);
 
 impl Noise {
-    /// Stations of equal seeds differ by their ids.
+    /// A generator from the seed and the station's id, so that stations with equal seeds differ.
     pub fn new(seed: u64, station: u32) -> Noise {
         Noise(fastrand::Rng::with_seed(
             seed ^ u64::from(station).wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -18,7 +18,7 @@ impl Noise {
         radius * (std::f64::consts::TAU * self.0.f64()).cos()
     }
 
-    /// A value with an error of this standard deviation and bias.
+    /// Adds an error with this standard deviation and bias to a value.
     pub fn with(&mut self, value: f64, [stddev, bias]: [f64; 2]) -> f64 {
         value
             + bias

@@ -1,4 +1,5 @@
-//! How strongly a radio message arrives: path loss by what stands between two antennas, and fading.
+//! How strongly a radio message arrives: path loss, which depends on what stands between the
+//! antennas, and fading.
 //!
 //! Formulas: ETSI TR 103 257-1 (WINNER+ path loss, fading), two-ray interference over ground,
 //! knife-edge diffraction of ITU-R P.526.
@@ -8,22 +9,22 @@ use crate::wire::description::Attributes;
 const LIGHT_MPS: f64 = 299_792_458.0;
 /// Relative permittivity of the ground in the two-ray model.
 const GROUND_PERMITTIVITY: f64 = 1.02;
-/// Nearer than this, antennas count as this far apart, metres.
+/// Antennas that are nearer count as this far apart, metres.
 const NEAREST_M: f64 = 0.1;
 
-/// What the radio waves meet.
+/// What stands between two antennas.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Path {
     /// Nothing.
     Free,
-    /// Vehicles: of each how far it is from the sender and from the receiver, and how far it
+    /// Vehicles: for each its distances from the sender and from the receiver, and how far it
     /// reaches above the straight line, metres.
     BehindVehicles(Vec<[f64; 3]>),
     /// A building or a wall.
     BehindBuilding,
 }
 
-/// Surroundings, which decide about fading.
+/// The surroundings, on which fading depends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Scenario {
     Highway,
@@ -31,10 +32,10 @@ enum Scenario {
     Urban,
 }
 
-/// A receiver.
+/// A station's radio.
 #[derive(Clone, Debug)]
 pub struct Radio {
-    /// What its own messages are sent with, dBm.
+    /// Power of its own messages, dBm.
     pub transmit_dbm: f64,
     sensitivity_dbm: f64,
     frequency_ghz: f64,
@@ -44,24 +45,24 @@ pub struct Radio {
     farthest_m: f64,
     is_winner: bool,
     scenario: Scenario,
-    /// Standard deviation of fading, dB; `None` is ETSI's.
+    /// Standard deviation of fading, dB; `None` for ETSI's values.
     fading_db: Option<f64>,
 }
 
 /// Where the antennas are.
 #[derive(Clone, Copy, Debug)]
 pub struct Link {
-    /// Between the antennas, metres.
+    /// Distance between the antennas, metres.
     pub distance_m: f64,
-    /// Above the lower one of the two actors' grounds, metres.
+    /// Heights of the antennas above the lower of the two actors' ground points, metres.
     pub heights_m: [f64; 2],
 }
 
 impl Radio {
-    /// From a blueprint's attributes.
+    /// Reads a station's attributes.
     ///
     /// # Errors
-    /// A sentence about a value that no radio can have.
+    /// If a value is impossible.
     pub fn of(given: &Attributes<'_>) -> Result<Radio, String> {
         let positive = |name: &str, default: f64| match given.float(name, default) {
             value if value > 0.0 => Ok(value),
@@ -106,13 +107,13 @@ impl Radio {
         })
     }
 
-    /// Whether it looks at senders that far away at all.
+    /// Whether senders at this distance are considered at all.
     pub fn reaches(&self, distance_m: f64) -> bool {
         distance_m < self.farthest_m
     }
 
-    /// What arrives of a message, dBm; `None` if it is too weak. `fading` is a draw of the standard
-    /// normal distribution.
+    /// The power at which a message arrives, dBm; `None` if it is too weak. `fading` is a draw of
+    /// the standard normal distribution.
     pub fn received_dbm(
         &self,
         transmit_dbm: f64,
@@ -130,7 +131,7 @@ impl Radio {
         LIGHT_MPS / (self.frequency_ghz * 1e9)
     }
 
-    /// Without fading.
+    /// Path loss without fading.
     fn loss_db(&self, link: &Link, path: &Path) -> f64 {
         let distance_m = link.distance_m.max(NEAREST_M);
         let base_db = match (path, self.is_winner) {
@@ -162,7 +163,7 @@ impl Radio {
         20.0 * (4.0 * std::f64::consts::PI * distance_m / self.wavelength_m()).log10()
     }
 
-    /// The straight ray and the one that the ground reflects.
+    /// Interference of the direct ray with the one that the ground reflects.
     fn two_ray_db(&self, distance_m: f64, [a_m, b_m]: [f64; 2]) -> f64 {
         let along_m = (distance_m.powi(2) - (a_m - b_m).powi(2))
             .max(NEAREST_M.powi(2))
@@ -194,7 +195,7 @@ impl Radio {
             (Path::Free, Scenario::Urban) => 5.2,
             (Path::BehindVehicles(_), Scenario::Highway) => 3.8,
             (Path::BehindVehicles(_), Scenario::Urban) => 5.3,
-            // Not in the report: the middle of the two.
+            // The report has no rural values; these are the means of the other two.
             (Path::Free, Scenario::Rural) => 4.25,
             (Path::BehindVehicles(_), Scenario::Rural) => 4.55,
         })
@@ -240,8 +241,8 @@ mod tests {
         assert!((urban.loss_db(&link(100.0), &Path::Free) - (72.17 + 14.029)).abs() < 2e-3);
     }
 
-    /// An edge that touches the line costs 6 dB, and far away two rays over ground fall with the
-    /// fourth power of the distance.
+    /// An edge that touches the line costs 6 dB, and the two-ray model falls with the fourth power
+    /// of large distances.
     #[test]
     fn edges_and_far_rays_have_their_known_limits() {
         let radio = radio(&[]).unwrap();

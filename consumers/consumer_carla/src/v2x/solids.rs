@@ -4,19 +4,19 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::v2x::radio::Path;
 
-/// A box in the world.
+/// A box in world space.
 #[derive(Clone, Debug)]
 pub struct Solid {
-    /// Actor, if it is a vehicle.
+    /// The actor, if the box is a vehicle's.
     pub vehicle: Option<u32>,
-    /// Its middle.
+    /// Pose of its centre.
     pub pose: Isometry3<f64>,
     /// Half extents, metres.
     pub half_m: [f64; 3],
 }
 
 impl Solid {
-    /// Shares of the way from `a` to `b` at which the line enters and leaves.
+    /// Where the line from `a` to `b` enters and leaves the box, as shares of its length.
     fn crossed(&self, a: &Point3<f64>, b: &Point3<f64>) -> Option<[f64; 2]> {
         let (from, to) = (self.pose.inverse() * a, self.pose.inverse() * b);
         let (mut enters, mut leaves) = (0.0f64, 1.0f64);
@@ -38,7 +38,7 @@ impl Solid {
         (enters < leaves).then_some([enters, leaves])
     }
 
-    /// Its highest point.
+    /// Height of its highest point.
     fn top_m(&self) -> f64 {
         let up = |axis: Vector3<f64>, half_m: f64| (self.pose.rotation * axis).z.abs() * half_m;
         self.pose.translation.z
@@ -48,7 +48,8 @@ impl Solid {
     }
 }
 
-/// What the straight line between two antennas meets, but for the vehicles that carry them.
+/// What stands on the straight line between two antennas, not counting the vehicles that carry
+/// them.
 pub fn path(solids: &[Solid], from: &Point3<f64>, to: &Point3<f64>, carriers: [u32; 2]) -> Path {
     let distance_m = (to - from).norm();
     let mut edges = Vec::new();

@@ -1,11 +1,11 @@
 //! The one place where Gantry's axes and units become CARLA's and back.
 //!
-//! Gantry: right-handed, x forward, y left, z up, metres, radians, quaternions. CARLA: left-handed,
-//! y right, degrees as pitch, yaw, roll.
-//! The map between them mirrors y: a point turns `(x, y, z)` into `(x, −y, z)`, an axial vector
-//! such as an angular velocity into
-//! `(−x, y, −z)`, a rotation matrix `R` into `S R S` with `S = diag(1, −1, 1)`, and steering
-//! changes its sign.
+//! Gantry is right-handed: x forward, y left, z up, in metres, radians and quaternions. CARLA is
+//! left-handed with y to the right, and writes rotations as pitch, yaw and roll in degrees.
+//!
+//! The conversion mirrors y: a point `(x, y, z)` becomes `(x, −y, z)`, an axial vector such as an
+//! angular velocity becomes `(−x, y, −z)`, a rotation matrix `R` becomes `S R S` with `S = diag(1,
+//! −1, 1)`, and steering changes its sign.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use schema_frames::BodyBox;
@@ -20,41 +20,41 @@ pub struct Transform {
     pub rotation_deg: [f64; 3],
 }
 
-/// A point or a polar vector (velocity, acceleration), either way: mirroring twice changes nothing.
+/// Converts a point or a polar vector (velocity, acceleration) in either direction.
 pub fn mirror<T: Copy + std::ops::Neg<Output = T>>([x, y, z]: [T; 3]) -> [T; 3] {
     [x, -y, z]
 }
 
-/// An angular velocity in rad/s as CARLA's in deg/s.
+/// Converts an angular velocity from rad/s to CARLA's deg/s.
 pub fn angular_velocity_deg([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x.to_degrees(), y.to_degrees(), -z.to_degrees()]
 }
 
-/// CARLA's angular velocity in deg/s as ours in rad/s.
+/// Converts CARLA's angular velocity in deg/s to rad/s.
 pub fn angular_velocity_rad([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x.to_radians(), y.to_radians(), -z.to_radians()]
 }
 
-/// Steering, either way: CARLA's is positive to the right, ours to the left.
+/// Converts steering in either direction: CARLA's is positive to the right, Gantry's to the left.
 pub fn steer(ratio: f32) -> f32 {
     -ratio
 }
 
-/// Sun azimuth, either way: CARLA counts clockwise from x, we counter-clockwise; the result lies in
-/// [0, 360).
+/// Converts the sun's azimuth in either direction: CARLA counts clockwise from x, Gantry
+/// counter-clockwise. The result lies in [0, 360).
 pub fn azimuth_deg(azimuth_deg: f32) -> f32 {
     let turned = (-azimuth_deg).rem_euclid(360.0);
     // A tiny negative angle rounds up to a whole turn.
     if turned >= 360.0 { 0.0 } else { turned }
 }
 
-/// m/s as km/h.
+/// Converts m/s to km/h.
 pub fn kmh(mps: f32) -> f32 {
     mps * 3.6
 }
 
-/// A pose of ours as CARLA's. Angles: yaw and roll in (−180, 180], pitch in [−90, 90]; roll is 0
-/// where the nose points straight up or down.
+/// Converts a pose to CARLA's transform. Yaw and roll lie in (−180, 180], pitch in [−90, 90]; roll
+/// is 0 if the nose points straight up or down.
 pub fn transform(pose: &Pose) -> Transform {
     let iso = pose.isometry();
     let m = iso.rotation.to_rotation_matrix().into_inner();
@@ -73,9 +73,8 @@ pub fn transform(pose: &Pose) -> Transform {
     }
 }
 
-/// Pose of a light or sign as CARLA has it: its x axis lies across the road, to the right of the
-/// traffic it is for; ours looks at that
-/// traffic.
+/// The pose of a light or sign in CARLA's convention: its x axis points across the road, to the
+/// right of the traffic that it is for; in Gantry it faces that traffic.
 pub fn sign_pose(pose: &Pose) -> Pose {
     let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::FRAC_PI_2);
     (pose.isometry() * quarter).into()
@@ -90,7 +89,7 @@ pub fn sign_box(body: &BodyBox) -> BodyBox {
     }
 }
 
-/// Never −0, which CARLA's scripts would print, and never −180.
+/// Turns −0, which CARLA's scripts would print, into 0, and −180 into 180.
 fn whole(angle_deg: f64) -> f64 {
     if angle_deg <= -180.0 {
         180.0
@@ -99,7 +98,7 @@ fn whole(angle_deg: f64) -> f64 {
     }
 }
 
-/// CARLA's pose as ours.
+/// Converts CARLA's transform to a pose.
 pub fn pose(transform: &Transform) -> Pose {
     let [pitch, yaw, roll] = transform.rotation_deg.map(f64::to_radians);
     let ((sp, cp), (sy, cy), (sr, cr)) = (pitch.sin_cos(), yaw.sin_cos(), roll.sin_cos());

@@ -1,4 +1,4 @@
-//! What an actor is described by: its blueprint and its attributes.
+//! Descriptions of actors: a blueprint's id and attributes.
 
 use crate::wire::lenient;
 
@@ -13,7 +13,7 @@ pub struct Attribute {
     pub value: String,
 }
 
-/// What to spawn.
+/// What to spawn: a type and its attributes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
     /// Catalogue id.
@@ -32,11 +32,11 @@ impl Description {
     }
 }
 
-/// Attributes of one sensor, by name, read leniently.
+/// The attributes of a sensor, by name, with values read leniently.
 pub struct Attributes<'d>(&'d Description);
 
 impl<'d> Attributes<'d> {
-    /// Those of a description.
+    /// The attributes of a description.
     pub fn of(description: &'d Description) -> Self {
         Attributes(description)
     }
@@ -65,13 +65,13 @@ impl<'d> Attributes<'d> {
         self.0.attribute(name).map_or(default, lenient::bool)
     }
 
-    /// The seed of its noise; a negative one counts from the top.
+    /// The seed of the sensor's noise; a negative one wraps around.
     pub fn seed(&self) -> u64 {
         self.0.attribute("noise_seed").map_or(0, lenient::int) as u64
     }
 
-    /// An integer, or `default`; what lies outside 32 bits is the nearest inside, so that the
-    /// simulator's own check speaks.
+    /// An integer, or `default`; clamped to 32 bits, so that the simulator's own check refuses it
+    /// with its own message.
     pub fn int(&self, name: &str, default: i64) -> i64 {
         self.0
             .attribute(name)

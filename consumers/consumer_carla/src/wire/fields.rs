@@ -1,7 +1,6 @@
 //! Reads the fields of what clients send, strictly: a wrong type, a missing field or a number that
-//! is not finite is a sentence.
-//! What gets past here is stored and sent on to other clients, whom a value of the wrong type would
-//! end.
+//! is not finite is an error. Values that pass are stored and sent on to other clients, whose
+//! processes a value of the wrong type would end.
 
 use schema_frames::VehicleControl;
 
@@ -21,7 +20,7 @@ pub struct Fields<'v> {
 pub type Wrong = String;
 
 impl<'v> Fields<'v> {
-    /// The fields of `items`, which are those of `what`.
+    /// The fields in `items`; errors call them the fields of `what`.
     pub fn new(what: &'static str, items: &'v [Value]) -> Self {
         Fields {
             what,
@@ -156,12 +155,12 @@ impl<'v> Fields<'v> {
         }
     }
 
-    /// A list whose fields are read as those of `what`.
+    /// A list; errors call its fields those of `what`.
     pub fn fields(&mut self, what: &'static str) -> Result<Fields<'v>, Wrong> {
         self.list().map(|items| Fields::new(what, items))
     }
 
-    /// A list of lists: the fields of each, which are those of `what`.
+    /// A list of lists, as one reader per list; errors call their fields those of `what`.
     pub fn each(&mut self, what: &'static str) -> Result<Vec<Fields<'v>>, Wrong> {
         let items = self.list()?;
         let mut all = Fields::new(what, items);
@@ -193,7 +192,7 @@ impl<'v> Fields<'v> {
         })
     }
 
-    /// A vehicle control, in our axes.
+    /// A vehicle control, converted to Gantry's axes.
     pub fn vehicle_control(&mut self) -> Result<VehicleControl, Wrong> {
         let mut control = self.fields("a vehicle control")?;
         let (throttle_ratio, steer, brake_ratio) = (control.f32()?, control.f32()?, control.f32()?);

@@ -1,8 +1,7 @@
-//! Where on the Earth a point of the map is.
+//! Latitude and longitude of points of the map.
 
 /// Latitude and longitude of a point east and north of the map's origin: a transverse Mercator
-/// projection of a sphere
-/// (Snyder, *Map Projections*, USGS 1395, equations 8-6 and 8-7).
+/// projection of a sphere (Snyder, *Map Projections*, USGS 1395, equations 8-6 and 8-7).
 pub fn locate_deg(east_m: f64, north_m: f64, [latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 2] {
     const SCALED_RADIUS_M: f64 = 6_378_137.0 * 0.9996;
     let (x, d) = (

@@ -1,11 +1,10 @@
-//! Numbers in attributes, read as CARLA reads them: by their leading digits, and 0 if there are
-//! none.
+//! Reads numbers in attributes as CARLA does: by their leading digits, and as 0 if there are none.
 //!
 //! The client checks nothing (`'64.0'` is the integer 64, `'90deg'` the number 90, `'abc'` 0), and
-//! tutorials rely on it.
+//! tutorials rely on this.
 
-/// Length of the leading part of `text` that is a number: sign, digits, and with `fraction` a
-/// point, more digits and an exponent.
+/// Length of the number that `text` begins with: sign and digits; with `fraction` also a point,
+/// more digits and an exponent.
 fn number_len(text: &[u8], fraction: bool) -> usize {
     let digits = |from: usize| {
         text[from..]
@@ -35,7 +34,7 @@ fn number_len(text: &[u8], fraction: bool) -> usize {
     end
 }
 
-/// A number; 0 where there is none, and never anything that is not finite.
+/// A finite number; 0 if the text begins with none.
 pub fn float(text: &str) -> f64 {
     let text = text.trim_start();
     let value: f64 = text[..number_len(text.as_bytes(), true)]
@@ -44,7 +43,7 @@ pub fn float(text: &str) -> f64 {
     if value.is_finite() { value } else { 0.0 }
 }
 
-/// An integer; 0 where there is none, the nearest there is where it is too large.
+/// An integer; 0 if the text begins with none, and the nearest `i64` if it is too large.
 pub fn int(text: &str) -> i64 {
     let text = text.trim_start();
     let digits = &text[..number_len(text.as_bytes(), false)];

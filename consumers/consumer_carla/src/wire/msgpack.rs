@@ -1,4 +1,4 @@
-//! Msgpack values with bounds: what a client sends can cost at most [`Limits`], whatever lengths it
+//! Msgpack values with bounds: reading a message costs at most [`Limits`], whatever lengths it
 //! claims.
 
 use std::io::{self, Read};
@@ -52,19 +52,19 @@ impl Default for Limits {
     }
 }
 
-/// Why bytes are no value.
+/// Why bytes could not be read as a value.
 #[derive(Debug, thiserror::Error)]
 pub enum DecodeError {
     /// The connection ended between two messages.
     #[error("the connection was closed")]
     Closed,
-    /// It ended, or failed, within one.
+    /// The connection ended or failed within a message.
     #[error("the message breaks off ({0})")]
     Io(io::Error),
-    /// A limit.
+    /// The message exceeds a limit.
     #[error("the message has more than {limit} {what}")]
     TooLarge {
-        /// What there is too much of.
+        /// What the message has too much of.
         what: &'static str,
         /// How much is allowed.
         limit: usize,
@@ -72,7 +72,7 @@ pub enum DecodeError {
     /// A kind that CARLA's protocol does not have.
     #[error("the message contains {0}, which CARLA's protocol does not have")]
     Foreign(&'static str),
-    /// A text that is none.
+    /// A text is not UTF-8.
     #[error("a text of the message is not UTF-8")]
     Utf8,
 }
@@ -251,7 +251,7 @@ pub fn write(out: &mut Vec<u8>, value: &Value) {
 }
 
 impl Value {
-    /// What kind it is, for messages.
+    /// The kind of value, for error messages.
     pub fn kind(&self) -> &'static str {
         match self {
             Value::Nil => "nil",

@@ -1,16 +1,16 @@
 //! The navigation mesh that clients load for their own crowds: a walkable mesh in the byte layout
 //! of Detour 1.5's tile sets.
 //!
-//! Everything is little-endian and packed. Head: magic `MSET`, version 1, number of tiles, then the
-//! set's parameters (origin, width and
-//! depth of a tile, most tiles, most polygons). Each tile: its reference (32 bits), its bytes, then
-//! header (100 bytes), vertices (3 × f32),
-//! polygons (32 bytes), links (12 bytes, zero: the reader makes them), one detail record (12 bytes)
-//! per polygon, detail triangles (4 bytes)
-//! and a bounding-volume tree (16 bytes per node). Detour's axes are x, up, −y of ours, which is
-//! CARLA's x, z, y; polygons that run
-//! counter-clockwise in ours run as Detour wants them. One tile holds everything: polygons are
-//! numbered with 15 bits.
+//! Everything is little-endian and packed. The head holds the magic `MSET`, version 1, the number
+//! of tiles and the set's parameters (origin, width and depth of a tile, most tiles, most
+//! polygons). Each tile holds its reference (32 bits), its number of bytes, a header (100 bytes),
+//! vertices (3 × f32), polygons (32 bytes), links (12 bytes, zero: the reader makes them), one
+//! detail record (12 bytes) per polygon, detail triangles (4 bytes) and a bounding-volume tree (16
+//! bytes per node).
+//!
+//! Detour's axes are x, z and −y of Gantry, which are CARLA's x, z, y; polygons that run
+//! counter-clockwise in Gantry's axes have the winding that Detour wants. One tile holds
+//! everything, so polygons are numbered with 15 bits.
 
 use schema_roads::walkable::{Ground, WalkMesh};
 
@@ -38,9 +38,9 @@ const TILE_BITS: u32 = 1;
 pub const MAX_POLYGONS: usize = 0x7ffe;
 /// See [`MAX_POLYGONS`].
 pub const MAX_VERTICES: usize = 0xfffe;
-/// Steps of the tree's boxes per metre.
+/// Quantisation steps of the tree's boxes per metre.
 const STEPS_PER_M: f32 = 4.0;
-/// Measures of a walker that the mesh is made for, metres: height, radius, step.
+/// Height, radius and step height of the walkers that the mesh is made for, metres.
 const WALKER_M: [f32; 3] = [1.8, 0.3, 0.3];
 
 /// Area number and flags of a kind of ground, as CARLA's client filters them.
@@ -52,7 +52,7 @@ fn area(ground: Ground) -> (u8, u16) {
     }
 }
 
-/// Our point in Detour's axes.
+/// A point in Detour's axes.
 fn detour([x, y, z]: [f64; 3]) -> [f32; 3] {
     [x as f32, z as f32, -y as f32]
 }
@@ -156,7 +156,7 @@ fn tile(mesh: &WalkMesh, low: [f32; 3], high: [f32; 3]) -> Vec<u8> {
     for face in &mesh.faces {
         let n = face.corners.len();
         for j in 2..n {
-            // Two bits per edge: whether it is the polygon's own.
+            // Two bits per edge: whether it lies on the polygon's outline.
             let outer = 1 << 2 | u8::from(j == 2) | u8::from(j == n - 1) << 4;
             out.0.extend([0, (j - 1) as u8, j as u8, outer]);
         }
@@ -192,8 +192,8 @@ fn polygon(out: &mut Bytes, face: &schema_roads::walkable::WalkFace) {
     out.0.extend([face.corners.len() as u8, area]);
 }
 
-/// A node of the tree: a box in steps, and either the face (a leaf) or, negative, how many nodes
-/// further its subtree ends.
+/// A node of the tree: a quantised box, and either the face (a leaf) or, as a negative number, the
+/// number of nodes to skip its subtree.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     low: [u16; 3],
@@ -248,7 +248,7 @@ fn split(leaves: &mut [Node], nodes: &mut Vec<Node>) {
     nodes[first].escape_or_face = -((nodes.len() - first) as i32);
 }
 
-/// A number that is another one for another file: clients keep files by name for ever.
+/// A hash of the file's bytes, which goes into its name: clients keep files by name for ever.
 pub fn hash(bytes: &[u8]) -> u64 {
     let mut state = 0xcbf2_9ce4_8422_2325u64;
     for byte in bytes {

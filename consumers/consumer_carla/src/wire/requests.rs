@@ -7,21 +7,21 @@ use crate::wire::msgpack::{self, Value};
 /// The version this gateway speaks; clients compare it with theirs.
 pub const CARLA_VERSION: &str = "0.9.16";
 
-/// What a call gives back.
+/// What a call returns.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Answer {
     /// A value in a response record.
     Value(Value),
     /// Success without a value.
     Void,
-    /// A value without a record round it.
+    /// A value without a response record.
     Bare(Value),
 }
 
 /// Why a call failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Failure {
-    /// A sentence for the script.
+    /// A sentence that the script sees.
     Refused(String),
     /// There is no such method.
     Unknown(String),
@@ -39,20 +39,20 @@ pub type Outcome = Result<Answer, Failure>;
 /// A request of msgpack-rpc.
 #[derive(Debug, PartialEq)]
 pub struct Request {
-    /// Comes back in the response.
+    /// Number of the request, which the response repeats.
     pub id: u32,
-    /// Method.
+    /// Name of the method.
     pub method: String,
-    /// Whether the client throws the answer away.
+    /// Whether the client discards the answer.
     pub is_async: bool,
     /// Arguments, without the metadata.
     pub args: Vec<Value>,
 }
 
-/// Reads a request out of a message.
+/// Reads a request from a message.
 ///
 /// # Errors
-/// A sentence; the connection is then of no further use.
+/// If the message is no request; the connection is then of no further use.
 pub fn parse(message: Value) -> Result<Request, String> {
     let Value::Array(items) = message else {
         return Err(format!(
@@ -117,7 +117,8 @@ mod tests {
         );
     }
 
-    /// Seeded: every shape of list around a request is a request or a sentence.
+    /// Seeded: lists of all shapes around that of a request are read as requests or refused with a
+    /// sentence.
     #[test]
     fn odd_requests_are_sentences() {
         let mut rng = fastrand::Rng::with_seed(4);

@@ -1,9 +1,5 @@
-//! CARLA's sensors: what their blueprints ask of the simulator, and how frames from shared memory
-//! become CARLA's messages.
-//!
-//! A message is the header that all sensors have, then a body. Pictures in colour go out as they
-//! lie in shared memory; everything else is
-//! written anew into a buffer that is kept from frame to frame.
+//! CARLA's kinds of sensors: their blueprints, their numbers on the wire, and the modalities that
+//! their messages are made of.
 
 use Modality::{
     Collision, Depth, Dvs, Flow, Gnss, Imu, Instance, Lidar, Normals, Obstacle, Radar, Rgb,
@@ -14,12 +10,13 @@ use schema_frames::Modality;
 /// A kind of sensor that clients can listen to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// Blueprint.
+    /// Id of its blueprint.
     pub type_id: &'static str,
-    /// CARLA's number in front of every message; a wrong one ends the client.
+    /// CARLA's number of the kind, in front of every message; a wrong one ends the client's
+    /// process.
     pub number: u64,
-    /// What it takes of the simulator to make one message, all of the same tick. Empty: the gateway
-    /// makes them itself.
+    /// The modalities whose frames of one tick make a message. Empty if the gateway makes the
+    /// messages itself.
     pub modalities: &'static [Modality],
 }
 
@@ -90,7 +87,7 @@ pub const KINDS: &[Kind] = &[
         number: 14,
         modalities: &[Semantic],
     },
-    // CARLA's picture holds the class beside the id.
+    // CARLA's pixels hold the class beside the id.
     Kind {
         type_id: "sensor.camera.instance_segmentation",
         number: 15,
@@ -113,15 +110,15 @@ pub const KINDS: &[Kind] = &[
     },
 ];
 
-/// Number of the camera whose pictures are classes in their colours.
+/// Number of the camera that shows classes in their display colours.
 pub const COSMOS: u64 = 16;
 
-/// Blueprint of stations that send by themselves.
+/// Blueprint of radio stations that send awareness messages by themselves.
 pub const AWARENESS: &str = "sensor.other.v2x";
-/// Blueprint of stations that send what scripts say.
+/// Blueprint of radio stations that send texts of scripts.
 pub const CUSTOM: &str = "sensor.other.v2x_custom";
 
-/// Sensors that clients compute themselves: actors without a stream.
+/// Sensors that clients compute themselves; they are actors without a stream.
 pub const CLIENT_SIDE: &[&str] = &["sensor.other.lane_invasion"];
 
 /// The kind of a blueprint.
@@ -129,7 +126,7 @@ pub fn kind(type_id: &str) -> Option<&'static Kind> {
     KINDS.iter().find(|kind| kind.type_id == type_id)
 }
 
-/// Whether this blueprint is a station.
+/// Whether this blueprint is a radio station.
 pub fn is_station(type_id: &str) -> bool {
     [AWARENESS, CUSTOM].contains(&type_id)
 }

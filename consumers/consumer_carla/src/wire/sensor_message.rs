@@ -1,5 +1,5 @@
-//! One message of a sensor: the header that all have, and a body that is either written here or a
-//! frame as it lies in shared memory.
+//! Messages of sensors: a header that all have, and a body. Colour images are sent as they lie in
+//! shared memory; every other body is written into a buffer that is kept from message to message.
 
 pub mod image;
 pub mod points;
@@ -11,7 +11,7 @@ use schema_frames::{FrameHeader, Modality};
 use crate::wire::axes;
 use crate::wire::sensor_kinds::{self, Kind};
 
-/// What a message needs to know beside its frames.
+/// What a message depends on besides its frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Context {
     /// Simulated time at which the episode began.
@@ -20,7 +20,7 @@ pub struct Context {
     pub geo_reference_deg: [f64; 2],
 }
 
-/// Writes messages; keeps its memory.
+/// Writes the messages of one sensor and reuses its buffers.
 #[derive(Debug)]
 pub struct Encoder {
     kind: &'static Kind,
@@ -30,12 +30,12 @@ pub struct Encoder {
     body: Vec<u8>,
 }
 
-/// A message in one or two pieces.
+/// A message in two pieces; the second may be empty.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Message<'m> {
-    /// Headers, and the body if it had to be written.
+    /// The headers, and for events nothing else.
     pub head: &'m [u8],
-    /// The rest.
+    /// The body.
     pub body: &'m [u8],
 }
 
@@ -50,7 +50,7 @@ impl Encoder {
         }
     }
 
-    /// The message of one event, whose body is written already.
+    /// The message of one event, whose body was written before.
     pub fn event<'m>(
         &'m mut self,
         header: &FrameHeader,
@@ -132,7 +132,8 @@ pub fn push_header(out: &mut Vec<u8>, number: u64, header: &FrameHeader, context
     );
 }
 
-/// The same of a message that is no frame; `nanos` since the episode began.
+/// The same for a message that is not made of a frame; `nanos` counts from the begin of the
+/// episode.
 pub fn push_prefix(
     out: &mut Vec<u8>,
     number: u64,

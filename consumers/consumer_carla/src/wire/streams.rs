@@ -1,4 +1,5 @@
-//! Streams: their numbers, where a client finds one, and how messages lie on their connections.
+//! Streams: their numbers, the tokens that tell clients where they are, and messages on their
+//! connections.
 
 use std::io::{IoSlice, Write as _};
 use std::net::TcpStream;
@@ -8,9 +9,9 @@ use std::time::Duration;
 
 use schema_bus::WaitSet;
 
-/// Stream of the world snapshots, for who asks for no own one.
+/// The world stream of clients that have not asked for one of their own.
 pub const WORLD_STREAM: u32 = 1;
-/// Clients' own world streams count from here; actors' streams never come so far.
+/// Numbers of clients' own world streams start here; actors' streams never get this far.
 pub const FIRST_OWN_WORLD_STREAM: u32 = 0x8000_0000;
 
 /// A message that is made once and sent to several clients.
@@ -22,22 +23,22 @@ pub struct StreamMessage {
     pub bytes: Arc<[u8]>,
 }
 
-/// Whether a number is that of a world stream.
+/// Whether this is the number of a world stream.
 pub fn is_world(stream: u32) -> bool {
     stream == WORLD_STREAM || stream >= FIRST_OWN_WORLD_STREAM
 }
 
-/// Stream of an actor's messages; the world's is 1, and no actor has the id 0.
+/// The stream of an actor's messages. No actor has the id 0, so none gets the world's number, 1.
 pub fn stream_of(actor: u32) -> u32 {
     actor.wrapping_add(1)
 }
 
-/// The actor whose messages a stream has.
+/// The actor whose messages a stream carries.
 pub fn actor_of(stream: u32) -> Option<u32> {
     stream.checked_sub(1).filter(|actor| *actor != 0)
 }
 
-/// Length and message, in one system call where the kernel has room.
+/// Sends a message after its length, in one system call if the kernel has room.
 pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Result<()> {
     let length = ((head.len() + body.len()) as u32).to_le_bytes();
     let mut pieces = [
@@ -58,7 +59,8 @@ pub fn send(connection: &mut TcpStream, head: &[u8], body: &[u8]) -> std::io::Re
     Ok(())
 }
 
-/// Clients send nothing after the number, so anything that can be read is the end.
+/// Whether a client has disconnected. It sends nothing after the stream's number, so anything that
+/// can be read is the end.
 pub fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
     connection.set_nonblocking(true)?;
     let looked = connection.peek(&mut [0; 1]);
@@ -69,7 +71,8 @@ pub fn has_ended(connection: &TcpStream) -> std::io::Result<bool> {
     })
 }
 
-/// Closing would make the client come again at once.
+/// Waits until the client disconnects. Closing the connection instead would make it reconnect at
+/// once.
 pub fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
     let forever = Duration::from_secs(3600);
     while !has_ended(connection)? {
@@ -80,7 +83,8 @@ pub fn wait_for_end(connection: &TcpStream) -> std::io::Result<()> {
     Ok(())
 }
 
-/// The 24 bytes that tell a client where a stream is: on the host it dialled, at this port.
+/// The token that tells a client where a stream is: on the host that it called, at this port. 24
+/// bytes.
 pub fn token(stream: u32, port: u16) -> Vec<u8> {
     const TCP: u8 = 1;
     let mut token = vec![0; 24];

@@ -15,7 +15,7 @@ pub fn transform(transform: &Transform) -> Value {
     list![vector(transform.location_m), vector(transform.rotation_deg)]
 }
 
-/// A box in its actor's space.
+/// A box in its actor's space, as CARLA writes it.
 pub fn bounding_box(body: &BodyBox, actor: u32) -> Value {
     let [x, y, z] = axes::mirror(body.centre_m).map(|metres| metres + 0.0);
     let [half_x, half_y, half_z] = body.half_m;
@@ -27,7 +27,7 @@ pub fn bounding_box(body: &BodyBox, actor: u32) -> Value {
     ]
 }
 
-/// A box in the world.
+/// A box in world space.
 pub fn posed_box(posed: &PosedBox) -> Value {
     let [pitch, yaw, roll] = axes::transform(&posed.pose.into()).rotation_deg;
     list![
@@ -38,7 +38,7 @@ pub fn posed_box(posed: &PosedBox) -> Value {
     ]
 }
 
-/// The box of an actor that is not there.
+/// An empty box, for an actor that does not exist.
 pub fn no_box(actor: u32) -> Value {
     bounding_box(
         &BodyBox {
@@ -49,7 +49,7 @@ pub fn no_box(actor: u32) -> Value {
     )
 }
 
-/// What stands for scenery in events.
+/// The actor structure that stands for scenery in events.
 pub fn scenery(type_id: &str, class: u8) -> Value {
     list![
         0u32,
@@ -61,5 +61,5 @@ pub fn scenery(type_id: &str, class: u8) -> Value {
     ]
 }
 
-/// Lamps that exist; `VehicleLightState.All` has every bit.
+/// The bits of lamps that exist; `VehicleLightState.All` sets every bit.
 pub const LAMPS: u32 = 0x7ff;

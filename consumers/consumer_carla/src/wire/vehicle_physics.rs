@@ -1,7 +1,5 @@
-//! How vehicles move, as CARLA writes it: physical data, Ackermann control, pushes, telemetry.
-//!
-//! The only place that knows CARLA's centimetres of wheels, degrees of steering and km/h of the
-//! steering curve.
+//! How vehicles move, as CARLA writes it: physics control, Ackermann control, forces and impulses,
+//! telemetry.
 
 use schema_frames::{
     AckermannControl, AckermannGains, GearPhysics, PhysicsAction, VehiclePhysics, VehicleTelemetry,
@@ -14,13 +12,14 @@ use crate::wire::axes;
 use crate::wire::fields::{Fields, Wrong};
 use crate::wire::msgpack::Value;
 
-/// A torque or an angular impulse, either way: an axial vector in N·m, so without degrees.
+/// Converts a torque (N·m) or an angular impulse (N·m·s) in either direction; they are axial
+/// vectors and have no degrees.
 fn axial([x, y, z]: [f64; 3]) -> [f64; 3] {
     [-x, y, -z]
 }
 
-/// The command that gives a vehicle this physics control. Places of wheels are left out: they are
-/// the vehicle's own, and CARLA gives them in the world.
+/// The action that sets a vehicle's physics control. Positions of wheels cannot be set (CARLA's are
+/// in world space), so they are cleared.
 pub fn set_physics(mut physics: VehiclePhysics) -> PhysicsAction {
     physics
         .wheels
@@ -135,7 +134,7 @@ pub fn read_gains(fields: &mut Fields<'_>) -> Result<PhysicsAction, Wrong> {
     })
 }
 
-/// Points of a curve with the first coordinate times `x_unit`.
+/// Reads the points of a curve and multiplies their first coordinates by `x_unit`.
 fn curve(fields: &mut Fields<'_>, x_unit: f32) -> Result<Vec<[f32; 2]>, Wrong> {
     let points = fields.list()?;
     let mut points_left = Fields::new("a curve", points);
@@ -216,8 +215,8 @@ fn points(curve: &[[f32; 2]], x_unit: f32) -> Value {
     Value::Array(curve.iter().map(|[x, y]| list![x * x_unit, *y]).collect())
 }
 
-/// CARLA's physics control of a vehicle that stands at `world_from_vehicle`, where its wheels are
-/// told.
+/// CARLA's physics control of a vehicle at `world_from_vehicle`; the positions of its wheels are in
+/// world space.
 pub fn write_physics(physics: &VehiclePhysics, world_from_vehicle: &Pose) -> Value {
     let gears: Vec<Value> = physics
         .forward_gears
@@ -304,8 +303,8 @@ pub fn write_telemetry(telemetry: &VehicleTelemetry) -> Value {
 mod tests {
     use super::*;
 
-    /// What CARLA's client builds without arguments, written as it sends it: read, written and read
-    /// again it is the same.
+    /// A control as CARLA's client builds and sends it by default: reading, writing and reading it
+    /// again gives the same.
     #[test]
     fn physics_control_survives_there_and_back() {
         let wheel = |y: f32| {
@@ -382,7 +381,7 @@ mod tests {
             unreachable!()
         };
         assert_eq!((control.steer_rad, control.speed_mps), (-0.3, 8.0));
-        // CARLA's +z turns to the right: an angular impulse up there is one down here.
+        // CARLA's +z turns to the right, so an angular impulse along +z there is one along −z here.
         assert_eq!(axial([0.0, 0.0, 5.0]), [-0.0, 0.0, -5.0]);
     }
 }

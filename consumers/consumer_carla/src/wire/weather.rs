@@ -5,7 +5,7 @@ use schema_frames::document::Weather;
 use crate::wire::axes;
 use crate::wire::fields::{Fields, Wrong};
 
-/// The parameters in CARLA's order.
+/// The weather's parameters in CARLA's order.
 pub fn weather_values(weather: &Weather) -> [f32; 14] {
     [
         weather.cloudiness,
@@ -25,9 +25,9 @@ pub fn weather_values(weather: &Weather) -> [f32; 14] {
     ]
 }
 
-/// CARLA checks nothing, so values outside their range are taken as the nearest one inside. −1
-/// means the map's own value: all presets have
-/// it for the azimuth, `WeatherParameters.Default` throughout.
+/// Reads the weather's parameters. CARLA checks nothing, so values outside their ranges are
+/// clamped. −1 means the map's own value: all presets have it for the azimuth, and
+/// `WeatherParameters.Default` for everything.
 pub fn read_weather(given: &mut Fields<'_>) -> Result<Weather, Wrong> {
     let own = Weather::default();
     let mut ahead = Fields::new("the weather", given.rest());

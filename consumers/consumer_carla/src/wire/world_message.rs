@@ -1,31 +1,30 @@
-//! The world stream: one message per tick, with every actor.
+//! The message of the world stream: one per tick, with every actor.
 
 use schema_frames::{ActorKind, ActorRecord, SnapshotHeader};
 
 use crate::wire::axes;
 
-/// Sensor type of the world stream in 0.9.16; any other number ends the client.
+/// Sensor type of the world stream in 0.9.16; any other number ends the client's process.
 const WORLD_SNAPSHOT: u64 = 17;
 /// Simulation state bit: the client drops its cached map.
 pub const MAP_CHANGED: u32 = 1;
 /// Simulation state bit: the client asks for the lights again.
 pub const LIGHTS_CHANGED: u32 = 2;
 const ACTIVE: u8 = 1;
-/// Where the map says no limit: CARLA's value before any sign.
+/// CARLA's speed limit before a vehicle has passed any sign; used where the map states none.
 const LIMIT_BEFORE_SIGNS_KMH: f32 = 30.0;
 const PART_BYTES: usize = 54;
-/// Bytes before the actors: the header of every sensor message, and the episode's.
+/// Bytes before the actors: the header of every sensor message, and the episode's header.
 pub const HEADER_BYTES: usize = 48 + 36;
 /// Bytes per actor.
 pub const ACTOR_BYTES: usize = 65 + PART_BYTES;
 
-/// Id of an episode for clients: another one after every map load and every restart of the
-/// simulator.
+/// CARLA's id of an episode; it changes with every map load and every restart of the simulator.
 pub fn episode_id(header: &SnapshotHeader) -> u64 {
     header.epoch.wrapping_add(u64::from(header.episode))
 }
 
-/// Seconds since the episode began, from integers.
+/// Seconds since the episode began, computed from integers.
 fn elapsed_secs(header: &SnapshotHeader) -> f64 {
     header.sim_nanos.saturating_sub(header.episode_start_nanos) as f64 * 1e-9
 }
@@ -91,7 +90,7 @@ fn push_actor(out: &mut Vec<u8>, record: &ActorRecord) {
 }
 
 fn push_floats(out: &mut Vec<u8>, values: impl IntoIterator<Item = f32>) {
-    // A number that is not finite would spread through scripts.
+    // Numbers that are not finite would spread through scripts.
     values
         .into_iter()
         .for_each(|x| out.extend(if x.is_finite() { x } else { 0.0 }.to_le_bytes()));

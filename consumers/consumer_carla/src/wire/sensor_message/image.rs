@@ -1,4 +1,4 @@
-//! Pictures: our modalities as CARLA's four bytes B, G, R, A per pixel, and optical flow as two
+//! Images: Gantry's modalities as CARLA's four bytes B, G, R, A per pixel, and optical flow as two
 //! floats.
 
 use std::sync::OnceLock;
@@ -7,19 +7,19 @@ use schema_bus::Frame;
 use schema_frames::FrameHeader;
 use schema_types::Class;
 
-/// Depth that is full scale.
+/// Depth at full scale.
 const FULL_DEPTH_M: f64 = 1000.0;
 /// Largest 24-bit number.
 const FULL_CODE: f64 = 16_777_215.0;
 /// Flow is clipped to this share of the image.
 const MOST_FLOW: f32 = 2.0;
 const OPAQUE: u32 = 0xff00_0000;
-/// Bit of scenery's ids in 16 bits, so that they never are an actor's.
+/// Bit of scenery's 16-bit ids, which keeps them apart from actors' ids.
 const SCENERY: u32 = 0x8000;
 const SCENERY_ID: u32 = 1 << 31;
 
-/// Width, height and field of view; an event camera's width is that of its picture, not of its
-/// list.
+/// Width, height and field of view. An event camera's are those of its image, not of its list of
+/// events.
 pub fn push_header(out: &mut Vec<u8>, header: &FrameHeader, number: u64) {
     const EVENT_CAMERA: u64 = 3;
     let [fx, _, cx, cy] = header.intrinsics_px;
@@ -54,12 +54,13 @@ fn push_pixels<const N: usize>(out: &mut Vec<u8>, frame: &Frame, pixel: impl Fn(
     }
 }
 
-/// Rows with gaps between them, closed up.
+/// Copies rows without the gaps between them.
 pub fn rgb(out: &mut Vec<u8>, frame: &Frame) {
     rows(frame).for_each(|row| out.extend(row));
 }
 
-/// Metres as a 24-bit code, red lowest; nothing and what is beyond 1000 m are white.
+/// A depth as a 24-bit code with red as the lowest byte; beyond 1000 m and where nothing was hit it
+/// is white.
 pub fn depth_pixel(metres: f32) -> u32 {
     let share = (f64::from(metres) / FULL_DEPTH_M).clamp(0.0, 1.0);
     let code = (share * FULL_CODE) as u32;
@@ -97,7 +98,7 @@ pub fn instance_pixel(id: u32, class: u8) -> u32 {
     short >> 8 | (short & 0xff) << 8 | u32::from(class) << 16 | OPAQUE
 }
 
-/// Ids of one picture, classes of the other.
+/// Combines an image of ids with one of classes.
 pub fn instance(out: &mut Vec<u8>, ids: &Frame, classes: &Frame) {
     out.reserve(ids.header().width as usize * ids.header().height as usize * 4);
     for (ids, classes) in rows(ids).zip(rows(classes)) {
@@ -134,8 +135,8 @@ fn normal_bytes() -> &'static [u8; 1 << 16] {
     })
 }
 
-/// Components of a normal as bytes, x in red, y (mirrored) in green, z in blue; where there is
-/// none, black.
+/// A normal's components as bytes: x in red, mirrored y in green, z in blue; black where there is
+/// no normal.
 pub fn normal_pixel(halves: [u16; 3]) -> u32 {
     let [x, y, z] = halves;
     if (x | y | z) & 0x7fff == 0 {
@@ -153,7 +154,7 @@ pub fn normals(out: &mut Vec<u8>, frame: &Frame) {
     });
 }
 
-/// Pixels, y down, as shares of the image, y up.
+/// Converts flow from pixels with y down to shares of the image with y up.
 pub fn flow(out: &mut Vec<u8>, frame: &Frame) {
     let (width, height) = (frame.header().width, frame.header().height);
     out.reserve(width as usize * height as usize * 8);

@@ -1,11 +1,12 @@
-//! Lists: events of an event camera, points of lidars.
+//! Lists: events of event cameras, points of lidars, detections of radars.
 
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, RadarDetection, SemanticLidarPoint};
 
 /// Bytes of an event on the wire.
 pub const DVS_EVENT_BYTES: usize = 13;
 
-/// Events: x, y, time, polarity, packed. `window_start_nanos` counts from the episode's beginning.
+/// Events as packed x, y, time and polarity. `window_start_nanos` counts from the begin of the
+/// episode.
 pub fn dvs(out: &mut Vec<u8>, events: &[DvsEvent], window_start_nanos: u64) {
     out.reserve(events.len() * DVS_EVENT_BYTES);
     for event in events {
@@ -16,8 +17,8 @@ pub fn dvs(out: &mut Vec<u8>, events: &[DvsEvent], window_start_nanos: u64) {
     }
 }
 
-/// Angle of the head (clockwise from where a turn of `fov_rad` begins), channels, and how many
-/// points each has.
+/// The head's angle (clockwise from where a turn of `fov_rad` begins), the number of channels, and
+/// the number of points of each.
 fn push_header(
     head: &mut Vec<u8>,
     header: &FrameHeader,
@@ -43,7 +44,7 @@ fn push_place(out: &mut Vec<u8>, [x, y, z]: [f32; 3]) {
         .for_each(|metres| out.extend(metres.to_le_bytes()));
 }
 
-/// Place in the sensor's space and intensity.
+/// Points in the sensor's space, with intensity.
 pub fn lidar(
     head: &mut Vec<u8>,
     out: &mut Vec<u8>,
@@ -64,7 +65,8 @@ pub fn lidar(
     }
 }
 
-/// Place, cosine of the angle of incidence, the actor that was hit (0: scenery) and its class.
+/// Points with the cosine of the angle of incidence, the actor that was hit (0 for scenery) and its
+/// class.
 pub fn semantic_lidar(
     head: &mut Vec<u8>,
     out: &mut Vec<u8>,

@@ -24,9 +24,9 @@ pub fn imu(out: &mut Vec<u8>, sample: &ImuSample) {
     );
 }
 
-/// Latitude, longitude, altitude, as the client's own `map.transform_to_geolocation` computes them:
-/// CARLA 0.9.16 feeds its y, which points
-/// south, into a projection whose y points north. The receiver's noise is kept.
+/// Latitude, longitude and altitude, consistent with the client's own
+/// `map.transform_to_geolocation`: CARLA 0.9.16 feeds its y, which points south, into a projection
+/// whose y points north. The noise of the receiver is kept.
 pub fn gnss(
     out: &mut Vec<u8>,
     sample: &GnssSample,
