@@ -6,10 +6,10 @@
 //! through relays, too. [`expected`] keeps sources for clients that are about to connect, and
 //! [`progress`] knows how far each reader is, so that a step can wait for it.
 
+pub mod client_streams;
 pub mod events;
 pub mod expected;
 pub mod feed;
-pub mod places;
 pub mod progress;
 pub mod relay;
 pub mod world_stream;

@@ -80,8 +80,8 @@ impl Gateway {
     /// clients wait for it, and a world whose stepping client has gone may have to continue by
     /// itself.
     pub fn closed(&self, connection: u64) {
-        if let Some(place) = self.feeds.world_stream().retire(connection) {
-            place.leave();
+        if let Some(old) = self.feeds.world_stream().retire(connection) {
+            old.leave();
         }
         self.traffic_managers.forget(connection);
         let mut drivers = lock(&self.drivers);

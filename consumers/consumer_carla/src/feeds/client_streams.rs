@@ -23,18 +23,18 @@ pub(crate) fn is_served(retired: &Retired) -> bool {
     mono_now().0 >= retired.load(Ordering::Acquire)
 }
 
-/// A client that still listens to its old stream this long after a load timed out waiting for the
-/// answer and continues with the old stream.
+/// How long a client's old stream stays silent after a load. A client that still listens to it then
+/// has timed out on the load and continues with its old world.
 const LEAVE_NANOS: u64 = 10_000_000_000;
 
 /// A client's world stream.
 #[derive(Debug)]
-pub struct Place {
+pub struct ClientStream {
     stream: u32,
     is_retired: Retired,
 }
 
-impl Place {
+impl ClientStream {
     /// The load succeeded, so the client will connect to a new stream.
     pub fn leave(&self) {
         self.is_retired
@@ -44,27 +44,27 @@ impl Place {
 
 /// World streams, by the RPC connections that asked for them.
 #[derive(Debug, Default)]
-pub(crate) struct Places {
+pub(crate) struct ClientStreams {
     n_made: u32,
-    of: BTreeMap<u64, Place>,
+    of: BTreeMap<u64, ClientStream>,
     /// Retired streams by number, until they send again; a connection that arrives late finds its
     /// stream silent, too.
     left: BTreeMap<u32, Retired>,
 }
 
-impl Places {
+impl ClientStreams {
     /// The number of a client's current world stream.
     pub fn stream_of(&mut self, connection: u64) -> u32 {
         let n_made = &mut self.n_made;
-        let place = self.of.entry(connection).or_insert_with(|| {
+        let own = self.of.entry(connection).or_insert_with(|| {
             let stream = FIRST_OWN_WORLD_STREAM + *n_made;
             *n_made = (*n_made + 1) % (u32::MAX - FIRST_OWN_WORLD_STREAM);
-            Place {
+            ClientStream {
                 stream,
                 is_retired: Retired::default(),
             }
         });
-        place.stream
+        own.stream
     }
 
     /// The silence flag of the stream that a connection asks for.
@@ -73,28 +73,28 @@ impl Places {
         let held = self
             .of
             .values()
-            .find(|place| place.stream == stream)
-            .map(|place| &place.is_retired);
+            .find(|own| own.stream == stream)
+            .map(|own| &own.is_retired);
         held.or_else(|| self.left.get(&stream))
             .cloned()
             .unwrap_or_default()
     }
 
-    /// Silences a client's world stream until [`Place::leave`] or [`Places::restore`] is called
-    /// with the returned place.
-    pub fn retire(&mut self, connection: u64) -> Option<Place> {
-        let place = self.of.remove(&connection)?;
-        place.is_retired.store(u64::MAX, Ordering::Release);
+    /// Silences a client's world stream until [`ClientStream::leave`] or [`ClientStreams::restore`] is called
+    /// with the returned stream.
+    pub fn retire(&mut self, connection: u64) -> Option<ClientStream> {
+        let own = self.of.remove(&connection)?;
+        own.is_retired.store(u64::MAX, Ordering::Release);
         self.left.retain(|_, retired| !is_served(retired));
-        self.left.insert(place.stream, place.is_retired.clone());
-        Some(place)
+        self.left.insert(own.stream, own.is_retired.clone());
+        Some(own)
     }
 
-    /// Undoes [`Places::retire`]: the stream sends again and stays the client's own.
-    pub fn restore(&mut self, connection: u64, place: Place) {
-        place.is_retired.store(0, Ordering::Release);
-        self.left.remove(&place.stream);
-        self.of.insert(connection, place);
+    /// Undoes [`ClientStreams::retire`]: the stream sends again and stays the client's own.
+    pub fn restore(&mut self, connection: u64, own: ClientStream) {
+        own.is_retired.store(0, Ordering::Release);
+        self.left.remove(&own.stream);
+        self.of.insert(connection, own);
     }
 }
 
@@ -105,38 +105,38 @@ mod tests {
 
     #[test]
     fn a_client_has_a_stream_per_world_and_nobody_elses() {
-        let mut places = Places::default();
-        let (one, other) = (places.stream_of(1), places.stream_of(2));
+        let mut client_streams = ClientStreams::default();
+        let (one, other) = (client_streams.stream_of(1), client_streams.stream_of(2));
         assert!(
             one != other
-                && places.stream_of(1) == one
+                && client_streams.stream_of(1) == one
                 && is_world(one)
                 && is_world(1)
                 && !is_world(2)
         );
-        let flags = [one, other].map(|stream| places.retired(stream));
-        let place = places.retire(1).unwrap();
+        let flags = [one, other].map(|stream| client_streams.retired(stream));
+        let own = client_streams.retire(1).unwrap();
         assert_eq!(flags.each_ref().map(is_served), [false, true]);
         assert!(
-            !is_served(&places.retired(one)),
+            !is_served(&client_streams.retired(one)),
             "one that connects after its client left is as silent"
         );
-        places.restore(1, place);
-        assert!(is_served(&flags[0]) && places.stream_of(1) == one);
-        let place = places.retire(1).unwrap();
-        place.leave();
+        client_streams.restore(1, own);
+        assert!(is_served(&flags[0]) && client_streams.stream_of(1) == one);
+        let own = client_streams.retire(1).unwrap();
+        own.leave();
         let waits_nanos = flags[0].load(Ordering::Acquire) - mono_now().0;
         assert!(
             !is_served(&flags[0]) && waits_nanos <= LEAVE_NANOS,
             "a client that gave up hears the old stream again"
         );
-        assert!(!is_served(&places.retired(one)));
+        assert!(!is_served(&client_streams.retired(one)));
         flags[0].store(0, Ordering::Release);
         assert!(
-            is_served(&places.retired(one)) && places.left.is_empty(),
+            is_served(&client_streams.retired(one)) && client_streams.left.is_empty(),
             "what is served again is forgotten"
         );
-        let next = places.stream_of(1);
+        let next = client_streams.stream_of(1);
         assert!(next != one && next != other);
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 
-use crate::feeds::places::{self, Place, Places, Retired};
+use crate::feeds::client_streams::{self, ClientStream, ClientStreams, Retired};
 use crate::lock::lock;
 use crate::wire::streams::{StreamMessage, has_ended, send};
 
@@ -45,7 +45,7 @@ struct Audience {
 #[derive(Debug, Default)]
 pub struct WorldStream {
     audience: Mutex<Audience>,
-    places: Mutex<Places>,
+    client_streams: Mutex<ClientStreams>,
     written: Condvar,
     newest_tick: AtomicU64,
 }
@@ -55,23 +55,23 @@ impl WorldStream {
         lock(&self.audience)
     }
 
-    fn places(&self) -> MutexGuard<'_, Places> {
-        lock(&self.places)
+    fn client_streams(&self) -> MutexGuard<'_, ClientStreams> {
+        lock(&self.client_streams)
     }
 
     /// The number of the world stream of the client with this RPC connection.
     pub fn stream_of(&self, connection: u64) -> u32 {
-        self.places().stream_of(connection)
+        self.client_streams().stream_of(connection)
     }
 
     /// Silences the stream of a client that loads a world; afterwards the client takes a new one.
-    pub fn retire(&self, connection: u64) -> Option<Place> {
-        self.places().retire(connection)
+    pub fn retire(&self, connection: u64) -> Option<ClientStream> {
+        self.client_streams().retire(connection)
     }
 
     /// The load failed: the client keeps the stream that [`WorldStream::retire`] returned.
-    pub fn restore(&self, connection: u64, place: Place) {
-        self.places().restore(connection, place);
+    pub fn restore(&self, connection: u64, own: ClientStream) {
+        self.client_streams().restore(connection, own);
     }
 
     /// Sends a snapshot to all listeners and keeps it for clients that connect later.
@@ -158,7 +158,7 @@ impl WorldStream {
 
     /// Sends snapshots to a client until it disconnects.
     pub(crate) fn serve(&self, stream: u32, mut connection: TcpStream) -> std::io::Result<()> {
-        let is_retired = self.places().retired(stream);
+        let is_retired = self.client_streams().retired(stream);
         let (messages, pace) = self.subscribe();
         let served = self.send_all(&mut connection, &messages, &pace, &is_retired);
         // Sensor messages must not wait for a client that has gone.
@@ -178,7 +178,7 @@ impl WorldStream {
         loop {
             match messages.recv_timeout(LOOK) {
                 Ok(message) => {
-                    if places::is_served(is_retired) {
+                    if client_streams::is_served(is_retired) {
                         send(connection, &message.bytes, &[])?;
                     } else if has_ended(connection)? {
                         return Ok(());
