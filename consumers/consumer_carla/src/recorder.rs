@@ -26,7 +26,7 @@ use crate::state::commander::Commander;
 use crate::state::known_world::World;
 use changes::Changes;
 use replay::{Replay, Settings};
-use writer::Writer;
+use writer::{WriteError, Writer};
 
 /// File ending of recordings.
 const KIND: &str = "log";
@@ -89,7 +89,7 @@ impl Recorder {
     ///
     /// # Errors
     /// If the file cannot be made.
-    pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), String> {
+    pub fn start(&self, path: &Path, map: String, with_motion: bool) -> Result<(), WriteError> {
         let mut state = lock(&self.state);
         state.writer = None;
         state.writer = Some(Writer::create(path, map, with_motion)?);
@@ -171,7 +171,7 @@ impl Recorder {
             .as_mut()
             .and_then(|writer| writer.write(&snapshot, &world.known(), changes).err());
         if let Some(error) = failed {
-            tracing::warn!(error, "the recording ends here");
+            tracing::warn!(%error, "the recording ends here");
             state.writer = None;
         }
         if let Some(replay) = &mut state.replay

@@ -87,7 +87,7 @@ pub fn serve(listener: &TcpListener, gateway: &Arc<Gateway>) {
                     .map_or_else(|_| "?".to_owned(), |peer| peer.to_string());
                 tracing::debug!(peer, "connected");
                 if let Err(error) = serve_one(connection, &gateway, number, &has_asked) {
-                    tracing::warn!(peer, error, "closed an RPC connection");
+                    tracing::warn!(peer, %error, "closed an RPC connection");
                 }
                 gateway.closed(number);
                 lock(&here).remove(&number);
@@ -104,14 +104,9 @@ fn serve_one(
     gateway: &Gateway,
     number: u64,
     has_asked: &AtomicBool,
-) -> Result<(), String> {
-    connection
-        .set_nodelay(true)
-        .map_err(|error| error.to_string())?;
-    let mut reader = BufReader::with_capacity(
-        1 << 16,
-        connection.try_clone().map_err(|error| error.to_string())?,
-    );
+) -> anyhow::Result<()> {
+    connection.set_nodelay(true)?;
+    let mut reader = BufReader::with_capacity(1 << 16, connection.try_clone()?);
     loop {
         let message = match msgpack::read(&mut reader, Limits::default()) {
             Ok(message) => message,
@@ -120,7 +115,7 @@ fn serve_one(
             Err(DecodeError::Io(error)) if error.kind() == std::io::ErrorKind::ConnectionReset => {
                 return Ok(());
             }
-            Err(error) => return Err(error.to_string()),
+            Err(error) => return Err(error.into()),
         };
         let request = parse(message)?;
         has_asked.store(true, Ordering::Release);

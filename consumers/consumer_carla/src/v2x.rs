@@ -10,6 +10,7 @@ mod noise;
 mod radio;
 mod solids;
 
+use crate::wire::fields::Wrong;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
@@ -87,12 +88,12 @@ struct Message {
 ///
 /// # Errors
 /// A sentence.
-pub fn check(description: &Description) -> Result<(), String> {
+pub fn check(description: &Description) -> Result<(), Wrong> {
     Station::new(0, 0, description).map(drop)
 }
 
 impl Station {
-    fn new(id: u32, parent: u32, description: &Description) -> Result<Station, String> {
+    fn new(id: u32, parent: u32, description: &Description) -> Result<Station, Wrong> {
         let given = Attributes::of(description);
         let is_custom = description.type_id == CUSTOM;
         let seed = given.seed();
@@ -115,18 +116,18 @@ impl V2x {
     ///
     /// # Errors
     /// If the text is too long or too many wait.
-    pub fn send(&self, station: u32, text: &str) -> Result<(), String> {
+    pub fn send(&self, station: u32, text: &str) -> Result<(), Wrong> {
         if text.len() > MAX_TEXT_BYTES || text.contains('\0') {
             let n_bytes = text.len();
-            return Err(format!(
+            return Err(Wrong::Value(format!(
                 "a custom message has {n_bytes} bytes; at most {MAX_TEXT_BYTES} are sent, none of them zero"
-            ));
+            )));
         }
         let mut state = lock(&self.0);
         if state.outbox.len() >= MAX_OUTBOX {
-            return Err(format!(
+            return Err(Wrong::Value(format!(
                 "{MAX_OUTBOX} messages wait for the next tick; this one is not sent"
-            ));
+            )));
         }
         state.outbox.push((station, text.to_owned()));
         Ok(())
@@ -187,7 +188,7 @@ impl State {
             if !self.stations.contains_key(id) {
                 match Station::new(*id, own.parent, &own.description) {
                     Ok(station) => drop(self.stations.insert(*id, station)),
-                    Err(error) => tracing::warn!(station = id, error, "a station cannot be made"),
+                    Err(error) => tracing::warn!(station = id, %error, "a station cannot be made"),
                 }
             }
         }
@@ -255,7 +256,7 @@ impl State {
                     .collect(),
                 Ok(_) => Vec::new(),
                 Err(error) => {
-                    tracing::debug!(error, "no scenery; radio waves pass everywhere");
+                    tracing::debug!(%error, "no scenery; radio waves pass everywhere");
                     Vec::new()
                 }
             })

@@ -218,6 +218,7 @@ fn recordings_of_the_versions_before_are_read() {
     assert!(
         Recording::read(&mut newer.as_slice())
             .unwrap_err()
+            .to_string()
             .contains("reads versions 2 to 4")
     );
 }
@@ -240,7 +241,7 @@ fn cut_off_recordings_end_with_their_last_whole_frame() {
 
 #[test]
 fn foreign_and_broken_recordings_are_sentences() {
-    let error = |bytes: &[u8]| Recording::read(&mut &bytes[..]).unwrap_err();
+    let error = |bytes: &[u8]| Recording::read(&mut &bytes[..]).unwrap_err().to_string();
     assert!(error(b"").contains("not a recording"));
     assert!(error(b"\x01\x00\x0eCARLA_RECORDER").contains("not a recording"));
     let whole = bytes(&drive());

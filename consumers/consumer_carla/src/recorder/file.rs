@@ -115,6 +115,73 @@ pub struct Frame {
     pub changes: Changes,
 }
 
+/// Why a file cannot be used as a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// There is no such file, or it cannot be opened.
+    #[error("File {name} not found on server ({cause})")]
+    NotFound {
+        /// Name of the file.
+        name: String,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// The file is too large.
+    #[error("{name} has {n_bytes} bytes, at most {max} are read", max = MAX_BYTES)]
+    TooLarge {
+        /// Name of the file.
+        name: String,
+        /// Its size.
+        n_bytes: u64,
+    },
+    /// The file's contents are no recording.
+    #[error("{name} cannot be used: {cause}")]
+    Contents {
+        /// Name of the file.
+        name: String,
+        /// Why.
+        cause: ReadError,
+    },
+}
+
+/// Why bytes are no recording.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// It does not begin as our recordings do.
+    #[error("it is not a recording of gantry-carla (CARLA's own recordings have another format)")]
+    Foreign,
+    /// Its format is too old or too new.
+    #[error(
+        "its format is version {version}, but this program reads versions {oldest} to {newest}",
+        oldest = OLDEST, newest = VERSION
+    )]
+    Version {
+        /// Version of its format.
+        version: u32,
+    },
+    /// A field is wrong.
+    #[error(transparent)]
+    Field(#[from] Wrong),
+    /// A frame is no list.
+    #[error("a frame is {kind}, but must be a list")]
+    NoList {
+        /// What it is.
+        kind: &'static str,
+    },
+    /// Its bytes cannot be decoded.
+    #[error(transparent)]
+    Bytes(DecodeError),
+    /// It is too long.
+    #[error("it has more than {max} frames", max = MAX_FRAMES)]
+    TooLong,
+    /// It is empty.
+    #[error("it has no frame")]
+    Empty,
+    /// Time runs backwards in it.
+    #[error("its frames are not in the order of time")]
+    Disorder,
+}
+
 /// A recording that was read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
@@ -283,31 +350,27 @@ impl Recording {
     ///
     /// # Errors
     /// If there is no such file, it is not a recording, or it is damaged.
-    pub fn open(path: &Path) -> Result<Recording, String> {
+    pub fn open(path: &Path) -> Result<Recording, OpenError> {
         let name = path
             .file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let file = std::fs::File::open(path)
-            .map_err(|error| format!("File {name} not found on server ({error})"))?;
+        let file = match std::fs::File::open(path) {
+            Ok(file) => file,
+            Err(cause) => return Err(OpenError::NotFound { name, cause }),
+        };
         let n_bytes = file.metadata().map_or(0, |about| about.len());
         if n_bytes > MAX_BYTES {
-            return Err(format!(
-                "{name} has {n_bytes} bytes, at most {MAX_BYTES} are read"
-            ));
+            return Err(OpenError::TooLarge { name, n_bytes });
         }
         Recording::read(&mut BufReader::new(file))
-            .map_err(|error| format!("{name} cannot be used: {error}"))
+            .map_err(|cause| OpenError::Contents { name, cause })
     }
 
     /// Reads a recording's bytes.
     ///
     /// # Errors
     /// A sentence.
-    pub fn read(reader: &mut impl Read) -> Result<Recording, String> {
-        let foreign = || {
-            "it is not a recording of gantry-carla (CARLA's own recordings have another format)"
-                .to_owned()
-        };
+    pub fn read(reader: &mut impl Read) -> Result<Recording, ReadError> {
         let Ok(Value::Array(head)) = msgpack::read(
             reader,
             Limits {
@@ -316,17 +379,15 @@ impl Recording {
                 depth: 2,
             },
         ) else {
-            return Err(foreign());
+            return Err(ReadError::Foreign);
         };
         let mut fields = Fields::new("its head", &head);
         if fields.text() != Ok(MAGIC) {
-            return Err(foreign());
+            return Err(ReadError::Foreign);
         }
         let version = fields.u32()?;
         if !(OLDEST..=VERSION).contains(&version) {
-            return Err(format!(
-                "its format is version {version}, but this program reads versions {OLDEST} to {VERSION}"
-            ));
+            return Err(ReadError::Version { version });
         }
         let head = Head {
             version,
@@ -340,20 +401,20 @@ impl Recording {
                     frames.push(Frame::read(&mut Fields::new("a frame", &items), version)?)
                 }
                 Ok(other) => {
-                    return Err(format!("a frame is {}, but must be a list", other.kind()));
+                    return Err(ReadError::NoList { kind: other.kind() });
                 }
                 Err(DecodeError::Closed | DecodeError::Io(_)) => break,
-                Err(error) => return Err(error.to_string()),
+                Err(error) => return Err(ReadError::Bytes(error)),
             }
             if frames.len() > MAX_FRAMES {
-                return Err(format!("it has more than {MAX_FRAMES} frames"));
+                return Err(ReadError::TooLong);
             }
         }
         if frames.is_empty() {
-            return Err("it has no frame".to_owned());
+            return Err(ReadError::Empty);
         }
         if !frames.is_sorted_by(|a, b| a.elapsed_secs < b.elapsed_secs) {
-            return Err("its frames are not in the order of time".to_owned());
+            return Err(ReadError::Disorder);
         }
         Ok(Recording { head, frames })
     }

@@ -241,16 +241,19 @@ impl Replay {
             at.location_m[2] += MAKE_ABOVE_M + MAKE_APART_M * (self.n_made % 500) as f64;
             self.n_made += 1;
         }
-        let command = spawn_command(&born.description, &at, parent, Attachment::Rigid);
-        match command.and_then(|command| commander.ask_one(command)) {
-            Ok((CommandReply::Spawned { actor_id, .. }, _)) => {
+        let spawn = || -> anyhow::Result<CommandReply> {
+            let command = spawn_command(&born.description, &at, parent, Attachment::Rigid)?;
+            Ok(commander.ask_one(command)?.0)
+        };
+        match spawn() {
+            Ok(CommandReply::Spawned { actor_id, .. }) => {
                 self.ids.insert(born.id, actor_id);
                 self.made.push(actor_id);
             }
-            Ok((other, _)) => tracing::warn!(?other, "no answer to a spawn of the replay"),
+            Ok(other) => tracing::warn!(?other, "no answer to a spawn of the replay"),
             Err(error) => tracing::warn!(
                 type_id = born.description.type_id,
-                error,
+                %error,
                 "the replay goes on without an actor"
             ),
         }

@@ -46,7 +46,7 @@ impl Wanted {
             Ok(answer) => answer.replies,
             Err(error) => {
                 return tracing::warn!(
-                    error,
+                    %error,
                     "a tick is recorded without physics control and bones"
                 );
             }

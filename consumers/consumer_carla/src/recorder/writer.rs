@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use consumer_kit::WorldAt;
@@ -20,6 +20,25 @@ use crate::wire::description::{Attribute, Description};
 
 /// Bodies nearer than this count as touching when both report a contact, metres.
 const TOUCH_M: f64 = 0.3;
+
+/// Why a recording cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The file cannot be created.
+    #[error("cannot write {}: {cause}", path.display())]
+    Create {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+    /// The file cannot be written, for example because the disk is full.
+    #[error("cannot write the recording: {0}")]
+    Write(std::io::Error),
+    /// Another episode has begun, and a recording holds only one.
+    #[error("another map was loaded")]
+    OtherMap,
+}
 
 /// A recording that is being written.
 #[derive(Debug)]
@@ -55,8 +74,11 @@ impl Writer {
     ///
     /// # Errors
     /// If the file cannot be created.
-    pub fn create(path: &Path, map: String, with_motion: bool) -> Result<Writer, String> {
-        let cannot = |error: std::io::Error| format!("cannot write {}: {error}", path.display());
+    pub fn create(path: &Path, map: String, with_motion: bool) -> Result<Writer, WriteError> {
+        let cannot = |cause: std::io::Error| WriteError::Create {
+            path: path.to_owned(),
+            cause,
+        };
         std::fs::create_dir_all(path.parent().unwrap_or(Path::new("."))).map_err(cannot)?;
         let mut file = BufWriter::new(File::create(path).map_err(cannot)?);
         let mut head = Vec::new();
@@ -135,11 +157,11 @@ impl Writer {
         snapshot: &WorldAt,
         known: &Known,
         mut changes: Changes,
-    ) -> Result<(), String> {
+    ) -> Result<(), WriteError> {
         let header = &snapshot.header;
         let episode = crate::wire::world_message::episode_id(header);
         if *self.episode.get_or_insert(episode) != episode {
-            return Err("another map was loaded".to_owned());
+            return Err(WriteError::OtherMap);
         }
         if header.tick <= self.last_tick {
             return Ok(());
@@ -162,7 +184,7 @@ impl Writer {
         self.file
             .write_all(&bytes)
             .and_then(|()| self.file.flush())
-            .map_err(|error| format!("cannot write the recording: {error}"))
+            .map_err(WriteError::Write)
     }
 
     fn frame(&mut self, snapshot: &WorldAt, known: &Known) -> Frame {
@@ -313,13 +335,13 @@ fn touching(snapshot: &WorldAt) -> BTreeSet<(u32, u32)> {
 /// Whether two upright boxes come within [`TOUCH_M`] of each other, by separating axes in the
 /// plane.
 fn are_close(a: &ActorRecord, b: &ActorRecord) -> bool {
-    let frames = [a, b].map(|record| record.world_from_actor.isometry());
-    let apart = frames[1].translation.vector - frames[0].translation.vector;
+    let poses = [a, b].map(|record| record.world_from_actor.isometry());
+    let apart = poses[1].translation.vector - poses[0].translation.vector;
     let halves = [a, b].map(|record| record.half_box_m.map(f64::from));
     let directions = [0, 1].map(|i| {
         [
-            frames[i] * nalgebra::Vector3::x(),
-            frames[i] * nalgebra::Vector3::y(),
+            poses[i] * nalgebra::Vector3::x(),
+            poses[i] * nalgebra::Vector3::y(),
         ]
     });
     let reach = |i: usize, axis: &nalgebra::Vector3<f64>| {

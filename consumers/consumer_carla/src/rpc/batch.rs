@@ -79,7 +79,7 @@ fn read(value: &Value, new_actor: Option<u32>) -> Result<Item<'_>, Wrong> {
         .flatten()
         .find(|(number, _)| *number == kind);
     let (_, read) = found
-        .ok_or_else(|| format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works"))?;
+        .ok_or_else(|| Wrong::Value(format!("batch command {kind} cannot be done by gantry-carla; docs/carla-compatibility.md lists what works")))?;
     let given = fields.u32()?;
     read(new_actor.unwrap_or(given), &mut fields)
 }
@@ -163,7 +163,7 @@ fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done
     };
     let (mut replies, lost) = match answer {
         Ok(replies) => (replies.into_iter(), None),
-        Err(error) => (Vec::new().into_iter(), Some(error)),
+        Err(error) => (Vec::new().into_iter(), Some(error.to_string())),
     };
     let (mut controls, mut following, mut newest) = (Vec::new(), Vec::new(), None);
     let mut reply = || match (&lost, replies.next()) {
@@ -175,7 +175,7 @@ fn run_batch(gateway: &Gateway, items: Vec<Result<Item<'_>, Wrong>>) -> Vec<Done
     };
     let done = items
         .into_iter()
-        .map(|item| match item? {
+        .map(|item| match item.map_err(|wrong| wrong.to_string())? {
             Item::Ask {
                 actor,
                 command: Command::Destroy { .. },

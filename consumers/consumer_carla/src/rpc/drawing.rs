@@ -68,7 +68,11 @@ fn read_primitive(fields: &mut Fields<'_>) -> Result<Option<DebugDraw>, Wrong> {
             })
         }
         4..=8 => None,
-        _ => return Err(format!("a primitive is of kind {kind}, but must be 0 to 8")),
+        _ => {
+            return Err(Wrong::Value(format!(
+                "a primitive is of kind {kind}, but must be 0 to 8"
+            )));
+        }
     })
 }
 
@@ -146,6 +150,7 @@ mod tests {
         assert!(
             read(list![9u32, list![at()]])
                 .unwrap_err()
+                .to_string()
                 .contains("0 to 8")
         );
     }

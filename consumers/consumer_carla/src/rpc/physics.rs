@@ -213,7 +213,7 @@ fn simulate_physics(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
             .commander
             .ask_one(Command::Physics { actor_id, action })
     {
-        tracing::debug!(actor_id, error, "set_actor_simulate_physics did nothing");
+        tracing::debug!(actor_id, %error, "set_actor_simulate_physics did nothing");
     }
     Ok(Answer::Void)
 }

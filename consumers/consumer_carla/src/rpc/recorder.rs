@@ -93,7 +93,8 @@ fn start_recorder(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
         .info
         .as_ref()
         .map_or_else(String::new, |info| info.map.clone());
-    gateway.recorder.start(&path, map, with_motion)?;
+    let started = gateway.recorder.start(&path, map, with_motion);
+    started.map_err(|error| Failure::Refused(error.to_string()))?;
     Ok(Answer::Value(path.display().to_string().into()))
 }
 
@@ -103,7 +104,7 @@ fn about(gateway: &Gateway, name: &str, tell: impl FnOnce(&Recording) -> String)
     let text = gateway
         .recorder
         .path(name)
-        .and_then(|path| Recording::open(&path))
+        .and_then(|path| Recording::open(&path).map_err(|error| error.to_string()))
         .map_or_else(|error| format!("{error}\n"), |it| tell(&it));
     Ok(Answer::Value(text.into()))
 }

@@ -1,5 +1,6 @@
 //! Calls about the session: version, settings, ticking, maps, blueprints.
 
+use crate::state::commander::CommandError;
 use std::time::Duration;
 
 use schema_bus::mono_now;
@@ -137,7 +138,7 @@ fn configure(
     mode: StepMode,
     period_nanos: u64,
     longest_substep_nanos: u64,
-) -> Result<(CommandReply, u64), String> {
+) -> Result<(CommandReply, u64), CommandError> {
     let done = gateway.commander.ask_one(Command::Configure {
         mode: Some(mode),
         period_nanos: Some(period_nanos),
@@ -178,8 +179,8 @@ fn load(gateway: &Gateway, call: &mut Call<'_>) -> Outcome {
     let retired = streams.retire(call.connection);
     let loaded = load_map(gateway, call);
     match (retired, &loaded) {
-        (Some(place), Err(_)) => streams.restore(call.connection, place),
-        (Some(place), Ok(_)) => place.leave(),
+        (Some(old), Err(_)) => streams.restore(call.connection, old),
+        (Some(old), Ok(_)) => old.leave(),
         (None, _) => {}
     }
     loaded

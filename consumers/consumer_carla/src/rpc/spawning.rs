@@ -39,9 +39,9 @@ fn attachment(number: u8) -> Result<Attachment, Wrong> {
         0 => Ok(Attachment::Rigid),
         1 => Ok(Attachment::SpringArm),
         2 => Ok(Attachment::SpringArmGhost),
-        other => Err(format!(
+        other => Err(Wrong::Value(format!(
             "the kind of attachment is {other}, but must be 0 (rigid), 1 (spring arm) or 2 (spring arm ghost)"
-        )),
+        ))),
     }
 }
 

@@ -59,9 +59,9 @@ const STAGE_SECS: (f64, f64) = (0.01, 1e5);
 fn light_name(state: u8) -> Result<String, Wrong> {
     match state {
         0..=4 => Ok(LightState::from_code(state.into()).name().to_owned()),
-        _ => Err(format!(
+        _ => Err(Wrong::Value(format!(
             "traffic-light state is {state}, but must be 0 (red), 1 (yellow), 2 (green), 3 (off) or 4 (unknown)"
-        )),
+        ))),
     }
 }
 

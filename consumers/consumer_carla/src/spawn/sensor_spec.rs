@@ -39,9 +39,9 @@ pub fn command(
         });
     }
     let Some(kind) = kind(&type_id) else {
-        return Err(format!(
+        return Err(Wrong::Value(format!(
             "{type_id:?} cannot be spawned: the simulator has no such sensor; docs/carla-compatibility.md lists those it has"
-        ));
+        )));
     };
     if kind.modalities.is_empty() {
         v2x::check(description)?;
@@ -278,7 +278,8 @@ mod tests {
             None,
             Attachment::Rigid,
         )
-        .unwrap_err();
+        .unwrap_err()
+        .to_string();
         assert!(error.contains("sensor.other.sonar"), "{error}");
     }
 }

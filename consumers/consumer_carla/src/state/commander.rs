@@ -4,6 +4,7 @@
 //! Commands that queue up while an answer is awaited are sent as one request, because in
 //! free-running mode the simulator answers only once per tick.
 
+use crate::wire::requests::Failure;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -29,6 +30,29 @@ const STEP_BACK: Duration = Duration::from_secs(1);
 /// the newest sample.
 const RESEND_TICKS: u64 = 2;
 
+/// Why commands were not run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CommandError {
+    /// The simulator refused the command, with this sentence.
+    #[error("{0}")]
+    Refused(String),
+    /// The simulator did not answer, for this reason.
+    #[error("{0}")]
+    NoAnswer(String),
+    /// The simulator answered another number of commands than it was asked.
+    #[error("the simulator's answer has another length than the question")]
+    OtherLength,
+    /// The commander's thread has ended.
+    #[error("the gateway is shutting down")]
+    ShuttingDown,
+}
+
+impl From<CommandError> for Failure {
+    fn from(error: CommandError) -> Self {
+        Failure::Refused(error.to_string())
+    }
+}
+
 /// Answers to a list of commands.
 #[derive(Clone, Debug)]
 pub struct Answer {
@@ -40,7 +64,7 @@ pub struct Answer {
 
 struct Ask {
     commands: Vec<Command>,
-    reply: Option<Sender<Result<Answer, String>>>,
+    reply: Option<Sender<Result<Answer, CommandError>>>,
 }
 
 enum Job {
@@ -81,29 +105,28 @@ impl Commander {
     /// Runs commands and waits for their answers.
     ///
     /// # Errors
-    /// A sentence if there is no simulator or no answer; a refused command is a reply.
-    pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, String> {
+    /// If there is no simulator or no answer; a refused command is a reply.
+    pub fn ask(&self, commands: Vec<Command>) -> Result<Answer, CommandError> {
         let (reply, answer) = bounded(1);
-        let gone = |_| "the gateway is shutting down".to_owned();
         self.jobs
             .send(Job::Ask(Ask {
                 commands,
                 reply: Some(reply),
             }))
-            .map_err(|error| gone(error.to_string()))?;
-        answer.recv().map_err(|error| gone(error.to_string()))?
+            .map_err(|_| CommandError::ShuttingDown)?;
+        answer.recv().map_err(|_| CommandError::ShuttingDown)?
     }
 
     /// Runs one command and waits; a refusal is an error.
     ///
     /// # Errors
     /// As [`Commander::ask`].
-    pub fn ask_one(&self, command: Command) -> Result<(CommandReply, u64), String> {
+    pub fn ask_one(&self, command: Command) -> Result<(CommandReply, u64), CommandError> {
         let answer = self.ask(vec![command])?;
         match answer.replies.into_iter().next() {
-            Some(CommandReply::Refused { error }) => Err(error),
+            Some(CommandReply::Refused { error }) => Err(CommandError::Refused(error)),
             Some(reply) => Ok((reply, answer.tick)),
-            None => Err("the simulator's answer is empty".to_owned()),
+            None => Err(CommandError::OtherLength),
         }
     }
 
@@ -184,19 +207,19 @@ impl Thread<'_> {
         }
     }
 
-    fn request(&mut self, batch: Vec<Command>) -> Result<Answer, String> {
+    fn request(&mut self, batch: Vec<Command>) -> Result<Answer, CommandError> {
         self.last_asked = Instant::now();
         let client = match &mut self.client {
             Some(client) => client,
             empty => empty.insert(
                 self.bus
                     .command_client(&self.name)
-                    .map_err(|error| error.to_string())?,
+                    .map_err(|error| CommandError::NoAnswer(error.to_string()))?,
             ),
         };
         let answer = client
             .request(&CommandBatch::new(batch), PATIENCE)
-            .map_err(|error| error.to_string())?;
+            .map_err(|error| CommandError::NoAnswer(error.to_string()))?;
         Ok(Answer {
             replies: answer.replies,
             tick: answer.tick,
@@ -280,11 +303,7 @@ impl Thread<'_> {
                     answer.replies.extend(part.replies);
                     answer.tick = part.tick;
                 }
-                (Ok(_), _) => {
-                    result = Err(
-                        "the simulator's answer has another length than the question".to_owned(),
-                    )
-                }
+                (Ok(_), _) => result = Err(CommandError::OtherLength),
                 (Err(error), _) => result = Err(error),
             }
             if result.is_err() {
@@ -304,7 +323,7 @@ impl Thread<'_> {
                 // If the connection has ended meanwhile, nobody waits for the answer.
                 (Some(reply), part) => drop(reply.send(part)),
                 (None, Ok(answer)) => answer.replies.iter().for_each(log_refusal),
-                (None, Err(error)) => tracing::warn!(error, "a command was lost"),
+                (None, Err(error)) => tracing::warn!(%error, "a command was lost"),
             }
         }
     }

@@ -3,6 +3,7 @@
 //! Fields and units follow ETSI EN 302 637-2 and TS 102 894-2; the record is the structure that the
 //! 0.9.16 client reads.
 
+use crate::wire::fields::Wrong;
 use schema_frames::{ActorInfo, ActorRecord};
 use schema_types::Class;
 
@@ -78,15 +79,15 @@ impl Service {
     ///
     /// # Errors
     /// If the intervals are impossible.
-    pub fn of(given: &Attributes<'_>) -> Result<Service, String> {
+    pub fn of(given: &Attributes<'_>) -> Result<Service, Wrong> {
         let (min_secs, max_secs) = (
             given.float("gen_cam_min", 0.1),
             given.float("gen_cam_max", 1.0),
         );
         if !(0.0..=1e6).contains(&min_secs) || !(min_secs..=1e6).contains(&max_secs) {
-            return Err(format!(
+            return Err(Wrong::Value(format!(
                 "gen_cam_min is {min_secs} s and gen_cam_max {max_secs} s; give 0 ≤ gen_cam_min ≤ gen_cam_max ≤ 1000000"
-            ));
+            )));
         }
         let nanos = |secs: f64| (secs * 1e9).round() as u64;
         let both = |name: &str| {

@@ -5,6 +5,7 @@
 //! knife-edge diffraction of ITU-R P.526.
 
 use crate::wire::description::Attributes;
+use crate::wire::fields::Wrong;
 
 const LIGHT_MPS: f64 = 299_792_458.0;
 /// Relative permittivity of the ground in the two-ray model.
@@ -63,35 +64,37 @@ impl Radio {
     ///
     /// # Errors
     /// If a value is impossible.
-    pub fn of(given: &Attributes<'_>) -> Result<Radio, String> {
+    pub fn of(given: &Attributes<'_>) -> Result<Radio, Wrong> {
         let positive = |name: &str, default: f64| match given.float(name, default) {
             value if value > 0.0 => Ok(value),
-            value => Err(format!("{name} is {value}, but must be more than 0")),
+            value => Err(Wrong::Value(format!(
+                "{name} is {value}, but must be more than 0"
+            ))),
         };
         let scenario = match given.text("scenario").unwrap_or("highway") {
             "highway" => Scenario::Highway,
             "rural" => Scenario::Rural,
             "urban" => Scenario::Urban,
             other => {
-                return Err(format!(
+                return Err(Wrong::Value(format!(
                     "scenario is {other:?}, but must be highway, rural or urban"
-                ));
+                )));
             }
         };
         let is_winner = match given.text("path_loss_model").unwrap_or("geometric") {
             "winner" => true,
             "geometric" => false,
             other => {
-                return Err(format!(
+                return Err(Wrong::Value(format!(
                     "path_loss_model is {other:?}, but must be winner or geometric"
-                ));
+                )));
             }
         };
         let custom_db = given.float("custom_fading_stddev", 0.0);
         if custom_db < 0.0 {
-            return Err(format!(
+            return Err(Wrong::Value(format!(
                 "custom_fading_stddev is {custom_db}, but must be 0 or more"
-            ));
+            )));
         }
         Ok(Radio {
             transmit_dbm: given.float("transmit_power", 21.5),
@@ -207,7 +210,7 @@ mod tests {
     use super::*;
     use crate::wire::description::{Attribute, Description};
 
-    fn radio(attributes: &[(&str, &str)]) -> Result<Radio, String> {
+    fn radio(attributes: &[(&str, &str)]) -> Result<Radio, Wrong> {
         let attribute = |(name, value): &(&str, &str)| Attribute {
             name: (*name).into(),
             kind: 4,
@@ -292,7 +295,7 @@ mod tests {
             ("path_loss_model", "x"),
             ("custom_fading_stddev", "-2"),
         ] {
-            let error = self::radio(&[wrong]).unwrap_err();
+            let error = self::radio(&[wrong]).unwrap_err().to_string();
             assert!(error.contains(wrong.0), "{error}");
         }
     }

@@ -17,7 +17,44 @@ pub struct Fields<'v> {
 }
 
 /// What is wrong with an argument.
-pub type Wrong = String;
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Wrong {
+    /// A field is missing.
+    #[error("{what} has {n_fields} fields, but field {field} is needed")]
+    Missing {
+        /// What the fields belong to.
+        what: &'static str,
+        /// How many fields there are.
+        n_fields: usize,
+        /// The missing field, counted from 1.
+        field: usize,
+    },
+    /// A field is of another type or outside its range.
+    #[error("field {field} of {what} is {is}, but must be {wanted}")]
+    Field {
+        /// What the field belongs to.
+        what: &'static str,
+        /// The field, counted from 1.
+        field: usize,
+        /// What it is.
+        is: String,
+        /// What it must be.
+        wanted: String,
+    },
+    /// A number does not fit single precision.
+    #[error("field {field} of {what} is {number}, which is too large")]
+    TooLarge {
+        /// What the field belongs to.
+        what: &'static str,
+        /// The field, counted from 1.
+        field: usize,
+        /// The number as text.
+        number: String,
+    },
+    /// Values that make no sense, in a sentence.
+    #[error("{0}")]
+    Value(String),
+}
 
 impl<'v> Fields<'v> {
     /// The fields in `items`; errors call them the fields of `what`.
@@ -36,13 +73,10 @@ impl<'v> Fields<'v> {
     pub fn value(&mut self) -> Result<&'v Value, Wrong> {
         let value = self.items.get(self.next);
         self.next += 1;
-        value.ok_or_else(|| {
-            format!(
-                "{} has {} fields, but field {} is needed",
-                self.what,
-                self.items.len(),
-                self.next
-            )
+        value.ok_or(Wrong::Missing {
+            what: self.what,
+            n_fields: self.items.len(),
+            field: self.next,
         })
     }
 
@@ -51,13 +85,14 @@ impl<'v> Fields<'v> {
         self.items.get(self.next..).unwrap_or_default()
     }
 
-    fn wrong<T>(&self, value: &Value, wanted: &str) -> Result<T, Wrong> {
-        Err(format!(
-            "field {} of {} is {}, but must be {wanted}",
-            self.next,
-            self.what,
-            value.kind()
-        ))
+    /// The field that was read last is wrong.
+    fn wrong<T>(&self, is: impl ToString, wanted: impl ToString) -> Result<T, Wrong> {
+        Err(Wrong::Field {
+            what: self.what,
+            field: self.next,
+            is: is.to_string(),
+            wanted: wanted.to_string(),
+        })
     }
 
     /// A bool.
@@ -67,7 +102,7 @@ impl<'v> Fields<'v> {
     pub fn bool(&mut self) -> Result<bool, Wrong> {
         match self.value()? {
             Value::Bool(b) => Ok(*b),
-            other => self.wrong(other, "a bool"),
+            other => self.wrong(other.kind(), "a bool"),
         }
     }
 
@@ -75,11 +110,8 @@ impl<'v> Fields<'v> {
     pub fn uint(&mut self, max: u64) -> Result<u64, Wrong> {
         match self.value()? {
             Value::UInt(n) if *n <= max => Ok(*n),
-            Value::UInt(n) => Err(format!(
-                "field {} of {} is {n}, but must be 0 to {max}",
-                self.next, self.what
-            )),
-            other => self.wrong(other, "an integer that is not negative"),
+            Value::UInt(n) => self.wrong(n, format!("0 to {max}")),
+            other => self.wrong(other.kind(), "an integer that is not negative"),
         }
     }
 
@@ -103,7 +135,7 @@ impl<'v> Fields<'v> {
         match self.value()? {
             Value::UInt(n) if *n <= i32::MAX as u64 => Ok(*n as i32),
             Value::Int(n) if *n >= i64::from(i32::MIN) => Ok(*n as i32),
-            other => self.wrong(other, "an integer of 32 bits"),
+            other => self.wrong(other.kind(), "an integer of 32 bits"),
         }
     }
 
@@ -114,15 +146,12 @@ impl<'v> Fields<'v> {
             Value::F64(x) => *x,
             Value::UInt(n) => *n as f64,
             Value::Int(n) => *n as f64,
-            other => return self.wrong(other, "a number"),
+            other => return self.wrong(other.kind(), "a number"),
         };
         if x.is_finite() {
             Ok(x)
         } else {
-            Err(format!(
-                "field {} of {} is {x}, but must be finite",
-                self.next, self.what
-            ))
+            self.wrong(x, "finite")
         }
     }
 
@@ -132,10 +161,11 @@ impl<'v> Fields<'v> {
         if (x as f32).is_finite() {
             Ok(x as f32)
         } else {
-            Err(format!(
-                "field {} of {} is {x}, which is too large",
-                self.next, self.what
-            ))
+            Err(Wrong::TooLarge {
+                what: self.what,
+                field: self.next,
+                number: x.to_string(),
+            })
         }
     }
 
@@ -143,7 +173,7 @@ impl<'v> Fields<'v> {
     pub fn text(&mut self) -> Result<&'v str, Wrong> {
         match self.value()? {
             Value::Str(text) => Ok(text),
-            other => self.wrong(other, "a text"),
+            other => self.wrong(other.kind(), "a text"),
         }
     }
 
@@ -151,7 +181,7 @@ impl<'v> Fields<'v> {
     pub fn list(&mut self) -> Result<&'v [Value], Wrong> {
         match self.value()? {
             Value::Array(items) => Ok(items),
-            other => self.wrong(other, "a list"),
+            other => self.wrong(other.kind(), "a list"),
         }
     }
 
@@ -216,10 +246,10 @@ impl<'v> Fields<'v> {
         let mut attributes = Vec::new();
         for item in description.list()? {
             let Value::Array(parts) = item else {
-                return Err(format!(
-                    "an attribute is {}, but must be a list",
-                    item.kind()
-                ));
+                let kind = item.kind();
+                return Err(Wrong::Value(format!(
+                    "an attribute is {kind}, but must be a list"
+                )));
             };
             let mut attribute = Fields::new("an attribute", parts);
             let (name, kind, value) = (attribute.text()?, attribute.u8()?, attribute.text()?);
@@ -261,7 +291,10 @@ mod tests {
         let Value::Array(items) = control(f32::NAN) else {
             unreachable!()
         };
-        let error = Fields::new("test", &items).vehicle_control().unwrap_err();
+        let error = Fields::new("test", &items)
+            .vehicle_control()
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("field 1 of a vehicle control") && error.contains("finite"),
             "{error}"
@@ -276,9 +309,15 @@ mod tests {
         let mut fields = Fields::new("a pair", &items);
         assert_eq!(fields.u32(), Ok(1));
         assert_eq!(
-            fields.u32().unwrap_err(),
+            fields.u32().unwrap_err().to_string(),
             "field 2 of a pair is a text, but must be an integer that is not negative"
         );
-        assert!(fields.bool().unwrap_err().contains("field 3 is needed"));
+        assert!(
+            fields
+                .bool()
+                .unwrap_err()
+                .to_string()
+                .contains("field 3 is needed")
+        );
     }
 }

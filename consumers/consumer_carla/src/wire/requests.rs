@@ -1,7 +1,7 @@
 //! Msgpack-rpc: requests as clients write them, and the responses to them.
 
 use crate::list;
-use crate::wire::fields::Fields;
+use crate::wire::fields::{Fields, Wrong};
 use crate::wire::msgpack::{self, Value};
 
 /// The version this gateway speaks; clients compare it with theirs.
@@ -33,6 +33,12 @@ impl From<String> for Failure {
     }
 }
 
+impl From<Wrong> for Failure {
+    fn from(wrong: Wrong) -> Self {
+        Failure::Refused(wrong.to_string())
+    }
+}
+
 /// Result of a call.
 pub type Outcome = Result<Answer, Failure>;
 
@@ -53,19 +59,19 @@ pub struct Request {
 ///
 /// # Errors
 /// If the message is no request; the connection is then of no further use.
-pub fn parse(message: Value) -> Result<Request, String> {
+pub fn parse(message: Value) -> Result<Request, Wrong> {
     let Value::Array(items) = message else {
-        return Err(format!(
+        return Err(Wrong::Value(format!(
             "a request is {}, but must be a list",
             message.kind()
-        ));
+        )));
     };
     let mut fields = Fields::new("a request", &items);
     let kind = fields.uint(u64::MAX)?;
     if kind != 0 {
-        return Err(format!(
+        return Err(Wrong::Value(format!(
             "a message is of type {kind}, but clients send only requests, type 0"
-        ));
+        )));
     }
     let (id, method, params) = (fields.u32()?, fields.text()?.to_owned(), fields.list()?);
     let mut params = Fields::new("the parameters", params);
@@ -132,7 +138,8 @@ mod tests {
         };
         for n in 0..20_000 {
             let message = Value::Array((0..n % 6).map(|_| odd()).collect());
-            if let Err(error) = parse(message) {
+            if let Err(wrong) = parse(message) {
+                let error = wrong.to_string();
                 assert!(error.contains(' '), "{error}");
             }
         }

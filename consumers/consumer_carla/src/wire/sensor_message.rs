@@ -30,10 +30,10 @@ pub struct Encoder {
     body: Vec<u8>,
 }
 
-/// A message in two pieces; the second may be empty.
+/// A message in two pieces, so that a body in shared memory is sent without a copy.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Message<'m> {
-    /// The headers, and for events nothing else.
+    /// The headers.
     pub head: &'m [u8],
     /// The body.
     pub body: &'m [u8],

@@ -78,6 +78,7 @@ mod tests {
         assert!(
             read_weather(&mut Fields::new("test", &given[..13]))
                 .unwrap_err()
+                .to_string()
                 .contains("field 14")
         );
     }
