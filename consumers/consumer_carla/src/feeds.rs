@@ -32,7 +32,7 @@ use progress::Readers;
 use relay::{Listener, Relay, Stations};
 use world_stream::WorldStream;
 
-/// Messages that a further listener of a sensor may be behind.
+/// Longest queue of each further listener of a sensor, messages.
 const BACKLOG: usize = 4;
 /// How long a relay continues without listeners.
 const IDLE: Duration = Duration::from_secs(2);

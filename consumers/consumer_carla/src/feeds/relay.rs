@@ -108,7 +108,7 @@ impl Relay {
     }
 }
 
-/// Messages that a station's listener may be behind.
+/// Longest queue of a station's listener, messages.
 const STATION_BACKLOG: usize = 256;
 
 /// The relays of radio stations, whose messages the gateway makes itself.

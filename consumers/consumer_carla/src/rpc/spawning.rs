@@ -9,8 +9,9 @@ use crate::rpc::batch_item::{Commands, Item};
 use crate::rpc::call::{Call, Calls};
 use crate::spawn::spawn_command;
 use crate::state::actors;
-use crate::state::known_world::Known;
-use crate::state::known_world::Own;
+use crate::state::known_world::{Known, Own};
+use crate::wire::axes::Transform;
+use crate::wire::description::Description;
 use crate::wire::fields::Wrong;
 use crate::wire::requests::{Answer, Failure, Outcome};
 
@@ -21,9 +22,17 @@ const FIRST_SEEN: Duration = Duration::from_millis(1500);
 const ABSENCE_WAIT: Duration = Duration::from_millis(1500);
 
 pub(crate) const CALLS: Calls = &[
-    ("spawn_actor", |gateway, call| spawn(gateway, call, false)),
+    ("spawn_actor", |gateway, call| {
+        let (description, transform) = (call.description()?, call.transform()?);
+        spawn(gateway, description, &transform, None)
+    }),
     ("spawn_actor_with_parent", |gateway, call| {
-        spawn(gateway, call, true)
+        let (description, transform) = (call.description()?, call.transform()?);
+        let on = Carrier {
+            id: call.u32()?,
+            attachment: attachment(call.u8()?)?,
+        };
+        spawn(gateway, description, &transform, Some(on))
     }),
     ("destroy_actor", destroy),
 ];
@@ -45,14 +54,21 @@ fn attachment(number: u8) -> Result<Attachment, Wrong> {
     }
 }
 
-fn spawn(gateway: &Gateway, call: &mut Call<'_>, has_parent: bool) -> Outcome {
-    let (description, transform) = (call.description()?, call.transform()?);
-    let (parent, attachment) = if has_parent {
-        (Some(call.u32()?), attachment(call.u8()?)?)
-    } else {
-        (None, Attachment::Rigid)
-    };
-    let command = spawn_command(&description, &transform, parent, attachment)?;
+/// What a new actor is attached to.
+struct Carrier {
+    id: u32,
+    attachment: Attachment,
+}
+
+fn spawn(
+    gateway: &Gateway,
+    description: Description,
+    transform: &Transform,
+    on: Option<Carrier>,
+) -> Outcome {
+    let parent = on.as_ref().map(|carrier| carrier.id);
+    let attachment = on.map_or(Attachment::Rigid, |carrier| carrier.attachment);
+    let command = spawn_command(&description, transform, parent, attachment)?;
     let (reply, _) = gateway.commander.ask_one(command)?;
     let CommandReply::Spawned { actor_id, topics } = reply else {
         return Err(Failure::Refused(format!(
