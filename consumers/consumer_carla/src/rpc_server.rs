@@ -13,8 +13,7 @@ use crate::lock::lock;
 use crate::rpc;
 use crate::rpc::client_methods;
 use crate::wire::msgpack::{self, DecodeError, Limits};
-use crate::wire::requests::Failure;
-use crate::wire::requests::{parse, response};
+use crate::wire::requests::{Failure, parse, response};
 
 /// Most RPC connections that may be open.
 const MAX_CONNECTIONS: usize = 256;

@@ -10,7 +10,6 @@ mod noise;
 mod radio;
 mod solids;
 
-use crate::wire::fields::Wrong;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
@@ -25,6 +24,7 @@ use crate::state::commander::Commander;
 use crate::state::known_world::{Known, World};
 use crate::wire::axes;
 use crate::wire::description::{Attributes, Description};
+use crate::wire::fields::Wrong;
 use crate::wire::geolocation::geo_reference_deg;
 use crate::wire::sensor_kinds;
 use crate::wire::sensor_kinds::{CUSTOM, is_station};

@@ -1,6 +1,5 @@
 //! Calls about the session: version, settings, ticking, maps, blueprints.
 
-use crate::state::commander::CommandError;
 use std::time::Duration;
 
 use schema_bus::mono_now;
@@ -12,6 +11,7 @@ use crate::lock::lock;
 use crate::rpc::call::{Call, Calls};
 use crate::rpc::maps::{carla_map, own_map};
 use crate::state::blueprints;
+use crate::state::commander::CommandError;
 use crate::state::settings::Settings;
 use crate::wire::axes;
 use crate::wire::msgpack::Value;

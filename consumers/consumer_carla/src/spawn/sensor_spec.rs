@@ -8,8 +8,7 @@ use serde_json::{Map, Value, json};
 
 use crate::spawn::optics::optics;
 use crate::v2x;
-use crate::wire::description::Attributes;
-use crate::wire::description::Description;
+use crate::wire::description::{Attributes, Description};
 use crate::wire::fields::Wrong;
 use crate::wire::sensor_kinds::{CLIENT_SIDE, Kind, kind};
 

@@ -4,7 +4,6 @@
 //! Commands that queue up while an answer is awaited are sent as one request, because in
 //! free-running mode the simulator answers only once per tick.
 
-use crate::wire::requests::Failure;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -15,6 +14,7 @@ use schema_bus::{Bus, CommandClient, ControlWriter, Notifier, names};
 use schema_frames::{Command, CommandBatch, CommandReply, VehicleControlRecord};
 
 use crate::state::known_world::World;
+use crate::wire::requests::Failure;
 
 /// Jobs that may queue up before connections have to wait.
 const QUEUE: usize = 4096;

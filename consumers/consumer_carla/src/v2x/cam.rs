@@ -3,13 +3,13 @@
 //! Fields and units follow ETSI EN 302 637-2 and TS 102 894-2; the record is the structure that the
 //! 0.9.16 client reads.
 
-use crate::wire::fields::Wrong;
 use schema_frames::{ActorInfo, ActorRecord};
 use schema_types::Class;
 
 use crate::v2x::noise::Noise;
 use crate::wire::axes;
 use crate::wire::description::Attributes;
+use crate::wire::fields::Wrong;
 use crate::wire::geolocation::locate_deg;
 
 /// Bytes of a message, including the received power in front.
