@@ -1,51 +1,25 @@
-//! One node per process: opens services by name, checks the schema before it joins one, and cleans
-//! up after the dead.
+//! The bus: all that a process can open and ask, on one page.
 
-use std::path::{Path, PathBuf};
-use std::sync::Once;
-use std::time::{Duration, Instant};
+use schema_frames::DocumentHeader;
 
-use iceoryx2::config::Config;
-use iceoryx2::node::NodeView as _;
-use iceoryx2::prelude::*;
-use iceoryx2::service::Service as _;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use crate::command::{CommandClient, CommandServer};
+use crate::control::{AckReader, AckWriter, ControlReader, ControlWriter};
+use crate::document::{DocumentPublisher, DocumentReader};
+use crate::error::BusError;
+use crate::event::{Listener, Notifier};
+use crate::frame::{FramePublisher, FrameService};
+use crate::memory::FrameTopic;
+use crate::names;
+use crate::node::{BusNode, BusOptions};
+use crate::reader::FrameReader;
+use crate::service::is_published;
+use crate::snapshot::{SnapshotPublisher, SnapshotReader};
+use crate::topics::{TopicDetails, topics};
 
-use schema_frames::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
-use schema_types::MonoTime;
-
-use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
-use crate::names::{valid_domain, valid_topic};
-use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
-use crate::wire::{OnBus, Wire};
-use crate::{BusError, names};
-
-/// How long opening is tried again while other processes make or remove the service.
-const SETTLE: Duration = Duration::from_secs(1);
-
-/// Ports of this kind may move between threads; the price is an uncontended lock per call.
-pub(crate) type Service = ipc_threadsafe::Service;
-/// An open service of byte slices with header `H`.
-pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H>>;
-/// An open event service.
-pub(crate) type Events = event::PortFactory<Service>;
-
-/// Where iceoryx2 keeps its files, for tests that must not meet other processes. By default this is
-/// what iceoryx2 itself would use: `config/iceoryx2.toml` in the working directory, then the
-/// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
-#[derive(Clone, Debug, Default)]
-pub struct BusOptions {
-    /// Folder of iceoryx2's bookkeeping.
-    pub iceoryx_root: Option<PathBuf>,
-    /// Start of the names of its files in `/dev/shm`.
-    pub prefix: Option<String>,
-}
-
-/// A process's place on the bus.
+/// A process's place on the bus, from which it opens ports.
 #[derive(Debug)]
 pub struct Bus {
-    node: Node<Service>,
-    domain: String,
+    node: BusNode,
 }
 
 impl Bus {
@@ -63,46 +37,31 @@ impl Bus {
     /// # Errors
     /// As [`Bus::open`], and [`BusError::Option`] for an unusable root or prefix.
     pub fn open_with(domain: &str, program: &str, options: &BusOptions) -> Result<Bus, BusError> {
-        static QUIET: Once = Once::new();
-        // iceoryx2's warnings ("no config file was loaded", "dead node detected") would appear in
-        // the output of every consumer.
-        QUIET.call_once(|| set_log_level(LogLevel::Fatal));
-        if !valid_domain(domain) {
-            return Err(BusError::Domain {
-                domain: domain.into(),
-            });
-        }
-        let config = options.config()?;
-        let name: String = program
-            .chars()
-            .filter(|c| c.is_ascii_graphic())
-            .take(64)
-            .collect();
-        let failed = |cause: String| BusError::Node {
-            program: program.into(),
-            cause,
-        };
-        let name = NodeName::new(&name).map_err(|e| failed(format!("{e:?}")))?;
-        let node = NodeBuilder::new()
-            .name(&name)
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<Service>()
-            .map_err(|e| failed(format!("{e:?}")))?;
         Ok(Bus {
-            node,
-            domain: domain.into(),
+            node: BusNode::open(domain, program, options)?,
         })
     }
 
     /// The domain.
     pub fn domain(&self) -> &str {
-        &self.domain
+        self.node.domain()
     }
 
     /// Removes what killed processes left behind. Returns the number of these processes.
     pub fn clean_dead_nodes(&self) -> u64 {
-        self.node.try_cleanup_dead_nodes().cleanups
+        self.node.clean_dead_nodes()
+    }
+
+    /// Names of the programs that are running, on every domain that shares iceoryx2's files with
+    /// this one.
+    pub fn programs(&self) -> Vec<String> {
+        self.node.programs()
+    }
+
+    /// Whether the publish-subscribe topic exists. Much cheaper than a failed opening, whose error
+    /// lists the topics that exist.
+    pub fn exists(&self, topic: &str) -> bool {
+        self.node.exists(topic)
     }
 
     /// Whether a living process publishes `topic`, a document such as [`names::WORLD_INFO`].
@@ -112,177 +71,7 @@ impl Bus {
     /// [`BusError`] if the service exists and cannot be opened.
     pub fn publisher_alive(&self, topic: &str) -> Result<bool, BusError> {
         self.clean_dead_nodes();
-        match self.join::<schema_frames::DocumentHeader>(topic) {
-            Ok(service) => Ok(service.dynamic_config().number_of_publishers() > 0),
-            Err(BusError::NoSuchTopic { .. }) => Ok(false),
-            Err(other) => Err(other),
-        }
-    }
-
-    /// Whether the publish-subscribe topic exists. Much cheaper than a failed opening, whose error
-    /// lists the topics that exist.
-    pub fn exists(&self, topic: &str) -> bool {
-        let Ok((_, name)) = self.service_name(topic) else {
-            return false;
-        };
-        // If iceoryx2 cannot tell, opening the topic will, with a sentence that says why.
-        Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe)
-            .unwrap_or(true)
-    }
-
-    /// Names of the programs that are running, on every domain that shares iceoryx2's files with
-    /// this one.
-    pub fn programs(&self) -> Vec<String> {
-        let mut programs = Vec::new();
-        // A directory of nodes that cannot be read means that there is none to list.
-        let _ = Node::<Service>::list(self.config(), |state| {
-            if let NodeState::Alive(view) = state
-                && let Some(details) = view.details()
-            {
-                programs.push(details.name().as_str().to_string());
-            }
-            CallbackProgression::Continue
-        });
-        programs.sort();
-        programs
-    }
-
-    pub(crate) fn config(&self) -> &Config {
-        self.node.config()
-    }
-
-    pub(crate) fn node(&self) -> &Node<Service> {
-        &self.node
-    }
-
-    /// The full name of `topic`: the domain, a slash and the topic.
-    pub(crate) fn service_name(&self, topic: &str) -> Result<(String, ServiceName), BusError> {
-        let bad = || BusError::Name {
-            topic: topic.into(),
-        };
-        if !valid_topic(topic) {
-            return Err(bad());
-        }
-        let full = format!("{}/{topic}", self.domain);
-        let name = ServiceName::new(&full).map_err(|_| bad())?;
-        Ok((full, name))
-    }
-
-    /// Makes the service, or joins the one that its readers kept alive.
-    pub(crate) fn make<H: OnBus>(&self, topic: &str, qos: &Qos) -> Result<Slices<H>, BusError> {
-        let (full, name) = self.service_name(topic)?;
-        let advice = "stop all processes of this domain and start again";
-        settle(|| {
-            self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, advice)?;
-            self.node
-                .service_builder(&name)
-                .publish_subscribe::<[u8]>()
-                .user_header::<Wire<H>>()
-                .max_publishers(qos.publishers)
-                .max_subscribers(qos.readers)
-                .max_nodes(MAX_NODES)
-                .subscriber_max_buffer_size(qos.buffer)
-                .subscriber_max_borrowed_samples(qos.borrowed)
-                .history_size(qos.history)
-                .enable_safe_overflow(true)
-                .open_or_create_with_attributes(&schema_attribute())
-                .map_err(|e| service_error("open", &full, &e))
-        })
-    }
-
-    /// Joins a service that exists.
-    pub(crate) fn join<H: OnBus>(&self, topic: &str) -> Result<Slices<H>, BusError> {
-        let (full, name) = self.service_name(topic)?;
-        let advice = "rebuild the consumer";
-        if !self.check_schema(&full, &name, MessagingPattern::PublishSubscribe, advice)? {
-            return Err(BusError::NoSuchTopic {
-                topic: full,
-                hint: self.hint(topic),
-            });
-        }
-        self.node
-            .service_builder(&name)
-            .publish_subscribe::<[u8]>()
-            .user_header::<Wire<H>>()
-            .open()
-            .map_err(|e| {
-                if e.meaning() == Meaning::Missing {
-                    return BusError::NoSuchTopic {
-                        topic: full.clone(),
-                        hint: self.hint(topic),
-                    };
-                }
-                service_error("open", &full, &e)
-            })
-    }
-
-    /// Fails if the service carries another schema. Returns whether the service exists.
-    pub(crate) fn check_schema(
-        &self,
-        full: &str,
-        name: &ServiceName,
-        pattern: MessagingPattern,
-        advice: &'static str,
-    ) -> Result<bool, BusError> {
-        let details = match Service::details(name, self.config(), pattern) {
-            Ok(details) => details,
-            Err(e) => return Err(service_error("look at", full, &e)),
-        };
-        let Some(details) = details else {
-            return Ok(false);
-        };
-        let key = attribute_key();
-        let theirs = details
-            .static_details
-            .attributes()
-            .key_value(&key, 0)
-            .map(|value| value.to_string());
-        match theirs {
-            Some(version) if version == SCHEMA_VERSION.to_string() => Ok(true),
-            theirs => Err(BusError::SchemaSkew {
-                service: full.into(),
-                theirs: theirs.unwrap_or_else(|| "none".into()),
-                advice,
-            }),
-        }
-    }
-
-    /// The rest of the sentence "there is no topic …": which topics there are instead.
-    fn hint(&self, wanted: &str) -> String {
-        let topics = self.topics().unwrap_or_default();
-        let names: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
-        if names.is_empty() {
-            return format!(
-                ": nothing runs on domain {:?}; start the simulator with `gantry up`, or name its --domain",
-                self.domain
-            );
-        }
-        let last = wanted.rsplit('/').next().unwrap_or(wanted);
-        let mut near: Vec<&str> = names
-            .iter()
-            .copied()
-            .filter(|name| name.ends_with(last))
-            .collect();
-        if near.is_empty() {
-            near = names;
-        }
-        near.truncate(12);
-        format!("; there is {}", near.join(", "))
-    }
-
-    pub(crate) fn make_event(&self, topic: &str) -> Result<(String, Events), BusError> {
-        let (full, name) = self.service_name(topic)?;
-        let service = settle(|| {
-            self.node
-                .service_builder(&name)
-                .event()
-                .max_listeners(EVENT_LISTENERS)
-                .max_notifiers(EVENT_NOTIFIERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-                .map_err(|e| service_error("open the event", &full, &e))
-        })?;
-        Ok((full, service))
+        is_published::<DocumentHeader>(&self.node, topic)
     }
 
     /// Whether the domain has a daemon: `world/info` has a living publisher. A second daemon
@@ -293,92 +82,142 @@ impl Bus {
     pub fn daemon_alive(&self) -> Result<bool, BusError> {
         self.publisher_alive(names::WORLD_INFO)
     }
-}
 
-/// Tries again while another process makes or removes the service, which happens when a daemon
-/// restarts while its readers come and go.
-pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
-    let deadline = Instant::now() + SETTLE;
-    loop {
-        match open() {
-            Err(BusError::Service { .. }) if Instant::now() < deadline => {
-                std::thread::sleep(Duration::from_millis(10))
-            }
-            done => return done,
-        }
+    /// All publish-subscribe topics of this domain by name.
+    ///
+    /// # Errors
+    /// [`BusError::Service`] if iceoryx2 cannot list.
+    pub fn topics(&self) -> Result<Vec<TopicDetails>, BusError> {
+        topics(&self.node)
     }
-}
 
-fn attribute_key() -> iceoryx2::service::attribute::AttributeKey {
-    SCHEMA_ATTRIBUTE
-        .try_into()
-        .expect("the attribute's name is shorter than iceoryx2's limit of 64")
-}
-
-pub(crate) fn schema_attribute() -> AttributeVerifier {
-    let value = SCHEMA_VERSION.to_string();
-    let value = value
-        .as_str()
-        .try_into()
-        .expect("a number of at most five digits fits an attribute");
-    AttributeVerifier::new()
-        .require(&attribute_key(), &value)
-        .expect("one attribute fits the set")
-}
-
-impl BusOptions {
-    fn config(&self) -> Result<Config, BusError> {
-        let mut config = Config::global_config().clone();
-        if let Some(root) = &self.iceoryx_root {
-            let text = root.to_string_lossy();
-            let bad = |_| BusError::Option {
-                what: "root",
-                value: text.to_string(),
-            };
-            config
-                .global
-                .set_root_path(&iceoryx2::prelude::Path::new(text.as_bytes()).map_err(bad)?);
-        }
-        if let Some(prefix) = &self.prefix {
-            let bad = |_| BusError::Option {
-                what: "prefix",
-                value: prefix.clone(),
-            };
-            config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad)?;
-        }
-        Ok(config)
+    /// Opens an event for notifying, and makes it if it does not exist.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn notifier(&self, name: &str) -> Result<Notifier, BusError> {
+        Notifier::open(&self.node, name)
     }
-}
 
-/// Writes `config/iceoryx2.toml` below `working_directory`. Every process that is started there, in
-/// any language, then uses this root and prefix.
-///
-/// # Errors
-/// [`BusError::File`].
-pub fn write_private_config(
-    working_directory: &Path,
-    iceoryx_root: &Path,
-    prefix: &str,
-) -> Result<PathBuf, BusError> {
-    let folder = working_directory.join("config");
-    let path = folder.join("iceoryx2.toml");
-    let text = format!(
-        "[global]\nroot-path = {:?}\nprefix = {prefix:?}\n",
-        iceoryx_root.to_string_lossy()
-    );
-    let write = || {
-        std::fs::create_dir_all(&folder)?;
-        std::fs::write(&path, text)
-    };
-    match write() {
-        Ok(()) => Ok(path),
-        Err(source) => Err(BusError::File { path, source }),
+    /// Opens an event for waiting, and makes it if it does not exist.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn listener(&self, name: &str) -> Result<Listener, BusError> {
+        Listener::open(&self.node, name)
     }
-}
 
-/// `CLOCK_MONOTONIC` now, the clock of a frame's stamps.
-pub fn mono_now() -> MonoTime {
-    let now = nix::time::clock_gettime(nix::time::ClockId::CLOCK_MONOTONIC)
-        .expect("Linux has a monotonic clock");
-    MonoTime(now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64)
+    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory. Readers can find
+    /// and open it.
+    ///
+    /// # Errors
+    /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or
+    /// [`BusError::SchemaSkew`] if readers keep an older service alive that does not fit.
+    pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
+        FrameService::make(&self.node, topic, spec)
+    }
+
+    /// Makes the service of `topic` with its memory.
+    ///
+    /// # Errors
+    /// As [`Bus::frame_service`] and [`FrameService::publisher`].
+    pub fn frame_publisher(
+        &self,
+        topic: &str,
+        spec: FrameTopic,
+    ) -> Result<FramePublisher, BusError> {
+        self.frame_service(topic, spec)?.publisher()
+    }
+
+    /// Opens a frame topic for reading. The writer starts to render for the first reader within one
+    /// tick.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::SchemaSkew`],
+    /// [`BusError::TooManyReaders`].
+    pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
+        FrameReader::open(&self.node, topic)
+    }
+
+    /// Opens `world/snapshot` for writing, for up to `max_actors` records.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn snapshot_publisher(&self, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
+        SnapshotPublisher::open(&self.node, max_actors)
+    }
+
+    /// Opens `world/snapshot` for reading. The newest snapshot arrives within one turn of the
+    /// daemon's loop.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if no daemon ran yet.
+    pub fn snapshot_reader(&self) -> Result<SnapshotReader, BusError> {
+        SnapshotReader::open(&self.node)
+    }
+
+    /// Opens a document for writing, e.g. [`crate::names::WORLD_INFO`].
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn document_publisher(&self, name: &str) -> Result<DocumentPublisher, BusError> {
+        DocumentPublisher::open(&self.node, name)
+    }
+
+    /// Opens a document for reading. The newest text arrives within one turn of the daemon's loop.
+    ///
+    /// # Errors
+    /// [`BusError::NoSuchTopic`] if no process has made it yet.
+    pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
+        DocumentReader::open(&self.node, name)
+    }
+
+    /// Opens `control/vehicles` for writing under a name. Of several controls for one actor the
+    /// last one by (name, seq) counts.
+    ///
+    /// # Errors
+    /// [`BusError::TooManyWriters`] beyond 32 writers.
+    pub fn control_writer(&self, name: &str) -> Result<ControlWriter, BusError> {
+        ControlWriter::open(&self.node, name)
+    }
+
+    /// Opens `control/vehicles` for reading, as the daemon does.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn control_reader(&self) -> Result<ControlReader, BusError> {
+        ControlReader::open(&self.node)
+    }
+
+    /// Opens `control/ack` for writing, as the lockstep participant `name`.
+    ///
+    /// # Errors
+    /// [`BusError::TooManyWriters`] beyond 32 writers.
+    pub fn ack_writer(&self, name: &str) -> Result<AckWriter, BusError> {
+        AckWriter::open(&self.node, name)
+    }
+
+    /// Opens `control/ack` for reading, as the daemon does.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn ack_reader(&self) -> Result<AckReader, BusError> {
+        AckReader::open(&self.node)
+    }
+
+    /// Opens `control/world` as a client. Requests that meet between two ticks run by (name, seq).
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn command_client(&self, name: &str) -> Result<CommandClient, BusError> {
+        CommandClient::open(&self.node, name)
+    }
+
+    /// Opens `control/world` as the server.
+    ///
+    /// # Errors
+    /// [`BusError`].
+    pub fn command_server(&self) -> Result<CommandServer, BusError> {
+        CommandServer::open(&self.node)
+    }
 }

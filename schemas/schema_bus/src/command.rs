@@ -15,12 +15,15 @@ use iceoryx2::service::port_factory::request_response::PortFactory;
 use schema_frames::command::{COMMAND_VERSION, REQUEST_MAGIC, RequestHeader};
 use schema_frames::{CommandBatch, CommandReply, ReplyBatch};
 
-use crate::bus::{Service, schema_attribute, settle};
 use crate::control::{name_bytes, name_text};
+use crate::error::BusError;
+use crate::event::{Listener, Notifier};
 use crate::iceoryx_error::{other_error, service_error};
 use crate::names::{CONTROL_REPLIED, CONTROL_WAKE, CONTROL_WORLD};
+use crate::node::{BusNode, Service};
+use crate::qos;
+use crate::service::{check_schema, schema_attribute, settle};
 use crate::wire::Wire;
-use crate::{Bus, BusError, Listener, Notifier, qos};
 
 /// Bytes of a slot before the segment grows for the first time.
 const FIRST_SLOT_BYTES: usize = 4096;
@@ -57,72 +60,29 @@ pub enum CommandError {
     Bus(#[from] BusError),
 }
 
-impl Bus {
-    /// Opens `control/world` as a client. Requests that meet between two ticks run by (name, seq).
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn command_client(&self, name: &str) -> Result<CommandClient, BusError> {
-        let service = self.command_service()?;
-        let port = service
-            .client_builder()
-            .initial_max_slice_len(FIRST_SLOT_BYTES)
-            .allocation_strategy(AllocationStrategy::PowerOfTwo)
-            .create()
-            .map_err(|e| other_error("ask", service.name().as_str(), &e))?;
-        Ok(CommandClient {
-            port,
-            name: name_bytes(name),
-            seq: 0,
-            wake: self.notifier(CONTROL_WAKE)?,
-            replied: self.listener(CONTROL_REPLIED)?,
-            domain: self.domain().into(),
-            service,
-        })
-    }
-
-    /// Opens `control/world` as the server.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn command_server(&self) -> Result<CommandServer, BusError> {
-        let service = self.command_service()?;
-        let port = service
-            .server_builder()
-            .initial_max_slice_len(FIRST_SLOT_BYTES)
-            .allocation_strategy(AllocationStrategy::PowerOfTwo)
-            .create()
-            .map_err(|e| other_error("serve", service.name().as_str(), &e))?;
-        Ok(CommandServer {
-            port,
-            replied: self.notifier(CONTROL_REPLIED)?,
-            service,
-        })
-    }
-
-    fn command_service(&self) -> Result<Commands, BusError> {
-        let (full, name) = self.service_name(CONTROL_WORLD)?;
-        settle(|| {
-            self.check_schema(
-                &full,
-                &name,
-                MessagingPattern::RequestResponse,
-                "rebuild the older of the two",
-            )?;
-            self.node()
-                .service_builder(&name)
-                .request_response::<[u8], [u8]>()
-                .request_user_header::<Wire<RequestHeader>>()
-                .max_clients(qos::COMMAND_CLIENTS)
-                .max_servers(qos::COMMAND_SERVERS)
-                .max_nodes(qos::MAX_NODES)
-                .max_active_requests_per_client(qos::COMMAND_ACTIVE)
-                .enable_safe_overflow_for_requests(true)
-                .enable_safe_overflow_for_responses(true)
-                .open_or_create_with_attributes(&schema_attribute())
-                .map_err(|e| service_error("open", &full, &e))
-        })
-    }
+fn command_service(node: &BusNode) -> Result<Commands, BusError> {
+    let (full, name) = node.service_name(CONTROL_WORLD)?;
+    settle(|| {
+        check_schema(
+            node,
+            &full,
+            &name,
+            MessagingPattern::RequestResponse,
+            "rebuild the older of the two",
+        )?;
+        node.iceoryx()
+            .service_builder(&name)
+            .request_response::<[u8], [u8]>()
+            .request_user_header::<Wire<RequestHeader>>()
+            .max_clients(qos::COMMAND_CLIENTS)
+            .max_servers(qos::COMMAND_SERVERS)
+            .max_nodes(qos::MAX_NODES)
+            .max_active_requests_per_client(qos::COMMAND_ACTIVE)
+            .enable_safe_overflow_for_requests(true)
+            .enable_safe_overflow_for_responses(true)
+            .open_or_create_with_attributes(&schema_attribute())
+            .map_err(|e| service_error("open", &full, &e))
+    })
 }
 
 /// The asking end of `control/world`.
@@ -138,6 +98,25 @@ pub struct CommandClient {
 }
 
 impl CommandClient {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<CommandClient, BusError> {
+        let service = command_service(node)?;
+        let port = service
+            .client_builder()
+            .initial_max_slice_len(FIRST_SLOT_BYTES)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| other_error("ask", service.name().as_str(), &e))?;
+        Ok(CommandClient {
+            port,
+            name: name_bytes(name),
+            seq: 0,
+            wake: Notifier::open(node, CONTROL_WAKE)?,
+            replied: Listener::open(node, CONTROL_REPLIED)?,
+            domain: node.domain().into(),
+            service,
+        })
+    }
+
     /// Sends the commands and waits for their replies.
     ///
     /// # Errors
@@ -216,6 +195,21 @@ pub struct Request {
 }
 
 impl CommandServer {
+    pub(crate) fn open(node: &BusNode) -> Result<CommandServer, BusError> {
+        let service = command_service(node)?;
+        let port = service
+            .server_builder()
+            .initial_max_slice_len(FIRST_SLOT_BYTES)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| other_error("serve", service.name().as_str(), &e))?;
+        Ok(CommandServer {
+            port,
+            replied: Notifier::open(node, CONTROL_REPLIED)?,
+            service,
+        })
+    }
+
     /// Takes the next request that waits, if any.
     ///
     /// # Errors

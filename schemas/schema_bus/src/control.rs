@@ -9,122 +9,42 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use schema_frames::control::{CONTROL_MAGIC, ControlHeader};
 use schema_frames::{AckRecord, SCHEMA_VERSION, VehicleControlRecord};
 
-use crate::bus::{Service, Slices, schema_attribute, settle};
+use crate::error::BusError;
+use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, reader_error, service_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_ACK, CONTROL_VEHICLES, CONTROL_WAKE};
+use crate::node::{BusNode, Service};
+use crate::qos;
 use crate::reader::{receive, subscribe};
+use crate::service::{Slices, check_schema, make, schema_attribute, settle};
 use crate::wire::Wire;
-use crate::{Bus, BusError, Notifier, qos};
 
 /// Records of a slot before the segment grows for the first time.
 const FIRST_SLOT_RECORDS: usize = 64;
 
-impl Bus {
-    /// Opens `control/vehicles` for writing under a name. Of several controls for one actor the
-    /// last one by (name, seq) counts.
-    ///
-    /// # Errors
-    /// [`BusError::TooManyWriters`] beyond 32 writers.
-    pub fn control_writer(&self, name: &str) -> Result<ControlWriter, BusError> {
-        let service = self.make::<ControlHeader>(CONTROL_VEHICLES, &qos::CONTROL)?;
-        let full = service.name().as_str().to_string();
-        let len = FIRST_SLOT_RECORDS * size_of::<VehicleControlRecord>();
-        let port = service
-            .publisher_builder()
-            .initial_max_slice_len(len)
-            .allocation_strategy(AllocationStrategy::PowerOfTwo)
-            .create()
-            .map_err(|e| {
-                writer_error(
-                    &full,
-                    qos::CONTROL.publishers,
-                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, len),
-                    e,
-                )
-            })?;
-        Ok(ControlWriter {
-            port,
-            name: name_bytes(name),
-            seq: 0,
-            _service: service,
-        })
-    }
-
-    /// Opens `control/vehicles` for reading, as the daemon does.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn control_reader(&self) -> Result<ControlReader, BusError> {
-        let service = self.make::<ControlHeader>(CONTROL_VEHICLES, &qos::CONTROL)?;
-        let port = subscribe(&service)?;
-        Ok(ControlReader { port, service })
-    }
-
-    /// Opens `control/ack` for writing, as the lockstep participant `name`.
-    ///
-    /// # Errors
-    /// [`BusError::TooManyWriters`] beyond 32 writers.
-    pub fn ack_writer(&self, name: &str) -> Result<AckWriter, BusError> {
-        let service = self.ack_service()?;
-        let full = service.name().as_str().to_string();
-        let bad = |_| BusError::Name { topic: name.into() };
-        let port_name = PortName::new(name).map_err(bad)?;
-        let port = service
-            .publisher_builder()
-            .name(&port_name)
-            .create()
-            .map_err(|e| {
-                writer_error(
-                    &full,
-                    qos::CONTROL.publishers,
-                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, size_of::<AckRecord>()),
-                    e,
-                )
-            })?;
-        Ok(AckWriter {
-            port,
-            wake: self.notifier(CONTROL_WAKE)?,
-            _service: service,
-        })
-    }
-
-    /// Opens `control/ack` for reading, as the daemon does.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn ack_reader(&self) -> Result<AckReader, BusError> {
-        let service = self.ack_service()?;
-        let full = service.name().as_str().to_string();
-        let port = service
-            .subscriber_builder()
-            .create()
-            .map_err(|e| reader_error(&full, qos::CONTROL.readers, e))?;
-        Ok(AckReader { port, service })
-    }
-
-    fn ack_service(&self) -> Result<Acks, BusError> {
-        let (full, name) = self.service_name(CONTROL_ACK)?;
-        settle(|| {
-            self.check_schema(
-                &full,
-                &name,
-                MessagingPattern::PublishSubscribe,
-                "rebuild the older of the two",
-            )?;
-            self.node()
-                .service_builder(&name)
-                .publish_subscribe::<Wire<AckRecord>>()
-                .max_publishers(qos::CONTROL.publishers)
-                .max_subscribers(qos::CONTROL.readers)
-                .max_nodes(qos::MAX_NODES)
-                .subscriber_max_buffer_size(qos::CONTROL.buffer)
-                .subscriber_max_borrowed_samples(qos::CONTROL.borrowed)
-                .enable_safe_overflow(true)
-                .open_or_create_with_attributes(&schema_attribute())
-                .map_err(|e| service_error("open", &full, &e))
-        })
-    }
+fn ack_service(node: &BusNode) -> Result<Acks, BusError> {
+    let (full, name) = node.service_name(CONTROL_ACK)?;
+    settle(|| {
+        check_schema(
+            node,
+            &full,
+            &name,
+            MessagingPattern::PublishSubscribe,
+            "rebuild the older of the two",
+        )?;
+        node.iceoryx()
+            .service_builder(&name)
+            .publish_subscribe::<Wire<AckRecord>>()
+            .max_publishers(qos::CONTROL.publishers)
+            .max_subscribers(qos::CONTROL.readers)
+            .max_nodes(qos::MAX_NODES)
+            .subscriber_max_buffer_size(qos::CONTROL.buffer)
+            .subscriber_max_borrowed_samples(qos::CONTROL.borrowed)
+            .enable_safe_overflow(true)
+            .open_or_create_with_attributes(&schema_attribute())
+            .map_err(|e| service_error("open", &full, &e))
+    })
 }
 
 type Acks = PortFactory<Service, Wire<AckRecord>, ()>;
@@ -156,6 +76,31 @@ pub struct ControlWriter {
 }
 
 impl ControlWriter {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<ControlWriter, BusError> {
+        let service = make::<ControlHeader>(node, CONTROL_VEHICLES, &qos::CONTROL)?;
+        let full = service.name().as_str().to_string();
+        let len = FIRST_SLOT_RECORDS * size_of::<VehicleControlRecord>();
+        let port = service
+            .publisher_builder()
+            .initial_max_slice_len(len)
+            .allocation_strategy(AllocationStrategy::PowerOfTwo)
+            .create()
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::CONTROL.publishers,
+                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, len),
+                    e,
+                )
+            })?;
+        Ok(ControlWriter {
+            port,
+            name: name_bytes(name),
+            seq: 0,
+            _service: service,
+        })
+    }
+
     /// Sends controls that answer the snapshot of `tick`. The daemon applies them before its next
     /// tick.
     ///
@@ -204,6 +149,12 @@ pub struct ControlReader {
 }
 
 impl ControlReader {
+    pub(crate) fn open(node: &BusNode) -> Result<ControlReader, BusError> {
+        let service = make::<ControlHeader>(node, CONTROL_VEHICLES, &qos::CONTROL)?;
+        let port = subscribe(&service)?;
+        Ok(ControlReader { port, service })
+    }
+
     /// Takes all samples that wait, sorted by (writer, seq), so that applying them in order lets
     /// the last one count. Samples that break the contract are dropped with a warning.
     ///
@@ -250,6 +201,30 @@ pub struct AckWriter {
 }
 
 impl AckWriter {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<AckWriter, BusError> {
+        let service = ack_service(node)?;
+        let full = service.name().as_str().to_string();
+        let bad = |_| BusError::Name { topic: name.into() };
+        let port_name = PortName::new(name).map_err(bad)?;
+        let port = service
+            .publisher_builder()
+            .name(&port_name)
+            .create()
+            .map_err(|e| {
+                writer_error(
+                    &full,
+                    qos::CONTROL.publishers,
+                    segment_bytes(&qos::CONTROL, qos::USUAL_LOANS, size_of::<AckRecord>()),
+                    e,
+                )
+            })?;
+        Ok(AckWriter {
+            port,
+            wake: Notifier::open(node, CONTROL_WAKE)?,
+            _service: service,
+        })
+    }
+
     /// Says that participant `participant` is done with `tick`, and wakes the daemon.
     ///
     /// # Errors
@@ -278,6 +253,16 @@ pub struct AckReader {
 }
 
 impl AckReader {
+    pub(crate) fn open(node: &BusNode) -> Result<AckReader, BusError> {
+        let service = ack_service(node)?;
+        let full = service.name().as_str().to_string();
+        let port = service
+            .subscriber_builder()
+            .create()
+            .map_err(|e| reader_error(&full, qos::CONTROL.readers, e))?;
+        Ok(AckReader { port, service })
+    }
+
     /// Takes all acknowledgements that wait.
     ///
     /// # Errors

@@ -8,24 +8,31 @@ use iceoryx2::prelude::*;
 use schema_frames::document::DOCUMENT_MAGIC;
 use schema_frames::{DocumentHeader, SCHEMA_VERSION};
 
-use crate::bus::{Service, Slices};
+use crate::error::BusError;
+use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::CONTROL_WAKE;
+use crate::node::{BusNode, Service};
+use crate::qos;
 use crate::reader::{receive, subscribe};
+use crate::service::{Slices, join, make};
 use crate::wire::Wire;
-use crate::{Bus, BusError, qos};
 
 /// Bytes of a slot before the segment grows for the first time.
 const FIRST_SLOT_BYTES: usize = 16 << 10;
 
-impl Bus {
-    /// Opens a document for writing, e.g. [`crate::names::WORLD_INFO`].
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn document_publisher(&self, name: &str) -> Result<DocumentPublisher, BusError> {
-        let service = self.make::<DocumentHeader>(name, &qos::DOCUMENT)?;
+/// Writes a document.
+#[derive(Debug)]
+pub struct DocumentPublisher {
+    port: Publisher<Service, [u8], Wire<DocumentHeader>>,
+    service: Slices<DocumentHeader>,
+    revision: u64,
+}
+
+impl DocumentPublisher {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<DocumentPublisher, BusError> {
+        let service = make::<DocumentHeader>(node, name, &qos::DOCUMENT)?;
         let full = service.name().as_str().to_string();
         let port = service
             .publisher_builder()
@@ -47,27 +54,6 @@ impl Bus {
         })
     }
 
-    /// Opens a document for reading. The newest text arrives within one turn of the daemon's loop.
-    ///
-    /// # Errors
-    /// [`BusError::NoSuchTopic`] if no process has made it yet.
-    pub fn document_reader(&self, name: &str) -> Result<DocumentReader, BusError> {
-        let service = self.join::<DocumentHeader>(name)?;
-        let port = subscribe(&service)?;
-        self.notifier(CONTROL_WAKE)?.notify();
-        Ok(DocumentReader { port, service })
-    }
-}
-
-/// Writes a document.
-#[derive(Debug)]
-pub struct DocumentPublisher {
-    port: Publisher<Service, [u8], Wire<DocumentHeader>>,
-    service: Slices<DocumentHeader>,
-    revision: u64,
-}
-
-impl DocumentPublisher {
     /// Sends a new text that holds from the end of `tick` on. Returns its revision, counted from 1.
     ///
     /// # Errors
@@ -145,6 +131,13 @@ pub struct Document {
 }
 
 impl DocumentReader {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<DocumentReader, BusError> {
+        let service = join::<DocumentHeader>(node, name)?;
+        let port = subscribe(&service)?;
+        Notifier::open(node, CONTROL_WAKE)?.notify();
+        Ok(DocumentReader { port, service })
+    }
+
     /// Takes the newest text, if one was sent since the last call.
     ///
     /// # Errors

@@ -5,41 +5,10 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::*;
 
-use crate::bus::{Events, Service};
+use crate::error::BusError;
 use crate::iceoryx_error::other_error;
-use crate::{Bus, BusError};
-
-impl Bus {
-    /// Opens an event for notifying, and makes it if it does not exist.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn notifier(&self, name: &str) -> Result<Notifier, BusError> {
-        let (full, service) = self.make_event(name)?;
-        let port = service
-            .notifier_builder()
-            .create()
-            .map_err(|e| other_error("notify", &full, &e))?;
-        Ok(Notifier { port, service })
-    }
-
-    /// Opens an event for waiting, and makes it if it does not exist.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn listener(&self, name: &str) -> Result<Listener, BusError> {
-        let (full, service) = self.make_event(name)?;
-        let port = service
-            .listener_builder()
-            .create()
-            .map_err(|e| other_error("listen to", &full, &e))?;
-        Ok(Listener {
-            port,
-            name: full,
-            _service: service,
-        })
-    }
-}
+use crate::node::{BusNode, Service};
+use crate::service::{Events, make_event};
 
 /// Wakes the listeners of an event.
 #[derive(Debug)]
@@ -49,6 +18,15 @@ pub struct Notifier {
 }
 
 impl Notifier {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<Notifier, BusError> {
+        let (full, service) = make_event(node, name)?;
+        let port = service
+            .notifier_builder()
+            .create()
+            .map_err(|e| other_error("notify", &full, &e))?;
+        Ok(Notifier { port, service })
+    }
+
     /// Wakes all listeners, at the cost of a system call for each. Returns the number of listeners
     /// that were woken.
     ///
@@ -72,6 +50,19 @@ pub struct Listener {
 }
 
 impl Listener {
+    pub(crate) fn open(node: &BusNode, name: &str) -> Result<Listener, BusError> {
+        let (full, service) = make_event(node, name)?;
+        let port = service
+            .listener_builder()
+            .create()
+            .map_err(|e| other_error("listen to", &full, &e))?;
+        Ok(Listener {
+            port,
+            name: full,
+            _service: service,
+        })
+    }
+
     /// Waits until the event is notified or `timeout` is over. Returns whether it was notified; a
     /// signal ends the wait early with `false`.
     ///

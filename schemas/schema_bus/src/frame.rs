@@ -9,52 +9,15 @@ use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
 use schema_frames::{FrameHeader, Modality};
 
-use crate::bus::{Service, Slices, mono_now};
+use crate::clock::mono_now;
+use crate::error::{BusError, LoanError};
 use crate::iceoryx_error::{loan_error, other_error, writer_error};
 use crate::memory::{FrameTopic, check_shared_memory, shared_memory_free};
+use crate::node::{BusNode, Service};
 use crate::qos::Qos;
-use crate::segment::{mapping_of, prefault};
+use crate::segment::{Segment, mapping_of, prefault};
+use crate::service::{Slices, make};
 use crate::wire::Wire;
-use crate::{Bus, BusError, LoanError, Segment};
-
-impl Bus {
-    /// Makes the service of `topic` (`<rig>/<sensor>/<modality>`) without memory. Readers can find
-    /// and open it.
-    ///
-    /// # Errors
-    /// [`BusError::Name`] if the last segment is not a modality, [`BusError::Capacity`] or
-    /// [`BusError::SchemaSkew`] if readers keep an older service alive that does not fit.
-    pub fn frame_service(&self, topic: &str, spec: FrameTopic) -> Result<FrameService, BusError> {
-        let modality = topic
-            .rsplit('/')
-            .next()
-            .and_then(Modality::from_name)
-            .ok_or_else(|| BusError::Name {
-                topic: topic.into(),
-            })?;
-        let qos = spec.qos(modality);
-        let service = self.make::<FrameHeader>(topic, &qos)?;
-        Ok(FrameService {
-            service,
-            topic: topic.into(),
-            modality,
-            qos,
-            spec,
-        })
-    }
-
-    /// Makes the service of `topic` with its memory.
-    ///
-    /// # Errors
-    /// As [`Bus::frame_service`] and [`FrameService::publisher`].
-    pub fn frame_publisher(
-        &self,
-        topic: &str,
-        spec: FrameTopic,
-    ) -> Result<FramePublisher, BusError> {
-        self.frame_service(topic, spec)?.publisher()
-    }
-}
 
 /// A frame topic that readers can find and that has no memory yet.
 #[derive(Debug)]
@@ -67,6 +30,29 @@ pub struct FrameService {
 }
 
 impl FrameService {
+    pub(crate) fn make(
+        node: &BusNode,
+        topic: &str,
+        spec: FrameTopic,
+    ) -> Result<FrameService, BusError> {
+        let modality = topic
+            .rsplit('/')
+            .next()
+            .and_then(Modality::from_name)
+            .ok_or_else(|| BusError::Name {
+                topic: topic.into(),
+            })?;
+        let qos = spec.qos(modality);
+        let service = make::<FrameHeader>(node, topic, &qos)?;
+        Ok(FrameService {
+            service,
+            topic: topic.into(),
+            modality,
+            qos,
+            spec,
+        })
+    }
+
     /// Name without the domain.
     pub fn topic(&self) -> &str {
         &self.topic

@@ -35,7 +35,8 @@
     reason = "type names on the bus, memory of loans and segments, poll(2); each block proves itself"
 )]
 
-// What the contract fixes: names, capacities, sizes, errors.
+// What the contract fixes: names, capacities, sizes, clock, errors.
+mod clock;
 mod error;
 mod iceoryx_error;
 mod memory;
@@ -43,9 +44,10 @@ pub mod names;
 pub mod qos;
 mod wire;
 
-// A process's place on the bus, and what is there.
-mod bus;
+// A process's place on the bus, and the services there.
 mod event;
+mod node;
+mod service;
 mod topics;
 
 // Sensor frames.
@@ -59,7 +61,11 @@ mod control;
 mod document;
 mod snapshot;
 
-pub use bus::{Bus, BusOptions, mono_now, write_private_config};
+// All of it on one page.
+mod bus;
+
+pub use bus::Bus;
+pub use clock::mono_now;
 pub use command::{CommandClient, CommandError, CommandServer, Request};
 pub use control::{AckReader, AckWriter, ControlBatch, ControlReader, ControlWriter};
 pub use document::{Document, DocumentPublisher, DocumentReader};
@@ -70,6 +76,7 @@ pub use memory::{
     FrameTopic, MemoryShortage, OTHER_BYTES, check_shared_memory, shared_memory_free,
     shared_memory_needed,
 };
+pub use node::{BusOptions, write_private_config};
 pub use reader::{Frame, FrameReader, ReaderCounts};
 pub use segment::Segment;
 pub use snapshot::{Snapshot, SnapshotPublisher, SnapshotReader};

@@ -8,10 +8,11 @@ use iceoryx2::sample::Sample;
 
 use schema_frames::{FrameHeader, Modality};
 
-use crate::bus::{Service, Slices};
+use crate::error::BusError;
 use crate::iceoryx_error::{other_error, reader_error, receive_error};
+use crate::node::{BusNode, Service};
+use crate::service::{Slices, join};
 use crate::wire::{OnBus, Wire};
-use crate::{Bus, BusError};
 
 /// Opens the reading port of a service.
 pub(crate) fn subscribe<H: OnBus>(
@@ -35,26 +36,6 @@ pub(crate) fn receive<H: OnBus>(
         let limit = service.static_config().subscriber_max_borrowed_samples();
         receive_error(service.name().as_str(), limit, e)
     })
-}
-
-impl Bus {
-    /// Opens a frame topic for reading. The writer starts to render for the first reader within one
-    /// tick.
-    ///
-    /// # Errors
-    /// [`BusError::NoSuchTopic`] if no process has made it, [`BusError::SchemaSkew`],
-    /// [`BusError::TooManyReaders`].
-    pub fn frame_reader(&self, topic: &str) -> Result<FrameReader, BusError> {
-        let service = self.join::<FrameHeader>(topic)?;
-        let port = subscribe(&service)?;
-        Ok(FrameReader {
-            port,
-            service,
-            topic: topic.into(),
-            place: None,
-            counts: ReaderCounts::default(),
-        })
-    }
 }
 
 /// What a reader has received and missed.
@@ -85,6 +66,18 @@ pub struct FrameReader {
 }
 
 impl FrameReader {
+    pub(crate) fn open(node: &BusNode, topic: &str) -> Result<FrameReader, BusError> {
+        let service = join::<FrameHeader>(node, topic)?;
+        let port = subscribe(&service)?;
+        Ok(FrameReader {
+            port,
+            service,
+            topic: topic.into(),
+            place: None,
+            counts: ReaderCounts::default(),
+        })
+    }
+
     /// Name without the domain.
     pub fn topic(&self) -> &str {
         &self.topic

@@ -9,21 +9,29 @@ use iceoryx2::sample::Sample;
 use schema_frames::snapshot::SNAPSHOT_MAGIC;
 use schema_frames::{ActorRecord, SCHEMA_VERSION, SnapshotHeader};
 
-use crate::bus::{Service, Slices, mono_now};
+use crate::clock::mono_now;
+use crate::error::BusError;
+use crate::event::Notifier;
 use crate::iceoryx_error::{other_error, writer_error};
 use crate::memory::segment_bytes;
 use crate::names::{CONTROL_WAKE, WORLD_SNAPSHOT};
+use crate::node::{BusNode, Service};
+use crate::qos;
 use crate::reader::{receive, subscribe};
+use crate::service::{Slices, join, make};
 use crate::wire::Wire;
-use crate::{Bus, BusError, qos};
 
-impl Bus {
-    /// Opens `world/snapshot` for writing, for up to `max_actors` records.
-    ///
-    /// # Errors
-    /// [`BusError`].
-    pub fn snapshot_publisher(&self, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
-        let service = self.make::<SnapshotHeader>(WORLD_SNAPSHOT, &qos::SNAPSHOT)?;
+/// Writes snapshots.
+#[derive(Debug)]
+pub struct SnapshotPublisher {
+    port: Publisher<Service, [u8], Wire<SnapshotHeader>>,
+    max_actors: usize,
+    _service: Slices<SnapshotHeader>,
+}
+
+impl SnapshotPublisher {
+    pub(crate) fn open(node: &BusNode, max_actors: usize) -> Result<SnapshotPublisher, BusError> {
+        let service = make::<SnapshotHeader>(node, WORLD_SNAPSHOT, &qos::SNAPSHOT)?;
         let len = max_actors.max(1) * size_of::<ActorRecord>();
         let full = service.name().as_str().to_string();
         let port = service
@@ -46,28 +54,6 @@ impl Bus {
         })
     }
 
-    /// Opens `world/snapshot` for reading. The newest snapshot arrives within one turn of the
-    /// daemon's loop.
-    ///
-    /// # Errors
-    /// [`BusError::NoSuchTopic`] if no daemon ran yet.
-    pub fn snapshot_reader(&self) -> Result<SnapshotReader, BusError> {
-        let service = self.join::<SnapshotHeader>(WORLD_SNAPSHOT)?;
-        let port = subscribe(&service)?;
-        self.notifier(CONTROL_WAKE)?.notify();
-        Ok(SnapshotReader { port, service })
-    }
-}
-
-/// Writes snapshots.
-#[derive(Debug)]
-pub struct SnapshotPublisher {
-    port: Publisher<Service, [u8], Wire<SnapshotHeader>>,
-    max_actors: usize,
-    _service: Slices<SnapshotHeader>,
-}
-
-impl SnapshotPublisher {
     /// Sends the records, which must come by rising id. The header's magic, version, sizes, count
     /// and time of publishing are set here.
     ///
@@ -123,6 +109,13 @@ pub struct SnapshotReader {
 }
 
 impl SnapshotReader {
+    pub(crate) fn open(node: &BusNode) -> Result<SnapshotReader, BusError> {
+        let service = join::<SnapshotHeader>(node, WORLD_SNAPSHOT)?;
+        let port = subscribe(&service)?;
+        Notifier::open(node, CONTROL_WAKE)?.notify();
+        Ok(SnapshotReader { port, service })
+    }
+
     /// Takes the oldest snapshot that waits, if any.
     ///
     /// # Errors

@@ -2,15 +2,16 @@
 
 use iceoryx2::prelude::*;
 use iceoryx2::service::Service as _;
+use iceoryx2::service::port_factory::publish_subscribe;
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 
 use schema_frames::control::ControlHeader;
 use schema_frames::{DocumentHeader, FrameHeader, Modality, SCHEMA_ATTRIBUTE, SnapshotHeader};
 
-use crate::bus::{Service, Slices};
+use crate::error::BusError;
 use crate::iceoryx_error::service_error;
+use crate::node::{BusNode, Service};
 use crate::wire::{OnBus, Wire};
-use crate::{Bus, BusError};
 
 /// Kind of a topic, by the type name of its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -48,86 +49,81 @@ pub struct TopicDetails {
     pub schema: String,
 }
 
-impl Bus {
-    /// All publish-subscribe topics of this domain by name.
-    ///
-    /// # Errors
-    /// [`BusError::Service`] if iceoryx2 cannot list.
-    pub fn topics(&self) -> Result<Vec<TopicDetails>, BusError> {
-        let mut topics = Vec::new();
-        let start = format!("{}/", self.domain());
-        let key = SCHEMA_ATTRIBUTE
-            .try_into()
-            .expect("the attribute's name is shorter than iceoryx2's limit of 64");
-        Service::list(self.config(), |details| {
-            let service = &details.static_details;
-            if let (Some(name), Pattern::PublishSubscribe(qos)) = (
-                service.name().as_str().strip_prefix(&start),
-                service.messaging_pattern(),
-            ) {
-                let header = qos
-                    .message_type_details()
-                    .user_header
-                    .type_name()
-                    .to_string();
-                let schema = service
-                    .attributes()
-                    .key_value(&key, 0)
-                    .map(|value| value.to_string())
-                    .unwrap_or_default();
-                topics.push(TopicDetails {
-                    kind: kind_of(&header),
-                    modality: name
-                        .rsplit('/')
-                        .next()
-                        .and_then(Modality::from_name)
-                        .filter(|_| header == FrameHeader::NAME),
-                    name: name.to_string(),
-                    publishers: 0,
-                    subscribers: 0,
-                    max_subscribers: qos.max_subscribers(),
-                    payload_bytes: 0,
-                    schema,
-                });
-            }
-            CallbackProgression::Continue
-        })
-        .map_err(|e| service_error("list services of", self.domain(), &e))?;
-        topics.iter_mut().for_each(|topic| self.count_ports(topic));
-        topics.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(topics)
-    }
-
-    /// Fills in the numbers of ports. A topic that has ended meanwhile keeps its zeros.
-    fn count_ports(&self, topic: &mut TopicDetails) {
-        match topic.kind {
-            TopicKind::Frames => self.count_as::<FrameHeader>(topic),
-            TopicKind::Snapshot => self.count_as::<SnapshotHeader>(topic),
-            TopicKind::Document => self.count_as::<DocumentHeader>(topic),
-            TopicKind::Controls => self.count_as::<ControlHeader>(topic),
-            TopicKind::Other => {}
+/// All publish-subscribe topics of the domain by name.
+pub(crate) fn topics(node: &BusNode) -> Result<Vec<TopicDetails>, BusError> {
+    let mut topics = Vec::new();
+    let start = format!("{}/", node.domain());
+    let key = SCHEMA_ATTRIBUTE
+        .try_into()
+        .expect("the attribute's name is shorter than iceoryx2's limit of 64");
+    Service::list(node.config(), |details| {
+        let service = &details.static_details;
+        if let (Some(name), Pattern::PublishSubscribe(qos)) = (
+            service.name().as_str().strip_prefix(&start),
+            service.messaging_pattern(),
+        ) {
+            let header = qos
+                .message_type_details()
+                .user_header
+                .type_name()
+                .to_string();
+            let schema = service
+                .attributes()
+                .key_value(&key, 0)
+                .map(|value| value.to_string())
+                .unwrap_or_default();
+            topics.push(TopicDetails {
+                kind: kind_of(&header),
+                modality: name
+                    .rsplit('/')
+                    .next()
+                    .and_then(Modality::from_name)
+                    .filter(|_| header == FrameHeader::NAME),
+                name: name.to_string(),
+                publishers: 0,
+                subscribers: 0,
+                max_subscribers: qos.max_subscribers(),
+                payload_bytes: 0,
+                schema,
+            });
         }
-    }
+        CallbackProgression::Continue
+    })
+    .map_err(|e| service_error("list services of", node.domain(), &e))?;
+    topics.iter_mut().for_each(|topic| count_ports(node, topic));
+    topics.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(topics)
+}
 
-    fn count_as<H: OnBus>(&self, topic: &mut TopicDetails) {
-        let Ok((_, name)) = self.service_name(&topic.name) else {
-            return;
-        };
-        let opened: Result<Slices<H>, _> = self
-            .node()
-            .service_builder(&name)
-            .publish_subscribe::<[u8]>()
-            .user_header::<Wire<H>>()
-            .open();
-        let Ok(service) = opened else { return };
-        let ports = service.dynamic_config();
-        topic.publishers = ports.number_of_publishers();
-        topic.subscribers = ports.number_of_subscribers();
-        ports.list_publishers(|publisher| {
-            topic.payload_bytes = topic.payload_bytes.max(publisher.max_slice_len);
-            CallbackProgression::Continue
-        });
+/// Fills in the numbers of ports. A topic that has ended meanwhile keeps its zeros.
+fn count_ports(node: &BusNode, topic: &mut TopicDetails) {
+    match topic.kind {
+        TopicKind::Frames => count_as::<FrameHeader>(node, topic),
+        TopicKind::Snapshot => count_as::<SnapshotHeader>(node, topic),
+        TopicKind::Document => count_as::<DocumentHeader>(node, topic),
+        TopicKind::Controls => count_as::<ControlHeader>(node, topic),
+        TopicKind::Other => {}
     }
+}
+
+fn count_as<H: OnBus>(node: &BusNode, topic: &mut TopicDetails) {
+    let Ok((_, name)) = node.service_name(&topic.name) else {
+        return;
+    };
+    let opened: Result<publish_subscribe::PortFactory<Service, [u8], Wire<H>>, _> = node
+        .iceoryx()
+        .service_builder(&name)
+        .publish_subscribe::<[u8]>()
+        .user_header::<Wire<H>>()
+        .open();
+    let Ok(service) = opened else { return };
+    let ports = service.dynamic_config();
+    topic.publishers = ports.number_of_publishers();
+    topic.subscribers = ports.number_of_subscribers();
+    ports.list_publishers(|publisher| {
+        topic.payload_bytes = topic.payload_bytes.max(publisher.max_slice_len);
+        CallbackProgression::Continue
+    });
 }
 
 fn kind_of(header: &str) -> TopicKind {

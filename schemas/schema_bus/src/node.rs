@@ -1,0 +1,171 @@
+//! A process's node: its place on the bus, and the names it gives to services.
+
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+use iceoryx2::config::Config;
+use iceoryx2::node::NodeView as _;
+use iceoryx2::prelude::*;
+use iceoryx2::service::Service as _;
+
+use crate::error::BusError;
+use crate::names::{valid_domain, valid_topic};
+
+/// Ports of this kind may move between threads; the price is an uncontended lock per call.
+pub(crate) type Service = ipc_threadsafe::Service;
+
+/// Where iceoryx2 keeps its files, for tests that must not meet other processes. By default this is
+/// what iceoryx2 itself would use: `config/iceoryx2.toml` in the working directory, then the
+/// user's, then the machine's configuration, then `/tmp/iceoryx2` and the prefix `iox2_`.
+#[derive(Clone, Debug, Default)]
+pub struct BusOptions {
+    /// Folder of iceoryx2's bookkeeping.
+    pub iceoryx_root: Option<PathBuf>,
+    /// Start of the names of its files in `/dev/shm`.
+    pub prefix: Option<String>,
+}
+
+/// iceoryx2's node of this process, and the domain in which it opens services.
+#[derive(Debug)]
+pub(crate) struct BusNode {
+    node: Node<Service>,
+    domain: String,
+}
+
+impl BusNode {
+    pub fn open(domain: &str, program: &str, options: &BusOptions) -> Result<BusNode, BusError> {
+        static QUIET: Once = Once::new();
+        // iceoryx2's warnings ("no config file was loaded", "dead node detected") would appear in
+        // the output of every consumer.
+        QUIET.call_once(|| set_log_level(LogLevel::Fatal));
+        if !valid_domain(domain) {
+            return Err(BusError::Domain {
+                domain: domain.into(),
+            });
+        }
+        let config = options.config()?;
+        let name: String = program
+            .chars()
+            .filter(|c| c.is_ascii_graphic())
+            .take(64)
+            .collect();
+        let failed = |cause: String| BusError::Node {
+            program: program.into(),
+            cause,
+        };
+        let name = NodeName::new(&name).map_err(|e| failed(format!("{e:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Service>()
+            .map_err(|e| failed(format!("{e:?}")))?;
+        Ok(BusNode {
+            node,
+            domain: domain.into(),
+        })
+    }
+
+    pub fn domain(&self) -> &str {
+        &self.domain
+    }
+
+    pub fn clean_dead_nodes(&self) -> u64 {
+        self.node.try_cleanup_dead_nodes().cleanups
+    }
+
+    pub fn exists(&self, topic: &str) -> bool {
+        let Ok((_, name)) = self.service_name(topic) else {
+            return false;
+        };
+        // If iceoryx2 cannot tell, opening the topic will, with a sentence that says why.
+        Service::does_exist(&name, self.config(), MessagingPattern::PublishSubscribe)
+            .unwrap_or(true)
+    }
+
+    pub fn programs(&self) -> Vec<String> {
+        let mut programs = Vec::new();
+        // A directory of nodes that cannot be read means that there is none to list.
+        let _ = Node::<Service>::list(self.config(), |state| {
+            if let NodeState::Alive(view) = state
+                && let Some(details) = view.details()
+            {
+                programs.push(details.name().as_str().to_string());
+            }
+            CallbackProgression::Continue
+        });
+        programs.sort();
+        programs
+    }
+
+    pub fn config(&self) -> &Config {
+        self.node.config()
+    }
+
+    pub fn iceoryx(&self) -> &Node<Service> {
+        &self.node
+    }
+
+    /// The full name of `topic`: the domain, a slash and the topic.
+    pub fn service_name(&self, topic: &str) -> Result<(String, ServiceName), BusError> {
+        let bad = || BusError::Name {
+            topic: topic.into(),
+        };
+        if !valid_topic(topic) {
+            return Err(bad());
+        }
+        let full = format!("{}/{topic}", self.domain);
+        let name = ServiceName::new(&full).map_err(|_| bad())?;
+        Ok((full, name))
+    }
+}
+
+impl BusOptions {
+    fn config(&self) -> Result<Config, BusError> {
+        let mut config = Config::global_config().clone();
+        if let Some(root) = &self.iceoryx_root {
+            let text = root.to_string_lossy();
+            let bad = |_| BusError::Option {
+                what: "root",
+                value: text.to_string(),
+            };
+            config
+                .global
+                .set_root_path(&iceoryx2::prelude::Path::new(text.as_bytes()).map_err(bad)?);
+        }
+        if let Some(prefix) = &self.prefix {
+            let bad = |_| BusError::Option {
+                what: "prefix",
+                value: prefix.clone(),
+            };
+            config.global.prefix = FileName::new(prefix.as_bytes()).map_err(bad)?;
+        }
+        Ok(config)
+    }
+}
+
+/// Writes `config/iceoryx2.toml` below `working_directory`. Every process that is started there, in
+/// any language, then uses this root and prefix.
+///
+/// # Errors
+/// [`BusError::File`].
+pub fn write_private_config(
+    working_directory: &Path,
+    iceoryx_root: &Path,
+    prefix: &str,
+) -> Result<PathBuf, BusError> {
+    let folder = working_directory.join("config");
+    let path = folder.join("iceoryx2.toml");
+    let text = format!(
+        "[global]\nroot-path = {:?}\nprefix = {prefix:?}\n",
+        iceoryx_root.to_string_lossy()
+    );
+    let write = || {
+        std::fs::create_dir_all(&folder)?;
+        std::fs::write(&path, text)
+    };
+    match write() {
+        Ok(()) => Ok(path),
+        Err(source) => Err(BusError::File { path, source }),
+    }
+}

@@ -1,0 +1,197 @@
+//! Services: made or joined by name, after a look at the schema they carry.
+
+use std::time::{Duration, Instant};
+
+use iceoryx2::prelude::*;
+use iceoryx2::service::Service as _;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+
+use schema_frames::{SCHEMA_ATTRIBUTE, SCHEMA_VERSION};
+
+use crate::error::BusError;
+use crate::iceoryx_error::{Meaning, ServiceFailure as _, service_error};
+use crate::node::{BusNode, Service};
+use crate::qos::{EVENT_LISTENERS, EVENT_NOTIFIERS, MAX_NODES, Qos};
+use crate::topics::topics;
+use crate::wire::{OnBus, Wire};
+
+/// How long opening is tried again while other processes make or remove the service.
+const SETTLE: Duration = Duration::from_secs(1);
+
+/// An open service of byte slices with header `H`.
+pub(crate) type Slices<H> = publish_subscribe::PortFactory<Service, [u8], Wire<H>>;
+/// An open event service.
+pub(crate) type Events = event::PortFactory<Service>;
+
+/// Makes the service, or joins the one that its readers kept alive.
+pub(crate) fn make<H: OnBus>(
+    node: &BusNode,
+    topic: &str,
+    qos: &Qos,
+) -> Result<Slices<H>, BusError> {
+    let (full, name) = node.service_name(topic)?;
+    let advice = "stop all processes of this domain and start again";
+    settle(|| {
+        check_schema(
+            node,
+            &full,
+            &name,
+            MessagingPattern::PublishSubscribe,
+            advice,
+        )?;
+        node.iceoryx()
+            .service_builder(&name)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Wire<H>>()
+            .max_publishers(qos.publishers)
+            .max_subscribers(qos.readers)
+            .max_nodes(MAX_NODES)
+            .subscriber_max_buffer_size(qos.buffer)
+            .subscriber_max_borrowed_samples(qos.borrowed)
+            .history_size(qos.history)
+            .enable_safe_overflow(true)
+            .open_or_create_with_attributes(&schema_attribute())
+            .map_err(|e| service_error("open", &full, &e))
+    })
+}
+
+/// Joins a service that exists.
+pub(crate) fn join<H: OnBus>(node: &BusNode, topic: &str) -> Result<Slices<H>, BusError> {
+    let (full, name) = node.service_name(topic)?;
+    let advice = "rebuild the consumer";
+    if !check_schema(
+        node,
+        &full,
+        &name,
+        MessagingPattern::PublishSubscribe,
+        advice,
+    )? {
+        return Err(BusError::NoSuchTopic {
+            topic: full,
+            hint: hint(node, topic),
+        });
+    }
+    node.iceoryx()
+        .service_builder(&name)
+        .publish_subscribe::<[u8]>()
+        .user_header::<Wire<H>>()
+        .open()
+        .map_err(|e| {
+            if e.meaning() == Meaning::Missing {
+                return BusError::NoSuchTopic {
+                    topic: full.clone(),
+                    hint: hint(node, topic),
+                };
+            }
+            service_error("open", &full, &e)
+        })
+}
+
+/// Whether the service exists and has a publisher.
+pub(crate) fn is_published<H: OnBus>(node: &BusNode, topic: &str) -> Result<bool, BusError> {
+    match join::<H>(node, topic) {
+        Ok(service) => Ok(service.dynamic_config().number_of_publishers() > 0),
+        Err(BusError::NoSuchTopic { .. }) => Ok(false),
+        Err(other) => Err(other),
+    }
+}
+
+/// Fails if the service carries another schema. Returns whether the service exists.
+pub(crate) fn check_schema(
+    node: &BusNode,
+    full: &str,
+    name: &ServiceName,
+    pattern: MessagingPattern,
+    advice: &'static str,
+) -> Result<bool, BusError> {
+    let details = match Service::details(name, node.config(), pattern) {
+        Ok(details) => details,
+        Err(e) => return Err(service_error("look at", full, &e)),
+    };
+    let Some(details) = details else {
+        return Ok(false);
+    };
+    let key = attribute_key();
+    let theirs = details
+        .static_details
+        .attributes()
+        .key_value(&key, 0)
+        .map(|value| value.to_string());
+    match theirs {
+        Some(version) if version == SCHEMA_VERSION.to_string() => Ok(true),
+        theirs => Err(BusError::SchemaSkew {
+            service: full.into(),
+            theirs: theirs.unwrap_or_else(|| "none".into()),
+            advice,
+        }),
+    }
+}
+
+/// The rest of the sentence "there is no topic …": which topics there are instead.
+fn hint(node: &BusNode, wanted: &str) -> String {
+    let topics = topics(node).unwrap_or_default();
+    let names: Vec<&str> = topics.iter().map(|topic| topic.name.as_str()).collect();
+    if names.is_empty() {
+        return format!(
+            ": nothing runs on domain {:?}; start the simulator with `gantry up`, or name its --domain",
+            node.domain()
+        );
+    }
+    let last = wanted.rsplit('/').next().unwrap_or(wanted);
+    let mut near: Vec<&str> = names
+        .iter()
+        .copied()
+        .filter(|name| name.ends_with(last))
+        .collect();
+    if near.is_empty() {
+        near = names;
+    }
+    near.truncate(12);
+    format!("; there is {}", near.join(", "))
+}
+
+pub(crate) fn make_event(node: &BusNode, topic: &str) -> Result<(String, Events), BusError> {
+    let (full, name) = node.service_name(topic)?;
+    let service = settle(|| {
+        node.iceoryx()
+            .service_builder(&name)
+            .event()
+            .max_listeners(EVENT_LISTENERS)
+            .max_notifiers(EVENT_NOTIFIERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|e| service_error("open the event", &full, &e))
+    })?;
+    Ok((full, service))
+}
+
+/// Tries again while another process makes or removes the service, which happens when a daemon
+/// restarts while its readers come and go.
+pub(crate) fn settle<T>(mut open: impl FnMut() -> Result<T, BusError>) -> Result<T, BusError> {
+    let deadline = Instant::now() + SETTLE;
+    loop {
+        match open() {
+            Err(BusError::Service { .. }) if Instant::now() < deadline => {
+                std::thread::sleep(Duration::from_millis(10))
+            }
+            done => return done,
+        }
+    }
+}
+
+fn attribute_key() -> iceoryx2::service::attribute::AttributeKey {
+    SCHEMA_ATTRIBUTE
+        .try_into()
+        .expect("the attribute's name is shorter than iceoryx2's limit of 64")
+}
+
+pub(crate) fn schema_attribute() -> AttributeVerifier {
+    let value = SCHEMA_VERSION.to_string();
+    let value = value
+        .as_str()
+        .try_into()
+        .expect("a number of at most five digits fits an attribute");
+    AttributeVerifier::new()
+        .require(&attribute_key(), &value)
+        .expect("one attribute fits the set")
+}
