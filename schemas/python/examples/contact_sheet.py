@@ -43,15 +43,16 @@ def flow_rgb(flow_px: np.ndarray) -> np.ndarray:
 
 def events_rgb(events: np.ndarray, shape: tuple) -> np.ndarray:
     """Brighter is blue, darker is red, on dark grey."""
-    picture = np.full((*shape, 3), 24, np.uint8)
+    pixels = np.full((*shape, 3), 24, np.uint8)
     up = events["polarity"] == 1
-    picture[events["y_px"][up], events["x_px"][up]] = (90, 150, 255)
-    picture[events["y_px"][~up], events["x_px"][~up]] = (255, 90, 70)
-    return picture
+    pixels[events["y_px"][up], events["x_px"][up]] = (90, 150, 255)
+    pixels[events["y_px"][~up], events["x_px"][~up]] = (255, 90, 70)
+    return pixels
 
 
-def half(picture: np.ndarray, width: int) -> Image.Image:
-    image = Image.fromarray(np.ascontiguousarray(picture))
+def scaled(pixels: np.ndarray, width: int) -> Image.Image:
+    """Scales an image to a width in pixels."""
+    image = Image.fromarray(np.ascontiguousarray(pixels))
     return image.resize((width, image.height * width // image.width), Image.Resampling.LANCZOS)
 
 
@@ -61,13 +62,13 @@ def main() -> None:
     parser.add_argument("--sensor", default="ego/front", help="rig and sensor (default: %(default)s)")
     parser.add_argument("--domain", default="gantry")
     parser.add_argument("--after", type=float, default=0.0, help="simulated second to wait for")
-    parser.add_argument("--width", type=int, default=480, help="width of one picture in the sheet, pixels")
+    parser.add_argument("--width", type=int, default=480, help="width of one image in the sheet, pixels")
     args = parser.parse_args()
     topics = [f"{args.sensor}/{name}" for name in MODALITIES]
     with gantry.sync(topics, domain=args.domain, timeout=30.0) as ticks:
         row = next(row for row in ticks if row[topics[0]].sim_time >= args.after)
         rgb, depth, semantic, instance, flow, dvs = (row[topic] for topic in topics)
-        pictures = [
+        images = [
             rgb.rgb.copy(),
             depth_rgb(depth.array),
             gantry.colour_classes(semantic.array),
@@ -76,7 +77,7 @@ def main() -> None:
             events_rgb(dvs.array, depth.array.shape),
         ]
         tick = rgb.tick
-    tiles = [half(picture, args.width) for picture in pictures]
+    tiles = [scaled(pixels, args.width) for pixels in images]
     gap = 4
     height = tiles[0].height
     sheet = Image.new("RGB", (3 * args.width + 2 * gap, 2 * height + gap), (255, 255, 255))

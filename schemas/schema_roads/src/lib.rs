@@ -16,7 +16,9 @@
 //!   <planView><geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry></planView>
 //!   <lanes><laneSection s="0">
 //!     <center><lane id="0"/></center>
-//!     <right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>
+//!     <right><lane id="-1" type="driving">
+//!       <width sOffset="0" a="3.5" b="0" c="0" d="0"/>
+//!     </lane></right>
 //!   </laneSection></lanes>
 //! </road></OpenDRIVE>"#;
 //! let map = RoadMap::parse(text)?;

@@ -10,9 +10,10 @@
 //! use schema_types::{Pose, SimTime, Tick};
 //!
 //! // A camera 2 m in front of a vehicle that stands at (10, 0) and looks north.
-//! let world_from_vehicle = Pose::from_xyz_yaw(10.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2);
-//! let vehicle_from_sensor = Pose::from_xyz_yaw(2.0, 0.0, 1.5, 0.0);
-//! let world_from_sensor = Pose::from(world_from_vehicle.isometry() * vehicle_from_sensor.isometry());
+//! let north_rad = std::f64::consts::FRAC_PI_2;
+//! let world_from_vehicle = Pose::from_xyz_yaw(10.0, 0.0, 0.0, north_rad).isometry();
+//! let vehicle_from_sensor = Pose::from_xyz_yaw(2.0, 0.0, 1.5, 0.0).isometry();
+//! let world_from_sensor = Pose::from(world_from_vehicle * vehicle_from_sensor);
 //! let [x_m, y_m, z_m] = world_from_sensor.translation_m;
 //! assert!((x_m - 10.0).abs() < 1e-9 && (y_m - 2.0).abs() < 1e-9 && z_m == 1.5);
 //!
