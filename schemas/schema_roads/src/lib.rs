@@ -64,7 +64,7 @@ pub use error::{MapError, Severity, Warning};
 pub use lane::{Lane, LaneKey, LaneKind, LanePosition};
 pub use map::{DEFAULT_GEO_REFERENCE, JunctionInfo, RoadInfo, RoadMap};
 pub use marks::{MarkColour, MarkKind, MarkLine, MarkStripe};
-pub use objects::{Crosswalk, RoadObject};
+pub use objects::{Crosswalk, OutlineCorner, RoadObject};
 pub use parse::xml::MAX_TEXT_BYTES;
 pub use raw::JunctionKind;
 pub use signals::{Controller, Signal, SignalKind, SignalStop};

@@ -23,11 +23,19 @@ pub struct RoadObject {
     pub height_m: f64,
     /// Radius of a round one, metres; 0 if it is not round.
     pub radius_m: f64,
-    /// Corners of its outline in the world, and the height of the object over each; empty without
-    /// an outline.
-    pub outline: Vec<([f64; 3], f64)>,
+    /// Corners of its outline; empty without an outline.
+    pub outline: Vec<OutlineCorner>,
     /// Number of the road that the file lists it with.
     pub road: u32,
+}
+
+/// A corner of an object's outline.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutlineCorner {
+    /// Where it is, world, metres.
+    pub point_m: [f64; 3],
+    /// Height of the object over it, metres.
+    pub height_m: f64,
 }
 
 /// A crosswalk's outline in the world.
@@ -76,7 +84,7 @@ pub(crate) fn crosswalk(map: &RawMap, raw: &RawCrosswalk) -> Crosswalk {
     let corners = raw
         .corners
         .iter()
-        .map(|corner| world_corner(road, &pose, corner, 0.0).0)
+        .map(|corner| world_corner(road, &pose, corner, 0.0).point_m)
         .collect();
     Crosswalk {
         id: raw.id.clone(),
@@ -90,8 +98,8 @@ fn world_corner(
     pose: &Isometry3<f64>,
     corner: &Corner,
     height_m: f64,
-) -> ([f64; 3], f64) {
-    let (point, own_m) = match *corner {
+) -> OutlineCorner {
+    let (point_m, own_m) = match *corner {
         Corner::Local {
             u_m,
             v_m,
@@ -105,5 +113,8 @@ fn world_corner(
             height_m,
         } => (road.station(s_m).point(t_m, dz_m), height_m),
     };
-    (point, if own_m > 0.0 { own_m } else { height_m })
+    OutlineCorner {
+        point_m,
+        height_m: if own_m > 0.0 { own_m } else { height_m },
+    }
 }

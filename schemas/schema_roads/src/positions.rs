@@ -230,64 +230,19 @@ impl RoadMap {
         let mut lines = Vec::new();
         for road in &self.raw.roads {
             for section in &road.sections {
-                self.section_marks(
+                let edge = |lane, records| MarkedEdge {
                     road,
                     section,
-                    &section.centre_marks,
-                    None,
-                    step_m,
-                    &mut lines,
-                );
+                    lane,
+                    records,
+                };
+                lines.extend(edge(None, section.centre_marks.as_slice()).lines(step_m));
                 for lane in section.left.iter().chain(&section.right) {
-                    self.section_marks(
-                        road,
-                        section,
-                        &lane.marks,
-                        Some(lane.id),
-                        step_m,
-                        &mut lines,
-                    );
+                    lines.extend(edge(Some(lane.id), &lane.marks).lines(step_m));
                 }
             }
         }
         lines
-    }
-
-    fn section_marks(
-        &self,
-        road: &Road,
-        section: &Section,
-        records: &[MarkRecord],
-        lane: Option<i8>,
-        step_m: f64,
-        lines: &mut Vec<MarkLine>,
-    ) {
-        for (idx, mark) in records.iter().enumerate() {
-            let from = (section.start_m + mark.s_offset_m).max(section.start_m);
-            let to = records
-                .get(idx + 1)
-                .map_or(section.end_m, |next| section.start_m + next.s_offset_m)
-                .min(section.end_m);
-            if mark.kind == MarkKind::None || to - from < 1e-6 {
-                continue;
-            }
-            let point = |s: f64| {
-                let station = road.station(s);
-                let edge = lane.map_or(0.0, |id| road.edges(section, id, s).outer_m);
-                station.point(station.lane_offset_m + edge, 0.0)
-            };
-            let points = stations(from, to, step_m).map(point).collect();
-            lines.push(MarkLine {
-                kind: mark.kind,
-                colour: mark.colour,
-                width_m: mark.width_m,
-                road: road.number,
-                lane: lane.unwrap_or(0),
-                to_greater: mark.to_greater,
-                to_smaller: mark.to_smaller,
-                points,
-            });
-        }
     }
 
     /// Whether the lane's height differs from its road's elevation: by superelevation, shape,
@@ -313,6 +268,55 @@ impl RoadMap {
     /// Index of a lane in [`RoadMap::lanes`].
     pub fn lane_idx(&self, key: LaneKey) -> Option<usize> {
         graph::find(&self.lanes, key)
+    }
+}
+
+/// The outer edge of a lane in one section, or the centre line, with its marks.
+struct MarkedEdge<'m> {
+    road: &'m Road,
+    section: &'m Section,
+    /// OpenDRIVE's id of the lane; `None` for the centre line.
+    lane: Option<i8>,
+    records: &'m [MarkRecord],
+}
+
+impl MarkedEdge<'_> {
+    fn lines(&self, step_m: f64) -> impl Iterator<Item = MarkLine> {
+        let Section { start_m, end_m, .. } = *self.section;
+        self.records
+            .iter()
+            .enumerate()
+            .filter_map(move |(idx, mark)| {
+                let from = (start_m + mark.s_offset_m).max(start_m);
+                let to = self
+                    .records
+                    .get(idx + 1)
+                    .map_or(end_m, |next| start_m + next.s_offset_m)
+                    .min(end_m);
+                if mark.kind == MarkKind::None || to - from < 1e-6 {
+                    return None;
+                }
+                Some(MarkLine {
+                    kind: mark.kind,
+                    colour: mark.colour,
+                    width_m: mark.width_m,
+                    road: self.road.number,
+                    lane: self.lane.unwrap_or(0),
+                    to_greater: mark.to_greater,
+                    to_smaller: mark.to_smaller,
+                    points: stations(from, to, step_m)
+                        .map(|s_m| self.point(s_m))
+                        .collect(),
+                })
+            })
+    }
+
+    fn point(&self, s_m: f64) -> [f64; 3] {
+        let station = self.road.station(s_m);
+        let edge = self
+            .lane
+            .map_or(0.0, |id| self.road.edges(self.section, id, s_m).outer_m);
+        station.point(station.lane_offset_m + edge, 0.0)
     }
 }
 

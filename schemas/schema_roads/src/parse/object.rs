@@ -35,10 +35,11 @@ pub(super) fn read(reader: &mut Reader, node: Node, road: usize, length_m: f64, 
         let mut repeated = false;
         for repeat in children(n, "repeat").take(64) {
             repeated = true;
-            let most = room(map.n_object_corners);
-            let before = map.objects.len();
-            repeats(reader, repeat, &object, length_m, most, &mut map.objects);
-            map.n_object_corners += cost(&object) * (map.objects.len() - before);
+            let most =
+                room(map.n_object_corners).min(MAX_OBJECTS.saturating_sub(map.objects.len()));
+            let pieces = repeats(reader, repeat, &object, length_m, most);
+            map.n_object_corners += cost(&object) * pieces.len();
+            map.objects.extend(pieces);
         }
         if !repeated && room(map.n_object_corners) > 0 {
             map.n_object_corners += cost(&object);
@@ -86,15 +87,14 @@ fn object(reader: &mut Reader, node: Node, road: usize, length_m: f64) -> RawObj
     }
 }
 
-/// Adds one object per distance, or pieces that touch if no distance is given.
+/// One object per distance, or pieces that touch if no distance is given; at most `most`.
 fn repeats(
     reader: &mut Reader,
     node: Node,
     object: &RawObject,
     road_m: f64,
     most: usize,
-    out: &mut Vec<RawObject>,
-) {
+) -> Vec<RawObject> {
     let from_m = reader.number(node, "s", 0.0).clamp(0.0, road_m);
     let length_m = reader
         .number(node, "length", 0.0)
@@ -110,7 +110,6 @@ fn repeats(
     // Repetitions of an outline cost as much as its corners.
     let n = (n as usize)
         .min(MAX_REPEATS / (1 + object.corners.len() / 8))
-        .min(MAX_OBJECTS.saturating_sub(out.len()))
         .min(most);
     let step_m = if unbroken {
         length_m / n.max(1) as f64
@@ -133,7 +132,7 @@ fn repeats(
         range("width", object.width_m),
         range("height", object.height_m),
     );
-    for i in 0..n {
+    let piece = |i: usize| {
         let s_m = from_m + (i as f64 + if unbroken { 0.5 } else { 0.0 }) * step_m;
         let share = if length_m > 0.0 {
             (s_m - from_m) / length_m
@@ -141,7 +140,7 @@ fn repeats(
             0.0
         };
         let at = |(from, to): (f64, f64)| from + share * (to - from);
-        out.push(RawObject {
+        RawObject {
             s_m,
             t_m: at(t),
             z_offset_m: at(z),
@@ -149,6 +148,7 @@ fn repeats(
             height_m: at(height).clamp(0.0, MAX_SIZE_M),
             length_m: if unbroken { step_m } else { object.length_m },
             ..object.clone()
-        });
-    }
+        }
+    };
+    (0..n).map(piece).collect()
 }

@@ -134,7 +134,10 @@ pub(super) fn build(scene: &mut Scene) {
 /// Foot corners, counter-clockwise, with the height of the object over each.
 fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64; 3], f64)>> {
     let mut corners: Vec<([f64; 3], f64)> = if object.outline.len() >= 3 {
-        object.outline.clone()
+        let corners = object.outline.iter();
+        corners
+            .map(|corner| (corner.point_m, corner.height_m))
+            .collect()
     } else {
         let (half_x, half_y) = if object.radius_m > 0.0 {
             (object.radius_m, object.radius_m)
