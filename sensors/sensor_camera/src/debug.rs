@@ -8,7 +8,7 @@ use sensor_gpu::Gpu;
 use sensor_spec::Intrinsics;
 
 use crate::camera_motion::NEAR_M;
-use crate::target::{Target, Targets};
+use crate::target::{Target, TargetLayer};
 
 /// Strokes are drawn nearer by this factor, so that a stroke on a road is not half hidden by it.
 const NEARER_RATIO: f64 = 1.002;
@@ -19,6 +19,13 @@ const NEARER_RATIO: f64 = 1.002;
 struct Corner {
     clip: [f32; 4],
     bgra: u32,
+}
+
+/// A view to draw strokes over.
+pub(crate) struct DebugView<'t> {
+    pub lens: &'t Intrinsics,
+    pub world_from_camera: &'t Isometry3<f64>,
+    pub images: TargetLayer<'t>,
 }
 
 /// The pipeline.
@@ -85,10 +92,13 @@ impl DebugPass {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         strokes: &[DebugStroke],
-        lens: &Intrinsics,
-        world_from_camera: &Isometry3<f64>,
-        (targets, layer): (&Targets, u32),
+        view: &DebugView<'_>,
     ) {
+        let DebugView {
+            lens,
+            world_from_camera,
+            images,
+        } = view;
         let corners: Vec<Corner> = strokes
             .iter()
             .flat_map(|stroke| corners(stroke, lens, world_from_camera))
@@ -97,8 +107,7 @@ impl DebugPass {
         if corners.is_empty() {
             return;
         }
-        let [color, depth] =
-            [Target::Color, Target::Depth].map(|target| targets.get(target).layer(layer));
+        let [color, depth] = [Target::Color, Target::Depth].map(|target| images.view(target));
         let bound = gpu.device().create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("debug"),
             layout: &self.pipeline.get_bind_group_layout(0),
@@ -125,7 +134,7 @@ impl DebugPass {
                 },
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: &targets.z_buffer().view,
+                view: &images.targets.z_buffer().view,
                 // Among strokes; the scene's depth is looked up.
                 depth_ops: Some(wgpu::Operations {
                     load: wgpu::LoadOp::Clear(0.0),

@@ -35,7 +35,7 @@ use crate::quality::Quality;
 use crate::raster::Rasteriser;
 use crate::shade::Shading;
 use crate::shadow::{MapLayout, ShadowMaps};
-use crate::target::{Target, TargetPool, TargetSet};
+use crate::target::{Target, TargetLayer, TargetPool, TargetSet};
 use crate::view::{Submission, ViewJob, leaders};
 use crate::visible::Drawn;
 
@@ -229,9 +229,12 @@ impl CameraRenderer {
             .zip(&leaders)
             .map(|(job, leader)| match &images[*leader] {
                 Some((targets, layer)) => {
-                    let images = (&**targets, *layer);
+                    let images = TargetLayer {
+                        targets,
+                        layer: *layer,
+                    };
                     let list = self.events.record(&gpu, job, images, scene, &mut encoder);
-                    outputs::plan_outputs(job, (targets, *layer), scene, &mut batch, list)
+                    outputs::plan_outputs(job, images, scene, &mut batch, list)
                 }
                 None => Vec::new(),
             });

@@ -8,4 +8,4 @@ mod targets;
 pub(crate) use image::{Image, image, layered_image};
 pub(crate) use kind::{Surfaces, Target, TargetSet};
 pub(crate) use pool::{PoolKey, TargetPool, Turns};
-pub(crate) use targets::Targets;
+pub(crate) use targets::{TargetLayer, Targets};

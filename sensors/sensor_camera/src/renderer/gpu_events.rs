@@ -6,7 +6,7 @@ use sensor_gpu::Gpu;
 
 use super::outputs::window_nanos;
 use crate::dvs::{EventList, EventPass, GpuEventCamera};
-use crate::target::Targets;
+use crate::target::TargetLayer;
 use crate::view::{View, ViewJob};
 
 /// The event cameras that the GPU follows.
@@ -38,7 +38,7 @@ impl GpuEvents {
         &mut self,
         gpu: &Gpu,
         job: &mut ViewJob<'_, '_>,
-        images: (&Targets, u32),
+        images: TargetLayer<'_>,
         scene: &Scene,
         encoder: &mut wgpu::CommandEncoder,
     ) -> Option<EventList> {

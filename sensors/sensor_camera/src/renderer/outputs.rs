@@ -10,7 +10,7 @@ use sensor_spec::ExposureMode;
 use super::modality::image_of;
 use crate::dvs::{EventCamera, EventList};
 use crate::post;
-use crate::target::{Target, Targets};
+use crate::target::{Target, TargetLayer};
 use crate::view::{DvsMaps, Output, Plan, View, ViewJob, ViewSpec};
 
 /// Time since the view's previous firing.
@@ -57,7 +57,7 @@ pub(super) fn begin_firing(gpu: &Gpu, job: &mut ViewJob<'_, '_>, scene: &Scene) 
 /// Records the copies of a job, and returns what to do for each output once the GPU is done.
 pub(super) fn plan_outputs<'a>(
     job: &mut ViewJob<'_, 'a>,
-    (targets, layer): (&Targets, u32),
+    TargetLayer { targets, layer }: TargetLayer<'_>,
     scene: &Scene,
     batch: &mut CopyBatch<'a>,
     mut list: Option<EventList>,

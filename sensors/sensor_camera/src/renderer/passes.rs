@@ -9,14 +9,14 @@ use super::tick::{TickDrawing, TickScene};
 use crate::assets::GpuAssets;
 use crate::bindings::{Bindings, Together};
 use crate::camera_motion::{NEAR_M, rows};
-use crate::debug::DebugPass;
+use crate::debug::{DebugPass, DebugView};
 use crate::geometry::{GeometryPass, SceneryLamps, ViewPass};
 use crate::post::{PostJob, PostPass};
 use crate::quality::Quality;
 use crate::raster::{RasterJob, RasterPass, RasterPlan, Rasteriser, can_compute};
 use crate::shade::{ShadeKey, ShadePass, Shading};
 use crate::shadow::{Lit, ShadowLookup, ShadowMaps, ShadowPlans};
-use crate::target::{Target, TargetSet, Targets};
+use crate::target::{Target, TargetLayer, TargetSet, Targets};
 use crate::uniform::{MAX_TOGETHER, MapPlace, ViewData};
 use crate::view::{View, ViewJob};
 use crate::visible::Drawn;
@@ -183,16 +183,15 @@ impl Passes {
         });
         for active in active {
             if active.set.contains(Target::Color) && !scene.debug.is_empty() {
-                let lens = jobs[active.job_idx].view.spec.intrinsics;
-                let targets = (&*active.targets, active.layer);
-                self.debug.record(
-                    gpu,
-                    encoder,
-                    &scene.debug,
-                    &lens,
-                    &active.motion.world_from_camera,
-                    targets,
-                );
+                let view = DebugView {
+                    lens: &jobs[active.job_idx].view.spec.intrinsics,
+                    world_from_camera: &active.motion.world_from_camera,
+                    images: TargetLayer {
+                        targets: &active.targets,
+                        layer: active.layer,
+                    },
+                };
+                self.debug.record(gpu, encoder, &scene.debug, &view);
             }
         }
     }

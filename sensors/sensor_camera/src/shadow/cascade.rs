@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 use sensor_core::{DynamicInstance, MeshId, Scene};
 
-use super::caster::{Caster, top_rows};
+use super::caster::{Caster, Casters, top_rows};
 use crate::assets::{GpuAssets, Sphere};
 use crate::quality::Quality;
 
@@ -21,8 +21,7 @@ pub(crate) struct Cascade {
     /// centre if that is larger.
     pub caster_distance_m: f64,
     pub side_px: u32,
-    /// Whether what moves throws shadows.
-    pub moving: bool,
+    pub casters: Casters,
 }
 
 impl Cascade {
@@ -38,7 +37,7 @@ impl Cascade {
             half_depth_m: 250.0,
             caster_distance_m: 25.0,
             side_px,
-            moving: true,
+            casters: Casters::StillAndMoving,
         }
     }
 
@@ -50,7 +49,7 @@ impl Cascade {
             half_depth_m: 500.0,
             caster_distance_m: 110.0,
             side_px: 4096,
-            moving: false,
+            casters: Casters::Still,
         }
     }
 }

@@ -173,7 +173,7 @@ impl CascadeMaps {
         };
         Sheet::new(
             self.page_px(side_px),
-            self.cascade.moving,
+            self.cascade.casters,
             self.most_bytes / n_sheets,
         )
     }
@@ -278,7 +278,7 @@ impl CascadeMaps {
 
     /// Whether shaders look up the map with moving casters instead of the static one.
     fn shows_all(&self, map: &Map) -> bool {
-        self.cascade.moving && (self.is_together() || !map.over.is_empty())
+        self.cascade.casters.has_moving() && (self.is_together() || !map.over.is_empty())
     }
 
     /// The map of each place, made if there is none; `None` if there is no room.
@@ -354,7 +354,7 @@ impl CascadeMaps {
             self.n_uses,
             self.sun_towards,
         );
-        let moving = if cascade.moving {
+        let moving = if cascade.casters.has_moving() {
             MovingCaster::all_of(assets, scene)
         } else {
             Vec::new()
@@ -366,7 +366,8 @@ impl CascadeMaps {
             };
             let still = (!map.fresh).then(|| cascade.still_casters(assets, map.cell, sun_towards));
             let casters = cascade
-                .moving
+                .casters
+                .has_moving()
                 .then(|| cascade.moving_casters(assets, &moving, map.cell, sun_towards));
             // The map with moving casters is not needed where nothing moves, unless all lookups go
             // there.

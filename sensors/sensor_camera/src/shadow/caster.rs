@@ -7,6 +7,29 @@ use crate::assets::MeshDraw;
 /// Three rows of `[rotation | translation]`.
 pub(crate) type MatrixRows = [[f32; 4]; 3];
 
+/// Which instances cast shadows in a cascade.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Casters {
+    /// Static ones.
+    Still,
+    /// Static and moving ones: there are two maps of each cell.
+    StillAndMoving,
+}
+
+impl Casters {
+    pub fn has_moving(self) -> bool {
+        self == Casters::StillAndMoving
+    }
+
+    /// Maps of each cell.
+    pub fn n_maps(self) -> u64 {
+        match self {
+            Casters::Still => 1,
+            Casters::StillAndMoving => 2,
+        }
+    }
+}
+
 /// A draw call with its matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Caster {

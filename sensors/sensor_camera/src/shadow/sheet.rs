@@ -7,6 +7,7 @@
 
 use sensor_gpu::Gpu;
 
+use super::caster::Casters;
 use crate::target::{Image, layered_image};
 
 /// Where a map lies.
@@ -32,8 +33,7 @@ pub(crate) struct Sheet {
     /// No more layers than these.
     most_layers: u32,
     images: Option<Images>,
-    /// Whether there are maps with moving casters.
-    moving: bool,
+    casters: Casters,
 }
 
 /// Static maps, and maps with moving casters.
@@ -51,21 +51,21 @@ struct Paged {
 
 impl Sheet {
     /// A sheet whose textures together have at most `most_bytes`, or one layer.
-    pub fn new(page_px: u32, moving: bool, most_bytes: u64) -> Self {
+    pub fn new(page_px: u32, casters: Casters, most_bytes: u64) -> Self {
         let most_layers =
-            (most_bytes / Self::layer_bytes(page_px, moving)).clamp(1, MAX_LAYERS) as u32;
+            (most_bytes / Self::layer_bytes(page_px, casters)).clamp(1, MAX_LAYERS) as u32;
         Sheet {
             page_px,
             layers: Vec::new(),
             most_layers,
             images: None,
-            moving,
+            casters,
         }
     }
 
     /// Bytes of a layer of all its textures.
-    fn layer_bytes(page_px: u32, moving: bool) -> u64 {
-        TEXEL_BYTES * u64::from(page_px) * u64::from(page_px) * (1 + u64::from(moving))
+    fn layer_bytes(page_px: u32, casters: Casters) -> u64 {
+        TEXEL_BYTES * u64::from(page_px) * u64::from(page_px) * casters.n_maps()
     }
 
     /// Bytes of its textures.
@@ -74,7 +74,7 @@ impl Sheet {
             .images
             .as_ref()
             .map_or(0, |images| images.still.pages.len());
-        n_layers as u64 * Self::layer_bytes(self.page_px, self.moving)
+        n_layers as u64 * Self::layer_bytes(self.page_px, self.casters)
     }
 
     /// A place for a cell's map, if there is room.
@@ -149,7 +149,8 @@ impl Sheet {
         let old = self.images.take();
         let still = grown(old.as_ref().map(|images| &images.still));
         let all = self
-            .moving
+            .casters
+            .has_moving()
             .then(|| grown(old.as_ref().and_then(|images| images.all.as_ref())));
         self.images = Some(Images { still, all });
     }
@@ -211,7 +212,7 @@ mod tests {
     #[test]
     fn maps_have_places_of_their_own_that_follow_from_their_cells() {
         let mut rng = fastrand::Rng::with_seed(3);
-        let mut sheet = Sheet::new(4096, true, u64::MAX);
+        let mut sheet = Sheet::new(4096, Casters::StillAndMoving, u64::MAX);
         let mut held: Vec<(u32, SheetPlace)> = Vec::new();
         for _ in 0..2000 {
             if held.len() > 40 || (!held.is_empty() && rng.bool()) {
@@ -239,11 +240,11 @@ mod tests {
     /// Two bytes a texel, what stands still and what moves: a layer of 4096 × 4096 has 64 MiB.
     #[test]
     fn sheets_end_where_their_memory_does() {
-        for (moving, n_expected) in [(true, 15), (false, 31)] {
-            let mut sheet = Sheet::new(4096, moving, (1 << 30) - 1);
+        for (casters, n_expected) in [(Casters::StillAndMoving, 15), (Casters::Still, 31)] {
+            let mut sheet = Sheet::new(4096, casters, (1 << 30) - 1);
             assert_eq!((0..100).filter(|_| sheet.grow()).count(), n_expected);
         }
-        let mut sheet = Sheet::new(4096, true, 0);
+        let mut sheet = Sheet::new(4096, Casters::StillAndMoving, 0);
         assert_eq!(
             (0..100).filter(|_| sheet.grow()).count(),
             1,

@@ -23,6 +23,20 @@ pub(crate) struct Targets {
     pub reads: Arc<Reads>,
 }
 
+/// One layer of targets: the images of one view.
+#[derive(Clone, Copy)]
+pub(crate) struct TargetLayer<'t> {
+    pub targets: &'t Targets,
+    pub layer: u32,
+}
+
+impl TargetLayer<'_> {
+    /// A target that was made, as an image without layers.
+    pub fn view(&self, target: Target) -> wgpu::TextureView {
+        self.targets.get(target).layer(self.layer)
+    }
+}
+
 impl Targets {
     /// The targets of `set` with so many layers, for compute shaders. Targets that no reader gets
     /// are shared with the twin, which is used by the submissions before and after.

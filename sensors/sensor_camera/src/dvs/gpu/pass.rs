@@ -6,7 +6,7 @@ use super::camera::GpuEventCamera;
 use super::job::{EventJob, JOB_BYTES};
 use super::list::EventList;
 use crate::binding_layout::{storage, texture, uniform_at_offset, written_storage};
-use crate::target::{Target, Targets};
+use crate::target::{Target, TargetLayer};
 
 /// Text of the shader.
 pub(crate) fn events_wgsl() -> String {
@@ -106,7 +106,7 @@ impl EventPass {
         gpu: &Gpu,
         encoder: &mut wgpu::CommandEncoder,
         state: &mut GpuEventCamera,
-        images: (&Targets, u32),
+        images: TargetLayer<'_>,
         window_nanos: u64,
     ) -> Option<EventList> {
         let memory = state.take_list(gpu)?;
@@ -178,7 +178,7 @@ impl EventPass {
         &self,
         gpu: &Gpu,
         state: &GpuEventCamera,
-        (targets, layer): (&Targets, u32),
+        images: TargetLayer<'_>,
         list: &HostMemory,
     ) -> wgpu::BindGroup {
         let (before, now) = (1 - state.now, state.now);
@@ -205,14 +205,14 @@ impl EventPass {
             binding: 0,
             resource: wgpu::BindingResource::Buffer(job),
         }];
-        let images = [
+        let views = [
             Target::Luminance,
             Target::Flow,
             Target::Depth,
             Target::Instance,
             Target::Class,
-        ];
-        let views = images.map(|target| targets.get(target).layer(layer));
+        ]
+        .map(|target| images.view(target));
         let resources = views
             .iter()
             .map(wgpu::BindingResource::TextureView)
