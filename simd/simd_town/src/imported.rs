@@ -5,10 +5,12 @@
 //! maps far from zero stay sharp.
 
 mod cover;
+#[path = "imported/height_grid.rs"]
 mod ground;
 mod objects;
 mod paint;
 mod roadside;
+#[path = "imported/builder.rs"]
 mod scene;
 mod signals;
 mod spawn;
