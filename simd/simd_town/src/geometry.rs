@@ -396,6 +396,30 @@ fn two_arcs(from: (P2, f64), to: (P2, f64)) -> Path {
     }
 }
 
+/// Signed area, counter-clockwise positive.
+pub fn area(polygon: &[P2]) -> f64 {
+    (0..polygon.len())
+        .map(|i| 0.5 * cross(polygon[i], polygon[(i + 1) % polygon.len()]))
+        .sum()
+}
+
+/// Whether a point lies inside.
+pub fn contains(polygon: &[P2], p: P2) -> bool {
+    let mut inside = false;
+    for i in 0..polygon.len() {
+        let (a, b) = (polygon[i], polygon[(i + 1) % polygon.len()]);
+        if (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x) {
+            inside = !inside;
+        }
+    }
+    inside
+}
+
+/// The point in the ground plane.
+pub fn flat(p: [f64; 3]) -> P2 {
+    P2::new(p[0], p[1])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,14 +4,14 @@
 //! Everything is built about an origin in the middle of the map and moved there at the end, so that
 //! maps far from zero stay sharp.
 
+mod builder;
 mod cover;
-#[path = "imported/height_grid.rs"]
 mod ground;
+mod height_grid;
 mod objects;
+mod options;
 mod paint;
 mod roadside;
-#[path = "imported/builder.rs"]
-mod scene;
 mod signals;
 mod spawn;
 mod surface;
@@ -19,39 +19,12 @@ mod surface;
 use nalgebra::{Translation3, Vector3};
 use schema_roads::{RoadMap, SectionSurface, SurfaceSteps};
 
-use crate::furniture;
-use crate::geometry::P2;
+use crate::meshes::signals::light_head;
 use crate::town::{Town, TownError};
+use builder::ImportBuilder;
 use cover::Cover;
-use ground::Ground;
-use scene::Scene;
-
-/// How a world is made from a map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ImportOptions {
-    /// Longest distance between two rows of the road surface, metres.
-    pub vertex_distance_m: f64,
-    /// Height of walls along the outer edges of roads, metres; 0 for none.
-    pub wall_height_m: f64,
-    /// Metres by which lanes in junctions are wider.
-    pub junction_extra_m: f64,
-    /// Whether anything can be seen; what vehicles feel is there either way.
-    pub visible: bool,
-    /// Whether houses, trees and lamps stand beside the roads.
-    pub roadside: bool,
-}
-
-impl Default for ImportOptions {
-    fn default() -> Self {
-        ImportOptions {
-            vertex_distance_m: 6.0,
-            wall_height_m: 0.0,
-            junction_extra_m: 0.0,
-            visible: true,
-            roadside: true,
-        }
-    }
-}
+use height_grid::HeightGrid;
+pub use options::ImportOptions;
 
 /// The world of a map. `open_drive` is the text that `roads` was read from; the same text, seed and
 /// options give the same bytes.
@@ -81,17 +54,17 @@ pub fn import(
     surface::name_kerbs(&mut sections);
     surface::raise_pavements(&mut sections);
     let cover = Cover::new(&sections);
-    let ground = Ground::new(&sections);
-    let mut scene = Scene::new(roads, origin, seed, *options, cover, ground);
-    surface::build(&mut scene, &sections);
-    paint::build(&mut scene, &sections);
-    ground::build(&mut scene);
-    objects::build(&mut scene);
-    signals::build(&mut scene, &sections);
+    let ground = HeightGrid::new(&sections);
+    let mut builder = ImportBuilder::new(roads, origin, seed, *options, cover, ground);
+    surface::build(&mut builder, &sections);
+    paint::build(&mut builder, &sections);
+    ground::build(&mut builder);
+    objects::build(&mut builder);
+    signals::build(&mut builder, &sections);
     if options.roadside {
-        roadside::build(&mut scene, &sections);
+        roadside::build(&mut builder, &sections);
     }
-    let mut parts = scene.finish();
+    let mut parts = builder.finish();
     if !options.visible {
         parts.assets.statics.clear();
     }
@@ -123,7 +96,7 @@ pub fn import(
         objects: parts.objects,
         lamps: parts.lamps,
         lights: parts.lights,
-        light_head: furniture::light_head(),
+        light_head: light_head(),
         collision: parts.collision,
         origin_m: origin.into(),
     })
@@ -159,9 +132,4 @@ fn move_by(sections: &mut [SectionSurface], by: Vector3<f64>) {
             *point = (Vector3::from(*point) + by).into();
         }
     }
-}
-
-/// The point in the ground plane.
-fn flat(p: [f64; 3]) -> P2 {
-    P2::new(p[0], p[1])
 }

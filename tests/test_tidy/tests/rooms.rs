@@ -4,14 +4,6 @@ use test_tidy::circles::{file_circles, folder_circles};
 use test_tidy::modules::{CrateFiles, read_crate};
 use test_tidy::{files, relative, repository};
 
-/// Crates that still have circles, until they are untangled. Nothing may be added here.
-
-fn is_tangled(of: &CrateFiles) -> bool {
-    TANGLED
-        .iter()
-        .any(|folder| of.root.starts_with(&format!("{folder}/")))
-}
-
 fn crates() -> Vec<CrateFiles> {
     files(&["toml"])
         .iter()
@@ -50,7 +42,6 @@ fn describe(of: &CrateFiles, circle: &[String]) -> String {
 fn no_file_imports_from_above_or_in_a_circle() {
     let wrong: Vec<String> = crates()
         .iter()
-        .filter(|of| !is_tangled(of))
         .flat_map(|of| {
             file_circles(of)
                 .into_iter()
@@ -63,7 +54,7 @@ fn no_file_imports_from_above_or_in_a_circle() {
 #[test]
 fn no_folder_imports_in_a_circle() {
     let mut wrong = Vec::new();
-    for of in crates().into_iter().filter(|of| !is_tangled(of)) {
+    for of in crates() {
         for circle in folder_circles(&of) {
             wrong.push(format!(
                 "{}: {} modules in a circle: {}",

@@ -4,11 +4,11 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::building::Lot;
-use crate::chunk::{Chunks, Key, Layer};
+use super::lot::Lot;
 use crate::geometry::P2;
-use crate::open_drive::KERB_HEIGHT_M;
+use crate::network::KERB_HEIGHT_M;
 use crate::random::Random;
+use crate::scenery::{Chunks, Key, Layer};
 
 /// Stream of random numbers.
 const DOORS: u64 = 0x7b;

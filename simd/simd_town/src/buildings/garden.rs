@@ -4,15 +4,13 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::building::{Lot, box_solid};
-use crate::chunk::{Key, Layer};
-use crate::entrance;
-use crate::geometry::P2;
-use crate::object::MapLayer;
-use crate::open_drive::KERB_HEIGHT_M;
+use super::entrance;
+use super::lot::Lot;
+use crate::geometry::{P2, left};
+use crate::network::KERB_HEIGHT_M;
 use crate::plan::Houses;
 use crate::random::Random;
-use crate::scenery::Builder;
+use crate::scenery::{Builder, Key, Layer, MapLayer};
 
 /// What stands at the edge of a garden.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +21,13 @@ enum Edging {
 }
 
 /// Builds the front of one lot, and the door of the house that stands on it.
-pub fn build(b: &mut Builder<'_>, lot: &Lot, house: ObjectId, houses: Houses, random: &mut Random) {
+pub fn build(
+    builder: &mut Builder<'_>,
+    lot: &Lot,
+    house: ObjectId,
+    houses: Houses,
+    random: &mut Random,
+) {
     let f = lot.footprint_m;
     let (along, out) = ((f[1] - f[0]).normalize(), (f[0] - f[3]).normalize());
     let deep = if houses == Houses::Farms { 4.9 } else { 2.6 };
@@ -44,25 +48,31 @@ pub fn build(b: &mut Builder<'_>, lot: &Lot, house: ObjectId, houses: Houses, ra
         (corner(width + 1.0, deep), corner(width + 1.0, 0.0)),
     ];
     for (from, to) in runs {
-        run(b, edging, from, to);
+        run(builder, edging, from, to);
     }
     // A path of slabs from the gate to the door.
-    let object = b.object_in(Some(MapLayer::Props), Class::SIDEWALKS, "garden_path");
+    let object = builder.object_in(Some(MapLayer::Props), Class::SIDEWALKS, "garden_path");
     let slab = Surface::new(Class::SIDEWALKS, Material::Concrete, [150, 142, 130]).of(object);
-    let lift = |p: P2, b: &Builder<'_>| [p.x, p.y, b.chunks.terrain.at(p) + KERB_HEIGHT_M + 0.015];
+    let lift = |p: P2, builder: &Builder<'_>| {
+        [
+            p.x,
+            p.y,
+            builder.chunks.terrain.at(p) + KERB_HEIGHT_M + 0.015,
+        ]
+    };
     let corners = [
         corner(gate - 0.55, deep + 0.2),
         corner(gate + 0.55, deep + 0.2),
         corner(gate + 0.55, 0.0),
         corner(gate - 0.55, 0.0),
     ];
-    let corners = corners.map(|p| lift(p, b));
-    b.chunks.sheet(Layer::Ground, 0..=1, slab, &corners);
-    entrance::build(&mut b.chunks, lot, gate, house);
+    let corners = corners.map(|p| lift(p, builder));
+    builder.chunks.sheet(Layer::Ground, 0..=1, slab, &corners);
+    entrance::build(&mut builder.chunks, lot, gate, house);
 }
 
 /// One straight piece.
-fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
+fn run(builder: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
     let length = (to - from).norm();
     if length < 0.5 {
         return;
@@ -72,13 +82,13 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
         Edging::Fence => (MapLayer::Walls, Class::FENCES, "fence"),
         Edging::Wall => (MapLayer::Walls, Class::WALLS, "wall"),
     };
-    let object = b.object_in(Some(layer), class, name);
+    let object = builder.object_in(Some(layer), class, name);
     let key = Key::at(Layer::Small, 0.5 * (from + to));
-    let (u, v) = (
-        (to - from) / length,
-        crate::geometry::left((to - from) / length),
+    let (u, v) = ((to - from) / length, left((to - from) / length));
+    let (za, zb) = (
+        builder.chunks.terrain.at(from),
+        builder.chunks.terrain.at(to),
     );
-    let (za, zb) = (b.chunks.terrain.at(from), b.chunks.terrain.at(to));
     let low = za.min(zb) + KERB_HEIGHT_M - 0.1;
     let top = za.max(zb) + KERB_HEIGHT_M;
     let bar = |from_m: f64, to_m: f64, half: f64| {
@@ -92,7 +102,7 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
     match edging {
         Edging::Hedge => {
             let leaves = Surface::new(class, Material::Foliage, [64, 96, 44]).of(object);
-            b.chunks.prism(
+            builder.chunks.prism(
                 key,
                 0..=2,
                 leaves,
@@ -103,14 +113,14 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
         Edging::Wall => {
             let stone = Surface::new(class, Material::Concrete, [150, 128, 108]).of(object);
             let cap = Surface::new(class, Material::Concrete, [176, 172, 164]).of(object);
-            b.chunks.prism(
+            builder.chunks.prism(
                 key,
                 0..=2,
                 stone,
                 &bar(0.0, length, 0.12),
                 (low, top + 0.75),
             );
-            b.chunks.prism(
+            builder.chunks.prism(
                 key,
                 0..=1,
                 cap,
@@ -126,12 +136,13 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
                 for flip in [false, true] {
                     let (p, q) = (from + u * (s - 0.05), from + u * (s + 0.05));
                     let ends = if flip { (q, p) } else { (p, q) };
-                    b.chunks
+                    builder
+                        .chunks
                         .wall(key, 0..=0, wood, ends, (low, top + 0.92), 0.0);
                 }
             }
             for z in [0.28, 0.7] {
-                b.chunks.prism(
+                builder.chunks.prism(
                     key,
                     0..=0,
                     wood,
@@ -141,14 +152,13 @@ fn run(b: &mut Builder<'_>, edging: Edging, from: P2, to: P2) {
             }
             for flip in [false, true] {
                 let ends = if flip { (to, from) } else { (from, to) };
-                b.chunks.wall(key, 1..=2, wood, ends, (low, top + 0.9), 0.0);
+                builder
+                    .chunks
+                    .wall(key, 1..=2, wood, ends, (low, top + 0.9), 0.0);
             }
         }
     }
-    box_solid(
-        &mut b.solid,
-        object,
-        &bar(0.0, length, 0.12),
-        (low, top + 0.8),
-    );
+    builder
+        .solid
+        .prism(object, &bar(0.0, length, 0.12), (low, top + 0.8));
 }

@@ -5,12 +5,9 @@ use schema_types::Class;
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::chunk::{ALL, Key, Layer};
-use crate::geometry::{P2, unit};
-use crate::object::MapLayer;
+use crate::geometry::{P2, contains, unit};
 use crate::random::Random;
-use crate::ring::contains;
-use crate::scenery::Builder;
+use crate::scenery::{ALL, Builder, Key, Layer, MapLayer};
 
 /// Stream of random numbers.
 const WOODS: u64 = 0x75;
@@ -18,8 +15,8 @@ const WOODS: u64 = 0x75;
 const BAND_M: (f64, f64) = (150.0, 12.5);
 
 /// Plants the woods round the town's border.
-pub fn build(b: &mut Builder<'_>, border_m: &[P2]) {
-    let mut random = Random::new(b.seed, WOODS, 0);
+pub fn build(builder: &mut Builder<'_>, border_m: &[P2]) {
+    let mut random = Random::new(builder.seed, WOODS, 0);
     let reach = border_m.iter().map(|p| p.norm()).fold(0.0, f64::max);
     for row in 0..3 {
         let radius = reach + 90.0 + 130.0 * f64::from(row);
@@ -39,15 +36,15 @@ pub fn build(b: &mut Builder<'_>, border_m: &[P2]) {
                 .map(|a| unit(a) * (away + random.between(-7.0, 7.0)))
                 .collect();
             if points.iter().all(|&p| !contains(border_m, p)) {
-                band(b, &points, height, &mut random);
+                band(builder, &points, height, &mut random);
             }
         }
     }
 }
 
 /// One band; seen from both sides.
-fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) {
-    let object = b.object_in(Some(MapLayer::Foliage), Class::VEGETATION, "wood");
+fn band(builder: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) {
+    let object = builder.object_in(Some(MapLayer::Foliage), Class::VEGETATION, "wood");
     let rgb = random.pick(&[[62, 88, 44], [72, 96, 48], [54, 80, 46], [80, 100, 52]]);
     let leaves = Surface::new(Class::VEGETATION, Material::Foliage, rgb).of(object);
     let tops: Vec<f64> = points
@@ -61,7 +58,10 @@ fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) 
             }
         })
         .collect();
-    let ground: Vec<f64> = points.iter().map(|&p| b.chunks.terrain.at(p)).collect();
+    let ground: Vec<f64> = points
+        .iter()
+        .map(|&p| builder.chunks.terrain.at(p))
+        .collect();
     for i in 0..points.len() - 1 {
         let (p, q) = (points[i], points[i + 1]);
         let middle = 0.5 * (p + q);
@@ -85,9 +85,9 @@ fn band(b: &mut Builder<'_>, points: &[P2], height_m: f64, random: &mut Random) 
             [0.0, 8.0],
         ];
         let key = Key::at(Layer::Wood, middle);
-        b.chunks.polygon(key, ALL, leaves, &corners, &uv);
+        builder.chunks.polygon(key, ALL, leaves, &corners, &uv);
         let mut back = corners;
         back.reverse();
-        b.chunks.polygon(key, ALL, leaves, &back, &uv);
+        builder.chunks.polygon(key, ALL, leaves, &back, &uv);
     }
 }

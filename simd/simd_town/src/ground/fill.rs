@@ -7,8 +7,7 @@
 
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation as _};
 
-use crate::geometry::P2;
-use crate::ring::contains;
+use crate::geometry::{P2, contains};
 
 /// Half the side of the world.
 pub const FAR_M: f64 = 1500.0;
@@ -230,7 +229,7 @@ fn hill(p: P2, near_m: f64, border_m: f64, hills_m: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ring::area;
+    use crate::geometry::area;
 
     #[test]
     fn triangles_cover_a_border_exactly_and_follow_its_height() {

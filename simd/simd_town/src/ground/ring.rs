@@ -1,10 +1,9 @@
 //! Closed lines round every block: the kerb and the back of the pavement.
 
-use crate::fill::{Border, Fill, Pond};
-use crate::geometry::{P2, cross};
-use crate::kerb::corner;
-use crate::network::{CROSSWALK_M, Network, Road};
-use crate::open_drive::KERB_HEIGHT_M;
+use super::fill::{Border, Fill, Pond};
+use crate::geometry::{P2, area, contains};
+use crate::network::kerb::corner;
+use crate::network::{CROSSWALK_M, KERB_HEIGHT_M, Network, Road};
 use crate::plan::Plan;
 
 /// The border of a block, walked with the block on the left. `kerb_m[i]` lies opposite `back_m[i]`.
@@ -88,7 +87,7 @@ impl Ring {
     /// Along one side of a road, in the order of the stations.
     fn side(&mut self, network: &Network, road: &Road, stations: &[f64], left: f64) {
         for &s in stations {
-            self.point(road, s, left, 0.0, network.kerb_rise(road, s));
+            self.point(road, s, left, 0.0, kerb_rise(network, road, s));
         }
     }
 
@@ -130,55 +129,53 @@ impl Ring {
     }
 }
 
-impl Network {
-    /// Rise of the kerb over the road at a station: low where a crosswalk meets it.
-    pub fn kerb_rise(&self, road: &Road, s_m: f64) -> f64 {
-        let idx = road.id as usize - 1;
-        let rise = |end: usize| {
-            let arms = &self.junctions[road.ends[end]].arms;
-            let crossed = arms
-                .iter()
-                .any(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk);
-            let away = if end == 0 {
-                s_m
-            } else {
-                road.path.length_m() - s_m
-            };
-            let beside = (CROSSWALK_M.0 - away).max(away - CROSSWALK_M.1);
-            if crossed {
-                LOWERED_M + (KERB_RISE_M - LOWERED_M) * (beside / SLOPE_M).clamp(0.0, 1.0)
-            } else {
-                KERB_RISE_M
-            }
+/// Rise of the kerb over the road at a station: low where a crosswalk meets it.
+pub fn kerb_rise(network: &Network, road: &Road, s_m: f64) -> f64 {
+    let idx = road.id as usize - 1;
+    let rise = |end: usize| {
+        let arms = &network.junctions[road.ends[end]].arms;
+        let crossed = arms
+            .iter()
+            .any(|arm| arm.road == idx && arm.at_start == (end == 0) && arm.crosswalk);
+        let away = if end == 0 {
+            s_m
+        } else {
+            road.path.length_m() - s_m
         };
-        rise(0).min(rise(1))
-    }
-
-    /// Stations of a kerb: those of the road, and where kerbs sink to crosswalks.
-    fn kerb_stations(&self, road: &Road, from_m: f64, to_m: f64) -> Vec<f64> {
-        let mut stations = road.stations_between(from_m, to_m);
-        let length = road.path.length_m();
-        let knots = [
-            CROSSWALK_M.0 - SLOPE_M,
-            CROSSWALK_M.0,
-            CROSSWALK_M.1,
-            CROSSWALK_M.1 + SLOPE_M,
-        ];
-        for s in knots
-            .into_iter()
-            .flat_map(|k| [k, length - k])
-            .filter(|&s| s > from_m + 0.05 && s < to_m - 0.05)
-        {
-            let sunk = self.kerb_rise(road, s) < KERB_RISE_M
-                || self.kerb_rise(road, s + 0.1) < KERB_RISE_M
-                || self.kerb_rise(road, s - 0.1) < KERB_RISE_M;
-            if sunk && stations.iter().all(|other| (other - s).abs() > 0.05) {
-                stations.push(s);
-            }
+        let beside = (CROSSWALK_M.0 - away).max(away - CROSSWALK_M.1);
+        if crossed {
+            LOWERED_M + (KERB_RISE_M - LOWERED_M) * (beside / SLOPE_M).clamp(0.0, 1.0)
+        } else {
+            KERB_RISE_M
         }
-        stations.sort_by(f64::total_cmp);
-        stations
+    };
+    rise(0).min(rise(1))
+}
+
+/// Stations of a kerb: those of the road, and where kerbs sink to crosswalks.
+fn kerb_stations(network: &Network, road: &Road, from_m: f64, to_m: f64) -> Vec<f64> {
+    let mut stations = road.stations_between(from_m, to_m);
+    let length = road.path.length_m();
+    let knots = [
+        CROSSWALK_M.0 - SLOPE_M,
+        CROSSWALK_M.0,
+        CROSSWALK_M.1,
+        CROSSWALK_M.1 + SLOPE_M,
+    ];
+    for s in knots
+        .into_iter()
+        .flat_map(|k| [k, length - k])
+        .filter(|&s| s > from_m + 0.05 && s < to_m - 0.05)
+    {
+        let sunk = kerb_rise(network, road, s) < KERB_RISE_M
+            || kerb_rise(network, road, s + 0.1) < KERB_RISE_M
+            || kerb_rise(network, road, s - 0.1) < KERB_RISE_M;
+        if sunk && stations.iter().all(|other| (other - s).abs() > 0.05) {
+            stations.push(s);
+        }
     }
+    stations.sort_by(f64::total_cmp);
+    stations
 }
 
 /// Along the left side of a road to its other end and round the corner there; gives the next arm.
@@ -190,7 +187,7 @@ fn walk(network: &Network, junction: usize, arm_idx: usize, ring: &mut Ring) -> 
     let length = road.path.length_m();
     let sign = if arm.at_start { 1.0 } else { -1.0 };
     let ordered = |from: f64, to: f64, forwards: bool| {
-        let mut stations = network.kerb_stations(road, from, to);
+        let mut stations = kerb_stations(network, road, from, to);
         if !forwards {
             stations.reverse();
         }
@@ -248,29 +245,10 @@ fn round_corner(
     (junction, next)
 }
 
-/// Signed area, counter-clockwise positive.
-pub fn area(polygon: &[P2]) -> f64 {
-    (0..polygon.len())
-        .map(|i| 0.5 * cross(polygon[i], polygon[(i + 1) % polygon.len()]))
-        .sum()
-}
-
-/// Whether a point lies inside.
-pub fn contains(polygon: &[P2], p: P2) -> bool {
-    let mut inside = false;
-    for i in 0..polygon.len() {
-        let (a, b) = (polygon[i], polygon[(i + 1) % polygon.len()]);
-        if (a.y > p.y) != (b.y > p.y) && p.x < a.x + (p.y - a.y) / (b.y - a.y) * (b.x - a.x) {
-            inside = !inside;
-        }
-    }
-    inside
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::town::plans;
+    use crate::plan::plans;
 
     #[test]
     fn pavements_never_fold_over() {

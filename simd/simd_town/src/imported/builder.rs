@@ -5,26 +5,26 @@ use schema_roads::RoadMap;
 use schema_types::{Class, ObjectId};
 use sensor_core::{MeshId, SceneAssets};
 
-use super::ImportOptions;
 use super::cover::Cover;
-use super::ground::Ground;
-use crate::building;
-use crate::chunk::{Chunks, place};
+use super::height_grid::HeightGrid;
+use super::options::ImportOptions;
 use crate::geometry::{P2, unit};
-use crate::object::{self, LampGroup, MapLayer, SceneryLamp, SceneryObject};
-use crate::town::{CollisionMesh, LightSite};
+use crate::scenery::{
+    Chunks, CollisionMesh, LampGroup, LightSite, MapLayer, SceneryLamp, SceneryObject, measure,
+    place,
+};
 
 /// Where a street lamp's light is: along its arm, and over its foot.
 const LIGHT_M: (f64, f64) = (1.75, 7.95);
 
 /// A world under construction, in coordinates about its origin.
-pub(super) struct Scene<'m> {
+pub(super) struct ImportBuilder<'m> {
     pub roads: &'m RoadMap,
     pub origin: Vector3<f64>,
     pub seed: u64,
     pub options: ImportOptions,
     pub cover: Cover,
-    pub ground: Ground,
+    pub ground: HeightGrid,
     pub assets: SceneAssets,
     pub objects: Vec<SceneryObject>,
     pub chunks: Chunks,
@@ -47,21 +47,21 @@ pub(super) struct Parts {
     pub collision: Vec<CollisionMesh>,
 }
 
-impl<'m> Scene<'m> {
+impl<'m> ImportBuilder<'m> {
     pub fn new(
         roads: &'m RoadMap,
         origin: Vector3<f64>,
         seed: u64,
         options: ImportOptions,
         cover: Cover,
-        ground: Ground,
-    ) -> Scene<'m> {
+        ground: HeightGrid,
+    ) -> ImportBuilder<'m> {
         let mesh = |what: &str| CollisionMesh {
             name: what.to_owned(),
             ..CollisionMesh::default()
         };
         let chunks = Chunks::on(ground.terrain());
-        Scene {
+        ImportBuilder {
             roads,
             origin,
             seed,
@@ -136,12 +136,8 @@ impl<'m> Scene<'m> {
                 P2::new(at[0], at[1]) + unit(std::f64::consts::TAU * f64::from(k) / 6.0) * radius_m
             })
             .collect();
-        building::box_solid(
-            &mut self.solid,
-            object,
-            &ring,
-            (at[2] - 0.1, at[2] + height_m),
-        );
+        self.solid
+            .prism(object, &ring, (at[2] - 0.1, at[2] + height_m));
     }
 
     /// A world point about the origin.
@@ -163,7 +159,7 @@ impl<'m> Scene<'m> {
     }
 
     pub fn finish(self) -> Parts {
-        let Scene {
+        let ImportBuilder {
             mut assets,
             mut objects,
             chunks,
@@ -175,7 +171,7 @@ impl<'m> Scene<'m> {
             ..
         } = self;
         chunks.finish(&mut assets);
-        object::measure(&mut objects, &assets);
+        measure(&mut objects, &assets);
         Parts {
             assets,
             objects,

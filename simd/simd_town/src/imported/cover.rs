@@ -4,8 +4,7 @@ use std::collections::HashMap;
 
 use schema_roads::{LaneKind, SectionSurface};
 
-use super::flat;
-use crate::geometry::{P2, cross};
+use crate::geometry::{P2, cross, flat, unit};
 
 /// Side of the cells in which pieces of lanes are looked up.
 const CELL_M: f64 = 6.0;
@@ -105,9 +104,7 @@ impl Cover {
 
     /// Whether any lane lies within about `margin_m`.
     pub fn is_near(&self, p: P2, margin_m: f64) -> bool {
-        let ring = (0..8).map(|k| {
-            p + crate::geometry::unit(f64::from(k) * std::f64::consts::FRAC_PI_4) * margin_m
-        });
+        let ring = (0..8).map(|k| p + unit(f64::from(k) * std::f64::consts::FRAC_PI_4) * margin_m);
         std::iter::once(p).chain(ring).any(|q| self.is_covered(q))
     }
 

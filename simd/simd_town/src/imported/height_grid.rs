@@ -2,14 +2,9 @@
 //! smooth elsewhere.
 
 use schema_roads::SectionSurface;
-use schema_types::Class;
-use sensor_core::Material;
-use sensor_core::mesh::Surface;
 
-use super::scene::Scene;
-use crate::chunk::{ALL, Key, Layer};
-use crate::elevation::Terrain;
 use crate::geometry::P2;
+use crate::scenery::Terrain;
 
 /// Least side of a cell.
 const CELL_M: f64 = 8.0;
@@ -22,7 +17,7 @@ const HORIZON_M: f64 = 1500.0;
 const CLEARANCE_M: f64 = 0.06;
 
 /// Heights at the corners of square cells.
-pub(super) struct Ground {
+pub(super) struct HeightGrid {
     low_m: P2,
     pub cell_m: f64,
     columns: usize,
@@ -30,9 +25,9 @@ pub(super) struct Ground {
     z_m: Vec<f64>,
 }
 
-impl Ground {
+impl HeightGrid {
     /// The ground under these lanes.
-    pub fn new(sections: &[SectionSurface]) -> Ground {
+    pub fn new(sections: &[SectionSurface]) -> HeightGrid {
         let points = || {
             sections.iter().flat_map(|s| {
                 s.lanes
@@ -60,7 +55,7 @@ impl Ground {
             (size.x / cell_m).ceil() as usize + 1,
             (size.y / cell_m).ceil() as usize + 1,
         );
-        let mut ground = Ground {
+        let mut ground = HeightGrid {
             low_m: low,
             cell_m,
             columns,
@@ -198,7 +193,7 @@ impl Ground {
         terrain
     }
 
-    fn cells(&self, mut visit: impl FnMut([[f64; 3]; 3])) {
+    pub fn cells(&self, mut visit: impl FnMut([[f64; 3]; 3])) {
         for row in 1..self.rows {
             for column in 1..self.columns {
                 let [a, b] = [
@@ -213,7 +208,7 @@ impl Ground {
     }
 
     /// Quads from the rim to the horizon.
-    fn apron(&self, mut visit: impl FnMut([[f64; 3]; 4])) {
+    pub fn apron(&self, mut visit: impl FnMut([[f64; 3]; 4])) {
         let (right, top) = (self.columns - 1, self.rows - 1);
         let mut rim: Vec<[f64; 3]> = (0..right).map(|x| self.corner(x, 0)).collect();
         rim.extend((0..top).map(|y| self.corner(right, y)));
@@ -229,29 +224,5 @@ impl Ground {
             let (a, b) = (rim[i], rim[(i + 1) % rim.len()]);
             visit([a, out(a), out(b), b]);
         }
-    }
-}
-
-/// Puts the ground into the scene.
-pub(super) fn build(scene: &mut Scene) {
-    let object = scene.object(Class::TERRAIN, "ground");
-    let grass = Surface::new(Class::TERRAIN, Material::Grass, [100, 124, 66]).of(object);
-    let (mut triangles, mut quads) = (Vec::new(), Vec::new());
-    scene.ground.cells(|corners| triangles.push(corners));
-    scene.ground.apron(|corners| quads.push(corners));
-    let uv = |c: &[f64; 3]| [c[0] as f32, c[1] as f32];
-    for corners in triangles {
-        let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
-        scene
-            .chunks
-            .polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
-        scene.raised.polygon(object, &corners);
-    }
-    for corners in quads {
-        let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
-        scene
-            .chunks
-            .polygon(key, ALL, grass, &corners, &corners.each_ref().map(uv));
-        scene.raised.polygon(object, &corners);
     }
 }

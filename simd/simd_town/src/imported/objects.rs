@@ -6,13 +6,11 @@ use schema_types::{Class, ObjectId};
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, MeshId};
 
-use super::flat;
+use super::builder::ImportBuilder;
 use super::paint::{PAINT_M, patch};
-use super::scene::Scene;
-use crate::chunk::{ALL, Key, Layer};
-use crate::geometry::{P2, cross};
-use crate::ring::area;
-use crate::{furniture, greenery};
+use crate::geometry::{P2, area, cross, flat, left};
+use crate::meshes::{street_lamps, trees};
+use crate::scenery::{ALL, Key, Layer};
 
 /// Outlines with more corners are drawn without a lid.
 const MAX_LID: usize = 24;
@@ -87,8 +85,8 @@ fn look(kind: &str) -> Option<Look> {
 }
 
 /// Every object of the map.
-pub(super) fn build(scene: &mut Scene) {
-    let roads = scene.roads;
+pub(super) fn build(builder: &mut ImportBuilder) {
+    let roads = builder.roads;
     let mut trees: Option<Vec<MeshId>> = None;
     let mut lamp: Option<MeshId> = None;
     for (idx, object) in roads.objects().iter().enumerate() {
@@ -101,30 +99,30 @@ pub(super) fn build(scene: &mut Scene) {
             object.name.as_str()
         };
         match object.kind.as_str() {
-            "parkingSpace" => parking_space(scene, object, name),
-            "roadMark" | "roadSurface" => paint(scene, object, name),
+            "parkingSpace" => parking_space(builder, object, name),
+            "roadMark" | "roadSurface" => paint(builder, object, name),
             "tree" | "vegetation" if object.outline.is_empty() => {
                 let trees = trees.get_or_insert_with(|| {
-                    (0..greenery::N_KINDS)
-                        .map(|kind| scene.assets.add_mesh(greenery::tree(kind)))
+                    (0..trees::N_KINDS)
+                        .map(|kind| builder.assets.add_mesh(trees::tree(kind)))
                         .collect()
                 });
                 let mesh = trees[idx % trees.len()];
-                let at = scene.local(object.pose.translation.vector.into());
-                let tree = scene.stand(mesh, Class::VEGETATION, name, at, idx as f64);
-                scene.post(tree, at, 0.17, 4.0);
+                let at = builder.local(object.pose.translation.vector.into());
+                let tree = builder.stand(mesh, Class::VEGETATION, name, at, idx as f64);
+                builder.post(tree, at, 0.17, 4.0);
             }
             "streetlamp" | "streetLamp" | "lamp" => {
-                let mesh =
-                    *lamp.get_or_insert_with(|| scene.assets.add_mesh(furniture::street_lamp()));
-                let at = scene.local(object.pose.translation.vector.into());
+                let mesh = *lamp
+                    .get_or_insert_with(|| builder.assets.add_mesh(street_lamps::street_lamp()));
+                let at = builder.local(object.pose.translation.vector.into());
                 // The arm reaches over the road: to the side that its reference line is on.
                 let yaw = object.pose.rotation * -Vector3::y();
-                scene.street_lamp(mesh, name, at, yaw.y.atan2(yaw.x));
+                builder.street_lamp(mesh, name, at, yaw.y.atan2(yaw.x));
             }
             kind => {
                 if let Some(look) = look(kind) {
-                    solid(scene, object, name, &look);
+                    solid(builder, object, name, &look);
                 }
             }
         }
@@ -132,7 +130,11 @@ pub(super) fn build(scene: &mut Scene) {
 }
 
 /// Foot corners, counter-clockwise, with the height of the object over each.
-fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64; 3], f64)>> {
+fn outline(
+    builder: &ImportBuilder,
+    object: &RoadObject,
+    look: &Look,
+) -> Option<Vec<([f64; 3], f64)>> {
     let mut corners: Vec<([f64; 3], f64)> = if object.outline.len() >= 3 {
         let corners = object.outline.iter();
         corners
@@ -170,7 +172,7 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
             .collect()
     };
     for (p, height) in &mut corners {
-        *p = scene.local(*p);
+        *p = builder.local(*p);
         if *height <= 0.0 {
             *height = look.height_m;
         }
@@ -194,14 +196,14 @@ fn outline(scene: &Scene, object: &RoadObject, look: &Look) -> Option<Vec<([f64;
     Some(corners)
 }
 
-fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
-    let Some(corners) = outline(scene, object, look) else {
+fn solid(builder: &mut ImportBuilder, object: &RoadObject, name: &str, look: &Look) {
+    let Some(corners) = outline(builder, object, look) else {
         return;
     };
     if corners.iter().all(|(_, height)| *height < 0.02) {
         return;
     }
-    let id = scene.object(look.class, name);
+    let id = builder.object(look.class, name);
     let surface = Surface::new(look.class, look.material, look.rgb).of(id);
     let key = Key::at(Layer::Building, flat(corners[0].0));
     let top = |(p, height): ([f64; 3], f64)| [p[0], p[1], p[2] + height];
@@ -215,7 +217,7 @@ fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
             (a.1.max(b.1) + 0.3) as f32,
         );
         let quad = [foot(a), foot(b), top(b), top(a)];
-        scene.chunks.polygon(
+        builder.chunks.polygon(
             key,
             ALL,
             surface,
@@ -223,11 +225,11 @@ fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
             &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]],
         );
         if look.solid {
-            scene.solid.polygon(id, &quad);
+            builder.solid.polygon(id, &quad);
         }
     }
     lid(
-        scene,
+        builder,
         key,
         surface,
         &corners.iter().map(|c| top(*c)).collect::<Vec<_>>(),
@@ -235,14 +237,14 @@ fn solid(scene: &mut Scene, object: &RoadObject, name: &str, look: &Look) {
     );
 }
 
-fn lid(scene: &mut Scene, key: Key, surface: Surface, corners: &[[f64; 3]], solid: bool) {
+fn lid(builder: &mut ImportBuilder, key: Key, surface: Surface, corners: &[[f64; 3]], solid: bool) {
     if corners.len() > MAX_LID {
         return;
     }
     let ring: Vec<P2> = corners.iter().map(|c| flat(*c)).collect();
     for triangle in triangulate(&ring) {
         let corners = triangle.map(|i| corners[i]);
-        scene.chunks.polygon(
+        builder.chunks.polygon(
             key,
             ALL,
             surface,
@@ -250,13 +252,13 @@ fn lid(scene: &mut Scene, key: Key, surface: Surface, corners: &[[f64; 3]], soli
             &corners.map(|c| [c[0] as f32, c[1] as f32]),
         );
         if solid {
-            scene.solid.polygon(surface.object, &corners);
+            builder.solid.polygon(surface.object, &corners);
         }
     }
 }
 
 /// Lines round a bay.
-fn parking_space(scene: &mut Scene, object: &RoadObject, name: &str) {
+fn parking_space(builder: &mut ImportBuilder, object: &RoadObject, name: &str) {
     let look = Look {
         class: Class::ROAD_LINES,
         material: Material::Paint,
@@ -264,10 +266,10 @@ fn parking_space(scene: &mut Scene, object: &RoadObject, name: &str) {
         height_m: 0.0,
         solid: false,
     };
-    let Some(corners) = outline(scene, object, &look) else {
+    let Some(corners) = outline(builder, object, &look) else {
         return;
     };
-    let id = scene.object(Class::ROAD_LINES, name);
+    let id = builder.object(Class::ROAD_LINES, name);
     let surface = Surface::new(look.class, look.material, look.rgb).of(id);
     let n = corners.len();
     for i in 0..n {
@@ -275,14 +277,14 @@ fn parking_space(scene: &mut Scene, object: &RoadObject, name: &str) {
         let Some(along) = (b - a).try_normalize(1e-6) else {
             continue;
         };
-        let inward = crate::geometry::left(along) * 0.1;
+        let inward = left(along) * 0.1;
         let quad = [a, b, b + inward, a + inward];
-        lie(scene, surface, &quad);
+        lie(builder, surface, &quad);
     }
 }
 
 /// A painted area.
-fn paint(scene: &mut Scene, object: &RoadObject, name: &str) {
+fn paint(builder: &mut ImportBuilder, object: &RoadObject, name: &str) {
     let look = Look {
         class: Class::ROAD_LINES,
         material: Material::Paint,
@@ -290,21 +292,21 @@ fn paint(scene: &mut Scene, object: &RoadObject, name: &str) {
         height_m: 0.0,
         solid: false,
     };
-    let Some(corners) = outline(scene, object, &look).filter(|c| c.len() <= MAX_LID) else {
+    let Some(corners) = outline(builder, object, &look).filter(|c| c.len() <= MAX_LID) else {
         return;
     };
-    let id: ObjectId = scene.object(Class::ROAD_LINES, name);
+    let id: ObjectId = builder.object(Class::ROAD_LINES, name);
     let surface = Surface::new(look.class, look.material, look.rgb).of(id);
     let ring: Vec<P2> = corners.iter().map(|c| flat(c.0)).collect();
     for triangle in triangulate(&ring) {
-        lie(scene, surface, &triangle.map(|i| ring[i]));
+        lie(builder, surface, &triangle.map(|i| ring[i]));
     }
 }
 
-fn lie(scene: &mut Scene, surface: Surface, ring: &[P2]) {
+fn lie(builder: &mut ImportBuilder, surface: Surface, ring: &[P2]) {
     let mut corners: Vec<[f64; 3]> = ring
         .iter()
-        .map(|p| [p.x, p.y, scene.floor(*p) + PAINT_M + 0.002])
+        .map(|p| [p.x, p.y, builder.floor(*p) + PAINT_M + 0.002])
         .collect();
     let area: f64 = (0..ring.len())
         .map(|i| cross(ring[i], ring[(i + 1) % ring.len()]))
@@ -312,7 +314,7 @@ fn lie(scene: &mut Scene, surface: Surface, ring: &[P2]) {
     if area < 0.0 {
         corners.reverse();
     }
-    patch(scene, surface, &corners, 0..=0);
+    patch(builder, surface, &corners, 0..=0);
 }
 
 /// Cuts a simple polygon (counter-clockwise, few corners) into triangles: ear by ear.

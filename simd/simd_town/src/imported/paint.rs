@@ -5,10 +5,9 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use super::flat;
-use super::scene::Scene;
-use crate::chunk::{Key, Layer, Levels};
-use crate::geometry::{P2, cross};
+use super::builder::ImportBuilder;
+use crate::geometry::{P2, cross, flat};
+use crate::scenery::{Key, Layer, Levels};
 
 /// Height of paint over the road.
 pub(super) const PAINT_M: f64 = 0.004;
@@ -18,8 +17,8 @@ const ZEBRA_M: (f64, f64) = (0.5, 1.0);
 const MAX_DASHES: usize = 300_000;
 
 /// All paint.
-pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
-    let object = scene.object(Class::ROAD_LINES, "road marks");
+pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
+    let object = builder.object(Class::ROAD_LINES, "road marks");
     let mut left = MAX_DASHES;
     for section in sections {
         let right = section.lanes.iter().rposition(|lane| lane.lane < 0);
@@ -29,7 +28,7 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
             left: left_first.map(|i| &section.lanes[i]),
         };
         for mark in &section.centre_marks {
-            draw(scene, section, mark, &beside, object, &mut left);
+            draw(builder, section, mark, &beside, object, &mut left);
         }
         for (idx, lane) in section.lanes.iter().enumerate() {
             // A lane's marks are on its outer edge.
@@ -45,11 +44,11 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
                 }
             };
             for mark in &lane.marks {
-                draw(scene, section, mark, &beside, object, &mut left);
+                draw(builder, section, mark, &beside, object, &mut left);
             }
         }
     }
-    crosswalks(scene, object);
+    crosswalks(builder, object);
 }
 
 /// The lanes on both sides of a line.
@@ -98,7 +97,7 @@ impl Beside<'_> {
 }
 
 fn draw(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     section: &SectionSurface,
     mark: &SurfaceMark,
     beside: &Beside,
@@ -122,7 +121,7 @@ fn draw(
             } else {
                 (from + stripe.length_m).min(mark.to_m)
             };
-            strip(scene, section, beside, surface, (from, to), edges, 0..=1);
+            strip(builder, section, beside, surface, (from, to), edges, 0..=1);
             if continuous {
                 break;
             }
@@ -133,7 +132,7 @@ fn draw(
 
 /// A stripe between two stations; between rows it follows the chords, as the road does.
 fn strip(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     section: &SectionSurface,
     beside: &Beside,
     surface: Surface,
@@ -164,14 +163,19 @@ fn strip(
         let [Some(a), Some(b), Some(c), Some(d)] = corners else {
             continue;
         };
-        patch(scene, surface, &[a, b, c, d], levels.clone());
+        patch(builder, surface, &[a, b, c, d], levels.clone());
     }
 }
 
 /// Adds a painted polygon, counter-clockwise from above.
-pub(super) fn patch(scene: &mut Scene, surface: Surface, corners: &[[f64; 3]], levels: Levels) {
+pub(super) fn patch(
+    builder: &mut ImportBuilder,
+    surface: Surface,
+    corners: &[[f64; 3]],
+    levels: Levels,
+) {
     let uv: Vec<[f32; 2]> = corners.iter().map(|c| [c[0] as f32, c[1] as f32]).collect();
-    scene.chunks.polygon(
+    builder.chunks.polygon(
         Key::at(Layer::Ground, flat(corners[0])),
         levels,
         surface,
@@ -181,10 +185,14 @@ pub(super) fn patch(scene: &mut Scene, surface: Surface, corners: &[[f64; 3]], l
 }
 
 /// Stripes across the way people walk: along the outline's longest side.
-fn crosswalks(scene: &mut Scene, object: ObjectId) {
+fn crosswalks(builder: &mut ImportBuilder, object: ObjectId) {
     let white = Surface::new(Class::ROAD_LINES, Material::Paint, [226, 226, 220]).of(object);
-    for walk in scene.roads.crosswalks() {
-        let mut corners: Vec<P2> = walk.corners.iter().map(|p| flat(scene.local(*p))).collect();
+    for walk in builder.roads.crosswalks() {
+        let mut corners: Vec<P2> = walk
+            .corners
+            .iter()
+            .map(|p| flat(builder.local(*p)))
+            .collect();
         corners.dedup_by(|a, b| (*a - *b).norm() < 1e-3);
         let n = corners.len();
         if n < 3 {
@@ -211,7 +219,7 @@ fn crosswalks(scene: &mut Scene, object: ObjectId) {
             }
             let mut points: Vec<[f64; 3]> = cut
                 .iter()
-                .map(|p| [p.x, p.y, scene.floor(*p) + PAINT_M + 0.002])
+                .map(|p| [p.x, p.y, builder.floor(*p) + PAINT_M + 0.002])
                 .collect();
             let area: f64 = (0..cut.len())
                 .map(|i| cross(cut[i], cut[(i + 1) % cut.len()]))
@@ -219,7 +227,7 @@ fn crosswalks(scene: &mut Scene, object: ObjectId) {
             if area < 0.0 {
                 points.reverse();
             }
-            patch(scene, white, &points, 0..=0);
+            patch(builder, white, &points, 0..=0);
         }
     }
 }

@@ -5,15 +5,15 @@ use schema_roads::{LaneKind, LanePosition, SectionSurface};
 use schema_types::Class;
 use sensor_core::MeshId;
 
-use super::flat;
-use super::scene::Scene;
+use super::builder::ImportBuilder;
 use super::surface::is_pavement;
-use crate::building::{self, Lot};
-use crate::geometry::{self, P2, heading};
-use crate::object::SceneryLamp;
+use crate::buildings;
+use crate::buildings::Lot;
+use crate::geometry::{P2, contains, cross, flat, heading, left};
+use crate::meshes::{street_lamps, trees};
 use crate::plan::Houses;
 use crate::random::Random;
-use crate::{furniture, greenery};
+use crate::scenery::SceneryLamp;
 
 /// Streams of random numbers.
 const HOUSES: u64 = 0x81;
@@ -61,31 +61,31 @@ impl Verge {
     /// Away from the road.
     fn out(&self, l_m: f64) -> P2 {
         let along = flat(self.at(l_m + 0.5)) - flat(self.at(l_m - 0.5));
-        geometry::left(along.try_normalize(1e-6).unwrap_or(P2::x()))
+        left(along.try_normalize(1e-6).unwrap_or(P2::x()))
     }
 }
 
 /// All of it.
-pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
-    let verges = verges(scene, sections);
+pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
+    let verges = verges(builder, sections);
     let mut lots: Vec<Lot> = Vec::new();
     let mut tries = MAX_TRIES;
     for (i, verge) in verges.iter().enumerate().filter(|(_, verge)| verge.slow) {
-        let mut random = Random::new(scene.seed, HOUSES, i as u64);
-        houses(scene, verge, &mut lots, &mut tries, &mut random);
+        let mut random = Random::new(builder.seed, HOUSES, i as u64);
+        houses(builder, verge, &mut lots, &mut tries, &mut random);
     }
-    lamps(scene, sections);
-    let kinds: Vec<MeshId> = (0..greenery::N_KINDS)
-        .map(|kind| scene.assets.add_mesh(greenery::tree(kind)))
+    lamps(builder, sections);
+    let kinds: Vec<MeshId> = (0..trees::N_KINDS)
+        .map(|kind| builder.assets.add_mesh(trees::tree(kind)))
         .collect();
     let mut left = (MAX_TREES, MAX_TRIES);
     for (i, verge) in verges.iter().enumerate() {
-        let mut random = Random::new(scene.seed, TREES, i as u64);
-        trees(scene, verge, &lots, &kinds, &mut left, &mut random);
+        let mut random = Random::new(builder.seed, TREES, i as u64);
+        trees(builder, verge, &lots, &kinds, &mut left, &mut random);
     }
 }
 
-fn verges(scene: &Scene, sections: &[SectionSurface]) -> Vec<Verge> {
+fn verges(builder: &ImportBuilder, sections: &[SectionSurface]) -> Vec<Verge> {
     let mut verges = Vec::new();
     for section in sections.iter().filter(|section| section.junction.is_none()) {
         let (Some(first), Some(last)) = (section.lanes.first(), section.lanes.last()) else {
@@ -101,7 +101,7 @@ fn verges(scene: &Scene, sections: &[SectionSurface]) -> Vec<Verge> {
                     section: section.section,
                     lane: lane.lane,
                 };
-                scene
+                builder
                     .roads
                     .speed_limit_mps(LanePosition::new(key, 0.0))
                     .is_none_or(|limit| limit < TOWN_MPS)
@@ -139,7 +139,7 @@ fn probes(lot: &Lot) -> Vec<P2> {
 }
 
 fn houses(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     verge: &Verge,
     lots: &mut Vec<Lot>,
     tries: &mut usize,
@@ -166,13 +166,13 @@ fn houses(
             l += 3.0;
             continue;
         }
-        let inward = geometry::left(chord.normalize());
+        let inward = left(chord.normalize());
         let (p, q) = (flat(a) + inward * setback, flat(b) + inward * setback);
         let lot = Lot {
             footprint_m: [p, q, q + inward * depth, p + inward * depth],
         };
         let points = probes(&lot);
-        let heights: Vec<f64> = points.iter().map(|p| scene.ground.at(*p)).collect();
+        let heights: Vec<f64> = points.iter().map(|p| builder.ground.at(*p)).collect();
         let (low, high) = heights
             .iter()
             .fold((f64::MAX, f64::MIN), |(l, h), z| (l.min(*z), h.max(*z)));
@@ -180,7 +180,7 @@ fn houses(
         let free = level
             && !points
                 .iter()
-                .any(|p| scene.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
+                .any(|p| builder.cover.is_near(*p, ROOM_M.min(setback * 0.9)))
             && !lots.iter().any(|other| {
                 (points[0] - other.footprint_m.iter().sum::<P2>() / 4.0).norm() < 26.0
                     && overlap(&lot, other)
@@ -189,17 +189,17 @@ fn houses(
             l += 3.0;
             continue;
         }
-        let object = scene.object(Class::BUILDINGS, "building");
-        let height_m = building::build(
-            &mut scene.chunks,
-            &mut scene.solid,
+        let object = builder.object(Class::BUILDINGS, "building");
+        let height_m = buildings::build(
+            &mut builder.chunks,
+            &mut builder.solid,
             &lot,
             style,
             object,
             random,
         );
         let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-        scene.lamps.push(SceneryLamp::windows(
+        builder.lamps.push(SceneryLamp::windows(
             object,
             [middle.x, middle.y, high + 0.5 * height_m],
         ));
@@ -217,16 +217,15 @@ fn overlap(a: &Lot, b: &Lot) -> bool {
     let separated = |p: &[P2; 4], q: &[P2; 4]| {
         (0..4).any(|i| {
             let edge = p[(i + 1) % 4] - p[i];
-            q.iter()
-                .all(|corner| geometry::cross(edge, corner - p[i]) < -0.5)
+            q.iter().all(|corner| cross(edge, corner - p[i]) < -0.5)
         })
     };
     !separated(&a.footprint_m, &b.footprint_m) && !separated(&b.footprint_m, &a.footprint_m)
 }
 
 /// Lamps on pavements, at the kerb.
-fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
-    let mesh = scene.assets.add_mesh(furniture::street_lamp());
+fn lamps(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
+    let mesh = builder.assets.add_mesh(street_lamps::street_lamp());
     let mut n = 0;
     for section in sections.iter().filter(|section| section.junction.is_none()) {
         for lane in section
@@ -250,18 +249,18 @@ fn lamps(scene: &mut Scene, sections: &[SectionSurface]) {
                     continue;
                 };
                 let at = flat(inner) + out * 0.5;
-                if scene.cover.vehicles_at(at).is_some() {
+                if builder.cover.vehicles_at(at).is_some() {
                     continue;
                 }
                 n += 1;
-                scene.street_lamp(mesh, "street lamp", [at.x, at.y, inner[2]], heading(-out));
+                builder.street_lamp(mesh, "street lamp", [at.x, at.y, inner[2]], heading(-out));
             }
         }
     }
 }
 
 fn trees(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     verge: &Verge,
     lots: &[Lot],
     kinds: &[MeshId],
@@ -278,15 +277,15 @@ fn trees(
         l += random.between(6.0, 17.0);
         let in_the_way = lots.iter().any(|lot| {
             let middle = lot.footprint_m.iter().sum::<P2>() / 4.0;
-            (p - middle).norm() < 14.0 && crate::ring::contains(&grown(lot, 2.6), p)
+            (p - middle).norm() < 14.0 && contains(&grown(lot, 2.6), p)
         });
-        if in_the_way || scene.cover.is_near(p, 2.2) {
+        if in_the_way || builder.cover.is_near(p, 2.2) {
             continue;
         }
         left.0 -= 1;
-        let at = [p.x, p.y, scene.ground.at(p)];
-        let tree = scene.stand(mesh, Class::VEGETATION, "tree", at, yaw);
-        scene.post(tree, at, 0.17, 4.0);
+        let at = [p.x, p.y, builder.ground.at(p)];
+        let tree = builder.stand(mesh, Class::VEGETATION, "tree", at, yaw);
+        builder.post(tree, at, 0.17, 4.0);
     }
 }
 

@@ -8,14 +8,14 @@ use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder, MeshId};
 
-use super::flat;
-use super::paint::{PAINT_M, patch};
-use super::scene::Scene;
-use crate::furniture;
-use crate::geometry::{P2, left, unit};
-use crate::network;
-use crate::town::LightSite;
 use simd_body::solid::tube;
+
+use super::builder::ImportBuilder;
+use super::paint::{PAINT_M, patch};
+use crate::geometry::{P2, flat, left, unit};
+use crate::meshes::signals as signal_meshes;
+use crate::network;
+use crate::scenery::LightSite;
 
 /// Least height of a head over a lane.
 const CLEAR_M: f64 = 5.2;
@@ -23,24 +23,24 @@ const CLEAR_M: f64 = 5.2;
 const REACH_M: f64 = 18.0;
 
 /// Every signal of the map, and a stop line before every light.
-pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
+pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let mut signs: BTreeMap<String, MeshId> = BTreeMap::new();
     let mut poles: BTreeMap<u32, MeshId> = BTreeMap::new();
-    let signals: Vec<Signal> = scene.roads.signals().to_vec();
+    let signals: Vec<Signal> = builder.roads.signals().to_vec();
     for signal in &signals {
-        let pose = scene.local_pose(&signal.pose);
+        let pose = builder.local_pose(&signal.pose);
         if !pose.translation.vector.iter().all(|x| x.is_finite()) {
             continue;
         }
         if signal.kind == SignalKind::TrafficLight {
-            light(scene, signal, &pose, &mut poles);
+            light(builder, signal, &pose, &mut poles);
         } else {
-            sign(scene, signal, &pose, &mut signs);
+            sign(builder, signal, &pose, &mut signs);
         }
     }
     // A file that draws stop lines itself has a mark of its own; most have none.
     if !sections.is_empty() {
-        stop_lines(scene, &signals);
+        stop_lines(builder, &signals);
     }
 }
 
@@ -50,7 +50,7 @@ fn yaw(pose: &Isometry3<f64>) -> f64 {
 }
 
 fn light(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     signal: &Signal,
     pose: &Isometry3<f64>,
     poles: &mut BTreeMap<u32, MeshId>,
@@ -59,9 +59,9 @@ fn light(
     let facing = yaw(pose);
     // Right of the traffic that must obey is left of the face.
     let aside = left(unit(facing));
-    let foot = pole_place(scene, at, aside).unwrap_or(at);
+    let foot = pole_place(builder, at, aside).unwrap_or(at);
     let arm_m = (at - foot).norm();
-    let z = scene.floor(foot);
+    let z = builder.floor(foot);
     let overhead = arm_m > 0.3;
     let arm_dm = if overhead {
         (arm_m * 10.0).round() as u32
@@ -75,26 +75,26 @@ fn light(
     };
     // The pole's arm reaches to −y of its own frame: towards the signal.
     let mesh = *poles.entry(arm_dm).or_insert_with(|| {
-        scene
+        builder
             .assets
-            .add_mesh(furniture::light_pole(arm_dm as f32 * 0.1))
+            .add_mesh(signal_meshes::light_pole(arm_dm as f32 * 0.1))
     });
-    let post = scene.stand(
+    let post = builder.stand(
         mesh,
         Class::POLES,
         "traffic light pole",
         [foot.x, foot.y, z],
         facing + turned,
     );
-    scene.post(post, [foot.x, foot.y, z], 0.09, 2.6);
+    builder.post(post, [foot.x, foot.y, z], 0.09, 2.6);
     let pole = Isometry3::new(Vector3::new(foot.x, foot.y, z), Vector3::z() * facing);
-    let mut heads = vec![pole * Isometry3::translation(0.2, 0.0, furniture::HEADS_M.0)];
+    let mut heads = vec![pole * Isometry3::translation(0.2, 0.0, signal_meshes::HEADS_M.0)];
     if overhead {
-        let high = (furniture::HEADS_M.1 - 0.45).max(CLEAR_M - 0.6);
+        let high = (signal_meshes::HEADS_M.1 - 0.45).max(CLEAR_M - 0.6);
         let head = Isometry3::new(Vector3::new(at.x, at.y, z + high), Vector3::z() * facing);
         heads.push(head * Isometry3::translation(0.2, 0.0, 0.0));
     }
-    scene.lights.push(LightSite {
+    builder.lights.push(LightSite {
         signal_id: signal.id.clone(),
         pole: pole.into(),
         heads,
@@ -103,9 +103,9 @@ fn light(
 
 /// The nearest place beside `at` where no vehicle drives; the traffic's right first. `None` if `at`
 /// itself is one.
-fn pole_place(scene: &Scene, at: P2, right: P2) -> Option<P2> {
-    scene.cover.vehicles_at(at)?;
-    let free = |p: &P2| scene.cover.vehicles_at(*p).is_none();
+fn pole_place(builder: &ImportBuilder, at: P2, right: P2) -> Option<P2> {
+    builder.cover.vehicles_at(at)?;
+    let free = |p: &P2| builder.cover.vehicles_at(*p).is_none();
     (1..=(REACH_M * 2.0) as usize).find_map(|k| {
         let away = right * (0.5 * k as f64);
         [at + away, at - away]
@@ -116,15 +116,15 @@ fn pole_place(scene: &Scene, at: P2, right: P2) -> Option<P2> {
 }
 
 fn sign(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     signal: &Signal,
     pose: &Isometry3<f64>,
     signs: &mut BTreeMap<String, MeshId>,
 ) {
     let at = flat(pose.translation.vector.into());
-    let z = scene.floor(at);
+    let z = builder.floor(at);
     // Signals that lie on the road are paint or sensors, which have no post.
-    let on_road = scene.cover.vehicles_at(at).is_some();
+    let on_road = builder.cover.vehicles_at(at).is_some();
     if on_road && pose.translation.z - z < 2.0 {
         return;
     }
@@ -141,29 +141,29 @@ fn sign(
         _ => None,
     };
     let mesh = *signs.entry(format!("{kind:?}")).or_insert_with(|| {
-        scene
+        builder
             .assets
-            .add_mesh(kind.map_or_else(plate, furniture::sign))
+            .add_mesh(kind.map_or_else(plate, signal_meshes::sign))
     });
     let foot = if on_road {
-        pole_place(scene, at, left(unit(yaw(pose)))).unwrap_or(at)
+        pole_place(builder, at, left(unit(yaw(pose)))).unwrap_or(at)
     } else {
         at
     };
-    let z = scene.floor(foot);
+    let z = builder.floor(foot);
     let name = if signal.name.is_empty() {
         "sign"
     } else {
         signal.name.as_str()
     };
-    let post = scene.stand(
+    let post = builder.stand(
         mesh,
         Class::TRAFFIC_SIGNS,
         name,
         [foot.x, foot.y, z],
         yaw(pose),
     );
-    scene.post(post, [foot.x, foot.y, z], 0.05, 2.6);
+    builder.post(post, [foot.x, foot.y, z], 0.05, 2.6);
 }
 
 /// A sign whose picture is not known: a blank plate on a pole, facing +x.
@@ -188,8 +188,8 @@ fn plate() -> Mesh {
 }
 
 /// A line across each lane where it stops for a light.
-fn stop_lines(scene: &mut Scene, signals: &[Signal]) {
-    let object = scene.object(Class::ROAD_LINES, "stop lines");
+fn stop_lines(builder: &mut ImportBuilder, signals: &[Signal]) {
+    let object = builder.object(Class::ROAD_LINES, "stop lines");
     let white = Surface::new(Class::ROAD_LINES, Material::Paint, [226, 226, 220]).of(object);
     let mut drawn = std::collections::BTreeSet::new();
     let stops = signals
@@ -201,18 +201,18 @@ fn stop_lines(scene: &mut Scene, signals: &[Signal]) {
         if !drawn.insert((stop.lane, (stop.s_m * 10.0) as i64)) {
             continue;
         }
-        let half = 0.5 * scene.roads.width_m(stop) - 0.1;
-        let Some(pose) = scene.roads.pose(stop).filter(|_| half > 0.5) else {
+        let half = 0.5 * builder.roads.width_m(stop) - 0.1;
+        let Some(pose) = builder.roads.pose(stop).filter(|_| half > 0.5) else {
             continue;
         };
-        let pose = scene.local_pose(&pose);
+        let pose = builder.local_pose(&pose);
         let at = |x: f64, y: f64| -> [f64; 3] {
             (pose * nalgebra::Point3::new(x, y, PAINT_M + 0.003))
                 .coords
                 .into()
         };
         patch(
-            scene,
+            builder,
             white,
             &[
                 at(-0.6, -half),

@@ -7,11 +7,10 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
+use super::builder::ImportBuilder;
 use super::cover::is_for_vehicles;
-use super::flat;
-use super::scene::Scene;
-use crate::chunk::{ALL, Key, Layer, Levels};
-use crate::geometry::P2;
+use crate::geometry::{P2, flat, left};
+use crate::scenery::{ALL, Key, Layer, Levels};
 
 /// Height of pavements that the file gives no height.
 pub(super) const KERB_M: f64 = 0.12;
@@ -87,24 +86,24 @@ fn surface_of(kind: LaneKind, object: ObjectId) -> Surface {
 }
 
 /// Everything that lies.
-pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
+pub(super) fn build(builder: &mut ImportBuilder, sections: &[SectionSurface]) {
     let mut owners: BTreeMap<(bool, u32), ObjectId> = BTreeMap::new();
     for section in sections {
         let key = section
             .junction
             .map_or((false, section.road), |junction| (true, junction));
         let object = *owners.entry(key).or_insert_with(|| {
-            let roads = scene.roads;
+            let roads = builder.roads;
             let name = match section.junction {
                 Some(junction) => {
                     format!("junction {}", roads.junction_id(junction).unwrap_or("?"))
                 }
                 None => format!("road {}", roads.road_id(section.road).unwrap_or("?")),
             };
-            scene.object(Class::ROADS, &name)
+            builder.object(Class::ROADS, &name)
         });
-        lanes(scene, section, object);
-        edges(scene, section, object);
+        lanes(builder, section, object);
+        edges(builder, section, object);
     }
     let mut members: BTreeMap<u32, Vec<&SectionSurface>> = BTreeMap::new();
     for section in sections {
@@ -116,15 +115,15 @@ pub(super) fn build(scene: &mut Scene, sections: &[SectionSurface]) {
     let mut cells = MAX_HOLE_CELLS;
     for (junction, of_it) in members {
         if let Some(object) = owners.get(&(true, junction)) {
-            floor(scene, &of_it, *object);
-            holes(scene, &of_it, *object, &mut cells);
+            floor(builder, &of_it, *object);
+            holes(builder, &of_it, *object, &mut cells);
         }
     }
 }
 
 /// Adds a quad that lies: to be seen and to be felt.
 fn lay(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     levels: Levels,
     surface: Surface,
     corners: [[f64; 3]; 4],
@@ -132,7 +131,7 @@ fn lay(
 ) {
     let uv = corners.map(|c| [c[0] as f32, c[1] as f32]);
     let middle = 0.25 * (flat(corners[0]) + flat(corners[1]) + flat(corners[2]) + flat(corners[3]));
-    scene.chunks.polygon(
+    builder.chunks.polygon(
         Key::at(Layer::Ground, middle),
         levels,
         surface,
@@ -140,16 +139,21 @@ fn lay(
         &uv,
     );
     if for_vehicles {
-        &mut scene.road
+        &mut builder.road
     } else {
-        &mut scene.raised
+        &mut builder.raised
     }
     .polygon(surface.object, &corners);
 }
 
 /// Whether a piece of this lane gives way to traffic of another road: pavements end where others
 /// drive.
-fn gives_way(scene: &Scene, section: &SectionSurface, lane: &LaneSurface, row: usize) -> bool {
+fn gives_way(
+    builder: &ImportBuilder,
+    section: &SectionSurface,
+    lane: &LaneSurface,
+    row: usize,
+) -> bool {
     if is_for_vehicles(lane.kind) {
         return false;
     }
@@ -159,23 +163,27 @@ fn gives_way(scene: &Scene, section: &SectionSurface, lane: &LaneSurface, row: u
         std::array::from_fn(|i| 0.25 * (a[0][i] + a[last][i] + b[0][i] + b[last][i]));
     [middle, a[0], a[last], b[0], b[last]]
         .iter()
-        .filter(|p| scene.cover.crossed_by_others(flat(**p), p[2], section.road))
+        .filter(|p| {
+            builder
+                .cover
+                .crossed_by_others(flat(**p), p[2], section.road)
+        })
         .count()
         >= 2
 }
 
-fn lanes(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
+fn lanes(builder: &mut ImportBuilder, section: &SectionSurface, object: ObjectId) {
     for lane in &section.lanes {
         let surface = surface_of(lane.kind, object);
         for row in 1..section.stations_m.len() {
-            if gives_way(scene, section, lane, row) {
+            if gives_way(builder, section, lane, row) {
                 continue;
             }
             let (a, b) = (lane.row(row - 1), lane.row(row));
             for k in 1..lane.columns {
                 let corners = [a[k - 1], b[k - 1], b[k], a[k]];
                 if width(a[k - 1], a[k]).max(width(b[k - 1], b[k])) > 1e-3 {
-                    lay(scene, ALL, surface, corners, is_for_vehicles(lane.kind));
+                    lay(builder, ALL, surface, corners, is_for_vehicles(lane.kind));
                 }
             }
         }
@@ -187,11 +195,11 @@ fn width(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// Faces between lanes of different height, and what joins the outer edges to the ground.
-fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
+fn edges(builder: &mut ImportBuilder, section: &SectionSurface, object: ObjectId) {
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [186, 184, 178]).of(object);
     for pair in section.lanes.windows(2) {
         for row in 1..section.stations_m.len() {
-            let skip = [&pair[0], &pair[1]].map(|lane| gives_way(scene, section, lane, row));
+            let skip = [&pair[0], &pair[1]].map(|lane| gives_way(builder, section, lane, row));
             if skip[0] || skip[1] {
                 continue;
             }
@@ -203,9 +211,9 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
             let left = [edge(&pair[1], row - 1, false), edge(&pair[1], row, false)];
             let rise = 0.5 * (left[0][2] - right[0][2] + left[1][2] - right[1][2]);
             if rise > STEP_M {
-                face(scene, stone, [right[1], right[0], left[0], left[1]]);
+                face(builder, stone, [right[1], right[0], left[0], left[1]]);
             } else if rise < -STEP_M {
-                face(scene, stone, [left[0], left[1], right[1], right[0]]);
+                face(builder, stone, [left[0], left[1], right[1], right[0]]);
             }
         }
     }
@@ -222,9 +230,9 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
     for (points, lane, reversed) in [(edge(last, true), last, false), (right_edge, first, true)] {
         for k in 1..points.len() {
             let row = if reversed { points.len() - k } else { k };
-            if !gives_way(scene, section, lane, row) {
+            if !gives_way(builder, section, lane, row) {
                 outer_edge(
-                    scene,
+                    builder,
                     section,
                     (points[k - 1], points[k]),
                     is_pavement(lane.kind),
@@ -233,27 +241,27 @@ fn edges(scene: &mut Scene, section: &SectionSurface, object: ObjectId) {
             }
         }
     }
-    walls(scene, section, &[edge(last, true), edge(first, false)]);
+    walls(builder, section, &[edge(last, true), edge(first, false)]);
 }
 
 /// An upright quad: foot from a to b, top from b to a, seen from the right of that direction.
-fn face(scene: &mut Scene, surface: Surface, corners: [[f64; 3]; 4]) {
+fn face(builder: &mut ImportBuilder, surface: Surface, corners: [[f64; 3]; 4]) {
     let length = width(corners[0], corners[1]) as f32;
     let height = (corners[2][2] - corners[1][2]).abs() as f32;
     let key = Key::at(Layer::Ground, flat(corners[0]));
-    scene.chunks.polygon(
+    builder.chunks.polygon(
         key,
         0..=1,
         surface,
         &corners,
         &[[0.0, 0.0], [length, 0.0], [length, height], [0.0, height]],
     );
-    scene.raised.polygon(surface.object, &corners);
+    builder.raised.polygon(surface.object, &corners);
 }
 
 /// From the outer edge (the road on its right, walked along the left edge) down to the ground.
 fn outer_edge(
-    scene: &mut Scene,
+    builder: &mut ImportBuilder,
     section: &SectionSurface,
     (a, b): ([f64; 3], [f64; 3]),
     pavement: bool,
@@ -263,27 +271,27 @@ fn outer_edge(
     if along.norm() < 1e-3 {
         return;
     }
-    let out = crate::geometry::left(along.normalize());
-    let (za, zb) = (scene.ground.at(flat(a)), scene.ground.at(flat(b)));
+    let out = left(along.normalize());
+    let (za, zb) = (builder.ground.at(flat(a)), builder.ground.at(flat(b)));
     let drop = (a[2] - za).max(b[2] - zb);
     let beyond = flat(a) + along * 0.5 + out * 0.3;
-    if scene.cover.others_near(beyond, a[2], section.road) {
+    if builder.cover.others_near(beyond, a[2], section.road) {
         return;
     }
-    let bridge_m = BRIDGE_M.max(0.12 * scene.ground.cell_m);
+    let bridge_m = BRIDGE_M.max(0.12 * builder.ground.cell_m);
     let earth = Surface::new(Class::TERRAIN, Material::Grass, [98, 118, 66]).of(object);
     let stone = Surface::new(Class::SIDEWALKS, Material::Concrete, [176, 174, 168]).of(object);
     let at = |p: [f64; 3], out_m: f64, z: f64| [p[0] + out.x * out_m, p[1] + out.y * out_m, z];
     if drop > bridge_m {
-        bridge_edge(scene, (a, b), out, object);
+        bridge_edge(builder, (a, b), out, object);
         return;
     }
     let slope_m = 1.6 * drop;
     let foot_is_free =
-        |scene: &Scene, p: [f64; 3]| !scene.cover.is_covered(flat(p) + out * slope_m);
-    if drop > 0.3 && !pavement && foot_is_free(scene, a) && foot_is_free(scene, b) {
+        |builder: &ImportBuilder, p: [f64; 3]| !builder.cover.is_covered(flat(p) + out * slope_m);
+    if drop > 0.3 && !pavement && foot_is_free(builder, a) && foot_is_free(builder, b) {
         lay(
-            scene,
+            builder,
             0..=1,
             earth,
             [b, a, at(a, slope_m, za - 0.15), at(b, slope_m, zb - 0.15)],
@@ -293,14 +301,19 @@ fn outer_edge(
     }
     // Seen from outside: the road lies on the right of a → b, so the face looks to the left.
     face(
-        scene,
+        builder,
         if pavement { stone } else { earth },
         [[b[0], b[1], zb - 0.2], [a[0], a[1], za - 0.2], a, b],
     );
 }
 
 /// Side of a bridge: the deck's edge and a parapet that keeps vehicles on it.
-fn bridge_edge(scene: &mut Scene, (a, b): ([f64; 3], [f64; 3]), out: P2, object: ObjectId) {
+fn bridge_edge(
+    builder: &mut ImportBuilder,
+    (a, b): ([f64; 3], [f64; 3]),
+    out: P2,
+    object: ObjectId,
+) {
     let concrete = Surface::new(Class::BRIDGE, Material::Concrete, [150, 148, 142]).of(object);
     let at = |p: [f64; 3], out_m: f64, up_m: f64| {
         [p[0] + out.x * out_m, p[1] + out.y * out_m, p[2] + up_m]
@@ -309,14 +322,14 @@ fn bridge_edge(scene: &mut Scene, (a, b): ([f64; 3], [f64; 3]), out: P2, object:
     let mut quad = |corners: [[f64; 3]; 4]| {
         let key = Key::at(Layer::Ground, flat(corners[0]));
         let length = width(a, b) as f32;
-        scene.chunks.polygon(
+        builder.chunks.polygon(
             key,
             ALL,
             concrete,
             &corners,
             &[[0.0, 0.0], [length, 0.0], [length, 1.0], [0.0, 1.0]],
         );
-        scene.solid.polygon(object, &corners);
+        builder.solid.polygon(object, &corners);
     };
     quad([
         at(b, thick, low),
@@ -346,12 +359,12 @@ fn bridge_edge(scene: &mut Scene, (a, b): ([f64; 3], [f64; 3]), out: P2, object:
 }
 
 /// Walls along both outer edges, as high as the options say, open where other roads join.
-fn walls(scene: &mut Scene, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]) {
-    let height = scene.options.wall_height_m;
+fn walls(builder: &mut ImportBuilder, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]) {
+    let height = builder.options.wall_height_m;
     if height <= 0.0 {
         return;
     }
-    let object = scene.object(Class::WALLS, "wall");
+    let object = builder.object(Class::WALLS, "wall");
     let concrete = Surface::new(Class::WALLS, Material::Concrete, [152, 150, 146]).of(object);
     for pair in edges.iter().flat_map(|edge| edge.windows(2)) {
         let (a, b) = (pair[0], pair[1]);
@@ -360,11 +373,11 @@ fn walls(scene: &mut Scene, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]
         if along.norm() < 1e-3 {
             continue;
         }
-        let side = crate::geometry::left(along.normalize()) * 0.4;
+        let side = left(along.normalize()) * 0.4;
         if [middle + side, middle - side]
             .iter()
-            .all(|p| scene.cover.is_covered(*p))
-            || scene.cover.others_near(middle, a[2], section.road)
+            .all(|p| builder.cover.is_covered(*p))
+            || builder.cover.others_near(middle, a[2], section.road)
         {
             continue;
         }
@@ -372,21 +385,21 @@ fn walls(scene: &mut Scene, section: &SectionSurface, edges: &[Vec<[f64; 3]>; 2]
         for corners in [[a, b, up(b), up(a)], [b, a, up(a), up(b)]] {
             let key = Key::at(Layer::Ground, flat(a));
             let (u, v) = (along.norm() as f32, height as f32);
-            scene.chunks.polygon(
+            builder.chunks.polygon(
                 key,
                 ALL,
                 concrete,
                 &corners,
                 &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]],
             );
-            scene.solid.polygon(object, &corners);
+            builder.solid.polygon(object, &corners);
         }
     }
 }
 
 /// A floor just under the lanes of a junction and a little wider, so that slits between them do not
 /// show the ground.
-fn floor(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId) {
+fn floor(builder: &mut ImportBuilder, sections: &[&SectionSurface], object: ObjectId) {
     let asphalt = surface_of(LaneKind::Driving, object);
     for section in sections {
         for lane in section
@@ -406,14 +419,19 @@ fn floor(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId) {
                     )
                 };
                 let (a, b) = (wider(row - 1), wider(row));
-                lay(scene, ALL, asphalt, [a.0, b.0, b.1, a.1], true);
+                lay(builder, ALL, asphalt, [a.0, b.0, b.1, a.1], true);
             }
         }
     }
 }
 
 /// Closes what the lanes of a junction leave open among them, up to the size of a small island.
-fn holes(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId, cells: &mut usize) {
+fn holes(
+    builder: &mut ImportBuilder,
+    sections: &[&SectionSurface],
+    object: ObjectId,
+    cells: &mut usize,
+) {
     let points = || {
         sections.iter().flat_map(|s| {
             s.lanes
@@ -440,7 +458,7 @@ fn holes(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId, cell
         low + P2::new((i % columns) as f64 - 0.5, (i / columns) as f64 - 0.5) * HOLE_CELL_M
     };
     let heights: Vec<Option<f64>> = (0..columns * rows)
-        .map(|i| scene.cover.vehicles_at(at(i)))
+        .map(|i| builder.cover.vehicles_at(at(i)))
         .collect();
     let mut seen: Vec<bool> = heights.iter().map(Option::is_some).collect();
     let asphalt = surface_of(LaneKind::Driving, object);
@@ -483,7 +501,7 @@ fn holes(scene: &mut Scene, sections: &[&SectionSurface], object: ObjectId, cell
                 at(part[k - 1]).add_scalar(0.8 * HOLE_CELL_M),
             );
             lay(
-                scene,
+                builder,
                 ALL,
                 asphalt,
                 [[a.x, a.y, z], [b.x, a.y, z], [b.x, b.y, z], [a.x, b.y, z]],

@@ -1,104 +1,115 @@
-//! Small things along the streets, lamp posts of other kinds, power poles.
+//! Street furniture: benches, bins, bollards, shelters and other small things of the map.
 
-use schema_types::{Class, ObjectId};
+use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
-
-use crate::chunk::{Chunks, Key, Layer};
-use crate::furniture::far_lamps;
-use crate::geometry::{P2, left, unit};
 use simd_body::solid::{ellipsoid, tube};
 
-fn iron() -> Surface {
-    Surface::new(Class::POLES, Material::Metal, [44, 48, 50])
-}
-
-/// A lantern of a small town, 4.5 m high (lamp bit 0).
-pub fn lantern() -> Mesh {
-    let mut builder = MeshBuilder::new("lantern");
-    let glow = Surface::lamp(Class::POLES, [255, 220, 160], 0);
-    for (n, until_m) in [(8, 35.0), (4, 110.0)] {
-        tube(
-            &mut builder,
-            iron(),
-            ([0.0, 0.0, -0.05], 0.075),
-            ([0.0, 0.0, 4.05], 0.045),
-            n,
-        );
-        tube(
-            &mut builder,
-            glow,
-            ([0.0, 0.0, 4.05], 0.13),
-            ([0.0, 0.0, 4.45], 0.2),
-            n,
-        );
-        tube(
-            &mut builder,
-            iron(),
-            ([0.0, 0.0, 4.45], 0.26),
-            ([0.0, 0.0, 4.68], 0.03),
-            n,
-        );
-        if n == 8 {
-            tube(
-                &mut builder,
-                iron(),
-                ([0.0, 0.0, -0.05], 0.15),
-                ([0.0, 0.0, 0.55], 0.11),
-                n,
-            );
-            tube(
-                &mut builder,
-                iron(),
-                ([0.0, 0.0, 3.5], 0.07),
-                ([0.0, 0.0, 3.62], 0.07),
-                n,
-            );
-        }
-        builder.end_level(until_m);
-    }
-    far_lamps(
-        &mut builder,
-        (iron(), glow),
-        [0.0, 0.0, 4.05],
-        [0.0, 0.0, 4.6],
-        [190.0, 300.0],
+/// A bench 1.8 m long; people on it look to +x.
+pub fn bench() -> Mesh {
+    let mut builder = MeshBuilder::new("bench");
+    let (wood, iron) = (
+        Surface::new(Class::STATIC, Material::Matte, [128, 88, 56]),
+        Surface::new(Class::STATIC, Material::Metal, [52, 54, 56]),
     );
+    for k in 0..4 {
+        builder.cuboid(
+            wood,
+            [-0.15 + 0.12 * k as f32, 0.0, 0.45],
+            [0.05, 0.9, 0.02],
+        );
+    }
+    for k in 0..3 {
+        builder.cuboid(
+            wood,
+            [-0.24 - 0.03 * k as f32, 0.0, 0.58 + 0.13 * k as f32],
+            [0.02, 0.9, 0.05],
+        );
+    }
+    for y in [-0.7, 0.7] {
+        builder.cuboid(iron, [0.03, y, 0.21], [0.24, 0.03, 0.22]);
+        builder.cuboid(iron, [-0.28, y, 0.66], [0.02, 0.03, 0.24]);
+    }
+    builder.end_level(45.0);
+    builder.cuboid(wood, [0.03, 0.0, 0.45], [0.23, 0.9, 0.02]);
+    builder.cuboid(wood, [-0.27, 0.0, 0.71], [0.03, 0.9, 0.19]);
+    builder.end_level(110.0);
     builder.finish()
 }
 
-/// A tall mast with an arm along +x, for wide roads (lamp bit 0).
-pub fn mast() -> Mesh {
-    let mut builder = MeshBuilder::new("lamp mast");
-    let steel = Surface::new(Class::POLES, Material::Metal, [128, 132, 136]);
-    let glow = Surface::lamp(Class::POLES, [255, 232, 196], 0);
-    for (n, until_m) in [(8, 40.0), (4, 140.0)] {
-        let thin = if n == 8 { 0.07 } else { 0.10 };
+/// A litter bin.
+pub fn bin() -> Mesh {
+    let mut builder = MeshBuilder::new("bin");
+    let green = Surface::new(Class::DYNAMIC, Material::Metal, [46, 84, 60]);
+    let dark = Surface::new(Class::DYNAMIC, Material::Rubber, [24, 26, 26]);
+    for (n, until_m) in [(10, 35.0), (5, 100.0)] {
         tube(
             &mut builder,
-            steel,
-            ([0.0, 0.0, -0.05], 0.13),
-            ([0.0, 0.0, 11.0], thin),
+            green,
+            ([0.0, 0.0, 0.0], 0.21),
+            ([0.0, 0.0, 0.82], 0.25),
             n,
         );
         tube(
             &mut builder,
-            steel,
-            ([0.0, 0.0, 10.9], 0.8 * thin),
-            ([1.9, 0.0, 11.3], 0.7 * thin),
+            dark,
+            ([0.0, 0.0, 0.82], 0.26),
+            ([0.0, 0.0, 0.95], 0.18),
             n,
         );
-        builder.cuboid(steel, [2.2, 0.0, 11.32], [0.42, 0.16, 0.06]);
-        builder.cuboid(glow, [2.2, 0.0, 11.25], [0.36, 0.13, 0.02]);
         builder.end_level(until_m);
     }
-    far_lamps(
+    builder.finish()
+}
+
+/// A bollard.
+pub fn bollard() -> Mesh {
+    let mut builder = MeshBuilder::new("bollard");
+    let iron = Surface::new(Class::STATIC, Material::Metal, [56, 58, 62]);
+    let ring = Surface::new(Class::STATIC, Material::Paint, [224, 224, 220]);
+    tube(
         &mut builder,
-        (steel, glow),
-        [0.0, 0.0, 11.1],
-        [2.6, 0.0, 11.3],
-        [260.0, 420.0],
+        iron,
+        ([0.0, 0.0, 0.0], 0.065),
+        ([0.0, 0.0, 0.86], 0.055),
+        8,
     );
+    tube(
+        &mut builder,
+        ring,
+        ([0.0, 0.0, 0.68], 0.066),
+        ([0.0, 0.0, 0.76], 0.065),
+        8,
+    );
+    ellipsoid(&mut builder, iron, [0.0, 0.0, 0.86], [0.06, 0.06, 0.05], 8);
+    builder.end_level(30.0);
+    tube(
+        &mut builder,
+        iron,
+        ([0.0, 0.0, 0.0], 0.065),
+        ([0.0, 0.0, 0.9], 0.05),
+        4,
+    );
+    builder.end_level(90.0);
+    builder.finish()
+}
+
+/// A bus shelter-like kiosk, 3 m wide, open to +x.
+pub fn shelter() -> Mesh {
+    let mut builder = MeshBuilder::new("shelter");
+    let frame = Surface::new(Class::STATIC, Material::Metal, [70, 74, 78]);
+    let glass = Surface::new(Class::STATIC, Material::Glass, [120, 140, 146]);
+    let poster = Surface::new(Class::STATIC, Material::Matte, [206, 120, 52]);
+    for until_m in [140.0] {
+        builder.cuboid(frame, [0.0, 0.0, 2.45], [0.75, 1.65, 0.05]);
+        for (x, y) in [(-0.65, -1.55), (-0.65, 1.55), (0.55, -1.55), (0.55, 1.55)] {
+            builder.cuboid(frame, [x, y, 1.2], [0.035, 0.035, 1.2]);
+        }
+        builder.cuboid(glass, [-0.65, 0.0, 1.25], [0.01, 1.5, 0.95]);
+        builder.cuboid(poster, [-0.05, 1.55, 1.2], [0.5, 0.02, 0.85]);
+        builder.cuboid(frame, [-0.35, -0.3, 0.46], [0.18, 0.9, 0.03]);
+        builder.end_level(until_m);
+    }
     builder.finish()
 }
 
@@ -239,67 +250,4 @@ pub fn manhole() -> Mesh {
         builder.end_level(until_m);
     }
     builder.finish()
-}
-
-/// Height of the cross-arm of a power pole, and where on it the wires hang.
-const WIRES_M: (f64, [f64; 3]) = (8.15, [-0.85, 0.0, 0.85]);
-
-/// A wooden pole with a cross-arm across y.
-pub fn power_pole() -> Mesh {
-    let mut builder = MeshBuilder::new("power pole");
-    let wood = Surface::new(Class::POLES, Material::Bark, [104, 84, 64]);
-    let glass = Surface::new(Class::POLES, Material::Matte, [188, 196, 194]);
-    for (n, until_m) in [(7, 45.0), (3, 300.0)] {
-        tube(
-            &mut builder,
-            wood,
-            ([0.0, 0.0, -0.3], 0.15),
-            ([0.0, 0.0, 8.4], 0.1),
-            n,
-        );
-        builder.cuboid(wood, [0.0, 0.0, 7.95], [0.06, 1.05, 0.07]);
-        if n == 7 {
-            for y in WIRES_M.1 {
-                tube(
-                    &mut builder,
-                    glass,
-                    ([0.0, y as f32, 8.0], 0.04),
-                    ([0.0, y as f32, WIRES_M.0 as f32], 0.03),
-                    5,
-                );
-            }
-        }
-        builder.end_level(until_m);
-    }
-    builder.finish()
-}
-
-/// Three wires between two power poles (foot, heading), sagging.
-pub fn wires(chunks: &mut Chunks, object: ObjectId, from: (P2, f64), to: (P2, f64)) {
-    let black = Surface::new(Class::POLES, Material::Rubber, [30, 30, 32]).of(object);
-    let ground = [from.0, to.0].map(|p| chunks.terrain.at(p));
-    for y in WIRES_M.1 {
-        let end = |(p, heading): (P2, f64)| p + left(unit(heading)) * y;
-        let (a, b) = (end(from), end(to));
-        let at = |share: f64, up: f64| {
-            let p = a + (b - a) * share;
-            let z = ground[0] + (ground[1] - ground[0]) * share + WIRES_M.0
-                - 0.75 * 4.0 * share * (1.0 - share);
-            [p.x, p.y, z + up]
-        };
-        let key = Key::at(Layer::Small, 0.5 * (a + b));
-        let n = 6;
-        for k in 0..n {
-            let (s, t) = (k as f64 / f64::from(n), f64::from(k + 1) / f64::from(n));
-            let face = [at(s, -0.014), at(t, -0.014), at(t, 0.014), at(s, 0.014)];
-            chunks.polygon(key, 0..=1, black, &face, &[[0.0; 2]; 4]);
-            chunks.polygon(
-                key,
-                0..=1,
-                black,
-                &[face[1], face[0], face[3], face[2]],
-                &[[0.0; 2]; 4],
-            );
-        }
-    }
 }

@@ -3,10 +3,10 @@
 use schema_types::Class;
 use sensor_core::mesh::Surface;
 use sensor_core::{Material, Mesh, MeshBuilder};
-
-use crate::leaves::{Clump, Cover, crown, foliage};
-use crate::random::Random;
 use simd_body::solid::{spike, tube};
+
+use super::leaves::{Clump, Cover, crown, foliage};
+use crate::random::Random;
 
 /// How a kind of broad-leaved tree grows.
 struct Species {

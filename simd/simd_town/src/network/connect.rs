@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Arm, Link, Network};
+use super::model::{Arm, Link, Network};
 use crate::geometry::{Path, left, unit, wrap};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -133,7 +133,7 @@ fn link(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::town::plans;
+    use crate::plan::plans;
 
     #[test]
     fn connecting_roads_meet_their_lanes() {

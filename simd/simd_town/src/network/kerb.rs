@@ -3,16 +3,12 @@
 
 use std::f64::consts::PI;
 
-use crate::geometry::{P2, Path, cross, left, unit, wrap};
-use crate::network::{Arm, CORNER_RADIUS_M, Link, Network};
+use super::model::{Arm, CLEAR_M, CORNER_RADIUS_M, Link, Network};
+use crate::geometry::{P2, Path, left, unit, wrap};
 use crate::plan::Profile;
 
 /// Points of a corner's arc.
 const ARC_STEPS: usize = 7;
-/// Least distance of a kerb from the lanes that lead through its junction.
-pub const CLEAR_M: f64 = 0.3;
-/// Between the places of a kerb where its distance from lanes is looked at.
-const PROBE_M: f64 = 0.5;
 /// Longest chord of a kerb along a lane.
 const CHORD_M: f64 = 6.0;
 
@@ -146,58 +142,12 @@ fn along(link: &Link, [from, to]: [&Profile; 2], side: Side) -> Corner {
     }
 }
 
-impl Link {
-    /// How much of the change from one end to the other is done at a station: level at both ends,
-    /// as the lane's width in OpenDRIVE.
-    fn share_at(&self, s_m: f64) -> f64 {
-        let u = (s_m / self.path.length_m()).clamp(0.0, 1.0);
-        u * u * (3.0 - 2.0 * u)
-    }
-
-    /// Width of the lane at a station.
-    pub fn width_at(&self, s_m: f64) -> f64 {
-        self.width_m.0 + (self.width_m.1 - self.width_m.0) * self.share_at(s_m)
-    }
-
-    /// Least distance of a line from the lane; negative where the line enters it.
-    pub fn clearance_m(&self, line_m: &[P2]) -> f64 {
-        let probes = line_m.windows(2).flat_map(|pair| {
-            let n = ((pair[1] - pair[0]).norm() / PROBE_M).ceil().max(1.0) as usize;
-            (0..=n).map(move |k| pair[0] + (pair[1] - pair[0]) * (k as f64 / n as f64))
-        });
-        probes.map(|p| self.away_m(p)).fold(f64::INFINITY, f64::min)
-    }
-
-    /// The nearest place that is clear of the lane.
-    fn moved_off(&self, p: P2) -> P2 {
-        if self.away_m(p) >= CLEAR_M {
-            return p;
-        }
-        let (s, _) = self.path.nearest(p);
-        let (q, heading) = self.path.at(s);
-        let (rightward, width) = (cross(p - q, unit(heading)), self.width_at(s));
-        let wanted = if rightward < 0.5 * width {
-            -CLEAR_M
-        } else {
-            width + CLEAR_M
-        };
-        p - left(unit(heading)) * (wanted - rightward)
-    }
-
-    /// Distance of a point from the lane, negative inside it.
-    fn away_m(&self, p: P2) -> f64 {
-        let (s, _) = self.path.nearest(p);
-        let (q, heading) = self.path.at(s);
-        let (forward, rightward) = (
-            (p - q).dot(&unit(heading)).abs(),
-            cross(p - q, unit(heading)),
-        );
-        let aside = (rightward - self.width_at(s)).max(-rightward);
-        // Before its start or behind its end.
-        if forward > 1e-3 {
-            aside.max(0.0).hypot(forward)
-        } else {
-            aside
-        }
-    }
+/// The edge of a junction's surface, counter-clockwise.
+pub fn border(network: &Network, junction: usize) -> Vec<P2> {
+    let arms = 0..network.junctions[junction].arms.len();
+    let mut border: Vec<P2> = arms
+        .flat_map(|i| corner(network, junction, i).kerb_m)
+        .collect();
+    border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
+    border
 }

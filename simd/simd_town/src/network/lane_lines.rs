@@ -1,7 +1,7 @@
 //! Lines of a carriageway where it goes on through a junction: the map says of them what is
 //! painted.
 
-use crate::network::{Link, Network};
+use super::model::{Link, Network};
 
 /// A line along a connecting lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

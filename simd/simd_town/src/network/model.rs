@@ -1,14 +1,11 @@
-//! Roads cut at junctions, lanes joined by connecting roads, traffic lights and signs.
+//! Roads, junctions, lanes through them, lights and signs: all that OpenDRIVE says of a town,
+//! before it is text.
 
 use std::f64::consts::PI;
 
-use crate::elevation::Elevation;
-use crate::geometry::{P2, Path, wrap};
-use crate::kerb::corner;
-use crate::plan::{Plan, Profile, Street};
-
-mod connect;
-mod right_of_way;
+use super::elevation::Elevation;
+use crate::geometry::{P2, Path, cross, left, unit};
+use crate::plan::Profile;
 
 /// Radius of kerbs at corners.
 pub const CORNER_RADIUS_M: f64 = 6.5;
@@ -16,6 +13,14 @@ pub const CORNER_RADIUS_M: f64 = 6.5;
 pub const CROSSWALK_M: (f64, f64) = (0.8, 4.0);
 /// Middle of the stop line from the junction's edge where there is a crosswalk.
 pub const STOP_M: f64 = 5.2;
+/// Height of the pavement over the road.
+pub const KERB_HEIGHT_M: f64 = 0.15;
+/// Height and width of a parapet.
+pub const PARAPET_M: (f64, f64) = (0.95, 0.3);
+/// Least distance of a kerb from the lanes that lead through its junction.
+pub const CLEAR_M: f64 = 0.3;
+/// Between the places of a kerb where its distance from lanes is looked at.
+const PROBE_M: f64 = 0.5;
 
 /// A street between two junctions, without the junctions' areas.
 #[derive(Clone, Debug)]
@@ -37,23 +42,6 @@ pub struct Road {
     /// Stations of the surface's corners: chords deviate little from the road, sideways and in
     /// height.
     pub stations: Vec<f64>,
-}
-
-/// Stations for a road with this path, elevation and bridge.
-fn stations(path: &Path, elevation: &Elevation, bridge: Option<(f64, f64)>) -> Vec<f64> {
-    let mut stations = path.stations(16.0);
-    for (s, step) in elevation.steps(path.length_m()) {
-        stations.retain(|other| (other - s).abs() > 0.35 * step || *other == 0.0);
-        stations.push(s);
-    }
-    stations.sort_by(f64::total_cmp);
-    stations.dedup_by(|a, b| (*a - *b).abs() < 0.05);
-    if let Some((from, to)) = bridge {
-        stations.retain(|s| (s - from).abs() > 0.5 && (s - to).abs() > 0.5);
-        stations.extend([from, to]);
-        stations.sort_by(f64::total_cmp);
-    }
-    stations
 }
 
 impl Road {
@@ -81,6 +69,22 @@ impl Road {
         self.bridge.map_or(vec![(0.0, length)], |(from, to)| {
             vec![(0.0, from), (to, length)]
         })
+    }
+
+    /// A point of the road's surface, `up_m` over it.
+    pub fn point(&self, s_m: f64, t_m: f64, up_m: f64) -> [f64; 3] {
+        let p = self.path.beside(s_m, t_m);
+        [p.x, p.y, self.elevation.at(s_m) + up_m]
+    }
+
+    /// Width of the footway (or verge) on a deck.
+    pub fn deck_edge_m(&self) -> f64 {
+        self.profile.pavement_m.min(2.0)
+    }
+
+    /// Half the width of a deck.
+    pub fn deck_half_width_m(&self) -> f64 {
+        self.profile.kerb_m() + self.deck_edge_m() + PARAPET_M.1
     }
 }
 
@@ -201,113 +205,12 @@ pub struct Network {
 }
 
 impl Network {
-    /// Lays out a plan.
-    pub fn build(plan: &Plan) -> Network {
-        let course = |s: &Street| {
-            s.course.clone().unwrap_or_else(|| {
-                Path::rounded(plan.nodes_m[s.from], &s.bends, plan.nodes_m[s.to])
-            })
-        };
-        let whole: Vec<Path> = plan.streets.iter().map(course).collect();
-        let mut trims = vec![[0.0; 2]; plan.streets.len()];
-        let mut junctions = Vec::new();
-        for node in 0..plan.nodes_m.len() {
-            let arms = arms_of(plan, &whole, node);
-            for (i, arm) in arms.iter().enumerate() {
-                let next = arms[(i + 1) % arms.len()];
-                let (a, b) = if arms.len() == 2 {
-                    (TAPER_M, TAPER_M)
-                } else {
-                    corner_needs(
-                        plan.streets[arm.road].profile,
-                        plan.streets[next.road].profile,
-                        wrap_turn(next.heading_rad - arm.heading_rad),
-                    )
-                };
-                for (arm, need) in [(arm, a), (&next, b)] {
-                    let trim = &mut trims[arm.road][usize::from(!arm.at_start)];
-                    *trim = need.max(*trim);
-                }
-            }
-            junctions.push(right_of_way::control(
-                Junction {
-                    id: 2001 + node as u32,
-                    height_m: plan.heights_m[node],
-                    arms,
-                    control: Control::Lights,
-                },
-                plan,
-            ));
-        }
-        let roads: Vec<Road> = plan
-            .streets
-            .iter()
-            .zip(&whole)
-            .zip(&trims)
-            .enumerate()
-            .map(|(i, ((street, path), trim))| {
-                let (whole_m, path) = (
-                    path.length_m(),
-                    path.cut(trim[0], path.length_m() - trim[1]),
-                );
-                let (from_m, to_m) = (plan.heights_m[street.from], plan.heights_m[street.to]);
-                // Shares of the whole street are shares of what the junctions left of it.
-                let share = |share: f64| (share * whole_m - trim[0]) / path.length_m();
-                let rises: Vec<(f64, f64)> = street
-                    .rises_m
-                    .iter()
-                    .map(|&(at, rise_m)| (share(at), rise_m))
-                    .collect();
-                let elevation = Elevation::between(path.length_m(), from_m, to_m, &rises);
-                let bridge = street
-                    .bridge_m
-                    .map(|(from, to)| (from - trim[0], to - trim[0]));
-                let ends = [street.from, street.to];
-                let stations = stations(&path, &elevation, bridge);
-                Road {
-                    id: 1 + i as u32,
-                    path,
-                    elevation,
-                    profile: street.profile,
-                    tunnel: street.tunnel,
-                    bridge,
-                    ends,
-                    stations,
-                }
-            })
-            .collect();
-        let mut network = Network {
-            roads,
-            junctions,
-            links: Vec::new(),
-            signals: Vec::new(),
-            stages: Vec::new(),
-        };
-        for junction in 0..network.junctions.len() {
-            let links = connect::links_of(&network, junction);
-            network.links.extend(links);
-            right_of_way::place_signals(&mut network, junction);
-        }
-        right_of_way::place_limits(&mut network);
-        network
-    }
-
     /// Whether everything has the height 0.
     pub fn is_level(&self) -> bool {
         self.junctions
             .iter()
             .all(|junction| junction.height_m == 0.0)
             && self.roads.iter().all(|road| road.elevation.is_level())
-    }
-
-    /// The edge of a junction's surface, counter-clockwise.
-    pub fn border(&self, junction: usize) -> Vec<P2> {
-        let arms = 0..self.junctions[junction].arms.len();
-        let mut border: Vec<P2> = arms
-            .flat_map(|i| corner(self, junction, i).kerb_m)
-            .collect();
-        border.dedup_by(|a, b| (*a - *b).norm() < 1e-6);
-        border
     }
 
     /// Pose of the middle of the street at an arm's end, heading away from the junction.
@@ -329,55 +232,81 @@ impl Network {
             self.roads[arm.road].path.length_m() - away_m
         }
     }
+
+    /// Whether a point lies under or beside a bridge's deck.
+    pub fn is_near_bridge(&self, p: P2, margin_m: f64) -> bool {
+        self.roads
+            .iter()
+            .filter(|road| road.bridge.is_some())
+            .any(|road| {
+                let (from, to) = road.bridge.unwrap_or_default();
+                let (s, away) = road.path.nearest(p);
+                s > from - 4.0 && s < to + 4.0 && away < road.deck_half_width_m() + margin_m
+            })
+    }
 }
 
-fn wrap_turn(angle_rad: f64) -> f64 {
-    angle_rad.rem_euclid(2.0 * PI)
-}
+impl Link {
+    /// How much of the change from one end to the other is done at a station: level at both ends,
+    /// as the lane's width in OpenDRIVE.
+    pub fn share_at(&self, s_m: f64) -> f64 {
+        let u = (s_m / self.path.length_m()).clamp(0.0, 1.0);
+        u * u * (3.0 - 2.0 * u)
+    }
 
-fn arms_of(plan: &Plan, whole: &[Path], node: usize) -> Vec<Arm> {
-    let mut arms = Vec::new();
-    for (road, street) in plan.streets.iter().enumerate() {
-        for (at_start, end) in [(true, street.from), (false, street.to)] {
-            if end == node {
-                let s = if at_start {
-                    0.0
-                } else {
-                    whole[road].length_m()
-                };
-                let heading_rad = wrap(whole[road].at(s).1 + if at_start { 0.0 } else { PI });
-                arms.push(Arm {
-                    road,
-                    at_start,
-                    heading_rad,
-                    waits: true,
-                    crosswalk: !street.profile.verge,
-                });
-            }
+    /// Width of the lane at a station.
+    pub fn width_at(&self, s_m: f64) -> f64 {
+        self.width_m.0 + (self.width_m.1 - self.width_m.0) * self.share_at(s_m)
+    }
+
+    /// Least distance of a line from the lane; negative where the line enters it.
+    pub fn clearance_m(&self, line_m: &[P2]) -> f64 {
+        let probes = line_m.windows(2).flat_map(|pair| {
+            let n = ((pair[1] - pair[0]).norm() / PROBE_M).ceil().max(1.0) as usize;
+            (0..=n).map(move |k| pair[0] + (pair[1] - pair[0]) * (k as f64 / n as f64))
+        });
+        probes.map(|p| self.away_m(p)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The nearest place that is clear of the lane.
+    pub fn moved_off(&self, p: P2) -> P2 {
+        if self.away_m(p) >= CLEAR_M {
+            return p;
+        }
+        let (s, _) = self.path.nearest(p);
+        let (q, heading) = self.path.at(s);
+        let (rightward, width) = (cross(p - q, unit(heading)), self.width_at(s));
+        let wanted = if rightward < 0.5 * width {
+            -CLEAR_M
+        } else {
+            width + CLEAR_M
+        };
+        p - left(unit(heading)) * (wanted - rightward)
+    }
+
+    /// Distance of a point from the lane, negative inside it.
+    fn away_m(&self, p: P2) -> f64 {
+        let (s, _) = self.path.nearest(p);
+        let (q, heading) = self.path.at(s);
+        let (forward, rightward) = (
+            (p - q).dot(&unit(heading)).abs(),
+            cross(p - q, unit(heading)),
+        );
+        let aside = (rightward - self.width_at(s)).max(-rightward);
+        // Before its start or behind its end.
+        if forward > 1e-3 {
+            aside.max(0.0).hypot(forward)
+        } else {
+            aside
         }
     }
-    arms.sort_by(|a, b| a.heading_rad.total_cmp(&b.heading_rad));
-    arms
 }
 
-/// How far from the node each of two neighbouring arms must end, the second `angle` to the left of
-/// the first.
-fn corner_needs(a: Profile, b: Profile, angle: f64) -> (f64, f64) {
-    if !(SHARPEST_RAD..2.9).contains(&angle) {
-        return (6.0, 6.0);
+/// Heading of a signal's face: against the traffic that must obey.
+pub fn facing(road_heading_rad: f64, against: bool) -> f64 {
+    if against {
+        road_heading_rad
+    } else {
+        road_heading_rad + PI
     }
-    if angle < 0.6 {
-        // Where a ramp leaves: up to where the verges of both part.
-        let along = |own: f64, other: f64| (other + own * angle.cos()) / angle.sin() + 8.0;
-        return (along(a.back_m(), b.back_m()), along(b.back_m(), a.back_m()));
-    }
-    let tangent = CORNER_RADIUS_M / (0.5 * angle).tan();
-    let along = |own: f64, other: f64| (other + own * angle.cos()) / angle.sin() + tangent;
-    (along(a.kerb_m(), b.kerb_m()), along(b.kerb_m(), a.kerb_m()))
 }
-
-/// Least angle between two arms.
-const SHARPEST_RAD: f64 = 0.12;
-
-/// Half the length of a junction in which a motorway only gains or loses a lane.
-const TAPER_M: f64 = 35.0;

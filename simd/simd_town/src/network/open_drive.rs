@@ -3,14 +3,12 @@
 use std::f64::consts::PI;
 use std::fmt::Write;
 
-use crate::carriageway::{self, LaneLine};
-use crate::elevation::Elevation;
+use super::elevation::Elevation;
+use super::lane_lines;
+use super::lane_lines::LaneLine;
+use super::model::{CROSSWALK_M, Junction, KERB_HEIGHT_M, Link, Network, Road, Signal, SignalKind};
 use crate::geometry::Path;
-use crate::network::{CROSSWALK_M, Junction, Link, Network, Road, Signal, SignalKind};
 use crate::plan::{Edge, Plan, Profile};
-
-/// Height of the pavement over the road.
-pub const KERB_HEIGHT_M: f64 = 0.15;
 
 macro_rules! line {
     ($out:expr, $($arg:tt)*) => {
@@ -409,7 +407,7 @@ fn connecting_road(out: &mut String, network: &Network, link: &Link) {
         out,
         r#"        <center><lane id="0" type="none" level="false">"#
     );
-    let [left, right] = carriageway::lines(network, link).map(connecting_mark);
+    let [left, right] = lane_lines::lines(network, link).map(connecting_mark);
     line!(out, "            {left}");
     line!(out, "        </lane></center>");
     line!(out, "        <right>");
@@ -490,13 +488,4 @@ fn junction(out: &mut String, network: &Network, idx: usize, junction: &Junction
         );
     }
     line!(out, "  </junction>");
-}
-
-/// Heading of a signal's face: against the traffic that must obey.
-pub fn facing(road_heading_rad: f64, against: bool) -> f64 {
-    if against {
-        road_heading_rad
-    } else {
-        road_heading_rad + PI
-    }
 }

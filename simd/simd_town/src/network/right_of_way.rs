@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Arm, Control, Junction, Network, STOP_M, Signal, SignalKind, Stage};
+use super::model::{Arm, Control, Junction, Network, STOP_M, Signal, SignalKind, Stage};
 use crate::geometry::wrap;
 use crate::plan::Plan;
 

@@ -2,8 +2,8 @@
 
 use schema_types::Pose;
 
+use super::model::Network;
 use crate::geometry::wrap;
-use crate::network::Network;
 
 /// Between spawn points of one lane: more than the longest vehicle.
 const SPACING_M: f64 = 16.0;

@@ -3,9 +3,9 @@
 
 use std::f64::consts::PI;
 
+use super::layout::{Edge, HIGHWAY, Houses, Plan, Profile, Street};
+use super::sketch::{COUNTRY, HIGH_STREET, LANE, Sketch};
 use crate::geometry::{Bend, P2, Path, Segment, unit};
-use crate::plan::{Edge, HIGHWAY, Houses, Plan, Profile, Street};
-use crate::sketch::{COUNTRY, HIGH_STREET, LANE, Sketch};
 
 /// Three lanes, one way.
 const CARRIAGEWAY: Profile = Profile {

@@ -4,29 +4,17 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::chunk::{ALL, Chunks, Key, Layer, Levels};
-use crate::geometry::{P2, left, unit};
-use crate::network::{Network, Road};
-use crate::open_drive::KERB_HEIGHT_M;
-use crate::ring::ABUTMENT_M;
-use crate::town::CollisionMesh;
+use crate::geometry::{P2, area, contains, left, unit};
+use crate::ground::ABUTMENT_M;
+use crate::network::kerb::border;
+use crate::network::{KERB_HEIGHT_M, Network, PARAPET_M, Road};
+use crate::scenery::{ALL, Chunks, CollisionMesh, Key, Layer, Levels};
 
 /// Thickness of a deck.
 pub const DECK_M: f64 = 1.1;
-/// Height and width of a parapet.
-const PARAPET_M: (f64, f64) = (0.95, 0.3);
+
 /// Most metres between two piers.
 const SPAN_M: f64 = 26.0;
-
-/// Width of the footway (or verge) on a deck.
-fn edge_m(road: &Road) -> f64 {
-    road.profile.pavement_m.min(2.0)
-}
-
-/// Half the width of a deck.
-pub fn half_width_m(road: &Road) -> f64 {
-    road.profile.kerb_m() + edge_m(road) + PARAPET_M.1
-}
 
 /// Collects faces of one bridge.
 struct Works<'a> {
@@ -93,8 +81,8 @@ pub fn build(
     };
     let (kerb, edge, outer) = (
         road.profile.kerb_m(),
-        road.profile.kerb_m() + edge_m(road),
-        half_width_m(road),
+        road.profile.kerb_m() + road.deck_edge_m(),
+        road.deck_half_width_m(),
     );
     for pair in road.stations_between(from, to).windows(2) {
         let (a, b) = (pair[0], pair[1]);
@@ -166,7 +154,10 @@ fn abutment(works: &mut Works<'_>, road: &Road, s_m: f64, inward: f64, surface: 
     let top = road.elevation.at(s_m) - 0.12;
     works.block(surface, &footprint, top - ABUTMENT_M.1 - 2.5, top);
     for side in [1.0, -1.0] {
-        let (t0, t1) = (side * (road.profile.kerb_m() + edge_m(road)), side * reach);
+        let (t0, t1) = (
+            side * (road.profile.kerb_m() + road.deck_edge_m()),
+            side * reach,
+        );
         let mut wing = [
             road.path.beside(a, t0),
             road.path.beside(b, t0),
@@ -178,7 +169,7 @@ fn abutment(works: &mut Works<'_>, road: &Road, s_m: f64, inward: f64, surface: 
             wing.swap(2, 3);
         }
         wing.reverse();
-        if crate::ring::area(&wing) < 0.0 {
+        if area(&wing) < 0.0 {
             wing.reverse();
         }
         works.block(
@@ -227,7 +218,7 @@ fn piers(
         }
         let (u, v) = (
             unit(heading) * 0.75,
-            left(unit(heading)) * (half_width_m(road) - 0.9),
+            left(unit(heading)) * (road.deck_half_width_m() - 0.9),
         );
         let p = road.path.at(s).0;
         works.block(
@@ -241,7 +232,7 @@ fn piers(
 
 /// Middles of the columns of a pier.
 fn columns(road: &Road, s_m: f64) -> Vec<P2> {
-    let t = 0.55 * half_width_m(road);
+    let t = 0.55 * road.deck_half_width_m();
     vec![road.path.beside(s_m, t), road.path.beside(s_m, -t)]
 }
 
@@ -255,18 +246,5 @@ fn is_clear(network: &Network, own: &Road, p: P2) -> bool {
             let (s, away) = road.path.nearest(p);
             away > road.profile.kerb_m() + 1.3 || road.is_on_bridge(s)
         });
-    off_roads && (0..network.junctions.len()).all(|j| !crate::ring::contains(&network.border(j), p))
-}
-
-/// Whether a point lies under or beside a bridge's deck.
-pub fn is_near(network: &Network, p: P2, margin_m: f64) -> bool {
-    network
-        .roads
-        .iter()
-        .filter(|road| road.bridge.is_some())
-        .any(|road| {
-            let (from, to) = road.bridge.unwrap_or_default();
-            let (s, away) = road.path.nearest(p);
-            s > from - 4.0 && s < to + 4.0 && away < half_width_m(road) + margin_m
-        })
+    off_roads && (0..network.junctions.len()).all(|j| !contains(&border(network, j), p))
 }

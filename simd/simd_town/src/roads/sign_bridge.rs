@@ -4,11 +4,9 @@ use schema_types::Class;
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::building::box_solid;
-use crate::chunk::{ALL, Key, Layer};
-use crate::geometry::{P2, left, unit};
+use crate::geometry::{P2, area, left, unit};
 use crate::network::Road;
-use crate::scenery::Builder;
+use crate::scenery::{ALL, Builder, Key, Layer};
 
 /// Clear height under the beam.
 const CLEAR_M: f64 = 5.8;
@@ -16,15 +14,15 @@ const CLEAR_M: f64 = 5.8;
 const MIN_M: f64 = 130.0;
 
 /// Puts a sign bridge over a long stretch, some way behind its start.
-pub fn build(b: &mut Builder<'_>, road: &Road) {
+pub fn build(builder: &mut Builder<'_>, road: &Road) {
     if road.path.length_m() < MIN_M {
         return;
     }
     let s = 62.0;
-    if road.is_on_bridge(s) || crate::bridge::is_near(b.network, road.path.at(s).0, 14.0) {
+    if road.is_on_bridge(s) || builder.network.is_near_bridge(road.path.at(s).0, 14.0) {
         return;
     }
-    let object = b.object(Class::TRAFFIC_SIGNS, "sign_bridge");
+    let object = builder.object(Class::TRAFFIC_SIGNS, "sign_bridge");
     let (p, heading) = road.path.at(s);
     let (u, v) = (unit(heading), left(unit(heading)));
     let z = road.elevation.at(s);
@@ -43,18 +41,16 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
     for t in [reach, -reach] {
         let mut post = upright(t);
         post.reverse();
-        b.chunks
+        builder
+            .chunks
             .prism(key, ALL, steel, &ccw(post), (z - 0.3, z + CLEAR_M + 1.4));
-        box_solid(
-            &mut b.solid,
-            object,
-            &ccw(post),
-            (z - 0.3, z + CLEAR_M + 1.4),
-        );
+        builder
+            .solid
+            .prism(object, &ccw(post), (z - 0.3, z + CLEAR_M + 1.4));
     }
     for (low, high) in [(0.0, 0.16), (1.24, 1.4)] {
         let beam = ccw(bar(-reach, reach, 0.13));
-        b.chunks.prism(
+        builder.chunks.prism(
             key,
             ALL,
             steel,
@@ -70,7 +66,7 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
         let (low, high) = (z + CLEAR_M - 0.2, z + CLEAR_M + 2.3);
         // The panel looks against the traffic.
         let face = |t0: f64, t1: f64, back: f64| (p - u * back + v * t0, p - u * back + v * t1);
-        b.chunks.wall(
+        builder.chunks.wall(
             key,
             ALL,
             panel,
@@ -79,9 +75,11 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
             0.0,
         );
         let (a, c) = face(middle + half, middle - half, 0.17);
-        b.chunks.wall(key, ALL, steel, (c, a), (low, high), 0.0);
-        let stripe = |b: &mut Builder<'_>, t0: f64, t1: f64, z0: f64, z1: f64| {
-            b.chunks.wall(
+        builder
+            .chunks
+            .wall(key, ALL, steel, (c, a), (low, high), 0.0);
+        let stripe = |builder: &mut Builder<'_>, t0: f64, t1: f64, z0: f64, z1: f64| {
+            builder.chunks.wall(
                 key,
                 0..=1,
                 white,
@@ -90,26 +88,26 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
                 0.0,
             );
         };
-        // Frame, two lines of text as bars, an arrow down to the lane.
-        stripe(b, half - 0.06, 0.06 - half, high - 0.12, high - 0.07);
-        stripe(b, half - 0.06, 0.06 - half, low + 0.07, low + 0.12);
-        stripe(b, half - 0.06, half - 0.11, low + 0.07, high - 0.07);
-        stripe(b, 0.11 - half, 0.06 - half, low + 0.07, high - 0.07);
+        // A border, two lines of text as bars, an arrow down to the lane.
+        stripe(builder, half - 0.06, 0.06 - half, high - 0.12, high - 0.07);
+        stripe(builder, half - 0.06, 0.06 - half, low + 0.07, low + 0.12);
+        stripe(builder, half - 0.06, half - 0.11, low + 0.07, high - 0.07);
+        stripe(builder, 0.11 - half, 0.06 - half, low + 0.07, high - 0.07);
         for (row, width) in [(0.42, 0.9), (0.85, 0.62)] {
             let letters = 7;
             for k in 0..letters {
                 let t = half * width * (1.0 - 2.0 * (k as f64 + 0.15) / letters as f64);
                 let wide = half * width * 1.3 / letters as f64;
-                stripe(b, t, t - wide, high - row - 0.26, high - row);
+                stripe(builder, t, t - wide, high - row - 0.26, high - row);
             }
         }
-        stripe(b, 0.06, -0.06, low + 0.45, low + 0.95);
+        stripe(builder, 0.06, -0.06, low + 0.45, low + 0.95);
         let (tip, base) = (
             face(middle, middle, 0.215).0,
             face(middle + 0.24, middle - 0.24, 0.215),
         );
         let at = |q: P2, z: f64| [q.x, q.y, z];
-        b.chunks.polygon(
+        builder.chunks.polygon(
             key,
             0..=1,
             white,
@@ -125,7 +123,7 @@ pub fn build(b: &mut Builder<'_>, road: &Road) {
 
 /// The corners counter-clockwise from above.
 fn ccw(mut corners: [P2; 4]) -> [P2; 4] {
-    if crate::ring::area(&corners) < 0.0 {
+    if area(&corners) < 0.0 {
         corners.reverse();
     }
     corners

@@ -1,67 +1,12 @@
-//! Guard rails along fast roads, and tunnels.
+//! Tunnels: walls, a ceiling with lamps, grass over it.
 
 use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::chunk::{Chunks, Key, Layer, Levels};
 use crate::geometry::P2;
 use crate::network::Road;
-use crate::town::CollisionMesh;
-
-/// Distance of the rail from the kerb.
-const BEHIND_KERB_M: f64 = 0.28;
-/// Lower and upper edge over the road.
-const RAIL_M: (f64, f64) = (0.5, 0.82);
-/// Room left at junctions.
-const GAP_M: f64 = 7.0;
-
-/// Rails on both sides of a road, where it lies on the ground.
-pub fn rails(chunks: &mut Chunks, solid: &mut CollisionMesh, road: &Road, object: ObjectId) {
-    let steel = Surface::new(Class::GUARD_RAIL, Material::Metal, [150, 154, 158]).of(object);
-    let length = road.path.length_m();
-    for (from, to) in road.on_ground() {
-        let (from, to) = (from.max(GAP_M), to.min(length - GAP_M));
-        if to - from < 8.0 {
-            continue;
-        }
-        let stations = road.stations_between(from, to);
-        for side in [1.0, -1.0] {
-            let t = side * (road.profile.kerb_m() + BEHIND_KERB_M);
-            let post = |a: f64, b: f64, low: f64, high: f64| {
-                [
-                    road.point(a, t, low),
-                    road.point(b, t, low),
-                    road.point(b, t, high),
-                    road.point(a, t, high),
-                ]
-            };
-            for pair in stations.windows(2) {
-                // Seen from the road and from behind.
-                let front = post(pair[0], pair[1], RAIL_M.0, RAIL_M.1);
-                let back = post(pair[1], pair[0], RAIL_M.0, RAIL_M.1);
-                for face in [front, back] {
-                    panel(chunks, steel, 0..=1, face);
-                }
-                let wall = post(pair[0], pair[1], 0.0, RAIL_M.1);
-                solid.polygon(object, &wall);
-                solid.polygon(object, &[wall[1], wall[0], wall[3], wall[2]]);
-            }
-            // From far away chords over two pieces do.
-            for k in (0..stations.len() - 1).step_by(2) {
-                let (a, b) = (stations[k], stations[(k + 2).min(stations.len() - 1)]);
-                panel(chunks, steel, 2..=2, post(a, b, RAIL_M.0, RAIL_M.1));
-                panel(chunks, steel, 2..=2, post(b, a, RAIL_M.0, RAIL_M.1));
-            }
-            let mut s = from + 0.3;
-            while s < to - 0.2 {
-                panel(chunks, steel, 0..=0, post(s, s + 0.12, 0.0, RAIL_M.0));
-                panel(chunks, steel, 0..=0, post(s + 0.12, s, 0.0, RAIL_M.0));
-                s += 4.0;
-            }
-        }
-    }
-}
+use crate::scenery::{ALL, Builder, Chunks, CollisionMesh, Key, LampGroup, Layer, SceneryLamp};
 
 /// Clear height of a tunnel, and thickness of what lies over it.
 const TUNNEL_M: (f64, f64) = (5.6, 1.6);
@@ -72,7 +17,7 @@ const LAMP_PITCH_M: f64 = 8.0;
 /// A tunnel over the middle of a road: walls behind the pavements, a ceiling, grass on top and at
 /// the sides. Returns where lamps belong,
 /// counter-clockwise from below.
-pub fn tunnel(
+fn walls(
     chunks: &mut Chunks,
     solid: &mut CollisionMesh,
     road: &Road,
@@ -202,17 +147,33 @@ pub fn tunnel(
     (0..n_lamps).map(lamp).collect()
 }
 
-fn panel(chunks: &mut Chunks, surface: Surface, levels: Levels, corners: [[f64; 3]; 4]) {
-    let size = |a: [f64; 3], b: [f64; 3]| {
-        ((0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()) as f32
-    };
-    let (u, v) = (size(corners[0], corners[1]), size(corners[0], corners[3]));
-    let key = Key::at(Layer::Ground, P2::new(corners[0][0], corners[0][1]));
-    chunks.polygon(
+/// Builds the tunnel of a road with its lamps.
+pub fn build(builder: &mut Builder<'_>, road: &Road) {
+    let object = builder.object(Class::BUILDINGS, "tunnel");
+    for corners in walls(&mut builder.chunks, &mut builder.solid, road, object) {
+        lamp(builder, &corners);
+    }
+}
+
+/// A lamp below a tunnel's ceiling.
+fn lamp(builder: &mut Builder<'_>, corners_m: &[[f64; 3]; 4]) {
+    let object = builder.object(Class::BUILDINGS, "tunnel_lamp");
+    let rgb = [255, 232, 190];
+    let key = Key::at(Layer::Building, P2::new(corners_m[0][0], corners_m[0][1]));
+    builder.chunks.polygon(
         key,
-        levels,
-        surface,
-        &corners,
-        &[[0.0, 0.0], [u, 0.0], [u, v], [0.0, v]],
+        ALL,
+        Surface::lamp(Class::BUILDINGS, rgb, 0).of(object),
+        corners_m,
+        &[[0.0; 2]; 4],
     );
+    let position_m =
+        std::array::from_fn(|i| 0.25 * corners_m.iter().map(|corner| corner[i]).sum::<f64>());
+    builder.lamps.push(SceneryLamp {
+        object,
+        position_m,
+        rgb,
+        intensity_lm: 3000.0,
+        group: LampGroup::Other,
+    });
 }

@@ -8,10 +8,10 @@ use schema_types::{Class, ObjectId};
 use sensor_core::Material;
 use sensor_core::mesh::Surface;
 
-use crate::chunk::{Chunks, Key, Layer, Levels};
 use crate::geometry::P2;
 use crate::network::Road;
 use crate::random::Random;
+use crate::scenery::{Chunks, Key, Layer, Levels};
 
 /// Stream of random numbers.
 const WEAR: u64 = 0x7a;

@@ -7,7 +7,7 @@ use schema_types::ObjectId;
 use sensor_core::mesh::{Lod, Surface};
 use sensor_core::{Mesh, MeshBuilder, MeshId, SceneAssets, StaticInstance};
 
-use crate::elevation::Terrain;
+use super::terrain::Terrain;
 use crate::geometry::P2;
 
 /// Side of a cell.

@@ -1,4 +1,4 @@
-//! What stands in a town as objects with names, places and layers, and the lamps among them.
+//! What stands in a town as objects with names, places and layers.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_types::{Class, ObjectId, Pose};
@@ -47,45 +47,6 @@ pub struct SceneryObject {
     pub box_half_m: [f64; 3],
 }
 
-/// Who a lamp belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LampGroup {
-    /// Along streets.
-    Street,
-    /// On or in buildings.
-    Building,
-    /// Anything else.
-    Other,
-}
-
-/// A lamp of the scenery that can be switched.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SceneryLamp {
-    /// Object whose lamps or windows shine.
-    pub object: ObjectId,
-    /// Middle of the light, world.
-    pub position_m: [f64; 3],
-    /// Colour, sRGB.
-    pub rgb: [u8; 3],
-    /// Luminous flux, lumen.
-    pub intensity_lm: f32,
-    /// Whose it is.
-    pub group: LampGroup,
-}
-
-impl SceneryLamp {
-    /// The lit windows of a building.
-    pub(crate) fn windows(object: ObjectId, position_m: [f64; 3]) -> SceneryLamp {
-        SceneryLamp {
-            object,
-            position_m,
-            rgb: [255, 206, 148],
-            intensity_lm: 2000.0,
-            group: LampGroup::Building,
-        }
-    }
-}
-
 impl SceneryObject {
     pub(crate) fn new(
         id: ObjectId,
@@ -130,7 +91,7 @@ impl Extent {
 /// Measures every object's box: along its mesh's axes where it is one mesh, along the world's where
 /// it is part of larger ones.
 /// Objects without a triangle are taken out.
-pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
+pub fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
     let index = |id: ObjectId| (id.0 & !schema_types::id::SCENERY_BIT) as usize;
     let mut part_of = vec![Extent::NONE; objects.len() + 1];
     let mut whole: Vec<Option<(Isometry3<f64>, Extent)>> = vec![None; objects.len() + 1];
@@ -156,7 +117,7 @@ pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
     }
     for object in objects.iter_mut() {
         let idx = index(object.id);
-        let (frame, extent) = whole[idx].unwrap_or((Isometry3::identity(), part_of[idx]));
+        let (pose, extent) = whole[idx].unwrap_or((Isometry3::identity(), part_of[idx]));
         if extent.is_empty() {
             continue;
         }
@@ -164,10 +125,10 @@ pub(crate) fn measure(objects: &mut Vec<SceneryObject>, assets: &SceneAssets) {
             nalgebra::Translation3::from(0.5 * (extent.low + extent.high)),
             nalgebra::UnitQuaternion::identity(),
         );
-        object.box_pose = (frame * middle).into();
+        object.box_pose = (pose * middle).into();
         object.box_half_m = (0.5 * (extent.high - extent.low)).into();
         object.pose = if whole[idx].is_some() {
-            frame.into()
+            pose.into()
         } else {
             object.box_pose
         };

@@ -1,0 +1,178 @@
+//! A plan that is drawn street by street between nodes.
+
+use super::layout::{Edge, Houses, Plan, Profile, Street};
+use crate::geometry::{Bend, P2, unit};
+use crate::random::Random;
+
+/// One lane each way with a gutter: the usual street of a small town.
+pub const LANE: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.6,
+    pavement_m: 3.0,
+    speed_kmh: 40,
+    main: false,
+    verge: false,
+    one_way: false,
+    motorway: false,
+};
+/// The same with priority and traffic lights.
+pub const HIGH_STREET: Profile = Profile {
+    pavement_m: 3.5,
+    speed_kmh: 40,
+    main: true,
+    ..LANE
+};
+/// One lane each way between fields.
+pub const COUNTRY: Profile = Profile {
+    n_lanes: 1,
+    lane_m: 3.5,
+    edge_m: 0.7,
+    pavement_m: 1.8,
+    speed_kmh: 70,
+    verge: true,
+    ..LANE
+};
+/// Round a roundabout, counter-clockwise.
+const CIRCLE: Profile = Profile {
+    lane_m: 5.0,
+    pavement_m: 2.5,
+    speed_kmh: 30,
+    one_way: true,
+    ..LANE
+};
+/// Three lanes each way.
+pub const BOULEVARD: Profile = Profile {
+    n_lanes: 3,
+    lane_m: 3.5,
+    edge: Edge::Gutter,
+    edge_m: 0.5,
+    pavement_m: 4.5,
+    speed_kmh: 60,
+    main: true,
+    verge: false,
+    one_way: false,
+    motorway: false,
+};
+
+/// Over the streets of a town.
+pub const ELEVATED: Profile = Profile {
+    n_lanes: 2,
+    lane_m: 3.5,
+    edge_m: 0.8,
+    pavement_m: 1.6,
+    speed_kmh: 70,
+    verge: true,
+    ..LANE
+};
+
+/// Collects nodes and streets.
+pub struct Sketch {
+    pub plan: Plan,
+    pub random: Random,
+}
+
+impl Sketch {
+    pub fn new(
+        name: &str,
+        seed: u64,
+        stream: u64,
+        lat_lon_deg: (f64, f64),
+        houses: Houses,
+    ) -> Sketch {
+        let plan = Plan {
+            name: name.to_owned(),
+            lat_lon_deg,
+            nodes_m: Vec::new(),
+            heights_m: Vec::new(),
+            hills_m: 0.0,
+            streets: Vec::new(),
+            ponds_m: Vec::new(),
+            parks_m: Vec::new(),
+            all_lights: false,
+            houses,
+            cottages_m: Vec::new(),
+        };
+        Sketch {
+            plan,
+            random: Random::new(seed, stream, 0),
+        }
+    }
+
+    pub fn node(&mut self, x: f64, y: f64) -> usize {
+        self.plan.heights_m.push(0.0);
+        self.plan.nodes_m.push(P2::new(x, y));
+        self.plan.nodes_m.len() - 1
+    }
+
+    /// Streets along a line of nodes.
+    pub fn chain(&mut self, nodes: &[usize], profile: Profile) {
+        for pair in nodes.windows(2) {
+            self.street(pair[0], pair[1], &[], profile);
+        }
+    }
+
+    /// A street through rounded corners: (x, y, radius).
+    pub fn street(
+        &mut self,
+        from: usize,
+        to: usize,
+        corners: &[(f64, f64, f64)],
+        profile: Profile,
+    ) {
+        let bends = corners
+            .iter()
+            .map(|&(x, y, radius_m)| Bend {
+                corner_m: P2::new(x, y),
+                radius_m,
+            })
+            .collect();
+        self.plan
+            .streets
+            .push(Street::new(from, to, bends, profile));
+    }
+
+    /// A roundabout about a point with one junction per heading (counter-clockwise, radians).
+    pub fn roundabout(&mut self, centre: P2, radius_m: f64, headings: &[f64]) -> Vec<usize> {
+        let nodes: Vec<usize> = headings
+            .iter()
+            .map(|&h| centre + unit(h) * radius_m)
+            .map(|p| self.node(p.x, p.y))
+            .collect();
+        for i in 0..nodes.len() {
+            let k = (i + 1) % nodes.len();
+            let turn = (headings[k] - headings[i]).rem_euclid(std::f64::consts::TAU);
+            let corner = centre + unit(headings[i] + 0.5 * turn) * (radius_m / (0.5 * turn).cos());
+            self.street(
+                nodes[i],
+                nodes[k],
+                &[(corner.x, corner.y, radius_m)],
+                CIRCLE,
+            );
+        }
+        self.plan.parks_m.push(centre);
+        nodes
+    }
+
+    /// Gives the street drawn last a hump (or a dip).
+    pub fn crest(&mut self, crest_m: f64) {
+        if let Some(street) = self.plan.streets.last_mut() {
+            street.rises_m = vec![(0.5, crest_m)];
+        }
+    }
+
+    /// Puts the street drawn last on a deck between two places (metres from its first node), with
+    /// heights as [`Street::rises_m`].
+    pub fn bridge(&mut self, bridge_m: (f64, f64), rises_m: &[(f64, f64)]) {
+        if let Some(street) = self.plan.streets.last_mut() {
+            street.bridge_m = Some(bridge_m);
+            street.rises_m = rises_m.to_vec();
+        }
+    }
+
+    /// The same value for each, moved by up to `by_m`.
+    pub fn moved<const N: usize>(&mut self, values: [f64; N], by_m: f64) -> [f64; N] {
+        values.map(|x| x + self.random.between(-by_m, by_m))
+    }
+}
