@@ -12,7 +12,7 @@ use schema_types::{ActorId, Pose, SimTime};
 use sensor_core::gnss::GeoReference;
 use sensor_core::scene::SceneAssets;
 use sensor_spec::SensorSpec;
-use simd_world::{EgoSpawn, Scenario, World};
+use simd_world::{EgoSpawn, Scenario, SceneryRevisions, World};
 
 use crate::frames::Stamp;
 use crate::maps::LoadedMap;
@@ -24,7 +24,7 @@ pub struct Episode {
     /// The map's complete static scenery; `assets` is the part that is currently visible.
     whole: Arc<SceneAssets>,
     /// Revisions of the scenery that `assets` shows.
-    shown: (u64, u64),
+    shown: SceneryRevisions,
     /// What is the same in all headers.
     pub stamp: Stamp,
     /// Simulated time at which it began.
@@ -75,8 +75,8 @@ impl Episode {
         self.assets = Arc::new(assets);
         self.shown = now;
         Some(SceneryChange {
-            objects: now.0 != before.0,
-            lamps: now.1 != before.1,
+            objects: now.objects != before.objects,
+            lamps: now.lamps != before.lamps,
         })
     }
 }

@@ -85,6 +85,7 @@ pub use map_data::{CollisionMesh, LightHeads, LoadError, MapData};
 pub use physics::Collision;
 pub use props::{PropModel, prop_models};
 pub use scenario::{EgoSpawn, Scenario};
+pub use scenery::SceneryRevisions;
 pub use vehicles::{EngineSpec, VehicleModel, vehicle_models};
 pub use walkers::{MAX_SPEED_MPS, WalkerModel, walker_models};
 pub use world::{World, WorldOptions};

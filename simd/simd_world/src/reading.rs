@@ -14,6 +14,7 @@ use crate::actor_scene::{ActorMeshes, PosedActors};
 use crate::errors::ActorError;
 use crate::map_data::MapData;
 use crate::physics::Collision;
+use crate::scenery::SceneryRevisions;
 use crate::world::World;
 
 impl World {
@@ -109,8 +110,8 @@ impl World {
         self.scenery.switched_lamps(&self.map)
     }
 
-    /// Counts of changes in this episode: of what is shown, and of lamps.
-    pub fn scenery_revisions(&self) -> (u64, u64) {
+    /// Counts of changes of the scenery in this episode.
+    pub fn scenery_revisions(&self) -> SceneryRevisions {
         self.scenery.revisions()
     }
 

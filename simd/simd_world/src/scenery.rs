@@ -45,6 +45,15 @@ impl Lamp {
     }
 }
 
+/// Counts of changes in an episode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneryRevisions {
+    /// Changes of what is shown.
+    pub objects: u64,
+    /// Changes of lamps.
+    pub lamps: u64,
+}
+
 /// What is hidden and switched.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SceneryState {
@@ -52,8 +61,7 @@ pub(crate) struct SceneryState {
     lamps: Vec<Lamp>,
     /// Whether lamps that were not switched stay dark.
     no_cycle: bool,
-    /// Counts of changes: of what is shown, and of lamps.
-    revisions: (u64, u64),
+    revisions: SceneryRevisions,
 }
 
 impl SceneryState {
@@ -89,8 +97,7 @@ impl SceneryState {
         lamps.filter_map(setting).collect()
     }
 
-    /// Counts of changes in this episode: of what is shown, and of lamps.
-    pub fn revisions(&self) -> (u64, u64) {
+    pub fn revisions(&self) -> SceneryRevisions {
         self.revisions
     }
 
@@ -172,7 +179,7 @@ impl SceneryState {
             }
         }
         if self.hidden.len() != before {
-            self.revisions.0 += 1;
+            self.revisions.objects += 1;
             physics.show_only(map, &self.hidden);
         }
     }
@@ -209,7 +216,7 @@ impl SceneryState {
             lamp.intensity_lm = change.intensity_lm.unwrap_or(lamp.intensity_lm);
             lamp.group = change.group.unwrap_or(lamp.group);
         }
-        self.revisions.1 += u64::from(!changes.is_empty());
+        self.revisions.lamps += u64::from(!changes.is_empty());
         Ok(())
     }
 
@@ -220,6 +227,6 @@ impl SceneryState {
         if on {
             self.lamps.iter_mut().for_each(|lamp| lamp.on = None);
         }
-        self.revisions.1 += 1;
+        self.revisions.lamps += 1;
     }
 }

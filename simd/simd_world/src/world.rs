@@ -59,7 +59,8 @@ impl WorldOptions {
 ///
 /// A [`crate::Checkpoint`] is a copy of this very struct, so a new field is saved and restored
 /// without further work. A field that follows from the map alone, or is made anew every tick, is
-/// marked `serde(skip)`; `World::restore` takes it from the living world.
+/// marked `serde(skip)`; `World::restore` takes it from the living world. The order of the fields
+/// is their order in a checkpoint's bytes.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct World {
     pub(crate) options: WorldOptions,
