@@ -28,7 +28,7 @@ pub struct FrameTopic {
     pub max_payload_bytes: usize,
     /// Frames that the writer works on at a time, 1 or more.
     pub frames_in_flight: usize,
-    /// Readers at a time; `qos::FRAME.readers` unless a launch file says otherwise.
+    /// Readers at a time; [`FrameTopic::new`] takes the number of the modality's [`Qos`].
     pub max_readers: usize,
 }
 
