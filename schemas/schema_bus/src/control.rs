@@ -276,8 +276,8 @@ impl AckReader {
         Ok(records)
     }
 
-    /// Names of the participants whose writers are open, sorted. Call [`Bus::clean_dead_nodes`]
-    /// first, so that killed ones are not among them.
+    /// Names of the participants whose writers are open, sorted. Call
+    /// [`crate::Bus::clean_dead_nodes`] first, so that killed ones are not among them.
     pub fn writers(&self) -> Vec<String> {
         let mut names = Vec::new();
         self.service.dynamic_config().list_publishers(|details| {

@@ -130,7 +130,7 @@ impl FrameReader {
     }
 
     /// Whether a writer has the topic open. A killed writer counts until its remains are removed,
-    /// see [`Bus::clean_dead_nodes`].
+    /// see [`crate::Bus::clean_dead_nodes`].
     pub fn has_writer(&self) -> bool {
         self.service.dynamic_config().number_of_publishers() > 0
     }
