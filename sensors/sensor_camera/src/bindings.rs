@@ -25,7 +25,7 @@ pub(crate) const INSTANCE_BYTES: u64 = size_of::<InstanceData>() as u64;
 /// together.
 pub(crate) struct Together<'t> {
     pub targets: &'t Targets,
-    /// What the targets have, wanted or not.
+    /// All kinds that the targets have, wanted or not.
     pub kept: TargetSet,
     pub first: usize,
     pub n: usize,
@@ -35,9 +35,9 @@ pub(crate) struct Together<'t> {
 #[derive(Debug)]
 pub(crate) struct Bindings {
     pub scene_layout: wgpu::BindGroupLayout,
-    /// Of one view that is drawn.
+    /// Layout of one drawn view.
     pub view_layout: wgpu::BindGroupLayout,
-    /// Of views that are computed.
+    /// Layout of computed views.
     pub views_layout: wgpu::BindGroupLayout,
     sky_sampler: wgpu::Sampler,
     noise: wgpu::TextureView,
@@ -139,7 +139,7 @@ impl Bindings {
         }
     }
 
-    /// The list of instances, large enough for so many.
+    /// The list of instances, enlarged to hold `n`.
     pub fn room_for_instances(&mut self, gpu: &Gpu, n: usize) -> &wgpu::Buffer {
         grow(gpu, &mut self.instances, INSTANCE_BYTES * n as u64);
         &self.instances
@@ -147,7 +147,7 @@ impl Bindings {
 
     /// Uploads light, views and lamps, which change from tick to tick.
     pub fn upload(&mut self, gpu: &Gpu, light: &LightData, views: &[ViewData], lamps: &LampLists) {
-        // The last view's binding reaches beyond it.
+        // The binding of the last view extends beyond its uniform.
         grow(
             gpu,
             &mut self.views,

@@ -135,7 +135,7 @@ impl DebugPass {
             })],
             depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
                 view: &images.targets.z_buffer().view,
-                // Among strokes; the scene's depth is looked up.
+                // For the order of strokes; the depth of the scene is read by the shader.
                 depth_ops: Some(wgpu::Operations {
                     load: wgpu::LoadOp::Clear(0.0),
                     store: wgpu::StoreOp::Discard,

@@ -29,7 +29,7 @@ pub(crate) struct Shining<'a> {
     place: Point3<f64>,
     axis: Vector3<f64>,
     emitter: &'a Emitter,
-    /// Its strength, exposed.
+    /// Strength in display units.
     strength: f32,
 }
 

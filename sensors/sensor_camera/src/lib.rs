@@ -1,8 +1,8 @@
 //! Cameras: colour, depth, classes, instances, flow, normals and events from one drawing of the
 //! scene.
 //!
-//! - A [`View`] is a lens and its state from firing to firing. [`CameraRenderer`] draws all views of
-//!   a tick in one submission, unless their shadow maps exceed the memory they may use.
+//! - A [`View`] is a lens and its state from firing to firing. [`CameraRenderer`] draws all views
+//!   of a tick in one submission, unless their shadow maps exceed the memory they may use.
 //! - Geometry is drawn once per view into exactly the targets that have readers; without readers
 //!   nothing is drawn at all.
 //! - Depth, class, instance, flow and normals are exact and the same in every [`Quality`]; only

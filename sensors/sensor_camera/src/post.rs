@@ -33,7 +33,7 @@ pub struct PostData {
     pub per_px: [f32; 2],
     /// Factor of the light.
     pub factor: f32,
-    /// Whether what the meter says counts too.
+    /// Whether the meter's exposure is applied.
     pub is_metered: f32,
     /// Exponent of the display's curve.
     pub gamma_exponent: f32,
@@ -41,7 +41,7 @@ pub struct PostData {
     pub has_film: f32,
     /// The meter never says less.
     pub min_ev100: f32,
-    /// Nor more.
+    /// The meter never says more.
     pub max_ev100: f32,
     /// Share of the way to the light that the meter goes in this firing.
     pub up_share: f32,
@@ -83,7 +83,7 @@ pub(crate) struct PostJob<'p> {
     pub view_idx: usize,
     pub optics: &'p OpticsSpec,
     pub targets: &'p Targets,
-    /// Its layer there.
+    /// Its layer in these targets.
     pub layer: u32,
     /// State of automatic exposure, if the mode has one.
     pub meter: Option<&'p wgpu::Buffer>,
@@ -243,7 +243,7 @@ impl PostPass {
         for job in jobs {
             data[job.view_idx] = post_data(job, job.targets.size_px(Target::Radiance.bit()));
         }
-        // The last view's binding reaches beyond it.
+        // The binding of the last view extends beyond its uniform.
         grow(
             gpu,
             &mut self.data,
@@ -366,7 +366,7 @@ impl PostPass {
     }
 }
 
-/// Workgroups for a picture of this size.
+/// Workgroups for an image of this size.
 fn groups(size: [u32; 2]) -> [u32; 2] {
     [size[0].div_ceil(GROUP_PX[0]), size[1].div_ceil(GROUP_PX[1])]
 }

@@ -87,7 +87,7 @@ pub(crate) struct ShadeKey {
     pub lamps: bool,
     pub fog: bool,
     pub wet: bool,
-    /// Whether somebody switched lamps of the scenery.
+    /// Whether lamps of the scenery were switched.
     pub switched: bool,
 }
 
@@ -317,7 +317,7 @@ impl ShadePass {
         self.shading == Shading::Drawn
     }
 
-    /// Records the shading of views whose geometry is there.
+    /// Records the shading of views whose geometry was recorded before.
     pub fn compute(
         &self,
         gpu: &Gpu,

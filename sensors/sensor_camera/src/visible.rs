@@ -108,7 +108,7 @@ impl Frustum {
 /// Spheres that are tested at once.
 const N_AT_ONCE: usize = 8;
 
-/// Numbers of the spheres that the camera sees.
+/// Indices of the spheres that the camera sees.
 fn seen_spheres(
     spheres_m: &[Vec<f64>; 4],
     frustum: &Frustum,
@@ -142,7 +142,7 @@ fn apply(rows: &[[f64; 4]; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
     rows.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
 }
 
-/// First `b`, then `a`.
+/// Product of two transforms: first `b`, then `a`.
 fn product(a: &[[f64; 4]; 3], b: &[[f64; 4]; 3]) -> [[f32; 4]; 3] {
     a.map(|row| {
         let mut out = [0.0, 0.0, 0.0, row[3]];

@@ -15,7 +15,7 @@ pub(crate) struct Emitter {
     pub place_m: [f32; 3],
     /// Bit that lights it.
     pub bit: u8,
-    /// Object it belongs to; background: the instance's.
+    /// Object it belongs to; 0 means that of the instance.
     pub object: ObjectId,
     /// Linear colour of luminance 1.
     pub rgb: [f32; 3],
@@ -118,7 +118,7 @@ fn beam_of(class: Class, bit: u8, in_front: bool) -> Beam {
 }
 
 impl Emitter {
-    /// The same in another colour and stronger or weaker.
+    /// The same lamp with another colour and strength.
     pub fn set(mut self, rgb: Option<[u8; 3]>, strength_ratio: f32) -> Emitter {
         self.rgb = rgb.map_or(self.rgb, unit_luminance);
         self.beam.candela *= strength_ratio;

@@ -15,7 +15,7 @@ use super::switched::{self, StillLamp};
 struct MeshRange {
     base_vertex: i32,
     first_idx: u32,
-    /// Room for indices.
+    /// Capacity for indices.
     n_places: u32,
     casts_shadow: bool,
     has_walls: bool,
@@ -34,7 +34,7 @@ pub(crate) struct GpuAssets {
     pub scene_assets: Arc<SceneAssets>,
     pub vertices: wgpu::Buffer,
     pub indices: wgpu::Buffer,
-    /// One per static instance.
+    /// Bounding spheres, one per static instance.
     pub spheres: Vec<Sphere>,
     /// The same instances in the layout that culling uses.
     pub still: Still,

@@ -14,7 +14,7 @@ pub(super) struct Block {
     change: [Lanes; 2],
     /// Levels at the beginning of the window.
     pub begin: Lanes,
-    /// Levels at its end.
+    /// Levels at the end of the window.
     pub end: Lanes,
     low: Lanes,
     high: Lanes,

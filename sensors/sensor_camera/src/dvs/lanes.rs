@@ -1,6 +1,6 @@
 //! Numbers of neighbouring pixels: plain arithmetic over arrays, which the compiler vectorises.
 
-/// Pixels side by side.
+/// Number of pixels that are followed together.
 pub(super) const LANES: usize = 8;
 
 /// One number per pixel of a block.

@@ -44,7 +44,7 @@ pub(super) enum TileMotion {
     Slow,
     /// One surface passes all its pixels.
     Smooth,
-    /// Anything else: each pixel is looked at on its own.
+    /// Anything else: each pixel is examined on its own.
     Mixed,
 }
 

@@ -18,7 +18,7 @@ const EVENTS_PER_SHORT: usize = 2;
 /// Fewer events are sorted before another thread would wake up.
 const MIN_EVENTS_PER_THREAD: usize = 16_384;
 
-/// Memory for sorting.
+/// Buffers for sorting.
 #[derive(Debug, Default)]
 pub(super) struct Sorter {
     dealt: Vec<DvsEvent>,

@@ -82,7 +82,7 @@ impl Range {
         }
     }
 
-    /// Box about both.
+    /// Bounding box of both.
     pub fn with(&self, other: &Range) -> Range {
         Range {
             low: [0, 1].map(|axis| smaller(self.low[axis], other.low[axis])),

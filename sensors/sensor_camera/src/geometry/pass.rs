@@ -1,4 +1,4 @@
-//! Recording the geometry pass.
+//! Records the geometry pass.
 
 use std::collections::BTreeMap;
 

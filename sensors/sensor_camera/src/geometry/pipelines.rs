@@ -27,7 +27,7 @@ pub(super) struct Drawing {
     variant: GeometryShader,
     shader: wgpu::ShaderModule,
     layout: wgpu::PipelineLayout,
-    /// Of the scene and of the view.
+    /// Layouts of the scene and of the view.
     pub groups: [wgpu::BindGroupLayout; 2],
 }
 

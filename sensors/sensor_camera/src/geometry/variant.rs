@@ -1,4 +1,4 @@
-//! Which of its variants the geometry shader is.
+//! Variants of the geometry shader.
 
 use crate::assets::GpuAssets;
 use crate::target::Surfaces;

@@ -182,7 +182,7 @@ const MOON_RGB: [f32; 3] = [0.80, 0.94, 1.25];
 impl Moonlight {
     fn of(look: &SkyLook) -> Moonlight {
         let rise = smoothstep(0.0, 0.1, -look.sun_towards.z);
-        // Clouds take its direction first.
+        // Clouds scatter its direct light first.
         let direct = 1.0 - 0.9 * smoothstep(0.4, 0.95, look.clouds_ratio);
         Moonlight {
             towards: -look.sun_towards,

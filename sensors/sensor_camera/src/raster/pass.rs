@@ -29,7 +29,7 @@ pub(crate) fn resolve_wgsl() -> String {
     .concat()
 }
 
-/// Most workgroups across a dispatch.
+/// Limit of workgroups across a dispatch.
 const MAX_ACROSS: u32 = 32_768;
 /// Room for tiles in the queue; when it is full, one workgroup fills a whole triangle.
 const MAX_TILES: u32 = 1 << 20;

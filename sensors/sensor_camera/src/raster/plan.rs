@@ -31,7 +31,7 @@ pub struct RasterDraw {
     pub first_idx: u32,
     /// What is added to each index.
     pub base_vertex: u32,
-    /// Number in the list of instances.
+    /// Index in the list of instances.
     pub instance: u32,
     /// Number of the view.
     pub view: u32,

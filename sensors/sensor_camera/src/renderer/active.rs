@@ -20,7 +20,7 @@ pub(super) struct Active {
     pub lamps_in_view: Vec<LampInView>,
     pub lamps: LampRange,
     pub targets: Arc<Targets>,
-    /// Its layer there.
+    /// Its layer in these targets.
     pub layer: u32,
 }
 

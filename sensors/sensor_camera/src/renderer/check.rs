@@ -1,4 +1,4 @@
-//! What is refused before anything is drawn.
+//! Checks of jobs before anything is drawn.
 
 use schema_frames::Modality;
 
@@ -9,26 +9,26 @@ use crate::view::{Output, ViewJob};
 /// Why nothing was drawn.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RenderError {
-    /// Not made by a camera.
+    /// Cameras do not make this modality.
     #[error("a camera was asked for {:?}, which another kind of sensor makes", modality.name())]
     NotACamera {
         /// What was asked for.
         modality: Modality,
     },
-    /// Asked twice.
+    /// A modality was asked for twice.
     #[error("{:?} was asked twice of one view in one tick", modality.name())]
     Twice {
         /// What was asked for.
         modality: Modality,
     },
-    /// No room.
+    /// A place is too small.
     #[error("{:?} needs {needed} bytes, but its place has {room}", modality.name())]
     TooSmall {
         /// What was asked for.
         modality: Modality,
         /// Bytes of a frame.
         needed: usize,
-        /// Bytes there.
+        /// Bytes of the place.
         room: usize,
     },
 }

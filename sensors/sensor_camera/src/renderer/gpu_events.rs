@@ -12,14 +12,14 @@ use crate::view::{View, ViewJob};
 /// The event cameras that the GPU follows.
 #[derive(Debug)]
 pub(super) struct GpuEvents {
-    /// Whether it follows events where it can.
+    /// Whether the GPU follows events of cameras that it supports.
     on_gpu: bool,
     /// Made when `dvs` is first read.
     pass: Option<EventPass>,
 }
 
 impl GpuEvents {
-    /// On the GPU where it is a real one and can.
+    /// On the GPU by default, unless the adapter is software or lacks the features.
     pub fn new(gpu: &Gpu) -> Self {
         GpuEvents {
             on_gpu: !gpu.is_software() && EventPass::is_supported(gpu),

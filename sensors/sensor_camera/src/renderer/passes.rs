@@ -81,7 +81,7 @@ impl<'w> Run<'w> {
 pub(super) struct Passes {
     bindings: Bindings,
     geometry: GeometryPass,
-    /// Instead of drawing.
+    /// Present if compute shaders rasterise.
     raster: Option<RasterPass>,
     shade: ShadePass,
     post: PostPass,

@@ -71,7 +71,7 @@ struct Slices {
 // the tile it comes from (low word).
 @group(1) @binding(0) var<storage, read_write> source: array<atomic<u64>>;
 @group(1) @binding(1) var<storage, read_write> passing: array<atomic<u64>>;
-// The same to be read.
+// The same tables for reading.
 @group(1) @binding(0) var<storage, read> source_words: array<vec2<u32>>;
 @group(1) @binding(1) var<storage, read> passing_words: array<vec2<u32>>;
 
@@ -210,7 +210,7 @@ fn cs_begin(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// Half away from zero.
+// Rounds half away from zero.
 fn rounded(x: f32) -> f32 {
     return trunc(x + select(-0.5, 0.5, x >= 0.0));
 }

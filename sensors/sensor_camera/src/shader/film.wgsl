@@ -1,4 +1,4 @@
-// From radiance to what is stored.
+// Conversion of radiance to stored values.
 
 fn luminance_of(rgb: vec3<f32>) -> f32 {
     return dot(rgb, vec3(0.2126, 0.7152, 0.0722));

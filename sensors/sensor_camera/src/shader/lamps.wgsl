@@ -6,8 +6,8 @@ struct Lamp {
     place: vec4<f32>,
     // Direction of its light, camera space; w: cosine of the outermost ray.
     axis: vec4<f32>,
-    // Illuminance at one metre on its axis, exposed like the sun's; w: 1 / (cosine of the full beam
-    // - w of axis).
+    // Illuminance at one metre on its axis, exposed like the sun's. w is one over the difference of
+    // the cosine of the full beam and the w of `axis`.
     rgb: vec4<f32>,
 }
 

@@ -30,7 +30,7 @@ fn shadow_at(point_in_camera: vec3<f32>, facing: f32, through: f32) -> f32 {
     return mix(mix(1.0, far, far_inside), near, inside);
 }
 
-// What is known of a pixel's surface.
+// The surface at a pixel.
 struct Point {
     pixel: vec2<u32>,
     in_camera: vec3<f32>,
@@ -63,7 +63,7 @@ fn shade(point: Point) -> vec3<f32> {
     var falling = light.sun.rgb * (direct * lit) + max(sky, vec3(0.0)) * point.open;
     var mirrored = reflect(towards_point, normal);
     if WITH_WET {
-        // Drops ring the puddles.
+        // Drops make rings in puddles.
         let ring = noise(world_m.xy * 24.0 + light.water.time_secs * vec2(31.0, 17.0), log2(point.pixel_m * 24.0)).ba - 0.5;
         let ripple = finish.puddle * light.water.rain_ratio * 0.12;
         mirrored = normalize(mirrored + vec3(ring * ripple, 0.0));

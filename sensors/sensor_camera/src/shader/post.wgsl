@@ -44,7 +44,7 @@ struct Post {
 
 struct Meter {
     ev100: f32,
-    // 0 before the first picture.
+    // 0 before the first frame.
     known: f32,
 }
 

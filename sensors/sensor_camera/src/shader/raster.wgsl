@@ -172,7 +172,7 @@ fn cs_small(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
     if max(a.z, max(b.z, c.z)) < view.near_m {
         return;
     }
-    // Beside the image altogether.
+    // The triangle lies completely beside the image.
     let size = vec2<f32>(view.size_px);
     let scale = view.lens_px.xy;
     let shift = view.lens_px.zw;

@@ -103,7 +103,7 @@ struct Water {
     rain_ratio: f32,
     // Lean of the rain's streaks.
     lean: f32,
-    // Wrapped.
+    // Wraps around.
     time_secs: f32,
     // Roads are under puddles where the cloud noise is below this.
     puddle_level: f32,

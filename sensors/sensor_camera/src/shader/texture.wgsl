@@ -11,7 +11,7 @@ fn noise(at: vec2<f32>, level: f32) -> vec4<f32> {
     return textureSampleLevel(noise_map, noise_sampler, at * (1.0 / f32(NOISE_SIDE)), level);
 }
 
-// What light meets at a point.
+// Properties of a surface at a point.
 struct Finish {
     albedo: vec3<f32>,
     // Radiance of its own.

@@ -33,7 +33,8 @@ fn window_at(uv_m: vec2<f32>, style: vec4<f32>, pixel_m: f32, shop: bool, id: u3
     let cell = floor(grid);
     let centred = abs(grid - cell - vec2(0.5, select(0.52, 0.44, shop))) - 0.5 * share;
     let soft = 0.7 * pixel_m / pitch_m + 0.002;
-    // 1 inside, 0 outside, with a transition of one pixel; sills and casings reach a little further.
+    // 1 inside, 0 outside, with a transition of one pixel; sills and casings reach a little
+    // further.
     var pane = clamp(0.5 - centred / soft, vec2(0.0), vec2(1.0));
     // Two sashes, a post between them.
     pane.x *= clamp(0.5 + (centred.x + 0.5 * share.x - 0.035 / pitch_m.x) / soft.x, 0.0, 1.0);

@@ -41,7 +41,7 @@ impl Cascade {
         }
     }
 
-    /// The map of what is further away.
+    /// The map for shadows further away.
     pub fn far() -> Cascade {
         Cascade {
             cell_m: 128.0,
@@ -71,7 +71,7 @@ fn axes(sun_towards: Vector3<f64>) -> [Vector3<f64>; 3] {
     [right, along.cross(&right), along]
 }
 
-/// What moves, with its sphere.
+/// A moving instance with its bounding sphere.
 pub(crate) struct MovingCaster<'s> {
     instance: &'s DynamicInstance,
     sphere: Sphere,

@@ -36,13 +36,13 @@ pub(crate) enum MapLayout {
     BySize,
 }
 
-/// All maps.
+/// The maps of a cascade.
 #[derive(Debug)]
 pub(crate) struct CascadeMaps {
     cascade: Cascade,
     layout: MapLayout,
     draw: ShadowDraw,
-    /// Most bytes of all textures.
+    /// Memory limit of all textures.
     most_bytes: u64,
     sheets: Vec<Sheet>,
     maps: Vec<Map>,
@@ -67,7 +67,7 @@ type PlannedMap = (usize, u32, [Option<MapWork>; 2]);
 #[derive(Debug)]
 pub(crate) struct ShadowPlan {
     places: Vec<EyePlace>,
-    /// Number of each place's map.
+    /// Index of each place's map.
     maps: Vec<usize>,
     works: Vec<PlannedMap>,
 }
@@ -346,7 +346,7 @@ impl CascadeMaps {
         }
     }
 
-    /// What is new in the maps that are in use.
+    /// Work on the maps that are in use.
     fn works(&mut self, assets: &GpuAssets, scene: &Scene) -> Vec<PlannedMap> {
         let (cascade, together, used, sun_towards) = (
             self.cascade,

@@ -11,7 +11,7 @@ use crate::vertex::{VERTEX_ATTRIBUTES, VERTEX_BYTES};
 /// Text of the shader.
 pub(crate) const SHADOW_WGSL: &str = include_str!("../shader/shadow.wgsl");
 
-/// What is to be done to one map.
+/// Work on one map.
 #[derive(Debug)]
 pub(crate) struct MapWork {
     /// Where the map begins in its layer.
@@ -22,7 +22,7 @@ pub(crate) struct MapWork {
     pub casters: Vec<Caster>,
 }
 
-/// What is to be done to one layer.
+/// Work on one layer.
 pub(crate) struct LayerWork<'w> {
     pub view: &'w wgpu::TextureView,
     pub page_px: u32,
@@ -52,7 +52,7 @@ pub(crate) struct ShadowDraw {
     matrices: wgpu::Buffer,
     parts: wgpu::Buffer,
     calls: wgpu::Buffer,
-    /// Whether draw calls go to the GPU in a list.
+    /// Whether draw calls are indirect.
     indirect: bool,
 }
 
@@ -121,7 +121,7 @@ impl ShadowDraw {
         } in layers
         {
             let n_parts: u32 = maps.iter().map(|map| map.wiped_px.len() as u32).sum();
-            // A layer that is one map, all of it to be wiped.
+            // The layer is a single map, which is wiped completely.
             let cleared = from.is_none() && maps.iter().any(|map| map.side_px == *page_px);
             let load = if cleared {
                 wgpu::LoadOp::Clear(1.0)

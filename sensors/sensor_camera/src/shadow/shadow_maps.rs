@@ -31,7 +31,7 @@ pub(crate) struct ShadowMaps {
     far: Option<CascadeMaps>,
 }
 
-/// What is new in shadow maps.
+/// What is to be drawn in shadow maps.
 #[derive(Debug, Default)]
 pub(crate) struct ShadowPlans {
     near: Option<ShadowPlan>,
@@ -61,7 +61,7 @@ impl ShadowMaps {
         std::iter::once(&mut self.near).chain(&mut self.far)
     }
 
-    /// Bounds the memory of all textures anew; drops them.
+    /// Changes the memory limit of all textures, and drops them.
     pub fn limit(&mut self, most_bytes: u64) {
         let shares = share(self.quality, most_bytes);
         self.cascades()

@@ -23,7 +23,7 @@ impl Image {
         })
     }
 
-    /// One layer as the only one.
+    /// One layer as an image with a single layer.
     pub fn single_layer(&self, layer: u32) -> wgpu::TextureView {
         self.texture.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),

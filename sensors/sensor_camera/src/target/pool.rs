@@ -18,7 +18,7 @@ const MAX_TEXTURE_BYTES: u64 = 1 << 30;
 /// ones.
 const MAX_HALF_EMPTY: u32 = 256;
 
-/// Whose targets lie in one texture.
+/// Views with equal keys share textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PoolKey {
     pub size_px: [u32; 2],
@@ -187,7 +187,7 @@ mod tests {
             drop(pool.take(&gpu, key([side, side]), 1));
             assert_eq!(pool.entries.len(), 1, "what nobody holds is kept");
         }
-        // Ten places of which one is used shrink after a while.
+        // Ten layers of which one is used shrink to one after a while.
         let mut held = pool.take(&gpu, key([16, 16]), 10);
         for _ in 0..MAX_HALF_EMPTY {
             held = pool.take(&gpu, key([16, 16]), 1);

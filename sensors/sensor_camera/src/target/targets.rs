@@ -19,7 +19,7 @@ pub(crate) struct Targets {
     n_layers: u32,
     /// Made by [`Targets::ensure`].
     drawn: bool,
-    /// Copies beside the drawing that read the images.
+    /// Copies on the copy queue that read the images.
     pub reads: Arc<Reads>,
 }
 

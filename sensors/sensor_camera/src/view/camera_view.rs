@@ -11,7 +11,7 @@ use crate::camera_motion::Firing;
 use crate::dvs::{EventCamera, GpuEventCamera};
 use crate::target::{TargetSet, Targets, Turns};
 
-/// What a view is for as long as it lives.
+/// The constant properties of a view.
 #[derive(Clone, Debug)]
 pub struct ViewSpec {
     /// Lens and resolution.

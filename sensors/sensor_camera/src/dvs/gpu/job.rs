@@ -1,4 +1,4 @@
-//! What the shader is told about a window.
+//! The parameters of a window for the shader.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -22,7 +22,7 @@ pub struct EventJob {
     pub leak: f32,
     /// Length of the window over that of the one before.
     pub ratio: f32,
-    /// Length.
+    /// Length of the window, nanoseconds.
     pub nanos: u32,
     /// Refractory period.
     pub refractory_nanos: u32,

@@ -18,7 +18,7 @@ pub(super) type Lists = Arc<Mutex<Vec<HostMemory>>>;
 
 /// Where the events of a window will be once the GPU is done.
 pub(crate) struct EventList {
-    /// `None` after it went back.
+    /// `None` after it was given back.
     pub(super) memory: Option<HostMemory>,
     pub(super) first: bool,
     pub(super) capacity: usize,
