@@ -1,4 +1,4 @@
-//! A document, followed: opened when it appears, handed out when it changes.
+//! Follows a document: opens it when it appears and returns it when it has changed.
 
 use schema_bus::{Bus, BusError, Document, DocumentReader};
 
@@ -24,7 +24,7 @@ impl FollowedDocument {
         }
     }
 
-    /// The newest text if it changed since the last call.
+    /// The newest document, if it has changed since the last call.
     ///
     /// # Errors
     /// What waiting cannot heal, and [`BusError::BadSample`] for a document that breaks the
@@ -44,7 +44,7 @@ impl FollowedDocument {
         }
     }
 
-    /// The newest text seen so far.
+    /// The newest document seen so far.
     pub fn newest(&self) -> Option<&Document> {
         self.newest.as_ref()
     }

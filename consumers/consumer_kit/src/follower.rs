@@ -7,7 +7,7 @@ use schema_bus::{Bus, BusError, Frame, WaitSet, names};
 
 use crate::{FollowedTopic, SnapshotTrail, Take, TopicReport, WorldAt};
 
-/// Longest wait, so that a shutdown flag is looked at ten times a second.
+/// Longest wait, so that a consumer can look at its shutdown flag ten times a second.
 pub const MAX_WAIT: Duration = Duration::from_millis(100);
 
 /// Number of a topic in a [`Follower`].
@@ -56,8 +56,8 @@ impl Follower {
         TopicId(self.topics.len() - 1)
     }
 
-    /// Follows every frame topic that is there now and not followed yet, and returns the new ones.
-    /// Call it now and then to meet new sensors.
+    /// Follows every frame topic that exists and is not followed yet, and returns the new ones. Call
+    /// it from time to time to find new sensors.
     ///
     /// # Errors
     /// As [`Bus::topics`].
@@ -113,8 +113,8 @@ impl Follower {
         self.topics[id.0].take()
     }
 
-    /// The world of `tick`, the one a frame of that tick shows. `None` if this consumer came after
-    /// it or fell more than 32 ticks behind.
+    /// The world that a frame of `tick` shows. `None` if this consumer joined after that tick or fell
+    /// more than 32 ticks behind.
     ///
     /// # Errors
     /// As [`SnapshotTrail::at`].
@@ -130,7 +130,7 @@ impl Follower {
         self.trail.newest(&self.bus)
     }
 
-    /// What became of every topic, for the last words of a consumer.
+    /// The counters of every topic, for a consumer's last output.
     pub fn reports(&self) -> Vec<TopicReport> {
         self.topics.iter().map(FollowedTopic::report).collect()
     }

@@ -1,8 +1,13 @@
-//! What every consumer repeats: find topics and wait for them, survive the daemon's restarts,
-//! drain, count what was lost, pair frames with the snapshot of their tick, take part in lockstep.
+//! What every consumer needs: it finds topics and waits for them, survives restarts of the daemon,
+//! takes frames and counts lost ones, pairs a frame with the snapshot of its tick, and takes part in
+//! lockstep.
 //!
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
-//! that a shutdown flag is seen in time. Nothing here renders, stores or drives.
+//! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
+//!
+//! Modules in reading order: `follower` (several topics at once), `topic` (one topic), `snapshots`
+//! (the world of a frame's tick), `document` (texts such as the list of actors), `lockstep`,
+//! `run_files`.
 //!
 //! ```no_run
 //! use consumer_kit::{Follower, Take};

@@ -1,5 +1,5 @@
-//! Taking part in lockstep: the daemon begins tick N + 1 only when every participant has
-//! acknowledged tick N.
+//! Takes part in lockstep: the daemon begins tick N + 1 only after every participant has acknowledged
+//! tick N.
 
 use std::time::Duration;
 
@@ -12,10 +12,10 @@ const LEAVE_TIMEOUT: Duration = Duration::from_millis(200);
 /// Why lockstep could not be joined.
 #[derive(Debug, thiserror::Error)]
 pub enum LockstepError {
-    /// No answer.
+    /// The daemon did not answer.
     #[error("cannot join lockstep: {0}")]
     Command(#[from] CommandError),
-    /// The daemon said no.
+    /// The daemon refused.
     #[error("cannot join lockstep as {name:?}: {reason}")]
     Refused {
         /// Name asked for.
@@ -39,12 +39,12 @@ pub struct Lockstep {
 }
 
 impl Lockstep {
-    /// Joins as `name`, which must be this process's alone.
+    /// Joins as `name`, which no other process may use.
     ///
     /// # Errors
     /// [`LockstepError`].
     pub fn join(bus: &Bus, name: &str, timeout: Duration) -> Result<Lockstep, LockstepError> {
-        // The writer first: the daemon tells living participants by their writers' names.
+        // The writer comes first: the daemon recognises living participants by their writers' names.
         let acks = bus.ack_writer(name)?;
         let mut client = bus.command_client(name)?;
         let batch = CommandBatch::new(vec![Command::JoinLockstep { name: name.into() }]);
@@ -63,8 +63,8 @@ impl Lockstep {
         })
     }
 
-    /// Says that everything wanted of `tick` is here and this consumer's controls are out. Ticks
-    /// before the first are ignored.
+    /// Acknowledges `tick`: everything this consumer wants of it has arrived, and its controls are
+    /// sent. Ticks before the first one are ignored.
     ///
     /// # Errors
     /// [`BusError::Service`].
@@ -80,8 +80,8 @@ impl Lockstep {
         self.first_tick
     }
 
-    /// Epoch joined: when frames carry another one the simulator was restarted, and this place is
-    /// gone; join again.
+    /// Epoch that was joined. If frames carry another epoch, the simulator was restarted and this place
+    /// is lost: join again.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }

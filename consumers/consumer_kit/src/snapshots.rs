@@ -1,8 +1,8 @@
-//! Snapshots paired with frames.
+//! Pairs frames with the snapshot of their tick.
 //!
-//! Two services have no common order at a reader, but the snapshot of tick N is sent before any
-//! frame of tick N. So on a frame of tick N this drains snapshots until one of tick ≥ N is there,
-//! and keeps the last 32 for frames that were in flight meanwhile.
+//! Two services have no common order at a reader, but the snapshot of tick N is sent before any frame
+//! of tick N. When a frame of tick N arrives, reading snapshots until one of tick ≥ N is there is
+//! therefore enough. The last 32 are kept for frames that were in flight meanwhile.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use schema_frames::{ActorRecord, SnapshotHeader};
 
 use crate::topic::Search;
 
-/// Snapshots kept: more than any frame is in flight.
+/// Number of snapshots kept: more ticks than any frame is in flight.
 pub const KEPT_SNAPSHOTS: usize = 32;
 
-/// The world after one tick, copied out of shared memory (a reader may hold only four samples).
+/// The world after one tick, copied out of shared memory because a reader may hold only four samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldAt {
     /// Tick, times, episode, epoch.
@@ -34,7 +34,7 @@ impl WorldAt {
     }
 }
 
-/// The last snapshots.
+/// The last snapshots, read as they are needed.
 #[derive(Debug, Default)]
 pub struct SnapshotTrail {
     reader: Option<SnapshotReader>,
@@ -110,7 +110,7 @@ impl SnapshotTrail {
     }
 }
 
-/// Adds a world; those of an earlier epoch are forgotten, because ticks begin anew.
+/// Adds a world. The worlds of an earlier epoch are dropped, because ticks start again.
 fn keep(kept: &mut VecDeque<Arc<WorldAt>>, world: WorldAt) {
     if kept
         .back()

@@ -1,4 +1,5 @@
-//! One topic, followed: opened when it appears, read to the newest or in full, its losses counted.
+//! Follows one topic: opens it when it appears, takes the newest frame or every frame, and counts
+//! losses.
 
 use std::time::{Duration, Instant};
 
@@ -7,16 +8,16 @@ use schema_bus::{Bus, BusError, Frame, FrameReader, ReaderCounts};
 /// How often a missing topic is looked for.
 pub(crate) const LOOK_EVERY: Duration = Duration::from_millis(200);
 
-/// What to do with frames that queue up.
+/// Which frames to take when several wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Take {
-    /// Only the newest counts: viewers, drivers.
+    /// Only the newest, for viewers and drivers.
     Newest,
-    /// Every one, in order: recorders.
+    /// Every frame in order, for recorders.
     All,
 }
 
-/// What became of one topic.
+/// The counters of one topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicReport {
     /// Name without the domain.
@@ -53,7 +54,7 @@ impl std::fmt::Display for TopicReport {
     }
 }
 
-/// When to look for something again that was not there, and what was already said about it.
+/// When to look again for a service that did not exist, and what was already logged about it.
 #[derive(Debug, Default)]
 pub(crate) struct Search {
     next_look: Option<Instant>,
@@ -61,8 +62,8 @@ pub(crate) struct Search {
 }
 
 impl Search {
-    /// Opens what is looked for if it is time to look and it is there. What time can heal is said
-    /// once and swallowed, the rest returned.
+    /// Opens the service if it is time to look and the service exists. Errors that may go away with
+    /// time are logged once and swallowed; others are returned.
     pub fn open<T>(
         &mut self,
         bus: &Bus,
@@ -80,12 +81,12 @@ impl Search {
         }
         match open() {
             Ok(port) => Ok(Some(port)),
-            // Gone between the two looks.
+            // It disappeared between the two calls.
             Err(BusError::NoSuchTopic { .. }) => {
                 self.say_waiting(topic);
                 Ok(None)
             }
-            // A service in the making, or on its way out.
+            // The service is being created or removed.
             Err(error @ BusError::Service { .. }) => {
                 if !std::mem::replace(&mut self.said, true) {
                     tracing::warn!(topic, %error, "cannot open the topic yet, trying again");
@@ -134,11 +135,10 @@ impl FollowedTopic {
         &self.topic
     }
 
-    /// Opens the topic if it is there by now. Returns whether it is open. Looks at most five times
-    /// a second.
+    /// Opens the topic if it exists; returns whether it is open. Looks at most five times a second.
     ///
     /// # Errors
-    /// What waiting cannot heal: another schema, no place left, another user's topic.
+    /// Errors that waiting does not heal: another schema, no place left, another user's topic.
     pub fn look(&mut self, bus: &Bus) -> Result<bool, BusError> {
         if self.reader.is_none() {
             self.reader = self
@@ -148,8 +148,8 @@ impl FollowedTopic {
         Ok(self.reader.is_some())
     }
 
-    /// The next frame to handle, if one waits. A frame that breaks the contract is counted, said
-    /// once, and passed over.
+    /// The next frame to handle, if one waits. A frame that breaks the contract is counted, logged
+    /// once, and skipped.
     ///
     /// # Errors
     /// [`BusError::BorrowLimit`] if the caller holds too many frames, [`BusError::Service`].
@@ -197,7 +197,7 @@ impl FollowedTopic {
             .unwrap_or_default()
     }
 
-    /// What became of it.
+    /// Its counters.
     pub fn report(&self) -> TopicReport {
         TopicReport {
             topic: self.topic.clone(),
@@ -206,7 +206,7 @@ impl FollowedTopic {
         }
     }
 
-    /// Says restarts, and losses when their number has doubled since it was last said.
+    /// Logs restarts, and losses whenever their number has doubled since they were last logged.
     fn notice(&mut self, frame: &Frame) {
         let epoch = frame.header().epoch;
         if self

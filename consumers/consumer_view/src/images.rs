@@ -1,11 +1,11 @@
-//! Frames as pictures for people. Pure: header and payload in, pixels out. Any payload that passed
-//! the header's check is safe.
+//! Frames as images and coloured points for people: header and payload in, pixels out. Any payload
+//! is safe if its header passed the check.
 
 use bytemuck::pod_read_unaligned;
 use schema_frames::{DvsEvent, FrameHeader, LidarPoint, Modality, SemanticLidarPoint};
 use schema_types::noise::mix;
 
-/// The rows of an image without their padding, as one contiguous piece.
+/// The rows of an image without padding, in one piece.
 pub fn tight(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     let row_bytes = header.width as usize * header.element_bytes as usize;
     if header.row_stride as usize == row_bytes || header.height <= 1 {
@@ -57,17 +57,17 @@ pub fn instance_rgb(header: &FrameHeader, payload: &[u8]) -> Vec<u8> {
     pixels
 }
 
-/// Colours of the wheel: direction is hue.
+/// Number of colours on the wheel that shows directions as hues.
 const WHEEL_STEPS: usize = 1024;
 
-/// Direction as a number from 0 to 4 that grows with the angle, 0 to the right and 1 downwards:
-/// cheap where an arc tangent is not.
+/// A direction as a number from 0 to 4 that grows with the angle: 0 is right, 1 is down. It is
+/// cheaper than an arc tangent.
 fn diamond_angle(u: f32, v: f32) -> f32 {
     let across = u / (u.abs() + v.abs());
     if v >= 0.0 { 1.0 - across } else { 3.0 + across }
 }
 
-/// Full colours by diamond angle.
+/// Saturated colours by diamond angle.
 fn wheel() -> Vec<[f32; 3]> {
     let colour = |step: usize| {
         let angle = step as f32 * 4.0 / WHEEL_STEPS as f32;
@@ -100,14 +100,15 @@ pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
             continue;
         }
         let share = (length / full_px).min(1.0);
-        // Standing still has no direction: NaN becomes 0, and its share of colour is none.
+        // A pixel without motion has no direction: NaN becomes index 0, and its share of colour is
+        // zero.
         let full = wheel[(diamond_angle(u, v) * (WHEEL_STEPS / 4) as f32) as usize % WHEEL_STEPS];
         pixel.copy_from_slice(&full.map(|full| (255.0 + (full - 255.0) * share) as u8));
     }
     pixels
 }
 
-/// Length that gets full colour: the 95th percentile of a sample of the lengths, at least one
+/// The length that is shown in full colour: the 95th percentile of a sample of lengths, at least one
 /// pixel.
 pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
     let n_pixels = header.width as usize * header.height as usize;
@@ -160,7 +161,8 @@ fn f32_of_half(bits: u16) -> f32 {
     }
 }
 
-/// Size of the picture a camera's list of events belongs to: the principal point is its middle.
+/// Size of a camera's image. A list of events carries no size, but the principal point is the middle
+/// of its image.
 pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     if header.modality().is_some_and(Modality::is_image) {
         return (header.width > 0 && header.height > 0).then_some([header.width, header.height]);
@@ -191,7 +193,7 @@ pub fn events_rgb(size_px: [u32; 2], payload: &[u8]) -> Vec<u8> {
     pixels
 }
 
-/// Most points a cloud is shown with; more are thinned evenly.
+/// Largest number of points shown of a cloud; larger clouds are thinned evenly.
 pub const MAX_POINTS: usize = 60_000;
 
 /// A lidar's points, metres in the sensor's axes, and their colours.

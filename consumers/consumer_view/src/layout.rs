@@ -1,4 +1,4 @@
-//! Where things hang in rerun's tree, and how the window is divided among them.
+//! Where things stand in rerun's tree of entities, and how the window is divided among them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -79,7 +79,7 @@ impl Place {
     }
 }
 
-/// Views in this order per camera.
+/// Order of a camera's modalities in its grid.
 const CAMERA_ORDER: [Modality; 7] = [
     Modality::Rgb,
     Modality::Depth,
@@ -90,14 +90,13 @@ const CAMERA_ORDER: [Modality; 7] = [
     Modality::Normals,
 ];
 
-/// Where the eye stands and looks, in the axes of the followed rig, metres: behind and above, as
-/// one plays a driving game.
+/// Position of the eye and the point it looks at, in the axes of the followed rig, metres: behind
+/// and above, as in a driving game.
 const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
 const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
-/// Divides the window among the topics that are there: one view per camera and modality on the
-/// left, curves below them, the world on the right, seen from behind the first rig and following
-/// it.
+/// Divides the window among the topics that exist: on the left one view per camera and modality with
+/// curves below, on the right the world, seen from behind the first rig and following it.
 ///
 /// # Errors
 /// If the recording's other end refuses.
@@ -135,8 +134,9 @@ pub fn arrange(rec: &RecordingStream, places: &BTreeSet<Place>) -> anyhow::Resul
     send(rec, &blueprint, &world_path, followed.is_some())
 }
 
-/// Sends the blueprint together with the 3D view's eye and background, which its Rust types of this
-/// version cannot carry: they are logged into the same blueprint store under the view's path.
+/// Sends the blueprint together with the 3D view's eye and background. The blueprint types of this
+/// rerun version cannot carry these two, so they are logged into the same blueprint store under the
+/// view's path.
 fn send(
     rec: &RecordingStream,
     blueprint: &Blueprint,
@@ -199,8 +199,8 @@ fn send(
 /// Name of the application in rerun.
 pub const APPLICATION: &str = "gantry";
 
-/// The 3D view. Of the pictures only the colour one stands in it: depth would become a cloud that
-/// hides the world.
+/// The 3D view. It contains only the colour images of cameras: a depth image would become a cloud
+/// that hides the world.
 fn world(places: &BTreeSet<Place>, followed: Option<&str>) -> ContainerLike {
     let mut contents = vec![format!("+ {WORLD}/**")];
     for place in places.iter().filter(|place| {

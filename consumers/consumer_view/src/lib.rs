@@ -1,8 +1,19 @@
-//! Gantry in rerun: what frames look like, where they hang in the tree, how the window is laid out,
-//! and the viewer process.
+//! Shows a domain in rerun: what frames look like, where they stand in the tree of entities, how the
+//! window is laid out, and the viewer process.
 //!
-//! The binary `gantry-view` is a thin shell around this library, so that pictures can be made from
+//! The binary `gantry-view` is a thin shell around this library, so that tests can make images from
 //! plain memory.
+//!
+//! Modules in reading order: [`session`] (a viewing from start to end), [`stage`] (one rerun recording
+//! and what it contains), [`layout`] (entities and the window), [`images`] (frames as pixels and
+//! points), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
+//!
+//! ```
+//! use consumer_view::layout::Place;
+//!
+//! let place = Place::new("ego/front/rgb").expect("a topic of a sensor");
+//! assert_eq!(place.frame_path(), "/world/ego/front/rgb");
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -1,5 +1,5 @@
-//! How often a topic is shown: at most so many times per second of wall time, on average exactly so
-//! often if there is more.
+//! Limits how often a topic is shown per second of wall time. If frames come faster, the average rate
+//! is exactly the limit.
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ impl Pace {
         }
     }
 
-    /// Whether something that arrives now is shown. Being late once does not lower the average.
+    /// Whether something that arrives now is shown. A single delay does not lower the average rate.
     pub fn admits(&mut self, now: Instant) -> bool {
         match self.due {
             Some(due) if now < due => false,

@@ -1,5 +1,5 @@
-//! A viewing from start to end: follow every topic to its newest frame, at most so often, in a new
-//! recording for every run of the simulator.
+//! A viewing from start to end: shows the newest frame of every topic at a limited rate, with a new
+//! rerun recording for every run of the simulator.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -17,14 +17,14 @@ use crate::stage::Stage;
 
 /// How often topics are listed.
 const DISCOVER_EVERY: Duration = Duration::from_secs(1);
-/// How long a topic without a writer keeps its view; a simulator that restarts is back sooner.
+/// How long a topic without a writer keeps its view; a restarting simulator comes back sooner.
 const KEEP_VIEW: Duration = Duration::from_secs(15);
-/// How often small things are sent on.
+/// How often small messages are sent although they fill no batch.
 const HURRY_EVERY: Duration = Duration::from_millis(250);
-/// How long the last data may take to leave.
+/// How long sending the last data may take.
 const FLUSH_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// Where pictures go.
+/// Where the recording goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
     /// A viewer that listens at this address: `rerun+http://127.0.0.1:9876/proxy`.
@@ -112,7 +112,7 @@ pub fn show(options: &Options, stop: &mut dyn FnMut() -> bool) -> anyhow::Result
 }
 
 struct Session {
-    // Ports before the node that made them.
+    // Dropped in this order: ports before the node that made them.
     documents: [(&'static str, FollowedDocument); 3],
     follower: Follower,
     stage: Stage,
@@ -191,8 +191,8 @@ impl Session {
             .set_topics(visible.map(|(name, _)| name.as_str()))
     }
 
-    /// A new epoch is a new run of the simulator, whose clock starts again: it gets its own
-    /// recording.
+    /// Begins a new recording for a new epoch: that is a new run of the simulator, whose clock starts
+    /// again.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
         if self.epoch == epoch || epoch == 0 {
             return Ok(());
@@ -238,8 +238,8 @@ impl Session {
         Ok(())
     }
 
-    /// Takes the newest frame of every topic, then shows them: what showing one costs is not
-    /// counted as latency of the next.
+    /// Takes the newest frame of every topic, then shows them all, so that the time for showing one
+    /// frame does not count as latency of the next.
     fn take_frames(&mut self) -> anyhow::Result<()> {
         let mut taken = Vec::new();
         for (name, topic) in &mut self.topics {
@@ -269,7 +269,7 @@ impl Session {
         Ok(())
     }
 
-    /// The world of a tick is shown once, with the first frame of that tick, so that both fit.
+    /// Shows the world of a tick once, with the first frame of that tick, so that both agree.
     fn show_world(&mut self, world: &Arc<WorldAt>) -> anyhow::Result<()> {
         if world.header.epoch == self.epoch && world.header.tick > self.shown_tick {
             self.shown_tick = world.header.tick;
@@ -279,7 +279,7 @@ impl Session {
         Ok(())
     }
 
-    /// Between frames, or without any, the actors move all the same.
+    /// Shows the newest world between frames and when there are no frames.
     fn take_world(&mut self) -> anyhow::Result<()> {
         let Some(world) = self.follower.newest_world()? else {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Everything that is shown, put into one rerun recording: map, actors, sensors, plots.
+//! Puts everything that is shown into one rerun recording: map, actors, sensors, plots.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,11 +16,11 @@ use schema_types::{Pose, class::CLASSES};
 use crate::images;
 use crate::layout::{self, Place};
 
-/// Depth that gets the last colour, metres.
+/// Depth that is shown in the last colour of the colour map, metres.
 const DEPTH_RANGE_M: f64 = 60.0;
 /// Distance between points of a lane line, metres.
 const MAP_STEP_M: f64 = 2.0;
-/// Class number that boxes without a named class get.
+/// Class number of boxes whose class has no name.
 const NO_CLASS: u16 = 0;
 
 /// One recording and what it already contains.
@@ -79,7 +79,7 @@ impl Stage {
         layout::arrange(&self.rec, &self.places)
     }
 
-    /// Which sensor topics there are; the window is divided anew if that changed.
+    /// Sets the sensor topics that exist; lays the window out again if they changed.
     ///
     /// # Errors
     /// If the recording's other end refuses.
@@ -95,7 +95,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Shows the map's lane lines; a map that cannot be read is said so in the log.
+    /// Shows the map's lane lines; if the map cannot be read, the log says so.
     ///
     /// # Errors
     /// If the recording's other end refuses.
@@ -179,7 +179,7 @@ impl Stage {
             .set_time(layout::SIM_TIME, std::time::Duration::from_nanos(sim_nanos));
     }
 
-    /// Remembers where everyone is, for frames of that tick; shows nothing.
+    /// Keeps the poses of a snapshot for frames of that tick; shows nothing.
     pub fn remember(&mut self, header: &SnapshotHeader, records: &[ActorRecord]) {
         if self.poses.iter().any(|(tick, _)| *tick == header.tick) {
             return;
@@ -304,7 +304,7 @@ impl Stage {
         self.scalar(&place.latency_path(), latency_nanos as f64 * 1e-6)?;
         self.place_sensor(&place, header)?;
         match place.modality.sensor_kind() {
-            SensorKind::Camera => self.show_picture(&place, header, payload),
+            SensorKind::Camera => self.show_image(&place, header, payload),
             SensorKind::Lidar => {
                 let (positions, colours) = images::cloud(header, payload);
                 let colours = colours
@@ -322,7 +322,7 @@ impl Stage {
         }
     }
 
-    fn show_picture(
+    fn show_image(
         &self,
         place: &Place,
         header: &FrameHeader,
@@ -412,8 +412,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Hangs the sensor into the tree: on its rig where the parent's pose at that tick is known,
-    /// else into the world.
+    /// Places the sensor in the tree: on its rig if the parent's pose at that tick is known, else in
+    /// the world.
     fn place_sensor(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
         let parent = self
             .pose_at(header.tick, header.parent_id)
@@ -438,7 +438,7 @@ impl Stage {
         poses.get(&actor).copied()
     }
 
-    /// Logs a mount when it moved by more than rounding.
+    /// Logs a mount if it moved by more than rounding.
     fn mount(&mut self, place: &Place, pose: Pose) -> anyhow::Result<()> {
         let path = place.sensor_path();
         let same = |old: &Pose| {
@@ -452,7 +452,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Logs a camera's lens when it is new or changed.
+    /// Logs a camera's lens if it is new or has changed.
     fn lens(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
         let Some(size) = images::image_size_px(header) else {
             return Ok(());
@@ -483,8 +483,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Sends what small things wait for company, so that curves and boxes are not long behind the
-    /// pictures. Does not wait.
+    /// Sends small messages that wait for their batch to fill, so that curves and boxes keep up with
+    /// images. Does not wait.
     ///
     /// # Errors
     /// If the recording's other end refuses.
@@ -501,7 +501,7 @@ impl Stage {
     }
 }
 
-/// Curve, name, colour.
+/// Path, name and colour of each curve.
 const SERIES: &[(&str, &str, [u8; 3])] = &[
     ("speed/speed_mps", "speed, m/s", [255, 170, 40]),
     ("speed/limit_mps", "limit, m/s", [130, 130, 140]),

@@ -1,5 +1,5 @@
-//! The rerun viewer as a child process: found, started on 127.0.0.1 only, and ended with its whole
-//! process group.
+//! The rerun viewer as a child process: how it is found, started on 127.0.0.1 only, and ended with
+//! its whole process group.
 
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::unix::process::CommandExt;
@@ -18,7 +18,7 @@ const START_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long a viewer may take to end before it is killed.
 const STOP_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// What the viewer shows itself in.
+/// How the viewer appears.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViewerKind {
     /// A window.
@@ -37,8 +37,8 @@ pub struct Viewer {
     pub page_url: Option<String>,
 }
 
-/// Looks for the `rerun` program: beside the working folder's virtual environment, in an active
-/// one, then on the search path.
+/// Looks for the `rerun` program: in `.venv/bin` of the working folder, in `.venv/bin` above this
+/// program, then on the search path.
 ///
 /// # Errors
 /// A sentence that says how to install it.
@@ -152,8 +152,8 @@ impl Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        // The wheel's `rerun` is a wrapper that starts the real program as its child, so the whole
-        // group is meant.
+        // The `rerun` of the Python wheel is a wrapper that starts the real program as its child, so
+        // the whole group must end.
         let group = Pid::from_raw(self.child.id() as i32);
         let _ = killpg(group, Signal::SIGTERM);
         let start = Instant::now();
