@@ -1,4 +1,4 @@
-//! One driver: follows its path, keeps clear of the others, obeys lights, gets out of jams.
+//! One driver: it follows its path, keeps clear of others, obeys lights and gets out of jams.
 
 use schema_frames::{LightState, VehicleControl, VehicleControlRecord};
 use schema_roads::{LaneKey, LanePosition, RoadMap, SignalKind};
@@ -6,7 +6,7 @@ use schema_types::noise::Noise;
 
 use crate::path::{Foot, Path, wrap};
 use crate::speed::{self, Pedals};
-use crate::steer::Steering;
+use crate::steer::{Geometry, Steering};
 use crate::traffic::{Mover, Traffic};
 use hindrance::Lookout;
 use rescue::{Rescue, Situation};
@@ -18,21 +18,21 @@ mod rescue;
 pub use hindrance::Wait;
 pub use lamps::{LAMP_BRAKE, LAMP_LEFT, LAMP_REVERSE, LAMP_RIGHT};
 
-/// How far ahead a path is planned at least, metres.
+/// Smallest distance for which a path is planned ahead, metres.
 const HORIZON_M: f64 = 90.0;
 /// A vehicle counts as standing below this, m/s.
 pub(crate) const STANDING_MPS: f64 = 0.3;
-/// How far before a junction a driver waits for its turn, metres: long vehicles swing out where
-/// they leave it.
+/// How far before a junction a driver waits for its turn, metres; long vehicles that leave the
+/// junction swing out there.
 const WAITING_M: f64 = 2.5;
-/// Entry to the next junction on the path.
+/// The next junction on the path, or the one the vehicle is in.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
     /// The junction.
     pub junction: u32,
     /// Path length at which it begins and at which it is left, metres.
     pub arc_m: [f64; 2],
-    /// Turn within, radians, positive to the left.
+    /// Change of direction within, radians, positive to the left.
     pub turn_rad: f64,
     /// Whether a traffic light guards this way.
     pub has_light: bool,
@@ -49,11 +49,11 @@ pub struct Driver {
     pedals: Pedals,
     rescue: Rescue,
     wait: Wait,
-    /// Who is in the way, while it stands for that.
+    /// Who is in the way, while the vehicle stands because of that.
     blocked_by: Option<u32>,
     blocked_secs: f64,
     entry: Option<Entry>,
-    /// Decided by the fleet: the next junction may be entered.
+    /// Whether it may enter the next junction; the fleet decides.
     pub(crate) may_enter: bool,
 }
 
@@ -77,7 +77,10 @@ impl Driver {
             speed_factor,
             path,
             foot: Foot::default(),
-            steering: Steering::new(wheelbase_m, 0.6),
+            steering: Steering::new(Geometry {
+                wheelbase_m,
+                max_steer_rad: 0.6,
+            }),
             pedals: Pedals::default(),
             rescue: Rescue::default(),
             wait: Wait::No,
@@ -88,10 +91,9 @@ impl Driver {
         })
     }
 
-    /// Gives the true distance between the axles and the largest steering angle, where they are
-    /// known.
-    pub fn set_geometry(&mut self, wheelbase_m: f64, max_steer_rad: f64) {
-        self.steering = Steering::new(wheelbase_m, max_steer_rad);
+    /// Sets the true geometry of the vehicle, where it is known.
+    pub fn set_geometry(&mut self, geometry: Geometry) {
+        self.steering = Steering::new(geometry);
     }
 
     /// Its path.
@@ -109,22 +111,22 @@ impl Driver {
         self.wait
     }
 
-    /// How often it backed off since it last drove freely.
+    /// How often it has backed off since it last drove freely.
     pub fn n_rescues(&self) -> u32 {
         self.rescue.n_rescues()
     }
 
-    /// Who keeps it from going on, and for how long, seconds; only while it stands.
+    /// Who keeps it from going on, and for how long, seconds; `None` while it moves.
     pub fn blocked_by(&self) -> Option<(u32, f64)> {
         self.blocked_by.map(|id| (id, self.blocked_secs))
     }
 
-    /// Whether it backs off at present.
+    /// Whether it is backing off.
     pub fn is_reversing(&self) -> bool {
         self.rescue.is_reversing()
     }
 
-    /// Backs off a little in its own lane, so that somebody else gets past.
+    /// Makes it back off a little in its own lane, so that another vehicle gets past.
     pub(crate) fn make_room(&mut self) {
         self.rescue.make_room();
     }
@@ -134,7 +136,7 @@ impl Driver {
         self.entry
     }
 
-    /// Whether it stands with more than its nose in a junction.
+    /// Whether more than its nose is inside a junction.
     pub(crate) fn is_inside(&self, traffic: &Traffic) -> bool {
         let Some((entry, me)) = self.entry.zip(traffic.mover(self.id)) else {
             return false;
@@ -150,7 +152,7 @@ impl Driver {
             .map(|leg| leg.lane)
     }
 
-    /// Finds its place on the path; plans anew if it is not on it.
+    /// Finds its place on the path; plans a new path if it is not on it.
     pub fn localise(&mut self, map: &RoadMap, me: &Mover, seed: u64) {
         let point = [me.position_m[0], me.position_m[1]];
         self.foot = self
@@ -225,7 +227,8 @@ impl Driver {
             .obstacle(traffic, if creeping { 0.15 } else { 0.3 });
         let mut wanted = self.road_speed(me, front);
         let mut wait = Wait::No;
-        // Nearer than the waiting line only who is already there: that must not mean braking hard.
+        // A vehicle that is already past the waiting line stops where it is: the line must not make
+        // it brake hard.
         let waiting_line = |line: f64| match self.entry {
             Some(entry) if line < entry.arc_m[0] + WAITING_M => {
                 line.min((entry.arc_m[0] - WAITING_M).max(front))
@@ -238,9 +241,12 @@ impl Driver {
                 wait = why;
             }
         };
-        let (end, ends) = self.path.end();
-        if ends {
-            consider(speed::stop_before(me.speed_mps, end - front), Wait::End);
+        let end = self.path.end();
+        if end.is_dead_end {
+            consider(
+                speed::stop_before(me.speed_mps, end.arc_m - front),
+                Wait::End,
+            );
         }
         if let Some(line) = self.light_line(map, traffic, me, front) {
             consider(
@@ -303,7 +309,7 @@ impl Driver {
         record
     }
 
-    /// Limits and bends, here and as far as braking reaches.
+    /// Acceleration that speed limits and bends allow, here and as far ahead as braking reaches.
     fn road_speed(&self, me: &Mover, front: f64) -> f64 {
         let v = me.speed_mps;
         let reach = front + 10.0 + v * v / 2.5;
@@ -332,11 +338,11 @@ impl Driver {
         }
     }
 
-    /// Path length of the stop line of a light that says stop.
+    /// Path length of the first stop line whose light says stop.
     fn light_line(&self, map: &RoadMap, traffic: &Traffic, me: &Mover, front: f64) -> Option<f64> {
         let legs = self.path.legs();
         let here = self.path.leg_at(self.foot.arc_m);
-        // Who is inside a junction clears it.
+        // A vehicle inside a junction clears it whatever the light.
         if legs[here].junction.is_some() {
             return None;
         }
@@ -388,8 +394,8 @@ impl Driver {
         }
     }
 
-    /// Where to drive beside the path's middle: inside a bend if the front swings out, away from
-    /// what was in the way.
+    /// Offset from the middle of the path, metres: towards the inside of a bend if the front swings
+    /// out, and away from what was in the way.
     fn side_offset(&self, me: &Mover) -> f64 {
         self.lookout(me).inside_m() + self.rescue.aside_m(self.foot.arc_m)
     }

@@ -1,4 +1,4 @@
-//! All drivers of one process, and whose turn it is at junctions.
+//! All drivers of one process, and the right of way at junctions.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,22 +8,24 @@ use schema_roads::{LaneKey, RoadMap, SignalKind};
 
 use crate::driver::{Driver, STANDING_MPS, Wait, locate};
 use crate::path::{distance, wrap};
+use crate::steer::Geometry;
 use crate::traffic::{Mover, Traffic};
 
-/// Somebody inside a junction whom a waiting vehicle blocks this long is given room, seconds.
+/// A vehicle inside a junction that a waiting one has blocked for this long is given room, seconds.
 const YIELD_AFTER_SECS: f64 = 5.0;
-/// Longest queue that backs off for that.
+/// Largest number of vehicles in a queue that back off for it.
 const MAX_QUEUE: usize = 6;
-/// Room between two vehicles whose ways do not conflict, metres.
+/// Smallest room between two vehicles whose ways do not conflict, metres.
 const CLEARANCE_M: f64 = 0.4;
-/// Who leaves a junction slower than this may come to stand behind it, m/s.
+/// A vehicle beyond a junction that is slower than this may stop in the exit, m/s.
 const SLOW_MPS: f64 = 2.5;
-/// From this distance on, an arrival at a junction counts, metres.
+/// A vehicle nearer to a junction than this has arrived there, metres.
 const ARRIVAL_M: f64 = 12.0;
-/// Somebody whose turn it is and who does not go loses it after this long, seconds.
+/// A vehicle that does not go when it is its turn loses the turn after this long, seconds.
 const PATIENCE_SECS: f64 = 6.0;
 
-/// Where another vehicle is and may go: for those we do not drive, every way its lane leads.
+/// What a vehicle may use of a junction. A vehicle that this fleet does not drive has one claim for
+/// every way that its lane leads.
 #[derive(Clone, Debug)]
 struct Claim {
     id: u32,
@@ -39,11 +41,11 @@ struct Claim {
     turn_rad: f64,
     /// Lane it enters by.
     from: Option<LaneKey>,
-    /// Held by a red light or by its full exit.
+    /// Whether a red light or a full exit holds it.
     held: bool,
 }
 
-/// When somebody came to a junction, and since when it stands there.
+/// When a vehicle arrived at a junction, and how long it has stood there.
 #[derive(Clone, Copy, Debug)]
 struct Arrival {
     junction: u32,
@@ -51,7 +53,7 @@ struct Arrival {
     waiting_secs: f64,
 }
 
-/// The drivers.
+/// All drivers of one process.
 #[derive(Clone, Debug)]
 pub struct Fleet {
     map: Arc<RoadMap>,
@@ -62,7 +64,7 @@ pub struct Fleet {
 }
 
 impl Fleet {
-    /// Nobody yet. `speed_factor` scales every speed limit.
+    /// A fleet without drivers. `speed_factor` scales every speed limit.
     pub fn new(map: Arc<RoadMap>, seed: u64, speed_factor: f64) -> Fleet {
         Fleet {
             map,
@@ -88,13 +90,13 @@ impl Fleet {
         self.drivers.is_empty()
     }
 
-    /// Drives exactly these vehicles from now on. `geometry` knows wheelbase (m) and largest
-    /// steering angle (rad) of some.
+    /// Drives exactly these vehicles from now on. `geometry` returns the geometry of those for which it
+    /// is known.
     pub fn assign(
         &mut self,
         ids: &[u32],
         traffic: &Traffic,
-        geometry: impl Fn(u32) -> Option<(f64, f64)>,
+        geometry: impl Fn(u32) -> Option<Geometry>,
     ) {
         self.drivers.retain(|id, _| ids.contains(id));
         for id in ids {
@@ -105,8 +107,8 @@ impl Fleet {
                 continue;
             };
             if let Some(mut driver) = Driver::new(&self.map, me, self.seed, self.speed_factor) {
-                if let Some((wheelbase_m, max_steer_rad)) = geometry(*id) {
-                    driver.set_geometry(wheelbase_m, max_steer_rad);
+                if let Some(geometry) = geometry(*id) {
+                    driver.set_geometry(geometry);
                 }
                 self.drivers.insert(*id, driver);
             }
@@ -144,8 +146,8 @@ impl Fleet {
         records
     }
 
-    /// Who waits before a junction and keeps somebody from leaving it backs off; those in the queue
-    /// behind it as well.
+    /// Makes a vehicle that waits before a junction and blocks another one inside it back off, together
+    /// with the queue behind it.
     fn make_room(&mut self, traffic: &Traffic) {
         let stuck = self
             .drivers
@@ -216,7 +218,7 @@ impl Fleet {
                 .collect(),
             turn_rad: entry.turn_rad,
             from: first.checked_sub(1).map(|idx| legs[idx].lane),
-            // Who finds its exit full does not go, and nobody needs to wait for it.
+            // A vehicle whose exit is full does not go, so nobody needs to wait for it.
             held: self.is_held(
                 legs[first].lane,
                 first.checked_sub(1).map(|idx| legs[idx].lane),
@@ -225,7 +227,7 @@ impl Fleet {
         })
     }
 
-    /// Whether a light says stop to who goes from one lane into another.
+    /// Whether a light says stop to a vehicle that goes from lane `before` into `lane`.
     fn is_held(&self, lane: LaneKey, before: Option<LaneKey>, traffic: &Traffic) -> bool {
         let red = |lane: LaneKey| {
             self.map.signal_stops(lane).any(|(signal, _)| {
@@ -331,7 +333,7 @@ impl Fleet {
         let Some(entry) = driver.entry() else {
             return true;
         };
-        // Inside, or too fast to stop before it: go and clear it.
+        // A vehicle that is inside, or too fast to stop before the junction, clears it.
         if mine.inside || mine.distance_m < 0.3 && me.speed_mps > 1.0 {
             return true;
         }
@@ -351,17 +353,18 @@ impl Fleet {
                     return true;
                 }
                 if other.inside {
-                    // Who stands inside may wait for us; what is really in the way is seen as such.
+                    // A vehicle that stands inside may be waiting for us. If it is really in the
+                    // way, it is found as an obstacle.
                     return lost_patience && other.speed_mps.abs() < STANDING_MPS;
                 }
                 other.held || lost_patience || self.goes_first(mine, other, entry.has_light)
             })
     }
 
-    /// Whether `mine` goes before `other`, who is on its way to the same junction.
+    /// Whether `mine` goes before `other`, which approaches the same junction.
     fn goes_first(&self, mine: &Claim, other: &Claim, has_light: bool) -> bool {
         if has_light {
-            // Both have green: who turns left gives way to who does not.
+            // Both have green: the one that turns left gives way.
             let (my_left, their_left) = (mine.turn_rad > 0.5, other.turn_rad > 0.5);
             let arrives_secs = other.distance_m.max(0.0) / other.speed_mps.max(2.5);
             if my_left != their_left {
@@ -369,7 +372,7 @@ impl Fleet {
             }
         }
         if other.distance_m > ARRIVAL_M {
-            // Far away: only a fast one would be in the way.
+            // Far away: only a fast vehicle would be in the way.
             return other.distance_m / other.speed_mps.max(0.1) > 4.0 || mine.distance_m < 3.0;
         }
         let order = |c: &Claim| {
@@ -380,7 +383,7 @@ impl Fleet {
         (order(mine), mine.id) < (order(other), other.id)
     }
 
-    /// Whether the exit has room for the whole vehicle, as far as slow traffic goes.
+    /// Whether the exit has room for the whole vehicle between slow traffic.
     fn room_behind_junction(
         &self,
         driver: &Driver,
@@ -407,8 +410,8 @@ impl Fleet {
     }
 }
 
-/// Half the width a vehicle sweeps on a way that turns this much; corners swing out on a bend of
-/// about ten metres.
+/// Half the width that a vehicle sweeps on a way that turns by `turn_rad`; its corners swing out as
+/// on a bend with a radius of about ten metres.
 fn swept_half_m(mover: &Mover, turn_rad: f64) -> f64 {
     let swing = if turn_rad.abs() > 0.3 {
         mover.half_m[0] * mover.half_m[0] / 14.0

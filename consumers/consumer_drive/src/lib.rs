@@ -1,7 +1,20 @@
-//! Driving vehicles along lanes: paths, steering, pedals, right of way. No bus and no clock here.
+//! Drives vehicles along lanes: paths, steering, pedals, right of way. Nothing here knows the bus or
+//! reads a clock.
 //!
-//! [`Fleet`] takes a [`Traffic`] per tick and answers with one control record per vehicle it
-//! drives; the same traffic and seed give the same records.
+//! [`Fleet`] takes the [`Traffic`] of a tick and answers with one control record per vehicle that it
+//! drives. The same traffic and seed give the same records.
+//!
+//! Modules in reading order: [`traffic`] (what drivers see), [`path`] (the way ahead of one vehicle),
+//! [`steer`] and [`speed`] (its controllers), [`driver`] (one driver), [`fleet`] (all drivers, and
+//! whose turn it is at junctions).
+//!
+//! ```
+//! use consumer_drive::speed;
+//!
+//! // At 14 m/s, 120 m before a line: no braking yet. 20 m before it: braking harder than 4 m/s².
+//! assert!(speed::stop_before(14.0, 120.0) > 0.0);
+//! assert!(speed::stop_before(14.0, 20.0) < -4.0);
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -15,4 +28,5 @@ pub mod traffic;
 
 pub use driver::Driver;
 pub use fleet::Fleet;
+pub use steer::Geometry;
 pub use traffic::{Mover, Traffic};

@@ -1,4 +1,4 @@
-//! The way ahead of one vehicle: a chain of lanes as points a metre apart.
+//! The way ahead of one vehicle: a chain of lanes, as points one metre apart.
 
 use schema_roads::{Lane, LaneKey, LanePosition, RoadMap};
 use schema_types::noise::Noise;
@@ -7,7 +7,7 @@ use schema_types::noise::Noise;
 const STEP_M: f64 = 1.0;
 /// Speed limit where the map states none (30 km/h, as in CARLA's towns), m/s.
 const DEFAULT_LIMIT_MPS: f64 = 30.0 / 3.6;
-/// Points farther than this from the path's points are out of any reach, metres.
+/// No reach is larger than this, metres: points farther away need no exact test.
 const FARTHEST_REACH_M: f64 = 8.0;
 /// Length that is kept behind the vehicle, metres.
 const KEPT_BEHIND_M: f64 = 30.0;
@@ -19,7 +19,7 @@ pub struct PathPoint {
     pub position_m: [f64; 2],
     /// Direction, radians.
     pub heading_rad: f64,
-    /// 1/m, positive to the left.
+    /// Curvature, 1/m, positive to the left.
     pub curvature_per_m: f64,
     /// Speed limit, m/s.
     pub limit_mps: f64,
@@ -48,7 +48,7 @@ impl Leg {
     }
 }
 
-/// Nearest place of the path.
+/// The place of a path that is nearest to a point.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Foot {
     /// Path length there, metres.
@@ -59,12 +59,41 @@ pub struct Foot {
     pub heading_rad: f64,
 }
 
+impl Foot {
+    /// On which side of the path the point lies.
+    pub fn side(&self) -> Side {
+        if self.offset_m > 0.0 {
+            Side::Left
+        } else {
+            Side::Right
+        }
+    }
+}
+
+/// A side of a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// To the left, in the direction of the path.
+    Left,
+    /// To the right.
+    Right,
+}
+
+/// Where a path ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathEnd {
+    /// Path length there, metres.
+    pub arc_m: f64,
+    /// Whether no lane follows.
+    pub is_dead_end: bool,
+}
+
 /// The way ahead.
 #[derive(Clone, Debug)]
 pub struct Path {
     points: Vec<PathPoint>,
     legs: Vec<Leg>,
-    /// The last lane leads nowhere.
+    /// Whether the last lane leads nowhere.
     ends: bool,
     choices: Noise,
     n_choices: u64,
@@ -101,9 +130,12 @@ impl Path {
         &self.legs
     }
 
-    /// Path length at its end, metres, and whether it cannot go on there.
-    pub fn end(&self) -> (f64, bool) {
-        (self.points.last().map_or(0.0, |p| p.arc_m), self.ends)
+    /// Where the path ends, as far as it is planned.
+    pub fn end(&self) -> PathEnd {
+        PathEnd {
+            arc_m: self.points.last().map_or(0.0, |p| p.arc_m),
+            is_dead_end: self.ends,
+        }
     }
 
     /// Index of the leg at a path length.
@@ -113,9 +145,9 @@ impl Path {
             .min(self.legs.len().saturating_sub(1))
     }
 
-    /// Continues as far as `until_m` and forgets what lies far behind `now_m`.
+    /// Extends the path as far as `until_m` and drops what lies far behind `now_m`.
     pub fn extend(&mut self, map: &RoadMap, now_m: f64, until_m: f64) {
-        while !self.ends && self.end().0 < until_m {
+        while !self.ends && self.end().arc_m < until_m {
             match self.choose(map) {
                 Some(next) => self.append(map, next, 0.0),
                 None => self.ends = true,
@@ -132,7 +164,7 @@ impl Path {
         }
     }
 
-    /// One of the lanes that follow; those that lead nowhere only if there is no other.
+    /// Chooses one of the lanes that follow; a lane that leads nowhere only if there is no other.
     fn choose<'m>(&mut self, map: &'m RoadMap) -> Option<&'m Lane> {
         let last = self.legs.last()?.lane;
         let open: Vec<&Lane> = map
@@ -154,7 +186,7 @@ impl Path {
     fn append(&mut self, map: &RoadMap, lane: &Lane, from_s_m: f64) {
         let length = lane.length_m - from_s_m;
         let pieces = (length / STEP_M).ceil().max(1.0) as usize;
-        let start_m = self.end().0;
+        let start_m = self.end().arc_m;
         for i in 0..=pieces {
             let at = LanePosition::new(lane.key, from_s_m + length * i as f64 / pieces as f64);
             let Some(pose) = map.pose(at) else { continue };
@@ -183,12 +215,12 @@ impl Path {
         self.legs.push(Leg {
             lane: lane.key,
             junction: lane.junction,
-            arc_m: [start_m, self.end().0],
+            arc_m: [start_m, self.end().arc_m],
             s_m: [from_s_m, lane.length_m],
         });
     }
 
-    /// A straight run-up, so that a vehicle behind the first point has a path too.
+    /// Prepends a run-up, so that a vehicle behind the first point has a path too.
     fn lead_in(&mut self, map: &RoadMap) {
         let (Some(first), Some(leg)) = (self.points.first().copied(), self.legs.first_mut()) else {
             return;
@@ -266,13 +298,13 @@ impl Path {
     }
 
     /// The first place between `from_m` and `to_m` at which the path comes within reach of a point.
-    /// `reach_m` tells how far that is at a path length, to the left (`true`) or to the right.
+    /// `reach_m` returns the reach at a path length, on one side.
     pub fn first_within(
         &self,
         point: [f64; 2],
         from_m: f64,
         to_m: f64,
-        reach_m: impl Fn(f64, bool) -> f64,
+        reach_m: impl Fn(f64, Side) -> f64,
     ) -> Option<Foot> {
         let first = self
             .points
@@ -291,9 +323,7 @@ impl Path {
                 continue;
             }
             let (foot, at) = foot_on(&pair[0], &pair[1], point);
-            if foot.arc_m >= from_m
-                && distance(at, point) < reach_m(foot.arc_m, foot.offset_m > 0.0)
-            {
+            if foot.arc_m >= from_m && distance(at, point) < reach_m(foot.arc_m, foot.side()) {
                 return Some(foot);
             }
         }
@@ -315,7 +345,7 @@ fn foot_on(a: &PathPoint, b: &PathPoint, point: [f64; 2]) -> (Foot, [f64; 2]) {
     ];
     let heading_rad = a.heading_rad + share * wrap(b.heading_rad - a.heading_rad);
     let (sin, cos) = heading_rad.sin_cos();
-    // Measured against the curve's normal, so that chords do not show.
+    // Along the normal of the curve instead of the chord, so that the offset has no steps.
     let offset_m = -sin * (point[0] - at[0]) + cos * (point[1] - at[1]);
     (
         Foot {

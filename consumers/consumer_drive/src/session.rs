@@ -1,4 +1,4 @@
-//! The bus side of driving: documents and snapshots in, controls out, across restarts of the
+//! The bus side of driving: reads documents and snapshots and sends controls, across restarts of the
 //! simulator.
 
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
-use consumer_drive::{Fleet, Traffic};
+use consumer_drive::{Fleet, Geometry, Traffic};
 use consumer_kit::{FollowedDocument, Lockstep, SnapshotTrail, WorldAt};
 use schema_bus::{Bus, BusError, ControlWriter, Listener, Notifier, names};
 use schema_frames::{ActorList, VehicleControl, VehicleControlRecord, WorldInfo};
@@ -16,7 +16,7 @@ use crate::selection::Selection;
 
 /// Longest wait for a snapshot, so that a shutdown is seen in time.
 const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Wait while nobody has announced a snapshot yet, in case this simulator announces none.
+/// Wait while no snapshot has been announced yet, in case this simulator announces none.
 const POLL: Duration = Duration::from_millis(4);
 /// How long a snapshot waits for the list of its actors.
 const LIST_WAIT: Duration = Duration::from_millis(200);
@@ -58,7 +58,7 @@ struct Episode {
 struct Session<'o> {
     options: &'o Options,
     name: String,
-    // Ports go before their node.
+    // Dropped in this order: ports before their node.
     lockstep: Option<Lockstep>,
     next_join: Instant,
     wake: Listener,
@@ -142,7 +142,7 @@ impl<'o> Session<'o> {
         Ok(())
     }
 
-    /// Joins the gate, again after a restart.
+    /// Joins lockstep, and joins again after a restart.
     fn join(&mut self) -> anyhow::Result<()> {
         if !self.options.lockstep {
             return Ok(());
@@ -171,7 +171,7 @@ impl<'o> Session<'o> {
         Ok(())
     }
 
-    /// Reads the list of actors until it is the one of this snapshot, or for a short while.
+    /// Reads the list of actors until it matches this snapshot, but waits only a short while.
     fn read_list(&mut self, world: &WorldAt) -> anyhow::Result<()> {
         let deadline = Instant::now() + LIST_WAIT;
         loop {
@@ -190,7 +190,7 @@ impl<'o> Session<'o> {
         }
     }
 
-    /// Makes sure that there is a fleet for this episode; false while its map is not here.
+    /// Makes sure that there is a fleet for this episode; false while its map has not arrived.
     fn prepare(&mut self, world: &WorldAt) -> anyhow::Result<bool> {
         let (epoch, episode) = (world.header.epoch, world.header.episode);
         if self
@@ -264,7 +264,7 @@ impl<'o> Session<'o> {
             &self.list,
         );
         let list = (self.list_epoch, self.list_revision);
-        // Who could not be placed on a lane yet is tried again once a second.
+        // Vehicles that could not be placed on a lane are tried again once a second.
         if self.assigned != Some(list) || header.tick.is_multiple_of(20) {
             let ids = self.options.vehicles.choose(&self.list);
             let before = episode.fleet.len();
@@ -280,7 +280,7 @@ impl<'o> Session<'o> {
         episode.fleet.step(&traffic)
     }
 
-    /// Brakes whoever is driven: controls are held until somebody replaces them.
+    /// Brakes all driven vehicles, because the simulator keeps applying the last controls.
     fn park(&mut self) -> anyhow::Result<()> {
         let brake = VehicleControl {
             brake_ratio: 1.0,
@@ -298,7 +298,7 @@ impl<'o> Session<'o> {
     }
 }
 
-/// A document that breaks the contract is passed over; anything else is an error.
+/// Skips a document that breaks the contract; any other error is returned.
 fn heal<T>(result: Result<T, BusError>) -> Result<Option<T>, BusError> {
     match result {
         Ok(value) => Ok(Some(value)),
@@ -310,8 +310,8 @@ fn heal<T>(result: Result<T, BusError>) -> Result<Option<T>, BusError> {
     }
 }
 
-/// Wheelbase and largest steering angle by vehicle, as far as the attributes tell.
-fn geometry(list: &ActorList) -> BTreeMap<u32, (f64, f64)> {
+/// Geometry by vehicle, for those whose attributes tell it.
+fn geometry(list: &ActorList) -> BTreeMap<u32, Geometry> {
     let of = |actor: &schema_frames::ActorInfo| {
         let number = |name: &str| {
             actor
@@ -321,7 +321,11 @@ fn geometry(list: &ActorList) -> BTreeMap<u32, (f64, f64)> {
                 .ok()
                 .filter(|x| x.is_finite() && *x > 0.0)
         };
-        Some((actor.id, (number("wheelbase_m")?, number("max_steer_rad")?)))
+        let geometry = Geometry {
+            wheelbase_m: number("wheelbase_m")?,
+            max_steer_rad: number("max_steer_rad")?,
+        };
+        Some((actor.id, geometry))
     };
     list.actors.iter().filter_map(of).collect()
 }

@@ -1,4 +1,4 @@
-//! Longitudinal control: what acceleration the road, the lights and the others allow, and the
+//! Longitudinal control: the acceleration that the road, lights and other traffic allow, and the
 //! pedals for it.
 
 /// Acceleration wanted from standstill on a free road, m/s².
@@ -11,10 +11,10 @@ const MAX_BRAKE_MPS2: f64 = 8.0;
 const LINE_GAP_M: f64 = 1.0;
 /// Time gap to the vehicle ahead, seconds.
 const TIME_GAP_SECS: f64 = 1.2;
-/// Acceleration that full throttle is taken to give at low speed, m/s²; the integral makes up for
-/// the rest.
+/// Acceleration that full throttle is assumed to give at low speed, m/s²; the integral corrects the
+/// rest.
 const FULL_THROTTLE_MPS2: f64 = 4.5;
-/// Deceleration that full brake is taken to give, m/s².
+/// Deceleration that full brake is assumed to give, m/s².
 const FULL_BRAKE_MPS2: f64 = 9.0;
 
 /// Acceleration that reaches `limit_mps` where it holds now.
@@ -22,8 +22,8 @@ pub fn towards(speed_mps: f64, limit_mps: f64) -> f64 {
     (1.2 * (limit_mps - speed_mps)).clamp(-4.0, COMFORT_ACCEL_MPS2)
 }
 
-/// Acceleration that meets `limit_mps` in `distance_m`: free while braking is not due, then the
-/// braking that does it.
+/// Acceleration that reaches `limit_mps` after `distance_m`: unrestricted until braking is due, then
+/// the braking that is needed.
 pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
     let needed = (limit_mps * limit_mps - speed_mps * speed_mps) / (2.0 * distance_m.max(0.3));
     if needed >= 0.0 {
@@ -35,7 +35,7 @@ pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
     COMFORT_ACCEL_MPS2 + needed / COMFORT_BRAKE_MPS2 * (COMFORT_ACCEL_MPS2 + COMFORT_BRAKE_MPS2)
 }
 
-/// Acceleration that stands a metre before a line `distance_m` ahead, and holds there.
+/// Acceleration that stops a metre before a line `distance_m` ahead, and holds there.
 pub fn stop_before(speed_mps: f64, distance_m: f64) -> f64 {
     let left = distance_m - LINE_GAP_M;
     if left < 0.4 && speed_mps < 1.5 {
@@ -49,8 +49,8 @@ pub fn to_stop(speed_mps: f64, distance_m: f64) -> f64 {
     -speed_mps * speed_mps / (2.0 * distance_m.max(0.05))
 }
 
-/// Acceleration behind somebody `gap_m` ahead who drives `their_mps` (Treiber's Intelligent Driver
-/// Model with a hard stop).
+/// Acceleration behind a vehicle `gap_m` ahead that drives `their_mps`: Treiber's Intelligent Driver
+/// Model with a hard stop.
 pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -> f64 {
     if gap_m < 0.3 * standing_gap_m {
         return -MAX_BRAKE_MPS2;
@@ -60,7 +60,7 @@ pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -
         + speed_mps * closing / (2.0 * (COMFORT_ACCEL_MPS2 * COMFORT_BRAKE_MPS2).sqrt());
     let wanted = standing_gap_m + dynamic.max(0.0);
     let idm = COMFORT_ACCEL_MPS2 * (1.0 - (wanted / gap_m.max(0.1)).powi(2));
-    // What physics asks for, if the model brakes too late.
+    // The deceleration that is physically needed, where the model brakes too late.
     let their_stop = their_mps.max(0.0).powi(2) / (2.0 * MAX_BRAKE_MPS2);
     let hard = to_stop(speed_mps, gap_m - 0.6 * standing_gap_m + their_stop);
     let braking = if hard < -COMFORT_BRAKE_MPS2 && closing > 0.0 {
@@ -86,8 +86,7 @@ pub struct Pedals {
 }
 
 impl Pedals {
-    /// (throttle, brake) for an acceleration; below walking pace without wish to move, the brake
-    /// holds.
+    /// Throttle and brake for an acceleration. The brake holds a vehicle that stands and shall not move.
     pub fn press(&mut self, speed_mps: f64, wanted_mps2: f64, period_secs: f64) -> (f64, f64) {
         let measured = self
             .last_speed_mps
@@ -99,8 +98,8 @@ impl Pedals {
             self.last_wanted_mps2 = 0.0;
             return (0.0, 0.6);
         }
-        // The answer lags the wish; comparing with the wish of before keeps the trim from chasing
-        // steps.
+        // The vehicle responds with a delay. Comparing with a delayed command keeps the trim from
+        // reacting to steps.
         let error = self.last_wanted_mps2 - self.accel_mps2;
         self.last_wanted_mps2 +=
             (wanted_mps2 - self.last_wanted_mps2) * (period_secs / 0.25).min(1.0);
@@ -110,7 +109,7 @@ impl Pedals {
         if force >= 0.0 && wanted_mps2 > -0.8 {
             ((force / FULL_THROTTLE_MPS2).clamp(0.0, 0.9), 0.0)
         } else {
-            // Rolling resistance and the engine brake the first few tenths by themselves.
+            // Rolling resistance and the engine provide the first few tenths of m/s² by themselves.
             (
                 0.0,
                 (-(wanted_mps2 + 0.2) / FULL_BRAKE_MPS2).clamp(0.0, 1.0),

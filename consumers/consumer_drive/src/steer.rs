@@ -1,5 +1,5 @@
-//! Lateral control: the path's curvature ahead plus feedback on offset and direction, as a
-//! second-order system in distance.
+//! Lateral control: the path's curvature ahead, plus feedback on offset and direction that acts as a
+//! second-order system over distance.
 //!
 //! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per
 //! metre driven. κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the
@@ -10,13 +10,22 @@ use crate::traffic::Mover;
 
 /// Damping of the return to the path.
 const DAMPING: f64 = 0.9;
-/// Delay between a command and the turning it causes that is made up for by looking ahead, seconds.
+/// Delay between a steering command and the turning it causes, seconds; looking ahead compensates it.
 const PREVIEW_SECS: f64 = 0.15;
 /// Gain of the integral of the offset in units of 1/ℓ³: slow beside the return itself at every
 /// speed.
 const INTEGRAL: f64 = 0.08;
-/// Largest offset that the integral makes up for, metres.
+/// Largest offset that the integral compensates, metres.
 const INTEGRAL_OFFSET_M: f64 = 0.3;
+
+/// What steering depends on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Geometry {
+    /// Distance between the axles, metres.
+    pub wheelbase_m: f64,
+    /// Largest steering angle, radians.
+    pub max_steer_rad: f64,
+}
 
 /// Steering of one vehicle.
 #[derive(Clone, Debug)]
@@ -28,12 +37,12 @@ pub struct Steering {
 }
 
 impl Steering {
-    /// For a vehicle with this distance between the axles; `max_steer_rad` is a first guess and is
-    /// learnt.
-    pub fn new(wheelbase_m: f64, max_steer_rad: f64) -> Self {
+    /// Steering of a vehicle; the largest steering angle is a first guess that is corrected while
+    /// driving.
+    pub fn new(geometry: Geometry) -> Self {
         Steering {
-            wheelbase_m: wheelbase_m.clamp(0.8, 12.0),
-            max_steer_rad: max_steer_rad.clamp(0.15, 1.4),
+            wheelbase_m: geometry.wheelbase_m.clamp(0.8, 12.0),
+            max_steer_rad: geometry.max_steer_rad.clamp(0.15, 1.4),
             integral_m: 0.0,
             last_ratio: 0.0,
         }
@@ -44,7 +53,7 @@ impl Steering {
         self.wheelbase_m
     }
 
-    /// Forgets what was integrated.
+    /// Clears the integral.
     pub fn reset(&mut self) {
         self.integral_m = 0.0;
     }
@@ -75,22 +84,22 @@ impl Steering {
             -2.0 * DAMPING / length * course.sin() - (error + self.integral_m) / (length * length);
         let wanted = (self.wheelbase_m * (ahead + feedback)).atan();
         let ratio = (wanted / self.max_steer_rad).clamp(-1.0, 1.0);
-        // A wheel takes about half a second from the middle to the stop.
+        // The wheel takes about a third of a second from the middle to the stop.
         let most = 3.0 * period_secs;
         self.last_ratio += (ratio - self.last_ratio).clamp(-most, most);
         self.last_ratio
     }
 
-    /// Steering ratio held by hand, e.g. while reversing.
+    /// Moves the steering towards a fixed ratio, e.g. while reversing.
     pub fn hold(&mut self, ratio: f64, period_secs: f64) -> f64 {
         let most = 3.0 * period_secs;
         self.last_ratio += (ratio - self.last_ratio).clamp(-most, most);
         self.last_ratio
     }
 
-    /// The largest angle follows from what the wheels do for the ratio that was applied.
+    /// Learns the largest steering angle from the angle of the wheels and the applied ratio.
     fn learn(&mut self, me: &Mover) {
-        // Only while the ratio is steady does the wheel stand where the ratio says.
+        // Only while the ratio is steady do the wheels stand where the ratio says.
         if me.steer_ratio.abs() > 0.05
             && (me.steer_ratio - self.last_ratio).abs() < 0.03
             && me.wheel_steer_rad.abs() > 0.01

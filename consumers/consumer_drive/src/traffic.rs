@@ -6,10 +6,10 @@ use schema_frames::{ActorKind, ActorList, ActorRecord, LightState};
 
 use crate::path::distance;
 
-/// How far ahead the way of somebody on foot is foreseen, and in how many steps, seconds.
+/// How far ahead the way of a walker is predicted, seconds, and in how many steps.
 const FORESIGHT_SECS: f64 = 2.5;
 const FORESIGHT_STEPS: u32 = 5;
-/// Slower than this somebody stands, m/s.
+/// A walker slower than this stands, m/s.
 const STROLLING_MPS: f64 = 0.2;
 
 /// A vehicle or walker.
@@ -19,7 +19,7 @@ pub struct Mover {
     pub id: u32,
     /// Whether it is a vehicle.
     pub is_vehicle: bool,
-    /// Traffic position of its origin, metres.
+    /// World position of its origin, metres.
     pub position_m: [f64; 3],
     /// Heading, radians.
     pub yaw_rad: f64,
@@ -40,7 +40,7 @@ pub struct Mover {
 }
 
 impl Mover {
-    /// Traffic position of a point of its own space.
+    /// World position of a point of its own space.
     pub fn point(&self, x_m: f64, y_m: f64) -> [f64; 2] {
         let (sin, cos) = self.yaw_rad.sin_cos();
         [
@@ -49,7 +49,7 @@ impl Mover {
         ]
     }
 
-    /// Traffic position of the middle of its box.
+    /// World position of the middle of its box.
     pub fn middle(&self) -> [f64; 2] {
         self.point(self.centre_m[0], self.centre_m[1])
     }
@@ -64,7 +64,7 @@ impl Mover {
         self.half_m[0] - self.centre_m[0]
     }
 
-    /// Points round its outline, at most about 1.5 m apart.
+    /// Points around its outline, at most about 1.5 m apart.
     pub fn outline(&self) -> Vec<[f64; 2]> {
         let [half_x, half_y] = self.half_m;
         let pieces = (2.0 * half_x / 1.5).ceil().max(1.0) as usize;
@@ -79,8 +79,8 @@ impl Mover {
         points
     }
 
-    /// Where somebody on foot will be in the next moments if the way goes on as it does; nothing
-    /// for vehicles and for who stands.
+    /// Where a walker will be in the next moments if it keeps its velocity; empty for vehicles and for
+    /// walkers that stand.
     pub fn steps_ahead(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [vx, vy] = self.velocity_mps;
         let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS {
@@ -128,7 +128,7 @@ impl Mover {
     }
 }
 
-/// One snapshot as drivers see it.
+/// The vehicles, walkers and traffic lights of one snapshot.
 #[derive(Clone, Debug, Default)]
 pub struct Traffic {
     /// Tick.
@@ -144,7 +144,7 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// From a snapshot's records; boxes that are not centred come from `actors`.
+    /// The traffic of a snapshot's records; `actors` tells where boxes are not centred.
     pub fn from_records(
         tick: u64,
         sim_nanos: u64,
@@ -178,7 +178,7 @@ impl Traffic {
         traffic
     }
 
-    /// Who is less than `room_m` behind `me`.
+    /// The vehicle or walker that is less than `room_m` behind `me`.
     pub(crate) fn behind(&self, me: &Mover, room_m: f64) -> Option<u32> {
         let mut ghost = me.clone();
         ghost.half_m[0] += room_m;

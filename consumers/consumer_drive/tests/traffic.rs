@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use consumer_drive::path::distance;
-use consumer_drive::{Fleet, Traffic};
+use consumer_drive::{Fleet, Geometry, Traffic};
 use schema_frames::{ActorList, ActorRecord};
 use schema_roads::RoadMap;
 use schema_types::ActorId;
@@ -111,10 +111,10 @@ impl Stage {
                 actor.attributes.get(name)?.parse::<f64>().ok()
             };
             self.fleet.assign(&ids, &view, |id| {
-                Some((
-                    attribute(id, "wheelbase_m")?,
-                    attribute(id, "max_steer_rad")?,
-                ))
+                Some(Geometry {
+                    wheelbase_m: attribute(id, "wheelbase_m")?,
+                    max_steer_rad: attribute(id, "max_steer_rad")?,
+                })
             });
             assert_eq!(self.fleet.len(), ids.len());
         }

@@ -1,23 +1,23 @@
-//! What keeps a driver from going on, and the first other vehicle or walker on its path.
+//! What keeps a driver from going on, and how it finds the first vehicle or walker on its path.
 
-use crate::path::{Foot, Path, distance};
+use crate::path::{Foot, Path, Side, distance};
 use crate::speed;
 use crate::traffic::{Mover, Traffic};
 
-/// Furthest a long vehicle keeps to the inside of a bend, metres.
+/// Largest offset of a long vehicle towards the inside of a bend, metres.
 const INSIDE_M: f64 = 0.35;
 
 /// Why a driver does not go on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wait {
-    /// It goes.
+    /// Nothing: it goes on.
     #[default]
     No,
-    /// A light.
+    /// A traffic light.
     Light,
-    /// Somebody else's turn at a junction.
+    /// It is another vehicle's turn at a junction.
     Turn,
-    /// Somebody ahead.
+    /// A vehicle or walker ahead.
     Ahead,
     /// The road ends.
     End,
@@ -42,7 +42,7 @@ pub(super) struct Lookout<'d> {
 }
 
 impl Lookout<'_> {
-    /// The first other that is on the path or about to be.
+    /// The vehicle or walker on the path, or about to step onto it, that asks for the hardest braking.
     pub fn obstacle(&self, traffic: &Traffic, margin_m: f64) -> Option<Obstacle> {
         let me = self.me;
         let front = self.foot.arc_m + me.front_m();
@@ -63,7 +63,7 @@ impl Lookout<'_> {
                     margin_m + 0.4
                 };
             let from = self.foot.arc_m + 0.5 * me.front_m();
-            let reach_at = |arc: f64, left: bool| lateral + self.swing_at(arc, left);
+            let reach_at = |arc: f64, side: Side| lateral + self.swing_at(arc, side);
             let hits = other
                 .outline()
                 .into_iter()
@@ -78,7 +78,7 @@ impl Lookout<'_> {
             else {
                 continue;
             };
-            // Somebody alongside whose middle is behind ours is not ahead of us.
+            // A vehicle alongside whose middle is behind ours is not ahead of us.
             if arc < front && me.ahead_m(other) < 0.0 {
                 continue;
             }
@@ -99,9 +99,9 @@ impl Lookout<'_> {
         nearest
     }
 
-    /// How far the front swings out where it passes a place: the middle is still on the bend when
-    /// the front has left it.
-    fn swing_at(&self, arc_m: f64, left: bool) -> f64 {
+    /// How far the front swings out where it passes a place. The middle of the vehicle is still on the
+    /// bend when the front has left it.
+    fn swing_at(&self, arc_m: f64, side: Side) -> f64 {
         let behind = [0.0, 0.5, 1.0].map(|share| {
             self.path
                 .at(arc_m - share * self.me.half_m[0])
@@ -109,7 +109,7 @@ impl Lookout<'_> {
         });
         behind
             .into_iter()
-            .map(|k| swing_m(self.me, self.wheelbase_m, k, left))
+            .map(|k| swing_m(self.me, self.wheelbase_m, k, side))
             .fold(0.0, f64::max)
     }
 
@@ -117,18 +117,18 @@ impl Lookout<'_> {
     pub fn inside_m(&self) -> f64 {
         let near = [-2.0, 1.0, 4.0].map(|d| self.path.at(self.foot.arc_m + d).curvature_per_m);
         let bend = near.iter().sum::<f64>() / 3.0;
-        bend.signum() * (0.6 * swing_m(self.me, self.wheelbase_m, bend, bend < 0.0)).min(INSIDE_M)
+        let outer = if bend < 0.0 { Side::Left } else { Side::Right };
+        bend.signum() * (0.6 * swing_m(self.me, self.wheelbase_m, bend, outer)).min(INSIDE_M)
     }
 }
 
 /// How far a vehicle's front swings out of the strip of its own width on a bend, on one side,
 /// metres. It turns about a point beside its rear axle, while the point between the axles follows
 /// the bend.
-fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, left: bool) -> f64 {
-    let outside = if left {
-        -curvature_per_m
-    } else {
-        curvature_per_m
+fn swing_m(me: &Mover, wheelbase_m: f64, curvature_per_m: f64, side: Side) -> f64 {
+    let outside = match side {
+        Side::Left => -curvature_per_m,
+        Side::Right => curvature_per_m,
     };
     if outside < 1e-3 {
         return 0.0;

@@ -8,15 +8,15 @@ use crate::path::{Foot, Path, wrap};
 use crate::steer::Steering;
 use crate::traffic::{Mover, Traffic};
 
-/// Standing this long without a reason, a driver helps itself, seconds.
+/// A driver that has stood this long without a reason helps itself, seconds.
 const STUCK_SECS: f64 = 6.0;
 /// How long a driver reverses, seconds.
 const REVERSE_SECS: f64 = 4.0;
-/// How long it does so to let somebody pass, seconds.
+/// How long it reverses to let another vehicle pass, seconds.
 const YIELD_SECS: f64 = 3.0;
-/// How fast, m/s.
+/// How fast it reverses, m/s.
 const REVERSE_MPS: f64 = 1.2;
-/// How far a driver keeps to the side of what it backed off from, metres.
+/// Offset to the side of the obstacle that a driver backed off from, metres.
 const AVOID_M: f64 = 0.7;
 
 /// What a driver has decided in a tick, and why.
@@ -29,12 +29,12 @@ pub(super) struct Situation<'d> {
     pub obstacle: Option<Obstacle>,
 }
 
-/// How long a driver has stood without a reason, and what it does about that.
+/// How long a driver has stood without a reason, and how it gets going again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Rescue {
     stuck_secs: f64,
     reverse_left_secs: f64,
-    /// Backs off for somebody else, in its own lane.
+    /// Whether it backs off for another vehicle, in its own lane.
     is_yielding: bool,
     /// Offset to keep from the path after backing off, metres, positive to the left.
     avoid_m: f64,
@@ -44,7 +44,7 @@ pub(super) struct Rescue {
 }
 
 impl Rescue {
-    /// Whether it has stood long enough to try its way past slowly.
+    /// Whether it has stood so long that it tries to creep past.
     pub fn is_creeping(&self) -> bool {
         self.stuck_secs > STUCK_SECS
     }
@@ -86,7 +86,8 @@ impl Rescue {
             return;
         }
         let pushing = wanted_mps2 > 0.3;
-        // A queue has a reason of its own; who blocks us across or head-on has not.
+        // A vehicle that queues ahead has its own reason to stand; one that stands across our path or
+        // head-on blocks us.
         let blocked = wait == Wait::Ahead
             && obstacle.and_then(|o| traffic.mover(o.id)).is_some_and(|o| {
                 wrap(o.yaw_rad - path.at(foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6
@@ -98,7 +99,8 @@ impl Rescue {
             return;
         }
         self.stuck_secs += dt;
-        // Ids differ, so two that block each other do not back off at once.
+        // The id makes the patience differ, so that two vehicles that block each other do not back off
+        // at the same time.
         let patience = 2.0 * STUCK_SECS + f64::from(me.id % 7) + if pushing { 0.0 } else { 6.0 };
         if self.stuck_secs > patience && traffic.behind(me, 1.5).is_none() {
             (self.reverse_left_secs, self.is_yielding) = (REVERSE_SECS, false);
