@@ -1,11 +1,11 @@
 //! `gantry-bench latency`: a writer in this process, readers in processes of their own, three ways
-//! between them and a memcpy for scale.
+//! between them, and a memcpy for comparison.
 //!
-//! A frame is filled before its clock starts on every way, as a renderer would have done. Shared
-//! memory: the clock starts just before the sample is sent and stops when the reader holds the
-//! frame, woken by an event (asleep in poll(2) until then) or polling. TCP: the clock starts before
-//! the first `write_all` and stops after `read_exact`. Each reader checks the first and last byte
-//! of each frame.
+//! On every way a frame is filled before its clock starts, as by a renderer. In shared memory the
+//! clock starts just before the sample is sent and stops when the reader holds the frame; the
+//! reader is either woken by an event, asleep in poll(2) until then, or polls. Over TCP the clock
+//! starts before the first `write_all` and stops after `read_exact`. Each reader checks the first
+//! and the last byte of each frame.
 
 pub mod reader;
 
@@ -24,7 +24,7 @@ use crate::output;
 use crate::spread::{Spread, Summary};
 use reader::{ReaderProcess, WARM_UP, Way};
 
-/// Least bytes of a frame: a stamp and a number for TCP, a first and a last byte to check.
+/// Smallest frame, bytes: a time stamp and a number for TCP, and a first and a last byte to check.
 const LEAST_BYTES: usize = 24;
 
 #[derive(Debug, clap::Args)]
@@ -171,7 +171,7 @@ impl Case {
         &self,
         sending: &mut Spread,
     ) -> anyhow::Result<(Vec<reader::Received>, f64)> {
-        // A domain of this process's own: nothing of a running simulator is met or disturbed.
+        // A domain of its own, so that this neither meets nor disturbs a running simulator.
         let domain = format!("bench-{}", std::process::id());
         let bus = Bus::open(&domain, "gantry-bench")?;
         let (topic, event) = (
@@ -216,7 +216,7 @@ impl Case {
             TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).context("cannot listen on 127.0.0.1")?;
         let address = listener.local_addr()?.to_string();
         let readers = self.start_readers(&["--address", &address])?;
-        // Readers say that they are ready when they are connected, so nobody is waited for here.
+        // Readers report that they are ready after they have connected, so this does not wait.
         let mut streams: Vec<TcpStream> = Vec::new();
         for _ in 0..self.n_readers {
             let (stream, _) = listener.accept()?;
@@ -274,7 +274,7 @@ impl Case {
     }
 }
 
-/// Copying a freshly filled frame once, in this process.
+/// Times one copy of a freshly filled frame in this process.
 fn memcpy(size_bytes: usize, count: u64) -> Row {
     let (mut source, mut target) = (vec![0u8; size_bytes], vec![0u8; size_bytes]);
     let mut spread = Spread::default();

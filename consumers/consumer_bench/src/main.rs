@@ -1,8 +1,8 @@
 //! `gantry-bench`: how long a frame takes from its writer to its reader, what a running simulator
-//! delivers, and who grows.
+//! delivers, and which processes grow.
 //!
-//! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum; what
-//! was lost stands beside it.
+//! Every figure comes from real processes and is printed with p50, p99, p99.9 and the maximum,
+//! beside the number of lost frames.
 
 #![forbid(unsafe_code)]
 

@@ -1,8 +1,8 @@
 //! `gantry-bench memory`: resident memory of processes over time, and whether it grows.
 //!
-//! `RssAnon` is what a process has for itself; `RssShmem` is what it has touched of shared memory,
-//! which everybody sees who maps it. Growth is the slope of a straight line through the second half
-//! of the samples, when start-up is over.
+//! `RssAnon` is memory of the process alone; `RssShmem` is the part of shared memory that it has
+//! touched, which counts for every process that maps it. Growth is the slope of a straight line
+//! through the second half of the samples, when start-up is over.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -31,7 +31,7 @@ pub struct MemoryArgs {
     json: Option<PathBuf>,
 }
 
-/// One look at a process.
+/// The memory of a process at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 struct Sample {
     secs: f64,
@@ -58,8 +58,8 @@ struct Report {
     processes: Vec<Watched>,
 }
 
-/// Watches until time is over, everybody is gone, or somebody asks to stop. A process that ended
-/// meanwhile makes the exit code 1.
+/// Watches until the time is over, all processes have ended, or the user stops it. A process that
+/// ended meanwhile makes the exit code 1.
 pub fn run(args: &MemoryArgs) -> anyhow::Result<Exit> {
     let (machine, shutdown) = (Machine::read(), Shutdown::install()?);
     let mut processes: Vec<Watched> = args.pids.iter().map(|pid| Watched::new(*pid)).collect();

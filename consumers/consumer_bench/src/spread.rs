@@ -1,13 +1,13 @@
-//! A distribution of times: recorded in nanoseconds, told as p50, p99, p99.9 and maximum in
+//! A distribution of times, recorded in nanoseconds and reported as p50, p99, p99.9 and maximum in
 //! microseconds.
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
 
-/// Longest time that is told apart; longer ones count as this.
+/// Longest time that is recorded; longer ones count as this.
 const LONGEST_NANOS: u64 = 600_000_000_000;
 
-/// Times seen so far, to three digits.
+/// Times recorded so far, to three digits.
 #[derive(Debug)]
 pub struct Spread {
     histogram: Histogram<u64>,
@@ -28,7 +28,7 @@ impl Spread {
         self.histogram.saturating_record(nanos.max(1));
     }
 
-    /// What a table shows; zeros without a sample.
+    /// The figures of a table; zeros without a sample.
     pub fn summary(&self) -> Summary {
         let micros = |quantile: f64| self.histogram.value_at_quantile(quantile) as f64 * 1e-3;
         Summary {

@@ -1,8 +1,8 @@
 //! `gantry-bench topics`: what a running simulator delivers to a consumer, topic by topic and view
 //! by view.
 //!
-//! It reads like any consumer: asleep until a rig's tick event, then every frame that waits. Being
-//! a reader it makes the simulator render what nobody else asked for.
+//! It reads like any consumer: it sleeps until a rig's tick event and then takes every frame that
+//! waits. As a reader it also makes the simulator render what no other program asked for.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -86,7 +86,7 @@ pub fn run(args: &TopicsArgs, domain: &str) -> anyhow::Result<Exit> {
     let mut views = Views::new(watches.iter().map(|watch| watch.reader.topic()));
     let end = Instant::now() + args.length;
     while Instant::now() < end && !shutdown.requested() {
-        // Without an event this looks ten times a second, which is soon enough to notice the end.
+        // Without an event this wakes up ten times a second, which is enough to notice the end.
         events.wait_until(end.min(Instant::now() + Duration::from_millis(100)))?;
         for watch in &mut watches {
             watch.drain(&mut views)?;
@@ -151,7 +151,7 @@ impl Watch {
             match self.reader.next() {
                 Ok(Some(frame)) => self.note(&frame, mono_now(), views),
                 Ok(None) => return Ok(()),
-                // Counted by the reader; the next frame may be whole.
+                // The reader counts it; the next frame may be good.
                 Err(BusError::BadFrame { .. }) => {}
                 Err(error) => return Err(error),
             }

@@ -1,4 +1,4 @@
-//! The bench as people run it: real processes on real shared memory, its figures read back from its
+//! Runs the bench as users do: real processes on real shared memory; its figures are read from its
 //! JSON.
 
 use std::time::{Duration, Instant};

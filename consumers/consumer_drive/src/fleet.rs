@@ -90,8 +90,8 @@ impl Fleet {
         self.drivers.is_empty()
     }
 
-    /// Drives exactly these vehicles from now on. `geometry` returns the geometry of those for which it
-    /// is known.
+    /// Drives exactly these vehicles from now on. `geometry` returns the geometry of those for
+    /// which it is known.
     pub fn assign(
         &mut self,
         ids: &[u32],
@@ -146,8 +146,8 @@ impl Fleet {
         records
     }
 
-    /// Makes a vehicle that waits before a junction and blocks another one inside it back off, together
-    /// with the queue behind it.
+    /// Makes a vehicle that waits before a junction and blocks another one inside it back off,
+    /// together with the queue behind it.
     fn make_room(&mut self, traffic: &Traffic) {
         let stuck = self
             .drivers

@@ -1,12 +1,12 @@
-//! Drives vehicles along lanes: paths, steering, pedals, right of way. Nothing here knows the bus or
-//! reads a clock.
+//! Drives vehicles along lanes: paths, steering, pedals, right of way. Nothing here knows the bus
+//! or reads a clock.
 //!
-//! [`Fleet`] takes the [`Traffic`] of a tick and answers with one control record per vehicle that it
-//! drives. The same traffic and seed give the same records.
+//! [`Fleet`] takes the [`Traffic`] of a tick and answers with one control record per vehicle that
+//! it drives. The same traffic and seed give the same records.
 //!
-//! Modules in reading order: [`traffic`] (what drivers see), [`path`] (the way ahead of one vehicle),
-//! [`steer`] and [`speed`] (its controllers), [`driver`] (one driver), [`fleet`] (all drivers, and
-//! whose turn it is at junctions).
+//! Modules in reading order: [`traffic`] (what drivers see), [`path`] (the way ahead of one
+//! vehicle), [`steer`] and [`speed`] (its controllers), [`driver`] (one driver), [`fleet`] (all
+//! drivers, and whose turn it is at junctions).
 //!
 //! ```
 //! use consumer_drive::speed;

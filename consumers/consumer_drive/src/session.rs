@@ -1,5 +1,5 @@
-//! The bus side of driving: reads documents and snapshots and sends controls, across restarts of the
-//! simulator.
+//! The bus side of driving: reads documents and snapshots and sends controls, across restarts of
+//! the simulator.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

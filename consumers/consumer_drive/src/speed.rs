@@ -22,8 +22,8 @@ pub fn towards(speed_mps: f64, limit_mps: f64) -> f64 {
     (1.2 * (limit_mps - speed_mps)).clamp(-4.0, COMFORT_ACCEL_MPS2)
 }
 
-/// Acceleration that reaches `limit_mps` after `distance_m`: unrestricted until braking is due, then
-/// the braking that is needed.
+/// Acceleration that reaches `limit_mps` after `distance_m`: unrestricted until braking is due,
+/// then the braking that is needed.
 pub fn ahead(speed_mps: f64, limit_mps: f64, distance_m: f64) -> f64 {
     let needed = (limit_mps * limit_mps - speed_mps * speed_mps) / (2.0 * distance_m.max(0.3));
     if needed >= 0.0 {
@@ -49,8 +49,8 @@ pub fn to_stop(speed_mps: f64, distance_m: f64) -> f64 {
     -speed_mps * speed_mps / (2.0 * distance_m.max(0.05))
 }
 
-/// Acceleration behind a vehicle `gap_m` ahead that drives `their_mps`: Treiber's Intelligent Driver
-/// Model with a hard stop.
+/// Acceleration behind a vehicle `gap_m` ahead that drives `their_mps`: Treiber's Intelligent
+/// Driver Model with a hard stop.
 pub fn follow(speed_mps: f64, their_mps: f64, gap_m: f64, standing_gap_m: f64) -> f64 {
     if gap_m < 0.3 * standing_gap_m {
         return -MAX_BRAKE_MPS2;
@@ -86,7 +86,8 @@ pub struct Pedals {
 }
 
 impl Pedals {
-    /// Throttle and brake for an acceleration. The brake holds a vehicle that stands and shall not move.
+    /// Throttle and brake for an acceleration. The brake holds a vehicle that stands and shall not
+    /// move.
     pub fn press(&mut self, speed_mps: f64, wanted_mps2: f64, period_secs: f64) -> (f64, f64) {
         let measured = self
             .last_speed_mps

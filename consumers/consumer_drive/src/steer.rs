@@ -1,5 +1,5 @@
-//! Lateral control: the path's curvature ahead, plus feedback on offset and direction that acts as a
-//! second-order system over distance.
+//! Lateral control: the path's curvature ahead, plus feedback on offset and direction that acts as
+//! a second-order system over distance.
 //!
 //! With offset e and course error ψ of the point between the axles, e' = ψ and ψ' = κ − κ_path per
 //! metre driven. κ = κ_path − 2ζ/ℓ·ψ − e/ℓ² gives a damped return over the length ℓ, whatever the
@@ -10,7 +10,8 @@ use crate::traffic::Mover;
 
 /// Damping of the return to the path.
 const DAMPING: f64 = 0.9;
-/// Delay between a steering command and the turning it causes, seconds; looking ahead compensates it.
+/// Delay between a steering command and the turning it causes, seconds; looking ahead compensates
+/// it.
 const PREVIEW_SECS: f64 = 0.15;
 /// Gain of the integral of the offset in units of 1/ℓ³: slow beside the return itself at every
 /// speed.

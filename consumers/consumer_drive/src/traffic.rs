@@ -79,8 +79,8 @@ impl Mover {
         points
     }
 
-    /// Where a walker will be in the next moments if it keeps its velocity; empty for vehicles and for
-    /// walkers that stand.
+    /// Where a walker will be in the next moments if it keeps its velocity; empty for vehicles and
+    /// for walkers that stand.
     pub fn steps_ahead(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
         let [vx, vy] = self.velocity_mps;
         let n = if self.is_vehicle || vx.hypot(vy) < STROLLING_MPS {

@@ -1,5 +1,5 @@
-//! Closed loop on generated towns with the daemon's own physics: light traffic that must flow,
-//! dense traffic that must not lock up, people on foot whom nobody may drive into.
+//! Closed loop on generated towns with the daemon's own physics: light traffic must flow, dense
+//! traffic must not lock up, and nobody may drive into walkers.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -139,7 +139,7 @@ impl Stage {
                 log.driven_m += distance(last, at);
             }
             let record = self.world.record(ActorId(mover.id)).unwrap();
-            // Strollers may walk up against a car that stands; that is no driver's doing.
+            // A walker may walk into a car that stands; the driver is not to blame.
             let moves = mover.is_vehicle && mover.speed_mps.abs() > STANDING_MPS;
             log.n_touches += u32::from(moves && record.flags & ActorRecord::TOUCHED != 0);
             match self.fleet.drivers().get(&mover.id) {
@@ -182,9 +182,9 @@ fn twenty_one_vehicles_flow_for_five_minutes_without_touching() {
     }
 }
 
-/// Roads between Town01's junctions are short: queues reach back into the junction before, and
-/// whoever waits for somebody who waits for it stands for ever. A rate in the last minutes that is
-/// near that of the first ones excludes this.
+/// Roads between Town01's junctions are short, so queues reach back into the previous junction, and
+/// vehicles that wait for each other in a circle would stand for ever. The test excludes this: the
+/// rate in the last minutes must be near that of the first ones.
 #[test]
 fn sixty_vehicles_in_the_small_town_do_not_lock_up() {
     let mut stage = Stage::new("Town01", 60, 1);
@@ -226,8 +226,8 @@ fn people_on_foot_cross_untouched_and_traffic_flows() {
     );
 }
 
-/// Somebody walks across the street where no light helps: whoever comes stops before the line that
-/// is walked.
+/// A walker crosses the street where there is no light: a vehicle that comes stops before the line
+/// that is walked.
 #[test]
 fn a_vehicle_stops_for_somebody_who_walks_into_its_way() {
     use schema_frames::{Command, CommandReply, WalkerControl};

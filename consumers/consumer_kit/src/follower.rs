@@ -56,8 +56,8 @@ impl Follower {
         TopicId(self.topics.len() - 1)
     }
 
-    /// Follows every frame topic that exists and is not followed yet, and returns the new ones. Call
-    /// it from time to time to find new sensors.
+    /// Follows every frame topic that exists and is not followed yet, and returns the new ones.
+    /// Call it from time to time to find new sensors.
     ///
     /// # Errors
     /// As [`Bus::topics`].
@@ -113,8 +113,8 @@ impl Follower {
         self.topics[id.0].take()
     }
 
-    /// The world that a frame of `tick` shows. `None` if this consumer joined after that tick or fell
-    /// more than 32 ticks behind.
+    /// The world that a frame of `tick` shows. `None` if this consumer joined after that tick or
+    /// fell more than 32 ticks behind.
     ///
     /// # Errors
     /// As [`SnapshotTrail::at`].

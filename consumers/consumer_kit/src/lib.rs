@@ -1,6 +1,6 @@
 //! What every consumer needs: it finds topics and waits for them, survives restarts of the daemon,
-//! takes frames and counts lost ones, pairs a frame with the snapshot of its tick, and takes part in
-//! lockstep.
+//! takes frames and counts lost ones, pairs a frame with the snapshot of its tick, and takes part
+//! in lockstep.
 //!
 //! A consumer is a loop around [`Follower::wait`], which never waits longer than [`MAX_WAIT`], so
 //! that the loop sees a shutdown flag in time. Nothing here renders, stores or drives.
@@ -17,7 +17,8 @@
 //!     follower.wait(consumer_kit::MAX_WAIT)?;
 //!     while let Some(frame) = follower.take(camera)? {
 //!         let world = follower.world_at(frame.header().tick)?;
-//!         println!("{} bytes, {} actors", frame.len(), world.map_or(0, |world| world.records.len()));
+//!         let n_actors = world.map_or(0, |world| world.records.len());
+//!         println!("{} bytes, {n_actors} actors", frame.len());
 //!     }
 //! }
 //! # #[allow(unreachable_code)]

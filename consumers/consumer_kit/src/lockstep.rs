@@ -1,5 +1,5 @@
-//! Takes part in lockstep: the daemon begins tick N + 1 only after every participant has acknowledged
-//! tick N.
+//! Takes part in lockstep: the daemon begins tick N + 1 only after every participant has
+//! acknowledged tick N.
 
 use std::time::Duration;
 
@@ -44,7 +44,8 @@ impl Lockstep {
     /// # Errors
     /// [`LockstepError`].
     pub fn join(bus: &Bus, name: &str, timeout: Duration) -> Result<Lockstep, LockstepError> {
-        // The writer comes first: the daemon recognises living participants by their writers' names.
+        // The writer comes first: the daemon recognises living participants by their writers'
+        // names.
         let acks = bus.ack_writer(name)?;
         let mut client = bus.command_client(name)?;
         let batch = CommandBatch::new(vec![Command::JoinLockstep { name: name.into() }]);
@@ -80,8 +81,8 @@ impl Lockstep {
         self.first_tick
     }
 
-    /// Epoch that was joined. If frames carry another epoch, the simulator was restarted and this place
-    /// is lost: join again.
+    /// Epoch that was joined. If frames carry another epoch, the simulator was restarted and this
+    /// place is lost: join again.
     pub fn epoch(&self) -> u64 {
         self.epoch
     }

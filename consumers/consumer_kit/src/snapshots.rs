@@ -1,8 +1,8 @@
 //! Pairs frames with the snapshot of their tick.
 //!
-//! Two services have no common order at a reader, but the snapshot of tick N is sent before any frame
-//! of tick N. When a frame of tick N arrives, reading snapshots until one of tick ≥ N is there is
-//! therefore enough. The last 32 are kept for frames that were in flight meanwhile.
+//! Two services have no common order at a reader, but the snapshot of tick N is sent before any
+//! frame of tick N. When a frame of tick N arrives, reading snapshots until one of tick ≥ N is
+//! there is therefore enough. The last 32 are kept for frames that were in flight meanwhile.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,7 +15,8 @@ use crate::topic::Search;
 /// Number of snapshots kept: more ticks than any frame is in flight.
 pub const KEPT_SNAPSHOTS: usize = 32;
 
-/// The world after one tick, copied out of shared memory because a reader may hold only four samples.
+/// The world after one tick, copied out of shared memory because a reader may hold only four
+/// samples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldAt {
     /// Tick, times, episode, epoch.

@@ -1,4 +1,5 @@
-//! The kit against a small stand-in for the daemon, on real shared memory in a private place.
+//! Tests consumer_kit against a small stand-in for the daemon, on real shared memory in a private
+//! place.
 
 use std::time::{Duration, Instant};
 

@@ -1,5 +1,5 @@
-//! Looks for topics on a thread of its own: listing a domain opens every service and takes longer
-//! than a fast sensor's buffer lasts.
+//! Looks for topics on a thread of its own, because listing a domain opens every service and takes
+//! longer than a fast sensor's buffer lasts.
 
 use std::time::Duration;
 
@@ -44,7 +44,7 @@ impl Discovery {
 
 fn list(bus: &Bus, found: &Sender<Result<Vec<TopicDetails>, BusError>>, stopped: &Receiver<()>) {
     loop {
-        // A list that nobody took yet is as good as a new one.
+        // If the previous list was not taken yet, it is as good as a new one.
         let _ = found.try_send(bus.topics());
         if stopped.recv_timeout(LIST_EVERY) == Err(RecvTimeoutError::Disconnected) {
             return;

@@ -1,7 +1,5 @@
-//! One sensor frame to the messages it is recorded as. Pure: header and payload in, encoded
-//! messages out.
-//!
-//! Payloads are copied once, from shared memory into the encoded message.
+//! Converts a sensor frame into the messages that are recorded: header and payload in, encoded
+//! messages out. A payload is copied once, from shared memory into the encoded message.
 
 use bytemuck::pod_read_unaligned;
 use foxglove::messages as fox;
@@ -10,16 +8,16 @@ use schema_frames::{DvsEvent, FrameHeader, GnssSample, ImuSample, Modality};
 use crate::messages::{Content, Entry, encoded};
 use crate::wire::{put_bytes, put_double, put_fixed64, put_varint};
 
-/// Place of a topic `rig/sensor/modality` in the recording.
+/// Names of a topic `rig/sensor/modality` in the recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicName {
     /// `/rig/sensor/modality`.
     pub channel: String,
     /// `/rig/sensor`.
     pub sensor_channel: String,
-    /// Coordinate frame of the sensor: `rig/sensor`, x forward.
+    /// Foxglove's id of the sensor's axes: `rig/sensor`, x forward.
     pub frame_id: String,
-    /// Coordinate frame of its parent: `rig`.
+    /// Foxglove's id of its parent's axes: `rig`.
     pub rig: String,
 }
 
@@ -38,7 +36,7 @@ impl TopicName {
         })
     }
 
-    /// Frame whose z looks forward and x to the right, as images want it.
+    /// Foxglove's id of the axes of images: z forward, x to the right.
     pub fn optical_frame_id(&self) -> String {
         format!("{}/optical", self.frame_id)
     }
@@ -69,12 +67,11 @@ pub fn quaternion(q: [f64; 4]) -> fox::Quaternion {
     }
 }
 
-/// Bounds of what is worth converting for people: an image whose picture size a header claims may
-/// not ask for more bytes than this.
+/// Largest image that is made of a list of events: a header may claim any size.
 const MAX_IMAGE_BYTES: u64 = 256 << 20;
 
-/// What a frame becomes: a message people and tools can look at, if there is one for it, and a
-/// `gantry.Frame` that makes it lossless.
+/// The messages of a frame: a lossless `gantry.Frame`, and one that other programs can show, if
+/// there is a type for it.
 ///
 /// `payload` must be the bytes in use and `header` must have passed [`FrameHeader::check`]. `reuse`
 /// hands in buffers to write into.
@@ -142,8 +139,8 @@ fn frame(
     }
 }
 
-/// A message whose last field is `data` number 6, written by hand so that the pixels are copied
-/// once.
+/// A message whose last field is `data`. The field is appended by hand, so that the pixels are
+/// copied only once.
 fn with_data<M: foxglove::Encode>(
     head: &M,
     data: &[u8],
@@ -196,7 +193,7 @@ fn image(
     }
 }
 
-/// Instance ids for looking at: their low 16 bits.
+/// Instance ids as an image for people: their low 16 bits.
 fn low_ids(
     name: &TopicName,
     header: &FrameHeader,
@@ -233,7 +230,8 @@ fn rows<'a>(header: &FrameHeader, payload: &'a [u8]) -> impl Iterator<Item = &'a
     (0..header.height as usize).map(move |row| &payload[row * stride..row * stride + row_bytes])
 }
 
-/// Size of the picture a list of events belongs to: the principal point is its middle.
+/// Size of the image that a list of events belongs to. The list carries no size, but the principal
+/// point is the middle of the image.
 pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     let [_, _, cx, cy] = header.intrinsics_px;
     let size = [(2.0 * cx).round(), (2.0 * cy).round()];
@@ -241,7 +239,7 @@ pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     (usable(size[0]) && usable(size[1])).then(|| size.map(|px| px as u32))
 }
 
-/// Events of the window as a picture: red where the last change was brighter, blue where it was
+/// Events of a window as an image: red where the last change was brighter, blue where it was
 /// darker, black elsewhere.
 fn events_image(name: &TopicName, header: &FrameHeader, payload: &[u8]) -> Option<Entry> {
     let [width, height] = image_size_px(header)?;

@@ -1,5 +1,4 @@
-//! `gantry-record info`: what a recording holds, from its summary or, where there is none, by
-//! reading it through.
+//! `gantry-record info`: what a recording holds, found by reading it through.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -18,7 +17,7 @@ use crate::reader::{End, RecordWalk, chunk, for_each_in_chunk, record};
 pub struct FileInfo {
     /// Whether it ends as an MCAP file should.
     pub complete: bool,
-    /// Why not, empty if it does.
+    /// Why it does not; empty if it does.
     pub problem: String,
     /// Size of the file.
     pub file_bytes: u64,
@@ -64,7 +63,7 @@ struct Tally {
     channels: BTreeMap<u16, (ChannelInfo, Option<(u64, u64)>)>,
 }
 
-/// Reads a file through.
+/// Reads a file through and reports what it holds.
 ///
 /// # Errors
 /// If it cannot be opened or does not begin like an MCAP file; damage further in is reported in the
@@ -187,7 +186,7 @@ impl Tally {
 }
 
 impl FileInfo {
-    /// For people.
+    /// The report as text for people.
     pub fn text(&self) -> String {
         let mut out = String::new();
         let secs = (self.end_sim_nanos - self.start_sim_nanos) as f64 * 1e-9;

@@ -1,8 +1,27 @@
-//! Recording of a domain into MCAP: conversion, bounded queue, writer thread, reading back and
-//! recovery.
+//! Records a domain into MCAP files, reads recordings back, and recovers damaged ones.
 //!
-//! The binary `gantry-record` is a thin shell around this library, so that every part is tested on
-//! plain memory.
+//! Frames, snapshots and documents become encoded messages, which wait in a bounded queue for the
+//! writer thread. If the disk is too slow, frames are dropped and counted; in lockstep the
+//! simulator waits instead. The binary `gantry-record` is a thin shell around this library, so that
+//! every part is tested on plain memory.
+//!
+//! Modules in reading order: [`options`] and [`session`] (a recording from start to end),
+//! [`discover`], [`frames`] and [`snapshots`] (conversion to [`messages`], encoded by [`wire`]),
+//! [`sink`], [`queue`] and [`writer`] (into the file); [`reader`], [`info`] and [`recover`] (from
+//! the file).
+//!
+//! ```
+//! use consumer_record::frames::{TopicName, frame_entries};
+//! use schema_frames::{FrameHeader, Modality};
+//!
+//! let mut header = FrameHeader::new(Modality::Semantic);
+//! header.set_image(4, 2);
+//! let name = TopicName::new("ego/front/semantic").expect("a topic of a sensor");
+//! let entries = frame_entries(&name, &header, &[7; 8], &mut |n| Vec::with_capacity(n));
+//! // The lossless message, and the image that other programs show.
+//! let topics: Vec<&str> = entries.iter().map(|entry| entry.topic.as_str()).collect();
+//! assert_eq!(topics, ["/ego/front/semantic/gantry", "/ego/front/semantic"]);
+//! ```
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

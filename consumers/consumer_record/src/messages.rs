@@ -152,7 +152,7 @@ pub(crate) fn encoded<M: Encode>(message: &M, mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// Everything that one frame, snapshot or document becomes; kept or dropped as a whole.
+/// All messages of one frame, snapshot or document; they are kept or dropped together.
 #[derive(Debug)]
 pub struct Batch {
     /// Where it came from, for counting: `ego/front/rgb`, `world/snapshot`.
@@ -168,7 +168,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Bytes it occupies in the queue.
+    /// Bytes that it occupies in the queue.
     pub fn queued_bytes(&self) -> usize {
         self.entries
             .iter()

@@ -1,5 +1,4 @@
-//! The queue between the reading thread and the writer: bounded in bytes, and it counts what does
-//! not fit.
+//! The queue between the reading thread and the writer thread, bounded in bytes.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -45,9 +44,10 @@ impl Job {
     }
 }
 
-/// Most jobs that wait, whatever their size; bytes are the bound that matters.
+/// Largest number of waiting jobs; the bound in bytes is reached first in practice.
 const MAX_JOBS: usize = 65_536;
-/// Buffers kept for reuse, so that large allocations do not fault in fresh pages for every frame.
+/// Number of buffers kept for reuse: a fresh large allocation would fault in new pages for every
+/// frame.
 const MAX_SPARE_BUFFERS: usize = 32;
 /// Smaller buffers are not worth keeping.
 const MIN_SPARE_BYTES: usize = 64 << 10;
@@ -144,8 +144,8 @@ impl Queue {
         self.shared.bytes.load(Ordering::Acquire)
     }
 
-    /// An empty buffer of at least this capacity, an old one if one fits without wasting half of
-    /// it.
+    /// An empty buffer of at least this capacity; a used one if its capacity is at most about twice
+    /// as large.
     pub fn buffer(&self, capacity: usize) -> Vec<u8> {
         if capacity >= MIN_SPARE_BYTES {
             let mut spare = self
@@ -179,7 +179,7 @@ impl Outlet {
         }
     }
 
-    /// Says that a job of `n_bytes` is written and hands its buffers back.
+    /// Notes that a job of `n_bytes` is written, and takes its buffers back for reuse.
     pub fn done(&self, n_bytes: usize, buffers: impl Iterator<Item = Vec<u8>>) {
         self.shared.bytes.fetch_sub(n_bytes, Ordering::AcqRel);
         let mut spare = self

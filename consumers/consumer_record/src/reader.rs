@@ -1,5 +1,5 @@
-//! Walks the records of an MCAP file of any quality: whole, cut off, or damaged. Nothing here
-//! trusts a length it has not compared.
+//! Walks the records of an MCAP file that may be whole, cut off, or damaged. Nothing here trusts a
+//! length before it is compared with the bytes that are there.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -15,9 +15,9 @@ pub const MAX_RECORD_BYTES: u64 = 1 << 30;
 pub enum End {
     /// At the closing magic.
     Complete,
-    /// Bytes ended inside a record, or before the closing magic.
+    /// The bytes end inside a record, or before the closing magic.
     CutOff,
-    /// A record that cannot be: the reason.
+    /// A record is impossible; the reason.
     Damaged(String),
 }
 
@@ -97,7 +97,7 @@ impl<R: Read> RecordWalk<R> {
     }
 }
 
-/// Splits a chunk record's body into its header and compressed bytes, with every length compared.
+/// Splits the body of a chunk record into its header and compressed bytes, and checks every length.
 ///
 /// # Errors
 /// A sentence that says what is wrong.

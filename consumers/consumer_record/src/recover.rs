@@ -1,4 +1,4 @@
-//! Rescues what an interrupted or damaged recording still holds into a new, complete file.
+//! Copies what an interrupted or damaged recording still holds into a new, complete file.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
@@ -74,7 +74,7 @@ pub fn recover<R: Read, W: Write + Seek>(
     while let Some((opcode, body)) = walk.next_record() {
         match opcode {
             op::DATA_END => {
-                // What follows is the old summary; the new file gets its own.
+                // The rest is the old summary; the new file gets its own.
                 while walk.next_record().is_some() {}
             }
             op::CHUNK => match unpack(&body) {
@@ -118,7 +118,7 @@ struct Copy<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> Copy<W> {
-    /// Takes one record over; one that refers to something missing is left out.
+    /// Copies one record; a record that refers to something missing is left out.
     fn record(&mut self, record: Record<'_>) -> anyhow::Result<()> {
         match record {
             Record::Schema { header, data } if header.id != 0 => {

@@ -1,5 +1,5 @@
-//! A recording from start to end: follow every topic, convert, queue; in lockstep acknowledge a
-//! tick when all of it is queued.
+//! A recording from start to end: follows every topic, converts and queues what arrives. In
+//! lockstep it acknowledges a tick when everything of it is queued.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -17,14 +17,14 @@ use crate::sink::{Loss, Output, Sink, wall_minus_mono_nanos};
 use crate::snapshots::{SnapshotConverter, document};
 use crate::writer::Written;
 
-/// Longest wait for a wake-up; documents and a shutdown are looked at this often.
+/// Longest wait for a wake-up: how often documents and the shutdown flag are checked.
 const MAX_WAIT: Duration = Duration::from_millis(20);
 /// How long the daemon may take to answer.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
 /// How often joining lockstep is tried.
 const JOIN_EVERY: Duration = Duration::from_millis(250);
 
-/// What became of a recording.
+/// The outcome of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     /// The files: one per run of the simulator, whose clock starts again with each.
@@ -42,7 +42,7 @@ pub struct Report {
 pub fn record(options: &Options, stop: &dyn Fn() -> bool) -> anyhow::Result<Report> {
     let mut session = Session::open(options)?;
     let outcome = session.run(stop);
-    // The writer's own error says more than "it has ended", so it comes first.
+    // If the writer failed, its own error says more than the session's "the writer has ended".
     let report = session.close()?;
     outcome.map(|()| report)
 }
@@ -68,13 +68,12 @@ pub fn matches(pattern: &str, text: &str) -> bool {
 }
 
 struct Session {
-    // Ports before the node that made them.
+    // Dropped in this order: ports before the node that made them.
     lockstep: Option<InStep>,
     snapshots: Option<SnapshotReader>,
     documents: Vec<(&'static str, FollowedDocument)>,
     follower: Follower,
-    /// The name of every followed topic in the file, by its place in the follower; kept so that
-    /// nothing is built per frame.
+    /// By followed topic: its names in the file, kept so that no frame has to build them.
     names: BTreeMap<String, (TopicName, std::sync::Arc<str>)>,
     full: BTreeSet<String>,
     options: Options,
@@ -83,7 +82,8 @@ struct Session {
     sink: Sink,
     sim_nanos: u64,
     newest_tick: u64,
-    /// Whether this run's first snapshot came; before it there is no time to file anything under.
+    /// Whether the first snapshot of this run has arrived. Before it, documents have no simulated
+    /// time.
     has_snapshot: bool,
     waiting_said: bool,
     epoch: u64,
@@ -93,7 +93,7 @@ struct Session {
     name: String,
 }
 
-/// A place in the gate, and what tells that a tick is complete.
+/// Membership in lockstep, and the client that tells when a tick is complete.
 struct InStep {
     gate: Lockstep,
     barrier: CommandClient,
@@ -152,7 +152,7 @@ impl Session {
             self.drain()?;
             self.acknowledge()?;
         }
-        // Leaving the gate first lets the simulator go on while the file is finished.
+        // Leaving lockstep first lets the simulator go on while the file is finished.
         self.lockstep = None;
         self.drain()?;
         self.drain_documents(!self.has_snapshot)?;
@@ -212,8 +212,8 @@ impl Session {
         }
         self.last_try = Some(Instant::now());
         self.lockstep = None;
-        // Everything must be open before the gate waits for us, else the first tick would be
-        // missed.
+        // All topics must be open before the simulator waits for this recorder, else the first tick
+        // would be missed.
         self.follower.wait(Duration::ZERO)?;
         let bus = self.follower.bus();
         match Lockstep::join(bus, &self.name, ANSWER_TIMEOUT) {
@@ -241,7 +241,7 @@ impl Session {
 
     fn wait(&mut self) -> anyhow::Result<()> {
         match &self.lockstep {
-            // In lockstep the snapshot is what begins a tick; the follower only looks for topics.
+            // In lockstep a tick begins with its snapshot; the follower only looks for topics here.
             Some(step) => {
                 self.follower.wait(Duration::ZERO)?;
                 step.wake.wait(MAX_WAIT)?;
@@ -252,7 +252,7 @@ impl Session {
     }
 
     fn drain(&mut self) -> anyhow::Result<()> {
-        // Before the first snapshot there is no time to file a document under; it waits on the bus.
+        // Before the first snapshot a document has no simulated time, so it waits on the bus.
         if self.has_snapshot {
             self.drain_documents(false)?;
         }
@@ -333,8 +333,8 @@ impl Session {
         }
     }
 
-    /// Another epoch is another run of the simulator, whose clock starts again: it gets a file of
-    /// its own.
+    /// Begins a new file for a new epoch: that is a new run of the simulator, whose clock starts
+    /// again.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
         if epoch == self.epoch {
             return Ok(());
@@ -354,8 +354,7 @@ impl Session {
         Ok(())
     }
 
-    /// Records documents that changed, or `all`. One of a run that has no snapshot yet waits for
-    /// it.
+    /// Records documents that have changed, or all of them.
     fn drain_documents(&mut self, all: bool) -> anyhow::Result<()> {
         for idx in 0..self.documents.len() {
             let (name, followed) = &mut self.documents[idx];
@@ -372,8 +371,8 @@ impl Session {
         self.attach_map(false)
     }
 
-    /// Attaches the map once per revision; its name stands in `world/info`, which may come after
-    /// it. Without one it is called `map`.
+    /// Attaches the map once per revision. Its name is in `world/info`, which may arrive after the
+    /// map; at the end it is called `map` if no name has arrived.
     fn attach_map(&mut self, at_the_end: bool) -> anyhow::Result<()> {
         let this_run = |wanted: &str| {
             let followed = self
@@ -439,8 +438,8 @@ impl Session {
         )
     }
 
-    /// In lockstep: once the daemon answers from after tick N, all frames of tick N were sent; take
-    /// them, then acknowledge.
+    /// In lockstep: acknowledges a tick. Once the daemon answers a ping with tick N or later, all
+    /// frames of tick N were sent, so they are taken before the acknowledgement.
     fn acknowledge(&mut self) -> anyhow::Result<()> {
         let Some(step) = &mut self.lockstep else {
             return Ok(());
@@ -492,7 +491,7 @@ impl Session {
     }
 }
 
-/// Nobody made it yet: not an error.
+/// Turns the absence of a service into `None`.
 fn absent_is_none<T>(outcome: Result<T, BusError>) -> anyhow::Result<Option<T>> {
     match outcome {
         Ok(port) => Ok(Some(port)),

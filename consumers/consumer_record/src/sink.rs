@@ -1,5 +1,5 @@
-//! Where a recording goes: a file with its writer thread, the queue before it, and the count of
-//! what did not fit.
+//! Where a recording goes: a file with its writer thread, the queue before it, and counts of what
+//! did not fit.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ use crate::writer::{Recording, Written, run};
 /// Frames of one topic that are not in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Loss {
-    /// Overwritten on the bus before this process took them.
+    /// Overwritten on the bus before the recorder took them.
     pub on_the_bus: u64,
     /// Taken, but the queue was full.
     pub queue_full: u64,
@@ -81,7 +81,7 @@ impl Output {
     }
 }
 
-/// Where batches go, and what did not fit.
+/// Sends batches to the current file and counts what does not fit.
 pub(crate) struct Sink {
     pub(crate) output: Option<Output>,
     pub(crate) finished: Vec<(PathBuf, Written)>,
@@ -93,7 +93,8 @@ pub(crate) struct Sink {
 }
 
 impl Sink {
-    /// Queues what one sample became; in lockstep waits for room, else counts what does not fit.
+    /// Queues the messages of one sample. In lockstep it waits for room; otherwise it counts
+    /// samples that do not fit.
     pub(crate) fn put(
         &mut self,
         source: &std::sync::Arc<str>,

@@ -1,5 +1,5 @@
-//! Snapshots and documents to messages: where everyone is, as transforms, boxes and odometry, and
-//! losslessly.
+//! Converts snapshots and documents into messages: actors as transforms, boxes and odometry, and
+//! everything losslessly.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,14 +15,14 @@ use crate::frames::{TopicName, quaternion, timestamp, vector};
 use crate::messages::{Content, Entry};
 use crate::wire::{put_bytes, put_fixed64};
 
-/// Frame that everything stands in.
+/// Foxglove's id of the world's axes.
 pub const WORLD_FRAME: &str = "map";
 /// Topic of all transforms.
 pub const TRANSFORMS_TOPIC: &str = "/tf";
 /// Topic of the actors' boxes.
 pub const BOXES_TOPIC: &str = "/world/boxes";
 
-/// What the recorder knows about the actors while it converts.
+/// Converts snapshots; remembers what later messages need about actors and sensors.
 #[derive(Debug, Default)]
 pub struct SnapshotConverter {
     boxes: BTreeMap<u32, BodyBox>,
@@ -34,7 +34,7 @@ pub struct SnapshotConverter {
 }
 
 impl SnapshotConverter {
-    /// Takes over who is there.
+    /// Sets the names and boxes of the actors.
     pub fn set_actors(&mut self, list: &ActorList) {
         self.boxes = list
             .actors
@@ -48,7 +48,7 @@ impl SnapshotConverter {
             .collect();
     }
 
-    /// What a snapshot becomes: boxes, transforms and odometry of rigs seen so far, and the
+    /// The messages of a snapshot: boxes, transforms and odometry of the rigs seen so far, and the
     /// lossless message.
     pub fn snapshot_entries(
         &mut self,
@@ -83,7 +83,7 @@ impl SnapshotConverter {
         entries
     }
 
-    /// Transforms and calibration that go with a frame; calibration once per sensor and tick.
+    /// Transforms and calibration that go with a frame, once per sensor and tick.
     pub fn frame_extras(&mut self, name: &TopicName, header: &FrameHeader) -> Vec<Entry> {
         if self.calibrated.get(&name.frame_id) == Some(&header.tick) {
             return Vec::new();
@@ -243,7 +243,7 @@ fn transforms_entry(transforms: Vec<fox::FrameTransform>) -> Entry {
     )
 }
 
-/// Odometry's velocities are in the body's axes.
+/// Odometry of a rig; its velocities are in the body's axes.
 fn odometry(sim_nanos: u64, rig: &str, record: &ActorRecord) -> Entry {
     let to_body = record.world_from_actor.isometry().rotation.inverse();
     let in_body = |v: [f64; 3]| vector((to_body * nalgebra::Vector3::from(v)).into());
@@ -275,7 +275,7 @@ fn snapshot(header: &SnapshotHeader, records: &[ActorRecord]) -> Entry {
     }
 }
 
-/// A document, whole.
+/// The message of a document.
 pub fn document(topic: &str, header: &DocumentHeader, text: &str) -> Entry {
     let mut bytes = Vec::with_capacity(text.len() + 128);
     put_fixed64(&mut bytes, 1, header.revision);

@@ -1,5 +1,5 @@
-//! Protocol buffers by hand, as far as a recorder needs them: fields are appended to a buffer,
-//! large ones straight from shared memory.
+//! Protocol buffers written by hand, as far as a recorder needs them: fields are appended to a
+//! buffer, large ones straight from shared memory.
 //!
 //! Encoding as in the Protocol Buffers documentation, "Encoding": a tag is `number << 3 | wire
 //! type`, lengths are base-128 varints.

@@ -1,7 +1,7 @@
-//! The writer thread: jobs from the queue into an MCAP file that is complete after any orderly end.
+//! The writer thread: writes jobs from the queue into an MCAP file.
 //!
-//! It writes `FILE.part`, flushes about once a second and renames when finished, so a crash loses
-//! at most the last second.
+//! It writes `FILE.part`, flushes it about once a second, and renames it when it is finished. A
+//! crash therefore loses at most the last second.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
@@ -18,13 +18,13 @@ use crate::queue::{Job, Outlet};
 
 /// Size at which a chunk is closed.
 pub const CHUNK_BYTES: u64 = 4 << 20;
-/// How often what was written is made safe from a crash.
+/// How often the file is flushed, so that a crash loses no more than this.
 pub const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
 /// Compression of chunks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ChunkCompression {
-    /// As it is: fastest, largest.
+    /// None: fastest, largest.
     None,
     /// Fast.
     #[default]

@@ -108,8 +108,8 @@ pub fn flow_rgb(header: &FrameHeader, payload: &[u8], full_px: f32) -> Vec<u8> {
     pixels
 }
 
-/// The length that is shown in full colour: the 95th percentile of a sample of lengths, at least one
-/// pixel.
+/// The length that is shown in full colour: the 95th percentile of a sample of lengths, at least
+/// one pixel.
 pub fn flow_full_px(header: &FrameHeader, payload: &[u8]) -> f32 {
     let n_pixels = header.width as usize * header.height as usize;
     let step = (n_pixels / 2000).max(1);
@@ -161,8 +161,8 @@ fn f32_of_half(bits: u16) -> f32 {
     }
 }
 
-/// Size of a camera's image. A list of events carries no size, but the principal point is the middle
-/// of its image.
+/// Size of a camera's image. A list of events carries no size, but the principal point is the
+/// middle of its image.
 pub fn image_size_px(header: &FrameHeader) -> Option<[u32; 2]> {
     if header.modality().is_some_and(Modality::is_image) {
         return (header.width > 0 && header.height > 0).then_some([header.width, header.height]);

@@ -95,8 +95,8 @@ const CAMERA_ORDER: [Modality; 7] = [
 const EYE_M: [f32; 3] = [-17.0, 0.0, 8.5];
 const LOOK_M: [f32; 3] = [10.0, 0.0, 0.5];
 
-/// Divides the window among the topics that exist: on the left one view per camera and modality with
-/// curves below, on the right the world, seen from behind the first rig and following it.
+/// Divides the window among the topics that exist: on the left one view per camera and modality
+/// with curves below, on the right the world, seen from behind the first rig and following it.
 ///
 /// # Errors
 /// If the recording's other end refuses.

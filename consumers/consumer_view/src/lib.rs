@@ -1,12 +1,12 @@
-//! Shows a domain in rerun: what frames look like, where they stand in the tree of entities, how the
-//! window is laid out, and the viewer process.
+//! Shows a domain in rerun: what frames look like, where they stand in the tree of entities, how
+//! the window is laid out, and the viewer process.
 //!
 //! The binary `gantry-view` is a thin shell around this library, so that tests can make images from
 //! plain memory.
 //!
-//! Modules in reading order: [`session`] (a viewing from start to end), [`stage`] (one rerun recording
-//! and what it contains), [`layout`] (entities and the window), [`images`] (frames as pixels and
-//! points), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
+//! Modules in reading order: [`session`] (a viewing from start to end), [`stage`] (one rerun
+//! recording and what it contains), [`layout`] (entities and the window), [`images`] (frames as
+//! pixels and points), [`pace`] (how often a topic is shown), [`viewer`] (the rerun process).
 //!
 //! ```
 //! use consumer_view::layout::Place;

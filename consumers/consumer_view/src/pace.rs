@@ -1,5 +1,5 @@
-//! Limits how often a topic is shown per second of wall time. If frames come faster, the average rate
-//! is exactly the limit.
+//! Limits how often a topic is shown per second of wall time. If frames come faster, the average
+//! rate is exactly the limit.
 
 use std::time::{Duration, Instant};
 

@@ -191,8 +191,8 @@ impl Session {
             .set_topics(visible.map(|(name, _)| name.as_str()))
     }
 
-    /// Begins a new recording for a new epoch: that is a new run of the simulator, whose clock starts
-    /// again.
+    /// Begins a new recording for a new epoch: that is a new run of the simulator, whose clock
+    /// starts again.
     fn meet(&mut self, epoch: u64) -> anyhow::Result<()> {
         if self.epoch == epoch || epoch == 0 {
             return Ok(());

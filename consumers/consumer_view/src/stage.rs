@@ -412,8 +412,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Places the sensor in the tree: on its rig if the parent's pose at that tick is known, else in
-    /// the world.
+    /// Places the sensor in the tree: on its rig if the parent's pose at that tick is known, else
+    /// in the world.
     fn place_sensor(&mut self, place: &Place, header: &FrameHeader) -> anyhow::Result<()> {
         let parent = self
             .pose_at(header.tick, header.parent_id)
@@ -483,8 +483,8 @@ impl Stage {
         Ok(())
     }
 
-    /// Sends small messages that wait for their batch to fill, so that curves and boxes keep up with
-    /// images. Does not wait.
+    /// Sends small messages that wait for their batch to fill, so that curves and boxes keep up
+    /// with images. Does not wait.
     ///
     /// # Errors
     /// If the recording's other end refuses.

@@ -152,8 +152,8 @@ impl Viewer {
 
 impl Drop for Viewer {
     fn drop(&mut self) {
-        // The `rerun` of the Python wheel is a wrapper that starts the real program as its child, so
-        // the whole group must end.
+        // The `rerun` of the Python wheel is a wrapper that starts the real program as its child,
+        // so the whole group must end.
         let group = Pid::from_raw(self.child.id() as i32);
         let _ = killpg(group, Signal::SIGTERM);
         let start = Instant::now();

@@ -2,14 +2,14 @@
 //! it.
 //!
 //! The specific force is what a strap-down unit integrates: the velocity gained by the sensor's own
-//! point over the tick, divided by the tick, less gravity, in the sensor's orientation at the middle
-//! of the tick. In theory it equals the second derivative of a quadratic through three positions. It
-//! is taken from velocities instead, because the physics engine's `f32` positions (6e-5 m at 1 km)
-//! would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and centripetal terms
-//! are included.
+//! point over the tick, divided by the tick, less gravity, in the sensor's orientation at the
+//! middle of the tick. In theory it equals the second derivative of a quadratic through three
+//! positions. It is taken from velocities instead, because the physics engine's `f32` positions
+//! (6e-5 m at 1 km) would turn into 0.6 m/s² of noise at 100 Hz. Lever arm, mounting rotation and
+//! centripetal terms are included.
 //!
-//! The model reads no clock and keeps no state but the last two ticks; noise is a function of (seed,
-//! sensor, tick).
+//! The model reads no clock and keeps no state but the last two ticks; noise is a function of
+//! (seed, sensor, tick).
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use schema_frames::ImuSample;

@@ -1,8 +1,8 @@
 //! What sensors share: the scene they look at, the schedule by which they fire, and the models of
 //! IMU, GNSS and lane invasion.
 //!
-//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, the GPU or
-//! shared memory.
+//! A sensor never publishes: it fills memory that it is given. Nothing here knows physics, the GPU
+//! or shared memory.
 //!
 //! Modules in reading order: [`scene`] (what sensors see in one tick), [`mesh`] (the triangles that
 //! cameras draw and rays hit), [`schedule`] (which sensors fire at a tick), [`imu`], [`gnss`],

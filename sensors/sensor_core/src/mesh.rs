@@ -36,8 +36,8 @@ pub enum Material {
     Metal = 12,
     /// Rubber, dark plastic.
     Rubber = 13,
-    /// A lamp: shines in its vertex colour if `DynamicInstance::lamps` has the bit `Vertex::lamp`, else
-    /// it is dark.
+    /// A lamp: shines in its vertex colour if `DynamicInstance::lamps` has the bit `Vertex::lamp`,
+    /// else it is dark.
     Lamp = 14,
     /// Skin and cloth.
     Cloth = 15,

@@ -58,8 +58,8 @@ impl SceneAssets {
         MeshId(self.meshes.len() as u32 - 1)
     }
 
-    /// The same assets without some objects of the scenery: without their instances, and without their
-    /// triangles in meshes that show several objects.
+    /// The same assets without some objects of the scenery: without their instances, and without
+    /// their triangles in meshes that show several objects.
     pub fn without(&self, hidden: &BTreeSet<ObjectId>) -> SceneAssets {
         let mut left = self.clone();
         left.hidden.extend(hidden);

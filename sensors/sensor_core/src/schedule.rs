@@ -2,9 +2,9 @@
 //!
 //! This is pure arithmetic on simulated nanoseconds, so two runs agree and a test needs no clock. A
 //! sensor fires at the first tick whose time is at or after its due time, less 1e-5 of the interval
-//! because users write 0.0333334. The due time then moves on by whole intervals until it lies ahead:
-//! lateness never adds up, and no tick fires twice. An interval of 0 fires at every tick. The first
-//! due time is the first tick after the sensor was made.
+//! because users write 0.0333334. The due time then moves on by whole intervals until it lies
+//! ahead: lateness never adds up, and no tick fires twice. An interval of 0 fires at every tick.
+//! The first due time is the first tick after the sensor was made.
 
 use schema_types::SimTime;
 
@@ -75,8 +75,8 @@ impl Schedule {
         self.n_fired
     }
 
-    /// Whether the sensor fires at this tick. Ask at every tick, in the order of time: a time that was
-    /// asked before, or that lies before the sensor was made, fires nothing.
+    /// Whether the sensor fires at this tick. Ask at every tick, in the order of time: a time that
+    /// was asked before, or that lies before the sensor was made, fires nothing.
     pub fn due(&mut self, tick_time: SimTime) -> Option<Firing> {
         if tick_time <= self.last_asked {
             return None;

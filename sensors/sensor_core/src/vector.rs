@@ -4,8 +4,8 @@
 //! compiled twice, and the copy that fits is run. Both copies do the same arithmetic in the same
 //! order and fuse nothing, so results do not depend on the processor.
 
-/// Work in plain arithmetic. Mark `run` and everything it calls `#[inline(always)]`: a function that
-/// is not inlined is compiled without AVX2.
+/// Work in plain arithmetic. Mark `run` and everything it calls `#[inline(always)]`: a function
+/// that is not inlined is compiled without AVX2.
 pub trait VectorWork {
     /// Its result.
     type Out;

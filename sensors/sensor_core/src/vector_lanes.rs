@@ -1,5 +1,5 @@
-//! Arithmetic on eight `f32` at a time. Code is written once over [`Lanes`] and runs with AVX2 where
-//! the processor has it, elsewhere with plain arrays.
+//! Arithmetic on eight `f32` at a time. Code is written once over [`Lanes`] and runs with AVX2
+//! where the processor has it, elsewhere with plain arrays.
 //!
 //! Every operation is exactly IEEE's and none is fused, so that both give the same bits.
 
@@ -44,8 +44,8 @@ pub trait Lanes: Copy {
     fn prefetch<T>(x: &T);
 }
 
-/// Work over eight lanes. Mark `run` and everything it calls `#[inline(always)]`: a function that is
-/// not inlined is compiled without AVX2.
+/// Work over eight lanes. Mark `run` and everything it calls `#[inline(always)]`: a function that
+/// is not inlined is compiled without AVX2.
 pub trait LaneWork {
     /// Its result.
     type Out;

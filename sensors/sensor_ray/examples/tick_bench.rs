@@ -1,8 +1,8 @@
-//! What the processor does for lidars in a tick before rays go: people of twelve parts and cars of
-//! five are put in place and told to the GPU. And what the hierarchy over them costs the rays.
+//! CPU time for lidars in a tick before rays are cast: placing people of twelve parts and cars of
+//! five, and uploading them to the GPU; and what the hierarchy over them costs the rays.
 //!
-//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS] [--json FILE]` prints CPU time
-//! of this thread, best and median.
+//! `cargo run --release -p sensor_ray --example tick_bench [PEOPLE] [CARS] [TICKS] [--json FILE]`
+//! prints CPU time of this thread, best and median.
 
 use launch_cli::bench::{BenchResult, take_json_argument};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};

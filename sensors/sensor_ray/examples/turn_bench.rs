@@ -1,8 +1,8 @@
 //! Time of one lidar turn (64 × 2000 rays) in a made-up street of 250 000 triangles with 200 moving
 //! cars.
 //!
-//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads] [--json FILE]` prints CPU time (best
-//! and median) and the best wall time.
+//! `cargo run --release -p sensor_ray --example turn_bench [turns] [threads] [--json FILE]` prints
+//! CPU time (best and median) and the best wall time.
 
 use std::time::Instant;
 

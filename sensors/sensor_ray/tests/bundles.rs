@@ -80,7 +80,7 @@ fn check(spec: LidarSpec, scene: &RayScene, world: &World, path: &SensorPath, sc
     );
 }
 
-/// A ray that passes an edge within rounding may differ, so one in ten thousand is let off.
+/// A ray that passes an edge within rounding may differ, so one in ten thousand may disagree.
 #[test]
 fn turns_of_every_shape_agree_with_brute_force_to_a_millimetre() {
     let mut rng = fastrand::Rng::with_seed(11);

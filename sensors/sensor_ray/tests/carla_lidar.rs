@@ -1,5 +1,5 @@
-//! Lidar by the tick, as CARLA turns its head: angles, counts and where the head goes on, from the
-//! published formulas.
+//! Lidar that sweeps per tick, as CARLA's: its angles, its counts and where its head continues,
+//! compared with the published formulas.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use schema_frames::{LidarPoint, SemanticLidarPoint};

@@ -1,5 +1,5 @@
-//! Lidars on the GPU against the CPU's, point by point, and against a loop over every triangle;
-//! imported against staged memory.
+//! Compares lidars on the GPU with the CPU's, point by point, and with a loop over every triangle;
+//! and imported with staged memory.
 
 #![expect(
     unsafe_code,
@@ -110,7 +110,7 @@ fn moving_path(rng: &mut fastrand::Rng, centre: [f64; 3]) -> SensorPath {
     }
 }
 
-/// A ray that passes an edge within rounding may differ, so one in ten thousand is let off.
+/// A ray that passes an edge within rounding may differ, so one in ten thousand may disagree.
 #[test]
 fn semantic_turns_agree_with_brute_force_to_a_millimetre() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(21));
@@ -203,8 +203,8 @@ fn semantic_turns_agree_with_brute_force_to_a_millimetre() {
     );
 }
 
-/// The same rays are lost, the same ranges are noisy by the same amount, and points stand in the
-/// same order.
+/// The GPU loses the same rays, adds the same noise to the same ranges, and keeps points in the same
+/// order.
 #[test]
 fn losses_and_noise_are_the_cpus() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(22));
@@ -307,8 +307,8 @@ fn scan_to(
         .unwrap()
 }
 
-/// The same bytes whatever way they take: written by the shader, copied by the GPU or by the CPU;
-/// in one group or in several.
+/// The bytes do not depend on the way they take: written by the shader, copied by the GPU or by the
+/// CPU, in one group or in several.
 #[test]
 fn many_lidars_in_one_submission_bring_the_same_bytes_alone_twice_and_by_every_way() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(23));
@@ -409,8 +409,8 @@ fn many_lidars_in_one_submission_bring_the_same_bytes_alone_twice_and_by_every_w
     }
 }
 
-/// Each topic has a segment of its own, and more of them fire than one dispatch writes to; nothing
-/// of a submission is left for the next.
+/// Each topic has a segment of its own, and more of them fire than one dispatch can write to. A
+/// submission leaves nothing behind for the next one.
 #[test]
 fn lidars_with_memory_of_their_own_write_there_and_nowhere_else() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(24));
@@ -483,8 +483,8 @@ fn lidars_with_memory_of_their_own_write_there_and_nowhere_else() {
     }
 }
 
-/// The GPU's world after hiding is that of a scene without the hidden objects, with what was
-/// uploaded before.
+/// After hiding, the GPU sees the scene without the hidden objects, in the buffers that were uploaded
+/// before.
 #[test]
 fn hidden_objects_let_rays_through_and_come_back() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(26));
@@ -526,7 +526,7 @@ fn hidden_objects_let_rays_through_and_come_back() {
     assert!(seen[0] == seen[4] && (1..4).all(|i| seen[i] != seen[0]) && seen[1] != seen[2]);
 }
 
-/// Scenes of one episode that were built apart are not taken for one another.
+/// Two scenes of one episode are not confused with one another.
 #[test]
 fn another_scene_of_the_same_episode_is_uploaded() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(27));
@@ -539,7 +539,7 @@ fn another_scene_of_the_same_episode_is_uploaded() {
     }
 }
 
-/// A world that is brought up to a tick by what changed is the world of that tick.
+/// A GPU scene that gets only what changed equals one that is uploaded whole.
 #[test]
 fn moving_things_that_stop_come_and_go_are_where_they_are() {
     let (gpu, mut rng) = (gpu(), fastrand::Rng::with_seed(28));

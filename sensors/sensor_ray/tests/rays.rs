@@ -11,8 +11,8 @@ use schema_types::{ActorId, Class, ObjectId};
 use sensor_core::{MeshBuilder, SceneAssets, StaticInstance};
 use sensor_ray::RayScene;
 
-/// Random scenes far from the origin; a ray that passes an edge within rounding may differ, so a
-/// few in ten thousand are let off.
+/// Random scenes far from the origin. A ray that passes an edge within rounding may differ, so a few
+/// in ten thousand may disagree.
 #[test]
 fn random_scenes_agree_with_brute_force_to_a_millimetre() {
     let mut rng = fastrand::Rng::with_seed(3);

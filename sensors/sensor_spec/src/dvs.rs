@@ -39,8 +39,8 @@ pub struct DvsSpec {
     pub log_eps: f32,
     /// Events of rising brightness per second and pixel that occur without any change.
     pub leak_rate_hz: f32,
-    /// Random events per second and pixel, of either polarity, in the dark; a quarter of that in full
-    /// light.
+    /// Random events per second and pixel, of either polarity, in the dark; a quarter of that in
+    /// full light.
     pub shot_noise_rate_hz: f32,
     /// Longest way of a point over the image between two samples of its brightness, pixels.
     pub substep_px: f32,

@@ -1,8 +1,8 @@
 //! What a launch file or a blueprint may ask of each sensor, and the checks. No GPU, no scene.
 //!
 //! Each kind of sensor has a struct whose fields are the keys of its table in a launch file; units
-//! are in the keys. [`SensorSpec`] is one sensor of any kind. A check reports every problem at once:
-//! the key, the value found, and what is allowed.
+//! are in the keys. [`SensorSpec`] is one sensor of any kind. A check reports every problem at
+//! once: the key, the value found, and what is allowed.
 //!
 //! Modules in reading order: `check` ([`SpecError`]), `mount` (where a sensor sits), one per kind
 //! (`camera` with `optics` and `dvs`, `lidar`, `radar`, `imu`, `gnss`, `events`), and `sensor`

@@ -1,5 +1,5 @@
-//! Settings of a camera's colour image: exposure, lens, white balance. Labels, depth, flow and events
-//! stay those of a pinhole camera.
+//! Settings of a camera's colour image: exposure, lens, white balance. Labels, depth, flow and
+//! events stay those of a pinhole camera.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,8 @@ pub struct OpticsSpec {
     pub gamma: f32,
     /// `false`: no film curve, bloom, vignette or automatic exposure; light is clipped at white.
     pub postprocess: bool,
-    /// Colour temperature of light that is shown as white, kelvin; above 6500 the image turns warmer.
+    /// Colour temperature of light that is shown as white, kelvin; above 6500 the image turns
+    /// warmer.
     pub white_kelvin: f32,
     /// Shift towards green (below 0) or magenta (above 0), −1 to 1.
     pub tint: f32,

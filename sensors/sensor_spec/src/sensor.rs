@@ -108,7 +108,8 @@ impl SensorSpec {
         }
     }
 
-    /// Largest number of payload bytes that a frame of `modality` can have after a tick of `tick_secs`.
+    /// Largest number of payload bytes that a frame of `modality` can have after a tick of
+    /// `tick_secs`.
     pub fn max_payload_bytes(&self, modality: Modality, tick_secs: f64) -> usize {
         let n_elements = match self {
             SensorSpec::Camera(spec) if modality == Modality::Dvs => spec.max_events() as usize,

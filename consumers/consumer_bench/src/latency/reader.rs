@@ -1,4 +1,4 @@
-//! One reader of the latency bench: as a process of its own, and as its parent sees it.
+//! One reader of the latency bench: the process itself, and its handle in the parent.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// Frames sent before counting begins: page faults, connection set-up, cold branch predictors.
 pub const WARM_UP: u64 = 30;
-/// A reader that hears nothing for so long gives up: its writer is dead.
+/// A reader that receives nothing for this long gives up, because its writer must be dead.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// How frames reach a reader.
@@ -22,7 +22,7 @@ pub enum Way {
     /// Shared memory; asleep until an event.
     #[value(name = "shm-event")]
     Event,
-    /// Shared memory; looks again and again, giving up its time slice in between.
+    /// Shared memory; polls and yields its time slice in between.
     #[value(name = "shm-polled")]
     Polled,
     /// TCP over loopback.
@@ -68,7 +68,7 @@ pub struct Received {
 }
 
 impl Received {
-    /// Takes note of a frame; returns whether it was the last.
+    /// Records a frame; returns whether it was the last.
     fn frame(
         &mut self,
         seq: u64,
@@ -195,7 +195,7 @@ fn read_tcp(args: &ReaderArgs, address: &str, received: &mut Received) -> anyhow
     }
 }
 
-/// A reader as its parent sees it. Killed if it is dropped before it finished.
+/// The parent's handle of a reader. Dropped before the reader has finished, it kills the reader.
 pub struct ReaderProcess {
     child: Child,
     output: BufReader<ChildStdout>,
@@ -247,7 +247,7 @@ impl ReaderProcess {
 
 impl Drop for ReaderProcess {
     fn drop(&mut self) {
-        // Both fail for a reader that has ended, which is how it should be.
+        // Both fail for a reader that has already ended, which is the normal case.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

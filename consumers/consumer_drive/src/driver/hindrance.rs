@@ -42,7 +42,8 @@ pub(super) struct Lookout<'d> {
 }
 
 impl Lookout<'_> {
-    /// The vehicle or walker on the path, or about to step onto it, that asks for the hardest braking.
+    /// The vehicle or walker on the path, or about to step onto it, that asks for the hardest
+    /// braking.
     pub fn obstacle(&self, traffic: &Traffic, margin_m: f64) -> Option<Obstacle> {
         let me = self.me;
         let front = self.foot.arc_m + me.front_m();
@@ -99,8 +100,8 @@ impl Lookout<'_> {
         nearest
     }
 
-    /// How far the front swings out where it passes a place. The middle of the vehicle is still on the
-    /// bend when the front has left it.
+    /// How far the front swings out where it passes a place. The middle of the vehicle is still on
+    /// the bend when the front has left it.
     fn swing_at(&self, arc_m: f64, side: Side) -> f64 {
         let behind = [0.0, 0.5, 1.0].map(|share| {
             self.path

@@ -86,8 +86,8 @@ impl Rescue {
             return;
         }
         let pushing = wanted_mps2 > 0.3;
-        // A vehicle that queues ahead has its own reason to stand; one that stands across our path or
-        // head-on blocks us.
+        // A vehicle that queues ahead has its own reason to stand; one that stands across our path
+        // or head-on blocks us.
         let blocked = wait == Wait::Ahead
             && obstacle.and_then(|o| traffic.mover(o.id)).is_some_and(|o| {
                 wrap(o.yaw_rad - path.at(foot.arc_m + me.front_m() + 2.0).heading_rad).abs() > 0.6
@@ -99,8 +99,8 @@ impl Rescue {
             return;
         }
         self.stuck_secs += dt;
-        // The id makes the patience differ, so that two vehicles that block each other do not back off
-        // at the same time.
+        // The id makes the patience differ, so that two vehicles that block each other do not back
+        // off at the same time.
         let patience = 2.0 * STUCK_SECS + f64::from(me.id % 7) + if pushing { 0.0 } else { 6.0 };
         if self.stuck_secs > patience && traffic.behind(me, 1.5).is_none() {
             (self.reverse_left_secs, self.is_yielding) = (REVERSE_SECS, false);
