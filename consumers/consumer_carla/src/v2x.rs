@@ -109,6 +109,16 @@ impl Station {
             noise: Noise::new(seed, id),
         })
     }
+
+    fn message(&self, id: u32, bytes: Vec<u8>) -> Message {
+        Message {
+            station: id,
+            carrier: self.carrier,
+            number: self.number,
+            transmit_dbm: self.radio.transmit_dbm,
+            bytes,
+        }
+    }
 }
 
 impl V2x {
@@ -336,18 +346,6 @@ impl State {
                     bytes: whole.into(),
                 });
             }
-        }
-    }
-}
-
-impl Station {
-    fn message(&self, id: u32, bytes: Vec<u8>) -> Message {
-        Message {
-            station: id,
-            carrier: self.carrier,
-            number: self.number,
-            transmit_dbm: self.radio.transmit_dbm,
-            bytes,
         }
     }
 }

@@ -56,15 +56,15 @@ pub struct Born {
 /// A vehicle's control as CARLA writes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pedals {
-    /// Steering, positive to the right.
+    /// Steering, −1 to 1, positive to the right.
     pub steer: f32,
-    /// Throttle.
+    /// Throttle, 0 to 1.
     pub throttle: f32,
-    /// Brake.
+    /// Brake, 0 to 1.
     pub brake: f32,
-    /// Hand brake.
+    /// Whether the hand brake is on.
     pub hand_brake: bool,
-    /// Gear.
+    /// Gear; negative backwards.
     pub gear: i32,
 }
 
