@@ -1,5 +1,5 @@
-//! Golden help texts: `tests/golden/help/*.txt` in the root of the repository. `GANTRY_BLESS=1`
-//! (`./gantry bless`) writes them anew.
+//! Compares the help texts with `tests/golden/help/*.txt` in the root of the repository.
+//! `./gantry bless` sets `GANTRY_BLESS=1`, which writes them anew.
 
 use std::path::PathBuf;
 use std::process::Command;

@@ -1,8 +1,8 @@
 //! `gantry up` with small shell commands as processes: start, readiness, restart, exit codes,
 //! ordered stop, nothing left behind.
 //!
-//! Conditions are waited for, never times; a process "is gone" when its pid is no longer in
-//! `/proc`, or there as a zombie.
+//! The tests wait for conditions, never for times. A process is gone when `/proc` does not have its
+//! pid, or has it as a zombie.
 
 use std::path::Path;
 
@@ -10,9 +10,9 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use test_kit::{Process, Sandbox, eventually};
 
-/// Sleeps for ever, with its pid in the file `NAME.pid`.
+/// A script that writes its pid into the file `NAME.pid` and sleeps for ever.
 const SLEEPER: &str = "echo $$ > NAME.pid; exec sleep 100000";
-/// Does not listen to signals that ask.
+/// A script that ignores INT and TERM.
 const MULE: &str = "trap \"\" INT TERM; echo $$ > NAME.pid; while :; do sleep 0.01; done";
 
 fn up(sandbox: &Sandbox, launch: &str, more: &[&str]) -> Process {

@@ -1,9 +1,9 @@
-//! Launch files as users write them, rightly and wrongly.
+//! Launch files as users write them, with and without mistakes.
 
 use launch_spec::{Launch, LidarsOn, Rig};
 use sensor_spec::SensorSpec;
 
-/// The messages for `body` below a version line, which is line 1.
+/// The error messages for `body`, which begins in line 2 below the version.
 fn errors(body: &str) -> Vec<String> {
     let text = format!("version = 1\n{body}");
     match Launch::parse(&text, "launch/town.toml") {

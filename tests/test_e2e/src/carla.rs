@@ -1,4 +1,5 @@
-//! The gateway and CARLA's own client, from the repository's environment, in a sandbox.
+//! The gateway and CARLA's own client in a sandbox. The client is that of the repository's Python
+//! environment.
 
 use std::net::TcpListener;
 use std::time::Duration;
@@ -8,8 +9,8 @@ use test_kit::{Ended, Process, Sandbox};
 
 use crate::processes::{assert_nothing_left, spawn_consumer, start_daemon, venv_program};
 
-/// Scripts end themselves and say where they stand when they stand still (`carla_kit.py`); however
-/// slow the machine is, this is far beyond.
+/// Longest run of a script. Scripts that hang end themselves and say where (`carla_kit.py`); this
+/// limit is far beyond theirs on any machine.
 pub const SCRIPT_LIMIT: Duration = Duration::from_secs(3600);
 
 /// Launch text of a town without sensors, so that nothing is rendered, and without any cars.
@@ -17,26 +18,25 @@ pub fn empty_town(map: &str) -> String {
     format!("version = 1\n[scenario]\nmap = {map:?}\nseed = 7\ntick_hz = 20\nvehicles = 0\n")
 }
 
-/// A daemon with a gateway before it, in a sandbox of their own, for scripts under the stock
-/// client.
+/// A daemon and a gateway in a sandbox of their own, for scripts with the stock client.
 #[derive(Debug)]
 pub struct Stage {
-    // Processes end before their directory goes.
+    // Fields drop in this order, so that the processes end before their directory is removed.
     gateway: Process,
     daemon: Process,
-    /// Port of the calls.
+    /// Port of the gateway's RPC server.
     pub port: u16,
     /// Where they run.
     pub sandbox: Sandbox,
 }
 
 impl Stage {
-    /// Starts both on a launch text.
+    /// Starts both with a launch file's text.
     pub fn new(name: &str, launch: &str) -> Stage {
         Stage::with(Sandbox::new(name), launch, &[])
     }
 
-    /// As [`Stage::new`] in a sandbox that is there, with more arguments for the daemon.
+    /// As [`Stage::new`], in an existing sandbox and with more arguments for the daemon.
     pub fn with(sandbox: Sandbox, launch: &str, extra: &[&str]) -> Stage {
         let daemon = start_daemon(&sandbox, launch, extra);
         let (gateway, port, _) = start_gateway(&sandbox);
@@ -48,7 +48,7 @@ impl Stage {
         }
     }
 
-    /// Runs a script with the port and more arguments; as [`run_script`].
+    /// Runs a script with the port and more arguments, as [`run_script`] does.
     pub fn run(&self, script: &str, more: &[&str], themes: &[&str]) -> Ended {
         let port = self.port.to_string();
         run_script(
@@ -80,8 +80,8 @@ pub fn free_port() -> u16 {
         .port()
 }
 
-/// Starts the gateway on ports of its own choice; returns them too, RPC first. Its data folder is
-/// the sandbox's `data`.
+/// Starts the gateway on free ports, and also returns the RPC port and the streaming port. Its data
+/// folder is the sandbox's `data`.
 pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
     let data = sandbox.path("data");
     let mut gateway = spawn_consumer(
@@ -110,13 +110,13 @@ pub fn start_gateway(sandbox: &Sandbox) -> (Process, u16, u16) {
     (gateway, ports[0], ports[1])
 }
 
-/// Starts a script of `tests/test_e2e/python` under the stock client.
+/// Starts a script of `tests/test_e2e/python`, which uses the stock client.
 pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
     let script = repository().join("tests/test_e2e/python").join(script);
     let args: Vec<&str> = std::iter::once(script.to_str().expect("paths are UTF-8"))
         .chain(args.iter().copied())
         .collect();
-    // The client keeps a cache in its home folder, which must not be the tester's.
+    // The client keeps a cache in the home folder, so the script gets one of its own.
     let home = sandbox.path("");
     let package = repository().join("schemas/python/src");
     let text = |path: &std::path::Path| path.to_str().expect("paths are UTF-8").to_owned();
@@ -130,7 +130,7 @@ pub fn start_script(sandbox: &Sandbox, script: &str, args: &[&str]) -> Process {
     sandbox.spawn_program("python", &venv_program("python"), &args, &env)
 }
 
-/// Runs such a script to its end, and looks for `NAME passed` of each theme.
+/// Runs such a script to its end, and asserts that it printed `NAME passed` for each theme.
 ///
 /// # Panics
 /// With its output if it fails or a theme is missing.

@@ -1,4 +1,5 @@
-//! The test itself on the sandbox's bus: readers, documents and commands.
+//! The test itself as a client on the sandbox's bus: it reads topics and documents, and sends
+//! commands.
 
 use std::time::Duration;
 
@@ -6,7 +7,7 @@ use schema_bus::{Bus, BusOptions, CommandClient, Document, FrameReader};
 use schema_frames::{Command, CommandBatch, CommandReply};
 use test_kit::{Sandbox, eventually};
 
-/// This process on the sandbox's bus.
+/// Joins the sandbox's bus from this process.
 pub fn join_bus(sandbox: &Sandbox, name: &str) -> Bus {
     let options = BusOptions {
         iceoryx_root: Some(sandbox.path("iox")),
@@ -26,14 +27,14 @@ pub fn wait_readers(bus: &Bus, topic: &str, n: usize) {
     });
 }
 
-/// A reader of a topic that appears sooner or later.
+/// Waits until a topic exists, and opens a reader.
 pub fn reader(bus: &Bus, topic: &str) -> FrameReader {
     eventually(&format!("topic {topic} appears"), || {
         bus.frame_reader(topic).ok()
     })
 }
 
-/// The newest revision of a document.
+/// Waits for a document, and returns its newest revision.
 pub fn document(bus: &Bus, name: &str) -> Document {
     let mut reader = eventually(&format!("document {name} appears"), || {
         bus.document_reader(name).ok()

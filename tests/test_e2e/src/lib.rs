@@ -1,5 +1,8 @@
-//! What the end-to-end tests share: a daemon in a sandbox, and the test itself as a reader on the
+//! What the end-to-end tests share: a daemon in a sandbox, and the test itself as a client on the
 //! same private bus.
+//!
+//! In reading order: [`small_rig`] (the launch file), [`processes`], [`client`], [`recording`] and
+//! [`carla`].
 
 #![forbid(unsafe_code)]
 

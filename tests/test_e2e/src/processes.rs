@@ -1,4 +1,4 @@
-//! Starts the daemon and its consumers in a sandbox, and asserts what they leave.
+//! Starts the daemon and its consumers in a sandbox, and asserts that they leave nothing.
 
 use std::path::PathBuf;
 
@@ -6,14 +6,14 @@ use test_kit::{Process, Sandbox};
 
 use crate::client::join_bus;
 
-/// Starts `simd` with a launch text and waits until it is ready.
+/// Starts `simd` with a launch file's text and waits until it is ready.
 pub fn start_daemon(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
     let mut daemon = spawn_daemon(sandbox, launch, extra);
     daemon.wait_line("ready");
     daemon
 }
 
-/// Starts `simd` with a launch text.
+/// Starts `simd` with a launch file's text.
 pub fn spawn_daemon(sandbox: &Sandbox, launch: &str, extra: &[&str]) -> Process {
     let file = sandbox.write("launch.toml", launch);
     let file = file.to_str().expect("sandbox paths are text");
@@ -41,7 +41,8 @@ pub fn venv_program(name: &str) -> PathBuf {
     program
 }
 
-/// Asserts that nothing of a sandbox is left in shared memory once the dead are cleaned away.
+/// Cleans up after killed processes, and asserts that nothing of the sandbox is left in shared
+/// memory.
 pub fn assert_nothing_left(sandbox: &Sandbox) {
     let bus = join_bus(sandbox, "cleaner");
     bus.clean_dead_nodes();

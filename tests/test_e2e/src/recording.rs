@@ -1,4 +1,4 @@
-//! What a recording holds, read back with the `mcap` crate, which knows nothing of ours.
+//! Reads recordings back with the `mcap` crate alone, independently of our own code.
 
 use std::collections::BTreeMap;
 use std::path::Path;

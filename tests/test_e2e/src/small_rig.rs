@@ -1,6 +1,7 @@
 //! The launch file that most tests run, and its topics.
 
-/// A small rig with every kind of sensor: pictures of 96×64 keep software rendering cheap.
+/// A small rig with cameras, lidars, IMU and GNSS. Images of 96×64 pixels keep software rendering
+/// cheap.
 pub const SMALL_RIG: &str = r#"version = 1
 [scenario]
 map = "Town10HD"

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-/// How long a test waits for a condition before it fails: far beyond any sane duration, so that
-/// only a hang reaches it.
+/// How long a test waits for a condition before it fails. This is far longer than anything takes,
+/// so that only a hang reaches it.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// Polls `condition` until it gives a value.

@@ -20,7 +20,7 @@ pub struct Process {
     readers: Vec<std::thread::JoinHandle<()>>,
 }
 
-/// How a process ended, and all it printed.
+/// How a process ended, and everything that it printed.
 #[derive(Debug)]
 pub struct Ended {
     /// Exit status.
@@ -93,7 +93,7 @@ impl Process {
         self.child.id()
     }
 
-    /// Lines so far.
+    /// The lines that it has printed so far.
     pub fn lines(&self) -> Vec<String> {
         self.lines
             .lock()
@@ -156,7 +156,7 @@ impl Process {
         self.wait_end(PATIENCE)
     }
 
-    /// Waits for its own end.
+    /// Waits until it ends by itself.
     pub fn wait(mut self) -> Ended {
         self.wait_end(PATIENCE)
     }

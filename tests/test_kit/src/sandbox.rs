@@ -1,4 +1,4 @@
-//! A private world for one test: directory, domain, iceoryx2 root and prefix.
+//! What one test has for itself: a directory, a domain, an iceoryx2 root and prefix.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -16,7 +16,7 @@ pub struct Sandbox {
 static COUNT: AtomicU32 = AtomicU32::new(0);
 
 impl Sandbox {
-    /// A fresh sandbox. `name` is for people who read a listing.
+    /// A fresh sandbox. `name` is part of its directory's name, for people who look for it.
     pub fn new(name: &str) -> Self {
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
         let dir = tempfile::Builder::new()
@@ -54,19 +54,18 @@ impl Sandbox {
         &self.domain
     }
 
-    /// Start of the names of this sandbox's files in `/dev/shm`, for ports opened by the test
-    /// itself.
+    /// Prefix of this sandbox's files in `/dev/shm`. A test that opens ports itself needs it.
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// iceoryx2 root, for the same.
+    /// Root folder of iceoryx2 in this sandbox. A test that opens ports itself needs it.
     pub fn iceoryx_root(&self) -> PathBuf {
         self.path("iox")
     }
 
-    /// iceoryx2 file for programs that take one: relative to the working directory it is
-    /// `config/iceoryx2.toml`.
+    /// The iceoryx2 configuration file, `config/iceoryx2.toml` in the working directory, for
+    /// programs that are told its path.
     pub fn iceoryx_config(&self) -> PathBuf {
         self.path("config/iceoryx2.toml")
     }
@@ -100,7 +99,7 @@ impl Sandbox {
             return Vec::new();
         };
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-        // iceoryx2 keeps one 16-byte management file for ever, by design.
+        // By design, iceoryx2 never removes its one management file of 16 bytes.
         let mut left: Vec<String> = names
             .filter(|n| n.starts_with(&self.prefix) && !n.ends_with(".global_mgmt"))
             .collect();
@@ -126,7 +125,7 @@ impl Drop for Sandbox {
     }
 }
 
-/// Where cargo put a binary of the workspace: beside the directory of the running test.
+/// Path of a binary of the workspace. Cargo puts it beside the directory of the running test.
 ///
 /// # Panics
 /// With the command to run if it was not built.
