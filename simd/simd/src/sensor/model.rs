@@ -51,7 +51,7 @@ impl Model {
                     intrinsics: camera.intrinsics(),
                     dvs: camera.dvs.clone(),
                     optics: camera.optics.clone(),
-                    seed: seed,
+                    seed,
                     sensor_id,
                 },
             ))),
