@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod circles;
+pub mod messages;
 pub mod modules;
 
 use std::path::{Path, PathBuf};
