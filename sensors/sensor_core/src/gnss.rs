@@ -28,16 +28,6 @@ pub struct GeoReference {
     pub longitude_deg: f64,
 }
 
-impl Default for GeoReference {
-    /// 42° N, 2° E: what maps without a reference get.
-    fn default() -> Self {
-        GeoReference {
-            latitude_deg: 42.0,
-            longitude_deg: 2.0,
-        }
-    }
-}
-
 /// A place on Earth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GeoPoint {
@@ -117,9 +107,14 @@ pub fn sample(
 mod tests {
     use super::*;
 
+    const ORIGIN: GeoReference = GeoReference {
+        latitude_deg: 42.0,
+        longitude_deg: 2.0,
+    };
+
     #[test]
     fn the_origin_is_the_reference() {
-        let place = GeoReference::default().locate(&Point3::new(0.0, 0.0, 7.5));
+        let place = ORIGIN.locate(&Point3::new(0.0, 0.0, 7.5));
         assert!(
             (place.latitude_deg - 42.0).abs() < 1e-12 && (place.longitude_deg - 2.0).abs() < 1e-12
         );
@@ -188,7 +183,7 @@ mod tests {
             noise_altitude_stddev_m: 3.0,
             ..Default::default()
         };
-        let (reference, point) = (GeoReference::default(), Point3::new(100.0, 200.0, 3.0));
+        let (reference, point) = (ORIGIN, Point3::new(100.0, 200.0, 3.0));
         let exact = reference.locate(&point);
         let n = 20_000;
         let mut squares = [0.0; 3];
